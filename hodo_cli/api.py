@@ -19,7 +19,7 @@ from . import HodoError
 from .batch.memory import check_memory
 from .cases.case import Case
 from .cases.config import composed_text, parse
-from .cases.derived import DERIVED
+from .cases.derived import DERIVED, derivable
 from .cases.figure_block import FIGURE, FIGURE_KINDS, check_figure
 from .commands.classify import classified, classify_results
 from .commands.run import execute, finished_case, plans
@@ -33,7 +33,7 @@ from .results.dataset import (
     quantity_array,
     sweep_axes,
 )
-from .schema.kinds import Wrong, unknown
+from .schema.kinds import Wrong, nearest
 from .sweeps.view import SweepView
 
 __all__ = ["Case", "derive", "open", "plot", "run", "sweep"]
@@ -174,17 +174,17 @@ def derive(data: xr.Dataset, *names: str) -> xr.Dataset:
 
     Raises HodoError for a name that is no quantity, or one that the dataset lacks variables for.
     """
+    owner = SweepView.of("sweep", data) if sweep_axes(data) else motion_from(data, "case")
     if strange := [name for name in names if name not in DERIVED]:
-        raise HodoError(unknown(f"quantity {strange[0]!r}", strange[0], DERIVED))
-    if sweep_axes(data):
-        view = SweepView.of("sweep", data)
-        return data.assign({name: view.derived(name) for name in names})
-    motion = motion_from(data, "case")
+        has = f"it has {', '.join(derivable(owner.sources))}"
+        raise HodoError(f"unknown quantity {strange[0]!r}{nearest(strange[0], DERIVED)} ({has})")
+    if isinstance(owner, SweepView):
+        return data.assign({name: owner.derived(name) for name in names})
     arrays = {
-        name: quantity_array(name, motion.quantity(name), ["time"], motion.case) for name in names
+        name: quantity_array(name, owner.quantity(name), ["time"], owner.case) for name in names
     }
     # By their times, whose order in a dataset may be another.
-    return data.assign({name: x.assign_coords(time=motion.time) for name, x in arrays.items()})
+    return data.assign({name: x.assign_coords(time=owner.time) for name, x in arrays.items()})
 
 
 def _case(case: Given, name: str) -> Case:

@@ -72,6 +72,11 @@ def magnitude(value: float) -> str:
     return "0" if value == 0 else f"{value:.1e}"
 
 
+def case_words(name: str) -> str:
+    """A case in a message: without a name of its own, in Python, it is called `case`."""
+    return "the case" if name == "case" else f"case {name}"
+
+
 NAMES_LISTED = 5
 """The most names of cases in a line about all of them."""
 

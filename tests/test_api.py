@@ -328,7 +328,7 @@ def test_keys_of_a_figure_that_do_not_fit_each_other_are_refused() -> None:
         (
             made,
             {"kind": "series", "variables": ["Gz"]},
-            "case case stores no gamma, which Gz needs",
+            "the case has no gamma, which Gz needs",
         ),
     ):
         with pytest.raises(HodoError, match=message):

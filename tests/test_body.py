@@ -186,8 +186,8 @@ def test_a_notebook_plays_it(folder: Path) -> None:
     ("figure", "line"),
     [
         ("{kind: body, cases: [flip, long]}", "expected one case, whose body moves, got 2"),
-        ("{kind: body, cases: blind}", "stores no attitude, which body needs"),
-        ("{kind: herpolhode, cases: blind}", "stores no attitude, which herpolhode needs"),
+        ("{kind: body, cases: blind}", "has no attitude, which body needs"),
+        ("{kind: herpolhode, cases: blind}", "has no attitude, which herpolhode needs"),
         ("{kind: axis-trace, cases: flip, axes: [x4]}", "x4"),
         ("{kind: body, cases: flip, seconds: 0}", "seconds"),
         ("{kind: body, cases: flip, moment: 1}", "did you mean 'moments'"),

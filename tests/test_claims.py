@@ -388,7 +388,7 @@ def test_members_are_integrated_once_for_all_claims_or_in_parts_that_memory_hold
 
 REFUSED = [
     ("passing", "check: {kind: monotone, of: [H], sense: falls}",
-     "case passing stores no gamma, which H needs"),
+     "case passing has no gamma, which H needs"),
     ("slow", "check: {kind: paper, name: first-order}",
      "check 'first-order' needs another number of cases, cases of another model, or members"),
     ("slow, free", "check: {kind: paper, name: equations-6-meet-the-start}",

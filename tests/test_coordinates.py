@@ -361,7 +361,7 @@ def test_what_is_left_without_a_meaning_is_refused_in_one_line(
         (motion.drop_attrs(), {}, "its attributes hold no case"),
         (motion.assign_coords(time=motion.time.astype(str)), {}, "holds more than finite numbers"),
         (motion.assign_coords(axis=["a", "b", "c"]), {}, "'a' is no body axis"),
-        (motion, across, "case case is no sweep"),
+        (motion, across, "the case is no sweep"),
         (grid, {}, "case sweep is a sweep, which only map and curve draw"),
         (grid.isel({"damping.2": 0}), across, "unknown axis 'damping.2'"),
         (grid.isel({"damping.2": 0, "damping.0": 0}), across, "case sweep is no sweep"),

@@ -165,14 +165,14 @@ def test_a_quantity_that_a_case_does_not_have_is_named_with_what_it_has() -> Non
     with pytest.raises(HodoError) as raised:
         m["omega"]
     assert str(raised.value) == (
-        "case fig4 has no variable 'omega': it is a vector, name a component: "
+        "case fig4 has no variable 'omega': omega is a vector of components "
         "omega.x1, omega.x2, omega.x3"
     )
     with pytest.raises(
         HodoError, match=r"it has omega\.x1, .*G\.x3, enclosed_axis, p, q, r, G, G2"
     ):
         m["theta1"]
-    with pytest.raises(HodoError, match="case fig4 has no 'gamma', which Gz needs"):
+    with pytest.raises(HodoError, match="case fig4 has no gamma, which Gz needs"):
         m["Gz"]
     assert "G" in QUANTITIES
 

@@ -110,7 +110,8 @@ def test_statements_and_maps_of_what_moves_in_space(tmp_path: Path, check: str, 
 
 
 @pytest.mark.parametrize(("case", "message"), [
-    ("store: [psi]", "case.store.0: psi needs attitude, which this case does not have"),
+    ("store: [psi]",
+     "case.store.0: psi needs attitude, which this case does not have: write `attitude: yes`"),
     ("attitude: yes, store: [omega, total_space]",
      "case.store.1: total_space needs kappa, which this case does not have"),
     ("attitude: yes, store: [G_spac]", "unknown variable 'G_spac'; did you mean 'G_space'?"),
@@ -133,9 +134,9 @@ def test_what_cannot_be_stored_is_named_when_the_file_is_read(case: str, message
 
 @pytest.mark.parametrize(("entry", "message"), [
     ("figures: {f: {kind: series, cases: one, variables: [psi]}}",
-     "figures.f.variables.0: case one stores no attitude, which psi needs: write `attitude: yes`"),
+     "figures.f.variables.0: case one has no attitude, which psi needs: write `attitude: yes`"),
     ("figures: {f: {kind: series, cases: moves, variables: [total_space.x]}}",
-     "figures.f.variables.0: case moves stores no kappa, which total_space.x needs"),
+     "figures.f.variables.0: case moves has no kappa, which total_space.x needs"),
     ("figures: {f: {kind: series, cases: moves, variables: [G_space]}}",
      "G_space is a vector: name a component, G_space.x, G_space.y, G_space.z"),
     ("figures: {f: {kind: body, cases: moves, moments: [0, 31]}}",
@@ -144,23 +145,70 @@ def test_what_cannot_be_stored_is_named_when_the_file_is_read(case: str, message
      "figures.f.moments.0: 1 is no time of case moves, shown from 3 to 5"),
     ("claims: [{id: a, where: b, statement: c, cases: [one], expect: reproduced, check: "
      "{kind: conserved, of: [G_space.z]}}]",
-     "claims.0.check: case one stores no attitude, which G_space.z needs"),
+     "claims.0.check: case one has no attitude, which G_space.z needs"),
+    ("figures: {f: {kind: series, cases: moves, variables: [G_space.q]}}",
+     "figures.f.variables.0: unknown component 'q' of G_space (valid: x, y, z)"),
+    ("figures: {f: {kind: body, cases: few}}",
+     "figures.f.cases.0: case few has no attitude and omega, which body needs: write "
+     "`attitude: yes`, and attitude and omega in its `store:`"),
 ])  # fmt: skip
 def test_what_cannot_be_derived_is_named_when_the_file_is_read(entry: str, message: str) -> None:
     body = "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 2, r: 3}"
     body += ", time: {end: 30}"
     cases = f"cases:\n  one: {{{body}}}\n  moves: {{{body}, attitude: yes}}\n"
+    cases += f"  few: {{{body}, store: [T]}}\n"
     with pytest.raises(HodoError) as raised:
         parse(f"{cases}{entry}\n", "a.yaml")
     assert message in str(raised.value)
 
 
+LACKING = """\
+defaults:
+  store: [psi]
+  attitude: yes
+cases:
+  one: {BODY}
+  some: {BODY, store: [omega], sweep: {initial.p: {values: [1, 2]}}}
+"""
+
+
+@pytest.mark.parametrize(("entry", "message"), [
+    ("figures: {f: {kind: body, cases: one}}",
+     "a.yaml:2:10: figures.f.cases.0: the `store:` of case one leaves out attitude and omega, "
+     "which body needs"),
+    ("figures: {f: {kind: hodograph, cases: one}}",
+     "a.yaml:2:10: figures.f.cases.0: the `store:` of case one leaves out omega, which hodograph"),
+    ("figures: {f: {kind: series, cases: one, variables: [omega.x1]}}",
+     "a.yaml:2:10: figures.f.variables.0: the `store:` of case one leaves out omega, which"),
+    ("figures: {f: {kind: curve, cases: some, variable: psi, x: initial.p}}",
+     "a.yaml:6:106: figures.f.variable: the `store:` of case some leaves out attitude at the ends "
+     "of members, which psi needs"),
+    ("claims: [{id: a, where: b, statement: c, cases: [one], expect: reproduced, check: "
+     "{kind: conserved, of: [T]}}]",
+     "a.yaml:2:10: claims.0.check: the `store:` of case one leaves out omega, which T needs"),
+])  # fmt: skip
+def test_what_a_store_leaves_out_is_a_mistake_there(entry: str, message: str) -> None:
+    body = "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 2, r: 3}, time: {end: 1}"
+    text = LACKING.replace("BODY", body) + entry
+    with pytest.raises(HodoError) as raised:
+        parse(text, "a.yaml")
+    assert message in str(raised.value)
+    assert len(str(raised.value).splitlines()) == 1
+    if "one" in entry:
+        with pytest.raises(HodoError, match=r"^--set one.store=\[phi\]: (figures.f|claims.0)"):
+            parse(text, "a.yaml", ["one.store=[phi]"])
+
+
 def test_a_dataset_that_lacks_what_is_asked_of_it_says_so() -> None:
     free = hodo_cli.run({**BODY, "attitude": "no"})
-    with pytest.raises(HodoError, match="case case has no 'attitude', which psi needs"):
+    with pytest.raises(HodoError, match=r"^the case has no attitude, which psi needs: write"):
         hodo_cli.derive(free, "psi")
-    with pytest.raises(HodoError, match="unknown quantity 'Gspace'; did you mean 'G_space'"):
+    with pytest.raises(HodoError, match="unknown quantity 'Gspace'; did you mean 'G_s") as raised:
         hodo_cli.derive(free, "Gspace")
+    # What it names, it has.
+    listed = str(raised.value).partition("(it has ")[2].rstrip(")").split(", ")
+    assert {"T", "tilt"} <= {*listed}
+    assert {*listed} <= {*hodo_cli.derive(free, *listed)}
 
 
 def test_every_component_belongs_to_a_quantity() -> None:

@@ -24,11 +24,13 @@ from test_own_time import TIMED, random_body, scaled
 
 from hodo_cli import Case, HodoError, plot, sweep
 from hodo_cli import run as run_case
+from hodo_cli.cases.config import parse
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
 from hodo_cli.integration.trajectory import Trajectory
 from hodo_cli.models.theory.attitude import free_attitude
 from hodo_cli.results.dataset import motion_from
+from hodo_cli.sweeps.members import warnings_of_ends
 
 COUNT = int(os.environ.get("HODO_FUZZ", "200"))
 
@@ -288,7 +290,7 @@ def test_what_follows_from_it() -> None:
     for name, column in zip(("psi", "theta", "phi"), angles.T, strict=True):
         assert np.cos(m[name]) == pytest.approx(np.cos(column), abs=1e-12)
     assert (np.abs(np.diff(m["psi"])) < np.pi).all()
-    with pytest.raises(HodoError, match=r"has no 'attitude', which G_space needs"):
+    with pytest.raises(HodoError, match=r"has no attitude, which G_space needs"):
         motion_from(run_case(given), "free")["G_space.x"]
 
 
@@ -405,6 +407,38 @@ def test_a_case_without_it_is_as_before() -> None:
     assert Case.of(named.entries) == named
 
 
+@pytest.mark.parametrize("given", [{"attitude": "yes"}, {}])
+@pytest.mark.parametrize("key", ["euler.1", "initial.3"])
+def test_a_sweep_turns_the_start_from_coinciding_axes(given: dict[str, Any], key: str) -> None:
+    """As where the case gives their numbers itself."""
+    case = {"model": "linear-diag", "inertia": A, "initial": B, "time": {"end": 6, "samples": 2}}
+    name, _, place = key.partition(".")
+    numbers: dict[str, list[float]] = {"euler": [0, 0, 0], "initial": [1, 0, 0, 0]}
+    ranges = {f"attitude.{key}": {"values": [0.1, 0.4]}}
+    swept = sweep(case | given | {"sweep": ranges})
+    for i, value in enumerate((0.1, 0.4)):
+        numbers[name][int(place)] = value
+        single = run_case(case | {"attitude": {name: numbers[name]}}).attitude[-1]
+        np.testing.assert_allclose(swept.attitude[i], single, atol=1e-14)
+
+
+@pytest.mark.parametrize("sweep", [
+    "attitude: {align: G}, sweep: {attitude.euler.1: {values: [1]}}",
+    "attitude: yes, sweep: {attitude.eulr.1: {values: [1]}}",
+])  # fmt: skip
+def test_a_sweep_of_no_number_of_the_attitude_is_refused(sweep: str) -> None:
+    body = "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 2, r: 3}, time: {end: 1}"
+    with pytest.raises(HodoError, match=r"a.yaml:1:.*: its case has no such number$"):
+        parse(f"cases: {{a: {{{body}, {sweep}}}}}", "a.yaml")
+
+
+def test_warnings_name_the_members_at_both_ends() -> None:
+    case = {"model": "linear-diag", "inertia": A, "initial": B, "attitude": {"euler": [0, 0, 0]}}
+    case |= {"time": {"end": 1}, "sweep": {"attitude.euler.0": {"values": [0, 1, 2]}}}
+    (warning,) = warnings_of_ends(Case.of(case))
+    assert warning.startswith("first and last of 3 members: the start is at a pole of the sequence")
+
+
 @pytest.mark.heyoka
 def test_members_have_it() -> None:
     """At the end of each, and along each: as of single cases; aligned with the G of each."""
@@ -466,7 +500,7 @@ def test_figures_take_the_momentum_of_body_and_fluid() -> None:
         moved = np.linalg.norm(total - total[0], axis=1).max()
         assert moved == pytest.approx(2.19e-4, rel=3e-2)
     free = run_case({**body, "model": "linear-diag", "damping": 0})
-    with pytest.raises(HodoError, match=r"stores no kappa, which total_space.x needs"):
+    with pytest.raises(HodoError, match=r"has no kappa, which total_space.x needs"):
         plot(free, "series", variables=names)
 
 

@@ -46,7 +46,7 @@ cases:
       initial: {p: 0.5, q: 0.25, G: 1}, sweep: {damping.0: {linspace: [LOW, 0.01, 3]}}}
 """
     for low, expected in (
-        ("-0.01", ["member 0 of 3: negative damping feeds energy in: lambda1 = -0.01"]),
+        ("-0.01", ["first of 3 members: negative damping feeds energy in: lambda1 = -0.01"]),
         ("0", []),
     ):
         (tmp_path / "a.yaml").write_text(text.replace("LOW", low))

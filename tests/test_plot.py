@@ -378,7 +378,7 @@ def test_mistakes_are_one_line_and_keep_no_other_figure(runs: Path, tmp_path: Pa
     assert "variables.0: unknown variable 'u1' of case fig12-all-entries" in said
     for wrong, why in {
         "omega": "is a vector: name a component",
-        "omega.x4": "is a vector: name a component",
+        "omega.x4": "unknown component 'x4' of omega",
         "time.x1": "is no vector, and has no component 'x1'",
         "omega.": "is a vector: name a component",
     }.items():

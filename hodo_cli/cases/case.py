@@ -34,7 +34,7 @@ from ..schema.kinds import (
     unknown,
 )
 from ..schema.mistakes import Mistakes, Place
-from .derived import DERIVED, constants_of, missing
+from .derived import DERIVED, LeftOut, constants_of, derivable, missing, remedy_of
 from .keys import COMMON, REMARKS, all_keys, keys_in
 from .sweep_block import check_axes, first_values, storable
 
@@ -135,6 +135,10 @@ class Case:
         stored = self.store or (variable,)
         return variable in stored or not self.system.variables.keys() >= {*stored}
 
+    def leaves_out(self, lacks: Iterable[str]) -> bool:
+        """Whether its `store:` is why it lacks some variables."""
+        return bool(self.store) and self.system.variables.keys() >= {*lacks}
+
     @property
     def entries(self) -> dict[str, Any]:
         """The keys of a case file that describe it, complete, but for its name."""
@@ -190,6 +194,8 @@ def note(
     """Add the faults within `root`, which stands at `place` and is called `label`."""
     for path, sentence in faults:
         where, inherited = locate(root, path, place)
+        if isinstance(sentence, LeftOut):
+            where, _ = locate(root, ("cases", sentence.case, "store"), place)
         mistakes.add(where, sentence, ("defaults", *path) if inherited else (*label, *path))
 
 
@@ -342,8 +348,7 @@ def _store_mistakes(
     is_swept = bool(values.get("sweep"))
     valid = storable(form) if is_swept else list(form.variables)
     sources = {*form.variables, *(constants_of(system, values) if system else ())}
-    lacks = {name: missing(name, sources) if system else "" for name in DERIVED}
-    derived = [name for name in DERIVED if not (is_swept or lacks[name])]
+    derived = [] if is_swept else derivable(sources)
     for i, name in enumerate(values.get("store", ())):
         # A mistaken attitude makes no system, and would be stored if it were right.
         if name in valid or (name == KEY and system is None):
@@ -352,8 +357,9 @@ def _store_mistakes(
             yield ("store", i), unknown(f"variable {name!r}", name, [*valid, *derived])
         elif is_swept:
             yield ("store", i), f"figures and averages derive {name} of what a sweep stores"
-        elif lacks[name]:
-            yield ("store", i), f"{name} needs {lacks[name]}, which this case does not have"
+        elif system and (lacks := missing(name, sources)):
+            needed = f"{' and '.join(lacks)}, which this case does not have"
+            yield ("store", i), f"{name} needs {needed}{remedy_of(lacks)}"
 
 
 def _entries_taken(

@@ -32,7 +32,7 @@ from ..schema.kinds import (
 )
 from .derived import COMPONENTS, DERIVED, constants_of, lack_of, missing
 from .figure_block import FORMULA
-from .sweep_block import SWEEP, axes_of, check_axes
+from .sweep_block import SWEEP, axes_of, check_axes, first_values
 
 REPRODUCED, PLOTTING, CONTRADICTED = "reproduced", "reproduced to plotting accuracy", "contradicted"
 UNDERDETERMINED, NOT_TESTED = "under-determined", "not tested"
@@ -440,7 +440,7 @@ def _check_quantities(
         sources = {*variables, *constants_of(case.system, case.data)}
         base = name.partition(".")[0]
         if base in DERIVED and base not in sources and (lacks := missing(base, sources)):
-            yield (), f"case {case.name} {lack_of(lacks, name)}"
+            yield (), lack_of(case, lacks, name)
             return
 
 
@@ -492,7 +492,11 @@ def _check_over(ranges: Mapping[str, Any], cases: Iterable[Any]) -> Iterator[Mis
     if math.prod(map(len, axes_of(ranges))) > MOST_MEMBERS:
         yield (), f"more than {MOST_MEMBERS:,} members, each of which is integrated by itself"
     elif ranges:
-        mistakes = (check_axes(ranges, type(case.system), case.data) for case in cases)
+        systems = ((type(case.system), case.data) for case in cases)
+        mistakes = (
+            check_axes(ranges, model, {**data, **first_values(ranges, model, data)})
+            for model, data in systems
+        )
         by_path = dict(chain.from_iterable(mistakes))
         # A case's own sweep stands at `sweep`, a claim's at `over`.
         yield from ((path[1:], message) for path, message in by_path.items())

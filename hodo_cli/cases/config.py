@@ -34,7 +34,7 @@ from .case import (
     read_mapping,
     variation,
 )
-from .derived import DERIVED, constants_of
+from .derived import DERIVED
 from .figure_block import FIGURE, Drawable, check_drawn, check_figure, merged_style
 from .keys import SECTIONS, all_keys, keys_in
 from .override import apply_override
@@ -181,6 +181,8 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
     blocks = {case: merged(defaults, block) for case, block in entries.items()}
     for override in overrides:
         apply_override(override, blocks, mistakes)
+    # A mistake may stand in what a case inherits or an override changes.
+    named.update(blocks)
     cases = {
         case: made
         for case, block in blocks.items()
@@ -306,8 +308,7 @@ def drawable(case: Case) -> Drawable:
     lengths = {axis.name: len(axis) for axis in axes}
     times = case.time.start, case.time.end
     units = {"time": case.time.unit, "moments of inertia": case.inertia_unit}
-    constants = constants_of(case.system, case.data)
-    return Drawable(case.name, variables, constants, times, units, lengths, sphere)
+    return Drawable(case.name, case, variables, times, units, lengths, sphere)
 
 
 def _figures(

@@ -5,6 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ..models.base import Model
+from ..text import case_words
 
 BODY_AXES = ("x1", "x2", "x3")
 SPACE_AXES = ("x", "y", "z")
@@ -100,16 +101,49 @@ def constants_of(system: Model, data: Mapping[str, Any]) -> set[str]:
     return names | {"kappa"} if has_fluid else names
 
 
-def missing(name: str, sources: Collection[str]) -> str:
-    """What a quantity needs besides these stored variables and constants; an empty string where it
-    follows from them."""
-    every = DERIVED[name].needs
-    return min(
-        (next((need for need in needs if need not in sources), "") for needs in every), key=bool
-    )
+def missing(name: str, sources: Collection[str]) -> list[str]:
+    """All that a quantity needs besides these stored variables and constants; an empty list where
+    it follows from them."""
+    every = ([need for need in needs if need not in sources] for needs in DERIVED[name].needs)
+    return min(every, key=bool)
 
 
-def lack_of(variable: str, name: str) -> str:
-    """What is wrong with a case that lacks a variable which a quantity or a figure needs."""
-    remedy = ": write `attitude: yes`, and attitude in a `store:`" if variable == "attitude" else ""
-    return f"stores no {variable}, which {name} needs{remedy}"
+def derivable(sources: Collection[str]) -> list[str]:
+    """The quantities that follow from these stored variables and constants."""
+    return [name for name in DERIVED if not missing(name, sources)]
+
+
+def derivable_numbers(sources: Collection[str]) -> list[str]:
+    """These quantities by their components."""
+    names = derivable(sources)
+    return [x for x in COMPONENTS if x.partition(".")[0] in names]
+
+
+class LeftOut(str):
+    """A message on a case whose `store:` leaves out what is needed: in a case file it is a mistake
+    there, wherever the need arises."""
+
+    case: str
+
+    def __new__(cls, case: str, needed: str) -> "LeftOut":
+        message = super().__new__(cls, f"the `store:` of {case_words(case)} leaves out {needed}")
+        message.case = case
+        return message
+
+
+def lack_of(case: Any, lacks: Sequence[str], name: str) -> str:
+    """What is wrong with a case that lacks variables and constants, which a quantity or a figure of
+    this name needs, and what mends it."""
+    variables = " and ".join(lacks)
+    if case.leaves_out(lacks):
+        where = " at the ends of members" if case.sweep else ""
+        return LeftOut(case.name, f"{variables}{where}, which {name} needs")
+    remedy = remedy_of([x for x in lacks if x not in case.system.variables])
+    if remedy and case.store:
+        remedy += f", and {variables} in its `store:`"
+    return f"{case_words(case.name)} has no {variables}, which {name} needs{remedy}"
+
+
+def remedy_of(lacks: Sequence[str]) -> str:
+    """What to write in a case without these variables and constants."""
+    return ": write `attitude: yes`" if "attitude" in lacks else ""

@@ -2,8 +2,9 @@
 `kind`."""
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,17 @@ from ..schema.kinds import (
     unknown_names,
     vector,
 )
-from .derived import COMPONENTS, DERIVED, SCALARS, component_names, lack_of, missing
+from ..text import case_words
+from .derived import (
+    DERIVED,
+    PARTS,
+    SCALARS,
+    component_names,
+    constants_of,
+    derivable_numbers,
+    lack_of,
+    missing,
+)
 from .sweep_block import AXIS_LABELS
 
 PAGE_DATA = "page.json"
@@ -424,21 +435,22 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
 @dataclass(frozen=True)
 class Drawable:
     """The properties of a case on which figures rest, known before it is run and from its dataset:
-    its name, its variables with the dimension of their components (empty for a number), the
-    constants on which quantities rest, its first and last time, its units of time and of moments of
-    inertia, the lengths of a sweep's axes and which of them is a sphere."""
+    its name, the case, its variables with the dimension of their components (empty for a number),
+    its first and last time, its units of time and of moments of inertia, the lengths of a sweep's
+    axes and which of them is a sphere."""
 
     name: str
+    case: Any
     variables: Mapping[str, str]
-    constants: Collection[str]
     times: tuple[float, float]
     units: Mapping[str, str]
     axes: Mapping[str, int]
     sphere: str
 
-    def lacks(self, quantity: str) -> str:
-        """What it does not have that a derived quantity needs; an empty string if it has all."""
-        return missing(quantity, {*self.variables, *self.constants})
+    @cached_property
+    def sources(self) -> set[str]:
+        """The variables and constants that it has for quantities to follow from."""
+        return {*self.variables, *constants_of(self.case.system, self.case.data)}
 
 
 SWEPT_KINDS = ("map", "curve", "share")
@@ -485,21 +497,18 @@ def check_drawn(
 
 def _unfit(kind: str | None, case: Drawable) -> str:
     """Why a kind of figure cannot draw a case; an empty string if it can."""
-    is_swept, has_omega = kind in SWEPT_KINDS, case.variables.get("omega") == "axis"
-    lacks = case.lacks(KINDS_IN_SPACE[kind]) if kind in KINDS_IN_SPACE else ""
-    reasons = (
-        (is_swept and not case.axes, "is no sweep"),
-        (
-            bool(not is_swept and case.axes),
-            f"is a sweep, which only {' and '.join(SWEPT_KINDS[:2])} draw",
-        ),
-        (
-            kind in KINDS_OF_BODIES and not has_omega,
-            f"stores no angular velocity in body axes, which a {kind} needs",
-        ),
-        (bool(lacks), lack_of(lacks, str(kind))),
-    )
-    return next((f"case {case.name} {reason}" for is_wrong, reason in reasons if is_wrong), "")
+    is_swept, words = kind in SWEPT_KINDS, case_words(case.name)
+    if is_swept and not case.axes:
+        return f"{words} is no sweep"
+    if case.axes and not is_swept:
+        return f"{words} is a sweep, which only {' and '.join(SWEPT_KINDS[:2])} draw"
+    if kind in KINDS_IN_SPACE and (lacks := missing(KINDS_IN_SPACE[kind], case.sources)):
+        return lack_of(case.case, lacks, kind)
+    if kind not in KINDS_OF_BODIES or case.variables.get("omega") == "axis":
+        return ""
+    if case.case.leaves_out(["omega"]):
+        return lack_of(case.case, ["omega"], kind)
+    return f"{words} stores no angular velocity in body axes, which a {kind} needs"
 
 
 def _variable_mistakes(values: Mapping[str, Any], cases: Sequence[Drawable]) -> Iterator[Mistake]:
@@ -521,21 +530,23 @@ def _variable_mistakes(values: Mapping[str, Any], cases: Sequence[Drawable]) -> 
 def _wrong_variable(name: str, case: Drawable) -> str:
     """Why a name stands for no number that a case stores, or that is derived from it; an empty
     string if it does. A vector needs a component, and a number has none."""
-    base = name.partition(".")[0]
+    base, _, component = name.partition(".")
     dims = [case.variables[base]] if base in case.variables else []
-    if base in DERIVED and not (lacks := case.lacks(base)):
+    lacks = missing(base, case.sources) if base in DERIVED else [base]
+    if not lacks:
         dims.append(DERIVED[base].dim)
     if any(name in component_names(base, dim) for dim in dims):
         return ""
-    if not dims and base in DERIVED:
-        return f"case {case.name} {lack_of(lacks, name)}"
+    if not dims and (base in DERIVED or base in case.case.system.variables):
+        return lack_of(case.case, lacks, name)
     if not dims:
-        derived = [x for x in COMPONENTS if not case.lacks(x.partition(".")[0])]
-        valid = dict.fromkeys([*derived, *case.variables])
-        return unknown(f"variable {name!r} of case {case.name}", base, list(valid))
-    if dim := next(filter(None, dims), ""):
+        valid = dict.fromkeys([*derivable_numbers(case.sources), *case.variables])
+        return unknown(f"variable {name!r} of {case_words(case.name)}", base, list(valid))
+    if not (dim := next(filter(None, dims), "")):
+        return f"{base} is no vector, and has no component {component!r}"
+    if not component:
         return f"{base} is a vector: name a component, {', '.join(component_names(base, dim))}"
-    return f"{base} is no vector, and has no component {name.partition('.')[2]!r}"
+    return unknown(f"component {component!r} of {base}", component, PARTS[dim])
 
 
 def _inset_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -556,12 +567,12 @@ def _span_mistakes(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> 
     for path, span, name in spans:
         start, end = cases[name].times if name in cases else (-math.inf, math.inf)
         if span and (span[1] < start or span[0] > end):
-            yield path, f"holds no time of case {name}, which goes from {start:g} to {end:g}"
+            yield path, f"holds no time of {case_words(name)}, which goes from {start:g} to {end:g}"
         first, last = max(start, span[0]) if span else start, min(end, span[1]) if span else end
         for i, moment in enumerate(values.get("moments", ())):
             if not first <= moment <= last:
                 shown = f"shown from {first:g} to {last:g}"
-                yield ("moments", i), f"{moment:g} is no time of case {name}, {shown}"
+                yield ("moments", i), f"{moment:g} is no time of {case_words(name)}, {shown}"
 
 
 def _swept_mistakes(values: Mapping[str, Any], case: Drawable, steady: bool) -> Iterator[Mistake]:

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from ..models.attitude import KEY, keys_of_form, start_to_vary
 from ..models.base import Model
 from ..schema.kinds import (
     REQUIRED,
@@ -237,9 +238,10 @@ def first_values(
     """The first values of those swept keys of a case that it does not give itself: it is then of
     the same kind as its members."""
     values = {}
-    for (key, *inside), value_range in (
-        ranged for axis in axes_of(sweep) for ranged in axis.ranges
-    ):
+    ranges = [ranged for axis in axes_of(sweep) for ranged in axis.ranges]
+    if attitude := start_to_vary(model, data.get(KEY), [path for path, _ in ranges]):
+        values[KEY] = attitude
+    for (key, *inside), value_range in ranges:
         ((_, (first, *_)),) = value_range.items()
         missing = not inside and data.get(name := str(key), "") is None
         if missing and (kind := model.keys[name].kind).takes(first):
@@ -274,7 +276,7 @@ def check_axes(
             if path in swept:
                 yield range_path, f"{key} varies along {swept[path]} already"
             swept[path] = axis.name
-            yield from within(range_path, _check_range(value_range, key, model.keys, data))
+            yield from within(range_path, _check_range(value_range, key, keys_of_form(model), data))
     if math.prod(map(len, axes)) > MOST:
         yield ("sweep",), f"more than {MOST:.0e} members"
 
@@ -289,7 +291,8 @@ def _check_range(
         declared, data = _within(declared, step, data) if declared else (None, None)
     if declared is None:
         head = key.partition(".")[0]
-        yield (), unknown(f"key {key!r}", head, [] if head in keys else list(keys))
+        message = unknown(f"key {key!r}", head, [] if head in keys else list(keys))
+        yield (), f"{message}: its case has no such number" if head in keys else message
         return
     inner = _of_shape(declared, data)
     of_numbers = isinstance(inner, ListOf) and inner.length is not None

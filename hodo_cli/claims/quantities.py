@@ -60,7 +60,7 @@ def quantity(m: Motion, name: str) -> np.ndarray:
     try:
         return np.array([NUMBERS[name](m)])
     except KeyError as missing:
-        raise HodoError(f"case {m.name} has no {missing}, which {name} needs") from None
+        raise HodoError(f"{m.words} has no {missing}, which {name} needs") from None
 
 
 def number(m: Motion, name: str, at: str = "end") -> float:
@@ -132,7 +132,7 @@ def tilt_growth(m: Motion, side: int) -> float:
     grows."""
     rates = m.case.system.tilt_growth(m.case.time.start)
     if rates is None:
-        raise HodoError(f"case {m.name} has no medium, which the growth of a tilt needs")
+        raise HodoError(f"{m.words} has no medium, which the growth of a tilt needs")
     return float(rates[m.order[side]])
 
 

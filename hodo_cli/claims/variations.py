@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case, variation
-from ..cases.sweep_block import Axis, axes_of
+from ..cases.sweep_block import Axis, axes_of, first_values
 from ..integration.classify import body_of
 from ..models import rigid_body
 from ..results.motion import Motion
@@ -38,9 +38,11 @@ def members(
     axes = axes_of(over)
     shape = tuple(map(len, axes))
     numbers = np.arange(math.prod(shape))
-    by_case = [
-        [*members_as_cases(replace(case, sweep=over), numbers, case.time.samples)] for case in cases
-    ]
+    by_case = []
+    for case in cases:
+        data = {**case.data, **first_values(over, type(case.system), case.data)}
+        varied = replace(case, sweep=over, data=data)
+        by_case.append([*members_as_cases(varied, numbers, case.time.samples)])
     for case in itertools.chain(*by_case):
         for mistake in type(case.system).check(case.data):
             raise HodoError(f"member {case.name}: {mistake}")

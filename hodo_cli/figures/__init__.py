@@ -16,12 +16,13 @@ import numpy as np
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from .. import NOT_OF_A_CASE, HodoError
-from ..cases.derived import PARTS, constants_of
+from ..cases.derived import PARTS
 from ..cases.figure_block import Drawable, DrawnFigure, check_drawn, merged_style
 from ..results.dataset import MOTION_DIMS, Cases, case_in, motions_of, sweep_axes
 from ..results.motion import Motion
 from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..schema.kinds import Wrong, unknown
+from ..text import case_words
 from .artists import finish_figure, matplotlib_parameters
 from .body import body
 from .costs import cost, error_order, share
@@ -118,7 +119,7 @@ def column_units(spec: Mapping[str, Any], cases: Cases) -> Callable[[str], str]:
     name = next(iter(spec.get("cases", ())), "")
     if not name or sweep_axes(cases[name]):
         return lambda column: "1"
-    return Motion(case_in(cases[name], f"case {name}"), cases[name].variables).units
+    return Motion(case_in(cases[name], case_words(name)), cases[name].variables).units
 
 
 def check(spec: Mapping[str, Any], cases: Cases) -> None:
@@ -144,8 +145,9 @@ def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
     }
     beyond = {str(dim) for v in data.variables.values() if "time" in v.dims for dim in v.dims}
     if not axes and (others := sorted(beyond - {*MOTION_DIMS})):
-        raise HodoError(f"case {name} is several motions: select one along {' and '.join(others)}")
-    case = case_in(data, f"case {name}")
+        along = " and ".join(others)
+        raise HodoError(f"{case_words(name)} is several motions: select one along {along}")
+    case = case_in(data, case_words(name))
     if variables.get("omega") == "axis" and not axes:
         variables["G"] = "axis"
     times, unit = (math.nan, math.nan), case.time.unit
@@ -156,8 +158,7 @@ def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
             times = float(values.min()), float(values.max())
     sphere = next((axis for axis in axes if f"{axis}_vector" in data.variables), "")
     units = {"time": unit, "moments of inertia": case.inertia_unit}
-    constants = constants_of(case.system, case.data)
-    return Drawable(name, variables, constants, times, units, axes, sphere)
+    return Drawable(name, case, variables, times, units, axes, sphere)
 
 
 def render(

@@ -54,11 +54,11 @@ def squares(motion: Motion) -> np.ndarray:
     """(w_l^2, K w_s^2) (n, 2): the separatrix is the diagonal, and D > 0 below it. Raises HodoError
     where K is inf."""
     if motion.rotor is not None:
-        raise HodoError(f"case {motion.name} has a rotor: its hodographs have no quadrants")
+        raise HodoError(f"{motion.words} has a rotor: its hodographs have no quadrants")
     K = slope(motion.inertia)
     if math.isinf(K):
         why = "its two larger moments of inertia are equal"
-        raise HodoError(f"case {motion.name} has no quadrants to draw: {why}")
+        raise HodoError(f"{motion.words} has no quadrants to draw: {why}")
     largest, _, smallest = motion.order
     return np.asarray(motion.principal_omega[:, [largest, smallest]] ** 2 * [1, K])
 
@@ -283,8 +283,8 @@ def within_span(motion: Motion, span: tuple[float, float] | None) -> slice:
     samples = samples_within(motion, span)
     if span is not None and samples.start >= samples.stop:
         raise HodoError(
-            f"the span {span[0]:g} to {span[1]:g} holds no sample of case {motion.name}, whose "
-            f"time goes from {motion.time[0]:g} to {motion.time[-1]:g}"
+            f"the span {span[0]:g} to {span[1]:g} holds no sample of {motion.words}, "
+            f"whose time goes from {motion.time[0]:g} to {motion.time[-1]:g}"
         )
     return samples
 

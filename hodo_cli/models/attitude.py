@@ -3,7 +3,7 @@ from body to space beside it."""
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from types import SimpleNamespace
@@ -12,7 +12,18 @@ from typing import Any, ClassVar, cast
 import numpy as np
 
 from ..arithmetic import cos, hypot, sin
-from ..schema.kinds import Angle, Choice, Either, Key, ListOf, Mistake, Table, Text, vector
+from ..schema.kinds import (
+    Angle,
+    Choice,
+    Either,
+    Key,
+    KeyPath,
+    ListOf,
+    Mistake,
+    Table,
+    Text,
+    vector,
+)
 from .base import Bound, Event, EventOutcome, Label, LookedUp, Model, Passage
 from .rigid_body import BodyFrame
 from .theory.attitude import HodographTurn, composed, free_attitude, product, turn_of_hodograph
@@ -100,6 +111,20 @@ def check_attitude(form: type[Model], data: Mapping[str, Any]) -> Iterator[Mista
     if not re.fullmatch(r"(?!.*(.)\1)([XYZ]{3}|[xyz]{3})", attitude["sequence"]):
         message = "expected three of X, Y, Z or of x, y, z, no two neighbours equal"
         yield (KEY, "sequence"), f"{message}, got {attitude['sequence']!r}"
+
+
+COINCIDING = {"initial": (1.0, 0.0, 0.0, 0.0), "euler": (0.0, 0.0, 0.0)}
+"""The start of `attitude: yes` by the keys that state it as numbers."""
+
+
+def start_to_vary(form: type[Model], attitude: Any, paths: Iterable[KeyPath]) -> Any:
+    """What the key says where a sweep varies numbers of it at some paths: where it gives none,
+    those of body and space axes that coincide."""
+    varied = {str(path[1]) for path in paths if path[0] == KEY and len(path) > 1} & {*COINCIDING}
+    free = attitude in (None, "yes") and takes_attitude(form) and form.start_attitude is None
+    if not free or len(varied) != 1:
+        return attitude
+    return ATTITUDE.kind.check({name: COINCIDING[name] for name in varied})
 
 
 def quaternion_rates(omega: Sequence[Any], Q: Sequence[Any], factor: Any) -> tuple[Any, ...]:
@@ -278,7 +303,8 @@ def attitude_warnings(attitude: Any) -> list[str]:
         pole = math.sin(euler[1]) if sequence[0] == sequence[2] else math.cos(euler[1])
         if abs(pole) <= NORMED:
             return [
-                f"the start is at a pole of the sequence {sequence}: its other two angles are one"
+                f"the start is at a pole of the sequence {sequence}: its first and last angle turn "
+                "about one axis there, and the attitude shows no more than their sum or difference"
             ]
     return []
 

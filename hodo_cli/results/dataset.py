@@ -190,7 +190,7 @@ def motions_of(cases: Cases, names: Sequence[str], labels: Sequence[str] = ()) -
         if not motion.sampled:
             status = motion.attrs["status"]
             why = "" if status == "ok" else f", its status is {status}"
-            raise HodoError(f"case {motion.name} has no samples{why}")
+            raise HodoError(f"{motion.words} has no samples{why}")
     return motions
 
 

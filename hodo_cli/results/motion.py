@@ -20,7 +20,10 @@ from ..cases.derived import (
     COMPONENTS,
     DERIVED,
     PARTS,
+    component_names,
     constants_of,
+    derivable_numbers,
+    lack_of,
     missing,
 )
 from ..cases.figure_block import FORMULA
@@ -34,6 +37,7 @@ from ..models.top.torques import with_mu
 from ..schema.expression import Tree, parse_expression
 from ..storage.group import Attribute, Variable
 from ..storage.provenance import typed
+from ..text import case_words
 from .in_space import ANGLES_THAT_TURN, OF_ATTITUDE
 from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
 from .units import INERTIA, units_of_case
@@ -72,6 +76,11 @@ class Motion:
         """The case's name in the file."""
         return self.case.name
 
+    @property
+    def words(self) -> str:
+        """The case in messages."""
+        return case_words(self.name)
+
     def __getitem__(self, variable: str) -> np.ndarray:
         """Values over time (n,): a stored variable, a quantity of `DERIVED`, or a component such as
         "omega.x1".
@@ -87,7 +96,7 @@ class Motion:
         if dims[:1] == ("time",) and part in (parts := PARTS.get("".join(dims[1:]), ())):
             return self.stored(name)[:, parts.index(part)]
         if variable not in COMPONENTS:
-            raise HodoError(f"case {self.name} has no variable {variable!r}: {self._hint(name)}")
+            raise HodoError(f"{self.words} has no variable {variable!r}: {self._hint(name)}")
         values = self.quantity(name)
         return values[:, PARTS[DERIVED[name].dim].index(part)] if part else values
 
@@ -97,8 +106,8 @@ class Motion:
 
         Raises HodoError if the case lacks what it needs.
         """
-        if lacks := missing(name, self._sources):
-            raise HodoError(f"case {self.name} has no {lacks!r}, which {name} needs")
+        if lacks := missing(name, self.sources):
+            raise HodoError(lack_of(self.case, lacks, name))
         values = QUANTITIES[name](self)
         if name in ANGLES_THAT_TURN:
             known = np.isfinite(values)
@@ -126,7 +135,7 @@ class Motion:
             raise KeyError(name)
         if axis not in self.axes:
             has = ", ".join(self.axes)
-            raise HodoError(f"case {self.name} has no component {axis} of {name}, only {has}")
+            raise HodoError(f"{self.words} has no component {axis} of {name}, only {has}")
         return self.vectors[name][:, self.axes.index(axis)]
 
     def whole(self, name: str) -> np.ndarray:
@@ -140,8 +149,8 @@ class Motion:
         """The body axes of the components of vectors, in the order in which they are stored."""
         if "axis" not in self.data:
             raise HodoError(
-                f"case {self.name} has no coordinate 'axis', which tells the components of its "
-                "vectors apart"
+                f"{self.words} has no coordinate 'axis', which tells the components of "
+                "its vectors apart"
             )
         return tuple(map(str, self.stored("axis")))
 
@@ -219,16 +228,14 @@ class Motion:
     def _hint(self, name: str) -> str:
         """The names that stand for variables, for the message about one that does not."""
         if name in self.vectors:
-            return (
-                f"it is a vector, name a component: {', '.join(f'{name}.{x}' for x in BODY_AXES)}"
-            )
+            return f"{name} is a vector of components {', '.join(component_names(name, 'axis'))}"
         has = [f"{vector}.{axis}" for vector in self.vectors for axis in BODY_AXES]
         has += [str(name) for name in self.data if name != "time" and self._over_time(str(name))]
-        has += [x for x in COMPONENTS if not missing(x.partition(".")[0], self._sources)]
+        has += derivable_numbers(self.sources)
         return f"it has {', '.join(dict.fromkeys(has))}"
 
     @cached_property
-    def _sources(self) -> set[str]:
+    def sources(self) -> set[str]:
         """The variables and constants that it has for quantities to follow from."""
         return {*map(str, self.data)} | constants_of(self.case.system, self.case.data)
 
@@ -267,7 +274,7 @@ class Motion:
         """Angular momentum (n, 3) in body axes. Raises HodoError for a case without it."""
         if "G" not in self.vectors:
             what = f"{self.case.model}, {self.case.form}"
-            raise HodoError(f"case {self.name} ({what}) has no angular momentum in body axes")
+            raise HodoError(f"{self.words} ({what}) has no angular momentum in body axes")
         return self.whole("G")
 
     @property
@@ -291,7 +298,7 @@ class Motion:
         """The enclosed axis (n,). Raises HodoError if there is none."""
         if not self.classified:
             how = f"run `hodo classify {self.path}` first" if self.path else "classify it first"
-            raise HodoError(f"case {self.name} has no labels of the enclosed axis: {how}")
+            raise HodoError(f"{self.words} has no labels of the enclosed axis: {how}")
         return self.stored("enclosed_axis")
 
     @cached_property
@@ -452,9 +459,7 @@ def _energy(m: Motion) -> np.ndarray:
 def _separatrix(m: Motion) -> np.ndarray:
     """D = G^2 - 2 T A_middle, without the cancellation of this difference."""
     if m.rotor is not None:
-        raise HodoError(
-            f"case {m.name} has a rotor: the sign of D says nothing then: take its labels"
-        )
+        raise HodoError(f"{m.words} has a rotor: the sign of D says nothing then: take its labels")
     outer, inner = rigid_body.separatrix_terms(m.inertia, m.principal_omega.T, m.order)
     return np.asarray(outer - inner)
 

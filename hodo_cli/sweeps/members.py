@@ -193,11 +193,12 @@ def warnings_of_ends(case: Case) -> list[str]:
     The data of the case itself may never be run. Values on an axis mostly rise or fall, so that a
     warning of any member is one of these two.
     """
-    last = math.prod(shape(case)) - 1
-    numbers: dict[str, int] = {}
-    for number in sorted({0, last}):
+    total = math.prod(shape(case))
+    ends = {0: "first", total - 1: "last"}
+    places: dict[str, list[str]] = {}
+    for number, place in ends.items():
         single = member(case, number)
         if not any(type(case.system).check(single.data)):
             for warning in single.system.warnings:
-                numbers.setdefault(warning, number)
-    return [f"member {number} of {last + 1}: {warning}" for warning, number in numbers.items()]
+                places.setdefault(warning, []).append(place)
+    return [f"{' and '.join(at)} of {total} members: {text}" for text, at in places.items()]

@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..cases.derived import BODY_AXES, DERIVED, PARTS, constants_of, missing
+from ..cases.derived import BODY_AXES, DERIVED, PARTS, constants_of, lack_of, missing
 from ..cases.sweep_block import path_of
 from ..models.rigid_body import BodyFrame
 from ..results.dataset import (
@@ -167,15 +167,23 @@ class SweepView:
             raise HodoError(f"the sweep has no variable {name!r} (it has: {', '.join(has)})")
         return self.data[name]
 
+    @cached_property
+    def ends(self) -> list[str]:
+        """The variables at the ends of the members."""
+        return [str(key) for key, v in self.data.variables.items() if "time" not in v.dims]
+
+    @cached_property
+    def sources(self) -> set[str]:
+        """The variables and constants that it has for quantities to follow from."""
+        return {*self.ends} | constants_of(self.case.system, self.case.data)
+
     def derived(self, name: str) -> "xr.DataArray":
         """A quantity of `DERIVED` at the ends of the members, by what is stored of them.
 
         Raises HodoError if the sweep lacks what it needs.
         """
-        ends = {str(key): v for key, v in self.data.variables.items() if "time" not in v.dims}
-        sources = {*ends} | constants_of(self.case.system, self.case.data)
-        if lacks := missing(name, sources):
-            raise HodoError(f"the sweep has no {lacks!r}, which {name} needs")
+        if lacks := missing(name, self.sources):
+            raise HodoError(lack_of(self.case, lacks, name))
         bodies = [
             axis
             for axis in self.axes
@@ -186,7 +194,7 @@ class SweepView:
         for index in np.ndindex(*(self.axes[axis] for axis in bodies)):
             at = dict(zip(bodies, index, strict=True))
             # The members of one body, as the samples of a motion.
-            flat = self.data[[*ends]].isel(at).stack(time=others, create_index=False)
+            flat = self.data[self.ends].isel(at).stack(time=others, create_index=False)
             motion = Motion(self.at(at), flat.transpose("time", ...).variables)
             pieces.append(QUANTITIES[name](motion))
         sizes = [self.axes[axis] for axis in (*bodies, *others)]
