@@ -6,16 +6,27 @@ import json
 import math
 import re
 import shutil
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import matplotlib.style
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from conftest import call
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 import hodo_cli as hodo
+from hodo_cli.figures.body import (
+    NAME_ROOM,
+    draw_moment,
+    film_panel,
+    pictures,
+    places_of_names,
+)
+from hodo_cli.figures.sheet import SHEET_STYLE
 
 pytest_plugins = ("browser",)
 
@@ -155,6 +166,30 @@ def test_films_are_written_by_the_ends_of_their_names(folder: Path, tmp_path: Pa
     assert Image.open(tmp_path / "mine.png").format == "PNG"
 
 
+def test_a_picture_of_a_film_is_that_of_all_that_is_drawn(folder: Path) -> None:
+    """What lasts is drawn once for all pictures, and what moves is on none but its own."""
+    film = hodo.plot(hodo.open(folder / "runs" / "c.h5")["flip"], kind="body").film
+    with matplotlib.style.context(["default", SHEET_STYLE]):
+        quick = [np.asarray(picture) for picture in pictures(film, 3)]
+        for sample, picture in zip((0, 300, 600), quick, strict=True):
+            axes = film_panel()
+            draw_moment(axes, film, sample)
+            canvas: Any = FigureCanvasAgg(axes.figure)
+            canvas.draw()
+            whole = np.asarray(canvas.buffer_rgba())[..., :3].astype(int)
+            assert (np.abs(whole - picture).max(axis=-1) > 8).mean() < 1e-3
+
+
+def test_names_of_arrows_that_meet_stand_apart() -> None:
+    """On both sides of where they would be."""
+    tips = [np.array([0, 0.8]), np.array([0, 0.82]), np.array([0.01, 0.81]), np.array([0.5, 0])]
+    places = places_of_names(tips)
+    apart = [math.dist(a, b) for a, b in combinations(places, 2)]
+    assert min(apart) >= NAME_ROOM
+    assert places[1][0] * places[2][0] < 0
+    np.testing.assert_allclose([places[0], places[3]], [(0, 0.88), (0.58, 0)])
+
+
 def test_without_ffmpeg_a_line_says_so(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -201,6 +236,60 @@ def test_mistakes_are_named(tmp_path: Path, figure: str, line: str) -> None:
     assert len(done.stderr.splitlines()) == 1
     assert done.stderr.startswith("c.yaml:12:")
     assert line in done.stderr
+
+
+def test_a_trace_names_its_curves_and_marks_both_ends(folder: Path) -> None:
+    runs = hodo.open(folder / "runs" / "c.h5")
+    axes = ["x1", "x3"]
+    figure = hodo.plot(runs["flip"], kind="axis-trace", axes=axes)
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "$x_1$", "$x_3$", "start", "end, $t = 60 s"
+    ]  # fmt: skip
+    panel = figure.axes[0]
+    names = {text.get_text(): text.get_color() for text in panel.texts}
+    lines = legend.get_lines()
+    assert [names["$x_1$"], names["$x_3$"]] == [line.get_color() for line in lines[:2]]
+    # The last place of each axis is that of the stored attitude, as the figure sees it.
+    squares = [line for line in panel.lines if line.get_marker() == "s"]
+    assert len(squares) == 2
+    coloured = hodo.plot(runs["flip"], kind="axis-trace", axes=axes, colour="time")
+    assert [text.get_text() for text in coloured.legends[0].get_texts()][:1] == ["start"]
+    both = hodo.plot([runs["flip"], runs["long"]], kind="axis-trace", axes=["x1"])
+    assert [text.get_text() for text in both.legends[0].get_texts()][:2] == [
+        "$x_1$, flip", "$x_1$, long"
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("attitude", "of_one", "of_two"), [
+    ({"align": "G"}, "$G$ at the start", "each $G$ at the start"),
+    ("yes", "$G$ at the start, along $z'$", "each $G$ at the start, along its $z'$"),
+])  # fmt: skip
+def test_a_herpolhode_says_along_what_it_looks(attitude: Any, of_one: str, of_two: str) -> None:
+    case = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "attitude": attitude,
+            "initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 9}}  # fmt: skip
+    motions = [hodo.run(case, name=name) for name in ("one", "two")]
+    for data, words in ((motions[0], of_one), (motions, of_two)):
+        (legend,) = hodo.plot(data, kind="herpolhode").legends
+        assert words in [text.get_text() for text in legend.get_texts()]
+
+
+def test_other_formats_leave_the_pictures_on_the_page(folder: Path) -> None:
+    page = folder / "runs" / "figures" / "index.html"
+    images = re.findall(r'<img[^>]* src="([^"]*)"', page.read_text(encoding="utf-8"))
+    assert {"c/flip.png", "c/part.png", "c/plane.png"} <= {*images}
+    assert call(folder, "plot", "c.yaml", "flip", "--format", "html").returncode == 0
+    assert re.findall(r'<img[^>]* src="([^"]*)"', page.read_text(encoding="utf-8")) == images
+
+
+def test_aligned_with_no_momentum_is_warned_of(tmp_path: Path) -> None:
+    text = CONFIG.partition("cases:")[0] + (
+        "cases: {still: {initial: {p: 0, q: 0, r: 0}, time: {end: 1}}}\n"
+    )
+    (tmp_path / "c.yaml").write_text(text)
+    done = call(tmp_path, "run", "c.yaml")
+    assert done.returncode == 0
+    assert "still: warning: without a G at the start, z lies along x3 there" in done.stderr
 
 
 def test_a_moment_outside_of_the_motion_is_no_picture(folder: Path) -> None:

@@ -597,7 +597,8 @@ def test_how_heavy_a_body_is_costs_its_brake_no_digit(others: dict[str, Any], si
         ("torques", "resistance.1.1", "I_{22}"),
         ("torques", "rotor.2", "h_3"),
         ("torques", "brake.1", "b_1"),
-        ("linear-diag", "attitude.euler.0", r"\mathrm{euler}_0"),
+        ("linear-diag", "attitude.euler.0", r"\mathrm{Euler\ angle}_1"),
+        ("linear-diag", "attitude.initial.3", "d_0"),
     ],
 )
 def test_a_swept_number_has_the_symbol_of_its_coefficient(model: str, key: str, label: str) -> None:
@@ -608,7 +609,7 @@ def test_a_swept_number_has_the_symbol_of_its_coefficient(model: str, key: str, 
             "brake": [0.001, 1e-5],
             **({"rotor": [0, 0, 0.1]} if key == "rotor.2" else {}),
         },
-        "linear-diag": {"attitude": {"euler": [0.1, 0.2, 0.3], "sequence": "ZXZ"}},
+        "linear-diag": {"attitude": {"euler": [0.1, 0.2, 0.3]} if "euler" in key else "yes"},
     }
     swept = hodo.sweep(
         {

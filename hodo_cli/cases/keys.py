@@ -83,7 +83,7 @@ COMMON = {
         "on: the error is measured against a finer integration",
         default="on",
     ),
-    "store": Key(NAMES, "variables to store (default: the state)", default=()),
+    "store": Key(NAMES, "variables to store, instead of the whole state", default=()),
     "max_seconds": Key(
         Number(above=0), "run time after which the case stops, unfinished", "s", None
     ),

@@ -10,12 +10,14 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
+from itertools import count as counting
 from pathlib import Path
 from typing import Any
 
 import matplotlib.style
 import numpy as np
 from matplotlib.animation import FFMpegWriter
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -31,7 +33,7 @@ from .artists import AXIS_COLOUR, BLACK, GREY, HALO, PAGE, PURPLE, RED, arrow, p
 from .files import own_page
 from .geometry import View
 from .plane import within_span
-from .sheet import SHEET_STYLE, Look, Sheet, without_tex
+from .sheet import FORMULAS, SHEET_STYLE, Look, Sheet, without_tex
 
 MOST_SAMPLES = 3000
 """The samples of a film: with 65 bytes each in a page, it has less than 300 kB."""
@@ -43,7 +45,7 @@ FILM_SIZE, FILM_DPI = 4.0, 120
 REACH, SPACE_AXIS = 1.3, 1.12
 """Half the width of a picture, and the length of the axes of space; G is 1 where it is largest."""
 
-NAME_ROOM = 0.16
+NAME_ROOM = 0.2
 """How far apart the names of arrows are: the height of a letter in a narrow panel."""
 
 COLOUR_KEY = {
@@ -80,6 +82,11 @@ class Film:
     seconds: float
     words: tuple[str, str]
 
+    @property
+    def count(self) -> int:
+        """The number of its pictures as a file."""
+        return max(2, round(self.seconds * FRAMES_A_SECOND))
+
     def page(self, title: str = "The body in space", caption: str = "", back: str = "") -> str:
         """The film in a page that plays, pauses, scrubs and turns it, and needs no other file."""
         data = {
@@ -102,22 +109,15 @@ class Film:
         if suffix == "mp4" and not FFMpegWriter.isAvailable():
             raise HodoError("MP4 needs ffmpeg, which is not installed; GIF needs no other program")
         with matplotlib.style.context(["default", SHEET_STYLE]):
-            figure = Figure((FILM_SIZE, FILM_SIZE), dpi=FILM_DPI)
-            canvas: Any = FigureCanvasAgg(figure)
             if suffix == "gif":
-                # By coverage: medians of the pixels lose the colours of thin lines.
-                first, *rest = (
-                    Image.fromarray(np.asarray(canvas.buffer_rgba()))
-                    .convert("RGB")
-                    .quantize(64, Image.Quantize.MAXCOVERAGE)
-                    for _ in moving_artists(self, figure)
-                )
+                first, *rest = in_colours(self)
                 pause = 1000 // FRAMES_A_SECOND
                 first.save(path, "gif", save_all=True, append_images=rest, duration=pause, loop=0)
                 return
+            axes = film_panel()
             writer = FFMpegWriter(FRAMES_A_SECOND, extra_args=["-f", "mp4", "-pix_fmt", "yuv420p"])
-            with writer.saving(figure, str(path), FILM_DPI):
-                for _ in moving_artists(self, figure):
+            with writer.saving(axes.figure, str(path), FILM_DPI):
+                for _ in moving_artists(self, axes, self.count):
                     writer.grab_frame()
 
 
@@ -212,22 +212,33 @@ def draw_moment(axes: Axes, film: Film, i: int) -> None:
         look = {"color": part.colour, "ha": "center", "va": "center", "path_effects": HALO}
         name = re.sub(r"(\d)", r"_\1", part.name)
         axes.text(*pair(place), f"${name}$", **look, zorder=6)
-    axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), aspect="equal")
-    axes.set_axis_off()
+    frame_space(axes)
     axes.set_title(f"{film.words[0]}{film.time[i]:.4g}{film.words[1]}", color=BLACK)
 
 
+def frame_space(axes: Axes) -> None:
+    """Let a panel show what is as far as G is long."""
+    axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), aspect="equal")
+    axes.set_axis_off()
+
+
 def places_of_names(tips: Iterable[np.ndarray]) -> list[np.ndarray]:
-    """Places (2,) beyond the tips (2,) of arrows, each so far across its arrow that it is clear of
-    those before it."""
+    """Places (2,) beyond the tips (2,) of arrows, each so far across its arrow, on either side,
+    that it is clear of those before it."""
     places: list[np.ndarray] = []
     for tip in tips:
         ahead = tip / max(float(np.hypot(*tip)), math.ulp(0))
-        place, across = tip + 0.08 * ahead, np.array([ahead[1] or 1.0, -ahead[0]])
-        while any(np.hypot(*(place - other)) < NAME_ROOM for other in places):
-            place = place + NAME_ROOM * across
-        places.append(place)
+        beyond, across = tip + 0.08 * ahead, np.array([ahead[1] or 1.0, -ahead[0]])
+        # 0, 1, -1, 2, -2 and so on.
+        steps = (n // 2 * (-1) ** n for n in counting(1))
+        candidates = (beyond + NAME_ROOM * step * across for step in steps)
+        places.append(next(place for place in candidates if is_clear(place, places)))
     return places
+
+
+def is_clear(place: np.ndarray, others: Sequence[np.ndarray]) -> bool:
+    """Whether a name at a place (2,) is on no other."""
+    return all(np.hypot(*(place - other)) >= NAME_ROOM for other in others)
 
 
 def key_handles() -> list[Line2D]:
@@ -235,16 +246,53 @@ def key_handles() -> list[Line2D]:
     return [Line2D([], [], color=colour, label=words) for colour, words in COLOUR_KEY.items()]
 
 
-def moving_artists(film: Film, figure: Figure) -> Iterator[None]:
-    """Draw the pictures of a film into a figure, one after another, at even steps of time."""
-    axes = figure.add_axes((0, 0.06, 1, 0.88))
+def film_panel() -> Axes:
+    """The panel of a film, in a figure with the legend of its colours."""
+    figure = Figure((FILM_SIZE, FILM_SIZE), dpi=FILM_DPI)
     figure.legend(
         handles=key_handles(), loc="lower center", ncols=3, fontsize="x-small",
         handlelength=0.8, handletextpad=0.4, columnspacing=1,
     )  # fmt: skip
-    count = max(2, round(film.seconds * FRAMES_A_SECOND))
+    axes = figure.add_axes((0, 0.06, 1, 0.88))
+    frame_space(axes)
+    return axes
+
+
+def moving_artists(film: Film, axes: Axes, count: int) -> Iterator[Sequence[Artist]]:
+    """What moves in the panel of a film, at so many even steps of time; each picture is taken out
+    again before the next."""
+    lasting = {*axes.get_children()}
     for moment in np.linspace(film.time[0], film.time[-1], count):
-        axes.clear()
         draw_moment(axes, film, int(np.searchsorted(film.time, moment)))
-        figure.canvas.draw()
-        yield
+        moving = [artist for artist in axes.get_children() if artist not in lasting]
+        yield [*sorted(moving, key=Artist.get_zorder), axes.title]
+        for artist in moving:
+            artist.remove()
+
+
+def pictures(film: Film, count: int) -> Iterator[Image.Image]:
+    """So many pictures of a film. What moves is drawn on a copy of what does not: to draw all of it
+    takes twice as long."""
+    axes = film_panel()
+    canvas: Any = FigureCanvasAgg(axes.figure)
+    canvas.get_renderer().mathtext_parser = FORMULAS
+    canvas.draw()
+    background = canvas.copy_from_bbox(axes.figure.bbox)
+    for artists in moving_artists(film, axes, count):
+        canvas.restore_region(background)
+        for artist in artists:
+            artist.draw(canvas.get_renderer())
+        yield Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
+
+
+PALETTE, PALETTE_PICTURES = 256, 9
+"""The colours that the pictures of a film share, and how many pictures show all that occur."""
+
+
+def in_colours(film: Film) -> Iterator[Image.Image]:
+    """The pictures of a film in the colours that they share: with their own they would flicker."""
+    few = np.concatenate([*map(np.asarray, pictures(film, PALETTE_PICTURES))])
+    # By coverage: medians of the pixels lose the colours of thin lines.
+    colours = Image.fromarray(few).quantize(PALETTE, Image.Quantize.MAXCOVERAGE)
+    for picture in pictures(film, film.count):
+        yield picture.quantize(palette=colours, dither=Image.Dither.NONE)

@@ -66,11 +66,13 @@ function arrow(part, M, i, names) {
   pen.font = "italic 30px Georgia, serif";
   pen.textAlign = "center";
   pen.textBaseline = "middle";
-  // Across the arrow, so far that it is on no name before it.
+  // Across the arrow, on either side, so far that it is on no name before it.
   const length = Math.hypot(right, up) || 1, room = scale * data.room / 2, ahead = 1 + 0.08 * scale / length;
-  let place = [ahead * right, ahead * up];
   const across = [room * up / length || room, -room * right / length];
-  while (names.some(([x, y]) => Math.hypot(place[0] - x, place[1] - y) < room)) place = place.map((x, j) => x + across[j]);
+  const beside = (step) => [ahead * right + step * across[0], ahead * up + step * across[1]];
+  const taken = ([x, y]) => names.some((name) => Math.hypot(x - name[0], y - name[1]) < room - 1e-9);
+  let place = beside(0);
+  for (let n = 2; taken(place); n++) place = beside((n >> 1) * (n % 2 ? -1 : 1));
   names.push(place);
   const name = part.name.replace(/\d/, (digit) => "₀₁₂₃"[digit]);
   pen.lineWidth = 6;

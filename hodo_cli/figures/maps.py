@@ -16,11 +16,13 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from .. import HodoError
+from ..cases.derived import PARTS
 from ..cases.figure_block import averaged
 from ..models.rigid_body import LABELS, BodyFrame
 from ..models.theory.gyrostat import separatrix_curves
 from ..models.theory.possible_crossings import turning_momenta
 from ..results.dataset import Cases
+from ..results.in_space import OF_ATTITUDE
 from ..sweeps.view import SweepView
 from .artists import (
     AXIS_COLOUR,
@@ -36,6 +38,7 @@ from .artists import (
     hues,
     pair,
     styles,
+    symbol,
     with_superscripts,
 )
 from .geometry import View, edges, within_separatrix
@@ -461,6 +464,9 @@ def map_label(sweeps: Sequence[SweepView], spec: Mapping[str, Any]) -> str:
     if component in str(attributes.get("flag_meanings", "")).split():
         return f"{SHARE}{component} is the {meaning}"
     shown = f"{meaning}, here {component}" if component else meaning
+    if name in OF_ATTITUDE:
+        # What it means takes a sentence, which is longer than an axis.
+        shown = f"${symbol(spec['variable'])}$" + " [rad]" * (attributes["units"] == "rad")
     over = dict.fromkeys(
         axis for swept in sweeps for axis in averaged(spec, swept.axes, swept.sphere)
     )
@@ -520,12 +526,15 @@ KEY_SYMBOLS = {
     "rotor": "h",
     "space_torque.size": "F",
     "space_torque.direction": "e",
+    "attitude.euler": r"\mathrm{Euler\ angle}",
+    **{f"attitude.initial.{i}": f"{name}_0" for i, name in enumerate(PARTS["quaternion"])},
 }
 
-BY_AXIS = {
-    "damping", "inertia", "torque", "quadratic", "quadratic_axes", "rotor", "space_torque.direction"
+FROM_ONE = {
+    "damping", "inertia", "torque", "quadratic", "quadratic_axes", "rotor",
+    "space_torque.direction", "attitude.euler",
 }  # fmt: skip
-"""The keys of lists of one entry an axis; the axes count from one."""
+"""The keys of lists of one entry an axis or a turn, whose symbols count from one."""
 
 PARTS_OF_LAWS = frozenset(("value", "rate", "exponent"))
 
@@ -536,7 +545,7 @@ def key_symbol(key: str) -> str:
     if key in KEY_SYMBOLS:
         return KEY_SYMBOLS[key]
     head, _, last = key.rpartition(".")
-    if head in BY_AXIS and last.isdecimal():
+    if head in FROM_ONE and last.isdecimal():
         return f"{KEY_SYMBOLS[head]}_{int(last) + 1}"
     if place := re.fullmatch(r"(resistance|inertia)\.(\d)\.(\d)", key):
         matrix, row, column = place.groups()

@@ -38,6 +38,7 @@ from .artists import (
     pair,
     palette,
     plane_curve,
+    styles,
     unit,
 )
 from .geometry import (
@@ -323,7 +324,8 @@ def draw_sphere(
     for line in lines:
         on_sphere(axes, line, **SEPARATRIX)
     # A single motion is named by its title.
-    named = curves if len(curves) > 1 or spec["kind"] != "sphere" else []
+    is_trace, by_case = spec["kind"] == "axis-trace", spec["colour"] == "case"
+    named = curves if len(curves) > 1 or is_trace else []
     for curve in curves:
         times = {"time": curve.motion.time}
         components = zip(curve.columns, curve.directions.T, strict=True)
@@ -336,29 +338,32 @@ def draw_sphere(
         heading(axes, points[:, :2], colours[code[0]], 0.15)
         crossings = curve.motion.at_crossings(curve.directions)
         number_marks(axes, view(crossings)[:, :2])
-        for look, places in ((CROSSING, crossings), (START, curve.directions[:1])):
+        ends = [(START, curve.directions[:1]), (END, curve.directions[-1:])]
+        for look, places in ((CROSSING, crossings), *(ends if is_trace else ends[:1])):
             for x, y, near in scene.add(places, **look):
                 axes.plot(x, y, **look, alpha=1 if near > 0 else 0.4, zorder=6)
         if named:
             # In space it stands beside the start, where it is on no side of the page.
             scene.add(1.08 * curve.directions[:1], texts=[curve.label], lw=0)
-    for curve, free in zip(named, places_beside(drawn, lines), strict=False):
-        axes.text(*pair(free), curve.label, ha="center", va="center", zorder=8, path_effects=HALO)
+    shades = styles(len(curves), spec["styles"])
+    for curve, shade, free in zip(named, shades, places_beside(drawn, lines), strict=False):
+        look = {"ha": "center", "va": "center", "path_effects": HALO}
+        colour = shade["color"] if is_trace and by_case else BLACK
+        axes.text(*pair(free), curve.label, color=colour, zorder=8, **look)
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
     axes.set_axis_off()
     motions = [curve.motion for curve in curves]
     # The curves of a sphere have their names beside them alone.
-    by_case = spec["colour"] == "case"
     handles = [] if by_case else colour_handles(sheet, [axes], motions, spec)
-    if by_case and spec["kind"] == "axis-trace":
+    if by_case and is_trace:
         handles = case_handles([curve.label for curve in curves], spec["styles"], solid=True)
     rotor = any(motion.rotor is not None for motion in motions)
     # Of a body with a rotor that is no sign of D, and there may be none.
     if spec["kind"] == "sphere" and (circles or not rotor):
         label = "separatrix" if rotor else "separatrix, $D = 0$"
         handles.append(Line2D([], [], **SEPARATRIX, label=label))
-    start, _, *crossing = mark_handles(motions, spec["time"])
-    sheet.legend = [*handles, start, *crossing]
+    start, end, *crossing = mark_handles(motions, spec["time"])
+    sheet.legend = [*handles, start, *([end] if is_trace else []), *crossing]
 
 
 GRATICULE: Look = {"color": "#C8C8C8", "lw": 0.35}
@@ -388,9 +393,11 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     labels = [f"$\\omega_{{{letter}{prime}}}$ {unit(motions[0], 'omega')}" for letter in "xy"]
     axes.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
     handles = colour_handles(sheet, [axes], motions, spec)
-    words = "$G$ at the start"
+    words, its = (
+        ("$G$ at the start", "") if len(motions) == 1 else ("each $G$ at the start", "its ")
+    )
     if not along_z:
-        words += "; $x'$, $y'$: $x$, $y$ turned as $z$ to it"
+        words += f", along {its}$z'$"
     handles.append(Line2D([], [], marker="+", ms=6, color=BLACK, ls="", label=words))
     sheet.legend = handles + mark_handles(motions, spec["time"])
 

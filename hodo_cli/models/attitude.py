@@ -279,7 +279,8 @@ class Oriented(Model, LookedUp):
         predicted = super().predictions(start, end)
         if turn := self.turn:
             time, angle = f"{turn.period:.9g} [time]", f"{turn.angle:.9g} rad"
-            predicted = [*predicted, f"a turn takes {time}, the body goes {angle} about G"]
+            leaves = f"leaves the body turned by {angle} about G"
+            predicted = [*predicted, f"a turn takes {time} and {leaves}"]
         return predicted
 
     @property

@@ -32,7 +32,10 @@ PRINCIPAL = {
 TURN = {
     "turn_period": Stored("time of a turn of the hodograph", units="time"),
     "turn_angle": Stored(
-        "angle by which the body turns about G in a turn of the hodograph, modulo 2 pi", units="rad"
+        "psi: a turn of the hodograph leaves the body turned by it about G; the body has gone "
+        "through 2 pi less where G encloses the axis of the largest moment, and through 2 pi more "
+        "where that of the smallest",
+        units="rad",
     ),
     "turn_m": Stored("parameter m of the elliptic functions of the motion"),
     "turn_nu": Stored("parameter nu of the elliptic integral of the attitude"),

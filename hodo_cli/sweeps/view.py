@@ -27,8 +27,8 @@ from ..results.motion import QUANTITIES, Motion, wrong_labels
 if TYPE_CHECKING:
     import xarray as xr
 
-ANGLES = ("theta",)
-"""The keys of cases that are angles."""
+ANGLES = {"theta", "euler"}
+"""The keys of cases that are angles, or lists of some."""
 
 
 def round_degrees(angle: float) -> float | None:
@@ -251,7 +251,7 @@ class SweepView:
         variable = self.data.variables[(self.keys(name) or [name])[0]]
         if (stored := str(variable.attrs.get("units", "1"))) != "1":
             return stored
-        if self.key(name).rpartition(".")[2] not in ANGLES or not variable.size:
+        if not ({*self.key(name).split(".")[-2:]} & ANGLES and variable.size):
             return ""
         ends = float(variable.data.min()), float(variable.data.max())
         return "rad" if None in map(round_degrees, ends) else "deg"

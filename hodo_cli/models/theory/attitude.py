@@ -70,8 +70,11 @@ def _psi(A: np.ndarray, turn: FreeTurn, total: Any, t: Any, area: Any) -> Any:
 
 class HodographTurn(NamedTuple):
     """A turn of the hodograph of a free body: the time that it takes, the angle psi above, by which
-    the body has turned about G then (modulo 2 pi), and the parameters of the elliptic integrals: m,
-    and nu, which depends on the body alone."""
+    the body stands turned about G then, and the parameters of the elliptic integrals: m, and nu,
+    which depends on the body alone.
+
+    The body has gone through psi - 2 pi if e has the largest moment, psi + 2 pi if the smallest.
+    """
 
     period: float
     angle: float
