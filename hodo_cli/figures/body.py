@@ -238,7 +238,8 @@ def places_of_names(tips: Iterable[np.ndarray]) -> list[np.ndarray]:
 
 def is_clear(place: np.ndarray, others: Sequence[np.ndarray]) -> bool:
     """Whether a name at a place (2,) is on no other."""
-    return all(np.hypot(*(place - other)) >= NAME_ROOM for other in others)
+    # Less than a step across, which is beside a name whose arrow points almost the same way.
+    return all(np.hypot(*(place - other)) > 0.9 * NAME_ROOM for other in others)
 
 
 def key_handles() -> list[Line2D]:

@@ -70,7 +70,7 @@ function arrow(part, M, i, names) {
   const length = Math.hypot(right, up) || 1, room = scale * data.room / 2, ahead = 1 + 0.08 * scale / length;
   const across = [room * up / length || room, -room * right / length];
   const beside = (step) => [ahead * right + step * across[0], ahead * up + step * across[1]];
-  const taken = ([x, y]) => names.some((name) => Math.hypot(x - name[0], y - name[1]) < room - 1e-9);
+  const taken = ([x, y]) => names.some((name) => Math.hypot(x - name[0], y - name[1]) < 0.9 * room);
   let place = beside(0);
   for (let n = 2; taken(place); n++) place = beside((n >> 1) * (n % 2 ? -1 : 1));
   names.push(place);
