@@ -365,7 +365,7 @@ REFUSED = [
         "attitude: is a key of form full, and this is form averaged",
     ),
     ({"attitude": "yes", "store": "attitud"}, "store.0: unknown variable 'attitud'; did you mean"),
-    ({"store": "attitude"}, "store.0: unknown variable 'attitude'"),
+    ({"store": "attitude"}, "store.0: this case has no attitude: write `attitude: yes`"),
 ]
 
 
@@ -390,6 +390,8 @@ def test_a_top_says_itself_where_it_points() -> None:
         ({"euler": [1, 0, 2]}, "the start is at a pole of the sequence ZXZ"),
         ({"euler": [1, "90 deg", 2], "sequence": "xyz"}, "the start is at a pole of the sequence"),
         ({"euler": [1, "90 deg", 2]}, ""),
+        ({"euler": [0, 20, 0]}, "euler: 20 is more than a turn: degrees are written as '20 deg'"),
+        ({"euler": ["-360 deg", 1, 0]}, ""),
     ],
 )
 def test_warned(attitude: dict[str, Any], words: str) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError, models
-from ..models.attitude import KEY, check_attitude, keys_of_form, system_of
+from ..models.attitude import KEY, check_attitude, keys_of_form, system_of, takes_attitude
 from ..models.base import Model
 from ..models.rigid_body import BodyFrame
 from ..schema.document import Block, locate, read, write
@@ -353,7 +353,9 @@ def _store_mistakes(
         # A mistaken attitude makes no system, and would be stored if it were right.
         if name in valid or (name == KEY and system is None):
             continue
-        if name not in DERIVED:
+        if name == KEY and takes_attitude(form):
+            yield ("store", i), f"this case has no attitude{remedy_of([KEY])}"
+        elif name not in DERIVED:
             yield ("store", i), unknown(f"variable {name!r}", name, [*valid, *derived])
         elif is_swept:
             yield ("store", i), f"figures and averages derive {name} of what a sweep stores"
