@@ -172,9 +172,9 @@ def test_a_picture_of_a_film_is_that_of_all_that_is_drawn(folder: Path) -> None:
     with matplotlib.style.context(["default", SHEET_STYLE]):
         quick = [np.asarray(picture) for picture in pictures(film, 3)]
         for sample, picture in zip((0, 300, 600), quick, strict=True):
-            axes = film_panel()
+            figure, axes = film_panel()
             draw_moment(axes, film, sample)
-            canvas: Any = FigureCanvasAgg(axes.figure)
+            canvas: Any = FigureCanvasAgg(figure)
             canvas.draw()
             whole = np.asarray(canvas.buffer_rgba())[..., :3].astype(int)
             assert (np.abs(whole - picture).max(axis=-1) > 8).mean() < 1e-3

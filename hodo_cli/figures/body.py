@@ -114,9 +114,9 @@ class Film:
                 pause = 1000 // FRAMES_A_SECOND
                 first.save(path, "gif", save_all=True, append_images=rest, duration=pause, loop=0)
                 return
-            axes = film_panel()
+            figure, axes = film_panel()
             writer = FFMpegWriter(FRAMES_A_SECOND, extra_args=["-f", "mp4", "-pix_fmt", "yuv420p"])
-            with writer.saving(axes.figure, str(path), FILM_DPI):
+            with writer.saving(figure, str(path), FILM_DPI):
                 for _ in moving_artists(self, axes, self.count):
                     writer.grab_frame()
 
@@ -247,8 +247,8 @@ def key_handles() -> list[Line2D]:
     return [Line2D([], [], color=colour, label=words) for colour, words in COLOUR_KEY.items()]
 
 
-def film_panel() -> Axes:
-    """The panel of a film, in a figure with the legend of its colours."""
+def film_panel() -> tuple[Figure, Axes]:
+    """A figure with the legend of a film's colours, and its panel."""
     figure = Figure((FILM_SIZE, FILM_SIZE), dpi=FILM_DPI)
     figure.legend(
         handles=key_handles(), loc="lower center", ncols=3, fontsize="x-small",
@@ -256,7 +256,7 @@ def film_panel() -> Axes:
     )  # fmt: skip
     axes = figure.add_axes((0, 0.06, 1, 0.88))
     frame_space(axes)
-    return axes
+    return figure, axes
 
 
 def moving_artists(film: Film, axes: Axes, count: int) -> Iterator[Sequence[Artist]]:
@@ -274,11 +274,11 @@ def moving_artists(film: Film, axes: Axes, count: int) -> Iterator[Sequence[Arti
 def pictures(film: Film, count: int) -> Iterator[Image.Image]:
     """So many pictures of a film. What moves is drawn on a copy of what does not: to draw all of it
     takes twice as long."""
-    axes = film_panel()
-    canvas: Any = FigureCanvasAgg(axes.figure)
+    figure, axes = film_panel()
+    canvas: Any = FigureCanvasAgg(figure)
     canvas.get_renderer().mathtext_parser = FORMULAS
     canvas.draw()
-    background = canvas.copy_from_bbox(axes.figure.bbox)
+    background = canvas.copy_from_bbox(figure.bbox)
     for artists in moving_artists(film, axes, count):
         canvas.restore_region(background)
         for artist in artists:
