@@ -81,9 +81,11 @@ def run_hodo(folder: Path, *arguments: object, **options: Any) -> subprocess.Com
 
 
 @pytest.fixture
-def hodo(tmp_path: Path) -> Hodo:
-    """`run_hodo` in `tmp_path`."""
-    return partial(run_hodo, tmp_path)
+def hodo(request: pytest.FixtureRequest, tmp_path: Path) -> Hodo:
+    """`hodo` in `tmp_path`: in this process, whose libraries are loaded already, or in one of its
+    own where that is a part of what is tested (mark `process`)."""
+    is_apart = request.node.get_closest_marker("process")
+    return partial(run_hodo if is_apart else call, tmp_path)
 
 
 def call(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:

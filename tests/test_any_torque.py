@@ -84,6 +84,7 @@ def test_a_capture_by_chance_is_found_by_trying(branch: str) -> None:
 
 
 @pytest.mark.heyoka
+@pytest.mark.process
 def test_the_example_of_the_documents_is_near_its_full_motion(hodo: Hodo, tmp_path: Path) -> None:
     """Its torque has the mirror symmetry of the second order; from the start itself it is right to
     the first."""
@@ -121,6 +122,7 @@ def errors_of(path: Path) -> dict[str, float]:
     return found
 
 
+@pytest.mark.process
 def test_wrong_values_are_named(hodo: Hodo, tmp_path: Path) -> None:
     (tmp_path / "drag.py").write_text(EXAMPLE, encoding="utf-8")
     lines = "cases:\n  a: {model: quadratic-drag, form: averaged, drag: 0.1, time: {end: 1},\n"

@@ -29,6 +29,8 @@ from hodo_cli.commands import run as run_command
 from hodo_cli.storage.group import Group
 from hodo_cli.storage.writer import Writer
 
+pytestmark = pytest.mark.process
+
 KEPT = "is kept: nothing that it depends on has changed"
 DEFAULTS = (
     "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 400, samples: 21},"

@@ -5,7 +5,6 @@ import json
 import math
 import re
 import shutil
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,12 +36,6 @@ cases:
     damping: [0.003, 0.004, 0.005]
     initial: {p: 0.8, q: 0.5, r: 0.74}
 """
-
-
-@pytest.fixture
-def hodo(tmp_path: Path) -> Hodo:
-    """`hodo` in this process, where the process itself is not tested: its libraries load once."""
-    return partial(call, tmp_path)
 
 
 @pytest.fixture

@@ -24,6 +24,8 @@ from conftest import Hodo
 
 from hodo_cli.batch.pool import pool
 
+pytestmark = pytest.mark.process
+
 pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")
 

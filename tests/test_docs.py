@@ -162,6 +162,7 @@ def test_a_value_is_changed_as_documented() -> None:
     assert config.cases["turning"].data["damping"][2] == 0.002
 
 
+@pytest.mark.process
 @pytest.mark.heyoka
 def test_readme_can_be_followed(hodo: Hodo, tmp_path: Path) -> None:
     """Its case, its commands with what they print, and its snippets, one after the other."""

@@ -95,6 +95,7 @@ def test_who_takes_a_mistake_of_the_user_takes_nothing_else() -> None:
     assert not [kind for kind in NOT_OF_A_CASE if issubclass(HodoError, kind)]
 
 
+@pytest.mark.process
 def test_labels_that_cannot_be_stored_are_one_line(folder: Path, hodo: Hodo) -> None:
     def little() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (4000, 4000))
@@ -108,6 +109,7 @@ def test_labels_that_cannot_be_stored_are_one_line(folder: Path, hodo: Hodo) -> 
     assert marked.stderr == "x.h5 is read-only (mode 444): chmod u+w, or run --force\n"
 
 
+@pytest.mark.process
 def test_too_few_descriptors_are_one_line(folder: Path, hodo: Hodo) -> None:
     said = set()
     for most in range(3, 40):

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import Hodo
+from conftest import Hodo, call
 
 from hodo_cli.cli import main
 
@@ -277,6 +277,7 @@ def test_a_locked_file(folder: Path, hodo: Hodo) -> None:
             assert done.stderr == "two.h5: locked: another program has it open for writing\n"
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("size", [2000, 12000, 30000, 60000])
 def test_no_space(folder: Path, hodo: Hodo, size: int) -> None:
     """A limit on the size of files stands for a full disk; the sizes end the writing of a case, or
@@ -291,7 +292,7 @@ def test_no_space(folder: Path, hodo: Hodo, size: int) -> None:
     assert done.returncode == 2
     assert done.stderr == "cannot write two.h5: file too large; finished cases are kept\n"
     assert (folder / "two.h5").read_bytes() == before
-    again = hodo("run", "two.yaml", "--out", ".", "-v")
+    again = call(folder, "run", "two.yaml", "--out", ".", "-v")
     assert again.returncode == 0
     assert again.stderr.count("is kept") == (2 if size == 60000 else 0)
     assert not list(folder.glob(".*"))
@@ -323,6 +324,7 @@ def hiding(what: str) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": path}
 
 
+@pytest.mark.process
 def test_taylor_without_heyoka(folder: Path, hodo: Hodo) -> None:
     done = hodo("run", "two.yaml", "--set", "a.method=taylor", env=hiding("without_heyoka"))
     assert done.returncode == 1
@@ -330,6 +332,7 @@ def test_taylor_without_heyoka(folder: Path, hodo: Hodo) -> None:
     assert "1 of 2 cases did not end well: a (failed)" in done.stderr
 
 
+@pytest.mark.process
 @pytest.mark.heyoka
 def test_heyoka_without_quadruple_precision_does_all_else(folder: Path, hodo: Hodo) -> None:
     env = hiding("without_real128")

@@ -17,6 +17,7 @@ from test_docs import snippets
 from hodo_cli.storage import staging
 
 
+@pytest.mark.process
 @pytest.mark.engines
 def test_a_new_case_file_runs_and_is_never_replaced(hodo: Hodo, tmp_path: Path) -> None:
     done = hodo("init", "mine")
@@ -95,6 +96,7 @@ def test_the_wheel_brings_the_case_files(installed: Path, tmp_path: Path) -> Non
         assert sorted(named) == known.stdout.split()
 
 
+@pytest.mark.process
 def test_hodo_works_without_what_windows_lacks(hodo: Hodo, tmp_path: Path) -> None:
     """In processes too; and what it locked is given up and gone."""
     pytest.importorskip("filelock")

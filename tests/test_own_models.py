@@ -10,6 +10,8 @@ import pytest
 from conftest import ROOT, Hodo
 from test_docs import snippets
 
+pytestmark = pytest.mark.process
+
 EXAMPLE = next(text for text in snippets("docs/models.md", "python") if "class " in text)
 CONFIG = """\
 defaults: {inertia: [1, 0.8, 0.6], time: {end: 10, samples: 3},

@@ -83,6 +83,7 @@ cases:
 """
 
 
+@pytest.mark.process
 @pytest.mark.heyoka
 def test_a_step_from_the_disk_gives_the_same_bits(folder: Path, hodo: Hodo) -> None:
     (folder.parent / "x.yaml").write_text(SWEEP)

@@ -16,6 +16,8 @@ from conftest import Hodo
 import hodo_cli
 from hodo_cli import progress
 
+pytestmark = pytest.mark.process
+
 SWEEP = {
     "model": "linear-diag",
     "inertia": [1, 0.8, 0.6],

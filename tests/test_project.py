@@ -137,6 +137,7 @@ def test_run_loads_what_it_uses(tmp_path: Path) -> None:
     assert (tmp_path / "runs" / "tiny.h5").exists()
 
 
+@pytest.mark.process
 def test_the_console_script_runs(hodo: Hodo) -> None:
     from hodo_cli import __version__
 
