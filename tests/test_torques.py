@@ -556,6 +556,36 @@ def test_the_stop_of_a_body_is_printed_and_drawn(tmp_path: Path) -> None:
     assert "undetermined" not in svg
 
 
+@pytest.mark.heyoka
+@pytest.mark.parametrize("in_space", [False, True])
+@pytest.mark.parametrize("torque", [1e-8, 1e-11, 1e-15, 1e-30, 1e-60])
+def test_a_torque_that_is_tiny_beside_the_start_costs_no_digit(
+    torque: float, in_space: bool
+) -> None:
+    """The motion falls by up to 60 orders of magnitude to where the torque and the damping are in
+    balance: in the body at N/(A lambda), in space as a torque twice as large says, beside which
+    the gyroscopic terms are nothing either. A sweep falls as its cases do."""
+
+    def case(torque: float) -> dict[str, Any]:
+        N = {"space_torque": {"size": torque, "direction": [1, 2, 3]}}
+        body = {"model": "torques", "inertia": BODY, "damping": [0.15, 0.12, 0.1], "initial": B}
+        return body | (N if in_space else {"torque": [torque] * 3}) | {"time": {"end": 2000}}
+
+    motion = hodo.run(case(torque))
+    assert motion.attrs["error"] < 1e-13
+    settled = motion["omega"].values[-1] / torque
+    if in_space:
+        twice = hodo.run(case(2 * torque))["omega"].values[-1] / (2 * torque)
+        assert settled == pytest.approx(twice, rel=1e-3)
+    else:
+        assert settled == pytest.approx([1 / 0.15, 1 / 0.096, 1 / 0.06], rel=1e-6)
+    sweep = hodo.sweep(case(torque) | {"sweep": {"initial.r": {"linspace": [0.7, 0.78, 40]}}})
+    assert sweep.attrs["error"] < 1e-13
+    if not in_space:
+        members = sweep["omega"].values
+        assert members == pytest.approx(np.tile(motion["omega"].values[-1], (40, 1)), rel=1e-12)
+
+
 @pytest.mark.parametrize("size", [2.0**-300, 2.0**20, 2.0**100, 2.0**300])
 @pytest.mark.parametrize(
     "others", [{"kappa": 0.02}, {"kappa": 0.02, "damping": 0.004}, {"rotor": [0.0, 0.0, 0.1]}]

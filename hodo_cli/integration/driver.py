@@ -11,7 +11,16 @@ from ..engines.protocol import Engine, Hit, Status, StepControl, uneven
 from ..models.base import Event, EventOutcome, Model, Passage
 from ..models.constants import attributes, moving, rescaled, state_powers
 from .trajectory import Occurrence
-from .units import AbsoluteClock, Clock, TimeWindow, Units, is_timed, longest_step, units_at_start
+from .units import (
+    AbsoluteClock,
+    Clock,
+    TimeWindow,
+    Units,
+    is_falling,
+    is_timed,
+    longest_step,
+    units_at_start,
+)
 
 SAMPLES_AT_ONCE = 1 << 16
 """Samples handed to an engine at once."""
@@ -101,7 +110,8 @@ def propagate(
     samples.add(np.broadcast_to(y, (at_start, len(y))), units.size)
     # On a clock of its own such a model has a phase that is far smaller than its other variables.
     is_uneven = bool(model.degree) or not timed
-    control.band, control.observer = norm_band(engine, system), observer
+    falling = bool(model.degree) and bool(is_falling(model, k, np.array(y0)))
+    control.band, control.observer = norm_band(engine, system, falling), observer
     control.rows = None if isinstance(rows, slice) else rows
     while samples.done < len(times) and control.status is Status.OK:
         clock.factor = float(np.ldexp(1.0, units.rate))
@@ -149,7 +159,8 @@ def propagate(
             break  # no leg is to follow, and this one was far from the largest number
         if timed:
             moment = TimeWindow(float(clock.high), float(times[-1]) - start)
-        new = Units.fit(model, k, y.astype(float), size, moment) if model.degree else units
+        fitted = model, k, y.astype(float), size, moment, falling
+        new = Units.fit(*fitted) if model.degree else units
         if new.size < -LIMIT:
             end = np.where(state_powers(model), 0, y)
             samples.add(np.broadcast_to(end, (len(times) - samples.done, len(y))), -LIMIT)
@@ -172,13 +183,14 @@ def scaled_by(model: type[Model], y: np.ndarray, size: int) -> np.ndarray:
     return np.asarray(y * np.array(factors).astype(y.dtype))
 
 
-def norm_band(engine: Engine, system: Model) -> tuple[float, float] | None:
+def norm_band(engine: Engine, system: Model, falling: bool) -> tuple[float, float] | None:
     """Where the norm of the state may stay before it gets new units; None for anywhere.
 
     New units serve a motion that decays or grows. A model without degrees has none, a body at rest
-    needs none, and under a torque that is constant the motion settles at a size of its own.
+    needs none, and under a torque that is constant the motion settles at a size of its own, unless
+    it begins far above it.
     """
     constant = {name for name, degree in system.degree.items() if degree == 0} - system.opposing
     forced = any(np.any(system.constants[name]) for name in constant)
     turning = np.array(system.start)[moving(type(system))].any()
-    return engine.band if system.degree and turning and not forced else None
+    return engine.band if system.degree and turning and (falling or not forced) else None

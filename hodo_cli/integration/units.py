@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -58,20 +58,17 @@ class Units:
         y: np.ndarray,
         size: Any = 0,
         moment: TimeWindow | None = None,
+        falling: Any = False,
     ) -> "Units":
         """The units for a model at the state `y` (m,) or (m, n), itself in units of 2**size, and at
-        a moment if its equations contain the time."""
+        a moment if its equations contain the time; of a `falling` motion those of its state alone.
+        """
         if not model.degree:
             return cls(0, int(clock_rates(model, attributes(k), y)))
-        with np.errstate(divide="ignore"):  # log2(0) = -inf: a term that is absent sets no unit
-            lightest = np.log2(np.minimum(np.minimum(k["A1"], k["A2"]), k["A3"]))
-            # In logarithms, because the products themselves may leave the range of doubles.
-            logs = {name: np.log2(largest_of(k[name])) - lightest for name in model.degree}
+        logs = orders_of_constants(model, k)
         new = order_of_magnitude(model, y) + size
-        for name, degree in model.degree.items():
-            if degree == 0 and name not in model.opposing:
-                # A torque N spins the body up to about sqrt(N/A) in 1/sqrt(N/A).
-                new = np.maximum(new, np.ceil(logs[name] / 2))
+        by_torques = np.maximum(new, order_by_torques(model, logs))
+        new = np.where(falling & (new > -np.inf), new, by_torques)
         new = np.where(np.isfinite(new), new, 0)  # neither motion nor torque: any unit serves
         rate = new
         for name, degree in model.degree.items():
@@ -113,6 +110,34 @@ class Units:
         }
         units = {VELOCITY: self.size, UNIT: -self.rate}
         return {**k} | scaled | {name: np.ldexp(1.0, units[name]) for name in units if name in k}
+
+
+def orders_of_constants(model: type[Model], k: Mapping[str, Any]) -> dict[str, Any]:
+    """The binary orders of magnitude (...) of the constants of a model, by moments of inertia: in
+    logarithms, because their products may leave the range of doubles."""
+    with np.errstate(divide="ignore"):  # log2(0) = -inf: a term that is absent sets no unit
+        lightest = np.log2(np.minimum(np.minimum(k["A1"], k["A2"]), k["A3"]))
+        return {name: np.log2(largest_of(k[name])) - lightest for name in model.degree}
+
+
+def order_by_torques(model: type[Model], orders: Mapping[str, Any]) -> Any:
+    """The binary order of magnitude (...) of omega that torques N make from rest, about sqrt(N/A)
+    in 1/sqrt(N/A); minus infinity without any."""
+    constant = [name for name, degree in model.degree.items() if degree == 0]
+    torques = (orders[name] for name in constant if name not in model.opposing)
+    return np.ceil(reduce(np.maximum, torques, -np.inf) / 2)
+
+
+FAR = 16
+"""The binary orders of magnitude above that of its torques from which on a motion is falling."""
+
+
+def is_falling(model: type[Model], k: Mapping[str, Any], y: np.ndarray) -> np.ndarray:
+    """Whether motions with starts (m, ...) begin so far above what constant torques make of them
+    that they lose digits in units of what the torques make: they decay by many orders of magnitude
+    before they settle."""
+    made = order_by_torques(model, orders_of_constants(model, k))
+    return np.asarray(np.isfinite(made) & (order_of_magnitude(model, y) > made + FAR))
 
 
 def largest_of(constant: Any) -> Any:

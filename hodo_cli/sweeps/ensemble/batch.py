@@ -282,7 +282,7 @@ class BatchState:
         moment = None
         if e.is_timed:
             moment = TimeWindow(times_of(self.now[:, columns], params, m), e.lengths[0, number])
-        units = Units.fit(e.model, k, y, size, moment)
+        units = Units.fit(e.model, k, y, size, moment, e.falling[number])
         # By powers of two throughout, so that new units change no digit.
         self.now[:m, columns] = rescaled(e.model, self.now[:m, columns].T, size - units.size).T
         self.now[m : m + 2, columns] = np.ldexp(self.now[m : m + 2, columns], units.rate - rate)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...engines.protocol import Coded
 from ...integration.trajectory import Occurrence
+from ...integration.units import is_falling
 from ...models.base import Event, Model
 from ...models.constants import UNIT, VELOCITY, Structure, moving, namespace
 from ...models.rigid_body import Separatrix
@@ -105,6 +106,11 @@ class Ensemble:
         """A1, A2, A3 (3, n)."""
         k = self.named()
         return np.array([k.A1, k.A2, k.A3])
+
+    @cached_property
+    def falling(self) -> np.ndarray:
+        """Whether (n,) the motions call for units of their state alone; see `is_falling`."""
+        return is_falling(self.model, vars(self.named()), self.start)
 
     def is_one_sided(self, event: Event) -> np.ndarray:
         """Whether (n,) an event is that of the separatrix of a body with two equal moments: D is
