@@ -1124,7 +1124,7 @@ def test_the_distance_of_two_sweeps() -> None:
     assert mean("end_axis", "end_axis") == 1 / 3
     assert mean("crossing_time", "crossing_time") == 0.75
     assert mean("crossing_time", "predicted") == 1.75
-    with pytest.raises(HodoError, match="the case has no omega, which G needs"):
+    with pytest.raises(HodoError, match="case a has no omega, which G needs"):
         mean("crossing_time", "G")
     with pytest.raises(HodoError, match="values of 'crossing_time'"):
         one.distance(view_of(G=("a", [0.0, 1.0, 2.0])), "crossing_time", "G")
