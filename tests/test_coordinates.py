@@ -358,6 +358,7 @@ def test_what_is_left_without_a_meaning_is_refused_in_one_line(
         (motion.drop_vars("time"), {}, "has no coordinate 'time'"),
         (motion.drop_vars("axis"), {}, "has no coordinate 'axis'"),
         (motion.drop_vars("crossing_time"), {}, "its crossing_time is no array of numbers"),
+        (motion.assign(omega=motion.omega.astype(str)), {}, "its omega is no array of numbers"),
         (motion.drop_attrs(), {}, "its attributes hold no case"),
         (motion.assign_coords(time=motion.time.astype(str)), {}, "holds more than finite numbers"),
         (motion.assign_coords(axis=["a", "b", "c"]), {}, "'a' is no body axis"),

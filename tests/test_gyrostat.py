@@ -337,3 +337,16 @@ def test_the_separatrix_has_the_same_curves_in_all_units(h: tuple[float, ...]) -
     assert len(curves(0)) == 2
     for size in (-200, 40, 200):
         np.testing.assert_allclose(curves(size), curves(0), rtol=0, atol=1e-12)
+
+
+def test_the_gradient_of_a_region_is_the_slope_of_its_energies() -> None:
+    """Beside a rotor, by central differences: margins and the band of the separatrix rest on it."""
+    draw = np.random.default_rng(11)
+    for moments in bodies(draw, 20):
+        h, omega, step = draw.uniform(-0.02, 0.02, 3), draw.uniform(0.5, 1, 3), 1e-6 * np.eye(3)
+        region = gyrostat.region_of(moments, h, omega[None])
+        ahead, behind = (
+            gyrostat.region_of(moments, h, omega + sign * step).value for sign in (1, -1)
+        )
+        slopes = (ahead - behind).T / 2e-6
+        np.testing.assert_allclose(region.gradient[0], slopes, rtol=0, atol=1e-8)
