@@ -256,3 +256,28 @@ def test_members_pass_in_any_unit_of_time() -> None:
     assert here.attrs["method_reason"] == "side by side, 0 of 1000 members by themselves"
     assert (here["status"] == there["status"]).all()
     np.testing.assert_allclose(there["event_time"] / 1e6, here["event_time"], rtol=2e-13)
+
+
+@pytest.mark.parametrize(
+    ("time_unit", "inertia_unit", "labels"),
+    [
+        ("1", "1", [r"$p$ [–]", r"$T$ [–]"]),
+        ("s", "1", [r"$p$ [1/s]", r"$T$"]),
+        ("s", "kg m^2", [r"$p$ [1/s]", r"$T$ [kg m$^{2}$/s$^{2}$]"]),
+    ],
+)
+def test_axes_have_a_dash_where_the_case_has_no_units_and_nothing_where_one_is_lacking(
+    time_unit: str, inertia_unit: str, labels: list[str]
+) -> None:
+    motion = hodo_cli.run(
+        {
+            "model": "linear-diag",
+            "inertia": [1, 0.8, 0.6],
+            "inertia_unit": inertia_unit,
+            "damping": 0.01,
+            "initial": {"p": 0.8, "q": 0.5, "r": 0.74},
+            "time": {"end": 10, "unit": time_unit},
+        }
+    )
+    drawn = hodo_cli.plot(motion, kind="series", variables=["p", "T"])
+    assert [axes.get_ylabel() for axes in drawn.axes] == labels
