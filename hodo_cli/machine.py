@@ -70,7 +70,15 @@ def library_version(library: str) -> str:
     """The version of a library that is installed, loaded or not."""
     named = (folder.stem.split("-") for folder in metadata_folders())
     versions = [words[1] for words in named if words[0] == library and len(words) > 1]
-    return versions[0] if versions else "not installed"
+    if versions:
+        return versions[0]
+    # Named or kept otherwise, as in an archive, or not there.
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def may_have_entry_points(group: str) -> bool:

@@ -978,7 +978,8 @@ def test_a_file_says_what_made_it(tmp_path: Path) -> None:
 
 
 def test_a_package_outside_a_checkout_without_a_library_says_so(tmp_path: Path) -> None:
-    """A copy, from which the library is hidden with its metadata."""
+    """A copy, from which one library is hidden with its metadata, and another with the folder where
+    these are looked for first."""
     shutil.copytree(
         ROOT / "hodo_cli", tmp_path / "hodo_cli", ignore=shutil.ignore_patterns("__pycache__")
     )
@@ -987,11 +988,18 @@ def test_a_package_outside_a_checkout_without_a_library_says_so(tmp_path: Path) 
     for command in (["git", "init", "-q"], ["git", "add", "pyproject.toml"], commit):
         subprocess.run(command, cwd=tmp_path, check=True)
     code = (
-        "import json\n"
+        "import importlib.metadata as metadata, json\n"
         "from hodo_cli import machine\n"
         "folders = machine.metadata_folders()\n"
-        "known = [folder for folder in folders if not folder.name.startswith('scipy-')]\n"
+        "hidden = 'scipy', 'numpy'\n"
+        "known = [folder for folder in folders if not folder.name.startswith(hidden)]\n"
         "machine.metadata_folders = lambda: known\n"
+        "plain = metadata.version\n"
+        "def version(name):\n"
+        "    if name == 'scipy':\n"
+        "        raise metadata.PackageNotFoundError\n"
+        "    return plain(name)\n"
+        "metadata.version = version\n"
         "from hodo_cli.storage.provenance import versions\n"
         "print(json.dumps(versions()))\n"
     )
