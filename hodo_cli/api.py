@@ -18,10 +18,11 @@ from matplotlib.figure import Figure
 from . import HodoError
 from .batch.memory import check_memory
 from .cases.case import Case
-from .cases.config import composed_text, parse
+from .cases.config import parse
 from .cases.derived import DERIVED, derivable
 from .cases.figure_block import FIGURE, FIGURE_KINDS, check_figure
 from .commands.classify import classified, classify_results
+from .commands.merge import extended_text
 from .commands.run import execute, finished_case, plans
 from .figures import draw
 from .figures.artists import user_parameters
@@ -108,8 +109,8 @@ def _stored(cases: Sequence[Case], path: Path, jobs: int, classify: bool) -> lis
     named = {case.name: case for case in cases}
     if len(named) < len(cases):
         raise HodoError("two of the cases have one name: make each a Case with its own")
-    config = parse(composed_text(named), str(path))
-    execute(plans([config], path.parent, (), force=False, jobs=jobs), jobs, quiet=True)
+    config = parse(extended_text(path, named), str(path))
+    execute(plans([config], path.parent, [*named], force=False, jobs=jobs), jobs, quiet=True)
     if classify and (problems := classify_results([path])[1]):
         raise HodoError("\n".join(problems))
     results = cases_of_file(path)

@@ -522,7 +522,8 @@ def _merge(runs: tuple[Path, ...], out: Path) -> None:
     """Write the cases of RUNS into a new result.
 
     RUNS are results (*.h5), or configs with a result in runs/. The new one has their figures and
-    statements too; cases of one name must be equal.
+    statements too; cases of one name must be equal, and figures of one name that differ carry the
+    name of their result besides.
     """
     from . import tables
     from .commands import merge, show

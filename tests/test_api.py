@@ -113,12 +113,30 @@ def test_several_cases_give_a_list_and_a_file_that_commands_read(
     for command in ("show", "classify", "claims"):
         assert hodo(command, "runs/mine.h5").returncode == 0
     before = (tmp_path / "runs" / "mine.h5").read_bytes()
-    # What is there is not integrated again, and what is not named stays.
+    # What is there is not integrated again, and what is not named stays where it was.
     again = api.run(slow, to=tmp_path / "runs" / "mine.h5")
     assert again.attrs["run_time"] == datasets[1].attrs["run_time"]
-    assert list(api.open(tmp_path / "runs" / "mine.h5")) == ["slow", "case1"]
-    assert hodo("merge", "runs/mine.h5", "--out", "other.h5").returncode == 0
-    assert before != (tmp_path / "runs" / "mine.h5").read_bytes()
+    assert (tmp_path / "runs" / "mine.h5").read_bytes() == before
+
+
+def test_a_case_added_to_a_result_comes_last_and_takes_nothing_away(
+    tmp_path: Path, hodo: Hodo
+) -> None:
+    (tmp_path / "a.yaml").write_text(
+        "style: {width: 100}\ncases: {a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0, "
+        "initial: {p: 1, q: 1, r: 1}, time: {end: 9}}}\n"
+        "figures: {path: {kind: sphere, cases: a}}\n"
+    )
+    assert hodo("run", "a.yaml").returncode == 0
+    assert hodo("merge", "a.yaml", "--out", "runs/b.h5").returncode == 0
+    api.run(FIG4, name="Z", to=tmp_path / "runs" / "b.h5")
+    api.run(FIG4, name="B", to=tmp_path / "runs" / "b.h5")
+    assert list(api.open(tmp_path / "runs" / "b.h5")) == ["a", "Z", "B"]
+    done = hodo("plot", "runs/b.h5", "path", "--format", "svg")
+    assert done.stdout == f"{Path('runs/figures/b/path.svg')}\n"
+    assert 'width="283.4' in (tmp_path / done.stdout.strip()).read_text()[:2000]
+    with pytest.raises(HodoError, match=r"a.h5 holds the results of .*a.yaml.*: write elsewhere"):
+        api.run(FIG4, to=tmp_path / "runs" / "a.h5")
 
 
 @pytest.mark.parametrize(
@@ -324,7 +342,6 @@ def test_keys_of_a_figure_that_do_not_fit_each_other_are_refused() -> None:
         (swept, {"kind": "curve", "variable": "crossing_time"}, "^missing 'x'$"),
         (made, {"labels": ["a", "b"]}, "labels: expected one for each of 1 cases, got 2"),
         (made, {"kind": "series", "variables": ["G"], "span": [3, 2]}, "span: expected the lower"),
-        (made, {}, "no labels of the enclosed axis: classify it first"),
         (
             made,
             {"kind": "series", "variables": ["Gz"]},
@@ -333,6 +350,13 @@ def test_keys_of_a_figure_that_do_not_fit_each_other_are_refused() -> None:
     ):
         with pytest.raises(HodoError, match=message):
             api.plot(data, **keys)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", ["hodograph", "quadrants"])
+def test_a_motion_without_labels_is_drawn_and_its_legend_tells(kind: str) -> None:
+    made = api.run({**FIG4, "time": {"end": 10, "samples": 101}}, classify=False)
+    (legend,) = api.plot(made, kind=kind).legends
+    assert "not classified" in [text.get_text() for text in legend.get_texts()]
 
 
 def test_a_dataset_holds_plain_texts() -> None:

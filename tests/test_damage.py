@@ -397,6 +397,9 @@ def text_for_an_error(file: h5py.File) -> None:
     file["a"].attrs["error"] = "none"
 
 
+STRANGE_LABELS = "holds labels that are none, as after arithmetic with a whole dataset"
+
+
 def label_of_no_axis(file: h5py.File) -> None:
     file["a/enclosed_axis"][3] = 7
 
@@ -409,8 +412,8 @@ def label_of_no_axis_in_a_sweep(file: h5py.File) -> None:
     ("how", "said"),
     [
         (text_for_an_error, "a is damaged (its error is no number)"),
-        (label_of_no_axis, "a is damaged (its enclosed_axis holds labels that are none)"),
-        (label_of_no_axis_in_a_sweep, "s is damaged (its end_axis holds labels that are none)"),
+        (label_of_no_axis, f"a is damaged (its enclosed_axis {STRANGE_LABELS})"),
+        (label_of_no_axis_in_a_sweep, f"s is damaged (its end_axis {STRANGE_LABELS})"),
     ],
 )
 def test_compare_names_what_cannot_be_under_a_checksum_that_fits(

@@ -137,7 +137,9 @@ def test_implicit_methods_are_given_the_jacobian_and_no_others(method: str) -> N
         assert np.array_equal(solver.J, given)
 
 
-def test_compilation_counts_towards_the_limit_of_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compilation_does_not_count_towards_the_limit_of_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     really = engines.engine_for
 
     def slowly(*given: Any) -> Any:
@@ -147,8 +149,7 @@ def test_compilation_counts_towards_the_limit_of_time(monkeypatch: pytest.Monkey
     monkeypatch.setattr(engines, "engine_for", slowly)
     # Some milliseconds by themselves.
     case = diagonal((0.03, 0.02, 0.01), method="DOP853", time=Time(end=1.0, samples=3), error="off")
-    assert integrate(replace(case, max_seconds=10.0)).status == "ok"
-    assert integrate(replace(case, max_seconds=0.2)).status == "timeout"
+    assert integrate(replace(case, max_seconds=0.2)).status == "ok"
 
 
 @pytest.mark.parametrize("method", ["auto", "DOP853"])

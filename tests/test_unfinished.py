@@ -119,7 +119,7 @@ def use(path: Path) -> None:
     shown = call(folder, "show", "runs/a.h5", "--json")
     assert [row["case"] for row in json.loads(shown.stdout)] == ["first", "second"]
     drawn = call(folder, "plot", "runs/a.h5", "both", "--format", "csv")
-    assert "no labels" in drawn.stderr
+    assert "is not classified" in drawn.stderr
     assert warning in shown.stderr
     assert warning in drawn.stderr
     assert not path.exists()  # reading leaves no trace

@@ -200,7 +200,7 @@ TIME_KEYS = {
     ),
 }
 
-COLOUR = "what the colour of the curve shows"
+COLOUR = "what the colour of the curve shows; the axis is known once `hodo classify` has run"
 ZOOM = "adds a panel that shows the neighbourhood of the origin up to this size"
 
 INSET = Table(

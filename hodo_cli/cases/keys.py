@@ -85,7 +85,10 @@ COMMON = {
     ),
     "store": Key(NAMES, "variables to store, instead of the whole state", default=()),
     "max_seconds": Key(
-        Number(above=0), "run time after which the case stops, unfinished", "s", None
+        Number(above=0),
+        "seconds of integration, without compilation, after which the case stops, unfinished",
+        "s",
+        None,
     ),
     "max_steps": Key(
         Integer(least=1, most=10**15),

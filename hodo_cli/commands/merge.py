@@ -1,6 +1,7 @@
 """`hodo merge`: the cases, figures and statements of several results in a new one."""
 
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -14,15 +15,16 @@ from ..storage.finished_cases import FinishedCase, finished_cases
 from ..storage.hdf5 import ResultFile, open_run
 from ..storage.provenance import history_line, root_attributes
 from ..storage.writer import Writer
-from .resume import has_all_of, result_named
+from .plot import with_sheet
+from .resume import has_all_of, result_named, stored_config
 
 
 def merge_results(paths: Iterable[Path], out: Path) -> None:
     """Write a new result with the cases of some, which may be named by their configs; it carries
     their figures and statements too.
 
-    Raises HodoError if `out` is there already, if a result cannot be read, or if cases, figures or
-    statements of one name differ.
+    Raises HodoError if `out` is there already, if a result cannot be read, or as `merged_text`
+    does.
     """
     if os.path.lexists(out):
         raise HodoError(f"{out} is there already: take another name")
@@ -33,7 +35,7 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
         for path in results:
             for name, (item, *_) in finished_cases(path).items():
                 stored[name] = fuller(stored[name], item) if name in stored else item
-        text = merged_text(runs, stored)
+        text = merged_text(runs, stored, out)
     config = parse(text, str(out))
     history = history_line(f"hodo merge {' '.join(map(str, results))}")
     attributes = root_attributes(config.title, config.references, text, history)
@@ -59,10 +61,10 @@ def fuller(first: FinishedCase, second: FinishedCase) -> FinishedCase:
     raise HodoError(f"{first.name} is in {both} with different results: rename it in one config")
 
 
-def merged_text(runs: Sequence[ResultFile], stored: Mapping[str, FinishedCase]) -> str:
+def merged_text(runs: Sequence[ResultFile], stored: Mapping[str, FinishedCase], out: Path) -> str:
     """The case file of a merged result, with the stored cases as they were run.
 
-    Raises HodoError if cases or figures of one name differ.
+    Raises HodoError if cases of one name differ, or figures of one name in results of one name.
     """
     configs = [parse(run.text, str(run.path)) for run in runs]
     documents = [read_mapping(run.text, Mistakes(str(run.path))) for run in runs]
@@ -70,15 +72,12 @@ def merged_text(runs: Sequence[ResultFile], stored: Mapping[str, FinishedCase]) 
         name: parse_case(str(item.attributes["case"])) for name, item in stored.items()
     }
     figures: dict[str, Any] = {}
-    for config, document in zip(configs, documents, strict=True):
+    for run, config, document in zip(runs, configs, documents, strict=True):
         for name, case in config.cases.items():
             if dump(cases.setdefault(name, case), remarks=False) != dump(case, remarks=False):
                 raise HodoError(f"{config.path}: its case {name} differs from the stored one")
-        for name, figure in (document.get("figures") or {}).items():
-            if figures.setdefault(name, figure) != figure:
-                raise HodoError(
-                    f"{config.path}: another result has another figure {name}: rename one"
-                )
+        entries = document.get("figures") or {}
+        figures |= added_figures(figures, run, entries, config.figures, out)
     statements = {
         section: unique([entry for document in documents for entry in document.get(section) or ()])
         for section in ("claims", "errata")
@@ -86,6 +85,53 @@ def merged_text(runs: Sequence[ResultFile], stored: Mapping[str, FinishedCase]) 
     title = ", ".join(unique([config.title for config in configs if config.title]))
     references = "; ".join(unique([config.references for config in configs if config.references]))
     return composed_text(cases, title=title, references=references, figures=figures, **statements)
+
+
+def added_figures(
+    before: Mapping[str, Any],
+    run: ResultFile,
+    entries: Mapping[str, Any],
+    checked: Mapping[str, Mapping[str, Any]],
+    out: Path,
+) -> dict[str, Any]:
+    """The figures that a result adds to those `before` it, each with the style of its case file. If
+    another one has a name of theirs, all of them carry the name of their result too.
+
+    Raises HodoError if that does not tell them apart.
+    """
+    figures = {}
+    for name, entry in entries.items():
+        # A result without a config of its own counts from the folder that `runs` is in.
+        style = with_sheet(checked[name]["style"], run, out.parent.parent)
+        figures[name] = {**entry, "style": style} if style else entry
+    if not differing(before, figures):
+        return figures
+    suffix = "-" + re.sub(r"[^A-Za-z0-9._-]", "_", run.path.stem)
+    renamed = {}
+    for name, figure in figures.items():
+        scale = [f"{other}{suffix}" for other in checked[name].get("scale_with", ())]
+        renamed[f"{name}{suffix}"] = {**figure, "scale_with": scale} if scale else figure
+    if name := differing(before, renamed):
+        raise HodoError(f"{run.path}: another result has another figure {name}: rename a result")
+    return renamed
+
+
+def differing(before: Mapping[str, Any], figures: Mapping[str, Any]) -> str:
+    """The first of some figures whose name another one has; an empty string if there is none."""
+    return next((x for x, figure in figures.items() if before.get(x, figure) != figure), "")
+
+
+def extended_text(path: Path, cases: Mapping[str, Case]) -> str:
+    """The case file of a result with more cases, or others of the same names; of these alone if
+    there is no result yet. Raises HodoError if it cannot be read."""
+    if not os.path.lexists(path):
+        return composed_text(cases)
+    with open_run(path) as run:
+        document = read_mapping(run.text, Mistakes(str(path)))
+        cases = {**stored_config(run).cases, **cases}
+    for section in ("cases", "defaults"):
+        document.pop(section, None)
+    return composed_text(cases, **document)
 
 
 def unique(entries: Sequence[Any]) -> list[Any]:

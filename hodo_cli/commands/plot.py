@@ -54,18 +54,22 @@ def opened(name: Path) -> Iterator[tuple[ResultFile, Config]]:
     with open_batch(path) as run:
         warn_of_changes(run, config, "plot")
         config = config or stored_config(run)
+        figures = {
+            name: {**spec, "style": with_sheet(spec["style"], run, Path())}
+            for name, spec in config.figures.items()
+        }
         # Figures are drawn from the stored cases. A config without its own is quick to pickle.
-        folder = (run.path.parent / str(run.attributes.get(CONFIG_PATH, ""))).parent
-        figures = {name: with_sheet(spec, folder) for name, spec in config.figures.items()}
         yield run, replace(config, cases={}, figures=figures)
 
 
-def with_sheet(spec: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """A figure with the path of its style sheet, which its config gives from its own folder."""
-    sheet = str(spec["style"].get("sheet", ""))
+def with_sheet(style: dict[str, Any], run: ResultFile, base: Path) -> dict[str, Any]:
+    """The style of a figure of a result with the path of its style sheet from the folder `base`;
+    its config gives it from its own folder."""
+    sheet = str(style.get("sheet", ""))
     if not sheet.endswith(".mplstyle"):
-        return spec
-    return {**spec, "style": {**spec["style"], "sheet": os.path.normpath(folder / sheet)}}
+        return style
+    folder = (run.path.parent / str(run.attributes.get(CONFIG_PATH, ""))).parent
+    return {**style, "sheet": os.path.relpath(folder / sheet, base)}
 
 
 def split(names: Sequence[str]) -> tuple[list[Path], list[str]]:

@@ -133,7 +133,6 @@ class StepControl:
 
     def __post_init__(self) -> None:
         self.deadline = perf_counter() + self.max_seconds
-        # The limits are first checked after one step, which includes the compilation.
         self._next_check = 1.0
 
     def step(self, y: np.ndarray) -> bool:

@@ -39,18 +39,24 @@ YELLOW = "#F0E442"
 """The palette's own, too pale for a curve: it fills marks."""
 
 GREY, PALE_GREY = "#666666", "#8A8A8A"
-AXIS_COLOUR = {1: BLUE, 2: GREEN, 3: ORANGE, 4: PURPLE, 5: RED, 0: "#555555", -1: PALE_GREY}
+NOT_CLASSIFIED = -2
+"""Stands for the label of a motion that has none yet."""
 
-# All differ in line too, so that they are told apart in grey print.
+AXIS_COLOUR = {
+    **{1: BLUE, 2: GREEN, 3: ORANGE, 4: PURPLE, 5: RED, 0: "#555555", -1: PALE_GREY},
+    NOT_CLASSIFIED: BLACK,
+}
+
+# All differ in line too, so that they are told apart in grey print; a legend shows whole dashes.
 CYCLE = (
     (BLUE, "-"),
     (RED, (0, (5, 1.5))),
     (GREEN, (0, (5, 1.5, 1, 1.5))),
     (PURPLE, (0, (1, 1))),
-    (ORANGE, (0, (10, 1.5))),
-    (SKY, (0, (2.5, 1))),
+    (ORANGE, (0, (8.25, 1.5))),
+    (SKY, (0, (2.7, 1.1))),
     (BLACK, (0, (6, 1.5, 1, 1.5, 1, 1.5))),
-    (GREY, (0, (1, 2.5))),
+    (GREY, (0, (1, 2.4))),
 )
 DEFAULT_CYCLE = matplotlib.rcParamsDefault["axes.prop_cycle"]
 
@@ -68,8 +74,8 @@ TIME_COLOURS = 64
 START: Look = {"ls": "", "marker": "o", "ms": 4, "mfc": "white", "mec": BLACK, "mew": 0.6}
 END: Look = {"ls": "", "marker": "s", "ms": 2.8, "mfc": BLACK, "mec": BLACK, "mew": 0.6}
 CROSSING: Look = {"ls": "", "marker": "D", "ms": 3.6, "mfc": YELLOW, "mec": BLACK, "mew": 0.6}
-LAW_LOOK: Look = {"color": BLACK, "lw": 1.0, "ls": (0, (5, 2)), "zorder": 4}
-SEPARATRIX: Look = {"color": BLACK, "lw": 0.7, "ls": (0, (3, 2))}
+LAW_LOOK: Look = {"color": BLACK, "lw": 1.0, "ls": (0, (5, 1.5)), "zorder": 4}
+SEPARATRIX: Look = {"color": BLACK, "lw": 0.7, "ls": (0, (3.2, 2.1))}
 HALO = [patheffects.withStroke(linewidth=1.5, foreground="white")]
 
 
@@ -191,11 +197,15 @@ def palette(
         return colours, (since / (since[-1] or 1.0) * (TIME_COLOURS - 1)).astype(int)
     if colour == "axis":
         labels = sorted(AXIS_COLOUR)
-        return np.array([to_rgb(AXIS_COLOUR[x]) for x in labels]), np.searchsorted(
-            labels, motion.labels
-        )
+        codes = np.searchsorted(labels, labels_of(motion))
+        return np.array([to_rgb(AXIS_COLOUR[label]) for label in labels]), codes
     look = styles(index + 1, style_names)[index]
     return np.array([to_rgb(look["color"])]), np.zeros(len(motion.time), dtype=int)
+
+
+def labels_of(motion: Motion) -> np.ndarray:
+    """The enclosed axis at each sample (n,)."""
+    return motion.labels if motion.classified else np.full(len(motion.time), NOT_CLASSIFIED)
 
 
 def mark_points(
@@ -279,9 +289,10 @@ def ending(motion: Motion) -> tuple[str, str]:
 def axis_handles(motions: Sequence[Motion]) -> list[Line2D]:
     """Legend entries of the colours by enclosed axis that occur."""
     # A body at rest goes round no axis, and draws no curve.
-    moving = (motion.labels[motion.time <= motion.stop] for motion in motions)
+    moving = (labels_of(motion)[motion.time <= motion.stop] for motion in motions)
     present = {int(label) for labels in moving for label in np.unique(labels)}
     words = {0: "separatrix", -1: "undetermined", 4: "about both", 5: "unseparated"}
+    words[NOT_CLASSIFIED] = "not classified"
     return [
         Line2D([], [], color=AXIS_COLOUR[x], lw=1.5, label=words.get(x, f"about $x_{x}$"))
         for x in sorted(present, key=lambda label: (label < 1, label))

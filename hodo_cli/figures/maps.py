@@ -54,7 +54,7 @@ LEVEL: Look = {
 }
 """A contour, seen on every colour, and on a white page."""
 
-THEORY: Look = {"color": RED, "lw": 1.4, "ls": (0, (4, 1.5))}
+THEORY: Look = {"color": RED, "lw": 1.4, "ls": (0, (3.4, 1.4))}
 """A curve of theory over a map."""
 
 PLACES_OF_THEORY = 33

@@ -35,7 +35,9 @@ SHEET_STYLE: Look = {
     "ytick.labelsize": "small",
     "axes.linewidth": 0.5, "lines.linewidth": 1.0, "xtick.direction": "in", "ytick.direction": "in",
     "xtick.top": True, "ytick.right": True, "xtick.major.width": 0.5, "ytick.major.width": 0.5,
-    "legend.frameon": False, "legend.handlelength": 2.2, "axes.formatter.useoffset": False,
+    # 18 points of a line, at which no pattern of dashes ends within a dash.
+    "legend.handlelength": 2.57, "legend.handletextpad": 0.43,
+    "legend.frameon": False, "axes.formatter.useoffset": False,
     "axes.formatter.limits": (-5, 5), "axes.formatter.use_mathtext": True, "savefig.dpi": 300,
     "svg.hashsalt": "hodo", "pdf.fonttype": 42,
     # Right above a panel: to look for ticks there, which it never has, takes as long as to draw it.

@@ -135,11 +135,11 @@ def attempted(
     tolerance."""
     system = case.system
     events = system.run_events
-    # Before the engine, whose compilation counts towards max_seconds.
-    control = StepControl(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
     engine = engines.engine_for(method, system, events, tol, precision, is_timed(system, events))
-    # From here on, since compiling and imports are paid once for all cases of a model; and of this
-    # thread's processor, since the clock counts what else the machine does.
+    # Both times from here on, since compiling and imports are paid once for all cases of a model: a
+    # case must not run into its limit for being the first. `began` is of this thread's processor,
+    # since the clock counts what else the machine does.
+    control = StepControl(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
     began = thread_time()
     monitor = AccuracyMonitor(system, max(engine.tol, EPS)) if system.refined_data else None
     try:

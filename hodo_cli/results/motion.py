@@ -433,7 +433,8 @@ def wrong_labels(data: Mapping[Any, Array]) -> str:
     string if none does."""
     labelled = [name for name in ("enclosed_axis", *AXIS_LABELS) if name in data]
     wrong = [x for x in labelled if not np.isin(data[x].data, list(rigid_body.LABELS)).all()]
-    return f"its {wrong[0]} holds labels that are none" if wrong else ""
+    reason = "holds labels that are none, as after arithmetic with a whole dataset"
+    return f"its {wrong[0]} {reason}" if wrong else ""
 
 
 # What follows from the samples
