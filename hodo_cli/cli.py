@@ -405,7 +405,7 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> int:
     multiple=True,
     default=("png",),
     show_default=True,
-    help="gif and mp4 show what moves (repeatable).",
+    help="Format to write (repeatable); gif and mp4 are films, of figures of kind body.",
 )
 @_folder("runs/figures")
 @click.option("--force", is_flag=True, help="Draw unchanged figures again too.")

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+from itertools import product
 from pathlib import Path
 
 import h5py
@@ -57,8 +58,9 @@ def test_a_result_is_shown_and_drawn_without_naming_its_model_again(
     assert hodo("--models", "drag.py", "run", "a.yaml").returncode == 0
     # As it was when the result was made, whatever becomes of the file.
     (folder / "drag.py").write_text("raise SystemExit(7)")
-    for command in ("show", "classify", "plot"):
-        done = hodo(command, "a.yaml")
+    assert hodo("merge", "a.yaml", "--out", "b.h5").returncode == 0
+    for command, name in product(("show", "classify", "plot"), ("a.yaml", "b.h5")):
+        done = hodo(command, name)
         assert done.returncode == 0, done.stderr
     # A result may name no file that the user has not once named himself.
     with h5py.File(folder / "runs" / "a.h5", "a") as file:

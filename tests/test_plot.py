@@ -27,6 +27,7 @@ import hodo_cli as api
 from hodo_cli import HodoError, figures
 from hodo_cli.cases.config import load, parse
 from hodo_cli.cli import main
+from hodo_cli.figures.artists import SEPARATRIX
 from hodo_cli.figures.geometry import places_beside
 
 PAPERS = ("paper1", "paper2", "paper3")
@@ -408,7 +409,7 @@ def test_the_separatrix_of_a_sphere_is_that_of_its_body(
     keys = {**several.figures["ball"], "cases": ("case",), "scale_cases": []}
     sheet = figures.draw(keys, {"case": data})
     (scene,) = sheet.scenes.values()
-    circles = [line["points"] for line in scene.strokes if line["look"].get("ls") == (0, (3, 2))]
+    circles = [line["points"] for line in scene.strokes if line["look"] == SEPARATRIX]
     assert len(circles) == 2
     for circle in circles:
         np.testing.assert_allclose(np.linalg.norm(circle, axis=1), 1, rtol=1e-14)
@@ -516,7 +517,7 @@ def test_greek_letters_look_as_in_formulas(several: Drawings) -> None:
 
 def test_a_title_is_broken_between_words_and_never_in_a_formula(several: Drawings) -> None:
     assert several.draw("ball", title="Fig 1").figure.get_suptitle() == "Fig 1"
-    long = r"Fig 13: quadrants for $I_{11} = I_{13} = I_{31} = I_{33} = 0.005$, $|\omega(0)| = 1$"
+    long = r"Fig 13: quadrants of this body for $I_{11} = I_{13} = I_{31} = I_{33} = 0.005$, $|\omega(0)| = 1$"
     lines = several.draw("ball", title=long).figure.get_suptitle().splitlines()
     assert len(lines) > 1
     assert " ".join(lines) == long

@@ -141,7 +141,9 @@ LOOK = {
         default=None,
     ),
     "letters": Key(
-        Choice("yes", "no"), "letter the panels (a), (b), ... (default: no)", default=None
+        Choice("yes", "no"),
+        "letter the panels (a), (b), ... where there are several (default: no)",
+        default=None,
     ),
     "svg_text": Key(
         Choice("yes", "no"),
@@ -305,8 +307,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
         "level": Key(Number(), "draws a horizontal line at this value", default=None),
         "formula": Key(
             Each(FORMULA, "variables to formulas"),
-            "laws to hold curves against, drawn dashed over those of the variables: "
-            "`{G: 0.9*exp(-0.004*t)}`",
+            "laws to compare curves with, drawn dashed: `{G: 0.9*exp(-0.004*t)}`",
             default={},
         ),
         "passages": Key(
@@ -343,7 +344,9 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
             default=(),
         ),
         "range": Key(
-            INTERVAL, "ends of the colour scale (default: those of the values)", default=None
+            INTERVAL,
+            "ends of the colour scale (default: the least and the largest value)",
+            default=None,
         ),
         "level": Key(Number(), "over two axes: draws the contour of this value", default=None),
         "theory": Key(
@@ -360,7 +363,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
     | {
         "variable": SWEPT_VARIABLE,
         "x": Key(Text(), "axis of the sweep on the horizontal axis"),
-        "by": Key(Text(), "axis of the sweep of which each entry is a curve", default=None),
+        "by": Key(Text(), "axis of the sweep; each of its values has a curve", default=None),
         "at": Key(
             ListOf(Integer(least=0), least=0),
             "positions on `by`, counted from zero (default: all)",

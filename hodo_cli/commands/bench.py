@@ -23,9 +23,9 @@ from ..progress import Progress
 from ..results.trials import SLACK, TRIAL_VERDICTS, ULPS, Trial, trials_of
 from ..storage.group import Group, Variable
 from ..storage.output import create
-from ..storage.provenance import history_line, root_attributes
 from ..storage.staging import replacing
 from ..text import grouped, magnitude, markdown, seconds, table
+from .resume import attributes_by
 
 DIGITS = (3, 6, 9, 12)
 """The numbers of right digits for which the fastest method is named."""
@@ -81,10 +81,9 @@ def benchmark(config: Config, globs: Sequence[str], out: Path, jobs: int, quiet:
     if not (names := config.matching(globs)):
         raise no_case(globs, config.cases)
     bench = try_cases([config.cases[name] for name in names], config.bench, jobs, quiet)
-    name, history = Path(config.path).stem, history_line(f"hodo bench {config.path}")
-    attributes = root_attributes(config.title, config.references, config.text, history)
-    path = out / f"{name}.bench.h5"
-    with replacing(path) as draft, create(draft, attributes) as output:
+    name = Path(config.path).stem
+    attributes = attributes_by(f"bench {config.path}", config)
+    with replacing(out / f"{name}.bench.h5") as draft, create(draft, attributes) as output:
         output.write("bench", bench)
     save(draw_bench(bench, TRIAL_VERDICTS), out / "figures" / f"{name}.png")
     return bench

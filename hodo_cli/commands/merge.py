@@ -13,10 +13,9 @@ from ..cases.config import composed_text, parse
 from ..schema.mistakes import Mistakes
 from ..storage.finished_cases import FinishedCase, finished_cases
 from ..storage.hdf5 import ResultFile, open_run
-from ..storage.provenance import history_line, root_attributes
 from ..storage.writer import Writer
 from .plot import with_sheet
-from .resume import has_all_of, result_named, stored_config
+from .resume import attributes_by, has_all_of, result_named, stored_config
 
 
 def merge_results(paths: Iterable[Path], out: Path) -> None:
@@ -37,8 +36,7 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
                 stored[name] = fuller(stored[name], item) if name in stored else item
         text = merged_text(runs, stored, out)
     config = parse(text, str(out))
-    history = history_line(f"hodo merge {' '.join(map(str, results))}")
-    attributes = root_attributes(config.title, config.references, text, history)
+    attributes = attributes_by(f"merge {' '.join(map(str, results))}", config)
     with Writer(out, attributes, tuple(config.cases)) as writer:
         for item in stored.values():
             if not writer.keep(item):

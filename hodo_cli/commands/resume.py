@@ -18,6 +18,7 @@ from ..schema.document import YAML_SUFFIXES
 from ..storage.finished_cases import FinishedCase
 from ..storage.group import Group
 from ..storage.hdf5 import ResultFile
+from ..storage.provenance import OWN_MODELS, history_line, root_attributes
 from ..storage.staging import staging_folders
 from ..storage.update import holds
 
@@ -103,6 +104,14 @@ def path_from(config: Config, path: Path) -> str:
     """Where a config lies, seen from the folder of its result: a project that is moved as a whole
     keeps this path."""
     return os.path.relpath(os.path.realpath(config.path), os.path.realpath(path.parent))
+
+
+def attributes_by(command: str, config: Config) -> dict[str, str | int]:
+    """The root attributes of a result of a config that a command with its arguments makes; they
+    name the user's own models."""
+    history = history_line(f"hodo {command}")
+    made = root_attributes(config.title, config.references, config.text, history)
+    return {**made, OWN_MODELS: names} if (names := models.kept_own_models()) else made
 
 
 def check_origin(config: Config, run: ResultFile, remedy: str = "") -> None:

@@ -14,7 +14,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .. import NOT_OF_A_CASE, HodoError, models
+from .. import NOT_OF_A_CASE, HodoError
 from ..batch.digests import digest
 from ..batch.memory import check_disk, check_memory
 from ..batch.pool import Pool, pool
@@ -28,13 +28,14 @@ from ..results.layout import SUMMARY
 from ..storage.finished_cases import FinishedCase, finished_cases
 from ..storage.group import Group
 from ..storage.hdf5 import open_run
-from ..storage.provenance import OWN_MODELS, history_line, root_attributes, typed
+from ..storage.provenance import typed
 from ..storage.staging import check_writable, chunks_in, staging_folders
 from ..storage.writer import Writer
 from ..text import NAMES_LISTED, abridged, file_name_fault, grouped
 from .resume import (
     CONFIG_PATH,
     FORCED,
+    attributes_by,
     case_digest,
     check_origin,
     has_all_of,
@@ -132,7 +133,9 @@ class Plan:
         """
         self._announce(progress)
         before, old = labelled(self.path, self.old), self.old
-        with Writer(self.path, self._root_attributes(), tuple(self.config.cases)) as writer:
+        attributes = attributes_by(f"run {self.config.path}", self.config)
+        attributes[CONFIG_PATH] = path_from(self.config, self.path)
+        with Writer(self.path, attributes, tuple(self.config.cases)) as writer:
             pending = self._take_over(writer)
             cases = [self.config.cases[name] for name in pending]
             rows: dict[str, dict[str, Any]] = {}
@@ -187,13 +190,6 @@ class Plan:
         warned = ((text, name) for name in self.reasons for text in foreseen(cases[name]))
         for warning, names in grouped(warned).items():
             progress.say(f"{', '.join(abridged(names, NAMES_LISTED))}: warning: {warning}")
-
-    def _root_attributes(self) -> dict[str, str | int]:
-        config = self.config
-        history = history_line(f"hodo run {config.path}")
-        made = root_attributes(config.title, config.references, config.text, history)
-        own = {OWN_MODELS: names} if (names := models.kept_own_models()) else {}
-        return {**made, **own, CONFIG_PATH: path_from(config, self.path)}
 
     def _rows(self, reached: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
         """How the cases asked for have ended: now, or when they were stored."""

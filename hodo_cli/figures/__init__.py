@@ -22,6 +22,7 @@ from ..results.dataset import MOTION_DIMS, Cases, case_in, motions_of, sweep_axe
 from ..results.motion import Motion
 from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..schema.kinds import Wrong, unknown
+from ..sweeps.view import SweepView
 from ..text import case_words
 from .artists import finish_figure, matplotlib_parameters
 from .body import body
@@ -29,7 +30,7 @@ from .costs import cost, error_order, share
 from .files import save
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
-from .sheet import FILMS, SHEET_STYLE, Drawing, Sheet, check_tex, lighten, slanted, text_size
+from .sheet import FILMS, SHEET_STYLE, Drawing, Sheet, lighten, slanted, text_size, text_width
 from .space import axis_trace, herpolhode, hodograph, sphere
 
 if TYPE_CHECKING:
@@ -80,11 +81,10 @@ def draw(
     style = merged_style(spec["style"])
     look = {**SHEET_STYLE, **rc, **matplotlib_parameters(style)}
     with matplotlib.style.context(["default", look]):
-        drawing = Drawing(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06))
+        drawing = Drawing(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06, wspace=0.04))
         drawing.parameters = look
         for text in (*spec["labels"], f"${spec.get('time', 't')}$"):
-            check_tex(text, text_size("legend.fontsize"))
-        check_tex(spec["title"], text_size("figure.titlesize"))
+            text_width(text, text_size("legend.fontsize"))  # which finds mistakes in its TeX
         sheet = Sheet(drawing)
         sheet.units, sheet.time = column_units(spec, cases), spec.get("time", "t")
         DRAW[spec["kind"]](sheet, spec, cases)
@@ -114,11 +114,13 @@ def remarks_on(spec: Mapping[str, Any], cases: Cases) -> list[str]:
 
 
 def column_units(spec: Mapping[str, Any], cases: Cases) -> Callable[[str], str]:
-    """The units of a column of a figure's values by its name: the units of its motions, which all
-    share them; "1" for a sweep, whose values are plain numbers."""
+    """The units of a column of a figure's values by its name: the units of its motions or sweeps,
+    which all share them."""
     name = next(iter(spec.get("cases", ())), "")
-    if not name or sweep_axes(cases[name]):
+    if not name:
         return lambda column: "1"
+    if sweep_axes(cases[name]):
+        return SweepView.of(name, cases[name]).units
     return Motion(case_in(cases[name], case_words(name)), cases[name].variables).units
 
 

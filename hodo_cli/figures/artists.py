@@ -25,7 +25,7 @@ from ..results.motion import Motion
 from ..schema.kinds import unknown
 from ..text import abridged
 from .geometry import stretches, windings
-from .sheet import LETTER, Look, Sheet, check_tex, letters, text_size, title_lines
+from .sheet import Look, Sheet, text_lines, text_size, text_width
 
 COLUMN, PAGE = 84 / 25.4, 174 / 25.4
 """Widths of a journal's column and page, inches."""
@@ -221,8 +221,8 @@ def mark_points(
         marks.set_in_layout(False)
 
 
-NUMBER_ROOM = 0.03
-"""The part of a panel that a number takes, about 6 points of 200."""
+NUMBER_ROOM = 0.04
+"""The part of a panel that a number takes, about 8 points of 200."""
 
 
 def number_marks(axes: Axes, crossings: np.ndarray, frame: np.ndarray | None = None) -> None:
@@ -341,7 +341,7 @@ def plane_curve(
 
 def filled(label: str, length: float) -> str:
     """The label of an axis in lines of a length in inches."""
-    return textwrap.fill(label, int(72 * length / (LETTER * text_size("axes.labelsize"))))
+    return "\n".join(text_lines(label, length, text_size("axes.labelsize")))
 
 
 def line_width(motion: Motion) -> float:
@@ -473,7 +473,7 @@ def finish_figure(sheet: Sheet, spec: Mapping[str, Any], style: Mapping[str, Any
     panels = [axes for axes in sheet.figure.axes if axes.get_subplotspec() is not None]
     for axes in panels:
         set_scales(axes, style)
-    if style.get("letters") == "yes":
+    if style.get("letters") == "yes" and len(panels) > 1:
         for axes, letter in zip(panels, ascii_lowercase, strict=False):
             axes.set_title(f"({letter})", loc="left")
     width, height = sheet.figure.get_size_inches()
@@ -481,9 +481,10 @@ def finish_figure(sheet: Sheet, spec: Mapping[str, Any], style: Mapping[str, Any
     new_width = (
         wanted[style.get("width")] if style.get("width") in wanted else style["width"] / 25.4
     )
-    lines = title_lines(spec["title"], new_width) if spec["title"] else []
+    size = text_size("figure.titlesize")
+    lines = text_lines(spec["title"], 0.97 * new_width, size) if spec["title"] else []
     # The panels keep their shape: a line of the title is 1.7 times as high as its letters.
-    new_height = height * new_width / width + 1.7 / 72 * text_size("figure.titlesize") * len(lines)
+    new_height = height * new_width / width + 1.7 / 72 * size * len(lines)
     sheet.figure.set_size_inches(new_width, style.get("height", 25.4 * new_height) / 25.4)
     if lines:
         sheet.figure.suptitle("\n".join(lines))
@@ -506,7 +507,7 @@ def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:
                 lowest = getattr(axes.dataLim, f"minpos{axis}")
                 getattr(axes, f"set_{axis}lim")(lowest, None)
         if label := style.get(f"{axis}label"):
-            check_tex(label, text_size("axes.labelsize"))
+            text_width(label, text_size("axes.labelsize"))  # which finds mistakes in its TeX
             if getattr(axes, f"get_{axis}label")():
                 axes.set(**{f"{axis}label": label})
     axes.set(**{name: style[name] for name in ("xlim", "ylim") if name in style})
@@ -531,8 +532,9 @@ def legend_columns(sheet: Sheet) -> int:
     """The most columns of a legend that fit into the width of its figure, with rows as full as each
     other."""
     size = text_size("legend.fontsize")
-    # A letter is half as wide as its size, and a line with its gaps 4.2 times as wide.
-    widths = [size * (4.2 + 0.5 * letters(str(handle.get_label()))) for handle in sheet.legend]
+    labels = (str(handle.get_label()).splitlines() for handle in sheet.legend)
+    # A line with its gaps is 4.2 times as wide as the size of the letters.
+    widths = [4.2 * size + max(text_width(line, size) for line in lines) for lines in labels]
     room = 72 * sheet.figure.get_figwidth()
     fitting = (
         n

@@ -213,7 +213,8 @@ def draw_moment(axes: Axes, film: Film, i: int) -> None:
         name = re.sub(r"(\d)", r"_\1", part.name)
         axes.text(*pair(place), f"${name}$", **look, zorder=6)
     frame_space(axes)
-    axes.set_title(f"{film.words[0]}{film.time[i]:.4g}{film.words[1]}", color=BLACK)
+    symbol, unit = film.words
+    axes.set_title(f"${symbol}{film.time[i]:.4g}${unit}", color=BLACK)
 
 
 def frame_space(axes: Axes) -> None:

@@ -56,12 +56,13 @@ function spaceOf(panel) {
       first = k;
     }
   }
-  function line({ stroke, first, end }) {
+  function line({ stroke, first, end, layer }) {
     const look = stroke.look, width = look.lw ?? 1;
     if (look.ls === "" || !width) return;
     pen.beginPath();
     for (const [x, y] of stroke.seen.slice(first, end + 1)) pen.lineTo(x, y);
-    pen.strokeStyle = stroke.colours[codeOf(stroke, first)];
+    // Mixed with white and not transparent: many turns on one another would make the full colour.
+    pen.strokeStyle = `color-mix(in srgb, ${stroke.colours[codeOf(stroke, first)]} ${100 * opacity(layer)}%, white)`;
     pen.lineWidth = width * point;
     pen.setLineDash(Array.isArray(look.ls) ? look.ls[1].map((part) => part * pen.lineWidth) : []);
     pen.stroke();
@@ -113,8 +114,9 @@ function spaceOf(panel) {
     for (const stroke of panel.strokes) project(stroke, M, scale);
     const all = panel.strokes.flatMap((stroke) => [...pieces(stroke)]);
     for (const piece of all.sort((a, b) => a.layer - b.layer)) {
-      pen.globalAlpha = opacity(piece.layer);
+      pen.globalAlpha = 1;
       line(piece);
+      pen.globalAlpha = opacity(piece.layer);
       for (let k = piece.first; k < piece.end; k++) {
         if (piece.stroke.look.marker) mark(piece.stroke, k);
         if (piece.stroke.look.ls !== "" && piece.stroke.texts[k]) word(piece.stroke, k);

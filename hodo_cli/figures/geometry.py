@@ -68,15 +68,20 @@ def places_beside(
     # 200 points of each curve place a name as well as 20,000 would.
     thinned = [curve[:: max(1, len(curve) // 200)] for curve in curves]
     taken = np.concatenate([line[:: max(1, len(line) // 400)] for line in (*curves, *lines)])[:, :2]
+    names: list[np.ndarray] = []
     turn = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     ring = away * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     for i, curve in enumerate(thinned):
         near = curve[curve[:, 2] > 0] if (curve[:, 2] > 0).any() else curve
+        # Names side by side would read as one.
+        apart = [p for p in near if all(math.dist(p[:2], name) > 3 * away for name in names)]
+        near = np.array(apart or near)
         others = np.concatenate([*thinned[:i], *thinned[i + 1 :]] or [curve[:1]])
         around = near[clearest(others, near), :2] + ring
         inside = around[np.hypot(*around.T) < RIM]
         place = inside[clearest(taken, inside)]
         taken = np.concatenate([taken, [place]])
+        names.append(place)
         yield place
 
 

@@ -470,7 +470,9 @@ def map_label(sweeps: Sequence[SweepView], spec: Mapping[str, Any]) -> str:
     over = dict.fromkeys(
         axis for swept in sweeps for axis in averaged(spec, swept.axes, swept.sphere)
     )
-    return f"{shown}, mean over {', '.join(over)}" if over else shown
+    words = f"{shown}, mean over {', '.join(over)}" if over else shown
+    units = sweeps[0].units(name)
+    return words if units == "1" else f"{words} [{with_superscripts(units)}]"
 
 
 def meanings(swept: SweepView, variable: str) -> dict[int, str]:

@@ -270,44 +270,42 @@ class CachedMathText(MathTextParser):  # type: ignore[type-arg]
 FORMULAS = CachedMathText(SET_FOR)
 
 
-def check_tex(text: str, size: float) -> None:
-    """Raise HodoError if the formulas in a text of a size, between dollar signs, cannot be set
-    within the parameters of its figure."""
+def text_width(text: str, size: float) -> float:
+    """The width in points of a text of a size. Raises HodoError if its formulas, between dollar
+    signs, cannot be set within the parameters of its figure."""
+    dpi: float = matplotlib.rcParams["savefig.dpi"]
+    # Dollars that are no pair are sums of money.
+    formula = text if is_math_text(text) else text.replace("$", r"\$")
     try:
-        # Before drawing: matplotlib would find the mistake only when it saves, and not say which
-        # text is meant. Set as it will be drawn, a formula is set only once.
-        if is_math_text(text):
-            FORMULAS.parse(text, matplotlib.rcParams["savefig.dpi"], FontProperties(size=size))
+        # Before drawing: matplotlib would find a mistake only when it saves, and not say which text
+        # is meant. Set as it will be drawn, a formula is set only once.
+        parsed = FORMULAS.parse(formula, dpi, FontProperties(size=size))
     except ValueError as error:
         what = str(error).strip().splitlines()[-1]
         raise HodoError(f"{text!r} is not TeX that matplotlib knows ({what})") from None
+    return 72 / dpi * float(parsed.width)
 
 
-def title_lines(title: str, width: float) -> list[str]:
-    """A title in lines that fit into a figure of this width in inches, with no formula broken."""
-    lines: list[list[str]] = [[]]
-    room = 72 * width / (LETTER * text_size("figure.titlesize"))
+def text_lines(text: str, width: float, size: float) -> list[str]:
+    """A text of a size in lines that fit into a width in inches, with no formula broken. Raises
+    HodoError as `text_width` does."""
+    # The whole first: a line that fits is set only once.
+    if text_width(text, size) <= 72 * width:
+        return [text]
+    lines: list[str] = []
     # matplotlib's own wrapping breaks lines at the spaces inside formulas too.
-    for word in re.findall(r"(?:\$[^$]*\$|\S)+", title):
-        if lines[-1] and letters(" ".join([*lines[-1], word])) > room:
-            lines.append([])
-        lines[-1].append(word)
-    return [" ".join(line) for line in lines]
+    for word in re.findall(r"(?:\$[^$]*\$|\S)+", text):
+        if lines and text_width(longer := f"{lines[-1]} {word}", size) <= 72 * width:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return lines
 
 
 def text_size(name: str) -> float:
     """The size in points of a text, by the name of matplotlib's parameter."""
     parameters: Any = matplotlib.rcParams
     return float(FontProperties(size=parameters[name]).get_size_in_points())
-
-
-LETTER = 0.53
-"""The width of a letter of a title in units of its size, on the mean."""
-
-
-def letters(text: str) -> int:
-    """About how many letters a text with formulas shows: a TeX command counts as one."""
-    return len(re.sub(r"[${}_^\\]", "", re.sub(r"\\[A-Za-z]+", "x", text)))
 
 
 class TickText(ScalarFormatter):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
@@ -427,13 +428,13 @@ def unit_vectors(motion: Motion) -> np.ndarray:
 
 
 def on_sphere(axes: Axes, seen: np.ndarray, **style: Any) -> None:
-    """A curve in view (n, 3) on the sphere, faint on the far side."""
-    for piece in stretches(seen[:, 2] >= 0):
-        front = seen[piece.start, 2] >= 0
-        axes.plot(
-            seen[piece, 0],
-            seen[piece, 1],
-            **style,
-            alpha=1 if front else 0.35,
-            zorder=3 if front else 2,
-        )
+    """A curve in view (n, 3) on the sphere, pale on the far side."""
+    # No alpha, of which many turns on one another would make the full colour.
+    looks = [{**style, "zorder": 3}, {**style, "zorder": 2, "color": pale(style["color"])}]
+    for piece in stretches(seen[:, 2] < 0):
+        axes.plot(seen[piece, 0], seen[piece, 1], **looks[int(seen[piece.start, 2] < 0)])
+
+
+def pale(colour: Any) -> np.ndarray:
+    """A colour (3,) as it is shown where it is on the far side of a globe."""
+    return 1 - 0.35 * (1 - np.array(to_rgb(colour)))

@@ -61,7 +61,7 @@ def law_mapping(unit: str, t: str) -> Variant:
                 "exponent": Key(Number(), f"the law is value (1 + rate {t})^exponent"),
             },
             "polynomial": {
-                "coefficients": Key(ListOf(Number()), f"those of 1, {t}, {t}^2, ...", unit),
+                "coefficients": Key(ListOf(Number()), f"coefficients of 1, {t}, {t}^2, ...", unit),
             },
         },
         "which law",
