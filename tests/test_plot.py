@@ -517,7 +517,8 @@ def test_greek_letters_look_as_in_formulas(several: Drawings) -> None:
 
 def test_a_title_is_broken_between_words_and_never_in_a_formula(several: Drawings) -> None:
     assert several.draw("ball", title="Fig 1").figure.get_suptitle() == "Fig 1"
-    long = r"Fig 13: quadrants of this body for $I_{11} = I_{13} = I_{31} = I_{33} = 0.005$, $|\omega(0)| = 1$"
+    formulas = r"$I_{11} = I_{13} = I_{31} = I_{33} = 0.005$, $|\omega(0)| = 1$"
+    long = f"Fig 13: quadrants of this body for {formulas}"
     lines = several.draw("ball", title=long).figure.get_suptitle().splitlines()
     assert len(lines) > 1
     assert " ".join(lines) == long
