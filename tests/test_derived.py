@@ -179,6 +179,7 @@ defaults:
 cases:
   one: {BODY}
   some: {BODY, store: [omega], sweep: {initial.p: {values: [1, 2]}}}
+  mean: {BODY, form: averaged, damping: 0.01, store: [k2]}
 """
 
 
@@ -193,6 +194,9 @@ cases:
     ("figures: {f: {kind: curve, cases: some, variable: psi, x: initial.p}}",
      "a.yaml:6:106: figures.f.variable: the `store:` of case some leaves out attitude at the ends "
      "of members, which psi needs"),
+    ("figures: {f: {kind: series, cases: mean, variables: [J]}}",
+     "figures.f.variables.0: the `store:` of case mean leaves out momentum and kinetic_energy, "
+     "which J needs"),
     ("claims: [{id: a, where: b, statement: c, cases: [one], expect: reproduced, check: "
      "{kind: conserved, of: [T]}}]",
      "a.yaml:2:10: claims.0.check: the `store:` of case one leaves out omega, which T needs"),

@@ -30,7 +30,7 @@ from ..schema.kinds import (
     unknown_names,
     within,
 )
-from .derived import COMPONENTS, DERIVED, constants_of, lack_of, missing
+from .derived import COMPONENTS, DERIVED, constants_of, lack_of
 from .figure_block import FORMULA
 from .sweep_block import SWEEP, axes_of, check_axes, first_values
 
@@ -439,8 +439,9 @@ def _check_quantities(
         variables = (case.store if is_stored else ()) or case.system.variables
         sources = {*variables, *constants_of(case.system, case.data)}
         base = name.partition(".")[0]
-        if base in DERIVED and base not in sources and (lacks := missing(base, sources)):
-            yield (), lack_of(case, lacks, name)
+        follows = base in DERIVED and base not in sources
+        if follows and (message := lack_of(case, base, sources, name)):
+            yield (), message
             return
 
 

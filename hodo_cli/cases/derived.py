@@ -101,11 +101,13 @@ def constants_of(system: Model, data: Mapping[str, Any]) -> set[str]:
     return names | {"kappa"} if has_fluid else names
 
 
-def missing(name: str, sources: Collection[str]) -> list[str]:
-    """All that a quantity needs besides these stored variables and constants; an empty list where
-    it follows from them."""
-    every = ([need for need in needs if need not in sources] for needs in DERIVED[name].needs)
-    return min(every, key=bool)
+def missing(name: str, sources: Collection[str], known: Collection[str] = ()) -> list[str]:
+    """All that a quantity needs, or that a variable is, besides these stored variables and
+    constants; an empty list where it follows from them. Of several sets that would do it names the
+    first that lacks `known` variables only."""
+    sets = DERIVED[name].needs if name in DERIVED else ((name,),)
+    every = ([need for need in needs if need not in sources] for needs in sets)
+    return min(every, key=lambda lacks: (bool(lacks), not {*lacks} <= {*known}))
 
 
 def derivable(sources: Collection[str]) -> list[str]:
@@ -131,17 +133,21 @@ class LeftOut(str):
         return message
 
 
-def lack_of(case: Any, lacks: Sequence[str], name: str) -> str:
-    """What is wrong with a case that lacks variables and constants, which a quantity or a figure of
-    this name needs, and what mends it."""
+def lack_of(case: Any, name: str, sources: Collection[str], user: str) -> str:
+    """What is wrong with a case that lacks what a variable or quantity, which the `user` names,
+    needs besides these variables and constants, and what mends it; an empty string if it has all.
+    """
+    known = case.system.variables
+    if not (lacks := missing(name, sources, known)):
+        return ""
     variables = " and ".join(lacks)
     if case.leaves_out(lacks):
         where = " at the ends of members" if case.sweep else ""
-        return LeftOut(case.name, f"{variables}{where}, which {name} needs")
-    remedy = remedy_of([x for x in lacks if x not in case.system.variables])
+        return LeftOut(case.name, f"{variables}{where}, which {user} needs")
+    remedy = remedy_of([x for x in lacks if x not in known])
     if remedy and case.store:
         remedy += f", and {variables} in its `store:`"
-    return f"{case_words(case.name)} has no {variables}, which {name} needs{remedy}"
+    return f"{case_words(case.name)} has no {variables}, which {user} needs{remedy}"
 
 
 def remedy_of(lacks: Sequence[str]) -> str:

@@ -505,12 +505,12 @@ def _unfit(kind: str | None, case: Drawable) -> str:
         return f"{words} is no sweep"
     if case.axes and not is_swept:
         return f"{words} is a sweep, which only {' and '.join(SWEPT_KINDS[:2])} draw"
-    if kind in KINDS_IN_SPACE and (lacks := missing(KINDS_IN_SPACE[kind], case.sources)):
-        return lack_of(case.case, lacks, kind)
+    if kind in KINDS_IN_SPACE:
+        return lack_of(case.case, KINDS_IN_SPACE[kind], case.sources, kind)
     if kind not in KINDS_OF_BODIES or case.variables.get("omega") == "axis":
         return ""
     if case.case.leaves_out(["omega"]):
-        return lack_of(case.case, ["omega"], kind)
+        return lack_of(case.case, "omega", case.sources, kind)
     return f"{words} stores no angular velocity in body axes, which a {kind} needs"
 
 
@@ -535,13 +535,12 @@ def _wrong_variable(name: str, case: Drawable) -> str:
     string if it does. A vector needs a component, and a number has none."""
     base, _, component = name.partition(".")
     dims = [case.variables[base]] if base in case.variables else []
-    lacks = missing(base, case.sources) if base in DERIVED else [base]
-    if not lacks:
+    if base in DERIVED and not missing(base, case.sources):
         dims.append(DERIVED[base].dim)
     if any(name in component_names(base, dim) for dim in dims):
         return ""
     if not dims and (base in DERIVED or base in case.case.system.variables):
-        return lack_of(case.case, lacks, name)
+        return lack_of(case.case, base, case.sources, name)
     if not dims:
         valid = dict.fromkeys([*derivable_numbers(case.sources), *case.variables])
         return unknown(f"variable {name!r} of {case_words(case.name)}", base, list(valid))

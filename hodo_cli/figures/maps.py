@@ -465,8 +465,8 @@ def map_label(sweeps: Sequence[SweepView], spec: Mapping[str, Any]) -> str:
         return f"{SHARE}{component} is the {meaning}"
     shown = f"{meaning}, here {component}" if component else meaning
     if name in OF_ATTITUDE:
-        # What it means takes a sentence, which is longer than an axis.
-        shown = f"${symbol(spec['variable'])}$" + " [rad]" * (attributes["units"] == "rad")
+        # Its meaning takes a sentence, which is longer than an axis.
+        shown = f"${symbol(spec['variable'])}$"
     over = dict.fromkeys(
         axis for swept in sweeps for axis in averaged(spec, swept.axes, swept.sphere)
     )

@@ -24,7 +24,6 @@ from ..cases.derived import (
     constants_of,
     derivable_numbers,
     lack_of,
-    missing,
 )
 from ..cases.figure_block import FORMULA
 from ..cases.sweep_block import AXIS_LABELS
@@ -106,8 +105,8 @@ class Motion:
 
         Raises HodoError if the case lacks what it needs.
         """
-        if lacks := missing(name, self.sources):
-            raise HodoError(lack_of(self.case, lacks, name))
+        if message := lack_of(self.case, name, self.sources, name):
+            raise HodoError(message)
         values = QUANTITIES[name](self)
         if name in ANGLES_THAT_TURN:
             known = np.isfinite(values)

@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..cases.derived import BODY_AXES, DERIVED, PARTS, constants_of, lack_of, missing
+from ..cases.derived import BODY_AXES, DERIVED, PARTS, constants_of, lack_of
 from ..cases.sweep_block import path_of
 from ..models.rigid_body import BodyFrame
 from ..results.dataset import (
@@ -191,8 +191,8 @@ class SweepView:
 
         Raises HodoError if the sweep lacks what it needs.
         """
-        if lacks := missing(name, self.sources):
-            raise HodoError(lack_of(self.case, lacks, name))
+        if message := lack_of(self.case, name, self.sources, name):
+            raise HodoError(message)
         bodies = [
             axis
             for axis in self.axes
