@@ -142,8 +142,10 @@ def body(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
 def film_of(motion: Motion, spec: Mapping[str, Any]) -> Film:
     """The film of a motion, within the span of its figure."""
     span = within_span(motion, spec["span"])
-    count = len(motion.time[span])
-    index = np.arange(len(motion.time))[span][:: -(-count // MOST_SAMPLES)]
+    within = np.arange(len(motion.time))[span]
+    # The last one too: a film and its printed moments end with the motion.
+    places = np.linspace(0, len(within) - 1, min(len(within), MOST_SAMPLES))
+    index = within[places.round().astype(int)]
     turned = rotations(motion)[index]
     # Whatever the units; of two lengths, since both often point the same way.
     G, omega = (
@@ -214,7 +216,7 @@ def draw_moment(axes: Axes, film: Film, i: int) -> None:
         axes.text(*pair(place), f"${name}$", **look, zorder=6)
     frame_space(axes)
     symbol, unit = film.words
-    axes.set_title(f"${symbol}{film.time[i]:.4g}${unit}", color=BLACK)
+    axes.set_title(f"${symbol}{film.time[i]:.6g}${unit}", color=BLACK)
 
 
 def frame_space(axes: Axes) -> None:
