@@ -4,14 +4,17 @@ it."""
 import contextlib
 import json
 import os
+import pickle
+import resource
 import subprocess
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Sequence
 from functools import cache, lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn, cast
 
 import pytest
 from click.testing import CliRunner
@@ -98,6 +101,49 @@ def call(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
             main, [*map(str, arguments)], prog_name="hodo"
         )
     return subprocess.CompletedProcess(arguments, done.exit_code, done.stdout, done.stderr)
+
+
+def call_apart(
+    folder: Path,
+    *arguments: object,
+    cwd: Path | None = None,
+    preexec_fn: Callable[[], object] = lambda: None,
+    **options: Any,
+) -> subprocess.CompletedProcess[str]:
+    """`call` in a copy of this process, in which only the other libraries are loaded, and which
+    ends with what the command changes: the models that it adds, its limits. Other options of
+    subprocess.run take `run_hodo`."""
+    if options:
+        return run_hodo(folder, *arguments, cwd=cwd or folder, preexec_fn=preexec_fn, **options)
+    with tempfile.TemporaryDirectory() as place:
+        answer = Path(place, "answer")
+        if not (child := os.fork()):
+            _answer(answer, cwd or folder, arguments, preexec_fn)
+        os.waitpid(child, 0)
+        return cast(subprocess.CompletedProcess[str], pickle.loads(answer.read_bytes()))
+
+
+def limit(kind: int, most: int) -> None:
+    """Set a limit of this process, such as resource.RLIMIT_FSIZE, which it may lift again."""
+    resource.setrlimit(kind, (most, resource.getrlimit(kind)[1]))
+
+
+def _answer(
+    answer: Path, folder: Path, arguments: Sequence[object], preexec_fn: Callable[[], object]
+) -> NoReturn:
+    """Call `hodo`, store what it did, and end this process."""
+    # A new process knows no models yet, for instance.
+    for name in [name for name in sys.modules if name.partition(".")[0] == "hodo_cli"]:
+        del sys.modules[name]
+    try:
+        preexec_fn()
+        done = call(folder, *arguments)
+    except BaseException:
+        done = subprocess.CompletedProcess(arguments, 1, "", traceback.format_exc())
+    for kind in (resource.RLIMIT_FSIZE, resource.RLIMIT_NOFILE):
+        limit(kind, resource.getrlimit(kind)[1])
+    answer.write_bytes(pickle.dumps(done))
+    os._exit(0)
 
 
 @cache

@@ -8,13 +8,14 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import Hodo, call
+from conftest import Hodo, call, call_apart, limit
 
 from hodo_cli.cli import main
 
@@ -277,18 +278,15 @@ def test_a_locked_file(folder: Path, hodo: Hodo) -> None:
             assert done.stderr == "two.h5: locked: another program has it open for writing\n"
 
 
-@pytest.mark.process
 @pytest.mark.parametrize("size", [2000, 12000, 30000, 60000])
-def test_no_space(folder: Path, hodo: Hodo, size: int) -> None:
+def test_no_space(folder: Path, size: int) -> None:
     """A limit on the size of files stands for a full disk; the sizes end the writing of a case, or
     of the whole."""
     (folder / "two.yaml").write_text(CONFIG.replace("samples: 21", "samples: 801"))
     before = (folder / "two.h5").read_bytes()
 
-    def little() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
-
-    done = hodo("run", "two.yaml", "--out", ".", "--quiet", preexec_fn=little)
+    little = partial(limit, resource.RLIMIT_FSIZE, size)
+    done = call_apart(folder, "run", "two.yaml", "--out", ".", "--quiet", preexec_fn=little)
     assert done.returncode == 2
     assert done.stderr == "cannot write two.h5: file too large; finished cases are kept\n"
     assert (folder / "two.h5").read_bytes() == before

@@ -3,15 +3,14 @@
 import json
 import math
 import os
+from functools import partial
 from itertools import product
 from pathlib import Path
 
 import h5py
 import pytest
-from conftest import ROOT, Hodo
+from conftest import ROOT, Hodo, call_apart
 from test_docs import snippets
-
-pytestmark = pytest.mark.process
 
 EXAMPLE = next(text for text in snippets("docs/models.md", "python") if "class " in text)
 CONFIG = """\
@@ -23,6 +22,11 @@ cases:
   swept: {model: quadratic-drag, drag: 0.2, error: off, sweep: {drag: {values: [0, 0.1]}}}
   known: {model: linear-diag}
 """
+
+
+@pytest.fixture
+def hodo(tmp_path: Path) -> Hodo:
+    return partial(call_apart, tmp_path)
 
 
 @pytest.fixture

@@ -55,6 +55,7 @@ HEAD = "inertia: [1, 0.8, 0.6], time: {end: 1000}, error: off"
 BALL = "initial: {p: 0, q: 0, G: 1}"
 BODY = (1.0, 0.8, 0.6)
 FIG4 = f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003]"
+BRIEF = FIG4.replace("end: 1000", "end: 100")
 FIG12 = f"model: tensor, {HEAD}, resistance: {{diagonal: 0.005, off_diagonal: 0.005}}"
 
 
@@ -251,8 +252,7 @@ def test_a_start_of_an_averaged_form_on_the_separatrix_is_marked() -> None:
 def test_members_of_a_grid_are_single_cases_whatever_the_order_of_their_axes() -> None:
     sweep = "inertia.1: {linspace: [0.5, 1.2, 3]}, damping.0: {values: [0.01, 0.05]}, "
     sweep += "d: {sphere: {count: 2, seed: 1}}"
-    brief = FIG4.replace("end: 1000", "end: 100")
-    case = one(f"{brief}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{{sweep}}}")
+    case = one(f"{BRIEF}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{{sweep}}}")
     assert_members_are_single_cases(case, list(range(12)))
 
 
@@ -806,7 +806,7 @@ GROWING = {
         ("5",), ("9",),
     ),
     "values between, by another method": (
-        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, method: DOP853, sweep: {{"
+        f"{BRIEF}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, method: DOP853, sweep: {{"
         "initial.q: {values: NEW}, "
         "body: {zip: {inertia.1: {values: NEW}, inertia.2: {values: NEW}}}}",
         ("[0.1, 0.2]", "[0.7, 0.8]", "[0.6, 0.5]"),
