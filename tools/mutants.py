@@ -255,6 +255,8 @@ def main() -> int:
     options = parser.parse_args()
     if options.map or not TREE.exists():
         begin()
+    # A test has the process that reads for it signal its parent, which may be this one by a mutant.
+    signal.signal(signal.SIGUSR1, lambda *_: None)
     # An interruption may have left a mutant in the clone.
     subprocess.run(["git", "checkout", "--quiet", "."], cwd=TREE, check=True)
     # In a process of its own: it loads the package, and what it starts later would note too.
