@@ -364,3 +364,20 @@ def test_the_evaluations_of_the_equations_are_counted() -> None:
 def test_the_lower_part_of_the_time_reached_is_part_of_it() -> None:
     clock = Clock(high=np.float64(1.0), low=np.float64(2.0**-60), factor=1.0)
     assert clock.grid(np.array([1.0])).tolist() == [0.0, -(2.0**-60)]
+
+
+@pytest.mark.heyoka
+def test_a_motion_beyond_the_root_of_the_largest_number_ends_with_its_last_sample() -> None:
+    """Its units are renewed for what may follow, and nothing does."""
+    case = {
+        "model": "linear-diag",
+        "inertia": [1, 0.8, 0.6],
+        "damping": [-1, -1, -0.999],
+        "initial": {"p": 0, "q": 0, "r": 1e140},
+        "time": {"end": 40, "samples": 3},
+        "method": "taylor",
+    }
+    motion = integrate(Case.of(case))
+    assert (motion.status, len(motion.time)) == ("ok", 3)
+    grown = [1e140 * math.exp(0.999 * t) for t in (0, 20, 40)]
+    assert motion.variables["omega"][:, 2] == pytest.approx(grown, rel=1e-13)

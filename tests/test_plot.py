@@ -1000,3 +1000,13 @@ def test_symbols_of_keys(key: str, symbol: str) -> None:
     start = {"inertia": [1, 0.8, 0.6], "initial": {"p": 1, "q": 1, "r": 1}, "time": {"end": 1}}
     made = api.sweep({**model, **start, "sweep": {key: {"values": [1e-3, 2e-3]}}})
     assert api.plot(made, "curve", variable="omega.x1", x=key).axes[0].get_xlabel() == f"${symbol}$"
+
+
+@pytest.mark.parametrize(
+    ("passages", "legend"), [("yes", ["crossing of each curve, $D = 0$"]), ("no", [])]
+)
+def test_a_series_names_the_crossings_that_it_marks(passages: str, legend: list[str]) -> None:
+    body = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [0.05, 0.04, 0.03]}
+    start = {"initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 30}}
+    drawn = api.plot(api.run(body | start), "series", variables=["D"], passages=passages)
+    assert [text.get_text() for box in drawn.legends for text in box.get_texts()] == legend
