@@ -173,7 +173,9 @@ def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
     )
     sweep = "sweep: {damping.0: {linspace: [0.004, 0.006, 3]}}"
     figure = "{kind: series, cases: [a], variables: [p, G, T, D, D/2T]}"
+    curve = "{kind: curve, cases: [s], variable: crossing_G, x: damping.0}"
     text = f"cases:\n  a: {{{body}}}\n  s: {{{body}, {sweep}}}\nfigures:\n  f: {figure}\n"
+    text += f"  c: {curve}\n  b: {{kind: sphere, cases: [a]}}\n"
     (tmp_path / "u.yaml").write_text(text, encoding="utf-8")
     assert call(tmp_path, "run", "u.yaml", "--quiet").returncode == 0
     table = call(tmp_path, "classify", "runs/u.h5").stdout
@@ -182,11 +184,21 @@ def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
     assert rows[0]["units"] == {"time": "s", "G": "kg m^2/s"}
     done = call(tmp_path, "plot", "runs/u.h5", "--format", "csv", "--format", "svg")
     assert done.returncode == 0, done.stderr
-    head = (tmp_path / "runs/figures/u/f.csv").read_text(encoding="utf-8").splitlines()[0]
-    assert head == (
-        "curve,time [s],p [1/s],G [kg m^2/s],T [kg m^2/s^2],D [kg^2 m^4/s^2],D/2T [kg m^2]"
-    )
+    tables = (tmp_path / f"runs/figures/u/{name}.csv" for name in "fcb")
+    heads = [table.read_text(encoding="utf-8").splitlines()[0] for table in tables]
+    assert heads == [
+        "curve,time [s],p [1/s],G [kg m^2/s],T [kg m^2/s^2],D [kg^2 m^4/s^2],D/2T [kg m^2]",
+        "curve,damping.0 [1/s],crossing_G [kg m^2/s]",
+        "curve,time [s],G.x1/|G|,G.x2/|G|,G.x3/|G|",
+    ]
     stored = hodo_cli.open(tmp_path / "runs/u.h5")
+    swept = {"variable": "crossing_G", "x": "damping.0", "kind": "curve"}
+    (axes,) = hodo_cli.plot(stored["s"], **swept).axes
+    assert axes.get_ylabel() == "|G| at the crossing [kg m$^{2}$/s]"
+    # If only the time has a unit, nothing says what unit the moments have.
+    bare = stored["s"].assign_attrs(case=stored["s"].attrs["case"].replace("kg m^2", "1"))
+    (axes,) = hodo_cli.plot(bare, **swept).axes
+    assert axes.get_ylabel() == "|G| at the crossing"
     assert stored["s"]["crossing_time"].attrs["units"] == "s"
     assert stored["s"]["damping.0"].attrs["units"] == "1/s"
     assert stored["s"]["crossing_G"].attrs["units"] == "kg m^2/s"

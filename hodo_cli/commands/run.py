@@ -299,7 +299,7 @@ def labelled(path: Path, names: Iterable[str]) -> list[str]:
         return [name for name in sound if run.summary(name, ("classify_warnings",))]
 
 
-ELSEWHERE = ": write elsewhere (--out, to=), or over them (--force)"
+ELSEWHERE = ": write elsewhere (--out), or over them (--force)"
 """The two ways out for a run that finds other results in its way."""
 
 

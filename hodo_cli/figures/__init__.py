@@ -22,7 +22,6 @@ from ..results.dataset import MOTION_DIMS, Cases, case_in, motions_of, sweep_axe
 from ..results.motion import Motion
 from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..schema.kinds import Wrong, unknown
-from ..sweeps.view import SweepView
 from ..text import case_words
 from .artists import finish_figure, matplotlib_parameters
 from .body import body
@@ -119,9 +118,9 @@ def column_units(spec: Mapping[str, Any], cases: Cases) -> Callable[[str], str]:
     name = next(iter(spec.get("cases", ())), "")
     if not name:
         return lambda column: "1"
-    if sweep_axes(cases[name]):
-        return SweepView.of(name, cases[name]).units
-    return Motion(case_in(cases[name], case_words(name)), cases[name].variables).units
+    units = Motion(case_in(cases[name], case_words(name)), cases[name].variables).units
+    # A direction, G over its size, has none.
+    return lambda column: "1" if column.endswith("/|G|") else units(column)
 
 
 def check(spec: Mapping[str, Any], cases: Cases) -> None:

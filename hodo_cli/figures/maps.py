@@ -23,6 +23,7 @@ from ..models.theory.gyrostat import separatrix_curves
 from ..models.theory.possible_crossings import turning_momenta
 from ..results.dataset import Cases
 from ..results.in_space import OF_ATTITUDE
+from ..results.motion import Motion
 from ..sweeps.view import SweepView
 from .artists import (
     AXIS_COLOUR,
@@ -471,8 +472,10 @@ def map_label(sweeps: Sequence[SweepView], spec: Mapping[str, Any]) -> str:
         axis for swept in sweeps for axis in averaged(spec, swept.axes, swept.sphere)
     )
     words = f"{shown}, mean over {', '.join(over)}" if over else shown
-    units = sweeps[0].units(name)
-    return words if units == "1" else f"{words} [{with_superscripts(units)}]"
+    motion = Motion(sweeps[0].case, sweeps[0].data.variables)
+    units = motion.units(name)
+    is_bare = units == "1" or motion.lacks_unit(name.removeprefix("crossing_"))
+    return words if is_bare else f"{words} [{with_superscripts(units)}]"
 
 
 def meanings(swept: SweepView, variable: str) -> dict[int, str]:

@@ -178,9 +178,9 @@ lacks the detail. Passages in averaged motions have them."""
 MEMBER_CLASSIFIED = {
     "crossing_time": Stored("time of the first passage through the separatrix", units="time"),
     "crossing_error": Stored("error that crossing_time may have", units="time"),
-    "crossing_from": Stored("axis enclosed before it", (), "i1", flags=AXIS_FLAGS),
-    "crossing_to": Stored("axis enclosed after it", (), "i1", flags=AXIS_FLAGS),
-    "crossing_G": Stored("|G| at it", units=MOMENTUM),
+    "crossing_from": Stored("axis enclosed before the crossing", (), "i1", flags=AXIS_FLAGS),
+    "crossing_to": Stored("axis enclosed after the crossing", (), "i1", flags=AXIS_FLAGS),
+    "crossing_G": Stored("|G| at the crossing", units=MOMENTUM),
     "crossings": Stored("number of passages", (), "i4"),
     "start_axis": Stored(
         "axis that the hodograph encloses at the start", (), "i1", flags=AXIS_FLAGS

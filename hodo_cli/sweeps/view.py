@@ -177,15 +177,6 @@ class SweepView:
         """The variables and constants that it has for quantities to follow from."""
         return {*self.ends} | constants_of(self.case.system, self.case.data)
 
-    def units(self, column: str) -> str:
-        """The units of a variable or of a component of one; "1" for an axis, and where a variable
-        carries a moment of inertia and only the time has units."""
-        name = column.partition(".")[0]
-        is_known = name in self.data.data_vars or name in DERIVED
-        if not is_known or Motion(self.case, {}).lacks_unit(name.removeprefix("crossing_")):
-            return "1"
-        return str(self.variable(name).attrs.get("units", "1"))
-
     def derived(self, name: str) -> "xr.DataArray":
         """A quantity of `DERIVED` at the ends of the members, by what is stored of them.
 
