@@ -42,7 +42,7 @@ cases:
   blind: {initial: {p: 0.8, q: 0.5, r: 0.74}, attitude: no, time: {end: 10}}
 figures:
   flip: {kind: body, cases: flip, moments: [0, 24, 60], caption: "a </script> turn", seconds: 1.5}
-  part: {kind: body, cases: long, span: [10, 90]}
+  part: {kind: body, cases: long, span: [10, 90], seconds: 1.5}
   plane: {kind: phase, cases: flip, x: p, y: q}
 """
 

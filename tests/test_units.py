@@ -169,9 +169,9 @@ def test_keys_of_a_sweep_have_units_too() -> None:
 def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
     body = (
         "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: .8, q: .5, r: .74}, "
-        "damping: [.005, .004, .003], time: {end: 400, unit: s}, inertia_unit: kg m^2"
+        "damping: [.05, .04, .03], time: {end: 40, unit: s}, inertia_unit: kg m^2"
     )
-    sweep = "sweep: {damping.0: {linspace: [0.004, 0.006, 3]}}"
+    sweep = "sweep: {damping.0: {linspace: [0.04, 0.06, 3]}}"
     figure = "{kind: series, cases: [a], variables: [p, G, T, D, D/2T]}"
     curve = "{kind: curve, cases: [s], variable: crossing_G, x: damping.0}"
     text = f"cases:\n  a: {{{body}}}\n  s: {{{body}, {sweep}}}\nfigures:\n  f: {figure}\n"
