@@ -97,26 +97,20 @@ def added_figures(
 
     Raises HodoError if that does not tell them apart.
     """
-    figures = {}
-    for name, entry in entries.items():
-        # A result without a config of its own counts from the folder that `runs` is in.
-        style = with_sheet(checked[name]["style"], run, out.parent.parent)
-        figures[name] = {**entry, "style": style} if style else entry
-    if not differing(before, figures):
-        return figures
-    suffix = "-" + re.sub(r"[^A-Za-z0-9._-]", "_", run.path.stem)
-    renamed = {}
-    for name, figure in figures.items():
-        scale = [f"{other}{suffix}" for other in checked[name].get("scale_with", ())]
-        renamed[f"{name}{suffix}"] = {**figure, "scale_with": scale} if scale else figure
-    if name := differing(before, renamed):
-        raise HodoError(f"{run.path}: another result has another figure {name}: rename a result")
-    return renamed
-
-
-def differing(before: Mapping[str, Any], figures: Mapping[str, Any]) -> str:
-    """The first of some figures whose name another one has; an empty string if there is none."""
-    return next((x for x, figure in figures.items() if before.get(x, figure) != figure), "")
+    stem = re.sub(r"[^A-Za-z0-9._-]", "_", run.path.stem)
+    for suffix in ("", f"-{stem}"):
+        figures = {}
+        for name, entry in entries.items():
+            # A result without a config of its own counts from the folder that `runs` is in.
+            style = with_sheet(checked[name]["style"], run, out.parent.parent)
+            scale = [f"{other}{suffix}" for other in checked[name].get("scale_with", ())]
+            changed = {"style": style, "scale_with": scale}
+            figures[f"{name}{suffix}"] = {**entry, **{k: v for k, v in changed.items() if v}}
+        clashes = [name for name, figure in figures.items() if before.get(name, figure) != figure]
+        if not clashes:
+            return figures
+    other = f"another result has another figure {clashes[0]}"
+    raise HodoError(f"{run.path}: {other}: rename a result")
 
 
 def extended_text(path: Path, cases: Mapping[str, Case]) -> str:
