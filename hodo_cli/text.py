@@ -43,7 +43,7 @@ def _aligned(column: Sequence[str], to_right: bool) -> list[str]:
 
 
 def _printable(text: str) -> str:
-    return "".join(c if c.isprintable() else "?" for c in text)
+    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
 
 
 def seconds(value: float) -> str:

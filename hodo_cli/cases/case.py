@@ -348,7 +348,6 @@ def _store_mistakes(
     is_swept = bool(values.get("sweep"))
     valid = storable(form) if is_swept else list(form.variables)
     sources = {*form.variables, *(constants_of(system, values) if system else ())}
-    derived = [] if is_swept else derivable(sources)
     for i, name in enumerate(values.get("store", ())):
         # A mistaken attitude makes no system, and would be stored if it were right.
         if name in valid or (name == KEY and system is None):
@@ -356,6 +355,7 @@ def _store_mistakes(
         if name == KEY and takes_attitude(form):
             yield ("store", i), f"this case has no attitude{remedy_of([KEY])}"
         elif name not in DERIVED:
+            derived = [] if is_swept else derivable(sources)
             yield ("store", i), unknown(f"variable {name!r}", name, [*valid, *derived])
         elif is_swept:
             yield ("store", i), f"figures and averages derive {name} of what a sweep stores"
