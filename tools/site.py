@@ -43,6 +43,14 @@ mtd:nth-child(2) { text-align: left; }
 """
 """Browsers align the columns of MathML by style sheets alone."""
 
+ACCESSIBLE = {
+    'class="caption" role="heading"': 'class="caption" role="heading" aria-level="2"',
+    '<aside class="sidebar-drawer">': '<aside class="sidebar-drawer" aria-label="Contents">',
+    '<aside class="toc-drawer">': '<aside class="toc-drawer" aria-label="This page">',
+    "<pre>": '<pre tabindex="0">',
+}
+"""What the theme's pages lack for readers without a pointer or a screen, and its replacement."""
+
 GREEK = [
     *("alpha", "beta", "gamma", "Delta", "epsilon", "theta", "kappa", "lambda"),
     *("mu", "nu", "rho", "sigma", "tau", "phi", "psi", "omega"),
@@ -91,6 +99,11 @@ def main(out: Path, configs: list[Path]) -> int:
             entries = "\n".join(pages + papers + galleries if title == "Trust" else pages)
             front.write(f"\n```{{toctree}}\n:hidden:\n:caption: {title}\n\n{entries}\n```\n")
     status = build(["-q", "-W", "--keep-going", "-b", "html", str(source), str(out)])
+    for page in out.rglob("*.html"):
+        html = page.read_text(encoding="utf-8")
+        for lacking, whole in ACCESSIBLE.items():
+            html = html.replace(lacking, whole)
+        page.write_text(html, encoding="utf-8")
     (out / "index.html").write_text(INDEX, encoding="utf-8")
     return status
 
