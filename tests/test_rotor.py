@@ -188,7 +188,7 @@ def test_a_sweep_of_rotors_is_its_members() -> None:
     ds = hodo.sweep(
         {
             "model": "torques", "inertia": BODY, "initial": B, "damping": [0.005, 0.004, 0.003],
-            "rotor": [0, 0, 0], "time": {"end": 300}, "sweep": sweep,
+            "rotor": [0, 0, 0], "time": {"end": 300}, "sweep": sweep, "error": "off",
         }
     )  # fmt: skip
     single = [run(300, rotor=[0, 0, h], damping=[0.005, 0.004, 0.003]) for h in (0.0, 0.1, 0.2)]
@@ -201,7 +201,7 @@ def test_a_sweep_of_rotors_is_its_members() -> None:
 def test_starts_on_a_sphere_have_the_momentum_of_body_and_rotor() -> None:
     case = turned_case(rotor=ROTOR)
     given = {
-        "model": "torques", "time": {"end": 0.001}, **case, "store": ["omega"],
+        "model": "torques", "time": {"end": 0.001}, **case, "store": ["omega"], "error": "off",
         "sweep": {"direction": {"sphere": {"count": 20, "seed": 1}}},
     }  # fmt: skip
     omega = hodo.sweep(given).omega.data
