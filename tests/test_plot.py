@@ -1010,3 +1010,14 @@ def test_a_series_names_the_crossings_that_it_marks(passages: str, legend: list[
     start = {"initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 30}}
     drawn = api.plot(api.run(body | start), "series", variables=["D"], passages=passages)
     assert [text.get_text() for box in drawn.legends for text in box.get_texts()] == legend
+
+
+def test_a_sketch_names_the_slope_of_each_body(tmp_path: Path) -> None:
+    text = """
+cases: {a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0.1, initial: {p: 1, q: 1, r: 1},
+            time: {end: 1}}}
+figures: {f: {kind: quadrant-sketch, bodies: [[1, 0.8, 0.8], [1, 0.8, 0.6], [1, 1, 0.6]]}}
+"""
+    drawn = drawings_of(text, tmp_path).draw("f")
+    slopes = [axes.get_title().splitlines()[1] for axes in drawn.figure.axes]
+    assert slopes == ["$K = 0$", "$K = 0.6$", r"$K = \infty$"]
