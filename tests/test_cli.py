@@ -157,7 +157,7 @@ def test_the_result_of_another_config_of_this_name_is_not_replaced(
         assert ran.returncode == 2
         assert ran.stderr == (
             "runs/two.h5 holds the results of two.yaml, not of other/two.yaml: "
-            "write elsewhere (--out, to=), or over them (--force)\n"
+            "write elsewhere (--out), or over them (--force)\n"
         )
     assert (tmp_path / "runs" / "two.h5").read_bytes() == before
     assert hodo("run", other, "--out", "other/runs").returncode == 0
