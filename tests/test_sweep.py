@@ -220,6 +220,17 @@ def averaged(body: str, sweep: str) -> Case:
 
 
 @pytest.mark.heyoka
+def test_stored_directions_are_those_of_the_members_in_every_block_of_them() -> None:
+    """They are written in blocks of some 16,000; G has not turned yet at the end."""
+    swept = f"sweep: {{d: {{sphere: {{count: {chunk.LARGEST_CHUNK + 100}}}}}}}"
+    brief = FIG4.replace("end: 1000", "end: 1e-9")
+    data = hodo_cli.sweep(one(f"{brief}, {BALL}, store: [omega], {swept}"))
+    G = np.array(BODY) * data["omega"].values
+    along = G / np.linalg.norm(G, axis=1, keepdims=True)
+    assert np.abs(along - data["d_vector"].values).max() < 1e-8  # ten times its turn
+
+
+@pytest.mark.heyoka
 @pytest.mark.parametrize("body", TURNING)
 def test_members_of_averaged_forms_are_single_cases_and_chunks_change_no_bit(
     body: str, monkeypatch: pytest.MonkeyPatch

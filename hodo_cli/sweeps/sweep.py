@@ -24,7 +24,7 @@ from ..progress import Progress
 from ..results.layout import TIME, Stored, case_attributes, inner_coordinates, with_units
 from ..storage.group import Attribute, Group, StreamedVariables, Variable
 from ..storage.writer import Writer
-from .chunk import Chunk, chunks, compute, lost_chunk, reason_alone
+from .chunk import LARGEST_CHUNK, Chunk, chunks, compute, lost_chunk, reason_alone
 from .columns import lengths, shape, stored_columns
 from .ensemble.motions import Rejection
 from .growth import Earlier
@@ -92,8 +92,8 @@ def group_of_columns(
     """The sweep as it is stored, with its axes as dimensions; its variables are filled in from the
     chunks when it is written."""
     sizes, stored = shape(case), stored_columns(case)
-    names = [axis.name for axis in axes_of(case.sweep or {})]
-    variables = coordinates(case)
+    axes = axes_of(case.sweep or {})
+    names, variables = [axis.name for axis in axes], coordinates(case)
     for name, column in stored.items():
         # The shape and type of an array without its memory: a zero that stands everywhere.
         outline = np.broadcast_to(np.zeros((), column.dtype), (*sizes, *lengths(case, column)))
@@ -101,6 +101,7 @@ def group_of_columns(
     variables |= inner_coordinates(variables.values())
 
     def fill() -> Iterator[tuple[str, Any, np.ndarray]]:
+        yield from directions(case)
         for task in tasks:
             where, group = box(sizes, task.first, task.last), finished(task)
             for name in stored:
@@ -108,7 +109,8 @@ def group_of_columns(
                 corners = [corner.stop - corner.start for corner in where]
                 yield name, where, data.reshape(*corners, *data.shape[1:])
 
-    late = StreamedVariables(frozenset(stored), fill)
+    vectors = {f"{axis.name}_vector" for axis in axes if axis.sphere}
+    late = StreamedVariables(frozenset(stored) | vectors, fill)
     return Group(attributes, with_units(variables, case), late)
 
 
@@ -156,13 +158,13 @@ def sweep_attributes(
 
 
 def coordinates(case: Case) -> dict[str, Variable]:
-    """The values along each axis; of a sphere, the directions."""
+    """The values along each axis; of a sphere, the outline of its directions."""
     variables: dict[str, Variable] = {}
     for axis in axes_of(case.sweep or {}):
-        numbers = np.arange(len(axis))
         if axis.sphere is not None:
-            directions = Stored("direction of G at the start", (axis.name, "axis"))
-            variables[f"{axis.name}_vector"] = directions.holding(axis.directions(numbers))
+            vectors = Stored("direction of G at the start", (axis.name, "axis"))
+            outline = np.broadcast_to(0.0, (len(axis), 3))  # see `directions`
+            variables[f"{axis.name}_vector"] = vectors.holding(outline)
         else:
             for i, key in enumerate(axis.keys):
                 stored = Stored(key, (axis.name,), units=stated_unit(case, key))
@@ -170,6 +172,15 @@ def coordinates(case: Case) -> dict[str, Variable]:
     if "trajectory" in case.store:
         variables["time"] = TIME.holding(sample_times(case))
     return variables
+
+
+def directions(case: Case) -> Iterator[tuple[str, slice, np.ndarray]]:
+    """The directions along a sphere by the name of their variable, block by block: to draw a
+    million at once takes 100 MB."""
+    for axis in axes_of(case.sweep or {}):
+        for first in range(0, len(axis) if axis.sphere else 0, LARGEST_CHUNK):
+            last = min(first + LARGEST_CHUNK, len(axis))
+            yield f"{axis.name}_vector", slice(first, last), axis.directions(np.arange(first, last))
 
 
 def stated_unit(case: Case, name: str) -> str:
