@@ -1021,3 +1021,22 @@ figures: {f: {kind: quadrant-sketch, bodies: [[1, 0.8, 0.8], [1, 0.8, 0.6], [1, 
     drawn = drawings_of(text, tmp_path).draw("f")
     slopes = [axes.get_title().splitlines()[1] for axes in drawn.figure.axes]
     assert slopes == ["$K = 0$", "$K = 0.6$", r"$K = \infty$"]
+
+
+def test_a_map_of_directions_has_the_separatrix_of_its_body() -> None:
+    def curves(moments: list[float]) -> int:
+        start = {"damping": [5e-3, 4e-3, 3e-3], "initial": {"p": 0, "q": 0, "G": 1}}
+        swept = {"time": {"end": 20}, "sweep": {"direction": {"sphere": {"count": 60, "seed": 1}}}}
+        body = {"model": "torques", "inertia": moments, "error": "off"}
+        (axes, *_) = api.plot(api.sweep(body | start | swept), "map", variable="end_axis.x1").axes
+        return sum(len(line.get_xdata()) > 700 for line in axes.lines)
+
+    assert (curves([1, 0.8, 0.6]), curves([1, 1, 0.6])) == (2, 0)
+
+
+def test_a_crossing_alone_has_no_number() -> None:
+    body = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [0.05, 0.04, 0.03]}
+    motion = api.run(body | {"initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 30}})
+    assert motion.sizes["crossing"] == 1
+    texts = [text.get_text() for axes in api.plot(motion, "hodograph").axes for text in axes.texts]
+    assert "1" not in texts
