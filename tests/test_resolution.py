@@ -9,6 +9,7 @@ import pytest
 from conftest import ROOT, call
 
 import hodo_cli
+from hodo_cli import Case
 from hodo_cli.cases.config import load
 
 BODY = "{model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 0.003], "
@@ -134,3 +135,16 @@ def test_a_thinned_motion_is_a_polygon() -> None:
     cases = hodo_cli.open(ROOT / "runs" / "reference" / "paper1.h5")
     spec = load(ROOT / "configs" / "paper1.yaml").figure("fig4")
     assert is_polygon([cases[name] for name in spec["cases"]], spec["kind"])
+
+
+@pytest.mark.parametrize("size", [2.0**-40, 8.0, 2.0**40])
+def test_default_samples_are_as_many_in_all_units_of_mass(size: float) -> None:
+    """Of bodies that turn fastest about their largest or about their smallest moment."""
+
+    def samples(moments: list[float]) -> int:
+        case = {"model": "linear-diag", "inertia": moments, "damping": 0.01}
+        start = {"initial": {"p": 8, "q": 5, "r": 7.4}, "time": {"end": 200}}
+        return Case.of(case | start).time.samples
+
+    for moments in ([1, 0.8, 0.6], [1, 0.95, 0.3], [1, 0.55, 0.5]):
+        assert samples([size * A for A in moments]) == samples(moments) > 1001
