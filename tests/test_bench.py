@@ -79,9 +79,11 @@ def test_a_trial_measures_the_true_error_and_the_drift() -> None:
     assert 1e-7 < tried.error < 1e-4
     assert 1e-9 < tried.drift < tried.error
     assert tried.rhs_evaluations >= 12 * tried.steps
-    assert np.isnan(
-        trials.trial(CASES["a"], trials.truth(CASES["a"]), "DOP853", 1e-6, 1, 10.0).drift
-    )
+    # It crosses the separatrix once, and is damped.
+    crossing = trials.trial(CASES["a"], trials.truth(CASES["a"]), "DOP853", 1e-6, 1, 10.0)
+    assert 0 < crossing.crossing_error < 1e-3
+    assert np.isnan(tried.crossing_error)
+    assert np.isnan(crossing.drift)
 
 
 def test_a_time_is_the_least_of_the_repeats_and_the_processor_s() -> None:
