@@ -276,7 +276,7 @@ def test_failures_are_said_at_once_and_at_the_end(config: Path) -> None:
     assert lines[8] == "2 of 4 cases did not end well: b (failed), c (timeout)"
     result = str(config.with_suffix(".h5"))
     methods = CliRunner().invoke(main, ["show", "--methods", result]).stdout
-    assert "2 cases did not end well and are left out: b, c." in " ".join(methods.split())
+    assert "Left out, since they did not end well: b, c." in " ".join(methods.split())
     again = run(config, "-v")
     assert [line for line in again.stderr.splitlines()[:4] if "kept" not in line] == [
         "b: will run: its status is failed",

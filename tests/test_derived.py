@@ -255,3 +255,59 @@ def test_a_free_body_stores_the_turn_of_its_hodograph(
     np.testing.assert_allclose(data.attitude[-1], expected, atol=1e-14)
     damped = hodo_cli.run({**case, "damping": 0.01})
     assert "turn_period" not in damped
+
+
+def test_members_without_an_attitude_have_no_number_and_the_others_theirs() -> None:
+    body = {"model": "linear-diag", "inertia": [3, 2.2, 1], "time": {"end": 5, "samples": 11}}
+    start = {"initial": {"p": 0.3, "q": 0.2, "r": 0.9}}
+    turned = {"sweep": {"attitude.initial.0": {"values": [-1, 0, 1]}}}
+    bodies = {"attitude": "yes", "sweep": {"inertia.1": {"values": [2.2, 7]}}}
+    names = ("x3_space", "theta", "G_space", "rotation", "T")
+    for swept, known in ((turned, [True, False, True]), (bodies, [True, False])):
+        found = hodo_cli.derive(hodo_cli.sweep(body | start | swept), *names)
+        for name in names:
+            values = found[name].values
+            assert np.isfinite(values.reshape(len(values), -1)).all(1).tolist() == known, name
+
+
+def test_angles_are_no_numbers_from_where_samples_lose_whole_turns() -> None:
+    case: dict[str, Any] = {
+        "model": "linear-diag", "inertia": [3, 2.2, 1], "initial": {"p": 0.3, "q": 0.2, "r": 0.9},
+        "attitude": {"euler": [0.1, 0.5, 0.2]},
+    }  # fmt: skip
+    fine, coarser, few = (
+        hodo_cli.derive(hodo_cli.run(case | {"time": {"end": 60, "samples": n}}), "psi", "phi")
+        for n in (1201, 121, 12)
+    )
+    assert float(fine.phi[-1]) == pytest.approx(float(coarser.phi[-1]), abs=1e-12)
+    for name in ("psi", "phi"):
+        known = np.isfinite(few[name].values)
+        assert not known.all()
+        same = fine[name].interp(time=few.time)[known]
+        np.testing.assert_allclose(few[name][known], same, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("check", "verdict"),
+    [
+        # Two components of G, which lies along z, are rounding.
+        ("kind: conserved, of: [G_space.x, G_space.y, G_space.z]", "reproduced"),
+        ("kind: formula, of: G_space.x, formula: '0'", "reproduced"),
+        # Whole turns are lost: a number would be wrong by them.
+        ("kind: bound, of: phi, least: 0", "not tested"),
+        ("kind: monotone, of: [phi], sense: rises", "not tested"),
+    ],
+)
+def test_statements_take_no_rounding_for_a_change_and_no_gap_for_a_number(
+    tmp_path: Path, check: str, verdict: str, hodo: Hodo
+) -> None:
+    body = "model: linear-diag, inertia: [3, 2.2, 1], initial: {p: .3, q: .2, r: .9}"
+    claim = f"{{id: a, where: x, statement: s, cases: [a], check: {{{check}}}, expect: {verdict}}}"
+    text = (
+        f"cases: {{a: {{{body}, attitude: {{align: G}}, time: {{end: 60, samples: 12}}}}}}\n"
+        f"claims: [{claim}]\n"
+    )
+    (tmp_path / "m.yaml").write_text(text, encoding="utf-8")
+    for command in ("run", "classify", "claims"):
+        done = hodo(command, "m.yaml" if command == "run" else "runs/m.h5")
+        assert done.returncode == 0, done.stdout + done.stderr

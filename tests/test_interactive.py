@@ -140,7 +140,7 @@ def test_marks_tell_what_they_are(folder: Path) -> None:
     marks = [stroke for stroke in strokes(data_in(folder, "space")) if stroke["look"].get("mec")]
     assert [mark["look"]["marker"] for mark in marks] == ["o", "s", "D"]
     ((words,),) = [mark["texts"] for mark in marks if mark["texts"]]
-    assert words.startswith("crossing of D = 0 at 305.3589")
+    assert words.startswith("crossing at 305.3589")
     names = {text for stroke in strokes(data_in(folder, "space")) for text in stroke["texts"]}
     assert {"G1", "G2", "G3", "0.2", "0.4"} <= names
     circles = [s for s in strokes(data_in(folder, "ball")) if len(s["points"]) == 721]
@@ -228,7 +228,7 @@ def test_the_pointer_tells_values(reader, folder: Path) -> None:
         return [left + stroke.seen[0][0], top + stroke.seen[0][1]];
     }"""
     page.mouse.move(*page.evaluate(at, "D"))
-    assert page.evaluate(reading).startswith("crossing of D = 0 at 305.3589")
+    assert page.evaluate(reading).startswith("crossing at 305.3589")
     page.mouse.move(*page.evaluate(at, "o"))
     # The start: G = A omega.
     assert page.evaluate(reading).startswith(

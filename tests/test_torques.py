@@ -651,3 +651,32 @@ def test_a_swept_number_has_the_symbol_of_its_coefficient(model: str, key: str, 
     variable = "end_axis" if "end_axis" in swept else "crossings"
     figure = hodo.plot(swept, kind="curve", variable=variable, x=key)
     assert figure.axes[0].get_xlabel().startswith(f"${label}$")
+
+
+ALL_TORQUES: dict[str, Any] = {
+    "damping": 0.01, "resistance": [[0.01, 0.001, 0], [0.001, 0.02, 0], [0, 0, 0.01]],
+    "quadratic": 0.01, "quadratic_axes": [0.01, 0.02, 0.03], "kappa": 0.01, "brake": 0.02,
+    "torque": [0.01, 0.02, 0.01], "rotor": [0, 0.1, 0.2],
+    "space_torque": {"size": 0.01, "direction": [0, 0, 1]},
+    "expression": ["-0.01*p", "0", "0.002*cos(0.1*t)"],
+}  # fmt: skip
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("beside", [None, "damping", "brake", "rotor", "space_torque"])
+@pytest.mark.parametrize("start", [(0.8, 0.5, 0.74), (0.8, 0.0, 0.0)])
+def test_a_body_under_every_torque_has_an_attitude(
+    start: tuple[float, ...], beside: str | None
+) -> None:
+    """A series against a Runge-Kutta method, which tells of a wrong side of a corner."""
+    for name in ALL_TORQUES if beside is None else ["quadratic_axes"]:
+        torques = {key: ALL_TORQUES[key] for key in (name, beside) if key}
+        case = {"model": "torques", "inertia": [1, 0.8, 0.6], "time": {"end": 20, "samples": 21}}
+        case |= torques | {"initial": dict(zip("pqr", start, strict=True))}
+        plain, turned, other = (
+            hodo.run(case | keys)
+            for keys in ({}, {"attitude": "yes"}, {"attitude": "yes", "method": "DOP853"})
+        )
+        np.testing.assert_allclose(turned.omega, plain.omega, atol=1e-13, err_msg=name)
+        np.testing.assert_allclose(turned.omega, other.omega, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(turned.attitude, other.attitude, atol=1e-9, err_msg=name)

@@ -13,7 +13,7 @@ import numpy as np
 from ..models import rigid_body
 from ..results.motion import Motion, formula_values
 from .finding import PLOTTING_ACCURACY, ROUNDING, Finding, beyond, if_true, listed, part_of
-from .quantities import number, quantity, turns_at
+from .quantities import largest, number, quantity, turns_at
 
 if TYPE_CHECKING:
     from ..sweeps.view import SweepView
@@ -166,8 +166,9 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Constants of the motion; decided by the largest relative change."""
-    values = [quantity(m, name) for m in motions for name in check["of"]]
-    changes = [float(np.ptp(x) / max(np.abs(x).max(), math.ulp(0))) for x in values]
+    changes = [
+        float(np.ptp(quantity(m, name)) / largest(m, name)) for m in motions for name in check["of"]
+    ]
     worst = float(np.max(changes))
     words = f"{', '.join(check['of'])}: relative change at most {worst:.2g}"
     contrary = f"a relative change above {max(check['within'], PLOTTING_ACCURACY):g}"
@@ -179,8 +180,8 @@ def formula(check: Keys, motions: Sequence[Motion]) -> Finding:
     name, law, differences = check["of"], check["formula"], []
     for m in motions:
         values = quantity(m, name)
-        size = max(float(np.abs(values).max()), math.ulp(0))
-        differences.append(float(np.abs(values - formula_values(m, law)).max()) / size)
+        difference = float(np.abs(values - formula_values(m, law)).max())
+        differences.append(difference / largest(m, name))
     worst = float(np.max(differences))
     words = f"{name} and {law}: at most {worst:.2g} apart, relative to the largest {name}"
     contrary = f"a relative difference above {max(check['within'], PLOTTING_ACCURACY):g}"

@@ -50,17 +50,30 @@ def sampled_motion(trajectory: Trajectory, passed: Sequence[Crossing] | None) ->
     return Motion(case, variables, label=case.name)
 
 
+class NoNumber(HodoError):
+    """A quantity that is no number somewhere, about which nothing can be decided."""
+
+
 def quantity(m: Motion, name: str) -> np.ndarray:
     """A quantity over time (n,); of one that is a single number that number (1,).
 
-    Raises HodoError if the motion does not have it.
+    Raises HodoError if the motion does not have it, NoNumber if it is no number somewhere.
     """
     if name not in NUMBERS:
-        return m[name]
+        values = m[name]
+        if (missing := np.isnan(values)).any():
+            raise NoNumber(f"{name} of {m.words} is no number at {m.time[missing.argmax()]:.6g}")
+        return values
     try:
         return np.array([NUMBERS[name](m)])
     except KeyError as missing:
         raise HodoError(f"{m.words} has no {missing}, which {name} needs") from None
+
+
+def largest(m: Motion, name: str) -> float:
+    """The largest size of a quantity over time; of a component, the length of its vector. It is no
+    less than the smallest double, so that one that is 0 throughout can be divided by."""
+    return max(m.largest(name), math.ulp(0))
 
 
 def number(m: Motion, name: str, at: str = "end") -> float:

@@ -39,6 +39,7 @@ from ..storage.hdf5 import ResultFile
 from ..text import grouped
 from .checks import MOTION_CHECKS, averages
 from .finding import Check, Finding, Trend, Verdict, part_of
+from .quantities import NoNumber
 from .variations import Motions, changed, members
 
 
@@ -90,7 +91,10 @@ class Judge:
             return Verdict(claim, NOT_TESTED, math.nan, missing)
         if kind == "average":
             return by_finding(claim, of_sweep(claim, self.run))
-        return proved(self._measured(claim))
+        try:
+            return proved(self._measured(claim))
+        except NoNumber as error:
+            return Verdict(claim, NOT_TESTED, math.nan, str(error))
 
     def _case(self, entry: Any) -> Case:
         """The case of an entry of `cases:`, as it is stored or with other values."""

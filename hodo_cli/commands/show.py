@@ -107,7 +107,7 @@ def methods_paragraph(path: Path) -> str:
             computed_by(run, list(ended_well.values())),
             measured(ended_well),
             f"The equations of {models} are our own; the result holds their text." if own else "",
-            f"{len(others)} cases did not end well and are left out: {names}." if others else "",
+            f"Left out, since they did not end well: {names}." if others else "",
             f"All computations used Python {python} and NumPy {numpy}.",
             f"To be cited: {'; '.join(cited)}.",
         )

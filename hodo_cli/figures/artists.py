@@ -268,7 +268,8 @@ def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> li
         # A line is not broken between a time and its number.
         times = [f"{time}\N{NO-BREAK SPACE}({i})" for i, time in enumerate(times, 1)]
     crossings = abridged(times, CROSSINGS_NAMED)
-    end, crossing = "end", "$D = 0$"
+    # With a rotor the separatrix is no zero of D.
+    end, crossing = "end", "crossing" if any(m.rotor is not None for m in motions) else "$D = 0$"
     if len(ends := {ending(motion) for motion in motions}) == 1:
         (end, when), *_ = ends
         end += f", ${time} = {when}${of_time}"

@@ -127,6 +127,9 @@ def colour_scale_of(
     """The scale and the colours of a map: for an enclosed axis, or the share of one, the colours
     that axes have in every figure."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    part = spec["variable"].rpartition(".")[2]
+    if part in LABELS.values() and np.isin(values, (0, 1)).all():
+        low, high = 0.0, 1.0  # where all say yes it has another colour than where all say no
     if labelled:
         labels = range(int(low), int(high) + 1)
         colours = ListedColormap([AXIS_COLOUR.get(label, PURPLE) for label in labels])
@@ -135,7 +138,7 @@ def colour_scale_of(
         # The colours of a continuous scale would show counts that no member has.
         return Normalize(low - 0.5, high + 0.5), hues().resampled(int(high - low) + 1)
     scale = Normalize(*(spec["range"] or (low, high)))
-    if (part := spec["variable"].rpartition(".")[2]) not in LABELS.values():
+    if part not in LABELS.values():
         return scale, hues()
     full = AXIS_COLOUR[int(part[1])]
     pale = 0.12 * np.array(to_rgb(full)) + 0.88

@@ -11,7 +11,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Wedge
 
 from .. import HodoError
-from ..cases.derived import BODY_AXES, SPACE_AXES
 from ..engines.protocol import EPS
 from ..models import rigid_body
 from ..models.rigid_body import slope
@@ -233,7 +232,7 @@ def widen_constant(axes: Axes, curves: Sequence[tuple[Motion, str]]) -> None:
     """Give a panel of constant quantities a scale on which they look so, and say it: on that of
     their rounding errors they would look like noise."""
     values = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.lines])
-    size = max(largest_length(motion, name) for motion, name in curves)
+    size = max(motion.largest(name) for motion, name in curves)
     # A motion whose error is not measured has some rounding.
     error = max(np.fmax(motion.attrs.get("error", 0.0), EPS) for motion, _ in curves)
     if not np.ptp(values) <= min(CONSTANT_WITHIN * error, LARGEST_ROUNDING) * size:
@@ -242,16 +241,6 @@ def widen_constant(axes: Axes, curves: Sequence[tuple[Motion, str]]) -> None:
     axes.set_ylim(middle - half, middle + half)
     words = f"constant to {magnitude(np.ptp(values))}" if np.ptp(values) else "constant"
     axes.annotate(words, (0.97, 0.95), xycoords="axes fraction", ha="right", va="top", size="small")
-
-
-def largest_length(motion: Motion, variable: str) -> float:
-    """The largest size of a variable; of a component, the length of its vector."""
-    name, dot, part = variable.rpartition(".")
-    # Of body axes those that a selection has left.
-    axes = motion.axes if part in BODY_AXES else SPACE_AXES
-    of_vector = axes if dot and part in axes else ()
-    parts = [motion[f"{name}.{part}"] for part in of_vector] or [motion[variable]]
-    return float(np.sqrt(np.square(parts).sum(axis=0)).max())
 
 
 def series_curve(
@@ -324,8 +313,9 @@ def passage_marks(axes: Axes, motion: Motion, name: str, style: Mapping[str, Any
 def passage_handles(motions: Sequence[Motion]) -> list[Line2D]:
     """Legend entries of the marks of `passage_marks` that there are."""
     foreseen = [m.stored("event_predicted") for m in motions if "event_predicted" in m.data]
+    of_D = "" if any(m.rotor is not None for m in motions) else ", $D = 0$"
     marks: dict[str, tuple[Look, Sequence[np.ndarray]]] = {
-        "crossing of each curve, $D = 0$": (
+        f"crossing of each curve{of_D}": (
             {**CROSSING, "mfc": "white"},
             [m.crossing_time for m in motions],
         ),

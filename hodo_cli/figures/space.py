@@ -153,7 +153,7 @@ def space(
         space_curve(axes, seen, colours, shown, line_width(motion), near)
         for i, look in ((0, START), (-1, END)):
             scene.add(motion.G[[i]], **look)
-        times = [f"crossing of D = 0 at {time:.12g}" for time in motion.crossing_time]
+        times = [f"crossing at {time:.12g}" for time in motion.crossing_time]
         crossings = motion.at_crossings(motion.G)
         scene.add(crossings, texts=times, **CROSSING)
         marked = np.concatenate([motion.G[[0, -1]], crossings])

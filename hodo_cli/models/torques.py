@@ -337,13 +337,14 @@ class Torques(BodyUnderTorques, LookedUp):
         """Starts (m, ...) whose components that are 0 stand on the side that they enter, with its
         sign; one that stays 0 has the sign 0."""
         # Two short steps: the first slope is 0 where only another component drives this one, or
-        # where a law of time begins with 0.
+        # where a law of time begins with 0. What turns with the body goes ahead with it.
         w, ahead = y[:3], y.copy()
         for i in range(2):
             k, t = attributes(self.constants), i * PROBE
-            rates = np.array(np.broadcast_arrays(*type(self).rhs(t, [*ahead], k)[:3], w[0])[:3])
-            fastest = np.maximum(np.abs(w).max(0), np.sqrt(np.abs(rates).max(0)))
-            ahead[:3] += PROBE / np.where(fastest > 0, fastest, 1) * rates
+            # Of the sum itself: with an attitude its form has further rows.
+            rates = np.array(np.broadcast_arrays(*rates_under(self.terms, t, [*ahead], k)))
+            fastest = np.maximum(np.abs(w).max(0), np.sqrt(np.abs(rates[:3]).max(0)))
+            ahead += PROBE / np.where(fastest > 0, fastest, 1) * rates
         first, sides = self.state.index("s1"), np.where(w == 0, np.sign(ahead[:3]), np.sign(w))
         y[first : first + 3] = sides
         size = BEHIND_ZERO * np.abs(ahead[:3]).sum(0)

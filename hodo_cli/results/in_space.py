@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..models.constants import attributes
+
 if TYPE_CHECKING:
     from .motion import Motion
 
@@ -62,6 +64,38 @@ def euler_angle(name: str, m: "Motion") -> np.ndarray:
 
 EULER_ANGLES = ("psi", "theta", "phi")
 ANGLES_THAT_TURN = ("psi", "phi")
+
+BESIDE = 0.1
+"""The sine of theta below which x3 passes the vertical, where psi and phi step by up to half a
+turn."""
+
+
+def continued(m: "Motion", name: str, values: np.ndarray) -> np.ndarray:
+    """psi or phi (n,) as it goes on from sample to sample by less than half a turn; no number from
+    where its rate at a sample, if x3 is not `BESIDE` the vertical there, would turn it by more:
+    whole turns are lost then."""
+    known = np.flatnonzero(np.isfinite(values))
+    values[known] = np.unwrap(values[known])
+    if "omega" not in m.data or len(m.axes) < 3:
+        return values
+    vertical = rotations(m).inv().apply(np.eye(3)[2])[known]
+    p, q, r = (m.omega[known] * pace(m)).T
+    x, y, z = vertical.T
+    square = x * x + y * y
+    rate = (p * x + q * y) / square
+    rate = np.abs(np.where(square > BESIDE**2, rate if name == "psi" else r - rate * z, 0))
+    lost = np.maximum(rate[1:], rate[:-1]) * np.diff(m.time[known]) > np.pi
+    if lost.any():
+        values[known[np.argmax(lost) + 1] :] = np.nan
+    return values
+
+
+def pace(m: "Motion") -> float:
+    """The unit of the case's time, in that of which omega is a rate: of a full top, whose time is
+    the slow one, 1 over its small parameter."""
+    system = m.case.system
+    return float(system.turning(attributes(system.constants))) if system.turning else 1.0
+
 
 OF_ATTITUDE: dict[str, Callable[..., np.ndarray]] = {
     **{f"{name}_space": partial(vector_in_space, name=name) for name in VECTORS_IN_SPACE},

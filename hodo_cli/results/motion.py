@@ -20,6 +20,7 @@ from ..cases.derived import (
     COMPONENTS,
     DERIVED,
     PARTS,
+    SPACE_AXES,
     component_names,
     constants_of,
     derivable_numbers,
@@ -37,7 +38,7 @@ from ..schema.expression import Tree, parse_expression
 from ..storage.group import Attribute, Variable
 from ..storage.provenance import typed
 from ..text import case_words
-from .in_space import ANGLES_THAT_TURN, OF_ATTITUDE
+from .in_space import ANGLES_THAT_TURN, OF_ATTITUDE, continued
 from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
 from .units import INERTIA, units_of_case
 
@@ -99,19 +100,25 @@ class Motion:
         values = self.quantity(name)
         return values[:, PARTS[DERIVED[name].dim].index(part)] if part else values
 
+    def largest(self, variable: str) -> float:
+        """The largest size of a variable or quantity; of a component, the length of its vector."""
+        name, dot, part = variable.rpartition(".")
+        # Of body axes those that a selection has left.
+        axes = self.axes if part in BODY_AXES else SPACE_AXES
+        of_vector = axes if dot and part in axes else ()
+        parts = [self[f"{name}.{part}"] for part in of_vector] or [self[variable]]
+        return float(np.sqrt(np.square(parts).sum(axis=0)).max())
+
     def quantity(self, name: str) -> np.ndarray:
         """A quantity of `DERIVED` (n,), or (n, 3) where it has components, from what is stored;
-        angles that turn on are unwrapped, by less than half a turn from sample to sample.
+        angles that turn on go on from sample to sample, see `in_space.continued`.
 
         Raises HodoError if the case lacks what it needs.
         """
         if message := lack_of(self.case, name, self.sources, name):
             raise HodoError(message)
         values = QUANTITIES[name](self)
-        if name in ANGLES_THAT_TURN:
-            known = np.isfinite(values)
-            values[known] = np.unwrap(values[known])
-        return values
+        return continued(self, name, values) if name in ANGLES_THAT_TURN else values
 
     def derived_variable(self, name: str) -> Variable:
         """A quantity of `DERIVED` as it is stored."""

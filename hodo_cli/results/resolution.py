@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..cases.figure_block import KINDS_IN_SPACE
-from ..models.constants import attributes
-from .in_space import EULER_ANGLES
+from .in_space import EULER_ANGLES, pace
 from .motion import Motion
 
 # A polygon of 24 sides is a circle to within 0.9 % of its radius, some widths of a line.
@@ -52,12 +51,10 @@ def turns_in_space(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
 
 
 def longer_intervals(motion: Motion) -> np.ndarray:
-    """The longer of the intervals (n,) beside each sample, in the time of which omega is a rate:
-    that of the full top is the slow one over its small parameter."""
-    time, system = motion.time, motion.case.system
+    """The longer of the intervals (n,) beside each sample, in the time of which omega is a rate."""
+    time = motion.time
     steps = np.diff(time, prepend=time[:1], append=time[-1:])
-    pace = system.turning(attributes(system.constants)) if system.turning else 1.0
-    return np.asarray(np.maximum(steps[:-1], steps[1:]) * pace)
+    return np.asarray(np.maximum(steps[:-1], steps[1:]) * pace(motion))
 
 
 def coarse(motion: Motion, drawn: slice, limit: float, in_space: bool) -> str:

@@ -194,14 +194,31 @@ class SweepView:
         for index in np.ndindex(*(self.axes[axis] for axis in bodies)):
             at = dict(zip(bodies, index, strict=True))
             # The members of one body, as the samples of a motion.
-            flat = self.data[self.ends].isel(at).stack(time=others, create_index=False)
-            motion = Motion(self.at(at), flat.transpose("time", ...).variables)
-            pieces.append(QUANTITIES[name](motion))
+            of_body = self.data[self.ends].isel(at)
+            flat = (
+                of_body.stack(time=others, create_index=False)
+                if others
+                else of_body.expand_dims("time")
+            )
+            pieces.append(self._quantity(name, self.at(at), flat.transpose("time", ...)))
         sizes = [self.axes[axis] for axis in (*bodies, *others)]
         values = np.array(pieces).reshape(*sizes, *pieces[0].shape[1:])
         return quantity_array(name, values, (*bodies, *others), self.case).transpose(
             *self.axes, ...
         )
+
+    def _quantity(self, name: str, body: Case, members: "xr.Dataset") -> np.ndarray:
+        """A quantity of `DERIVED` of the members (n,) of one body; no number for one that has come
+        to nothing."""
+        needed = {x for needs in DERIVED[name].needs for x in needs} & {*members}
+        stored = (members[x].data.reshape(members.sizes["time"], -1) for x in needed)
+        known = np.isfinite(np.concatenate([*stored], axis=1)).all(1)
+        parts = [len(PARTS[dim]) for dim in DERIVED[name].dims[1:]]
+        values = np.full((len(known), *parts), np.nan)
+        if known.any():
+            motion = Motion(body, members.isel(time=np.flatnonzero(known)).variables)
+            values[known] = QUANTITIES[name](motion)
+        return values
 
     def distance(self, other: "SweepView", variable: str, against: str) -> "SweepView":
         """This sweep with a variable as its distance from one of another sweep of the same axes;
