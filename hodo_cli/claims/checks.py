@@ -13,7 +13,7 @@ import numpy as np
 from ..models import rigid_body
 from ..results.motion import Motion, formula_values
 from .finding import PLOTTING_ACCURACY, ROUNDING, Finding, beyond, if_true, listed, part_of
-from .quantities import largest, number, quantity, turns_at
+from .quantities import number, quantity, turns_at
 
 if TYPE_CHECKING:
     from ..sweeps.view import SweepView
@@ -167,7 +167,7 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
 def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Constants of the motion; decided by the largest relative change."""
     changes = [
-        float(np.ptp(quantity(m, name)) / largest(m, name)) for m in motions for name in check["of"]
+        float(np.ptp(quantity(m, name)) / m.largest(name)) for m in motions for name in check["of"]
     ]
     worst = float(np.max(changes))
     words = f"{', '.join(check['of'])}: relative change at most {worst:.2g}"
@@ -181,7 +181,7 @@ def formula(check: Keys, motions: Sequence[Motion]) -> Finding:
     for m in motions:
         values = quantity(m, name)
         difference = float(np.abs(values - formula_values(m, law)).max())
-        differences.append(difference / largest(m, name))
+        differences.append(difference / m.largest(name))
     worst = float(np.max(differences))
     words = f"{name} and {law}: at most {worst:.2g} apart, relative to the largest {name}"
     contrary = f"a relative difference above {max(check['within'], PLOTTING_ACCURACY):g}"

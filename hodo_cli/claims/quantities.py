@@ -70,12 +70,6 @@ def quantity(m: Motion, name: str) -> np.ndarray:
         raise HodoError(f"{m.words} has no {missing}, which {name} needs") from None
 
 
-def largest(m: Motion, name: str) -> float:
-    """The largest size of a quantity over time; of a component, the length of its vector. It is no
-    less than the smallest double, so that one that is 0 throughout can be divided by."""
-    return max(m.largest(name), math.ulp(0))
-
-
 def number(m: Motion, name: str, at: str = "end") -> float:
     """A quantity that is one number; of one over time its first or last value. Raises as `quantity`
     does."""

@@ -101,13 +101,14 @@ class Motion:
         return values[:, PARTS[DERIVED[name].dim].index(part)] if part else values
 
     def largest(self, variable: str) -> float:
-        """The largest size of a variable or quantity; of a component, the length of its vector."""
+        """The largest size of a variable or quantity; of a component, the length of its vector. It
+        is no less than the smallest double, so that one that is 0 throughout can be divided by."""
         name, dot, part = variable.rpartition(".")
         # Of body axes those that a selection has left.
         axes = self.axes if part in BODY_AXES else SPACE_AXES
         of_vector = axes if dot and part in axes else ()
         parts = [self[f"{name}.{part}"] for part in of_vector] or [self[variable]]
-        return float(np.sqrt(np.square(parts).sum(axis=0)).max())
+        return max(float(np.sqrt(np.square(parts).sum(axis=0)).max()), math.ulp(0))
 
     def quantity(self, name: str) -> np.ndarray:
         """A quantity of `DERIVED` (n,), or (n, 3) where it has components, from what is stored;
