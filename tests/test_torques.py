@@ -680,3 +680,21 @@ def test_a_body_under_every_torque_has_an_attitude(
         np.testing.assert_allclose(turned.omega, plain.omega, atol=1e-13, err_msg=name)
         np.testing.assert_allclose(turned.omega, other.omega, atol=1e-9, err_msg=name)
         np.testing.assert_allclose(turned.attitude, other.attitude, atol=1e-9, err_msg=name)
+
+
+def test_drag_by_axes_acts_on_what_another_component_sets_in_motion() -> None:
+    A, c = np.array([0.8, 0.6, 1.0]), np.array([0.06, 0.009, 0.001])
+    resistance = np.array([[0.01, 0.003, 0], [0.003, 0.01, 0.002], [0, 0.002, 0.01]])
+
+    def rates(t: float, w: np.ndarray) -> np.ndarray:
+        torque = np.array([0.01 * math.sin(t), 0, 0]) - c * A * w * np.abs(w) - resistance @ w
+        return (np.cross(A * w, w) + torque) / A
+
+    # Short steps, which no corner disturbs.
+    expected = solve_ivp(rates, (0, 12), np.zeros(3), "DOP853", rtol=1e-12, max_step=0.01).y[:, -1]
+    case = {
+        "model": "torques", "inertia": A.tolist(), "quadratic_axes": c.tolist(),
+        "resistance": resistance.tolist(), "expression": ["0.01*sin(t)", "0", "0"],
+        "initial": dict.fromkeys("pqr", 0), "time": {"end": 12, "samples": 2}, "method": "DOP853",
+    }  # fmt: skip
+    np.testing.assert_allclose(hodo.run(case).omega[-1], expected, atol=1e-11)

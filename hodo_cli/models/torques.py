@@ -74,6 +74,9 @@ PROBE = 1e-4
 """The length of a step, in units of the rotation or of what starts it, that shows where a component
 goes which begins at 0."""
 
+STARTING_STEPS = 16
+"""How many such steps: a torque that begins with 0 turns one component, that another, and so on."""
+
 NEGATIVE = "a negative coefficient drives the body: write that as an expression"
 
 
@@ -336,15 +339,16 @@ class Torques(BodyUnderTorques, LookedUp):
     def off_corners(self, y: np.ndarray) -> np.ndarray:
         """Starts (m, ...) whose components that are 0 stand on the side that they enter, with its
         sign; one that stays 0 has the sign 0."""
-        # Two short steps: the first slope is 0 where only another component drives this one, or
+        # Several short steps: the first slopes are 0 where only other components drive this one, or
         # where a law of time begins with 0. What turns with the body goes ahead with it.
-        w, ahead = y[:3], y.copy()
-        for i in range(2):
-            k, t = attributes(self.constants), i * PROBE
+        w, ahead, t = y[:3], y.copy(), np.zeros(y.shape[1:])
+        k = attributes(self.constants)
+        for _ in range(STARTING_STEPS):
             # Of the sum itself: with an attitude its form has further rows.
             rates = np.array(np.broadcast_arrays(*rates_under(self.terms, t, [*ahead], k)))
             fastest = np.maximum(np.abs(w).max(0), np.sqrt(np.abs(rates[:3]).max(0)))
-            ahead += PROBE / np.where(fastest > 0, fastest, 1) * rates
+            step = PROBE / np.where(fastest > 0, fastest, 1)
+            ahead, t = ahead + step * rates, t + step
         first, sides = self.state.index("s1"), np.where(w == 0, np.sign(ahead[:3]), np.sign(w))
         y[first : first + 3] = sides
         size = BEHIND_ZERO * np.abs(ahead[:3]).sum(0)
