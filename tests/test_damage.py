@@ -23,11 +23,10 @@ from faults import CONFIG, Motions, hodo
 
 from hodo_cli import BatchError, HodoError
 from hodo_cli.batch.pool import pool
-from hodo_cli.storage import disk, hdf5, writer
+from hodo_cli.storage import disk, hdf5, staging, writer
 from hodo_cli.storage.finished_cases import finished_cases
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import open_run
-from hodo_cli.storage.staging import replacing, staging_folders
 from hodo_cli.storage.update import update
 from hodo_cli.storage.writer import Writer
 
@@ -180,7 +179,7 @@ def test_a_damaged_piece_is_run_anew(tmp_path: Path) -> None:
             first.add(name, Group({"status": "ok"}, {"v": Variable(("t",), np.arange(999.0))}))
             first.store()
         raise KeyboardInterrupt
-    (folder,) = staging_folders(path)
+    (folder,) = staging.staging_folders(path)
     faults.zeroed(sorted(folder.iterdir())[1], random.Random(1), 4096)
     assert list(finished_cases(path)) == ["a"]
 
@@ -212,7 +211,7 @@ def test_what_a_dead_run_has_finished_is_used_where_it_lies_until_it_is_publishe
         for number in (0, 1):
             first.add_chunk("stamp", number, group)
         raise KeyboardInterrupt
-    (folder,) = staging_folders(path)
+    (folder,) = staging.staging_folders(path)
     faults.zeroed(folder / "part-stamp-1.h5", random.Random(1), 4096)
     for ends_well in (False, True):
         with suppress(KeyboardInterrupt), Writer(path, {}) as second:
@@ -611,7 +610,7 @@ def test_verdicts_on_motions_that_are_gone_are_not_stored(result: Path) -> None:
 def test_a_file_that_cannot_be_written_leaves_the_old_one(tmp_path: Path) -> None:
     path = tmp_path / "f.csv"
     path.write_text("old")
-    with pytest.raises(BatchError, match="no space left"), replacing(path) as draft:  # noqa: PT012
+    with pytest.raises(BatchError, match="no space left"), staging.replacing(path) as draft:  # noqa: PT012
         draft.write_text("half")
         raise OSError(28, "No space left on device")
     assert path.read_text() == "old"
@@ -625,7 +624,7 @@ def test_drafts_of_the_dead_go_and_those_of_the_living_stay(tmp_path: Path) -> N
         (folder / "draft").touch()
     descriptor = os.open(living, os.O_RDONLY)
     fcntl.flock(descriptor, fcntl.LOCK_EX)
-    with replacing(tmp_path / "f.csv") as draft:
+    with staging.replacing(tmp_path / "f.csv") as draft:
         draft.write_text("new")
     os.close(descriptor)
     assert {path.name for path in tmp_path.iterdir()} == {"f.csv", living.name}

@@ -21,8 +21,7 @@ from hodo_cli import HodoError, arithmetic
 from hodo_cli.arithmetic import evaluate
 from hodo_cli.engines import series as power_series
 from hodo_cli.engines.series import Series
-from hodo_cli.schema import kinds
-from hodo_cli.schema.expression import Expression, parse_expression
+from hodo_cli.schema import expression, kinds
 
 NAMES = ("p", "q", "r", "t")
 COUNT = int(os.environ.get("HODO_FUZZ", "2000"))
@@ -32,14 +31,14 @@ NESTED = "sin(exp(-0.3*p)*q) - sqrt(p**2+q**2+r**2)/(2-cos(0.1*t)) + (p*q)**-3 -
 def refusal(text: Any, names: tuple[str, ...] = NAMES) -> str:
     """What a text is refused with."""
     with pytest.raises(kinds.Wrong) as refused:
-        Expression(names).check(text)
+        expression.Expression(names).check(text)
     return str(refused.value)
 
 
 def read(text: str) -> tuple[Any, str]:
     """The tree of a text, or None and what it is refused with."""
     try:
-        return parse_expression(text, NAMES), ""
+        return expression.parse_expression(text, NAMES), ""
     except kinds.Wrong as refused:
         return None, str(refused)
 
@@ -131,19 +130,19 @@ def test_what_is_no_text_and_no_number_is_refused(value: Any) -> None:
 
 
 def test_a_number_is_an_expression_and_the_names_are_the_callers() -> None:
-    assert Expression(NAMES).check(-2) == "-2.0"
-    assert Expression(NAMES).check(1e-5) == "1e-05"
-    assert parse_expression("1e-05", NAMES) == 1e-5
-    assert Expression(("u1", "G_z")).check("u1 - G_z/2") == "u1 - G_z/2"
+    assert expression.Expression(NAMES).check(-2) == "-2.0"
+    assert expression.Expression(NAMES).check(1e-5) == "1e-05"
+    assert expression.parse_expression("1e-05", NAMES) == 1e-5
+    assert expression.Expression(("u1", "G_z")).check("u1 - G_z/2") == "u1 - G_z/2"
     assert "valid: u1, G_z, sqrt" in refusal("p", ("u1", "G_z"))
 
 
 def test_constants_are_folded_and_long_sums_are_not_nested() -> None:
-    assert parse_expression("-(1/4+sqrt(4)*2**-1)", NAMES) == -1.25
-    assert parse_expression("2*3*p", NAMES) == ("*", 6.0, "p")
-    assert parse_expression("-p**2", NAMES) == ("neg", ("**", "p", 2))
-    assert evaluate(parse_expression("+".join("p" * 100), NAMES), {"p": 1.5}) == 150
-    assert parse_expression("(" * 40 + "p" + ")" * 40, NAMES) == "p"
+    assert expression.parse_expression("-(1/4+sqrt(4)*2**-1)", NAMES) == -1.25
+    assert expression.parse_expression("2*3*p", NAMES) == ("*", 6.0, "p")
+    assert expression.parse_expression("-p**2", NAMES) == ("neg", ("**", "p", 2))
+    assert evaluate(expression.parse_expression("+".join("p" * 100), NAMES), {"p": 1.5}) == 150
+    assert expression.parse_expression("(" * 40 + "p" + ")" * 40, NAMES) == "p"
 
 
 def formula(draw: random.Random, depth: int) -> str:
@@ -234,7 +233,7 @@ def precise(**changed: Any) -> dict[str, Any]:
 
 
 def test_numbers_arrays_and_long_doubles() -> None:
-    tree = parse_expression(NESTED, NAMES)
+    tree = expression.parse_expression(NESTED, NAMES)
     with mpmath.workdps(40):
         exact = exactly(NESTED, precise())
         assert evaluate(tree, POINT) == pytest.approx(float(exact), rel=1e-14)
@@ -252,7 +251,7 @@ def test_a_complex_step_is_the_derivative(name: str) -> None:
     stepped = POINT | {name: np.array([POINT[name] + 1e-100j])}
     with mpmath.workdps(40):
         slope = mpmath.diff(lambda x: exactly(NESTED, precise(**{name: x})), POINT[name])
-    value = evaluate(parse_expression(NESTED, NAMES), stepped)
+    value = evaluate(expression.parse_expression(NESTED, NAMES), stepped)
     assert value.imag[0] / 1e-100 == pytest.approx(float(slope), rel=1e-13)
 
 
@@ -262,7 +261,7 @@ def test_a_series_has_the_coefficients_of_the_composed_function() -> None:
         "p": [0.8, 0.3, -0.2], "q": [-0.5, 1.0], "r": [0.0, 0.7, 0.1], "t": [3.0, 1.0],
     }  # fmt: skip
     values = {name: Series(rule(c)) for name, c in polynomials.items()}
-    found = evaluate(parse_expression(NESTED, NAMES), values)
+    found = evaluate(expression.parse_expression(NESTED, NAMES), values)
     with mpmath.workdps(60):
 
         def composed(s: Any) -> Any:
@@ -316,7 +315,7 @@ def test_an_engines_symbols_and_their_series() -> None:
 
     assert taylor
     symbols = dict(zip(NAMES, hy.make_vars(*NAMES), strict=True))
-    tree = parse_expression(NESTED, NAMES)
+    tree = expression.parse_expression(NESTED, NAMES)
     of = hy.cfunc([evaluate(tree, symbols)], vars=list(symbols.values()))
     assert of(list(POINT.values()))[0] == pytest.approx(evaluate(tree, POINT), rel=1e-14)
     # As sweeps use it: a series whose coefficients are symbols.

@@ -12,7 +12,6 @@ import pytest
 from scipy.integrate import DOP853, solve_ivp
 
 from hodo_cli.models.theory import gyrostat
-from hodo_cli.models.theory.gyrostat import steady_rotations
 
 BOTH, UNSEPARATED = 4, 5
 """The labels of a hodograph that encloses both outer axes, and where no separatrix is."""
@@ -54,7 +53,7 @@ def separations(A: Any, h: Any, omega: Any) -> Any:
 
 def listed(A: Any, h: Any, momentum: float) -> list[tuple[float, float, str]]:
     """(s, 2T, kind) of every steady rotation, by s."""
-    found = steady_rotations(A, h, momentum)
+    found = gyrostat.steady_rotations(A, h, momentum)
     rows = zip(
         found.s[0].tolist(), energies(A, found)[0].tolist(), kinds(found)[0].tolist(), strict=True
     )
@@ -112,7 +111,7 @@ def test_they_are_the_roots_of_a_polynomial_in_four_orders_of_kinds() -> None:
         orders["".join(kind for *_, kind in found)] += 1
         rising = [energy for _, energy, _ in found]
         assert rising == sorted(rising)
-        turned = np.sqrt((steady_rotations(moments, h, 1.0).G ** 2).sum(-1))
+        turned = np.sqrt((gyrostat.steady_rotations(moments, h, 1.0).G ** 2).sum(-1))
         assert turned[np.isfinite(turned)] == pytest.approx(1, rel=1e-12)
     assert set(orders) == {"mM", "mmsM", "msMM", "mmssMM"}
     assert min(orders.values()) > 2
@@ -123,7 +122,7 @@ def test_what_is_steady_stays() -> None:
     draw = np.random.default_rng(2)
     for moments in bodies(draw, 50):
         h = draw.normal(size=3) * 0.1
-        found = steady_rotations(moments, h, 1.0)
+        found = gyrostat.steady_rotations(moments, h, 1.0)
         for s, G, kind in zip(found.s[0], found.G[0], kinds(found)[0], strict=True):
             if kind:
                 omega = (G - h) / moments
@@ -215,7 +214,7 @@ def test_hodographs_go_round_what_their_labels_say() -> None:
     for i in range(n):
         label = region_labels(A[i], h[i], states[::100, i])
         assert len(set(label)) == 1
-        poles = steady_rotations(A[i], h[i], 1.0)
+        poles = gyrostat.steady_rotations(A[i], h[i], 1.0)
         curve = A[i] * states[:, i] + h[i]
         curve /= np.linalg.norm(curve, axis=1, keepdims=True)
         there = [(G, k) for G, k in zip(poles.G[0], kinds(poles)[0], strict=True) if k]
@@ -320,9 +319,11 @@ def test_many_states_at_once_and_none_without_momentum() -> None:
     assert [region_labels(A, h, w[None])[0] for w in omega] == labels.tolist()
     assert labels[-2:].tolist() == [-1, -1]
     assert (region_labels(A, h, omega[:50], band=10.0) <= 0).any()
-    long = steady_rotations(A.astype(np.longdouble), h.astype(np.longdouble), np.longdouble(1.1))
+    long = gyrostat.steady_rotations(
+        A.astype(np.longdouble), h.astype(np.longdouble), np.longdouble(1.1)
+    )
     assert long.s.dtype == np.longdouble
-    assert np.nanmax(np.abs(long.s - steady_rotations(A, h, 1.1).s)) < 1e-15
+    assert np.nanmax(np.abs(long.s - gyrostat.steady_rotations(A, h, 1.1).s)) < 1e-15
 
 
 @pytest.mark.parametrize("h", [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.01, 0.02, 0.03)])

@@ -27,8 +27,8 @@ import hodo_cli as api
 from hodo_cli import HodoError, figures
 from hodo_cli.cases.config import load, parse
 from hodo_cli.cli import main
+from hodo_cli.figures import geometry
 from hodo_cli.figures.artists import SEPARATRIX
-from hodo_cli.figures.geometry import places_beside
 
 PAPERS = ("paper1", "paper2", "paper3")
 
@@ -451,7 +451,7 @@ def test_names_of_curves_stand_on_the_sphere(runs: Path) -> None:
 def test_names_of_curves_that_meet_stand_apart() -> None:
     turn = np.linspace(0, 2 * np.pi, 500)
     circle = 0.5 * np.stack([np.cos(turn), np.sin(turn), np.ones(500)], axis=-1)
-    first, second = places_beside([circle, circle], [])
+    first, second = geometry.places_beside([circle, circle], [])
     assert np.linalg.norm(first - second) > 0.05
 
 

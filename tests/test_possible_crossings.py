@@ -13,20 +13,14 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853
 
+from hodo_cli.models.theory import possible_crossings as theory
 from hodo_cli.models.theory import steady_spin
-from hodo_cli.models.theory.possible_crossings import (
-    CrossingPattern,
-    Dissipation,
-    axes_kept,
-    possible_crossings,
-    turning_momenta,
-)
 
 MEMBERS = int(os.environ.get("HODO_SUMS", "300"))
 P1 = (1.0, 0.8, 0.6)
 
 
-def rates(A: Any, terms: Dissipation, brake: Any, torque: Any, w: Any) -> Any:
+def rates(A: Any, terms: theory.Dissipation, brake: Any, torque: Any, w: Any) -> Any:
     """omega' (n, 3): the fluid's torque as kappa (w'' + w x w') of free motion."""
     G = A * w
     free = np.cross(G, w) / A
@@ -42,7 +36,7 @@ SLOWEST = 0.08
 """The |omega| at which a motion is held: beside a brake there is soon nothing left of it."""
 
 
-def stepped(A: Any, terms: Dissipation, brake: Any, torque: Any, w: Any, h: Any) -> Any:
+def stepped(A: Any, terms: theory.Dissipation, brake: Any, torque: Any, w: Any, h: Any) -> Any:
     """The state (n, 3) after a step."""
     slopes: list[Any] = []
     for row in DOP853.A[: DOP853.n_stages]:
@@ -51,7 +45,9 @@ def stepped(A: Any, terms: Dissipation, brake: Any, torque: Any, w: Any, h: Any)
     return w + h * sum(b * k for b, k in zip(DOP853.B, slopes, strict=True))
 
 
-def motions(A: Any, terms: Dissipation, brake: Any, w: Any, steps: int, h: float = 0.3) -> Any:
+def motions(
+    A: Any, terms: theory.Dissipation, brake: Any, w: Any, steps: int, h: float = 0.3
+) -> Any:
     """The states (m, n, 3) at steps of length h/|omega|, so that a motion that slows keeps its
     turns."""
     states = [w]
@@ -78,10 +74,10 @@ def starts(draw: np.random.Generator, n: int) -> np.ndarray:
     return w / np.linalg.norm(w, axis=1, keepdims=True) * draw.uniform(0.3, 2, (n, 1))
 
 
-def member(terms: Dissipation, n: int) -> Dissipation:
+def member(terms: theory.Dissipation, n: int) -> theory.Dissipation:
     """One of many sums."""
     spread = terms._asdict() | {"torque": np.zeros((n + 1, 3)), "covered": [True] * (n + 1)}
-    return Dissipation(**{name: values[n] for name, values in spread.items()})
+    return theory.Dissipation(**{name: values[n] for name, values in spread.items()})
 
 
 def outer_axes(A: Any) -> tuple[int, int]:
@@ -114,7 +110,7 @@ def passages(A: Any, states: Any) -> list[list[tuple[int, float, float]]]:
     return found
 
 
-def random_terms(draw: np.random.Generator, n: int, *names: str) -> Dissipation:
+def random_terms(draw: np.random.Generator, n: int, *names: str) -> theory.Dissipation:
     size = {"damping": 0.02, "quadratic": 0.02, "quadratic_axes": 0.04}
     given: dict[str, Any] = {
         name: scale * draw.uniform(0, 1, (n, 3)) * (name in names) for name, scale in size.items()
@@ -124,7 +120,7 @@ def random_terms(draw: np.random.Generator, n: int, *names: str) -> Dissipation:
     a, b, c = -np.sort(-A).T
     beside = (a - c) * (b * (a + c - b) + 2 * a * c) / (3 * (a * b * c) ** 2)
     kappa = 0.02 * draw.uniform(0, 1, n) / beside * ("kappa" in names)
-    return Dissipation(A, **given, kappa=kappa)
+    return theory.Dissipation(A, **given, kappa=kappa)
 
 
 SUMS = {
@@ -148,19 +144,22 @@ def test_no_motion_crosses_otherwise(name: str) -> None:
     A = np.asarray(terms.inertia)
     crossed = 0
     for n, passed in enumerate(passages(A, motions(A, terms, brake, w, 800))):
-        allowed, turning = possible_crossings(member(terms, n)), turning_momenta(member(terms, n))
+        allowed, turning = (
+            theory.possible_crossings(member(terms, n)),
+            theory.turning_momenta(member(terms, n)),
+        )
         senses = [sense for sense, *_ in passed]
         crossed += len(senses)
         expected = {
-            CrossingPattern.NONE: [[]],
-            CrossingPattern.TO_LARGEST: [[], [1]],
-            CrossingPattern.TO_SMALLEST: [[], [-1]],
+            theory.CrossingPattern.NONE: [[]],
+            theory.CrossingPattern.TO_LARGEST: [[], [1]],
+            theory.CrossingPattern.TO_SMALLEST: [[], [-1]],
         }
         assert senses in expected.get(allowed, [senses])
         # An axis that is kept is entered, if at all, by the last crossing.
         for side, axis in zip((1, -1), outer_axes(A[n]), strict=True):
-            assert axis + 1 not in axes_kept([member(terms, n)]) or side not in senses[:-1]
-        if allowed == CrossingPattern.THERE_AND_BACK:
+            assert axis + 1 not in theory.axes_kept([member(terms, n)]) or side not in senses[:-1]
+        if allowed == theory.CrossingPattern.THERE_AND_BACK:
             fast = [s for s, _, after in passed if after > turning.fluid]
             slow = [s for s, before, _ in passed if before < turning.damping]
             assert fast in ([], [1])
@@ -175,12 +174,12 @@ def test_fluid_with_equal_quadratic_drag_goes_there_and_back() -> None:
         quadratic=np.full((MEMBERS, 3), 0.003)
     )
     A = np.asarray(terms.inertia)
-    allowed = [possible_crossings(member(terms, n)) for n in range(MEMBERS)]
-    assert allowed.count(CrossingPattern.THERE_AND_BACK) > MEMBERS / 3
+    allowed = [theory.possible_crossings(member(terms, n)) for n in range(MEMBERS)]
+    assert allowed.count(theory.CrossingPattern.THERE_AND_BACK) > MEMBERS / 3
     both = 0
     for n, passed in enumerate(passages(A, motions(A, terms, 0, starts(draw, MEMBERS), 1500))):
-        if allowed[n] == CrossingPattern.THERE_AND_BACK:
-            turning = turning_momenta(member(terms, n))
+        if allowed[n] == theory.CrossingPattern.THERE_AND_BACK:
+            turning = theory.turning_momenta(member(terms, n))
             fast = [s for s, _, after in passed if after > turning.fluid]
             slow = [s for s, before, _ in passed if before < turning.damping]
             assert fast in ([], [1])
@@ -190,12 +189,12 @@ def test_fluid_with_equal_quadratic_drag_goes_there_and_back() -> None:
 
 
 def test_the_numbers_of_the_papers_body() -> None:
-    terms = Dissipation(P1, (0.005, 0.004, 0.003), kappa=0.03)
-    turning = turning_momenta(terms)
+    terms = theory.Dissipation(P1, (0.005, 0.004, 0.003), kappa=0.03)
+    turning = theory.turning_momenta(terms)
     strengths = [0.002 / 0.03 / float(G) ** 2 for G in turning]
     assert strengths == pytest.approx([0.9722222222, 1.1111111111, 115 / 108], rel=1e-10)
-    assert possible_crossings(terms) == CrossingPattern.THERE_AND_BACK
-    assert axes_kept([terms]) == frozenset()
+    assert theory.possible_crossings(terms) == theory.CrossingPattern.THERE_AND_BACK
+    assert theory.axes_kept([terms]) == frozenset()
 
 
 @pytest.mark.parametrize("order", [*itertools.permutations(range(3))])
@@ -207,47 +206,50 @@ def test_the_axes_are_those_of_the_body_in_any_order(order: tuple[int, ...]) -> 
         return frozenset((np.flatnonzero(chosen) + 1).tolist())
 
     A = given(P1)
-    to_smallest = Dissipation(A, given((0.005, 0.004, 0.003)), given((0.01, 0.008, 0.006)))
-    assert possible_crossings(to_smallest) == CrossingPattern.TO_SMALLEST
-    assert axes_kept([to_smallest]) == places(A == 0.6)
-    to_largest = Dissipation(A, given((0.003, 0.004, 0.005)), kappa=0.01)
-    assert axes_kept([to_largest]) == places(A == 1)
+    to_smallest = theory.Dissipation(A, given((0.005, 0.004, 0.003)), given((0.01, 0.008, 0.006)))
+    assert theory.possible_crossings(to_smallest) == theory.CrossingPattern.TO_SMALLEST
+    assert theory.axes_kept([to_smallest]) == places(A == 0.6)
+    to_largest = theory.Dissipation(A, given((0.003, 0.004, 0.005)), kappa=0.01)
+    assert theory.axes_kept([to_largest]) == places(A == 1)
     # Equal coefficients of a drag by axes cross, too; of all others they do not.
-    by_axes = Dissipation(A, quadratic_axes=(0.01, 0.01, 0.01))
-    assert possible_crossings(by_axes) == CrossingPattern.TO_LARGEST
-    equal = Dissipation(A, (0.01,) * 3, (0.02,) * 3)
-    assert axes_kept([equal]) == places(A != 0.8)
+    by_axes = theory.Dissipation(A, quadratic_axes=(0.01, 0.01, 0.01))
+    assert theory.possible_crossings(by_axes) == theory.CrossingPattern.TO_LARGEST
+    equal = theory.Dissipation(A, (0.01,) * 3, (0.02,) * 3)
+    assert theory.axes_kept([equal]) == places(A != 0.8)
 
 
 @pytest.mark.parametrize(
     ("terms", "expected"),
     [
-        (Dissipation(P1), CrossingPattern.NONE),
-        (Dissipation((1.0, 1.0, 0.6), (0.1, 0, 0), kappa=1.0), CrossingPattern.NONE),
-        (Dissipation((1.0, 0.6, 0.6), (0, 0, 0.1)), CrossingPattern.NONE),
-        (Dissipation(P1, (-0.01, 0, 0)), CrossingPattern.TO_LARGEST),
-        (Dissipation(P1, (0.02, 0, 0), (0.01, 0, 0.02)), CrossingPattern.UNKNOWN),
-        (Dissipation(P1, kappa=0.1, quadratic=(0.02, 0, 0)), CrossingPattern.UNKNOWN),
+        (theory.Dissipation(P1), theory.CrossingPattern.NONE),
+        (theory.Dissipation((1.0, 1.0, 0.6), (0.1, 0, 0), kappa=1.0), theory.CrossingPattern.NONE),
+        (theory.Dissipation((1.0, 0.6, 0.6), (0, 0, 0.1)), theory.CrossingPattern.NONE),
+        (theory.Dissipation(P1, (-0.01, 0, 0)), theory.CrossingPattern.TO_LARGEST),
+        (theory.Dissipation(P1, (0.02, 0, 0), (0.01, 0, 0.02)), theory.CrossingPattern.UNKNOWN),
+        (theory.Dissipation(P1, kappa=0.1, quadratic=(0.02, 0, 0)), theory.CrossingPattern.UNKNOWN),
         # Where |omega| counts beside |G|, the sense turns at no one size.
-        (Dissipation(P1, (0.02, 0, 0), (0.02, 0, 0), kappa=0.1), CrossingPattern.UNKNOWN),
         (
-            Dissipation(P1, (0.02, 0, 0), quadratic_axes=(0.02, 0, 0), kappa=0.1),
-            CrossingPattern.UNKNOWN,
+            theory.Dissipation(P1, (0.02, 0, 0), (0.02, 0, 0), kappa=0.1),
+            theory.CrossingPattern.UNKNOWN,
+        ),
+        (
+            theory.Dissipation(P1, (0.02, 0, 0), quadratic_axes=(0.02, 0, 0), kappa=0.1),
+            theory.CrossingPattern.UNKNOWN,
         ),
         # Negative damping may make G grow, so that the sense turns more than once.
-        (Dissipation(P1, (0.02, -0.1, 0), kappa=0.1), CrossingPattern.UNKNOWN),
-        (Dissipation((1e-100, 0.8e-100, 0.6e-100), (0.02, 0, 0), kappa=1e-250), 3),
+        (theory.Dissipation(P1, (0.02, -0.1, 0), kappa=0.1), theory.CrossingPattern.UNKNOWN),
+        (theory.Dissipation((1e-100, 0.8e-100, 0.6e-100), (0.02, 0, 0), kappa=1e-250), 3),
     ],
 )
-def test_single_sums(terms: Dissipation, expected: int) -> None:
-    assert possible_crossings(terms) == expected
+def test_single_sums(terms: theory.Dissipation, expected: int) -> None:
+    assert theory.possible_crossings(terms) == expected
 
 
 def test_moments_of_any_size_turn_at_the_same_shape() -> None:
-    plain = turning_momenta(Dissipation(P1, (0.005, 0, 0.003), kappa=1.0))
+    plain = theory.turning_momenta(theory.Dissipation(P1, (0.005, 0, 0.003), kappa=1.0))
     for size in (1e-100, 1e100):
         A = np.array(P1) * size
-        scaled = turning_momenta(Dissipation(A, (0.005, 0, 0.003), kappa=size))
+        scaled = theory.turning_momenta(theory.Dissipation(A, (0.005, 0, 0.003), kappa=size))
         assert [float(x) / size for x in scaled] == pytest.approx([float(x) for x in plain])
 
 
@@ -266,7 +268,7 @@ def test_a_tilt_grows_at_the_rate_of_the_sum(outer: int) -> None:
     media, kappa = draw.uniform(0, 1e-4, (3, n, 3)), draw.uniform(0, 1e-4, n) * A.prod(1)
     torque = np.zeros((n, 3))
     torque[at, axis] = draw.uniform(-1e-4, 1e-4, n)
-    terms = Dissipation(A, *media, kappa=kappa, torque=torque)
+    terms = theory.Dissipation(A, *media, kappa=kappa, torque=torque)
     w = np.full((n, 3), 1e-6)
     w[at, axis] = draw.uniform(0.5, 1.5, n) * draw.choice([-1, 1], n)
     weights = np.abs(A[at, axis][:, None] - A) * A
@@ -284,10 +286,12 @@ def test_a_tilt_grows_at_the_rate_of_the_sum(outer: int) -> None:
 
 
 def test_equal_rates_cancel_and_the_middle_axis_has_none() -> None:
-    growth = steady_spin.tilt_growth_rates(Dissipation(P1, (0.1 + 0.2, 0.3, 0.3)), np.ones(3))
+    growth = steady_spin.tilt_growth_rates(
+        theory.Dissipation(P1, (0.1 + 0.2, 0.3, 0.3)), np.ones(3)
+    )
     assert growth[[0, 2]].tolist() == [-0.15 + 0.15, 0]
     assert np.isnan(growth[1])
-    symmetric = steady_spin.tilt_growth_rates(Dissipation((1, 1, 0.6)), np.ones(3))
+    symmetric = steady_spin.tilt_growth_rates(theory.Dissipation((1, 1, 0.6)), np.ones(3))
     assert np.isnan(symmetric).tolist() == [True, True, False]
 
 
@@ -298,7 +302,7 @@ def test_a_driven_rotation_is_stable_where_its_eigenvalues_say_so() -> None:
     A, damping = bodies(draw, n), draw.uniform(0.01, 1, (n, 3))
     torque = draw.normal(size=(n, 3))
     sums = [
-        Dissipation(body, rates, torque=N)
+        theory.Dissipation(body, rates, torque=N)
         for body, rates, N in zip(A, damping, torque, strict=True)
     ]
     omega, stable = np.array(

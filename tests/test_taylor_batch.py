@@ -13,7 +13,7 @@ from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import constants as flat
 from hodo_cli.models.base import Event
 from hodo_cli.sweeps import members
-from hodo_cli.sweeps.ensemble.advance import advance, step_of
+from hodo_cli.sweeps.ensemble import advance
 
 TOP = (
     "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, b: [0.1, 1], time: {end: 2}, "
@@ -150,7 +150,7 @@ def test_a_touch_of_a_body_with_two_equal_moments_is_no_crossing() -> None:
     case = one(f"{CAVITY}, torque: [0, 0, -0.1], initial: {{p: 1e-3, q: 0, r: 0.1}}, "
                "time: {end: 60}, sweep: {initial.r: {values: [0.1, 0.5]}}")  # fmt: skip
     ((_, e),) = members.prepare(case, np.arange(2))
-    outcome = advance(e, step_of(e))
+    outcome = advance.advance(e, advance.step_of(e))
     assert outcome.accepted.all()
     assert not outcome.passages.motion.size
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 from conftest import call
 
+from hodo_cli.storage import staging
 from hodo_cli.storage.finished_cases import finished_cases, open_batch
 from hodo_cli.storage.group import Group
 from hodo_cli.storage.hdf5 import open_run
-from hodo_cli.storage.staging import replacing, staging_folders
 from hodo_cli.storage.update import update
 from hodo_cli.storage.writer import Writer
 
@@ -220,9 +220,9 @@ def test_what_is_unfinished_is_as_private_as_its_result(path: Path) -> None:
         pass
     path.chmod(0o600)
     interrupted(path, {"second": stored(2)})
-    (folder,) = staging_folders(path)
+    (folder,) = staging.staging_folders(path)
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-    with replacing(path) as draft:
+    with staging.replacing(path) as draft:
         assert stat.S_IMODE(draft.parent.stat().st_mode) == 0o700
         draft.write_bytes(path.read_bytes())
     published(path)
@@ -240,5 +240,5 @@ def test_a_change_leaves_what_dead_runs_have_finished(path: Path) -> None:
     (path.parent / ".a.h5.dead.partial").mkdir()
     with update(path) as changes:
         changes.write("first", Group({"note": "new"}, {}))
-    (folder,) = staging_folders(path)
+    (folder,) = staging.staging_folders(path)
     assert [*folder.glob("part-stamp-0.h5")]
