@@ -170,7 +170,7 @@ def _named_in(section: str) -> Callable[..., list[Any]]:
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
         from .cases.config import load, parse
-        from .storage.hdf5 import open_run
+        from .storage import open_run
 
         names: list[str] = []
         # An option without its value has kept click from giving the arguments their names.
@@ -211,8 +211,7 @@ def _with_their_models(ctx: click.Context, param: click.Parameter, names: Any) -
     """The names of results and configs. Unless the user names models, those of the results are
     taken: models of the user's own as they were when the results were made."""
     from .private import kept_models
-    from .storage.hdf5 import open_run
-    from .storage.provenance import OWN_MODELS
+    from .storage import OWN_MODELS, open_run
 
     kept: list[str] = []
     for path in map(Path, () if os.environ.get("HODO_MODELS") else names):

@@ -1,6 +1,7 @@
 """The layers of the package: imports go down only, and every folder is small."""
 
 import ast
+import re
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -54,6 +55,12 @@ def test_imports_go_down(path: Path) -> None:
     here = room(path)
     for used in rooms_used(path):
         assert used == here or FLOOR[used] < FLOOR.get(here, 0), f"{here} imports {used}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_the_storage_is_entered_by_its_door(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert room(path) == "storage" or not re.search(r"^ *from \.+storage\.", text, re.MULTILINE)
 
 
 def test_only_the_scan_of_its_folder_knows_a_paper() -> None:

@@ -12,10 +12,10 @@ import pytest
 from conftest import call
 
 from hodo_cli.storage import staging
+from hodo_cli.storage.changes import update
 from hodo_cli.storage.finished_cases import finished_cases, open_batch
 from hodo_cli.storage.group import Group
 from hodo_cli.storage.hdf5 import open_run
-from hodo_cli.storage.update import update
 from hodo_cli.storage.writer import Writer
 
 CONFIG = """\

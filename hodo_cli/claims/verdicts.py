@@ -35,7 +35,7 @@ from ..cases.claim_block import (
 )
 from ..results.motion import Motion, case_of, motion_of
 from ..schema.frozen import frozen
-from ..storage.hdf5 import ResultFile
+from ..storage import ResultFile
 from ..text import grouped
 from .checks import MOTION_CHECKS, averages
 from .finding import Check, Finding, Trend, Verdict, part_of

@@ -21,9 +21,7 @@ from ..figures.files import save
 from ..integration.integrate import ASKED
 from ..progress import Progress
 from ..results.trials import SLACK, TRIAL_VERDICTS, ULPS, Trial, trials_of
-from ..storage.group import Group, Variable
-from ..storage.output import create
-from ..storage.staging import replacing
+from ..storage import Group, Variable, create, replacing
 from ..text import grouped, magnitude, markdown, seconds, table
 from .resume import attributes_by
 

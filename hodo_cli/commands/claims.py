@@ -19,10 +19,7 @@ from ..claims.finding import Verdict
 from ..claims.verdicts import Judge
 from ..papers import catalogue_of_checks
 from ..progress import Progress
-from ..storage.group import Group, Report, Variable
-from ..storage.hdf5 import ResultFile
-from ..storage.provenance import history_line
-from ..storage.update import update
+from ..storage import Group, Report, ResultFile, Variable, history_line, update
 from .resume import content_digest, result_named, stored_config, warn_of_changes
 
 Rows = list[dict[str, Any]]

@@ -21,9 +21,7 @@ from ..results.groups import label_group
 from ..results.layout import RECORDED
 from ..results.motion import Motion, motion_of
 from ..results.units import sentence_of_case, units_of_case
-from ..storage.group import Group, Report
-from ..storage.provenance import history_line, typed
-from ..storage.update import update
+from ..storage import Group, Report, history_line, typed, update
 from .resume import package_digest, result_named, warn_of_changes
 
 

@@ -28,9 +28,7 @@ from ..results.agreement import (
 )
 from ..results.layout import CROSSING_COLUMNS
 from ..results.motion import wrong_labels
-from ..storage.group import Group, Variable
-from ..storage.hdf5 import ResultFile, open_run
-from ..storage.provenance import typed
+from ..storage import Group, ResultFile, Variable, open_run, typed
 from .resume import result_named, warn_of_changes
 
 COMPUTED = (

@@ -11,9 +11,7 @@ from .. import HodoError
 from ..cases.case import Case, dump, parse_case, read_mapping
 from ..cases.config import composed_text, parse
 from ..schema.mistakes import Mistakes
-from ..storage.finished_cases import FinishedCase, finished_cases
-from ..storage.hdf5 import ResultFile, open_run
-from ..storage.writer import Writer
+from ..storage import FinishedCase, ResultFile, Writer, finished_cases, open_run
 from .plot import with_sheet
 from .resume import attributes_by, has_all_of, result_named, stored_config
 

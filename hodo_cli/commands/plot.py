@@ -23,9 +23,7 @@ from ..cases.figure_block import PAGE_DATA, DrawnFigure
 from ..machine import library_version
 from ..progress import Progress
 from ..schema.document import YAML_SUFFIXES
-from ..storage.finished_cases import open_batch
-from ..storage.hdf5 import ResultFile
-from ..storage.staging import replacing
+from ..storage import ResultFile, open_batch, replacing
 from .resume import CONFIG_PATH, content_digest, result_named, stored_config, warn_of_changes
 
 if TYPE_CHECKING:

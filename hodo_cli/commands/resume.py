@@ -15,12 +15,16 @@ from ..batch.digests import PACKAGE, code_digest, digest, library_digest
 from ..cases.case import Case, dump
 from ..cases.config import Config, is_bare, load, parse, text_of
 from ..schema.document import YAML_SUFFIXES
-from ..storage.finished_cases import FinishedCase
-from ..storage.group import Group
-from ..storage.hdf5 import ResultFile
-from ..storage.provenance import OWN_MODELS, history_line, root_attributes
-from ..storage.staging import staging_folders
-from ..storage.update import holds
+from ..storage import (
+    OWN_MODELS,
+    FinishedCase,
+    Group,
+    ResultFile,
+    history_line,
+    holds,
+    root_attributes,
+    staging_folders,
+)
 
 FORCED = "--force"
 

@@ -25,12 +25,17 @@ from ..integration.trajectory import Trajectory
 from ..progress import Progress
 from ..results.groups import case_group
 from ..results.layout import SUMMARY
-from ..storage.finished_cases import FinishedCase, finished_cases
-from ..storage.group import Group
-from ..storage.hdf5 import open_run
-from ..storage.provenance import typed
-from ..storage.staging import check_writable, chunks_in, staging_folders
-from ..storage.writer import Writer
+from ..storage import (
+    FinishedCase,
+    Group,
+    Writer,
+    check_writable,
+    chunks_in,
+    finished_cases,
+    open_run,
+    staging_folders,
+    typed,
+)
 from ..text import NAMES_LISTED, abridged, file_name_fault, grouped
 from .resume import (
     CONFIG_PATH,

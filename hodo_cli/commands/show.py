@@ -10,9 +10,7 @@ from typing import Any
 from .. import HodoError
 from ..cases.case import parse_case
 from ..results.layout import MODEL_SOURCE, SUMMARY, typed_as
-from ..storage.finished_cases import open_batch
-from ..storage.hdf5 import ResultFile
-from ..storage.staging import chunks_in, staging_folders
+from ..storage import ResultFile, chunks_in, open_batch, staging_folders
 from ..text import NAMES_LISTED, abridged, in_bytes, magnitude
 from .resume import result_named, warn_of_changes
 

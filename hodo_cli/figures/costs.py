@@ -13,7 +13,7 @@ from ..models.averaging.free_turn import Body
 from ..models.averaging.passage import share_that_crosses
 from ..results.dataset import Cases, motions_of
 from ..results.motion import Motion, forms_apart
-from ..storage.group import Group
+from ..storage import Group
 from ..sweeps.view import SweepView
 from .artists import (
     BLACK,

@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from ..storage.staging import replacing
+from ..storage import replacing
 from .sheet import FILMS, FORMULAS, Sheet, every_panel, without_tex
 
 # Without dates and versions, so that the same results give the same bytes.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..cases.figure_block import PAGE_DATA
-from ..storage.staging import replacing
+from ..storage import replacing
 from .contents import PageResult, section_of
 from .html import page_of, with_pictures_inside
 from .stored import stored_sections

@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import HodoError
 from ..engines.protocol import EPS
-from ..storage.group import Group, Variable
+from ..storage import Group, Variable
 
 # Looser than the results' 1e-12, so that another machine's compiler changes no verdict, and tighter
 # than any figure shows.

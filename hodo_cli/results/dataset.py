@@ -20,10 +20,7 @@ from ..cases.case import Case
 from ..cases.derived import BODY_AXES, DERIVED, PARTS
 from ..cases.sweep_block import axes_of, path_of, put
 from ..schema.kinds import unknown
-from ..storage.finished_cases import open_batch
-from ..storage.group import Group
-from ..storage.hdf5 import ResultFile
-from ..storage.provenance import typed
+from ..storage import Group, ResultFile, open_batch, typed
 from .layout import SHOWN
 from .motion import Motion, case_of, damage, wrong_labels
 from .units import units_of_case

@@ -5,7 +5,7 @@ from ..integration.classify import Classification
 from ..integration.trajectory import Trajectory
 from ..models.attitude import Oriented
 from ..models.rigid_body import BodyFrame
-from ..storage.group import Group, Variable
+from ..storage import Group, Variable
 from .layout import (
     AXIS_FLAGS,
     INNER,

@@ -24,7 +24,7 @@ from ..models import rigid_body
 from ..models.attitude import CONVENTION, VARIABLE
 from ..models.base import Label
 from ..models.rigid_body import BodyFrame
-from ..storage.group import Attribute, Variable
+from ..storage import Attribute, Variable
 from .units import units_of_case
 
 # Attributes

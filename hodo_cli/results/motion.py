@@ -35,8 +35,7 @@ from ..models.rigid_body import BodyFrame
 from ..models.top.nutation import first_integrals
 from ..models.top.torques import with_mu
 from ..schema.expression import Tree, parse_expression
-from ..storage.group import Attribute, Variable
-from ..storage.provenance import typed
+from ..storage import Attribute, Variable, typed
 from ..text import case_words
 from .in_space import ANGLES_THAT_TURN, OF_ATTITUDE, continued
 from .layout import CROSSING_COLUMNS, EVENT_COLUMNS

@@ -11,3 +11,37 @@ Before a result has its name, there are files of four kinds beside it:
 A *checksum* is the hash of what is stored: of a file's bytes, of a group, of a variable's values. A
 *digest* is the hash of what a result depends on; this folder stores and compares it only.
 """
+
+from .changes import holds, update
+from .finished_cases import FinishedCase, finished_cases, open_batch
+from .group import Attribute, Group, Report, StreamedVariables, Variable
+from .hdf5 import ResultFile, open_run
+from .output import create
+from .provenance import OWN_MODELS, history_line, root_attributes, typed
+from .staging import check_writable, chunks_in, replacing, staging_folders
+from .writer import Writer
+
+__all__ = [
+    "OWN_MODELS",
+    "Attribute",
+    "FinishedCase",
+    "Group",
+    "Report",
+    "ResultFile",
+    "StreamedVariables",
+    "Variable",
+    "Writer",
+    "check_writable",
+    "chunks_in",
+    "create",
+    "finished_cases",
+    "history_line",
+    "holds",
+    "open_batch",
+    "open_run",
+    "replacing",
+    "root_attributes",
+    "staging_folders",
+    "typed",
+    "update",
+]

@@ -20,7 +20,7 @@ from ..integration.trajectory import Trajectory
 from ..models import rigid_body
 from ..models.constants import flatten, rescaled
 from ..results.layout import CROSSING_COLUMNS, columns_of
-from ..storage.group import Group, Variable
+from ..storage import Group, Variable
 from .columns import blank_columns, columns, event_columns, label_columns, shape
 from .ensemble.advance import advance, measure_crossings, step_of
 from .ensemble.motions import Ensemble, Outcome, Passages, Rejection

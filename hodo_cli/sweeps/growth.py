@@ -11,9 +11,7 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case, dump, parse_case
 from ..cases.sweep_block import Axis, axes_of
-from ..storage.finished_cases import FinishedCase
-from ..storage.group import Group
-from ..storage.hdf5 import open_run
+from ..storage import FinishedCase, Group, open_run
 from .columns import shape, stored_columns
 
 

@@ -20,7 +20,7 @@ from ..integration.error import references, time_error
 from ..integration.solve import refined, solve
 from ..integration.trajectory import Trajectory
 from ..models.attitude import angle_apart
-from ..storage.group import Group
+from ..storage import Group
 from .chunk import Chunk, reason_alone
 from .ensemble.motions import Rejection
 from .members import members_as_cases

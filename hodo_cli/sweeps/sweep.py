@@ -22,8 +22,7 @@ from ..engines.protocol import EPS, Status
 from ..integration.solve import sample_times
 from ..progress import Progress
 from ..results.layout import TIME, Stored, case_attributes, inner_coordinates, with_units
-from ..storage.group import Attribute, Group, StreamedVariables, Variable
-from ..storage.writer import Writer
+from ..storage import Attribute, Group, StreamedVariables, Variable, Writer
 from .chunk import LARGEST_CHUNK, Chunk, chunks, compute, lost_chunk, reason_alone
 from .columns import lengths, shape, stored_columns
 from .ensemble.motions import Rejection
