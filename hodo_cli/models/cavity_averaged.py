@@ -253,7 +253,7 @@ class AveragedTriaxial(ClosedTurns, Cavity):
 
     @cached_property
     def constants(self) -> Constants:
-        ln_at_end = math.log(self.slow_start.pair[0]) + NEARLY_STOPPED
+        ln_at_end = math.log(self.slow_start.X_e) + NEARLY_STOPPED
         return {"spin_reversal": self.spin_reversal, "ln_at_end": ln_at_end, **super().constants}
 
     @property

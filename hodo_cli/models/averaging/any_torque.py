@@ -115,9 +115,8 @@ def beside(body: Body, region: Region, root_e: float, m1: float) -> SlowVariable
     """The slow variables of a motion at 1 - m beside the separatrix, with this sqrt(X_e)."""
     side, sense = region
     w_e, w_o = body.weight(side)
-    X_e = root_e**2
-    X, Y = (X_e, (1 - m1) * float(w_e / w_o) * X_e)[::side]
-    return SlowVariables(X, Y, np.asarray(side), np.asarray(m1), np.asarray(sense), 0.0)
+    X_o = (1 - m1) * float(w_e / w_o) * root_e**2
+    return SlowVariables(root_e**2, X_o, np.asarray(side), np.asarray(m1), np.asarray(sense), 0.0)
 
 
 def band_of(body: Body, torque: Torque, region: Region, root_e: float) -> SeparatrixRates:
@@ -125,10 +124,10 @@ def band_of(body: Body, torque: Torque, region: Region, root_e: float) -> Separa
     rates = []
     for m1 in (NEAR, NEARER):
         slow = beside(body, region, root_e, m1)
-        changes = np.array(mean_rates(body, torque, slow, nodes_for(m1)))
+        changes = mean_rates(body, torque, slow, nodes_for(m1))
         # <dn> is pi/(2 K)
         inverse = 2 / math.pi * turn_means(1 - m1, m1, LANDEN).pace
-        rates.append((*(changes / (slow.X, slow.Y))[:: region[0]], inverse))
+        rates.append((*(changes / slow[:2]), inverse))
     (e1, o1, inverse), (e2, o2, nearer) = rates
     by_e, by_o = (e1 - e2) / (inverse - nearer), (o1 - o2) / (inverse - nearer)
     return SeparatrixRates(float(e1 - by_e * inverse), float(by_e), float(by_o))
@@ -182,8 +181,7 @@ class QuadratureTurns(AveragedTurns):
     def torque_rate(self, t: Any, turn: Turn, k: Any) -> Any:
         # What has no mean has to be weak too.
         X_e, X_o = turn.root_e**2, turn.root_o**2
-        X, Y = np.where(turn.side > 0, (X_e, X_o), (X_o, X_e))
-        slow = SlowVariables(X, Y, turn.side, 1 - turn.m, turn.sense, 0 * turn.side)
+        slow = SlowVariables(X_e, X_o, turn.side, 1 - turn.m, turn.sense, 0 * turn.side)
         rates = rates_over_turn(turning_body(k), torque_of(self.full.rhs, t, k), slow, PHASES_SEEN)
         return np.abs(rates).max(axis=(0, -1)) / (2 * X_e)
 
@@ -202,18 +200,15 @@ class QuadratureTurns(AveragedTurns):
     @classmethod
     def part(cls, t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
         flat = SlowVariables(*(np.ravel(value) for value in np.broadcast_arrays(*slow)))
-        times, parts = np.broadcast_to(t, flat.X.shape), np.empty((2, len(flat.X)))
-        for i in range(0, len(flat.X), AT_ONCE):
-            some = SlowVariables(*(column[i : i + AT_ONCE] for column in flat))
-            torque = torque_of(cls.full.rhs, times[i : i + AT_ONCE], k)
-            X, Y = periodic_part(turning_body(k), torque, some, int(k.turning_nodes))
-            (X_e, X_o), above = some.pair, some.side > 0
-            part_o = np.where(above, Y, X)
-            parts[0, i : i + AT_ONCE] = np.where(above, X, Y) / X_e
-            parts[1, i : i + AT_ONCE] = np.divide(
-                part_o, X_o, out=np.zeros_like(part_o), where=X_o > 0
-            )
-        return parts.reshape(2, *np.shape(slow.X))
+        times, parts = np.broadcast_to(t, flat.X_e.shape), np.zeros((2, len(flat.X_e)))
+        for i in range(0, len(flat.X_e), AT_ONCE):
+            rows = slice(i, i + AT_ONCE)
+            some = SlowVariables(*(column[rows] for column in flat))
+            torque = torque_of(cls.full.rhs, times[rows], k)
+            changes = periodic_part(turning_body(k), torque, some, int(k.turning_nodes))
+            squares = np.array(some[:2])
+            np.divide(changes, squares, out=parts[:, rows], where=squares > 0)
+        return parts.reshape(2, *np.shape(slow.X_e))
 
     @property
     def refined_data(self) -> dict[str, Any]:

@@ -124,11 +124,10 @@ def mean_elements(y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
 def slow_of(y: np.ndarray, k: SimpleNamespace) -> SlowVariables:
     """The slow variables of states (n, 5)."""
     ln_e, ln_o, scaled_phase, side, sense = y.T
-    X_e, X_o = np.exp(ln_e), np.exp(ln_o)
-    X, Y = np.where(side > 0, (X_e, X_o), (X_o, X_e))
     # A motion that has stopped at the separatrix is beside it by EDGE.
     m1 = np.maximum(-np.expm1(ln_o - ln_e - side * k.turning_offset), EDGE / 2)
-    return SlowVariables(X, Y, side, m1, sense, scaled_phase / k.turning_scale)
+    phase = scaled_phase / k.turning_scale
+    return SlowVariables(np.exp(ln_e), np.exp(ln_o), side, m1, sense, phase)
 
 
 def distance_to_edge(t: Any, y: Sequence[Any], k: Any) -> Any:
@@ -191,9 +190,9 @@ class AveragedTurns(BodyFrame):
         body = Body.of(data["inertia"])
         with np.errstate(all="ignore"):  # of numbers out of range, which are told next
             slow = slow_elements(body, omega)
-        if any(omega) and not 0 < max(slow.pair) < math.inf:
+        if any(omega) and not 0 < max(slow[:2]) < math.inf:
             yield ("initial",), "the square of the start is beyond the range of doubles"
-        elif not max(slow.pair) or slow.m1 < 2 * edge_of(body):
+        elif not max(slow[:2]) or slow.m1 < 2 * edge_of(body):
             yield (
                 ("initial",),
                 "nothing turns at rest, nor on the separatrix or beside it: take form full",
@@ -295,7 +294,7 @@ class AveragedTurns(BodyFrame):
         """The slow variables (...) that motions start from, and whether these have their mean
         elements."""
         if self.mean_start == "no":
-            return slow, np.ones_like(slow.X, dtype=bool)
+            return slow, np.ones_like(slow.X_e, dtype=bool)
         return shifted(self.body, slow, self.part(0.0, slow, self.numbers))
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
@@ -316,16 +315,15 @@ class AveragedTurns(BodyFrame):
     @classmethod
     def logarithms(cls, slow: SlowVariables) -> Pair:
         """ln X_e and ln X_o; of an exact rotation about the enclosed axis, `steady` apart."""
-        X_e, X_o = slow.pair
         with np.errstate(divide="ignore", invalid="ignore"):
-            ln_e, ln_o = np.log(X_e), np.log(X_o)
-            return ln_e, np.where(X_o > 0, ln_o, ln_e - cls.steady)
+            ln_e, ln_o = np.log(slow.X_e), np.log(slow.X_o)
+            return ln_e, np.where(slow.X_o > 0, ln_o, ln_e - cls.steady)
 
     @property
     def extended_start(self) -> np.ndarray:
         slow, _ = self.elements(self.slow_start)
         y = np.array(self.start, dtype=np.longdouble)
-        if slow.m1 < 0.5 and min(slow.pair) > 0:
+        if slow.m1 < 0.5 and min(slow[:2]) > 0:
             # Beside the separatrix the difference of two logarithms does not keep the digits of m1;
             # elsewhere u is of the size of the state.
             u = -np.log1p(-np.longdouble(slow.m1))
@@ -399,7 +397,7 @@ def shifted(body: Body, slow: SlowVariables, part: np.ndarray) -> tuple[SlowVari
 
     It is no correction any more where it takes the motion halfway to the separatrix.
     """
-    X_e, X_o = (value * (1 - share) for value, share in zip(slow.pair, part, strict=True))
+    X_e, X_o = (value * (1 - share) for value, share in zip(slow[:2], part, strict=True))
     w_e, w_o = body.weight(slow.side)
     with np.errstate(all="ignore"):  # of what is not turning there is no mean
         m1 = 1 - w_o * X_o / (w_e * X_e)
@@ -407,7 +405,6 @@ def shifted(body: Body, slow: SlowVariables, part: np.ndarray) -> tuple[SlowVari
         # out.
         right = (X_e >= 0) & (X_o >= 0) & (m1 > 0)
         right &= shape_distance(m1) >= shape_distance(slow.m1) / 2
-    X, Y = np.where(slow.side > 0, (X_e, X_o), (X_o, X_e))
-    mean = slow._replace(X=X, Y=Y, m1=m1)
+    mean = slow._replace(X_e=X_e, X_o=X_o, m1=m1)
     chosen = (np.where(right, new, old) for new, old in zip(mean, slow, strict=True))
     return SlowVariables(*chosen), right

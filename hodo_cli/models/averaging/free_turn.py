@@ -103,20 +103,15 @@ def turning_body(k: Any) -> Body:
 
 
 class SlowVariables(NamedTuple):
-    """A motion at one moment or at many (n,): X, Y, side, 1 - m, sense of rotation s, phase phi."""
+    """A motion at one moment or at many (n,): X_e, X_o, side, 1 - m, sense of rotation s, phase
+    phi."""
 
-    X: Any
-    Y: Any
+    X_e: Any
+    X_o: Any
     side: Any
     m1: Any
     sense: Any
     phase: Any
-
-    @property
-    def pair(self) -> tuple[Any, Any]:
-        """X_e and X_o."""
-        above = np.asarray(self.side) > 0
-        return np.where(above, self.X, self.Y), np.where(above, self.Y, self.X)
 
 
 def slow_elements(body: Body, omega: Any) -> SlowVariables:
@@ -132,15 +127,15 @@ def slow_elements(body: Body, omega: Any) -> SlowVariables:
     Y = b * (a - b) * q * q + c * (a - c) * r * r
     D = a * (a - b) * p * p - c * (b - c) * r * r
     above = D > 0
-    side = np.where(above, 1, -1)
+    side, (X_e, X_o) = np.where(above, 1, -1), np.where(above, (X, Y), (Y, X))
     about, across = np.where(above, p, r), np.where(above, r, p)
-    scale = body.weight(side)[0] * np.where(above, X, Y)
+    scale = body.weight(side)[0] * X_e
     # A body at rest has no scale; any m serves it.
     m1 = np.divide((a - c) * np.abs(D), scale, out=np.ones_like(scale), where=scale != 0)
     sense = np.where(about < 0, -1, 1)
     opposite, inner = np.where(above, c, a), np.where(above, a - b, b - c)
     am = np.arctan2(-sense * np.sqrt(b * inner) * q, np.sqrt(opposite * (a - c)) * across)
-    return SlowVariables(X, Y, side, m1, sense, phase_of(am, m1))
+    return SlowVariables(X_e, X_o, side, m1, sense, phase_of(am, m1))
 
 
 def turn_frequency(body: Body, X_e: Any, side: Any) -> Any:
@@ -206,12 +201,12 @@ def free_motion_by_phase(body: Body, slow: SlowVariables, phase: Any) -> np.ndar
     sn, cn = np.sin(am), np.cos(am)
     # A sum of squares: 1 - m sn^2 would cancel at the separatrix.
     dn = np.sqrt(cn * cn + slow.m1 * sn * sn)
-    above, (X_e, X_o) = np.asarray(slow.side) > 0, slow.pair
+    above = np.asarray(slow.side) > 0
     outer, inner = np.where(above, a, c), np.where(above, c, a)
     with np.errstate(divide="ignore", invalid="ignore"):
         # For two equal moments the other side, with its division by 0, is not there.
-        across = np.sqrt(X_o / (b * body.weight(slow.side)[0]))
-    w_e = slow.sense * np.sqrt(X_e / (outer * (a - c))) * dn
+        across = np.sqrt(slow.X_o / (b * body.weight(slow.side)[0]))
+    w_e = slow.sense * np.sqrt(slow.X_e / (outer * (a - c))) * dn
     w_m = -slow.sense * across * sn
-    w_o = np.sqrt(X_o / (inner * (a - c))) * cn
+    w_o = np.sqrt(slow.X_o / (inner * (a - c))) * cn
     return np.stack((np.where(above, w_e, w_o), w_m, np.where(above, w_o, w_e)), axis=-1)

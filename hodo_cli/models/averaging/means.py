@@ -139,12 +139,14 @@ Torque = Callable[[np.ndarray], np.ndarray]
 """The perturbing torque (..., 3) of an angular velocity (..., 3), both along the sorted axes."""
 
 
-def exact_rates(body: Body, omega: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """X' and Y' (...) before any averaging; omega and torque (..., 3) along the sorted axes."""
+def exact_rates(body: Body, side: Any, omega: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    """X_e' and X_o' (2, ...) before any averaging; omega and torque (..., 3) along the sorted
+    axes."""
     a, b, c = body[:3]
     p, q, r = np.moveaxis(omega, -1, 0)
     N1, N2, N3 = np.moveaxis(torque, -1, 0)
-    return 2 * ((a - c) * p * N1 + (b - c) * q * N2), 2 * ((a - b) * q * N2 + (a - c) * r * N3)
+    X, Y = 2 * ((a - c) * p * N1 + (b - c) * q * N2), 2 * ((a - b) * q * N2 + (a - c) * r * N3)
+    return np.where(side > 0, (X, Y), (Y, X))
 
 
 def nodes_for(m1: float) -> int:
@@ -159,42 +161,35 @@ def nodes_for(m1: float) -> int:
     return max(24, 4 * math.ceil(float(23.4 * K / other) / 4))
 
 
-def rates_over_turn(
-    body: Body, torque: Torque, slow: SlowVariables, nodes: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """X' and Y' (..., nodes) at the phases 2 pi j/nodes of the free motion with these slow
+def rates_over_turn(body: Body, torque: Torque, slow: SlowVariables, nodes: int) -> np.ndarray:
+    """X_e' and X_o' (2, ..., nodes) at the phases 2 pi j/nodes of the free motion with these slow
     variables (...)."""
     wide = SlowVariables(*(np.asarray(value)[..., None] for value in slow))
     omega = free_motion_by_phase(body, wide, 2 * np.pi * np.arange(nodes) / nodes)
-    return exact_rates(body, omega, torque(omega))
+    return exact_rates(body, wide.side, omega, torque(omega))
 
 
-def mean_rates(
-    body: Body, torque: Torque, slow: SlowVariables, nodes: int = NODES
-) -> tuple[Any, Any]:
-    """<X'> and <Y'> (...) of any torque."""
-    X, Y = rates_over_turn(body, torque, slow, nodes)
-    return X.mean(-1), Y.mean(-1)
+def mean_rates(body: Body, torque: Torque, slow: SlowVariables, nodes: int = NODES) -> np.ndarray:
+    """<X_e'> and <X_o'> (2, ...) of any torque."""
+    return np.asarray(rates_over_turn(body, torque, slow, nodes).mean(-1))
 
 
 def periodic_part(
     body: Body, torque: Torque, slow: SlowVariables, nodes: int = NODES
-) -> tuple[Any, Any]:
-    """X and Y (...) less their mean elements, at the phase of the slow variables, for any torque.
+) -> np.ndarray:
+    """X_e and X_o (2, ...) less their mean elements, at the phase of the slow variables, for any
+    torque.
 
     They are the integrals, of zero mean, of the rates less their means: a Fourier coefficient of
     the rates, divided by i times its frequency, each.
     """
     pace = turn_means(1 - slow.m1, np.maximum(slow.m1, SMALLEST_M1), LANDEN).pace
-    turning = turn_frequency(body, slow.pair[0], slow.side) * pace
+    turning = turn_frequency(body, slow.X_e, slow.side) * pace
     # Without the constant, which averaging keeps, and the last frequency, whose phase the nodes
     # cannot tell.
     k = np.arange(1, nodes // 2)
     wave = np.exp(1j * k * np.asarray(slow.phase)[..., None]) / (
         1j * k * np.asarray(turning)[..., None]
     )
-    X, Y = (
-        2 / nodes * (np.fft.fft(rate)[..., 1 : nodes // 2] * wave).sum(-1).real
-        for rate in rates_over_turn(body, torque, slow, nodes)
-    )
-    return X, Y
+    amplitudes = np.fft.fft(rates_over_turn(body, torque, slow, nodes))[..., 1 : nodes // 2]
+    return np.asarray(2 / nodes * (amplitudes * wave).sum(-1).real)

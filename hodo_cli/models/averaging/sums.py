@@ -55,7 +55,7 @@ def linear_part(
     above = np.asarray(slow.side) > 0
     _, zeta = amplitude(slow.phase, slow.m1)
     e, o = np.where(above, l1, l3) - l2, np.where(above, l3, l1) - l2
-    swing = -2 * zeta / turn_frequency(body, slow.pair[0], slow.side)
+    swing = -2 * zeta / turn_frequency(body, slow.X_e, slow.side)
     return np.array((e * (1 - slow.m1) * swing, o * swing))
 
 
@@ -75,7 +75,7 @@ def fluid_part(t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
     Of sn^2 and of m sn^4 the integrals of zero mean, over n t, are -Z/m and (sn cn dn - 2 (1 + m)
     Z/m)/3, with Jacobi's zeta. sn^4 comes with a factor m everywhere.
     """
-    body, (X_e, X_o), m = turning_body(k), slow.pair, 1 - slow.m1
+    body, X_e, X_o, m = turning_body(k), slow.X_e, slow.X_o, 1 - slow.m1
     am, zeta = amplitude(slow.phase, slow.m1)
     sn, cn = np.sin(am), np.cos(am)
     fourth = (sn * cn * np.sqrt(cn * cn + slow.m1 * sn * sn) - 2 * (1 + m) * zeta) / 3
@@ -110,7 +110,7 @@ def constant_part(t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
 
     The integrals of zero mean of dn, sn and cn are am - phi, -artanh(k cn/dn)/k and arcsin(k sn)/k.
     """
-    body, (X_e, X_o) = turning_body(k), slow.pair
+    body, X_e, X_o = turning_body(k), slow.X_e, slow.X_o
     am, _ = amplitude(slow.phase, slow.m1)
     sn, cn = np.sin(am), np.cos(am)
     # A modulus of 0 is as good as one whose square is lost beside 1.
@@ -138,7 +138,7 @@ def brake_mean(t: Any, turn: Turn, k: Any) -> Pair:
 
 def brake_part(t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
     """No periodic parts: |G| is constant over a turn."""
-    return np.zeros((2, *np.shape(slow.X)))
+    return np.zeros((2, *np.shape(slow.X_e)))
 
 
 class ClosedAverage(NamedTuple):
