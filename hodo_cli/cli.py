@@ -325,9 +325,8 @@ def _run(
     Finished cases are kept unless they have changed; cases that have left the config are kept too.
     With --set, the result is runs/NAME,CASE.KEY=VALUE.h5.
     """
-    from . import tables
     from .cases.config import load
-    from .commands import run
+    from .commands import run, show
 
     loaded = [load(path, overrides) for path in configs]
     plans = run.plans(loaded, out, globs, force, jobs, prune, overrides)
@@ -338,7 +337,7 @@ def _run(
     failed = [f"{row['case']} ({row['status']})" for row in rows if row["status"] != "ok"]
     count = f"{len(failed)} of {len(rows)} cases did not end well"
     problems = [f"{count}: {', '.join(failed)}"] if failed else []
-    return _report(rows, tables.case_table, as_json, problems)
+    return _report(rows, show.case_table, as_json, problems)
 
 
 def _report(
@@ -363,11 +362,10 @@ def _classify(runs: tuple[Path, ...], as_json: bool) -> int:
     The label of each sample and the crossings are added to RUNS: results (*.h5), or configs with a
     result in runs/.
     """
-    from . import tables
     from .commands import classify
 
     rows, problems = classify.classify_results(runs)
-    return _report(rows, tables.table_of_crossings, as_json, problems)
+    return _report(rows, classify.table_of_crossings, as_json, problems)
 
 
 @main.command("claims")
@@ -380,11 +378,10 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> int:
     results (*.h5), or configs with a result in runs/; a config's statements are read anew.
     Exit status 3 if a verdict is not the expected one.
     """
-    from . import tables
     from .commands import claims
 
     rows = claims.judge_results(runs)
-    _report(rows, tables.verdict_tables, as_json)
+    _report(rows, claims.verdict_tables, as_json)
     return 0 if all(claims.as_expected(row) for part in rows.values() for row in part) else 3
 
 
@@ -459,12 +456,11 @@ def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: 
     crossings and events may differ by 100 times rtol, stated errors by a factor of 30; sample
     times, labels, units and warnings are equal or not.
     """
-    from . import tables
     from .commands import compare
     from .results.agreement import Tolerance
 
     rows = compare.compare_results(a, b, Tolerance(rtol, atol))
-    _report(rows, tables.comparison_table, as_json)
+    _report(rows, compare.comparison_table, as_json)
     return 3 if any(row["differs"] for row in rows) else 0
 
 
@@ -502,14 +498,13 @@ def _show(runs: tuple[Path, ...], methods: bool, as_json: bool) -> int:
     RUNS are results (*.h5), or configs with a result in runs/. A line says how a case was
     integrated, how it ended, its error and its run time.
     """
-    from . import tables
     from .commands import show
 
     if methods:
         click.echo("\n\n".join(map(show.methods_paragraph, runs)))
         return 0
     rows, problems = show.stored_cases(runs)
-    return _report(rows, tables.case_table, as_json, problems)
+    return _report(rows, show.case_table, as_json, problems)
 
 
 @main.command("merge")
@@ -524,12 +519,11 @@ def _merge(runs: tuple[Path, ...], out: Path) -> None:
     statements too; cases of one name must be equal, and figures of one name that differ carry the
     name of their result besides.
     """
-    from . import tables
     from .commands import merge, show
 
     merge.merge_results(runs, out)
     rows, _ = show.stored_cases([out])
-    _report(rows, tables.case_table)
+    _report(rows, show.case_table)
 
 
 @main.command("schema")

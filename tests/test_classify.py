@@ -12,8 +12,9 @@ from conftest import classified
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import Case, HodoError, engines, tables
+from hodo_cli import Case, HodoError, engines
 from hodo_cli.cases.case import Time
+from hodo_cli.commands.classify import crossings_line
 from hodo_cli.integration import crossings
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
@@ -350,7 +351,7 @@ def test_of_many_crossings_a_table_shows_the_first_ones_and_the_last() -> None:
     crossings = [{"time": float(t), "from": "x1", "to": "x3", "error": 1e-14} for t in range(30)]
     for n, expected in ((5, "0 1 2 3 4"), (6, "0 1 2 3 more 5"), (30, "0 1 2 3 more 29")):
         row = {"case": "a", "start": "x1", "end": "x3", "crossings": crossings[:n], "warnings": []}
-        told = tables.crossings_line(row)[-1].split("; ")
+        told = crossings_line(row)[-1].split("; ")
         shown = ["more" if "more" in each else each.split()[0] for each in told]
         assert " ".join(shown) == expected
     assert told[4] == "25 more (--json lists them)"

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, Hodo, call
 
-from hodo_cli import tables
+from hodo_cli.commands import show
 from hodo_cli.commands.resume import content_digest
 from hodo_cli.storage.group import Group, Report, Variable
 from hodo_cli.storage.hdf5 import open_run
@@ -83,7 +83,7 @@ def test_what_several_cases_are_warned_of_is_one_line_below_their_table() -> Non
     ended |= {"error": 0.0, "status": "ok", "message": ""}
     warned = {"a": "slow\nrough", "b": "rough", "c": ""}
     rows = [{**ended, "case": name, "warnings": text} for name, text in warned.items()]
-    _, first, second, _, last = tables.case_table(rows).splitlines()
+    _, first, second, _, last = show.case_table(rows).splitlines()
     assert first.split()[-1] == "slow"
     assert second.split()[-1] == "0"
     assert last == "a, b: rough"

@@ -22,7 +22,7 @@ LAYERS = (
     "sweeps",
     "claims figures page",
     "papers",
-    "commands tables",
+    "commands",
     "api cli functions",
 )
 FLOOR = {name: floor for floor, names in enumerate(LAYERS) for name in names.split()}

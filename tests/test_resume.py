@@ -76,7 +76,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Copy:
         ("results/layout.py", set()),
         ("claims/checks.py", set()),
         ("figures/maps.py", set()),
-        ("tables.py", set()),
+        ("text.py", set()),
         ("cli.py", set()),
     ],
 )

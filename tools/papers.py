@@ -21,8 +21,8 @@ from hodo_cli.cases.claim_block import (
     VERDICTS,
 )
 from hodo_cli.cases.config import Config, parse
+from hodo_cli.commands.claims import totals
 from hodo_cli.storage.hdf5 import ResultFile, open_run
-from hodo_cli.tables import totals
 
 WIDTH = 120
 """Characters of a line of the source, so that a change shows as a change of few lines."""

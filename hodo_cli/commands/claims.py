@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
-from ..cases.claim_block import BY_READING, CONFIRMED, readings
+from ..cases.claim_block import BY_READING, CONFIRMED, MISPRINTS, VERDICTS, readings
 from ..cases.config import Config, located
 from ..claims.finding import Verdict
 from ..claims.verdicts import Judge
 from ..papers import catalogue_of_checks
 from ..progress import Progress
 from ..storage import Group, Report, ResultFile, Variable, history_line, update
+from ..text import table
 from .resume import content_digest, result_named, stored_config, warn_of_changes
 
 Rows = list[dict[str, Any]]
@@ -69,15 +70,15 @@ def judge_results(paths: Iterable[Path]) -> dict[str, Rows]:
                         stacklevel=2,
                     )
                 report = Report(digest, json.dumps(rows))
-                for table, (name, columns) in TABLES.items():
-                    if rows[table]:
-                        group = claim_group(rows[table], columns)
-                        stored = report if table == "statements" else None
+                for topic, (name, columns) in TABLES.items():
+                    if rows[topic]:
+                        group = claim_group(rows[topic], columns)
+                        stored = report if topic == "statements" else None
                         changes.write(name, replace(group, report=stored))
             if not any(rows.values()):
                 warnings.warn(f"{path} has no claims: or errata:", stacklevel=2)
-            for table, lines in tables.items():
-                lines += [{"run": str(path), **row} for row in rows[table]]
+            for topic, lines in tables.items():
+                lines += [{"run": str(path), **row} for row in rows[topic]]
     return tables
 
 
@@ -87,13 +88,13 @@ def judged(config: Config, run: ResultFile) -> dict[str, Rows]:
     judge, by_id = Judge(run, catalogue_of_checks()), itemgetter("id")
     rows: dict[str, Rows] = {"statements": [], "errata": []}
     with Progress(len(config.claims) + len(config.errata)) as progress:
-        for table, section, entries, decide in (
+        for topic, section, entries, decide in (
             ("statements", "claims", config.claims, judge.claim),
             ("errata", "errata", config.errata, judge.erratum),
         ):
             for i, entry in enumerate(progress.through(entries, by_id)):
                 try:
-                    rows[table].append(claim_row(decide(entry)))
+                    rows[topic].append(claim_row(decide(entry)))
                 except HodoError as error:
                     place = (section, i, "check" if entry["check"] else "readings")
                     message = str(error).removeprefix(f"{run.path}: ")
@@ -148,3 +149,29 @@ def claim_group(rows: Rows, columns: Sequence[str]) -> Group:
     numbers = np.array([row["number"] for row in rows], dtype=float)
     decides = Variable(("claim",), numbers, {"long_name": "the number that decides"})
     return Group({}, {**texts, "number": decides})
+
+
+def verdict_tables(rows: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Statements with their verdicts and what decides them, errata with their corrections, and how
+    many have which verdict; a statement whose verdict is not the one expected is marked."""
+    statements, errata, parts = rows["statements"], rows["errata"], []
+    if statements:
+        lines = []
+        for row in statements:
+            unexpected = "" if row["verdict"] == row["expect"] else f" (EXPECTED: {row['expect']})"
+            lines.append((row["id"], row["where"], row["verdict"] + unexpected, row["evidence"]))
+        parts += [table(("claim", "where", "verdict", "decided by"), lines)]
+        parts += [totals("statement", statements, VERDICTS)]
+    if errata:
+        header = ("erratum", "where", "printed", "should be", "verdict", "shown by")
+        keys = ("id", "where", "printed", "should_be", "verdict", "evidence")
+        parts += ["", table(header, [[row[key] for key in keys] for row in errata])]
+        parts += [totals("erratum", errata, MISPRINTS)]
+    return "\n".join(parts)
+
+
+def totals(what: str, rows: Sequence[Mapping[str, Any]], verdicts: Sequence[str]) -> str:
+    """How many rows there are, and how many have which verdict."""
+    counts = [(sum(row["verdict"] == verdict for row in rows), verdict) for verdict in verdicts]
+    plural = what if len(rows) == 1 else {"erratum": "errata"}.get(what, f"{what}s")
+    return f"{len(rows)} {plural}: {', '.join(f'{n} {verdict}' for n, verdict in counts if n)}"

@@ -1,7 +1,7 @@
 """`hodo classify`: labels and crossings of stored cases."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from ..results.layout import RECORDED
 from ..results.motion import Motion, motion_of
 from ..results.units import sentence_of_case, units_of_case
 from ..storage import Group, Report, history_line, typed, update
+from ..text import NAMES_LISTED, abridged, grouped, magnitude, table
 from .resume import package_digest, result_named, warn_of_changes
 
 
@@ -177,3 +178,41 @@ def _shares(labels: np.ndarray) -> str:
         for name, count in counts.items()
         if count
     )
+
+
+def table_of_crossings(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Cases with the axes enclosed at start and end, the growth rates of a small tilt away from an
+    axis, the axis that theory predicts in the end, and the crossings; below them, once for each
+    reason, the cases without labels."""
+    header = ("case", "start", "end", "growth of a tilt", "predicted", "crossings")
+    lines = [crossings_line(row) for row in rows if row["warnings"] != [row.get("unlabelled")]]
+    names = grouped((row["unlabelled"], row["case"]) for row in rows if "unlabelled" in row)
+    paragraphs = [table(header, lines, optional=header[3:])] if lines else []
+    for reason, cases in names.items():
+        paragraphs.append(f"no labels: {reason}: {', '.join(abridged(cases, NAMES_LISTED))}")
+    return "\n".join(paragraphs)
+
+
+CROSSINGS_SHOWN = 5
+"""The most crossings of a case in a table, where a line may have hundreds of them."""
+
+
+def crossings_line(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """The line of a case in the table of crossings; of many of these, the first ones and the
+    last."""
+    growth = [f"{axis} {rate:+.6g}" for axis, rate in row.get("growth", {}).items()]
+    predicted = filter(None, [row.get("final", ""), *row.get("predictions", ())])
+    time_unit = row.get("units", {}).get("time", "1")
+    unit = "" if time_unit == "1" else f" {time_unit}"
+    every = [passage(crossing, unit) for crossing in row["crossings"]]
+    events = [f"{event['kind']} at {event['time']:.15g}{unit}" for event in row.get("events", ())]
+    remarks = [remark for remark in row["warnings"] if remark != row.get("unlabelled")]
+    passages = abridged(every, CROSSINGS_SHOWN, " (--json lists them)")
+    ends = row["case"], row["start"], row["end"], ", ".join(growth), "; ".join(predicted)
+    return (*ends, "; ".join([*passages, *events, *remarks]))
+
+
+def passage(crossing: Mapping[str, Any], unit: str) -> str:
+    """One crossing: when, with its error, from which axis to which."""
+    error, ends = magnitude(crossing["error"]), f"{crossing['from']} -> {crossing['to']}"
+    return f"{crossing['time']:.15g}{unit} ({ends}, error {error}{unit})"

@@ -29,6 +29,7 @@ from ..results.agreement import (
 from ..results.layout import CROSSING_COLUMNS
 from ..results.motion import wrong_labels
 from ..storage import Group, ResultFile, Variable, open_run, typed
+from ..text import magnitude, table
 from .resume import result_named, warn_of_changes
 
 COMPUTED = (
@@ -252,3 +253,25 @@ def printed_value(variable: Variable, value: object, digits: int = 17) -> str:
     if "flag_values" in variable.attrs and isinstance(value, np.integer):
         return rigid_body.LABELS.get(int(value), str(value))
     return f"{value:.{digits}g}" if isinstance(value, np.floating) else str(value)
+
+
+def comparison_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """For each case the variable that is farthest from the reference, and every one that
+    differs."""
+    # The last one of a case stays, which is the farthest.
+    worst = {row["case"]: row for row in sorted(rows, key=lambda row: row["scaled"])}
+    shown = [row for row in rows if row["differs"] or row is worst[row["case"]]]
+    return table(
+        ("case", "variable", "scaled error", "", "where"),
+        [
+            (
+                row["case"],
+                row["variable"],
+                magnitude(row["scaled"]),
+                "DIFFERS" if row["differs"] else "",
+                row["place"],
+            )
+            for row in shown
+        ],
+        right=("scaled error",),
+    )

@@ -11,7 +11,7 @@ from .. import HodoError
 from ..cases.case import parse_case
 from ..results.layout import MODEL_SOURCE, SUMMARY, typed_as
 from ..storage import ResultFile, chunks_in, open_batch, staging_folders
-from ..text import NAMES_LISTED, abridged, in_bytes, magnitude
+from ..text import NAMES_LISTED, abridged, grouped, in_bytes, magnitude, seconds, table
 from .resume import result_named, warn_of_changes
 
 LISTED = SUMMARY | typed_as("case")
@@ -146,3 +146,40 @@ def measured(rows: Mapping[str, Mapping[str, Any]]) -> str:
             else f"not measured in {len(errors)} of them"
         )
     return f"The relative errors of the stored variables are {'; '.join(phrases)}."
+
+
+def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Cases with their method, cost, error and warnings; below them, once each, the warnings that
+    several cases share, and what cases assume where that is known."""
+    header = ("case", "model", "form", "method", "steps", "run time", "error", "warnings")
+    names = grouped(
+        (text, row["case"])
+        for row in rows
+        for text in [*remarks(row), f"assumes {row['assumes']}" if row.get("assumes") else ""]
+        if text
+    )
+    lines = [
+        [
+            row["case"],
+            row["model"],
+            row["form"],
+            row["method"],
+            str(row["steps"]),
+            seconds(row["run_time"]),
+            magnitude(row["error"]),
+            "; ".join(text for text in remarks(row) if len(names[text]) == 1),
+        ]
+        for row in rows
+    ]
+    shared = [
+        f"{', '.join(abridged(cases, NAMES_LISTED))}: {text}"
+        for text, cases in names.items()
+        if len(cases) > 1 or text.startswith("assumes ")
+    ]
+    return "\n".join([table(header, lines, right=("steps", "run time", "error")), *shared])
+
+
+def remarks(row: Mapping[str, Any]) -> list[str]:
+    """How a case ended, unless well and at its time, and its warnings."""
+    ended = row["message"] if row["status"] == "ok" else f"{row['status']}: {row['message']}"
+    return [*filter(None, [ended]), *row["warnings"].splitlines()]
