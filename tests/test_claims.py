@@ -393,6 +393,9 @@ REFUSED = [
      "check 'first-order' needs another number of cases, cases of another model, or members"),
     ("slow, free", "check: {kind: paper, name: equations-6-meet-the-start}",
      "check 'equations-6-meet-the-start' needs another number of cases"),
+    ("free", "check: {kind: paper, name: larger-difference-sooner},"
+     " over: {damping.2: {values: [0.01, 0.02]}}",
+     "check 'larger-difference-sooner' needs another number of cases"),
     ("slow, free, slow, free", "check: {kind: paper, name: first-order}",
      "cases slow and free are not stored at the same times"),
     ("top", "check: {kind: bound, of: growth_largest, least: 0}", "case top has no medium"),

@@ -141,7 +141,7 @@ class Judge:
         name = check["name"]
         try:
             return self.checks[name].judge(motions)
-        except (LookupError, TypeError, ValueError) as error:
+        except (LookupError, TypeError, ValueError, ZeroDivisionError) as error:
             raise HodoError(
                 f"check {name!r} needs another number of cases, cases of another model, or members"
             ) from error

@@ -197,16 +197,16 @@ def criterion_predicts(motions: Sequence[Motion]) -> Finding:
 def larger_difference_sooner(members: Sequence[Sequence[Motion]]) -> Finding:
     """With lambda1 and lambda2 held, the larger lambda1 - lambda3, the sooner the crossing."""
     pairs = compared_by_difference(members, "first_crossing", without=math.inf)
-    holds = sum(large < small for small, large in pairs)
-    return all_in_order(holds, len(pairs), "a later crossing at a larger difference")
+    in_order = [large < small for small, large in pairs]
+    return all_in_order(in_order, "a later crossing at a larger difference")
 
 
 @Trend
 def larger_difference_larger_area(members: Sequence[Sequence[Motion]]) -> Finding:
     """With lambda1 and lambda2 held, the larger lambda1 - lambda3, the more of B is filled."""
     pairs = compared_by_difference(members, "area_smallest", without=0.0)
-    holds = sum(large > small for small, large in pairs)
-    return all_in_order(holds, len(pairs), "a smaller area at a larger difference")
+    in_order = [large > small for small, large in pairs]
+    return all_in_order(in_order, "a smaller area at a larger difference")
 
 
 def compared_by_difference(
@@ -220,10 +220,10 @@ def compared_by_difference(
     return [pair for pair in values if pair != (without, without)]
 
 
-def all_in_order(holds: int, count: int, contrary: str) -> Finding:
+def all_in_order(in_order: Sequence[bool], contrary: str) -> Finding:
     """The finding of a statement on pairs; decided by the share of those that are in its order."""
-    words = f"{holds} of {count} pairs in this order"
-    return Finding(if_true(0 < holds == count), holds / count, words, contrary)
+    words = f"{sum(in_order)} of {len(in_order)} pairs in this order"
+    return Finding(if_true(all(in_order)), sum(in_order) / len(in_order), words, contrary)
 
 
 @Trend
