@@ -14,7 +14,6 @@ and IV.8.
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -60,7 +59,7 @@ class Collocation(Stepwise):
         return np.asarray(solver.series)
 
     def solver(
-        self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any, longest: float = math.inf
+        self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float = math.inf
     ) -> "Steps":
         """See `Stepwise.solver`."""
         return Steps(self.model, k, y, start, end, self.tol, longest)
@@ -72,7 +71,7 @@ class Steps:
     def __init__(
         self,
         model: type[Model],
-        k: SimpleNamespace,
+        k: Any,
         y: np.ndarray,
         start: Any,
         end: Any,

@@ -3,7 +3,6 @@
 import math
 import warnings
 from functools import partial
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -46,7 +45,7 @@ class Ivp(Stepwise):
             return super().leg(k, y, grid, control)
 
     def solver(
-        self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any, longest: float = math.inf
+        self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float = math.inf
     ) -> Solver:
         """See `Stepwise.solver`; the implicit methods are given the Jacobian."""
         options = {"jac": partial(jacobian, self.model, k)} if self.implicit else {}

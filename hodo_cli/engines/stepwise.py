@@ -4,7 +4,6 @@ inside it."""
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from types import SimpleNamespace
 from typing import Any, Protocol
 
 import numpy as np
@@ -46,7 +45,7 @@ class Stepwise:
         self.events = events
 
     def solver(
-        self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any, longest: float = math.inf
+        self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float = math.inf
     ) -> Solver:
         """A new integration from `y` at `start` to `end`, in steps of at most `longest`."""
         raise NotImplementedError

@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 from typing import Any, ClassVar, cast
 
 import numpy as np
@@ -193,16 +192,12 @@ def angle_apart(difference: np.ndarray, Q: np.ndarray) -> np.ndarray:
     return np.asarray(2 * np.arcsin(np.minimum(sine, 1)))
 
 
-def without_attitude(
-    function: Callable[..., Any], t: Any, y: Sequence[Any], k: SimpleNamespace
-) -> Any:
+def without_attitude(function: Callable[..., Any], t: Any, y: Sequence[Any], k: Any) -> Any:
     """A function of the state of a model, of the state with an attitude."""
     return function(t, y[:-4], k)
 
 
-def keeping_attitude(
-    passage: Passage, t: Any, y: Sequence[Any], k: SimpleNamespace
-) -> EventOutcome:
+def keeping_attitude(passage: Passage, t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
     """A passage of a model, of the state with an attitude."""
     outcome = passage(t, y[:-4], k)
     return outcome._replace(state=[*outcome.state, *y[-4:]])
@@ -321,7 +316,7 @@ def with_attitude(plain: type[Model]) -> type[Model]:
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         return (*plain.rhs(t, y[:-4], k), *quaternion_rates(y[:3], y[-4:], plain.turning(k)))
 
-    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+    def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         return {**plain.output(t, y[:, :-4], k), KEY: y[:, -4:]}
 
     attributes_of = {

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from importlib import import_module
-from types import SimpleNamespace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -48,7 +47,7 @@ class EventOutcome(NamedTuple):
     onward: Any = None
 
 
-Passage = Callable[[Any, Sequence[Any], SimpleNamespace], EventOutcome]
+Passage = Callable[[Any, Sequence[Any], Any], EventOutcome]
 
 
 class Event(NamedTuple):
@@ -149,7 +148,7 @@ class Model:
         raise NotImplementedError
 
     @staticmethod
-    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+    def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         """The stored variables from the times (n,) and the states (n, m), in the dtype of `y`.
 
         The states of a motion of any scale are given in units of omega of their own where their
@@ -261,7 +260,7 @@ class Model:
         return {}
 
     @staticmethod
-    def is_accurate(y: np.ndarray, k: SimpleNamespace, tol: float) -> Any:
+    def is_accurate(y: np.ndarray, k: Any, tol: float) -> Any:
         """For each state y (m, n), whether the approximation in the equations is right to a
         tolerance (n,); a motion for which it is not is integrated again with `refined_data`."""
         return np.full(y.shape[1:], True)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from functools import cached_property
 from operator import attrgetter
-from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -255,7 +254,7 @@ class BodyFrame(Model):
     variables = {"omega": Label(("time", "axis"), "angular velocity in body axes", "1/time")}
 
     @classmethod
-    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+    def output(cls, t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         others = {name: y[:, i] for i, name in enumerate(cls.state) if name in cls.variables}
         return {"omega": y[:, :3], **others}
 

@@ -5,7 +5,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from types import SimpleNamespace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -115,13 +114,13 @@ def squares_and_unit(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array((np.ones_like(ln_e), np.exp(ln_o - ln_e))), np.exp(ln_e / 2)
 
 
-def mean_elements(y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+def mean_elements(y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
     """The stored variables of states (n, 5) without their periodic part."""
     squares, unit = squares_and_unit(y)
     return stored_elements(turning_body(k), squares, y.T[3], unit)
 
 
-def slow_of(y: np.ndarray, k: SimpleNamespace) -> SlowVariables:
+def slow_of(y: np.ndarray, k: Any) -> SlowVariables:
     """The slow variables of states (n, 5)."""
     ln_e, ln_o, scaled_phase, side, sense = y.T
     # A motion that has stopped at the separatrix is beside it by EDGE.
@@ -239,7 +238,7 @@ class AveragedTurns(BodyFrame):
         return *cls.rates(t, turn, k), turning, 0 * turn.side, 0 * turn.sense
 
     @classmethod
-    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+    def output(cls, t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         (squares, unit), side = squares_and_unit(y), y.T[3]
         # A capture by chance forgets the phase.
         if k.turning_mean == "yes" and k.turning_branch == STOP:
@@ -286,7 +285,7 @@ class AveragedTurns(BodyFrame):
         return Body.of(self.inertia)
 
     @cached_property
-    def numbers(self) -> SimpleNamespace:
+    def numbers(self) -> Any:
         """The constants as attributes."""
         return attributes(self.constants)
 
@@ -365,7 +364,7 @@ class AveragedTurns(BodyFrame):
         return *self.averaged_events, passage
 
     @classmethod
-    def passage(cls, t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
+    def passage(cls, t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
         """The passage through the separatrix; unless the torque drives D alike in all regions it is
         a matter of chance."""
         ln_e, ln_o, scaled_phase = y[:3]
