@@ -82,7 +82,7 @@ def test_slow_variables_and_their_periodic_part() -> None:
     closed = linear_part(LAM4, slow)
     assert closed == pytest.approx(np.array((0.00080351012296, -0.00138743114381)), rel=1e-11)
     series = means.periodic_part(
-        BODY, lambda omega: -np.array(LAM4) * np.array(BODY[:3]) * omega, slow
+        BODY, lambda omega: -np.array(LAM4) * np.array(BODY[:3]) * omega, slow, means.NODES
     )
     for whole, value, part in zip(series, slow[:2], closed, strict=True):
         assert whole / value == pytest.approx(part, rel=1e-12)
@@ -139,13 +139,13 @@ def test_the_fluid_takes_the_energy_that_it_should(J: float, loss: float) -> Non
     weights = cd, *others[:: slow.side]
     closed = slow.X_e * slow.X_o * means.fluid_loss(weights, m, means.turn_means(m, slow.m1))
     assert closed == pytest.approx(loss, rel=1e-14)
-    rates = means.mean_rates(
+    rates = means.rates_over_turn(
         BODY,
         lambda w: fluid_torque(BODY[:3], w),
         slow,
         means.nodes_for(slow.m1),
     )
-    dX, dY = rates[:: slow.side]
+    dX, dY = rates.mean(-1)[:: slow.side]
     assert [dX, dY] == pytest.approx([0.6 * loss, -loss], rel=1e-13)
 
 

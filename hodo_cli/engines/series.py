@@ -183,13 +183,12 @@ class Series:
         return self._sine_and_cosine()[1]
 
     def _sine_and_cosine(self) -> tuple["Series", "Series"]:
-        def sine_rule(k: int) -> Any:
-            return self._slope_times(cosine, k) if k else arithmetic.sin(self[0])
-
-        def cosine_rule(k: int) -> Any:
-            return -self._slope_times(sine, k) if k else arithmetic.cos(self[0])
-
-        sine, cosine = self._new(sine_rule), self._new(cosine_rule)
+        sine: Series = self._new(
+            lambda k: self._slope_times(cosine, k) if k else arithmetic.sin(self[0])
+        )
+        cosine: Series = self._new(
+            lambda k: -self._slope_times(sine, k) if k else arithmetic.cos(self[0])
+        )
         return sine, cosine
 
     def _slope_times(self, factor: "Series", k: int) -> Any:

@@ -57,9 +57,8 @@ class Trajectory:
         """A case that could not be integrated: no samples."""
         state, tol = np.empty((0, len(case.system.state))), case.tol or float("nan")
         time, exponent = np.empty(0), np.empty(0, dtype=np.int64)
-        status = Status.FAILED
         return cls(
-            case, case.system, case.method, tol, time, state, exponent, status=status,
+            case, case.system, case.method, tol, time, state, exponent, status=Status.FAILED,
             message=message,
         )  # fmt: skip
 

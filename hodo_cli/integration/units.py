@@ -149,13 +149,9 @@ def order_of_magnitude(model: type[Model], y: np.ndarray) -> np.ndarray:
     """The binary order of magnitude of the unit of omega that fits states (m,) or (m, n); minus
     infinity at rest."""
     rows = moving(model)
-    largest = np.abs(y[rows])
-    powers = state_powers(model)[rows].reshape(-1, *[1] * (y.ndim - 1))
-    if (powers > 1).any():
-        orders = np.where(largest > 0, np.ceil(np.frexp(largest)[1] / powers), -np.inf)
-        return np.asarray(orders.max(axis=0))
-    largest = largest.max(axis=0)
-    return np.where(largest > 0, np.frexp(largest)[1], -np.inf)
+    size, powers = np.abs(y[rows]), state_powers(model)[rows].reshape(-1, *[1] * (y.ndim - 1))
+    orders = np.where(size > 0, np.ceil(np.frexp(size)[1] / powers), -np.inf)
+    return np.asarray(orders.max(axis=0))
 
 
 RESOLVED = 1.5

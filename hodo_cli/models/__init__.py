@@ -36,10 +36,12 @@ STATED_NAME = re.compile(r'^    name = "(.+)"$', re.MULTILINE)
 def _forms(module: ModuleType) -> list[type[Model]]:
     """The forms that a module itself states, not those that it builds on. A class that only stands
     in for one, or has no model's name yet, is none that a case can name."""
-    classes = [item for item in vars(module).values() if isinstance(item, type)]
-    models = [item for item in classes if issubclass(item, Model) and hasattr(item, "name")]
-    own = [item for item in models if item.__module__ == module.__name__]
-    return [item for item in own if "form" in vars(item)]
+    return [
+        item
+        for item in vars(module).values()
+        if isinstance(item, type) and issubclass(item, Model) and hasattr(item, "name")
+        if item.__module__ == module.__name__ and "form" in vars(item)
+    ]
 
 
 @cache

@@ -71,11 +71,6 @@ class Cavity(BodyUnderTorques):
             raise ValueError("give x and y alone, or p, q and r")
         return sqrt(x), 0.0, sqrt(y)
 
-    @property
-    def applied(self) -> tuple[float, ...]:
-        """The constant torque, epsilon M."""
-        return tuple(self.epsilon * component for component in self.torque)
-
 
 @dataclass(frozen=True)
 class FullCavity(Cavity):

@@ -5,7 +5,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -46,7 +45,7 @@ def distance_to_edge_or_rest(t: Any, y: Sequence[Any], k: Any) -> Any:
     return distance_to_edge(t, y, k) * distance_to_rest(t, y, k)
 
 
-def turned_round(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
+def turned_round(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
     """The end of spin, and the motion behind it: the torque turns the sense round."""
     ln_e, ln_o, scaled_phase, side, sense = y
     # The mean speed at which sqrt(X_e) falls to 0 is that at half of it.
@@ -61,7 +60,7 @@ def turned_round(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
     )
 
 
-def through_or_stopped(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
+def through_or_stopped(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
     """The passage through the separatrix, or the end of a rotation that does not come to it."""
     if distance_to_edge(t, y, k) < distance_to_rest(t, y, k):
         return AveragedTriaxial.passage(t, y, k)
@@ -91,7 +90,7 @@ class SymmetricCavity(Cavity):
     no_axis_reason = "averaged over the hodograph's turns: it circles x3, and crosses nothing"
 
     @staticmethod
-    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+    def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         a, r = y.T
         return {"x": a * a, "y": r * r}
 
@@ -261,7 +260,7 @@ class AveragedTriaxial(ClosedTurns, Cavity):
         if len(set(self.body[:3])) < 3:
             # Only a symmetric body can lose its spin before it comes to a separatrix.
             return (Event("end_of_spin", distance_to_rest, terminal=True, passage=turned_round),)
-        if not any(self.applied):
+        if not any(self.term_coefficients["torque"]):
             return super().run_events
         function, passage = distance_to_edge_or_rest, through_or_stopped
         return (Event("separatrix", function, terminal=True, passage=passage),)

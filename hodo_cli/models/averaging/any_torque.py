@@ -15,7 +15,7 @@ from ..rigid_body import BodyFrame
 from .capture import AT_SEPARATRIX, REGIONS, Bands, Pair, Region, SeparatrixRates
 from .forms import MEAN_START, AveragedTurns, Roots, Turn, either
 from .free_turn import LANDEN, Body, SlowVariables, free_motion_by_phase, turning_body
-from .means import NODES, Torque, mean_rates, nodes_for, periodic_part, rates_over_turn, turn_means
+from .means import NODES, Torque, nodes_for, periodic_part, rates_over_turn, turn_means
 
 NEAR, NEARER = 1e-9, 1e-13
 """Two values of 1 - m whose mean rates tell those at the separatrix: both are r0 + r1/K there."""
@@ -90,10 +90,7 @@ def about_axes(full: Rhs, t: Any, w: Sequence[Any], k: Any, side: Any) -> tuple[
     body = turning_body(k)
     about, second, across = w
     sorted_w = either(side, about, across), second, either(side, across, about)
-    components: list[Any] = [0, 0, 0]
-    for axis, component in zip(body.order, sorted_w, strict=True):
-        components[axis] = body.parity * component
-    rates = full(t, components, k)
+    rates = full(t, [body.parity * sorted_w[body.order.index(axis)] for axis in range(3)], k)
     large, middle, small = (body.parity * rates[axis] for axis in body.order)
     return either(side, large, small), middle, either(side, small, large)
 
@@ -124,7 +121,7 @@ def band_of(body: Body, torque: Torque, region: Region, root_e: float) -> Separa
     rates = []
     for m1 in (NEAR, NEARER):
         slow = beside(body, region, root_e, m1)
-        changes = mean_rates(body, torque, slow, nodes_for(m1))
+        changes = rates_over_turn(body, torque, slow, nodes_for(m1)).mean(-1)
         # <dn> is pi/(2 K)
         inverse = 2 / math.pi * turn_means(1 - m1, m1, LANDEN).pace
         rates.append((*(changes / slow[:2]), inverse))

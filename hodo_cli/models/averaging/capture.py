@@ -163,12 +163,10 @@ def pass_separatrix(
         details["probability"] = shares[-side, 1] + shares[-side, -1]
         details["probability_error"] = min(1.0, WEAKNESS * max(map(abs, drift.values())) / n)
         region = chosen_region(branch, shares, arrival.region)
-    labels = {1: body.order[0] + 1.0, -1: body.order[2] + 1.0}
-    details["from"] = labels[side]
+    details["from"] = float(body.label(side))
+    details["to"] = float(body.label(region[0])) if region else 0.0
     if region is None:
-        details["to"] = 0.0
         return Departure(time, details, arrival.region, edge, phase)
-    details["to"] = labels[region[0]]
     there = bands[region]
     onward = time_in_band(beyond, there.drift)
     # The lag is spent near the middle axis, at the rate there.

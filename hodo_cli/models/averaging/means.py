@@ -139,16 +139,6 @@ Torque = Callable[[np.ndarray], np.ndarray]
 """The perturbing torque (..., 3) of an angular velocity (..., 3), both along the sorted axes."""
 
 
-def exact_rates(body: Body, side: Any, omega: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """X_e' and X_o' (2, ...) before any averaging; omega and torque (..., 3) along the sorted
-    axes."""
-    a, b, c = body[:3]
-    p, q, r = np.moveaxis(omega, -1, 0)
-    N1, N2, N3 = np.moveaxis(torque, -1, 0)
-    X, Y = 2 * ((a - c) * p * N1 + (b - c) * q * N2), 2 * ((a - b) * q * N2 + (a - c) * r * N3)
-    return np.where(side > 0, (X, Y), (Y, X))
-
-
 def nodes_for(m1: float) -> int:
     """The nodes that bring the mean over a turn to 1e-16 for m1 = 1 - m: its error is exp(-pi N
     K'/(2 K))."""
@@ -166,17 +156,14 @@ def rates_over_turn(body: Body, torque: Torque, slow: SlowVariables, nodes: int)
     variables (...)."""
     wide = SlowVariables(*(np.asarray(value)[..., None] for value in slow))
     omega = free_motion_by_phase(body, wide, 2 * np.pi * np.arange(nodes) / nodes)
-    return exact_rates(body, wide.side, omega, torque(omega))
+    p, q, r = np.moveaxis(omega, -1, 0)
+    N1, N2, N3 = np.moveaxis(torque(omega), -1, 0)
+    a, b, c = body[:3]
+    X, Y = 2 * ((a - c) * p * N1 + (b - c) * q * N2), 2 * ((a - b) * q * N2 + (a - c) * r * N3)
+    return np.where(wide.side > 0, (X, Y), (Y, X))
 
 
-def mean_rates(body: Body, torque: Torque, slow: SlowVariables, nodes: int = NODES) -> np.ndarray:
-    """<X_e'> and <X_o'> (2, ...) of any torque."""
-    return np.asarray(rates_over_turn(body, torque, slow, nodes).mean(-1))
-
-
-def periodic_part(
-    body: Body, torque: Torque, slow: SlowVariables, nodes: int = NODES
-) -> np.ndarray:
+def periodic_part(body: Body, torque: Torque, slow: SlowVariables, nodes: int) -> np.ndarray:
     """X_e and X_o (2, ...) less their mean elements, at the phase of the slow variables, for any
     torque.
 

@@ -180,10 +180,8 @@ class ClosedMeans(AveragedTurns):
 
     @classmethod
     def rates(cls, t: Any, turn: Turn, k: Any) -> Pair:
-        by_e = by_o = 0
-        for name in cls.averaged_terms:
-            term_e, term_o = CLOSED[name].mean(t, turn, k)
-            by_e, by_o = by_e + term_e, by_o + term_o
+        means = (CLOSED[name].mean(t, turn, k) for name in cls.averaged_terms)
+        by_e, by_o = map(sum, zip(*means, strict=True))
         return by_e, by_o
 
     def torque_rate(self, t: Any, turn: Turn, k: Any) -> Any:
