@@ -50,7 +50,8 @@ class Hodo(click.Group):
         before = {number: signal.signal(number, _end) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             with warnings.catch_warnings():
-                warnings.showwarning = _once()
+                say_once = cache(_say)  # a command may open a file twice
+                warnings.showwarning = lambda message, *details: say_once(str(message))
                 _open_standard_files()
                 try:
                     status = super().invoke(ctx)
@@ -125,12 +126,6 @@ def _refuse(ctx: click.Context, line: str) -> NoReturn:
         with suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     ctx.exit(2)
-
-
-def _once() -> Callable[..., None]:
-    """A function that prints each warning once: a command may open a file twice."""
-    say_once = cache(_say)
-    return lambda message, *details: say_once(str(message))
 
 
 def _say(message: object) -> None:

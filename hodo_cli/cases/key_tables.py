@@ -101,9 +101,7 @@ def key_tables() -> str:
     groups = chain([("The file", _table(SECTIONS))], _cases(), _figures(), _claims())
     tables = [(heading, markdown(header, rows)) for heading, rows in groups]
     # The components of a vector have their meaning in common.
-    named: dict[str, list[str]] = {}
-    for name, meaning in claim_block.QUANTITY_NAMES.items():
-        named.setdefault(meaning, []).append(f"`{name}`")
+    named = grouped((meaning, f"`{x}`") for x, meaning in claim_block.QUANTITY_NAMES.items())
     quantities = [(", ".join(names), meaning) for meaning, names in named.items()]
     tables.append(("Quantities of checks", markdown(("quantity", "meaning"), quantities)))
     return "\n".join(f"### {heading}\n\n{table}" for heading, table in tables)

@@ -169,7 +169,10 @@ class Axis:
         value_range = self.ranges[of][1]
         if "linspace" in value_range:
             first, last, number = value_range["linspace"]
-            return _linspace(first, last, number, index)
+            # Some of numpy's linspace, to the last bit: all of 1e9 values would take 8 GB.
+            step = (last - first) / max(number - 1, 1)
+            is_last = (index == number - 1) & (number > 1)
+            return np.asarray(np.where(is_last, last, index * step + first))
         return np.asarray(self._listed[of][index])
 
     @cached_property
@@ -201,12 +204,6 @@ def _listed(value_range: Mapping[str, Any]) -> np.ndarray:
         # Its ends are the given numbers to the last bit; the ends of 10 ** linspace are not.
         return np.geomspace(*value_range["logspace"])
     return np.array(value_range.get("values", ()), dtype=float)
-
-
-def _linspace(first: float, last: float, number: int, index: np.ndarray) -> np.ndarray:
-    """Some of numpy's linspace, to the last bit: all of 1e9 values would take 8 GB."""
-    step = (last - first) / max(number - 1, 1)
-    return np.where((index == number - 1) & (number > 1), last, index * step + first)
 
 
 def storable(model: type[Model]) -> list[str]:

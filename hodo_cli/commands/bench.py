@@ -2,6 +2,7 @@
 tolerance."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain, product
@@ -106,19 +107,14 @@ def try_cases(cases: Sequence[Case], settings: Mapping[str, Any], jobs: int, qui
                 raise outcome
             else:
                 trials[case.name], spent = outcome
-                counts = count_of_trials(trials[case.name])
-                progress.say(f"{case.name}: {counts} ({seconds(spent)})")
+                counts = Counter(trial.status for trial in trials[case.name])
+                words = [f"{counts[word]} {word}" for word in TRIAL_VERDICTS if counts[word]]
+                progress.say(f"{case.name}: {', '.join(words)} ({seconds(spent)})")
                 for line in messages_of_trials(trials[case.name], product(methods, tols)):
                     progress.say(line)
             progress.done(case.name, problem)
     names = [case.name for case in cases]
     return table_of_trials(names, methods, tols, chain(*(trials[name] for name in names)))
-
-
-def count_of_trials(trials: Sequence[Trial]) -> str:
-    """How many of the trials have each verdict."""
-    counts = {word: sum(trial.status == word for trial in trials) for word in TRIAL_VERDICTS}
-    return ", ".join(f"{count} {word}" for word, count in counts.items() if count)
 
 
 def messages_of_trials(

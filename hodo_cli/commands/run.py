@@ -51,7 +51,6 @@ from .resume import (
 if TYPE_CHECKING:
     from ..sweeps.growth import Earlier
 
-IS_KEPT = "is kept: nothing that it depends on has changed"
 LEFT_AND_KEPT = "is kept, though it is not in the config any more (--prune drops it)"
 LEFT = "is dropped, it is not in the config any more"
 
@@ -94,7 +93,7 @@ class Plan:
         does = {
             name: f"will run: {self.reasons[name]}{self._kept_of_sweep(name)}"
             if name in self.reasons
-            else IS_KEPT
+            else "is kept: nothing that it depends on has changed"
             for name in self.asked
         }
         left = (name for name in self.stored if name not in self.config.cases)
@@ -304,10 +303,6 @@ def labelled(path: Path, names: Iterable[str]) -> list[str]:
         return [name for name in sound if run.summary(name, ("classify_warnings",))]
 
 
-ELSEWHERE = ": write elsewhere (--out), or over them (--force)"
-"""The two ways out for a run that finds other results in its way."""
-
-
 def result_name(config: Config, overrides: Sequence[str]) -> str:
     """The file of a config's results: NAME.h5 or, with overrides, NAME,CASE.KEY=VALUE.h5, so that a
     trial does not replace the results of the config as it is."""
@@ -324,7 +319,8 @@ def plan_of(config: Config, path: Path, globs: Sequence[str], force: bool, prune
 
     Raises HodoError as `finished_cases` does, or, without `force`, as `check_origin` does.
     """
-    check = partial(check_origin, config, remedy=ELSEWHERE) if not force else lambda run: None
+    remedy = ": write elsewhere (--out), or over them (--force)"
+    check = partial(check_origin, config, remedy=remedy) if not force else lambda run: None
     # With all that the table shows: to read a file of thousands of cases again takes seconds.
     done = finished_cases(path, check, SUMMARY)
     asked, reasons = config.matching(globs), {}

@@ -72,11 +72,12 @@ def ordered(data: xr.Dataset, owner: str) -> xr.Dataset:
     if "time" in data.dims:
         data = sorted_along(data, "time", np.asarray(data.variables["time"].data), owner)
     if "axis" in data.dims:
-        names = [name_of(name) for name in data.variables["axis"].data]
+        axes = data.variables["axis"].data
+        names = [name.decode() if isinstance(name, bytes) else str(name) for name in axes]
         if strange := [name for name in names if name not in BODY_AXES]:
             raise HodoError(f"{owner}: {strange[0]!r} is no body axis (x1, x2, x3)")
         places = np.array([BODY_AXES.index(name) for name in names])
-        if isinstance(data.variables["axis"].data[0], bytes):
+        if isinstance(axes[0], bytes):  # as other programs store texts
             data = data.assign_coords(axis=np.array(names, dtype=object))
         data = sorted_along(data, "axis", places, owner)
     if "crossing" in data.dims and "crossing_time" in data:
@@ -99,11 +100,6 @@ def sorted_along(data: xr.Dataset, dim: str, values: np.ndarray, owner: str) -> 
         words = BODY_AXES[twice[0]] if dim == "axis" else f"{twice[0]:.6g}"
         raise HodoError(f"{owner}: its coordinate {dim!r} has {words} twice, out of order")
     return data.isel({dim: order})
-
-
-def name_of(value: object) -> str:
-    """A text of a coordinate, which other programs store as bytes."""
-    return value.decode() if isinstance(value, bytes) else str(value)
 
 
 def case_in(data: xr.Dataset, owner: str) -> Case:

@@ -23,16 +23,9 @@ def rotations(m: "Motion") -> Any:
     return Rotation.from_quat(np.roll(m.stored("attitude"), -1, axis=1))
 
 
-VECTORS_IN_SPACE = ("G", "total", "omega", "x1", "x2", "x3")
-
-
-def vector_in_space(m: "Motion", name: str) -> np.ndarray:
-    """G, omega, a body axis, or the momentum of body and fluid together in space axes (n, 3)."""
-    turned = rotations(m)
-    if name in ("x1", "x2", "x3"):
-        return np.asarray(turned.apply(np.eye(3)[int(name[1]) - 1]))
-    vector = {"G": lambda: m.G, "omega": lambda: m.omega, "total": lambda: momentum_with_fluid(m)}
-    return np.asarray(turned.apply(vector[name]()))
+def in_space(m: "Motion", vectors: np.ndarray) -> np.ndarray:
+    """Vectors of the body, (n, 3) or one that it carries along (3,), in space axes (n, 3)."""
+    return np.asarray(rotations(m).apply(vectors))
 
 
 def momentum_with_fluid(m: "Motion") -> np.ndarray:
@@ -41,11 +34,6 @@ def momentum_with_fluid(m: "Motion") -> np.ndarray:
     axes = m.principal_axes
     acceleration = (np.cross(m.G, m.omega) @ axes.T / m.inertia) @ axes
     return np.asarray(m.G - m.case.system.constants["kappa"] * acceleration)
-
-
-def rotation_vector(m: "Motion") -> np.ndarray:
-    """The rotation vector (n, 3), which is the same along the axes of body and of space."""
-    return np.asarray(rotations(m).as_rotvec())
 
 
 def euler_angle(name: str, m: "Motion") -> np.ndarray:
@@ -97,9 +85,13 @@ def pace(m: "Motion") -> float:
     return float(system.turning(attributes(system.constants))) if system.turning else 1.0
 
 
-OF_ATTITUDE: dict[str, Callable[..., np.ndarray]] = {
-    **{f"{name}_space": partial(vector_in_space, name=name) for name in VECTORS_IN_SPACE},
+OF_ATTITUDE: dict[str, Callable[["Motion"], np.ndarray]] = {
+    "G_space": lambda m: in_space(m, m.G),
+    "total_space": lambda m: in_space(m, momentum_with_fluid(m)),
+    "omega_space": lambda m: in_space(m, m.omega),
+    **{f"x{i}_space": partial(in_space, vectors=axis) for i, axis in enumerate(np.eye(3), 1)},
     **{name: partial(euler_angle, name) for name in EULER_ANGLES},
-    "rotation": rotation_vector,
+    # The same along the axes of body and of space.
+    "rotation": lambda m: np.asarray(rotations(m).as_rotvec()),
 }
 """The quantities of `cases.derived` that follow from a stored attitude."""

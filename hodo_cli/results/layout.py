@@ -307,23 +307,12 @@ def label_variables(labels: np.ndarray, crossings: Sequence[Crossing]) -> dict[s
 def with_units(variables: Mapping[str, Variable], case: Case) -> dict[str, Variable]:
     """Variables with their units in the units of a case, and labels with their meanings there."""
 
-    def of_case(key: str, value: Attribute, attrs: Mapping[str, Attribute]) -> Attribute:
-        if key == "units":
-            return units_of_case(str(value), case)
-        labels = attrs.get("flag_meanings") == AXIS_FLAGS["flag_meanings"]
-        return ROTOR_FLAGS.get(key, value) if labels and has_rotor(case) else value
+    has_rotor = isinstance(case.system, BodyFrame) and case.system.rotor_momentum is not None
 
-    return {
-        name: replace(
-            variable,
-            attrs={
-                key: of_case(key, value, variable.attrs) for key, value in variable.attrs.items()
-            },
-        )
-        for name, variable in variables.items()
-    }
+    def of_case(attrs: dict[str, Attribute]) -> dict[str, Attribute]:
+        units = {"units": units_of_case(str(attrs["units"]), case)} if "units" in attrs else {}
+        # A rotor brings labels of its own.
+        are_labels = attrs.get("flag_meanings") == AXIS_FLAGS["flag_meanings"]
+        return {**attrs, **units, **(ROTOR_FLAGS if are_labels and has_rotor else {})}
 
-
-def has_rotor(case: Case) -> bool:
-    """Whether the body of a case has a rotor, which brings labels of its own."""
-    return isinstance(case.system, BodyFrame) and case.system.rotor_momentum is not None
+    return {name: replace(x, attrs=of_case(x.attrs)) for name, x in variables.items()}

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -41,31 +41,18 @@ from .in_space import ANGLES_THAT_TURN, OF_ATTITUDE, continued
 from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
 from .units import INERTIA, units_of_case
 
-
-class Array(Protocol):
-    """A labelled array: xarray's, or a `Variable` where loading xarray would cost more than the
-    work."""
-
-    @property
-    def dims(self) -> tuple[Any, ...]:
-        """The names of the dimensions."""
-
-    @property
-    def data(self) -> Any:
-        """The values."""
-
-    @property
-    def attrs(self) -> Any:
-        """The attributes, such as `units`."""
+Variables = Mapping[Any, Any]
+"""Labelled arrays by name, with `dims`, `data` and `attrs`: those of an `xarray.Dataset`, or of a
+`Group` where loading xarray would cost more than the work."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A case, its variables by name (those of an `xarray.Dataset`, or of a `Group`) over ascending
-    times, the attributes that are stored with them, what a figure calls it, and its file."""
+    """A case, its variables over ascending times, the attributes that are stored with them, what a
+    figure calls it, and its file."""
 
     case: Case
-    data: Mapping[Any, Array]
+    data: Variables
     attrs: Mapping[str, Any] = field(default_factory=dict)
     label: str = ""
     path: str = "RUN"
@@ -383,9 +370,7 @@ LATER = ("crossing_error", "crossing_G")
 """The columns that early files of format 1 lack; they are nan in a crossing."""
 
 
-def motion_of(
-    data: Mapping[Any, Array], attrs: Mapping[str, Any], owner: str, path: str = "RUN"
-) -> Motion:
+def motion_of(data: Variables, attrs: Mapping[str, Any], owner: str, path: str = "RUN") -> Motion:
     """The motion in a stored case, whose variables and attributes these are; `path` is its file.
 
     Raises HodoError, which begins with `owner`, if what is stored does not fit together.
@@ -405,7 +390,7 @@ def case_of(attrs: Mapping[str, Any], owner: str) -> Case:
 parsed = lru_cache(maxsize=256)(parse_case)
 
 
-def damage(data: Mapping[Any, Array]) -> str:
+def damage(data: Variables) -> str:
     """The damage to the variables of a single motion; an empty string if there is none."""
     dims = {"time": ("time",), "omega": ("time", "axis"), "enclosed_axis": ("time",)}
     dims |= dict.fromkeys(CROSSING_COLUMNS, ("crossing",))
@@ -434,7 +419,7 @@ def damage(data: Mapping[Any, Array]) -> str:
     return ""
 
 
-def wrong_labels(data: Mapping[Any, Array]) -> str:
+def wrong_labels(data: Variables) -> str:
     """Which variable of a case or of a sweep holds numbers that are labels of no axis; an empty
     string if none does."""
     labelled = [name for name in ("enclosed_axis", *AXIS_LABELS) if name in data]
@@ -483,9 +468,7 @@ def _first_integral(m: Motion, name: str) -> np.ndarray:
     return np.asarray(first_integrals([*m.omega.T], vertical, k)[("Gz", "H").index(name)])
 
 
-Derive = Callable[[Motion], np.ndarray]
-
-QUANTITIES: dict[str, Derive] = {
+QUANTITIES: dict[str, Callable[[Motion], np.ndarray]] = {
     "p": lambda m: m.component("omega", "x1"),
     "q": lambda m: m.component("omega", "x2"),
     "r": lambda m: m.component("omega", "x3"),

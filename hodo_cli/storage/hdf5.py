@@ -133,7 +133,8 @@ class ResultFile:
             named = dimensions({key: item.id for key, item in items.items()})
             variables, size = {}, 0
             for key, item in items.items():
-                if _is_placeholder(item):
+                # A dimension without values of its own has a dataset that stands for it.
+                if h5ds.is_scale(item.id) and h5ds.get_scale_name(item.id).startswith(NO_VARIABLE):
                     continue
                 # Before it is read: HDF5 promises any size that a damaged header names.
                 size += item.nbytes
@@ -239,11 +240,6 @@ def _fits(item: h5py.HLObject, content: Group) -> bool:
     variables = islice(content.variables.items(), int(count) if count.isdecimal() else 0)
     attributes = {name: content.attributes[name] for name in covered}
     return stored == checksum_of(Group(attributes, dict(variables)))
-
-
-def _is_placeholder(item: h5py.Dataset) -> bool:
-    """Whether a dataset stands for a dimension without values of its own."""
-    return bool(h5ds.is_scale(item.id) and h5ds.get_scale_name(item.id).startswith(NO_VARIABLE))
 
 
 def _datasets(group: h5py.Group) -> dict[str, h5py.Dataset]:
