@@ -177,8 +177,10 @@ def derive(data: xr.Dataset, *names: str) -> xr.Dataset:
     """
     owner = SweepView.of("sweep", data) if sweep_axes(data) else motion_from(data, "case")
     if strange := [name for name in names if name not in DERIVED]:
-        has = f"it has {', '.join(derivable(owner.sources))}"
-        raise HodoError(f"unknown quantity {strange[0]!r}{nearest(strange[0], DERIVED)} ({has})")
+        raise HodoError(
+            f"unknown quantity {strange[0]!r}{nearest(strange[0], DERIVED)} "
+            f"(it has {', '.join(derivable(owner.sources))})"
+        )
     if isinstance(owner, SweepView):
         return data.assign({name: owner.derived(name) for name in names})
     arrays = {

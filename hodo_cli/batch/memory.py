@@ -42,5 +42,7 @@ def check_disk(case: Case, stored: int, folder: Path) -> None:
     # Its chunks are there until they are joined.
     taken, free = 2 * stored, shutil.disk_usage(folder).free
     if taken > free:
-        needs = f"would take about {in_bytes(taken)} on the disk of {folder}"
-        raise HodoError(f"{case.name}: {needs}, and {in_bytes(free)} are free")
+        raise HodoError(
+            f"{case.name}: would take about {in_bytes(taken)} on the disk of {folder}, "
+            f"and {in_bytes(free)} are free"
+        )

@@ -177,8 +177,9 @@ def read_mapping(text: str, mistakes: Mistakes) -> Block:
     document = read(text, mistakes)
     if isinstance(document, Block):
         return document
-    message = f"expected a mapping of keys to values, got {shown(document)}"
-    raise mistakes.fatal(Place(1, 1), message)
+    raise mistakes.fatal(
+        Place(1, 1), f"expected a mapping of keys to values, got {shown(document)}"
+    )
 
 
 def _without_none(data: Any) -> Any:

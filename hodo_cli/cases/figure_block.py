@@ -605,8 +605,10 @@ def _wrong_swept_variable(values: Mapping[str, Any], case: Drawable) -> str:
     is_mean = bool(dot or averaged(values, case.axes, case.sphere))
     if not is_mean or label in rigid_body.LABELS.values():
         return ""
-    message = f"{base} is a label, without a mean: name the one whose share is to be drawn"
-    return f"{message}, {', '.join(component_names(base, 'axis'))}"
+    return (
+        f"{base} is a label, without a mean: name the one whose share is to be drawn, "
+        f"{', '.join(component_names(base, 'axis'))}"
+    )
 
 
 def averaged(values: Mapping[str, Any], axes: Iterable[str], sphere: str) -> list[str]:

@@ -75,8 +75,9 @@ def benchmark(config: Config, globs: Sequence[str], out: Path, jobs: int, quiet:
     written.
     """
     if config.bench is None:
-        what = "there is no bench: section, which names the methods to be compared"
-        raise HodoError(f"{config.path}: {what}")
+        raise HodoError(
+            f"{config.path}: there is no bench: section, which names the methods to be compared"
+        )
     if not (names := config.matching(globs)):
         raise no_case(globs, config.cases)
     bench = try_cases([config.cases[name] for name in names], config.bench, jobs, quiet)

@@ -53,8 +53,10 @@ def fuller(first: FinishedCase, second: FinishedCase) -> FinishedCase:
         return first
     if has_all_of(b, a):
         return second
-    both = f"{first.file} and {second.file}"
-    raise HodoError(f"{first.name} is in {both} with different results: rename it in one config")
+    raise HodoError(
+        f"{first.name} is in {first.file} and {second.file} with different results: "
+        "rename it in one config"
+    )
 
 
 def merged_text(runs: Sequence[ResultFile], stored: Mapping[str, FinishedCase], out: Path) -> str:

@@ -127,8 +127,9 @@ def check_origin(config: Config, run: ResultFile, remedy: str = "") -> None:
     origin = str(run.attributes.get(CONFIG_PATH, ""))
     if origin and origin != path_from(config, run.path) and run.text != config.text:
         made_from = os.path.relpath(os.path.join(os.path.realpath(run.path.parent), origin))
-        message = f"holds the results of {made_from}, not of {config.path}"
-        raise HodoError(f"{run.path} {message}{remedy}")
+        raise HodoError(
+            f"{run.path} holds the results of {made_from}, not of {config.path}{remedy}"
+        )
 
 
 def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -> None:

@@ -167,8 +167,9 @@ class Plan:
         still = labelled(self.path, before)
         if gone := [name for name in before if name not in still]:
             names = ", ".join(abridged(gone, NAMES_LISTED))
-            message = f"the labels of {names} are gone with the old results"
-            progress.say(f"{message}: hodo classify {self.path}")
+            progress.say(
+                f"the labels of {names} are gone with the old results: hodo classify {self.path}"
+            )
         return self._rows(rows)
 
     def _take_over(self, writer: Writer) -> list[str]:

@@ -55,9 +55,11 @@ def warn_of_chunks(path: Path) -> None:
     chunks = [chunk for folder in staging_folders(path) for chunk in chunks_in(folder)]
     if chunks:
         size = in_bytes(sum(chunk.stat().st_size for chunk in chunks if chunk.exists()))
-        count = f"{len(chunks)} chunks of unfinished sweeps, {size}, lie beside it"
-        remedy = "hodo run goes on with them, and --prune removes those that it does not need"
-        warnings.warn(f"{path}: {count}: {remedy}", stacklevel=2)
+        warnings.warn(
+            f"{path}: {len(chunks)} chunks of unfinished sweeps, {size}, lie beside it: "
+            "hodo run goes on with them, and --prune removes those that it does not need",
+            stacklevel=2,
+        )
 
 
 METHODS_IN_WORDS = {

@@ -151,8 +151,9 @@ def motion_from(data: xr.Dataset, name: str, label: str = "") -> Motion:
         raise HodoError(f"{owner} is damaged ({problem})")
     motion = Motion(case, data.variables, data.attrs, label or name, source if stored else "")
     if (status := data.attrs["status"]) != "ok" and motion.sampled:
-        end = f"{float(motion.time[-1]):.6g}"
-        warnings.warn(f"{name}: {status}: drawn to t = {end} only", stacklevel=2)
+        warnings.warn(
+            f"{name}: {status}: drawn to t = {float(motion.time[-1]):.6g} only", stacklevel=2
+        )
     return motion
 
 

@@ -266,8 +266,10 @@ class Motion:
     def G(self) -> np.ndarray:
         """Angular momentum (n, 3) in body axes. Raises HodoError for a case without it."""
         if "G" not in self.vectors:
-            what = f"{self.case.model}, {self.case.form}"
-            raise HodoError(f"{self.words} ({what}) has no angular momentum in body axes")
+            raise HodoError(
+                f"{self.words} ({self.case.model}, {self.case.form}) has no angular momentum "
+                "in body axes"
+            )
         return self.whole("G")
 
     @property

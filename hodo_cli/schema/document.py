@@ -247,8 +247,11 @@ class _Reader:
             key_path = (*path, key)
             value, value_place = self.value(next(self.events), key_path, key_place)
             if key in block:
-                message = f"duplicate key; the first is in line {block.places[key][0].line}"
-                self.mistakes.add(key_place, message, key_path)
+                self.mistakes.add(
+                    key_place,
+                    f"duplicate key; the first is in line {block.places[key][0].line}",
+                    key_path,
+                )
             else:
                 block.put(key, value, key_place, value_place)
         return block

@@ -139,8 +139,10 @@ class ResultFile:
                 # Before it is read: HDF5 promises any size that a damaged header names.
                 size += item.nbytes
                 if size > self._room:
-                    claimed = f"{in_bytes(size)}, with {in_bytes(self._room)} for it"
-                    raise HodoError(f"{self.path}: {name}/{key} does not fit: {claimed}")
+                    raise HodoError(
+                        f"{self.path}: {name}/{key} does not fit: {in_bytes(size)}, "
+                        f"with {in_bytes(self._room)} for it"
+                    )
                 data = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
                 dims = named[key] or (key,) * data.ndim
                 variables[key] = Variable(dims, data, _attributes(item))
@@ -299,8 +301,10 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
         if not isinstance(version, int):
             raise HodoError(f"{path} is HDF5, but not a result of hodo (it has no format_version)")
         if version > FORMAT_VERSION:
-            newer = f"newer than {FORMAT_VERSION}: update hodo to read it"
-            raise HodoError(f"{path} has format version {version}, {newer}")
+            raise HodoError(
+                f"{path} has format version {version}, newer than {FORMAT_VERSION}: "
+                "update hodo to read it"
+            )
         # A line of a message is one line, and a terminal obeys what it is sent.
         if strange := [name for name in run.groups() if not name.isprintable()]:
             raise HodoError(f"{path} is damaged (a group is named {strange[0]!r})")
