@@ -273,8 +273,8 @@ def smooth_samples(system: Model, span: float) -> int:
     rate = math.hypot(*parts) * math.sqrt(fastest)
     if system.rotor_momentum is not None:
         rate += float(np.linalg.norm(system.rotor_momentum)) / A3
-    intervals = math.ceil(min(span * rate / SAMPLE_TURN, MOST - 1))  # no integer is infinite
-    return max(FEWEST, intervals + 1)
+    # First the least of the two: no integer is infinite.
+    return max(FEWEST, math.ceil(min(span * rate / SAMPLE_TURN, MOST - 1)) + 1)
 
 
 KEY_BY_KEY = ("time", "assumes")

@@ -27,6 +27,7 @@ from ..schema.kinds import (
     Wrong,
     WrongKey,
     check_keys,
+    mistakes_where,
     unknown_names,
     within,
 )
@@ -359,12 +360,19 @@ def _check_entry(section: str, entry: Mapping[str, Any], case_of: CaseOf) -> Ite
         return
     declared = entry["readings"]
     has_both_forms = entry.get("erratum") or (section == "errata" and declared)
-    if has_both_forms and declared.keys() != {READ_AS_PRINTED, READ_CORRECTED}:
-        yield ("readings",), f"expected two readings, {READ_AS_PRINTED!r} and {READ_CORRECTED!r}"
-    if "" in declared:
-        yield ("readings",), "a reading has no name"
-    if declared and entry["cases"]:
-        yield ("cases",), "each reading has its own cases, so leave these out"
+    yield from mistakes_where(
+        (
+            has_both_forms and declared.keys() != {READ_AS_PRINTED, READ_CORRECTED},
+            ("readings",),
+            f"expected two readings, {READ_AS_PRINTED!r} and {READ_CORRECTED!r}",
+        ),
+        ("" in declared, ("readings",), "a reading has no name"),
+        (
+            declared and entry["cases"],
+            ("cases",),
+            "each reading has its own cases, so leave these out",
+        ),
+    )
     for name, reading in readings(entry).items():
         prefix: KeyPath = ("readings", name) if declared else ()
         own = declared.get(name, {})
@@ -395,8 +403,6 @@ def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
             yield (), f"needs {' or '.join(keys)}: without, every motion meets it"
     if least is not None and most is not None and least > most:
         yield ("most",), f"expected at least {least:g}, which is the lower bound, got {most:g}"
-    if kind == "crossings" and check["from"] and check["from"] == check["to"]:
-        yield ("to",), f"expected another axis than {check['from']}, which a crossing leaves"
     values = check.get("values", {})
     yield from unknown_names(
         "quantity", {("values", WrongKey(name)): name for name in values}, QUANTITY_NAMES
@@ -406,14 +412,34 @@ def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
             yield ("values", name), f"expected {count} numbers, one for each case, got {n}"
         if any(values[name]) and check["within"] >= max(map(abs, values[name])):
             yield ("within",), f"expected less than the values of {name!r} themselves"
-    if kind == "order" and count < 2:
-        yield (), f"compares the values of two cases or more, got {count}"
-    elif kind == "order" and check["by"] and count % check["by"]:
-        yield ("by",), f"expected a divisor of the number of cases, {count}, got {check['by']}"
-    if kind == "average" and count not in (1, 2):
-        yield (), "a check of kind average takes one case, or two whose distance it averages"
-    if check.get("sense") and kind == "average" and len(check["at"] + check["along"]) < 2:
-        yield ("sense",), "compares two averages or more: give more in at or along"
+    before, group = check.get("from"), check.get("by")
+    yield from mistakes_where(
+        (
+            kind == "crossings" and before and before == check["to"],
+            ("to",),
+            f"expected another axis than {before}, which a crossing leaves",
+        ),
+        (
+            kind == "order" and count < 2,
+            (),
+            f"compares the values of two cases or more, got {count}",
+        ),
+        (
+            kind == "order" and count >= 2 and group and count % group,
+            ("by",),
+            f"expected a divisor of the number of cases, {count}, got {group}",
+        ),
+        (
+            kind == "average" and count not in (1, 2),
+            (),
+            "a check of kind average takes one case, or two whose distance it averages",
+        ),
+        (
+            kind == "average" and check["sense"] and len(check["at"] + check["along"]) < 2,
+            ("sense",),
+            "compares two averages or more: give more in at or along",
+        ),
+    )
     if kind == "paper":
         yield from unknown_names("check", {("name",): check["name"]}, checks_of_papers())
 
@@ -448,17 +474,29 @@ def _check_quantities(
 def _check_members(reading: Mapping[str, Any], over: Any) -> Iterator[Mistake]:
     """The mistakes in the keys that choose and count the members of `over`."""
     check = reading["check"]
-    paper_check = checks_of_papers().get(check.get("name", ""))
+    paper_check = checks_of_papers().get(name := check.get("name", ""))
     is_trend = paper_check is not None and paper_check.is_trend
-    for key in ("start", "share"):
-        if reading.get(key) is not None and not over:
-            yield (key,), "is about the members of `over`, which is not there"
-    if is_trend and not over:
-        yield ("check",), f"{check['name']!r} compares the members of `over`, which is not there"
-    if is_trend and reading.get("share") is not None:
-        yield ("share",), f"{check['name']!r} compares all members, and is decided by no share"
-    if over and check["kind"] == "average":
-        yield ("over",), "a check of kind average takes the members of its cases' own sweeps"
+    has_start, has_share = (reading.get(key) is not None for key in ("start", "share"))
+    about_members = "is about the members of `over`, which is not there"
+    yield from mistakes_where(
+        (has_start and not over, ("start",), about_members),
+        (has_share and not over, ("share",), about_members),
+        (
+            is_trend and not over,
+            ("check",),
+            f"{name!r} compares the members of `over`, which is not there",
+        ),
+        (
+            is_trend and has_share,
+            ("share",),
+            f"{name!r} compares all members, and is decided by no share",
+        ),
+        (
+            over and check["kind"] == "average",
+            ("over",),
+            "a check of kind average takes the members of its cases' own sweeps",
+        ),
+    )
 
 
 def _check_cases(
@@ -493,10 +531,9 @@ def _check_over(ranges: Mapping[str, Any], cases: Iterable[Any]) -> Iterator[Mis
     if math.prod(map(len, axes_of(ranges))) > MOST_MEMBERS:
         yield (), f"more than {MOST_MEMBERS:,} members, each of which is integrated by itself"
     elif ranges:
-        systems = ((type(case.system), case.data) for case in cases)
         mistakes = (
             check_axes(ranges, model, {**data, **first_values(ranges, model, data)})
-            for model, data in systems
+            for model, data in ((type(case.system), case.data) for case in cases)
         )
         by_path = dict(chain.from_iterable(mistakes))
         # A case's own sweep stands at `sweep`, a claim's at `over`.

@@ -28,6 +28,7 @@ from ..schema.kinds import (
     Wrong,
     WrongKey,
     expected,
+    mistakes_where,
     unknown,
     unknown_names,
     vector,
@@ -392,33 +393,30 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
     """The mistakes in keys of a figure that are each right by themselves."""
     kind, style = values.get("kind"), values.get("style") or {}
     named = "bodies" if kind == "quadrant-sketch" else "cases"
-    n, labels, axis = (
-        len(values.get(named, ())),
-        values.get("labels", ()),
-        _axis_of_positions(values),
-    )
-    rules: list[tuple[bool, str, str]] = [
+    n, total = len(values.get(named, ())), sum(values.get("groups", ()))
+    labels, axis = values.get("labels", ()), _axis_of_positions(values)
+    yield from mistakes_where(
         # The labels of a sweep name panels or curves, whose number its axes decide.
         (
             kind not in ("map", "curve") and len(labels) > n,
-            "labels",
+            ("labels",),
             f"expected one for each of {n} {named}, got {len(labels)}",
         ),
         (
-            bool(values.get("at")) and not values.get(axis),
-            "at",
+            values.get("at") and not values.get(axis),
+            ("at",),
             f"counts positions on the axis that '{axis}' names, which is missing",
         ),
-        (kind == "body" and n > 1, "cases", f"expected one case, whose body moves, got {n}"),
-    ]
-    if n and "groups" in values:
-        total = sum(values["groups"])
-        message = f"expected sizes that add up to the {n} cases, got {total}"
-        rules.append((total != n, "groups", message))
+        (kind == "body" and n > 1, ("cases",), f"expected one case, whose body moves, got {n}"),
+        (
+            n and "groups" in values and total != n,
+            ("groups",),
+            f"expected sizes that add up to the {n} cases, got {total}",
+        ),
+    )
     for key in values.keys() & {"small", "against"} if n else ():
-        count = len(values[key])
-        rules.append((count != n, key, f"expected one for each of {n} cases, got {count}"))
-    yield from (((key,), message) for is_wrong, key, message in rules if is_wrong)
+        if (count := len(values[key])) != n:
+            yield (key,), f"expected one for each of {n} cases, got {count}"
     for i, words in enumerate(values.get("styles", ())):
         colour, _, line = words.partition(" ")
         yield from unknown_names("colour or line", {("styles", i): colour}, COLOUR_NAMES)

@@ -55,8 +55,7 @@ def judge_results(paths: Iterable[Path]) -> dict[str, Rows]:
             text = config.text if config else changes.run.text
             digest, rows = "", None
             with suppress(HodoError):  # a case that cannot be read may matter to no claim
-                checksums = map(changes.run.checksum, changes.run.cases())
-                digest = content_digest(checksums, text)
+                digest = content_digest(map(changes.run.checksum, changes.run.cases()), text)
                 if digest and "_claims" in changes.run:
                     rows = changes.run.report("_claims", digest)
             if rows is None:
@@ -113,12 +112,11 @@ def unknown_checks(config: Config) -> list[str]:
 def claim_row(verdict: Verdict) -> dict[str, Any]:
     """A verdict as plain data."""
     entry = {key: value for key, value in verdict.claim.items() if isinstance(value, str)}
-    readings = {name: decision(reading) for name, reading in verdict.readings.items()}
     return {
         **entry,
         **decision(verdict),
         "cases": list(verdict.claim["cases"]),
-        "readings": readings,
+        "readings": {name: decision(reading) for name, reading in verdict.readings.items()},
     }
 
 

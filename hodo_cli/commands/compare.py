@@ -260,7 +260,6 @@ def comparison_table(rows: Sequence[Mapping[str, Any]]) -> str:
     differs."""
     # The last one of a case stays, which is the farthest.
     worst = {row["case"]: row for row in sorted(rows, key=lambda row: row["scaled"])}
-    shown = [row for row in rows if row["differs"] or row is worst[row["case"]]]
     return table(
         ("case", "variable", "scaled error", "", "where"),
         [
@@ -271,7 +270,8 @@ def comparison_table(rows: Sequence[Mapping[str, Any]]) -> str:
                 "DIFFERS" if row["differs"] else "",
                 row["place"],
             )
-            for row in shown
+            for row in rows
+            if row["differs"] or row is worst[row["case"]]
         ],
         right=("scaled error",),
     )

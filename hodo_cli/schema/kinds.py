@@ -87,6 +87,11 @@ def within(prefix: KeyPath, mistakes: Iterable[Mistake]) -> Iterator[Mistake]:
     return (((*prefix, *path), sentence) for path, sentence in mistakes)
 
 
+def mistakes_where(*rules: tuple[object, KeyPath, str]) -> Iterator[Mistake]:
+    """The mistakes of those rules whose condition holds: the condition, the path, the sentence."""
+    return ((path, sentence) for is_wrong, path, sentence in rules if is_wrong)
+
+
 Part = tuple[str | int, Kind, Any]
 """A value within another: its key or position, the kind that it should be, and itself."""
 
@@ -383,8 +388,7 @@ class Angle(Kind):
         return math.radians(number) if text and text[3] == "deg" else number
 
     def schema(self) -> dict[str, Any]:
-        text = {"type": "string", "pattern": f"^{ANGLE.pattern}$"}
-        return {"anyOf": [{"type": "number"}, text]}
+        return {"anyOf": [{"type": "number"}, {"type": "string", "pattern": f"^{ANGLE.pattern}$"}]}
 
     def __str__(self) -> str:
         return "an angle in radians, or such as '60 deg'"
@@ -525,8 +529,7 @@ class Each(Mapped):
     def check(self, value: Any) -> dict[str, Any]:
         if not super().check(value):
             raise expected(self, value)
-        parts = ((name, self.kind, item) for name, item in value.items())
-        return all_right(*check_parts(parts))
+        return all_right(*check_parts((name, self.kind, item) for name, item in value.items()))
 
     def schema(self) -> dict[str, Any]:
         return {"type": "object", "additionalProperties": self.kind.schema(), "minProperties": 1}

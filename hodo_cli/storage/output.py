@@ -80,8 +80,7 @@ class Output:
             target, {"checksum": checksum, SHORT_ATTRIBUTES: short_attributes(group.attributes)}
         )
         if group.report:
-            report = {REPORT_DIGEST: group.report.digest, REPORT: group.report.json}
-            _set_attributes(target, report)
+            _set_attributes(target, {REPORT_DIGEST: group.report.digest, REPORT: group.report.json})
 
     def copy(self, run: ResultFile, name: str) -> None:
         """Copy a group as it is stored. Raises HodoError if it is damaged.
