@@ -634,21 +634,30 @@ def test_swept_trajectories_are_stored_with_the_times_of_their_samples(tmp_path:
         assert np.array_equal(paths["time"][:], expected)
 
 
-BESIDE = "damping: [0.001, 0.002, 0.003]"
+BESIDE = "inertia: [2, 1.5, 1], damping: [0.001, 0.002, 0.003]"
+IN_ANY_AXES = (
+    "inertia: [[2, 0.2, 0.1], [0.2, 1.5, -0.1], [0.1, -0.1, 1]], "
+    "resistance: [[0.009, 0.001, 0], [0.001, 0.002, 0.001], [0, 0.001, 0.001]]"
+)
 TORQUES = {
     "fixed in space": f"space_torque: {{size: 0.01, direction: [1, 0, 2]}}, {BESIDE}",
     "of a brake": f"brake: 0.004, {BESIDE}",
     "of a brake that stops some": f"brake: 0.009, {BESIDE}",
     "of a brake that stops all": f"brake: 0.03, torque: [0, 1e-3, 0], {BESIDE}",
+    "in other axes": IN_ANY_AXES,
+    "in other axes, of fluid": f"kappa: 0.02, torque: [0.01, 0, 0.02], {IN_ANY_AXES}",
+    "in other axes, with an attitude": f"attitude: yes, quadratic: 0.01, {IN_ANY_AXES}",
+    "in other axes, of a brake that stops some": f"brake: 0.009, {IN_ANY_AXES}",
 }
 
 
 @pytest.mark.heyoka
 @pytest.mark.parametrize("torque", TORQUES)
-def test_members_whose_state_is_larger_go_side_by_side(torque: str) -> None:
-    """The direction of a torque and the leg of a brake are part of the state; a limit of steps has
-    each member integrated by itself."""
-    text = f"model: torques, inertia: [2, 1.5, 1], time: {{end: 100}}, error: off, {BALL}"
+def test_members_with_more_than_omega_along_principal_axes_go_side_by_side(torque: str) -> None:
+    """The direction of a torque, the leg of a brake and an attitude are part of the state, and the
+    axes of the data may be others than the principal ones; a limit of steps has each member
+    integrated by itself."""
+    text = f"model: torques, time: {{end: 100}}, error: off, {BALL.replace('G: 1', 'r: 1')}"
     case = one(f"{text}, {TORQUES[torque]}, sweep: {{d: {{sphere: {{count: 40, seed: 3}}}}}}")
     group = chunk.compute(chunk.Chunk(case, 0, 40))
     assert group.attributes["rejections"].sum() <= 1

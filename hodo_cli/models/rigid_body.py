@@ -1,7 +1,7 @@
 """A rigid body by its principal moments of inertia: pure functions of (A, omega)."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from functools import cached_property
@@ -310,6 +310,12 @@ class BodyFrame(Model):
         data; None where they are these."""
         return None
 
+    @staticmethod
+    def along_principal(v: Sequence[Any], k: Any) -> Sequence[Any]:
+        """The components (3,) along the principal axes of a vector (3,) in the axes of the case, by
+        the constants of the equations: as `to_principal`, for arrays of bodies and for symbols."""
+        return v
+
     @property
     def rotor_momentum(self) -> np.ndarray | None:
         """h (3,) of a rotor along the principal axes; None without."""
@@ -365,19 +371,22 @@ class BodyFrame(Model):
 
     @property
     def class_events(self) -> tuple[Event, ...]:
-        # D of the stored components says nothing where a rotor or other axes bring more terms.
-        if not self.is_plain:
+        # D of the stored components says nothing where a rotor brings more terms.
+        if self.rotor_momentum is not None:
             return ()
-        return (Event("separatrix", Separatrix(inertia_order(self.inertia))),)
+        moments = self.inertia if self.principal_axes is None else self.moments
+        return (Event("separatrix", Separatrix(inertia_order(moments), self.along_principal)),)
 
 
 @dataclass(frozen=True)
 class Separatrix:
     """D as an event; its order of axes is part of its identity, so that one compilation serves one
-    order."""
+    order. `along_principal` is that of the model."""
 
     order: tuple[int, int, int]
+    along_principal: Callable[[Sequence[Any], Any], Sequence[Any]]
 
     def __call__(self, t: Any, y: Sequence[Any], k: Any) -> Any:
-        outer, inner = separatrix_terms((k.A1, k.A2, k.A3), y, self.order)
+        omega = self.along_principal(y[:3], k)
+        outer, inner = separatrix_terms((k.A1, k.A2, k.A3), omega, self.order)
         return outer - inner

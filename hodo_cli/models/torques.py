@@ -37,6 +37,7 @@ from .terms.torques import (
     TERMS,
     Term,
     accelerations,
+    along_principal_axes,
     angular_momentum_of,
     rates_under,
     rotor_of,
@@ -198,6 +199,7 @@ class Torques(BodyUnderTorques, LookedUp):
         "initial": INITIAL,
     }
     terms: ClassVar[tuple[Term, ...]] = ()
+    along_principal = staticmethod(along_principal_axes)
 
     @staticmethod
     def velocity(inertia: Sequence[Any], initial: Mapping[str, float | None]) -> tuple[float, ...]:
@@ -207,7 +209,7 @@ class Torques(BodyUnderTorques, LookedUp):
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Model:
-        form = sum_of(terms_named(data), is_tensor(data["inertia"]))
+        form = sum_of(terms_named(data))
         if cls.form == "full":
             return form(**data)
         return averaged_sum(form, terms_named(data))(**data)
@@ -256,7 +258,7 @@ class Torques(BodyUnderTorques, LookedUp):
             return constants
         # heyoka counts parameters up to the last that the equations use: that has to come last.
         tensor = self.frame.tensor
-        matrices = {"tensor": tensor, "inverse": np.linalg.inv(tensor)}
+        matrices = {"axes": self.frame.axes, "tensor": tensor, "inverse": np.linalg.inv(tensor)}
         return (
             constants
             | body_constants(self.moments.tolist())
@@ -472,13 +474,10 @@ def label_at_stop(omega: np.ndarray, k: SimpleNamespace) -> Any:
     """The label of the direction of G at a stop, by the constants of the motion: one event serves
     many bodies."""
     A, rotor = np.array([k.A1, k.A2, k.A3], float), rotor_of(k)
-    if hasattr(k, "tensor"):
-        rows = np.reshape(np.array(k.tensor, float), (3, 3)).tolist()
-        axes = principal_axes(tuple(map(tuple, rows))).axes
-        omega, rotor = axes @ omega, None if rotor is None else axes @ np.array(rotor, float)
+    omega = np.array(along_principal_axes([*omega], k))
     if rotor is None:
         return enclosed_axis(A, omega, 0.0)
-    return region_of(A, np.array(rotor, float), omega[None]).label[0]
+    return region_of(A, np.array(along_principal_axes(rotor, k), float), omega[None]).label[0]
 
 
 def torque_at_rest(
@@ -570,15 +569,13 @@ def averaged_sum(full: type[Torques], names: tuple[str, ...]) -> type[BodyFrame]
 
 
 @cache
-def sum_of(names: tuple[str, ...], in_any_axes: bool) -> type[Torques]:
-    """The form of `Torques` whose equations have the terms of these names only, for bodies that are
-    given by their principal moments, or by a tensor in any axes."""
+def sum_of(names: tuple[str, ...]) -> type[Torques]:
+    """The form of `Torques` whose equations have the terms of these names only."""
     chosen = tuple(TERMS[name] for name in names)
     extra = {name: power for term in chosen for name, power in term.extra.items()}
     alone = {
         "each component that changes its sign ends a step": terms.QUADRATIC_AXES in chosen,
         "with a rotor the separatrix is no zero of D": terms.ROTOR in chosen,
-        "a full tensor of inertia makes too large equations for many motions": in_any_axes,
     }
     attributes_of = {
         "__module__": __name__,

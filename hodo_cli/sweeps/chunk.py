@@ -242,14 +242,15 @@ def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
 
 def least_separation(e: Ensemble, outcome: Outcome, motions: np.ndarray) -> np.ndarray:
     """The smaller `rigid_body.separation` of start and end of some motions (k,)."""
-    A, ends = e.inertia[:, motions], (e.start[:3, motions], outcome.state[:3, motions])
+    A, states = e.inertia[:, motions], (e.start[:, motions], outcome.state[:, motions])
+    ends = (e.principal_omega(state, motions) for state in states)
     order = rigid_body.inertia_order(e.inertia[:, 0])
     return np.asarray(np.minimum(*(rigid_body.separation(A, omega, order) for omega in ends)))
 
 
 def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:
     """Passages (k,) through the separatrix, as CROSSING_COLUMNS."""
-    G = e.inertia[:, passed.motion] * passed.state[:3]
+    G = e.inertia[:, passed.motion] * e.principal_omega(passed.state, passed.motion)
     return {
         "crossing_time": passed.time,
         "crossing_error": passed.error,

@@ -51,17 +51,29 @@ def tensor_entries(tensor: Sequence[Sequence[Any]] | Mapping[str, Any]) -> tuple
     return tuple(entry for row in tensor for entry in row)
 
 
-def gyroscopic(w: Sequence[Any], k: Any) -> Components:
+def gyroscopic(w: Sequence[Any], k: Any) -> Sequence[Any]:
     """The angular acceleration by -omega x A omega; of degree 2 by the constant g."""
-    if hasattr(k, "tensor"):
-        turning = vector_product(times(k.tensor, w), w)
-        return accelerations((k.g * turning[0], k.g * turning[1], k.g * turning[2]), k)
-    p, q, r = w
-    return (
+    p, q, r = along_principal_axes(w, k)
+    rates = (
         k.g * (k.A2 - k.A3) / k.A1 * q * r,
         k.g * (k.A3 - k.A1) / k.A2 * p * r,
         k.g * (k.A1 - k.A2) / k.A3 * p * q,
     )
+    return from_principal_axes(rates, k)
+
+
+def along_principal_axes(v: Sequence[Any], k: Any) -> Sequence[Any]:
+    """The components of a vector (3,) along the principal axes, to which a body that is given by
+    its full tensor of inertia has those of the case turned."""
+    return times(k.axes, v) if hasattr(k, "axes") else v
+
+
+def from_principal_axes(v: Sequence[Any], k: Any) -> Sequence[Any]:
+    """The inverse of `along_principal_axes`."""
+    if not hasattr(k, "axes"):
+        return v
+    a, b, c, d, e, f, g, h, i = k.axes
+    return times((a, d, g, b, e, h, c, f, i), v)
 
 
 def times(matrix: Sequence[Any], v: Sequence[Any]) -> Components:
@@ -176,11 +188,12 @@ def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> Co
 
 def cavity_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
-) -> Components:
+) -> Sequence[Any]:
     """The torque of the fluid in a cavity of the body: kappa (omega'' + omega x omega'), with
     omega' and omega'' of free motion, of a gyrostat where there is a rotor."""
-    if not (hasattr(k, "tensor") or hasattr(k, "h1")):
-        return fluid_torque((k.A1, k.A2, k.A3), w, c[0])
+    if not hasattr(k, "h1"):
+        along = fluid_torque((k.A1, k.A2, k.A3), along_principal_axes(w, k), c[0])
+        return from_principal_axes(along, k)
     G = angular_momentum_of(w, k)
     turning = vector_product(G, w)
     first = accelerations(turning, k)

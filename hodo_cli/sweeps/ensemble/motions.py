@@ -12,7 +12,7 @@ from ...integration.trajectory import Occurrence
 from ...integration.units import is_falling
 from ...models.base import Event, Model
 from ...models.constants import UNIT, VELOCITY, Structure, moving, namespace
-from ...models.rigid_body import Separatrix
+from ...models.rigid_body import BodyFrame, Separatrix
 
 ERROR_BOUND, PER_TOLERANCE = 1e-9, 1e3
 """The error of a state is taken to stay below this part of it, or so many tolerances: where that
@@ -106,6 +106,12 @@ class Ensemble:
         """A1, A2, A3 (3, n)."""
         k = self.named()
         return np.array([k.A1, k.A2, k.A3])
+
+    def principal_omega(self, y: np.ndarray, motions: np.ndarray) -> np.ndarray:
+        """The angular velocities (3, k) along the principal axes of some motions (k,) of bodies, in
+        states y (m, k)."""
+        assert issubclass(self.model, BodyFrame)
+        return np.array(self.model.along_principal([*y[:3]], self.named(motions)))
 
     @cached_property
     def falling(self) -> np.ndarray:
