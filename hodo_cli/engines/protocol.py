@@ -93,7 +93,6 @@ class Engine(Protocol):
     def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, control: "StepControl") -> Leg:
         """Integrate from `y` at grid[0] to grid[-1], or to a terminal event, or until `control`
         says stop."""
-        ...
 
 
 SMALL_COMPONENT = 1e-9

@@ -11,7 +11,7 @@ from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 from ..models.base import Constants, Event, Model
 from ..models.constants import jacobian
 from .protocol import EPS, Leg, StepControl
-from .stepwise import Solver, Stepwise
+from .stepwise import Stepwise
 
 SOLVERS = {"DOP853": DOP853, "RK45": RK45, "LSODA": LSODA, "Radau": Radau, "BDF": BDF}
 DEGREES = {"DOP853": 7, "RK45": 4, "LSODA": 12, "Radau": 3, "BDF": 5}
@@ -44,12 +44,10 @@ class Ivp(Stepwise):
             warnings.simplefilter("ignore")  # a solver that gives up returns a message too
             return super().leg(k, y, grid, control)
 
-    def solver(
-        self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float = math.inf
-    ) -> Solver:
+    def solver(self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float = math.inf) -> Any:
         """See `Stepwise.solver`; the implicit methods are given the Jacobian."""
         options = {"jac": partial(jacobian, self.model, k)} if self.implicit else {}
-        solver: Solver = self.method(
+        return self.method(
             # One tolerance for both: the units keep the largest component near 1.
             partial(self._rhs, k),
             start,
@@ -60,7 +58,6 @@ class Ivp(Stepwise):
             max_step=longest,
             **options,
         )
-        return solver
 
     def _rhs(self, k: Any, t: float, y: np.ndarray) -> np.ndarray:
         # Python floats: for three numbers they take half the time of numpy's scalars. But a root of

@@ -4,7 +4,7 @@ inside it."""
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -14,26 +14,9 @@ from .polynomial import CHEBYSHEV, Zeros, isolate, rounding, to_bernstein
 from .protocol import NORM_BAND, Hit, Leg, Status, StepControl
 
 
-class Solver(Protocol):
-    """One integration under way, as SciPy's OdeSolver: `status` is running, finished or failed."""
-
-    status: str
-    t: Any
-    t_old: Any
-    y: Any
-    nfev: int
-
-    def step(self) -> str | None:
-        """Take one step; returns why it failed, if it did."""
-        ...
-
-    def dense_output(self) -> Callable[[Any], np.ndarray]:
-        """The state (m,) or (m, n) at a time or times (n,) within the last step."""
-        ...
-
-
 class Stepwise:
-    """An engine that starts a Solver for each leg."""
+    """An engine that starts a solver for each leg, an object with the interface of SciPy's
+    OdeSolver."""
 
     dtype: Any = np.float64
     tol: float
@@ -44,10 +27,8 @@ class Stepwise:
     def __init__(self, events: tuple[Event, ...]) -> None:
         self.events = events
 
-    def solver(
-        self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float = math.inf
-    ) -> Solver:
-        """A new integration from `y` at `start` to `end`, in steps of at most `longest`."""
+    def solver(self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float = math.inf) -> Any:
+        """A new solver from `y` at `start` to `end`, in steps of at most `longest`."""
         raise NotImplementedError
 
     def series(self, solver: Any, dense: Callable[[Any], np.ndarray]) -> np.ndarray:
