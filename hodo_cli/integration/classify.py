@@ -225,8 +225,7 @@ def growth_off_axis(motion: Trajectory) -> np.ndarray:
     body, omega = body_of(motion.case), principal_omega(motion).astype(float)
     if body.rotor_momentum is not None:
         return np.ones(len(omega))
-    order = rigid_body.inertia_order(body.moments)
-    near = rigid_body.near_middle_axis(body.moments, omega, order)
+    near = rigid_body.near_middle_axis(body.moments, omega)
     with np.errstate(divide="ignore", invalid="ignore"):
         growth = np.maximum.accumulate(near) / np.sqrt(near)
     return np.maximum(1, np.where(near > 0, growth, 1))
@@ -242,8 +241,7 @@ def start_error(case: Case) -> float:
     A, omega = body.moments, body.to_principal(np.array(body.start[:3]))
     if body.rotor_momentum is not None:
         return EPS
-    order = rigid_body.inertia_order(A)
-    return EPS * math.sqrt(float(rigid_body.near_middle_axis(A, omega, order)))
+    return EPS * math.sqrt(float(rigid_body.near_middle_axis(A, omega)))
 
 
 def own_errors(motion: Trajectory, reference: Trajectory, precision: str) -> np.ndarray:

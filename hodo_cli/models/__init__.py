@@ -167,8 +167,7 @@ def _class_mistake(form: type[Model]) -> str:
 
 def _modules_with(name: str) -> list[AddedModule]:
     """The modules that are not hodo's and state a model of this name."""
-    named = {added.origin: added for added, form in _added_forms() if form.name == name}
-    return [*named.values()]
+    return [*{added.origin: added for added, form in _added_forms() if form.name == name}.values()]
 
 
 def _load(path: str, name: str) -> AddedModule:

@@ -273,9 +273,8 @@ class Oriented(Model, LookedUp):
     def predictions(self, start: float, end: float) -> list[str]:
         predicted = super().predictions(start, end)
         if turn := self.turn:
-            time, angle = f"{turn.period:.9g} [time]", f"{turn.angle:.9g} rad"
-            leaves = f"leaves the body turned by {angle} about G"
-            predicted = [*predicted, f"a turn takes {time} and {leaves}"]
+            leaves = f"leaves the body turned by {turn.angle:.9g} rad about G"
+            predicted = [*predicted, f"a turn takes {turn.period:.9g} [time] and {leaves}"]
         return predicted
 
     @property

@@ -121,13 +121,13 @@ def _margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarra
     return share_of(np.sqrt(most) * np.sqrt(total), D)  # moments to the fourth leave the doubles
 
 
-def near_middle_axis(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
+def near_middle_axis(A: Any, omega: np.ndarray) -> np.ndarray:
     """How the terms of D at omega (..., 3) compare with what they could be: their sum over that of
     their weights times |omega|^2; 1 for a sphere and at rest, where D has no terms.
 
     Its root is, roughly, the angle between the rotation and the middle axis of a triaxial body.
     """
-    _, total, most = scaled_separatrix(A, np.moveaxis(omega, -1, 0), order)
+    _, total, most = scaled_separatrix(A, np.moveaxis(omega, -1, 0), inertia_order(A))
     return share_of(most, total, of_nothing=1.0)
 
 

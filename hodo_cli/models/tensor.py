@@ -107,9 +107,9 @@ class TensorAveraged(ClosedTurns, Tensor):
     def warnings(self) -> list[str]:
         if is_diagonal(self.matrix):
             return super().warnings
-        dropped = (
+        return [
+            *super().warnings,
             "the off-diagonal entries of the tensor average to nothing, to first order; to second"
             " order they make an error of first order, and may make the true motion cross the"
-            " separatrix several times where the averaged one crosses once"
-        )
-        return [*super().warnings, dropped]
+            " separatrix several times where the averaged one crosses once",
+        ]

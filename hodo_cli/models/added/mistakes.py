@@ -134,9 +134,8 @@ def _fits_degree(system: Model, start: np.ndarray) -> bool:
             again = np.array(system.rhs(t, scaled.tolist(), attributes(other)))
         except (ArithmeticError, ValueError):  # no motion need come there
             continue
-        apart = np.abs(rates - rescaled(type(system), again, 2)).max()
         # No number is above another that is none.
-        if apart > 1e-9 * np.abs(rates).max():
+        if np.abs(rates - rescaled(type(system), again, 2)).max() > 1e-9 * np.abs(rates).max():
             return False
     return True
 

@@ -219,14 +219,14 @@ def averaged_form(
 ) -> type[BodyFrame]:
     """The averaged form of a model that states only its full one: by quadrature, or as the bases
     have it for a sum of these terms."""
-    own_keys = {"mean_start": MEAN_START, "at_separatrix": AT_SEPARATRIX, "nodes": NODES_KEY}
     attributes_of = {
         "__module__": full.__module__,
         "__doc__": f"{full.__name__} averaged over the turns of its hodograph.",
         "__annotations__": {"at_separatrix": str, "nodes": int},
         "full": full,
         "averaged_terms": terms,
-        "keys": full.keys | own_keys,
+        "keys": full.keys
+        | {"mean_start": MEAN_START, "at_separatrix": AT_SEPARATRIX, "nodes": NODES_KEY},
     }
     classes = (*(bases or (QuadratureTurns,)), full, LookedUp)
     return dataclass(frozen=True)(type(f"{full.__name__}Averaged", classes, attributes_of))

@@ -333,8 +333,10 @@ class AveragedTurns(BodyFrame):
     def warnings(self) -> list[str]:
         if self.elements(self.slow_start)[1]:
             return super().warnings
-        near = "the start is so near the separatrix that it is taken for its own mean element"
-        return [*super().warnings, near]
+        return [
+            *super().warnings,
+            "the start is so near the separatrix that it is taken for its own mean element",
+        ]
 
     def smallness(self, t: Any, y: np.ndarray) -> np.ndarray:
         """Averaging's parameter at times (n,) and states (n, 5): the perturbation's rate in

@@ -170,10 +170,9 @@ class ClosedMeans(AveragedTurns):
 
     def constants_of_means(self) -> dict[str, str | tuple[float, ...]]:
         a, _, c = self.body[:3]
-        levers = math.sqrt((a - c) / a), math.sqrt((a - c) / c)
         constants = {
             "kappa": ("turning_weights", fluid_weights(self.body)),
-            "torque": ("turning_levers", levers),
+            "torque": ("turning_levers", (math.sqrt((a - c) / a), math.sqrt((a - c) / c))),
         }
         named = [constants[name] for name in self.averaged_terms if name in constants]
         return super().constants_of_means() | dict(named)
