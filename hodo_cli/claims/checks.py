@@ -38,8 +38,12 @@ def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
     contrary = [f"an axis other than {check['start']}"] if len({*wanted.values()}) == 1 else others
     if check["turns"]:
         contrary.append(f"fewer turns about it than {check['turns']:g}")
-    holds = complying == len(motions)
-    return Finding(if_true(holds), float(complying), ", ".join(words), " or ".join(contrary))
+    return Finding(
+        if_true(complying == len(motions)),
+        float(complying),
+        ", ".join(words),
+        " or ".join(contrary),
+    )
 
 
 def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -85,8 +89,12 @@ def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
             worst = max(
                 worst, beyond(differences[-1] / scale, check["within"] * (1 + ROUNDING) / scale)
             )
-    contrary = f"a difference above {check['within']:g} that is more than 1 % of the range"
-    return Finding(worst, float(np.max(differences)), "; ".join(words), contrary)
+    return Finding(
+        worst,
+        float(np.max(differences)),
+        "; ".join(words),
+        f"a difference above {check['within']:g} that is more than 1 % of the range",
+    )
 
 
 def range_of(m: Motion, name: str) -> float:
@@ -116,13 +124,14 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
         if everywhere
         else f"{name} = {listed(x[0] for x in values)}"
     )
-    # A bound that is met is met at any scale: a time that is infinite has none.
-    deviation = 0.0 if violation <= 0 else beyond(violation / scale, ROUNDING)
     bounds = (("above", most), ("below", least))
-    contrary = " or ".join(
-        f"a value {side} {limit:g}" for side, limit in bounds if limit is not None
+    return Finding(
+        # A bound that is met is met at any scale: a time that is infinite has none.
+        0.0 if violation <= 0 else beyond(violation / scale, ROUNDING),
+        high if most is not None else low,
+        words,
+        " or ".join(f"a value {side} {limit:g}" for side, limit in bounds if limit is not None),
     )
-    return Finding(deviation, high if most is not None else low, words, contrary)
 
 
 def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -143,8 +152,12 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
         for name, (violation, time) in violations.items()
     )
     worst = max((violation for violation, _ in violations.values()), default=0.0)
-    contrary = f"a step back above {PLOTTING_ACCURACY:.0%} of the range"
-    return Finding(worst, worst, words or f"{', '.join(check['of'])}: no step back", contrary)
+    return Finding(
+        worst,
+        worst,
+        words or f"{', '.join(check['of'])}: no step back",
+        f"a step back above {PLOTTING_ACCURACY:.0%} of the range",
+    )
 
 
 def order(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -158,10 +171,13 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
         apart = float(np.max(np.ptp(groups, axis=1)) / max(np.max(np.abs(groups)), math.ulp(0)))
         return Finding(beyond(apart, ROUNDING), apart, words, "two values that differ")
     steps = [b - a for group in groups for a, b in itertools.pairwise(group)]
-    holds = all(step < 0 if check["sense"] == "falls" else step > 0 for step in steps)
-    contrary = f"a value that {'rises' if check['sense'] == 'falls' else 'falls'} or stays"
     # The smallest step is the number that would decide otherwise first.
-    return Finding(if_true(holds), min(map(abs, steps)), words, contrary)
+    return Finding(
+        if_true(all(step < 0 if check["sense"] == "falls" else step > 0 for step in steps)),
+        min(map(abs, steps)),
+        words,
+        f"a value that {'rises' if check['sense'] == 'falls' else 'falls'} or stays",
+    )
 
 
 def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -170,9 +186,12 @@ def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
         float(np.ptp(quantity(m, name)) / m.largest(name)) for m in motions for name in check["of"]
     ]
     worst = float(np.max(changes))
-    words = f"{', '.join(check['of'])}: relative change at most {worst:.2g}"
-    contrary = f"a relative change above {max(check['within'], PLOTTING_ACCURACY):g}"
-    return Finding(beyond(worst, check["within"]), worst, words, contrary)
+    return Finding(
+        beyond(worst, check["within"]),
+        worst,
+        f"{', '.join(check['of'])}: relative change at most {worst:.2g}",
+        f"a relative change above {max(check['within'], PLOTTING_ACCURACY):g}",
+    )
 
 
 def formula(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -183,9 +202,12 @@ def formula(check: Keys, motions: Sequence[Motion]) -> Finding:
         difference = float(np.abs(values - formula_values(m, law)).max())
         differences.append(difference / m.largest(name))
     worst = float(np.max(differences))
-    words = f"{name} and {law}: at most {worst:.2g} apart, relative to the largest {name}"
-    contrary = f"a relative difference above {max(check['within'], PLOTTING_ACCURACY):g}"
-    return Finding(beyond(worst, check["within"]), worst, words, contrary)
+    return Finding(
+        beyond(worst, check["within"]),
+        worst,
+        f"{name} and {law}: at most {worst:.2g} apart, relative to the largest {name}",
+        f"a relative difference above {max(check['within'], PLOTTING_ACCURACY):g}",
+    )
 
 
 MOTION_CHECKS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
@@ -226,6 +248,9 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
             f"varies by {x:.3g} along {along}"
             for x, along in zip(means, check["along"], strict=True)
         )
-    contrary = "an average beyond its bounds, or a step the other way"
-    deviation = beyond(max(violations, default=0.0) / scale, ROUNDING)
-    return Finding(deviation, means[-1], words, contrary)
+    return Finding(
+        beyond(max(violations, default=0.0) / scale, ROUNDING),
+        means[-1],
+        words,
+        "an average beyond its bounds, or a step the other way",
+    )

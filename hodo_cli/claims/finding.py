@@ -104,8 +104,12 @@ def difference(pairs: Sequence[ValuePair]) -> float:
 def agreement(pairs: Sequence[ValuePair], within: float) -> Finding:
     """A formula beside motions; decided by the largest relative difference."""
     worst = difference(pairs)
-    contrary = f"a relative difference above {max(within, PLOTTING_ACCURACY):g}"
-    return Finding(beyond(worst, within), worst, f"differs by {worst:.2g}", contrary)
+    return Finding(
+        beyond(worst, within),
+        worst,
+        f"differs by {worst:.2g}",
+        f"a relative difference above {max(within, PLOTTING_ACCURACY):g}",
+    )
 
 
 @dataclass(frozen=True)

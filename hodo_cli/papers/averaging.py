@@ -36,9 +36,12 @@ def order_finding(motions: Sequence[Motion], expected: float, margin: float = 0.
     errors = [distance(averaged, full, margin) for averaged, full in in_groups(motions, 2)]
     # Errors at one time scatter with the phase; the largest over a motion follow the power law.
     slope = float(np.polyfit(np.log(small), np.log(errors), 1)[0])
-    words = f"order {slope:.3f}, from distances {listed(errors)}"
-    contrary = f"an order below {expected - ORDER_WITHIN:g}"
-    return Finding(beyond(expected - ORDER_WITHIN - slope, 0.0), slope, words, contrary)
+    return Finding(
+        beyond(expected - ORDER_WITHIN - slope, 0.0),
+        slope,
+        f"order {slope:.3f}, from distances {listed(errors)}",
+        f"an order below {expected - ORDER_WITHIN:g}",
+    )
 
 
 @Check
@@ -47,8 +50,12 @@ def first_order(motions: Sequence[Motion]) -> Finding:
     nearer."""
     order = order_finding(motions, 1)
     no_nearer = if_true(order.number < 1 + ORDER_WITHIN)
-    contrary = f"{order.contradicted_by} or above {1 + ORDER_WITHIN:g}"
-    return Finding(max(order.deviation, no_nearer), order.number, order.words, contrary)
+    return Finding(
+        max(order.deviation, no_nearer),
+        order.number,
+        order.words,
+        f"{order.contradicted_by} or above {1 + ORDER_WITHIN:g}",
+    )
 
 
 @Check
@@ -76,9 +83,12 @@ def predicted_crossing(motions: Sequence[Motion]) -> Finding:
     # Compared as angles: in time, even a perfect prediction's error would grow as the turns slow.
     holds = all(b < a for a, b in itertools.pairwise(missed))
     holds &= all(a < b for a, b in zip(missed, averaged_missed, strict=True))
-    words = f"n |t - predicted| {listed(missed)}, n |t - t*| {listed(averaged_missed)}"
-    contrary = "an error that does not fall, or is not below that of the averaged crossing"
-    return Finding(if_true(holds), missed[-1], words, contrary)
+    return Finding(
+        if_true(holds),
+        missed[-1],
+        f"n |t - predicted| {listed(missed)}, n |t - t*| {listed(averaged_missed)}",
+        "an error that does not fall, or is not below that of the averaged crossing",
+    )
 
 
 @Check
@@ -89,14 +99,21 @@ def predicted_sense(motions: Sequence[Motion]) -> Finding:
         int(np.sign(full.omega[-1, full.labels[-1] - 1]) == averaged.stored("event_sense")[0])
         for averaged, full in pairs
     )
-    words = f"{complying} of {len(pairs)} as predicted"
-    holds = complying == len(pairs)
-    return Finding(if_true(holds), float(complying), words, "a sense that is not predicted")
+    return Finding(
+        if_true(complying == len(pairs)),
+        float(complying),
+        f"{complying} of {len(pairs)} as predicted",
+        "a sense that is not predicted",
+    )
 
 
 @Check
 def steps_do_not_grow(motions: Sequence[Motion]) -> Finding:
     """The steps of motions are the same to a tenth, whatever the size of their resistance."""
     steps = [int(m.attrs["steps"]) for m in motions]
-    alike, words = if_true(max(steps) <= 1.1 * min(steps)), f"steps {listed(steps)}"
-    return Finding(alike, float(max(steps)), words, "steps that differ by more than a tenth")
+    return Finding(
+        if_true(max(steps) <= 1.1 * min(steps)),
+        float(max(steps)),
+        f"steps {listed(steps)}",
+        "steps that differ by more than a tenth",
+    )

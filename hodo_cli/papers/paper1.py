@@ -53,8 +53,12 @@ def free_rotation(motions: Sequence[Motion]) -> Finding:
 def no_closed_form(motions: Sequence[Motion]) -> Finding:
     """There is no closed form: holds where that of `free_rotation` fails."""
     free = free_rotation.judge(motions)
-    words = f"the closed form {free.words}"
-    return Finding(if_true(free.deviation > 0), free.number, words, "a closed form that agrees")
+    return Finding(
+        if_true(free.deviation > 0),
+        free.number,
+        f"the closed form {free.words}",
+        "a closed form that agrees",
+    )
 
 
 @Check
@@ -93,9 +97,12 @@ def turning_axis(motions: Sequence[Motion]) -> Finding:
         ]
         enclosed = np.array(m.order)[[0, 2]][of_one_sign] + 1
         complying += enclosed.tolist() == [m.labels[0]]
-    words = f"{complying} of {len(motions)} as the criterion says"
-    contrary = "a motion about another axis than the criterion says"
-    return Finding(if_true(complying == len(motions)), float(complying), words, contrary)
+    return Finding(
+        if_true(complying == len(motions)),
+        float(complying),
+        f"{complying} of {len(motions)} as the criterion says",
+        "a motion about another axis than the criterion says",
+    )
 
 
 @Check
@@ -124,8 +131,12 @@ def turns_about_one_axis(motions: Sequence[Motion], axis: int) -> Finding:
     about one of these."""
     others = [abs(swept_angle(m, i)) for m in motions for i in range(3) if i != axis]
     turns = [abs(swept_angle(m, axis)) for m in motions]
-    words = f"{listed(turns)} turns about x{axis + 1}, at most {max(others):.3g} about another axis"
-    return Finding(if_true(max(others) < 1), max(others), words, "a full turn about another axis")
+    return Finding(
+        if_true(max(others) < 1),
+        max(others),
+        f"{listed(turns)} turns about x{axis + 1}, at most {max(others):.3g} about another axis",
+        "a full turn about another axis",
+    )
 
 
 @Check
@@ -142,8 +153,12 @@ def inequality_7(motions: Sequence[Motion]) -> Finding:
         # Written out as the paper has it, and not by `slope`, which is what is tested.
         K = A3 * (A2 - A3) / (A1 * (A1 - A2))
         mismatches += int(((h * A2 < G2) != (w[:, 0] ** 2 > K * w[:, 2] ** 2))[clear].sum())
-    words = f"{mismatches} samples on the other side"
-    return Finding(if_true(mismatches == 0), float(mismatches), words, "a sample on the other side")
+    return Finding(
+        if_true(mismatches == 0),
+        float(mismatches),
+        f"{mismatches} samples on the other side",
+        "a sample on the other side",
+    )
 
 
 @Check
@@ -171,8 +186,12 @@ def larger_effect(measure: str, values: Sequence[float], entries: str, others: s
     }
     ratio = effects[entries] / effects[others]
     sizes = (f"{size:.3g} of the {name} entries" for name, size in effects.items())
-    words = f"effects on the {measure}: {', '.join(sizes)}"
-    return Finding(if_true(ratio > 1), ratio, words, f"a larger effect of the {others} entries")
+    return Finding(
+        if_true(ratio > 1),
+        ratio,
+        f"effects on the {measure}: {', '.join(sizes)}",
+        f"a larger effect of the {others} entries",
+    )
 
 
 @Check
@@ -187,10 +206,13 @@ def criterion_predicts(motions: Sequence[Motion]) -> Finding:
         ]
         steps += [times[1] - times[0], times[2] - times[1]]
         words.append(listed(times))
-    evidence = f"last zero of r, crossing, first zero of p: {'; '.join(words)}"
-    contrary = "no crossing, a zero of p before it, or one of r after it"
     # Without a crossing a step is no number, which is not above 0.
-    return Finding(if_true(all(step > 0 for step in steps)), min(steps), evidence, contrary)
+    return Finding(
+        if_true(all(step > 0 for step in steps)),
+        min(steps),
+        f"last zero of r, crossing, first zero of p: {'; '.join(words)}",
+        "no crossing, a zero of p before it, or one of r after it",
+    )
 
 
 @Trend
@@ -222,8 +244,12 @@ def compared_by_difference(
 
 def all_in_order(in_order: Sequence[bool], contrary: str) -> Finding:
     """The finding of a statement on pairs; decided by the share of those that are in its order."""
-    words = f"{sum(in_order)} of {len(in_order)} pairs in this order"
-    return Finding(if_true(all(in_order)), sum(in_order) / len(in_order), words, contrary)
+    return Finding(
+        if_true(all(in_order)),
+        sum(in_order) / len(in_order),
+        f"{sum(in_order)} of {len(in_order)} pairs in this order",
+        contrary,
+    )
 
 
 @Trend
@@ -238,9 +264,13 @@ def larger_difference_sooner_as_a_trend(members: Sequence[Sequence[Motion]]) -> 
     pairs = itertools.combinations(sorted(passages), 2)
     reversed_ = [sooner < later for (small, sooner), (large, later) in pairs if small < large]
     share = sum(reversed_) / len(reversed_)
-    words = f"{part_of(share)} of {len(reversed_)} pairs reversed"
     # A trend, and no law: the middle coefficient matters too, so pairs may be reversed.
-    return Finding(if_true(share < 0.5), share, words, "half of the pairs in the other order")
+    return Finding(
+        if_true(share < 0.5),
+        share,
+        f"{part_of(share)} of {len(reversed_)} pairs reversed",
+        "half of the pairs in the other order",
+    )
 
 
 @Check
@@ -270,8 +300,12 @@ def equations_6_meet_the_start(motions: Sequence[Motion]) -> Finding:
     """q at the start is that of (5)-(6), with equal signs."""
     (m,) = motions
     missed = abs(float(as_in_equation_6(m, 1, 1)[0, 1] - m.omega[0, 1]))
-    words = f"|q1(0) - q0| is {missed:.3g}"
-    return Finding(beyond(missed, 1e-12), missed, words, "a difference above 0.01")
+    return Finding(
+        beyond(missed, 1e-12),
+        missed,
+        f"|q1(0) - q0| is {missed:.3g}",
+        "a difference above 0.01",
+    )
 
 
 def damped_from(m: Motion, start: np.ndarray) -> np.ndarray:

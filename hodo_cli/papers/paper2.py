@@ -60,9 +60,11 @@ def transverse_torque_vanishes(motions: Sequence[Motion]) -> Finding:
         f"with a torque of the figures' size x = {listed(ends)}, without {limit:.4g}"
     )
     # Within a tenth of 1/2, and falling throughout.
-    holds = abs(power - 0.5) < 0.1 and all(b < a for a, b in itertools.pairwise(apart))
     return Finding(
-        if_true(holds), power, f"power {power:.3g}; {words}", "a power outside 0.4 to 0.6"
+        if_true(abs(power - 0.5) < 0.1 and all(b < a for a, b in itertools.pairwise(apart))),
+        power,
+        f"power {power:.3g}; {words}",
+        "a power outside 0.4 to 0.6",
     )
 
 
@@ -90,9 +92,12 @@ SMALL_NUMBER = 0.01
 def small_Reynolds_number(motions: Sequence[Motion]) -> Finding:
     """The Reynolds number of the flow at the start is a SMALL_NUMBER; decided by the largest."""
     numbers = [reynolds(m.case.data["cavity"], m.omega[0]) for m in motions]
-    words = f"Re = {listed(numbers)}"
-    holds, contrary = max(numbers) <= SMALL_NUMBER, f"a number above {SMALL_NUMBER:g}"
-    return Finding(if_true(holds), max(numbers), words, contrary)
+    return Finding(
+        if_true(max(numbers) <= SMALL_NUMBER),
+        max(numbers),
+        f"Re = {listed(numbers)}",
+        f"a number above {SMALL_NUMBER:g}",
+    )
 
 
 TURN_SAMPLES = 401
@@ -114,9 +119,13 @@ def slow_x_and_y(motions: Sequence[Motion]) -> Finding:
         words.append(f"{listed(changes, 3)} (p by {p:.3g})")
     power = min(powers)
     changed_by = "; ".join(words)
-    evidence = f"x or y changes by {changed_by} at factors {listed(SMALLER)}: power {power:.3g}"
     # x and y are 1 at the start; the second order still bends the power at these factors.
-    return Finding(if_true(power >= 0.9), power, evidence, "a power below 0.9")
+    return Finding(
+        if_true(power >= 0.9),
+        power,
+        f"x or y changes by {changed_by} at factors {listed(SMALLER)}: power {power:.3g}",
+        "a power below 0.9",
+    )
 
 
 def first_turn(m: Motion, factor: float) -> Motion:

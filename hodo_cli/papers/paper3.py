@@ -102,8 +102,12 @@ def ordering(motions: Sequence[Motion]) -> Finding:
     for m in motions:
         u1, u2, u3 = (quantity(m, name) for name in ROOTS)
         least = min(least, float(np.min([u1 + 1, u2 - u1, 1 - u2, u3 - 1])))
-    words = f"the least distance is {least:.2g}"
-    return Finding(beyond(-least, 1e-12), least, words, "a distance below -0.01")
+    return Finding(
+        beyond(-least, 1e-12),
+        least,
+        f"the least distance is {least:.2g}",
+        "a distance below -0.01",
+    )
 
 
 def signs(m: Motion) -> tuple[np.ndarray, np.ndarray]:
@@ -159,9 +163,12 @@ def signs_change(motions: Sequence[Motion]) -> Finding:
         f"R changes its sign at {listed(times)}; with the signs at the start (2.5) is off by "
         f"{max(before):.1g} until then, and by {listed(after, 1)} after it"
     )
-    holds = max(before) < HALF_THE_DIGITS < min(after) and max(times) < math.inf
-    contrary = f"no change of sign, or a difference above {HALF_THE_DIGITS:g} before it"
-    return Finding(if_true(holds), min(times), words, contrary)
+    return Finding(
+        if_true(max(before) < HALF_THE_DIGITS < min(after) and max(times) < math.inf),
+        min(times),
+        words,
+        f"no change of sign, or a difference above {HALF_THE_DIGITS:g} before it",
+    )
 
 
 RUNGE_KUTTA_STEPS = 250
@@ -238,9 +245,13 @@ def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
             powers.append(float((np.diff(np.log(errors)) / np.diff(np.log(epsilons))).min()))
             words.append(f"{name} by {listed(errors, 3)}")
     least = min(powers)
-    evidence = f"off, for epsilon = {listed(epsilons)}: {'; '.join(words)}: power {least:.3g}"
     # The second order still bends the power at these epsilons.
-    return Finding(if_true(least >= 0.9), least, evidence, "a power below 0.9")
+    return Finding(
+        if_true(least >= 0.9),
+        least,
+        f"off, for epsilon = {listed(epsilons)}: {'; '.join(words)}: power {least:.3g}",
+        "a power below 0.9",
+    )
 
 
 @Check
@@ -275,9 +286,12 @@ def sooner(motions: Sequence[Motion], name: str, limit: float, for_good: bool = 
         near = np.abs(quantity(m, name) - limit) <= NEAR * abs(limit)
         stays = np.logical_and.accumulate(near[::-1])[::-1] if for_good else near
         times.append(float(m.time[np.argmax(stays)]) if stays.any() else math.inf)
-    words = f"within {NEAR:.0%} of {limit:g}{' for good' if for_good else ''} at {listed(times)}"
-    contrary = "an earlier time in another case"
-    return Finding(if_true(times[0] < min(times[1:])), times[0], words, contrary)
+    return Finding(
+        if_true(times[0] < min(times[1:])),
+        times[0],
+        f"within {NEAR:.0%} of {limit:g}{' for good' if for_good else ''} at {listed(times)}",
+        "an earlier time in another case",
+    )
 
 
 def roughness(m: Motion) -> float:
@@ -301,9 +315,12 @@ def smoothing(motions: Sequence[Motion]) -> Finding:
     """
     pairs = [(roughness(a), roughness(b)) for a, b in in_groups(motions, 2)]
     steps = [growing - constant for constant, growing in pairs]
-    words = f"roughness {'; '.join(map(listed, pairs))}"
-    contrary = "a rougher motion with coefficients that grow"
-    return Finding(if_true(max(steps) < 0), min(map(abs, steps)), words, contrary)
+    return Finding(
+        if_true(max(steps) < 0),
+        min(map(abs, steps)),
+        f"roughness {'; '.join(map(listed, pairs))}",
+        "a rougher motion with coefficients that grow",
+    )
 
 
 @Check
