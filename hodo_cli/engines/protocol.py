@@ -152,13 +152,14 @@ class StepControl:
         """Whether there are steps and seconds left. Not asked at each step: the time of day alone
         takes about a tenth of a fast one."""
         if self.steps >= self.max_steps:
-            lifts = "max_steps in the case allows more"
             return self.give_up(
-                Status.TIMEOUT, f"max_steps: stopped after {self.steps} steps; {lifts}"
+                Status.TIMEOUT,
+                f"max_steps: stopped after {self.steps} steps; max_steps in the case allows more",
             )
         if perf_counter() > self.deadline:
-            spent = f"max_seconds: stopped after {self.max_seconds:g} s"
-            return self.give_up(Status.TIMEOUT, spent)
+            return self.give_up(
+                Status.TIMEOUT, f"max_seconds: stopped after {self.max_seconds:g} s"
+            )
         self._next_check = min(self.steps + 64, self.max_steps)
         return True
 

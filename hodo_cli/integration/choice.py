@@ -59,8 +59,11 @@ def best(case: Case, precision: str) -> tuple[str, str]:
             if trial.whole and (steps := taylor_steps(case, trial)) > max(
                 MANY_STEPS, RATIO * trial.steps
             ):
-                series = f"where a Taylor series needs some {steps:.0e}"
-                return "collocation", f"stiff: {trial.steps} steps in a trial, {series}"
+                return (
+                    "collocation",
+                    f"stiff: {trial.steps} steps in a trial, where a Taylor series needs some "
+                    f"{steps:.0e}",
+                )
     return "taylor", "not stiff"
 
 

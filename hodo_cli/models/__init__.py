@@ -73,8 +73,9 @@ def forms_of(name: str) -> Mapping[str, type[Model]]:
     for added, item in _added_forms():
         # Which of two is meant would depend on the order of files.
         if item.name == name and forms.setdefault(item.form, item) is not item:
-            message = f"there is already a model {name!r} with the form {item.form!r}"
-            raise HodoError(f"{added.origin}: {message}")
+            raise HodoError(
+                f"{added.origin}: there is already a model {name!r} with the form {item.form!r}"
+            )
     add_averaged(forms)
     return forms
 

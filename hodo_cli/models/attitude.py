@@ -108,8 +108,11 @@ def check_attitude(form: type[Model], data: Mapping[str, Any]) -> Iterator[Mista
     elif attitude["euler"] is None and attitude["sequence"] != SEQUENCE:
         yield (KEY, "sequence"), "orders the angles of `euler`, which is not there"
     if not re.fullmatch(r"(?!.*(.)\1)([XYZ]{3}|[xyz]{3})", attitude["sequence"]):
-        message = "expected three of X, Y, Z or of x, y, z, no two neighbours equal"
-        yield (KEY, "sequence"), f"{message}, got {attitude['sequence']!r}"
+        yield (
+            (KEY, "sequence"),
+            "expected three of X, Y, Z or of x, y, z, no two neighbours equal, "
+            f"got {attitude['sequence']!r}",
+        )
 
 
 COINCIDING = {"initial": (1.0, 0.0, 0.0, 0.0), "euler": (0.0, 0.0, 0.0)}
@@ -273,8 +276,11 @@ class Oriented(Model, LookedUp):
     def predictions(self, start: float, end: float) -> list[str]:
         predicted = super().predictions(start, end)
         if turn := self.turn:
-            leaves = f"leaves the body turned by {turn.angle:.9g} rad about G"
-            predicted = [*predicted, f"a turn takes {turn.period:.9g} [time] and {leaves}"]
+            predicted = [
+                *predicted,
+                f"a turn takes {turn.period:.9g} [time] and leaves the body turned by "
+                f"{turn.angle:.9g} rad about G",
+            ]
         return predicted
 
     @property

@@ -99,10 +99,10 @@ class SymmetricCavity(Cavity):
         yield from super().check(data)
         A = data.get("inertia")
         if A is not None and A[0] != A[1]:
-            unequal = f"{A[0]:.17g} and {A[1]:.17g}"
             yield (
                 ("inertia",),
-                f"form {cls.form} needs A1 = A2, not {unequal}; form full does not",
+                f"form {cls.form} needs A1 = A2, not {A[0]:.17g} and {A[1]:.17g}; form full does "
+                "not",
             )
 
     @property

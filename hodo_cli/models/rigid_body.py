@@ -274,8 +274,11 @@ class BodyFrame(Model):
             )
         for i, moment in enumerate(A):
             if not cls.smallest <= moment <= 1 / cls.smallest:
-                limits = f"{cls.smallest:g} to {1 / cls.smallest:g}"
-                yield ("inertia", i), f"{moment:g} is out of range, {limits}: take other units"
+                yield (
+                    ("inertia", i),
+                    f"{moment:g} is out of range, {cls.smallest:g} to {1 / cls.smallest:g}: take "
+                    "other units",
+                )
         if "initial" not in data:
             return
         yield from mistake_of(("initial",), cls.velocity, A, data["initial"])

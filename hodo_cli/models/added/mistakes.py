@@ -89,8 +89,10 @@ def _try_symbols(system: Model) -> None:
     try:
         system.rhs(Symbol(), [Symbol() for _ in system.state], k)
     except TypeError as error:
-        allowed = f"+ - * / ** and {', '.join(FUNCTION_NAMES)} of hodo_cli.functions"
-        error.args = (f"{error}; equations consist of {allowed}",)
+        error.args = (
+            f"{error}; equations consist of + - * / ** and {', '.join(FUNCTION_NAMES)} of "
+            "hodo_cli.functions",
+        )
         raise
 
 
@@ -151,6 +153,8 @@ def _misfit_of_output(system: Model, start: np.ndarray) -> str:
     for name, label in system.variables.items():
         shape = np.shape(stored[name])
         if shape != tuple(lengths.get(dim) for dim in label.dims):
-            dims = ", ".join(label.dims)
-            return f"output gives {name} of the shape {shape} for 2 times: expected ({dims})"
+            return (
+                f"output gives {name} of the shape {shape} for 2 times: expected "
+                f"({', '.join(label.dims)})"
+            )
     return ""

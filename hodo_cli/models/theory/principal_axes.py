@@ -29,8 +29,10 @@ def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
     J = np.array(tensor, dtype=float)
     i, j = np.unravel_index(np.abs(J - J.T).argmax(), J.shape)
     if abs(J[i, j] - J[j, i]) > ASYMMETRY * np.abs(J).max():
-        pair = f"{J[i, j]:g} in row {i + 1}, column {j + 1}, and {J[j, i]:g} in the transpose"
-        raise ValueError(f"a tensor of inertia is symmetric, and this one has {pair}")
+        raise ValueError(
+            f"a tensor of inertia is symmetric, and this one has {J[i, j]:g} in row {i + 1}, "
+            f"column {j + 1}, and {J[j, i]:g} in the transpose"
+        )
     J = (J + J.T) / 2
     diagonal = not (J - np.diag(np.diag(J))).any()
     moments, axes = (np.diag(J), np.eye(3)) if diagonal else _numbered(*np.linalg.eigh(J))

@@ -102,8 +102,10 @@ class Top(Model):
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
         inertia = data.get("inertia")
         if inertia and inertia["C"] > 2 * inertia["A"]:
-            limit = f"2 A = {2 * inertia['A']:g}"
-            yield ("inertia", "C"), f"no body has C = {inertia['C']:g} larger than {limit}"
+            yield (
+                ("inertia", "C"),
+                f"no body has C = {inertia['C']:g} larger than 2 A = {2 * inertia['A']:g}",
+            )
         instead = "forms averaged and full have it"
         if law(data.get("mu"))[0] and not cls.has_changing_mu:
             yield ("mu",), f"form {cls.form} takes a constant mu; {instead}"
