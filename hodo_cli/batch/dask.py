@@ -114,14 +114,11 @@ def _of_this_machine(workers: int, scratch: str) -> dict[str, Any]:
     """
     import dask
 
-    closed: dict[str, Any] = {
-        f"distributed.{role}.http.routes": [] for role in ("scheduler", "worker")
-    }
     if sys.flags.ignore_environment and not sys.flags.safe_path:
         raise BatchError(f"under python -E workers would ignore {SAFE_PATH}: start it with -P too")
     # For good, since a worker that has died is started again.
     os.environ.setdefault(SAFE_PATH, "1")
-    dask.config.set(closed)
+    dask.config.set({f"distributed.{role}.http.routes": [] for role in ("scheduler", "worker")})
     return {
         "n_workers": workers,
         "threads_per_worker": 1,

@@ -310,11 +310,11 @@ entry that describes no case."""
 
 def readings(claim: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """The claim under each of its readings, by name; under none, the claim itself."""
-    merged: dict[str, Mapping[str, Any]] = {}
-    for name, reading in claim.get("readings", {}).items():
-        changes = {key: value for key, value in reading.items() if value not in (None, "")}
-        merged[name] = {**claim, **changes, "readings": {}}
-    return merged or {"": claim}
+    under: dict[str, Mapping[str, Any]] = {
+        name: {**claim, **{k: v for k, v in reading.items() if v not in (None, "")}, "readings": {}}
+        for name, reading in claim.get("readings", {}).items()
+    }
+    return under or {"": claim}
 
 
 def cases_of(entry: Mapping[str, Any]) -> list[str]:

@@ -521,8 +521,10 @@ def _variable_mistakes(values: Mapping[str, Any], cases: Sequence[Drawable]) -> 
         drawn += [((key,), values[key], cases) for key in ("x", "y") if key in values]
     for i, inset in enumerate(values.get("insets", ())):
         enlarged = [case for case in cases if case.name == inset["case"]]
-        names = enumerate(inset["variables"])
-        drawn += [(("insets", i, "variables", j), name, enlarged) for j, name in names]
+        drawn += [
+            (("insets", i, "variables", j), name, enlarged)
+            for j, name in enumerate(inset["variables"])
+        ]
     for path, name, owners in drawn:
         faults = filter(None, (_wrong_variable(name, case) for case in owners))
         yield from ((path, message) for message in islice(faults, 1))

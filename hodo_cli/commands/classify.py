@@ -188,8 +188,10 @@ def table_of_crossings(rows: Sequence[Mapping[str, Any]]) -> str:
     lines = [crossings_line(row) for row in rows if row["warnings"] != [row.get("unlabelled")]]
     names = grouped((row["unlabelled"], row["case"]) for row in rows if "unlabelled" in row)
     paragraphs = [table(header, lines, optional=header[3:])] if lines else []
-    for reason, cases in names.items():
-        paragraphs.append(f"no labels: {reason}: {', '.join(abridged(cases, NAMES_LISTED))}")
+    paragraphs += [
+        f"no labels: {reason}: {', '.join(abridged(cases, NAMES_LISTED))}"
+        for reason, cases in names.items()
+    ]
     return "\n".join(paragraphs)
 
 

@@ -257,8 +257,11 @@ class Folder:
         for file in self._files(drawn.name):
             # What could not be drawn is tried again: its file may be of an earlier time.
             digest = "" if drawn.problem else self._digest(drawn.name, drawn.cases, file)
-            known = {"cases": drawn.cases, "warnings": drawn.warnings}
-            self.record[file] = {"digest": digest, **known}
+            self.record[file] = {
+                "digest": digest,
+                "cases": drawn.cases,
+                "warnings": drawn.warnings,
+            }
 
     def _kept(self, name: str) -> DrawnFigure | None:
         """A figure all of whose files are as they would be drawn; None if one is not."""

@@ -102,13 +102,13 @@ def methods_paragraph(path: Path) -> str:
         names = ", ".join(abridged(others, NAMES_LISTED))
         models = ", ".join(dict.fromkeys(own))
         cited = filter(None, (f"{run.attributes.get('source')}", run.attributes.get("references")))
-        python, numpy = version(run, "python"), version(run, "numpy")
         sentences = (
             computed_by(run, list(ended_well.values())),
             measured(ended_well),
             f"The equations of {models} are our own; the result holds their text." if own else "",
             f"Left out, since they did not end well: {names}." if others else "",
-            f"All computations used Python {python} and NumPy {numpy}.",
+            f"All computations used Python {version(run, 'python')} "
+            f"and NumPy {version(run, 'numpy')}.",
             f"To be cited: {'; '.join(cited)}.",
         )
     return fill(" ".join(filter(None, sentences)), 100, break_on_hyphens=False)

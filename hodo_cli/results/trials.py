@@ -248,12 +248,12 @@ def trials_of(
     """The trials of a case, by tolerances within methods (no tolerance: each method's own), and the
     seconds they took."""
     began = perf_counter()
-    tried = list(product(methods, tols or (None,)))
-    trials: list[Trial] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of SciPy's solvers and overflows: the verdicts count them
         sure = truth(case)
-        for method, tol in tried:
-            patience = PATIENCE_OF_TRIALS if method == "auto" else max_seconds
-            trials.append(trial(case, sure, method, tol, repeats, patience))
+        patience = dict.fromkeys(methods, max_seconds) | {"auto": PATIENCE_OF_TRIALS}
+        trials = [
+            trial(case, sure, method, tol, repeats, patience[method])
+            for method, tol in product(methods, tols or (None,))
+        ]
     return trials, perf_counter() - began

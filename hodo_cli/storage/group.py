@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -72,19 +72,18 @@ def is_number(dtype: np.dtype) -> bool:
 class ValuesChecksum:
     """The checksum of an array's values, which may come block by block, in their order."""
 
-    def __init__(self, *blocks: np.ndarray) -> None:
+    def __init__(self) -> None:
         self._hash = hashlib.sha256()
         self._kind = ""
-        for block in blocks:
-            self.add(block)
 
-    def add(self, values: np.ndarray) -> None:
-        """Some values; text by its characters, numbers by their bits."""
+    def add(self, values: np.ndarray) -> Self:
+        """Take in some values; text by its characters, numbers by their bits."""
         if values.dtype.kind in "OU":
             self._hash.update("\0".join([*map(str, values.ravel()), ""]).encode("utf-8", "replace"))
         else:
             self._kind = values.dtype.str
             self._hash.update(np.ascontiguousarray(values).data.cast("B") if values.size else b"")
+        return self
 
     def __str__(self) -> str:
         return f"{self._kind}{self._hash.hexdigest()}"
@@ -98,7 +97,7 @@ def checksum_of(group: Group, streamed: Mapping[str, ValuesChecksum] | None = No
     """
     lines = [_described(group.attributes)]
     for name, variable in group.variables.items():
-        values = (streamed or {}).get(name) or ValuesChecksum(variable.data)
+        values = (streamed or {}).get(name) or ValuesChecksum().add(variable.data)
         lines.append(f"{name} {variable.dims} {values} {_described(variable.attrs)}")
     hashed = hashlib.sha256("\n".join(lines).encode("utf-8", "replace"))
     return f"sha256:{len(group.variables)}:{hashed.hexdigest()[:32]}"

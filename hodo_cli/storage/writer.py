@@ -161,9 +161,11 @@ class Writer:
     def chunks(self, sweep_id: str) -> set[int]:
         """The numbers of a sweep's chunks that this run and dead ones have finished. `sweep_id` is
         the digest of what the sweep depends on."""
-        names = [name for name in self._chunks if _sweep_id(name) == sweep_id]
-        sound = [name for name in names if _is_sound(self._chunks[name])]
-        return {int(name.removesuffix(".h5").split("-")[2]) for name in sound}
+        return {
+            int(name.removesuffix(".h5").split("-")[2])
+            for name, chunk in self._chunks.items()
+            if _sweep_id(name) == sweep_id and _is_sound(chunk)
+        }
 
     def add_chunk(self, sweep_id: str, number: int, group: Group) -> None:
         """Write a finished chunk of a sweep; it survives the death of this process. Raises
