@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -698,3 +699,40 @@ def test_drag_by_axes_acts_on_what_another_component_sets_in_motion() -> None:
         "initial": dict.fromkeys("pqr", 0), "time": {"end": 12, "samples": 2}, "method": "DOP853",
     }  # fmt: skip
     np.testing.assert_allclose(hodo.run(case).omega[-1], expected, atol=1e-11)
+
+
+REVERSING: dict[str, tuple[dict[str, Any], Callable[[float], float]]] = {
+    "sine": ({"expression": "0.01*sin(t)"}, lambda t: 0.01 * math.sin(t)),
+    "line": ({"expression": "0.02 - 0.003*t"}, lambda t: 0.02 - 0.003 * t),
+    "number": ({"expression": "0.05"}, lambda t: 0.05),
+    "torque": ({"torque": 0.05}, lambda t: 0.05),
+    "space": ({"space_torque": 0.05}, lambda t: 0.05),
+}
+
+
+@pytest.mark.parametrize("name", REVERSING)
+@pytest.mark.parametrize("method", [pytest.param("taylor", marks=pytest.mark.heyoka), "DOP853"])
+def test_drag_by_axes_sees_a_body_pass_through_rest(method: str, name: str) -> None:
+    """About one axis alone omega vanishes where its component changes its sign."""
+    keys, torque = REVERSING[name]
+    for axis, start in ((0, -0.3), (1, 1e-3), (2, 0.0)):
+        moment, along = [0.8, 0.6, 1.0][axis], np.eye(3)[axis]
+
+        def rate(t: float, w: np.ndarray, moment: float = moment) -> np.ndarray:
+            return torque(t) / moment - 0.06 * w * np.abs(w) - 0.01 * w
+
+        ends = solve_ivp(rate, (0, 24), [start], "DOP853", rtol=1e-12, atol=1e-16, max_step=0.01)
+        case = {
+            "model": "torques", "inertia": [0.8, 0.6, 1.0], "quadratic_axes": 0.06,
+            "damping": 0.01, "initial": dict(zip("pqr", (start * along).tolist(), strict=True)),
+            "time": {"end": 24, "samples": 2}, "method": method,
+        }  # fmt: skip
+        for key, value in keys.items():
+            row = [value if number else 0 for number in along]
+            turned = {"size": value, "direction": along.tolist()}
+            case[key] = (
+                turned if key == "space_torque" else [*map(str, row)] if "exp" in key else row
+            )
+        ds = hodo.run(case)
+        np.testing.assert_allclose(ds.omega[-1], ends.y[0, -1] * along, atol=1e-11)
+        assert ds.attrs["error"] < 1e-8

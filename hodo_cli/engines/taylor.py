@@ -58,17 +58,21 @@ class Taylor:
         rhs = model.rhs(hy.time, y, k)
         size = sum(map(len, rhs))
         functions = [event.function(hy.time, y, k) for event in events]
-        self.terminal = [i for i, event in enumerate(events) if event.terminal]
+        self.stopped_by: list[int] = []
         self.ta = hy.taylor_adaptive(
             list(zip(y, rhs, strict=True)),
             np.zeros(len(y)).astype(fp),
             tol=fp(self.tol),
             pars=np.zeros(count(structure)).astype(fp),
-            t_events=[hy.t_event(functions[i], fp_type=fp) for i in self.terminal],
+            t_events=[
+                hy.t_event(functions[i], callback=self._stopper(i), fp_type=fp)
+                for i, event in enumerate(events)
+                if event.terminal
+            ],
             nt_events=[
                 hy.nt_event(functions[i], self._recorder(i), fp_type=fp)
-                for i in range(len(events))
-                if i not in self.terminal
+                for i, event in enumerate(events)
+                if not event.terminal
             ],
             fp_type=fp,
             # Unrolled code runs a little faster and takes minutes to compile for a large system.
@@ -84,10 +88,14 @@ class Taylor:
 
         return record
 
-    def _stopped_by(self, outcome: Any) -> int | None:
-        """The terminal event that ended a propagation, if one did."""
-        position = -1 - int(outcome)
-        return self.terminal[position] if 0 <= position < len(self.terminal) else None
+    def _stopper(self, event: int) -> Callable[[Any, int], bool]:
+        # The outcome of a propagation does not name the event where the step's own callback has
+        # stopped it as well.
+        def stop(ta: Any, direction: int) -> bool:
+            self.stopped_by.append(event)
+            return False
+
+        return stop
 
     def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl) -> Leg:
         """See `Engine.leg`."""
@@ -99,6 +107,7 @@ class Taylor:
             # A cooldown of the last leg would swallow an event at the start of this one.
             ta.reset_cooldowns()
         self.hits.clear()
+        self.stopped_by.clear()
         state, series, observe, last = ta.state, ta.tc, control.observer, grid[0]
 
         def after_step(ta: Any) -> bool:
@@ -112,14 +121,15 @@ class Taylor:
             ta.propagate_grid, grid, callback=after_step, max_delta_t=self.dtype(control.longest)
         )
         outcome, _, _, steps, *_, rows = through()
-        if self._stopped_by(outcome) is not None and ta.time == grid[0]:
+        if self.stopped_by and ta.time == grid[0]:
             # A motion that starts at a zero does not pass through it; the event's cooldown keeps it
             # from returning.
+            self.stopped_by.clear()
             outcome, _, _, steps, *_, rows = through()
         control.evaluations += steps * ta.order
-        event, hit = self._stopped_by(outcome), None
-        if event is not None:
-            hit = Hit(event, ta.time, 0, state.copy())
+        hit = None
+        if self.stopped_by:
+            hit = Hit(self.stopped_by[0], ta.time, 0, state.copy())
         elif outcome == hy.taylor_outcome.err_nf_state:
             control.give_up(Status.FAILED, "the state became infinite or not a number")
         # What vanishes at the start does not pass through zero there.

@@ -38,6 +38,11 @@ class TimeWindow(NamedTuple):
     span: Any
 
 
+PASSING = 40
+"""The binary orders of magnitude by which a motion that passes through 0 is smaller than what its
+torques make of it in a moment."""
+
+
 @dataclass(frozen=True)
 class Units:
     """omega = 2**size W and s = 2**rate (t - origin), for one motion or for arrays of them (n,).
@@ -70,22 +75,39 @@ class Units:
         by_torques = np.maximum(new, order_by_torques(model, logs))
         new = np.where(falling & (new > -np.inf), new, by_torques)
         new = np.where(np.isfinite(new), new, 0)  # neither motion nor torque: any unit serves
-        rate = new
-        for name, degree in model.degree.items():
-            if name != "g":  # the gyroscopic terms are of rate |omega|, which is 2**new
-                rate = np.maximum(rate, logs[name] + (degree - 1) * new)
-        # Of C's int, because ldexp takes ten times as long by a wider one.
-        most = cls(new.astype(np.intc)[()], np.ceil(rate).astype(np.intc)[()])
-        # The bound above may be far too fast: a body that turns steadily about an axis needs no
-        # steps.
-        state = rescaled(model, y.T, size - most.size).T
-        speed = most.pace(model, k, state, moment.time if moment else 0.0)
-        fitted = most.rate + np.maximum(np.frexp(speed)[1], SLOWEST)
+        now = moment.time if moment else 0.0
+        most = cls.fastest(model, logs, new)
+        speed, turn = most.paces(model, k, rescaled(model, y.T, size - most.size).T, now)
+        if (most.least_size(speed, turn) > most.size).any():
+            # Of the torque alone: what is in proportion to the motion vanishes with it.
+            resting = rescaled(model, y.T, size - most.size).T
+            resting[moving(model)] = 0
+            with np.errstate(all="ignore"):  # a brake has no direction at rest
+                forced, _ = most.paces(model, k, resting, now)
+            most = cls.fastest(model, logs, np.maximum(most.size, most.least_size(forced, turn)))
+            speed, turn = most.paces(model, k, rescaled(model, y.T, size - most.size).T, now)
+        # The bound of the rates may be far too fast: a body that turns steadily about an axis needs
+        # no steps.
+        slower = np.frexp(np.where(speed > 0, np.maximum(speed, turn), 0.0))[1]
+        fitted = most.rate + np.maximum(slower, SLOWEST)
         if moment:  # what is slow now may hang on a law of time that soon changes
             fitted = np.maximum(fitted, -np.frexp(moment.span)[1])
         return cls(most.size, fitted)
 
-    def pace(self, model: type[Model], k: Mapping[str, Any], y: np.ndarray, t: Any) -> np.ndarray:
+    @classmethod
+    def fastest(cls, model: type[Model], orders: Mapping[str, Any], size: Any) -> "Units":
+        """The units of omega 2**size, whose time is short for all that the constants of a model,
+        of these binary orders of magnitude, may do."""
+        rate = size
+        for name, degree in model.degree.items():
+            if name != "g":  # the gyroscopic terms are of rate |omega|, which is 2**size
+                rate = np.maximum(rate, orders[name] + (degree - 1) * size)
+        # Of C's int, because ldexp takes ten times as long by a wider one.
+        return cls(np.asarray(size).astype(np.intc)[()], np.ceil(rate).astype(np.intc)[()])
+
+    def paces(
+        self, model: type[Model], k: Mapping[str, Any], y: np.ndarray, t: Any
+    ) -> tuple[np.ndarray, np.ndarray]:
         """How fast motions at a state y in these units, and their derivatives, change at the time
         t; 0 where they do not.
 
@@ -99,8 +121,18 @@ class Units:
         # The second derivative by a complex step, as in `jacobian`: it sees what turns at constant
         # speed.
         second = np.array(np.broadcast_arrays(*model.rhs(t, [*(y + 1e-100j * along)], scaled)))
-        turn = np.abs(second.imag / 1e-100).max(axis=0)
-        return np.where(speed > 0, np.maximum(speed, turn), 0.0)
+        return speed, np.abs(second.imag / 1e-100).max(axis=0)
+
+    @np.errstate(all="ignore")
+    def least_size(self, speed: np.ndarray, turn: np.ndarray) -> np.ndarray:
+        """The binary order of magnitude of omega below which a motion passes through 0, where
+        torques make so much of it in a moment.
+
+        It is then as large as they make it: in units of what it is just there, the powers of the
+        time would leave the range of doubles.
+        """
+        later = np.fmin(speed / turn, np.sqrt(np.ldexp(speed, self.rate - self.size)))
+        return np.asarray(self.size + np.frexp(later)[1] - PASSING)
 
     def constants(self, model: type[Model], k: Mapping[str, Any]) -> dict[str, Any]:
         """The constants of the equations in these units."""

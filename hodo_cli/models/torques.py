@@ -67,9 +67,9 @@ a rotor, whose h hides what is left of G, to 6e-8."""
 WEAK_ROTOR = 1e-8
 """The part of |G| below which a rotor counts as none."""
 
-BEHIND_ZERO = 1e-30
+BEHIND_ZERO, BEHIND_REST = 1e-30, 1e-300
 """The part of |omega| at which a component goes on behind its zero: on the side that it enters, so
-that the same zero is not met again."""
+that the same zero is not met again; and what is added, since |omega| may be 0 there as well."""
 
 PROBE = 1e-4
 """The length of a step, in units of the rotation or of what starts it, that shows where a component
@@ -416,7 +416,7 @@ def turned_over(axis: int, sign: int, t: Any, y: Sequence[Any], k: SimpleNamespa
     state = [*y]
     state[sign] = -y[sign]
     size = abs(y[0]) + abs(y[1]) + abs(y[2])
-    state[axis] = state[sign] * size * BEHIND_ZERO
+    state[axis] = state[sign] * (size * BEHIND_ZERO + BEHIND_REST)
     return EventOutcome(float(t), None, state, t)
 
 
