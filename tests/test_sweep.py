@@ -1424,14 +1424,17 @@ def test_a_sweep_that_failed_as_a_whole_is_a_line_of_the_table() -> None:
 
 
 @pytest.mark.heyoka
+@pytest.mark.parametrize("attitude", ["", ", attitude: yes"])
 @pytest.mark.parametrize("inertia", ["[8, 8, 4]", "[8, 4, 4]"])
-def test_a_body_with_two_equal_moments_is_not_searched_for_crossings(inertia: str) -> None:
+def test_a_body_with_two_equal_moments_is_not_searched_for_crossings(
+    inertia: str, attitude: str
+) -> None:
     """Its D touches 0 where the spin reverses: a quarter of the members went by themselves."""
     torque = "[0, 0, -0.1]" if inertia == "[8, 8, 4]" else "[-0.1, 0, 0]"
     case = one(
         f"model: cavity+constant, inertia: {inertia}, kappa: 0.6048, torque: {torque}, "
         "epsilon: 0.1, initial: {p: 1, q: 0.3, r: 1}, time: {end: 30}, error: off, "
-        "sweep: {initial.p: {linspace: [0.5, 1.5, 200]}}"
+        f"sweep: {{initial.p: {{linspace: [0.5, 1.5, 200]}}}}{attitude}"
     )
     group = chunk.compute(chunk.Chunk(case, 0, 200))
     assert group.attributes["rejections"].sum() <= 2

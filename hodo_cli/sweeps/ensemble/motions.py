@@ -12,7 +12,7 @@ from ...integration.trajectory import Occurrence
 from ...integration.units import is_falling
 from ...models.base import Event, Model
 from ...models.constants import UNIT, VELOCITY, Structure, moving, namespace
-from ...models.rigid_body import BodyFrame, Separatrix
+from ...models.rigid_body import BodyFrame
 
 ERROR_BOUND, PER_TOLERANCE = 1e-9, 1e3
 """The error of a state is taken to stay below this part of it, or so many tolerances: where that
@@ -121,7 +121,7 @@ class Ensemble:
     def is_one_sided(self, event: Event) -> np.ndarray:
         """Whether (n,) an event is that of the separatrix of a body with two equal moments: D is
         then a single square, which touches 0 but changes no sign."""
-        if not isinstance(event.function, Separatrix):
+        if event.kind != "separatrix":
             return np.zeros(self.start.shape[1], dtype=bool)
         smallest, middle, largest = np.sort(self.inertia, axis=0)
         return np.asarray((smallest == middle) | (middle == largest))
