@@ -25,10 +25,11 @@ def integrated_motion(case: Case) -> Motion:
     Raises HodoError if it stops before its end.
     """
     method, _ = choose(case)
-    if case.system.no_axis_reason:
-        trajectory, passed = solve(case, method, case.precision, case.tol), None
-    else:
-        trajectory, passed = cross(case, method, case.precision, case.tol)
+    trajectory, passed = (
+        (solve(case, method, case.precision, case.tol), None)
+        if case.system.no_axis_reason
+        else cross(case, method, case.precision, case.tol)
+    )
     if not trajectory.whole:
         raise HodoError(
             f"a variation of case {case.name} {trajectory.status}: {trajectory.message}"

@@ -80,11 +80,9 @@ def classify(
     samples = dense.rows[: len(omega)]
     check_stored(dense, samples, omega, expected)
     errors, reference = against_reference(dense, judged)
-    state = dense.motion.omega[samples]
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
-    body = body_of(case)
-    axes = body.enclosed(principal_omega(dense.motion)[samples], CERTAIN * errors[samples])
-    resting = at_rest(extended(state), dense.motion.exponent[samples])
+    axes = body_of(case).enclosed(principal_omega(dense.motion)[samples], CERTAIN * errors[samples])
+    resting = at_rest(extended(dense.motion.omega[samples]), dense.motion.exponent[samples])
     labels[: len(samples)] = np.where(resting, rigid_body.UNDETERMINED, axes)
     labels = completed(labels, case.system.absorbing_axes(case.time.start, case.time.end))
     listed = crossings_of(dense, errors)
@@ -200,9 +198,9 @@ def against_reference(
         ):
             continue
         errors = distances(motion, reference.motion)
-        reference_errors = errors
-        if by.tol is None:
-            reference_errors = own_errors(motion, reference.motion, by.precision)
+        reference_errors = (
+            own_errors(motion, reference.motion, by.precision) if by.tol is None else errors
+        )
         reference_errors[:1] = errors[:1] = start_error(case)
         name = f"{by.method} in {by.precision} precision"
         return errors, (crossings_of(reference, reference_errors), name)
@@ -288,23 +286,18 @@ def crossings_of(
     rotor, omega = body.rotor_momentum, principal_omega(motion)
     if (rotor is None and len(set(body.moments.tolist())) < 3) or not len(time):
         return CrossingList([], [], [])
-    nothing = np.zeros(len(time))
-    G = body.moments * omega.astype(float)
-    if rotor is not None:
-        G = G + rotor
+    G = body.moments * omega.astype(float) + (0 if rotor is None else rotor)
     momentum = np.sqrt(np.vecdot(G, G))
-    exponent = motion.exponent if rotor is None else 0 * motion.exponent
     # Behind a stop there is no side.
-    last = len(time) - int(np.argmax(momentum[::-1] > 0))
-    turning = slice(last)
+    turning = slice(len(time) - int(np.argmax(momentum[::-1] > 0)))
     with np.errstate(over="ignore"):
         margins, sides = standing(body, omega[turning])
         samples = SignChanges(
             time[turning],
             margins,
-            nothing[turning].astype(bool),
-            nothing[turning],
-            np.ldexp(momentum, exponent)[turning],
+            np.zeros(len(margins), dtype=bool),
+            np.zeros(len(margins)),
+            np.ldexp(momentum, motion.exponent if rotor is None else 0)[turning],
             sides,
         )
     signs = SignChanges.joined([*dense.signs, samples])

@@ -103,9 +103,12 @@ def propagate(
     exact = system.extended_start if fp is np.longdouble else np.array(y0)
     y = rescaled(model, exact, -units.size).astype(fp)
     clock = (Clock if model.degree or timed else AbsoluteClock)(fp(start), fp(0))
-    shape = len(times), len(y0)
-    # Of C's int, because ldexp takes four times as long by a wider one.
-    samples = SampleBuffer(times, np.empty(shape, dtype=fp), np.empty(len(times), dtype=np.intc))
+    samples = SampleBuffer(
+        times,
+        np.empty((len(times), len(y0)), dtype=fp),
+        # Of C's int, because ldexp takes four times as long by a wider one.
+        np.empty(len(times), dtype=np.intc),
+    )
     at_start = int(np.searchsorted(times, start, side="right"))
     samples.add(np.broadcast_to(y, (at_start, len(y))), units.size)
     # On a clock of its own such a model has a phase that is far smaller than its other variables.
@@ -115,8 +118,7 @@ def propagate(
     control.rows = None if isinstance(rows, slice) else rows
     while samples.done < len(times) and control.status is Status.OK:
         clock.factor = float(np.ldexp(1.0, units.rate))
-        next_times = times[samples.done : samples.done + SAMPLES_AT_ONCE]
-        grid = clock.grid(next_times.astype(fp))
+        grid = clock.grid(times[samples.done : samples.done + SAMPLES_AT_ONCE].astype(fp))
         if not math.isfinite(float(grid[-1])):
             raise OverflowError
         if observer is not None:
@@ -124,8 +126,11 @@ def propagate(
         constants = units.constants(model, k)
         # Asked until it is not so: what becomes small on the way stays so, since it decays.
         is_uneven = is_uneven and uneven(y[rows].astype(float))
-        limits = model, constants, float(clock.high), y.astype(float)
-        control.longest = longest_step(*limits) if is_uneven else math.inf
+        control.longest = (
+            longest_step(model, constants, float(clock.high), y.astype(float))
+            if is_uneven
+            else math.inf
+        )
         leg = engine.leg(constants | clock.constants if timed else constants, y, grid, control)
         if observer is not None:
             observer.flush()
@@ -159,8 +164,7 @@ def propagate(
             break  # no leg is to follow, and this one was far from the largest number
         if timed:
             moment = TimeWindow(float(clock.high), float(times[-1]) - start)
-        fitted = model, k, y.astype(float), size, moment, falling
-        new = Units.fit(*fitted) if model.degree else units
+        new = Units.fit(model, k, y.astype(float), size, moment, falling) if model.degree else units
         if new.size < -LIMIT:
             end = np.where(state_powers(model), 0, y)
             samples.add(np.broadcast_to(end, (len(times) - samples.done, len(y))), -LIMIT)

@@ -94,9 +94,7 @@ def references(case: Case, method: str, tol: float) -> Iterator[Reference]:
     finer = {"double": "extended" if EXTENDED else "quadruple", "extended": "quadruple"}.get(
         case.precision
     )
-    if finer == "quadruple" and not engines.have_quadruple():
-        finer = None
-    if finer:
+    if finer and (finer != "quadruple" or engines.have_quadruple()):
         # The method that `auto` took for the motion it takes for long doubles too: without another
         # trial, and not the series where that has failed.
         is_known = case.method == "auto" and finer == "extended" and method in AUTOMATIC
