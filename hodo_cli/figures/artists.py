@@ -18,13 +18,14 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap, Normalize, to_rgb
 from matplotlib.font_manager import FontProperties, findfont, get_font_names
 from matplotlib.lines import Line2D
+from matplotlib.transforms import Bbox
 
 from .. import HodoError
 from ..cases.figure_block import COLOUR_NAMES, LINE_NAMES
 from ..results.motion import Motion
 from ..schema.kinds import unknown
 from ..text import abridged
-from .geometry import stretches, windings
+from .geometry import places_beside, stretches, windings
 from .sheet import Look, Sheet, text_lines, text_size, text_width
 
 COLUMN, PAGE = 84 / 25.4, 174 / 25.4
@@ -368,6 +369,28 @@ def pair(point: np.ndarray) -> tuple[float, float]:
     return float(point[0]), float(point[1])
 
 
+def name_curves(
+    axes: Axes,
+    curves: Sequence[np.ndarray],
+    motions: Sequence[Motion],
+    spec: Mapping[str, Any],
+    frame: np.ndarray | None = None,
+) -> None:
+    """Name the curves (n, 2 or 3) of several motions beside them, within a frame (2, 2) or their
+    panel, where their colours show something else than which motion they are of."""
+    if len(motions) < 2 or spec.get("colour", "axis") == "case":
+        return
+    ends = np.array([axes.get_xlim(), axes.get_ylim()]) if frame is None else frame
+    middle, half = ends.mean(axis=1), np.ptp(ends, axis=1) / 2
+    flat = [np.pad((curve[:, :2] - middle) / half, ((0, 0), (0, 1))) for curve in curves]
+    shown = [curve[(np.abs(curve) <= 1).all(axis=1)] for curve in flat]
+    named = [i for i, curve in enumerate(shown) if len(curve)]
+    places = places_beside([shown[i] for i in named], (), norm=math.inf)
+    for i, place in zip(named, places, strict=True):
+        look: Look = {"ha": "center", "va": "center", "path_effects": HALO, "zorder": 8}
+        axes.text(*pair(middle + half * place), motions[i].label, **look)
+
+
 def heading(axes: Axes, points: np.ndarray, colour: Any, size: float) -> None:
     """An arrow head that shows the direction of a curve (n, 2), where it is `size` away from its
     start."""
@@ -490,6 +513,20 @@ def finish_figure(sheet: Sheet, spec: Mapping[str, Any], style: Mapping[str, Any
     if lines:
         sheet.figure.suptitle("\n".join(lines))
     place_legend(sheet, panels, style.get("legend", "below"))
+    set_apart(sheet)
+
+
+def set_apart(sheet: Sheet) -> None:
+    """Raise the words beside marks that would be on others, where their panels are to stand."""
+    if len(sheet.notes) < 2:
+        return
+    sheet.figure.get_layout_engine().execute(sheet.figure)  # type: ignore[union-attr]
+    taken: list[Bbox] = []
+    for note in sheet.notes:
+        while note.get_window_extent().count_overlaps(taken):
+            across, up = note.xyann
+            note.xyann = across, up + text_size("legend.fontsize")
+        taken.append(note.get_window_extent())
 
 
 def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:

@@ -55,15 +55,20 @@ def round_step(size: float) -> float:
 
 
 RIM = 0.93
-"""How far from the middle of the unit sphere a name may stand, so that all of it is within."""
+"""How far from the middle of the unit sphere or square a name may stand, so that all of it is
+within."""
 
 
 def places_beside(
-    curves: Sequence[np.ndarray], lines: Sequence[np.ndarray], away: float = 0.09
+    curves: Sequence[np.ndarray],
+    lines: Sequence[np.ndarray],
+    away: float = 0.09,
+    norm: float = 2,
 ) -> Iterator[np.ndarray]:
     """For each curve in view (n, 3) a place (2,) for its name: `away` from its point farthest from
     the others, on the reader's side if it can be, and on the side of that point where no curve,
-    none of the other lines (n, 3), and no name of another curve is near.
+    none of the other lines (n, 3), and no name of another curve is near. The names stay within a
+    circle or, by the norm `inf`, a square.
     """
     # 200 points of each curve place a name as well as 20,000 would.
     thinned = [curve[:: max(1, len(curve) // 200)] for curve in curves]
@@ -78,7 +83,8 @@ def places_beside(
         near = np.array(apart or near)
         others = np.concatenate([*thinned[:i], *thinned[i + 1 :]] or [curve[:1]])
         around = near[clearest(others, near), :2] + ring
-        inside = around[np.hypot(*around.T) < RIM]
+        size = np.linalg.norm(around, norm, axis=1)
+        inside = around[size <= max(RIM, size.min())]
         place = inside[clearest(taken, inside)]
         taken = np.concatenate([taken, [place]])
         names.append(place)

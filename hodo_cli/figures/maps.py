@@ -105,11 +105,17 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
 
 
 def sweeps_of(cases: Cases, spec: Mapping[str, Any], *across: str) -> list[SweepView]:
-    """The sweeps of a figure, in order along the axes that are drawn.
+    """The sweeps of a figure, in order along the axes that are drawn or listed.
 
     Raises HodoError if such an axis has values of several units, or one out of order twice.
     """
-    sweeps = [SweepView.of(name, cases[name]).sorted_along(*across) for name in spec["cases"]]
+    # Positions and labels count along an axis as it is stored; an axis that has grown by single
+    # values is out of order.
+    counted = spec.get("panels"), spec.get("by")
+    listed = () if spec["at"] or spec["labels"] else filter(None, counted)
+    sweeps = [
+        SweepView.of(name, cases[name]).sorted_along(*across, *listed) for name in spec["cases"]
+    ]
     for axis in across:
         if len(units := {swept.unit(axis): swept.name for swept in sweeps}) > 1:
             units_named = " and ".join(f"{unit!r} in {name}" for unit, name in units.items())
@@ -381,7 +387,7 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     (axes,) = sheet.panels(COLUMN, 0.85 * COLUMN)
     # Curves behind those that `labels` names are named by what they are.
     labels = chain(spec["labels"], repeat(""))
-    lacking = False
+    lacking, spacing = 0, min(ROW_OF_CROSSES, ROWS_OF_CROSSES / len(curves))
     for (swept, indices), given_label, style in zip(
         curves, labels, styles(len(curves)), strict=False
     ):
@@ -390,7 +396,8 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
             + [position(swept, name, i) for name, i in indices.items()]
         )
         name = plain_name(swept, indices, given_label, len(sweeps))
-        lacking |= curve_of(sheet, axes, swept, spec, indices, (label, name), style)
+        row = 0.02 + spacing * lacking
+        lacking += curve_of(sheet, axes, swept, spec, indices, (label, name), style, row)
     if all(not np.isfinite(line.get_ydata()).any() for line in axes.lines):
         raise HodoError(f"sweep {sweeps[0].name} has no value of {spec['variable']} to draw")
     if spec["level"] is not None:
@@ -402,7 +409,7 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         # Lines that are no longer than the panel is high.
         ylabel=filled(map_label(sweeps, spec), 0.55 * sheet.figure.get_figheight()),
     )
-    axes.margins(x=0.02)
+    axes.margins(x=0.02, y=0.05 + spacing * lacking)
     handles: list[Line2D] = []
     if len(curves) > 1 or spec["labels"]:
         handles = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
@@ -412,6 +419,10 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
 
 FEW_VALUES = 12
 """Values along a curve, below which its marks are drawn larger, and the line between them fine."""
+
+CROSSES_ACROSS, ROW_OF_CROSSES, ROWS_OF_CROSSES = 130, 0.035, 0.25
+"""The points across a narrow panel that crosses may take together, and the parts of its height that
+a row of them has, and all rows at most."""
 
 
 def absence(variable: str) -> str:
@@ -427,9 +438,10 @@ def curve_of(
     indices: Mapping[str, int],
     names: tuple[str, str],
     style: Mapping[str, Any],
+    row: float,
 ) -> bool:
-    """Draw one curve, with the stored errors of its values, and crosses at the bottom where a value
-    is absent; whether one is. `names` are its names in the legend and in tables."""
+    """Draw one curve, with the stored errors of its values, and crosses in a row of the panel where
+    a value is absent; whether one is. `names` are its names in the legend and in tables."""
     label, name = names
     x, _ = swept.ticks(spec["x"])
     values = swept.values(spec["variable"], [spec["x"]], indices)
@@ -447,9 +459,11 @@ def curve_of(
     missing = ~np.isfinite(values)
     if (values[~missing] % 1 == 0).all():
         axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    look = {"ls": "", "marker": "x", "ms": 4, "color": style["color"], "clip_on": False}
-    bottom = np.full(int(missing.sum()), 0.02)
-    (crosses,) = axes.plot(x[missing], bottom, transform=axes.get_xaxis_transform(), **look)
+    # Many stand side by side, and not on one another.
+    size = float(np.clip(CROSSES_ACROSS / len(x), 1, 4))
+    look = {"ls": "", "marker": "x", "ms": size, "color": style["color"], "clip_on": False}
+    height = np.full(int(missing.sum()), row)
+    (crosses,) = axes.plot(x[missing], height, transform=axes.get_xaxis_transform(), **look)
     # Whole at the ends of the axis too; without a cross they would take room as if at the origin.
     crosses.set_in_layout(False)
     sheet.record(name, shown)

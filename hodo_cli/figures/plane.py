@@ -1,7 +1,8 @@
 """Plane figures: quadrants, series over time, one variable against another, invariants."""
 
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import zip_longest
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Wedge
+from matplotlib.text import Annotation
 
 from .. import HodoError
 from ..engines.protocol import EPS
@@ -36,6 +38,7 @@ from .artists import (
     line_width,
     mark_handles,
     mark_points,
+    name_curves,
     of_other_body,
     pair,
     palette,
@@ -88,13 +91,15 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     size = (COLUMN, 1.1 * COLUMN) if zoom is None else (PAGE, 0.55 * PAGE)
     panels = sheet.panels(*size, len(limits), len(limits))
     for axes, limit in zip(panels, limits, strict=True):
+        frame = np.array([[0, limit], [0, limit]])
         regions(axes, motions[0], limit, np.concatenate([*points.values()]), axes is not panels[0])
         for index, motion in enumerate(motions):
             curve = points[motion.name]
             plane_curve(axes, curve, *palette(motion, "axis", index), 0.8 * line_width(motion))
             # A crossing lies on the diagonal; interpolation between samples may leave it a little.
             on_line = np.repeat(motion.at_crossings(curve).mean(axis=-1, keepdims=True), 2, axis=-1)
-            mark_points(axes, curve[[0, -1]], on_line, np.array([[0, limit], [0, limit]]))
+            mark_points(axes, curve[[0, -1]], on_line, frame)
+        name_curves(axes, [*points.values()], motions, spec, frame)
     if zoom is not None:
         panels[1].set(title="enlarged")
         # Its small values are long words, for which there is little room side by side.
@@ -212,10 +217,12 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     if spec["passages"] == "no":
         for axes, curves in zip(panels, groups.values(), strict=True):
             for motion, name in curves:
-                event_marks(axes, motion, name, spec)
-    handles = case_handles(names, style_names) if len(names) > 1 else []
+                sheet.notes += event_marks(axes, motion, name, spec)
+    handles = case_handles(names, style_names) if len(names) > 1 or spec["formula"] else []
     handles += passage_handles(motions) if spec["passages"] == "yes" else event_handles(motions)
-    handles += [Line2D([], [], **LAW_LOOK, label=law) for law in spec["formula"].values()]
+    for name, law in spec["formula"].items():
+        words = re.sub(r"\bt\b", lambda _: f"${spec['time']}$", law)
+        handles.append(Line2D([], [], **LAW_LOOK, label=f"${symbol(name)}$ = {words}"))
     sheet.legend = handles
 
 
@@ -334,9 +341,11 @@ def event_handles(motions: Sequence[Motion]) -> list[Line2D]:
     return [Line2D([], [], **END, label=kind.replace("_", " ")) for kind in kinds]
 
 
-def event_marks(axes: Axes, motion: Motion, name: str, spec: Mapping[str, Any]) -> None:
+def event_marks(
+    axes: Axes, motion: Motion, name: str, spec: Mapping[str, Any]
+) -> Iterator[Annotation]:
     """Mark the events of a motion on a curve: with the value there, or with the time where that is
-    nearly zero."""
+    nearly zero. Yields these words."""
     values = motion[name]
     peak, time = np.abs(values).max(), spec["time"]
     first, last = spec["span"] or (motion.time[0], motion.time[-1])
@@ -350,7 +359,7 @@ def event_marks(axes: Axes, motion: Motion, name: str, spec: Mapping[str, Any]) 
         left, right = axes.get_xlim()
         room = axes.bbox.width * 72 / axes.figure.dpi * (right - when) / (right - left)
         early = 4.5 * len(text.replace("$", "")) < room
-        axes.annotate(
+        yield axes.annotate(
             text,
             (when, value),
             (3 if early else -3, -4 if below else 4),
@@ -358,6 +367,7 @@ def event_marks(axes: Axes, motion: Motion, name: str, spec: Mapping[str, Any]) 
             size="small",
             ha="left" if early else "right",
             va="top" if below else "bottom",
+            path_effects=HALO,
         )
 
 

@@ -20,7 +20,8 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
 from matplotlib.patches import Patch
-from matplotlib.ticker import ScalarFormatter
+from matplotlib.text import Annotation
+from matplotlib.ticker import LogFormatterSciNotation, ScalarFormatter
 
 from .. import HodoError
 from .geometry import View
@@ -141,6 +142,8 @@ class Sheet:
     """The panels that show space."""
     legend: Sequence[Line2D | Patch] = ()
     """The entries of the legend, which is placed when all panels are drawn."""
+    notes: list[Annotation] = field(default_factory=list)
+    """The words beside marks, which are set apart when all panels have their places."""
     units: Callable[[str], str] = field(default=lambda column: "1")
     """The units of a column of values, by its name."""
     time: str = "t"
@@ -316,13 +319,48 @@ class TickText(ScalarFormatter):
         return super().__call__(x, pos).removeprefix(r"$\mathdefault{").removesuffix("}$")
 
 
+class PowerText(LogFormatterSciNotation):
+    """Numbers at the ticks of a logarithmic axis, as many as have room; matplotlib counts decades,
+    however small their panel is."""
+
+    def format_ticks(self, values: Any) -> list[str]:
+        axis: Any = self.axis
+        texts, taken = super().format_ticks(values), []
+        # The powers of ten come first: those between them keep clear of them.
+        if (powers := axis.get_major_formatter()) is not self:
+            places = axis.get_majorticklocs()
+            named = zip(places, powers.format_ticks(places), strict=True)
+            taken = [tick_room(axis, *tick) for tick in named if tick[1]]
+        for i, tick in enumerate(zip(values, texts, strict=True)):
+            low, high = tick_room(axis, *tick)
+            if all(high <= start or end <= low for start, end in taken):
+                taken += [(low, high)] if tick[1] else []
+            else:
+                texts[i] = ""
+        return texts
+
+
+def tick_room(axis: Any, value: float, text: str) -> tuple[float, float]:
+    """The ends of the room that the number at a tick takes along its axis, points."""
+    size = text_size(f"{axis.axis_name}tick.labelsize")
+    is_across = axis.axis_name == "x"
+    transform = getattr(axis.axes, f"get_{axis.axis_name}axis_transform")()
+    across, up = transform.transform((value, 0) if is_across else (0, value))
+    middle = 72 / axis.axes.get_figure().dpi * float(across if is_across else up)
+    half = text_width(text, size) / 2 + 0.2 * size if is_across else 0.6 * size
+    return middle - half, middle + half
+
+
 def lighten(figure: Figure) -> None:
-    """Give every axis whose ticks are plain numbers their `TickText`, and spare the layout what
-    takes no room."""
+    """Give every axis whose ticks are plain numbers their `TickText`, every logarithmic one its
+    `PowerText`, and spare the layout what takes no room."""
     for axes in every_panel(figure.axes):
         for axis in (axes.xaxis, axes.yaxis):
             if type(axis.get_major_formatter()) is ScalarFormatter:
                 axis.set_major_formatter(TickText())
+            if type(minor := axis.get_minor_formatter()) is LogFormatterSciNotation:
+                axis.set_major_formatter(PowerText())
+                axis.set_minor_formatter(PowerText(labelOnlyBase=minor.labelOnlyBase))
         # They lie on the edge of their panel, and are slow to measure.
         for spine in axes.spines.values():
             spine.set_in_layout(False)

@@ -34,8 +34,8 @@ from .artists import (
     line_width,
     mark_handles,
     mark_points,
+    name_curves,
     number_marks,
-    of_other_body,
     pair,
     palette,
     plane_curve,
@@ -143,7 +143,7 @@ def space(
     page."""
     cut = scene.reach is not None
     body_axes(axes, scene, reach)
-    near = float(np.ptp(frame)) / 2
+    near, views = float(np.ptp(frame)) / 2, dict[int, np.ndarray]()
     # The longest curve first, so that it does not bury the short ones.
     for place, motion in sorted(enumerate(motions), key=lambda item: -windings(item[1].G)):
         colours, code = palette(motion, spec["colour"], place, spec["styles"])
@@ -159,8 +159,10 @@ def space(
         marked = np.concatenate([motion.G[[0, -1]], crossings])
         places = np.where(boxed(marked, scene.reach)[:, None], scene.view(marked)[:, :2], np.nan)
         mark_points(axes, places[:2], places[2:], frame)
+        views[place] = np.where((shown >= 0)[:, None], seen, np.nan)
         if not cut:
             heading(axes, seen[:, :2], colours[code[0]], 0.12 * near)
+    name_curves(axes, [views[i] for i in range(len(motions))], motions, spec, frame)
     axes.set(xlim=frame[0], ylim=frame[1], aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set(visible=cut, color="#BBBBBB")
 
@@ -247,6 +249,7 @@ def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], p
         plane_curve(axes, points, *shades, 0.8 * line_width(motion))
         mark_points(axes, points[[0, -1]], motion.at_crossings(points))
     axes.autoscale_view()
+    name_curves(axes, [motion.G[:, [i, j]] for motion in motions], motions, spec)
     axes.set(
         xlabel=axis_label(f"G.x{i + 1}", motions[0]),
         ylabel=axis_label(f"G.x{j + 1}", motions[0]),
@@ -254,15 +257,28 @@ def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], p
     )
 
 
-def common_circles(motions: Sequence[Motion]) -> list[np.ndarray]:
-    """The curves of the separatrix on the unit sphere, where all motions are of one body: two great
-    circles, or with a rotor those through its saddles, for |G| at the start."""
-    first = motions[0]
-    if of_other_body(motions):
-        return []
-    rotor, momentum = (np.zeros(3), 1.0) if first.rotor is None else (first.rotor, first["G"][0])
-    curves = separatrix_curves(first.inertia, rotor, momentum)
-    return [curve @ first.principal_axes for curve in curves]
+BodySeparatrix = tuple[str, Look, Sequence[np.ndarray]]
+"""The separatrix of a body on the unit sphere: its words, its look, and its curves (n, 3)."""
+
+
+def separatrices(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[BodySeparatrix]:
+    """The separatrix of each body that has one: two great circles, or with a rotor those through
+    its saddles, for |G| at the start. Those of several bodies have the colours of their cases;
+    where these have none, there is no telling them apart, and they are left out."""
+    firsts = {motion.body: i for i, motion in reversed([*enumerate(motions)])}
+    drawn: list[BodySeparatrix] = []
+    for i in sorted(firsts.values()) if len(firsts) == 1 or spec["colour"] == "case" else ():
+        motion, look = motions[i], SEPARATRIX
+        # With a rotor it is no zero of D.
+        words = "separatrix" if motion.rotor is not None else "separatrix, $D = 0$"
+        if len(firsts) > 1:
+            words = f"separatrix of {motion.label}"
+            look = look | {"color": styles(i + 1, spec["styles"])[i]["color"]}
+        rotor, G = (np.zeros(3), 1.0) if motion.rotor is None else (motion.rotor, motion["G"][0])
+        circles = separatrix_curves(motion.inertia, rotor, G)
+        if circles:
+            drawn.append((words, look, [circle @ motion.principal_axes for circle in circles]))
+    return drawn
 
 
 @dataclass(frozen=True)
@@ -285,7 +301,7 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         SphereCurve(motion, unit_vectors(motion), motion.label, columns, place)
         for place, motion in enumerate(motions)
     ]
-    draw_sphere(sheet, spec, curves, ("x_1", "x_2", "x_3"), common_circles(motions))
+    draw_sphere(sheet, spec, curves, ("x_1", "x_2", "x_3"), separatrices(motions, spec))
 
 
 def axis_trace(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
@@ -307,9 +323,9 @@ def draw_sphere(
     spec: Mapping[str, Any],
     curves: Sequence[SphereCurve],
     arms: Sequence[str],
-    circles: Sequence[np.ndarray],
+    bodies: Sequence[BodySeparatrix],
 ) -> None:
-    """Curves on the unit sphere, with the names of its three arms, and the separatrix (n, 3)."""
+    """Curves on the unit sphere, with the names of its three arms, and separatrices."""
     (axes,), view = sheet.panels(COLUMN, 1.08 * COLUMN), View(spec["view"])
     scene = sheet.scene(axes, view, arms, globe=True)
     axes.add_patch(Circle((0, 0), 1, fc="#F8F8F8", ec=GREY, lw=0.6, zorder=1.1))
@@ -320,12 +336,15 @@ def draw_sphere(
     lengths = clear_lengths(view, np.full(3, 1.2), seen[np.isfinite(seen).all(axis=-1)], 2.2)
     for foot, length, name in zip(np.eye(3), lengths, arms, strict=True):
         arm(axes, scene, foot, length * foot, name, zorder=5 if view(foot)[2] > 0 else 1)
-    # Under the curves, which may run on it.
-    lines = [scene.add(circle, **SEPARATRIX) for circle in circles]
-    for line in lines:
-        on_sphere(axes, line, **SEPARATRIX)
-    # A single motion is named by its title.
     is_trace, by_case = spec["kind"] == "axis-trace", spec["colour"] == "case"
+    shades = styles(len(curves), spec["styles"])
+    # Under the curves, which may run on it.
+    lines = []
+    for _, look, circles in bodies:
+        for line in [scene.add(circle, **look) for circle in circles]:
+            on_sphere(axes, line, **look)
+            lines.append(line)
+    # A single motion is named by its title.
     named = curves if len(curves) > 1 or is_trace else []
     for curve in curves:
         times = {"time": curve.motion.time}
@@ -346,10 +365,9 @@ def draw_sphere(
         if named:
             # In space it stands beside the start, where it is on no side of the page.
             scene.add(1.08 * curve.directions[:1], texts=[curve.label], lw=0)
-    shades = styles(len(curves), spec["styles"])
     for curve, shade, free in zip(named, shades, places_beside(drawn, lines), strict=False):
         look = {"ha": "center", "va": "center", "path_effects": HALO}
-        colour = shade["color"] if is_trace and by_case else BLACK
+        colour = shade["color"] if by_case else BLACK
         axes.text(*pair(free), curve.label, color=colour, zorder=8, **look)
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
     axes.set_axis_off()
@@ -358,12 +376,8 @@ def draw_sphere(
     handles = [] if by_case else colour_handles(sheet, [axes], motions, spec)
     if by_case and is_trace:
         handles = case_handles([curve.label for curve in curves], spec["styles"], solid=True)
-    rotor = any(motion.rotor is not None for motion in motions)
-    # Of a body with a rotor that is no sign of D, and there may be none.
-    if spec["kind"] == "sphere" and (circles or not rotor):
-        label = "separatrix" if rotor else "separatrix, $D = 0$"
-        handles.append(Line2D([], [], **SEPARATRIX, label=label))
     start, end, *crossing = mark_handles(motions, spec["time"])
+    handles += [Line2D([], [], **look, label=words) for words, look, _ in bodies]
     sheet.legend = [*handles, start, *([end] if is_trace else []), *crossing]
 
 
@@ -375,11 +389,12 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     across G."""
     motions = motions_of(cases, spec["cases"], spec["labels"])
     (axes,) = sheet.panels(COLUMN, 1.05 * COLUMN)
-    along_z = True
+    along_z, drawn = True, []
     for place, motion in enumerate(motions):
         omega = np.stack([motion[f"omega_space.{axis}"] for axis in SPACE_AXES], axis=-1)
         G = np.array([motion[f"G_space.{axis}"][0] for axis in SPACE_AXES])
         points = omega @ across(G).T
+        drawn.append(points)
         along_z &= bool(np.abs(across(G) - np.eye(2, 3)).max() < ALONG)
         sheet.record(
             motion.label,
@@ -390,6 +405,7 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         mark_points(axes, points[[0, -1]], motion.at_crossings(points))
     axes.plot(0, 0, marker="+", ms=6, color=BLACK, ls="")
     axes.autoscale_view()
+    name_curves(axes, drawn, motions, spec)
     prime = "" if along_z else "'"
     labels = [f"$\\omega_{{{letter}{prime}}}$ {unit(motions[0], 'omega')}" for letter in "xy"]
     axes.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")

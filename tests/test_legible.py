@@ -1,0 +1,113 @@
+"""Words and marks of figures are on no others, and say which case they are of."""
+
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+from drawings import Drawings, drawings_of
+
+CASES = """
+defaults:
+  {inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 100, samples: 501}}
+cases:
+  slow: {model: torques, damping: 0.003, brake: 0.02, time: {end: 100, unit: s}}
+  fast: {model: torques, damping: 0.003, brake: 0.022, time: {end: 100, unit: s}}
+  round-x1: {model: linear-diag, damping: [0.005, 0.004, 0.003], time: {end: 300, samples: 3001}}
+  crossing: {model: linear-diag, damping: [0.015, 0.004, 0.003]}
+  rotor: {model: torques, damping: [0.005, 0.004, 0.003], rotor: [0.1, 0, 0.2]}
+  grown:
+    model: linear-diag
+    damping: [0.015, 0.004, 0.003]
+    sweep: {damping.0: {linspace: [0.005, 0.015, 30]}, initial.q: {values: [0.5, 0.3, 0.4]}}
+figures:
+  stops: {kind: series, cases: [slow, fast], variables: [G], style: {log: [y]}}
+  narrow: {kind: series, cases: [round-x1], variables: [G, T],
+           columns: 2, style: {log: [x, y], width: column}}
+  law: {kind: series, cases: [round-x1], variables: [G, T], formula: {G: "exp(-0.004*t)"}}
+  ball: {kind: sphere, cases: [crossing, rotor]}
+  ends: {kind: hodograph, cases: [round-x1, crossing], zoom: 0.9, projections: [x1x2]}
+  regions: {kind: quadrants, cases: [round-x1, crossing]}
+  alone: {kind: hodograph, cases: [crossing]}
+  lines: {kind: curve, cases: [grown], variable: crossing_time, x: damping.0, by: initial.q}
+  listed: {kind: curve, cases: [grown], variable: crossing_time, x: damping.0,
+           by: initial.q, at: [0, 1]}
+"""
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> Drawings:
+    return drawings_of(CASES, tmp_path_factory.mktemp("legible"))
+
+
+def boxes(texts: Any) -> list[Any]:
+    """The places of texts that are shown."""
+    return [text.get_window_extent() for text in texts if text.get_text() and text.get_visible()]
+
+
+def legend(sheet: Any) -> list[str]:
+    return [text.get_text() for box in sheet.figure.legends for text in box.get_texts()]
+
+
+def test_names_of_stops_on_a_logarithmic_axis_stand_apart(drawn: Drawings) -> None:
+    figure = drawn.draw("stops").figure
+    figure.draw_without_rendering()
+    first, second = boxes(figure.axes[0].texts)
+    assert not first.overlaps(second)
+
+
+def test_numbers_at_logarithmic_ticks_have_room_in_narrow_panels(drawn: Drawings) -> None:
+    figure = drawn.draw("narrow").figure
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            ends = sorted(axis.get_view_interval())
+            ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
+            inside = [tick.label1 for tick in ticks if ends[0] <= tick.get_loc() <= ends[1]]
+            assert len(shown := boxes(inside)) > 1
+            assert not any(a.overlaps(b) for a, b in combinations(shown, 2))
+
+
+def test_a_law_and_its_curve_are_in_the_legend_with_the_time_of_the_axis(drawn: Drawings) -> None:
+    assert legend(drawn.draw("law")) == ["round-x1", r"$|G|$ = exp(-0.004*$\tau$)"]
+
+
+def test_bodies_on_a_sphere_have_their_separatrices_in_their_colours(drawn: Drawings) -> None:
+    sheet = drawn.draw("ball")
+    words = ["separatrix of crossing", "separatrix of rotor"]
+    assert [text for text in legend(sheet) if "separatrix" in text] == words
+    names = {text.get_text(): text.get_color() for text in sheet.figure.axes[0].texts}
+    lines = {str(line.get_label()): line.get_color() for line in sheet.legend}
+    assert lines[words[0]] == names["crossing"] != lines[words[1]] == names["rotor"]
+    by_axis = drawn.draw("ball", colour="axis")
+    assert not [text for text in legend(by_axis) if "separatrix" in text]
+    assert "separatrix, $D = 0$" in legend(drawn.draw("ball", cases=("crossing", "round-x1")))
+
+
+@pytest.mark.parametrize(("figure", "panels"), [("ends", 3), ("regions", 1)])
+def test_cases_whose_colours_show_axes_are_named(drawn: Drawings, figure: str, panels: int) -> None:
+    axes = drawn.draw(figure).figure.axes
+    assert len(axes) == panels
+    for panel in axes:
+        names = [text.get_text() for text in panel.texts]
+        assert {"round-x1", "crossing"} <= {*names}
+    assert "crossing" not in [text.get_text() for text in drawn.draw("alone").figure.axes[0].texts]
+
+
+def test_curves_over_a_grown_axis_are_listed_in_order(drawn: Drawings) -> None:
+    assert legend(drawn.draw("lines"))[:3] == ["$q = 0.3$", "$q = 0.4$", "$q = 0.5$"]
+    # Positions and labels count along the axis as it is stored.
+    assert legend(drawn.draw("listed"))[:2] == ["$q = 0.5$", "$q = 0.3$"]
+    labelled = drawn.draw("lines", labels=("first",))
+    assert legend(labelled)[:3] == ["first", "$q = 0.3$", "$q = 0.4$"]
+
+
+def test_crosses_of_members_without_a_value_are_on_no_others(drawn: Drawings) -> None:
+    figure = drawn.draw("lines").figure
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    rows = [line for line in axes.lines if line.get_marker() == "x" and len(line.get_ydata())]
+    assert len(rows) == len({float(np.ravel(line.get_ydata())[0]) for line in rows}) == 3
+    for line in rows:
+        places = line.get_transform().transform(np.array(line.get_data()).T)[:, 0]
+        assert np.diff(places).min() > line.get_markersize() * figure.dpi / 72
