@@ -1,12 +1,23 @@
-"""A body with a cavity full of viscous fluid, under a torque that is constant in body axes."""
+"""A body with a cavity full of viscous fluid, under a torque that is constant in body axes: the
+full equations, and the averaged ones of symmetric bodies, where two amplitudes say all, and of all
+others."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, cast
 
-from ..arithmetic import sqrt
-from ..schema.kinds import Key, Mistake, Number, Table, vector
-from .base import mistake_of
+import numpy as np
+
+from ..arithmetic import hypot, sqrt
+from ..schema.kinds import Choice, Key, Mistake, Number, Table, vector
+from .averaging.capture import AT_SEPARATRIX
+from .averaging.forms import MEAN_START, distance_to_edge
+from .averaging.free_turn import turning_body
+from .averaging.sums import ClosedTurns
+from .base import Constants, Event, EventOutcome, Label, Model, mistake_of
+from .constants import attributes
 from .rigid_body import INERTIA, INITIAL, complete
 from .terms.body import BodyUnderTorques
 from .terms.fluid import CAVITY, coefficient, kappa_instead_of
@@ -98,3 +109,248 @@ class FullCavity(Cavity):
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         return rates_under((FLUID, CONSTANT), t, y, k)
+
+
+def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
+    """r of a symmetric body, as an event."""
+    return y[1]
+
+
+NEARLY_STOPPED = 2 * math.log(1e-8)
+"""By how much ln X_e has fallen when a constant torque has all but stopped a rotation, whose speed
+then falls evenly."""
+
+BEHIND = {"continue": 2.0, "stop": -100.0}
+"""By how much ln X_e differs from that of a motion NEARLY_STOPPED where it goes on in the other
+sense, and where it has stopped."""
+
+
+def distance_to_rest(t: Any, y: Sequence[Any], k: Any) -> Any:
+    """ln X_e less what it is of a motion NEARLY_STOPPED, as an event."""
+    return y[0] - k.ln_at_end
+
+
+def distance_to_edge_or_rest(t: Any, y: Sequence[Any], k: Any) -> Any:
+    """The product of both distances: 0 at the separatrix, and at rest where that comes first, in an
+    exact rotation about an axis or a nearly symmetric body."""
+    return distance_to_edge(t, y, k) * distance_to_rest(t, y, k)
+
+
+def turned_round(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
+    """The end of spin, and the motion behind it: the torque turns the sense round."""
+    ln_e, ln_o, scaled_phase, side, sense = y
+    # The mean speed at which sqrt(X_e) falls to 0 is that at half of it.
+    half = [float(ln_e) - 2 * math.log(2), *map(float, y[1:])]
+    by_e, *_ = AveragedTriaxial.rhs(float(t), half, attributes(vars(k)))
+    left, behind = -4 / by_e, k.ln_at_end + BEHIND[k.spin_reversal]
+    onward = t + left * (1 + math.exp(float(behind - ln_e) / 2))
+    # The angle is turned round too, so that the other components go on as they did.
+    state = 0 * ln_e + behind, ln_o, -scaled_phase, side, -sense
+    return EventOutcome(
+        float(t + left), {}, state, onward if k.spin_reversal == "continue" else None
+    )
+
+
+def through_or_stopped(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
+    """The passage through the separatrix, or the end of a rotation that does not come to it."""
+    if distance_to_edge(t, y, k) < distance_to_rest(t, y, k):
+        return AveragedTriaxial.passage(t, y, k)
+    details = {"from": float(turning_body(k).label(y[3])), "to": 0.0}
+    return turned_round(t, y, k)._replace(details=details, onward=None)
+
+
+@dataclass(frozen=True)
+class SymmetricCavity(Cavity):
+    """What the forms in a = sqrt(p^2 + q^2) and r share."""
+
+    spin_reversal: str
+
+    keys = Cavity.keys | {
+        "spin_reversal": Key(
+            Choice("stop", "continue"), "what to do where r reaches 0", default="stop"
+        ),
+    }
+    state = ("a", "r")
+    degree = {"kappa": 3, "N3": 0}
+    class_events = ()
+    variables = {
+        "x": Label(("time",), "square of the equatorial angular velocity, p^2 + q^2", "1/time^2"),
+        "y": Label(("time",), "square of the axial angular velocity, r^2", "1/time^2"),
+    }
+    no_axis_reason = "averaged over the hodograph's turns: it circles x3, and crosses nothing"
+
+    @staticmethod
+    def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
+        a, r = y.T
+        return {"x": a * a, "y": r * r}
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        yield from super().check(data)
+        A = data.get("inertia")
+        if A is not None and A[0] != A[1]:
+            yield (
+                ("inertia",),
+                f"form {cls.form} needs A1 = A2, not {A[0]:.17g} and {A[1]:.17g}; form full does "
+                "not",
+            )
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        p, q, r = super().start
+        return hypot(p, q), r
+
+    @property
+    def extended_start(self) -> np.ndarray:
+        # The roots of x and y have digits that a double has not, and x and y are what is stored.
+        squares = [self.initial.get(name) for name in "xy"]
+        if None not in squares:
+            return np.sqrt(np.array(squares, dtype=np.longdouble))
+        p, q, r = np.array(super().start, dtype=np.longdouble)
+        return np.array([np.hypot(p, q), r])
+
+    def starts(self, omega: np.ndarray) -> np.ndarray:
+        p, q, r = np.moveaxis(omega, -1, 0)
+        return np.stack((np.hypot(p, q), r))
+
+    @cached_property
+    def constants(self) -> Constants:
+        # heyoka counts parameters up to the last that the equations use: A3, and not g.
+        return {name: value for name, value in super().constants.items() if name != "g"}
+
+    @property
+    def warnings(self) -> list[str]:
+        A, _, C = self.inertia
+        a, r = self.start
+        dropped = abs(self.epsilon) * math.hypot(*self.torque[:2])
+        turning = abs((C - A) * r) * a
+        if not dropped:
+            return super().warnings
+        ratio = f"{dropped / turning:.3g}" if turning else "infinite"
+        return [
+            *super().warnings,
+            "averaging drops M1 and M2, which is right while "
+            "epsilon |(M1, M2)| / (|C - A| |r| a) is small: "
+            f"it is {ratio} at the start, and grows as r falls",
+        ]
+
+    @property
+    def run_events(self) -> tuple[Event, ...]:
+        if not (self.start[1] or self.constants["N3"]):
+            return ()
+        return (Event("end_of_spin", axial_spin, terminal=self.spin_reversal == "stop"),)
+
+
+@dataclass(frozen=True)
+class Averaged(SymmetricCavity):
+    """The motion of an axisymmetric body (A1 = A2 = A, A3 = C) averaged over the turning of (p, q)
+    about x3.
+
+    a' = -kappa C (C - A) a r^2 / A^3
+    r' = kappa (C - A) a^2 r / (A C) + epsilon M3 / C
+
+    a = sqrt(p^2 + q^2) and r, 1/time; stored are x = a^2 and y = r^2; the other symbols are those
+    of the full form. Without M1 and M2 this is no approximation but an identity of the full
+    equations. With them it is right to first order in epsilon, until r, and with it the frequency
+    |(C - A) r/A|, has become small. r reaches 0 in finite time where M3 opposes it: the end of
+    spin, an event that ends the motion or is passed (`spin_reversal`). In y the equations are not
+    Lipschitz there, and solvers stop or go astray.
+
+    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eqs
+    (5), (6), with the sign of a' that follows from (2), and +epsilon M3 in r' as in (2) and (6),
+    not - as in (5).
+
+    A body with A1 and A2 different is averaged by `AveragedTriaxial`.
+    """
+
+    mean_start: str
+    at_separatrix: str
+
+    form = "averaged"
+    keys = SymmetricCavity.keys | {
+        "mean_start": MEAN_START,
+        "at_separatrix": AT_SEPARATRIX,
+    }
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        a, r = y
+        return (
+            -k.kappa * k.A3 * (k.A3 - k.A1) / k.A1**3 * a * r * r,
+            k.kappa * (k.A3 - k.A1) / (k.A1 * k.A3) * a * a * r + k.N3 / k.A3,
+        )
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        inertia = data.get("inertia", (1.0, 1.0, 1.0))
+        symmetric = inertia[0] == inertia[1]
+        yield from super().check(data) if symmetric else AveragedTriaxial.check(data)
+
+    @classmethod
+    def of(cls, data: Mapping[str, Any]) -> Model:
+        symmetric = data["inertia"][0] == data["inertia"][1]
+        return cls(**data) if symmetric else AveragedTriaxial(**data)
+
+
+@dataclass(frozen=True)
+class AveragedAsPrinted(SymmetricCavity):
+    """The averaged equations with the sign of a' as printed in eqs (5) and (6), to reproduce the
+    paper's figures.
+
+    a' = +kappa C (C - A) a r^2 / A^3
+
+    With this sign the fluid's torque, though internal, changes |G|: without M, x - C^2 y/A^2 is
+    constant, where it should be x + C^2 y/A^2 = (G/A)^2. Everything else is as in the form
+    averaged.
+
+    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eqs
+    (5), (6).
+    """
+
+    form = "averaged-as-printed"
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        a, r = Averaged.rhs(t, y, k)
+        return -a, r
+
+
+@dataclass(frozen=True)
+class AveragedTriaxial(ClosedTurns, Cavity):
+    """The motion of a body with three different moments of inertia, averaged over the turns of its
+    hodograph.
+
+    (2T)' = -(2 kappa/(a b c)) [(a-c)^2 (a+c-b) <p^2 r^2> + (a-b)^2 (a+b-c) <p^2 q^2>
+                                + (b-c)^2 (b+c-a) <q^2 r^2>] + 2 epsilon M.<omega>
+    (G^2)' = 2 epsilon M.<A omega>
+
+    a >= b >= c are the moments with their axes sorted, <.> the mean over a turn of the free motion,
+    whose <omega> lies along the enclosed axis; the other symbols are those of the full form.
+    Without M every motion ends about the axis of the largest moment, and the passage through the
+    separatrix is foreseen as under linear resistance. With M it is a matter of chance which of four
+    regions a motion enters there: it stops, with the probability of the other axis, or takes the
+    branch of `at_separatrix`. Right to first order; with `mean_start: yes` to
+    second, unless M has parts about both axes that are not enclosed.
+
+    Source: F. L. Chernousko 1972, averaged; the probabilities after A. I. Neishtadt 1986.
+    """
+
+    spin_reversal: str
+    at_separatrix: str
+
+    averaged_terms = ("kappa", "torque")
+
+    @cached_property
+    def constants(self) -> Constants:
+        ln_at_end = math.log(self.slow_start.X_e) + NEARLY_STOPPED
+        return {"spin_reversal": self.spin_reversal, "ln_at_end": ln_at_end, **super().constants}
+
+    @property
+    def run_events(self) -> tuple[Event, ...]:
+        if len(set(self.body[:3])) < 3:
+            # Only a symmetric body can lose its spin before it comes to a separatrix.
+            return (Event("end_of_spin", distance_to_rest, terminal=True, passage=turned_round),)
+        if not any(self.term_coefficients["torque"]):
+            return super().run_events
+        function, passage = distance_to_edge_or_rest, through_or_stopped
+        return (Event("separatrix", function, terminal=True, passage=passage),)
