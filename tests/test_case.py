@@ -23,8 +23,7 @@ from hodo_cli.cases.derived import DERIVED
 from hodo_cli.models import catalogue
 from hodo_cli.results.motion import QUANTITIES
 from hodo_cli.schema import document, kinds
-from hodo_cli.schema.document import write
-from hodo_cli.schema.mistakes import Mistakes
+from hodo_cli.schema.document import Mistakes, write
 
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
 NAME_RULE = (

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, Never
 
 import numpy as np
 
@@ -20,8 +20,7 @@ from .. import HodoError, models
 from ..models.attitude import KEY, check_attitude, keys_of_form, system_of, takes_attitude
 from ..models.base import Model
 from ..models.rigid_body import BodyFrame
-from ..schema.document import Block, locate, read, write
-from ..schema.frozen import frozen
+from ..schema.document import Block, Mistakes, Place, locate, read, write
 from ..schema.kinds import (
     Key,
     KeyPath,
@@ -33,7 +32,6 @@ from ..schema.kinds import (
     shown,
     unknown,
 )
-from ..schema.mistakes import Mistakes, Place
 from .derived import DERIVED, LeftOut, constants_of, derivable, missing, remedy_of
 from .keys import COMMON, REMARKS, all_keys, keys_in
 from .sweep_block import check_axes, first_values, storable
@@ -44,6 +42,32 @@ NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 NAME_RULE = (
     "a name is up to 100 of the characters A-Z a-z 0-9 . _ - and begins with a letter or digit"
 )
+
+
+class FrozenDict(dict[str, Any]):
+    """A dict that cannot be changed, so that it has a hash: what holds it can be a key itself.
+
+    It is a dict, and not some other mapping, so that it equals one and is written as one.
+    """
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(frozenset(self.items()))
+
+    def __reduce__(self) -> tuple[type["FrozenDict"], tuple[dict[str, Any]]]:
+        return FrozenDict, (dict(self),)  # or else pickle fills it entry by entry
+
+    def _refuse(self, *_: Any, **__: Any) -> Never:
+        raise TypeError("the data of a case do not change: make another with dataclasses.replace")
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
+
+
+def frozen(value: Any) -> Any:
+    """Plain data with every mapping in them frozen, and every list a tuple."""
+    if isinstance(value, Mapping):
+        return FrozenDict({key: frozen(item) for key, item in value.items()})
+    return tuple(map(frozen, value)) if isinstance(value, list | tuple) else value
 
 
 @dataclass(frozen=True, kw_only=True)

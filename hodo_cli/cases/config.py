@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import HodoError
-from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Block, write
+from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Block, Mistakes, Place, write
 from ..schema.kinds import (
     KeyPath,
     Mistake,
@@ -21,7 +21,6 @@ from ..schema.kinds import (
     unknown_names,
     within,
 )
-from ..schema.mistakes import Mistakes, Place
 from ..text import file_name_fault
 from . import claim_block
 from .case import (

@@ -6,9 +6,8 @@ from typing import Any
 
 from .. import HodoError
 from ..schema import kinds
-from ..schema.document import Block, Items, read
+from ..schema.document import Block, Items, Mistakes, Place, read
 from ..schema.kinds import Kind, ListOf, Table
-from ..schema.mistakes import Mistakes, Place
 from .keys import keys_in
 
 

@@ -257,9 +257,8 @@ def check_axes(
     message = "is a dimension of every result; call the axis otherwise"
     yield from ((("sweep", name), f"{name} {message}") for name in reserved)
     spheres = [axis.name for axis in axes if axis.sphere is not None]
-    message = "one axis may be a sphere"
-    if not model.oriented:
-        message = "only the start of a body-frame model has a direction"
+    lacks_direction = "only the start of a body-frame model has a direction"
+    message = "one axis may be a sphere" if model.oriented else lacks_direction
     yield from ((("sweep", name, "sphere"), message) for name in spheres[model.oriented :])
     swept: dict[KeyPath, str] = {}
     for axis in axes:

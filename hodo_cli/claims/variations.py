@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
-from ..cases.case import Case, variation
+from ..cases.case import Case, FrozenDict, variation
 from ..cases.sweep_block import Axis, axes_of, first_values
 from ..integration.classify import body_of
 from ..models import rigid_body
 from ..results.motion import Motion
-from ..schema.frozen import FrozenDict
 from ..schema.kinds import Wrong
 from ..sweeps.members import members_as_cases
 from ..sweeps.single_cases import side_by_side

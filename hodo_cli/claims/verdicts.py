@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import Any
 
 from .. import HodoError
-from ..cases.case import Case
+from ..cases.case import Case, frozen
 from ..cases.claim_block import (
     AS_PRINTED,
     BY_READING,
@@ -34,7 +34,6 @@ from ..cases.claim_block import (
     readings,
 )
 from ..results.motion import Motion, case_of, motion_of
-from ..schema.frozen import frozen
 from ..storage import ResultFile
 from ..text import grouped
 from .checks import MOTION_CHECKS, averages

@@ -10,7 +10,7 @@ from typing import Any
 from .. import HodoError
 from ..cases.case import Case, dump, parse_case, read_mapping
 from ..cases.config import composed_text, parse
-from ..schema.mistakes import Mistakes
+from ..schema.document import Mistakes
 from ..storage import FinishedCase, ResultFile, Writer, finished_cases, open_run
 from .plot import with_sheet
 from .resume import attributes_by, has_all_of, result_named, stored_config

@@ -81,9 +81,8 @@ class ReferenceValues(NamedTuple):
     def of_size(self, size: Any, condition: float = 1.0) -> np.ndarray:
         """atol + rtol size, by the tolerances asked for, or else the variable's own."""
         attrs, asked = self.variable.attrs, self.tolerance
-        rtol = asked.rtol * condition if asked.rtol is not None else None
-        if rtol is None:
-            rtol = float(attrs["rtol"]) if "rtol" in attrs else RTOL * condition
+        stated = float(attrs["rtol"]) if "rtol" in attrs else RTOL * condition
+        rtol = stated if asked.rtol is None else asked.rtol * condition
         atol = float(attrs.get("atol", 0.0)) if asked.atol is None else asked.atol
         return np.asarray(atol + np.maximum(rtol * size, SUBNORMAL))
 
