@@ -24,11 +24,10 @@ from faults import CONFIG, Motions, hodo
 from hodo_cli import BatchError, HodoError
 from hodo_cli.batch.pool import pool
 from hodo_cli.storage import disk, hdf5, staging, writer
-from hodo_cli.storage.changes import update
 from hodo_cli.storage.finished_cases import finished_cases
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import open_run
-from hodo_cli.storage.writer import Writer
+from hodo_cli.storage.writer import Writer, update
 
 
 @pytest.fixture(scope="module")

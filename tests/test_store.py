@@ -26,11 +26,10 @@ from conftest import call
 
 from hodo_cli import BatchError, HodoError
 from hodo_cli.storage import writer as writing
-from hodo_cli.storage.changes import update
 from hodo_cli.storage.finished_cases import finished_cases
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import ResultFile, open_run
-from hodo_cli.storage.writer import Writer
+from hodo_cli.storage.writer import Writer, update
 
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "tests" / "data" / "format1.h5"

@@ -12,11 +12,10 @@ import pytest
 from conftest import call
 
 from hodo_cli.storage import staging
-from hodo_cli.storage.changes import update
 from hodo_cli.storage.finished_cases import finished_cases, open_batch
 from hodo_cli.storage.group import Group
 from hodo_cli.storage.hdf5 import open_run
-from hodo_cli.storage.writer import Writer
+from hodo_cli.storage.writer import Writer, update
 
 CONFIG = """\
 defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}, time: {end: 9}}

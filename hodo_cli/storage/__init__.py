@@ -12,14 +12,13 @@ A *checksum* is the hash of what is stored: of a file's bytes, of a group, of a 
 *digest* is the hash of what a result depends on; this folder stores and compares it only.
 """
 
-from .changes import holds, update
 from .finished_cases import FinishedCase, finished_cases, open_batch
 from .group import Attribute, Group, Report, StreamedVariables, Variable
 from .hdf5 import ResultFile, open_run
 from .output import create
 from .provenance import OWN_MODELS, history_line, root_attributes, typed
 from .staging import check_writable, chunks_in, replacing, staging_folders
-from .writer import Writer
+from .writer import Writer, holds, update
 
 __all__ = [
     "OWN_MODELS",
