@@ -1,4 +1,5 @@
-"""Case files as a whole: from YAML text to a checked Config."""
+"""Case files as a whole: from YAML text, and values that `--set` puts into it, to a checked
+Config."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,13 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from .. import HodoError
-from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Block, Mistakes, Place, write
+from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Block, Items, Mistakes, Place, read, write
 from ..schema.kinds import (
+    REQUIRED,
     KeyPath,
+    Kind,
+    ListOf,
     Mistake,
+    Table,
     Wrong,
     WrongKey,
     check_keys,
+    is_list,
     nearest,
     shown,
     unknown,
@@ -36,7 +42,6 @@ from .case import (
 from .derived import DERIVED
 from .figure_block import FIGURE, Drawable, check_drawn, check_figure, merged_style
 from .keys import SECTIONS, all_keys, keys_in
-from .override import apply_override
 from .sweep_block import axes_of, storable
 
 
@@ -179,7 +184,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
     entries, case_faults = _entries("cases", named)
     blocks = {case: merged(defaults, block) for case, block in entries.items()}
     for override in overrides:
-        apply_override(override, blocks, mistakes)
+        _apply_override(override, blocks, mistakes)
     # A mistake may stand in what a case inherits or an override changes.
     named.update(blocks)
     cases = {
@@ -329,3 +334,67 @@ def _figures(
         mistakes += within(("figures", name), [*wrong, *check_figure(values)])
         figures[name] = {**values, "style": merged_style(style, values.get("style"))}
     return figures, mistakes
+
+
+def _apply_override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> None:
+    """Apply one override to the blocks of the cases that it names."""
+    place = Place(1, 1, text)
+    target, equals, value = text.partition("=")
+    parts = target.strip().split(".")
+    if not equals or not 2 <= len(parts) <= 50:
+        mistakes.add(place, "an override reads CASE.KEY=VALUE")
+        return
+    # Names of cases may contain points: the longest one that exists is meant.
+    splits = ((".".join(parts[:n]), parts[n:]) for n in range(len(parts) - 1, 0, -1))
+    named = ((names, path) for case, path in splits if (names := _blocks_named(case, blocks)))
+    names, path = next(named, ([], []))
+    if not names:
+        mistakes.add(place, unknown(f"case {parts[0]!r}", parts[0], blocks))
+    try:
+        new = read(value, mistakes, text)
+    except HodoError:
+        return
+    for name in names:
+        try:
+            blocks[name] = _with_value(
+                blocks[name], Table(keys_in(blocks[name])[1]), path, new, place
+            )
+        except ValueError as error:
+            mistakes.add(place, str(error.args[0]), ("cases", name, *path))
+
+
+def _blocks_named(pattern: str, blocks: Mapping[str, Block]) -> list[str]:
+    return (
+        [pattern] if pattern in blocks else [name for name in blocks if fnmatchcase(name, pattern)]
+    )
+
+
+def _with_value(node: Any, kind: Kind | None, path: Sequence[str], new: Any, place: Place) -> Any:
+    """A copy of a value with `new` at a path within it. Raises ValueError, with a sentence, if
+    there is no such path.
+
+    A number that stands for a vector of equal ones is written out where the path names one of them.
+    """
+    if not path:
+        return new
+    head, *tail = path
+    if isinstance(node, int | float) and isinstance(kind, ListOf) and kind.takes(node):
+        # `damping: 0.004` has no component 2 until it is written out.
+        node = (node,) * (kind.length or 1)
+    if is_list(node):
+        if not head.isdecimal() or int(head) >= len(node):
+            raise ValueError(
+                f"there is no {head!r} in a list whose positions are 0 to {len(node) - 1}"
+            )
+        items, i = Items(node, getattr(node, "places", [place] * len(node))), int(head)
+        items[i], items.places[i] = _with_value(node[i], None, tail, new, place), place
+        return items
+    if not isinstance(node, Block) and node not in (None, REQUIRED):
+        raise ValueError(f"there is no {head!r} in {shown(node)}")
+    block = Block(node) if isinstance(node, Block) else Block()
+    key = kind.keys.get(head) if isinstance(kind, Table) else None
+    old = block.get(head, key.default if key else None)
+    value = _with_value(old, key.kind if key else None, tail, new, place)
+    places = block.places[head] if tail and head in block else (place, place)
+    block.put(head, value, *places)
+    return block
