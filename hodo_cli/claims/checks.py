@@ -242,12 +242,14 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
     }
     violations += senses.get(check["sense"], [])
     scale = max(map(abs, means)) or 1.0
-    words = f"{name} = {listed(means, 4)}"
-    if check["along"]:
-        words = ", ".join(
+    words = (
+        ", ".join(
             f"varies by {x:.3g} along {along}"
             for x, along in zip(means, check["along"], strict=True)
         )
+        if check["along"]
+        else f"{name} = {listed(means, 4)}"
+    )
     return Finding(
         beyond(max(violations, default=0.0) / scale, ROUNDING),
         means[-1],

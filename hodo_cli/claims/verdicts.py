@@ -188,9 +188,9 @@ def proved(verdict: Verdict) -> Verdict:
 def unusable(cases: Sequence[Any], run: ResultFile) -> str:
     """The case that has no result, and why; an empty string if every case has a result."""
     for name in map(case_name, cases):
-        ended = {"status": "missing", "message": ""}
-        if name in run:
-            ended = run.row(name, {"status": str, "message": str})
+        if name not in run:
+            return f"{name}: missing"
+        ended = run.row(name, {"status": str, "message": str})
         if ended["status"] != "ok":
             return f"{name}: {ended['status']} {ended['message']}".rstrip()
     return ""

@@ -304,10 +304,9 @@ def crossings_of(
     after = np.searchsorted(time, signs.time).clip(max=len(time) - 1)
     before = np.where(time[after] == signs.time, after, np.maximum(after - 1, 0))
     band = CERTAIN * np.maximum(errors[before], errors[after])
-    known = absorbing
-    if known is None:
-        known = case.system.absorbing_axes(case.time.start, case.time.end)
-    listed = read_sign_changes(signs, band, known)
+    if absorbing is None:
+        absorbing = case.system.absorbing_axes(case.time.start, case.time.end)
+    listed = read_sign_changes(signs, band, absorbing)
     # A body set going from rest stands on a side as soon as the time differs from the start.
     started = case.time.start + 1e-12 * (case.time.end - case.time.start)
     return listed._replace(undecided=[moment for moment in listed.undecided if moment > started])

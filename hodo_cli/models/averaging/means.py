@@ -46,10 +46,11 @@ def turn_means(m: Any, m1: Any, steps: int = AGM) -> Means:
     """
     # A power series of an engine has some twenty coefficients, of which only the first needs all
     # these steps.
-    if hasattr(m, "functions"):
-        total, pace = m.functions(lambda first: by_steps(first, 1 - first, steps), slopes)
-    else:
-        total, pace = by_steps(m, m1, steps)
+    total, pace = (
+        m.functions(lambda first: by_steps(first, 1 - first, steps), slopes)
+        if hasattr(m, "functions")
+        else by_steps(m, m1, steps)
+    )
     ss = 0.5 + m * total
     return Means(ss, (1 + 2 * (1 + m) * total) / 3, 0.5 - m * total, 1 - m * ss, pace)
 
