@@ -90,9 +90,13 @@ def test_the_steps_of_a_method_are_the_samples(method: str, tmp_path: Path, hodo
     assert hodo("compare", "a.h5", "a.h5").returncode == 0
 
 
-def test_the_closed_form_has_no_steps() -> None:
+def test_the_steps_of_a_closed_form_are_those_of_another_method() -> None:
+    equal = FIG4 | {"damping": 0.1, "time": {"end": 1, "steps": True}}
+    data = api.run(equal)
+    times = api.run(equal | {"method": "taylor"}).time.values
+    assert (data.attrs["method"], data.time.values.tolist()) == ("exact", times.tolist())
     with pytest.raises(HodoError, match="the closed form takes no steps: name samples"):
-        api.run(FIG4 | {"damping": 0.1, "time": {"end": 1, "steps": "yes"}})
+        api.run(equal | {"method": "exact"})
     with pytest.raises(HodoError, match="the members of a sweep have one list of times"):
         api.sweep(FIG4 | {"time": {"end": 1, "steps": "yes"},
                           "sweep": {"damping.0": {"values": [1]}}})  # fmt: skip

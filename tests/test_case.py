@@ -250,14 +250,14 @@ LINES = [
          ".time.samples: leave it out where values: gives the times"),
         ("time: {end: 1, steps: yes, samples: 3}", 41,
          ".time.samples: leave it out where steps: yes gives the times"),
-        ("time: {steps: true, end: 1}", 19, ".time.steps: expected yes or no, got true"),
+        ("time: {steps: 1, end: 1}", 19, ".time.steps: expected yes or no, got 1"),
         ("time: {end: -1}", 17, ".time.end: the span from 0 to -1 is not possible"),
         ("time: {start: -1e308, end: 1e308}", 32,
          ".time.end: the span from -1e+308 to 1e+308 is not possible"),
         ("method: dop853", 13,
          f".method: expected {METHODS}, got 'dop853'; did you mean 'DOP853'?"),
         ("precision: long", 16, ".precision: expected double, extended or quadruple, got 'long'"),
-        ("error: true", 12, ".error: expected on or off, got true"),
+        ("error: 1", 12, ".error: expected on or off, got 1"),
         ("tol: 0", 10, ".tol: expected a positive number < 1, got 0"),
         ("max_steps: x", 16, ".max_steps: expected an integer >= 1, <= 1e+15, got 'x'"),
         ("note: 12", 11, ".note: expected text, got 12; put it in quotes"),
@@ -292,6 +292,47 @@ def test_a_mistake_is_named_with_its_place(entry: str, column: int, message: str
     rest = [line for line in LINES if line.split(":")[0] != entry.split(":")[0]]
     text = "\n    ".join(["cases:\n  a:", entry, *rest]) + "\n"
     assert mistakes(text) == [f"x.yaml:3:{column}: cases.a{message}"]
+
+
+def test_a_switch_takes_the_words_of_python_and_yaml_too() -> None:
+    """`true` in a file is Python's True; an entry of `time:` that is off replaces none."""
+    keys = "inertia: [1, 0.8, 0.6], damping: 0.1, initial: {p: 1, q: 1, r: 1}"
+    text = (
+        f"defaults: {{model: linear-diag, {keys}, time: {{end: 1, samples: 7}}}}\ncases:\n"
+        "  a: {attitude: %s, error: %s, time: {steps: %s}}\n"
+        "figures: {f: {kind: hodograph, cases: [a], style: {letters: %s}}}\n"
+    )
+    yes, no = (
+        parse(text % ("true", "true", "false", "true"), "x"),
+        parse(text % (("no", "off", "no", "no")), "x"),
+    )
+    spelt = parse(text % ("yes", "on", "no", "yes"), "x")
+    assert (yes.cases, yes.figures) == (spelt.cases, spelt.figures)
+    assert (yes.cases["a"].time.samples, no.cases["a"].data.get("attitude")) == (7, None)
+
+
+@pytest.mark.parametrize(
+    ("keys", "wrong"),
+    [
+        ("method: exact, precision: quadruple", "precision: method exact works in double and"),
+        ("method: DOP853, precision: extended", "precision: method DOP853 works in double"),
+        ("method: collocation, precision: quadruple", "precision: method collocation works in"),
+        ("method: exact, damping: [1, 2, 3]", "method: method exact needs torques along G"),
+        ("method: exact, time: {end: 1, steps: yes}", "time.steps: the closed form takes no"),
+    ],
+)
+def test_a_method_that_cannot_take_a_case_is_refused_at_once(keys: str, wrong: str) -> None:
+    common = "inertia: [1, 0.8, 0.6], damping: 0.1, initial: {p: 1, q: 1, r: 1}, time: {end: 1}"
+    head = f"defaults: {{model: linear-diag, {common}}}\n"
+    (mistake,) = mistakes(f"{head}cases: {{a: {{{keys}}}}}")
+    assert f"cases.a.{wrong}" in mistake
+
+
+def test_a_misspelt_torque_is_one_mistake() -> None:
+    body = "model: torques, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}, time: {end: 1}"
+    for others in ("", ", attitude: yes", ", form: averaged"):
+        (mistake,) = mistakes(f"cases: {{a: {{{body}{others}, torqe: [0, 0, 1]}}}}")
+        assert "did you mean 'torque'?" in mistake
 
 
 MESSAGES: list[tuple[str, list[str]]] = [
@@ -868,7 +909,7 @@ def test_every_config_obeys_the_schema(path: Path) -> None:
     "entry",
     ["dampng: 1", "damping: x", "damping: [0, 0]", "inertia: [1, 0, 1]", "initial: {x: 1}",
      "time: {samples: 0}",
-     "model: foo", "form: foo", "method: foo", "tol: 0", "error: true", "note: 1", "resistance: 1"],
+     "model: foo", "form: foo", "method: foo", "tol: 0", "error: x", "note: 1", "resistance: 1"],
 )  # fmt: skip
 def test_the_schema_finds_the_mistakes_that_a_schema_can(entry: str) -> None:
     rest = [line for line in LINES if line.split(":")[0] != entry.split(":")[0]]

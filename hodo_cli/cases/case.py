@@ -33,7 +33,7 @@ from ..schema.kinds import (
     unknown,
 )
 from .derived import DERIVED, LeftOut, constants_of, derivable, missing, remedy_of
-from .keys import COMMON, REMARKS, all_keys, keys_in
+from .keys import COMMON, NO_CLOSED_FORM, REMARKS, all_keys, keys_in, wrong_precision
 from .sweep_block import check_axes, first_values, storable
 
 # Safe as a group of HDF5 (no slash), as a file, and in a shell; `_` in front is kept for groups
@@ -251,7 +251,10 @@ def checked_case(name: Any, block: Block) -> Case:
     data = {key: values[key] for key in keys_of_form(model) if key in values.keys() - without}
     data |= first_values(values.get("sweep") or {}, model, data)
     model_data = {key: value for key, value in data.items() if key != KEY}
-    mistakes += [*model.check(model_data), *check_attitude(model, data)]
+    of_data = [*model.check(model_data), *check_attitude(model, data)]
+    # What the case as a whole seems to lack may stand under a misspelt key.
+    is_misspelt = any(isinstance(path[-1], WrongKey) for path, _ in mistakes if len(path) == 1)
+    mistakes += [mistake for mistake in of_data if mistake[0] or not is_misspelt]
     if "time" in values and not mistakes:
         mistakes += model.check_span(model_data, values["time"]["start"], values["time"]["end"])
     # The class that stands in for a form with these data decides which variables are stored.
@@ -260,6 +263,7 @@ def checked_case(name: Any, block: Block) -> Case:
     mistakes += _store_mistakes(concrete_model, system, values)
     if system and (message := models.mistake_in(system)):
         mistakes.append((("model",), message))
+    mistakes += _method_mistakes(system, values) if system else ()
     if values.get("sweep") and values.get("time", {}).get("steps") == "yes":
         mistakes.append((("time", "steps"), "the members of a sweep have one list of times"))
     if values.get("sweep") and not mistakes:
@@ -318,8 +322,8 @@ evenly spaced, or the steps of the method."""
 def replaced_entries(key: str, changes: Mapping[str, Any]) -> set[str]:
     """The common entries of a key that do not count beside a case's own."""
     times = REPLACED_TIMES if key == "time" else {}
-    replaced = (times.get(name, set()) for name, value in changes.items() if value != "no")
-    return set().union(*replaced) - changes.keys()
+    changed = (name for name, value in changes.items() if value not in ("no", False))
+    return set().union(*(times.get(name, set()) for name in changed)) - changes.keys()
 
 
 def merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> Block:
@@ -339,6 +343,19 @@ def variation(case: Case, changes: Mapping[str, Any]) -> Case:
     """A case with other values at some keys, under its own name. Raises Wrong with all that is
     wrong with these."""
     return checked_case(case.name, merged(case.entries, changes))
+
+
+def _method_mistakes(system: Model, values: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Why a method cannot integrate a case, as far as the case tells."""
+    if not {"method", "precision", "time"} <= values.keys():
+        return
+    method = values["method"]
+    if message := wrong_precision(method, values["precision"]):
+        yield ("precision",), message
+    if method == "exact" and not system.has_closed_form:
+        yield ("method",), NO_CLOSED_FORM
+    if method == "exact" and values["time"]["steps"] == "yes":
+        yield ("time", "steps"), "the closed form takes no steps: name samples, or a method"
 
 
 def _time_mistakes(time: dict[str, Any] | None) -> Iterator[Mistake]:

@@ -22,6 +22,7 @@ from ..schema.kinds import (
     ListOf,
     Mistake,
     Number,
+    Switch,
     Table,
     Text,
     Variant,
@@ -142,12 +143,12 @@ LOOK = {
         default=None,
     ),
     "letters": Key(
-        Choice("yes", "no"),
+        Switch("yes", "no"),
         "letter the panels (a), (b), ... where there are several (default: no)",
         default=None,
     ),
     "svg_text": Key(
-        Choice("yes", "no"),
+        Switch("yes", "no"),
         "keep text in SVG as text, which an editor can change (default: no)",
         default=None,
     ),
@@ -312,7 +313,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
             default={},
         ),
         "passages": Key(
-            Choice("yes", "no"),
+            Switch("yes", "no"),
             "mark crossings, and the true ones that an averaged motion predicts",
             default="no",
         ),

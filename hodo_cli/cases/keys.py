@@ -16,6 +16,7 @@ from ..schema.kinds import (
     ListOf,
     Mapped,
     Number,
+    Switch,
     Table,
     Text,
     expected,
@@ -25,6 +26,22 @@ from . import claim_block, figure_block
 from .sweep_block import SWEEP
 
 METHODS = ("auto", "taylor", "collocation", "DOP853", "RK45", "LSODA", "Radau", "BDF", "exact")
+
+PRECISIONS = {
+    **dict.fromkeys(("auto", "taylor"), ("double", "extended", "quadruple")),
+    **dict.fromkeys(("collocation", "exact"), ("double", "extended")),
+}
+"""The precisions of methods; the others have double precision alone."""
+
+
+def wrong_precision(method: str, precision: str) -> str:
+    """Why a method does not integrate in a precision; an empty string if it does."""
+    if precision in (known := PRECISIONS.get(method, ("double",))):
+        return ""
+    return f"method {method} works in {' and '.join(known)} precision only, not {precision}"
+
+
+NO_CLOSED_FORM = "method exact needs torques along G: equal damping, a brake, or both, all constant"
 
 SPAN = Table(
     {
@@ -48,7 +65,7 @@ SPAN = Table(
             None,
         ),
         "steps": Key(
-            Choice("yes", "no"),
+            Switch("yes", "no"),
             "yes, instead of samples: the stored times are the steps that the method takes",
             default="no",
         ),
@@ -79,7 +96,7 @@ COMMON = {
         Choice("double", "extended", "quadruple"), "working precision", default="double"
     ),
     "error": Key(
-        Choice("on", "off"),
+        Switch("on", "off"),
         "on: the error is measured against a finer integration",
         default="on",
     ),

@@ -76,13 +76,9 @@ def engine_for(
             )
         return taylor.compiled(model, form, events, tol, precision)  # type: ignore[arg-type]
     if method == "collocation":
-        if precision == "quadruple":
-            raise HodoError("method collocation works in double and extended precision only")
         from .collocation import Collocation
 
         return Collocation(model, events, tol, precision)
-    if precision != "double":
-        raise HodoError(f"method {method} works in double precision only, not {precision}")
     from .scipy_ivp import Ivp
 
     return Ivp(method, model, events, tol)

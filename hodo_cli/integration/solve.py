@@ -9,6 +9,7 @@ import numpy as np
 
 from .. import HodoError, engines
 from ..cases.case import Case
+from ..cases.keys import NO_CLOSED_FORM, wrong_precision
 from ..engines.polynomial import TAYLOR
 from ..engines.protocol import EPS, LAST_STEP, Status, StepControl
 from ..models.base import Model
@@ -100,6 +101,9 @@ def solve(
     of range.
     """
     times = sample_times(case) if times is None else times
+    # A case with such a method is refused when it is read; a comparison of methods may ask for one.
+    if message := wrong_precision(method, precision):
+        raise HodoError(message)
     if method == "exact":
         return closed_form(case, times, precision)
     motion, is_accurate = attempted(case, method, precision, tol, times, observer)
@@ -167,15 +171,10 @@ def trajectory(
 def closed_form(case: Case, times: np.ndarray, precision: str) -> Trajectory:
     """The motion of a case from its closed form, in double or extended precision.
 
-    Raises HodoError if the case has none, or for another precision.
+    Raises HodoError if the case has none.
     """
     if not case.system.has_closed_form:
-        raise HodoError(
-            f"{case.name}: method exact needs torques along G: equal damping, a brake, or both, all"
-            " constant"
-        )
-    if precision == "quadruple":
-        raise HodoError(f"{case.name}: method exact works in double and extended precision only")
+        raise HodoError(f"{case.name}: {NO_CLOSED_FORM}")
     control = StepControl(max_seconds=case.max_seconds or math.inf)
     began, fp = thread_time(), np.longdouble if precision == "extended" else np.float64
     samples = SampleBuffer(

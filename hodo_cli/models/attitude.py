@@ -19,6 +19,7 @@ from ..schema.kinds import (
     KeyPath,
     ListOf,
     Mistake,
+    Switch,
     Table,
     Text,
     vector,
@@ -34,7 +35,7 @@ SEQUENCE = "ZXZ"
 
 ATTITUDE = Key(
     Either(
-        Choice("yes", "no"),
+        Switch("yes", "no"),
         Table(
             {
                 "initial": Key(vector(4), "quaternion a, b, c, d at the start", default=None),

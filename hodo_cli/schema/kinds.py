@@ -353,6 +353,20 @@ class Choice(Kind):
         return self.title or (f"{', '.join(names)} or {last}" if names else last)
 
 
+class Switch(Choice):
+    """One of two words, the first for yes; Python's True and False and YAML's true and false mean
+    them too."""
+
+    def check(self, value: Any) -> str:
+        return super().check(self.names[not value] if isinstance(value, bool) else value)
+
+    def takes(self, value: Any) -> bool:
+        return isinstance(value, bool) or super().takes(value)
+
+    def schema(self) -> dict[str, Any]:
+        return {"enum": [*self.names, True, False]}
+
+
 @dataclass(frozen=True)
 class Text(Kind):
     """Any text, of at least so many characters."""

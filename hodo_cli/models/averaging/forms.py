@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ...arithmetic import exp
-from ...schema.kinds import Choice, Key, Mistake
+from ...schema.kinds import Key, Mistake, Switch
 from ..base import Constants, Event, EventOutcome, Label
 from ..constants import attributes
 from ..rigid_body import BodyFrame, is_tensor
@@ -34,7 +34,7 @@ SYMMETRIC = 1e4
 """The size of ln((a - b)/(b - c)) for two equal moments: there m is 0, and one side is missing."""
 
 MEAN_START = Key(
-    Choice("yes", "no"),
+    Switch("yes", "no"),
     "start from mean elements, and store the periodic part with them; no: the first order of"
     " the literature",
     default="yes",
