@@ -27,7 +27,7 @@ from .sweep_block import SWEEP
 
 METHODS = ("auto", "taylor", "collocation", "DOP853", "RK45", "LSODA", "Radau", "BDF", "exact")
 
-PRECISIONS = {
+METHOD_PRECISIONS = {
     **dict.fromkeys(("auto", "taylor"), ("double", "extended", "quadruple")),
     **dict.fromkeys(("collocation", "exact"), ("double", "extended")),
 }
@@ -36,7 +36,7 @@ PRECISIONS = {
 
 def wrong_precision(method: str, precision: str) -> str:
     """Why a method does not integrate in a precision; an empty string if it does."""
-    if precision in (known := PRECISIONS.get(method, ("double",))):
+    if precision in (known := METHOD_PRECISIONS.get(method, ("double",))):
         return ""
     return f"method {method} works in {' and '.join(known)} precision only, not {precision}"
 

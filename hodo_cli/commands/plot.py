@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from .. import HodoError
 from ..batch.pool import pool
 from ..cases.config import Config, load
-from ..cases.figure_block import PAGE_DATA, DrawnFigure
+from ..cases.figure_block import PAGE_DATA, DrawnFigure, merged_style
 from ..machine import library_version
 from ..progress import Progress
 from ..schema.document import YAML_SUFFIXES
@@ -117,6 +117,7 @@ def draw_results(
     for path in paths:
         with opened(path) as (run, config):
             folders.append(Folder(out / run.path.stem, run, config, names, formats, force))
+    check_styles(folders)
     pending = sum(len(folder.to_draw) for folder in folders)
     kept = sum(len(folder.drawn) for folder in folders)
     with pool(jobs if pending else 1) as workers, Progress(pending) as progress:
@@ -148,6 +149,24 @@ def draw_results(
     # At the end, when all that is drawn or on the page has been read.
     for line in dict.fromkeys(messages):
         warnings.warn(line, stacklevel=2)
+
+
+def check_styles(folders: Sequence["Folder"]) -> None:
+    """Raise HodoError for a font or style sheet of a figure to be drawn that is not there: it is
+    known before anything is drawn, though not when a case file is read, which may be drawn on
+    another machine."""
+    for folder in folders:
+        for name in folder.to_draw:
+            style = merged_style(folder.config.figure(name)["style"])
+            if not {"font", "sheet"} & style.keys():
+                continue
+            load_what_draws()
+            from ..figures.artists import matplotlib_parameters
+
+            try:
+                matplotlib_parameters(style)
+            except HodoError as error:
+                raise HodoError(f"{folder.config.path}: figure {name}: {error}") from None
 
 
 @cache

@@ -526,6 +526,7 @@ def set_apart(sheet: Sheet) -> None:
         while note.get_window_extent().count_overlaps(taken):
             across, up = note.xyann
             note.xyann = across, up + text_size("legend.fontsize")
+            note.set_path_effects([*HALO])  # a curve may pass there
         taken.append(note.get_window_extent())
 
 

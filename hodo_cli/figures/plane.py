@@ -367,7 +367,6 @@ def event_marks(
             size="small",
             ha="left" if early else "right",
             va="top" if below else "bottom",
-            path_effects=HALO,
         )
 
 
