@@ -736,3 +736,48 @@ def test_drag_by_axes_sees_a_body_pass_through_rest(method: str, name: str) -> N
         ds = hodo.run(case)
         np.testing.assert_allclose(ds.omega[-1], ends.y[0, -1] * along, atol=1e-11)
         assert ds.attrs["error"] < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("inertia", "drag", "start", "torque", "text", "rotor"),
+    [
+        # The torque begins with 0, and far slower or faster than the body turns.
+        (
+            (0.6, 1, 0.8), (0, 0.02423, 0.020651518), (0, 0, 0),
+            lambda t: (0, 0, -7.262387896115524e-05 * t**2 * (1 - 0.22188649125995643 * t)),
+            ("0", "0", "-7.262387896115524e-05*t**2*(1 - 0.22188649125995643*t)"), 0,
+        ),
+        (
+            (0.75, 0.7, 1.2), (0.068469, 0, 0.0134), (0, 8.816857733777403e-07, 0),
+            lambda t: (-0.0236810748762179 * math.sin(0.473519495633837 * t), 0, 0),
+            ("-0.0236810748762179*sin(0.473519495633837*t)", "0", "0"), 0,
+        ),
+        # q falls by 1e-15 before it rises: its second zero lies at 1e-5 of a step.
+        (
+            (0.75, 0.7, 1.2), (0, 0.07413852582866136, 0.09266026353270806),
+            (1.6009030002886393e-06, 0, -1.0173334091236027e-05),
+            lambda t: (-0.0071907, 0.0003740572120456795 * t**2 * (1 - 0.1075265 * t), 0),
+            ("-0.0071907", "0.0003740572120456795*t**2*(1 - 0.1075265*t)", "0"), 0,
+        ),
+        (
+            (0.8, 1, 0.6), (0.019, 0.043, 0.094), (0, 0, 0),
+            lambda t: (0.0014 * math.cos(1.0856 * t), 0, 0),
+            ("0.0014*cos(1.0856*t)", "0", "0"), -0.0955,
+        ),
+    ],
+)  # fmt: skip
+def test_drag_by_axes_turns_over_soon_after_the_start(
+    inertia: Any, drag: Any, start: Any, torque: Any, text: Any, rotor: float
+) -> None:
+    A, h = np.array(inertia), np.array([rotor, 0, 0])
+
+    def rates(t: float, w: np.ndarray) -> np.ndarray:
+        return (np.cross(A * w + h, w) + torque(t)) / A - np.multiply(drag, w) * np.abs(w)
+
+    expected = solve_ivp(rates, (0, 20), start, "DOP853", rtol=1e-12, atol=1e-16, max_step=0.02)
+    ds = run(
+        dict(zip("pqr", start, strict=True)), 20, inertia=list(inertia), quadratic_axes=list(drag),
+        expression=list(text), **({"rotor": h.tolist()} if rotor else {}),
+    )  # fmt: skip
+    np.testing.assert_allclose(ds.omega[-1], expected.y[:, -1], atol=1e-11)
+    assert ds.attrs["error"] < 1e-11

@@ -84,7 +84,7 @@ class Units:
             resting[moving(model)] = 0
             with np.errstate(all="ignore"):  # a brake has no direction at rest
                 forced, _ = most.paces(model, k, resting, now)
-            most = cls.fastest(model, logs, np.maximum(most.size, most.least_size(forced, turn)))
+            most = cls.fastest(model, logs, np.fmax(most.size, most.least_size(forced, turn)))
             speed, turn = most.paces(model, k, rescaled(model, y.T, size - most.size).T, now)
         # The bound of the rates may be far too fast: a body that turns steadily about an axis needs
         # no steps.
@@ -131,8 +131,9 @@ class Units:
         It is then as large as they make it: in units of what it is just there, the powers of the
         time would leave the range of doubles.
         """
-        later = np.fmin(speed / turn, np.sqrt(np.ldexp(speed, self.rate - self.size)))
-        return np.asarray(self.size + np.frexp(later)[1] - PASSING)
+        order = np.log2(speed)
+        reached = np.fmin(order - np.log2(turn), (order + self.rate - self.size) / 2)
+        return np.asarray(self.size + np.ceil(reached) - PASSING)
 
     def constants(self, model: type[Model], k: Mapping[str, Any]) -> dict[str, Any]:
         """The constants of the equations in these units."""

@@ -309,7 +309,7 @@ class Torques(BodyUnderTorques, LookedUp):
         y = np.stack([*w, *columns])
         return y if self.quadratic_axes is None else self.off_corners(y)
 
-    @property
+    @cached_property
     def start(self) -> tuple[float, ...]:
         omega = super().start
         # An averaged form has variables of its own.
@@ -344,6 +344,7 @@ class Torques(BodyUnderTorques, LookedUp):
         # Several short steps: the first slopes are 0 where only other components drive this one, or
         # where a law of time begins with 0. What turns with the body goes ahead with it.
         w, ahead, t = y[:3], y.copy(), np.zeros(y.shape[1:])
+        sides = np.sign(w)
         k = attributes(self.constants)
         for _ in range(STARTING_STEPS):
             # Of the sum itself: with an attitude its form has further rows.
@@ -351,7 +352,8 @@ class Torques(BodyUnderTorques, LookedUp):
             fastest = np.maximum(np.abs(w).max(0), np.sqrt(np.abs(rates[:3]).max(0)))
             step = PROBE / np.where(fastest > 0, fastest, 1)
             ahead, t = ahead + step * rates, t + step
-        first, sides = self.state.index("s1"), np.where(w == 0, np.sign(ahead[:3]), np.sign(w))
+            sides = np.where(sides == 0, np.sign(ahead[:3]), sides)
+        first = self.state.index("s1")
         y[first : first + 3] = sides
         size = BEHIND_ZERO * np.abs(ahead[:3]).sum(0)
         y[:3] = np.where(w == 0, sides * size, w)
