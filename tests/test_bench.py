@@ -31,7 +31,7 @@ CASES = parse(CONFIG, "x.yaml").cases
 
 
 def test_each_verdict() -> None:
-    motion = solve.solve(replace(CASES["a"], tol=1e-4), "DOP853", tol=1e-4)
+    motion = solve(replace(CASES["a"], tol=1e-4), "DOP853", tol=1e-4)
     assert trials.verdict(motion, 9e-4, 0.0) == "accurate"
     assert trials.verdict(motion, 1e-2, 1e-3) == "limited by the data"
     for status, words in (("timeout", "timeout"), ("failed", "failed with a message")):
@@ -96,7 +96,7 @@ def test_a_time_is_the_least_of_the_repeats_and_the_processor_s() -> None:
         def flush(self) -> None: ...
 
     case = CASES["b"]
-    motion = solve.solve(case, "DOP853", observer=Sleeper())
+    motion = solve(case, "DOP853", observer=Sleeper())
     assert motion.run_time < 0.1
     # As if the first had compiled; a long one is not repeated.
     assert trials.least_time(case, replace(motion, run_time=0.9), 3) < 0.1

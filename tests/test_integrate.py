@@ -4,6 +4,7 @@ are kept."""
 import math
 import warnings
 from dataclasses import replace
+from importlib import import_module
 from time import perf_counter, sleep
 from typing import Any
 
@@ -212,7 +213,8 @@ def test_where_the_series_fails_auto_takes_collocation(
         ended = type(solution.status)(status)
         return replace(solution, status=ended) if method == "taylor" else solution
 
-    monkeypatch.setattr("hodo_cli.integration.integrate.solve", without_series)
+    module = import_module("hodo_cli.integration.integrate")
+    monkeypatch.setattr(module, "solve", without_series)
     time = Time(end=1.0, samples=3)
     motion = integrate(diagonal((0.02, 0.01, 0.03), precision=precision, time=time, error="off"))
     assert (motion.method, motion.status) == expected

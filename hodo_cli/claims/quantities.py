@@ -9,11 +9,17 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case
 from ..engines.protocol import EPS
-from ..integration.choice import choose
-from ..integration.classify import body_of, cross, principal_omega
-from ..integration.crossings import CERTAIN, Crossing
-from ..integration.solve import solve
-from ..integration.trajectory import Occurrence, Trajectory
+from ..integration import (
+    CERTAIN,
+    Crossing,
+    Occurrence,
+    Trajectory,
+    body_of,
+    choose,
+    cross,
+    principal_omega,
+    solve,
+)
 from ..models.rigid_body import slope
 from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion

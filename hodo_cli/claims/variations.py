@@ -13,7 +13,7 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case, FrozenDict, variation
 from ..cases.sweep_block import Axis, axes_of, first_values
-from ..integration.classify import body_of
+from ..integration import body_of
 from ..models import rigid_body
 from ..results.motion import Motion
 from ..schema.kinds import Wrong

@@ -19,7 +19,7 @@ from ..cases.case import Case
 from ..cases.config import Config, no_case
 from ..figures.costs import draw_bench
 from ..figures.files import save
-from ..integration.integrate import ASKED
+from ..integration import ASKED
 from ..progress import Progress
 from ..results.trials import SLACK, TRIAL_VERDICTS, ULPS, Trial, trials_of
 from ..storage import Group, Variable, create, replacing

@@ -14,7 +14,7 @@ from ..cases.case import Case, parse_case
 from ..cases.derived import MOMENTUM
 from ..cases.keys import METHODS
 from ..engines.protocol import Status
-from ..integration.classify import Classification, classify
+from ..integration import Classification, classify
 from ..models import rigid_body
 from ..progress import Progress
 from ..results.groups import label_group

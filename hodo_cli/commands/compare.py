@@ -16,7 +16,7 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case, parse_case
-from ..integration.choice import AUTOMATIC
+from ..integration import AUTOMATIC
 from ..models import rigid_body
 from ..results.agreement import (
     ERRORS,

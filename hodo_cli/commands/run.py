@@ -20,8 +20,7 @@ from ..batch.memory import check_disk, check_memory
 from ..batch.pool import Pool, pool
 from ..cases.case import Case, dump
 from ..cases.config import Config, no_case
-from ..integration.integrate import integrate
-from ..integration.trajectory import Trajectory
+from ..integration import Trajectory, integrate
 from ..progress import Progress
 from ..results.groups import case_group
 from ..results.layout import SUMMARY

@@ -25,7 +25,7 @@ from ..claims.finding import (
 from ..claims.quantities import first, number, reach, swept_angle, zeros
 from ..engines import have_taylor
 from ..engines.protocol import EPS
-from ..integration.solve import solve
+from ..integration import solve
 from ..models.theory import closed_form
 from ..models.theory.closed_form import free_motion, sn_cn_dn
 from ..results.motion import Motion

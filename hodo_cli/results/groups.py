@@ -1,8 +1,7 @@
 """A case as it is stored: the groups that `run` and `classify` write."""
 
 from ..cases.case import Case
-from ..integration.classify import Classification
-from ..integration.trajectory import Trajectory
+from ..integration import Classification, Trajectory
 from ..models.attitude import Oriented
 from ..models.rigid_body import BodyFrame
 from ..storage import Group, Variable

@@ -18,8 +18,7 @@ from ..cases.case import Case, dump
 from ..cases.derived import BODY_AXES, MOMENTUM, PARTS, SPACE_AXES
 from ..cases.sweep_block import PASSED
 from ..engines.protocol import Status
-from ..integration.crossings import Crossing
-from ..integration.trajectory import Occurrence
+from ..integration import Crossing, Occurrence
 from ..models import rigid_body
 from ..models.attitude import CONVENTION, VARIABLE
 from ..models.base import Label

@@ -28,7 +28,7 @@ from ..cases.derived import (
 )
 from ..cases.figure_block import FORMULA
 from ..cases.sweep_block import AXIS_LABELS
-from ..integration.crossings import Crossing
+from ..integration import Crossing
 from ..models import rigid_body
 from ..models.constants import attributes
 from ..models.rigid_body import BodyFrame

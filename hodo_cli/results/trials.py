@@ -14,13 +14,24 @@ from .. import HodoError
 from ..cases.case import Case
 from ..engines import have_quadruple
 from ..engines.protocol import Status
-from ..integration.choice import best, choose, taylor_steps
-from ..integration.classify import body_of, cross, principal_omega
-from ..integration.crossings import Crossing
-from ..integration.error import errors_against, measured_error, thinned
-from ..integration.integrate import ASKED, motion_remarks, solved
-from ..integration.solve import sample_times, solve
-from ..integration.trajectory import Trajectory
+from ..integration import (
+    ASKED,
+    Crossing,
+    Trajectory,
+    best,
+    body_of,
+    choose,
+    cross,
+    errors_against,
+    measured_error,
+    motion_remarks,
+    principal_omega,
+    sample_times,
+    solve,
+    solved,
+    taylor_steps,
+    thinned,
+)
 from ..models import rigid_body
 
 TRIAL_VERDICTS = (

@@ -8,8 +8,7 @@ import numpy as np
 from ..cases.case import Case, Time
 from ..cases.sweep_block import axes_of
 from ..engines.protocol import Status
-from ..integration.crossings import Crossing
-from ..integration.trajectory import Occurrence
+from ..integration import Crossing, Occurrence
 from ..models.base import LENGTHS
 from ..models.rigid_body import UNDETERMINED
 from ..results.layout import (

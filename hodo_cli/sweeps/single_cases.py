@@ -6,9 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..cases.case import Case
-from ..integration.crossings import Crossing
-from ..integration.solve import sample_times
-from ..integration.trajectory import Trajectory
+from ..integration import Crossing, Trajectory, sample_times
 from ..text import grouped
 from .chunk import crossing_columns, other_method
 from .ensemble.advance import advance, step_of

@@ -14,11 +14,7 @@ from ..batch.pool import Pool
 from ..cases.case import Case
 from ..engines import extended
 from ..engines.protocol import PRECISION, Status
-from ..integration.choice import choose
-from ..integration.crossings import time_to_zero
-from ..integration.error import references, time_error
-from ..integration.solve import refined, solve
-from ..integration.trajectory import Trajectory
+from ..integration import Trajectory, choose, references, refined, solve, time_error, time_to_zero
 from ..models.attitude import angle_apart
 from ..storage import Group
 from .chunk import Chunk, reason_alone

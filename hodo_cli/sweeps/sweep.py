@@ -19,7 +19,7 @@ from ..cases.case import Case
 from ..cases.keys import keys_of
 from ..cases.sweep_block import axes_of, path_of
 from ..engines.protocol import EPS, Status
-from ..integration.solve import sample_times
+from ..integration import sample_times
 from ..progress import Progress
 from ..results.layout import TIME, Stored, case_attributes, inner_coordinates, with_units
 from ..storage import Attribute, Group, StreamedVariables, Variable, Writer
