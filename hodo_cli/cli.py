@@ -1,7 +1,6 @@
 """The command line: one short function a command. Each imports what it needs, so that `--help`
 loads nothing heavy."""
 
-import io
 import json
 import os
 import signal
@@ -117,14 +116,10 @@ def _open_standard_files() -> None:
 def _refuse(ctx: click.Context, line: str) -> NoReturn:
     """Print the reason, where that is still possible, and end."""
     _say(line)
-    # Output that is left for a stream that takes nothing would end in a traceback at the exit.
-    with suppress(OSError, ValueError):
+    try:
         sys.stdout.flush()
-    if isinstance(sys.stdout, io.TextIOWrapper) and isinstance(
-        sys.stdout.buffer, io.BufferedWriter
-    ):
-        with suppress(OSError, ValueError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (OSError, ValueError):  # what is left in it would end in a traceback at the exit
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115
     ctx.exit(2)
 
 
