@@ -162,8 +162,7 @@ def figure_kinds() -> set[str]:
 def classified(case: Any) -> tuple[Any, Any]:
     """A `Case` integrated and classified: its `Trajectory` and its `Classification`, made once."""
     # Late, because a leg hides heyoka first.
-    from hodo_cli.integration.classify import classify
-    from hodo_cli.integration.integrate import integrate
+    from hodo_cli.integration import classify, integrate
 
     motion = integrate(case)
     omega = motion.variables["omega"]

@@ -15,8 +15,7 @@ from test_docs import snippets
 
 from hodo_cli import Case
 from hodo_cli.engines import have_taylor
-from hodo_cli.integration.integrate import integrate
-from hodo_cli.integration.trajectory import Trajectory
+from hodo_cli.integration import Trajectory, integrate
 from hodo_cli.models.averaging import any_torque
 
 EXAMPLE = next(text for text in snippets("docs/models.md", "python") if "class " in text)

@@ -19,9 +19,7 @@ from hodo_cli import Case, HodoError
 from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import parse
 from hodo_cli.engines import have_taylor
-from hodo_cli.integration.integrate import integrate
-from hodo_cli.integration.solve import solve
-from hodo_cli.integration.trajectory import Trajectory
+from hodo_cli.integration import Trajectory, integrate, solve
 from hodo_cli.models.averaging import capture, free_turn, means, passage
 from hodo_cli.models.averaging.forms import either
 from hodo_cli.models.constants import attributes

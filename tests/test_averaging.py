@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from test_averaged import case, fluid_torque, scaled
 
-from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration import integrate
 from hodo_cli.models.averaging import free_turn, means, passage
 from hodo_cli.models.constants import attributes
 

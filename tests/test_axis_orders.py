@@ -17,8 +17,7 @@ import pytest
 from test_averaged import FIG12, case, cavity, chance, full
 
 from hodo_cli import Case
-from hodo_cli.integration.integrate import integrate
-from hodo_cli.integration.trajectory import Trajectory
+from hodo_cli.integration import Trajectory, integrate
 from hodo_cli.sweeps.single_cases import side_by_side
 
 COUNT = max(32, int(os.environ.get("HODO_FUZZ", "32")))

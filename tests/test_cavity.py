@@ -15,8 +15,7 @@ from hodo_cli import Case, HodoError
 from hodo_cli.cases.case import variation
 from hodo_cli.cases.config import load, parse
 from hodo_cli.engines import have_taylor
-from hodo_cli.integration.classify import classify
-from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration import classify, integrate
 from hodo_cli.models import catalogue
 
 pytestmark = pytest.mark.engines

@@ -15,9 +15,7 @@ from hypothesis import strategies as st
 from hodo_cli import Case, HodoError, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.commands.classify import crossings_line
-from hodo_cli.integration import crossings
-from hodo_cli.integration.classify import classify
-from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration import classify, crossings, integrate
 from hodo_cli.models import rigid_body
 from hodo_cli.results import layout
 

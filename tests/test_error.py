@@ -9,10 +9,7 @@ import pytest
 from hodo_cli import Case, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import parse
-from hodo_cli.integration import driver, error
-from hodo_cli.integration.integrate import integrate
-from hodo_cli.integration.solve import solve
-from hodo_cli.integration.trajectory import Trajectory
+from hodo_cli.integration import Trajectory, driver, error, integrate, solve
 
 pytestmark = pytest.mark.engines
 

@@ -17,9 +17,7 @@ from hodo_cli import Case, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import load
 from hodo_cli.engines import collocation
-from hodo_cli.integration import choice
-from hodo_cli.integration.integrate import integrate
-from hodo_cli.integration.solve import solve
+from hodo_cli.integration import choice, integrate, solve
 from hodo_cli.models.base import Model
 from hodo_cli.results import trials
 

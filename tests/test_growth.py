@@ -10,7 +10,7 @@ from conftest import call, classified
 from hodo_cli import Case
 from hodo_cli.cases.case import Time
 from hodo_cli.engines import have_taylor
-from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration import integrate
 
 pytestmark = pytest.mark.engines
 

@@ -25,9 +25,7 @@ from test_own_time import TIMED, random_body, scaled
 from hodo_cli import Case, HodoError, plot, sweep
 from hodo_cli import run as run_case
 from hodo_cli.cases.config import parse
-from hodo_cli.integration.integrate import integrate
-from hodo_cli.integration.solve import solve
-from hodo_cli.integration.trajectory import Trajectory
+from hodo_cli.integration import Trajectory, integrate, solve
 from hodo_cli.models.theory.attitude import free_attitude
 from hodo_cli.results.dataset import motion_from
 from hodo_cli.sweeps.members import warnings_of_ends

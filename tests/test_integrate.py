@@ -14,10 +14,7 @@ from conftest import exact_motion
 
 from hodo_cli import Case, HodoError, engines
 from hodo_cli.cases.case import Time
-from hodo_cli.integration import choice
-from hodo_cli.integration.integrate import integrate, motion_remarks
-from hodo_cli.integration.solve import solve
-from hodo_cli.integration.trajectory import Trajectory
+from hodo_cli.integration import Trajectory, choice, integrate, motion_remarks, solve
 from hodo_cli.integration.units import Clock
 from hodo_cli.models import constants
 

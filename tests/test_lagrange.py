@@ -20,8 +20,7 @@ from hodo_cli import Case, HodoError
 from hodo_cli.cases.case import Time, variation
 from hodo_cli.cases.config import load, parse
 from hodo_cli.engines import have_taylor
-from hodo_cli.integration.integrate import integrate
-from hodo_cli.integration.solve import solve
+from hodo_cli.integration import integrate, solve
 from hodo_cli.models import catalogue
 from hodo_cli.models.base import Event
 from hodo_cli.models.top import lagrange, nutation

@@ -10,7 +10,7 @@ import pytest
 from hodo_cli import Case, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.engines import protocol
-from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration import integrate
 
 pytestmark = pytest.mark.engines
 

@@ -19,7 +19,7 @@ from conftest import classified
 
 from hodo_cli import Case, HodoError
 from hodo_cli.cases.case import Time
-from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration import integrate
 
 pytestmark = pytest.mark.engines
 

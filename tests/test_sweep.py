@@ -31,10 +31,7 @@ from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import classify, run
 from hodo_cli.engines import protocol
 from hodo_cli.figures import geometry, maps
-from hodo_cli.integration import choice
-from hodo_cli.integration.classify import cross
-from hodo_cli.integration.integrate import integrate
-from hodo_cli.integration.solve import solve
+from hodo_cli.integration import choice, cross, integrate, solve
 from hodo_cli.models import constants as flat
 from hodo_cli.models import rigid_body
 from hodo_cli.progress import Progress

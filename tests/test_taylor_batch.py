@@ -9,7 +9,7 @@ import pytest
 from test_sweep import computed, one
 
 from hodo_cli.engines import series as power_series
-from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration import integrate
 from hodo_cli.models import constants as flat
 from hodo_cli.models.base import Event
 from hodo_cli.sweeps import members
