@@ -142,8 +142,9 @@ def _say(message: object) -> None:
 def main(traceback: bool, own: tuple[str, ...]) -> None:
     """Run rigid-body rotation experiments from case files; classify, plot and check the results.
 
-    Exit status: 0 all went well, 1 a case failed, 2 bad input, 3 a difference from what was
-    expected, 130 interrupted. Completion in bash: eval "$(_HODO_COMPLETE=bash_source hodo)".
+    Exit status: 0 all went well, 1 a case failed or a figure cannot be drawn, 2 bad input, 3 a
+    difference from what was expected, 130 interrupted. Completion in bash:
+    eval "$(_HODO_COMPLETE=bash_source hodo)".
     """
     # Through the environment, because the processes of -j N and of dask on this machine inherit it;
     # it is read when models are first imported, which no command has done yet.
@@ -414,7 +415,8 @@ def _plot(
 
     Without FIGURE all figures are drawn, and a page that shows them. A figure is drawn again when
     its entry in the case file, its cases or hodo have changed. RUN is a result (*.h5), or a config
-    with a result in runs/; a config's figures are read anew.
+    with a result in runs/; a config's figures are read anew. A figure that cannot be drawn, as of a
+    case that failed, is a line, the others are drawn, and the exit status is 1.
     """
     from .commands import plot
 

@@ -485,7 +485,9 @@ def test_methods_are_a_paragraph_for_a_paper(two_results: Path) -> None:
     assert done.returncode == 0, done.stderr
     text = " ".join(done.stdout.split())
     assert text.startswith("With hodo 0.2.0")
-    assert "2 motions of linear-diag (full) were computed: " in text
+    # A motion by itself, and a sweep of two members.
+    assert "3 motions of linear-diag (full) were computed: " in text
+    assert "a relative tolerance of 2.2e-19, below the rounding of double precision" in text
     assert re.search(r"relative errors of the stored variables are at most \d\.\de-\d+ \(", text)
     assert text.endswith("To be cited: hodo 0.2.0.")
     assert max(map(len, done.stdout.splitlines())) <= 100

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from drawings import Drawings, drawings_of
 
+from hodo_cli import derive
+
 CASES = """
 defaults:
   {inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 100, samples: 501}}
@@ -20,7 +22,13 @@ cases:
     model: linear-diag
     damping: [0.015, 0.004, 0.003]
     sweep: {damping.0: {linspace: [0.005, 0.015, 30]}, initial.q: {values: [0.5, 0.3, 0.4]}}
+  tilted:
+    {model: Lagrange-averaged, form: full, inertia: {A: 1.5, C: 1}, epsilon: 0.1, mu: 0.5,
+     a: [0.1, 1], b: [0.1, 1], attitude: yes, initial: {theta: 60 deg, r: 1.7}, time: {end: 1},
+     sweep: {initial.theta: {values: [30 deg, 60 deg]}, mu: {values: [0.3, 0.5]}}}
 figures:
+  angles: {kind: map, cases: [tilted], variable: theta, x: initial.theta, y: mu}
+  bare: {kind: curve, cases: [tilted], variable: theta, x: initial.theta}
   stops: {kind: series, cases: [slow, fast], variables: [G], style: {log: [y]}}
   narrow: {kind: series, cases: [round-x1], variables: [G, T],
            columns: 2, style: {log: [x, y], width: column}}
@@ -111,3 +119,21 @@ def test_crosses_of_members_without_a_value_are_on_no_others(drawn: Drawings) ->
     for line in rows:
         places = line.get_transform().transform(np.array(line.get_data()).T)[:, 0]
         assert np.diff(places).min() > line.get_markersize() * figure.dpi / 72
+
+
+def test_an_angle_over_degrees_is_in_degrees(drawn: Drawings) -> None:
+    """In the picture and its table; in the result angles are radians, and say so."""
+    angle = drawn.cases["tilted"]["initial.theta"]
+    assert angle.attrs["units"] == "rad"
+    np.testing.assert_allclose(angle, np.radians([30, 60]))
+    theta = derive(drawn.cases["tilted"], "theta").theta
+    sheet = drawn.draw("angles")
+    assert sheet.figure.axes[-1].get_xlabel() == r"$\theta$ [deg]"
+    head, *rows = sheet.csv().splitlines()
+    assert head == "curve,initial.theta [deg],mu,theta [deg]"
+    last = [float(row.rpartition(",")[2]) for row in rows]
+    np.testing.assert_allclose(last, np.degrees(theta.values.ravel()), rtol=1e-12)
+    curve = drawn.draw("bare")
+    assert curve.figure.axes[0].get_ylabel().endswith("[deg]")
+    (values,) = [item.values["theta"] for item in curve.shown]
+    np.testing.assert_allclose(values, np.degrees(theta.mean("mu")), rtol=1e-12)

@@ -4,6 +4,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from sys import float_info
 from textwrap import fill
 from typing import Any
 
@@ -95,6 +96,8 @@ def methods_paragraph(path: Path) -> str:
         sound = [name for name in run.cases() if name not in run.damaged]
         rows = {name: run.row(name, columns) for name in sound}
         own = [row["model"] for n, row in rows.items() if run.summary(n, (MODEL_SOURCE,))]
+        # A sweep is as many motions as it has members.
+        sizes = {name: int(run.summary(name, ["members"]).get("members", 1)) for name in sound}
         ended_well = {name: row for name, row in rows.items() if row["status"] == "ok"}
         if not ended_well:
             raise HodoError(f"{path} holds no case that ended well")
@@ -103,8 +106,8 @@ def methods_paragraph(path: Path) -> str:
         models = ", ".join(dict.fromkeys(own))
         cited = filter(None, (f"{run.attributes.get('source')}", run.attributes.get("references")))
         sentences = (
-            computed_by(run, list(ended_well.values())),
-            measured(ended_well),
+            computed_by(run, ended_well, sizes),
+            measured(ended_well, sizes),
             f"The equations of {models} are our own; the result holds their text." if own else "",
             f"Left out, since they did not end well: {names}." if others else "",
             f"All computations used Python {version(run, 'python')} "
@@ -119,33 +122,40 @@ def version(run: ResultFile, library: str) -> str:
     return str(run.attributes.get(f"{library}_version", "of unknown version"))
 
 
-def computed_by(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> str:
-    """The sentence on methods and tolerances: how many cases were computed by which."""
+def computed_by(
+    run: ResultFile, rows: Mapping[str, Mapping[str, Any]], sizes: Mapping[str, int]
+) -> str:
+    """The sentence on methods and tolerances: how many motions were computed by which."""
     libraries = {name: version(run, name) for name in ("heyoka", "scipy")}
-    methods = Counter((row["method"], row["tol"]) for row in rows)
+    methods = Counter[tuple[str, float]]()
+    for name, row in rows.items():
+        methods[row["method"], row["tol"]] += sizes[name]
     phrases = []
     for (method, tol), count in methods.items():
         words = METHODS_IN_WORDS.get(method, "by {method}").format(method=method, **libraries)
         tolerance = "" if method == "exact" else f" at a relative tolerance of {tol:.2g}"
-        phrases.append(f"{count} {words}{tolerance}")
-    models = ", ".join(dict.fromkeys(f"{row['model']} ({row['form']})" for row in rows))
+        # Of the terms that a Taylor series leaves out: the numbers themselves have 2.2e-16.
+        finer = ", below the rounding of double precision" if tol < float_info.epsilon else ""
+        phrases.append(f"{count} {words}{tolerance}{finer if tolerance else ''}")
+    models = ", ".join(dict.fromkeys(f"{row['model']} ({row['form']})" for row in rows.values()))
     commit = str(run.attributes.get("git_commit", ""))[:10]
     program = f"{run.attributes.get('source', 'hodo')}{f' (commit {commit})' if commit else ''}"
-    subject, verb = (f"{len(rows)} motions", "were") if len(rows) > 1 else ("1 motion", "was")
+    total = methods.total()
+    subject, verb = (f"{total} motions", "were") if total > 1 else ("1 motion", "was")
     return f"With {program}, {subject} of {models} {verb} computed: {'; '.join(phrases)}."
 
 
-def measured(rows: Mapping[str, Mapping[str, Any]]) -> str:
+def measured(rows: Mapping[str, Mapping[str, Any]], sizes: Mapping[str, int]) -> str:
     """The sentence on measured errors, by what they were measured against."""
     phrases = []
     for kind in dict.fromkeys(row["error_kind"] for row in rows.values()):
         errors = {name: row["error"] for name, row in rows.items() if row["error_kind"] == kind}
         worst = max(errors, key=lambda name: errors[name])
-        against = REFERENCES_IN_WORDS.get(kind, "")
+        against, count = REFERENCES_IN_WORDS.get(kind, ""), sum(sizes[name] for name in errors)
         phrases.append(
-            f"at most {magnitude(errors[worst])} ({worst}) against {against}, {len(errors)} of them"
+            f"at most {magnitude(errors[worst])} ({worst}) against {against}, {count} of them"
             if against
-            else f"not measured in {len(errors)} of them"
+            else f"not measured in {count} of them"
         )
     return f"The relative errors of the stored variables are {'; '.join(phrases)}."
 

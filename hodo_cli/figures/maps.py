@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import chain, repeat
 from typing import Any
 
@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from .. import HodoError
 from ..cases.derived import PARTS
-from ..cases.figure_block import averaged
+from ..cases.figure_block import AXIS_KEYS, averaged
 from ..models.rigid_body import LABELS, BodyFrame
 from ..models.theory.gyrostat import separatrix_curves
 from ..models.theory.possible_crossings import turning_momenta
@@ -78,9 +78,11 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     rows = [positions(swept, spec["panels"], spec["at"]) for swept in sweeps]
     cells = [(swept, at) for swept, row in zip(sweeps, rows, strict=True) for at in row]
     values = [map_values(swept, spec, indices) for swept, indices in cells]
+    if in_degrees(sheet, sweeps, spec):
+        values = [*map(np.degrees, values)]
     # One scale for all panels, or equal colours would mean different values.
     all_values = np.concatenate([value.ravel() for value in values])
-    labelled, meaning = meanings(sweeps[0], name), map_label(sweeps, spec)
+    labelled, meaning = meanings(sweeps[0], name), map_label(sweeps, spec, sheet.units)
     scale, colours = colour_scale_of(spec, all_values, labelled)
     # Rasterized: a million cells as vectors make a file that no reader opens.
     look: Look = {"norm": scale, "cmap": colours, "rasterized": True}
@@ -102,6 +104,18 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     if not words:
         colour_bar(sheet, ScalarMappable(scale, colours), meaning)
     sheet.legend = [*handles.values(), *patches]
+
+
+def in_degrees(sheet: Sheet, sweeps: Sequence[SweepView], spec: Mapping[str, Any]) -> bool:
+    """Whether the variable of a figure is an angle and drawn in degrees, as an angle along an axis
+    is that was given so; tables then name that unit."""
+    units, name = sheet.units, spec["variable"]
+    along = [spec.get(key) for key in AXIS_KEYS]
+    degrees = any(swept.unit(axis) == "deg" for swept in sweeps for axis in along if axis)
+    if not degrees or units(name) != "rad":
+        return False
+    sheet.units = lambda column: "deg" if column == name else units(column)
+    return True
 
 
 def sweeps_of(cases: Cases, spec: Mapping[str, Any], *across: str) -> list[SweepView]:
@@ -387,6 +401,7 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     (axes,) = sheet.panels(COLUMN, 0.85 * COLUMN)
     # Curves behind those that `labels` names are named by what they are.
     labels = chain(spec["labels"], repeat(""))
+    in_degrees(sheet, sweeps, spec)
     lacking, spacing = 0, min(ROW_OF_CROSSES, ROWS_OF_CROSSES / len(curves))
     for (swept, indices), given_label, style in zip(
         curves, labels, styles(len(curves)), strict=False
@@ -407,7 +422,7 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         xscale="log" if all(even for _, even in ticks) else "linear",
         xlabel=axis_name(sweeps[0], spec["x"]),
         # Lines that are no longer than the panel is high.
-        ylabel=filled(map_label(sweeps, spec), 0.55 * sheet.figure.get_figheight()),
+        ylabel=filled(map_label(sweeps, spec, sheet.units), 0.55 * sheet.figure.get_figheight()),
     )
     axes.margins(x=0.02, y=0.05 + spacing * lacking)
     handles: list[Line2D] = []
@@ -445,6 +460,8 @@ def curve_of(
     label, name = names
     x, _ = swept.ticks(spec["x"])
     values = swept.values(spec["variable"], [spec["x"]], indices)
+    if sheet.units(spec["variable"]) == "deg":
+        values = np.degrees(values)
     shown = {axis_column(swept, spec["x"]): x, spec["variable"]: values}
     # A line between few values would pass for a result.
     width = {"lw": 0.4, "ms": 5} if len(x) < FEW_VALUES else {"ms": 3}
@@ -474,7 +491,9 @@ SHARE = "share of members: "
 """How the label of a share begins; where each member is drawn by itself, it says yes or no."""
 
 
-def map_label(sweeps: Sequence[SweepView], spec: Mapping[str, Any]) -> str:
+def map_label(
+    sweeps: Sequence[SweepView], spec: Mapping[str, Any], units_of: Callable[[str], str]
+) -> str:
     """The label of a map's colours, or of a curve's height."""
     name, _, component = spec["variable"].partition(".")
     attributes = sweeps[0].variable(name).attrs
@@ -490,7 +509,7 @@ def map_label(sweeps: Sequence[SweepView], spec: Mapping[str, Any]) -> str:
     )
     words = f"{shown}, mean over {', '.join(over)}" if over else shown
     motion = Motion(sweeps[0].case, sweeps[0].data.variables)
-    units = motion.units(name)
+    units = units_of(name)
     is_bare = units == "1" or motion.lacks_unit(name.removeprefix("crossing_"))
     return words if is_bare else f"{words} [{with_superscripts(units)}]"
 

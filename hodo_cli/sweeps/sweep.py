@@ -183,13 +183,13 @@ def directions(case: Case) -> Iterator[tuple[str, slice, np.ndarray]]:
 
 
 def stated_unit(case: Case, name: str) -> str:
-    """The unit of a swept key, in words; none of an angle, which may be given in degrees."""
+    """The unit of a swept key, in words; radians of an angle, however it is given."""
     keys, unit = keys_of(case.model, case.form)[1], "1"
     for key in path_of(name):
         if key in keys:
             unit = keys[str(key)].unit
             keys = getattr(keys[str(key)].kind, "keys", {})
-    return "1" if unit == "rad" else unit
+    return unit
 
 
 def box(sizes: tuple[int, ...], first: int, last: int) -> tuple[slice, ...]:

@@ -266,7 +266,7 @@ class SweepView:
         """The unit of the values along an axis: that of its coordinate or, of an angle, degrees if
         its first and last values are round ones, else radians."""
         variable = self.data.variables[(self.keys(name) or [name])[0]]
-        if (stored := str(variable.attrs.get("units", "1"))) != "1":
+        if (stored := str(variable.attrs.get("units", "1"))) not in ("1", "rad"):
             return stored
         if not ({*self.key(name).split(".")[-2:]} & ANGLES and variable.size):
             return ""
