@@ -60,8 +60,9 @@ class Judge:
             return self._reading(claim)
         verdicts = {name: self._reading(reading) for name, reading in readings(claim).items()}
         first = next(iter(verdicts.values()))
-        decisions = {name: f"{v.verdict} ({v.evidence})" for name, v in verdicts.items()}
-        evidence = by_reading(decisions, "every reading: ")
+        evidence = by_reading(
+            {name: f"{v.verdict} ({v.evidence})" for name, v in verdicts.items()}, "every reading: "
+        )
         contrary = by_reading({name: v.contradicted_by for name, v in verdicts.items()}, "")
         return Verdict(claim, over_readings(verdicts), first.number, evidence, contrary, verdicts)
 
@@ -77,8 +78,9 @@ class Judge:
             shown = verdict.verdict == ONCE_CORRECTED
             corrected = verdict.readings[READ_CORRECTED].contradicted_by
             contrary = f"a corrected form with {corrected}, or a printed one without"
-        decision = CONFIRMED if shown else NOT_CONFIRMED
-        return replace(verdict, verdict=decision, contradicted_by=contrary)
+        return replace(
+            verdict, verdict=CONFIRMED if shown else NOT_CONFIRMED, contradicted_by=contrary
+        )
 
     def _reading(self, claim: Mapping[str, Any]) -> Verdict:
         """The verdict on a claim without readings."""

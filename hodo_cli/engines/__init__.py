@@ -52,7 +52,7 @@ def engine_for(
     where that `is_timed`; for taylor this compiles, once per process for all systems of one
     structure.
 
-    Raises HodoError if it needs what is not installed, or cannot work in that precision.
+    Raises HodoError if it needs what is not installed. The precision is one of the method's own.
     """
     model, form = type(system), structure(system.constants)
     if is_timed:
@@ -61,9 +61,11 @@ def engine_for(
     if method == "taylor":
         if not have_taylor():
             # Only heyoka's arithmetic is quadruple: no other method would do.
-            quadruple = precision == "quadruple"
-            needs = "precision quadruple" if quadruple else "method taylor"
-            instead = "precision: extended" if quadruple else "method: auto"
+            needs, instead = (
+                ("precision quadruple", "precision: extended")
+                if precision == "quadruple"
+                else ("method taylor", "method: auto")
+            )
             raise HodoError(
                 f"{needs} needs heyoka, which is not installed: pip install heyoka, or {instead}"
             )

@@ -155,7 +155,7 @@ def pass_separatrix(
     if drives_alike(bands):
         foreseen = outcome(pull, n, float(phase), time, here.rate)
         prediction = foreseen if predictable else UNKNOWN._replace(scatter=foreseen.scatter)
-        details |= prediction.details | {"sense": float(body.parity * prediction.sense)}
+        details |= prediction._asdict() | {"sense": float(body.parity * prediction.sense)}
         region = -side, prediction.sense or 1
     else:
         drift = drift_by_region(bands := bands_at(edge))

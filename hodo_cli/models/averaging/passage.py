@@ -130,11 +130,6 @@ class CrossingPrediction(NamedTuple):
     scatter: float
     lag: float
 
-    @property
-    def details(self) -> dict[str, float]:
-        """The numbers stored with the passage, by name."""
-        return {name: float(value) for name, value in self._asdict().items()}
-
 
 def outcome(pull: float, n: float, phase: float, time: float, small: float) -> CrossingPrediction:
     """The prediction of a passage at `time` t* with frequency n and phase there.
