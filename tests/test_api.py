@@ -409,3 +409,15 @@ def test_a_number_of_processes_is_a_whole_one(jobs: object) -> None:
 def test_keys_that_are_no_text_are_unknown() -> None:
     with pytest.raises(HodoError, match="5: unknown key"):
         api.run({**FIG4, 5: 1})
+
+
+@pytest.mark.parametrize("times", [2, -1, 0.5])
+@pytest.mark.parametrize(
+    "given", [{}, {"damping": 0.01, "model": "torques"}, {"inertia": [3, 5, 4]}]
+)
+def test_labels_of_another_motion_are_refused(times: float, given: dict[str, Any]) -> None:
+    data = api.run({**FIG4, "time": {"end": 100}, **given})
+    api.plot(data, "hodograph")
+    api.plot(data.assign(omega=times * data.omega), "hodograph")
+    with pytest.raises(HodoError, match="after arithmetic with a whole dataset"):
+        api.plot(data * times, "hodograph")

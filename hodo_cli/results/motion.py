@@ -45,6 +45,10 @@ Variables = Mapping[Any, Any]
 """Labelled arrays by name, with `dims`, `data` and `attrs`: those of an `xarray.Dataset`, or of a
 `Group` where loading xarray would cost more than the work."""
 
+LABELS_COMPARED, FAR, CLEAR = 32, 0.1, 1e-290
+"""How many labels are compared with the angular velocities beside them; how far these are from the
+separatrix, as a part of the terms of D, and how large at least."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -288,13 +292,26 @@ class Motion:
             or not self.sampled
         )
 
-    @property
+    @cached_property
     def labels(self) -> np.ndarray:
-        """The enclosed axis (n,). Raises HodoError if there is none."""
+        """The enclosed axis (n,). Raises HodoError if there is none, or if all that are far from
+        the separatrix are those of another motion."""
         if not self.classified:
             how = f"run `hodo classify {self.path}` first" if self.path else "classify it first"
             raise HodoError(f"{self.words} has no labels of the enclosed axis: {how}")
-        return self.stored("enclosed_axis")
+        labels = self.stored("enclosed_axis")
+        if self.frame and "omega" in self.vectors:
+            few = np.linspace(0, max(len(labels) - 1, 0), min(len(labels), LABELS_COMPARED))
+            omega = self.omega[few.astype(int)]
+            expected = self.frame.enclosed(self.frame.to_principal(omega), FAR)
+            # Of the smallest numbers only the scaled state has a label.
+            clear = (expected > 0) & (np.abs(omega).max(axis=1) > CLEAR)
+            if clear.any() and (labels[few.astype(int)] != expected)[clear].all():
+                raise HodoError(
+                    f"{self.words} has labels of another motion, as after arithmetic with a whole "
+                    "dataset: name the variable, as ds.assign(omega=2 * ds.omega)"
+                )
+        return labels
 
     @cached_property
     def crossings(self) -> tuple[Crossing, ...]:
