@@ -60,8 +60,7 @@ class Taylor:
         rhs = model.rhs(hy.time, y, k)
         size = sum(map(len, rhs))
         functions = [event.function(hy.time, y, k) for event in events]
-        self.terminal = {i: event for i, event in enumerate(events) if event.terminal}
-        self.stops: list[Hit] = []
+        self.events = events
         self.ta = hy.taylor_adaptive(
             list(zip(y, rhs, strict=True)),
             np.zeros(len(y)).astype(fp),
@@ -69,12 +68,13 @@ class Taylor:
             pars=np.zeros(count(structure)).astype(fp),
             t_events=[
                 hy.t_event(functions[i], callback=self._stopper(i), fp_type=fp)
-                for i in self.terminal
+                for i, event in enumerate(events)
+                if event.terminal
             ],
             nt_events=[
                 hy.nt_event(functions[i], self._recorder(i), fp_type=fp)
-                for i in range(len(events))
-                if i not in self.terminal
+                for i, event in enumerate(events)
+                if not event.terminal
             ],
             fp_type=fp,
             # Unrolled code runs a little faster and takes minutes to compile for a large system.
@@ -83,6 +83,7 @@ class Taylor:
         )
         self.degree = self.ta.order
 
+    # heyoka copies what it is to call, and a bound method with all that it is bound to.
     def _recorder(self, event: int) -> Callable[[Any, Any, int], None]:
         def record(ta: Any, time: Any, direction: int) -> None:
             ta.update_d_output(time)
@@ -94,72 +95,73 @@ class Taylor:
         # The outcome of a propagation does not name the event where the step's own callback has
         # stopped it as well.
         def stop(ta: Any, direction: int) -> bool:
-            self.stops.append(Hit(event, ta.time, direction, ta.state.copy()))
+            self.hits.append(Hit(event, ta.time, direction, ta.state.copy()))
             return False
 
         return stop
 
-    def _find_lost(self, k: SimpleNamespace, start: Any) -> bool:
-        """Find the first terminal event that heyoka has lost in the step from `start`.
-
-        Its search gives up on a zero in the first 1e-8 of a step, with a line in its log alone.
-        """
+    def _record_lost(self, k: SimpleNamespace, start: Any) -> None:
+        """Record the events that heyoka has lost in the step from `start`: its search gives up on a
+        zero in the first 1e-8 of a step, with a line in its log alone."""
         ta = self.ta
+        seen = {hit.event for hit in self.hits if hit.time > start}
+        for i in set(range(len(self.events))) - seen:
 
-        def state_at(t: Any) -> np.ndarray:
-            ta.update_d_output(t)
-            return np.asarray(ta.d_output)
+            def value(t: Any, event: Event = self.events[i]) -> Any:
+                ta.update_d_output(t)
+                return event.function(t, [*ta.d_output], k)
 
-        for i, event in self.terminal.items():
+            last = value(ta.time)
+            if value(start) * last < 0:
+                self._recorder(i)(ta, zero(value, start, ta.time), 1 if last > 0 else -1)
 
-            def value(t: Any, event: Event = event) -> Any:
-                return event.function(t, [*state_at(t)], k)
-
-            end = self.stops[-1].time if self.stops else ta.time
-            if value(start) * value(end) < 0 and (time := zero(value, start, end)) < end:
-                self.stops.append(Hit(i, time, 0, state_at(time).copy()))
-        return bool(self.stops)
+    @property
+    def _first_stop(self) -> Hit | None:
+        stops = [hit for hit in self.hits if self.events[hit.event].terminal]
+        return min(stops, key=lambda hit: hit.time, default=None)
 
     def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl) -> Leg:
         """See `Engine.leg`."""
-        ta, zero = self.ta, self.dtype(0)
+        ta = self.ta
         ta.pars[:] = np.array(flatten(k)).astype(self.dtype)
         ta.state[:] = y
-        ta.dtime = (grid[0], zero)
+        ta.dtime = (grid[0], self.dtype(0))
         if ta.with_events:
             # A cooldown of the last leg would swallow an event at the start of this one.
             ta.reset_cooldowns()
         self.hits.clear()
-        self.stops.clear()
         numbers = attributes(k, self.dtype)
         state, series, observe, last = ta.state, ta.tc, control.observer, grid[0]
 
         def after_step(ta: Any) -> bool:
             nonlocal last
-            stopped = bool(self.terminal) and self._find_lost(numbers, last)
+            if self.events:
+                self._record_lost(numbers, last)
+            stop = self._first_stop
             if observe is not None:
-                observe(last, self.stops[-1].time if stopped else ta.time, series)
+                observe(last, ta.time if stop is None else stop.time, series)
             last = ta.time
-            return control.step(state) and not stopped
+            return control.step(state) and stop is None
 
         through = partial(
             ta.propagate_grid, grid, callback=after_step, max_delta_t=self.dtype(control.longest)
         )
         outcome, _, _, steps, *_, rows = through()
-        if self.stops and self.stops[-1].time == grid[0]:
+        if (hit := self._first_stop) is not None and hit.time == grid[0]:
             # A motion that starts at a zero does not pass through it; the event's cooldown keeps it
             # from returning.
-            self.stops.clear()
+            self.hits.clear()
             outcome, _, _, steps, *_, rows = through()
+            hit = self._first_stop
         control.evaluations += steps * ta.order
-        hit = self.stops[-1] if self.stops else None
+        end = ta.time if hit is None else hit.time
         if hit is not None:
-            rows = rows[: np.searchsorted(grid, hit.time, side="right")]
+            rows = rows[: np.searchsorted(grid, end, side="right")]
         elif outcome == hy.taylor_outcome.err_nf_state:
             control.give_up(Status.FAILED, "the state became infinite or not a number")
         # What vanishes at the start does not pass through zero there.
-        end = ta.time if hit is None else hit.time
-        hits = tuple(event for event in self.hits if grid[0] < event.time <= end)
+        others = [event for event in self.hits if not self.events[event.event].terminal]
+        hits = tuple(event for event in others if grid[0] < event.time <= end)
         return Leg(rows, ta.dtime, state.copy(), hit, hits)
 
 
