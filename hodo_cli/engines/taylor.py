@@ -100,19 +100,25 @@ class Taylor:
 
         return stop
 
-    def _record_lost(self, k: SimpleNamespace, start: Any) -> None:
-        """Record the events that heyoka has lost in the step from `start`: its search gives up on a
-        zero in the first 1e-8 of a step, with a line in its log alone."""
+    def _values(self, t: Any, y: np.ndarray, k: SimpleNamespace) -> list[Any]:
+        return [event.function(t, [*y], k) for event in self.events]
+
+    def _record_lost(
+        self, k: SimpleNamespace, start: Any, before: list[Any], after: list[Any]
+    ) -> None:
+        """Record the events that heyoka has lost in a step, by their values before and after it.
+
+        Its search gives up on a zero in the first 1e-8 of a step, with a line in its log alone.
+        """
         ta = self.ta
-        seen = {hit.event for hit in self.hits if hit.time > start}
-        for i in set(range(len(self.events))) - seen:
+        recorded = {hit.event for hit in self.hits if hit.time > start}
+        for i, (first, last) in enumerate(zip(before, after, strict=True)):
+            if first * last < 0 and i not in recorded:
 
-            def value(t: Any, event: Event = self.events[i]) -> Any:
-                ta.update_d_output(t)
-                return event.function(t, [*ta.d_output], k)
+                def value(t: Any, event: Event = self.events[i]) -> Any:
+                    ta.update_d_output(t)
+                    return event.function(t, [*ta.d_output], k)
 
-            last = value(ta.time)
-            if value(start) * last < 0:
                 self._recorder(i)(ta, zero(value, start, ta.time), 1 if last > 0 else -1)
 
     @property
@@ -132,12 +138,15 @@ class Taylor:
         self.hits.clear()
         numbers = attributes(k, self.dtype)
         state, series, observe, last = ta.state, ta.tc, control.observer, grid[0]
+        values = self._values(last, state, numbers)
 
         def after_step(ta: Any) -> bool:
-            nonlocal last
+            nonlocal last, values
+            stop = None
             if self.events:
-                self._record_lost(numbers, last)
-            stop = self._first_stop
+                before, values = values, self._values(ta.time, state, numbers)
+                self._record_lost(numbers, last, before, values)
+                stop = self._first_stop
             if observe is not None:
                 observe(last, ta.time if stop is None else stop.time, series)
             last = ta.time
