@@ -102,6 +102,18 @@ def test_cases_whose_colours_show_axes_are_named(drawn: Drawings, figure: str, p
     assert "crossing" not in [text.get_text() for text in drawn.draw("alone").figure.axes[0].texts]
 
 
+def test_long_names_of_curves_stay_in_their_panel(drawn: Drawings) -> None:
+    labels = ("a case with quite a long name", "another one that has no short name")
+    figure = drawn.draw("ends", projections=(), zoom=None, labels=labels).figure
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    names = [text for text in axes.texts if text.get_text() in labels]
+    edges = axes.bbox
+    assert len(names) == 2
+    for box in boxes(names):
+        assert edges.x0 <= box.x0 < box.x1 <= edges.x1
+
+
 def test_curves_over_a_grown_axis_are_listed_in_order(drawn: Drawings) -> None:
     assert legend(drawn.draw("lines"))[:3] == ["$q = 0.3$", "$q = 0.4$", "$q = 0.5$"]
     # Positions and labels count along the axis as it is stored.

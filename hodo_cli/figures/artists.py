@@ -375,19 +375,28 @@ def name_curves(
     motions: Sequence[Motion],
     spec: Mapping[str, Any],
     frame: np.ndarray | None = None,
+    taken: Sequence[np.ndarray] = (),
 ) -> None:
     """Name the curves (n, 2 or 3) of several motions beside them, within a frame (2, 2) or their
-    panel, where their colours show something else than which motion they are of."""
+    panel, where their colours show something else than which motion they are of; the names keep
+    clear of points (m, 2) that are taken."""
     if len(motions) < 2 or spec.get("colour", "axis") == "case":
         return
     ends = np.array([axes.get_xlim(), axes.get_ylim()]) if frame is None else frame
     middle, half = ends.mean(axis=1), np.ptp(ends, axis=1) / 2
-    flat = [np.pad((curve[:, :2] - middle) / half, ((0, 0), (0, 1))) for curve in curves]
+    flat, others = (
+        [np.pad((points[:, :2] - middle) / half, ((0, 0), (0, 1))) for points in lines]
+        for lines in (curves, taken)
+    )
     shown = [curve[(np.abs(curve) <= 1).all(axis=1)] for curve in flat]
     named = [i for i, curve in enumerate(shown) if len(curve)]
-    places = places_beside([shown[i] for i in named], (), norm=math.inf)
+    places = places_beside([shown[i] for i in named], others, norm=math.inf)
     for i, place in zip(named, places, strict=True):
         look: Look = {"ha": "center", "va": "center", "path_effects": HALO, "zorder": 8}
+        # Half the width of a long name is more than its distance from the edge.
+        points = 72 * axes.bbox.width / axes.figure.dpi
+        room = max(0.0, 1 - text_width(motions[i].label, text_size("font.size")) / points)
+        place[0] = np.clip(place[0], -room, room)
         axes.text(*pair(middle + half * place), motions[i].label, **look)
 
 

@@ -499,8 +499,8 @@ def map_label(
     attributes = sweeps[0].variable(name).attrs
     meaning = str(attributes.get("long_name", name))
     if component in str(attributes.get("flag_meanings", "")).split():
-        return f"{SHARE}{component} is the {meaning}"
-    shown = f"{meaning}, here {component}" if component else meaning
+        return f"{SHARE}{axis_words(component)} is the {meaning}"
+    shown = f"{meaning}, here {axis_words(component)}" if component else meaning
     if name in OF_ATTITUDE:
         # Its meaning takes a sentence, which is longer than an axis.
         shown = f"${symbol(spec['variable'])}$"
@@ -512,6 +512,11 @@ def map_label(
     units = units_of(name)
     is_bare = units == "1" or motion.lacks_unit(name.removeprefix("crossing_"))
     return words if is_bare else f"{words} [{with_superscripts(units)}]"
+
+
+def axis_words(component: str) -> str:
+    """A component or label in words: x1 as $x_1$."""
+    return re.sub(r"^x([123])$", r"$x_\1$", component)
 
 
 def meanings(swept: SweepView, variable: str) -> dict[int, str]:

@@ -162,7 +162,8 @@ def space(
         views[place] = np.where((shown >= 0)[:, None], seen, np.nan)
         if not cut:
             heading(axes, seen[:, :2], colours[code[0]], 0.12 * near)
-    name_curves(axes, [views[i] for i in range(len(motions))], motions, spec, frame)
+    arms = scene.view(tips(reach)[0])
+    name_curves(axes, [views[i] for i in range(len(motions))], motions, spec, frame, [arms])
     axes.set(xlim=frame[0], ylim=frame[1], aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set(visible=cut, color="#BBBBBB")
 
