@@ -165,7 +165,7 @@ def test_what_cannot_be_derived_is_named_when_the_file_is_read(entry: str, messa
 def test_a_curve_of_the_body_in_space_is_named_by_symbols_and_degrees() -> None:
     case = {**BODY, "sweep": {"attitude.euler.1": {"values": ["10 deg", "30 deg"]}}}
     swept = hodo_cli.sweep(case)
-    for variable, label in (("x3_space.z", "${x}_{3,z}$"), ("theta", r"$\theta$ [rad]")):
+    for variable, label in (("x3_space.z", "${x}_{3,z}$"), ("theta", r"$\theta$ [deg]")):
         axes = hodo_cli.plot(swept, kind="curve", variable=variable, x="attitude.euler.1").axes[0]
         assert axes.get_ylabel() == label
         assert axes.get_xlabel() == r"$\mathrm{Euler\ angle}_2$ [deg]"
