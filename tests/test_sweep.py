@@ -636,6 +636,7 @@ IN_ANY_AXES = (
     "inertia: [[2, 0.2, 0.1], [0.2, 1.5, -0.1], [0.1, -0.1, 1]], "
     "resistance: [[0.009, 0.001, 0], [0.001, 0.002, 0.001], [0, 0.001, 0.001]]"
 )
+SLOWED = "inertia: [2, 1.5, 1], damping: [0.03, 0.02, 0.01]"
 TORQUES = {
     "fixed in space": f"space_torque: {{size: 0.01, direction: [1, 0, 2]}}, {BESIDE}",
     "of a brake": f"brake: 0.004, {BESIDE}",
@@ -645,6 +646,13 @@ TORQUES = {
     "in other axes, of fluid": f"kappa: 0.02, torque: [0.01, 0, 0.02], {IN_ANY_AXES}",
     "in other axes, with an attitude": f"attitude: yes, quadratic: 0.01, {IN_ANY_AXES}",
     "in other axes, of a brake that stops some": f"brake: 0.009, {IN_ANY_AXES}",
+    "of a rotor, with one saddle or two of one energy": f"rotor: [0, 0, 0.3], {SLOWED}",
+    "of a rotor, with two saddles": f"rotor: [0.1, 0.1, 0.15], {SLOWED}",
+    "of a rotor beside a brake": f"rotor: [0, 0.3, 0], brake: 0.02, {SLOWED}",
+    "of a rotor of a body with two equal moments": (
+        f"rotor: [0.2, 0.1, 0.1], {SLOWED.replace('1.5', '2')}"
+    ),
+    "of a rotor in other axes": f"rotor: [0.1, 0.2, 0.1], attitude: yes, {IN_ANY_AXES}",
 }
 
 
@@ -718,7 +726,10 @@ def test_a_sweep_says_how_many_members_went_alone_and_why(tmp_path: Path) -> Non
         "each by itself: limits of each member",
         f"{FIG4.replace('linear-diag', 'torques')}, rotor: [0, 0.1, 0], "
         "initial: {p: 0.8, q: 0.5, r: 0.74}, sweep: {initial.p: {values: [0.7, 0.8]}}":
-        "each by itself: with a rotor the separatrix is no zero of D",
+        "side by side, 0 of 2 members by themselves",
+        f"{FIG4.replace('linear-diag', 'torques')}, quadratic_axes: 0.1, "
+        "initial: {p: 0.8, q: 0.5, r: 0.74}, sweep: {initial.p: {values: [0.7, 0.8]}}":
+        "each by itself: each component that changes its sign ends a step",
     }  # fmt: skip
     for text, reason in expected.items():
         assert sweep_of(one(text), tmp_path).attributes["method_reason"] == reason

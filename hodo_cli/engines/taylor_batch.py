@@ -18,7 +18,7 @@ import heyoka as hy
 import numpy as np
 
 from ..machine import processor
-from ..models.base import Event, Model
+from ..models.base import Event, Level, Model
 from ..models.constants import UNIT, Structure, count, namespace
 from ..private import kept_code
 from . import series as series_module
@@ -107,13 +107,20 @@ class TaylorStep:
     taken. Rows of the output: the same after the step, the length of the step, and for each event a
     number that is negative where its function may have zeros within the step. That is a lower bound
     on how far the function stays from 0; of motions that cross the separatrix once at most, the
-    product of its values at both ends.
+    product of its values at both ends. Behind these stand, of each of the `levels`, the value at
+    the beginning, how much it changes at its slope there, and a bound on what it does besides.
     """
 
-    def __init__(self, model: type[Model], structure: Structure, events: tuple[Event, ...]) -> None:
-        self._problem = model, structure, events
+    def __init__(
+        self,
+        model: type[Model],
+        structure: Structure,
+        events: tuple[Event, ...],
+        levels: tuple[Level, ...] = (),
+    ) -> None:
+        self._problem = model, structure, events, levels
         self.events, self._series = events, dict[int, Any]()
-        self._key = key_of(model, structure, events)
+        self._key = key_of(*self._problem)
         self._step = kept_code(f"{self._key}-step", self._compiled_step)
         self.rows: int = self._step.nouts
 
@@ -149,12 +156,18 @@ class TaylorStep:
         return compiled_function(inputs, coefficients(event.function(*motions), SERIES_ORDER), 1)
 
 
-def key_of(model: type[Model], structure: Structure, events: tuple[Event, ...]) -> str:
+def key_of(
+    model: type[Model],
+    structure: Structure,
+    events: tuple[Event, ...],
+    levels: tuple[Level, ...] = (),
+) -> str:
     """What the code of a step depends on, as a digest: its equations, what hodo makes of them, and
     what compiles them for which processor."""
     t, y, k = symbols(model, structure)
     # Not their text, which is cut where it is long.
-    equations = pickle.dumps([*model.rhs(t, y, k), *(e.function(t, y, k) for e in events)])
+    functions = *(event.function for event in events), *levels
+    equations = pickle.dumps([*model.rhs(t, y, k), *(of(t, y, k) for of in functions)])
     kinds = [(event.passage is None, model.always_absorbing) for event in events]
     used = structure, kinds, WIDTH, hy.__version__, processor(), SOURCE
     return hashlib.sha256(equations + repr(used).encode()).hexdigest()[:32]
@@ -177,7 +190,10 @@ def size_of_rates(model: type[Model], structure: Structure) -> int:
 
 
 def expressions(
-    model: type[Model], structure: Structure, events: tuple[Event, ...]
+    model: type[Model],
+    structure: Structure,
+    events: tuple[Event, ...],
+    levels: tuple[Level, ...] = (),
 ) -> tuple[list[Any], list[Any], tuple[Any, list[Series], Any]]:
     """The inputs of a step, its rows, and the time and the state as series, with the constants."""
     _, start, k = symbols(model, structure)
@@ -203,7 +219,11 @@ def expressions(
             ends = event.function(begin + step * unit, after_step, k)
             rows.append(event.function(begin, start, k) * ends)
         else:
-            rows.append(clearance(event, time, state, k, step))
+            rows.append(clearance(event.function, time, state, k, step))
+    for level in levels:
+        D, rest = bounded(level, time, state, k, step)
+        curved = step * step * total_of_powers([size(c) for c in D[2:]], step)
+        rows += [D[0], step * D[1], curved + rest]
     return [*start, *clock], rows, (time, state, k)
 
 
@@ -293,36 +313,42 @@ def radius(y: Sequence[Sequence[Any]]) -> Any:
     return reduce(lambda x, _: hy.sqrt(x), range(int(math.log2(ROOT_ORDER))), power)
 
 
-def clearance(event: Event, time: Series, state: Sequence[Series], k: Any, step: Any) -> Any:
-    """A lower bound on |D(s)| for s from 0 to `step`, D the event's function; negative where it
-    shows nothing.
+def clearance(function: Level, time: Series, state: Sequence[Series], k: Any, step: Any) -> Any:
+    """A lower bound on |D(s)| for s from 0 to `step`, D a function; negative where it shows
+    nothing.
 
-    |D| is at least |D_0| + min(0, s sign(D_0) D_1), less the sum of |D_k| s^k from k = 2. Beyond
-    EVENT_ORDER that sum is at most what the same function of majorants is, as a whole less its own
-    terms up to there.
+    |D| is at least |D_0| + min(0, s sign(D_0) D_1), less the sum of |D_k| s^k from k = 2.
     """
-    order = EVENT_ORDER
-    try:
-        rest = majorant_beyond(order, event, time, state, k, step)
-    except NotImplementedError:
-        order, rest = SERIES_ORDER, hy.expression(0.0)
-    D = coefficients(event.function(time, state, k), order)
+    D, rest = bounded(function, time, state, k, step)
     towards_0 = hy.select(hy.lt(D[0], 0.0), -D[1], D[1])
     rest = rest + step * step * total_of_powers([size(c) for c in D[2:]], step)
     return size(D[0]) + step * smaller(towards_0, hy.expression(0.0)) - rest
 
 
+def bounded(
+    function: Level, time: Series, state: Sequence[Series], k: Any, step: Any
+) -> tuple[list[Any], Any]:
+    """The coefficients of a function, up to EVENT_ORDER, and a bound on the other terms within a
+    step: what the same function of majorants is, as a whole less its own terms up to there."""
+    order = EVENT_ORDER
+    try:
+        rest = majorant_beyond(order, function, time, state, k, step)
+    except NotImplementedError:
+        order, rest = SERIES_ORDER, hy.expression(0.0)
+    return coefficients(function(time, state, k), order), rest
+
+
 def majorant_beyond(
-    order: int, event: Event, time: Series, state: Sequence[Series], k: Any, step: Any
+    order: int, function: Level, time: Series, state: Sequence[Series], k: Any, step: Any
 ) -> Any:
-    """A bound on the terms beyond an order of an event's function within a step.
+    """A bound on the terms beyond an order of a function within a step.
 
     Raises NotImplementedError where the function has no majorant.
     """
     inputs = [Majorant(partial(term_size, series)) for series in (time, *state)]
     sums = [total_of_powers(coefficients(series, SERIES_ORDER), step) for series in inputs]
     whole = [Majorant(partial(constant, total)) for total in sums]
-    of_series, of_sums = (event.function(y[0], y[1:], k) for y in (inputs, whole))
+    of_series, of_sums = (function(y[0], y[1:], k) for y in (inputs, whole))
     # Both are rounded.
     own = total_of_powers(coefficients(of_series, order), step)
     return (1 + BOUND_ROUNDING) * of_sums[0] - own
@@ -351,6 +377,11 @@ def smaller(a: Any, b: Any) -> Any:
 
 
 @lru_cache(maxsize=16)
-def build(model: type[Model], structure: Structure, events: tuple[Event, ...]) -> TaylorStep:
-    """The compiled step for one model, its structure and events."""
-    return TaylorStep(model, structure, events)
+def build(
+    model: type[Model],
+    structure: Structure,
+    events: tuple[Event, ...],
+    levels: tuple[Level, ...] = (),
+) -> TaylorStep:
+    """The compiled step for one model, its structure, events and levels."""
+    return TaylorStep(model, structure, events, levels)

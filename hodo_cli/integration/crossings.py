@@ -366,7 +366,7 @@ class RegionSearch(CrossingSearch):
     """Searches the steps of a body with a rotor for changes of its label.
 
     It notes no moment of a step in which every margin stays above `uncertainty` all along. Between
-    two places it is no less than half of theirs but where it may vanish (`_turns`).
+    two places it is no less than half of theirs but where it may vanish (`has_turned`).
     """
 
     def flush(self) -> None:
@@ -380,28 +380,17 @@ class RegionSearch(CrossingSearch):
         view = self._view(b.astype(float), *places_in(n, np.float64))
         clear = (view.margin > 2 * self.uncertainty).reshape(n, VIEWED).all(1)
         labels = view.label.reshape(n, VIEWED)
-        clear &= (labels == labels[:, :1]).all(1) & ~self._turns(view, n).any((1, 2))
+        clear &= (labels == labels[:, :1]).all(1) & ~self._turned(view, n).any((1, 2))
         if not clear.all():
             self._search_steps(b[~clear], times[~clear])
 
-    def _turns(self, view: StepView, n: int) -> np.ndarray:
-        """Whether (n, VIEWED - 1, 2) the value of a saddle comes nearer to 0 after one place, and
-        goes away from it before the next, without a change of sign, and may lose half of its size
-        in between at twice the steeper of the two slopes."""
-        value, slope = (x.reshape(n, VIEWED, 2) for x in (view.value, view.slope))
-        nearing = value * slope
-        same_side = value[:, :-1] * value[:, 1:] > 0
-        smaller, steeper = (
-            choose(np.abs(x[:, :-1]), np.abs(x[:, 1:]))
-            for choose, x in ((np.minimum, value), (np.maximum, slope))
-        )
-        is_near = smaller * (VIEWED - 1) < 4 * steeper
-        return np.asarray((nearing[:, :-1] < 0) & (nearing[:, 1:] > 0) & same_side & is_near)
+    def _turned(self, view: StepView, n: int) -> np.ndarray:
+        return has_turned(*(x.reshape(n, VIEWED, 2) for x in (view.value, view.slope)))
 
     def _search_steps(self, b: np.ndarray, times: np.ndarray) -> None:
         """Note the places of steps, the extrema between them, and where the label changes."""
         row, x = places_in(n := len(b), b.dtype.type)
-        turns = np.argwhere(self._turns(self._view(b, row, x), n))
+        turns = np.argwhere(self._turned(self._view(b, row, x), n))
 
         def nearing(turn: np.ndarray, x: np.ndarray) -> np.ndarray:
             rows, _, saddle = turns[turn].T
@@ -440,6 +429,20 @@ class RegionSearch(CrossingSearch):
         rate = np.where(region.label == UNSEPARATED, falling, nearest)
         momentum = np.sqrt(square).astype(float)
         return StepView(region.label, region.nearest, momentum, rate, region.value, slope)
+
+
+def has_turned(value: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Whether (n, VIEWED - 1, 2) the value (n, VIEWED, 2) of a saddle comes nearer to 0 after one
+    place of a step, and goes away from it before the next, without a change of sign, and may lose
+    half of its size in between at twice the steeper of the two slopes."""
+    nearing = value * slope
+    same_side = value[:, :-1] * value[:, 1:] > 0
+    smaller, steeper = (
+        choose(np.abs(x[:, :-1]), np.abs(x[:, 1:]))
+        for choose, x in ((np.minimum, value), (np.maximum, slope))
+    )
+    is_near = smaller * (VIEWED - 1) < 4 * steeper
+    return np.asarray((nearing[:, :-1] < 0) & (nearing[:, 1:] > 0) & same_side & is_near)
 
 
 def places_in(n: int, fp: Any) -> tuple[np.ndarray, np.ndarray]:

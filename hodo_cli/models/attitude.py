@@ -24,7 +24,7 @@ from ..schema.kinds import (
     Text,
     vector,
 )
-from .base import Bound, Event, EventOutcome, Label, LookedUp, Model, Passage
+from .base import Bound, Event, EventOutcome, Label, Level, LookedUp, Model, Passage
 from .rigid_body import BodyFrame
 from .theory.attitude import HodographTurn, composed, free_attitude, product, turn_of_hodograph
 
@@ -254,6 +254,10 @@ class Oriented(Model, LookedUp):
     @property
     def class_events(self) -> tuple[Event, ...]:
         return tuple(map(beside_attitude, super().class_events))
+
+    @property
+    def levels(self) -> tuple[Level, ...]:
+        return tuple(Bound(without_attitude, (level,)) for level in super().levels)
 
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The attitude too: that of the free body at the time of its clock."""

@@ -64,6 +64,10 @@ class Event(NamedTuple):
     passage: Passage | None = None
 
 
+Level = Callable[[Any, Sequence[Any], Any], Any]
+"""A function (t, y, k) as that of an event, of which the value itself counts."""
+
+
 @dataclass(frozen=True)
 class Bound:
     """A function with its first arguments: as `functools.partial`, but equal to another one of the
@@ -273,6 +277,11 @@ class Model:
     @property
     def class_events(self) -> tuple[Event, ...]:
         """Events that only `classify` looks for."""
+        return ()
+
+    @property
+    def levels(self) -> tuple[Level, ...]:
+        """Functions that tell which axis is enclosed, where the zeros of `class_events` do not."""
         return ()
 
 

@@ -319,6 +319,11 @@ class BodyFrame(Model):
         the constants of the equations: as `to_principal`, for arrays of bodies and for symbols."""
         return v
 
+    @staticmethod
+    def principal_rotor(k: Any) -> Sequence[Any] | None:
+        """`rotor_momentum` by the constants of the equations."""
+        return None
+
     @property
     def rotor_momentum(self) -> np.ndarray | None:
         """h (3,) of a rotor along the principal axes; None without."""

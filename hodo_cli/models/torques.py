@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -16,9 +16,17 @@ from ..schema.kinds import Either, Key, ListOf, Mistake, Number, Table, vector
 from .averaging.any_torque import QuadratureTurns, averaged_form
 from .averaging.forms import mean_elements
 from .averaging.sums import CLOSED, ClosedMeans, ClosedTurns
-from .base import Bound, Constants, Event, EventOutcome, LookedUp, Model, mistake_of
+from .base import Bound, Constants, Event, EventOutcome, Level, LookedUp, Model, mistake_of
 from .constants import attributes
-from .rigid_body import INITIAL, BodyFrame, body_constants, complete, enclosed_axis, is_tensor
+from .rigid_body import (
+    INITIAL,
+    BodyFrame,
+    body_constants,
+    complete,
+    enclosed_axis,
+    inertia_order,
+    is_tensor,
+)
 from .tensor import resistance_key
 from .terms import torques as terms
 from .terms.body import BodyUnderTorques, coefficients_of, terms_named
@@ -39,6 +47,7 @@ from .terms.torques import (
     accelerations,
     along_principal_axes,
     angular_momentum_of,
+    principal_rotor_of,
     rates_under,
     rotor_of,
 )
@@ -200,6 +209,7 @@ class Torques(BodyUnderTorques, LookedUp):
     }
     terms: ClassVar[tuple[Term, ...]] = ()
     along_principal = staticmethod(along_principal_axes)
+    principal_rotor = staticmethod(principal_rotor_of)
 
     @staticmethod
     def velocity(inertia: Sequence[Any], initial: Mapping[str, float | None]) -> tuple[float, ...]:
@@ -289,9 +299,7 @@ class Torques(BodyUnderTorques, LookedUp):
     def separation(self, omega: np.ndarray) -> np.ndarray:
         if self.rotor_momentum is None:
             return super().separation(omega)
-        apart = region_of(self.moments, self.rotor_momentum, self.to_principal(omega))
-        sizes = np.abs(apart.value) / apart.size
-        return np.asarray(np.where(np.isnan(sizes), np.inf, sizes).min(-1))
+        return region_of(self.moments, self.rotor_momentum, self.to_principal(omega)).separation
 
     def enclosed(self, omega: np.ndarray, band: Any = 0.0) -> np.ndarray:
         if self.rotor_momentum is None:
@@ -332,6 +340,18 @@ class Torques(BodyUnderTorques, LookedUp):
             stop = Bound(braked_leg, (leg, others))
             events.append(Event("stopped", Bound(leg_end, (leg,)), True, stop))
         return tuple(events)
+
+    @property
+    def levels(self) -> tuple[Level, ...]:
+        if self.rotor is None:
+            return ()
+        # As given, if it can be: many members at once are columns, which no array takes.
+        A, h = self.inertia, self.rotor
+        if self.frame is not None:
+            A, h = self.frame.moments.tolist(), (self.frame.axes @ self.rotor).tolist()
+        equal = A[0] == A[1], A[1] == A[2], A[0] == A[2]
+        kind = GyrostatKind(inertia_order(A), tuple(map(bool, (*equal, *(x == 0 for x in h)))))
+        return Bound(twice_energy, (kind,)), Bound(square_of_momentum, (kind,))
 
     @property
     def averaged_events(self) -> tuple[Event, ...]:
@@ -408,6 +428,26 @@ class Torques(BodyUnderTorques, LookedUp):
         return [*super().warnings, f"no rotor: its momentum is less than {WEAK_ROTOR:g} of |G|"]
 
 
+class GyrostatKind(NamedTuple):
+    """What bodies with a rotor have in common whose steady rotations are found together: the order
+    of their moments, which of these are equal, and which components of h are 0."""
+
+    order: tuple[int, int, int]
+    special: tuple[bool, ...]
+
+
+def twice_energy(kind: GyrostatKind, t: Any, y: Sequence[Any], k: Any) -> Any:
+    """2T = A1 p^2 + A2 q^2 + A3 r^2."""
+    p, q, r = along_principal_axes(y[:3], k)
+    return k.A1 * (p * p) + k.A2 * (q * q) + k.A3 * (r * r)
+
+
+def square_of_momentum(kind: GyrostatKind, t: Any, y: Sequence[Any], k: Any) -> Any:
+    """|G|^2, with the rotor's part."""
+    G = angular_momentum_of(y[:3], k)
+    return G[0] * G[0] + G[1] * G[1] + G[2] * G[2]
+
+
 def component(axis: int, sign: int, t: Any, y: Sequence[Any], k: Any) -> Any:
     """|omega_i|, by its sign in the state, as an event."""
     return y[sign] * y[axis]
@@ -475,11 +515,11 @@ def braked_leg(
 def label_at_stop(omega: np.ndarray, k: SimpleNamespace) -> Any:
     """The label of the direction of G at a stop, by the constants of the motion: one event serves
     many bodies."""
-    A, rotor = np.array([k.A1, k.A2, k.A3], float), rotor_of(k)
+    A, rotor = np.array([k.A1, k.A2, k.A3], float), principal_rotor_of(k)
     omega = np.array(along_principal_axes([*omega], k))
     if rotor is None:
         return enclosed_axis(A, omega, 0.0)
-    return region_of(A, np.array(along_principal_axes(rotor, k), float), omega[None]).label[0]
+    return region_of(A, np.array(rotor, float), omega[None]).label[0]
 
 
 def torque_at_rest(
@@ -577,7 +617,6 @@ def sum_of(names: tuple[str, ...]) -> type[Torques]:
     extra = {name: power for term in chosen for name, power in term.extra.items()}
     alone = {
         "each component that changes its sign ends a step": terms.QUADRATIC_AXES in chosen,
-        "with a rotor the separatrix is no zero of D": terms.ROTOR in chosen,
     }
     attributes_of = {
         "__module__": __name__,

@@ -24,6 +24,7 @@ from ..storage import Group, Variable
 from .columns import blank_columns, columns, event_columns, label_columns, shape
 from .ensemble.advance import advance, measure_crossings, step_of
 from .ensemble.motions import Ensemble, Outcome, Passages, Rejection
+from .ensemble.regions import region_at
 from .growth import Earlier
 from .members import member, prepare
 
@@ -181,11 +182,12 @@ def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nd
             continue
         e = replace(group, times=times)
         outcome = advance(e, step_of(e))
-        if e.event and not (e.model.no_axis_reason or e.model.always_absorbing):
-            measure_crossings(e, e.event, outcome)
+        if (e.event or e.levels) and not (e.model.no_axis_reason or e.model.always_absorbing):
+            measure_crossings(e, outcome)
         accepted = positions[outcome.accepted]
         values["status"][accepted] = Status.OK.code
-        enter(values, accepted, reduced_ensemble(e, outcome, case.time))
+        if accepted.size:
+            enter(values, accepted, reduced_ensemble(e, outcome, case.time))
         rejection[positions] = outcome.rejection
     return rejection
 
@@ -234,28 +236,42 @@ def output_of(
 
 
 def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
-    """The axis (k,) that is enclosed where D has a sign (k,)."""
+    """The axis (k,) that is enclosed on a side (k,), as of `Passages`."""
+    if e.levels:
+        return side.astype(np.int8)
     order = rigid_body.inertia_order(e.inertia[:, 0])
     axes = np.array([order[2] + 1, rigid_body.UNDETERMINED, order[0] + 1], dtype=np.int8)
     return np.asarray(axes[side.astype(int) + 1])
 
 
 def least_separation(e: Ensemble, outcome: Outcome, motions: np.ndarray) -> np.ndarray:
-    """The smaller `rigid_body.separation` of start and end of some motions (k,)."""
-    A, states = e.inertia[:, motions], (e.start[:, motions], outcome.state[:, motions])
-    ends = (e.principal_omega(state, motions) for state in states)
+    """The smaller `separation` from the separatrix of start and end of some motions (k,)."""
+    ends = (e.start, np.zeros_like(outcome.exponent)), (outcome.state, outcome.exponent)
+    return np.asarray(np.minimum(*(separation_at(e, motions, *end) for end in ends)))
+
+
+def separation_at(
+    e: Ensemble, motions: np.ndarray, state: np.ndarray, exponent: np.ndarray
+) -> np.ndarray:
+    """The separation (k,) of some motions (k,) from the separatrix, in states (m, n) in units of
+    2**exponent (n,)."""
+    y = state[:, motions]
+    if e.levels:
+        return region_at(e, motions, y, exponent[motions]).separation
     order = rigid_body.inertia_order(e.inertia[:, 0])
-    return np.asarray(np.minimum(*(rigid_body.separation(A, omega, order) for omega in ends)))
+    return rigid_body.separation(e.inertia[:, motions], e.principal_omega(y, motions), order)
 
 
 def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:
     """Passages (k,) through the separatrix, as CROSSING_COLUMNS."""
     G = e.inertia[:, passed.motion] * e.principal_omega(passed.state, passed.motion)
+    if e.levels:
+        G += np.ldexp(e.rotor[:, passed.motion], -passed.exponent)
     return {
         "crossing_time": passed.time,
         "crossing_error": passed.error,
-        "crossing_from": enclosed(e, -passed.direction),
-        "crossing_to": enclosed(e, passed.direction),
+        "crossing_from": enclosed(e, passed.before),
+        "crossing_to": enclosed(e, passed.after),
         "crossing_G": np.ldexp(np.sqrt(np.square(G).sum(axis=0)), passed.exponent),
     }
 

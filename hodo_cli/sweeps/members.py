@@ -35,7 +35,7 @@ def ensemble_of(case: Case, system: Model, n: int, start: Iterable[Any]) -> Ense
         form, numbers = (*form, (UNIT, 0)), [*numbers, 1.0]
     constants, starts = (rows(values, n) for values in (numbers, tuple(start)))
     times = case.time.start, case.time.end
-    return Ensemble(model, form, constants, starts, times, events, case.tol or EPS)
+    return Ensemble(model, form, constants, starts, times, events, system.levels, case.tol or EPS)
 
 
 def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
@@ -131,7 +131,9 @@ def prepared_by_branch(
 
 def alike(groups: Iterable[PreparedMembers]) -> list[PreparedMembers]:
     """Groups of members, joined where they can share a compiled step."""
-    kinds = grouped(((group[1].structure, group[1].events), group) for group in groups)
+    kinds = grouped(
+        ((group[1].structure, group[1].events, group[1].levels), group) for group in groups
+    )
     return [joined(kind) for kind in kinds.values()]
 
 

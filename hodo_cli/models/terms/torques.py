@@ -102,6 +102,12 @@ def rotor_of(k: Any) -> Components | None:
     return (k.h1 / k.g, k.h2 / k.g, k.h3 / k.g) if hasattr(k, "h1") else None
 
 
+def principal_rotor_of(k: Any) -> Sequence[Any] | None:
+    """h (3,) of a rotor along the principal axes, in the units of A omega; None without."""
+    rotor = rotor_of(k)
+    return None if rotor is None else along_principal_axes(rotor, k)
+
+
 def angular_momentum_of(w: Sequence[Any], k: Any) -> Components:
     """G = A omega, and h of a rotor."""
     G = times(k.tensor, w) if hasattr(k, "tensor") else (k.A1 * w[0], k.A2 * w[1], k.A3 * w[2])

@@ -53,67 +53,81 @@ class SteadyRotations(NamedTuple):
         return (self.G * self.G * j * k).sum(-1) < 0
 
 
-def steady_rotations(A: Any, h: Any, momentum: Any) -> SteadyRotations:
+def steady_rotations(A: Any, h: Any, momentum: Any, with_outer: bool = True) -> SteadyRotations:
     """All steady rotations of a body with moments A (3,), in any order, and a rotor h (3,), for
     |G| = momentum (n,): (n, 6), unsorted.
 
-    Of a symmetric body those that stand alone, without the circles of them.
+    A and h may also be those of n bodies (n, 3) which have equal moments, and components of h that
+    are 0, at the same places. Of a symmetric body those that stand alone, without the circles of
+    them. Those beyond all 1/A_i are the outer ones, minimum and maximum of T.
     """
-    A, h, momentum = np.asarray(A), np.asarray(h), np.atleast_1d(momentum)
+    momentum = np.atleast_1d(momentum)
+    A, h = (np.atleast_2d(x).T for x in (A, h))
     rows = []
     for i in range(3):
-        same = A[i] == A
+        same = A[i, 0] == A[:, 0]
         # A pole belongs to all axes of one moment: the first of them stands for it.
-        if i == np.flatnonzero(same)[0] and (h[same].any() or same.sum() == 1):
-            solve = _from_pole if h[same].any() else _by_hand
-            rows += [solve(A, h, momentum, i, side) for side in (1, -1)]
+        if i == np.flatnonzero(same)[0] and (h[same, 0].any() or same.sum() == 1):
+            solve = _from_pole if h[same, 0].any() else _by_hand
+            outer = {1: A[i, 0] == A[:, 0].max(), -1: A[i, 0] == A[:, 0].min()}
+            sides = [side for side in (1, -1) if with_outer or not outer[side]]
+            rows += [solve(A, h, momentum, i, side) for side in sides]
     rows += [np.full((7, len(momentum)), np.nan)] * (6 - len(rows))
     table = np.stack(rows).transpose(2, 0, 1)
-    return SteadyRotations(table[..., 0], table[..., 4:], table[..., 1:4] / A)
+    return SteadyRotations(table[..., 0], table[..., 4:], table[..., 1:4] / A.T[:, None])
+
+
+def _total(rows: np.ndarray) -> np.ndarray:
+    """The sum (n,) of three rows (3, n), a third of numpy's time."""
+    return np.asarray(rows[0] + rows[1] + rows[2])
 
 
 def _from_pole(A: Any, h: Any, momentum: Any, i: int, side: int) -> np.ndarray:
     """s, 1 - s A_j and G_j (7, n) of the root next to the pole of axis i, below it in s (side 1) or
     above it."""
-    offset, ratio = (A[i] - A)[:, None] / A[i], side * A[:, None] / A[i]
     # u = side (1 - s A_i) grows from the pole to the next one.
     others = side * (A - A[i]) / A
-    limit = np.min(others[(others > 0) & (h != 0)], initial=np.inf)
+    limit = np.where((others > 0) & (h != 0), others, np.inf).min(0)
+    offset, ratio = (A[i] - A) / A[i], side * A / A[i]
     with np.errstate(all="ignore"):
-        x = h[:, None] / momentum
-        u = np.sqrt((x * x)[A[i] == A].sum(0))
+        x = h / momentum
+        u = np.sqrt(np.where(A[i] == A, x * x, 0).sum(0))
         # Only what has not converged, since numbers that are none are slow in long double.
-        moving = np.arange(len(u))
+        moving, some = np.arange(len(u)), [x, offset, ratio, limit]
         for _ in range(NEWTON_STEPS):
-            e = offset + u[moving] * ratio
-            square = (x[:, moving] / e) ** 2
-            slope = -2 * (square * ratio / e).sum(0)
-            step = (square.sum(0) - 1) / slope
-            is_between = (slope < 0) & (u[moving] < limit)
-            u[moving] = np.where(is_between, u[moving] - step, np.nan)
-            moving = moving[is_between & (np.abs(step) > 4 * np.finfo(u.dtype).eps * u[moving])]
+            (x_, offset_, ratio_, limit_), now = some, u[moving]
+            e = offset_ + now * ratio_
+            square = (x_ / e) ** 2
+            slope = -2 * _total(square * ratio_ / e)
+            step = (_total(square) - 1) / slope
+            is_between = (slope < 0) & (now < limit_)
+            u[moving] = np.where(is_between, now - step, np.nan)
+            going = is_between & (np.abs(step) > 4 * np.finfo(u.dtype).eps * u[moving])
+            moving = moving[going]
             if not moving.size:
                 break
+            # What belongs to one body for all has one column.
+            some = [a if a.shape[-1] == 1 else a[..., going] for a in some]
         e = offset + u * ratio
-        return np.stack([(1 - side * u) / A[i], *e, *(h[:, None] / e)])
+        return np.stack([(1 - side * u) / A[i], *e, *(h / e)])
 
 
 def _by_hand(A: Any, h: Any, momentum: Any, i: int, side: int) -> np.ndarray:
     """The same for an axis without a pole: s = 1/A_i, G_i of the sign `side` what |G| leaves."""
     e = (A[i] - A) / A[i]
     others = np.divide(h, e, out=np.zeros_like(e), where=e != 0)
-    square = momentum * momentum - (others * others).sum()
-    G = np.broadcast_to(others[:, None], (3, len(momentum))).copy()
+    square = momentum * momentum - (others * others).sum(0)
+    G = np.broadcast_to(others, (3, len(momentum))).copy()
     with np.errstate(invalid="ignore"):
         G[i] = side * np.sqrt(np.where(square > 0, square, np.nan))
-    e, s = (np.where(np.isnan(G[i]), np.nan, x) for x in (e[:, None], 1 / A[i]))
+    e, s = (np.where(np.isnan(G[i]), np.nan, x) for x in (e, 1 / A[i]))
     return np.stack([s, *e, *G])
 
 
 def saddles(A: Any, h: Any, momentum: Any) -> SteadyRotations:
     """The saddles of lowest and highest s, hence energy, for |G| = momentum (n,): (n, 2); one for
     both where there is one, or two of the same energy."""
-    rotations = steady_rotations(A, h, momentum)
+    rotations = steady_rotations(A, h, momentum, with_outer=False)
     is_saddle = rotations.is_saddle
     ends = [np.where(is_saddle, sign * rotations.s, np.inf).argmin(1) for sign in (1, -1)]
     chosen = [values[np.arange(len(is_saddle))[:, None], np.stack(ends, 1)] for values in rotations]
@@ -145,23 +159,31 @@ class HodographRegion(NamedTuple):
         """The size (n,) of the smaller margin, in double precision."""
         return np.asarray(np.abs(self.margin).astype(float).min(-1))
 
+    @property
+    def separation(self) -> np.ndarray:
+        """The smaller `value` (n,) as a part of the sizes of its terms; infinite without a
+        saddle."""
+        sizes = np.abs(self.value) / self.size
+        return np.asarray(np.where(np.isnan(sizes), np.inf, sizes).min(-1))
+
 
 def region_of(A: Any, h: Any, omega: Any, band: Any = 0.0) -> HodographRegion:
-    """The regions of angular velocities (n, 3); on the separatrix is a margin of at most `band`, a
-    number or (n,)."""
-    A, h = np.asarray(A), np.asarray(h)
+    """The regions of angular velocities (n, 3), of one body or of n, as in `steady_rotations`, and
+    with moments of one order; on the separatrix is a margin of at most `band`, a number or (n,)."""
+    A, h = (np.atleast_2d(x) for x in (A, h))
     G = A * omega + h
     near = saddles(A, h, np.sqrt((G * G).sum(-1)))
     terms = near.c * (G[:, None] - near.G) ** 2
     value = terms.sum(-1)
     # The energy of a saddle grows with |G|^2 at the rate s.
-    gradient = 2 * A * (omega[:, None] - near.s[..., None] * G[:, None])
+    gradient = 2 * A[:, None] * (omega[:, None] - near.s[..., None] * G[:, None])
     size = np.linalg.norm(gradient, axis=-1) * np.linalg.norm(omega, axis=-1)[:, None]
     margin = np.divide(value, size, out=np.full_like(value, np.inf), where=size != 0)
     margin = np.where(value == 0, 0, margin)
-    largest, _, smallest = inertia_order(A)
+    largest, _, smallest = inertia_order(A[0])
     conditions = {
-        UNDETERMINED: ~(np.abs(G).max(-1) > CANCELLED * np.abs(h).max()) | ~np.isfinite(G).all(-1),
+        UNDETERMINED: ~(np.abs(G).max(-1) > CANCELLED * np.abs(h).max(-1))
+        | ~np.isfinite(G).all(-1),
         UNSEPARATED: np.isnan(margin).any(-1),
         SEPARATRIX: (np.abs(margin) <= np.asarray(band)[..., None]).any(-1),
         largest + 1: (margin < 0).all(-1),

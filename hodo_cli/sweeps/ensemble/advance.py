@@ -13,6 +13,7 @@ from ...integration.driver import LIMIT, at_rest
 from ...integration.units import clock_rates
 from ...models.base import Event
 from ...models.constants import namespace
+from ...models.rigid_body import SEPARATRIX, UNDETERMINED
 from .batch import (
     END,
     NUMBER,
@@ -30,15 +31,10 @@ from .batch import (
     zeros_of,
 )
 from .motions import Ensemble, Outcome, Passages, Rejection
+from .regions import changes_within, label_at, time_between
 
 if TYPE_CHECKING:
     from ...engines.taylor_batch import TaylorStep
-
-STEP_ROUNDING, PER_STEP = 2.0**-52, 1 / 16
-"""The part of a state that a step is taken to lose to rounding, and, in tolerances, to the end of
-the series. What follows for the times of crossings was two to three times the largest error in
-random ensembles of all models (tests/test_sweep.py), and some fifty times the common one."""
-
 
 LOOSER, GROWN = 16, 32
 """The tolerances that a step takes where the growth of errors is looked for, and the error that a
@@ -53,7 +49,7 @@ def step_of(e: Ensemble) -> "TaylorStep":
 
     # Its code is the same whether the event ends a motion or not.
     watched = (event._replace(terminal=False) for event in (e.passing, e.event) if event)
-    return taylor_batch.build(e.model, e.structure, tuple(watched))  # type: ignore[arg-type]
+    return taylor_batch.build(e.model, e.structure, tuple(watched), e.levels)  # type: ignore[arg-type]
 
 
 @np.errstate(all="ignore")  # what overflows is not finite, hence not accepted
@@ -71,6 +67,8 @@ def advance(e: Ensemble, step: "TaylorStep") -> Outcome:
             batch.pause()
         if e.event is not None:
             decide_passages(e, e.event, batch.candidates, step, outcome)
+        if e.levels:
+            decide_regions(e, batch.candidates, step, outcome)
     if e.model.degree and e.model.oriented:
         stop_at_rest(outcome)
     if not e.model.degree:
@@ -124,14 +122,42 @@ def decide_passages(
                 outcome.samples[:, motion, e.times > time] = np.nan
         outcome.passages = zeros
         outcome.reject(undecided, Rejection.UNCERTAIN)
-    passed = outcome.passages
     if event.terminal:
-        outcome.last[passed.motion] = passed.direction
-    before = np.where(passed.is_first, outcome.first[passed.motion], np.roll(passed.direction, 1))
-    outcome.reject(passed.motion[passed.direction != -before], Rejection.UNCERTAIN)
-    sign = outcome.first.copy()
-    sign[passed.motion] = passed.direction  # of several, the last one counts
-    contradicted = (sign != outcome.last) & ~resting
+        passed = outcome.passages
+        outcome.last[passed.motion] = passed.after
+    reject_contradicted(outcome, resting)
+
+
+def decide_regions(
+    e: Ensemble, candidates: list[CandidateSteps], step: "TaylorStep", outcome: Outcome
+) -> None:
+    """The same for bodies with a rotor: find the changes of the label in steps that may have
+    some."""
+    outcome.first, outcome.last = (
+        label_at(e, *state) for state in ((e.start, 0), (outcome.state, outcome.exponent))
+    )
+    resting = outcome.last == UNDETERMINED
+    certain = (outcome.first != SEPARATRIX) & (outcome.last != SEPARATRIX)
+    steps = steps_of(candidates, certain)
+    if steps is not None:
+        changes, undecided = changes_within(e, steps, step)
+        outcome.passages = changes or outcome.passages
+        outcome.reject(undecided, Rejection.UNCERTAIN)
+    reject_contradicted(outcome, resting)
+    # Of what is too slow to be followed only a single case knows the rotor's part.
+    too_slow = outcome.exponent < -LIMIT
+    outcome.reject((outcome.last == SEPARATRIX) | too_slow, Rejection.UNCERTAIN)
+
+
+def reject_contradicted(outcome: Outcome, resting: np.ndarray) -> None:
+    """Reject motions whose passages do not lead, by turns, from the side at their start to that at
+    their end, unless they are at rest (n,) there; and those that start on none."""
+    passed = outcome.passages
+    before = np.where(passed.is_first, outcome.first[passed.motion], np.roll(passed.after, 1))
+    outcome.reject(passed.motion[passed.before != before], Rejection.UNCERTAIN)
+    side = outcome.first.copy()
+    side[passed.motion] = passed.after  # of several, the last one counts
+    contradicted = (side != outcome.last) & ~resting
     outcome.reject(contradicted | (outcome.first == 0), Rejection.UNCERTAIN)
 
 
@@ -168,15 +194,14 @@ def zeros_within(
         partial(states_after, step), *shortened(before, params[:NUMBER], place, rate)
     )
     uncertainty = np.ldexp(noise[row] / np.abs(slope), -rate)
-    certain_part = (STEP_ROUNDING + PER_STEP * e.tol) * taken / e.error_bound
-    errors = certain_part * uncertainty + np.spacing(np.abs(times)) / 2
+    errors = e.errors_of_times(uncertainty, times, taken)
     direction = np.sign(slope).astype(np.int64)
-    unordered = Passages(motion, times, errors, uncertainty, direction, state, size)
+    unordered = Passages(motion, times, errors, uncertainty, -direction, direction, state, size)
     undecided = steps.params[NUMBER, zeros.row[~zeros.sure]].astype(np.int64)
     return unordered.chosen(np.lexsort((times, motion))), undecided
 
 
-def measure_crossings(e: Ensemble, event: Event, outcome: Outcome) -> None:
+def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
     """Enlarge the errors of first crossings to what a second integration, with other steps, shows.
 
     Errors grow along a motion that stays near the separatrix, some 1e4-fold: a pass by the middle
@@ -187,14 +212,19 @@ def measure_crossings(e: Ensemble, event: Event, outcome: Outcome) -> None:
     """
     passed = outcome.passages
     first = np.flatnonzero(passed.is_first & outcome.accepted[passed.motion])
+    if not first.size:
+        return
     motion, time = passed.motion[first], passed.time[first]
     again = replace(
         e, start=e.start[:, motion], constants=e.constants[:, motion], span=(e.span[0], time),
-        events=tuple(event for event in e.events if event.passage), times=np.empty(0),
-        looser=LOOSER,
+        events=tuple(event for event in e.events if event.passage), levels=(),
+        times=np.empty(0), looser=LOOSER,
     )  # fmt: skip
     end, k = advance(again, step_of(e)), vars(again.named())
-    distance = time_to_zero(event, e.model, k, time, end.state, end.exponent)
+    if e.event is not None:
+        distance = time_to_zero(e.event, e.model, k, time, end.state, end.exponent)
+    else:
+        distance = time_between(e, passed.chosen(first), end.state, end.exponent)
     passed.error[first] = np.maximum(passed.error[first], GROWN * distance)
     is_sure = end.accepted & (distance <= passed.uncertainty[first])
     outcome.reject(motion[~is_sure], Rejection.UNCERTAIN)

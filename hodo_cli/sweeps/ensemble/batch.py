@@ -14,6 +14,7 @@ from ...integration.trajectory import Occurrence
 from ...integration.units import TimeWindow, Units
 from ...models.base import Event
 from ...models.constants import moving, namespace, rescaled
+from .cells import LEVEL_ROWS, RegionCells
 from .motions import Ensemble, Outcome, Rejection, exact_difference
 
 if TYPE_CHECKING:
@@ -93,6 +94,7 @@ class BatchState:
         self.params[END] = np.broadcast_to(e.span[1], e.start.shape[1])[number]
         self.params[1:STRIDE] = e.constants[:, number]
         self.params[STRIDE], self.params[NUMBER] = stride(e.looser * e.tol, e.passing), number
+        self.cells = RegionCells(e, len(number))
         self.renew(np.arange(len(number)))
         self.empty(len(begun))
         at_start = e.times <= np.reshape(e.span[0], (-1, 1))
@@ -115,6 +117,8 @@ class BatchState:
             self.history.append(self.now[:length].copy())
         self.now, self.next = self.next, self.now
         passed = np.empty(0, dtype=np.int64)
+        if self.ensemble.levels:
+            self.note_left_cells()
         for row, event in enumerate(self.step.events, length + 1):
             columns = np.flatnonzero(self.now[row] < 0)
             if columns.size and event.passage:
@@ -150,6 +154,15 @@ class BatchState:
         for samples, values in zip(self.outcome.samples, sampled, strict=True):
             samples.reshape(-1)[entry] = values
         self.outcome.sample_exponent.reshape(-1)[entry] = size[column]
+
+    def note_left_cells(self) -> None:
+        """Remember the steps just taken in which the label of a body with a rotor may change."""
+        number, size, _ = split_params(self.params)
+        is_under_way = (number >= 0) & (self.now[self.m + TIME_ROWS] > 0)
+        levels = np.ldexp(self.now[-LEVEL_ROWS:], 2 * size)
+        columns = self.cells.left(levels, number, is_under_way)
+        if columns.size:
+            self.candidates.append(self.steps_taken(columns))
 
     def note_candidates(self, event: Event, columns: np.ndarray) -> None:
         """Remember the steps just taken in some columns, where an event's function may have zeros;
@@ -221,7 +234,7 @@ class BatchState:
             occurrence = Occurrence(event.kind, passage.time, passage.details)
             self.outcome.events.setdefault(int(number), []).append(occurrence)
         onward = end if passage.onward is None else min(float(passage.onward), end)
-        self.now[:m, column] = passage.state
+        self.now[:m, column], self.cells.rows[:, column] = passage.state, np.nan
         self.now[m : m + 2, column] = exact_difference(end, onward)
         self.params[1:STRIDE, column], self.params[SIZE:, column] = e.constants[:, number], 0
         if onward == end:  # a step in the state of an end may lead anywhere
@@ -258,6 +271,7 @@ class BatchState:
         columns = padded(going)
         self.now, self.params = (a.take(columns, axis=1) for a in (self.now, self.params))
         self.next = np.empty_like(self.now)
+        self.cells.rows = self.cells.rows.take(columns, axis=1)
         self.empty(len(going))
 
     def enter(self, columns: np.ndarray) -> None:

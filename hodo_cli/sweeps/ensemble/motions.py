@@ -10,7 +10,7 @@ import numpy as np
 from ...engines.protocol import Coded
 from ...integration.trajectory import Occurrence
 from ...integration.units import is_falling
-from ...models.base import Event, Model
+from ...models.base import Event, Level, Model
 from ...models.constants import UNIT, VELOCITY, Structure, moving, namespace
 from ...models.rigid_body import BodyFrame
 
@@ -20,6 +20,12 @@ could turn the sign of an event's function, the sign is uncertain. It is no meas
 single cases have, but ERROR_BOUND is a hundred times what the rounding of all steps adds up to, and
 no ensemble was off by more than three tolerances. It leaves one random motion in some 1e8 to the
 single cases, so that a finer bound would gain nothing."""
+
+
+STEP_ROUNDING, PER_STEP = 2.0**-52, 1 / 16
+"""The part of a state that a step is taken to lose to rounding, and, in tolerances, to the end of
+the series. What follows for the times of crossings was two to three times the largest error in
+random ensembles of all models (tests/test_sweep.py), and some fifty times the common one."""
 
 
 class Rejection(Coded):
@@ -39,14 +45,16 @@ class Rejection(Coded):
 
 class Passages(NamedTuple):
     """Zeros (k,) of an event's function, in order of motion and time: the error that the time may
-    have, how long about it the function's sign is uncertain, the direction, +1 where the function
-    rises through 0, and the state (m, k) there in units of 2**exponent."""
+    have, how long about it the side is uncertain, the sides before and behind it, and the state (m,
+    k) there in units of 2**exponent. A side is the function's sign or, of a body with a rotor, a
+    label."""
 
     motion: np.ndarray
     time: np.ndarray
     error: np.ndarray
     uncertainty: np.ndarray
-    direction: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
     state: np.ndarray
     exponent: np.ndarray
 
@@ -64,7 +72,8 @@ class Passages(NamedTuple):
 class Ensemble:
     """n motions: the constants of their equations (c, n), flat as `structure` says, their states at
     the start (m, n), the times at which they begin and end, each one or (n,), their events, at most
-    one of each kind, and the tolerance, of which each step takes `looser`."""
+    one of each kind, the levels that tell their axes, and the tolerance, of which each step takes
+    `looser`."""
 
     model: type[Model]
     structure: Structure
@@ -72,6 +81,7 @@ class Ensemble:
     start: np.ndarray
     span: tuple[Any, Any]
     events: tuple[Event, ...]
+    levels: tuple[Level, ...]
     tol: float
     times: np.ndarray = field(default_factory=lambda: np.empty(0))
     looser: float = 1.0
@@ -114,6 +124,12 @@ class Ensemble:
         return np.array(self.model.along_principal([*y[:3]], self.named(motions)))
 
     @cached_property
+    def rotor(self) -> np.ndarray:
+        """h (3, n) of bodies with a rotor along the principal axes."""
+        assert issubclass(self.model, BodyFrame)
+        return np.array(self.model.principal_rotor(self.named()))
+
+    @cached_property
     def falling(self) -> np.ndarray:
         """Whether (n,) the motions call for units of their state alone; see `is_falling`."""
         return is_falling(self.model, vars(self.named()), self.start)
@@ -153,6 +169,14 @@ class Ensemble:
         slopes = [np.abs(np.imag(event.function(t, [*tilt], k))) / 1e-100 for tilt in tilts]
         return np.asarray(self.error_bound * size * sum(slopes))
 
+    def errors_of_times(
+        self, uncertainty: np.ndarray, times: np.ndarray, taken: np.ndarray
+    ) -> np.ndarray:
+        """The errors (k,) of times by what so many steps lose, where a side is uncertain for so
+        long if the error of a state is its bound."""
+        certain_part = (STEP_ROUNDING + PER_STEP * self.tol) * taken / self.error_bound
+        return np.asarray(certain_part * uncertainty + np.spacing(np.abs(times)) / 2)
+
     def side(self, event: Event, t: Any, y: np.ndarray) -> np.ndarray:
         """The sign (n,) of an event's function in states y (m, n) at the time t, 0 where it is
         uncertain."""
@@ -163,8 +187,8 @@ class Ensemble:
 
 class Outcome:
     """What became of n motions: states at the end (m, n) in units of 2**exponent (n,), samples (m,
-    n, s) in units of 2**sample_exponent (n, s), and the zeros of the event's function, with its
-    sign at both ends (n,).
+    n, s) in units of 2**sample_exponent (n, s), and the zeros of the event's function, with the
+    side at both ends (n,).
 
     A terminal event ends a motion; `events` are those that motions have passed through, by number.
     Nothing here counts where the code of a `rejection` (n,) is not 0.
@@ -177,7 +201,7 @@ class Outcome:
         self.sample_exponent = np.zeros((n, s), dtype=np.intc)
         self.rejection = np.full(n, Rejection.AT_REST.code, dtype=np.int8)
         none, empty = np.empty(0, dtype=np.int64), np.empty(0)
-        self.passages = Passages(none, empty, empty, empty, none, np.empty((m, 0)), none)
+        self.passages = Passages(none, empty, empty, empty, none, none, np.empty((m, 0)), none)
         self.events: dict[int, list[Occurrence]] = {}
 
     @property
