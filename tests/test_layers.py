@@ -58,9 +58,10 @@ def test_imports_go_down(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
-def test_the_storage_is_entered_by_its_door(path: Path) -> None:
+def test_storage_and_integration_are_entered_by_their_doors(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
-    assert room(path) == "storage" or not re.search(r"^ *from \.+storage\.", text, re.MULTILINE)
+    inner = re.findall(r"^ *from \.+(storage|integration)\.", text, re.MULTILINE)
+    assert set(inner) <= {room(path)}
 
 
 def test_only_the_scan_of_its_folder_knows_a_paper() -> None:

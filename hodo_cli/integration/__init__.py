@@ -1,29 +1,40 @@
 """One motion, without files: driven through an engine, its error measured, its crossings found.
 Imports engines and what lies below."""
 
-from .choice import AUTOMATIC, best, choose, taylor_steps
+from .choice import AUTOMATIC, MANY_STEPS, best, choose, taylor_steps
 from .classify import Classification, body_of, classify, cross, principal_omega
-from .crossings import CERTAIN, Crossing, time_to_zero
+from .crossings import CERTAIN, VIEWED, Crossing, has_turned, time_to_zero
+from .driver import LIMIT, at_rest
 from .error import errors_against, measured_error, references, thinned, time_error
 from .integrate import ASKED, integrate, motion_remarks, solved
 from .solve import refined, sample_times, solve
 from .trajectory import Occurrence, Trajectory
+from .units import TimeWindow, Units, clock_rates, is_falling
 
 __all__ = [
     "ASKED",
     "AUTOMATIC",
     "CERTAIN",
+    "LIMIT",
+    "MANY_STEPS",
+    "VIEWED",
     "Classification",
     "Crossing",
     "Occurrence",
+    "TimeWindow",
     "Trajectory",
+    "Units",
+    "at_rest",
     "best",
     "body_of",
     "choose",
     "classify",
+    "clock_rates",
     "cross",
     "errors_against",
+    "has_turned",
     "integrate",
+    "is_falling",
     "measured_error",
     "motion_remarks",
     "principal_omega",

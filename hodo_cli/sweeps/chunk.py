@@ -13,10 +13,7 @@ from .. import HodoError
 from ..cases.case import Case, Time
 from ..engines import have_taylor
 from ..engines.protocol import Status
-from ..integration.classify import body_of, classify
-from ..integration.integrate import integrate
-from ..integration.solve import sample_times
-from ..integration.trajectory import Trajectory
+from ..integration import Trajectory, body_of, classify, integrate, sample_times
 from ..models import rigid_body
 from ..models.constants import flatten, rescaled
 from ..results.layout import CROSSING_COLUMNS, columns_of

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...engines.series import value
-from ...integration.crossings import time_to_zero
-from ...integration.driver import LIMIT, at_rest
-from ...integration.units import clock_rates
+from ...integration import LIMIT, at_rest, clock_rates, time_to_zero
 from ...models.base import Event
 from ...models.constants import namespace
 from ...models.rigid_body import SEPARATRIX, UNDETERMINED

@@ -9,9 +9,7 @@ import numpy as np
 
 from ...engines.polynomial import TAYLOR, Zeros, isolate, rounding, to_bernstein
 from ...engines.protocol import uneven
-from ...integration.choice import MANY_STEPS
-from ...integration.trajectory import Occurrence
-from ...integration.units import TimeWindow, Units
+from ...integration import MANY_STEPS, Occurrence, TimeWindow, Units
 from ...models.base import Event
 from ...models.constants import moving, namespace, rescaled
 from .cells import LEVEL_ROWS, RegionCells

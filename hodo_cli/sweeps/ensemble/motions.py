@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...engines.protocol import Coded
-from ...integration.trajectory import Occurrence
-from ...integration.units import is_falling
+from ...integration import Occurrence, is_falling
 from ...models.base import Event, Level, Model
 from ...models.constants import UNIT, VELOCITY, Structure, moving, namespace
 from ...models.rigid_body import BodyFrame

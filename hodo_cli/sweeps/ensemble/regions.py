@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...integration.crossings import VIEWED, has_turned
+from ...integration import VIEWED, has_turned
 from ...models.constants import namespace, rescaled
 from ...models.rigid_body import UNSEPARATED
 from ...models.theory.gyrostat import HodographRegion, region_of
