@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
-from types import SimpleNamespace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -453,7 +452,7 @@ def component(axis: int, sign: int, t: Any, y: Sequence[Any], k: Any) -> Any:
     return y[sign] * y[axis]
 
 
-def turned_over(axis: int, sign: int, t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
+def turned_over(axis: int, sign: int, t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
     """The passage of omega_i through 0, behind which its sign is the other one."""
     state = [*y]
     state[sign] = -y[sign]
@@ -473,7 +472,7 @@ def amplitude_at_stop(t: Any, y: Sequence[Any], k: Any) -> Any:
     return y[0] - 2 * (log(k.momentum_at_start) - LEGS * math.log(FALL))
 
 
-def averaged_stop(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
+def averaged_stop(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
     """The end of an averaged motion, whose |G| the brake brings to 0 at a known rate."""
     mean = mean_elements(np.array([y]), k)
     time_left = float(mean["momentum"][0]) / float(coefficient_at(k, "brake", t))
@@ -490,9 +489,7 @@ def leg_end(leg: int, t: Any, y: Sequence[Any], k: Any) -> Any:
     return G[0] * G[0] + G[1] * G[1] + G[2] * G[2] - y[leg] * y[leg] / FALL**2
 
 
-def braked_leg(
-    leg: int, others: Sequence[str], t: Any, y: Sequence[Any], k: SimpleNamespace
-) -> EventOutcome:
+def braked_leg(leg: int, others: Sequence[str], t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
     """The passage at the end of a leg of braking, beside other torques: to another leg, or to rest.
 
     With a brake the equations have no solution at rest, and an integrator that does not know of it
@@ -512,7 +509,7 @@ def braked_leg(
     return EventOutcome(float(t + size / force), details, state, math.inf)
 
 
-def label_at_stop(omega: np.ndarray, k: SimpleNamespace) -> Any:
+def label_at_stop(omega: np.ndarray, k: Any) -> Any:
     """The label of the direction of G at a stop, by the constants of the motion: one event serves
     many bodies."""
     A, rotor = np.array([k.A1, k.A2, k.A3], float), principal_rotor_of(k)
@@ -522,9 +519,7 @@ def label_at_stop(omega: np.ndarray, k: SimpleNamespace) -> Any:
     return region_of(A, np.array(rotor, float), omega[None]).label[0]
 
 
-def torque_at_rest(
-    others: Sequence[str], t: Any, extra: Sequence[Any], k: SimpleNamespace
-) -> float:
+def torque_at_rest(others: Sequence[str], t: Any, extra: Sequence[Any], k: Any) -> float:
     """The size of a sum of torques, by name, where G is 0."""
     rates = rates_under([TERMS[name] for name in others], t, [*resting(k), *extra], k)[:3]
     # A omega', since -omega x G is 0 there.
@@ -557,8 +552,10 @@ def crossings_foretold(moments: Sequence[Dissipation]) -> list[str]:
         return []
     turning = turning_momenta(terms)
     fluid, damping, mean = (f"{G:.6g} [moment of inertia / time]" for G in turning)
-    band = f"only {up} above |G| = {fluid}, only {down} below {damping}"
-    return [f"{band}; on the mean the sense turns at {mean}"]
+    return [
+        f"only {up} above |G| = {fluid}, only {down} below {damping}; on the mean the sense turns "
+        f"at {mean}"
+    ]
 
 
 def rotation_held(terms: Dissipation) -> list[str]:
@@ -568,8 +565,10 @@ def rotation_held(terms: Dissipation) -> list[str]:
     if any(others) or not terms.covered or not terms.damping[axis] > 0:
         return []
     omega, stable = driven_spin(terms, axis)
-    word = "stable" if stable else "unstable"
-    return [f"the torque holds a rotation about x{axis + 1} at {omega:.6g} [time^-1]: {word}"]
+    return [
+        f"the torque holds a rotation about x{axis + 1} at {omega:.6g} [time^-1]: "
+        f"{'stable' if stable else 'unstable'}"
+    ]
 
 
 def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:

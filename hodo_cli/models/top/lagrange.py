@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -133,7 +132,7 @@ class Top(Model):
     @property
     def mu_at_start(self) -> Any:
         """mu at tau = 0."""
-        return coefficient_at(SimpleNamespace(**law_constants("mu", self.mu)), "mu", 0.0)
+        return coefficient_at(attributes(law_constants("mu", self.mu)), "mu", 0.0)
 
     @cached_property
     def nutation(self) -> Nutation:
@@ -243,7 +242,7 @@ class AveragedTop(Nutating):
         return drift(y, now, (-a, a * towards_u2, M3, -M3 * towards_u2), (X, w), by_mu)
 
     @staticmethod
-    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+    def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         k = with_mu(k, t)
         U, Z, r, e = y.T
         # w is 0 where an upright top becomes unstable, and rounding may bring w^2 below.
@@ -313,7 +312,7 @@ class AveragedU(Nutating):
         )
 
     @staticmethod
-    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+    def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         u1, u2, u3, r = y.T
         Gz, H = integrals_from_roots([*y.T], k)
         return {"Gz": Gz, "H": H, "r": r, "u1": u1, "u2": u2, "u3": u3}
@@ -410,7 +409,7 @@ class FullTop(Top):
         )
 
     @staticmethod
-    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+    def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         return {"omega": y[:, :3], "gamma": y[:, 3:]}
 
     @cached_property
@@ -512,11 +511,11 @@ class AveragedQuadrature(AveragedTop):
         return {"nodes": 2 * self.nodes}
 
     @staticmethod
-    def is_accurate(y: np.ndarray, k: SimpleNamespace, tol: float) -> Any:
+    def is_accurate(y: np.ndarray, k: Any, tol: float) -> Any:
         return (quadrature_remainder(y, k) <= tol) | (len(k.cosines) >= MOST_NODES)
 
     def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
-        remainder = quadrature_remainder(y.T, SimpleNamespace(**self.constants))
+        remainder = quadrature_remainder(y.T, attributes(self.constants))
         worst = int(np.argmax(remainder))
         if remainder[worst] <= max(tol, UNRESOLVED):
             return []
@@ -526,7 +525,7 @@ class AveragedQuadrature(AveragedTop):
         ]
 
 
-def quadrature_remainder(y: np.ndarray, k: SimpleNamespace) -> np.ndarray:
+def quadrature_remainder(y: np.ndarray, k: Any) -> np.ndarray:
     """The error (n,) of the quadrature at states y (4, n), relative to its means; 0 where a state
     is out of range, which no nodes would mend."""
     with np.errstate(all="ignore"):
