@@ -35,6 +35,7 @@ figures:
   law: {kind: series, cases: [round-x1], variables: [G, T], formula: {G: "exp(-0.004*t)"}}
   ball: {kind: sphere, cases: [crossing, rotor]}
   ends: {kind: hodograph, cases: [round-x1, crossing], zoom: 0.9, projections: [x1x2]}
+  sides: {kind: invariants, cases: [round-x1, crossing]}
   regions: {kind: quadrants, cases: [round-x1, crossing]}
   alone: {kind: hodograph, cases: [crossing]}
   lines: {kind: curve, cases: [grown], variable: crossing_time, x: damping.0, by: initial.q}
@@ -100,6 +101,11 @@ def test_cases_whose_colours_show_axes_are_named(drawn: Drawings, figure: str, p
         names = [text.get_text() for text in panel.texts]
         assert {"round-x1", "crossing"} <= {*names}
     assert "crossing" not in [text.get_text() for text in drawn.draw("alone").figure.axes[0].texts]
+
+
+def test_the_sides_of_the_separatrix_are_named_once(drawn: Drawings) -> None:
+    names = [text.get_text() for text in drawn.draw("sides").figure.axes[2].texts]
+    assert sorted(names) == ["about $x_1$", "about $x_3$"]
 
 
 def test_long_names_of_curves_stay_in_their_panel(drawn: Drawings) -> None:

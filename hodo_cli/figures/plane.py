@@ -422,27 +422,13 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     the bounds of G^2."""
     motions = of_one_body(motions_of(cases, spec["cases"], spec["labels"]))
     energy, square, ratio = sheet.panels(COLUMN, 1.75 * COLUMN, 3, sharex=True)
+    shade_sides(ratio, motions[0])
     for motion, style in zip(motions, styles(len(motions), spec["styles"]), strict=True):
         shown = motion.columns("T", "G2", "D/2T")
         sheet.record(motion.label, {"time": motion.time, **shown, "D": motion["D"]})
         for axes, values in zip((energy, square, ratio), shown.values(), strict=True):
             axes.plot(motion.time, values, **style, zorder=3)
         energy_bounds(energy, square, motion)
-        middle = sorted(motion.inertia)[1]
-        for axis in (motion.order[0], motion.order[2]):
-            end = motion.inertia[axis] - middle
-            ratio.axhspan(*sorted((0, end)), fc=AXIS_COLOUR[axis + 1], alpha=0.1, lw=0)
-            # Beside the upper or the lower edge, in the corner that the curve is farther from.
-            late = abs(motion["D/2T"][-1] - end) > abs(motion["D/2T"][0] - end)
-            ratio.annotate(
-                f"about $x_{axis + 1}$",
-                (0.97 if late else 0.03, end),
-                (0, -4 if end > 0 else 4),
-                xycoords=("axes fraction", "data"),
-                textcoords="offset points",
-                ha="right" if late else "left",
-                va="top" if end > 0 else "bottom",
-            )
         crossings = np.stack([motion.crossing_time, 0 * motion.crossing_time], axis=-1)
         ratio.plot(*crossings.T, **CROSSING, zorder=4)
     ratio.axhline(0, **SEPARATRIX)
@@ -462,6 +448,25 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     handles = case_handles(labels, spec["styles"]) if len(motions) > 1 else []
     bound = Line2D([], [], color=GREY, lw=0.5, label="bounds")
     sheet.legend = [*handles, bound, *mark_handles(motions, spec["time"])[2:]]
+
+
+def shade_sides(axes: Axes, motion: Motion) -> None:
+    """Shade and name the two sides of the separatrix in a panel of D/2T."""
+    middle = sorted(motion.inertia)[1]
+    for axis in (motion.order[0], motion.order[2]):
+        end = motion.inertia[axis] - middle
+        axes.axhspan(*sorted((0, end)), fc=AXIS_COLOUR[axis + 1], alpha=0.1, lw=0)
+        # Beside the upper or the lower edge, in the corner that the curve is farther from.
+        late = abs(motion["D/2T"][-1] - end) > abs(motion["D/2T"][0] - end)
+        axes.annotate(
+            f"about $x_{axis + 1}$",
+            (0.97 if late else 0.03, end),
+            (0, -4 if end > 0 else 4),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            ha="right" if late else "left",
+            va="top" if end > 0 else "bottom",
+        )
 
 
 def energy_bounds(energy: Axes, square: Axes, motion: Motion) -> None:
