@@ -677,6 +677,34 @@ def test_members_with_more_than_omega_along_principal_axes_go_side_by_side(torqu
     assert stopped.all() == ("all" in torque)
 
 
+FROM_REST = {
+    "damped": "damping: [0.01, 0.02, 0.03]",
+    "with fluid and an attitude": "kappa: 0.05, attitude: yes",
+    "with a rotor": "damping: 0.02, rotor: [0, 0.05, 0]",
+}
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("others", FROM_REST)
+def test_members_that_a_torque_sets_going_from_rest_go_side_by_side(others: str) -> None:
+    """D is 0 at the start of each, and its sign behind that is the one along the torque."""
+    case = one(
+        "model: torques, inertia: [1, 0.8, 0.6], initial: {p: 0, q: 0, r: 0}, time: {end: 60}, "
+        f"error: off, torque: [0.01, 0, 0.01], {FROM_REST[others]}, "
+        "sweep: {torque.1: {linspace: [-0.03, 0.031, 40]}}"
+    )
+    group = chunk.compute(chunk.Chunk(case, 0, 40))
+    assert group.attributes["rejections"].sum() <= 2
+    alone = computed(replace(case, max_steps=10**6))
+    for name in ("status", "start_axis", "end_axis", "crossings", "crossing_to", "crossing_from"):
+        assert np.array_equal(group.variables[name].data, alone[name]), name
+    assert (alone["start_axis"] == rigid_body.UNDETERMINED).all()
+    assert alone["crossings"].any()
+    for name in ("omega", "crossing_time", "share"):
+        known = pytest.approx(alone[name], rel=1e-10, abs=1e-12, nan_ok=True)
+        assert group.variables[name].data == known, name
+
+
 KEPT = "time: {end: 30, samples: 31}, error: off, store: [trajectory]"
 SPIN = "model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6048, epsilon: 0.1"
 TRAJECTORIES = {

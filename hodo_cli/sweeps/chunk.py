@@ -211,6 +211,7 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
     row = np.searchsorted(accepted, passed.motion)
     if not e.model.no_axis_reason:
         first, last = (enclosed(e, side[accepted]) for side in (outcome.first, outcome.last))
+        first[e.at_rest[accepted]] = rigid_body.UNDETERMINED
         final |= event_columns(events, len(accepted), None)
         crossings = crossing_columns(e, passed)
         final |= label_columns(first, last, row, crossings, final["event_time"], time)

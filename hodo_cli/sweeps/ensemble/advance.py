@@ -10,7 +10,7 @@ import numpy as np
 from ...engines.series import value
 from ...integration import LIMIT, at_rest, clock_rates, time_to_zero
 from ...models.base import Event
-from ...models.constants import namespace
+from ...models.constants import moving, namespace
 from ...models.rigid_body import SEPARATRIX, UNDETERMINED
 from .batch import (
     END,
@@ -56,7 +56,7 @@ def advance(e: Ensemble, step: "TaylorStep") -> Outcome:
     ensemble does not look for."""
     m, n = e.start.shape
     outcome = Outcome(m, n, len(e.times))
-    if e.start.any():
+    if e.onset.any():
         batch = BatchState(e, step, outcome)
         while batch.params.shape[1]:
             # Numpy's own work is in the pauses; between them a step is one call of compiled code.
@@ -103,7 +103,7 @@ def decide_passages(
     A motion is accepted if its zeros lead, by turns, from the sign at its start to that at its end,
     and none of these is uncertain.
     """
-    outcome.first = e.side(event, e.span[0], e.start)
+    outcome.first = e.side(event, e.span[0], e.onset)
     outcome.last = e.side(event, e.span[1], outcome.state)
     # A brake has brought these to rest, where no sign is left.
     resting = (outcome.state[:3] == 0).all(axis=0)
@@ -178,7 +178,11 @@ def zeros_within(
     k = namespace(e.structure, list(params[1:STRIDE]))
     noise = e.uncertainty(event, times_of(before, params, m), before[:m], k)
     powers = powers_within(step, event, steps)
-    zeros = zeros_of(powers, noise)
+    # Of a body set going from rest D begins with the square of the time: that zero is no passage.
+    begun = np.asarray(steps.before[:m][moving(e.model)].any(axis=0))
+    later = np.pad(powers[:, 2:], ((0, 0), (0, 2)))
+    of_later = np.where(begun, noise, e.error_bound * np.abs(powers).sum(axis=1))
+    zeros = zeros_of(np.where(begun[:, None], powers, later), of_later)
     row = zeros.row[zeros.sure]
     place = zeros.x[zeros.sure] * steps.length[row]
     rise = powers[row, 1:].T * np.arange(1, powers.shape[1])[:, None]

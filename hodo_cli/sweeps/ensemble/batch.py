@@ -82,7 +82,7 @@ class BatchState:
         e, m, self.aligned_step = self.ensemble, self.m, AlignedCalls(self.step)
         # Those of uneven starts are left to single cases, whose steps can be limited.
         omega = e.start[moving(e.model)]
-        turning = (omega != 0).any(axis=0)
+        turning = (e.onset[moving(e.model)] != 0).any(axis=0)
         self.outcome.rejection[turning] = Rejection.UNEVEN.code
         begun = np.flatnonzero(turning & ~uneven(omega))
         number = padded(begun)

@@ -10,7 +10,7 @@ import numpy as np
 from ...engines.protocol import Coded
 from ...integration import Occurrence, is_falling
 from ...models.base import Event, Level, Model
-from ...models.constants import UNIT, VELOCITY, Structure, moving, namespace
+from ...models.constants import UNIT, VELOCITY, Structure, moving, namespace, stacked
 from ...models.rigid_body import BodyFrame
 
 ERROR_BOUND, PER_TOLERANCE = 1e-9, 1e3
@@ -32,7 +32,7 @@ class Rejection(Coded):
 
     NONE = ""
     EVENTS = "more than one event"
-    AT_REST = "starts at rest"
+    AT_REST = "stays at rest at first"
     UNEVEN = "starts with a component that is small beside another"
     SLOW = "too many steps"
     UNIT = "rates far from 1 in the unit of time"
@@ -127,6 +127,18 @@ class Ensemble:
         """h (3, n) of bodies with a rotor along the principal axes."""
         assert issubclass(self.model, BodyFrame)
         return np.array(self.model.principal_rotor(self.named()))
+
+    @cached_property
+    def onset(self) -> np.ndarray:
+        """The start (m, n), of motions at rest the rates there: what they turn along as soon as
+        they turn."""
+        rates = self.model.rhs(self.span[0], [*self.start], self.named())
+        return np.where(self.at_rest, stacked(rates, self.start), self.start)
+
+    @cached_property
+    def at_rest(self) -> np.ndarray:
+        """Whether (n,) the motions begin at rest."""
+        return np.asarray((self.start[moving(self.model)] == 0).all(axis=0))
 
     @cached_property
     def falling(self) -> np.ndarray:

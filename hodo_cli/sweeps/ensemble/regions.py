@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 ROUNDS = 60
 """Of the search for one change: more than a double has digits."""
 
+PLACED = 4 * 2.0**-52
+"""The part of a step to which the place of a change is found."""
+
 BLOCK = 2048
 """Steps that are searched at once."""
 
@@ -123,7 +126,7 @@ def changes_within(
     off = np.linalg.norm(gradient, axis=-1) * np.linalg.norm(omega, axis=-1)
     with np.errstate(all="ignore"):
         uncertainty = e.error_bound * off / np.abs((gradient * at.change).sum(-1))
-    errors = e.errors_of_times(uncertainty, at.time, taken)
+    errors = e.errors_of_times(uncertainty, at.time, taken) + PLACED * at.length
     found = Passages(at.motion, at.time, errors, uncertainty, before, after, at.state, at.size)
     return found.chosen(np.lexsort((at.time, at.motion))), uncertain
 
@@ -169,7 +172,7 @@ def change_between(
         middle = (low[open_] + high[open_]) / 2
         newton = by_newton[open_] & (ahead >= low[open_]) & (ahead <= high[open_])
         following = np.where(newton, ahead, middle)
-        moving = np.abs(following - x[open_]) > 4 * np.finfo(float).eps
+        moving = np.abs(following - x[open_]) > PLACED
         x[open_] = following
         open_ = open_[moving]
     return before, after, x
