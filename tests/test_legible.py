@@ -38,6 +38,7 @@ figures:
   sides: {kind: invariants, cases: [round-x1, crossing]}
   regions: {kind: quadrants, cases: [round-x1, crossing]}
   alone: {kind: hodograph, cases: [crossing]}
+  times: {kind: map, cases: [grown], variable: crossing_time, x: damping.0, y: initial.q}
   lines: {kind: curve, cases: [grown], variable: crossing_time, x: damping.0, by: initial.q}
   listed: {kind: curve, cases: [grown], variable: crossing_time, x: damping.0,
            by: initial.q, at: [0, 1]}
@@ -101,6 +102,19 @@ def test_cases_whose_colours_show_axes_are_named(drawn: Drawings, figure: str, p
         names = [text.get_text() for text in panel.texts]
         assert {"round-x1", "crossing"} <= {*names}
     assert "crossing" not in [text.get_text() for text in drawn.draw("alone").figure.axes[0].texts]
+
+
+@pytest.mark.parametrize("name", ["times", "lines"])
+def test_labels_of_axes_end_within_the_figure_whatever_its_width(
+    drawn: Drawings, name: str
+) -> None:
+    figure = drawn.draw(name, style={"width": 60}).figure
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        for label in (axes.xaxis.label, axes.yaxis.label):
+            for box in boxes([label]):
+                assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
+                assert figure.bbox.y0 <= box.y0 < box.y1 <= figure.bbox.y1
 
 
 def test_the_sides_of_the_separatrix_are_named_once(drawn: Drawings) -> None:

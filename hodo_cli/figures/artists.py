@@ -521,8 +521,22 @@ def finish_figure(sheet: Sheet, spec: Mapping[str, Any], style: Mapping[str, Any
     sheet.figure.set_size_inches(new_width, style.get("height", 25.4 * new_height) / 25.4)
     if lines:
         sheet.figure.suptitle("\n".join(lines))
+    fill_labels(sheet)
     place_legend(sheet, panels, style.get("legend", "below"))
     set_apart(sheet)
+
+
+def fill_labels(sheet: Sheet) -> None:
+    """Break the labels of axes that are longer than there is room for them."""
+    width, height = sheet.figure.get_size_inches()
+    for axes in sheet.figure.axes:
+        place = axes.get_subplotspec()
+        rows, columns = place.get_gridspec().get_geometry() if place is not None else (1, 1)
+        # A panel has its numbers to the left, a title above and a legend below it.
+        across, up = 0.8 * width / columns, 0.55 * height / rows
+        for axis, length in ((axes.xaxis, across), (axes.yaxis, up)):
+            if text := axis.label.get_text():
+                axis.label.set_text(filled(text, length))
 
 
 def set_apart(sheet: Sheet) -> None:

@@ -35,7 +35,6 @@ from .artists import (
     PURPLE,
     RED,
     SEPARATRIX,
-    filled,
     hues,
     pair,
     styles,
@@ -191,7 +190,7 @@ def colour_bar(sheet: Sheet, scale: ScalarMappable, label: str) -> None:
         aspect=45,
         panchor=False,  # where `map_sphere` has it
     )
-    bar.set_label(filled(label, sheet.figure.get_figwidth()))
+    bar.set_label(label)
     if scale.cmap.N <= MOST_COUNTS + 1:
         first, behind = scale.get_clim()
         bar.set_ticks(np.arange(math.ceil(first), behind).tolist())
@@ -421,8 +420,7 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     axes.set(
         xscale="log" if all(even for _, even in ticks) else "linear",
         xlabel=axis_name(sweeps[0], spec["x"]),
-        # Lines that are no longer than the panel is high.
-        ylabel=filled(map_label(sweeps, spec, sheet.units), 0.55 * sheet.figure.get_figheight()),
+        ylabel=map_label(sweeps, spec, sheet.units),
     )
     axes.margins(x=0.02, y=0.05 + spacing * lacking)
     handles: list[Line2D] = []
