@@ -335,11 +335,23 @@ def test_the_papers_crossings_are_found() -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("body", [FIG4, FIG12], ids=["linear-diag", "tensor"])
+@pytest.mark.parametrize("body", ["linear-diag", "tensor", "rotor", "other axes"])
 def test_chunks_and_neighbours_change_no_bit(body: str) -> None:
+    with_rotor = (
+        f"model: torques, {HEAD}, damping: [0.005, 0.004, 0.003], rotor: [0.03, 0.08, 0.06]"
+    )
+    turned = with_rotor.replace("[1, 0.8, 0.6]", "[[1, 0.1, 0], [0.1, 0.8, 0.1], [0, 0.1, 0.6]]")
+    texts = {
+        "linear-diag": f"{FIG4}, {BALL}",
+        "tensor": f"{FIG12}, {BALL}",
+        "rotor": f"{with_rotor}, {BALL.replace('G: 1', 'r: 1')}",
+        "other axes": f"{turned}, {BALL.replace('G: 1', 'r: 1')}".replace(
+            "[0.005, 0.004, 0.003]", "0.005"
+        ),
+    }
+    moment = "inertia.1.1" if body == "other axes" else "inertia.1"
     case = one(
-        f"{body}, {BALL}, sweep: "
-        f"{{inertia.1: {{values: [0.7, 0.8]}}, d: {{sphere: {{count: 37}}}}}}"
+        f"{texts[body]}, sweep: {{{moment}: {{values: [0.7, 0.8]}}, d: {{sphere: {{count: 37}}}}}}"
     )
     whole = computed(case)
     cuts = [0, 1, 12, 41, 63, 74]

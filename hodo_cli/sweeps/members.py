@@ -14,6 +14,7 @@ from ..engines.protocol import EPS
 from ..models.base import Model
 from ..models.constants import UNIT, contains_time, flatten, structure
 from ..models.rigid_body import BodyFrame
+from ..models.terms.torques import times
 from ..schema.kinds import KeyPath
 from ..text import grouped
 from .columns import shape
@@ -159,8 +160,10 @@ def velocities(
         if isinstance(system, BodyFrame) and not system.is_plain:
             # G, which is not A omega along the axes of the case, is linear in omega.
             zero, unit = system.momentum(np.zeros(3)), system.momentum(np.eye(3))
-            G = np.linalg.norm(system.momentum(start)) * direction[own]
-            omega[own] = np.linalg.solve((unit - zero).T, (G - zero).T).T
+            G = np.linalg.norm(system.momentum(start)) * direction[own] - zero
+            # Not by a product of matrices, whose last digits hang on their number of columns.
+            inverse = np.linalg.inv((unit - zero).T).ravel().tolist()
+            omega[own] = np.stack(times(inverse, G.T), axis=-1)
         else:
             omega[own] = np.linalg.norm(A * start, axis=-1) * direction[own] / A
     return omega
