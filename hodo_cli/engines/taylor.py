@@ -65,7 +65,6 @@ class Taylor:
             list(zip(y, rhs, strict=True)),
             np.zeros(len(y)).astype(fp),
             tol=fp(self.tol),
-            pars=np.zeros(count(structure)).astype(fp),
             t_events=[
                 hy.t_event(functions[i], callback=self._stopper(i), fp_type=fp)
                 for i, event in enumerate(events)
@@ -129,7 +128,8 @@ class Taylor:
     def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl) -> Leg:
         """See `Engine.leg`."""
         ta = self.ta
-        ta.pars[:] = np.array(flatten(k)).astype(self.dtype)
+        # heyoka counts parameters up to the last that the equations use.
+        ta.pars[:] = [self.dtype(number) for number in flatten(k)[: len(ta.pars)]]
         ta.state[:] = y
         ta.dtime = (grid[0], self.dtype(0))
         if ta.with_events:

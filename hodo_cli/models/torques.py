@@ -265,13 +265,12 @@ class Torques(BodyUnderTorques, LookedUp):
         constants |= super().constants
         if self.frame is None:
             return constants
-        # heyoka counts parameters up to the last that the equations use: that has to come last.
-        tensor = self.frame.tensor
-        matrices = {"axes": self.frame.axes, "tensor": tensor, "inverse": np.linalg.inv(tensor)}
+        frame = self.frame
+        matrices = {"axes": frame.axes, "tensor": frame.tensor, "inverse": frame.inverse}
         return (
             constants
-            | body_constants(self.moments.tolist())
-            | {name: tuple(matrix.ravel().tolist()) for name, matrix in matrices.items()}
+            | body_constants([*frame.moments])
+            | {name: tuple(matrix.ravel()) for name, matrix in matrices.items()}
         )
 
     @property
@@ -281,18 +280,22 @@ class Torques(BodyUnderTorques, LookedUp):
 
     @property
     def moments(self) -> np.ndarray:
-        return super().moments if self.frame is None else self.frame.moments
+        return super().moments if self.frame is None else self.frame.moments.astype(float)
 
     @property
     def principal_axes(self) -> np.ndarray | None:
-        return None if self.frame is None else self.frame.axes
+        return None if self.frame is None else self.frame.axes.astype(float)
 
     @property
     def rotor_momentum(self) -> np.ndarray | None:
         return None if self.rotor is None else self.to_principal(np.array(self.rotor))
 
     def momentum(self, omega: np.ndarray) -> np.ndarray:
-        G = super().momentum(omega) if self.frame is None else omega @ self.frame.tensor
+        G = (
+            super().momentum(omega)
+            if self.frame is None
+            else omega @ self.frame.tensor.astype(float)
+        )
         return G if self.rotor is None else G + np.array(self.rotor)
 
     def separation(self, omega: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The principal axes of a body whose inertia is given as a full tensor, in other axes."""
 
 from functools import lru_cache
-from itertools import permutations
+from itertools import combinations, permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -12,11 +12,20 @@ ASYMMETRY = 1e-12
 
 class PrincipalAxes(NamedTuple):
     """The tensor (3, 3), its principal moments (3,), and its axes, row by row (3, 3), as unit
-    vectors in the axes of the tensor: a right-handed system."""
+    vectors in the axes of the tensor: a right-handed system.
+
+    All are of long doubles: rounded to doubles, moments and axes belong to another tensor, along
+    which a motion in extended precision goes astray as one in double does.
+    """
 
     tensor: np.ndarray
     moments: np.ndarray
     axes: np.ndarray
+
+    @property
+    def inverse(self) -> np.ndarray:
+        """The inverse of the tensor (3, 3)."""
+        return np.asarray(self.axes.T / self.moments @ self.axes)
 
 
 @lru_cache(maxsize=256)
@@ -35,7 +44,8 @@ def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
         )
     J = (J + J.T) / 2
     diagonal = not (J - np.diag(np.diag(J))).any()
-    moments, axes = (np.diag(J), np.eye(3)) if diagonal else _numbered(*np.linalg.eigh(J))
+    J, axes = J.astype(np.longdouble), np.eye(3) if diagonal else _numbered(np.linalg.eigh(J)[1])
+    moments, axes = _refined(J, axes)
     named = ", ".join(f"{moment:.6g}" for moment in moments)
     if not moments.min() > 0:
         raise ValueError(f"the principal moments of this tensor are not all positive: {named}")
@@ -45,12 +55,30 @@ def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
     return PrincipalAxes(J, moments, axes)
 
 
-def _numbered(moments: np.ndarray, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Moments and axes, the columns of `vectors`, in the order and with the signs that bring the
-    axes nearest to the given ones."""
+def _numbered(vectors: np.ndarray) -> np.ndarray:
+    """Axes, the columns of `vectors`, in the order and with the signs that bring them nearest to
+    the given ones."""
     order = max(permutations(range(3)), key=lambda p: sum(abs(vectors[i, p[i]]) for i in range(3)))
     axes = vectors[:, order].T
     axes = axes * np.where(np.diag(axes) < 0, -1, 1)[:, None]
     if np.linalg.det(axes) < 0:
         axes[np.abs(np.diag(axes)).argmin()] *= -1
-    return moments[list(order)], axes
+    return axes
+
+
+def _refined(J: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The moments and axes of a tensor of long doubles from axes that are right in double."""
+    axes = axes.astype(np.longdouble)
+    # The nearest orthogonal matrix, by Newton's method; then Jacobi's rotations. Both converge
+    # quadratically.
+    for _ in range(2):
+        axes = (3 * axes - axes @ axes.T @ axes) / 2
+        for i, j in combinations(range(3), 2):
+            turned = axes @ J @ axes.T
+            if turned[i, j]:
+                ratio = (turned[j, j] - turned[i, i]) / (2 * turned[i, j])
+                tangent = (1 if ratio >= 0 else -1) / (abs(ratio) + np.hypot(1, ratio))
+                cosine = 1 / np.hypot(1, tangent)
+                pair = cosine * np.array([[1, -tangent], [tangent, 1]])
+                axes[[i, j]] = pair @ axes[[i, j]]
+    return np.diag(axes @ J @ axes.T), axes
