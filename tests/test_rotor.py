@@ -239,3 +239,48 @@ def test_D_of_a_body_with_a_rotor_is_refused() -> None:
     with pytest.raises(HodoError, match="no quadrants"):
         hodo.plot(ds, kind="quadrants")
     hodo.plot(ds, kind="sphere", colour="axis")
+
+
+def long_double_motion(tensor: np.ndarray, resistance: np.ndarray, start: Any) -> np.ndarray:
+    """omega (321, 3) of J omega' = J omega x omega - I omega to t = 40, by Taylor series of order
+    30 in long doubles, in the axes of the data."""
+    J, I = tensor.astype(np.longdouble), resistance.astype(np.longdouble)
+    inverse = np.linalg.inv(tensor).astype(np.longdouble)
+    for _ in range(3):  # Newton's iteration
+        inverse = inverse @ (2 * np.eye(3) - J @ inverse)
+    omega = np.array(start, np.longdouble)
+    rows = [omega]
+    for _ in range(320):
+        w = [omega]
+        for n in range(30):
+            turned = sum(np.cross(J @ w[i], w[n - i]) for i in range(n + 1))
+            w.append(inverse @ (turned - I @ w[n]) / (n + 1))
+        omega = sum(c * np.longdouble(1 / 8) ** n for n, c in enumerate(w))
+        rows.append(omega)
+    return np.array(rows)
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize(
+    "terms", [{"resistance": 1}, {"damping": 0.0}, {"damping": 0.005}], ids=str
+)
+def test_the_error_of_a_body_in_other_axes_is_what_is_stated(terms: Any) -> None:
+    """Axes that are rounded to doubles belong to another body, for motion and reference alike."""
+    tensor = np.array([[10.2, 1.1, -0.4], [1.1, 8.7, 0.6], [-0.4, 0.6, 5.9]])
+    unequal = np.array([[0.05, 0.01, 0.0], [0.01, 0.03, 0.0], [0.0, 0.0, 0.07]])
+    resisting = "resistance" in terms
+    sure = long_double_motion(
+        tensor, unequal if resisting else terms["damping"] * tensor, (0.7, -0.3, 0.5)
+    )
+    for keys in ({}, {"precision": "extended"}, {"method": "taylor"}):
+        ds = hodo.run(
+            {
+                "model": "torques", "inertia": tensor.tolist(),
+                "initial": {"p": 0.7, "q": -0.3, "r": 0.5},
+                "time": {"end": 40, "samples": 321}, **keys,
+                **({"resistance": unequal.tolist()} if resisting else terms),
+            }
+        )  # fmt: skip
+        apart = np.linalg.norm((ds.omega.data - sure).astype(float), axis=1)
+        true = (apart / np.linalg.norm(sure.astype(float), axis=1)).max()
+        assert true < 1.5 * ds.attrs["error"] < 1e-12, keys

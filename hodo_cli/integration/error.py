@@ -94,14 +94,18 @@ def references(case: Case, method: str, tol: float) -> Iterator[Reference]:
     finer = {"double": "extended" if EXTENDED else "quadruple", "extended": "quadruple"}.get(
         case.precision
     )
+    numerical = "taylor" if engines.have_taylor() else "collocation"
     if finer and (finer != "quadruple" or engines.have_quadruple()):
         # The method that `auto` took for the motion it takes for long doubles too: without another
         # trial, and not the series where that has failed.
         is_known = case.method == "auto" and finer == "extended" and method in AUTOMATIC
-        yield Reference(finer, method if is_known else best(case, finer)[0])
+        better = method if is_known else best(case, finer)[0]
+        # The closed form has the principal axes of a full tensor in doubles, whatever it computes.
+        in_other_axes = getattr(case.system, "principal_axes", None) is not None
+        yield Reference(finer, numerical if better == "exact" and in_other_axes else better)
     if method == "exact":
         # A closed form has no tolerance, and the same formula again would show no error.
-        method = "taylor" if engines.have_taylor() else "collocation"
+        method = numerical
     yield Reference(case.precision, method, tol / 100)
     yield Reference(case.precision, method, tol * 100)
 
