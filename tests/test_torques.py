@@ -426,6 +426,7 @@ def test_predictions_carry_the_units_of_the_case() -> None:
         ((0, 0, 0), (0.01, 0, 0)),
         ((0, 0, 0), (0.01, 0.02, 0)),
         ((0, 0, 0), (0.01, -0.02, 0.03)),
+        ((0, 0, 0), (0.024, 0, -0.02)),
         ((0.3, 0.4, 0), (0, 0, 0)),
     ],
 )
@@ -440,6 +441,8 @@ def test_drag_by_axes_begins_at_its_corners(start: Any, torque: Any) -> None:
     initial = dict(zip("pqr", start, strict=True))
     ds = run(initial, 20, quadratic_axes=0.1, torque=list(torque))
     assert ds.attrs["status"] == "ok"
+    # D has the sign of where the motion goes from its first moment on.
+    assert not (ds.crossing_time < 1e-6).any()
     assert ds.omega.data[-1] == pytest.approx(sure, abs=1e-9)
 
 

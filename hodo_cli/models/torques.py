@@ -366,19 +366,18 @@ class Torques(BodyUnderTorques, LookedUp):
         # Several short steps: the first slopes are 0 where only other components drive this one, or
         # where a law of time begins with 0. What turns with the body goes ahead with it.
         w, ahead, t = y[:3], y.copy(), np.zeros(y.shape[1:])
-        sides = np.sign(w)
-        k = attributes(self.constants)
+        moved, k = w, attributes(self.constants)
         for _ in range(STARTING_STEPS):
             # Of the sum itself: with an attitude its form has further rows.
             rates = np.array(np.broadcast_arrays(*rates_under(self.terms, t, [*ahead], k)))
             fastest = np.maximum(np.abs(w).max(0), np.sqrt(np.abs(rates[:3]).max(0)))
             step = PROBE / np.where(fastest > 0, fastest, 1)
             ahead, t = ahead + step * rates, t + step
-            sides = np.where(sides == 0, np.sign(ahead[:3]), sides)
+            moved = np.where(moved == 0, ahead[:3], moved)
         first = self.state.index("s1")
-        y[first : first + 3] = sides
-        size = BEHIND_ZERO * np.abs(ahead[:3]).sum(0)
-        y[:3] = np.where(w == 0, sides * size, w)
+        y[first : first + 3] = np.sign(moved)
+        # In the direction in which it goes: of another one D may have the other sign.
+        y[:3] = np.where(w == 0, BEHIND_ZERO * moved, w)
         return y
 
     @property
