@@ -5,19 +5,17 @@ every result is an `xarray.Dataset`.
     ds = hodo.run({"model": "linear-diag", "inertia": [1, 0.8, 0.6], ...})
 """
 
-import builtins
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, overload
 
-import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
 from . import HodoError
 from .batch.memory import check_memory
-from .cases.case import Case
+from .cases.case import Case, plain
 from .cases.config import parse
 from .cases.derived import DERIVED, derivable
 from .cases.figure_block import FIGURE, FIGURE_KINDS, check_figure
@@ -79,13 +77,15 @@ def run(
     that is not installed, or if the file cannot be written. A case that fails has an
     `attrs["status"]` other than "ok".
     """
-    if is_one := isinstance(case, Case | Mapping) or not isinstance(case, Iterable):
+    if is_one := isinstance(case, Case | Mapping | str) or not isinstance(case, Iterable):
         cases = [_case(case, name)]
     else:
         cases = [_case(item, f"{name}{i}") for i, item in enumerate(case, 1)]
     if any(case.sweep for case in cases):
         raise HodoError("sweep: this case is a sweep: use hodo.sweep")
     _check_jobs(jobs)
+    if not cases:
+        return []
     if to is None and is_one:
         return _integrated(cases[0], classify)
     with TemporaryDirectory(prefix="hodo-") as folder:
@@ -163,7 +163,7 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
     cases = _named(several)
     # A sketch of quadrants draws bodies and takes no cases.
     cases_key = {"cases": list(cases)} if "cases" in FIGURE_KINDS.get(kind, {}) else {}
-    spec, mistakes = FIGURE.check_keys({"kind": kind, **cases_key, **_plain(keys)})
+    spec, mistakes = FIGURE.check_keys({"kind": kind, **cases_key, **plain(keys)})
     if mistakes := [*mistakes, *check_figure(spec)]:
         raise HodoError(str(Wrong(*mistakes)))
     return draw(spec, cases, rc=user_parameters()).figure
@@ -195,7 +195,7 @@ def _case(case: Given, name: str) -> Case:
         return case
     if not isinstance(case, Mapping):
         raise HodoError(f"expected a Case or a mapping of its keys to values, got {case!r:.80}")
-    return Case.of(_plain(case), name)
+    return Case.of(case, name)
 
 
 def _named(several: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
@@ -209,12 +209,3 @@ def _named(several: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
         again = sum(1 for other in named if other == name or other.startswith(f"{name} ("))
         named[f"{name} ({again + 1})" if again else name] = data
     return named
-
-
-def _plain(value: Any) -> Any:
-    """Arrays of numpy and tuples as lists, its numbers as Python's: what a YAML file can say."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    return [_plain(item) for item in value] if isinstance(value, builtins.list | tuple) else value

@@ -112,7 +112,10 @@ def _function(name: str) -> Callable[[Any], Any]:
         if isinstance(x, np.ndarray | np.generic | complex):
             return of_array(x)
         if isinstance(x, Column | float | int):
-            return of_number(x)
+            try:
+                return of_number(x)
+            except ValueError:  # as of an array: a motion that comes there fails, and no other one
+                return math.nan
         if type(x) in SYMBOLS:
             return getattr(SYMBOLS[type(x)], name)(x)
         return getattr(x, name)()

@@ -421,3 +421,14 @@ def test_labels_of_another_motion_are_refused(times: float, given: dict[str, Any
     api.plot(data.assign(omega=times * data.omega), "hodograph")
     with pytest.raises(HodoError, match="after arithmetic with a whole dataset"):
         api.plot(data * times, "hodograph")
+
+
+def test_a_case_is_made_of_arrays_and_no_cases_give_no_datasets() -> None:
+    data = {
+        "model": "linear-diag", "inertia": np.array([1, 0.8, 0.6]), "damping": np.float64(0.01),
+        "initial": {"p": 1, "q": 0, "r": np.int64(0)}, "time": {"end": 1},
+    }  # fmt: skip
+    assert api.Case.of(data).data["inertia"] == (1, 0.8, 0.6)
+    assert api.run([]) == []
+    with pytest.raises(HodoError, match=r"got 'mine\.yaml'"):
+        api.run("mine.yaml")  # type: ignore[arg-type]

@@ -284,11 +284,22 @@ def test_the_models_of_one_torque_are_sums_of_one(model: str, terms: Any) -> Non
             {"quadratic_axes": 1, "form": "averaged"},
             "quadratic_axes: form averaged does not take this torque",
         ),
+        ({"expression": [0, "sqrt(-1-t)", 0]}, "expression.1: is no number at the start"),
+        ({"expression": ["1/t", 0, 0]}, "expression.0: is no number at the start"),
     ],
 )
 def test_what_is_no_sum_of_torques_is_refused(terms: Any, message: str) -> None:
     with pytest.raises(HodoError, match=message):
         hodo.run({"model": "torques", "inertia": BODY, "initial": B, "time": {"end": 1}, **terms})
+
+
+@pytest.mark.parametrize(
+    "method", [pytest.param("taylor", marks=pytest.mark.heyoka), "DOP853", "collocation"]
+)
+def test_a_torque_that_is_no_number_later_ends_the_motion(method: str) -> None:
+    ds = run(B, 30, expression=["0.01*sqrt(10-t)", 0, 0], method=method)
+    assert ds.attrs["status"] == "failed"
+    assert 8 < ds.time[-1] <= 10
 
 
 def test_only_the_terms_named_are_in_the_equations() -> None:

@@ -293,3 +293,22 @@ def test_axes_have_a_dash_where_the_case_has_no_units_and_nothing_where_one_is_l
     )
     drawn = hodo_cli.plot(motion, kind="series", variables=["p", "T"])
     assert [axes.get_ylabel() for axes in drawn.axes] == labels
+
+
+def test_the_slow_time_of_a_top_is_not_named_as_the_time() -> None:
+    """Its axis is tau = epsilon t, in a unit or not: as t it was 1/epsilon times too short."""
+    motion = hodo_cli.run(
+        {
+            "model": "Lagrange-averaged",
+            "form": "full",
+            "inertia": {"A": 1.5, "C": 1},
+            "mu": 0.5,
+            "epsilon": 0.05,
+            "a": 0.125,
+            "b": 0.1,
+            "initial": {"theta": 0.785, "r": 1.7},
+            "time": {"end": 1, "samples": 101, "unit": "s"},
+        }
+    )
+    (axes,) = hodo_cli.plot(motion, kind="series", variables=["Gz"]).axes
+    assert axes.get_xlabel() == r"$\tau$ [s]"

@@ -100,6 +100,15 @@ class Time:
         return self if samples == self.samples else replace(self, samples=samples, values=None)
 
 
+def plain(value: Any) -> Any:
+    """Arrays of numpy and tuples as lists, its numbers as Python's: what a YAML file can say."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
 @dataclass(frozen=True)
 class Case:
     """One experiment, complete: `data` holds the keys of its model's form, every default filled in.
@@ -142,7 +151,7 @@ class Case:
         Raises HodoError, one line for each mistake: the key, and what is right.
         """
         try:
-            return checked_case(name, Block(entries))
+            return checked_case(name, Block(plain(entries)))
         except Wrong as error:
             raise HodoError(str(error)) from None
 
@@ -252,9 +261,8 @@ def checked_case(name: Any, block: Block) -> Case:
     data |= first_values(values.get("sweep") or {}, model, data)
     model_data = {key: value for key, value in data.items() if key != KEY}
     of_data = [*model.check(model_data), *check_attitude(model, data)]
-    # What the case as a whole seems to lack may stand under a misspelt key.
-    is_misspelt = any(isinstance(path[-1], WrongKey) for path, _ in mistakes if len(path) == 1)
-    mistakes += [mistake for mistake in of_data if mistake[0] or not is_misspelt]
+    # What the case as a whole seems to lack may stand under a key that is misspelt or wrong.
+    mistakes += [mistake for mistake in of_data if mistake[0] or not mistakes]
     if "time" in values and not mistakes:
         mistakes += model.check_span(model_data, values["time"]["start"], values["time"]["end"])
     # The class that stands in for a form with these data decides which variables are stored.

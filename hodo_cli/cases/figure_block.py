@@ -199,7 +199,7 @@ STYLED = OF_CASES | {
 TIME_KEYS = {
     "time": Key(
         Text(),
-        r"symbol of time, in TeX (default: t where time has a unit, else \tau)",
+        r"symbol of time, in TeX (default: t where time has a unit and is not slow, else \tau)",
         default=None,
     ),
 }

@@ -95,12 +95,13 @@ def draw(
 
 def with_time_symbol(spec: Mapping[str, Any], cases: Cases) -> Mapping[str, Any]:
     """A figure with the symbol of its time. The default is t for a time with a unit, and tau for
-    the dimensionless time of the papers."""
+    the dimensionless time of the papers and for a slow one."""
     if spec.get("time", "") is not None:
         return spec
     first = cases.get(next(iter(spec["cases"]), ""))
-    unit = "1" if first is None or "case" not in first.attrs else case_in(first, "").time.unit
-    return {**spec, "time": r"\tau" if unit == "1" else "t"}
+    case = None if first is None or "case" not in first.attrs else case_in(first, "")
+    is_tau = case is None or case.time.unit == "1" or case.system.slow_time
+    return {**spec, "time": r"\tau" if is_tau else "t"}
 
 
 def remarks_on(spec: Mapping[str, Any], cases: Cases) -> list[str]:

@@ -122,6 +122,8 @@ class Model:
     A model is `always_absorbing` if it has `absorbing_axes` whatever the data: no motion crosses
     the separatrix twice, and errors do not grow beside it.
 
+    The time of a model in `slow_time` is tau = epsilon t.
+
     A model `stops` if an event may bring its motions to rest, where no axis is enclosed any more.
 
     `no_axis_reason` says why the enclosed axis does not apply; it is empty where it does.
@@ -141,6 +143,7 @@ class Model:
     oriented: ClassVar[bool] = False
     alone: ClassVar[str] = ""
     always_absorbing: ClassVar[bool] = False
+    slow_time: ClassVar[bool] = False
     stops: ClassVar[bool] = False
     no_axis_reason: ClassVar[str] = (
         "the state has no angular velocity in body axes, so no axis is enclosed"

@@ -9,8 +9,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..arithmetic import log
-from ..schema.expression import Expression
+from ..arithmetic import evaluate, log
+from ..schema.expression import Expression, parse_expression
 from ..schema.kinds import Either, Key, ListOf, Mistake, Number, Table, vector
 from .averaging.any_torque import QuadratureTurns, averaged_form
 from .averaging.forms import mean_elements
@@ -252,6 +252,11 @@ class Torques(BodyUnderTorques, LookedUp):
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
         yield from laws_begun_too_soon(coefficients_of(data), start)
         yield from negative_coefficients(data, (start, end))
+        omega = [(data.get("initial") or {}).get(name) for name in "pqr"]
+        if None not in omega:  # else given by G
+            for i, text in enumerate(data.get("expression") or ()):
+                if not is_finite_at(text, [*omega, start]):
+                    yield ("expression", i), "is no number at the start of the motion"
 
     @cached_property
     def constants(self) -> Constants:
@@ -600,6 +605,15 @@ def negative_coefficients(
             is_meant = is_law(entry) == (span is not None) and start > zero_of_base(entry)
             if is_meant and least_value(entry, start, end) < 0:
                 yield (name, i) if len(TERMS[name].degree) > 1 else (name,), NEGATIVE
+
+
+def is_finite_at(text: str, values: Sequence[Any]) -> bool:
+    """Whether an expression has a value where its variables have these."""
+    try:
+        named = dict(zip(terms.VARIABLES, values, strict=True))
+        return math.isfinite(evaluate(parse_expression(text, terms.VARIABLES), named))
+    except (ValueError, ArithmeticError):
+        return False
 
 
 def averaged_sum(full: type[Torques], names: tuple[str, ...]) -> type[BodyFrame]:

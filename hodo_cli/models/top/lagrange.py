@@ -91,6 +91,7 @@ class Top(Model):
             "initial theta and r (p = q = 0), or Gz, H and r",
         ),
     }
+    slow_time = True
     has_changing_mu: ClassVar[bool] = True
     has_axial_torque: ClassVar[bool] = True
     no_axis_reason = (
