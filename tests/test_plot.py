@@ -681,6 +681,10 @@ def test_several_crossings_are_numbered_in_picture_and_legend(runs: Path) -> Non
     sheet = Drawings.of(runs / "paper1.h5").draw("fig12-all-entries")
     texts = {text.get_text() for text in sheet.figure.axes[0].texts}
     assert {"1", "2, 3"} <= texts
+    # Beside the one that lies further to the upper right, and so on neither.
+    enlarged = Drawings.of(runs / "paper1.h5").draw("fig13-all-entries").figure.axes[1]
+    (both,) = (text for text in enlarged.texts if text.get_text() == "2, 3")
+    assert both.xy[0] > 0.003
     assert "256.993 (1), 396.993 (2), 406.942 (3)" in str(sheet.legend[-1].get_label())
     # Every round value on an axis has its number.
     assert {"0.2", "0.4", "0.6", "0.8"} <= texts

@@ -228,17 +228,19 @@ NUMBER_ROOM = 0.04
 
 def number_marks(axes: Axes, crossings: np.ndarray, frame: np.ndarray | None = None) -> None:
     """Give each of several crossings (m, 2) its number in time; the numbers of those that lie too
-    close together for it stand beside the first of them."""
+    close together for it stand beside the outermost of them, where they hide no mark."""
     size = axes.dataLim.size if frame is None else np.ptp(frame, axis=1)
-    numbers: dict[int, list[str]] = {}
+    numbers: dict[int, list[int]] = {}
     for i, point in enumerate(crossings if len(crossings) > 1 else []):
         apart = {k: math.dist(point, crossings[k]) for k in numbers}
         place = next((k for k in apart if apart[k] < NUMBER_ROOM * max(size)), i)
-        numbers.setdefault(place, []).append(str(i + 1))
+        numbers.setdefault(place, []).append(i)
     look: Look = {"textcoords": "offset points", "size": "x-small", "path_effects": HALO}
-    for place, texts in numbers.items():
-        if in_frame(frame, crossings[place]):
-            text, point = ", ".join(abridged(texts, 6)), crossings[place]
+    for together in numbers.values():
+        # Upper right, as the numbers stand of it.
+        point = max(crossings[together], key=lambda place: float(sum(place / size)))
+        if in_frame(frame, point):
+            text = ", ".join(abridged([str(i + 1) for i in together], 6))
             note = axes.annotate(text, pair(point), (3, 3), zorder=7, **look)
             note.set_in_layout(False)
 

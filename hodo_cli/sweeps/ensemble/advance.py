@@ -3,7 +3,7 @@ which motions they leave uncertain."""
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -46,8 +46,9 @@ def step_of(e: Ensemble) -> "TaylorStep":
     from ...engines import taylor_batch  # heyoka may be missing
 
     # Its code is the same whether the event ends a motion or not.
-    watched = (event._replace(terminal=False) for event in (e.passing, e.event) if event)
-    return taylor_batch.build(e.model, e.structure, tuple(watched), e.levels)  # type: ignore[arg-type]
+    events = [event for event in (e.passing, e.event) if event]
+    watched: Any = tuple(event._replace(terminal=False) for event in events)
+    return taylor_batch.build(e.model, e.structure, watched, e.levels)
 
 
 @np.errstate(all="ignore")  # what overflows is not finite, hence not accepted
