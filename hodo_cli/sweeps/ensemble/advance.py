@@ -46,9 +46,9 @@ def step_of(e: Ensemble) -> "TaylorStep":
     from ...engines import taylor_batch  # heyoka may be missing
 
     # Its code is the same whether the event ends a motion or not.
-    events = [event for event in (e.passing, e.event) if event]
-    watched: Any = tuple(event._replace(terminal=False) for event in events)
-    return taylor_batch.build(e.model, e.structure, watched, e.levels)
+    watched = (event._replace(terminal=False) for event in (e.passing, e.event) if event)
+    model: Any = e.model  # a class has a hash, whatever its protocol says
+    return taylor_batch.build(model, e.structure, tuple(watched), e.levels)
 
 
 @np.errstate(all="ignore")  # what overflows is not finite, hence not accepted
