@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from drawings import Drawings, drawings_of
 
-from hodo_cli import derive
+from hodo_cli import HodoError, derive
 
 CASES = """
 defaults:
@@ -26,7 +26,12 @@ cases:
     {model: Lagrange-averaged, form: full, inertia: {A: 1.5, C: 1}, epsilon: 0.1, mu: 0.5,
      a: [0.1, 1], b: [0.1, 1], attitude: yes, initial: {theta: 60 deg, r: 1.7}, time: {end: 1},
      sweep: {initial.theta: {values: [30 deg, 60 deg]}, mu: {values: [0.3, 0.5]}}}
+  kicked: {model: torques, damping: 0.003, brake: 0.02, attitude: yes,
+           time: {end: 100, unit: s}}
 figures:
+  column: {kind: series, cases: [slow, kicked], variables: [omega.x1, omega.x2, omega.x3],
+           panels: case, style: {width: column, font_size: 8, letters: yes}}
+  space: {kind: body, cases: [kicked], style: {width: column}}
   angles: {kind: map, cases: [tilted], variable: theta, x: initial.theta, y: mu}
   bare: {kind: curve, cases: [tilted], variable: theta, x: initial.theta}
   stops: {kind: series, cases: [slow, fast], variables: [G], style: {log: [y]}}
@@ -64,6 +69,35 @@ def test_names_of_stops_on_a_logarithmic_axis_stand_apart(drawn: Drawings) -> No
     figure.draw_without_rendering()
     first, second = boxes(figure.axes[0].texts)
     assert not first.overlaps(second)
+
+
+def test_the_name_of_a_stop_stands_once_within_a_narrow_panel(drawn: Drawings) -> None:
+    figure = drawn.draw("column").figure
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        (name,) = axes.texts
+        when = drawn.cases["slow"].event_time.item()
+        assert " ".join(name.get_text().split()) == f"$p = q = r = 0$ at $t = {when:#.4g}$ s"
+        assert name.get_path_effects()
+        (box,) = boxes([name])
+        assert axes.bbox.x0 <= box.x0 < box.x1 <= axes.bbox.x1
+        assert axes.bbox.y0 <= box.y0 < box.y1 <= axes.bbox.y1
+        assert axes.bbox.height > 0.5 * axes.bbox.width
+
+
+def test_narrow_pictures_of_a_body_stand_below_each_other(drawn: Drawings) -> None:
+    for width in (84.0, 30.0):
+        figure = drawn.draw("space", style={"width": width}).figure
+        figure.draw_without_rendering()
+        sides = [axes.bbox.width / figure.dpi * 25.4 for axes in figure.axes]
+        assert len(sides) == 3
+        assert min(sides) > min(width, 40) - 8
+
+
+def test_a_figure_without_room_for_its_words_is_refused(drawn: Drawings) -> None:
+    style = {"width": 40.0, "height": 20.0, "font_size": 20.0}
+    with pytest.raises(HodoError, match="40 mm by 20 mm have no room for the panels"):
+        drawn.draw("column", style=style)
 
 
 def test_numbers_at_logarithmic_ticks_have_room_in_narrow_panels(drawn: Drawings) -> None:

@@ -237,7 +237,7 @@ def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
         assert (y.get_ydata() == case["y"].data).all()
         assert [text.get_text() for text in axes.texts] == [
             f"$x = {end}$",
-            f"$y = 0$ at $t = {case['event_time'].data[0]:#.4g}$",
+            f"$y = 0$ at $t = {case['event_time'].data[0]:#.4g}$ s",
         ]
     sheet = results.draw("phase")
     lines = [line for line in sheet.figure.axes[0].lines if len(line.get_xdata()) > 1]
@@ -480,8 +480,9 @@ def test_a_series_names_its_marks_and_the_units_of_its_case(runs: Path) -> None:
     left, right = sheet.figure.axes
     assert (left.get_xlabel(), left.get_ylabel()) == ("$t$ [s]", "$x$, $y$ [1/s$^{2}$]")
     # Four digits, of which the last may be zero.
-    assert {text.get_text() for text in left.texts} == {"$x = 0.7670$", "$y = 0$ at $t = 53.07$"}
-    assert {text.get_text() for text in right.texts} == {"$x = 1.237$", "$y = 0$ at $t = 40.01$"}
+    for axes, x, end in ((left, "0.7670", "53.07"), (right, "1.237", "40.01")):
+        words = {f"$x = {x}$", f"$y = 0$ at $t = {end}$ s"}
+        assert {text.get_text() for text in axes.texts} == words
     entries = [text.get_text() for text in turned.figure.legends[0].get_texts()]
     assert "end, $t = 200$ s" in entries
     assert "$D = 0$ at $t$ = 38.6520 s" in entries
@@ -552,7 +553,8 @@ def test_a_style_gives_size_letters_scales_and_labels(several: Drawings) -> None
     wide, narrow = (several.draw("each", style={"width": word}) for word in ("page", "column"))
     sizes = [sheet.figure.get_size_inches() * 25.4 for sheet in (wide, narrow)]
     assert sizes[0] == pytest.approx([174, 174 / plain[0] * plain[1]])
-    assert sizes[1] == pytest.approx([84, 84 / plain[0] * plain[1]])
+    # Words stay as large: a row of panels has at least 1.4 inches.
+    assert sizes[1] == pytest.approx([84, 25.4 * (1.4 + 0.3)])
     for place, count in (("none", 0), ("inside", 0), ("below", 1)):
         figure = several.draw("ball", style={"legend": place}).figure
         assert len(figure.legends) == count

@@ -304,7 +304,11 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
             "one panel a variable, or one panel a case",
             default="variable",
         ),
-        "columns": Key(Integer(least=1, most=6), "panels in a row", default=2),
+        "columns": Key(
+            Integer(least=1, most=6),
+            "panels in a row, fewer where each has less than 40 mm",
+            default=2,
+        ),
         "span": Key(INTERVAL, "part of the time axis to draw (default: all)", "time", None),
         "level": Key(Number(), "draws a horizontal line at this value", default=None),
         "formula": Key(

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib.style
 import numpy as np
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from .. import NOT_OF_A_CASE, HodoError
 from ..cases.derived import PARTS
@@ -23,13 +22,23 @@ from ..results.motion import Motion
 from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..schema.kinds import Wrong, unknown
 from ..text import case_words
-from .artists import finish_figure, matplotlib_parameters
+from .artists import finish_figure, matplotlib_parameters, wanted_width
 from .body import body
 from .costs import cost, error_order, share
 from .files import save
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
-from .sheet import FILMS, SHEET_STYLE, Drawing, Sheet, lighten, slanted, text_size, text_width
+from .sheet import (
+    FILMS,
+    SHEET_STYLE,
+    Drawing,
+    Layout,
+    Sheet,
+    lighten,
+    slanted,
+    text_size,
+    text_width,
+)
 from .space import axis_trace, herpolhode, hodograph, sphere
 
 if TYPE_CHECKING:
@@ -80,11 +89,11 @@ def draw(
     style = merged_style(spec["style"])
     look = {**SHEET_STYLE, **rc, **matplotlib_parameters(style)}
     with matplotlib.style.context(["default", look]):
-        drawing = Drawing(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06, wspace=0.04))
+        drawing = Drawing(layout=Layout(w_pad=0.04, h_pad=0.06, wspace=0.04))
         drawing.parameters = look
         for text in (*spec["labels"], f"${spec.get('time', 't')}$"):
             text_width(text, text_size("legend.fontsize"))  # which finds mistakes in its TeX
-        sheet = Sheet(drawing)
+        sheet = Sheet(drawing, wanted_width(style))
         sheet.units, sheet.time = column_units(spec, cases), spec.get("time", "t")
         DRAW[spec["kind"]](sheet, spec, cases)
         sheet.remarks = remarks_on(spec, cases)

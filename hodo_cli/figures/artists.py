@@ -149,6 +149,12 @@ def axis_label(name: str, motion: Motion) -> str:
     return f"${symbol(name)}$ {unit(motion, name)}".rstrip()
 
 
+def unit_after(motion: Motion, variable: str) -> str:
+    """The units of a variable as they stand after a number; nothing where it has none."""
+    stored = "1" if motion.lacks_unit(variable) else motion.units(variable)
+    return "" if stored == "1" else f" {with_superscripts(stored)}"
+
+
 def time_label(spec: Mapping[str, Any], motion: Motion) -> str:
     """The symbol of time and its units."""
     return f"${spec['time']}$ {unit(motion, 'time')}"
@@ -263,8 +269,7 @@ CROSSINGS_NAMED = 12
 def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> list[Line2D]:
     """Legend entries of start, end and crossings; the time of the end where all end together, those
     of crossings where there is one motion only."""
-    unit = motions[0].units("time")
-    of_time = "" if unit == "1" else f" {unit}"
+    of_time = unit_after(motions[0], "time")
     # With its last zeros, which tell how exact a printed number is.
     times = [f"{when:#.6g}" for motion in motions for when in motion.crossing_time]
     if len(times) > 1 == len(motions):
@@ -500,6 +505,13 @@ def font_parameters(family: str) -> Look:
     return letters_alone | formulas | {"mathtext.fallback": "stix"}
 
 
+def wanted_width(style: Mapping[str, Any]) -> float | None:
+    """The width of a figure in inches that a style sets, if it does."""
+    width: Any = style.get("width")
+    known = {"column": COLUMN, "page": PAGE, None: None}
+    return known[width] if width in known else width / 25.4
+
+
 def finish_figure(sheet: Sheet, spec: Mapping[str, Any], style: Mapping[str, Any]) -> None:
     """Give a drawn figure its size, title, scales, letters and legend.
 
@@ -512,10 +524,7 @@ def finish_figure(sheet: Sheet, spec: Mapping[str, Any], style: Mapping[str, Any
         for axes, letter in zip(panels, ascii_lowercase, strict=False):
             axes.set_title(f"({letter})", loc="left")
     width, height = sheet.figure.get_size_inches()
-    wanted = {"column": COLUMN, "page": PAGE, None: width}
-    new_width = (
-        wanted[style.get("width")] if style.get("width") in wanted else style["width"] / 25.4
-    )
+    new_width = sheet.width or width
     size = text_size("figure.titlesize")
     lines = text_lines(spec["title"], 0.97 * new_width, size) if spec["title"] else []
     # The panels keep their shape: a line of the title is 1.7 times as high as its letters.
@@ -542,17 +551,25 @@ def fill_labels(sheet: Sheet) -> None:
 
 
 def set_apart(sheet: Sheet) -> None:
-    """Raise the words beside marks that would be on others, where their panels are to stand."""
-    if len(sheet.notes) < 2:
+    """Raise or lower the words beside marks that would be on others or leave their panels, where
+    these are to stand."""
+    if not sheet.notes:
         return
     sheet.figure.get_layout_engine().execute(sheet.figure)  # type: ignore[union-attr]
     taken: list[Bbox] = []
     for note in sheet.notes:
-        while note.get_window_extent().count_overlaps(taken):
-            across, up = note.xyann
-            note.xyann = across, up + text_size("legend.fontsize")
-            note.set_path_effects([*HALO])  # a curve may pass there
-        taken.append(note.get_window_extent())
+        across, up = note.xyann
+        panel = note.axes.bbox  # type: ignore[union-attr]
+        box = note.get_window_extent()
+        inwards = max(panel.x0 - box.x0, min(panel.x1 - box.x1, 0))
+        across += inwards * 72 / sheet.figure.dpi
+        # A panel of any height has fewer lines; 0, 1, -1, 2, -2 and so on.
+        for step in (n // 2 * (-1) ** n for n in range(1, 40)):
+            note.xyann = across, up + step * text_size("legend.fontsize")
+            box = note.get_window_extent()
+            if panel.y0 <= box.y0 and box.y1 <= panel.y1 and not box.count_overlaps(taken):
+                break
+        taken.append(box)
 
 
 def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:

@@ -131,9 +131,9 @@ def body(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     for vector in ("omega_space", "G_space", *(f"x{i}_space" for i in (1, 2, 3))):
         names = [f"{vector}.{axis}" for axis in "xyz"]
         sheet.record(motion.label, {"time": motion.time, **motion.columns(*names)})
-    columns = min(4, len(moments))
-    rows = -(-len(moments) // columns)
-    panels = sheet.panels(PAGE, rows * (PAGE / columns + 0.2), len(moments), columns)
+    columns = sheet.columns(PAGE, min(4, len(moments)))
+    rows, width = -(-len(moments) // columns), sheet.width or PAGE
+    panels = sheet.panels(width, rows * (width / columns + 0.2), len(moments), columns)
     for axes, moment in zip(panels, moments, strict=True):
         draw_moment(axes, film, int(np.abs(film.time - moment).argmin()))
     sheet.legend = key_handles()

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from itertools import zip_longest
 from typing import Any
 
@@ -47,9 +48,10 @@ from .artists import (
     symbol,
     time_label,
     unit,
+    unit_after,
 )
 from .geometry import check_zoom, clearest
-from .sheet import Look, Sheet
+from .sheet import Look, Sheet, text_size, text_width
 
 
 def squares(motion: Motion) -> np.ndarray:
@@ -216,8 +218,9 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     panels[0].set_xlim(*(spec["span"] or (min(motion.time[0] for motion in motions), None)))
     if spec["passages"] == "no":
         for axes, curves in zip(panels, groups.values(), strict=True):
-            for motion, name in curves:
-                sheet.notes += event_marks(axes, motion, name, spec)
+            for motion in {motion.name: motion for motion, _ in curves}.values():
+                names_of = [name for other, name in curves if other is motion]
+                sheet.notes += event_marks(axes, motion, names_of, spec)
     handles = case_handles(names, style_names) if len(names) > 1 or spec["formula"] else []
     handles += passage_handles(motions) if spec["passages"] == "yes" else event_handles(motions)
     for name, law in spec["formula"].items():
@@ -288,9 +291,9 @@ def within_span(motion: Motion, span: tuple[float, float] | None) -> slice:
 def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int, label: str) -> list[Axes]:
     """n panels in rows of `columns`, with a label below the lowest of each column; panels of cases
     share both scales."""
-    columns = min(n, spec["columns"])
+    columns = sheet.columns(PAGE, min(n, spec["columns"]))
     rows = -(-n // columns)
-    width = COLUMN if columns == 1 else PAGE
+    width = sheet.width or (COLUMN if columns == 1 else PAGE)
     height = rows * max(0.62 * width / columns, 1.4) + 0.3
     shared = {"sharex": True, "sharey": spec["panels"] == "case"}
     panels = sheet.panels(width, height, n, columns, **shared)
@@ -342,32 +345,44 @@ def event_handles(motions: Sequence[Motion]) -> list[Line2D]:
 
 
 def event_marks(
-    axes: Axes, motion: Motion, name: str, spec: Mapping[str, Any]
+    axes: Axes, motion: Motion, names: Sequence[str], spec: Mapping[str, Any]
 ) -> Iterator[Annotation]:
-    """Mark the events of a motion on a curve: with the value there, or with the time where that is
-    nearly zero. Yields these words."""
-    values = motion[name]
-    peak, time = np.abs(values).max(), spec["time"]
+    """Mark the events of a motion on its curves in a panel: with the value there, or with the time
+    for all that are nearly zero. Yields these words."""
     first, last = spec["span"] or (motion.time[0], motion.time[-1])
     for when in [when for _, when in motion.events if first <= when <= last]:
-        value = float(np.interp(when, motion.time, values))
-        ending = f"{value:#.4g}" if abs(value) > 1e-3 * peak else f"0$ at ${time} = {when:#.4g}"
-        text = f"${symbol(name)} = {ending}$"
-        below = value > 0.9 * peak
-        axes.plot(when, value, **END, clip_on=False, zorder=5)
+        values = {name: float(np.interp(when, motion.time, motion[name])) for name in names}
+        peaks = {name: np.abs(motion[name]).max() for name in names}
+        vanishing = [name for name in names if abs(values[name]) <= 1e-3 * peaks[name]]
+        others = [name for name in names if name not in vanishing]
+        words = {name: f"${symbol(name)} = {values[name]:#.4g}$" for name in others}
+        if vanishing:
+            zero = " = ".join([*map(symbol, vanishing), "0"])
+            of_time = f"${spec['time']} = {when:#.4g}${unit_after(motion, 'time')}"
+            words[vanishing[0]] = f"${zero}$ at {of_time}"
+        axes.plot([when] * len(names), [*values.values()], **END, clip_on=False, zorder=5)
         # Behind the curve's end, which no curve of the same shape passes, if the panel has room.
+        width_of = partial(text_width, size=text_size("legend.fontsize"))
         left, right = axes.get_xlim()
-        room = axes.bbox.width * 72 / axes.figure.dpi * (right - when) / (right - left)
-        early = 4.5 * len(text.replace("$", "")) < room
-        yield axes.annotate(
-            text,
-            (when, value),
-            (3 if early else -3, -4 if below else 4),
-            textcoords="offset points",
-            size="small",
-            ha="left" if early else "right",
-            va="top" if below else "bottom",
-        )
+        width = axes.bbox.width * 72 / axes.figure.dpi
+        room = width * (right - when) / (right - left)
+        for name, line in words.items():
+            fits = width_of(line) < max(room, width - room)
+            text = line if fits else line.replace(" at ", "\nat ")
+            early = max(map(width_of, text.splitlines())) < room
+            below = values[name] > 0.9 * peaks[name]
+            yield axes.annotate(
+                text,
+                (when, values[name]),
+                (3 if early else -3, -4 if below else 4),
+                textcoords="offset points",
+                size="small",
+                ha="left" if early else "right",
+                va="top" if below else "bottom",
+                path_effects=HALO,
+                zorder=7,
+                in_layout=False,
+            )
 
 
 def inset(

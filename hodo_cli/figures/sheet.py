@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
@@ -17,6 +18,7 @@ from matplotlib.cbook import is_math_text
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
 from matplotlib.patches import Patch
@@ -132,11 +134,34 @@ class Drawing(Figure):
         return image.getvalue()
 
 
+NARROWEST = 40 / 25.4
+"""The least width of a panel with its words, inches: four stand in a page, two in a column."""
+
+
+class Layout(ConstrainedLayoutEngine):
+    """The layout of matplotlib; where it finds no room, it refuses the figure."""
+
+    def execute(self, fig: Figure) -> None:
+        with warnings.catch_warnings():
+            # It would warn in its own words, and leave the panels on each other.
+            warnings.filterwarnings("error", "constrained_layout not applied")
+            try:
+                super().execute(fig)
+            except UserWarning:
+                width, height = 25.4 * fig.get_size_inches()
+                raise HodoError(
+                    f"style: {width:.0f} mm by {height:.0f} mm have no room for the panels beside "
+                    "their words: a larger width or height has, or a smaller font_size"
+                ) from None
+
+
 @dataclass
 class Sheet:
     """A figure being drawn, with a record of every value that it shows."""
 
     figure: Drawing
+    width: float | None = None
+    """The width in inches that the style of the figure sets, if it does."""
     shown: list[DrawnCurve] = field(default_factory=list)
     scenes: dict[Axes, Scene] = field(default_factory=dict)
     """The panels that show space."""
@@ -150,6 +175,11 @@ class Sheet:
     """The symbol of time, in TeX."""
     remarks: Sequence[str] = ()
     """What the caption has to say of the curves, besides what the case file says."""
+
+    def columns(self, width: float, most: int) -> int:
+        """How many panels, `most` at the most, have room side by side in the figure, which has a
+        width in inches where its style sets none."""
+        return max(1, min(most, int((self.width or width) / NARROWEST)))
 
     def panels(
         self, width: float, height: float, count: int = 1, columns: int = 1, **grid: Any
