@@ -100,6 +100,26 @@ def test_a_figure_without_room_for_its_words_is_refused(drawn: Drawings) -> None
         drawn.draw("column", style=style)
 
 
+@pytest.mark.parametrize("width", ["column", "page"])
+def test_words_of_quadrants_stay_in_their_panels_and_regions(drawn: Drawings, width: str) -> None:
+    figure = drawn.draw("regions", cases=("slow", "fast"), zoom=0.1, style={"width": width}).figure
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        assert axes.get_xlabel() == "$p^2$ [1/s$^{2}$]"
+        assert len(axes.texts) == 4
+        for box in boxes(axes.texts):
+            assert axes.bbox.x0 <= box.x0 < box.x1 <= axes.bbox.x1
+        for name in axes.texts[2:]:
+            D = derive(drawn.cases[name.get_text()], "D").D.values[0]
+            x, y = name.get_position()
+            # D > 0 is below the diagonal.
+            assert (x > y) == (D > 0)
+
+
+def test_the_level_of_a_map_has_its_unit(drawn: Drawings) -> None:
+    assert legend(drawn.draw("angles", level=0.8))[0] == "0.8 deg"
+
+
 def test_numbers_at_logarithmic_ticks_have_room_in_narrow_panels(drawn: Drawings) -> None:
     figure = drawn.draw("narrow").figure
     figure.draw_without_rendering()

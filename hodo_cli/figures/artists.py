@@ -4,7 +4,7 @@ the parameters of matplotlib, and the size, scales, legend and letters of drawn 
 import math
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from string import ascii_lowercase
 from typing import Any
@@ -25,7 +25,7 @@ from ..cases.figure_block import COLOUR_NAMES, LINE_NAMES
 from ..results.motion import Motion
 from ..schema.kinds import unknown
 from ..text import abridged
-from .geometry import places_beside, stretches, windings
+from .geometry import no_regions, places_beside, stretches, windings
 from .sheet import Look, Sheet, text_lines, text_size, text_width
 
 COLUMN, PAGE = 84 / 25.4, 174 / 25.4
@@ -89,14 +89,13 @@ def hues(n: int = 256, end: float = AREA_END) -> ListedColormap:
 
 
 def unit(motion: Motion, variable: str, power: int = 1) -> str:
-    """The units of a variable, in brackets, raised to a power; a dash where the case has none, and
-    nothing where only its time has units."""
+    """The units of a variable, in brackets, those of a rate, as 1/s, raised to a power; a dash
+    where the case has none, and nothing where only its time has units."""
     stored = motion.units(variable)
     if stored == "1" or motion.lacks_unit(variable):
         # With time in seconds T and G are no bare numbers, and no file says what units A has.
         return "[–]" if motion.units("time") == "1" else ""
-    set_in_tex = with_superscripts(stored)
-    return f"[{set_in_tex}]" if power == 1 else f"[({set_in_tex})$^{power}$]"
+    return f"[{with_superscripts(stored if power == 1 else f'{stored}^{power}')}]"
 
 
 def with_superscripts(units: str) -> str:
@@ -383,10 +382,11 @@ def name_curves(
     spec: Mapping[str, Any],
     frame: np.ndarray | None = None,
     taken: Sequence[np.ndarray] = (),
+    region: Callable[[np.ndarray], np.ndarray] = no_regions,
 ) -> None:
     """Name the curves (n, 2 or 3) of several motions beside them, within a frame (2, 2) or their
     panel, where their colours show something else than which motion they are of; the names keep
-    clear of points (m, 2) that are taken."""
+    clear of points (m, 2) that are taken, and stay in the region of their curve."""
     if len(motions) < 2 or spec.get("colour", "axis") == "case":
         return
     ends = np.array([axes.get_xlim(), axes.get_ylim()]) if frame is None else frame
@@ -397,14 +397,19 @@ def name_curves(
     )
     shown = [curve[(np.abs(curve) <= 1).all(axis=1)] for curve in flat]
     named = [i for i, curve in enumerate(shown) if len(curve)]
-    places = places_beside([shown[i] for i in named], others, norm=math.inf)
+    places = places_beside([shown[i] for i in named], others, norm=math.inf, region=region)
     for i, place in zip(named, places, strict=True):
         look: Look = {"ha": "center", "va": "center", "path_effects": HALO, "zorder": 8}
         # Half the width of a long name is more than its distance from the edge.
-        points = 72 * axes.bbox.width / axes.figure.dpi
-        room = max(0.0, 1 - text_width(motions[i].label, text_size("font.size")) / points)
+        width = text_width(motions[i].label, text_size("font.size"))
+        room = max(0.0, 1 - width / room_across(axes))
         place[0] = np.clip(place[0], -room, room)
         axes.text(*pair(middle + half * place), motions[i].label, **look)
+
+
+def room_across(axes: Axes) -> float:
+    """The width in points that a panel has at least, when its labels have got their room."""
+    return float(0.8 * 72 * axes.bbox.width / axes.get_figure(root=True).dpi)  # type: ignore[union-attr]
 
 
 def heading(axes: Axes, points: np.ndarray, colour: Any, size: float) -> None:

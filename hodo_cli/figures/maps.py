@@ -251,7 +251,8 @@ def map_image(
     if spec["level"] is not None and min(values.shape) > 1:
         lines = axes.contour(x, y, values.T, [spec["level"]], colors=LEVEL["color"])
         lines.set(linewidth=LEVEL["lw"], path_effects=LEVEL["path_effects"])
-        handles.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g}"))
+        unit = value_unit(swept, spec["variable"].partition(".")[0], sheet.units)
+        handles.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g} {unit}".rstrip()))
     axes.set(xscale="log" if even_x else "linear", yscale="log" if even_y else "linear")
     axes.set(xlabel=axis_name(swept, spec["x"]), ylabel=axis_name(swept, spec["y"]))
     axes.label_outer()
@@ -506,10 +507,15 @@ def map_label(
         axis for swept in sweeps for axis in averaged(spec, swept.axes, swept.sphere)
     )
     words = f"{shown}, mean over {', '.join(over)}" if over else shown
-    motion = Motion(sweeps[0].case, sweeps[0].data.variables)
-    units = units_of(name)
+    unit = value_unit(sweeps[0], name, units_of)
+    return f"{words} [{unit}]" if unit else words
+
+
+def value_unit(swept: SweepView, name: str, units_of: Callable[[str], str]) -> str:
+    """The units of a variable of a sweep in TeX; an empty text where it has none."""
+    units, motion = units_of(name), Motion(swept.case, swept.data.variables)
     is_bare = units == "1" or motion.lacks_unit(name.removeprefix("crossing_"))
-    return words if is_bare else f"{words} [{with_superscripts(units)}]"
+    return "" if is_bare else with_superscripts(units)
 
 
 def axis_words(component: str) -> str:

@@ -44,6 +44,7 @@ from .artists import (
     pair,
     palette,
     plane_curve,
+    room_across,
     styles,
     symbol,
     time_label,
@@ -94,14 +95,19 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     panels = sheet.panels(*size, len(limits), len(limits))
     for axes, limit in zip(panels, limits, strict=True):
         frame = np.array([[0, limit], [0, limit]])
-        regions(axes, motions[0], limit, np.concatenate([*points.values()]), axes is not panels[0])
+        drawn = np.concatenate([*points.values()])
+        centres = regions(axes, motions[0], limit, drawn, axes is not panels[0])
         for index, motion in enumerate(motions):
             curve = points[motion.name]
             plane_curve(axes, curve, *palette(motion, "axis", index), 0.8 * line_width(motion))
             # A crossing lies on the diagonal; interpolation between samples may leave it a little.
             on_line = np.repeat(motion.at_crossings(curve).mean(axis=-1, keepdims=True), 2, axis=-1)
             mark_points(axes, curve[[0, -1]], on_line, frame)
-        name_curves(axes, [*points.values()], motions, spec, frame)
+        # On their own side of the diagonal.
+        name_curves(
+            axes, [*points.values()], motions, spec, frame, [centres],
+            region=lambda places: places[..., 0] > places[..., 1],
+        )  # fmt: skip
     if zoom is not None:
         panels[1].set(title="enlarged")
         # Its small values are long words, for which there is little room side by side.
@@ -111,12 +117,16 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
 
 def regions(
     axes: Axes, motion: Motion, limit: float, points: np.ndarray, is_enlarged: bool
-) -> None:
-    """The regions A and B below and above the diagonal, shaded and named, up to a limit; the names
-    keep clear of the points (n, 2) that are drawn.
+) -> np.ndarray:
+    """The regions A and B below and above the diagonal, shaded and named, up to a limit; the names,
+    whose centres (2, 2) it returns, keep clear of the points (n, 2) that are drawn.
     """
-    # In an enlarged panel, whose curves lie wide apart, a letter finds its place between them.
-    form, half = ("{}", 0.04) if is_enlarged else ("{} (about $x_{}$)", 0.17)
+    width = room_across(axes)
+    words_half = text_width("A (about $x_1$)", text_size("font.size")) / 2 / width
+    # In a narrow panel, or an enlarged one, whose curves lie wide apart, a letter finds its place.
+    is_short = is_enlarged or words_half > 0.25
+    form, half = ("{}", 0.04) if is_short else ("{} (about $x_{}$)", max(0.17, words_half))
+    half = max(half, text_width("A", text_size("font.size")) / width)
     largest, _, smallest = motion.order
     axes.add_patch(
         Polygon([(0, 0), (limit, limit), (limit, 0)], fc=AXIS_COLOUR[largest + 1], alpha=0.1, lw=0)
@@ -132,15 +142,18 @@ def regions(
     side, room = candidates[:, 0] - candidates[:, 1], half + 0.05
     # The farther from the diagonal the better, if the name has some room beside the curves.
     farthest = np.argsort(-np.abs(side), kind="stable")
+    centres = []
     for name, axis, sign in (("A", largest, 1), ("B", smallest, -1)):
         inside = candidates[farthest][sign * side[farthest] > room]
         centre = inside[clearest(points / limit, inside, half + 0.06)]
         axes.annotate(form.format(name, axis + 1), pair(centre), ha="center", va="center", **look)
+        centres.append(limit * centre)
     p, r = "pqr"[largest], "pqr"[smallest]
     axes.set(
         xlabel=f"${p}^2$ {unit(motion, 'omega', 2)}", ylabel=f"$K{r}^2$ {unit(motion, 'omega', 2)}"
     )
     axes.set(xlim=(0, limit), ylim=(0, limit), aspect="equal")
+    return np.array(centres)
 
 
 def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:

@@ -184,8 +184,11 @@ class Sheet:
     def panels(
         self, width: float, height: float, count: int = 1, columns: int = 1, **grid: Any
     ) -> list[Axes]:
-        """Panels in rows of some columns, in a figure of this size in inches."""
-        self.figure.set_size_inches(width, height)
+        """Panels in rows of some columns, in a figure of this size in inches, or of this shape
+        where its style sets the width."""
+        # At once: where words have room depends on it.
+        scale = (self.width or width) / width
+        self.figure.set_size_inches(scale * width, scale * height)
         rows = -(-count // columns)
         places = self.figure.subplots(rows, columns, squeeze=False, **grid).ravel()
         for spare in places[count:]:
