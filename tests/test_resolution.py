@@ -5,6 +5,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from conftest import ROOT, call
 
@@ -148,3 +149,15 @@ def test_default_samples_are_as_many_in_all_units_of_mass(size: float) -> None:
 
     for moments in ([1, 0.8, 0.6], [1, 0.95, 0.3], [1, 0.55, 0.5]):
         assert samples([size * A for A in moments]) == samples(moments) > 1001
+
+
+def test_default_samples_follow_a_body_in_space() -> None:
+    """Where its herpolhode fills a figure, a corner of 12 degrees is seen."""
+    case = {
+        "model": "linear-diag", "inertia": [12.4, 9.1, 5.3], "damping": 0,
+        "initial": {"p": 0.6, "q": 0.5, "r": 0.9}, "time": {"end": 200},
+    }  # fmt: skip
+    motion = hodo_cli.run(case | {"attitude": "yes"})
+    speed = np.linalg.norm(motion.omega, axis=-1).max()
+    assert np.degrees(speed * np.diff(motion.time).max()) < 6
+    assert Case.of(case).time.samples < motion.sizes["time"]

@@ -294,11 +294,16 @@ SAMPLE_TURN = math.radians(12)
 """The angle by which a hodograph may turn from one sample to the next; figures warn above 15
 degrees."""
 
+TURN_IN_SPACE = math.radians(6)
+"""The same of what a body with an attitude carries along: a herpolhode fills its figure with few
+turns, where corners of twice as many degrees are seen."""
+
 
 def smooth_samples(system: Model, span: float) -> int:
     """The number of samples of a span that makes the hodograph of a body which turns as at the
-    start a smooth line: it turns no faster than about the axis of the largest moment, with all of
-    the energy about the axis of the smallest."""
+    start a smooth line, and its curves in space where it has an attitude: the hodograph turns no
+    faster than about the axis of the largest moment, with all of the energy about the axis of the
+    smallest."""
     if system.no_axis_reason or not isinstance(system, BodyFrame):
         return FEWEST
     A1, A2, A3 = sorted(system.moments.tolist(), reverse=True)
@@ -306,11 +311,13 @@ def smooth_samples(system: Model, span: float) -> int:
     fastest = max((A1 - A2) / A2 * (A1 - A3) / A3, (A1 - A3) / A1 * (A2 - A3) / A2)
     omega = system.to_principal(np.array(system.start[:3])).tolist()
     parts = (math.sqrt(A / A3) * w for A, w in zip(system.moments.tolist(), omega, strict=True))
-    rate = math.hypot(*parts) * math.sqrt(fastest)
+    speed = math.hypot(*parts)
+    rate = speed * math.sqrt(fastest)
     if system.rotor_momentum is not None:
         rate += float(np.linalg.norm(system.rotor_momentum)) / A3
+    turns = max(rate / SAMPLE_TURN, speed / TURN_IN_SPACE if KEY in system.variables else 0)
     # First the least of the two: no integer is infinite.
-    return max(FEWEST, math.ceil(min(span * rate / SAMPLE_TURN, MOST - 1)) + 1)
+    return max(FEWEST, math.ceil(min(span * turns, MOST - 1)) + 1)
 
 
 KEY_BY_KEY = ("time", "assumes")
