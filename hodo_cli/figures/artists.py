@@ -409,7 +409,9 @@ def name_curves(
 
 def room_across(axes: Axes) -> float:
     """The width in points that a panel has at least, when its labels have got their room."""
-    return float(0.8 * 72 * axes.bbox.width / axes.get_figure(root=True).dpi)  # type: ignore[union-attr]
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    return float(0.8 * 72 * axes.bbox.width / figure.dpi)
 
 
 def heading(axes: Axes, points: np.ndarray, colour: Any, size: float) -> None:
