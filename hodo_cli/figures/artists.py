@@ -409,9 +409,7 @@ def name_curves(
 
 def room_across(axes: Axes) -> float:
     """The width in points that a panel has at least, when its labels have got their room."""
-    figure = axes.get_figure(root=True)
-    assert figure is not None
-    return float(0.8 * 72 * axes.bbox.width / figure.dpi)
+    return float(0.8 * 72 * axes.bbox.width / axes.figure.dpi)
 
 
 def heading(axes: Axes, points: np.ndarray, colour: Any, size: float) -> None:
