@@ -213,11 +213,6 @@ class SymmetricCavity(Cavity):
         p, q, r = np.moveaxis(omega, -1, 0)
         return np.stack((np.hypot(p, q), r))
 
-    @cached_property
-    def constants(self) -> Constants:
-        # heyoka counts parameters up to the last that the equations use: A3, and not g.
-        return {name: value for name, value in super().constants.items() if name != "g"}
-
     @property
     def warnings(self) -> list[str]:
         A, _, C = self.inertia

@@ -276,7 +276,6 @@ class AveragedTurns(BodyFrame):
         k = attributes(constants)
         turn = Turn.of([*map(float, (*self.logarithms(slow), 0.0, slow.side, slow.sense))], k)
         rate, n = float(self.torque_rate(0.0, turn, k)), float(turn.frequency(k))
-        # heyoka counts parameters up to the last that the equations use: that has to come last.
         return constants | {"turning_rate": rate, "turning_scale": rate / n or 1.0}
 
     @cached_property

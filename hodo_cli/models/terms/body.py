@@ -90,7 +90,6 @@ class BodyUnderTorques(BodyFrame):
         for term, entries in self.term_coefficients.items():
             for name, entry in zip(TERMS[term].degree, entries, strict=True):
                 constants |= law_constants(name, entry)
-        # heyoka counts parameters up to the last that the equations use: that has to come last.
         return constants | body_constants(self.inertia)
 
     @property
