@@ -128,15 +128,15 @@ class Taylor:
     def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl) -> Leg:
         """See `Engine.leg`."""
         ta = self.ta
+        numbers = attributes(k, self.dtype)
         # heyoka counts parameters up to the last that the equations use.
-        ta.pars[:] = [self.dtype(number) for number in flatten(k)[: len(ta.pars)]]
+        ta.pars[:] = flatten(vars(numbers))[: len(ta.pars)]
         ta.state[:] = y
         ta.dtime = (grid[0], self.dtype(0))
         if ta.with_events:
             # A cooldown of the last leg would swallow an event at the start of this one.
             ta.reset_cooldowns()
         self.hits.clear()
-        numbers = attributes(k, self.dtype)
         state, series, observe, last = ta.state, ta.tc, control.observer, grid[0]
         values = self._values(last, state, numbers)
 

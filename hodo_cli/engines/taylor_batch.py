@@ -116,7 +116,7 @@ class TaylorStep:
         model: type[Model],
         structure: Structure,
         events: tuple[Event, ...],
-        levels: tuple[Level, ...] = (),
+        levels: tuple[Level, ...],
     ) -> None:
         self._problem = model, structure, events, levels
         self.events, self._series = events, dict[int, Any]()
@@ -160,7 +160,7 @@ def key_of(
     model: type[Model],
     structure: Structure,
     events: tuple[Event, ...],
-    levels: tuple[Level, ...] = (),
+    levels: tuple[Level, ...],
 ) -> str:
     """What the code of a step depends on, as a digest: its equations, what hodo makes of them, and
     what compiles them for which processor."""
@@ -193,7 +193,7 @@ def expressions(
     model: type[Model],
     structure: Structure,
     events: tuple[Event, ...],
-    levels: tuple[Level, ...] = (),
+    levels: tuple[Level, ...],
 ) -> tuple[list[Any], list[Any], tuple[Any, list[Series], Any]]:
     """The inputs of a step, its rows, and the time and the state as series, with the constants."""
     _, start, k = symbols(model, structure)

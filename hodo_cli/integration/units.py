@@ -77,13 +77,13 @@ class Units:
         new = np.where(np.isfinite(new), new, 0)  # neither motion nor torque: any unit serves
         now = moment.time if moment else 0.0
         most = cls.fastest(model, logs, new)
-        speed, turn = most.paces(model, k, rescaled(model, y.T, size - most.size).T, now)
+        state = rescaled(model, y.T, size - most.size).T
+        speed, turn = most.paces(model, k, state, now)
         if (most.least_size(speed, turn) > most.size).any():
             # Of the torque alone: what is in proportion to the motion vanishes with it.
-            resting = rescaled(model, y.T, size - most.size).T
-            resting[moving(model)] = 0
+            state[moving(model)] = 0
             with np.errstate(all="ignore"):  # a brake has no direction at rest
-                forced, _ = most.paces(model, k, resting, now)
+                forced, _ = most.paces(model, k, state, now)
             most = cls.fastest(model, logs, np.fmax(most.size, most.least_size(forced, turn)))
             speed, turn = most.paces(model, k, rescaled(model, y.T, size - most.size).T, now)
         # The bound of the rates may be far too fast: a body that turns steadily about an axis needs

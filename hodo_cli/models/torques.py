@@ -355,7 +355,7 @@ class Torques(BodyUnderTorques, LookedUp):
         # As given, if it can be: many members at once are columns, which no array takes.
         A, h = self.inertia, self.rotor
         if self.frame is not None:
-            A, h = self.frame.moments.tolist(), (self.frame.axes @ self.rotor).tolist()
+            A, h = self.moments.tolist(), self.to_principal(np.array(self.rotor)).tolist()
         equal = A[0] == A[1], A[1] == A[2], A[0] == A[2]
         kind = GyrostatKind(inertia_order(A), tuple(map(bool, (*equal, *(x == 0 for x in h)))))
         return Bound(twice_energy, (kind,)), Bound(square_of_momentum, (kind,))
