@@ -174,6 +174,11 @@ def test_numbers_of_numpy_are_numbers() -> None:
             {**FIG4, "damping": [1, 2]},
             "damping: expected 3 numbers or one for all, got a list of 2",
         ),
+        (
+            {**FIG4, "damping": 1 + 2j},
+            "damping: expected a finite number, got an object of type complex",
+        ),
+        ({**FIG4, "damping": len}, "got an object of type builtin_function_or_method"),
         ({**FIG4, "dampin": 1}, "dampin: unknown key; did you mean 'damping'?"),
         ({}, "missing 'model', 'time'"),
         ({**FIG4, "sweep": {"damping.2": {"values": [1]}}}, "use hodo.sweep"),

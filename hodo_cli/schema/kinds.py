@@ -235,7 +235,9 @@ def shown(value: Any) -> str:
             return repr(value)
         case list() | tuple():
             return f"a list of {len(value)}"
-    return "a mapping" if value else "an empty mapping"
+        case Mapping():
+            return "a mapping" if value else "an empty mapping"
+    return f"an object of type {type(value).__name__}"
 
 
 def expected(what: object, value: Any, hint: str = "") -> Wrong:

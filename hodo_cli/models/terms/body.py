@@ -13,7 +13,14 @@ from ..theory.along_momentum import AlongMomentum
 from ..theory.closed_form import free_motion, scaled_motion
 from ..theory.possible_crossings import Dissipation, axis_weights, outer_axes
 from .fluid import cavity_warnings, coefficient, weak
-from .laws import decisive_times, is_law, law_constants, scaled, value_at
+from .laws import (
+    decisive_times,
+    dimensional_values,
+    is_law,
+    law_constants,
+    scaled,
+    value_at,
+)
 from .torques import TERMS
 
 TENSOR_ROUNDING = 1e-13
@@ -50,9 +57,13 @@ def is_diagonal(I: np.ndarray) -> bool:
     return not (I - np.diag(np.diag(I))).any()
 
 
-def damping_warnings(damping: Sequence[float]) -> list[str]:
-    """Warnings of coefficients that no medium has."""
-    negative = ", ".join(f"lambda{i + 1} = {x:g}" for i, x in enumerate(damping) if x < 0)
+def damping_warnings(damping: Sequence[Any]) -> list[str]:
+    """Warnings of coefficients, numbers or laws, that no medium has."""
+    negative = ", ".join(
+        f"lambda{i}(t) where it is below 0" if is_law(x) else f"lambda{i} = {x:g}"
+        for i, x in enumerate(damping, 1)
+        if min(dimensional_values(x)) < 0
+    )
     return [f"negative damping feeds energy in: {negative}"] if negative else []
 
 
@@ -143,7 +154,7 @@ class BodyUnderTorques(BodyFrame):
 
     @property
     def warnings(self) -> list[str]:
-        # What changes with time warns of nothing at the start.
+        # Of what changes with time only the damping is judged, coefficient by coefficient.
         given = {
             term: entries if term not in self.changing_terms else (0.0,) * len(entries)
             for term, entries in self.term_coefficients.items()
@@ -151,7 +162,7 @@ class BodyUnderTorques(BodyFrame):
         omega = self.to_principal(np.array(self.velocity(self.inertia, self.initial)))
         (kappa,), torque = given.get("kappa", (0.0,)), given.get("torque", ZEROS)
         return [
-            *damping_warnings(given.get("damping", ())),
+            *damping_warnings(self.term_coefficients.get("damping", ())),
             *tensor_warnings(np.reshape(given.get("resistance", np.zeros(9)), (3, 3))),
             *weak(self.moments, omega, kappa, torque),
             *cavity_warnings(vars(self).get("cavity"), self.moments, omega),
