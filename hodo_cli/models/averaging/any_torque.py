@@ -38,6 +38,21 @@ NODES_KEY = Key(
 Rhs = Callable[[Any, Sequence[Any], Any], Sequence[Any]]
 
 
+AVERAGED_BY_TURNS = """averaged over the turns of its hodograph.
+
+X' = 2 <(G - A_s omega) . N>,        Y' = 2 <(A_l omega - G) . N>
+
+X = G^2 - 2 T A_s and Y = 2 T A_l - G^2, A_l and A_s the largest and the smallest moment of inertia,
+T the kinetic energy, G = A omega (`initial`); N is the torque of the full form, and < > the mean
+over a turn of the free motion with these X and Y: a formula, or the mean of `nodes` even steps of
+its phase. Assumed: the torque changes X and Y little in a turn. `mean_start` and `at_separatrix`
+are explained under "Averaging the turns".
+
+Source of the method: L. D. Akulenko, D. D. Leshchenko, F. L. Chernousko, Izv. AN SSSR MTT 1982
+no. 3, 5."""
+"""What the averaged form of every model says of itself after its name."""
+
+
 def quarter_turn(m1: Any, halvings: int) -> list[tuple[Any, Any, Any]]:
     """sn, cn and dn at 0, K/2^halvings, ... K for m1 = 1 - m; with + - * / and ** only.
 
@@ -221,7 +236,7 @@ def averaged_form(
     have it for a sum of these terms."""
     attributes_of = {
         "__module__": full.__module__,
-        "__doc__": f"{full.__name__} averaged over the turns of its hodograph.",
+        "__doc__": f"{full.__name__} {AVERAGED_BY_TURNS}",
         "__annotations__": {"at_separatrix": str, "nodes": int},
         "full": full,
         "averaged_terms": terms,
