@@ -104,6 +104,52 @@ def test_every_folder_that_computes_is_hashed(tmp_path: Path) -> None:
         assert files <= digests.source_digests().keys()
 
 
+CHANGES = """\
+import os, shutil, sys
+from hodo_cli.batch.digests import PACKAGE, process_digest
+process_digest()
+source = PACKAGE / "models" / "cavity.py"
+before, mode = source.stat(), source.stat().st_mode
+{change}
+import wave  # looked at again only when more is loaded
+process_digest()
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no time of an inode's change")
+@pytest.mark.parametrize(
+    ("change", "ends"),
+    [
+        ('os.link(source, "link.py")', False),
+        ("source.chmod(mode & ~0o022); source.chmod(mode)", False),
+        ("os.utime(source)", False),
+        ('source.replace("moved.py"); shutil.copy("moved.py", source)', False),
+        ('source.write_text(source.read_text() + "# new\\n")', True),
+        (
+            'source.write_text(source.read_text() + "# new\\n"); '
+            "os.utime(source, ns=(before.st_atime_ns, before.st_mtime_ns))",
+            True,
+        ),
+        ("source.unlink()", True),
+    ],
+)
+def test_a_process_ends_if_its_code_changes_not_if_only_its_inodes_do(
+    tmp_path: Path, change: str, ends: bool
+) -> None:
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "hodo_cli", tmp_path / "hodo_cli", ignore=ignored)
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", CHANGES.format(change=change)],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == int(ends), done.stderr
+    assert ("has changed since this process began" in done.stderr) == ends
+
+
 def test_remarks_and_captions_rerun_nothing(copy: Copy) -> None:
     try:
         (copy.folder / "a.yaml").write_text(

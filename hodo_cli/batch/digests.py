@@ -3,7 +3,7 @@ libraries, all as they were when the process began."""
 
 import hashlib
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -23,27 +23,47 @@ reduced."""
 COMPUTING_LIBRARIES = ("heyoka", "numpy", "scipy")
 """The libraries whose arithmetic ends up in results."""
 
+CHANGED = "the code of hodo has changed since this process began: start it anew"
+
+
+def _states() -> dict[str, tuple[int, int]]:
+    """When each source file that decides numbers was last written, in ns since 1970, and its size,
+    by its path within the package."""
+    files = [file for part in SWEPT for file in [PACKAGE / part, *(PACKAGE / part).rglob("*.py")]]
+    return {
+        str(file.relative_to(PACKAGE)): (state.st_mtime_ns, state.st_size)
+        for file in sorted(files)
+        if file.suffix == ".py"
+        for state in [file.stat()]
+    }
+
+
+def _digests(names: Iterable[str]) -> dict[str, str]:
+    return {name: hashlib.sha256((PACKAGE / name).read_bytes()).hexdigest() for name in names}
+
+
+_LOADED = _states()
+"""The sources as they were when this module was loaded, which those that compute are loaded with.
+Not the times at which their inodes changed: a hard link or a change of rights sets these too."""
+
 
 @cache
 def source_digests() -> Mapping[str, str]:
-    """The digest of each source file that decides numbers, by its path within the package."""
-    files = [file for part in SWEPT for file in [PACKAGE / part, *(PACKAGE / part).rglob("*.py")]]
-    return {
-        str(file.relative_to(PACKAGE)): hashlib.sha256(file.read_bytes()).hexdigest()
-        for file in sorted(files)
-        if file.suffix == ".py"
-    }
+    """The digest of each source file that decides numbers, by its path within the package. Raises
+    BatchError if one has changed since it was loaded."""
+    digests = _digests(_states())
+    if _states() != _LOADED or max(_LOADED.values())[0] > STARTED * 1e9:
+        raise BatchError(CHANGED)
+    return digests
 
 
 @cache
 def _check_sources(modules: int) -> None:
     """Raise BatchError if a source has changed since this process began, which has loaded so many
     modules by now: they may be of the code before the change and of that after it."""
-    # A file that is replaced may keep the time of its modification, and Windows does not know that
-    # of its change.
-    states = [(PACKAGE / name).stat() for name in source_digests()]
-    if any(max(state.st_mtime, state.st_ctime) > STARTED for state in states):
-        raise BatchError("the code of hodo has changed since this process began: start it anew")
+    # What was touched, or copied back, is the same.
+    if (states := _states()) != _LOADED and _digests(states) != source_digests():
+        raise BatchError(CHANGED)
 
 
 @cache
