@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import yaml
 from conftest import ROOT, Hodo, call, schema
+from scipy.spatial.transform import Rotation
 
 from hodo_cli import HodoError
 from hodo_cli.cases import claim_block
@@ -36,6 +37,9 @@ CHECK_KINDS = {
 LINEAR = "model: linear-diag, inertia: [1, 0.8, 0.6]"
 TURN = f"{LINEAR}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, time: {{end: 100, samples: 101}}"
 SPUN = "model: cavity+constant, inertia: [8, 8, 4], cavity: {kappa: 0.1}, epsilon: 1"
+TILT = Rotation.from_rotvec([0.2, -0.1, 0.3]).as_matrix()
+TURNED = (TILT @ np.diag([1, 0.8, 0.6]) @ TILT.T).tolist()
+START = dict(zip("pqr", (TILT @ [0.1, 0, 1]).tolist(), strict=True))
 MOTIONS = f"""
 title: t
 defaults: {{time: {{end: 10, samples: 101}}}}
@@ -49,11 +53,23 @@ cases:
   rest: {{{LINEAR}, damping: 0.1, initial: {{p: 0, q: 0, r: 0}}}}
   # (G1, G2) librates about x3 at the rate r sqrt((A1 - A3)(A2 - A3)/(A1 A2)) = 0.316.
   free: {{{LINEAR}, initial: {{p: 0.1, q: 0, r: 1}}, time: {{end: 40}}}}
+  # The same in other axes.
+  turned: {{model: torques, damping: 0, inertia: {TURNED}, initial: {START}, time: {{end: 40}}}}
+  with-rotor: {{model: torques, inertia: [1, 0.8, 0.6], rotor: [0, 0, 0.9],
+                initial: {{p: 0.1, q: 0.2, r: 0.74}}}}
   turning: {{{TURN}, damping: [0.05, 0.04, 0.03]}}
+  late: {{{TURN.replace("end: 100, samples: 101", "values: [90, 100]")},
+          damping: [0.05, 0.04, 0.03]}}
   by-itself: {{{TURN}, damping: [0.05, 0.04, 0.03], max_seconds: 60}}
   staying: {{{TURN}, damping: [0.03, 0.04, 0.05]}}
   ball: {{{TURN}, damping: [0.05, 0.04, 0.03],
           sweep: {{from: {{sphere: {{count: 40, seed: 1}}}}, damping.0: {{values: [0.05, 0.03]}}}}}}
+  by-0-and-2: {{{TURN}, damping: [0.05, 0.04, 0.03],
+                sweep: {{damping.0: {{values: [0.05, 0.01]}},
+                        damping.2: {{values: [0.03, 0.01]}}}}}}
+  by-2-and-0: {{{TURN}, damping: [0.05, 0.04, 0.03],
+                sweep: {{damping.2: {{values: [0.03, 0.01]}},
+                        damping.0: {{values: [0.05, 0.01]}}}}}}
   given-up: {{{LINEAR}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, method: DOP853, max_steps: 3}}
   # r falls at the rate 0.1/4; the full form goes on, the averaged one has an event where r is 0.
   passing: {{{SPUN}, torque: [0, 0, -0.1], initial: {{p: 0, q: 0, r: 1}}, time: {{end: 50}}}}
@@ -115,6 +131,12 @@ CHECKS = [
     ("slow", "{kind: conserved, of: [G]}", "contradicted", 1 - E1),
     ("turning", "{kind: axis, start: x1, end: x3}", "reproduced", 1),
     ("turning", "{kind: axis, start: x3}", "contradicted", 0),
+    # Its samples begin behind the crossing.
+    ("late", "{kind: axis, start: x1, end: x3}", "reproduced", 1),
+    ("late", "{kind: axis, start: x3}", "contradicted", 0),
+    ("late", "{kind: value, values: {turns: [9]}, within: 8}", "not tested", None),
+    ("by-0-and-2, by-2-and-0",
+     "{kind: average, variable: crossing_time, at: [{damping.0: 0}], most: 0}", "reproduced", 0),
     # Free motion goes round x3 twice; here G is damped away in less than a turn.
     ("free", "{kind: axis, start: x3, end: x3, turns: 2}", "reproduced", 1),
     ("free", "{kind: axis, start: x3, turns: 2.1}", "contradicted", 0),
@@ -139,6 +161,11 @@ CHECKS = [
     ("free", "{kind: value, values: {turns: [2.013]}, within: 0.02}", "reproduced", None),
     ("free", "{kind: value, values: {area_largest: [0], area_smallest: [1]}, within: 0}",
      "reproduced", 0),
+    ("turned", "{kind: value, values: {turns: [2.013]}, within: 0.02}", "reproduced", None),
+    ("turned", "{kind: value, values: {area_largest: [0], area_smallest: [1]}, within: 0}",
+     "reproduced", 0),
+    # A hodograph that goes round both axes turns about neither.
+    ("with-rotor", "{kind: value, values: {turns: [0]}, within: 0}", "reproduced", 0),
     ("free", "{kind: value, values: {crossings: [0]}, within: 0}", "reproduced", 0),
     # The first factor raises the rate of decay by 0.1 and 0.12, the second by 0.01 and 0.03.
     ("slow, fast, slower, faster", "{kind: paper, name: diagonal-sets-decay}", "reproduced", 5.5),

@@ -1,14 +1,16 @@
 """Labels and crossings: what counts as one, at every scale, whatever the sampling and the
 engine."""
 
+import json
 import math
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from conftest import classified
+from conftest import Hodo, classified
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -107,6 +109,25 @@ def test_crossings_do_not_depend_on_the_sampling(samples: int) -> None:
     bound = 1e-12 if engines.have_taylor() else 1e-10
     assert crossing.time == pytest.approx(CROSSING, rel=bound)
     assert (crossing.start, crossing.end) == (1, 3)
+
+
+def test_the_start_is_that_of_the_motion_and_not_of_its_first_sample(
+    hodo: Hodo, tmp_path: Path
+) -> None:
+    common = "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 0.003]"
+    start = "initial: {p: 0.8, q: 0.5, r: 0.74}"
+    cases = [
+        f"  {form}{i}: {{{common}, {start}, form: {form}, time: {time}}}\n"
+        for form in ("full", "averaged")
+        for i, time in enumerate(("{values: [900, 950, 1000]}", "{end: 1000, samples: 1}"))
+    ]
+    (tmp_path / "a.yaml").write_text("cases:\n" + "".join(cases))
+    assert hodo("run", "a.yaml").returncode == 0
+    rows = json.loads(hodo("classify", "runs/a.h5", "--json").stdout)
+    assert len(rows) == 4
+    for row in rows:
+        assert [row["start"], row["end"]] == ["x1", "x3"]
+        assert [[c["from"], c["to"]] for c in row["crossings"]] == [["x1", "x3"]]
 
 
 @pytest.mark.parametrize(

@@ -168,6 +168,32 @@ def test_directions_are_uniform_and_any_part_of_them_can_be_drawn() -> None:
 # Members are single cases
 
 
+LATE = {"values": [900, 950, 1000]}, {"values": [900, 1000]}, {"end": 1000, "samples": 1}
+
+
+@pytest.mark.parametrize("time", LATE, ids=str)
+@pytest.mark.parametrize("form", ["full", "averaged"])
+@pytest.mark.parametrize("store", [[], ["trajectory"]], ids=["ends", "trajectory"])
+def test_a_member_starts_about_the_axis_of_its_start_whenever_its_samples_begin(
+    time: dict[str, Any], form: str, store: list[str]
+) -> None:
+    wanted = ["start_axis", "end_axis", "crossings", "crossing_time"]
+    wanted += ["share"] if form == "full" else []
+    common = {
+        **{"model": "linear-diag", "inertia": [1, 0.8, 0.6], "form": form, "time": time},
+        **{"damping": [0.005, 0.004, 0.003], "initial": {"p": 0.8, "q": 0.5, "r": 0.74}},
+        **{"sweep": {"damping.1": {"values": [0.004, 0.0041]}}, "store": [*store, *wanted]},
+    }
+    together = hodo_cli.sweep(common)
+    alone = hodo_cli.sweep({**common, "method": "collocation"})
+    assert alone.attrs["method"] == "collocation"
+    for data in (together, alone):
+        assert data.start_axis.values.tolist() == [1, 1]
+        assert data.end_axis.values.tolist() == [3, 3]
+        for name in {*wanted} & {*data}:
+            np.testing.assert_allclose(data[name], together[name], rtol=1e-9)
+
+
 def assert_members_are_single_cases(case: Case, numbers: list[int]) -> None:
     """The tolerance: both are right to about 1e-13 in the state and, by the conditioning of D = 0,
     1e-11 in time."""

@@ -96,8 +96,8 @@ class Time:
         return replace(self, end=values[-1], samples=len(values), values=values, steps="no")
 
     def resampled(self, samples: int) -> "Time":
-        """The same span with so many samples."""
-        return self if samples == self.samples else replace(self, samples=samples, values=None)
+        """The same span with so many samples, evenly spaced."""
+        return replace(self, samples=samples, values=None)
 
 
 def plain(value: Any) -> Any:

@@ -27,7 +27,7 @@ def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
     wanted = {moment: check[moment] for moment in ("start", "end") if check[moment]}
     complying, words = 0, []
     for m in motions:
-        axes = [rigid_body.LABELS[int(label)] for label in m.labels[[0, -1]]]
+        axes = [rigid_body.LABELS[label] for label in m.labels_at_ends]
         words.append(" to ".join(dict.fromkeys(axes)))
         turns = [turns_at(m, moment) for moment in wanted] if check["turns"] else [0.0]
         if check["turns"]:

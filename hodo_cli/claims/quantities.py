@@ -20,7 +20,6 @@ from ..integration import (
     principal_omega,
     solve,
 )
-from ..models.rigid_body import slope
 from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion
 
@@ -105,15 +104,21 @@ def most_turns(m: Motion, axis: int, least: float) -> float:
 
 def turns_at(m: Motion, moment: str) -> float:
     """The turns that G makes in the stretch of "start" or "end" about the axis that it encloses
-    there."""
+    there; 0 where it goes round no single axis.
+
+    Raises NoNumber where a crossing comes before the samples.
+    """
     i = 0 if moment == "start" else -1
-    axis = int(m.labels[i]) - 1
-    return abs(swept_angle(m, axis, stretches_about(m, axis)[i])) if axis >= 0 else 0.0
+    label = m.labels_at_ends[i]
+    if label != m.labels[i]:
+        raise NoNumber(f"turns of {m.words} are not known: it crosses before its first sample")
+    axis = label - 1
+    return abs(swept_angle(m, axis, stretches_about(m, axis)[i])) if axis in range(3) else 0.0
 
 
 def swept_angle(m: Motion, about: int, samples: slice = slice(None)) -> float:
     """The turns that G makes about axis `about` (0, 1, 2) over some samples, with their sign."""
-    first_axis, second_axis = ((m.inertia * m.omega)[samples, i] for i in range(3) if i != about)
+    first_axis, second_axis = (m.principal_G[samples, i] for i in range(3) if i != about)
     # Right while G turns by less than half a turn between two samples, as it does in every figure.
     angle = np.unwrap(np.arctan2(second_axis, first_axis))
     return float((angle[-1] - angle[0]) / (2 * math.pi)) if len(angle) else 0.0
@@ -122,23 +127,15 @@ def swept_angle(m: Motion, about: int, samples: slice = slice(None)) -> float:
 def reach(m: Motion, side: int) -> float:
     """The largest coordinate of region `side` that the motion reaches in the plane of the
     quadrants: w_l^2 in A (0), where the axis of largest inertia is enclosed, K w_s^2 in B (2).
+    Raises HodoError where a body has no quadrants.
     """
-    axis = m.order[side]
-    return float(np.max(quadrant_coordinate(m, side)[m.labels == axis + 1], initial=0))
-
-
-def quadrant_coordinate(m: Motion, side: int) -> np.ndarray:
-    """w_l^2 (side 0) or K w_s^2 (side 2) over time (n,)."""
-    # K w_s^2 is the second axis of a figure of quadrants: the separatrix is then its diagonal.
-    scale = slope(m.inertia) if side == 2 else 1.0
-    return np.asarray(scale * m.omega[:, m.order[side]] ** 2)
+    of_region = m.quadrants[m.labels == m.order[side] + 1, side // 2]
+    return float(np.max(of_region, initial=0))
 
 
 def area(m: Motion, side: int) -> float:
     """`reach` relative to the largest coordinate of the motion, by which a figure is scaled."""
-    return reach(m, side) / float(
-        max(quadrant_coordinate(m, 0).max(), quadrant_coordinate(m, 2).max())
-    )
+    return reach(m, side) / float(m.quadrants.max())
 
 
 def tilt_growth(m: Motion, side: int) -> float:

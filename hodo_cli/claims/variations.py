@@ -41,7 +41,7 @@ def members(
     for case in cases:
         data = {**case.data, **first_values(over, type(case.system), case.data)}
         varied = replace(case, sweep=over, data=data)
-        by_case.append([*members_as_cases(varied, numbers, case.time.samples)])
+        by_case.append([*members_as_cases(varied, numbers, None)])
     for case in itertools.chain(*by_case):
         for mistake in type(case.system).check(case.data):
             raise HodoError(f"member {case.name}: {mistake}")

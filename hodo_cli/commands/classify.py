@@ -14,7 +14,7 @@ from ..cases.case import Case, parse_case
 from ..cases.derived import MOMENTUM
 from ..cases.keys import METHODS
 from ..engines.protocol import Status
-from ..integration import Classification, classify
+from ..integration import Classification, classify, label_at_start
 from ..models import rigid_body
 from ..progress import Progress
 from ..results.groups import label_group
@@ -68,7 +68,7 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     if "enclosed_axis" in case.system.variables:  # labelled by its own integration
         motion = motion_of(group.variables, group.attributes, name)
         labelled = Classification(motion.labels, motion.crossings, end_before_time(group))
-        return None, row_of(name, labelled, case)
+        return None, row_of(motion, labelled)
     if remark := inapplicable(case, group):
         remarks = [remark, *end_before_time(group)]
         unlabelled = {"start": "-", "end": "-", "unlabelled": remark}
@@ -84,9 +84,9 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     if case.time.steps == "yes":
         case = replace(case, time=case.time.listed(group.variables["time"].data))
     labelled = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
-    events = Motion(case, group.variables).events
-    row = row_of(name, labelled, case)
-    row["events"] = [{"kind": kind, "time": time} for kind, time in events]
+    motion = Motion(case, group.variables, label=name)
+    row = row_of(motion, labelled)
+    row["events"] = [{"kind": kind, "time": time} for kind, time in motion.events]
     if (status := group.attributes.get("status")) != Status.OK:
         # The last label of a motion that was broken off is not the one that it ends with.
         row["warnings"].append(f"{status}: to t = {group.variables['time'].data[-1]:.6g} only")
@@ -103,9 +103,9 @@ CROSSING_UNITS = {"time": "time", "G": MOMENTUM}
 """The units of what the table says of a crossing, in words."""
 
 
-def row_of(name: str, labelled: Classification, case: Case) -> dict[str, Any]:
+def row_of(motion: Motion, labelled: Classification) -> dict[str, Any]:
     """The line of a labelled motion in the table."""
-    ends = [rigid_body.LABELS[int(label)] for label in labelled.labels[[0, -1]]]
+    case, start = motion.case, label_at_start(motion.time[0], labelled.labels, labelled.crossings)
     table = [
         {
             "time": c.time,
@@ -117,9 +117,9 @@ def row_of(name: str, labelled: Classification, case: Case) -> dict[str, Any]:
         for c in labelled.crossings
     ]
     return {
-        "case": name,
-        "start": ends[0],
-        "end": ends[1],
+        "case": motion.label,
+        "start": rigid_body.LABELS[start],
+        "end": rigid_body.LABELS[int(labelled.labels[-1])],
         "growth": growth(labelled.growth),
         "final": "" if labelled.final is None else rigid_body.LABELS[labelled.final],
         "predictions": [sentence_of_case(words, case) for words in labelled.predictions],

@@ -55,19 +55,6 @@ from .geometry import check_zoom, clearest
 from .sheet import Look, Sheet, text_size, text_width
 
 
-def squares(motion: Motion) -> np.ndarray:
-    """(w_l^2, K w_s^2) (n, 2): the separatrix is the diagonal, and D > 0 below it. Raises HodoError
-    where K is inf."""
-    if motion.rotor is not None:
-        raise HodoError(f"{motion.words} has a rotor: its hodographs have no quadrants")
-    K = slope(motion.inertia)
-    if math.isinf(K):
-        why = "its two larger moments of inertia are equal"
-        raise HodoError(f"{motion.words} has no quadrants to draw: {why}")
-    largest, _, smallest = motion.order
-    return np.asarray(motion.principal_omega[:, [largest, smallest]] ** 2 * [1, K])
-
-
 def of_one_body(motions: list[Motion]) -> list[Motion]:
     """Motions for a figure of one body's regions. Raises HodoError if they are of two bodies."""
     if other := of_other_body(motions):
@@ -79,15 +66,14 @@ def of_one_body(motions: list[Motion]) -> list[Motion]:
 def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """p^2 against K r^2, with the regions A (D > 0) and B (D < 0)."""
     motions, zoom = of_one_body(motions_of(cases, spec["cases"], spec["labels"])), spec["zoom"]
-    points = {motion.name: squares(motion) for motion in motions}
+    points = {motion.name: motion.quadrants for motion in motions}
     for motion in motions:
         p, r = "pqr"[motion.order[0]], "pqr"[motion.order[2]]
         across, up = points[motion.name].T
         sheet.record(motion.label, {"time": motion.time, f"{p}^2": across, f"K {r}^2": up})
     others = motions_of(cases, spec["scale_cases"])
-    limits = [
-        1.05 * max(float(curve.max()) for curve in [*points.values(), *map(squares, others)]) or 1.0
-    ]
+    shown = [*points.values(), *(motion.quadrants for motion in others)]
+    limits = [1.05 * max(float(curve.max()) for curve in shown) or 1.0]
     if zoom is not None:
         check_zoom(zoom, min(float(curve.max(axis=1).min()) for curve in points.values()))
         limits.append(zoom)

@@ -3,7 +3,7 @@ Imports engines and what lies below."""
 
 from .choice import AUTOMATIC, MANY_STEPS, best, choose, taylor_steps
 from .classify import Classification, body_of, classify, cross, principal_omega
-from .crossings import CERTAIN, VIEWED, Crossing, has_turned, time_to_zero
+from .crossings import CERTAIN, VIEWED, Crossing, has_turned, label_at_start, time_to_zero
 from .driver import LIMIT, at_rest
 from .error import errors_against, measured_error, references, thinned, time_error
 from .integrate import ASKED, integrate, motion_remarks, solved
@@ -35,6 +35,7 @@ __all__ = [
     "has_turned",
     "integrate",
     "is_falling",
+    "label_at_start",
     "measured_error",
     "motion_remarks",
     "principal_omega",

@@ -9,7 +9,7 @@ polynomial, half that of D, and lose no digits near the middle axis, where both 
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -48,6 +48,12 @@ class Crossing:
     end: int
     momentum: float
     error: float = math.nan
+
+
+def label_at_start(first_sample: float, labels: np.ndarray, crossings: Sequence[Crossing]) -> int:
+    """The label with which a motion starts: that of the first sample, but for crossings before."""
+    early = crossings and crossings[0].time <= first_sample
+    return crossings[0].start if early else int(labels[0])
 
 
 class SignChanges(NamedTuple):

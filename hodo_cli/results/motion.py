@@ -28,7 +28,7 @@ from ..cases.derived import (
 )
 from ..cases.figure_block import FORMULA
 from ..cases.sweep_block import AXIS_LABELS
-from ..integration import Crossing
+from ..integration import Crossing, label_at_start
 from ..models import rigid_body
 from ..models.constants import attributes
 from ..models.rigid_body import BodyFrame
@@ -214,10 +214,30 @@ class Motion:
         axes = self.frame.principal_axes if self.frame else None
         return np.eye(3) if axes is None else axes
 
+    @property
+    def principal_G(self) -> np.ndarray:
+        """Angular momentum (n, 3) along the principal axes."""
+        return self.frame.to_principal(self.G) if self.frame else self.G
+
     @cached_property
     def principal_omega(self) -> np.ndarray:
         """Angular velocity (n, 3) along the principal axes."""
         return self.frame.to_principal(self.omega) if self.frame else self.omega
+
+    @property
+    def quadrants(self) -> np.ndarray:
+        """(w_l^2, K w_s^2) (n, 2): the separatrix is the diagonal, and D > 0 below it.
+
+        Raises HodoError for a body with a rotor, and where K is infinite.
+        """
+        if self.rotor is not None:
+            raise HodoError(f"{self.words} has a rotor: its hodographs have no quadrants")
+        K = rigid_body.slope(self.inertia)
+        if math.isinf(K):
+            why = "its two larger moments of inertia are equal"
+            raise HodoError(f"{self.words} has no quadrants: {why}")
+        largest, _, smallest = self.order
+        return np.asarray(self.principal_omega[:, [largest, smallest]] ** 2 * [1, K])
 
     def _over_time(self, name: str) -> bool:
         return name in self.data and self.data[name].dims == ("time",)
@@ -328,6 +348,11 @@ class Motion:
             Crossing(**dict(zip(fields, values, strict=True)))
             for values in zip(*fields.values(), strict=True)
         )
+
+    @property
+    def labels_at_ends(self) -> tuple[int, int]:
+        """The labels with which it starts and ends. Raises as `labels` does."""
+        return label_at_start(self.time[0], self.labels, self.crossings), int(self.labels[-1])
 
     @property
     def crossing_time(self) -> np.ndarray:

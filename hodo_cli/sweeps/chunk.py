@@ -1,7 +1,7 @@
 """A chunk of members, integrated: the task of a pool."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import thread_time
@@ -13,10 +13,18 @@ from .. import HodoError
 from ..cases.case import Case, Time
 from ..engines import have_taylor
 from ..engines.protocol import Status
-from ..integration import Trajectory, body_of, classify, integrate, sample_times
+from ..integration import (
+    Crossing,
+    Trajectory,
+    body_of,
+    classify,
+    integrate,
+    label_at_start,
+    sample_times,
+)
 from ..models import rigid_body
 from ..models.constants import flatten, rescaled
-from ..results.layout import CROSSING_COLUMNS, columns_of
+from ..results.layout import CROSSING_COLUMNS, columns_of, passages_as_crossings
 from ..storage import Group, Variable
 from .columns import blank_columns, columns, event_columns, label_columns, shape
 from .ensemble.advance import advance, measure_crossings, step_of
@@ -277,7 +285,7 @@ def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:
 def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np.ndarray]]:
     """The status of one member that is integrated as a single case, its method, and its columns
     (1,): none where it comes to nothing."""
-    samples = case.time.samples if "trajectory" in case.store else 2
+    samples = None if "trajectory" in case.store else 2
     model, single = type(case.system), member(case, number, samples)
     if any(model.check(single.data)):
         return Status.INVALID, "", {}
@@ -300,8 +308,16 @@ def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np
             return status, motion.method, final | labels
     except HodoError:
         return Status.FAILED, "", {}
-    axes = None if axis is None else (axis[:1], axis[-1:])
+    crossings = passages_as_crossings(motion.events, math.nan)
+    axes = None if axis is None else labels_at_ends(motion, axis, crossings)
     return Status.OK, motion.method, final | event_columns({0: motion.events}, 1, axes)
+
+
+def labels_at_ends(
+    motion: Trajectory, labels: np.ndarray, crossings: Sequence[Crossing]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The labels (1,) with which a motion starts and ends."""
+    return np.array([label_at_start(motion.time[0], labels, crossings)]), labels[-1:]
 
 
 def sampled(motion: Trajectory) -> dict[str, np.ndarray]:
@@ -329,7 +345,7 @@ def classified_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]
     member = np.zeros(len(classification.crossings), dtype=np.int64)
     stored = columns_of(CROSSING_COLUMNS, classification.crossings)
     crossings = {name: variable.data for name, variable in stored.items()}
-    first, last = classification.labels[:1], classification.labels[-1:]
+    first, last = labels_at_ends(motion, classification.labels, classification.crossings)
     columns = event_columns({0: motion.events}, 1, None) | {"separation": np.array([nearest])}
     columns |= label_columns(first, last, member, crossings, columns["event_time"], case.time)
     return Status.UNDECIDED if classification.hidden else Status.OK, columns

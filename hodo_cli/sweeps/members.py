@@ -169,16 +169,17 @@ def velocities(
     return omega
 
 
-def member(case: Case, number: int, samples: int = 2) -> Case:
+def member(case: Case, number: int, samples: int | None = 2) -> Case:
     """One member as a case of its own."""
     return next(members_as_cases(case, np.array([number]), samples))
 
 
-def members_as_cases(case: Case, numbers: np.ndarray, samples: int) -> Iterator[Case]:
-    """Members as cases of their own."""
+def members_as_cases(case: Case, numbers: np.ndarray, samples: int | None) -> Iterator[Case]:
+    """Members as cases of their own, with so many samples evenly spaced; None: those of the
+    case."""
     paths, values, combination, direction = combinations(case, numbers)
     sets = [described(case, paths, row) for row in values.T.tolist()]
-    time = case.time.resampled(samples)
+    time = case.time if samples is None else case.time.resampled(samples)
     common = replace(case, time=time, sweep=None, store=(), error="off")
     omega = None if direction is None else velocities(sets, combination, direction)
     for i, number in enumerate(numbers):

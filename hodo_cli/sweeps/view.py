@@ -55,6 +55,13 @@ def in_even_ratios(values: np.ndarray) -> bool:
     return bool(uneven and np.ptp(ratios) <= EQUAL_STEPS * np.abs(ratios).max())
 
 
+def same_values(a: "xr.DataArray | None", b: "xr.DataArray | None") -> bool:
+    """Whether what varies along an axis is the same in two sweeps, to rounding."""
+    if a is None or b is None or a.sizes != b.sizes:
+        return False
+    return np.allclose(a.data, b.transpose(*a.dims).data, rtol=EQUAL_STEPS, atol=0)
+
+
 @dataclass(frozen=True)
 class SweepView:
     """A sweep: the name of its case, the case, and its dataset, whose last dimensions are `time`
@@ -221,16 +228,25 @@ class SweepView:
         return values
 
     def distance(self, other: "SweepView", variable: str, against: str) -> "SweepView":
-        """This sweep with a variable as its distance from one of another sweep of the same axes;
-        for labels, 1 where they differ. Members count where both are ok.
+        """This sweep with a variable as its distance from one of another sweep of the same axes, in
+        any order; for labels, 1 where they differ. Members count where both are ok.
 
-        Raises HodoError unless the sweeps have them, over as many members.
+        Raises HodoError unless the sweeps have them, over the same values along each axis.
         """
+        for key in {
+            **dict.fromkeys(swept_names(self.data)),
+            **dict.fromkeys(swept_names(other.data)),
+        }:
+            if not same_values(self.data.get(key), other.data.get(key)):
+                raise HodoError(f"sweeps {self.name} and {other.name} have other values of {key}")
         a, b = self.variable(variable), other.variable(against)
-        if a.shape != b.shape:
-            raise HodoError(f"the sweeps have {a.shape} and {b.shape} values of {variable!r}")
+        if dict(a.sizes) != dict(b.sizes):
+            sizes = f"{dict(a.sizes)} and {dict(b.sizes)}"
+            raise HodoError(f"the sweeps have {sizes} values of {variable!r} and {against!r}")
+        b = b.transpose(*a.dims)
         apart = a.data != b.data if "flag_meanings" in a.attrs else np.abs(a.data - b.data)
-        status = np.maximum(self.data["status"].data, other.data["status"].data)
+        by_axis = (view.data["status"].transpose(*self.axes).data for view in (self, other))
+        status = np.maximum(*by_axis)
         changed = {variable: (a.dims, apart.astype(float)), "status": ([*self.axes], status)}
         return replace(self, data=self.data.assign(changed))
 
