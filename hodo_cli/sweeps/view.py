@@ -85,6 +85,12 @@ class SweepView:
         """The lengths of the axes by name, in order."""
         return {name: self.data.sizes[name] for name in sweep_axes(self.data)}
 
+    @property
+    def coordinates(self) -> dict[str, "xr.DataArray"]:
+        """What varies along the axes, by name."""
+        named = {str(key): values for key, values in self.data.coords.items()}
+        return {key: values for key, values in named.items() if {*values.dims} & {*self.axes}}
+
     def keys(self, name: str) -> list[str]:
         """The coordinates that vary along an axis alone; the first is that which figures show."""
         named = [*swept_names(self.data), *map(str, self.data.coords)]
@@ -233,11 +239,9 @@ class SweepView:
 
         Raises HodoError unless the sweeps have them, over the same values along each axis.
         """
-        for key in {
-            **dict.fromkeys(swept_names(self.data)),
-            **dict.fromkeys(swept_names(other.data)),
-        }:
-            if not same_values(self.data.get(key), other.data.get(key)):
+        mine, theirs = self.coordinates, other.coordinates
+        for key in {**mine, **theirs}:
+            if not same_values(mine.get(key), theirs.get(key)):
                 raise HodoError(f"sweeps {self.name} and {other.name} have other values of {key}")
         a, b = self.variable(variable), other.variable(against)
         if dict(a.sizes) != dict(b.sizes):
