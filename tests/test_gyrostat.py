@@ -2,6 +2,7 @@
 motions of the literature's kind, which know nothing of them."""
 
 import itertools
+import math
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from scipy.integrate import DOP853, solve_ivp
 
 from hodo_cli.models.theory import gyrostat
+from hodo_cli.sweeps.ensemble import cells
 
 BOTH, UNSEPARATED = 4, 5
 """The labels of a hodograph that encloses both outer axes, and where no separatrix is."""
@@ -36,11 +38,10 @@ def energies(A: Any, rotations: Any) -> Any:
 
 def kinds(rotations: Any) -> Any:
     """m, s, M (...) for a minimum, a saddle, a maximum of T on the sphere, by the sum of the
-    curvatures where it is no saddle; empty where there is none."""
+    curvatures where it is no saddle, that is where their product is not negative."""
     j, k = np.roll(rotations.c, -1, -1), np.roll(rotations.c, -2, -1)
-    total = (rotations.G**2 * (j + k)).sum(-1)
-    none = np.isnan(rotations.s)
-    return np.select([none, rotations.is_saddle, total > 0], ["", "s", "m"], "M")
+    product, total = ((rotations.G**2 * x).sum(-1) for x in (j * k, j + k))
+    return np.select([product < 0, total > 0], ["s", "m"], "M").tolist()
 
 
 def region_labels(A: Any, h: Any, omega: Any, band: Any = 0.0) -> Any:
@@ -53,11 +54,8 @@ def separations(A: Any, h: Any, omega: Any) -> Any:
 
 def listed(A: Any, h: Any, momentum: float) -> list[tuple[float, float, str]]:
     """(s, 2T, kind) of every steady rotation, by s."""
-    found = gyrostat.steady_rotations(A, h, momentum)
-    rows = zip(
-        found.s[0].tolist(), energies(A, found)[0].tolist(), kinds(found)[0].tolist(), strict=True
-    )
-    return sorted(row for row in rows if row[2])
+    known = steady_rotations(A, h, momentum)
+    return list(zip(known.s.tolist(), energies(A, known).tolist(), kinds(known), strict=True))
 
 
 def test_the_steady_rotations_of_one_body() -> None:
@@ -70,16 +68,19 @@ def test_the_steady_rotations_of_one_body() -> None:
         (1.1126475402527776, 1.3330514293372204, "s"),
         (1.9532476486031905, 3.2038358683241527, "M"),
     ]
-    found = listed(A, h, np.sqrt(G @ G))
-    assert [kind for *_, kind in found] == [kind for *_, kind in expected]
-    for (s, energy, _), (true_s, true_energy, _) in zip(found, expected, strict=True):
+    known = listed(A, h, np.sqrt(G @ G))
+    assert [kind for *_, kind in known] == [kind for *_, kind in expected]
+    for (s, energy, _), (true_s, true_energy, _) in zip(known, expected, strict=True):
         assert s == pytest.approx(true_s, rel=1e-15)
         assert energy == pytest.approx(true_energy, rel=2e-15)
+    found = gyrostat.saddles(A, h, np.sqrt(G @ G))
+    assert found.s[0] == pytest.approx([expected[2][0], math.nan], rel=1e-15, nan_ok=True)
+    assert energies(A, found)[0, 0] == pytest.approx(expected[2][1], rel=2e-15)
 
 
-def roots(A: Any, h: Any) -> list[float]:
-    """The real roots of S(s) prod (1 - s A_i)^2 = 0 for |G| = 1, a polynomial of degree 6, in 60
-    digits."""
+def steady_rotations(A: Any, h: Any, momentum: float) -> gyrostat.SteadyRotations:
+    """All of them, by s, of a rotor with three components: the real roots of S(s) prod (1 - s
+    A_i)^2 = 0, a polynomial of degree 6, in 60 digits."""
     with mpmath.workdps(60):
         moments, rotor = ([mpmath.mpf(float(x)) for x in v] for v in (A, h))
 
@@ -90,7 +91,8 @@ def roots(A: Any, h: Any) -> list[float]:
             return c
 
         squares = [times([1, -a], [1, -a]) for a in moments]
-        total = [-x for x in times(times(squares[0], squares[1]), squares[2])]
+        whole = times(times(squares[0], squares[1]), squares[2])
+        total = [-x * mpmath.mpf(float(momentum)) ** 2 for x in whole]
         for i in range(3):
             others = times(squares[i - 1], squares[i - 2])
             total = [
@@ -98,20 +100,26 @@ def roots(A: Any, h: Any) -> list[float]:
                 for x, y in itertools.zip_longest(total, others, fillvalue=mpmath.mpf(0))
             ]
         found = mpmath.polyroots(total[::-1], maxsteps=500, extraprec=400, asc=False)
-        return sorted(float(x.real) for x in found if abs(x.imag) < mpmath.mpf(10) ** -30)
+        s = sorted(x.real for x in found if abs(x.imag) < mpmath.mpf(10) ** -30)
+        e = [[1 - x * a for a in moments] for x in s]
+        G = [[x / y for x, y in zip(rotor, row, strict=True)] for row in e]
+        c = [[x / a for x, a in zip(row, moments, strict=True)] for row in e]
+        return gyrostat.SteadyRotations(*(np.array(rows, dtype=float) for rows in (s, G, c)))
 
 
-def test_they_are_the_roots_of_a_polynomial_in_four_orders_of_kinds() -> None:
+def test_saddles_are_roots_of_a_polynomial_in_four_orders_of_kinds() -> None:
     """150 bodies in all orders of the axes, with rotors of all sizes."""
     draw, orders = np.random.default_rng(1), Counter[str]()
     for moments in bodies(draw, 150):
         h = draw.normal(size=3) * 10 ** draw.uniform(-2, 0.3)
-        found = listed(moments, h, 1.0)
-        assert [s for s, *_ in found] == pytest.approx(roots(moments, h), rel=1e-9)
-        orders["".join(kind for *_, kind in found)] += 1
-        rising = [energy for _, energy, _ in found]
+        known = listed(moments, h, 1.0)
+        orders["".join(kind for *_, kind in known)] += 1
+        rising = [energy for _, energy, _ in known]
         assert rising == sorted(rising)
-        turned = np.sqrt((gyrostat.steady_rotations(moments, h, 1.0).G ** 2).sum(-1))
+        found = gyrostat.saddles(moments, h, 1.0)
+        s = [s for s, _, kind in known if kind == "s"]
+        assert found.s[0, ~np.isnan(found.s[0])] == pytest.approx(s, rel=1e-9)
+        turned = np.sqrt((found.G**2).sum(-1))
         assert turned[np.isfinite(turned)] == pytest.approx(1, rel=1e-12)
     assert set(orders) == {"mM", "mmsM", "msMM", "mmssMM"}
     assert min(orders.values()) > 2
@@ -119,19 +127,74 @@ def test_they_are_the_roots_of_a_polynomial_in_four_orders_of_kinds() -> None:
 
 def test_what_is_steady_stays() -> None:
     """omega = s G has no rate, and a saddle is left in both directions, which a pole is not."""
-    draw = np.random.default_rng(2)
+    draw, seen = np.random.default_rng(2), 0
     for moments in bodies(draw, 50):
         h = draw.normal(size=3) * 0.1
-        found = gyrostat.steady_rotations(moments, h, 1.0)
-        for s, G, kind in zip(found.s[0], found.G[0], kinds(found)[0], strict=True):
-            if kind:
+        found = gyrostat.saddles(moments, h, 1.0)
+        for s, G in zip(found.s[0], found.G[0], strict=True):
+            if not np.isnan(s):
                 omega = (G - h) / moments
                 assert omega == pytest.approx(s * G, abs=1e-12)
                 near = G + 1e-4 * draw.normal(size=(500, 3))
                 near /= np.linalg.norm(near, axis=1, keepdims=True)
                 energy = ((near - h) ** 2 / moments).sum(1) - (moments * omega * omega).sum()
-                rises = {"m": {True}, "M": {False}, "s": {True, False}}[kind]
-                assert set((energy > 0).tolist()) == rises
+                assert {True, False} == set((energy > 0).tolist())
+                seen += 1
+    assert seen > 40
+
+
+def bodies_of_all_kinds(draw: np.random.Generator, n: int) -> Iterator[tuple[Any, Any]]:
+    """Moments and rotors: some with equal moments, or without some components, or tiny ones."""
+    for i, moments in enumerate(bodies(draw, n)):
+        h = draw.normal(size=3) * 10 ** draw.uniform(-3, 0.3)
+        kind = i % 5
+        if kind == 1:
+            moments[draw.integers(3)] = moments[draw.integers(3)]
+        if kind in (1, 2):
+            h[draw.integers(3)] = 0
+        if kind == 3:
+            h[draw.permutation(3)[:2]] = 0
+        if kind == 4:
+            h *= 10 ** draw.uniform(-9, 0, 3)
+        if 2 * moments.max() < moments.sum():
+            yield moments, h
+
+
+def test_saddles_exist_from_a_least_momentum_on() -> None:
+    draw = np.random.default_rng(12)
+    for moments, h in bodies_of_all_kinds(draw, 300):
+        curves = gyrostat.SaddleCurves.of(moments[None], h[None]).limited()
+        least = np.sqrt(curves.least_squares())
+        momentum = np.outer(np.where(np.isfinite(least), least, 1), [1 - 1e-12, 1 + 1e-12]).ravel()
+        s = gyrostat.saddles(moments, h, momentum).s
+        exists = ~np.isnan(s)
+        assert np.array_equal(exists, momentum[:, None] > least), (moments, h)
+        differ = (s[:, 0] < s[:, 1])[exists.all(1)]
+        assert differ.all() or np.abs(h).min() < 1e-6, (moments, h)
+
+
+@pytest.mark.parametrize("width", [0.6, 0.1, 0.0])
+def test_a_cell_of_the_plane_of_energy_and_momentum_has_one_label(width: float) -> None:
+    """200 bodies of all kinds, 1,000 states each, and a cell about one in ten of these: 1,000
+    others are inside or not."""
+    draw, held = np.random.default_rng(13), 0
+    for moments, h in bodies_of_all_kinds(draw, 200):
+        omega = draw.normal(size=(1000, 3)) * 10 ** draw.uniform(-1.5, 1, (1000, 1))
+        omega *= np.abs(h).max() + 1e-3
+        label = region_labels(moments, h, omega)
+        energy, square = (moments * omega**2).sum(1), ((moments * omega + h) ** 2).sum(1)
+        none = np.zeros(1000)
+        steps = np.array([energy, none, none, square, none, none])
+        falls = np.where(np.arange(6)[:, None] == 4, -1e-9 * square, steps)
+        of_some = gyrostat.SaddleCurves.of(moments[None], h[None]).limited()
+        some = np.arange(0, 1000, 10)
+        curves = of_some.of_bodies(np.zeros(len(some), dtype=int))
+        for cell, i in zip(cells.cells_about(curves, falls[:, some], width).T, some, strict=True):
+            inside = cells.stays_within(np.repeat(cell[:, None], 1000, 1), steps)
+            if inside[i]:
+                assert set(label[inside].tolist()) == {label[i]}, (moments, h, omega[i])
+                held += inside.sum()
+    assert held > {0.6: 1e6, 0.1: 1e6, 0.0: 2e4}[width]
 
 
 @pytest.mark.parametrize("order", [*itertools.permutations(range(3))])
@@ -156,8 +219,10 @@ def test_a_rotor_on_an_outer_axis_has_closed_forms(axis: str, order: tuple[int, 
         beside = G[:2] ** 2 / A2 - shift
         assert energies(moments, found)[:2] == pytest.approx(np.stack([beside] * 2, 1), rel=1e-12)
         assert (found.G[:2, :, at[1]] != 0).all()
-        assert energies(moments, found)[2] == pytest.approx(
-            [(G[2] + pole * size) ** 2 / (A1 if axis == "x1" else A3)] * 2, rel=1e-12
+        energy, exists = energies(moments, found)[2], ~np.isnan(found.s[2])
+        assert exists.sum() == 1
+        assert energy[exists] == pytest.approx(
+            (G[2] + pole * size) ** 2 / (A1 if axis == "x1" else A3), rel=1e-12
         )
         assert np.isnan(found.s[3]).all()
 
@@ -214,10 +279,10 @@ def test_hodographs_go_round_what_their_labels_say() -> None:
     for i in range(n):
         label = region_labels(A[i], h[i], states[::100, i])
         assert len(set(label)) == 1
-        poles = gyrostat.steady_rotations(A[i], h[i], 1.0)
+        poles = steady_rotations(A[i], h[i], 1.0)
         curve = A[i] * states[:, i] + h[i]
         curve /= np.linalg.norm(curve, axis=1, keepdims=True)
-        there = [(G, k) for G, k in zip(poles.G[0], kinds(poles)[0], strict=True) if k]
+        there = list(zip(poles.G, kinds(poles), strict=True))
         infinity = next(G for G, k in there if k == "M")
         sides: tuple[list[str], list[str]] = ([], ["M"])
         for G, k in there:
@@ -265,7 +330,7 @@ def test_labels_under_damping_and_where_the_separatrix_is_lost() -> None:
     )
     assert region_labels(A, h, states[[0, 2, 3, 5, 6]]).tolist() == [1, 3, 3, *[UNSEPARATED] * 2]
     difference, size = separations(A, h, states)
-    assert np.abs(difference[1] / size[1]).max() < 1e-11
+    assert np.nanmax(np.abs(difference[1] / size[1])) < 1e-11
     assert np.linalg.norm(A * states[1] + h) == pytest.approx(0.635386826082, abs=1e-11)
     assert np.linalg.norm(A * states[4] + h) == pytest.approx(0.5, abs=1e-11)
 
@@ -300,16 +365,17 @@ def test_beside_the_separatrix_no_digit_is_lost() -> None:
 
 
 def test_symmetric_bodies_and_spheres() -> None:
-    """An axial rotor: two poles, and a circle that is not listed. A sphere: two poles along h."""
+    """An axial rotor leaves a circle of steady rotations, which is no saddle; a sphere has none.
+    Without a rotor a saddle is the middle axis."""
     flat = np.array([1.0, 1.0, 0.6])
-    assert len(listed(flat, [0, 0, 0.1], 1.0)) == 2
+    assert np.isnan(gyrostat.saddles(flat, [0, 0, 0.1], [0.05, 1.0]).s).all()
     assert region_labels(flat, [0, 0, 0.1], B[None]).tolist() == [UNSEPARATED]
-    across = listed(flat, [0.1, 0, 0.05], 1.0)
-    assert [kind for *_, kind in across] == [*"msMM"]
-    sphere = listed(np.ones(3), [0.1, 0.2, -0.2], 1.0)
-    assert sphere == [(pytest.approx(0.7), pytest.approx(0.49), "m"),
-                      (pytest.approx(1.3), pytest.approx(1.69), "M")]  # fmt: skip
-    assert listed(A, [0, 0, 0], 1.0)[0][:2] == (1.0, 1.0)
+    square = np.polynomial.Polynomial([1, -1]) ** 2, np.polynomial.Polynomial([1, -0.6]) ** 2
+    _, s, *_ = (square[0] * square[1] - 0.01 * square[1] - 0.0025 * square[0]).roots()
+    found = gyrostat.saddles(flat, [0.1, 0, 0.05], 1.0)
+    assert found.s[0] == pytest.approx([math.nan, s], rel=1e-12, nan_ok=True)
+    assert np.isnan(gyrostat.saddles(np.ones(3), [0.1, 0.2, -0.2], [0.1, 1.0]).s).all()
+    assert gyrostat.saddles(A, [0, 0, 0], 1.0).s.tolist() == [[1 / 0.8] * 2]
 
 
 def test_many_states_at_once_and_none_without_momentum() -> None:
@@ -319,11 +385,9 @@ def test_many_states_at_once_and_none_without_momentum() -> None:
     assert [region_labels(A, h, w[None])[0] for w in omega] == labels.tolist()
     assert labels[-2:].tolist() == [-1, -1]
     assert (region_labels(A, h, omega[:50], band=10.0) <= 0).any()
-    long = gyrostat.steady_rotations(
-        A.astype(np.longdouble), h.astype(np.longdouble), np.longdouble(1.1)
-    )
+    long = gyrostat.saddles(A.astype(np.longdouble), h.astype(np.longdouble), np.longdouble(1.3))
     assert long.s.dtype == np.longdouble
-    assert np.nanmax(np.abs(long.s - gyrostat.steady_rotations(A, h, 1.1).s)) < 1e-15
+    assert np.nanmax(np.abs(long.s - gyrostat.saddles(A, h, 1.3).s)) < 1e-15
 
 
 @pytest.mark.parametrize("h", [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.01, 0.02, 0.03)])

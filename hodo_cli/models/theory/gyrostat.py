@@ -5,13 +5,6 @@ It is steady where omega = s G, that is G_i = h_i/(1 - s A_i), with s a root of
 
     S(s) = sum_i h_i^2/(1 - s A_i)^2 - G^2.
 
-Between neighbouring poles 1/A_i the function S is convex, and outside of all it falls to -G^2: one
-root on either side of all poles, and none or two between two of them. Where h_i = 0 there is no
-pole, but s = 1/A_i is a root as long as the other components leave G_i something. From a pole
-outwards Newton's iteration begins where that pole's own term is G^2, from where it rises to the
-root without fail, or passes the minimum where there is none. Its unknown is the distance from the
-pole, 1 - s A_i: near it s itself has no digits of G_i left.
-
 On the sphere |G| = const a steady rotation is a minimum, a saddle or a maximum of T, minima beside
 the axis of largest inertia. Hodographs on which T is below that of every saddle go round that axis,
 above every one round the axis of smallest inertia, and between two saddles round both ends of each.
@@ -19,7 +12,15 @@ Without a saddle nothing parts them. For G and a steady G* of the same size
 
     2T - 2T* = sum_i c_i (G_i - G*_i)^2,    c_i = 1/A_i - s,
 
-a difference of positive terms, as D is: beside the separatrix nothing cancels.
+a difference of positive terms, as D is: beside the separatrix nothing cancels. With another steady
+rotation for G, and the same the other way round, 2T is seen to rise with s.
+
+The curvatures of T along the sphere have a product of the sign of c1 c2 c3 S'(s). So the saddles
+are the roots on either side of the pole 1/A_i of the middle axis, from where S falls to its least
+value or, without a pole there, to the place 1/A_j of an outer axis: a saddle exists as long as that
+leaves S below 0. Where the middle h_i = 0 there is no pole, but s = 1/A_i is the root as long as
+the other components leave G_i something. As a function of G^2 the energy 2T of a saddle has the
+slope s: it is convex for the lower saddle, whose s rises, and concave for the upper one.
 """
 
 from typing import Any, NamedTuple
@@ -35,7 +36,139 @@ FLAT = 1e-9
 """The curvature beside the others from which on a cone is no pair of planes."""
 
 NEWTON_STEPS = 100
-"""Of Newton's iteration. Six suffice but where two saddles meet, where each halves the distance."""
+"""Of Newton's iteration. Four suffice but where steady rotations meet, where each halves the
+distance."""
+
+BISECTIONS = 60
+"""In search of the place where a saddle appears: more than a double has digits."""
+
+AT_POLE = 2.0**-60
+"""A distance from the pole, as a part of its limit, that changes no other term."""
+
+
+class SaddleCurves(NamedTuple):
+    """Where bodies have saddles, in columns: the lower one of each of n bodies, then the upper one.
+
+    A saddle stands at a distance u = `side` (1 - s A_i) from the pole of the middle axis i, since
+    near it s itself has no digits of G_i left; the side is 1 for the lower saddle, else -1. There
+    1 - s A_j = `offset` + u `ratio`. The distance is less than `limit`, that of the outer axis: 0
+    for a saddle that never exists. Of `rotor` the part along the middle axis is `own`, `moment` its
+    moment of inertia.
+    """
+
+    rotor: np.ndarray
+    offset: np.ndarray
+    ratio: np.ndarray
+    own: np.ndarray
+    limit: np.ndarray
+    side: np.ndarray
+    moment: np.ndarray
+
+    @classmethod
+    def of(cls, A: np.ndarray, h: np.ndarray) -> "SaddleCurves":
+        """Those of n bodies with moments A (n, 3) of one order and rotors h (n, 3)."""
+        largest, middle, smallest = inertia_order(A[0])
+        A, h = A.T, h.T
+        side, outer = np.array([[1], [-1]]), A[[largest, smallest]]
+        same = A[middle] == A
+        own = np.sqrt(_total(np.where(same, h * h, 0)))
+        # Without a pole, steady rotations of two equal moments are a circle.
+        alone = (own > 0) | (same.sum(0) == 1)
+        limit = np.where(alone, side * (outer - A[middle]) / outer, 0)
+        ratio = side * (A / A[middle])[:, None]
+        parts = h[:, None], ((A[middle] - A) / A[middle])[:, None], ratio, own, limit, side
+        return cls(*(_columns(part, limit.shape) for part in (*parts, A[middle])))
+
+    def chosen(self, columns: np.ndarray) -> "SaddleCurves":
+        """Some of the columns, by position."""
+        return SaddleCurves(*(values.take(columns, axis=-1) for values in self))
+
+    def of_bodies(self, bodies: np.ndarray) -> "SaddleCurves":
+        """The columns of some bodies, by position."""
+        return self.chosen(np.concatenate([bodies, bodies + len(self.limit) // 2]))
+
+    def s(self, u: np.ndarray) -> np.ndarray:
+        """s (k,) at distances u (k,)."""
+        return np.asarray((1 - self.side * u) / self.moment)
+
+    def factors(self, u: np.ndarray) -> np.ndarray:
+        """1 - s A_j (3, k) at distances u (k,)."""
+        return np.asarray(self.offset + u * self.ratio)
+
+    def square(self, u: np.ndarray) -> np.ndarray:
+        """|G|^2 (k,) at distances u (k,)."""
+        return _total((self.rotor / self.factors(u)) ** 2)
+
+    def slope(self, u: np.ndarray) -> np.ndarray:
+        """The derivative (k,) of `square`."""
+        e = self.factors(u)
+        return -2 * _total((self.rotor / e) ** 2 * self.ratio / e)
+
+    def tangent(self, u: np.ndarray, square: np.ndarray) -> np.ndarray:
+        """2T (k,) where |G|^2 = square (k,) on the tangent of the energy of a saddle, as a function
+        of |G|^2, at distances u (k,)."""
+        return np.asarray(self.s(u) * (square - _total(self.rotor**2 / self.factors(u))))
+
+    def nearest(self, momentum: Any) -> np.ndarray:
+        """Distances (k,) that are less than where |G| = momentum (k,), or stand for the pole."""
+        # There the part of G along the middle axis is `momentum`, to the rounding.
+        beside = (1 - 2.0**-50) * self.own / momentum
+        return np.asarray(np.maximum(beside, AT_POLE * self.limit))
+
+    def ahead(self, u: np.ndarray, momentum: Any) -> np.ndarray:
+        """The next distances (k,) of Newton's iteration for 1/|G|, to where |G| = momentum (k,); no
+        number behind the least |G|.
+
+        1/|G| is a concave function of u between two poles, and linear beside one. So the iteration
+        rises from there to the root without fail, or passes the least |G| where there is none.
+        """
+        square, slope = self.square(u), self.slope(u)
+        step = 2 * square * (np.sqrt(square) / momentum - 1) / slope
+        return np.where((slope < 0) & (u < self.limit), u - step, np.nan)
+
+    def distance(self, momentum: float) -> np.ndarray:
+        """The distances (k,) where |G| = momentum; no number where there is no saddle."""
+        u = self.nearest(momentum)
+        moving = np.flatnonzero(self.square(u) > momentum * momentum)
+        # Only what has not converged, since numbers that are none are slow in long double.
+        some = self.chosen(moving)
+        for _ in range(NEWTON_STEPS):
+            ahead = some.ahead(u[moving], momentum)
+            accuracy = 4 * np.finfo(u.dtype).eps * np.where(some.own > 0, ahead, some.limit)
+            # Steps back are made of rounding.
+            going = np.flatnonzero(ahead - u[moving] > accuracy)
+            u[moving] = ahead
+            if not going.size:
+                break
+            moving, some = moving[going], some.chosen(going)
+        return np.where(u < self.limit, u, np.nan)
+
+    @np.errstate(all="ignore")
+    def limited(self) -> "SaddleCurves":
+        """The same with the distances at which the saddles appear, as |G| grows, for limits."""
+        # At the limit of an axis a term may be 0/0.
+        low, high = np.zeros_like(self.limit), (1 - 2.0**-50) * self.limit
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            falls = self.slope(middle) < 0
+            low, high = np.where(falls, middle, low), np.where(falls, high, middle)
+        return self._replace(limit=high)
+
+    @np.errstate(all="ignore")
+    def least_squares(self) -> np.ndarray:
+        """The |G|^2 (k,) at which the saddles appear, from limits as of `limited`."""
+        return np.where(self.limit > 0, self.square(self.limit), np.inf)
+
+
+def _columns(part: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Values of saddles and bodies (..., 2, n), which may have one for all, as columns."""
+    whole = np.broadcast_to(part, (*part.shape[:-2], *shape))
+    return whole.reshape(*part.shape[:-2], -1)
+
+
+def _total(rows: np.ndarray) -> np.ndarray:
+    """The sum (...) of three rows (3, ...), a third of numpy's time."""
+    return np.asarray(rows[0] + rows[1] + rows[2])
 
 
 class SteadyRotations(NamedTuple):
@@ -45,107 +178,41 @@ class SteadyRotations(NamedTuple):
     G: Any
     c: Any
 
-    @property
-    def is_saddle(self) -> Any:
-        """Whether (...) T has a saddle there on the sphere: the product of the curvatures in the
-        plane that touches the sphere is negative."""
-        j, k = np.roll(self.c, -1, -1), np.roll(self.c, -2, -1)
-        return (self.G * self.G * j * k).sum(-1) < 0
-
-
-def steady_rotations(A: Any, h: Any, momentum: Any, with_outer: bool = True) -> SteadyRotations:
-    """All steady rotations of a body with moments A (3,), in any order, and a rotor h (3,), for
-    |G| = momentum (n,): (n, 6), unsorted.
-
-    A and h may also be those of n bodies (n, 3) which have equal moments, and components of h that
-    are 0, at the same places. Of a symmetric body those that stand alone, without the circles of
-    them. Those beyond all 1/A_i are the outer ones, minimum and maximum of T.
-    """
-    momentum = np.atleast_1d(momentum)
-    A, h = (np.atleast_2d(x).T for x in (A, h))
-    rows = []
-    for i in range(3):
-        same = A[i, 0] == A[:, 0]
-        # A pole belongs to all axes of one moment: the first of them stands for it.
-        if i == np.flatnonzero(same)[0] and (h[same, 0].any() or same.sum() == 1):
-            solve = _from_pole if h[same, 0].any() else _by_hand
-            outer = {1: A[i, 0] == A[:, 0].max(), -1: A[i, 0] == A[:, 0].min()}
-            sides = [side for side in (1, -1) if with_outer or not outer[side]]
-            rows += [solve(A, h, momentum, i, side) for side in sides]
-    rows += [np.full((7, len(momentum)), np.nan)] * (6 - len(rows))
-    table = np.stack(rows).transpose(2, 0, 1)
-    return SteadyRotations(table[..., 0], table[..., 4:], table[..., 1:4] / A.T[:, None])
-
-
-def _total(rows: np.ndarray) -> np.ndarray:
-    """The sum (n,) of three rows (3, n), a third of numpy's time."""
-    return np.asarray(rows[0] + rows[1] + rows[2])
-
-
-def _from_pole(A: Any, h: Any, momentum: Any, i: int, side: int) -> np.ndarray:
-    """s, 1 - s A_j and G_j (7, n) of the root next to the pole of axis i, below it in s (side 1) or
-    above it."""
-    # u = side (1 - s A_i) grows from the pole to the next one.
-    others = side * (A - A[i]) / A
-    limit = np.where((others > 0) & (h != 0), others, np.inf).min(0)
-    offset, ratio = (A[i] - A) / A[i], side * A / A[i]
-    with np.errstate(all="ignore"):
-        x = h / momentum
-        u = np.sqrt(np.where(A[i] == A, x * x, 0).sum(0))
-        # Only what has not converged, since numbers that are none are slow in long double.
-        moving, some = np.arange(len(u)), [x, offset, ratio, limit]
-        for _ in range(NEWTON_STEPS):
-            (x_, offset_, ratio_, limit_), now = some, u[moving]
-            e = offset_ + now * ratio_
-            square = (x_ / e) ** 2
-            slope = -2 * _total(square * ratio_ / e)
-            step = (_total(square) - 1) / slope
-            is_between = (slope < 0) & (now < limit_)
-            u[moving] = np.where(is_between, now - step, np.nan)
-            going = is_between & (np.abs(step) > 4 * np.finfo(u.dtype).eps * u[moving])
-            moving = moving[going]
-            if not moving.size:
-                break
-            # What belongs to one body for all has one column.
-            some = [a if a.shape[-1] == 1 else a[..., going] for a in some]
-        e = offset + u * ratio
-        return np.stack([(1 - side * u) / A[i], *e, *(h / e)])
-
-
-def _by_hand(A: Any, h: Any, momentum: Any, i: int, side: int) -> np.ndarray:
-    """The same for an axis without a pole: s = 1/A_i, G_i of the sign `side` what |G| leaves."""
-    e = (A[i] - A) / A[i]
-    others = np.divide(h, e, out=np.zeros_like(e), where=e != 0)
-    square = momentum * momentum - (others * others).sum(0)
-    G = np.broadcast_to(others, (3, len(momentum))).copy()
-    with np.errstate(invalid="ignore"):
-        G[i] = side * np.sqrt(np.where(square > 0, square, np.nan))
-    e, s = (np.where(np.isnan(G[i]), np.nan, x) for x in (e, 1 / A[i]))
-    return np.stack([s, *e, *G])
-
 
 def saddles(A: Any, h: Any, momentum: Any) -> SteadyRotations:
-    """The saddles of lowest and highest s, hence energy, for |G| = momentum (n,): (n, 2); one for
-    both where there is one, or two of the same energy."""
-    rotations = steady_rotations(A, h, momentum, with_outer=False)
-    is_saddle = rotations.is_saddle
-    ends = [np.where(is_saddle, sign * rotations.s, np.inf).argmin(1) for sign in (1, -1)]
-    chosen = [values[np.arange(len(is_saddle))[:, None], np.stack(ends, 1)] for values in rotations]
-    for values in chosen:
-        values[~is_saddle.any(1)] = np.nan
-    return SteadyRotations(*chosen)
+    """The lower and the upper saddle of a body with moments A (3,), in any order, and a rotor h
+    (3,), for |G| = momentum (n,): (n, 2). Both are the same where the middle axis has no part of h
+    and the others leave it some of G.
+
+    A and h may also be those of n bodies (n, 3) with moments of one order. Of a symmetric body the
+    circles of steady rotations are no saddles.
+    """
+    momentum = np.atleast_1d(momentum)
+    A = np.broadcast_to(A, (len(momentum), 3))
+    middle = inertia_order(A[0])[1]
+    with np.errstate(all="ignore"):
+        curves = SaddleCurves.of(A, np.asarray(h) / momentum[:, None])
+        u = curves.distance(1.0)
+        e = curves.factors(u)
+        G = curves.rotor / e
+        at_pole = u == AT_POLE * curves.limit
+        rest = np.sqrt(1 - (_total(G * G) - G[middle] ** 2))
+        e[middle], G[middle] = np.where(at_pole, [np.zeros_like(u), rest], [e[middle], G[middle]])
+    rows = np.stack([curves.s(u), *e, *G]).reshape(7, 2, -1)
+    s, e, G = rows[0], rows[1:4] / A.T[:, None], rows[4:] * momentum
+    return SteadyRotations(s.T, G.T, e.T)
 
 
 class HodographRegion(NamedTuple):
-    """Where angular velocities (n, 3) stand among the hodographs through the lowest and the highest
+    """Where angular velocities (n, 3) stand among the hodographs through the lower and the upper
     saddle.
 
     `value` is 2T less that of either saddle (n, 2), `size` the sum of the sizes of its terms,
     `gradient` its derivative by omega (n, 2, 3). `margin` (n, 2) is how far they are from either
     hodograph, relative to |omega|, to first order, positive above it: an error of that size may
-    change the side. Without a saddle it is infinite, and the others are not a number. `label` (n,),
-    as int8, is the axis 1, 2, 3 that the hodograph of G goes round, BOTH, UNSEPARATED, 0 for the
-    separatrix, and -1 where G is 0 to its rounding or not finite.
+    change the side. For a saddle that does not exist it is infinite, and the others are no numbers.
+    `label` (n,), as int8, is the axis 1, 2, 3 that the hodograph of G goes round, BOTH,
+    UNSEPARATED, 0 for the separatrix, and -1 where G is 0 to its rounding or not finite.
     """
 
     value: np.ndarray
@@ -168,30 +235,32 @@ class HodographRegion(NamedTuple):
 
 
 def region_of(A: Any, h: Any, omega: Any, band: Any = 0.0) -> HodographRegion:
-    """The regions of angular velocities (n, 3), of one body or of n, as in `steady_rotations`, and
-    with moments of one order; on the separatrix is a margin of at most `band`, a number or (n,)."""
+    """The regions of angular velocities (n, 3), of one body or of n, as in `saddles`; on the
+    separatrix is a margin of at most `band`, a number or (n,)."""
     A, h = (np.atleast_2d(x) for x in (A, h))
     G = A * omega + h
     near = saddles(A, h, np.sqrt((G * G).sum(-1)))
-    terms = near.c * (G[:, None] - near.G) ** 2
-    value = terms.sum(-1)
-    # The energy of a saddle grows with |G|^2 at the rate s.
-    gradient = 2 * A[:, None] * (omega[:, None] - near.s[..., None] * G[:, None])
-    size = np.linalg.norm(gradient, axis=-1) * np.linalg.norm(omega, axis=-1)[:, None]
-    margin = np.divide(value, size, out=np.full_like(value, np.inf), where=size != 0)
-    margin = np.where(value == 0, 0, margin)
     largest, _, smallest = inertia_order(A[0])
+    # Rows (3, 2, n), of the coordinates and of the saddles.
+    A, h, omega, G = (np.ascontiguousarray(x.T)[:, None] for x in (A, h, omega, G))
+    terms = near.c.T * (G - near.G.T) ** 2
+    value = _total(terms)
+    # The energy of a saddle grows with |G|^2 at the rate s.
+    gradient = 2 * A * (omega - near.s.T * G)
+    size = np.sqrt(_total(gradient**2) * _total(omega**2))
+    margin = np.divide(value, size, out=np.full_like(value, np.inf), where=size != 0)
+    margin, none = np.where(value == 0, 0, margin), np.isnan(value)
     conditions = {
-        UNDETERMINED: ~(np.abs(G).max(-1) > CANCELLED * np.abs(h).max(-1))
-        | ~np.isfinite(G).all(-1),
-        UNSEPARATED: np.isnan(margin).any(-1),
-        SEPARATRIX: (np.abs(margin) <= np.asarray(band)[..., None]).any(-1),
-        largest + 1: (margin < 0).all(-1),
-        smallest + 1: (margin > 0).all(-1),
+        UNDETERMINED: ~(np.abs(G).max((0, 1)) > CANCELLED * np.abs(h).max((0, 1)))
+        | ~np.isfinite(G).all((0, 1)),
+        UNSEPARATED: none.all(0),
+        SEPARATRIX: (np.abs(margin) <= band).any(0),
+        largest + 1: (none | (margin < 0)).all(0),
+        smallest + 1: (none | (margin > 0)).all(0),
     }
     label = np.select([*conditions.values()], [*conditions], BOTH).astype(np.int8)
-    margin = np.where(np.isnan(margin), np.inf, margin)
-    return HodographRegion(value, np.abs(terms).sum(-1), gradient, margin, label)
+    margin = np.where(none, np.inf, margin)
+    return HodographRegion(value.T, _total(np.abs(terms)).T, gradient.T, margin.T, label)
 
 
 def separatrix_curves(A: Any, h: Any, momentum: float) -> list[np.ndarray]:

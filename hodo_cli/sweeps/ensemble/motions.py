@@ -12,6 +12,7 @@ from ...integration import Occurrence, is_falling
 from ...models.base import Event, Level, Model
 from ...models.constants import UNIT, VELOCITY, Structure, moving, namespace, stacked
 from ...models.rigid_body import BodyFrame
+from ...models.theory.gyrostat import SaddleCurves
 
 ERROR_BOUND, PER_TOLERANCE = 1e-9, 1e3
 """The error of a state is taken to stay below this part of it, or so many tolerances: where that
@@ -127,6 +128,11 @@ class Ensemble:
         """h (3, n) of bodies with a rotor along the principal axes."""
         assert issubclass(self.model, BodyFrame)
         return np.array(self.model.principal_rotor(self.named()))
+
+    @cached_property
+    def saddle_curves(self) -> SaddleCurves:
+        """Those of bodies with a rotor (2n,), with the places where the saddles appear."""
+        return SaddleCurves.of(self.inertia.T, self.rotor.T).limited()
 
     @cached_property
     def onset(self) -> np.ndarray:

@@ -29,10 +29,11 @@ if TYPE_CHECKING:
 ROUNDS = 60
 """Of the search for one change: more than a double has digits."""
 
-PLACED = 4 * 2.0**-52
-"""The part of a step to which the place of a change is found."""
+PLACED, MOST_DOUBLED = 4 * 2.0**-52, 5
+"""The part of a step to which the place of a change is found, and how often it may be doubled where
+rounding hides more."""
 
-BLOCK = 2048
+BLOCK = 256
 """Steps that are searched at once."""
 
 
@@ -118,7 +119,7 @@ def changes_within(
     uncertain = steps.params[NUMBER, unclear].astype(np.int64)
     if not row.size:
         return None, uncertain
-    before, after, x = change_between(look, row, low, low + 1 / (VIEWED - 1))
+    before, after, x, width = change_between(e, look, row, low, low + 1 / (VIEWED - 1))
     at, taken = look(row, x), steps.before[len(e.start) + 2, row] + 2
     omega = true_omega(e, at.motion, at.state, at.size)
     gradient = gradient_at(e, at.motion, omega, at.region, before, after)
@@ -126,7 +127,7 @@ def changes_within(
     off = np.linalg.norm(gradient, axis=-1) * np.linalg.norm(omega, axis=-1)
     with np.errstate(all="ignore"):
         uncertainty = e.error_bound * off / np.abs((gradient * at.change).sum(-1))
-    errors = e.errors_of_times(uncertainty, at.time, taken) + PLACED * at.length
+    errors = e.errors_of_times(uncertainty, at.time, taken) + width * at.length
     found = Passages(at.motion, at.time, errors, uncertainty, before, after, at.state, at.size)
     return found.chosen(np.lexsort((at.time, at.motion))), uncertain
 
@@ -148,34 +149,44 @@ def changes_seen(
 
 
 def change_between(
-    look: Viewing, row: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The labels (k,) before and behind a change in intervals of the steps in `row` (k,), and its
-    place: by Newton's method where 2T passes a curve, kept between places of either label, else by
+    e: Ensemble, look: Viewing, row: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The labels (k,) before and behind a change in intervals of the steps in `row` (k,), its
+    place, and how far off this may be: by Newton's method for what passes 0 there, else by
     halving."""
     first, last = look(row, low), look(row, high)
-    before, after = first.region.label, last.region.label
-    passes = first.region.value * last.region.value < 0
-    saddle, by_newton = passes.argmax(1), passes.any(1)
-    x, open_ = (low + high) / 2, np.arange(len(row))
-    low, high = low.copy(), high.copy()
-    for _ in range(ROUNDS):
+    least = e.saddle_curves.of_bodies(first.motion).least_squares().reshape(2, -1).T
+    passes = differences(e, first, least)[0] * differences(e, last, least)[0] < 0
+    pick = passes.argmax(1)
+    x, open_, low, high = (low + high) / 2, np.arange(len(row)), low.copy(), high.copy()
+    place = x.copy()
+    for turn in range(ROUNDS):
         if not open_.size:
             break
-        at = look(row[open_], x[open_])
-        same = at.region.label == before[open_]
-        low[open_], high[open_] = (
-            np.where(same, x[open_], low[open_]), np.where(same, high[open_], x[open_])
-        )  # fmt: skip
-        pick = np.arange(len(open_)), saddle[open_]
-        ahead = x[open_] - at.region.value[pick] / at.slope[pick]
-        middle = (low[open_] + high[open_]) / 2
-        newton = by_newton[open_] & (ahead >= low[open_]) & (ahead <= high[open_])
-        following = np.where(newton, ahead, middle)
-        moving = np.abs(following - x[open_]) > PLACED
-        x[open_] = following
-        open_ = open_[moving]
-    return before, after, x
+        at, of_open = look(row[open_], place[open_]), (np.arange(len(open_)), pick[open_])
+        same = at.region.label == first.region.label[open_]
+        low[open_[same]], high[open_[~same]] = place[open_[same]], place[open_[~same]]
+        value, slope = (parts[of_open] for parts in differences(e, at, least[open_]))
+        root, (least_x, most_x) = place[open_] - value / slope, (low[open_], high[open_])
+        noise = PLACED * 4 ** min(turn, MOST_DOUBLED)
+        is_near = (root > least_x - 8 * noise) & (root < most_x + 8 * noise)
+        # A little beyond, so that the other limit comes near as well.
+        beyond = (root + np.where(same, noise, -noise)).clip(least_x + noise, most_x - noise)
+        middle = (least_x + most_x) / 2
+        x[open_] = np.where(is_near, root.clip(least_x, most_x), middle)
+        place[open_] = np.where(is_near, beyond, middle)
+        open_ = open_[most_x - least_x > 4 * noise]
+    return first.region.label, last.region.label, x, high - low
+
+
+def differences(e: Ensemble, at: MotionView, least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What passes 0 where a label changes (k, 4), and its derivatives by the part of the step: 2T
+    less that of either saddle, and |G|^2 less that at which it appears, `least` (k, 2)."""
+    A, h = e.inertia[:, at.motion].T, e.rotor[:, at.motion].T
+    G = A * true_omega(e, at.motion, at.state, at.size) + h
+    rate = 2 * (A * G * at.change).sum(-1) * at.length
+    value = np.column_stack([at.region.value, (G * G).sum(-1)[:, None] - least])
+    return value, np.column_stack([at.slope, rate, rate])
 
 
 def gradient_at(
