@@ -214,6 +214,56 @@ def test_a_state_may_hold_more_than_the_velocity(hodo: Hodo, folder: Path) -> No
     }
 
 
+APPROXIMATE = (
+    EXAMPLE.replace("    drag: float\n", "    drag: float\n    terms: int\n")
+    .replace(
+        '        "initial"', '        "terms": Key(Integer(), "of a series"),\n        "initial"'
+    )
+    .replace("import Key, Number", "import Integer, Key, Number")
+    .replace('"c": self.drag', '"c": self.drag * (1 - 0.5**self.terms), "rest": 0.5**self.terms')
+    .replace('"c": 2,', '"c": 2, "rest": 0,')
+    + """
+    @property
+    def refined_data(self):
+        return {"terms": 2 * self.terms}
+
+    @staticmethod
+    def is_accurate(y, k, tol):
+        return y[0] * 0 + k.rest <= tol
+"""
+)
+COARSE_AND_FINE = """\
+defaults: {model: quadratic-drag, drag: 0.005, inertia: [1, 0.8, 0.6],
+           initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 400, samples: 101}}
+cases:
+  coarse: {terms: 15, METHOD}
+  fine: {terms: 60, METHOD}
+  coarse-steps: {terms: 15, METHOD, time: {end: 400, steps: yes}}
+  fine-steps: {terms: 60, METHOD, time: {end: 400, steps: yes}}
+"""
+
+
+@pytest.mark.engines
+@pytest.mark.parametrize("method", ["auto", "DOP853"])
+def test_labels_and_steps_are_those_of_the_refined_equations(
+    hodo: Hodo, folder: Path, method: str
+) -> None:
+    """A motion is refined whatever looks at its steps besides."""
+    (folder / "drag.py").write_text(APPROXIMATE, encoding="utf-8")
+    text = COARSE_AND_FINE.replace("METHOD", f"method: {method}")
+    (folder / "a.yaml").write_text(text, encoding="utf-8")
+    for command in (["run", "a.yaml"], ["classify", "a.yaml"]):
+        done = hodo("--models", "drag.py", *command)
+        assert done.returncode == 0, done.stderr
+    with h5py.File(folder / "runs" / "a.h5") as file:
+        for end in ("", "-steps"):
+            coarse, fine = file["coarse" + end], file["fine" + end]
+            assert coarse["time"][:] == pytest.approx(fine["time"][:], rel=1e-6)
+            assert coarse["omega"][-1] == pytest.approx(fine["omega"][-1], rel=1e-7)
+            assert list(coarse["enclosed_axis"]) == list(fine["enclosed_axis"])
+        assert len(file["coarse-steps/time"]) == file["coarse-steps"].attrs["steps"] + 1
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

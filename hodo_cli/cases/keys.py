@@ -103,7 +103,8 @@ COMMON = {
     "store": Key(NAMES, "variables to store, instead of the whole state", default=()),
     "max_seconds": Key(
         Number(above=0),
-        "seconds of integration, without compilation, after which the case stops, unfinished",
+        "seconds of integration, without compilation, after which the case stops, unfinished; "
+        "each refinement of its equations, and each reference of its error, has as many again",
         "s",
         None,
     ),

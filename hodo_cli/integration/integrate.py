@@ -33,13 +33,15 @@ def integrate(case: Case) -> Trajectory:
     Raises HodoError if its method is not available here. A case that stops early comes back with
     status `timeout` or `failed` and the samples it reached.
     """
+    # Chosen once: at given times a closed form would be chosen, which has no steps.
+    method, reason = choose(case)
+    sampled = case
     if case.time.steps == "yes":
-        times = step_times(case, choose(case)[0])
-        return replace(integrate(replace(case, time=case.time.listed(times))), case=case)
-    judged = case.error == "on"
-    motion = timed(solved(case))
-    errors, kind = measured_error(motion) if judged else ({}, "none")
+        sampled = replace(case, time=case.time.listed(step_times(case, method)))
+    motion = timed(solved(sampled, method, reason))
+    errors, kind = measured_error(motion) if case.error == "on" else ({}, "none")
     return motion.judged(
+        case=case,
         message=motion.message or early_end(motion),
         warnings=(*model_warnings(motion), *motion_remarks(motion, errors)),
         errors=errors,
@@ -99,10 +101,9 @@ def timed(motion: Trajectory) -> Trajectory:
     return motion
 
 
-def solved(case: Case) -> Trajectory:
-    """A case by the method that `choose` names: by collocation where `auto` has taken the series
-    and that fails."""
-    method, reason = choose(case)
+def solved(case: Case, method: str, reason: str) -> Trajectory:
+    """A case by the method that was chosen for a reason: by collocation where `auto` has taken the
+    series and that fails."""
     motion = solve(case, method, case.precision, case.tol)
     if (
         case.method == "auto"

@@ -102,17 +102,22 @@ def solve(
         raise HodoError(message)
     if method == "exact":
         return closed_form(case, times, precision)
-    motion, is_accurate = attempted(case, method, precision, tol, times, observer)
-    for _ in range(REFINEMENTS.get(method, FEW) if refine else 0):
+    refinements = REFINEMENTS.get(method, FEW) if refine and case.system.refined_data else 0
+    finest, observed = case, None if refinements else observer
+    motion, is_accurate = attempted(case, method, precision, tol, times, observed)
+    for _ in range(refinements):
         if is_accurate or not motion.whole:
             break
         # As many steps as before, unless it is a singularity that ever finer data show the clearer.
         finer = refined(case, motion.system, max(100, 4 * motion.steps))
-        better, is_accurate = attempted(finer, method, precision, tol, times, observer)
+        better, is_accurate = attempted(finer, method, precision, tol, times, None)
         if not better.whole:
             break
-        motion = replace(better, case=case)
-    return motion
+        motion, finest = better, finer
+    if observer and not observed:
+        # It sees the steps of the motion that is stored, and of no attempt at it.
+        motion, _ = attempted(finest, method, precision, tol, times, observer)
+    return replace(motion, case=case)
 
 
 def refined(case: Case, system: Model, limit: int | None = None) -> Case:

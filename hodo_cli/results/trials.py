@@ -186,7 +186,7 @@ def trial(
     try:
         choose(case)  # the time does not include the trial for stiffness
         began = thread_time()
-        motion = solved(case)
+        motion = solved(case, *choose(case))
         first = thread_time() - began
     except HodoError as mistake:
         return Trial(method, "failed with a message", message=str(mistake), floor=sure.floor)
