@@ -330,6 +330,28 @@ def test_its_equations_may_have_functions(hodo: Hodo, folder: Path) -> None:
     assert compared.returncode == 0, compared.stdout
 
 
+@pytest.mark.heyoka
+def test_its_powers_keep_their_digits_where_a_component_passes_zero(
+    hodo: Hodo, folder: Path
+) -> None:
+    """The squares of the example, side by side, against the same drag of `torques`."""
+    swept = "initial.p: {linspace: [0.5, 0.8, 8]}"
+    (folder / "a.yaml").write_text(
+        "defaults: {inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}, tol: 1e-12,\n"
+        f"           time: {{end: 1000}}, sweep: {{{swept}}}}}\n"
+        "cases: {a: {model: quadratic-drag, drag: 0.001}}\n"
+    )
+    (folder / "b.yaml").write_text(
+        (folder / "a.yaml").read_text().replace("quadratic-drag, drag", "torques, quadratic")
+    )
+    assert hodo("--models", "drag.py", "run", "a.yaml").returncode == 0
+    assert hodo("run", "b.yaml").returncode == 0
+    with h5py.File(folder / "runs" / "a.h5") as own, h5py.File(folder / "runs" / "b.h5") as known:
+        expected = known["a/omega"][:]
+        assert abs(own["a/omega"][:] - expected).max() <= 1e-10
+        assert own["a"].attrs["error"] <= 1e-10
+
+
 def refusal_of(hodo: Hodo, folder: Path, right: str, wrong: str) -> list[str]:
     """The lines that a run is refused with, of the example with a mistake in it."""
     assert right in EXAMPLE

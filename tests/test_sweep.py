@@ -194,6 +194,22 @@ def test_a_member_starts_about_the_axis_of_its_start_whenever_its_samples_begin(
             np.testing.assert_allclose(data[name], together[name], rtol=1e-9)
 
 
+def test_a_sweep_warns_of_an_error_above_its_tolerance() -> None:
+    common = {
+        **{"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": 0.001},
+        **{
+            "initial": {"p": 0.8, "q": 0.5, "r": 0.74},
+            "sweep": {"damping.1": {"values": [0, 0.1]}},
+        },
+    }
+    far = hodo_cli.sweep({**common, "method": "RK45", "time": {"end": 500}})
+    assert far.attrs["tol"] == 1e-9
+    assert far.attrs["error"] > 1e-8
+    assert "exceeds ten times the 1e-09 that is usual" in far.attrs["warnings"]
+    near = hodo_cli.sweep({**common, "time": {"end": 5}})
+    assert near.attrs["warnings"] == ""
+
+
 def assert_members_are_single_cases(case: Case, numbers: list[int]) -> None:
     """The tolerance: both are right to about 1e-13 in the state and, by the conditioning of D = 0,
     1e-11 in time."""

@@ -10,7 +10,7 @@ from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
 from ..models.base import Constants, Event, Model
 from ..models.constants import jacobian
-from .protocol import EPS, Leg, StepControl
+from .protocol import EPS, IVP, Leg, StepControl
 from .stepwise import Stepwise
 
 SOLVERS = {"DOP853": DOP853, "RK45": RK45, "LSODA": LSODA, "Radau": Radau, "BDF": BDF}
@@ -35,8 +35,7 @@ class Ivp(Stepwise):
         self.method, self.model = SOLVERS[method], model
         self.degree = DEGREES[method]
         self.implicit = method in ("LSODA", "Radau", "BDF")
-        default = 1e-12 if method == "DOP853" else 1e-9
-        self.tol = max(default if tol is None else tol, LEAST_TOL)
+        self.tol = max(IVP[method] if tol is None else tol, LEAST_TOL)
 
     def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl) -> Leg:
         """See `Engine.leg`."""

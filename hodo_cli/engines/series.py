@@ -130,9 +130,21 @@ class Series:
 
         return self._solving(rule)
 
+    def _whole_power(self, n: int) -> "Series":
+        """By products: the general rule divides by y, which may be 0 or lose digits beside it."""
+        if n < 0:
+            return 1.0 / self._whole_power(-n)
+        if n < 2:
+            return self if n else self._new(partial(constant, 1.0))
+        half = self._whole_power(n // 2)
+        square = half * half
+        return square * self if n % 2 else square
+
     def __pow__(self, exponent: Any) -> "Series":
         if isinstance(exponent, float) and exponent == 0.5:
             return self._root()
+        if isinstance(exponent, int | float) and float(exponent).is_integer():
+            return self._whole_power(int(exponent))
 
         def rule(power: Series, k: int) -> Any:
             if k == 0:

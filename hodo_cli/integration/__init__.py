@@ -6,7 +6,7 @@ from .classify import Classification, body_of, classify, cross, principal_omega
 from .crossings import CERTAIN, VIEWED, Crossing, has_turned, label_at_start, time_to_zero
 from .driver import LIMIT, at_rest
 from .error import errors_against, measured_error, references, thinned, time_error
-from .integrate import ASKED, integrate, motion_remarks, solved
+from .integrate import ASKED, excess_remark, integrate, motion_remarks, solved
 from .solve import refined, sample_times, solve
 from .trajectory import Occurrence, Trajectory
 from .units import TimeWindow, Units, clock_rates, is_falling
@@ -32,6 +32,7 @@ __all__ = [
     "clock_rates",
     "cross",
     "errors_against",
+    "excess_remark",
     "has_turned",
     "integrate",
     "is_falling",

@@ -72,11 +72,7 @@ def motion_remarks(motion: Trajectory, errors: Mapping[str, float]) -> Iterator[
     """Remarks on a motion with these errors: an error larger than was asked for, or unknown, a
     probability far from its limit, and infinite values."""
     case, worst = motion.case, max(errors.values(), default=math.nan)
-    asked = max(motion.tol, ASKED)
-    # Ten times, because a tolerance bounds the error of a step and not that of the motion.
-    if worst > 10 * asked:
-        whose = "asked for" if case.tol else "that is usual"
-        yield f"the measured error {worst:.1e} exceeds ten times the {asked:.0e} {whose}"
+    yield from excess_remark(case, worst, motion.tol)
     for event in motion.events:
         if (off := event.details.get("probability_error", 0.0)) > CHANCE_ERROR:
             yield (
@@ -88,6 +84,15 @@ def motion_remarks(motion: Trajectory, errors: Mapping[str, float]) -> Iterator[
     for name, values in motion.variables.items():
         if case.rests_on(name) and not np.isfinite(values).all():
             yield f"{name} has outgrown the largest double, and is stored as infinite or nan there"
+
+
+def excess_remark(case: Case, error: float, tol: float) -> Iterator[str]:
+    """The remark on an error that is larger than was asked for."""
+    asked = max(tol, ASKED)
+    # Ten times, because a tolerance bounds the error of a step and not that of the motion.
+    if error > 10 * asked:
+        whose = "asked for" if case.tol else "that is usual"
+        yield f"the measured error {error:.1e} exceeds ten times the {asked:.0e} {whose}"
 
 
 def timed(motion: Trajectory) -> Trajectory:

@@ -18,8 +18,8 @@ from ..batch.pool import Pool
 from ..cases.case import Case
 from ..cases.keys import keys_of
 from ..cases.sweep_block import axes_of, path_of
-from ..engines.protocol import EPS, Status
-from ..integration import sample_times
+from ..engines.protocol import EPS, IVP, Status
+from ..integration import excess_remark, sample_times
 from ..progress import Progress
 from ..results.layout import TIME, Stored, case_attributes, inner_coordinates, with_units
 from ..storage import Attribute, Group, StreamedVariables, Variable, Writer
@@ -77,8 +77,10 @@ def run_sweep(
     def report(share: float) -> None:
         progress.report(case.name, members + (1 - members) * share)
 
-    errors = sampled_errors(pool, summary, report) if case.error == "on" else {}
-    attributes = sweep_attributes(case, case_digest, summary, problems) | errors
+    errors: Mapping[str, Attribute] = {"error": math.nan, "error_kind": "none"}
+    if case.error == "on":
+        errors = sampled_errors(pool, summary, report)
+    attributes = sweep_attributes(case, case_digest, summary, problems, errors)
     return group_of_columns(case, attributes, tasks, finished)
 
 
@@ -114,9 +116,13 @@ def group_of_columns(
 
 
 def sweep_attributes(
-    case: Case, case_digest: str, summary: Summary, problems: Mapping[str, int]
+    case: Case,
+    case_digest: str,
+    summary: Summary,
+    problems: Mapping[str, int],
+    errors: Mapping[str, Attribute],
 ) -> dict[str, Attribute]:
-    """The attributes of a sweep, without those of its errors."""
+    """The attributes of a sweep, with those of its `errors`."""
     counts = summary.status.tolist()
     total, (ok, failed, timeout, invalid, hidden) = sum(counts), counts
     status = Status.FAILED if failed or not ok + hidden else Status.OK
@@ -126,6 +132,9 @@ def sweep_attributes(
         "are no body or have no start": invalid,
         "are undecided: their error is larger than their distance from the separatrix": hidden,
     } | {f"have no measured error: {why}": n for why, n in summary.unmeasured.items()}
+    tol = case.tol or IVP.get(case.method, EPS)
+    warnings = [f"{n} of {total} members {outcome}" for outcome, n in remarks.items() if n]
+    warnings += excess_remark(case, float(errors["error"]), tol)
     endings = {"failed": failed, "ran out of time": timeout}
     messages = [f"{count} of {total} members: {message}" for message, count in problems.items()]
     messages += [f"{n} of {total} members {outcome}" for outcome, n in endings.items() if n]
@@ -143,16 +152,13 @@ def sweep_attributes(
         method=", ".join(sorted(summary.methods)) or case.method,
         method_reason=reason,
         members=total,
-        tol=case.tol or EPS,
+        tol=tol,
         steps=summary.steps,
         run_time=summary.run_time,
-        error=math.nan,
-        error_kind="none",
         status=status,
         message="; ".join(messages) or ("" if ok + hidden else "no member is a body with a start"),
-        warnings="\n".join(
-            f"{n} of {total} members {outcome}" for outcome, n in remarks.items() if n
-        ),
+        warnings="\n".join(warnings),
+        **errors,
     )
 
 
