@@ -15,6 +15,7 @@ import pytest
 from conftest import call
 from scipy.special import ellipk
 
+import hodo_cli
 from hodo_cli import Case, HodoError
 from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import parse
@@ -606,12 +607,71 @@ def test_figures_and_claims_of_averaging(tmp_path: Path) -> None:
     assert [row["steps"] for row in shown["cost"][2:]] == ["3", "3"]
     at_end = [row for row in shown["share"] if row["time"] == "1000.0"]
     averaged, counted = (
-        [float(row[name]) for row in at_end if row[name]] for name in ("averaged", "full")
+        [float(row[name]) for row in at_end if row[name]] for name in ("averaged", "counted, full")
     )
     assert averaged == pytest.approx([0.3766], abs=1e-4)
     # 500 starts count to 0.02
     assert counted == pytest.approx([0.3705], abs=0.06)
     assert {row["curve"] for row in shown["passage"]} == {"fig4", "fig4-mean"}
+
+
+COUNTED = "counted, full motions"
+STARTS = {
+    "model": "torques", "inertia": [1, 0.8, 0.6], "initial": {"p": 0, "q": 0, "G": 1},
+    "time": {"start": 10, "end": 200},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("torques", "vary", "lines", "name"),
+    [
+        ({"model": "linear-diag"}, {"damping.0": [0.005, 0.009]}, 2, r"$10^3\lambda = 9, 4, 3$"),
+        ({"kappa": 0}, {"kappa": [0, 0.03]}, 1, r"$\kappa = 0.03$"),
+        ({"quadratic": [0.02, 0, 0.01]}, {"damping.0": [0.005, 0.009]}, 0, r"$\lambda_1 = 0.009$"),
+        ({"brake": 0.001}, {}, 0, COUNTED),
+        ({"torque": [0, 0.001, 0]}, {}, 0, COUNTED),
+        ({"rotor": [0, 0.1, 0]}, {}, 0, COUNTED),
+        ({"damping": [{"law": "exponential", "value": 0.02, "rate": 0.1}, 0, 0]}, {}, 0, COUNTED),
+        ({"inertia": [0.8, 0.8, 0.6]}, {}, 0, COUNTED),
+        ({}, {"inertia.0": [0.9, 1.1]}, 2, "$A_1 = 1.1$"),
+    ],
+)  # fmt: skip
+def test_a_share_is_averaged_only_where_linear_damping_acts_alone(
+    torques: dict[str, Any], vary: dict[str, Any], lines: int, name: str
+) -> None:
+    axes = {key: {"values": values} for key, values in vary.items()}
+    direction = {"direction": {"sphere": {"count": 200, "seed": 1}}}
+    given = {**STARTS, "damping": [0.005, 0.004, 0.003], **torques, "sweep": {**axes, **direction}}
+    if "rotor" in torques:
+        given["initial"] = {"p": 0.3, "q": 0.7, "r": 0.9}
+    figure = hodo_cli.plot(hodo_cli.sweep(given), kind="share")
+    (panel,) = figure.axes
+    drawn = [line for line in panel.lines if line.get_marker() != "o"]
+    assert len(drawn) == lines
+    entries = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert name in entries
+    is_said = "no line unless constant linear damping acts alone" in entries
+    assert is_said == (lines < (2 if vary else 1))
+    # From the start of the motions on, and beside the counted points.
+    for line in panel.lines:
+        assert line.get_xdata()[0] == 10
+        assert line.get_ydata()[0] == 0
+    for line, points in zip(drawn, panel.lines[1::2], strict=False):
+        assert line.get_ydata()[::10] == pytest.approx(points.get_ydata(), abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("direction: {sphere: {count: 500, seed: 1}}", "damping.1: {values: [1, 2]}",
+         "share.cases.0: sweep starts has the axes damping.2, damping.1: a share needs a sphere"),
+        ("store: [crossing_time]", "store: [crossings]", "case starts has no crossing_time"),
+        ("share, cases: [starts]", "share, cases: [starts, starts]", "expected one sweep"),
+    ],
+)  # fmt: skip
+def test_a_share_wants_starts(old: str, new: str, message: str) -> None:
+    with pytest.raises(HodoError, match=message):
+        parse(DRAWN.replace(old, new), "drawn.yaml")
 
 
 def test_the_side_chooses_to_the_last_digit() -> None:

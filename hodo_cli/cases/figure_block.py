@@ -413,6 +413,7 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
             f"counts positions on the axis that '{axis}' names, which is missing",
         ),
         (kind == "body" and n > 1, ("cases",), f"expected one case, whose body moves, got {n}"),
+        (kind == "share" and n > 1, ("cases",), f"expected one sweep of starts, got {n}"),
         (
             n and "groups" in values and total != n,
             ("groups",),
@@ -586,6 +587,8 @@ def _swept_mistakes(values: Mapping[str, Any], case: Drawable, steady: bool) -> 
     """A mistake for each variable, axis and position that a sweep does not have."""
     if message := _wrong_swept_variable(values, case):
         yield ("variable",), message
+    if values["kind"] == "share" and (message := _lack_of_starts(case)):
+        yield ("cases", 0), message
     for key in AXIS_KEYS:
         if (name := values.get(key)) is not None and name == case.sphere:
             yield (key,), f"axis {name} of sweep {case.name} is a sphere, which has no scale"
@@ -599,6 +602,15 @@ def _swept_mistakes(values: Mapping[str, Any], case: Drawable, steady: bool) -> 
             if position >= (n := case.axes[counted]):
                 message = f"axis {counted} of sweep {case.name} has positions 0 to {n - 1}"
                 yield ("at", i), f"{message}, not {position}"
+
+
+def _lack_of_starts(case: Drawable) -> str:
+    """Why a sweep has no starts whose shares a figure counts; an empty string if it has them."""
+    if not case.sphere or len(case.axes) > 2:
+        shape = "a sphere of starts, and one other axis at most"
+        return f"sweep {case.name} has the axes {', '.join(case.axes)}: a share needs {shape}"
+    stored = {*case.variables}
+    return lack_of(case.case, "crossing_time", stored, "share")
 
 
 def _wrong_swept_variable(values: Mapping[str, Any], case: Drawable) -> str:

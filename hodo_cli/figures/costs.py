@@ -9,8 +9,10 @@ from matplotlib.colors import ListedColormap
 from matplotlib.lines import Line2D
 
 from .. import HodoError
-from ..models.averaging.free_turn import Body
+from ..cases.case import Case
+from ..models.averaging.free_turn import SAME_MOMENTS, Body
 from ..models.averaging.passage import share_that_crosses
+from ..models.terms.body import BodyUnderTorques
 from ..results.dataset import Cases, motions_of
 from ..results.motion import Motion, forms_apart
 from ..storage import Group
@@ -29,6 +31,7 @@ from .artists import (
     filled,
     styles,
 )
+from .maps import position, positions
 from .sheet import SHEET_STYLE, Drawing, Look, Sheet
 
 MONTE_CARLO: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.5, "mfc": "white", "mew": 0.7}
@@ -80,39 +83,80 @@ def cost(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
 
 
 def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
-    """The share of starts that have crossed the separatrix by a time: the averaged closed form as
-    lines, the starts of a sweep of full motions as points."""
-    name = spec["cases"][0]
+    """The share of starts that have crossed the separatrix by a time: of the members of a sweep, as
+    points; averaged in closed form, where that holds, as lines."""
+    (name,) = spec["cases"]
     swept = SweepView.of(name, cases[name])
-    body, sphere = swept.body(), swept.sphere
-    stored = "crossing_time" in swept.data and "damping" in swept.case.data
-    if body is None or not sphere or not stored or len(swept.axes) != 2:
-        raise HodoError(
-            "a figure of shares needs a sweep of one damped body with a sphere of starts, another "
-            "axis, and crossing_time stored"
-        )
-    other = next(name for name in swept.axes if name != sphere)
-    end = swept.case.time.end
-    (axes,), names = sheet.panels(COLUMN, 0.95 * COLUMN), []
-    line, points = np.linspace(0, end, 101), np.linspace(0, end, 11)
-    crossing_times = swept.values("crossing_time", [other, sphere], {})
-    for i, times in enumerate(crossing_times):
-        lam = swept.at({other: i}).data["damping"]
-        names.append(rf"$10^3\lambda = {', '.join(f'{1e3 * x:g}' for x in lam)}$")
-        style = styles(len(names), spec["styles"])[-1]
-        turning = Body.of(body.tolist())
-        foreseen = share_that_crosses(turning, [lam[axis] for axis in turning.order], line)
-        # A start that never crosses has no time, and no comparison with nan holds.
+    axis = next((other for other in swept.axes if other != swept.sphere), None)
+    (axes,) = sheet.panels(COLUMN, 0.95 * COLUMN)
+    time, form = swept.case.time, swept.case.form
+    line, points = np.linspace(time.start, time.end, 101), np.linspace(time.start, time.end, 11)
+    curves = positions(swept, axis, ())
+    members = [swept.at(at) for at in curves]
+    averaged = [averaged_share(member, line) for member in members]
+    names = share_names(swept, curves, [damping_alone(member) for member in members])
+    looks = styles(len(names), spec["styles"])
+    handles = []
+    for at, label, foreseen, style in zip(curves, names, averaged, looks, strict=True):
+        times = swept.values("crossing_time", [swept.sphere], at)
+        # Neither a member that failed nor one that never crosses has a time.
+        times = times[np.isfinite(swept.values("status", [swept.sphere], at))]
+        if not len(times):
+            raise HodoError(f"sweep {swept.name} has no motion to count for {label}")
         counted = np.array([np.mean(times <= t) for t in points])
-        axes.plot(line, foreseen, **style)
-        axes.plot(points, counted, mec=style["color"], **MONTE_CARLO, clip_on=False, zorder=4)
-        sheet.record(names[-1], {"time": line, "averaged": foreseen})
-        sheet.record(names[-1], {"time": points, "full": counted})
+        circles = {"mec": style["color"], **MONTE_CARLO}
+        if foreseen is not None:
+            axes.plot(line, foreseen, **style)
+            sheet.record(label, {"time": line, "averaged": foreseen})
+        axes.plot(points, counted, **circles, clip_on=False, zorder=4)
+        handles.append(Line2D([], [], **(circles if foreseen is None else style), label=label))
+        sheet.record(label, {"time": points, f"counted, {form}": counted})
     axes.set(xlabel=f"${spec['time']}$", ylabel="share of starts that have crossed")
     axes.margins(x=0)
-    foreseen_as = Line2D([], [], color=BLACK, label="averaged, in closed form")
-    counted_as = Line2D([], [], mec=BLACK, **MONTE_CARLO, label="counted, full motions")
-    sheet.legend = [*case_handles(names, spec["styles"]), foreseen_as, counted_as]
+    if any(foreseen is not None for foreseen in averaged):
+        handles.append(Line2D([], [], color=BLACK, label="averaged, in closed form"))
+    handles.append(Line2D([], [], mec=BLACK, **MONTE_CARLO, label=f"counted, {form} motions"))
+    if any(foreseen is None for foreseen in averaged):
+        handles.append(Line2D([], [], ls="", label=NO_LINE))
+    sheet.legend = handles
+
+
+NO_LINE = "no line unless constant linear damping acts alone"
+"""The words of a legend about members whose averaged share has no closed form."""
+
+
+def damping_alone(case: Case) -> tuple[float, ...] | None:
+    """The rates lambda_i (3,) of a body of three different moments under constant linear damping
+    alone; None for other cases: of these the averaged share has no closed form."""
+    system = case.system
+    if not isinstance(system, BodyUnderTorques) or not system.is_plain:
+        return None
+    # Two moments that differ by their rounding leave no region between them.
+    A = np.sort(system.moments)
+    return system.constant_damping if (np.diff(A) > SAME_MOMENTS * A[1]).all() else None
+
+
+def averaged_share(case: Case, times: np.ndarray) -> np.ndarray | None:
+    """The share (n,) of all starts that cross by some times, averaged over the turns in closed
+    form; None where there is none."""
+    if (lam := damping_alone(case)) is None:
+        return None
+    body = Body.of(case.data["inertia"])
+    return share_that_crosses(body, [lam[i] for i in body.order], times - case.time.start)
+
+
+def share_names(
+    swept: SweepView,
+    curves: Sequence[Mapping[str, int]],
+    damping: Sequence[tuple[float, ...] | None],
+) -> list[str]:
+    """The name of each curve: the damping where it is all that acts and tells it from the others,
+    else its position along the other axis of the sweep, or the sweep's name."""
+    if None not in damping and len({*damping}) == len(damping):
+        rates = (", ".join(f"{1e3 * x:g}" for x in lam or ()) for lam in damping)
+        return [rf"$10^3\lambda = {words}$" for words in rates]
+    names = (", ".join(position(swept, axis, i) for axis, i in at.items()) for at in curves)
+    return [name or swept.name for name in names]
 
 
 LEAST_ERROR = 1e-17

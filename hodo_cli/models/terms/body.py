@@ -179,6 +179,17 @@ class BodyUnderTorques(BodyFrame):
         return (min(damping), max(damping)) if damping else ()
 
     @property
+    def constant_damping(self) -> tuple[float, ...] | None:
+        """The rates lambda_i of constant linear damping where no other torque acts; else None."""
+        acting = {
+            term: entries
+            for term, entries in self.term_coefficients.items()
+            if term in NOT_COVERED or any(entries)
+        }
+        damping = acting.pop("damping", ZEROS)
+        return None if acting or any(map(is_law, damping)) else damping
+
+    @property
     def along_momentum(self) -> AlongMomentum | None:
         """The rates of equal damping, a brake, or both, all constant; None for other sums, and
         where a brake has nothing to brake."""
