@@ -707,15 +707,25 @@ TORQUES = {
         f"rotor: [0.2, 0.1, 0.1], {SLOWED.replace('1.5', '2')}"
     ),
     "of a rotor in other axes": f"rotor: [0.1, 0.2, 0.1], attitude: yes, {IN_ANY_AXES}",
+    "of drag by axes": f"quadratic_axes: [0.02, 0.03, 0.01], {BESIDE}",
+    "of drag about an axis, under a law of time, with an attitude": (
+        f"quadratic_axes: [0, 0, [0.01, 1e-4]], attitude: yes, kappa: 0.02, {BESIDE}"
+    ),
+    "of drag by axes beside a brake that stops all": (
+        f"quadratic_axes: [0.004, 0.002, 0.006], brake: 0.009, {BESIDE}"
+    ),
+    "of drag by axes beside a rotor": (
+        f"quadratic_axes: [0.02, 0.01, 0.03], rotor: [0.1, 0.1, 0.15], {SLOWED}"
+    ),
 }
 
 
 @pytest.mark.heyoka
 @pytest.mark.parametrize("torque", TORQUES)
 def test_members_with_more_than_omega_along_principal_axes_go_side_by_side(torque: str) -> None:
-    """The direction of a torque, the leg of a brake and an attitude are part of the state, and the
-    axes of the data may be others than the principal ones; a limit of steps has each member
-    integrated by itself."""
+    """The direction of a torque, the leg of a brake, the signs of drag by axes and an attitude are
+    part of the state, and the axes of the data may be others than the principal ones; a limit of
+    steps has each member integrated by itself."""
     text = f"model: torques, time: {{end: 100}}, error: off, {BALL.replace('G: 1', 'r: 1')}"
     case = one(f"{text}, {TORQUES[torque]}, sweep: {{d: {{sphere: {{count: 40, seed: 3}}}}}}")
     group = chunk.compute(chunk.Chunk(case, 0, 40))
@@ -735,6 +745,7 @@ FROM_REST = {
     "damped": "damping: [0.01, 0.02, 0.03]",
     "with fluid and an attitude": "kappa: 0.05, attitude: yes",
     "with a rotor": "damping: 0.02, rotor: [0, 0.05, 0]",
+    "against drag by axes": "quadratic_axes: [0.1, 0.2, 0.3], expression: [0, 0, 0.02*sin(t)]",
 }
 
 
@@ -811,7 +822,7 @@ def test_a_sweep_says_how_many_members_went_alone_and_why(tmp_path: Path) -> Non
         "side by side, 0 of 2 members by themselves",
         f"{FIG4.replace('linear-diag', 'torques')}, quadratic_axes: 0.1, "
         "initial: {p: 0.8, q: 0.5, r: 0.74}, sweep: {initial.p: {values: [0.7, 0.8]}}":
-        "each by itself: each component that changes its sign ends a step",
+        "side by side, 0 of 2 members by themselves",
     }  # fmt: skip
     for text, reason in expected.items():
         assert sweep_of(one(text), tmp_path).attributes["method_reason"] == reason

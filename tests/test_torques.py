@@ -752,6 +752,30 @@ def test_drag_by_axes_sees_a_body_pass_through_rest(method: str, name: str) -> N
         assert ds.attrs["error"] < 1e-8
 
 
+@pytest.mark.heyoka
+def test_members_that_all_but_touch_a_corner_are_right() -> None:
+    """About one axis: a start above that of the touch turns back before 0, one below passes it
+    twice. A step that ends at no corner, or does not turn the sign over, is 1e-3 off or more."""
+
+    def rates(t: float, w: np.ndarray) -> np.ndarray:
+        return 0.3 * (t - 2) - 0.5 * w * np.abs(w)
+
+    touch = solve_ivp(rates, (2, 0), [0], "DOP853", rtol=1e-13, atol=1e-16).y[0, -1]
+    near = [sign * 10.0**n for sign in (-1, 1) for n in range(-15, -2, 2)]
+    starts = np.array([*np.linspace(-1, 1, 33), touch, *(touch + x for x in near)])
+    sure = solve_ivp(rates, (0, 5), starts, "DOP853", rtol=1e-12, atol=1e-15, max_step=0.005).y
+    # D of other bodies is 0 where they pass through rest, and they go by themselves.
+    ds = hodo.sweep(
+        {
+            "model": "torques", "inertia": [1, 0.8, 0.8], "quadratic_axes": [0.5, 0, 0],
+            "expression": ["0.3*(t - 2)", "0", "0"], "initial": {"p": 0, "q": 0, "r": 0},
+            "time": {"end": 5}, "sweep": {"initial.p": {"values": starts.tolist()}},
+        }
+    )  # fmt: skip
+    assert ds.attrs["method_reason"] == "side by side, 0 of 48 members by themselves"
+    np.testing.assert_allclose(ds.omega[:, 0], sure[:, -1], atol=1e-13)
+
+
 @pytest.mark.parametrize(
     ("inertia", "drag", "start", "torque", "text", "rotor"),
     [

@@ -8,7 +8,7 @@ ensemble is cut into parts, does not change it.
 import hashlib
 import math
 import pickle
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial, reduce
 from pathlib import Path
 from time import thread_time
@@ -19,10 +19,10 @@ import numpy as np
 
 from ..machine import processor
 from ..models.base import Event, Level, Model
-from ..models.constants import UNIT, Structure, count, namespace
+from ..models.constants import UNIT, Structure, count, moving, namespace
 from ..private import kept_code
 from . import series as series_module
-from .series import TINY, Series, constant, motion, value
+from .series import TINY, Series, constant, motion, total, value
 from .taylor import OPTIMISED
 
 
@@ -60,6 +60,11 @@ suspected."""
 CHAINS = 4
 """Parts of a polynomial that are summed side by side: in one chain a processor waits for each
 product, which took a third of a step."""
+
+CORNER = 2.0**-30
+"""The part of a motion below which a component may go beyond a corner of the equations before its
+sign turns over. Terms with its square are then wrong by 2**-60 of their size, less than rounding,
+so that no touch has to be told from a passage."""
 
 BOUND_ROUNDING = 2.0**-40
 """The part of a bound on the rest of an event's series that covers its rounding."""
@@ -109,6 +114,9 @@ class TaylorStep:
     on how far the function stays from 0; of motions that cross the separatrix once at most, the
     product of its values at both ends. Behind these stand, of each of the `levels`, the value at
     the beginning, how much it changes at its slope there, and a bound on what it does besides.
+
+    A step ends at a corner of the equations, and the next one begins with the other sign: events
+    with a `sign` have no row.
     """
 
     def __init__(
@@ -119,7 +127,7 @@ class TaylorStep:
         levels: tuple[Level, ...],
     ) -> None:
         self._problem = model, structure, events, levels
-        self.events, self._series = events, dict[int, Any]()
+        self.events, self._series = watched(events), dict[int, Any]()
         self._key = key_of(*self._problem)
         self._step = kept_code(f"{self._key}-step", self._compiled_step)
         self.rows: int = self._step.nouts
@@ -168,13 +176,18 @@ def key_of(
     # Not their text, which is cut where it is long.
     functions = *(event.function for event in events), *levels
     equations = pickle.dumps([*model.rhs(t, y, k), *(of(t, y, k) for of in functions)])
-    kinds = [(event.passage is None, model.always_absorbing) for event in events]
+    kinds = [(event.passage is None, event.sign, model.always_absorbing) for event in events]
     used = structure, kinds, WIDTH, hy.__version__, processor(), SOURCE
     return hashlib.sha256(equations + repr(used).encode()).hexdigest()[:32]
 
 
 SOURCE = [Path(str(module)).read_text("utf-8") for module in (__file__, series_module.__file__)]
 """The modules that make a step of equations."""
+
+
+def watched(events: tuple[Event, ...]) -> tuple[Event, ...]:
+    """The events that have a row: those that are no corner."""
+    return tuple(event for event in events if event.sign is None)
 
 
 def symbols(model: type[Model], structure: Structure) -> tuple[Any, list[Any], Any]:
@@ -204,9 +217,17 @@ def expressions(
     # The time left is in units that fit the motion, the end in the case's own.
     unit = getattr(k, UNIT, 1.0)
     begin = (end - remaining * unit) - lost * unit
+    inputs = [*start, *clock]
+    corners = {event.sign: event.function for event in events if event.sign is not None}
+    start = on_one_side(model, corners, begin, start, k, unit)
     time, state = motion(model.rhs, begin, start, k, unit)
     y = [coefficients(series, SERIES_ORDER) for series in state]
-    step = smaller(most * radius(y), remaining)
+    longest = most * radius(y)
+    step = smaller(longest, remaining)
+    for function in corners.values():
+        # By `longest`, so that it ends at the same time whatever time is left.
+        g = coefficients(function(time, state, k), SERIES_ORDER)
+        step = smaller(time_to_corner(g, longest, CORNER * size_within(model, y, longest)), step)
     # The last step takes exactly the time left, so that it leaves 0 and no rounding.
     after = remaining - step
     # What the subtraction has rounded away is kept, so that many steps cost the time no digits.
@@ -214,7 +235,7 @@ def expressions(
     steps = steps + hy.select(hy.gt(remaining, 0.0), hy.expression(1.0), hy.expression(0.0))
     rows = [*(total_of_powers(c, step) for c in y), after, lost, steps, step]
     after_step = rows[: len(start)]
-    for event in events:
+    for event in watched(events):
         if model.always_absorbing and not event.passage:
             ends = event.function(begin + step * unit, after_step, k)
             rows.append(event.function(begin, start, k) * ends)
@@ -224,7 +245,40 @@ def expressions(
         D, rest = bounded(level, time, state, k, step)
         curved = step * step * total_of_powers([size(c) for c in D[2:]], step)
         rows += [D[0], step * D[1], curved + rest]
-    return [*start, *clock], rows, (time, state, k)
+    return inputs, rows, (time, state, k)
+
+
+def on_one_side(
+    model: type[Model], corners: Mapping[int, Level], t: Any, y: Sequence[Any], k: Any, unit: Any
+) -> list[Any]:
+    """A state in which the signs at corners, by their rows, are those with which it goes on: that
+    of what has the corner, or of its rate where it is as good as 0."""
+    positive, signed, one = [*y], [*y], hy.expression(1.0)
+    for row in corners:
+        positive[row] = one
+    time, state = motion(model.rhs, t, positive, k, unit)
+    for row, function in corners.items():
+        g, least = function(time, state, k), CORNER * size_within(model, state, 0.0)
+        side = hy.select(hy.gt(size(g[0]), least), g[0], g[1])
+        signed[row] = hy.select(hy.lt(side, 0.0), -one, one)
+    return signed
+
+
+def size_within(model: type[Model], y: Sequence[Any], step: Any) -> Any:
+    """About how large a motion, its series given, is within a step."""
+    rows = np.arange(len(y))[moving(model)].tolist()
+    return total([size(y[i][0]) + step * size(y[i][1]) for i in rows])
+
+
+def time_to_corner(g: Sequence[Any], step: Any, slack: Any) -> Any:
+    """A time up to which a series g keeps above -slack, where g_0 does, within a step: the zero of
+    slack + g_0 + g_1 s - s^2 (sum of |g_k| step^(k - 2) from k = 2), which lies below."""
+    room, slope = slack + g[0], g[1]
+    curved = total_of_powers([size(c) for c in g[2:]], step)
+    root = hy.sqrt(slope * slope + 4.0 * curved * room)
+    # The form of its formula that does not cancel.
+    falls = hy.lt(slope, 0.0)
+    return hy.select(falls, 2.0 * room, root + slope) / hy.select(falls, root - slope, 2.0 * curved)
 
 
 def compiled_function(inputs: list[Any], rows: list[Any], opt_level: int) -> Any:

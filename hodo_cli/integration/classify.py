@@ -81,8 +81,12 @@ def classify(
     check_stored(dense, samples, omega, expected)
     errors, reference = against_reference(dense, judged)
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
-    axes = body_of(case).enclosed(principal_omega(dense.motion)[samples], CERTAIN * errors[samples])
-    resting = at_rest(extended(dense.motion.omega[samples]), dense.motion.exponent[samples])
+    body, motion = body_of(case), dense.motion
+    axes = body.enclosed(principal_omega(motion)[samples], CERTAIN * errors[samples])
+    resting = at_rest(extended(motion.omega[samples]), motion.exponent[samples])
+    # Where the equations have a corner at rest, the motion begins beside it.
+    if not any(body.velocity(body.inertia, body.initial)):
+        resting |= motion.time[samples] == case.time.start
     labels[: len(samples)] = np.where(resting, rigid_body.UNDETERMINED, axes)
     labels = completed(labels, case.system.absorbing_axes(case.time.start, case.time.end))
     listed = crossings_of(dense, errors)
@@ -93,7 +97,7 @@ def classify(
     )
     hidden = bool(warnings)
     if len(samples) < len(omega):
-        warnings += (f"no labels after {len(samples)} samples: {dense.motion.message}",)
+        warnings += (f"no labels after {len(samples)} samples: {motion.message}",)
     system, time = case.system, case.time
     return Classification(
         labels, tuple(crossings), warnings, system.tilt_growth(time.start), system.final_axis,

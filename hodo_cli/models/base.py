@@ -56,12 +56,22 @@ class Event(NamedTuple):
     A terminal event with a `passage` ends only one stretch: `passage(t, y, k)`, whose time, state
     and constants are numbers of the working precision in the case's own units, says how the motion
     goes on.
+
+    At a corner of the equations the passage does no more than turn over a sign, in row `sign` of
+    the state, and the function is that sign times what changes its own. Only terms with the square
+    of the function have the sign.
     """
 
     kind: str
     function: Callable[[Any, Sequence[Any], Any], Any]
     terminal: bool = False
     passage: Passage | None = None
+    sign: int | None = None
+
+    @property
+    def interrupts(self) -> bool:
+        """Whether a motion goes on behind it, and not as at a corner."""
+        return self.passage is not None and self.sign is None
 
 
 Level = Callable[[Any, Sequence[Any], Any], Any]

@@ -321,8 +321,7 @@ class Torques(BodyUnderTorques, LookedUp):
             "space_torque": [np.full(w.shape[1:], x) for x in self.direction],
         }
         columns = (x for name in terms_named(vars(self)) for x in extra.get(name, ()))
-        y = np.stack([*w, *columns])
-        return y if self.quadratic_axes is None else self.off_corners(y)
+        return np.stack([*w, *columns])
 
     @cached_property
     def start(self) -> tuple[float, ...]:
@@ -330,17 +329,17 @@ class Torques(BodyUnderTorques, LookedUp):
         # An averaged form has variables of its own.
         if self.form != "full" or not any(term.extra for term in self.terms):
             return omega
-        return tuple(self.starts(np.array(omega)).tolist())
+        y = Torques.starts(self, np.array(omega))  # not those of a form with an attitude
+        return tuple((y if self.quadratic_axes is None else self.off_corners(y)).tolist())
 
     @property
     def run_events(self) -> tuple[Event, ...]:
         events = []
         for axis, entry in enumerate(self.quadratic_axes or ()):
             sign_row = self.state.index(f"s{axis + 1}")
-            # A component that stays 0 would meet its event all the time.
-            if any(dimensional_values(entry)) and self.start[sign_row]:
-                zero = Bound(component, (axis, sign_row))
-                events.append(Event("turned", zero, True, Bound(turned_over, (axis, sign_row))))
+            if any(dimensional_values(entry)):
+                zero, turn = (Bound(f, (axis, sign_row)) for f in (component, turned_over))
+                events.append(Event("turned", zero, True, turn, sign_row))
         if self.brake is not None:
             leg = self.state.index("leg")
             others = tuple(name for name in terms_named(vars(self)) if name != "brake")
@@ -630,9 +629,6 @@ def sum_of(names: tuple[str, ...]) -> type[Torques]:
     """The form of `Torques` whose equations have the terms of these names only."""
     chosen = tuple(TERMS[name] for name in names)
     extra = {name: power for term in chosen for name, power in term.extra.items()}
-    alone = {
-        "each component that changes its sign ends a step": terms.QUADRATIC_AXES in chosen,
-    }
     attributes_of = {
         "__module__": __name__,
         "__doc__": Torques.__doc__,
@@ -641,7 +637,6 @@ def sum_of(names: tuple[str, ...]) -> type[Torques]:
         "state": ("p", "q", "r", *extra),
         "state_degree": {name: power for name, power in extra.items() if power != 1},
         "degree": {"g": 2} | {name: n for term in chosen for name, n in term.degree.items()},
-        "alone": next((why for why, applies in alone.items() if applies), ""),
         "fixed_in_space": tuple(terms.SPACE.extra) if terms.SPACE in chosen else (),
         "opposing": frozenset({"brake"}),
         "stops": terms.BRAKE in chosen,

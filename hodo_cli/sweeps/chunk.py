@@ -108,7 +108,7 @@ def reason_alone(case: Case) -> str:
     they may, and they are worth the compilation of their step."""
     if other := other_method(case):
         return other
-    passes = any(event.passage for event in case.system.run_events)
+    passes = any(event.interrupts for event in case.system.run_events)
     if passes and "trajectory" in case.store:
         return "samples of motions that go on through an event"
     fewest = 0 if case.system.degree else WORTH * len(flatten(case.system.constants))
@@ -182,7 +182,8 @@ def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nd
     for own, group in prepare(case, chunk.first + computed):
         positions = computed[own]
         # One compiled step watches one event of each kind; of more, single cases keep the order.
-        if len(group.events) > len({bool(event.passage) for event in group.events}):
+        kinds = [event.interrupts for event in group.events if event.sign is None]
+        if len(kinds) > len(set(kinds)):
             rejection[positions] = Rejection.EVENTS.code
             continue
         e = replace(group, times=times)

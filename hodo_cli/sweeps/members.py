@@ -114,9 +114,10 @@ def prepared_by_branch(
     if len(positions) >= FEWEST_COLUMN:
         try:
             with np.errstate(all="ignore"):  # columns refuse what is not finite
-                _, system = described(case, paths, [Column(row) for row in values[:, positions]])
+                data, system = described(case, paths, [*map(Column, values[:, positions])])
             if system is not None:
-                yield positions, ensemble_of(case, system, len(positions), system.start)
+                start = members_start(data, system, len(positions))
+                yield positions, ensemble_of(case, system, len(positions), start)
                 return
         except BranchDivergence as branches:
             for branch in (branches.where, ~branches.where):
@@ -125,9 +126,16 @@ def prepared_by_branch(
         except TypeError:
             pass
     for position, row in zip(positions[:, None], values[:, positions].T.tolist(), strict=True):
-        _, system = described(case, paths, row)
+        data, system = described(case, paths, row)
         if system is not None:
-            yield position, ensemble_of(case, system, 1, system.start)
+            yield position, ensemble_of(case, system, 1, members_start(data, system, 1))
+
+
+def members_start(data: Mapping[str, Any], system: Model, n: int) -> Iterable[Any]:
+    """The start of n members: on a corner of the equations where single cases begin beside it."""
+    if all(event.sign is None for event in system.run_events):
+        return system.start
+    return system.starts(rows(system.velocity(data["inertia"], data["initial"]), n).T)
 
 
 def alike(groups: Iterable[PreparedMembers]) -> list[PreparedMembers]:

@@ -46,7 +46,7 @@ def step_of(e: Ensemble) -> "TaylorStep":
     from ...engines import taylor_batch  # heyoka may be missing
 
     # Its code is the same whether the event ends a motion or not.
-    watched = (event._replace(terminal=False) for event in (e.passing, e.event) if event)
+    watched = (event._replace(terminal=False) for event in e.events)
     model: Any = e.model  # a class has a hash, whatever its protocol says
     return taylor_batch.build(model, e.structure, tuple(watched), e.levels)
 

@@ -93,8 +93,8 @@ class Ensemble:
 
     @cached_property
     def passing(self) -> Event | None:
-        """The event with a passage, through which motions go on."""
-        return next((event for event in self.events if event.passage), None)
+        """The event with a passage, through which motions go on, that is no corner."""
+        return next((event for event in self.events if event.interrupts), None)
 
     @property
     def error_bound(self) -> float:
