@@ -21,6 +21,7 @@ from drawings import Drawings, drawings_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
 
 import hodo_cli as api
@@ -28,7 +29,7 @@ from hodo_cli import HodoError, figures
 from hodo_cli.cases.config import load, parse
 from hodo_cli.cli import main
 from hodo_cli.figures import geometry
-from hodo_cli.figures.artists import SEPARATRIX
+from hodo_cli.figures.artists import SEPARATRIX, number_marks
 
 PAPERS = ("paper1", "paper2", "paper3")
 
@@ -1063,3 +1064,45 @@ def test_a_crossing_alone_has_no_number() -> None:
     assert motion.sizes["crossing"] == 1
     texts = [text.get_text() for axes in api.plot(motion, "hodograph").axes for text in axes.texts]
     assert "1" not in texts
+
+
+def test_numbers_of_crossings_stand_also_where_a_variable_is_constant() -> None:
+    (axes,) = Figure().subplots(1, squeeze=False).flat
+    crossings = np.array([[0.0, 0.3], [1.0, 0.3], [1.01, 0.3]])
+    axes.plot(*crossings.T)
+    number_marks(axes, crossings)
+    assert [(text.get_text(), text.xy) for text in axes.texts] == [
+        ("1", (0.0, 0.3)),
+        ("2, 3", (1.01, 0.3)),
+    ]
+
+
+@pytest.mark.parametrize("height", [60, 40])
+def test_words_beside_a_mark_stay_at_it_where_the_panel_has_no_room(height: int) -> None:
+    body = {"model": "torques", "inertia": [2, 1.5, 1], "brake": 0.004, "damping": 0.001}
+    motion = api.run(body | {"initial": {"p": 0.3, "q": 0.7, "r": -0.9}, "time": {"end": 1000}})
+    variables = ["p", "q", "r", "G", "T", "D"]
+    drawn = api.plot(motion, "series", variables=variables, style={"height": height})
+    for axes in drawn.axes:
+        (words,) = axes.texts
+        # Within two lines of the mark, whose panel may be lower than the words.
+        assert abs(words.xyann[1]) < 20
+
+
+@pytest.mark.parametrize(
+    ("kind", "more", "panel"), [("hodograph", {"projections": ["x1x2"]}, 1), ("herpolhode", {}, 0)]
+)
+def test_colours_by_time_are_those_of_one_scale_for_all_curves(
+    kind: str, more: dict[str, Any], panel: int
+) -> None:
+    body = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": 0.005, "attitude": "yes"}
+    motions = [
+        api.run(body | {"initial": {"p": p, "q": 0.5, "r": 0.4}, "time": {"end": end}})
+        for p, end in ((0.5, 10.0), (0.8, 100.0))
+    ]
+    for several in permutations(motions):
+        axes = api.plot(several, kind, colour="time", **more).axes
+        assert axes[-1].get_xlim() == (0, 100)
+        curves = [each for each in axes[panel].collections if isinstance(each, LineCollection)]
+        for motion, curve in zip(several, curves, strict=True):
+            assert len(curve.get_colors()) == (64 if motion.time[-1] == 100 else 7)

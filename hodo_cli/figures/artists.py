@@ -192,15 +192,25 @@ def style(text: str) -> dict[str, Any]:
     return {"color": COLOURS[colour], "ls": LINES[line or "solid"]}
 
 
+def time_span(motions: Sequence[Motion]) -> tuple[float, float]:
+    """From when the first of some motions begins to when the last one ends: one scale of colours
+    for all of them."""
+    return min(motion.time[0] for motion in motions), max(motion.time[-1] for motion in motions)
+
+
 def palette(
-    motion: Motion, colour: str, index: int, style_names: Sequence[str] = ()
+    motion: Motion,
+    colour: str,
+    index: int,
+    style_names: Sequence[str] = (),
+    span: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Colours (m, 3), and the index in them of each sample's colour (n,): by time, by enclosed
-    axis, or the one colour of a case, whose number among the cases is `index`."""
+    """Colours (m, 3), and the index in them of each sample's colour (n,): by time within a span, by
+    enclosed axis, or the one colour of a case, whose number among the cases is `index`."""
     if colour == "time":
-        since = motion.time - motion.time[0]
         colours = np.asarray(hues(TIME_COLOURS, CURVE_END).colors)[:, :3]
-        return colours, (since / (since[-1] or 1.0) * (TIME_COLOURS - 1)).astype(int)
+        share = (motion.time - span[0]) / (span[1] - span[0] or 1.0)
+        return colours, (share * (TIME_COLOURS - 1)).astype(int)
     if colour == "axis":
         labels = sorted(AXIS_COLOUR)
         codes = np.searchsorted(labels, labels_of(motion))
@@ -234,7 +244,7 @@ NUMBER_ROOM = 0.04
 def number_marks(axes: Axes, crossings: np.ndarray, frame: np.ndarray | None = None) -> None:
     """Give each of several crossings (m, 2) its number in time; the numbers of those that lie too
     close together for it stand beside the outermost of them, where they hide no mark."""
-    size = axes.dataLim.size if frame is None else np.ptp(frame, axis=1)
+    size = np.asarray(axes.dataLim.size if frame is None else np.ptp(frame, axis=1))
     numbers: dict[int, list[int]] = {}
     for i, point in enumerate(crossings if len(crossings) > 1 else []):
         apart = {k: math.dist(point, crossings[k]) for k in numbers}
@@ -242,8 +252,9 @@ def number_marks(axes: Axes, crossings: np.ndarray, frame: np.ndarray | None = N
         numbers.setdefault(place, []).append(i)
     look: Look = {"textcoords": "offset points", "size": "x-small", "path_effects": HALO}
     for together in numbers.values():
-        # Upper right, as the numbers stand of it.
-        point = max(crossings[together], key=lambda place: float(sum(place / size)))
+        # Upper right, as the numbers stand of it; a variable that is constant puts none there.
+        scale = np.where(size > 0, size, np.inf)
+        point = crossings[together[int(np.argmax((crossings[together] / scale).sum(axis=1)))]]
         if in_frame(frame, point):
             text = ", ".join(abridged([str(i + 1) for i in together], 6))
             note = axes.annotate(text, pair(point), (3, 3), zorder=7, **look)
@@ -327,7 +338,7 @@ def colour_handles(
         return case_handles([motion.label for motion in motions], spec["styles"], solid=True)
     if spec["colour"] == "axis":
         return axis_handles(motions)
-    span = Normalize(motions[0].time[0], motions[0].time[-1])
+    span = Normalize(*time_span(motions))
     place: Look = {"location": "bottom", "fraction": 0.03, "pad": 0.02, "shrink": 0.6, "aspect": 50}
     bar = sheet.figure.colorbar(ScalarMappable(span, hues(end=CURVE_END)), ax=panels, **place)
     bar.set_label(time_label(spec, motions[0]))
@@ -557,7 +568,7 @@ def fill_labels(sheet: Sheet) -> None:
 
 def set_apart(sheet: Sheet) -> None:
     """Raise or lower the words beside marks that would be on others or leave their panels, where
-    these are to stand."""
+    these are to stand; those that fit nowhere stay at their marks."""
     if not sheet.notes:
         return
     sheet.figure.get_layout_engine().execute(sheet.figure)  # type: ignore[union-attr]
@@ -574,7 +585,9 @@ def set_apart(sheet: Sheet) -> None:
             box = note.get_window_extent()
             if panel.y0 <= box.y0 and box.y1 <= panel.y1 and not box.count_overlaps(taken):
                 break
-        taken.append(box)
+        else:
+            note.xyann = across, up
+        taken.append(note.get_window_extent())
 
 
 def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:

@@ -40,6 +40,7 @@ from .artists import (
     palette,
     plane_curve,
     styles,
+    time_span,
     unit,
 )
 from .geometry import (
@@ -143,10 +144,10 @@ def space(
     page."""
     cut = scene.reach is not None
     body_axes(axes, scene, reach)
-    near, views = float(np.ptp(frame)) / 2, dict[int, np.ndarray]()
+    near, views, span = float(np.ptp(frame)) / 2, dict[int, np.ndarray](), time_span(motions)
     # The longest curve first, so that it does not bury the short ones.
     for place, motion in sorted(enumerate(motions), key=lambda item: -windings(item[1].G)):
-        colours, code = palette(motion, spec["colour"], place, spec["styles"])
+        colours, code = palette(motion, spec["colour"], place, spec["styles"], span)
         samples: Look = {"name": motion.label, "time": motion.time, "lw": line_width(motion)}
         seen = scene.add(motion.G, colours, code, **samples)
         shown = np.where(boxed(motion.G, scene.reach), code, -1)
@@ -243,10 +244,10 @@ def arm(
 
 def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], plane: str) -> None:
     """The hodographs projected onto the plane of two body axes."""
-    i, j = int(plane[1]) - 1, int(plane[3]) - 1
+    i, j, span = int(plane[1]) - 1, int(plane[3]) - 1, time_span(motions)
     for place, motion in enumerate(motions):
         points = motion.G[:, [i, j]]
-        shades = palette(motion, spec["colour"], place, spec["styles"])
+        shades = palette(motion, spec["colour"], place, spec["styles"], span)
         plane_curve(axes, points, *shades, 0.8 * line_width(motion))
         mark_points(axes, points[[0, -1]], motion.at_crossings(points))
     axes.autoscale_view()
@@ -345,13 +346,15 @@ def draw_sphere(
         for line in [scene.add(circle, **look) for circle in circles]:
             on_sphere(axes, line, **look)
             lines.append(line)
+    motions = [curve.motion for curve in curves]
+    span = time_span(motions)
     # A single motion is named by its title.
     named = curves if len(curves) > 1 or is_trace else []
     for curve in curves:
         times = {"time": curve.motion.time}
         components = zip(curve.columns, curve.directions.T, strict=True)
         sheet.record(curve.label, times | dict(components))
-        colours, code = palette(curve.motion, spec["colour"], curve.style, spec["styles"])
+        colours, code = palette(curve.motion, spec["colour"], curve.style, spec["styles"], span)
         samples: Look = {"name": curve.label, "time": curve.motion.time, "lw": 1.1}
         points = scene.add(curve.directions, colours, code, **samples)
         for piece in stretches(code):
@@ -372,7 +375,6 @@ def draw_sphere(
         axes.text(*pair(free), curve.label, color=colour, zorder=8, **look)
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
     axes.set_axis_off()
-    motions = [curve.motion for curve in curves]
     # The curves of a sphere have their names beside them alone.
     handles = [] if by_case else colour_handles(sheet, [axes], motions, spec)
     if by_case and is_trace:
@@ -390,7 +392,7 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     across G."""
     motions = motions_of(cases, spec["cases"], spec["labels"])
     (axes,) = sheet.panels(COLUMN, 1.05 * COLUMN)
-    along_z, drawn = True, []
+    along_z, drawn, span = True, [], time_span(motions)
     for place, motion in enumerate(motions):
         omega = np.stack([motion[f"omega_space.{axis}"] for axis in SPACE_AXES], axis=-1)
         G = np.array([motion[f"G_space.{axis}"][0] for axis in SPACE_AXES])
@@ -401,7 +403,7 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
             motion.label,
             {"time": motion.time, **dict(zip(PLANE, points.T, strict=True))},
         )
-        colours, code = palette(motion, spec["colour"], place, spec["styles"])
+        colours, code = palette(motion, spec["colour"], place, spec["styles"], span)
         plane_curve(axes, points, colours, code, line_width(motion))
         mark_points(axes, points[[0, -1]], motion.at_crossings(points))
     axes.plot(0, 0, marker="+", ms=6, color=BLACK, ls="")
