@@ -212,7 +212,7 @@ LINES = [
          ".initial.p: expected a finite number, got '60 deg'; write 1.0471975511965976, "
          "in radians"),
         ("inertia: [1 kg, 1, 1]", 15,
-         ".inertia.0: expected a finite positive number, got '1 kg'; write 1"),
+         ".inertia.0: expected a finite positive number, got '1 kg'"),
         ("damping: 0,005", 14, ".damping: expected a finite number, got '0,005'; write 0.005"),
         ("damping: [0,005, 0,004, 0,003]", 14, ".damping: expected 3 numbers or one for all, got "
          "a list of 6; decimals are written with a point, as 1.5"),
@@ -292,6 +292,30 @@ def test_a_mistake_is_named_with_its_place(entry: str, column: int, message: str
     rest = [line for line in LINES if line.split(":")[0] != entry.split(":")[0]]
     text = "\n    ".join(["cases:\n  a:", entry, *rest]) + "\n"
     assert mistakes(text) == [f"x.yaml:3:{column}: cases.a{message}"]
+
+
+MEANT = {
+    "0,005": 0.005, "12,5": 12.5, "1,0005": 1.0005, "-1234,567": -1234.567, "1,5e3": 1500,
+    "1d-3": 1e-3, "2.5D3": 2500, "1,5d-3": 1.5e-3, "1_000": 1000, "-1_000_000.5": -1000000.5,
+    "60 deg": math.radians(60), "-20.5°": math.radians(-20.5),
+}  # fmt: skip
+"""Numbers as they are written elsewhere, of which no other number can be meant."""
+
+OPEN = ("1,000", "-12,345", "1,000,000", "1,000.5", "1 e3", "1e2.5", "2 pi", "5 min", "12h", "1 kg",
+        "0.5 rad/s", "1__0", "_1", "1_", "1,", "60 degrees", "0x10", "1e", "٣,٥", "1.2.3",
+        )  # fmt: skip
+"""Texts that may mean several numbers, or none."""
+
+
+@pytest.mark.parametrize("text", [*MEANT, *OPEN])
+def test_advice_on_a_number_has_the_value_that_is_meant(text: str) -> None:
+    with pytest.raises(HodoError) as error:
+        parse(f'cases:\n  a: {{{BODY}, time: {{end: 1}}, tol: "{text}"}}\n', "a.yaml")
+    advice = str(error.value).partition("; write ")[2]
+    if text in OPEN:
+        assert not advice
+    else:
+        assert document.read(advice.partition(",")[0], Mistakes("a.yaml")) == MEANT[text]
 
 
 def test_a_switch_takes_the_words_of_python_and_yaml_too() -> None:

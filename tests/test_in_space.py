@@ -388,7 +388,7 @@ def test_a_top_says_itself_where_it_points() -> None:
         ({"euler": [1, 0, 2]}, "the start is at a pole of the sequence ZXZ"),
         ({"euler": [1, "90 deg", 2], "sequence": "xyz"}, "the start is at a pole of the sequence"),
         ({"euler": [1, "90 deg", 2]}, ""),
-        ({"euler": [0, 20, 0]}, "euler: 20 is more than a turn: degrees are written as '20 deg'"),
+        ({"euler": [0, 60, 0]}, "euler: 60 is more than a turn: degrees are written as '60 deg'"),
         ({"euler": ["-360 deg", 1, 0]}, ""),
     ],
 )

@@ -305,10 +305,9 @@ def attitude_warnings(attitude: Any) -> list[str]:
     initial, euler, sequence = attitude["initial"], attitude["euler"], attitude["sequence"]
     if initial is not None and abs(math.hypot(*initial) - 1) > NORMED:
         return [f"the attitude at the start has length {math.hypot(*initial):.9g}: it is made 1"]
-    if euler is not None and max(map(abs, euler)) > 2 * math.pi:
-        return [
-            f"euler: {max(euler, key=abs):.9g} is more than a turn: degrees are written as '20 deg'"
-        ]
+    if euler is not None and abs(angle := max(euler, key=abs)) > 2 * math.pi:
+        words = f"{angle:.9g} is more than a turn: degrees are written as '{angle:.9g} deg'"
+        return [f"euler: {words}"]
     if euler is not None:
         pole = math.sin(euler[1]) if sequence[0] == sequence[2] else math.cos(euler[1])
         if abs(pole) <= NORMED:

@@ -304,15 +304,22 @@ class Number(Kind):
         return f"{'positive ' if self.above == 0 else ''}{self.word} {limits}".rstrip()
 
 
+IN_DEGREES = re.compile(r"([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?) ?(?:deg|°)", re.ASCII)
+OTHER_SPELLING = re.compile(r"[-+]?\d+(?:_\d+)*(?:\.\d*|,\d+)?(?:[eEdD][-+]?\d+)?", re.ASCII)
+THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}(?!\d)", re.ASCII)
+"""How numbers are written elsewhere; a comma before three digits may separate thousands."""
+
+
 def _advice(value: Any) -> str:
-    """How to write a number that was given with a decimal comma or a unit; or an empty string."""
-    number = re.fullmatch(r"([-+]?\d+([.,]\d+)?([eE][-+]?\d+)?) ?([^\W\d]\S*|°)?", str(value))
-    if not number or not isinstance(value, str):
+    """How to write a number that was given in degrees, with a decimal comma, with underscores or
+    with the exponent of Fortran; an empty string where it may mean another number."""
+    text = value if isinstance(value, str) else ""
+    if degrees := IN_DEGREES.fullmatch(text):
+        return f"; write {math.radians(float(degrees[1])):.17g}, in radians"
+    if not OTHER_SPELLING.fullmatch(text) or THOUSANDS.match(text):
         return ""
-    digits, unit = number[1].replace(",", "."), number[4]
-    if unit in ("deg", "°"):
-        return f"; write {math.radians(float(digits)):.17g}, in radians"
-    return f"; write {digits}" if unit or "," in value else ""
+    number = re.sub("[dD]", "e", text.replace("_", "").replace(",", "."))
+    return f"; write {number}" if number != text else ""
 
 
 class Integer(Number):
