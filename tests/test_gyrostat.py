@@ -189,8 +189,9 @@ def test_a_cell_of_the_plane_of_energy_and_momentum_has_one_label(width: float) 
         of_some = gyrostat.SaddleCurves.of(moments[None], h[None]).limited()
         some = np.arange(0, 1000, 10)
         curves = of_some.of_bodies(np.zeros(len(some), dtype=int))
-        for cell, i in zip(cells.cells_about(curves, falls[:, some], width).T, some, strict=True):
-            inside = cells.stays_within(np.repeat(cell[:, None], 1000, 1), steps)
+        about = cells.cells_about(curves, falls[:, some], width)
+        for cell, i in zip(np.moveaxis(about, -1, 0), some, strict=True):
+            inside = cells.stays_within(cell[..., None], steps)
             if inside[i]:
                 assert set(label[inside].tolist()) == {label[i]}, (moments, h, omega[i])
                 held += inside.sum()

@@ -504,12 +504,15 @@ def braked_leg(leg: int, others: Sequence[str], t: Any, y: Sequence[Any], k: Any
     """
     G, state = angular_momentum_of(y[:3], k), [*y]
     size = (G[0] * G[0] + G[1] * G[1] + G[2] * G[2]) ** 0.5
+    state[leg] = size / k.A1
+    onward = EventOutcome(float(t), None, state, t)
+    last = 2 * k.momentum_at_start / FALL ** (LEGS_WITH_ROTOR if hasattr(k, "h1") else LEGS)
+    if not size < last:
+        return onward
     extra = [*y[3:leg], *y[leg + 1 :]]
     force = coefficient_at(k, "brake", t) - torque_at_rest(others, t, extra, k)
-    last = 2 * k.momentum_at_start / FALL ** (LEGS_WITH_ROTOR if hasattr(k, "h1") else LEGS)
-    if not (force > 0 and size < last):
-        state[leg] = size / k.A1
-        return EventOutcome(float(t), None, state, t)
+    if not force > 0:
+        return onward
     details = stop_details(np.array(G, float), label_at_stop(np.array(y[:3], float), k))
     state[:3], state[leg] = (0 * size + x for x in resting(k)), 0 * size
     return EventOutcome(float(t + size / force), details, state, math.inf)

@@ -99,10 +99,11 @@ class SaddleCurves(NamedTuple):
         """|G|^2 (k,) at distances u (k,)."""
         return _total((self.rotor / self.factors(u)) ** 2)
 
-    def slope(self, u: np.ndarray) -> np.ndarray:
-        """The derivative (k,) of `square`."""
+    def square_and_slope(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same, and its derivatives (k,)."""
         e = self.factors(u)
-        return -2 * _total((self.rotor / e) ** 2 * self.ratio / e)
+        terms = (self.rotor / e) ** 2
+        return _total(terms), -2 * _total(terms * (self.ratio / e))
 
     def tangent(self, u: np.ndarray, square: np.ndarray) -> np.ndarray:
         """2T (k,) where |G|^2 = square (k,) on the tangent of the energy of a saddle, as a function
@@ -122,7 +123,7 @@ class SaddleCurves(NamedTuple):
         1/|G| is a concave function of u between two poles, and linear beside one. So the iteration
         rises from there to the root without fail, or passes the least |G| where there is none.
         """
-        square, slope = self.square(u), self.slope(u)
+        square, slope = self.square_and_slope(u)
         step = 2 * square * (np.sqrt(square) / momentum - 1) / slope
         return np.where((slope < 0) & (u < self.limit), u - step, np.nan)
 
@@ -150,7 +151,7 @@ class SaddleCurves(NamedTuple):
         low, high = np.zeros_like(self.limit), (1 - 2.0**-50) * self.limit
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
-            falls = self.slope(middle) < 0
+            falls = self.square_and_slope(middle)[1] < 0
             low, high = np.where(falls, middle, low), np.where(falls, high, middle)
         return self._replace(limit=high)
 

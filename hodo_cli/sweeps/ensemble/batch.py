@@ -124,9 +124,9 @@ class BatchState:
             elif columns.size and self.ensemble.event is not None:
                 self.note_candidates(self.ensemble.event, columns)
         # Behind the search for zeros in the same steps, since it changes their units.
-        for column in passed.tolist():
-            self.restart(column)
-        self.renew(passed)
+        if passed.size:
+            self.restart(passed)
+            self.renew(passed)
 
     def sample(self) -> None:
         """Enter the states at the sample times within the steps since the last pause: a sample is a
@@ -213,30 +213,35 @@ class BatchState:
         self.now[m, passed[~zeros.sure[first]]] = np.nan
         return np.asarray(passed[zeros.sure[first]])
 
-    def restart(self, column: int) -> None:
-        """Put a motion behind its passage of an event, in the case's own units."""
+    def restart(self, columns: np.ndarray) -> None:
+        """Put motions behind their passage of an event, in the case's own units."""
         e, m, event = self.ensemble, self.m, self.ensemble.passing
-        now, params = self.now[:, [column]], self.params[:, [column]]
-        (number,), size, _ = split_params(params)
-        end = float(params[END, 0])
-        state = rescaled(e.model, now[:m].T, size)
-        k = namespace(e.structure, e.constants[:, number].tolist())
         assert event is not None
         assert event.passage is not None
-        try:
-            passage = event.passage(float(times_of(now, params, m)[0]), state[0].tolist(), k)
-        except (ValueError, ArithmeticError):  # a step has led beyond the passage itself
-            self.now[m, column] = np.nan
-            return
-        if passage.details is not None:
-            occurrence = Occurrence(event.kind, passage.time, passage.details)
-            self.outcome.events.setdefault(int(number), []).append(occurrence)
-        onward = end if passage.onward is None else min(float(passage.onward), end)
-        self.now[:m, column], self.cells.rows[:, column] = passage.state, np.nan
-        self.now[m : m + 2, column] = exact_difference(end, onward)
-        self.params[1:STRIDE, column], self.params[SIZE:, column] = e.constants[:, number], 0
-        if onward == end:  # a step in the state of an end may lead anywhere
-            self.enter(np.array([column]))
+        now, params = self.now[:, columns], self.params[:, columns]
+        number, size, _ = split_params(params)
+        states, times = rescaled(e.model, now[:m].T, size), times_of(now, params, m)
+        constants, at_end = e.constants[:, number], []
+        # A passage is one of numbers: only what is done for all takes arrays.
+        rows = number, params[END], times, states, constants.T
+        for column, motion, end, time, state, numbers in zip(
+            columns.tolist(), *(row.tolist() for row in rows), strict=True
+        ):
+            try:
+                passage = event.passage(time, state, namespace(e.structure, numbers))
+            except (ValueError, ArithmeticError):  # a step has led beyond the passage itself
+                self.now[m, column] = np.nan
+                continue
+            if passage.details is not None:
+                occurrence = Occurrence(event.kind, passage.time, passage.details)
+                self.outcome.events.setdefault(motion, []).append(occurrence)
+            onward = end if passage.onward is None else min(float(passage.onward), end)
+            self.now[:m, column] = passage.state
+            self.now[m : m + 2, column] = exact_difference(end, onward)
+            if onward == end:  # a step in the state of an end may lead anywhere
+                at_end.append(column)
+        self.params[1:STRIDE, columns], self.params[SIZE:, columns] = constants, 0
+        self.enter(np.array(at_end, dtype=np.int64))
 
     def pause(self) -> None:
         """Drop the motions that are at their end, and renew units that no longer fit."""
@@ -269,7 +274,7 @@ class BatchState:
         columns = padded(going)
         self.now, self.params = (a.take(columns, axis=1) for a in (self.now, self.params))
         self.next = np.empty_like(self.now)
-        self.cells.rows = self.cells.rows.take(columns, axis=1)
+        self.cells.bounds = self.cells.bounds.take(columns, axis=-1)
         self.empty(len(going))
 
     def enter(self, columns: np.ndarray) -> None:
