@@ -135,6 +135,13 @@ CHECKS = [
     ("late", "{kind: axis, start: x1, end: x3}", "reproduced", 1),
     ("late", "{kind: axis, start: x3}", "contradicted", 0),
     ("late", "{kind: value, values: {turns: [9]}, within: 8}", "not tested", None),
+    ("late", "{kind: value, values: {area_largest: [0.5]}, within: 0.4}", "not tested", None),
+    ("late", "{kind: value, values: {crossings: [1]}, within: 0}", "reproduced", 0),
+    ("late", "{kind: value, values: {G: [1]}, at: start, within: 0.9}", "not tested", None),
+    ("late", "{kind: monotone, of: [G], sense: falls}", "not tested", None),
+    ("late", "{kind: conserved, of: [G], within: 0.9}", "not tested", None),
+    ("late", "{kind: bound, of: G, at: always, most: 9}", "not tested", None),
+    ("late", "{kind: bound, of: G, most: 9}", "reproduced", None),
     ("by-0-and-2, by-2-and-0",
      "{kind: average, variable: crossing_time, at: [{damping.0: 0}], most: 0}", "reproduced", 0),
     # Free motion goes round x3 twice; here G is damped away in less than a turn.

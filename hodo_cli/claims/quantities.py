@@ -70,6 +70,8 @@ def quantity(m: Motion, name: str) -> np.ndarray:
         if (missing := np.isnan(values)).any():
             raise NoNumber(f"{name} of {m.words} is no number at {m.time[missing.argmax()]:.6g}")
         return values
+    if name in READ_OFF_SAMPLES:
+        check_start(m)
     try:
         return np.array([NUMBERS[name](m)])
     except KeyError as missing:
@@ -77,9 +79,23 @@ def quantity(m: Motion, name: str) -> np.ndarray:
 
 
 def number(m: Motion, name: str, at: str = "end") -> float:
-    """A quantity that is one number; of one over time its first or last value. Raises as `quantity`
-    does."""
-    return float(quantity(m, name)[0 if at == "start" else -1])
+    """A quantity that is one number; of one over time its value at the start or at the end. Raises
+    as `quantity` and `course` do."""
+    return float(course(m, name)[0] if at == "start" else quantity(m, name)[-1])
+
+
+def course(m: Motion, name: str) -> np.ndarray:
+    """A quantity over time (n,) from the start of the motion on. Raises as `quantity` does, and
+    NoNumber where the samples begin later."""
+    if name not in NUMBERS:
+        check_start(m)
+    return quantity(m, name)
+
+
+def check_start(m: Motion) -> None:
+    """Raises NoNumber where the samples of a motion begin after its start."""
+    if m.time[0] > m.case.time.start:
+        raise NoNumber(f"the samples of {m.words} begin after its start, at {m.time[0]:.6g}")
 
 
 VISIBLE_MOMENTUM = 0.1
@@ -104,15 +120,11 @@ def most_turns(m: Motion, axis: int, least: float) -> float:
 
 def turns_at(m: Motion, moment: str) -> float:
     """The turns that G makes in the stretch of "start" or "end" about the axis that it encloses
-    there; 0 where it goes round no single axis.
-
-    Raises NoNumber where a crossing comes before the samples.
-    """
+    there; 0 where it goes round no single axis. Raises NoNumber as `check_start` does."""
+    if moment == "start":
+        check_start(m)
     i = 0 if moment == "start" else -1
-    label = m.labels_at_ends[i]
-    if label != m.labels[i]:
-        raise NoNumber(f"turns of {m.words} are not known: it crosses before its first sample")
-    axis = label - 1
+    axis = int(m.labels[i]) - 1
     return abs(swept_angle(m, axis, stretches_about(m, axis)[i])) if axis in range(3) else 0.0
 
 
@@ -186,3 +198,12 @@ NUMBERS: dict[str, Callable[[Motion], float]] = {
     "rebound_u3": rebound,
 }
 """What computes each of `claim_block.SINGLE_NUMBERS`."""
+
+READ_OFF_SAMPLES = {
+    "visible_turns_x1",
+    "visible_turns_x3",
+    "area_largest",
+    "area_smallest",
+    "rebound_u3",
+}
+"""Those of them that are read off the samples of the whole motion."""
