@@ -5,6 +5,7 @@ every result is an `xarray.Dataset`.
     ds = hodo.run({"model": "linear-diag", "inertia": [1, 0.8, 0.6], ...})
 """
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -32,7 +33,7 @@ from .results.dataset import (
     quantity_array,
     sweep_axes,
 )
-from .schema.kinds import Wrong, nearest
+from .schema.kinds import Wrong, nearest, shown
 from .sweeps.view import SweepView
 
 __all__ = ["Case", "derive", "open", "plot", "run", "sweep"]
@@ -77,20 +78,22 @@ def run(
     that is not installed, or if the file cannot be written. A case that fails has an
     `attrs["status"]` other than "ok".
     """
+    _check_jobs(jobs)
+    if not isinstance(classify, int):
+        raise _wrong("classify: expected True or False", classify)
+    path = None if to is None else _path("to: expected a name that ends with .h5", to)
     if is_one := isinstance(case, Case | Mapping | str) or not isinstance(case, Iterable):
         cases = [_case(case, name)]
     else:
         cases = [_case(item, f"{name}{i}") for i, item in enumerate(case, 1)]
     if any(case.sweep for case in cases):
         raise HodoError("sweep: this case is a sweep: use hodo.sweep")
-    _check_jobs(jobs)
     if not cases:
         return []
-    if to is None and is_one:
+    if path is None and is_one:
         return _integrated(cases[0], classify)
     with TemporaryDirectory(prefix="hodo-") as folder:
-        path = Path(folder) / "cases.h5" if to is None else Path(to)
-        datasets = _stored(cases, path, jobs, classify)
+        datasets = _stored(cases, path or Path(folder) / "cases.h5", jobs, classify)
     return datasets[0] if is_one else datasets
 
 
@@ -105,7 +108,7 @@ def _integrated(made: Case, classify: bool) -> xr.Dataset:
 def _stored(cases: Sequence[Case], path: Path, jobs: int, classify: bool) -> list[xr.Dataset]:
     """The datasets of cases that are run into a result file, as `hodo run` does it."""
     if path.suffix != ".h5":
-        raise HodoError(f"to: expected a name that ends with .h5, got {str(path)!r}")
+        raise _wrong("to: expected a name that ends with .h5", str(path))
     named = {case.name: case for case in cases}
     if len(named) < len(cases):
         raise HodoError("two of the cases have one name: make each a Case with its own")
@@ -117,9 +120,24 @@ def _stored(cases: Sequence[Case], path: Path, jobs: int, classify: bool) -> lis
     return [results[name] for name in named]
 
 
+def _wrong(what_is_right: str, value: object) -> HodoError:
+    """The error of an argument, in one line whatever its value is."""
+    return HodoError(f"{what_is_right}, got {shown(value)}")
+
+
 def _check_jobs(jobs: int) -> None:
     if not isinstance(jobs, int) or jobs < 1:
-        raise HodoError(f"jobs: expected a whole number >= 1, got {jobs!r:.80}")
+        raise _wrong("jobs: expected a whole number >= 1", jobs)
+
+
+def _path(what_is_right: str, name: str | Path) -> Path:
+    """The path that an argument names. Raises HodoError if no file can have that name."""
+    try:
+        if b"\0" not in os.fsencode(path := Path(name)):
+            return path
+    except (TypeError, ValueError):
+        pass
+    raise _wrong(what_is_right, name)
 
 
 def sweep(case: Given, *, name: str = "sweep", jobs: int = 1) -> xr.Dataset:
@@ -148,7 +166,7 @@ def open(path: str | Path) -> StoredCases:
 
     Raises HodoError if the file is missing, damaged, or no result of hodo.
     """
-    return cases_of_file(Path(path))
+    return cases_of_file(_path("expected the name of a result file", path))
 
 
 def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **keys: Any) -> Figure:
@@ -159,11 +177,12 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
     """
     several = [data] if isinstance(data, xr.Dataset) or not isinstance(data, Iterable) else [*data]
     if not several or not all(isinstance(item, xr.Dataset) for item in several):
-        raise HodoError(f"expected a dataset or several, as run gives them, got {data!r:.80}")
+        raise _wrong("expected a dataset or several, as run gives them", data)
     cases = _named(several)
     # A sketch of quadrants draws bodies and takes no cases.
-    cases_key = {"cases": list(cases)} if "cases" in FIGURE_KINDS.get(kind, {}) else {}
-    spec, mistakes = FIGURE.check_keys({"kind": kind, **cases_key, **plain(keys)})
+    keys_of_kind = FIGURE_KINDS.get(kind, {}) if isinstance(kind, str) else {}
+    cases_key = {"cases": list(cases)} if "cases" in keys_of_kind else {}
+    spec, mistakes = FIGURE.check_keys({**cases_key, **plain({"kind": kind, **keys})})
     if mistakes := [*mistakes, *check_figure(spec)]:
         raise HodoError(str(Wrong(*mistakes)))
     return draw(spec, cases, rc=user_parameters()).figure
@@ -175,6 +194,10 @@ def derive(data: xr.Dataset, *names: str) -> xr.Dataset:
 
     Raises HodoError for a name that is no quantity, or one that the dataset lacks variables for.
     """
+    if not isinstance(data, xr.Dataset):
+        raise _wrong("expected a dataset, as run or sweep gives it", data)
+    if strange := [name for name in names if not isinstance(name, str)]:
+        raise _wrong("expected the name of a quantity", strange[0])
     owner = SweepView.of("sweep", data) if sweep_axes(data) else motion_from(data, "case")
     if strange := [name for name in names if name not in DERIVED]:
         raise HodoError(
@@ -191,11 +214,7 @@ def derive(data: xr.Dataset, *names: str) -> xr.Dataset:
 
 
 def _case(case: Given, name: str) -> Case:
-    if isinstance(case, Case):
-        return case
-    if not isinstance(case, Mapping):
-        raise HodoError(f"expected a Case or a mapping of its keys to values, got {case!r:.80}")
-    return Case.of(case, name)
+    return case if isinstance(case, Case) else Case.of(case, name)
 
 
 def _named(several: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:

@@ -1,8 +1,11 @@
 """The Python interface: cases in, datasets out; light until it is used."""
 
+import contextlib
+import math
 import runpy
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -329,7 +332,7 @@ def test_a_wrong_argument_says_what_is_right(tmp_path: Path, hodo: Hodo) -> None
     for data in (3, [3]):
         with pytest.raises(HodoError, match="expected a dataset or several"):
             api.plot(data)  # type: ignore[arg-type]
-    with pytest.raises(HodoError, match=r"expected a dataset or several, .* got \[\]"):
+    with pytest.raises(HodoError, match=r"expected a dataset or several, .* got a list of 0"):
         api.plot([])
     with pytest.raises(HodoError, match=r"Case\.of makes a case of a mapping"):
         api.Case(FIG4)  # type: ignore[call-arg, arg-type]
@@ -407,6 +410,34 @@ def test_a_case_that_is_not_in_a_file_is_named_with_those_that_are(
         opened["nix"]
     assert "nix" not in opened
     assert opened.get("nix") is None
+
+
+VALUES = [None, 3, 2.5, True, "x", b"x", ["x"], [], {}, {"x": 1}, {1: 2}, Path("x"), object(), (),
+          np.zeros(3), math.nan, 1j, {"x"}, iter([1]), len, "\ud800", "a\0b"]  # fmt: skip
+SERIES = {"kind": "series", "variables": ["G"], "labels": ["a"], "span": [0, 1], "title": "a",
+          "panels": "variable", "style": {"width": 80}, "styles": ["blue"]}  # fmt: skip
+
+
+@pytest.mark.parametrize("function", ["of", "run", "sweep", "open", "plot", "derive"])
+def test_an_argument_of_a_wrong_type_is_one_error(function: str, tmp_path: Path) -> None:
+    """Whatever it is: of every argument of every public function."""
+    case = FIG4 | {"time": {"end": 1, "samples": 3}}
+    data = api.run(case)
+    swept = case | {"sweep": {"damping.2": {"values": [0.1]}}}
+    arguments: dict[str, tuple[Callable[..., object], dict[str, Any]]] = {
+        "of": (Case.of, {"entries": case, "name": "a"}),
+        "run": (api.run, {"case": case, "name": "a", "classify": True, "jobs": 1, "to": None}),
+        "sweep": (api.sweep, {"case": swept, "name": "a", "jobs": 1}),
+        "open": (api.open, {"path": tmp_path / "a.h5"}),
+        "plot": (api.plot, {"data": data} | SERIES),
+        "derive": (lambda data, name: api.derive(data, name), {"data": data, "name": "T"}),
+    }
+    call, given = arguments[function]
+    with contextlib.chdir(tmp_path):
+        for name in given:
+            for value in [*VALUES, data, [data]]:
+                with contextlib.suppress(HodoError):
+                    call(**{**given, name: value})
 
 
 @pytest.mark.parametrize("jobs", [0, -1, "2", 1.5])

@@ -28,6 +28,7 @@ from ..schema.kinds import (
     Wrong,
     WrongKey,
     check_keys,
+    expected,
     other_word,
     shown,
     unknown,
@@ -151,7 +152,7 @@ class Case:
         Raises HodoError, one line for each mistake: the key, and what is right.
         """
         try:
-            return checked_case(name, Block(plain(entries)))
+            return checked_case(name, block_of(entries))
         except Wrong as error:
             raise HodoError(str(error)) from None
 
@@ -243,6 +244,13 @@ def noted_case(
     except Wrong as error:
         note(error.mistakes, block, label, place, mistakes)
     return None
+
+
+def block_of(entries: Any) -> Block:
+    """The keys of a case as a program gives them. Raises Wrong if they are no mapping."""
+    if not isinstance(entries, Mapping):
+        raise expected("a Case or a mapping of its keys to values", entries)
+    return Block(plain(entries))
 
 
 def checked_case(name: Any, block: Block) -> Case:

@@ -207,11 +207,13 @@ TIME_KEYS = {
 COLOUR = "what the colour of the curve shows; the axis is known once `hodo classify` has run"
 ZOOM = "adds a panel that shows the neighbourhood of the origin up to this size"
 
+SOME_NAMES = ListOf(Text(), alone=True, title=NAMES.title)
+
 INSET = Table(
     {
         "panel": Key(Text(), "panel that holds it: a variable or, with `panels: case`, a case"),
         "case": Key(Text(), "case drawn in it"),
-        "variables": Key(NAMES, "variables drawn in it"),
+        "variables": Key(SOME_NAMES, "variables drawn in it"),
         "span": Key(INTERVAL, "part of the time axis drawn (default: all)", "time", None),
         "box": Key(
             vector(4),
@@ -297,7 +299,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
     | TIME_KEYS
     | {
         "variables": Key(
-            NAMES, "variables of the result, components such as `omega.x1`, or `D/2T`"
+            SOME_NAMES, "variables of the result, components such as `omega.x1`, or `D/2T`"
         ),
         "panels": Key(
             Choice("variable", "case"),

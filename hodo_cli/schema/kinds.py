@@ -184,13 +184,13 @@ LONGEST_SEARCHED = 40
 have a thousand names, each compared with another thousand."""
 
 
-def nearest(name: str, valid: Iterable[str]) -> str:
+def nearest(name: str, valid: Collection[str]) -> str:
     """'; did you mean ...?', or nothing when no name is near."""
     spelling = near(name, valid)
     return "" if spelling is None else f"; did you mean {spelling!r}?"
 
 
-def near(name: str, valid: Iterable[str]) -> str | None:
+def near(name: str, valid: Collection[str]) -> str | None:
     """The name that is nearest, or None if none is near: in a long list, one letter off."""
     folded = {option.casefold(): option for option in valid}
     name = name[:200].casefold()
@@ -204,7 +204,7 @@ def near(name: str, valid: Iterable[str]) -> str | None:
     return folded[close[0]] if close else None
 
 
-def other_word(name: str, valid: Iterable[str]) -> str:
+def other_word(name: str, valid: Collection[str]) -> str:
     """The valid name that a text or another program would call by this one, or ""."""
     return next((word for word in OTHER_WORDS.get(name.lower(), ()) if word in valid), "")
 
