@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from drawings import Drawings, drawings_of
+from matplotlib.collections import LineCollection
 
 from hodo_cli import HodoError, derive
 
@@ -26,6 +27,10 @@ cases:
     {model: Lagrange-averaged, form: full, inertia: {A: 1.5, C: 1}, epsilon: 0.1, mu: 0.5,
      a: [0.1, 1], b: [0.1, 1], attitude: yes, initial: {theta: 60 deg, r: 1.7}, time: {end: 1},
      sweep: {initial.theta: {values: [30 deg, 60 deg]}, mu: {values: [0.3, 0.5]}}}
+  back: {model: tensor, resistance: {diagonal: 0.005, off_diagonal: 0.005}, attitude: yes,
+         initial: {p: 0.5, q: 0.25, G: 1}, time: {end: 500, samples: 5001}}
+  again: {model: tensor, resistance: {diagonal: 0.005, off_diagonal: 0.005}, attitude: yes,
+          initial: {p: 0.5, q: 0.2501, G: 1}, time: {end: 500, samples: 5001}}
   kicked: {model: torques, damping: 0.003, brake: 0.02, attitude: yes,
            time: {end: 100, unit: s}}
 figures:
@@ -42,6 +47,7 @@ figures:
   ends: {kind: hodograph, cases: [round-x1, crossing], zoom: 0.9, projections: [x1x2]}
   sides: {kind: invariants, cases: [round-x1, crossing]}
   regions: {kind: quadrants, cases: [round-x1, crossing]}
+  across: {kind: herpolhode, cases: [back, again]}
   alone: {kind: hodograph, cases: [crossing]}
   times: {kind: map, cases: [grown], variable: crossing_time, x: damping.0, y: initial.q}
   lines: {kind: curve, cases: [grown], variable: crossing_time, x: damping.0, by: initial.q}
@@ -106,14 +112,33 @@ def test_words_of_quadrants_stay_in_their_panels_and_regions(drawn: Drawings, wi
     figure.draw_without_rendering()
     for axes in figure.axes:
         assert axes.get_xlabel() == "$p^2$ [1/s$^{2}$]"
-        assert len(axes.texts) == 4
-        for box in boxes(axes.texts):
+        assert [text.get_text()[0] for text in axes.texts] == ["A", "B"]
+        for text, box in zip(axes.texts, boxes(axes.texts), strict=True):
             assert axes.bbox.x0 <= box.x0 < box.x1 <= axes.bbox.x1
-        for name in axes.texts[2:]:
-            D = derive(drawn.cases[name.get_text()], "D").D.values[0]
-            x, y = name.get_position()
             # D > 0 is below the diagonal.
-            assert (x > y) == (D > 0)
+            assert (text.xy[0] > text.xy[1]) == (text.get_text()[0] == "A")
+
+
+def test_curves_on_one_side_of_the_quadrants_differ_in_line_and_are_in_the_legend(
+    drawn: Drawings,
+) -> None:
+    sheet = drawn.draw("regions", cases=("slow", "fast"))
+    lines = {str(line.get_label()): line for line in sheet.legend}
+    curves = [x for x in sheet.figure.axes[0].collections if isinstance(x, LineCollection)]
+    (solid,), (dashed,) = (curve.get_linestyles() for curve in curves)
+    assert solid[1] is None
+    assert dashed[1]
+    assert curves[0].get_colors()[0].tolist() == curves[1].get_colors()[0].tolist()
+    assert lines["slow"].get_linestyle() == "-" != lines["fast"].get_linestyle()
+
+
+def test_crossings_of_two_cases_that_lie_together_are_numbered_once(drawn: Drawings) -> None:
+    """In a herpolhode, where the numbers of one case fell on those of the other."""
+    pair = drawn.draw("across")
+    numbers = [text for text in pair.figure.axes[0].texts if text.get_text()[0].isdigit()]
+    pair.figure.draw_without_rendering()
+    assert numbers
+    assert not any(a.overlaps(b) for a, b in combinations(boxes(numbers), 2))
 
 
 def test_the_level_of_a_map_has_its_unit(drawn: Drawings) -> None:
@@ -148,10 +173,9 @@ def test_bodies_on_a_sphere_have_their_separatrices_in_their_colours(drawn: Draw
     assert "separatrix, $D = 0$" in legend(drawn.draw("ball", cases=("crossing", "round-x1")))
 
 
-@pytest.mark.parametrize(("figure", "panels"), [("ends", 3), ("regions", 1)])
-def test_cases_whose_colours_show_axes_are_named(drawn: Drawings, figure: str, panels: int) -> None:
-    axes = drawn.draw(figure).figure.axes
-    assert len(axes) == panels
+def test_cases_whose_colours_show_axes_are_named(drawn: Drawings) -> None:
+    axes = drawn.draw("ends").figure.axes
+    assert len(axes) == 3
     for panel in axes:
         names = [text.get_text() for text in panel.texts]
         assert {"round-x1", "crossing"} <= {*names}

@@ -4,7 +4,8 @@ the parameters of matplotlib, and the size, scales, legend and letters of drawn 
 import math
 import re
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from itertools import chain, repeat
 from pathlib import Path
 from string import ascii_lowercase
 from typing import Any
@@ -25,7 +26,7 @@ from ..cases.figure_block import COLOUR_NAMES, LINE_NAMES
 from ..results.motion import Motion
 from ..schema.kinds import unknown
 from ..text import abridged
-from .geometry import no_regions, places_beside, stretches, windings
+from .geometry import places_beside, stretches, windings
 from .sheet import Look, Sheet, text_lines, text_size, text_width
 
 COLUMN, PAGE = 84 / 25.4, 174 / 25.4
@@ -198,25 +199,26 @@ def time_span(motions: Sequence[Motion]) -> tuple[float, float]:
     return min(motion.time[0] for motion in motions), max(motion.time[-1] for motion in motions)
 
 
-def palette(
-    motion: Motion,
-    colour: str,
-    index: int,
-    style_names: Sequence[str] = (),
-    span: tuple[float, float] = (0.0, 0.0),
-) -> tuple[np.ndarray, np.ndarray]:
-    """Colours (m, 3), and the index in them of each sample's colour (n,): by time within a span, by
-    enclosed axis, or the one colour of a case, whose number among the cases is `index`."""
+def palettes(
+    motions: Sequence[Motion], spec: Mapping[str, Any]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """For each motion of a figure colours (m, 3), and the index in them of each sample's colour
+    (n,): by time, by enclosed axis, or the one colour of its case."""
+    colour = spec.get("colour", "axis")
     if colour == "time":
         colours = np.asarray(hues(TIME_COLOURS, CURVE_END).colors)[:, :3]
-        share = (motion.time - span[0]) / (span[1] - span[0] or 1.0)
-        return colours, (share * (TIME_COLOURS - 1)).astype(int)
+        first, last = time_span(motions)
+        shares = [(motion.time - first) / (last - first or 1.0) for motion in motions]
+        return [(colours, (share * (TIME_COLOURS - 1)).astype(int)) for share in shares]
     if colour == "axis":
         labels = sorted(AXIS_COLOUR)
-        codes = np.searchsorted(labels, labels_of(motion))
-        return np.array([to_rgb(AXIS_COLOUR[label]) for label in labels]), codes
-    look = styles(index + 1, style_names)[index]
-    return np.array([to_rgb(look["color"])]), np.zeros(len(motion.time), dtype=int)
+        colours = np.array([to_rgb(AXIS_COLOUR[label]) for label in labels])
+        return [(colours, np.searchsorted(labels, labels_of(motion))) for motion in motions]
+    looks = zip(motions, styles(len(motions), spec["styles"]), strict=True)
+    return [
+        (np.array([to_rgb(look["color"])]), np.zeros(len(motion.time), dtype=int))
+        for motion, look in looks
+    ]
 
 
 def labels_of(motion: Motion) -> np.ndarray:
@@ -225,12 +227,16 @@ def labels_of(motion: Motion) -> np.ndarray:
 
 
 def mark_points(
-    axes: Axes, ends: np.ndarray, crossings: np.ndarray, frame: np.ndarray | None = None
+    axes: Axes,
+    ends: Sequence[np.ndarray],
+    crossings: Sequence[np.ndarray],
+    frame: np.ndarray | None = None,
 ) -> None:
-    """Mark start and end (2, 2) and crossings (m, 2) of a curve, where they lie in a frame (2, 2)
-    if there is one."""
+    """Mark start and end (2, 2) and crossings (m, 2) of each of some curves, where they lie in a
+    frame (2, 2) if there is one."""
     number_marks(axes, crossings, frame)
-    for style, points in ((START, ends[:1]), (END, ends[1:]), (CROSSING, crossings)):
+    starts, stops = np.stack(ends, axis=1)
+    for style, points in ((START, starts), (END, stops), (CROSSING, np.concatenate(crossings))):
         shown = points[in_frame(frame, points)]
         (marks,) = axes.plot(shown[:, 0], shown[:, 1], **style, zorder=6, clip_on=False)
         # They may stick out of their panel; the layout would make room for them.
@@ -241,22 +247,25 @@ NUMBER_ROOM = 0.04
 """The part of a panel that a number takes, about 8 points of 200."""
 
 
-def number_marks(axes: Axes, crossings: np.ndarray, frame: np.ndarray | None = None) -> None:
-    """Give each of several crossings (m, 2) its number in time; the numbers of those that lie too
-    close together for it stand beside the outermost of them, where they hide no mark."""
+def number_marks(
+    axes: Axes, crossings: Sequence[np.ndarray], frame: np.ndarray | None = None
+) -> None:
+    """Give each of several crossings (m, 2) of a curve its number in time; the numbers of those
+    that lie too close together for it stand beside the outermost of them, where they hide no
+    mark."""
     size = np.asarray(axes.dataLim.size if frame is None else np.ptp(frame, axis=1))
-    numbers: dict[int, list[int]] = {}
-    for i, point in enumerate(crossings if len(crossings) > 1 else []):
-        apart = {k: math.dist(point, crossings[k]) for k in numbers}
-        place = next((k for k in apart if apart[k] < NUMBER_ROOM * max(size)), i)
-        numbers.setdefault(place, []).append(i)
+    numbered = (enumerate(points, 1) for points in crossings if len(points) > 1)
+    together: dict[tuple[float, ...], list[tuple[int, np.ndarray]]] = {}
+    for number, point in chain.from_iterable(numbered):
+        near = (place for place in together if math.dist(point, place) < NUMBER_ROOM * max(size))
+        together.setdefault(next(near, tuple(point)), []).append((number, point))
     look: Look = {"textcoords": "offset points", "size": "x-small", "path_effects": HALO}
-    for together in numbers.values():
+    for marks in together.values():
         # Upper right, as the numbers stand of it; a variable that is constant puts none there.
         scale = np.where(size > 0, size, np.inf)
-        point = crossings[together[int(np.argmax((crossings[together] / scale).sum(axis=1)))]]
+        point = max((point for _, point in marks), key=lambda place: float(sum(place / scale)))
         if in_frame(frame, point):
-            text = ", ".join(abridged([str(i + 1) for i in together], 6))
+            text = ", ".join(abridged([*map(str, sorted({number for number, _ in marks}))], 6))
             note = axes.annotate(text, pair(point), (3, 3), zorder=7, **look)
             note.set_in_layout(False)
 
@@ -345,17 +354,39 @@ def colour_handles(
     return []
 
 
-def plane_curve(
-    axes: Axes, points: np.ndarray, colours: np.ndarray, code: np.ndarray, width: float
+def crossings_on(motions: Sequence[Motion], curves: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """The crossings (m, k) on the curves (n, k) of motions."""
+    pairs = zip(motions, curves, strict=True)
+    return [motion.at_crossings(curve) for motion, curve in pairs]
+
+
+def plane_curves(
+    axes: Axes,
+    spec: Mapping[str, Any],
+    motions: Sequence[Motion],
+    curves: Sequence[np.ndarray],
+    crossings: Sequence[np.ndarray],
+    frame: np.ndarray | None = None,
 ) -> None:
-    """A plane curve (n, 2) in colours[code]."""
-    segments = stretches(code)
-    shades = [colours[code[segment.start]] for segment in segments]
-    axes.add_collection(
-        LineCollection(
-            [points[segment] for segment in segments], colors=shades, linewidths=width, alpha=0.85
+    """The curves (n, 2) of motions in a plane with their marks, at crossings (m, 2) too; in a frame
+    (2, 2) of the plane, or in a panel that shows all."""
+    # Where colours show no cases, in the quadrants, lines do.
+    lines = [look["ls"] for look in styles(len(motions))] if "colour" not in spec else repeat("-")
+    drawn = zip(motions, curves, palettes(motions, spec), lines, strict=False)
+    for motion, points, (colours, code), line in drawn:
+        segments = stretches(code)
+        axes.add_collection(
+            LineCollection(
+                [points[segment] for segment in segments],
+                colors=[colours[code[segment.start]] for segment in segments],
+                linewidths=0.8 * line_width(motion),
+                linestyles=line,
+                alpha=0.85,
+            )
         )
-    )
+    mark_points(axes, [points[[0, -1]] for points in curves], crossings, frame)
+    if frame is None:
+        axes.autoscale_view()
 
 
 def filled(label: str, length: float) -> str:
@@ -393,7 +424,6 @@ def name_curves(
     spec: Mapping[str, Any],
     frame: np.ndarray | None = None,
     taken: Sequence[np.ndarray] = (),
-    region: Callable[[np.ndarray], np.ndarray] = no_regions,
 ) -> None:
     """Name the curves (n, 2 or 3) of several motions beside them, within a frame (2, 2) or their
     panel, where their colours show something else than which motion they are of; the names keep
@@ -408,7 +438,7 @@ def name_curves(
     )
     shown = [curve[(np.abs(curve) <= 1).all(axis=1)] for curve in flat]
     named = [i for i, curve in enumerate(shown) if len(curve)]
-    places = places_beside([shown[i] for i in named], others, norm=math.inf, region=region)
+    places = places_beside([shown[i] for i in named], others, norm=math.inf)
     for i, place in zip(named, places, strict=True):
         look: Look = {"ha": "center", "va": "center", "path_effects": HALO, "zorder": 8}
         # Half the width of a long name is more than its distance from the edge.

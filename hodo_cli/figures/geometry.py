@@ -2,7 +2,7 @@
 Numbers only."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -59,22 +59,16 @@ RIM = 0.93
 within."""
 
 
-def no_regions(points: np.ndarray) -> np.ndarray:
-    """The one region of points (..., 2) or (..., 3) in view where there are no several."""
-    return np.zeros(points.shape[:-1])
-
-
 def places_beside(
     curves: Sequence[np.ndarray],
     lines: Sequence[np.ndarray],
     away: float = 0.09,
     norm: float = 2,
-    region: Callable[[np.ndarray], np.ndarray] = no_regions,
 ) -> Iterator[np.ndarray]:
     """For each curve in view (n, 3) a place (2,) for its name: `away` from its point farthest from
     the others, on the reader's side if it can be, and on the side of that point where no curve,
     none of the other lines (n, 3), and no name of another curve is near. The names stay within a
-    circle or, by the norm `inf`, a square, and in the region (a number) of that point.
+    circle or, by the norm `inf`, a square.
     """
     # 200 points of each curve place a name as well as 20,000 would.
     thinned = [curve[:: max(1, len(curve) // 200)] for curve in curves]
@@ -90,7 +84,6 @@ def places_beside(
         others = np.concatenate([*thinned[:i], *thinned[i + 1 :]] or [curve[:1]])
         point = near[clearest(others, near), :2]
         around = point + ring
-        around = around[region(around) == region(point)]
         size = np.linalg.norm(around, norm, axis=1)
         inside = around[size <= max(RIM, size.min())]
         place = inside[clearest(taken, inside)]

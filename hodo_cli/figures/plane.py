@@ -36,14 +36,12 @@ from .artists import (
     axis_handles,
     axis_label,
     case_handles,
-    line_width,
+    crossings_on,
     mark_handles,
     mark_points,
-    name_curves,
     of_other_body,
     pair,
-    palette,
-    plane_curve,
+    plane_curves,
     room_across,
     styles,
     symbol,
@@ -66,47 +64,43 @@ def of_one_body(motions: list[Motion]) -> list[Motion]:
 def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """p^2 against K r^2, with the regions A (D > 0) and B (D < 0)."""
     motions, zoom = of_one_body(motions_of(cases, spec["cases"], spec["labels"])), spec["zoom"]
-    points = {motion.name: motion.quadrants for motion in motions}
-    for motion in motions:
-        p, r = "pqr"[motion.order[0]], "pqr"[motion.order[2]]
-        across, up = points[motion.name].T
+    curves = [motion.quadrants for motion in motions]
+    p, r = "pqr"[motions[0].order[0]], "pqr"[motions[0].order[2]]
+    for motion, (across, up) in zip(motions, (curve.T for curve in curves), strict=True):
         sheet.record(motion.label, {"time": motion.time, f"{p}^2": across, f"K {r}^2": up})
     others = motions_of(cases, spec["scale_cases"])
-    shown = [*points.values(), *(motion.quadrants for motion in others)]
+    shown = [*curves, *(motion.quadrants for motion in others)]
     limits = [1.05 * max(float(curve.max()) for curve in shown) or 1.0]
+    # They lie on the diagonal; interpolation between samples may leave it a little.
+    crossings = [
+        np.repeat(crossed.mean(axis=-1, keepdims=True), 2, axis=-1)
+        for crossed in crossings_on(motions, curves)
+    ]
     if zoom is not None:
-        check_zoom(zoom, min(float(curve.max(axis=1).min()) for curve in points.values()))
+        check_zoom(zoom, min(float(curve.max(axis=1).min()) for curve in curves))
         limits.append(zoom)
     size = (COLUMN, 1.1 * COLUMN) if zoom is None else (PAGE, 0.55 * PAGE)
     panels = sheet.panels(*size, len(limits), len(limits))
     for axes, limit in zip(panels, limits, strict=True):
         frame = np.array([[0, limit], [0, limit]])
-        drawn = np.concatenate([*points.values()])
-        centres = regions(axes, motions[0], limit, drawn, axes is not panels[0])
-        for index, motion in enumerate(motions):
-            curve = points[motion.name]
-            plane_curve(axes, curve, *palette(motion, "axis", index), 0.8 * line_width(motion))
-            # A crossing lies on the diagonal; interpolation between samples may leave it a little.
-            on_line = np.repeat(motion.at_crossings(curve).mean(axis=-1, keepdims=True), 2, axis=-1)
-            mark_points(axes, curve[[0, -1]], on_line, frame)
-        # On their own side of the diagonal.
-        name_curves(
-            axes, [*points.values()], motions, spec, frame, [centres],
-            region=lambda places: places[..., 0] > places[..., 1],
-        )  # fmt: skip
+        regions(axes, motions[0], limit, np.concatenate(curves), axes is not panels[0])
+        plane_curves(axes, spec, motions, curves, crossings, frame)
     if zoom is not None:
         panels[1].set(title="enlarged")
         # Its small values are long words, for which there is little room side by side.
         panels[1].locator_params(nbins=5)
-    sheet.legend = axis_handles(motions) + mark_handles(motions, spec["time"], zoom is not None)
+    lines = case_handles([motion.label for motion in motions]) if len(motions) > 1 else []
+    for line in lines:  # their colours are those of the axes
+        line.set_color(GREY)
+    marks = mark_handles(motions, spec["time"], zoom is not None)
+    sheet.legend = axis_handles(motions) + lines + marks
 
 
 def regions(
     axes: Axes, motion: Motion, limit: float, points: np.ndarray, is_enlarged: bool
-) -> np.ndarray:
-    """The regions A and B below and above the diagonal, shaded and named, up to a limit; the names,
-    whose centres (2, 2) it returns, keep clear of the points (n, 2) that are drawn.
-    """
+) -> None:
+    """The regions A and B below and above the diagonal, shaded and named, up to a limit; the names
+    keep clear of the points (n, 2) that are drawn."""
     width = room_across(axes)
     words_half = text_width("A (about $x_1$)", text_size("font.size")) / 2 / width
     # In a narrow panel, or an enlarged one, whose curves lie wide apart, a letter finds its place.
@@ -128,18 +122,15 @@ def regions(
     side, room = candidates[:, 0] - candidates[:, 1], half + 0.05
     # The farther from the diagonal the better, if the name has some room beside the curves.
     farthest = np.argsort(-np.abs(side), kind="stable")
-    centres = []
     for name, axis, sign in (("A", largest, 1), ("B", smallest, -1)):
         inside = candidates[farthest][sign * side[farthest] > room]
         centre = inside[clearest(points / limit, inside, half + 0.06)]
         axes.annotate(form.format(name, axis + 1), pair(centre), ha="center", va="center", **look)
-        centres.append(limit * centre)
     p, r = "pqr"[largest], "pqr"[smallest]
     axes.set(
         xlabel=f"${p}^2$ {unit(motion, 'omega', 2)}", ylabel=f"$K{r}^2$ {unit(motion, 'omega', 2)}"
     )
     axes.set(xlim=(0, limit), ylim=(0, limit), aspect="equal")
-    return np.array(centres)
 
 
 def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
@@ -411,12 +402,13 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """One variable against another."""
     motions, x, y = motions_of(cases, spec["cases"], spec["labels"]), spec["x"], spec["y"]
     (axes,) = sheet.panels(COLUMN, 0.9 * COLUMN)
-    for motion, style in zip(motions, styles(len(motions), spec["styles"]), strict=True):
-        across, up = motion[x], motion[y]
-        sheet.record(motion.label, {"time": motion.time, x: across, y: up})
-        axes.plot(across, up, **style)
-        points = np.stack([across, up], axis=-1)
-        mark_points(axes, points[[0, -1]], motion.at_crossings(points))
+    curves = [np.stack([motion[x], motion[y]], axis=-1) for motion in motions]
+    for motion, curve, look in zip(
+        motions, curves, styles(len(motions), spec["styles"]), strict=True
+    ):
+        sheet.record(motion.label, {"time": motion.time, x: curve[:, 0], y: curve[:, 1]})
+        axes.plot(*curve.T, **look)
+    mark_points(axes, [curve[[0, -1]] for curve in curves], crossings_on(motions, curves))
     axes.set(xlabel=axis_label(x, motions[0]), ylabel=axis_label(y, motions[0]))
     axes.margins(0.06)
     if vector_of(x) and vector_of(x) == vector_of(y):

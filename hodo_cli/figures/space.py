@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from .artists import (
     axis_label,
     case_handles,
     colour_handles,
+    crossings_on,
     heading,
     line_width,
     mark_handles,
@@ -37,10 +39,9 @@ from .artists import (
     name_curves,
     number_marks,
     pair,
-    palette,
-    plane_curve,
+    palettes,
+    plane_curves,
     styles,
-    time_span,
     unit,
 )
 from .geometry import (
@@ -144,10 +145,12 @@ def space(
     page."""
     cut = scene.reach is not None
     body_axes(axes, scene, reach)
-    near, views, span = float(np.ptp(frame)) / 2, dict[int, np.ndarray](), time_span(motions)
+    near, views = float(np.ptp(frame)) / 2, dict[int, np.ndarray]()
+    ends, crossings = list[np.ndarray](), list[np.ndarray]()
+    shades = palettes(motions, spec)
     # The longest curve first, so that it does not bury the short ones.
     for place, motion in sorted(enumerate(motions), key=lambda item: -windings(item[1].G)):
-        colours, code = palette(motion, spec["colour"], place, spec["styles"], span)
+        colours, code = shades[place]
         samples: Look = {"name": motion.label, "time": motion.time, "lw": line_width(motion)}
         seen = scene.add(motion.G, colours, code, **samples)
         shown = np.where(boxed(motion.G, scene.reach), code, -1)
@@ -155,14 +158,16 @@ def space(
         for i, look in ((0, START), (-1, END)):
             scene.add(motion.G[[i]], **look)
         times = [f"crossing at {time:.12g}" for time in motion.crossing_time]
-        crossings = motion.at_crossings(motion.G)
-        scene.add(crossings, texts=times, **CROSSING)
-        marked = np.concatenate([motion.G[[0, -1]], crossings])
+        crossed = motion.at_crossings(motion.G)
+        scene.add(crossed, texts=times, **CROSSING)
+        marked = np.concatenate([motion.G[[0, -1]], crossed])
         places = np.where(boxed(marked, scene.reach)[:, None], scene.view(marked)[:, :2], np.nan)
-        mark_points(axes, places[:2], places[2:], frame)
+        ends.append(places[:2])
+        crossings.append(places[2:])
         views[place] = np.where((shown >= 0)[:, None], seen, np.nan)
         if not cut:
             heading(axes, seen[:, :2], colours[code[0]], 0.12 * near)
+    mark_points(axes, ends, crossings, frame)
     arms = scene.view(tips(reach)[0])
     name_curves(axes, [views[i] for i in range(len(motions))], motions, spec, frame, [arms])
     axes.set(xlim=frame[0], ylim=frame[1], aspect="equal", xticks=[], yticks=[])
@@ -244,14 +249,10 @@ def arm(
 
 def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], plane: str) -> None:
     """The hodographs projected onto the plane of two body axes."""
-    i, j, span = int(plane[1]) - 1, int(plane[3]) - 1, time_span(motions)
-    for place, motion in enumerate(motions):
-        points = motion.G[:, [i, j]]
-        shades = palette(motion, spec["colour"], place, spec["styles"], span)
-        plane_curve(axes, points, *shades, 0.8 * line_width(motion))
-        mark_points(axes, points[[0, -1]], motion.at_crossings(points))
-    axes.autoscale_view()
-    name_curves(axes, [motion.G[:, [i, j]] for motion in motions], motions, spec)
+    i, j = int(plane[1]) - 1, int(plane[3]) - 1
+    curves = [motion.G[:, [i, j]] for motion in motions]
+    plane_curves(axes, spec, motions, curves, crossings_on(motions, curves))
+    name_curves(axes, curves, motions, spec)
     axes.set(
         xlabel=axis_label(f"G.x{i + 1}", motions[0]),
         ylabel=axis_label(f"G.x{j + 1}", motions[0]),
@@ -285,14 +286,13 @@ def separatrices(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[Bod
 
 @dataclass(frozen=True)
 class SphereCurve:
-    """A curve of directions (n, 3) on the unit sphere: its motion, its name in the panel, what its
-    components are called, and the place of its style."""
+    """A curve of directions (n, 3) on the unit sphere: its motion, its name in the panel, and what
+    its components are called."""
 
     motion: Motion
     directions: np.ndarray
     label: str
     columns: Sequence[str]
-    style: int
 
 
 def sphere(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
@@ -300,8 +300,7 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     motions = motions_of(cases, spec["cases"], spec["labels"])
     columns = [f"G.x{i}/|G|" for i in (1, 2, 3)]
     curves = [
-        SphereCurve(motion, unit_vectors(motion), motion.label, columns, place)
-        for place, motion in enumerate(motions)
+        SphereCurve(motion, unit_vectors(motion), motion.label, columns) for motion in motions
     ]
     draw_sphere(sheet, spec, curves, ("x_1", "x_2", "x_3"), separatrices(motions, spec))
 
@@ -309,14 +308,12 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
 def axis_trace(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """Where axes of the body point in space, on the unit sphere of directions."""
     motions = motions_of(cases, spec["cases"], spec["labels"])
-    pairs = [(motion, axis) for motion in motions for axis in spec["axes"]]
     curves = []
-    for place, (motion, axis) in enumerate(pairs):
+    for motion, axis in product(motions, spec["axes"]):
         columns = [f"{axis}_space.{letter}" for letter in SPACE_AXES]
         # Without a case's name where there is one case only.
         words = [f"${axis[0]}_{axis[1]}$", *[motion.label] * (len(motions) > 1)]
-        directions = np.stack([motion[column] for column in columns], axis=-1)
-        curves.append(SphereCurve(motion, directions, ", ".join(words), columns, place))
+        curves.append(SphereCurve(motion, space_vector(motion, axis), ", ".join(words), columns))
     draw_sphere(sheet, spec, curves, SPACE_AXES, [])
 
 
@@ -338,6 +335,7 @@ def draw_sphere(
     lengths = clear_lengths(view, np.full(3, 1.2), seen[np.isfinite(seen).all(axis=-1)], 2.2)
     for foot, length, name in zip(np.eye(3), lengths, arms, strict=True):
         arm(axes, scene, foot, length * foot, name, zorder=5 if view(foot)[2] > 0 else 1)
+    motions = [curve.motion for curve in curves]
     is_trace, by_case = spec["kind"] == "axis-trace", spec["colour"] == "case"
     shades = styles(len(curves), spec["styles"])
     # Under the curves, which may run on it.
@@ -346,24 +344,21 @@ def draw_sphere(
         for line in [scene.add(circle, **look) for circle in circles]:
             on_sphere(axes, line, **look)
             lines.append(line)
-    motions = [curve.motion for curve in curves]
-    span = time_span(motions)
     # A single motion is named by its title.
     named = curves if len(curves) > 1 or is_trace else []
-    for curve in curves:
-        times = {"time": curve.motion.time}
-        components = zip(curve.columns, curve.directions.T, strict=True)
-        sheet.record(curve.label, times | dict(components))
-        colours, code = palette(curve.motion, spec["colour"], curve.style, spec["styles"], span)
+    crossings = crossings_on(motions, [curve.directions for curve in curves])
+    number_marks(axes, [view(crossed)[:, :2] for crossed in crossings])
+    drawn_curves = zip(curves, crossings, palettes(motions, spec), strict=True)
+    for curve, crossed, (colours, code) in drawn_curves:
+        components = dict(zip(curve.columns, curve.directions.T, strict=True))
+        sheet.record(curve.label, {"time": curve.motion.time, **components})
         samples: Look = {"name": curve.label, "time": curve.motion.time, "lw": 1.1}
         points = scene.add(curve.directions, colours, code, **samples)
         for piece in stretches(code):
             on_sphere(axes, points[piece], color=colours[code[piece.start]], lw=1.1)
         heading(axes, points[:, :2], colours[code[0]], 0.15)
-        crossings = curve.motion.at_crossings(curve.directions)
-        number_marks(axes, view(crossings)[:, :2])
         ends = [(START, curve.directions[:1]), (END, curve.directions[-1:])]
-        for look, places in ((CROSSING, crossings), *(ends if is_trace else ends[:1])):
+        for look, places in ((CROSSING, crossed), *(ends if is_trace else ends[:1])):
             for x, y, near in scene.add(places, **look):
                 axes.plot(x, y, **look, alpha=1 if near > 0 else 0.4, zorder=6)
         if named:
@@ -392,23 +387,18 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     across G."""
     motions = motions_of(cases, spec["cases"], spec["labels"])
     (axes,) = sheet.panels(COLUMN, 1.05 * COLUMN)
-    along_z, drawn, span = True, [], time_span(motions)
-    for place, motion in enumerate(motions):
-        omega = np.stack([motion[f"omega_space.{axis}"] for axis in SPACE_AXES], axis=-1)
-        G = np.array([motion[f"G_space.{axis}"][0] for axis in SPACE_AXES])
-        points = omega @ across(G).T
-        drawn.append(points)
-        along_z &= bool(np.abs(across(G) - np.eye(2, 3)).max() < ALONG)
-        sheet.record(
-            motion.label,
-            {"time": motion.time, **dict(zip(PLANE, points.T, strict=True))},
-        )
-        colours, code = palette(motion, spec["colour"], place, spec["styles"], span)
-        plane_curve(axes, points, colours, code, line_width(motion))
-        mark_points(axes, points[[0, -1]], motion.at_crossings(points))
+    planes = [across(space_vector(motion, "G")[0]) for motion in motions]
+    curves = [
+        space_vector(motion, "omega") @ plane.T
+        for motion, plane in zip(motions, planes, strict=True)
+    ]
+    for motion, points in zip(motions, curves, strict=True):
+        values = dict(zip(PLANE, points.T, strict=True))
+        sheet.record(motion.label, {"time": motion.time, **values})
+    plane_curves(axes, spec, motions, curves, crossings_on(motions, curves))
     axes.plot(0, 0, marker="+", ms=6, color=BLACK, ls="")
-    axes.autoscale_view()
-    name_curves(axes, drawn, motions, spec)
+    name_curves(axes, curves, motions, spec)
+    along_z = np.abs(np.array(planes) - np.eye(2, 3)).max() < ALONG
     prime = "" if along_z else "'"
     labels = [f"$\\omega_{{{letter}{prime}}}$ {unit(motions[0], 'omega')}" for letter in "xy"]
     axes.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
@@ -427,6 +417,11 @@ ALONG = 1e-9
 
 PLANE = ("omega across G, 1", "omega across G, 2")
 """What the coordinates of a herpolhode are called in tables."""
+
+
+def space_vector(motion: Motion, name: str) -> np.ndarray:
+    """A vector (n, 3) of a motion along the axes of space."""
+    return np.stack([motion[f"{name}_space.{axis}"] for axis in SPACE_AXES], axis=-1)
 
 
 def across(vector: np.ndarray) -> np.ndarray:
