@@ -13,6 +13,7 @@ from typing import Any
 import matplotlib.style
 import numpy as np
 from matplotlib import patheffects
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
@@ -187,6 +188,16 @@ def styles(n: int, style_names: Sequence[str] = ()) -> list[dict[str, Any]]:
     return looks[:n]
 
 
+def labelled_styles(
+    names: Sequence[str], style_names: Sequence[str] = (), alone: bool = False
+) -> list[dict[str, Any]]:
+    """The styles of curves with these names, by which the legend has them where they are several,
+    or also where one is `alone`."""
+    labels = names if alone or len(names) > 1 else [""]
+    looks = zip(styles(len(names), style_names), labels, strict=True)
+    return [{**look, "label": label} for look, label in looks]
+
+
 def style(text: str) -> dict[str, Any]:
     """The colour and line that a text such as "blue dashed" names; solid if it names no line."""
     colour, _, line = text.partition(" ")
@@ -274,11 +285,6 @@ def in_frame(frame: np.ndarray | None, points: np.ndarray) -> np.ndarray:
     """Which points (..., 2) lie in a frame (2, 2); all without one."""
     low, high = (-np.inf, np.inf) if frame is None else frame.T
     return np.asarray(((points >= low) & (points <= high)).all(axis=-1))
-
-
-def of_other_body(motions: Sequence[Motion]) -> Motion | None:
-    """The first motion that is of another body than the first of all; None if all are of one."""
-    return next((motion for motion in motions if motion.body != motions[0].body), None)
 
 
 CROSSINGS_NAMED = 12
@@ -643,25 +649,29 @@ def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:
 
 
 def place_legend(sheet: Sheet, panels: Sequence[Axes], place: str) -> None:
-    """The legend of a figure, which is read row by row, at a place of `LEGEND_PLACES`, in a corner
-    of the first panel, or nowhere."""
-    if not sheet.legend or place == "none":
+    """The legend of a figure, of its labelled lines and the other entries of its sheet, each label
+    once; it is read row by row, at a place of `LEGEND_PLACES`, in a corner of the first panel, or
+    nowhere."""
+    lines = (line for axes in panels for line in axes.get_lines())
+    entries = {str(entry.get_label()): entry for entry in chain(lines, sheet.legend)}
+    handles = [entry for label, entry in entries.items() if label and not label.startswith("_")]
+    if not handles or place == "none":
         return
     beside = LEGEND_PLACES.get(place, place).startswith("outside")
-    columns = legend_columns(sheet) if place == "below" else 1
+    columns = legend_columns(sheet, handles) if place == "below" else 1
     # matplotlib fills column after column.
-    rowwise = [handle for column in range(columns) for handle in sheet.legend[column::columns]]
+    rowwise = [handle for column in range(columns) for handle in handles[column::columns]]
     owner: Any = sheet.figure if beside else panels[0]
     owner.legend(
         handles=rowwise, loc=LEGEND_PLACES.get(place, place), ncols=columns, columnspacing=1.2
     )
 
 
-def legend_columns(sheet: Sheet) -> int:
+def legend_columns(sheet: Sheet, handles: Sequence[Artist]) -> int:
     """The most columns of a legend that fit into the width of its figure, with rows as full as each
     other."""
     size = text_size("legend.fontsize")
-    labels = (str(handle.get_label()).splitlines() for handle in sheet.legend)
+    labels = (str(handle.get_label()).splitlines() for handle in handles)
     # A line with its gaps is 4.2 times as wide as the size of the letters.
     widths = [4.2 * size + max(text_width(line, size) for line in lines) for lines in labels]
     room = 72 * sheet.figure.get_figwidth()

@@ -19,13 +19,12 @@ import numpy as np
 from matplotlib.animation import FFMpegWriter
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
 
 from .. import HodoError
-from ..cases.derived import SPACE_AXES
+from ..cases.derived import SPACE_AXES, component_names
 from ..results.dataset import Cases, motions_of
 from ..results.in_space import rotations
 from ..results.motion import Motion
@@ -33,7 +32,7 @@ from .artists import AXIS_COLOUR, BLACK, GREY, HALO, PAGE, PURPLE, RED, arrow, p
 from .files import own_page
 from .geometry import View
 from .plane import within_span
-from .sheet import FORMULAS, SHEET_STYLE, Look, Sheet, without_tex
+from .sheet import SHEET_STYLE, FormulaCanvas, Look, Sheet, without_tex
 
 MOST_SAMPLES = 3000
 """The samples of a film: with 65 bytes each in a page, it has less than 300 kB."""
@@ -129,14 +128,14 @@ def body(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     sheet.figure.film = film
     moments = spec["moments"] or film.time[[0, len(film.time) // 2, -1]].tolist()
     for vector in ("omega_space", "G_space", *(f"x{i}_space" for i in (1, 2, 3))):
-        names = [f"{vector}.{axis}" for axis in "xyz"]
-        sheet.record(motion.label, {"time": motion.time, **motion.columns(*names)})
-    columns = sheet.columns(PAGE, min(4, len(moments)))
-    rows, width = -(-len(moments) // columns), sheet.width or PAGE
-    panels = sheet.panels(width, rows * (width / columns + 0.2), len(moments), columns)
+        columns = {name: motion[name] for name in component_names(vector, "space")}
+        sheet.record(motion.label, {"time": motion.time, **columns})
+    across = sheet.columns(PAGE, min(4, len(moments)))
+    rows, width = -(-len(moments) // across), sheet.width or PAGE
+    panels = sheet.panels(width, rows * (width / across + 0.2), len(moments), across)
     for axes, moment in zip(panels, moments, strict=True):
         draw_moment(axes, film, int(np.abs(film.time - moment).argmin()))
-    sheet.legend = key_handles()
+    sheet.legend += key_handles()
 
 
 def film_of(motion: Motion, spec: Mapping[str, Any]) -> Film:
@@ -278,8 +277,7 @@ def pictures(film: Film, count: int) -> Iterator[Image.Image]:
     """So many pictures of a film. What moves is drawn on a copy of what does not: to draw all of it
     takes twice as long."""
     figure, axes = film_panel()
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.get_renderer().mathtext_parser = FORMULAS
+    canvas: Any = FormulaCanvas(figure)
     canvas.draw()
     background = canvas.copy_from_bbox(figure.bbox)
     for artists in moving_artists(film, axes, count):

@@ -42,17 +42,16 @@ def error_order(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """The largest relative distance of T and G^2 between two forms of a motion, against the small
     parameter, with the order of each group as the slope of its fit."""
     against = motions_of(cases, spec["against"])
-    (axes,), names = sheet.panels(COLUMN, 0.85 * COLUMN), []
+    (axes,) = sheet.panels(COLUMN, 0.85 * COLUMN)
     for label, small, motions, style in groups(spec, cases):
         errors = np.array([forms_apart(m, against.pop(0)).max() for m in motions])
         # The order of an error is the slope of its logarithm.
         slope, start = np.polyfit(np.log(small), np.log(errors), 1)
-        names.append(f"{label}, order {slope:.2f}")
         axes.loglog(small, errors, marker="o", ms=3, color=style["color"], ls="")
-        axes.loglog(small, np.exp(start) * small**slope, **style)
+        order = f"{label}, order {slope:.2f}"
+        axes.loglog(small, np.exp(start) * small**slope, **style, label=order)
         sheet.record(label, {"small": small, "error": errors})
     axes.set(xlabel=f"${spec['parameter']}$", ylabel="largest relative error of $T$ and $G^2$")
-    sheet.legend = case_handles(names, spec["styles"])
 
 
 def groups(
@@ -70,16 +69,14 @@ def groups(
 
 def cost(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """Steps and run time of groups of cases against the small parameter."""
-    (steps, seconds), names = sheet.panels(PAGE, 0.42 * PAGE, 2, 2), []
+    steps, seconds = sheet.panels(PAGE, 0.42 * PAGE, 2, 2)
     for label, small, motions, style in groups(spec, cases):
-        names.append(label)
         costs = {name: np.array([m.attrs[name] for m in motions]) for name in ("steps", "run_time")}
         for axes, values in zip((steps, seconds), costs.values(), strict=True):
-            axes.loglog(small, values, marker="o", ms=3, **style)
+            axes.loglog(small, values, marker="o", ms=3, **style, label=label)
         sheet.record(label, {"small": small, **costs})
     for axes, name in ((steps, "steps"), (seconds, "run time [s]")):
         axes.set(xlabel=f"${spec['parameter']}$", ylabel=name)
-    sheet.legend = case_handles(names, spec["styles"])
 
 
 def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
@@ -96,7 +93,6 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     averaged = [averaged_share(member, line) for member in members]
     names = share_names(swept, curves, [damping_alone(member) for member in members])
     looks = styles(len(names), spec["styles"])
-    handles = []
     for at, label, foreseen, style in zip(curves, names, averaged, looks, strict=True):
         times = swept.values("crossing_time", [swept.sphere], at)
         # Neither a member that failed nor one that never crosses has a time.
@@ -106,19 +102,19 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         counted = np.array([np.mean(times <= t) for t in points])
         circles = {"mec": style["color"], **MONTE_CARLO}
         if foreseen is not None:
-            axes.plot(line, foreseen, **style)
+            axes.plot(line, foreseen, **style, label=label)
             sheet.record(label, {"time": line, "averaged": foreseen})
-        axes.plot(points, counted, **circles, clip_on=False, zorder=4)
-        handles.append(Line2D([], [], **(circles if foreseen is None else style), label=label))
+        alone = label if foreseen is None else ""
+        axes.plot(points, counted, **circles, clip_on=False, zorder=4, label=alone)
         sheet.record(label, {"time": points, f"counted, {form}": counted})
     axes.set(xlabel=f"${spec['time']}$", ylabel="share of starts that have crossed")
     axes.margins(x=0)
     if any(foreseen is not None for foreseen in averaged):
-        handles.append(Line2D([], [], color=BLACK, label="averaged, in closed form"))
-    handles.append(Line2D([], [], mec=BLACK, **MONTE_CARLO, label=f"counted, {form} motions"))
+        sheet.legend.append(Line2D([], [], color=BLACK, label="averaged, in closed form"))
+    words = f"counted, {form} motions"
+    sheet.legend.append(Line2D([], [], mec=BLACK, **MONTE_CARLO, label=words))
     if any(foreseen is None for foreseen in averaged):
-        handles.append(Line2D([], [], ls="", label=NO_LINE))
-    sheet.legend = handles
+        sheet.legend.append(Line2D([], [], ls="", label=NO_LINE))
 
 
 NO_LINE = "no line unless constant linear damping acts alone"
@@ -196,8 +192,6 @@ def work_precision(sheet: Sheet, trials: Group) -> None:
         axes.set(title=case, ylim=(LEAST_ERROR, 10))
         axes.tick_params(which="minor", left=False, right=False, bottom=False, top=False)
         axes.tick_params(right=False, top=False)
-    for axes in panels[-columns:]:
-        axes.tick_params(labelbottom=True)
     sheet.figure.supxlabel("run time [s]", size="medium")
     label = "largest relative error (dashed: what one ulp in the data makes)"
     sheet.figure.supylabel(filled(label, 1.5 * rows), size="medium")

@@ -16,17 +16,12 @@ from string import Template
 from typing import Any
 from urllib.parse import quote
 
-import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
-from PIL import Image
-from PIL.PngImagePlugin import PngInfo
 
 from ..storage import replacing
-from .sheet import FILMS, FORMULAS, Sheet, every_panel, without_tex
+from .sheet import FILMS, FormulaCanvas, Sheet, every_panel, without_tex
 
 # Without dates and versions, so that the same results give the same bytes.
 UNDATED: dict[str, dict[str, Any]] = {
@@ -55,27 +50,14 @@ def save(sheet: Sheet, path: Path, about: str = "") -> None:
             draft.write_text(sheet.csv(), encoding="utf-8", newline="")
         else:
             metadata = UNDATED[suffix] | {"Subject" if suffix == "pdf" else "Description": about}
-            with sheet.figure.styled():
-                if suffix == "png":
-                    save_png(sheet.figure, draft, metadata)
-                else:
-                    sheet.figure.savefig(draft, format=suffix, metadata=metadata)
-
-
-def save_png(figure: Figure, path: Path, metadata: Mapping[str, str | None]) -> None:
-    """Write the image that `savefig` would, which draws everything twice, the first time for the
-    layout alone."""
-    figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.get_renderer().mathtext_parser = FORMULAS
-    canvas.draw()
-    notes = PngInfo()
-    for name, text in metadata.items():
-        if text is not None:
-            notes.add_text(name, text)
-    # Nothing is transparent. Level 6, which is usual, costs a third more for 7 % fewer bytes.
-    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    image.save(path, "png", dpi=(figure.dpi,) * 2, pnginfo=notes, compress_level=3)
+            if suffix == "png":
+                # savefig would draw all of it twice, the first time for the layout alone.
+                sheet.figure.set_dpi(sheet.figure.parameters["savefig.dpi"])
+                canvas: Any = FormulaCanvas(sheet.figure)
+                # Level 6, which is usual, costs a third more for 9 % fewer bytes.
+                canvas.print_png(draft, metadata=metadata, pil_kwargs={"compress_level": 3})
+            else:
+                sheet.figure.savefig(draft, format=suffix, metadata=metadata)
 
 
 TO_TURN = "Drag to turn, scroll to come nearer, double-click to turn back; the pointer tells"

@@ -64,10 +64,6 @@ GRID = 360
 """Cells around the sphere: a degree each, some two pixels of a panel in print."""
 
 
-Handle = Line2D | Patch
-"""An entry of a legend."""
-
-
 def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """A variable of sweeps over two axes, or over the directions of the start, a panel for each
     position asked for."""
@@ -86,23 +82,20 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     # Rasterized: a million cells as vectors make a file that no reader opens.
     look: Look = {"norm": scale, "cmap": colours, "rasterized": True}
     panels = map_panels(sheet, [len(row) for row in rows], of_sphere)
-    handles: dict[str, Handle] = {}
     # Panels behind those that `labels` names are named by their positions.
     labels = chain(spec["labels"], repeat(""))
     for axes, (swept, indices), value, label in zip(panels, cells, values, labels, strict=False):
-        axes.set_title(label or ", ".join(position(swept, key, i) for key, i in indices.items()))
+        axes.set_title(shown_name(swept, indices, label, len(sweeps)))
         draw_panel = map_sphere if of_sphere else map_image
-        places, lines = draw_panel(sheet, axes, swept, spec, value, look)
-        handles |= {str(line.get_label()): line for line in lines}
+        places = draw_panel(sheet, axes, swept, spec, value, look)
         values_drawn = {**places, name: value.ravel()}
         sheet.record(plain_name(swept, indices, label, len(sweeps)), values_drawn)
     if np.isnan(all_values).any():
-        handles["gap"] = Patch(fc=GAP, ec=GREY, lw=0.4, label=absence(name))
+        sheet.legend.append(Patch(fc=GAP, ec=GREY, lw=0.4, label=absence(name)))
     words = words_of_values(meaning, labelled, all_values)
-    patches = [Patch(fc=colours(scale(value)), label=word) for value, word in words.items()]
+    sheet.legend += [Patch(fc=colours(scale(value)), label=word) for value, word in words.items()]
     if not words:
         colour_bar(sheet, ScalarMappable(scale, colours), meaning)
-    sheet.legend = [*handles.values(), *patches]
 
 
 def in_degrees(sheet: Sheet, sweeps: Sequence[SweepView], spec: Mapping[str, Any]) -> bool:
@@ -228,36 +221,31 @@ def map_values(swept: SweepView, spec: Mapping[str, Any], indices: Mapping[str, 
     return values
 
 
-Drawn = tuple[dict[str, np.ndarray], list[Line2D]]
-"""The place (n,) of each value of a panel by the names of its coordinates, and the legend entries
-of the lines over them."""
-
-
 def map_image(
     sheet: Sheet, axes: Axes, swept: SweepView, spec: Mapping[str, Any], values: np.ndarray,
     look: Look,
-) -> Drawn:  # fmt: skip
-    """Draw an image over two axes, grey where there is no value."""
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """Draw an image over two axes, grey where there is no value; returns the places (n,) of its
+    values by the names of the axes."""
     (x, even_x), (y, even_y) = swept.ticks(spec["x"]), swept.ticks(spec["y"])
     image = axes.pcolormesh(edges(x, even_x), edges(y, even_y), values.T, **look)
     # Not the background: beside a larger panel, it shows beyond the axes of a sweep too.
     image.set_cmap(image.get_cmap().with_extremes(bad=GAP))
-    handles = []
     if spec["theory"] is not None:
         (i, j), ratio = balance(swept, spec["x"], spec["y"])
         lines = axes.contour(x[i], y[j], ratio.T, [1.0], colors=THEORY["color"])
         lines.set(linewidth=THEORY["lw"], linestyle=[THEORY["ls"]])
-        handles.append(Line2D([], [], **THEORY, label="fluid and damping balance"))
+        sheet.legend.append(Line2D([], [], **THEORY, label="fluid and damping balance"))
     if spec["level"] is not None and min(values.shape) > 1:
         lines = axes.contour(x, y, values.T, [spec["level"]], colors=LEVEL["color"])
         lines.set(linewidth=LEVEL["lw"], path_effects=LEVEL["path_effects"])
         unit = value_unit(swept, spec["variable"].partition(".")[0], sheet.units)
-        handles.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g} {unit}".rstrip()))
+        sheet.legend.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g} {unit}".rstrip()))
     axes.set(xscale="log" if even_x else "linear", yscale="log" if even_y else "linear")
     axes.set(xlabel=axis_name(swept, spec["x"]), ylabel=axis_name(swept, spec["y"]))
     axes.label_outer()
     across, up = (grid.ravel() for grid in np.meshgrid(x, y, indexing="ij"))
-    return {axis_column(swept, spec["x"]): across, axis_column(swept, spec["y"]): up}, handles
+    return {axis_column(swept, spec["x"]): across, axis_column(swept, spec["y"]): up}
 
 
 def balance(swept: SweepView, x: str, y: str) -> tuple[list[np.ndarray], np.ndarray]:
@@ -288,9 +276,9 @@ def balance(swept: SweepView, x: str, y: str) -> tuple[list[np.ndarray], np.ndar
 def map_sphere(
     sheet: Sheet, axes: Axes, swept: SweepView, spec: Mapping[str, Any], values: np.ndarray,
     look: Look,
-) -> Drawn:  # fmt: skip
+) -> dict[str, np.ndarray]:  # fmt: skip
     """Draw an equal-area map of the directions of G at the start, with the separatrix, grey where
-    there is no value.
+    there is no value; returns the directions' components (n,) by their names.
 
     x1 is in the middle, x2 to the right of it, x3 on top.
     """
@@ -327,8 +315,8 @@ def map_sphere(
             path_effects=HALO,
             zorder=5,
         )
-    handles = [Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$")] if circles else []
-    return dict(zip(("G.x1/|G|", "G.x2/|G|", "G.x3/|G|"), directions.T, strict=True)), handles
+    sheet.legend += [Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$")] if circles else []
+    return dict(zip(("G.x1/|G|", "G.x2/|G|", "G.x3/|G|"), directions.T, strict=True))
 
 
 def angles(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -406,13 +394,10 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     for (swept, indices), given_label, style in zip(
         curves, labels, styles(len(curves)), strict=False
     ):
-        label = given_label or ", ".join(
-            ([swept.name] if len(sweeps) > 1 or not indices else [])
-            + [position(swept, name, i) for name, i in indices.items()]
-        )
-        name = plain_name(swept, indices, given_label, len(sweeps))
+        known = swept, indices, given_label, len(sweeps)
+        names = shown_name(*known), plain_name(*known)
         row = 0.02 + spacing * lacking
-        lacking += curve_of(sheet, axes, swept, spec, indices, (label, name), style, row)
+        lacking += curve_of(sheet, axes, swept, spec, indices, names, style, row)
     if all(not np.isfinite(line.get_ydata()).any() for line in axes.lines):
         raise HodoError(f"sweep {sweeps[0].name} has no value of {spec['variable']} to draw")
     if spec["level"] is not None:
@@ -424,11 +409,8 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         ylabel=map_label(sweeps, spec, sheet.units),
     )
     axes.margins(x=0.02, y=0.05 + spacing * lacking)
-    handles: list[Line2D] = []
-    if len(curves) > 1 or spec["labels"]:
-        handles = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
     missing = Line2D([], [], ls="", marker="x", ms=4, color=GREY, label=absence(spec["variable"]))
-    sheet.legend = [*handles, *([missing] if lacking else [])]
+    sheet.legend += [missing] if lacking else []
 
 
 FEW_VALUES = 12
@@ -546,6 +528,15 @@ def position(swept: SweepView, name: str, i: int) -> str:
     """A position on an axis: symbol = value."""
     unit = "°" if swept.unit(name) == "deg" else f" {with_superscripts(swept.unit(name))}".rstrip()
     return f"${key_symbol(swept.key(name))} = {swept.ticks(name)[0][i]:.4g}${unit}"
+
+
+def shown_name(swept: SweepView, indices: Mapping[str, int], label: str, sweep_count: int) -> str:
+    """The name of a curve or panel in its picture: the label that it is given, or what tells it
+    from the others."""
+    sweep_name = [swept.name] if sweep_count > 1 else []
+    return label or ", ".join(
+        [*sweep_name, *(position(swept, *place) for place in indices.items())]
+    )
 
 
 def plain_name(swept: SweepView, indices: Mapping[str, int], label: str, sweep_count: int) -> str:

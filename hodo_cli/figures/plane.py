@@ -37,9 +37,9 @@ from .artists import (
     axis_label,
     case_handles,
     crossings_on,
+    labelled_styles,
     mark_handles,
     mark_points,
-    of_other_body,
     pair,
     plane_curves,
     room_across,
@@ -55,8 +55,9 @@ from .sheet import Look, Sheet, text_size, text_width
 
 def of_one_body(motions: list[Motion]) -> list[Motion]:
     """Motions for a figure of one body's regions. Raises HodoError if they are of two bodies."""
-    if other := of_other_body(motions):
-        names = f"{motions[0].name} and {other.name}"
+    first = motions[0]
+    if other := next((motion for motion in motions if motion.body != first.body), None):
+        names = f"{first.name} and {other.name}"
         raise HodoError(f"{names} are motions of two bodies, each of which has its own regions")
     return motions
 
@@ -93,7 +94,7 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     for line in lines:  # their colours are those of the axes
         line.set_color(GREY)
     marks = mark_handles(motions, spec["time"], zoom is not None)
-    sheet.legend = axis_handles(motions) + lines + marks
+    sheet.legend += axis_handles(motions) + lines + marks
 
 
 def regions(
@@ -183,7 +184,7 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         groups = {name: [(motion, name) for motion in motions] for name in variables}
         keys, names = [motion.name for motion in motions], [motion.label for motion in motions]
         style_names = spec["styles"]
-    looks = styles(len(names), style_names)
+    looks = labelled_styles(names, style_names, alone=bool(spec["formula"]))
     panels = series_panels(sheet, spec, len(groups), time_label(spec, motions[0]))
     for axes, (group, curves) in zip(panels, groups.items(), strict=True):
         for (motion, name), style in zip(curves, looks, strict=True):
@@ -211,12 +212,11 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
             for motion in {motion.name: motion for motion, _ in curves}.values():
                 names_of = [name for other, name in curves if other is motion]
                 sheet.notes += event_marks(axes, motion, names_of, spec)
-    handles = case_handles(names, style_names) if len(names) > 1 or spec["formula"] else []
-    handles += passage_handles(motions) if spec["passages"] == "yes" else event_handles(motions)
+    handles = passage_handles(motions) if spec["passages"] == "yes" else []
     for name, law in spec["formula"].items():
         words = re.sub(r"\bt\b", lambda _: f"${spec['time']}$", law)
         handles.append(Line2D([], [], **LAW_LOOK, label=f"${symbol(name)}$ = {words}"))
-    sheet.legend = handles
+    sheet.legend += handles
 
 
 CONSTANT_WITHIN = 1000
@@ -288,8 +288,6 @@ def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int, label: str) -> 
     shared = {"sharex": True, "sharey": spec["panels"] == "case"}
     panels = sheet.panels(width, height, n, columns, **shared)
     for axes in panels[-columns:]:
-        # Also above a place that stays empty, where matplotlib would leave the ticks to it.
-        axes.tick_params(labelbottom=True)
         axes.set_xlabel(label)
     return panels
 
@@ -328,19 +326,13 @@ def passage_handles(motions: Sequence[Motion]) -> list[Line2D]:
     ]
 
 
-def event_handles(motions: Sequence[Motion]) -> list[Line2D]:
-    """Legend entries of the marks of `event_marks`."""
-    kinds = dict.fromkeys(kind for motion in motions for kind, _ in motion.events)
-    return [Line2D([], [], **END, label=kind.replace("_", " ")) for kind in kinds]
-
-
 def event_marks(
     axes: Axes, motion: Motion, names: Sequence[str], spec: Mapping[str, Any]
 ) -> Iterator[Annotation]:
     """Mark the events of a motion on its curves in a panel: with the value there, or with the time
     for all that are nearly zero. Yields these words."""
     first, last = spec["span"] or (motion.time[0], motion.time[-1])
-    for when in [when for _, when in motion.events if first <= when <= last]:
+    for kind, when in ((kind, when) for kind, when in motion.events if first <= when <= last):
         values = {name: float(np.interp(when, motion.time, motion[name])) for name in names}
         peaks = {name: np.abs(motion[name]).max() for name in names}
         vanishing = [name for name in names if abs(values[name]) <= 1e-3 * peaks[name]]
@@ -350,7 +342,8 @@ def event_marks(
             zero = " = ".join([*map(symbol, vanishing), "0"])
             of_time = f"${spec['time']} = {when:#.4g}${unit_after(motion, 'time')}"
             words[vanishing[0]] = f"${zero}$ at {of_time}"
-        axes.plot([when] * len(names), [*values.values()], **END, clip_on=False, zorder=5)
+        marks: Look = {**END, "clip_on": False, "zorder": 5, "label": kind.replace("_", " ")}
+        axes.plot([when] * len(names), [*values.values()], **marks)
         # Behind the curve's end, which no curve of the same shape passes, if the panel has room.
         width_of = partial(text_width, size=text_size("legend.fontsize"))
         left, right = axes.get_xlim()
@@ -403,9 +396,8 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     motions, x, y = motions_of(cases, spec["cases"], spec["labels"]), spec["x"], spec["y"]
     (axes,) = sheet.panels(COLUMN, 0.9 * COLUMN)
     curves = [np.stack([motion[x], motion[y]], axis=-1) for motion in motions]
-    for motion, curve, look in zip(
-        motions, curves, styles(len(motions), spec["styles"]), strict=True
-    ):
+    looks = labelled_styles([motion.label for motion in motions], spec["styles"])
+    for motion, curve, look in zip(motions, curves, looks, strict=True):
         sheet.record(motion.label, {"time": motion.time, x: curve[:, 0], y: curve[:, 1]})
         axes.plot(*curve.T, **look)
     mark_points(axes, [curve[[0, -1]] for curve in curves], crossings_on(motions, curves))
@@ -413,9 +405,7 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     axes.margins(0.06)
     if vector_of(x) and vector_of(x) == vector_of(y):
         axes.set(aspect="equal", adjustable="datalim")
-    labels = [motion.label for motion in motions]
-    handles = case_handles(labels, spec["styles"]) if len(motions) > 1 else []
-    sheet.legend = handles + mark_handles(motions, spec["time"])
+    sheet.legend += mark_handles(motions, spec["time"])
 
 
 def vector_of(variable: str) -> str:
@@ -429,8 +419,9 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     motions = of_one_body(motions_of(cases, spec["cases"], spec["labels"]))
     energy, square, ratio = sheet.panels(COLUMN, 1.75 * COLUMN, 3, sharex=True)
     shade_sides(ratio, motions[0])
-    for motion, style in zip(motions, styles(len(motions), spec["styles"]), strict=True):
-        shown = motion.columns("T", "G2", "D/2T")
+    looks = labelled_styles([motion.label for motion in motions], spec["styles"])
+    for motion, style in zip(motions, looks, strict=True):
+        shown = {name: motion[name] for name in ("T", "G2", "D/2T")}
         sheet.record(motion.label, {"time": motion.time, **shown, "D": motion["D"]})
         for axes, values in zip((energy, square, ratio), shown.values(), strict=True):
             axes.plot(motion.time, values, **style, zorder=3)
@@ -450,10 +441,8 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         else:
             axes.set_ylim(0, 1.15 * high or 1.0)
     ratio.set_xlabel(time_label(spec, motions[0]))
-    labels = [motion.label for motion in motions]
-    handles = case_handles(labels, spec["styles"]) if len(motions) > 1 else []
     bound = Line2D([], [], color=GREY, lw=0.5, label="bounds")
-    sheet.legend = [*handles, bound, *mark_handles(motions, spec["time"])[2:]]
+    sheet.legend += [bound, *mark_handles(motions, spec["time"])[2:]]
 
 
 def shade_sides(axes: Axes, motion: Motion) -> None:

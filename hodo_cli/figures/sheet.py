@@ -10,10 +10,12 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
+from unicodedata import normalize
 
 import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cbook import is_math_text
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -56,7 +58,7 @@ class DrawnCurve:
     """One curve of a figure: its name, and the values drawn."""
 
     curve: str
-    values: Mapping[str, np.ndarray]
+    values: dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -165,8 +167,9 @@ class Sheet:
     shown: list[DrawnCurve] = field(default_factory=list)
     scenes: dict[Axes, Scene] = field(default_factory=dict)
     """The panels that show space."""
-    legend: Sequence[Line2D | Patch] = ()
-    """The entries of the legend, which is placed when all panels are drawn."""
+    legend: list[Line2D | Patch] = field(default_factory=list)
+    """The entries of the legend, which is placed when all panels are drawn, besides the labelled
+    lines of the panels."""
     notes: list[Annotation] = field(default_factory=list)
     """The words beside marks, which are set apart when all panels have their places."""
     units: Callable[[str], str] = field(default=lambda column: "1")
@@ -193,11 +196,21 @@ class Sheet:
         places = self.figure.subplots(rows, columns, squeeze=False, **grid).ravel()
         for spare in places[count:]:
             spare.remove()
+        for lowest in places[max(0, count - columns) : count]:
+            # Also above a place that stays empty, where matplotlib would leave the ticks to it.
+            lowest.tick_params(labelbottom=True)
         return list(places[:count])
 
     def record(self, curve: str, values: Mapping[str, np.ndarray]) -> None:
-        """Note the values of a curve by the names of what they are."""
+        """Note the values of a curve by the names of what they are, those of the same samples
+        together: several panels may show them."""
         arrays = {name: np.asarray(value) for name, value in values.items()}
+        first = next(iter(arrays))
+        for item in self.shown:
+            same = item.curve == curve and first in item.values
+            if same and np.array_equal(item.values[first], arrays[first], equal_nan=True):
+                item.values.update(arrays)
+                return
         self.shown.append(DrawnCurve(curve, arrays))
 
     def scene(self, axes: Axes, view: View, names: Sequence[str], **kind: Any) -> Scene:
@@ -210,33 +223,18 @@ class Sheet:
 
         What a curve does not have stays empty.
         """
-        curves = self._curves()
         # A dict keeps their order, which a set would lose.
-        columns = dict.fromkeys(name for _, values in curves for name in values)
+        columns = dict.fromkeys(name for item in self.shown for name in item.values)
         units = {name: self.units(name) for name in columns}
         heads = {name: name if of == "1" else f"{name} [{of}]" for name, of in units.items()}
         text = io.StringIO()
         writer = csv.DictWriter(text, ["curve", *columns], restval="", lineterminator="\n")
         writer.writerow({"curve": "curve"} | {name: _cell(head) for name, head in heads.items()})
-        for curve, values in curves:
-            for row in zip(*(column.tolist() for column in values.values()), strict=True):
-                cells = zip(values, map(_cell, row), strict=True)
-                writer.writerow({"curve": _cell(without_tex(curve)), **dict(cells)})
-        return text.getvalue()
-
-    def _curves(self) -> list[tuple[str, dict[str, np.ndarray]]]:
-        """The curves with all that several panels show of the same samples."""
-        merged: list[tuple[str, dict[str, np.ndarray]]] = []
         for item in self.shown:
-            first = next(iter(item.values))
-            for curve, values in merged:
-                same = curve == item.curve and first in values
-                if same and np.array_equal(values[first], item.values[first], equal_nan=True):
-                    values.update(item.values)
-                    break
-            else:
-                merged.append((item.curve, dict(item.values)))
-        return merged
+            for row in zip(*(column.tolist() for column in item.values.values()), strict=True):
+                cells = zip(item.values, map(_cell, row), strict=True)
+                writer.writerow({"curve": _cell(without_tex(item.curve)), **dict(cells)})
+        return text.getvalue()
 
 
 GREEK = (
@@ -262,11 +260,22 @@ def without_tex(text: str) -> str:
     return re.sub(r"\$([^$]*)\$", letters, text)
 
 
+RAISED, LOWERED = "⁰¹²³⁴-⁹⁺⁻", "₀-₉₊₋"
+"""Digits in texts that the fonts of formulas lack."""
+
+
 def slanted(text: str) -> str:
-    """A text whose Greek letters outside of formulas are set as within them."""
+    """A text whose Greek letters, and whose raised and lowered digits, are set as in formulas."""
     if text.count("$") % 2:  # a sum of money, and no formula
         return text
-    return re.sub(r"(\$[^$]*\$)|([α-ω]+)", lambda part: part[1] or f"${part[2]}$", text)
+    pieces = rf"(\$[^$]*\$)|([α-ω{RAISED}{LOWERED}]+)"
+    text = re.sub(pieces, lambda piece: piece[1] or f"${piece[2]}$", text)
+    return re.sub(f"[{RAISED}]+|[{LOWERED}]+", in_tex, text)
+
+
+def in_tex(digits: re.Match[str]) -> str:
+    """Raised or lowered digits in TeX."""
+    return f"{'_' if digits[0] >= '₀' else '^'}{{{normalize('NFKC', digits[0])}}}"
 
 
 def _cell(value: object) -> object:
@@ -304,6 +313,16 @@ class CachedMathText(MathTextParser):  # type: ignore[type-arg]
 
 
 FORMULAS = CachedMathText(SET_FOR)
+
+
+class FormulaCanvas(FigureCanvasAgg):
+    """A canvas of pixels that sets formulas by `FORMULAS`."""
+
+    def get_renderer(self) -> Any:
+        """The renderer of the figure."""
+        renderer = super().get_renderer()  # type: ignore[no-untyped-call]
+        renderer.mathtext_parser = FORMULAS
+        return renderer
 
 
 def text_width(text: str, size: float) -> float:

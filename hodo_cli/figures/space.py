@@ -87,7 +87,7 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     for axes, plane in zip(others[zoom is not None :], planes, strict=True):
         projection(axes, motions, spec, plane)
     handles = colour_handles(sheet, [main, *others], motions, spec)
-    sheet.legend = handles + mark_handles(motions, spec["time"], wide=bool(others))
+    sheet.legend += handles + mark_handles(motions, spec["time"], wide=bool(others))
 
 
 STRETCHES = np.linspace(1, 1.25, 6)
@@ -146,7 +146,9 @@ def space(
     cut = scene.reach is not None
     body_axes(axes, scene, reach)
     near, views = float(np.ptp(frame)) / 2, dict[int, np.ndarray]()
-    ends, crossings = list[np.ndarray](), list[np.ndarray]()
+    marked = [
+        np.concatenate([motion.G[[0, -1]], motion.at_crossings(motion.G)]) for motion in motions
+    ]
     shades = palettes(motions, spec)
     # The longest curve first, so that it does not bury the short ones.
     for place, motion in sorted(enumerate(motions), key=lambda item: -windings(item[1].G)):
@@ -158,16 +160,14 @@ def space(
         for i, look in ((0, START), (-1, END)):
             scene.add(motion.G[[i]], **look)
         times = [f"crossing at {time:.12g}" for time in motion.crossing_time]
-        crossed = motion.at_crossings(motion.G)
-        scene.add(crossed, texts=times, **CROSSING)
-        marked = np.concatenate([motion.G[[0, -1]], crossed])
-        places = np.where(boxed(marked, scene.reach)[:, None], scene.view(marked)[:, :2], np.nan)
-        ends.append(places[:2])
-        crossings.append(places[2:])
+        scene.add(marked[place][2:], texts=times, **CROSSING)
         views[place] = np.where((shown >= 0)[:, None], seen, np.nan)
         if not cut:
             heading(axes, seen[:, :2], colours[code[0]], 0.12 * near)
-    mark_points(axes, ends, crossings, frame)
+    places = [
+        np.where(boxed(x, scene.reach)[:, None], scene.view(x)[:, :2], np.nan) for x in marked
+    ]
+    mark_points(axes, [x[:2] for x in places], [x[2:] for x in places], frame)
     arms = scene.view(tips(reach)[0])
     name_curves(axes, [views[i] for i in range(len(motions))], motions, spec, frame, [arms])
     axes.set(xlim=frame[0], ylim=frame[1], aspect="equal", xticks=[], yticks=[])
@@ -376,7 +376,7 @@ def draw_sphere(
         handles = case_handles([curve.label for curve in curves], spec["styles"], solid=True)
     start, end, *crossing = mark_handles(motions, spec["time"])
     handles += [Line2D([], [], **look, label=words) for words, look, _ in bodies]
-    sheet.legend = [*handles, start, *([end] if is_trace else []), *crossing]
+    sheet.legend += [*handles, start, *([end] if is_trace else []), *crossing]
 
 
 GRATICULE: Look = {"color": "#C8C8C8", "lw": 0.35}
@@ -409,7 +409,7 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     if not along_z:
         words += f", along {its}$z'$"
     handles.append(Line2D([], [], marker="+", ms=6, color=BLACK, ls="", label=words))
-    sheet.legend = handles + mark_handles(motions, spec["time"])
+    sheet.legend += handles + mark_handles(motions, spec["time"])
 
 
 ALONG = 1e-9

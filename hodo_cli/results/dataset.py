@@ -195,14 +195,6 @@ class NoSuchCase(HodoError, KeyError):
     __str__ = Exception.__str__
 
 
-RECENT: dict[tuple[str, str, str], xr.Dataset] = {}
-"""The small cases that this process has read, by file, name and checksum: most stand in several
-figures and on the page, and to read one takes some milliseconds."""
-
-SMALL, AT_MOST = 10**6, 200
-"""The largest case in bytes that is kept so, and the number of cases: 200 MB at most."""
-
-
 class StoredCases(Mapping[str, xr.Dataset]):
     """The cases of a result file by name, each read when it is asked for.
 
@@ -237,21 +229,11 @@ class StoredCases(Mapping[str, xr.Dataset]):
 
     def _read(self, name: str) -> xr.Dataset:
         with self._reader() as run:
-            # Cases that are kept are never changed, so that one reading serves every figure.
-            checksum = "" if self.cache is None else run.checksum(name)
-            key = (str(self.path), name, checksum)
-            if checksum and key in RECENT:
-                return RECENT[key]
             group = run.read(name)
         try:
-            data = dataset(group, str(self.path))
+            return dataset(group, str(self.path))
         except ValueError as error:
             raise HodoError(f"{self.path}: {name} is damaged ({error})") from error
-        if checksum and data.nbytes <= SMALL:
-            if len(RECENT) >= AT_MOST:
-                RECENT.clear()
-            RECENT[key] = data
-        return data
 
     def __contains__(self, name: object) -> bool:
         self.asked.add(str(name))

@@ -151,10 +151,6 @@ class Motion:
             )
         return tuple(map(str, self.stored("axis")))
 
-    def columns(self, *variables: str) -> dict[str, np.ndarray]:
-        """Several variables by name."""
-        return {name: self[name] for name in variables}
-
     def units(self, variable: str) -> str:
         """The units of a variable or quantity in the units of the case; "1" for a number."""
         name = variable.partition(".")[0]
