@@ -1070,7 +1070,7 @@ def test_numbers_of_crossings_stand_also_where_a_variable_is_constant() -> None:
     (axes,) = Figure().subplots(1, squeeze=False).flat
     crossings = np.array([[0.0, 0.3], [1.0, 0.3], [1.01, 0.3]])
     axes.plot(*crossings.T)
-    number_marks(axes, crossings)
+    number_marks(axes, [crossings])
     assert [(text.get_text(), text.xy) for text in axes.texts] == [
         ("1", (0.0, 0.3)),
         ("2, 3", (1.01, 0.3)),
