@@ -319,11 +319,14 @@ def _run(
     from .cases.config import load
     from .commands import run, show
 
+    if quiet and verbose:
+        raise HodoError("--quiet and --verbose exclude each other")
+    if jobs > 1 and scheduler not in (None, "dask"):
+        raise HodoError(f"-j: leave it out, the workers are those of {scheduler}")
     loaded = [load(path, overrides) for path in configs]
     plans = run.plans(loaded, out, globs, force, jobs, prune, overrides)
     if dry_run:
-        click.echo("\n".join(line for plan in plans for line in plan.lines()))
-        return 0
+        return _report([row for plan in plans for row in plan.planned()], run.plan_lines, as_json)
     rows = run.execute(plans, jobs, scheduler, quiet, verbose, fail_fast)
     failed = [f"{row['case']} ({row['status']})" for row in rows if row["status"] != "ok"]
     count = f"{len(failed)} of {len(rows)} cases did not end well"
@@ -493,8 +496,7 @@ def _show(runs: tuple[Path, ...], methods: bool, as_json: bool) -> int:
     from .commands import show
 
     if methods:
-        click.echo("\n\n".join(map(show.methods_paragraph, runs)))
-        return 0
+        return _report([*map(show.methods_of, runs)], show.methods_paragraphs, as_json)
     rows, problems = show.stored_cases(runs)
     return _report(rows, show.case_table, as_json, problems)
 

@@ -8,11 +8,13 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import click
 import h5py
 import numpy as np
 import pytest
 from conftest import ROOT, Hodo, call
 
+from hodo_cli.cli import main
 from hodo_cli.commands import show
 from hodo_cli.commands.resume import content_digest
 from hodo_cli.storage.group import Group, Report, Variable
@@ -512,3 +514,42 @@ def test_a_closed_form_has_no_tolerance_in_a_paragraph_for_a_paper(tmp_path: Pat
     text = " ".join(call(tmp_path, "show", "--methods", "a.yaml").stdout.split())
     assert "were computed: 1 in closed form; 1 by DOP853 (SciPy" in text
     assert "at a relative tolerance of 1e-09. The relative errors" in text
+
+
+SAMPLES = {"--case": "t*", "--set": "turns.note=a", "--out": "elsewhere", "--jobs": "2",
+           "--rtol": "1e-3", "--atol": "1e-3", "--scheduler": "tcp://127.0.0.1:9"}  # fmt: skip
+WITH_JSON = [
+    (name, option)
+    for name, command in main.commands.items()
+    if any("--json" in option.opts for option in command.params)
+    for option in command.params
+    if isinstance(option, click.Option) and "--json" not in option.opts
+]
+
+
+@pytest.mark.parametrize(
+    ("command", "option"), WITH_JSON, ids=[f"{name}{option.opts[-1]}" for name, option in WITH_JSON]
+)
+def test_json_is_printed_whatever_else_is_asked_for(
+    two_results: Path, command: str, option: click.Option
+) -> None:
+    name = option.opts[-1]
+    more = [name] if option.is_flag else [name, SAMPLES[name]]
+    files = ["b.yaml", "b.yaml"] if command == "compare" else ["b.yaml"]
+    done = call(two_results, command, *files, *more, "--json")
+    assert done.returncode == 2 or json.loads(done.stdout), done.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "refused"),
+    [
+        (["--quiet", "-v"], "--quiet and --verbose exclude each other"),
+        (["-j", "2", "--scheduler", "tcp://127.0.0.1:9"], "-j: leave it out, the workers are"),
+    ],
+)
+def test_options_that_contradict_each_other_are_refused(
+    two_results: Path, options: list[str], refused: str
+) -> None:
+    done = call(two_results, "run", "b.yaml", *options)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(refused)

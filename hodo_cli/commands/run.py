@@ -86,18 +86,18 @@ class Plan:
         left = self.stored.keys() - self.config.cases
         return {name for name in left if self.prune or self.stored[name].damage}
 
-    def lines(self) -> list[str]:
+    def planned(self) -> list[dict[str, str]]:
         """For each case that is asked for, why it runs or not; and for each stored one that has
         left the config, whether it stays."""
-        does = {
+        plans = {
             name: f"will run: {self.reasons[name]}{self._kept_of_sweep(name)}"
             if name in self.reasons
             else "is kept: nothing that it depends on has changed"
             for name in self.asked
         }
         left = (name for name in self.stored if name not in self.config.cases)
-        does |= {name: LEFT if name in self.dropped else LEFT_AND_KEPT for name in left}
-        return [f"{name}: {what}" for name, what in does.items()]
+        plans |= {name: LEFT if name in self.dropped else LEFT_AND_KEPT for name in left}
+        return [{"run": str(self.path), "case": name, "plan": plans[name]} for name in plans]
 
     def _kept_of_sweep(self, name: str) -> str:
         """The chunks of a sweep that an interrupted run has left, or the members that its stored
@@ -187,8 +187,8 @@ class Plan:
 
     def _announce(self, progress: Progress) -> None:
         """Print which results go and, if asked, what runs; and the warnings that the data give."""
-        for line in self.lines():
-            (progress.say if line.endswith(LEFT) else progress.detail)(line)
+        for row in self.planned():
+            (progress.say if row["plan"] == LEFT else progress.detail)(plan_lines([row]))
         # Before the run: a motion that the data feed energy into may take until its last step.
         cases = self.config.cases
         warned = ((text, name) for name in self.reasons for text in foreseen(cases[name]))
@@ -225,6 +225,11 @@ class Plan:
             is_ours = run.attributes.get(CONFIG_PATH) == path_from(self.config, self.path)
             return is_ours and has_all_of(run.read(name), group)
         return False
+
+
+def plan_lines(rows: Iterable[Mapping[str, str]]) -> str:
+    """What is planned for cases, a line each."""
+    return "\n".join(f"{row['case']}: {row['plan']}" for row in rows)
 
 
 def execute(

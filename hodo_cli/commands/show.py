@@ -83,7 +83,7 @@ REFERENCES_IN_WORDS = {
 """The computations against which errors are measured, by `error_kind`."""
 
 
-def methods_paragraph(path: Path) -> str:
+def methods_of(path: Path) -> dict[str, str]:
     """How the cases of a result were computed, as a paragraph for a paper: versions, methods,
     tolerances, measured errors, models of the author's own, and what to cite. The path may be that
     of a config.
@@ -114,7 +114,12 @@ def methods_paragraph(path: Path) -> str:
             f"and NumPy {version(run, 'numpy')}.",
             f"To be cited: {'; '.join(cited)}.",
         )
-    return fill(" ".join(filter(None, sentences)), 100, break_on_hyphens=False)
+    return {"run": str(path), "methods": " ".join(filter(None, sentences))}
+
+
+def methods_paragraphs(rows: Iterable[Mapping[str, str]]) -> str:
+    """The paragraphs of results, in lines of 100 characters."""
+    return "\n\n".join(fill(row["methods"], 100, break_on_hyphens=False) for row in rows)
 
 
 def version(run: ResultFile, library: str) -> str:
