@@ -208,7 +208,7 @@ def _listed(value_range: Mapping[str, Any]) -> np.ndarray:
 
 def storable(model: type[Model]) -> list[str]:
     """The variables that `store:` may name in a sweep of a model."""
-    reduced: tuple[str, ...] = (*REDUCED, *STOPPED) if model.stops else REDUCED
+    reduced: tuple[str, ...] = (*REDUCED, *STOPPED) if model.may_stop else REDUCED
     if model.no_axis_reason:
         reduced = (*PASSED, "event_time") if "enclosed_axis" in model.variables else ("event_time",)
     return [*model.variables, *reduced, "steps", "status", "trajectory"]
@@ -258,8 +258,11 @@ def check_axes(
     yield from ((("sweep", name), f"{name} {message}") for name in reserved)
     spheres = [axis.name for axis in axes if axis.sphere is not None]
     lacks_direction = "only the start of a body-frame model has a direction"
-    message = "one axis may be a sphere" if model.oriented else lacks_direction
-    yield from ((("sweep", name, "sphere"), message) for name in spheres[model.oriented :])
+    message = "one axis may be a sphere" if model.starts_with_omega else lacks_direction
+    yield from (
+        (("sweep", name, "sphere"), message)
+        for name in (spheres[1:] if model.starts_with_omega else spheres)
+    )
     swept: dict[KeyPath, str] = {}
     for axis in axes:
         axis_path: KeyPath = ("sweep", axis.name)

@@ -194,7 +194,7 @@ def norm_band(engine: Engine, system: Model, falling: bool) -> tuple[float, floa
     needs none, and under a torque that is constant the motion settles at a size of its own, unless
     it begins far above it.
     """
-    constant = {name for name, degree in system.degree.items() if degree == 0} - system.opposing
+    constant = {name for name, degree in system.degree.items() if degree == 0} - system.resisting
     forced = any(np.any(system.constants[name]) for name in constant)
     turning = np.array(system.start)[moving(type(system))].any()
     return engine.band if system.degree and turning and (falling or not forced) else None

@@ -19,10 +19,10 @@ from .trajectory import Trajectory
 COMPARED = 100_000
 """About how many samples, evenly spaced, an error is measured at."""
 
-STEPS_ALLOWED = {True: (1000, 20), False: (2 * int(MANY_STEPS), 500)}
-"""Steps after which a reference is given up: so many, or so many times those of the motion; by
-whether both are by the same method. A Taylor series may take RATIO times the steps of an implicit
-method, and MANY_STEPS in any case."""
+LIMIT_OF_SAME_METHOD, LIMIT_OF_OTHER_METHOD = (1000, 20), (2 * int(MANY_STEPS), 500)
+"""Steps after which a reference is given up that is by the method of the motion, or by another: so
+many, or so many times those of the motion. A Taylor series may take `choice.RATIO` times the steps
+of an implicit method, and MANY_STEPS in any case."""
 
 EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Whether long double is more precise than double here."""
@@ -58,7 +58,8 @@ def with_step_limit(motion: Trajectory, reference: str) -> Case:
     """The case of a motion for a reference by some method: with the data that the motion needed.
     The reference gives up where it takes very much longer, as a series in long double does that a
     singularity stops."""
-    least, most = STEPS_ALLOWED[motion.method == reference]
+    is_same = motion.method == reference
+    least, most = LIMIT_OF_SAME_METHOD if is_same else LIMIT_OF_OTHER_METHOD
     return refined(motion.case, motion.system, max(least, most * motion.steps))
 
 

@@ -157,7 +157,7 @@ def order_by_torques(model: type[Model], orders: Mapping[str, Any]) -> Any:
     """The binary order of magnitude (...) of omega that torques N make from rest, about sqrt(N/A)
     in 1/sqrt(N/A); minus infinity without any."""
     constant = [name for name, degree in model.degree.items() if degree == 0]
-    torques = (orders[name] for name in constant if name not in model.opposing)
+    torques = (orders[name] for name in constant if name not in model.resisting)
     return np.ceil(reduce(np.maximum, torques, -np.inf) / 2)
 
 

@@ -78,7 +78,7 @@ NORMED = 1e-6
 
 def takes_attitude(form: type[Model]) -> bool:
     """Whether the motions of a form have an attitude: a mean over turns has none."""
-    return form.turning is not None and form.state[:3] == ("p", "q", "r")
+    return form.quaternion_factor is not None and form.state[:3] == ("p", "q", "r")
 
 
 def keys_of_form(form: type[Model]) -> dict[str, Key]:
@@ -323,7 +323,10 @@ def with_attitude(plain: type[Model]) -> type[Model]:
     """A form whose state has the quaternion besides: Q' = Q (0, omega)/2."""
 
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        return (*plain.rhs(t, y[:-4], k), *quaternion_rates(y[:3], y[-4:], plain.turning(k)))
+        return (
+            *plain.rhs(t, y[:-4], k),
+            *quaternion_rates(y[:3], y[-4:], plain.quaternion_factor(k)),
+        )
 
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         return {**plain.output(t, y[:, :-4], k), KEY: y[:, -4:]}

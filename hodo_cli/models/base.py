@@ -103,40 +103,7 @@ class Model:
     lines. `k` has the names of `constants` as attributes. They are functions of the class, because
     an engine compiles them once for all cases.
 
-    `degree` maps a constant to the degree in the angular velocity of the terms that it multiplies.
-    It makes a change of units possible: with omega = sigma W and s = rho t, every such constant
-    becomes value * sigma**(degree - 1) / rho. A model with an empty `degree` is integrated in its
-    own units.
-
-    `state_degree` maps a variable of the state to the power d >= 0 of the unit of omega that it
-    carries: 1 where it is not named, as for p, q and r; 0 for what has a size of its own, such as a
-    quaternion, a direction or a sign. The degree of a constant in the rate of such a variable is 1
-    - d more than the power of omega in its terms: the factor of Q' = Q (0, omega)/2 is of degree 2,
-    as `g`, since W = omega/sigma and s change it alike.
-
-    `t` is the case's own time in `rhs`, in events and in `output`, whatever the units. What of a
-    rate has no degree finds the units where `constants` names them: `velocity_unit` (sigma) and
-    `time_unit` (1/rho), both 1 in the case's own units.
-
-    A constant of degree 0 is a torque that spins a body up, and so sets a least unit of omega,
-    unless it is one of those `opposing` every rotation.
-
-    `turning(k)` is the factor of Q' = Q (0, omega)/2, in its own time and units, of a model whose
-    motions have an attitude Q; `start_attitude(start)` is Q at the start where the start says it.
-    Three variables of the state may be the body's components of a vector `fixed_in_space`: its
-    components in space are those of the start, if an attitude says how the two differ.
-
-    A model is `oriented` if its motions start with an angular velocity in body axes; `alone` says
-    why its motions cannot be integrated side by side, and is empty where they can.
-
-    A model is `always_absorbing` if it has `absorbing_axes` whatever the data: no motion crosses
-    the separatrix twice, and errors do not grow beside it.
-
-    The time of a model in `slow_time` is tau = epsilon t.
-
-    A model `stops` if an event may bring its motions to rest, where no axis is enclosed any more.
-
-    `no_axis_reason` says why the enclosed axis does not apply; it is empty where it does.
+    `t` is the case's own time in `rhs`, in events and in `output`, whatever the units.
     """
 
     name: ClassVar[str]
@@ -144,20 +111,61 @@ class Model:
     keys: ClassVar[dict[str, Key]]
     state: ClassVar[tuple[str, ...]]
     variables: ClassVar[dict[str, Label]]
+
     degree: ClassVar[dict[str, int]] = {}
+    """The degree in the angular velocity of the terms that a constant multiplies.
+
+    It makes a change of units possible: with omega = sigma W and s = rho t, every such constant
+    becomes value * sigma**(degree - 1) / rho. A constant of degree 0 is a torque that spins a body
+    up, and so sets a least unit of omega. What of a rate has no degree finds the units where
+    `constants` names them: `velocity_unit` (sigma) and `time_unit` (1/rho), both 1 in the case's
+    own units. A model without degrees is integrated in its own units.
+    """
+
     state_degree: ClassVar[dict[str, int]] = {}
-    opposing: ClassVar[frozenset[str]] = frozenset()
-    turning: ClassVar[Any] = None
+    """The power d >= 0 of the unit of omega that a variable of the state carries: 1 where it is not
+    named, as for p, q and r; 0 for what has a size of its own, such as a quaternion, a direction or
+    a sign.
+
+    The degree of a constant in the rate of such a variable is 1 - d more than the power of omega in
+    its terms: the factor of Q' = Q (0, omega)/2 is of degree 2, as `g`, since W = omega/sigma and s
+    change it alike.
+    """
+
+    resisting: ClassVar[frozenset[str]] = frozenset()
+    """Constants of degree 0 that resist every rotation, and so set no unit."""
+
+    quaternion_factor: ClassVar[Any] = None
+    """The factor of Q' = Q (0, omega)/2 as a function of k, of a model whose motions may have an
+    attitude Q."""
+
     start_attitude: ClassVar[Any] = None
+    """Q at the start as a function of the start, where the start says it."""
+
     fixed_in_space: ClassVar[tuple[str, ...]] = ()
-    oriented: ClassVar[bool] = False
-    alone: ClassVar[str] = ""
+    """Three variables of the state: the components along body axes of a vector that is fixed in
+    space, where its components are those of the start, if an attitude says how the two differ."""
+
+    starts_with_omega: ClassVar[bool] = False
+    """Whether its motions start with an angular velocity in body axes."""
+
+    why_one_by_one: ClassVar[str] = ""
+    """Why its motions cannot be integrated side by side; empty where they can."""
+
     always_absorbing: ClassVar[bool] = False
+    """Whether it has `absorbing_axes` whatever the data: no motion crosses the separatrix twice,
+    and errors do not grow beside it."""
+
     slow_time: ClassVar[bool] = False
-    stops: ClassVar[bool] = False
+    """Whether its time is tau = epsilon t."""
+
+    may_stop: ClassVar[bool] = False
+    """Whether an event may bring its motions to rest, where no axis is enclosed any more."""
+
     no_axis_reason: ClassVar[str] = (
         "the state has no angular velocity in body axes, so no axis is enclosed"
     )
+    """Why the enclosed axis does not apply; empty where it does."""
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
@@ -205,14 +213,14 @@ class Model:
     def velocity(
         inertia: Sequence[float], initial: Mapping[str, float | None]
     ) -> tuple[float, ...]:
-        """The angular velocity (3,) that the data of an oriented model say.
+        """The angular velocity (3,) that the data of a model say that starts with one.
 
         Raises ValueError, with a sentence, unless they say it in exactly one way.
         """
         raise NotImplementedError
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
-        """The states (m, ...) of an oriented model for angular velocities (..., 3) at the start."""
+        """The states (m, ...) of such a model for angular velocities (..., 3) at the start."""
         raise NotImplementedError
 
     @property

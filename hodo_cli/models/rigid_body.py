@@ -246,8 +246,8 @@ class BodyFrame(Model):
     initial: Mapping[str, float | None]
 
     state: ClassVar[tuple[str, ...]] = ("p", "q", "r")
-    turning = staticmethod(attrgetter("g"))
-    oriented = True
+    quaternion_factor = staticmethod(attrgetter("g"))
+    starts_with_omega = True
     no_axis_reason = ""
     smallest: ClassVar[float] = SMALLEST
     velocity = staticmethod(complete)

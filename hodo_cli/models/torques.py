@@ -641,7 +641,7 @@ def sum_of(names: tuple[str, ...]) -> type[Torques]:
         "state_degree": {name: power for name, power in extra.items() if power != 1},
         "degree": {"g": 2} | {name: n for term in chosen for name, n in term.degree.items()},
         "fixed_in_space": tuple(terms.SPACE.extra) if terms.SPACE in chosen else (),
-        "opposing": frozenset({"brake"}),
-        "stops": terms.BRAKE in chosen,
+        "resisting": frozenset({"brake"}),
+        "may_stop": terms.BRAKE in chosen,
     }
     return dataclass(frozen=True)(type("Torques", (Torques,), attributes_of))

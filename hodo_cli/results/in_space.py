@@ -82,7 +82,11 @@ def pace(m: "Motion") -> float:
     """The unit of the case's time, in that of which omega is a rate: of a full top, whose time is
     the slow one, 1 over its small parameter."""
     system = m.case.system
-    return float(system.turning(attributes(system.constants))) if system.turning else 1.0
+    return (
+        float(system.quaternion_factor(attributes(system.constants)))
+        if system.quaternion_factor
+        else 1.0
+    )
 
 
 OF_ATTITUDE: dict[str, Callable[["Motion"], np.ndarray]] = {

@@ -126,7 +126,9 @@ def other_method(case: Case) -> str:
         "heyoka is not installed": not have_taylor(),
         "limits of each member": case.max_steps is not None or case.max_seconds is not None,
     }
-    return next((reason for reason, applies in reasons.items() if applies), case.system.alone)
+    return next(
+        (reason for reason, applies in reasons.items() if applies), case.system.why_one_by_one
+    )
 
 
 def compute(chunk: Chunk) -> Group:

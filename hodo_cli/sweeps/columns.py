@@ -34,7 +34,7 @@ def columns(case: Case) -> dict[str, Stored]:
         for name, variable in model.variables.items()
         if is_sampled or name != "enclosed_axis"  # as a label at the end it is `end_axis`
     }
-    reduced = MEMBER_CLASSIFIED | (MEMBER_STOPPED if model.stops else {})
+    reduced = MEMBER_CLASSIFIED | (MEMBER_STOPPED if model.may_stop else {})
     if model.no_axis_reason:
         reduced = MEMBER_EVENT | (MEMBER_PASSED if "enclosed_axis" in model.variables else {})
     return final | reduced | MEMBER

@@ -155,7 +155,7 @@ class QuadratureTurns(AveragedTurns):
     """
 
     full: ClassVar[type[BodyFrame]]
-    alone = "averages by quadrature are too large to be compiled for many motions"
+    why_one_by_one = "averages by quadrature are too large to be compiled for many motions"
     # The transverse velocities, e^-600 of the other, add nothing to it, and their own rates are no
     # 0/0.
     steady = 1200.0

@@ -382,7 +382,7 @@ class FullTop(Top):
     }
 
     @staticmethod
-    def turning(k: Any) -> Any:
+    def quaternion_factor(k: Any) -> Any:
         """1/epsilon: the derivatives are by tau."""
         return 1 / k.epsilon
 

@@ -68,7 +68,7 @@ def advance(e: Ensemble, step: "TaylorStep") -> Outcome:
             decide_passages(e, e.event, batch.candidates, step, outcome)
         if e.levels:
             decide_regions(e, batch.candidates, step, outcome)
-    if e.model.degree and e.model.oriented:
+    if e.model.degree and e.model.starts_with_omega:
         stop_at_rest(outcome)
     if not e.model.degree:
         outcome.reject(clock_rates(e.model, e.named(), e.start) != 0, Rejection.UNIT)
