@@ -93,6 +93,18 @@ def test_a_brake_stops_G_and_not_the_body() -> None:
     assert after.sum() > 100
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_stop_is_no_crossing(seed: int) -> None:
+    """Behind it A omega + h is what rounding leaves, of some bodies not 0."""
+    draw, inertia, rotor = np.random.default_rng(seed), np.ones(3), np.zeros(3)
+    while not (inertia * (rotor / inertia) - rotor).any():
+        inertia, rotor = draw.uniform(0.7, 1, 3), draw.normal(0, 0.1, 3)
+    ds = run(600, inertia=inertia.tolist(), rotor=rotor.tolist(), damping=0.0025, brake=0.01)
+    assert ds.event_time.data[0] < 200
+    assert (ds.crossing_to.data > 0).all()
+    assert (ds.crossing_time.data < ds.event_time.data[0]).all()
+
+
 @pytest.mark.heyoka
 def test_media_act_on_the_turning_body_at_the_stop() -> None:
     # |G|' = -b + lambda h.G/|G| there: the damping of omega = -h/A is a torque lambda h.

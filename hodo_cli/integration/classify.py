@@ -12,6 +12,7 @@ from ..engines import extended
 from ..engines.protocol import EPS, PRECISION
 from ..models import rigid_body
 from ..models.rigid_body import BodyFrame
+from ..models.theory.gyrostat import CANCELLED
 from .choice import best
 from .crossings import (
     CERTAIN,
@@ -292,8 +293,9 @@ def crossings_of(
         return CrossingList([], [], [])
     G = body.moments * omega.astype(float) + (0 if rotor is None else rotor)
     momentum = np.sqrt(np.vecdot(G, G))
-    # Behind a stop there is no side.
-    turning = slice(len(time) - int(np.argmax(momentum[::-1] > 0)))
+    # Behind a stop there is no side; with a rotor, G is what rounding leaves of two vectors there.
+    least = 0 if rotor is None else CANCELLED * np.abs(rotor).max()
+    turning = slice(len(time) - int(np.argmax(np.abs(G).max(1)[::-1] > least)))
     with np.errstate(over="ignore"):
         margins, sides = standing(body, omega[turning])
         samples = SignChanges(
