@@ -29,7 +29,7 @@ from ..storage import Group, Variable
 from .columns import blank_columns, columns, event_columns, label_columns, shape
 from .ensemble.advance import advance, measure_crossings, step_of
 from .ensemble.motions import Ensemble, Outcome, Passages, Rejection
-from .ensemble.regions import region_at
+from .ensemble.regions import region_at, true_omega
 from .growth import Earlier
 from .members import member, prepare
 
@@ -266,7 +266,7 @@ def separation_at(
     2**exponent (n,)."""
     y = state[:, motions]
     if e.levels:
-        return region_at(e, motions, y, exponent[motions]).separation
+        return region_at(e, motions, true_omega(e, motions, y, exponent[motions])).separation
     order = rigid_body.inertia_order(e.inertia[:, 0])
     return rigid_body.separation(e.inertia[:, motions], e.principal_omega(y, motions), order)
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from ...integration import VIEWED, has_turned
 from ...models.constants import namespace, rescaled
-from ...models.rigid_body import UNSEPARATED
 from ...models.theory.gyrostat import HodographRegion, region_of
 from .batch import (
     END,
@@ -39,16 +38,17 @@ BLOCK = 256
 
 class MotionView(NamedTuple):
     """Motions at places (k,) in steps: their numbers, times, and how long the steps are, states (m,
-    k) in units of 2**size, the regions in which they stand, in true size, and how fast they change
-    there (k, 3)."""
+    k) in units of 2**size, and in true size the angular velocities (k, 3), how fast they change,
+    and the regions in which they stand."""
 
     motion: np.ndarray
     time: np.ndarray
     length: np.ndarray
     state: np.ndarray
     size: np.ndarray
-    region: HodographRegion
+    omega: np.ndarray
     change: np.ndarray
+    region: HodographRegion
 
     @property
     def slope(self) -> np.ndarray:
@@ -68,20 +68,18 @@ def true_omega(e: Ensemble, motion: np.ndarray, state: np.ndarray, size: Any) ->
 
 
 def region_at(
-    e: Ensemble, motion: np.ndarray, state: np.ndarray, size: Any, band: float = 0.0
+    e: Ensemble, motion: np.ndarray, omega: np.ndarray, band: float = 0.0
 ) -> HodographRegion:
-    """The regions of some motions (k,) in states (m, k) in units of 2**size."""
-    omega = true_omega(e, motion, state, size)
-    A, h = e.inertia[:, motion].T, e.rotor[:, motion].T
+    """The regions of some motions (k,) with angular velocities (k, 3) along the principal axes."""
     with np.errstate(all="ignore"):
-        return region_of(A, h, omega, np.full(len(motion), band))
+        return region_of(e.inertia[:, motion].T, e.rotor[:, motion].T, omega, band)
 
 
 def label_at(e: Ensemble, state: np.ndarray, size: Any) -> np.ndarray:
     """The labels (n,) of all motions in states (m, n) in units of 2**size: SEPARATRIX where they
     are uncertain."""
     motion = np.arange(state.shape[1])
-    return np.asarray(region_at(e, motion, state, size, e.error_bound).label)
+    return region_at(e, motion, true_omega(e, motion, state, size), e.error_bound).label
 
 
 def changes_of(e: Ensemble, motion: np.ndarray, t: Any, state: np.ndarray, k: Any) -> np.ndarray:
@@ -102,9 +100,10 @@ def view(
     time, length = begin + (rest + np.ldexp(place, -rate)), np.ldexp(steps.length[row], -rate)
     shorter = shortened(before, params[:NUMBER].copy(), place, rate)
     state = call_padded(partial(states_after, step), *shorter)
-    change = np.ldexp(changes_of(e, motion, time, state, k), size + rate)
-    region = region_at(e, motion, state, size)
-    return MotionView(motion, time, length, state, size, region, change.T)
+    change = np.ldexp(changes_of(e, motion, time, state, k), size + rate).T
+    omega = true_omega(e, motion, state, size)
+    region = region_at(e, motion, omega)
+    return MotionView(motion, time, length, state, size, omega, change, region)
 
 
 def changes_within(
@@ -121,10 +120,9 @@ def changes_within(
         return None, uncertain
     before, after, x, width = change_between(e, look, row, low, low + 1 / (VIEWED - 1))
     at, taken = look(row, x), steps.before[len(e.start) + 2, row] + 2
-    omega = true_omega(e, at.motion, at.state, at.size)
-    gradient = gradient_at(e, at.motion, omega, at.region, before, after)
+    gradient = passing_gradient(e, at.motion, at.omega, at.region)
     # The error of a state is a part of omega, in whatever direction.
-    off = np.linalg.norm(gradient, axis=-1) * np.linalg.norm(omega, axis=-1)
+    off = np.linalg.norm(gradient, axis=-1) * np.linalg.norm(at.omega, axis=-1)
     with np.errstate(all="ignore"):
         uncertainty = e.error_bound * off / np.abs((gradient * at.change).sum(-1))
     errors = e.errors_of_times(uncertainty, at.time, taken) + width * at.length
@@ -152,58 +150,54 @@ def change_between(
     e: Ensemble, look: Viewing, row: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The labels (k,) before and behind a change in intervals of the steps in `row` (k,), its
-    place, and how far off this may be: by Newton's method for what passes 0 there, else by
-    halving."""
+    place, and how far off this may be: by Newton's method for what passes 0 there, kept between
+    places of either label, else by halving."""
     first, last = look(row, low), look(row, high)
-    least = e.saddle_curves.of_bodies(first.motion).least_squares().reshape(2, -1).T
-    passes = differences(e, first, least)[0] * differences(e, last, least)[0] < 0
-    pick = passes.argmax(1)
+    values = (differences(e, at.motion, at.omega, at.region)[0] for at in (first, last))
+    passing = (np.multiply(*values) < 0).argmax(1)
     x, open_, low, high = (low + high) / 2, np.arange(len(row)), low.copy(), high.copy()
     place = x.copy()
     for turn in range(ROUNDS):
         if not open_.size:
             break
-        at, of_open = look(row[open_], place[open_]), (np.arange(len(open_)), pick[open_])
+        at = look(row[open_], place[open_])
         same = at.region.label == first.region.label[open_]
         low[open_[same]], high[open_[~same]] = place[open_[same]], place[open_[~same]]
-        value, slope = (parts[of_open] for parts in differences(e, at, least[open_]))
-        root, (least_x, most_x) = place[open_] - value / slope, (low[open_], high[open_])
+        least, most = low[open_], high[open_]
+        of_all = differences(e, at.motion, at.omega, at.region)
+        value, gradient = (of[np.arange(len(open_)), passing[open_]] for of in of_all)
+        root = place[open_] - value / ((gradient * at.change).sum(-1) * at.length)
         noise = PLACED * 4 ** min(turn, MOST_DOUBLED)
-        is_near = (root > least_x - 8 * noise) & (root < most_x + 8 * noise)
+        is_near = (root > least - 8 * noise) & (root < most + 8 * noise)
         # A little beyond, so that the other limit comes near as well.
-        beyond = (root + np.where(same, noise, -noise)).clip(least_x + noise, most_x - noise)
-        middle = (least_x + most_x) / 2
-        x[open_] = np.where(is_near, root.clip(least_x, most_x), middle)
-        place[open_] = np.where(is_near, beyond, middle)
-        open_ = open_[most_x - least_x > 4 * noise]
+        beyond = (root + np.where(same, noise, -noise)).clip(least + noise, most - noise)
+        x[open_] = np.where(is_near, root.clip(least, most), (least + most) / 2)
+        place[open_] = np.where(is_near, beyond, (least + most) / 2)
+        open_ = open_[most - least > 4 * noise]
     return first.region.label, last.region.label, x, high - low
 
 
-def differences(e: Ensemble, at: MotionView, least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What passes 0 where a label changes (k, 4), and its derivatives by the part of the step: 2T
-    less that of either saddle, and |G|^2 less that at which it appears, `least` (k, 2)."""
-    A, h = e.inertia[:, at.motion].T, e.rotor[:, at.motion].T
-    G = A * true_omega(e, at.motion, at.state, at.size) + h
-    rate = 2 * (A * G * at.change).sum(-1) * at.length
-    value = np.column_stack([at.region.value, (G * G).sum(-1)[:, None] - least])
-    return value, np.column_stack([at.slope, rate, rate])
-
-
-def gradient_at(
-    e: Ensemble,
-    motion: np.ndarray,
-    omega: np.ndarray,
-    region: HodographRegion,
-    before: np.ndarray,
-    after: np.ndarray,
-) -> np.ndarray:
-    """The derivatives (k, 3) by omega (k, 3) of what is 0 where a label changes: of the distance
-    from the nearest saddle's curve, or of |G|^2 where a saddle appears or vanishes."""
+def differences(
+    e: Ensemble, motion: np.ndarray, omega: np.ndarray, region: HodographRegion
+) -> tuple[np.ndarray, np.ndarray]:
+    """What passes 0 where a label changes (k, 4), and its derivatives by omega (k, 4, 3): 2T less
+    that of either saddle, and |G|^2 less that at which it appears."""
     A, h = e.inertia[:, motion].T, e.rotor[:, motion].T
-    nearest = np.abs(region.margin).argmin(-1)
-    of_saddle = region.gradient[np.arange(len(motion)), nearest]
-    vanishes = (before == UNSEPARATED) | (after == UNSEPARATED)
-    return np.asarray(np.where(vanishes[:, None], 2 * A * (A * omega + h), of_saddle))
+    G = A * omega + h
+    least = e.saddle_curves.of_bodies(motion).least_squares().reshape(2, -1).T
+    value = np.column_stack([region.value, (G * G).sum(-1)[:, None] - least])
+    return value, np.concatenate([region.gradient, np.stack([2 * A * G] * 2, 1)], axis=1)
+
+
+def passing_gradient(
+    e: Ensemble, motion: np.ndarray, omega: np.ndarray, region: HodographRegion
+) -> np.ndarray:
+    """The derivatives (k, 3) by omega of what is 0 there of `differences`."""
+    value, gradient = differences(e, motion, omega, region)
+    with np.errstate(all="ignore"):
+        distance = np.abs(value) / np.linalg.norm(gradient, axis=-1)
+    nearest = np.where(np.isnan(distance), np.inf, distance).argmin(1)
+    return np.asarray(gradient[np.arange(len(value)), nearest])
 
 
 def time_between(e: Ensemble, passed: Passages, state: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -211,8 +205,7 @@ def time_between(e: Ensemble, passed: Passages, state: np.ndarray, size: np.ndar
     units of 2**size, at the times of the passages."""
     motion, k = passed.motion, e.named(passed.motion)
     omega = true_omega(e, motion, passed.state, passed.exponent)
-    region = region_at(e, motion, passed.state, passed.exponent)
-    gradient = gradient_at(e, motion, omega, region, passed.before, passed.after)
+    gradient = passing_gradient(e, motion, omega, region_at(e, motion, omega))
     y = rescaled(e.model, passed.state.T, passed.exponent).T
     change = changes_of(e, motion, passed.time, y, k).T
     off = true_omega(e, motion, state, size) - omega
