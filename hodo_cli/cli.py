@@ -30,8 +30,10 @@ def _end(number: int, frame: object) -> NoReturn:
     Results survive that at any moment. An exception would not do: where it arises inside a
     destructor or a callback of HDF5, it is lost.
     """
+    command = click.get_current_context(silent=True)
+    kept = b"; finished cases are kept" if command and command.info_name == "run" else b""
     # Not click's echo: a signal may arrive while the stream is locked.
-    os.write(2, (b"\n" if os.isatty(2) else b"") + b"interrupted; finished cases are kept\n")
+    os.write(2, (b"\n" if os.isatty(2) else b"") + b"interrupted" + kept + b"\n")
     os._exit(128 + number)
 
 
@@ -87,8 +89,8 @@ class Hodo(click.Group):
                 signal.signal(number, handler)
 
 
-EXTRAS = {"dask": "'.[dask]'", "distributed": "'.[dask]'"}
-"""How the libraries are installed that only some users need, from a clone."""
+EXTRAS = dict.fromkeys(("dask", "distributed"), "dask distributed cryptography")
+"""What to install for the libraries that only some users need."""
 
 
 def misused(error: click.UsageError) -> str:
@@ -280,7 +282,7 @@ def _init(name: Path) -> None:
 @click.option(
     "--prune",
     is_flag=True,
-    help="Drop stored cases, and chunks of sweeps, that the config does not have any more.",
+    help="Drop stored cases, and chunks of sweeps, that are no longer in the config.",
 )
 @_jobs("Run in N processes.")
 @click.option(
@@ -418,8 +420,8 @@ def _plot(
 
     Without FIGURE all figures are drawn, and a page that shows them. A figure is drawn again when
     its entry in the case file, its cases or hodo have changed. RUN is a result (*.h5), or a config
-    with a result in runs/; a config's figures are read anew. A figure that cannot be drawn, as of a
-    case that failed, is a line, the others are drawn, and the exit status is 1.
+    with a result in runs/; a config's figures are read anew. A figure that cannot be drawn (because
+    its case failed, say) is reported in one line; the others are drawn, and the exit status is 1.
     """
     from .commands import plot
 
@@ -510,8 +512,8 @@ def _merge(runs: tuple[Path, ...], out: Path) -> None:
     """Write the cases of RUNS into a new result.
 
     RUNS are results (*.h5), or configs with a result in runs/. The new one has their figures and
-    statements too; cases of one name must be equal, and figures of one name that differ carry the
-    name of their result besides.
+    statements too; cases of one name must be equal, and figures of one name with different content
+    get the name of their result added.
     """
     from .commands import merge, show
 

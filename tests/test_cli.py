@@ -5,6 +5,8 @@ import json
 import math
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -553,3 +555,22 @@ def test_options_that_contradict_each_other_are_refused(
     done = call(two_results, "run", "b.yaml", *options)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith(refused)
+
+
+END = """\
+import click
+from hodo_cli import cli
+with click.Context(cli.main.commands[{0!r}], info_name={0!r}):
+    cli._end(15, None)
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [("run", "interrupted; finished cases are kept\n"), ("compare", "interrupted\n")],
+)
+def test_an_interruption_promises_what_its_command_keeps(command: str, line: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", END.format(command)], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (143, line)

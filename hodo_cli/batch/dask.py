@@ -43,7 +43,8 @@ class Dask(Executor):
             )
         except ImportError:
             raise BatchError(
-                "--scheduler needs dask, which is not installed: pip install '.[dask]'"
+                "--scheduler needs dask, which is not installed: "
+                "pip install dask distributed cryptography"
             ) from None
         # It logs with tracebacks what ends up as one line of ours.
         for name in [name for name in logging.root.manager.loggerDict if "distributed" in name]:

@@ -50,8 +50,8 @@ from .resume import (
 if TYPE_CHECKING:
     from ..sweeps.growth import Earlier
 
-LEFT_AND_KEPT = "is kept, though it is not in the config any more (--prune drops it)"
-LEFT = "is dropped, it is not in the config any more"
+LEFT_AND_KEPT = "is kept, though it is no longer in the config (--prune drops it)"
+LEFT = "is dropped: it is no longer in the config"
 
 LONGEST = 150
 """Bytes of overrides in the name of a file. Names have at most 255, of which the config's own and
@@ -64,7 +64,7 @@ class Plan:
     and the results that are `stored`: of a case that is kept the one that is still right.
 
     The stored results of cases to be rerun are kept if the run stops before them. `prune` drops
-    those that the config does not have any more.
+    those that are no longer in the config.
     """
 
     config: Config

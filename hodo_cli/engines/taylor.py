@@ -1,4 +1,4 @@
-"""Adaptive Taylor series through heyoka; the only module that imports it."""
+"""Adaptive Taylor series through heyoka, which only this module and `taylor_batch` import."""
 
 from collections.abc import Callable
 from functools import lru_cache, partial

@@ -346,12 +346,14 @@ def resolve_conflicts(
         crossings = [with_error(a, abs(a.time - b.time)) for a, b in pairs]
         # Where the motion is undecided its reference may decide, and then nothing is missing.
         return crossings, undecided_warning(listed.undecided if better.undecided else [])
-    lists = f"{len(listed.crossings)} certain by the motion, {len(better.crossings)} by {name}"
+    lists = f"{len(listed.crossings)} by the motion, {len(better.crossings)} by {name}"
     if better.undecided:
         undecided = undecided_warning(listed.undecided or better.undecided)
         return listed.crossings, (*undecided, f"the crossings are undecided: {lists}")
     crossings = [with_error(c, w) for c, w in zip(better.crossings, better.widths, strict=True)]
-    return crossings, (f"the crossings hang on the error of the motion: {lists}, which are stored",)
+    return crossings, (
+        f"the crossings depend on the integration error: {lists}; the latter are stored",
+    )
 
 
 def axes(listed: CrossingList) -> list[tuple[int, int]]:
@@ -371,7 +373,7 @@ def undecided_warning(times: list[float]) -> tuple[str, ...]:
     named = ", ".join(f"{time:.6g}" for time in times[:3]) + (", ..." if len(times) > 3 else "")
     return (
         f"it is undecided whether the motion crosses the separatrix near {named}: "
-        "its error there is larger than its distance",
+        "its error there is larger than its distance from the separatrix",
     )
 
 

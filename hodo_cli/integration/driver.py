@@ -29,7 +29,7 @@ LIMIT = 2**12
 """Binary orders of magnitude below 1 at which a motion is called at rest: 1e-1233, far below the
 smallest double."""
 
-LARGEST, OVERFLOW_MESSAGE = 1024, "the motion has outgrown the largest number"
+LARGEST, OVERFLOW_MESSAGE = 1024, "the motion exceeds the largest number"
 """The binary order of magnitude of the largest double, and the message of a motion beyond it."""
 
 

@@ -83,7 +83,7 @@ def motion_remarks(motion: Trajectory, errors: Mapping[str, float]) -> Iterator[
         yield "the error could not be measured"
     for name, values in motion.variables.items():
         if case.rests_on(name) and not np.isfinite(values).all():
-            yield f"{name} has outgrown the largest double, and is stored as infinite or nan there"
+            yield f"{name} exceeds the largest double, and is stored as infinite or nan there"
 
 
 def excess_remark(case: Case, error: float, tol: float) -> Iterator[str]:
@@ -91,8 +91,8 @@ def excess_remark(case: Case, error: float, tol: float) -> Iterator[str]:
     asked = max(tol, ASKED)
     # Ten times, because a tolerance bounds the error of a step and not that of the motion.
     if error > 10 * asked:
-        whose = "asked for" if case.tol else "that is usual"
-        yield f"the measured error {error:.1e} exceeds ten times the {asked:.0e} {whose}"
+        bound = f"the {asked:.0e} asked for" if case.tol else f"the default, {asked:.0e}"
+        yield f"the measured error {error:.1e} exceeds ten times {bound}"
 
 
 def timed(motion: Trajectory) -> Trajectory:

@@ -236,7 +236,10 @@ class Torques(BodyUnderTorques, LookedUp):
             yield ("space_torque", "direction"), "a direction has a length, and this one has none"
         initial = data.get("initial")
         if "rotor" in named and initial and initial.get("G") is not None:
-            yield ("initial",), "two starts of a body with a rotor have one |G|: give p, q and r"
+            yield (
+                ("initial",),
+                "with a rotor |G| does not determine the missing component: give p, q and r",
+            )
         if "brake" in named and inertia and initial and not any(data.get("rotor") or ()):
             with suppress(ValueError):  # said by the check above
                 if not any(cls.velocity(inertia, initial)):

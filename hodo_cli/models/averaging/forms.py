@@ -194,7 +194,8 @@ class AveragedTurns(BodyFrame):
         elif not max(slow[:2]) or slow.m1 < 2 * edge_of(body):
             yield (
                 ("initial",),
-                "nothing turns at rest, nor on the separatrix or beside it: take form full",
+                "averaging is undefined at rest and on the separatrix or very near it: take form "
+                "full",
             )
 
     # What the torque does over a turn; the first is the mean of (ln X_e)' and (ln X_o)', for
