@@ -35,10 +35,6 @@ CANCELLED = 1e-14
 FLAT = 1e-9
 """The curvature beside the others from which on a cone is no pair of planes."""
 
-NEWTON_STEPS = 100
-"""Of Newton's iteration. Four suffice but where steady rotations meet, where each halves the
-distance."""
-
 BISECTIONS = 60
 """In search of the place where a saddle appears: more than a double has digits."""
 
@@ -133,14 +129,12 @@ class SaddleCurves(NamedTuple):
         moving = np.flatnonzero(self.square(u) > momentum * momentum)
         # Only what has not converged, since numbers that are none are slow in long double.
         some = self.chosen(moving)
-        for _ in range(NEWTON_STEPS):
+        while moving.size:
             ahead = some.ahead(u[moving], momentum)
             accuracy = 4 * np.finfo(u.dtype).eps * np.where(some.own > 0, ahead, some.limit)
-            # Steps back are made of rounding.
+            # Five steps suffice but where steady rotations meet; steps back are made of rounding.
             going = np.flatnonzero(ahead - u[moving] > accuracy)
             u[moving] = ahead
-            if not going.size:
-                break
             moving, some = moving[going], some.chosen(going)
         return np.where(u < self.limit, u, np.nan)
 

@@ -8,9 +8,6 @@ cell of the plane, between such lines, in which the label is the same, and only 
 every such cell are searched.
 """
 
-from collections.abc import Iterator
-from typing import NamedTuple
-
 import numpy as np
 
 from ...models.theory.gyrostat import SaddleCurves
@@ -73,19 +70,11 @@ def stays_within(cells: np.ndarray, levels: np.ndarray) -> np.ndarray:
     return np.asarray(((middle - reach > least) & (middle + reach < most)).all(0))
 
 
-class CurvePlaces(NamedTuple):
-    """Places on the curves of saddles: the slope s, 2T and G^2 (2, n)."""
-
-    s: np.ndarray
-    energy: np.ndarray
-    square: np.ndarray
-
-
-def places_near(curves: SaddleCurves, *squares: np.ndarray) -> Iterator[CurvePlaces]:
-    """Those where G^2 is a little larger than each of `squares` (n,), or the beginnings of the
-    curves."""
+def places_near(curves: SaddleCurves, squares: np.ndarray) -> np.ndarray:
+    """s, 2T and G^2 (3, p, 2, n) at places on the curves of saddles where this is a little larger
+    than `squares` (p, n), or where the curves begin."""
     curves = curves.chosen(np.tile(np.arange(len(curves.limit)), len(squares)))
-    square = np.concatenate([values for values in squares for _ in range(2)])
+    square = np.repeat(squares, 2, axis=0).ravel()
     momentum = np.sqrt(square)
     u = curves.nearest(momentum)
     for _ in range(APPROACHES):
@@ -93,7 +82,7 @@ def places_near(curves: SaddleCurves, *squares: np.ndarray) -> Iterator[CurvePla
     # At the pole itself a saddle leaves G^2 open.
     square = np.maximum(curves.square(u), square)
     rows = np.array([curves.s(u), curves.tangent(u, square), square])
-    return (CurvePlaces(*place) for place in rows.reshape(3, len(squares), 2, -1).swapaxes(0, 1))
+    return rows.reshape(3, len(squares), 2, -1)
 
 
 @np.errstate(all="ignore")
@@ -103,24 +92,23 @@ def cells_about(curves: SaddleCurves, levels: np.ndarray, width: float) -> np.nd
     energy, square, loss = levels[0], levels[3], levels[4]
     part = np.clip(NARROWEST * (np.abs(loss) + levels[5]) / square, width, MOST)
     ahead = np.copysign(part * square, loss)
-    on, back = places_near(curves, square + ahead, square - BACK * ahead)
-    margin = OFF_CURVE * (energy + np.abs(on.s) * square)
-    appears = curves.least_squares().reshape(on.s.shape)
-    side, exists = curves.side.reshape(on.s.shape), square > appears
+    s, T, G = places_near(curves, np.stack([square + ahead, square - BACK * ahead]))
+    margin = OFF_CURVE * (energy + np.abs(s[0]) * square)
+    begins, side = (x.reshape(2, -1) for x in (curves.least_squares(), curves.side))
+    exists, tangent = square > begins, T[0] + s[0] * (square - G[0])
     # Beyond a tangent of its curve a saddle decides alone: the other one is farther off.
-    tangent = on.energy + on.s * (square - on.square)
     decides = exists & (side * (energy - tangent) < -margin)
     bounds = exists & ~decides[::-1]
-    chord = (back.energy - on.energy) / (back.square - on.square)
-    slope = np.where(bounds, np.where(decides, on.s, chord), 0)
-    line = on.energy - slope * on.square
-    is_below = decides == (side > 0)
-    least, most = np.minimum(on.square, back.square), np.maximum(on.square, back.square)
-    least = np.maximum(np.where(decides, 0, least), (1 + OFF_CURVE) * appears)
-    most = np.where(exists, most, (1 - OFF_CURVE) * appears)
-    least = np.where(bounds, least, -np.inf).max(0, keepdims=True)
-    most = np.where(decides.any(0), np.inf, most).min(0, keepdims=True)
-    above = np.where(bounds & ~is_below, line + margin, -np.inf)
-    below = np.where(bounds & is_below, line - margin, np.inf)
-    rows = np.ones_like(least), -slope, least, above, most, below
-    return np.concatenate(rows).reshape(3, 3, -1)
+    slope = np.where(bounds, np.where(decides, s[0], (T[1] - T[0]) / (G[1] - G[0])), 0)
+    line, is_below = T[0] - slope * G[0], decides == (side > 0)
+    least = np.maximum(np.where(decides, 0, G.min(0)), (1 + OFF_CURVE) * begins)
+    most = np.where(exists, G.max(0), (1 - OFF_CURVE) * begins)
+    rows = (
+        np.ones_like(square),
+        *-slope,
+        np.where(bounds, least, -np.inf).max(0),
+        *np.where(bounds & ~is_below, line + margin, -np.inf),
+        np.where(decides.any(0), np.inf, most).min(0),
+        *np.where(bounds & is_below, line - margin, np.inf),
+    )
+    return np.array(rows).reshape(3, 3, -1)
