@@ -1,22 +1,17 @@
 """Batches that are running, or were interrupted: what they have finished can be used at once."""
 
-import errno
 import json
 import os
 import stat
-import subprocess
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
-import stress
 from conftest import call
 
-from hodo_cli import BatchError
 from hodo_cli.storage import staging
-from hodo_cli.storage import writer as writer_module
 from hodo_cli.storage.finished_cases import finished_cases, open_batch
 from hodo_cli.storage.group import Group
 from hodo_cli.storage.hdf5 import open_run
@@ -246,64 +241,3 @@ def test_a_change_leaves_what_dead_runs_have_finished(path: Path) -> None:
         changes.write("first", Group({"note": "new"}, {}))
     (folder,) = staging.staging_folders(path)
     assert [*folder.glob("part-stamp-0.h5")]
-
-
-BEFORE_A_LONG_CASE = """\
-defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 0.003],
-           initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 100, samples: 11}}
-cases: {a: {}, b: {}, c: {}, d: {}, e: {}, f: {}, LONG}
-"""
-STEPPED = "long: {method: RK45, tol: 1e-14, error: off, time: {end: 1e6, samples: 11}}"
-SWEPT = """\
-  g: {sweep: {damping.0: {values: [0.005]}}},
-  long: {method: RK45, error: off, sweep: {damping.0: {linspace: [0.005, 0.006, 4000]}}}"""
-
-
-@pytest.mark.parametrize(
-    ("names", "long", "jobs"),
-    [("abcdef", STEPPED, "1"), ("abcdef", STEPPED, "2"), ("abcdefg", SWEPT, "1")],
-)
-def test_short_cases_are_stored_while_a_long_one_runs(
-    path: Path, tmp_path: Path, names: str, long: str, jobs: str
-) -> None:
-    text = BEFORE_A_LONG_CASE.replace("LONG", long)
-    (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
-    command = [*stress.HODO, "run", "a.yaml", "-j", jobs]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL) as running:
-        try:
-            while finished_cases(path).keys() != {*names} and running.poll() is None:
-                time.sleep(0.1)
-            assert running.poll() is None
-        finally:
-            running.terminate()
-    assert finished_cases(path).keys() == {*names}
-
-
-def test_what_cannot_be_stored_meanwhile_is_refused_when_the_next_case_comes(
-    path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    tried: list[int] = []
-
-    def items() -> Iterator[str]:
-        yield "first"
-        monkeypatch.setattr(writer_module, "HOLD", 0.02)
-        monkeypatch.setattr(writer_module, "create", full)
-        deadline = time.monotonic() + 10
-        while len(tried) < 2 and time.monotonic() < deadline:
-            time.sleep(0.01)
-        yield "second"
-
-    def full(*arguments: object) -> None:
-        tried.append(1)
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(writer_module, "HOLD", 0.2)
-
-    def run() -> None:
-        with Writer(path, {"config": CONFIG}) as writer:
-            for name in writer.storing(items()):
-                writer.add(name, stored(1))
-            pytest.fail("the second case was taken")
-
-    with pytest.raises(BatchError, match="no space left"):
-        run()

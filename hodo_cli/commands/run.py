@@ -345,13 +345,12 @@ def outcomes(
     """Each case with its group to be stored, or the error that left none: single cases, then the
     sweeps."""
     single = [case for case in cases if not case.sweep]
-    starting = progress.starting(single, attrgetter("name"))
-    yield from writer.storing(pool.map(finished_case, starting))
+    yield from pool.map(finished_case, progress.starting(single, attrgetter("name")))
+    writer.store()  # sweeps take long, and short cases wait for others
     for case in cases:
         if case.sweep:
             from ..sweeps import sweep
 
-            writer.store()  # sweeps take long, and what is short waits for others
             resume = plan.reasons.get(case.name) != FORCED
             try:
                 id, earlier = case_digest(case), plan.earlier(case.name)

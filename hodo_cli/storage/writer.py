@@ -6,21 +6,20 @@ unreadable, all of it, after one in five of its writes; a kill there would cost 
 is complete or absent; the next run takes over those of a dead one. A sweep comes in chunks, of
 which its shard is made.
 
-Short cases share a shard, because a file costs as much as a case. It is written HOLD seconds after
-the shard before, and only a case in a shard is called finished.
+Short cases share a shard, because a file costs as much as a case. It is written when a case is
+finished HOLD seconds after the shard before, and only a case in a shard is called finished.
 
 A result that is there is changed by a new file in its place.
 """
 
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
-from threading import Event, Lock, Thread
 from time import monotonic
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 import numpy as np
 
@@ -39,8 +38,6 @@ from .group import Attribute, Group
 from .hdf5 import ResultFile, open_run, size_of
 from .output import amend, create
 from .staging import Staging, check_writable, chunks_in, identity, os_errors_as, publish, synced
-
-Awaited = TypeVar("Awaited")
 
 KEPT = "; finished cases are kept"
 
@@ -133,42 +130,11 @@ class Writer:
         if max(took, monotonic() - self._stored_at) > HOLD:
             self.store()
 
-    def storing(self, items: Iterable[Awaited]) -> Iterator[Awaited]:
-        """Items that take long to come, as outcomes of cases do: while the next one is awaited,
-        cases that wait are stored every HOLD seconds, by a thread that rests at all other times."""
-        awaiting, ended, coming = Lock(), Event(), iter(items)
-
-        def store_meanwhile() -> None:
-            while not ended.wait(HOLD):
-                # What cannot be written waits on, and the next `add` raises the error.
-                with awaiting, suppress(Exception):
-                    self.store()
-
-        thread = Thread(target=store_meanwhile, daemon=True)
-        awaiting.acquire()
-        with suppress(RuntimeError):  # a limit on threads: cases then wait for the next one
-            thread.start()
-        try:
-            while True:
-                awaiting.release()
-                try:
-                    item = next(coming)
-                except StopIteration:
-                    return
-                finally:
-                    awaiting.acquire()
-                yield item
-        finally:
-            ended.set()
-            awaiting.release()
-            if thread.is_alive():
-                thread.join()
-
     def store(self) -> None:
         """Write the cases that wait as one shard. Raises HodoError if it cannot be written."""
+        self._stored_at = monotonic()
         try:
             self._store([*self._waiting])
-            self._stored_at = monotonic()
         except Exception:
             # As much as the disk takes, and a case that cannot be stored takes no other along.
             for name in [*self._waiting]:
