@@ -72,6 +72,17 @@ def magnitude(value: float) -> str:
     return "0" if value == 0 else f"{value:.1e}"
 
 
+def to_error(value: float, error: float, digits: int) -> str:
+    """A number to the first digit that its error changes, to so many digits at most, and to 6 where
+    no error was measured."""
+    if math.isnan(error):
+        digits = min(digits, 6)
+    elif 0 < error < math.inf and value:
+        right = 1 + math.floor(math.log10(abs(value))) - math.floor(math.log10(error))
+        digits = max(1, min(digits, right))
+    return f"{value:.{digits}g}"
+
+
 def case_words(name: str) -> str:
     """A case in a message: without a name of its own, in Python, it is called `case`."""
     return "the case" if name == "case" else f"case {name}"

@@ -1,14 +1,19 @@
 """The measured error: of what is stored, at the samples that both motions have."""
 
+import math
+import re
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+import hodo_cli
 from hodo_cli import Case, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import parse
+from hodo_cli.commands.classify import classified, event_words, table_of_crossings
+from hodo_cli.commands.run import finished_case
 from hodo_cli.integration import Trajectory, driver, error, integrate, solve
 
 pytestmark = pytest.mark.engines
@@ -100,8 +105,7 @@ def test_a_tolerance_cut_at_the_limit_of_a_method_is_no_reference(
         return replace(motion, tol=max(tol, motion.tol))
 
     monkeypatch.setattr("hodo_cli.integration.error.solve", limited)
-    _, kind = error.measured_error(motion)
-    assert kind == "refined"
+    assert error.measured_error(motion).kind == "refined"
     assert asked == [2.0**-112 / 100, 2.0**-112 * 100]
 
 
@@ -116,6 +120,55 @@ def test_a_motion_that_is_called_at_rest_a_step_early_has_no_error() -> None:
     assert error.errors_against(FIG4, ours, moving_on) == {"omega": 1}
 
 
+BODY = {
+    "inertia": [1.4, 3, 2], "initial": {"p": 0.9, "q": 0.05, "r": 1.1},
+    "time": {"start": 5, "end": 125, "samples": 241},
+}  # fmt: skip
+STOPPING: dict[str, dict[str, Any]] = {
+    "drag": {"model": "torques", "brake": 0.02, "quadratic": [0.01, 0.2, 0.02], "kappa": 0.1},
+    "turned": {"model": "torques", "brake": 0.02, "damping": [0.01, 0.02, 0.03], "attitude": "yes"},
+    "free": {"model": "torques", "brake": 0.03},
+    "averaged": {
+        "model": "torques", "form": "averaged", "brake": 0.02, "damping": [0.01, 0.005, 0.02],
+    },
+    "spin": {"model": "cavity+constant", "form": "averaged", "inertia": [8, 8, 4], "kappa": 1,
+             "torque": [0, 0, -0.1], "initial": {"x": 1, "y": 1}},
+}  # fmt: skip
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", STOPPING)
+@pytest.mark.parametrize(("method", "tol"), [("LSODA", 1e-3), ("RK45", 1e-6), ("auto", None)])
+def test_the_error_of_an_event_is_its_true_one(name: str, method: str, tol: float | None) -> None:
+    data = {**BODY, **STOPPING[name]}
+    true = float(hodo_cli.run({**data, "precision": "extended"}).event_time[-1])
+    motion = hodo_cli.run({**data, "method": method} | ({"tol": tol} if tol else {}))
+    off, stated = abs(float(motion.event_time[-1]) - true), float(motion.event_error[-1])
+    # The last digit of either time.
+    assert off <= 1.01 * stated + 2 * math.ulp(true)
+    assert stated <= 1.01 * off + 2e-12
+    assert motion.event_error.attrs["units"] == "1"
+    # An error of a time is one of the motion, and no infinite one.
+    assert stated / (true - 5) <= 1.001 * motion.attrs["error"] < math.inf
+
+
+def test_an_event_is_printed_to_its_error() -> None:
+    text = """\
+defaults: {model: torques, inertia: [1.4, 3, 2], initial: {p: 0.9, q: 0.05, r: 1.1}, brake: 0.02,
+           damping: [0.01, 0.02, 0.03], time: {end: 120}, method: DOP853, tol: 1e-3}
+cases: {loose: {}, unmeasured: {error: off}}
+"""
+    cases = parse(text, "stops.yaml").cases
+    rows = [classified(name, finished_case(case))[1] for name, case in cases.items()]
+    table = table_of_crossings(rows)
+    # Where no error was measured, the classification asks a reference about the time next to rest.
+    lines = re.findall(r"stopped at 67\.\d\d? \(error \d\.\de-0\d\)$", table, re.MULTILINE)
+    assert len(lines) == 2, table
+    assert event_words({**rows[0]["events"][0], "error": math.nan}, " s").endswith(
+        " s (error not measured)"
+    )
+
+
 def test_a_thinned_motion_keeps_its_ends() -> None:
     rows = error.thinned(250_000)
     assert rows[[0, -1]].tolist() == [0, 249_999]
@@ -128,4 +181,4 @@ def test_the_time_at_which_an_event_ends_a_motion_has_its_error(tol: float) -> N
     loose = replace(SPIN, method="DOP853", tol=tol, time=Time(end=60.0, samples=61))
     motion = integrate(loose)
     end = integrate(replace(loose, method="auto", tol=None)).time[-1]
-    assert motion.errors["time"] == pytest.approx(abs(motion.time[-1] / end - 1), rel=1e-3)
+    assert motion.errors["event_time"] == pytest.approx(abs(motion.time[-1] / end - 1), rel=1e-3)

@@ -55,7 +55,7 @@ def thinned(group: Group) -> Group:
     variables = {}
     for name, variable in group.variables.items():
         data = variable.data[rows] if variable.dims[:1] == ("time",) else variable.data
-        if data.dtype.kind == "f" and name != "crossing_error":
+        if data.dtype.kind == "f" and name not in ("crossing_error", "event_error"):
             located = name == "event_time" or name.startswith("crossing_")
             tolerance = {"rtol": rtol * CONDITION if located else rtol}
             if group.attributes["form"] in RTOL:

@@ -1,6 +1,7 @@
 """`hodo classify`: labels and crossings of stored cases."""
 
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +23,7 @@ from ..results.layout import RECORDED
 from ..results.motion import Motion, motion_of
 from ..results.units import sentence_of_case, units_of_case
 from ..storage import Group, Report, history_line, typed, update
-from ..text import NAMES_LISTED, abridged, grouped, magnitude, table
+from ..text import NAMES_LISTED, abridged, grouped, magnitude, table, to_error
 from .resume import package_digest, result_named, warn_of_changes
 
 
@@ -86,11 +87,25 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     labelled = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
     motion = Motion(case, group.variables, label=name)
     row = row_of(motion, labelled)
-    row["events"] = [{"kind": kind, "time": time} for kind, time in motion.events]
+    row["events"] = events_of(motion, labelled)
     if (status := group.attributes.get("status")) != Status.OK:
         # The last label of a motion that was broken off is not the one that it ends with.
         row["warnings"].append(f"{status}: to t = {group.variables['time'].data[-1]:.6g} only")
     return label_group(labelled, case), row
+
+
+def events_of(motion: Motion, labelled: Classification) -> list[dict[str, Any]]:
+    """The events of a stored motion in the table, with their errors: those that are stored or, of a
+    motion without, those that its classification has measured."""
+    errors = np.full(len(motion.events), math.nan)
+    if "event_error" in motion.data:
+        errors = np.atleast_1d(motion.stored("event_error"))
+    if np.isnan(errors).all() and len(labelled.events) == len(errors):
+        errors = np.array([event.error for event in labelled.events])
+    return [
+        {"kind": kind, "time": time, "error": error}
+        for (kind, time), error in zip(motion.events, errors.tolist(), strict=True)
+    ]
 
 
 def end_before_time(group: Group) -> tuple[str, ...]:
@@ -207,11 +222,18 @@ def crossings_line(row: Mapping[str, Any]) -> tuple[str, ...]:
     time_unit = row.get("units", {}).get("time", "1")
     unit = "" if time_unit == "1" else f" {time_unit}"
     every = [passage(crossing, unit) for crossing in row["crossings"]]
-    events = [f"{event['kind']} at {event['time']:.15g}{unit}" for event in row.get("events", ())]
+    events = [event_words(event, unit) for event in row.get("events", ())]
     remarks = [remark for remark in row["warnings"] if remark != row.get("unlabelled")]
     passages = abridged(every, CROSSINGS_SHOWN, " (--json lists them)")
     ends = row["case"], row["start"], row["end"], ", ".join(growth), "; ".join(predicted)
     return (*ends, "; ".join([*passages, *events, *remarks]))
+
+
+def event_words(event: Mapping[str, Any], unit: str) -> str:
+    """One event of the motion itself: when, with its error."""
+    error = event["error"]
+    known = "not measured" if math.isnan(error) else f"{magnitude(error)}{unit}"
+    return f"{event['kind']} at {to_error(event['time'], error, 15)}{unit} (error {known})"
 
 
 def passage(crossing: Mapping[str, Any], unit: str) -> str:

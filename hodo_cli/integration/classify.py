@@ -25,9 +25,9 @@ from .crossings import (
     standing,
 )
 from .driver import at_rest
-from .error import references, with_step_limit
+from .error import judged_events, references, with_step_limit
 from .solve import sample_times, solve
-from .trajectory import Trajectory
+from .trajectory import Occurrence, Trajectory
 
 CHECKS = 513
 """Times besides the samples at which the error of a motion is measured: a case may have few."""
@@ -51,7 +51,7 @@ class Classification:
     `growth` (3,) are the rates at which a small tilt away from each axis grows, None where none can
     be told; `final` is the label in the end where theory predicts it, `predictions` are further
     sentences of it. `hidden` is set where the error of the motion hides a crossing, or which list
-    of them is right.
+    of them is right. `events` are those of the motion itself.
     """
 
     labels: np.ndarray
@@ -61,6 +61,7 @@ class Classification:
     final: int | None = None
     hidden: bool = False
     predictions: tuple[str, ...] = ()
+    events: tuple[Occurrence, ...] = ()
 
 
 def classify(
@@ -92,7 +93,7 @@ def classify(
     labels = completed(labels, case.system.absorbing_axes(case.time.start, case.time.end))
     listed = crossings_of(dense, errors)
     crossings, warnings = (
-        resolve_conflicts(listed, *reference)
+        resolve_conflicts(listed, reference)
         if reference
         else (listed.crossings, undecided_warning(listed.undecided))
     )
@@ -103,7 +104,16 @@ def classify(
     return Classification(
         labels, tuple(crossings), warnings, system.tilt_growth(time.start), system.final_axis,
         hidden, tuple(system.predictions(time.start, time.end)),
+        judged_events(motion, reference.motion) if reference else motion.events,
     )  # fmt: skip
+
+
+class BetterSolution(NamedTuple):
+    """A reference of a motion, its crossings, and the name of how it was computed."""
+
+    motion: Trajectory
+    listed: CrossingList
+    name: str
 
 
 class DenseSolution(NamedTuple):
@@ -181,9 +191,8 @@ def check_stored(
 
 def against_reference(
     dense: DenseSolution, expected: float
-) -> tuple[np.ndarray, tuple[CrossingList, str] | None]:
-    """The error of a motion at each of its times (n,), and the crossings of its reference, with the
-    reference's name.
+) -> tuple[np.ndarray, BetterSolution | None]:
+    """The error of a motion at each of its times (n,), and its reference.
 
     Without a reference the error is `expected` everywhere but at the start. Where a case has
     `error: off` that will do, unless such an error leaves anything undecided.
@@ -208,7 +217,8 @@ def against_reference(
         )
         reference_errors[:1] = errors[:1] = start_error(case)
         name = f"{by.method} in {by.precision} precision"
-        return errors, (crossings_of(reference, reference_errors), name)
+        listed = crossings_of(reference, reference_errors)
+        return errors, BetterSolution(reference.motion, listed, name)
     return assumed_errors(motion, expected), None
 
 
@@ -262,6 +272,7 @@ def own_errors(motion: Trajectory, reference: Trajectory, precision: str) -> np.
     return ratio * distances(reference, motion)
 
 
+@np.errstate(over="ignore")  # where the reference rests already, a motion is infinitely wrong
 def distances(motion: Trajectory, reference: Trajectory) -> np.ndarray:
     """|omega - omega_ref| / |omega_ref| (n,) at the times of a motion; at least its rounding."""
     n = min(len(motion.time), len(reference.time))
@@ -335,18 +346,20 @@ def completed(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndarray:
 
 
 def resolve_conflicts(
-    listed: CrossingList, better: CrossingList, name: str
+    listed: CrossingList, reference: BetterSolution
 ) -> tuple[list[Crossing], tuple[str, ...]]:
     """The crossings to be stored, from those of a motion and of its reference, and warnings.
 
     Lists that differ are exchanged only if the reference decides everything, and with a warning.
     """
+    better = reference.listed
     if axes(listed) == axes(better):
         pairs = zip(listed.crossings, better.crossings, strict=True)
         crossings = [with_error(a, abs(a.time - b.time)) for a, b in pairs]
         # Where the motion is undecided its reference may decide, and then nothing is missing.
         return crossings, undecided_warning(listed.undecided if better.undecided else [])
-    lists = f"{len(listed.crossings)} by the motion, {len(better.crossings)} by {name}"
+    counts = len(listed.crossings), len(better.crossings)
+    lists = f"{counts[0]} by the motion, {counts[1]} by {reference.name}"
     if better.undecided:
         undecided = undecided_warning(listed.undecided or better.undecided)
         return listed.crossings, (*undecided, f"the crossings are undecided: {lists}")
@@ -362,8 +375,8 @@ def axes(listed: CrossingList) -> list[tuple[int, int]]:
 
 
 def with_error(crossing: Crossing, error: float) -> Crossing:
-    """A crossing with the error of its time, which is no smaller than the rounding of a double."""
-    return replace(crossing, error=max(error, math.ulp(crossing.time) / 2))
+    """A crossing with the error of its time, and what its rounding to a double adds to that."""
+    return replace(crossing, error=error + math.ulp(crossing.time) / 2)
 
 
 def undecided_warning(times: list[float]) -> tuple[str, ...]:

@@ -1,7 +1,9 @@
 """The measured error of a motion: its distance from a better computation."""
 
-import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import zip_longest
+from math import inf, ulp
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +16,7 @@ from ..models.constants import attributes, rescaled
 from .choice import AUTOMATIC, MANY_STEPS, best
 from .driver import LIMIT
 from .solve import refined, sample_times, solve
-from .trajectory import Trajectory
+from .trajectory import Occurrence, Trajectory
 
 COMPARED = 100_000
 """About how many samples, evenly spaced, an error is measured at."""
@@ -28,11 +30,18 @@ EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Whether long double is more precise than double here."""
 
 
-def measured_error(motion: Trajectory) -> tuple[dict[str, float], str]:
-    """The error of each stored variable against a better computation, and what that was.
+class MeasuredError(NamedTuple):
+    """The error of each stored variable of a motion, what computation it was measured against, and
+    the events of the motion with theirs."""
 
-    It is the largest over the samples, or over some COMPARED of them where there are more.
-    """
+    errors: Mapping[str, float]
+    kind: str
+    events: tuple[Occurrence, ...]
+
+
+def measured_error(motion: Trajectory) -> MeasuredError:
+    """The error of a motion against a better computation: the largest over the samples, or over
+    some COMPARED of them where there are more."""
     case, times, n = motion.case, motion.time, len(motion.time)
     if motion.whole and any(event.terminal for event in case.system.run_events):
         times = sample_times(case)
@@ -50,8 +59,9 @@ def measured_error(motion: Trajectory) -> tuple[dict[str, float], str]:
             continue
         # A reference that stops early still judges a motion that stopped as well.
         if reference.whole or not motion.whole:
-            return errors_against(case, thin_motion, reference), by.kind
-    return {}, "none"
+            errors = errors_against(case, thin_motion, reference)
+            return MeasuredError(errors, by.kind, judged_events(motion, reference))
+    return MeasuredError({}, "none", motion.events)
 
 
 def with_step_limit(motion: Trajectory, reference: str) -> Case:
@@ -115,28 +125,30 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
     """The error of each stored variable, the largest over the samples that both motions have.
 
     A vector is judged sample by sample, relative to its length; an attitude by the angle to turn it
-    into the other; a scalar relative to its largest value; the time of a terminal event relative to
-    the time since the start. A motion at rest (LIMIT) has no error. The values of the motion are
-    judged as they are stored, in double precision.
+    into the other; a scalar relative to its largest value; the time of an event relative to the
+    time since the start. A motion at rest (LIMIT) has no error. The values of the motion are judged
+    as they are stored, in double precision.
     """
     system = case.system
     n = min(len(motion.time), len(reference.time))
-    errors: dict[str, float] = {}
-    if n and motion.time[n - 1] != reference.time[n - 1]:
-        end = float(reference.time[-1])
-        errors["time"] = abs(motion.time[-1] - end) / max(end - case.time.start, math.ulp(end))
-    rows = np.r_[0 : n - 1, -1] if errors else slice(n)
-    if event_error := passages_apart(motion, reference):
-        errors["event_time"] = event_error
+    errors = {}
+    if apart := events_apart(motion, reference):
+        start = case.time.start
+        errors["event_time"] = max(error / max(time - start, ulp(time)) for time, error in apart)
+    # Where an event ends both, their last states are compared, at whatever time each has its own.
+    has_end = n and motion.time[n - 1] != reference.time[n - 1]
+    rows = np.r_[0 : n - 1, -1] if has_end else slice(n)
     sizes = motion.exponent[rows], reference.exponent[rows]
-    state, shift = motion.state[rows].astype(float), sizes[0] - sizes[1]
+    # One of the two may be called at rest a step before the other. Between two different stops one
+    # rests while the other does not, by the error of the event.
+    moving = inf if system.may_stop else -LIMIT / 2
+    resting = (np.minimum(*sizes) <= -LIMIT) & (np.maximum(*sizes) < moving)
+    state, shift = motion.state[rows].astype(float), np.where(resting, 0, sizes[0] - sizes[1])
     if system.degree and shift.any():
         state = rescaled(type(system), state, shift)
     judged = system.output(motion.time[rows], state, attributes(system.constants))
     k = attributes(system.constants, np.longdouble)
     better = system.output(reference.time[rows], extended(reference.state[rows]), k)
-    # One of the two may be called at rest a step before the other.
-    resting = (np.minimum(*sizes) <= -LIMIT) & (np.maximum(*sizes) < -LIMIT / 2)
     for name, variable in system.variables.items():
         if not case.rests_on(name):
             continue
@@ -156,20 +168,31 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
     return errors
 
 
-def passages_apart(motion: Trajectory, reference: Trajectory) -> float:
-    """The largest difference of the times at which two motions pass on through an event, relative
-    to the time since the start."""
-    times = [[e.time for e in path.events if e.details] for path in (motion, reference)]
-    if len(times[0]) != len(times[1]):
-        return math.inf
-    start = motion.case.time.start
-    return max((time_error(a, b, start) for a, b in zip(*times, strict=True)), default=0.0)
+def events_apart(motion: Trajectory, reference: Trajectory) -> list[tuple[float, float]]:
+    """The time of each event of two motions, and how far apart they meet it: of one that only one
+    of them has, the other may meet it behind its end."""
+    apart = []
+    for pair in zip_longest(motion.events, reference.events):
+        met = [event.kind for event in pair if event]
+        time, better = (
+            event.time if event else float(path.time[-1])
+            for event, path in zip(pair, (motion, reference), strict=True)
+        )
+        error = inf if len({*met}) > 1 else time_error(time, better)
+        apart.append((max(time, better), error))
+    return apart
 
 
-def time_error(time: float, better: float, start: float) -> float:
-    """The error of a time against a better one, relative to the time since the start; no less than
-    what rounding to a double may cost, where both are the same double."""
-    return max(abs(time - better), math.ulp(better) / 2) / (better - start)
+def judged_events(motion: Trajectory, reference: Trajectory) -> tuple[Occurrence, ...]:
+    """The events of a motion with the errors of their times."""
+    apart = zip(motion.events, events_apart(motion, reference), strict=False)
+    return tuple(replace(event, error=error) for event, (_, error) in apart)
+
+
+def time_error(time: float, better: float) -> float:
+    """The error of a time against a better one, with what that has lost by its rounding to a
+    double."""
+    return abs(time - better) + ulp(better) / 2
 
 
 def subtracted(a: np.ndarray, b: np.ndarray) -> np.ndarray:

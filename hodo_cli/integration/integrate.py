@@ -1,7 +1,7 @@
 """Case -> Trajectory: the motion by the method of the case, its measured error, and remarks."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +9,11 @@ import numpy as np
 from ..cases.case import Case
 from ..engines.protocol import Status
 from ..models.base import Model
+from ..text import to_error
 from .choice import choose
-from .error import measured_error
+from .error import MeasuredError, measured_error
 from .solve import solve, step_times
-from .trajectory import Trajectory
+from .trajectory import Occurrence, Trajectory
 
 ASKED = 1e-12
 """The error that a motion may have whose tolerance is at the limit of its precision."""
@@ -39,25 +40,29 @@ def integrate(case: Case) -> Trajectory:
     if case.time.steps == "yes":
         sampled = replace(case, time=case.time.listed(step_times(case, method)))
     motion = timed(solved(sampled, method, reason))
-    errors, kind = measured_error(motion) if case.error == "on" else ({}, "none")
+    measured = MeasuredError({}, "none", motion.events)
+    if case.error == "on":
+        measured = measured_error(motion)
+    errors, kind, events = measured
     return motion.judged(
         case=case,
-        message=motion.message or early_end(motion),
+        events=events,
+        message=motion.message or early_end(motion, events),
         warnings=(*model_warnings(motion), *motion_remarks(motion, errors)),
         errors=errors,
         error_kind=kind,
     )
 
 
-def early_end(motion: Trajectory) -> str:
-    """Which event ends a motion before its time; an empty string if none does."""
-    if not motion.events:
+def early_end(motion: Trajectory, events: Sequence[Occurrence]) -> str:
+    """Which of its events ends a motion before its time; an empty string if none does."""
+    if not events:
         return ""
-    last = motion.events[-1]
+    last = events[-1]
     # The samples of a body that a brake has stopped go on.
     if not (motion.time[-1] < motion.case.time.end or last.kind == "stopped"):
         return ""
-    return f"ends at t = {last.time:.6g}: {last.kind.replace('_', ' ')}"
+    return f"ends at t = {to_error(last.time, last.error, 6)}: {last.kind.replace('_', ' ')}"
 
 
 def model_warnings(motion: Trajectory) -> list[str]:

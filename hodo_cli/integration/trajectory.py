@@ -1,5 +1,6 @@
 """A motion as an integration returns it."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,11 +16,12 @@ from ..models.constants import attributes, rescaled
 
 @dataclass(frozen=True)
 class Occurrence:
-    """One event of a motion: its kind and its time."""
+    """One event of a motion: its kind, its time, and the measured error of that."""
 
     kind: str
     time: float
     details: Mapping[str, float] = field(default_factory=dict)
+    error: float = math.nan
 
 
 @dataclass(frozen=True)

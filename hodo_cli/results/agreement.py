@@ -112,7 +112,8 @@ def located_difference(b: ReferenceValues) -> np.ndarray:
     else:
         # A stated error below some ulps is luck, and another machine has less of it.
         of_state = b.of_size(0.0) + CONDITION * max(error, 1e-14) * b.size
-    stated = b.group.variables.get("crossing_error") if b.name == "crossing_time" else None
+    error_name = next((name for name, of in ERRORS.items() if of == b.name), "")
+    stated = b.group.variables.get(error_name)
     return of_state + (0.0 if stated is None else STATED * np.nan_to_num(stated.data))
 
 
@@ -168,7 +169,7 @@ def allowed_difference(name: str, group: Group, tolerance: Tolerance) -> np.ndar
 
 # Errors
 
-ERRORS = {"crossing_error": "crossing_time"}
+ERRORS = {"crossing_error": "crossing_time", "event_error": "event_time"}
 """The variables that are errors themselves, with those whose errors they are: they agree to their
 order of magnitude."""
 

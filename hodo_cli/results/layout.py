@@ -149,6 +149,7 @@ CROSSING_COLUMNS = {
 
 EVENT_COLUMNS = {
     "event_time": ("time", Stored("time of the event", ("event",), units="time")),
+    "event_error": ("error", Stored("measured error of event_time", ("event",), units="time")),
     "event_kind": ("kind", Stored("kind of the event", ("event",), "O")),
 }
 """The columns of events: the field of `Occurrence` that each holds, and how it is stored."""
@@ -249,9 +250,7 @@ def case_variables(
     if events:
         stored |= columns_of(EVENT_COLUMNS, events) | event_details(events)
     if "enclosed_axis" in values:  # labels and crossings stand together, as `classify` writes them
-        stored |= columns_of(
-            CROSSING_COLUMNS, passages_as_crossings(events, errors.get("event_time", math.nan))
-        )
+        stored |= columns_of(CROSSING_COLUMNS, passages_as_crossings(events))
     return stored
 
 
@@ -271,16 +270,15 @@ def columns_of(
     }
 
 
-def passages_as_crossings(events: Sequence[Occurrence], error: float) -> list[Crossing]:
-    """The events of an averaged motion that take it to another axis, as crossings; `error` is that
-    of their times, relative to them."""
+def passages_as_crossings(events: Sequence[Occurrence]) -> list[Crossing]:
+    """The events of an averaged motion that take it to another axis, as crossings."""
     return [
         Crossing(
             event.time,
             int(event.details["from"]),
             int(event.details["to"]),
             event.details["momentum"],
-            error * abs(event.time),
+            event.error,
         )
         for event in events
         if event.details.get("to", 0) not in (0, event.details.get("from"))

@@ -235,8 +235,8 @@ def verdict(motion: Trajectory, error: float, floor: float) -> str:
     if error <= ULPS * floor:
         return "limited by the data"
     # Measured only now: a result that is right needs no warning.
-    errors, _ = measured_error(motion)
-    return "inaccurate, as stated" if any(motion_remarks(compared(motion), errors)) else "SILENT"
+    remarks = motion_remarks(compared(motion), measured_error(motion).errors)
+    return "inaccurate, as stated" if any(remarks) else "SILENT"
 
 
 def error_of_crossings(motion: Trajectory, sure: ReferenceMotion) -> float:

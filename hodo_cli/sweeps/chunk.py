@@ -311,7 +311,7 @@ def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np
             return status, motion.method, final | labels
     except HodoError:
         return Status.FAILED, "", {}
-    crossings = passages_as_crossings(motion.events, math.nan)
+    crossings = passages_as_crossings(motion.events)
     axes = None if axis is None else labels_at_ends(motion, axis, crossings)
     return Status.OK, motion.method, final | event_columns({0: motion.events}, 1, axes)
 

@@ -103,7 +103,7 @@ def event_columns(
     for name in MEMBER_PASSED.keys() - MEMBER_CLASSIFIED.keys():
         detail = name.removeprefix("event_")
         filled[name] = column([event.details.get(detail, math.nan) for event in last])
-    crossings = [passages_as_crossings(events[row], math.nan) for row in rows]
+    crossings = [passages_as_crossings(events[row]) for row in rows]
     none = Crossing(math.nan, 0, 0, math.nan, math.nan)
     first = [passages[0] if passages else none for passages in crossings]
     for name in ("crossing_time", "crossing_from", "crossing_to", "crossing_G"):

@@ -102,7 +102,7 @@ def final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> float
     if "event_time" in final:
         time, start = float(final["event_time"]), reference.case.time.start
         better = reference.events[-1].time if reference.events else None
-        errors.append(math.inf if better is None else time_error(time, better, start))
+        errors.append(math.inf if better is None else time_error(time, better) / (better - start))
     for name in reference.variables.keys() & final.keys():
         values, off = reference.variables[name], final[name] - reference.variables[name][-1]
         if name == "attitude":
