@@ -157,7 +157,7 @@ class BatchState:
         """Remember the steps just taken in which the label of a body with a rotor may change."""
         number, size, _ = split_params(self.params)
         is_under_way = (number >= 0) & (self.now[self.m + TIME_ROWS] > 0)
-        levels = np.ldexp(self.now[-LEVEL_ROWS:], 2 * size)
+        levels = self.now[-LEVEL_ROWS:] * np.ldexp(1.0, 2 * size)
         columns = self.cells.left(levels, number, is_under_way)
         if columns.size:
             self.candidates.append(self.steps_taken(columns))

@@ -31,10 +31,6 @@ OFF_CURVE = 1e-6
 G^2 from where a saddle appears: far above the errors of motions."""
 
 
-HAS_ENERGY = np.array([[0], [1], [1]])
-"""Whether a bound of a cell is one of 2T as well as of G^2."""
-
-
 class RegionCells:
     """The cells of the columns of a batch (3, 3, n): the factor of G^2, the least and the largest
     value of G^2, and the same of 2T - s G^2 for either saddle. A column without one has numbers
@@ -64,9 +60,10 @@ def stays_within(cells: np.ndarray, levels: np.ndarray) -> np.ndarray:
     factor, least, most = cells
     energy, square = levels.reshape(2, 3, -1)
     # Both mostly fall together, and their difference changes much less.
-    value, change = (HAS_ENERGY * energy[i] + factor * square[i] for i in (0, 1))
-    middle, rest = value + change / 2, HAS_ENERGY * energy[2] + np.abs(factor) * square[2]
-    reach = np.abs(change / 2) + rest
+    value, change, rest = factor * square[0], factor * square[1], np.abs(factor) * square[2]
+    for bounded, part in zip((value, change, rest), energy, strict=True):
+        bounded[1:] += part
+    middle, reach = value + change / 2, np.abs(change) / 2 + rest
     return np.asarray(((middle - reach > least) & (middle + reach < most)).all(0))
 
 
