@@ -158,7 +158,11 @@ def test_numbers_at_logarithmic_ticks_have_room_in_narrow_panels(drawn: Drawings
 
 
 def test_a_law_and_its_curve_are_in_the_legend_with_the_time_of_the_axis(drawn: Drawings) -> None:
-    assert legend(drawn.draw("law")) == ["round-x1", r"$|G|$ = exp(-0.004*$\tau$)"]
+    assert legend(drawn.draw("law")) == ["round-x1", r"$|G| = \exp(-0.004\cdot \tau)$"]
+    law = "-2.5e-3*sqrt(1 + t**2)/G2**(-2) + sin(p)*J"
+    factors = r"-2.5\cdot 10^{-3}\cdot \mathrm{sqrt}(1 + \tau^{2})/{G^2}^{-2}"
+    words = legend(drawn.draw("law", formula={"G": law}))[1]
+    assert words == rf"$|G| = {factors} + \sin({{p}})\cdot {{J}}$"
 
 
 def test_bodies_on_a_sphere_have_their_separatrices_in_their_colours(drawn: Drawings) -> None:

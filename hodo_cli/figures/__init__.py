@@ -97,7 +97,7 @@ def draw(
         sheet.units, sheet.time = column_units(spec, cases), spec.get("time", "t")
         DRAW[spec["kind"]](sheet, spec, cases)
         sheet.remarks = remarks_on(spec, cases)
-        finish_figure(sheet, spec, style)
+        finish_figure(sheet, spec["title"], style)
         lighten(drawing)
     return sheet
 

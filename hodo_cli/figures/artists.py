@@ -145,6 +145,30 @@ def symbol(name: str) -> str:
     return f"{name[0]}_{{{name[1:]}}}" if re.fullmatch("[A-Za-z][a-z0-9]", name) else name
 
 
+FORMULA_WORDS = {"sqrt": r"\mathrm{sqrt}", "sin": r"\sin", "cos": r"\cos", "exp": r"\exp"}
+FORMULA_SIGNS = (
+    (r"\*\*\s*\(([-+\d\s]+)\)", r"**\1"),
+    (r"\*\*\s*([-+]?\d+)", r"^{\1}"),
+    (r"(?<=[\d.])[eE]([-+]?\d+)", r"\\cdot 10^{\1}"),
+    (r"\*", r"\\cdot "),
+)
+"""The functions of a formula in a case file, and its powers, numbers and products, in TeX."""
+
+
+def formula_in_tex(text: str, time: str) -> str:
+    """A formula of a case file in TeX, with a symbol of time."""
+    words = FORMULA_WORDS | {"t": time}
+
+    def word(name: re.Match[str]) -> str:
+        # Of J = G^2/2T the letter alone.
+        return words.get(name[0], f"{{{symbol(name[0]).partition(' = ')[0]}}}")
+
+    text = re.sub(r"(?<![\w.])[A-Za-z]\w*", word, text)
+    for sign, tex in FORMULA_SIGNS:
+        text = re.sub(sign, tex, text)
+    return text
+
+
 def axis_label(name: str, motion: Motion) -> str:
     """A variable's symbol and units."""
     return f"${symbol(name)}$ {unit(motion, name)}".rstrip()
@@ -564,7 +588,7 @@ def wanted_width(style: Mapping[str, Any]) -> float | None:
     return known[width] if width in known else width / 25.4
 
 
-def finish_figure(sheet: Sheet, spec: Mapping[str, Any], style: Mapping[str, Any]) -> None:
+def finish_figure(sheet: Sheet, title: str, style: Mapping[str, Any]) -> None:
     """Give a drawn figure its size, title, scales, letters and legend.
 
     Raises HodoError for a text that is not TeX, or a logarithmic axis with values below zero.
@@ -578,7 +602,7 @@ def finish_figure(sheet: Sheet, spec: Mapping[str, Any], style: Mapping[str, Any
     width, height = sheet.figure.get_size_inches()
     new_width = sheet.width or width
     size = text_size("figure.titlesize")
-    lines = text_lines(spec["title"], 0.97 * new_width, size) if spec["title"] else []
+    lines = text_lines(title, 0.97 * new_width, size) if title else []
     # The panels keep their shape: a line of the title is 1.7 times as high as its letters.
     new_height = height * new_width / width + 1.7 / 72 * size * len(lines)
     sheet.figure.set_size_inches(new_width, style.get("height", 25.4 * new_height) / 25.4)

@@ -27,8 +27,9 @@ from .artists import (
     SEPARATRIX,
     SKY,
     YELLOW,
-    case_handles,
     filled,
+    finish_figure,
+    labelled_styles,
     styles,
 )
 from .maps import position, positions
@@ -170,6 +171,7 @@ def draw_bench(trials: Group, verdicts: Sequence[str]) -> Sheet:
             work_precision(sheet, trials)
         else:
             status_map(sheet, trials, verdicts)
+        finish_figure(sheet, "", {})
     return sheet
 
 
@@ -183,7 +185,7 @@ def work_precision(sheet: Sheet, trials: Group) -> None:
     names = ("error", "run_time", "status", "floor")
     error, time, status, floor = (trials.variables[name].data for name in names)
     for i, (axes, case) in enumerate(zip(panels, cases, strict=True)):
-        for j, style in enumerate(styles(len(methods))):
+        for j, style in enumerate(labelled_styles(methods.tolist(), alone=True)):
             done = np.isfinite(error[i, j]) & (status[i, j] != "timeout")
             x, y = time[i, j][done], np.maximum(error[i, j][done], LEAST_ERROR)
             # A mark a point would make most of the file; a method with one point needs it.
@@ -192,11 +194,10 @@ def work_precision(sheet: Sheet, trials: Group) -> None:
         axes.set(title=case, ylim=(LEAST_ERROR, 10))
         axes.tick_params(which="minor", left=False, right=False, bottom=False, top=False)
         axes.tick_params(right=False, top=False)
-    sheet.figure.supxlabel("run time [s]", size="medium")
+    for axes in panels[-columns:]:
+        axes.set_xlabel("run time [s]")
     label = "largest relative error (dashed: what one ulp in the data makes)"
     sheet.figure.supylabel(filled(label, 1.5 * rows), size="medium")
-    handles = case_handles([*map(str, methods)])
-    sheet.figure.legend(handles=handles, loc="outside upper center", ncols=len(methods))
 
 
 def status_map(sheet: Sheet, trials: Group, verdicts: Sequence[str]) -> None:
@@ -219,5 +220,7 @@ def status_map(sheet: Sheet, trials: Group, verdicts: Sequence[str]) -> None:
     axes.set_xticks(range(len(methods)), methods)
     axes.set_yticks(range(len(cases)), cases, fontsize=5.5)
     axes.tick_params(length=0, labeltop=True, labelbottom=False)
-    handles = [Line2D([], [], ls="", marker="s", color=colour) for colour in VERDICT_COLOUR]
-    sheet.figure.legend(handles, verdicts, loc="outside lower center", ncols=3)
+    sheet.legend += [
+        Line2D([], [], ls="", marker="s", color=colour, label=verdict)
+        for colour, verdict in zip(VERDICT_COLOUR, verdicts, strict=True)
+    ]

@@ -1,7 +1,6 @@
 """Plane figures: quadrants, series over time, one variable against another, invariants."""
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import zip_longest
@@ -37,6 +36,7 @@ from .artists import (
     axis_label,
     case_handles,
     crossings_on,
+    formula_in_tex,
     labelled_styles,
     mark_handles,
     mark_points,
@@ -190,10 +190,6 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         for (motion, name), style in zip(curves, looks, strict=True):
             series_curve(sheet, axes, spec, motion, name, style)
         axes.margins(x=0.02, y=0.08)
-        if not by_case:
-            widen_constant(axes, curves)
-        if spec["level"] is not None:
-            axes.axhline(spec["level"], **SEPARATRIX)
         if by_case:
             axes.set_title(curves[0][0].label)
             # They share the vertical axis: one label on the left.
@@ -201,6 +197,9 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
                 axes.set_ylabel(f"{', '.join(names)} {unit(*curves[0])}")
         else:
             axes.set_ylabel(axis_label(group, motions[0]))
+            widen_constant(axes, curves)
+        if spec["level"] is not None:
+            axes.axhline(spec["level"], **SEPARATRIX)
         for inset_spec in spec["insets"]:
             if inset_spec["panel"] == group:
                 motion = next(motion for motion in motions if motion.name == inset_spec["case"])
@@ -214,8 +213,8 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
                 sheet.notes += event_marks(axes, motion, names_of, spec)
     handles = passage_handles(motions) if spec["passages"] == "yes" else []
     for name, law in spec["formula"].items():
-        words = re.sub(r"\bt\b", lambda _: f"${spec['time']}$", law)
-        handles.append(Line2D([], [], **LAW_LOOK, label=f"${symbol(name)}$ = {words}"))
+        words = f"${symbol(name)} = {formula_in_tex(law, spec['time'])}$"
+        handles.append(Line2D([], [], **LAW_LOOK, label=words))
     sheet.legend += handles
 
 
