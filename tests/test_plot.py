@@ -78,7 +78,7 @@ def refused(call: Callable[[], object]) -> str:
 
 
 def test_every_kind_that_is_declared_is_drawn() -> None:
-    assert set(figures.DRAW) == figure_kinds()
+    assert {*figures.DRAW, *figures.DRAW_SWEEPS} == figure_kinds()
 
 
 @pytest.fixture(scope="module")
@@ -405,7 +405,7 @@ def test_the_separatrix_of_a_sphere_is_that_of_its_body(
 ) -> None:
     body = {"model": "linear-diag", "inertia": list(order), "damping": 0.01}
     data = api.run({**body, "initial": {"p": 1, "q": 0.1, "r": 0.2}, "time": {"end": 1}})
-    keys = {**several.figures["ball"], "cases": ("case",), "scale_cases": []}
+    keys = {**several.figures["ball"], "cases": ("case",)}
     sheet = figures.draw(keys, {"case": data})
     (scene,) = sheet.scenes.values()
     circles = [line["points"] for line in scene.strokes if line["look"] == SEPARATRIX]

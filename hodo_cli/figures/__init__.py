@@ -1,8 +1,8 @@
 """Drawings of motions and sweeps, and the page that shows them. They read datasets and know no
 command, no engine and no claim; matplotlib is loaded nowhere else.
 
-A kind of figure is a function that draws an entry of a `figures:` block on a sheet. `DRAW` lists
-them all; `cases.figure_block` declares the keys that each takes.
+A kind of figure is a function that draws an entry of a `figures:` block on a sheet. `DRAW` and
+`DRAW_SWEEPS` list them all; `cases.figure_block` declares the keys that each takes.
 """
 
 import math
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 NO_OTHERS: Mapping[str, Mapping[str, Any]] = {}
 """The figures with which a figure of datasets at hand may share its scale."""
 
-DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Cases], None]] = {
+DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Sequence[Motion]], None]] = {
     "hodograph": hodograph,
     "sphere": sphere,
     "herpolhode": herpolhode,
@@ -58,12 +58,17 @@ DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Cases], None]] = {
     "series": time_series,
     "phase": phase,
     "invariants": invariants,
-    "map": sweep_map,
-    "curve": sweep_curve,
     "order": error_order,
     "cost": cost,
+}
+"""The kinds of figures of motions."""
+
+DRAW_SWEEPS: dict[str, Callable[[Sheet, Mapping[str, Any], Cases], None]] = {
+    "map": sweep_map,
+    "curve": sweep_curve,
     "share": share,
 }
+"""The kinds of figures of sweeps."""
 
 
 def draw(
@@ -83,9 +88,10 @@ def draw(
             f"scale_with: {unknown(f'figure {unknown_names[0]!r}', unknown_names[0], figures)}"
         )
     scale = [case for name in spec.get("scale_with", ()) for case in figures[name]["cases"]]
-    spec = {**with_time_symbol(spec, cases), "scale_cases": scale, "title": slanted(spec["title"])}
+    spec = {**with_time_symbol(spec, cases), "title": slanted(spec["title"])}
     spec["labels"] = [*map(slanted, spec.get("labels", ()))]
-    check(spec, cases)
+    others = [*spec.get("against", ()), *scale]
+    check(spec, cases, others)
     style = merged_style(spec["style"])
     look = {**SHEET_STYLE, **rc, **matplotlib_parameters(style)}
     with matplotlib.style.context(["default", look]):
@@ -95,8 +101,13 @@ def draw(
             text_width(text, text_size("legend.fontsize"))  # which finds mistakes in its TeX
         sheet = Sheet(drawing, wanted_width(style))
         sheet.units, sheet.time = column_units(spec, cases), spec.get("time", "t")
-        DRAW[spec["kind"]](sheet, spec, cases)
-        sheet.remarks = remarks_on(spec, cases)
+        if draw_sweeps := DRAW_SWEEPS.get(spec["kind"]):
+            draw_sweeps(sheet, spec, cases)
+        else:
+            motions = motions_of(cases, spec.get("cases", ()), spec["labels"])
+            sheet.others = motions_of(cases, others)
+            DRAW[spec["kind"]](sheet, spec, motions)
+            sheet.remarks = remarks_on(spec, motions)
         finish_figure(sheet, spec["title"], style)
         lighten(drawing)
     return sheet
@@ -113,10 +124,9 @@ def with_time_symbol(spec: Mapping[str, Any], cases: Cases) -> Mapping[str, Any]
     return {**spec, "time": r"\tau" if is_tau else "t"}
 
 
-def remarks_on(spec: Mapping[str, Any], cases: Cases) -> list[str]:
+def remarks_on(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[str]:
     """The remarks for a figure's caption: that its curves are polygons. Warns of it, too."""
-    names = [name for name in spec.get("cases", ()) if not sweep_axes(cases[name])]
-    remarks = coarse_curves(spec, motions_of(cases, names)) if spec["kind"] in OF_SAMPLES else []
+    remarks = coarse_curves(spec, motions) if spec["kind"] in OF_SAMPLES else []
     for remark in remarks:
         warnings.warn(remark, stacklevel=3)
     return remarks
@@ -133,10 +143,10 @@ def column_units(spec: Mapping[str, Any], cases: Cases) -> Callable[[str], str]:
     return lambda column: "1" if column.endswith("/|G|") else units(column)
 
 
-def check(spec: Mapping[str, Any], cases: Cases) -> None:
-    """Raise HodoError for the first mistake that keeps a figure from being drawn of datasets."""
-    names = [*spec.get("cases", ()), *spec.get("against", ()), *spec["scale_cases"]]
-    for name in names:
+def check(spec: Mapping[str, Any], cases: Cases, others: Sequence[str]) -> None:
+    """Raise HodoError for the first mistake that keeps a figure from being drawn of datasets,
+    beside those of other cases."""
+    for name in (*spec.get("cases", ()), *others):
         if name not in cases:
             owner = getattr(cases, "path", "the data")
             raise HodoError(f"{owner} has no result of case {name} yet: run it first")

@@ -25,7 +25,6 @@ from PIL import Image
 
 from .. import HodoError
 from ..cases.derived import SPACE_AXES, component_names
-from ..results.dataset import Cases, motions_of
 from ..results.in_space import rotations
 from ..results.motion import Motion
 from .artists import AXIS_COLOUR, BLACK, GREY, HALO, PAGE, PURPLE, RED, arrow, pair
@@ -120,10 +119,10 @@ class Film:
                     writer.grab_frame()
 
 
-def body(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
+def body(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
     """The body in space at some moments, with G, omega, the hodograph on the body and the
     herpolhode in space; a film where it can move."""
-    (motion,) = motions_of(cases, spec["cases"], spec["labels"])
+    (motion,) = motions
     film = film_of(motion, spec)
     sheet.figure.film = film
     moments = spec["moments"] or film.time[[0, len(film.time) // 2, -1]].tolist()

@@ -13,7 +13,7 @@ from ..cases.case import Case
 from ..models.averaging.free_turn import SAME_MOMENTS, Body
 from ..models.averaging.passage import share_that_crosses
 from ..models.terms.body import BodyUnderTorques
-from ..results.dataset import Cases, motions_of
+from ..results.dataset import Cases
 from ..results.motion import Motion, forms_apart
 from ..storage import Group
 from ..sweeps.view import SweepView
@@ -39,40 +39,40 @@ MONTE_CARLO: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.5, "mfc": "white
 """The look of counted shares, on the line of the calculated ones."""
 
 
-def error_order(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
+def error_order(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
     """The largest relative distance of T and G^2 between two forms of a motion, against the small
     parameter, with the order of each group as the slope of its fit."""
-    against = motions_of(cases, spec["against"])
     (axes,) = sheet.panels(COLUMN, 0.85 * COLUMN)
-    for label, small, motions, style in groups(spec, cases):
-        errors = np.array([forms_apart(m, against.pop(0)).max() for m in motions])
+    pairs = zip(motions, sheet.others, strict=True)
+    errors = np.array([forms_apart(*pair).max() for pair in pairs])
+    for label, members, style in groups(spec, motions):
+        small, error = np.array(spec["small"][members]), errors[members]
         # The order of an error is the slope of its logarithm.
-        slope, start = np.polyfit(np.log(small), np.log(errors), 1)
-        axes.loglog(small, errors, marker="o", ms=3, color=style["color"], ls="")
+        slope, start = np.polyfit(np.log(small), np.log(error), 1)
+        axes.loglog(small, error, marker="o", ms=3, color=style["color"], ls="")
         order = f"{label}, order {slope:.2f}"
         axes.loglog(small, np.exp(start) * small**slope, **style, label=order)
-        sheet.record(label, {"small": small, "error": errors})
+        sheet.record(label, {"small": small, "error": error})
     axes.set(xlabel=f"${spec['parameter']}$", ylabel="largest relative error of $T$ and $G^2$")
 
 
-def groups(
-    spec: Mapping[str, Any], cases: Cases
-) -> Iterator[tuple[str, np.ndarray, list[Motion], Look]]:
-    """Label, small parameters (n,), motions and look of each group of a figure's cases."""
-    motions = motions_of(cases, spec["cases"])
+def groups(spec: Mapping[str, Any], motions: Sequence[Motion]) -> Iterator[tuple[str, slice, Look]]:
+    """Label, members and look of each group of a figure's motions."""
     # A line is a run of cases, so that a figure reads them in the order in which it names them.
     ends = np.cumsum(spec["groups"])
-    for i, (begin, end) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
-        label = spec["labels"][i] if i < len(spec["labels"]) else motions[begin].name
-        look = styles(i + 1, spec["styles"])[i]
-        yield label, np.array(spec["small"][begin:end]), motions[begin:end], look
+    for i, look in enumerate(styles(len(ends), spec["styles"])):
+        members = slice(ends[i - 1] if i else 0, ends[i])
+        label = spec["labels"][i] if i < len(spec["labels"]) else motions[members.start].name
+        yield label, members, look
 
 
-def cost(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
+def cost(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
     """Steps and run time of groups of cases against the small parameter."""
     steps, seconds = sheet.panels(PAGE, 0.42 * PAGE, 2, 2)
-    for label, small, motions, style in groups(spec, cases):
-        costs = {name: np.array([m.attrs[name] for m in motions]) for name in ("steps", "run_time")}
+    columns = {name: np.array([m.attrs[name] for m in motions]) for name in ("steps", "run_time")}
+    for label, members, style in groups(spec, motions):
+        small = np.array(spec["small"][members])
+        costs = {name: values[members] for name, values in columns.items()}
         for axes, values in zip((steps, seconds), costs.values(), strict=True):
             axes.loglog(small, values, marker="o", ms=3, **style, label=label)
         sheet.record(label, {"small": small, **costs})

@@ -17,7 +17,6 @@ from ..engines.protocol import EPS
 from ..models import rigid_body
 from ..models.rigid_body import slope
 from ..models.terms.body import BodyUnderTorques
-from ..results.dataset import Cases, motions_of
 from ..results.motion import Motion, formula_values
 from ..results.resolution import samples_within
 from ..text import magnitude
@@ -53,24 +52,23 @@ from .geometry import check_zoom, clearest
 from .sheet import Look, Sheet, text_size, text_width
 
 
-def of_one_body(motions: list[Motion]) -> list[Motion]:
-    """Motions for a figure of one body's regions. Raises HodoError if they are of two bodies."""
+def check_one_body(motions: Sequence[Motion]) -> None:
+    """Raise HodoError if the motions of a figure of one body's regions are of two bodies."""
     first = motions[0]
     if other := next((motion for motion in motions if motion.body != first.body), None):
         names = f"{first.name} and {other.name}"
         raise HodoError(f"{names} are motions of two bodies, each of which has its own regions")
-    return motions
 
 
-def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
+def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
     """p^2 against K r^2, with the regions A (D > 0) and B (D < 0)."""
-    motions, zoom = of_one_body(motions_of(cases, spec["cases"], spec["labels"])), spec["zoom"]
+    check_one_body(motions)
+    zoom = spec["zoom"]
     curves = [motion.quadrants for motion in motions]
     p, r = "pqr"[motions[0].order[0]], "pqr"[motions[0].order[2]]
     for motion, (across, up) in zip(motions, (curve.T for curve in curves), strict=True):
         sheet.record(motion.label, {"time": motion.time, f"{p}^2": across, f"K {r}^2": up})
-    others = motions_of(cases, spec["scale_cases"])
-    shown = [*curves, *(motion.quadrants for motion in others)]
+    shown = [*curves, *(motion.quadrants for motion in sheet.others)]
     limits = [1.05 * max(float(curve.max()) for curve in shown) or 1.0]
     # They lie on the diagonal; interpolation between samples may leave it a little.
     crossings = [
@@ -134,7 +132,7 @@ def regions(
     axes.set(xlim=(0, limit), ylim=(0, limit), aspect="equal")
 
 
-def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
+def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
     """r^2 against p^2 for each body, with the line p^2 = K r^2, region A below it and B above,
     without scale."""
     bodies = spec["bodies"]
@@ -173,9 +171,9 @@ def sketch(axes: Axes, body: Sequence[float]) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
+def time_series(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
     """Variables against time, a panel for each variable or for each case."""
-    motions, variables = motions_of(cases, spec["cases"], spec["labels"]), spec["variables"]
+    variables = spec["variables"]
     # In panels of variables the styles tell cases apart, in panels of cases variables.
     if by_case := spec["panels"] == "case":
         groups = {motion.name: [(motion, name) for name in variables] for motion in motions}
@@ -390,9 +388,9 @@ def inset(
     axes.margins(x=0)
 
 
-def phase(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
+def phase(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
     """One variable against another."""
-    motions, x, y = motions_of(cases, spec["cases"], spec["labels"]), spec["x"], spec["y"]
+    x, y = spec["x"], spec["y"]
     (axes,) = sheet.panels(COLUMN, 0.9 * COLUMN)
     curves = [np.stack([motion[x], motion[y]], axis=-1) for motion in motions]
     looks = labelled_styles([motion.label for motion in motions], spec["styles"])
@@ -412,10 +410,10 @@ def vector_of(variable: str) -> str:
     return "omega" if variable in ("p", "q", "r") else variable.rpartition(".")[0]
 
 
-def invariants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
+def invariants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
     """T, G^2 and D/2T against time, with the bounds that the body sets and, for diagonal damping,
     the bounds of G^2."""
-    motions = of_one_body(motions_of(cases, spec["cases"], spec["labels"]))
+    check_one_body(motions)
     energy, square, ratio = sheet.panels(COLUMN, 1.75 * COLUMN, 3, sharex=True)
     shade_sides(ratio, motions[0])
     looks = labelled_styles([motion.label for motion in motions], spec["styles"])

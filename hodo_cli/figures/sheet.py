@@ -28,6 +28,7 @@ from matplotlib.text import Annotation
 from matplotlib.ticker import LogFormatterSciNotation, ScalarFormatter
 
 from .. import HodoError
+from ..results.motion import Motion
 from .geometry import View
 
 Look = dict[str, Any]
@@ -165,6 +166,8 @@ class Sheet:
     width: float | None = None
     """The width in inches that the style of the figure sets, if it does."""
     shown: list[DrawnCurve] = field(default_factory=list)
+    others: Sequence[Motion] = ()
+    """The motions with which it compares its own, or whose scale it shares."""
     scenes: dict[Axes, Scene] = field(default_factory=dict)
     """The panels that show space."""
     legend: list[Line2D | Patch] = field(default_factory=list)

@@ -15,7 +15,6 @@ from matplotlib.patches import Circle
 
 from ..cases.derived import SPACE_AXES
 from ..models.theory.gyrostat import separatrix_curves
-from ..results.dataset import Cases, motions_of
 from ..results.motion import Motion
 from .artists import (
     BLACK,
@@ -57,11 +56,10 @@ from .geometry import (
 from .sheet import Look, Scene, Sheet
 
 
-def hodograph(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
+def hodograph(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
     """The curve of G in body axes; beside it, if wanted, its neighbourhood of the origin and its
     projections."""
-    motions, view = motions_of(cases, spec["cases"], spec["labels"]), View(spec["view"])
-    planes, zoom = spec["projections"], spec["zoom"]
+    view, planes, zoom = View(spec["view"]), spec["projections"], spec["zoom"]
     for motion in motions:
         G1, G2, G3 = motion.G.T
         sheet.record(motion.label, {"time": motion.time, "G.x1": G1, "G.x2": G2, "G.x3": G3})
@@ -295,9 +293,8 @@ class SphereCurve:
     columns: Sequence[str]
 
 
-def sphere(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
+def sphere(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
     """The curves of G/|G| on the unit sphere, with the two separatrix circles."""
-    motions = motions_of(cases, spec["cases"], spec["labels"])
     columns = [f"G.x{i}/|G|" for i in (1, 2, 3)]
     curves = [
         SphereCurve(motion, unit_vectors(motion), motion.label, columns) for motion in motions
@@ -305,9 +302,8 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     draw_sphere(sheet, spec, curves, ("x_1", "x_2", "x_3"), separatrices(motions, spec))
 
 
-def axis_trace(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
+def axis_trace(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
     """Where axes of the body point in space, on the unit sphere of directions."""
-    motions = motions_of(cases, spec["cases"], spec["labels"])
     curves = []
     for motion, axis in product(motions, spec["axes"]):
         columns = [f"{axis}_space.{letter}" for letter in SPACE_AXES]
@@ -382,10 +378,9 @@ def draw_sphere(
 GRATICULE: Look = {"color": "#C8C8C8", "lw": 0.35}
 
 
-def herpolhode(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
+def herpolhode(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
     """omega in space, projected along the G of the start: while G and T stay, it lies in a plane
     across G."""
-    motions = motions_of(cases, spec["cases"], spec["labels"])
     (axes,) = sheet.panels(COLUMN, 1.05 * COLUMN)
     planes = [across(space_vector(motion, "G")[0]) for motion in motions]
     curves = [
