@@ -20,6 +20,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap, Normalize, to_rgb
 from matplotlib.font_manager import FontProperties, findfont, get_font_names
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox
 
 from .. import HodoError
@@ -673,12 +674,13 @@ def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:
 
 
 def place_legend(sheet: Sheet, panels: Sequence[Axes], place: str) -> None:
-    """The legend of a figure, of its labelled lines and the other entries of its sheet, each label
-    once; it is read row by row, at a place of `LEGEND_PLACES`, in a corner of the first panel, or
-    nowhere."""
+    """The legend of a figure, of its labelled lines and the other entries of its sheet; it is read
+    row by row, at a place of `LEGEND_PLACES`, in a corner of the first panel, or nowhere."""
     lines = (line for axes in panels for line in axes.get_lines())
-    entries = {str(entry.get_label()): entry for entry in chain(lines, sheet.legend)}
-    handles = [entry for label, entry in entries.items() if label and not label.startswith("_")]
+    # Those of several panels once; two cases may have one label.
+    entries = {(entry.get_label(), shade(entry)): entry for entry in chain(lines, sheet.legend)}
+    labels = ((str(label), entry) for (label, _), entry in entries.items())
+    handles = [entry for label, entry in labels if label and not label.startswith("_")]
     if not handles or place == "none":
         return
     beside = LEGEND_PLACES.get(place, place).startswith("outside")
@@ -689,6 +691,11 @@ def place_legend(sheet: Sheet, panels: Sequence[Axes], place: str) -> None:
     owner.legend(
         handles=rowwise, loc=LEGEND_PLACES.get(place, place), ncols=columns, columnspacing=1.2
     )
+
+
+def shade(entry: Line2D | Patch) -> str:
+    """The colour of an entry of a legend."""
+    return str(entry.get_color() if isinstance(entry, Line2D) else entry.get_facecolor())
 
 
 def legend_columns(sheet: Sheet, handles: Sequence[Artist]) -> int:
