@@ -53,6 +53,16 @@ FORMS = {
     "tensor": f"model: tensor, resistance: {RESISTANCE}, {BALL}",
     "linear-diag, 101 samples kept": f"model: linear-diag, damping: [5e-3, 4e-3, 3e-3], "
     f"store: [trajectory], {BALL.replace('end: 1000', 'end: 1000, samples: 101')}",
+    "torques, full tensor of inertia": "model: torques, damping: 4e-3, kappa: 0.01, "
+    + BALL.replace("[1, 0.8, 0.6]", "[[1, 0.05, 0], [0.05, 0.8, 0.02], [0, 0.02, 0.6]]").replace(
+        "p: 0, q: 0, G: 1", "p: 0, q: 0, r: 1"
+    ),
+    "torques, rotor": "model: torques, damping: [5e-3, 4e-3, 3e-3], rotor: [0.1, 0.05, 0.2], "
+    + BALL.replace("G: 1", "r: 1"),
+    "torques, drag by axes": f"model: torques, quadratic_axes: [5e-3, 4e-3, 3e-3], {BALL}",
+    "torques, from rest": "model: torques, damping: 0.01, torque: [0.01, 0.001, 0.002], "
+    "inertia: [1, 0.8, 0.6], initial: {p: 0, q: 0, r: 0}, time: {end: 1000}, "
+    "sweep: {torque.1: {linspace: [1e-3, 1e-2, %d]}}",
     "torques, one fixed in space": "model: torques, damping: [5e-3, 4e-3, 3e-3], "
     f"space_torque: {{size: 1e-4, direction: [1, 0, 2]}}, {BALL}",
     "cavity, full": f"{CAVITY}, time: {{end: 10}}",
