@@ -377,7 +377,7 @@ def test_the_papers_crossings_are_found() -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("body", ["linear-diag", "tensor", "rotor", "other axes"])
+@pytest.mark.parametrize("body", ["linear-diag", "tensor", "drag", "rotor", "other axes"])
 def test_chunks_and_neighbours_change_no_bit(body: str) -> None:
     with_rotor = (
         f"model: torques, {HEAD}, damping: [0.005, 0.004, 0.003], rotor: [0.03, 0.08, 0.06]"
@@ -386,6 +386,7 @@ def test_chunks_and_neighbours_change_no_bit(body: str) -> None:
     texts = {
         "linear-diag": f"{FIG4}, {BALL}",
         "tensor": f"{FIG12}, {BALL}",
+        "drag": f"model: torques, {HEAD}, quadratic_axes: [0.005, 0.004, 0.003], {BALL}",
         "rotor": f"{with_rotor}, {BALL.replace('G: 1', 'r: 1')}",
         "other axes": f"{turned}, {BALL.replace('G: 1', 'r: 1')}".replace(
             "[0.005, 0.004, 0.003]", "0.005"
