@@ -752,6 +752,27 @@ def test_drag_by_axes_sees_a_body_pass_through_rest(method: str, name: str) -> N
         assert ds.attrs["error"] < 1e-8
 
 
+@pytest.mark.parametrize("start", [(0.5, 0.5, 0.5), (0.5, -0.5, 0), (0.25, 0.5, -0.5)])
+@pytest.mark.parametrize(
+    "method", [pytest.param("taylor", marks=pytest.mark.heyoka), "collocation", "DOP853"]
+)
+def test_drag_by_axes_sees_components_vanish_at_one_moment(method: str, start: Any) -> None:
+    """A ball about an axis askew to those of the drag passes through rest: only the first of the
+    zeros of two components was an event, and the other one kept its sign."""
+    w = np.array(start)
+
+    def rates(t: float, w: np.ndarray) -> np.ndarray:
+        return np.multiply(-0.1 / 0.7, np.sign(start)) - 0.1 * w * np.abs(w)
+
+    sure = solve_ivp(rates, (0, 10), w, "DOP853", rtol=1e-12, atol=1e-15, max_step=0.01).y[:, -1]
+    ds = run(
+        dict(zip("pqr", start, strict=True)), 10, inertia=[0.7] * 3, quadratic_axes=0.1,
+        torque=(-0.1 * np.sign(w)).tolist(), method=method,
+    )  # fmt: skip
+    np.testing.assert_allclose(ds.omega[-1], sure, atol=1e-10)
+    assert ds.attrs["error"] < 1e-10
+
+
 @pytest.mark.heyoka
 def test_members_that_all_but_touch_a_corner_are_right() -> None:
     """About one axis: a start above that of the touch turns back before 0, one below passes it

@@ -462,11 +462,14 @@ def component(axis: int, sign: int, t: Any, y: Sequence[Any], k: Any) -> Any:
 
 
 def turned_over(axis: int, sign: int, t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
-    """The passage of omega_i through 0, behind which its sign is the other one."""
-    state = [*y]
-    state[sign] = -y[sign]
-    size = abs(y[0]) + abs(y[1]) + abs(y[2])
-    state[axis] = state[sign] * (size * BEHIND_ZERO + BEHIND_REST)
+    """The passage of omega_i through 0, behind which its sign is the other one, and so are those of
+    components that vanish at the same moment, as where a body passes through rest."""
+    state, size = [*y], abs(y[0]) + abs(y[1]) + abs(y[2])
+    for i, s in enumerate(range(sign - axis, sign - axis + 3)):
+        if i == axis or y[s] * y[i] <= 0:
+            state[s] = -y[s]
+            if i == axis or y[i] == 0:
+                state[i] = state[s] * (size * BEHIND_ZERO + BEHIND_REST)
     return EventOutcome(float(t), None, state, t)
 
 
