@@ -21,6 +21,8 @@ STARTS = {
     "slow": ("initial: {p: 0.08, q: 0.05, r: 0.074}", 1000, 1001),
     # A sample in every turn or so, through which a smooth curve can be drawn.
     "aliased": ("initial: {p: 0.8, q: 0.5, r: 0.74}", 400, 20),
+    "few": ("initial: {p: 0.8, q: 0.5, r: 0.74}", 1000, 4),
+    "pair": ("initial: {p: 0.8, q: 0.5, r: 0.74}", 1000, 2),
     "steady": ("initial: {p: 8, q: 0, r: 0}", 1000, 101),
 }
 FIGURES = """
@@ -84,6 +86,9 @@ def test_a_polygon_is_said_to_be_one_in_a_line_and_in_the_caption(
         ("aliased", "quadrants", (), True),
         ("aliased", "series", ("p",), True),
         ("aliased", "series", ("T", "G"), False),
+        ("few", "series", ("T", "G"), True),
+        ("few", "series", ("G.x1",), True),
+        ("pair", "series", ("T",), False),
     ],
 )
 def test_what_counts_is_the_turning_between_samples(
@@ -95,6 +100,22 @@ def test_what_counts_is_the_turning_between_samples(
 ) -> None:
     data = hodo_cli.open(drawn[0] / "runs" / "m.h5")[name]
     assert is_polygon(data, kind, **({"variables": [*variables]} if variables else {})) is coarse
+
+
+def test_marks_of_d_are_at_0_and_a_single_sample_is_seen() -> None:
+    body = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [0.005, 0.004, 0.003],
+            "initial": {"p": 0.8, "q": 0.5, "r": 0.74}}  # fmt: skip
+    thin = hodo_cli.run({**body, "time": {"end": 1000, "samples": 4}})
+    single = hodo_cli.run({**body, "time": {"end": 1000, "samples": 1}})
+    variables = ["D", "D/2T", "separatrix_distance", "G"]
+    with warnings.catch_warnings(record=True):
+        figure = hodo_cli.plot([thin, single], "series", variables=variables, passages="yes")
+    for panel, name in zip(figure.axes, variables, strict=True):
+        line, marks, dot, _ = panel.lines
+        assert dot.get_marker() == "o"
+        assert line.get_marker() == ""
+        assert len(marks.get_ydata()) == 1
+        assert (marks.get_ydata()[0] == 0) == (name != "G")
 
 
 @pytest.mark.parametrize("speed", [0.1, 1.0, 10.0, 1e3])

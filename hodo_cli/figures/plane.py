@@ -252,7 +252,8 @@ def series_curve(
     samples = within_span(motion, spec["span"])
     times, values = motion.time[samples], motion[variable][samples]
     sheet.record(motion.label, {"time": times, variable: values})
-    axes.plot(times, values, **style)
+    # No line goes through a single sample.
+    axes.plot(times, values, marker="o" if len(times) == 1 else "", ms=3, **style)
     if law := spec["formula"].get(variable):
         values = formula_values(motion, law)[samples]
         sheet.record(f"{motion.label}, {law}", {"time": times, variable: values})
@@ -292,11 +293,16 @@ def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int, label: str) -> 
 PREDICTED: Look = {"marker": "x", "ms": 5, "color": BLACK, "lw": 0.7}
 
 
+OF_D = ("D", "D/2T", "separatrix_distance")
+"""The quantities that are 0 on the separatrix."""
+
+
 def passage_marks(axes: Axes, motion: Motion, name: str, style: Mapping[str, Any]) -> None:
     """Mark the crossings of a motion on a curve, and where its averaging predicts the true ones,
     with the scatter that it has without a prediction."""
     values, when = motion[name], motion.crossing_time
-    crossed = np.interp(when, motion.time, values)
+    # D is 0 there, which a line between samples need not be.
+    crossed = np.zeros(len(when)) if name in OF_D else np.interp(when, motion.time, values)
     axes.plot(when, crossed, **{**CROSSING, "mfc": style["color"]}, zorder=5)
     if "event_predicted" in motion.data:
         # Not a number without a prediction, which then has no mark.

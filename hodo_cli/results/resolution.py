@@ -20,6 +20,12 @@ OSCILLATION = math.radians(30)
 VISIBLE = 0.02
 """The shortest chord that the eye sees, as a part of the size of a curve."""
 
+LOST = 0.03
+"""The part of its height that a line between samples may leave out, as that of an OSCILLATION."""
+
+STEADY_WITHIN = 1e-6
+"""The part of a quantity by which it changes where it is constant for the eye."""
+
 FINE = math.radians(10)
 """The angle between neighbours for which samples are proposed."""
 
@@ -74,6 +80,26 @@ def coarse(motion: Motion, drawn: slice, limit: float, in_space: bool) -> str:
     )
 
 
+def bent(motion: Motion, name: str, drawn: slice) -> str:
+    """The remark on a quantity that a line through its samples leaves between them by more than the
+    eye sees, as a parabola through three neighbours does; an empty text without."""
+    time, values = motion.time[drawn], motion[name][drawn]
+    height = float(np.ptp(values)) if len(time) > 2 and np.isfinite(values).all() else 0.0
+    # Of what is constant the rounding alone would be seen.
+    if height <= STEADY_WITHIN * np.abs(values).max(initial=0):
+        return ""
+    before, after = np.diff(time)[:-1], np.diff(time)[1:]
+    chord = (after * values[:-2] + before * values[2:]) / (before + after)
+    apart = float(np.abs(values[1:-1] - chord).max()) / 4 / height
+    if apart <= LOST:
+        return ""
+    samples = math.ceil((len(motion.time) - 1) * math.sqrt(4 * apart / LOST)) + 1
+    return (
+        f"{name} of {motion.name} bends between its samples, so that its curve is a polygon: "
+        f"time: {{samples: {samples}}} draws it"
+    )
+
+
 CURVES = ("hodograph", "sphere", "quadrants", *KINDS_IN_SPACE)
 """The kinds of figures that draw curves of G or omega, whatever they name."""
 
@@ -93,17 +119,20 @@ def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[st
     """The warnings about the motions of a figure whose samples are too few for its curves."""
     kind = spec["kind"]
     names = [spec["x"], spec["y"]] if kind == "phase" else spec.get("variables", ())
+    slow = [name for name in names if kind == "series" and not oscillates(name)]
+    drawn = [(motion, samples_within(motion, spec.get("span"))) for motion in motions]
+    bends = [bent(motion, name, samples) for motion, samples in drawn for name in slow]
     if kind not in CURVES and not any(map(oscillates, names)):
-        return []
+        return [*filter(None, bends)]
     limit = OSCILLATION if kind == "series" else LARGEST_TURN
     # The angles count the turns of the body in space, of which few samples lose whole ones.
     in_space = kind in KINDS_IN_SPACE or any(name in EULER_ANGLES for name in names)
     remarks = [
-        coarse(motion, samples_within(motion, spec.get("span")), limit, in_space)
-        for motion in motions
+        coarse(motion, samples, limit, in_space)
+        for motion, samples in drawn
         if "omega" in motion.vectors and len(motion.axes) == 3
     ]
-    return list(dict.fromkeys(filter(None, remarks)))
+    return list(dict.fromkeys(filter(None, [*remarks, *bends])))
 
 
 def samples_within(motion: Motion, span: tuple[float, float] | None) -> slice:
