@@ -167,8 +167,8 @@ def test_a_law_and_its_curve_are_in_the_legend_with_the_time_of_the_axis(drawn: 
 
 def test_cases_of_one_label_and_curves_of_several_panels_are_in_the_legend(drawn: Drawings) -> None:
     two = {"cases": ("slow", "fast"), "variables": ("G", "T"), "style": {}}
-    assert legend(drawn.draw("stops", **two))[:2] == ["slow", "fast"]
-    assert legend(drawn.draw("stops", **two, labels=("a", "a")))[:3] == ["a", "a", "stopped"]
+    assert legend(drawn.draw("stops", **two)) == ["slow", "fast", "stopped"]
+    assert legend(drawn.draw("stops", **two, labels=("a", "a"))) == ["a", "a", "stopped"]
 
 
 def test_bodies_on_a_sphere_have_their_separatrices_in_their_colours(drawn: Drawings) -> None:

@@ -345,8 +345,9 @@ def event_marks(
             zero = " = ".join([*map(symbol, vanishing), "0"])
             of_time = f"${spec['time']} = {when:#.4g}${unit_after(motion, 'time')}"
             words[vanishing[0]] = f"${zero}$ at {of_time}"
-        marks: Look = {**END, "clip_on": False, "zorder": 5, "label": kind.replace("_", " ")}
-        axes.plot([when] * len(names), [*values.values()], **marks)
+        # One colour, or the legend would have the marks of each case.
+        marks: Look = {**END, "color": BLACK, "clip_on": False, "zorder": 5}
+        axes.plot([when] * len(names), [*values.values()], **marks, label=kind.replace("_", " "))
         # Behind the curve's end, which no curve of the same shape passes, if the panel has room.
         width_of = partial(text_width, size=text_size("legend.fontsize"))
         left, right = axes.get_xlim()
