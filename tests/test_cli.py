@@ -545,14 +545,15 @@ def test_json_is_printed_whatever_else_is_asked_for(
 @pytest.mark.parametrize(
     ("options", "refused"),
     [
-        (["--quiet", "-v"], "--quiet and --verbose exclude each other"),
-        (["-j", "2", "--scheduler", "tcp://127.0.0.1:9"], "-j: leave it out, the workers are"),
+        (["run", "--quiet", "-v"], "--quiet and --verbose exclude each other"),
+        (["run", "-j", "2", "--scheduler", "tcp://127.0.0.1:9"], "-j: leave it out, the workers"),
+        (["plot", "--alone", "a.html", "--format", "csv"], "--alone writes pictures into the page"),
     ],
 )
 def test_options_that_contradict_each_other_are_refused(
     two_results: Path, options: list[str], refused: str
 ) -> None:
-    done = call(two_results, "run", "b.yaml", *options)
+    done = call(two_results, *options, "b.yaml")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith(refused)
 

@@ -113,6 +113,8 @@ def draw_results(
     """
     if alone is not None and names:
         raise HodoError("--alone writes the page of all figures: name no figure")
+    if alone is not None and not {"png", "svg"} & {*formats}:
+        raise HodoError("--alone writes pictures into the page: draw them, by --format png or svg")
     folders, formats = [], tuple(dict.fromkeys(formats))
     for path in paths:
         with opened(path) as (run, config):
