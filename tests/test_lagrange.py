@@ -291,6 +291,23 @@ def test_the_cubic_torque_is_the_linear_one_times_the_square_of_the_velocity() -
     square = p * p + q * q + r * r
     found = cubic_dissipation(0.0, 0.0, H, r, u, k)
     assert found == pytest.approx((-0.2 * square, -0.1 * r * square))
+    # A torque about the axis of symmetry is no resistance.
+    with_m = SimpleNamespace(**vars(k), m=(0.3,), m_law="polynomial")
+    found = cubic_dissipation(0.0, 0.0, H, r, u, with_m)
+    assert found == pytest.approx((-0.2 * square, 0.3 - 0.1 * r * square))
+
+
+@pytest.mark.parametrize("form", ["full", "averaged-quadrature"])
+@pytest.mark.parametrize("perturbation", ["linear-dissipation", "cubic-dissipation"])
+def test_an_axial_torque_alone_spins_the_top_up_at_its_own_rate(
+    form: str, perturbation: str
+) -> None:
+    top = case(form=form, perturbation=perturbation, epsilon="0.05" if form == "full" else "",
+               a="0", b="0", m="0.2", initial="{theta: 60 deg, r: 2}")  # fmt: skip
+    motion = integrate(top)
+    spin = motion.variables["omega"][:, 2] if form == "full" else motion.variables["r"]
+    C = top.data["inertia"]["C"]
+    assert spin == pytest.approx(2 + 0.2 / C * motion.time, rel=1e-12)
 
 
 def test_the_quadrature_averages_other_torques_too() -> None:

@@ -71,7 +71,7 @@ class Top(Model):
         ),
         "m": Key(
             coefficient_kind("moment of inertia / time^2", "tau"),
-            "torque m(tau) about the axis of symmetry",
+            "torque m(tau) about the axis of symmetry, whatever the perturbation",
             "moment of inertia / time^2",
             default=None,
         ),
@@ -358,11 +358,12 @@ class FullTop(Top):
 
     p, q, r: angular velocity in body axes, 1/time; gamma: the vertical in body axes, (sin theta sin
     phi, sin theta cos phi, cos theta), in place of the Euler angles, which are singular at theta =
-    0 and pi; M = (p f, q f, M3) (`perturbation`: (-a p, -a q, -b r) is linear-dissipation, that
-    times |omega|^2 cubic-dissipation); the derivative is by t = tau/epsilon (`epsilon`), the stored
-    time is tau. The other symbols are those of the form averaged. With `theta` the motion starts
-    there, at phi = 0 and p = q = 0. Of the motions with initial Gz, H and r, which differ in phase,
-    that is taken which starts at phi = 0 and cos theta = (u1 + u2)/2, where theta grows.
+    0 and pi; M = (p f, q f, M3) (`perturbation`: (-a p, -a q, m - b r) is linear-dissipation,
+    |omega|^2 (-a p, -a q, -b r) + (0, 0, m) cubic-dissipation); the derivative is by t =
+    tau/epsilon (`epsilon`), the stored time is tau. The other symbols are those of the form
+    averaged. With `theta` the motion starts there, at phi = 0 and p = q = 0. Of the motions with
+    initial Gz, H and r, which differ in phase, that is taken which starts at phi = 0 and cos theta
+    = (u1 + u2)/2, where theta grows.
 
     Source: L. D. Akulenko et al. 2017, eqs (1.1).
     """
@@ -452,12 +453,12 @@ class AveragedQuadrature(AveragedTop):
     dH/dtau = <f (2 H - C r^2 - 2 mu u)/A + M3 r>
     dr/dtau = <M3>/C
 
-    <.> is the mean over one nutation, u = cos theta. M = (-a p, -a q, -b r) is `perturbation:
-    linear-dissipation`, that times |omega|^2 is `cubic-dissipation`; the state and the other
-    symbols are those of the form averaged. The integrand is periodic in phi and analytic, so that
-    the sum over n points of a half turn is right to about [(w + sqrt(w^2 - e^2))/e]^(4 - 2 n). It
-    begins with `nodes` points, and where a motion comes so near to u2 = u3 that this is more than
-    the tolerance, it is integrated again with twice as many.
+    <.> is the mean over one nutation, u = cos theta. M = (-a p, -a q, m - b r) is `perturbation:
+    linear-dissipation`, |omega|^2 (-a p, -a q, -b r) + (0, 0, m) is `cubic-dissipation`; the state
+    and the other symbols are those of the form averaged. The integrand is periodic in phi and
+    analytic, so that the sum over n points of a half turn is right to about [(w + sqrt(w^2 -
+    e^2))/e]^(4 - 2 n). It begins with `nodes` points, and where a motion comes so near to u2 = u3
+    that this is more than the tolerance, it is integrated again with twice as many.
 
     Source: L. D. Akulenko et al. 2017, eqs (2.3), (2.4), (2.8).
     """

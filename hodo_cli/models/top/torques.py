@@ -14,9 +14,9 @@ LAW = Either(
 """A coefficient of resistance as a function of tau."""
 
 
-def axial_torque(tau: Any, r: Any, k: Any) -> Any:
-    """M3 = m - b r; where a case gives no m it is 0."""
-    resistance = -coefficient_at(k, "b", tau) * r
+def axial_torque(tau: Any, r: Any, k: Any, factor: Any = 1) -> Any:
+    """M3 = m - b r, with a factor of the resistance; where a case gives no m it is 0."""
+    resistance = -coefficient_at(k, "b", tau) * r * factor
     return resistance + coefficient_at(k, "m", tau) if hasattr(k, "m") else resistance
 
 
@@ -33,10 +33,9 @@ def linear_dissipation(tau: Any, Gz: Any, H: Any, r: Any, u: Any, k: Any) -> tup
 
 
 def cubic_dissipation(tau: Any, Gz: Any, H: Any, r: Any, u: Any, k: Any) -> tuple[Any, Any]:
-    """M = |omega|^2 (-a p, -a q, -b r)."""
-    f, M3 = linear_dissipation(tau, Gz, H, r, u, k)
+    """M = |omega|^2 (-a p, -a q, -b r) + (0, 0, m)."""
     square = (2 * (H - k.mu * u) - k.C * r * r) / k.A + r * r
-    return square * f, square * M3
+    return -square * coefficient_at(k, "a", tau), axial_torque(tau, r, k, square)
 
 
 PERTURBATIONS: Mapping[str, Callable[..., tuple[Any, Any]]] = {
