@@ -28,12 +28,11 @@ if TYPE_CHECKING:
 ROUNDS = 60
 """Of the search for one change: more than a double has digits."""
 
-PLACED, MOST_DOUBLED = 4 * 2.0**-52, 5
-"""The part of a step to which the place of a change is found, and how often it may be doubled where
-rounding hides more."""
+PLACED, PLACED_AT_WORST = 4 * 2.0**-52, 4 * 2.0**-42
+"""The part of a step to which the place of a change is found, and where rounding hides more."""
 
 BLOCK = 256
-"""Steps that are searched at once."""
+"""Steps that are searched at once: the numbers of their places fit a processor's cache."""
 
 
 class MotionView(NamedTuple):
@@ -167,7 +166,7 @@ def change_between(
         of_all = differences(e, at.motion, at.omega, at.region)
         value, gradient = (of[np.arange(len(open_)), passing[open_]] for of in of_all)
         root = place[open_] - value / ((gradient * at.change).sum(-1) * at.length)
-        noise = PLACED * 4 ** min(turn, MOST_DOUBLED)
+        noise = min(PLACED * 4**turn, PLACED_AT_WORST)
         is_near = (root > least - 8 * noise) & (root < most + 8 * noise)
         # A little beyond, so that the other limit comes near as well.
         beyond = (root + np.where(same, noise, -noise)).clip(least + noise, most - noise)
