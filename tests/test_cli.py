@@ -518,6 +518,23 @@ def test_a_closed_form_has_no_tolerance_in_a_paragraph_for_a_paper(tmp_path: Pat
     assert "at a relative tolerance of 1e-09. The relative errors" in text
 
 
+@pytest.mark.heyoka
+def test_a_paragraph_for_a_paper_says_of_how_many_members_the_error_is_measured(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "a.yaml").write_text(
+        "cases:\n  a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [5e-3, 4e-3, 3e-3],\n"
+        "      initial: {p: 0, q: 0, r: 1}, time: {end: 10},\n"
+        "      sweep: {direction: {sphere: {count: 500, seed: 1}}}}\n"
+    )
+    assert call(tmp_path, "run", "a.yaml").returncode == 0
+    with h5py.File(tmp_path / "runs" / "a.h5") as file:
+        measured = file["a"].attrs["error_sample"]
+    assert measured < 500
+    text = " ".join(call(tmp_path, "show", "--methods", "a.yaml").stdout.split())
+    assert f"extended precision, a sample of {measured} of 500" in text
+
+
 SAMPLES = {"--case": "t*", "--set": "turns.note=a", "--out": "elsewhere", "--jobs": "2",
            "--rtol": "1e-3", "--atol": "1e-3", "--scheduler": "tcp://127.0.0.1:9"}  # fmt: skip
 WITH_JSON = [

@@ -330,6 +330,21 @@ def test_its_equations_may_have_functions(hodo: Hodo, folder: Path) -> None:
     assert compared.returncode == 0, compared.stdout
 
 
+@pytest.mark.parametrize("degree", [0, 1, 2, None])
+def test_a_frequency_beside_the_time_has_no_degree(
+    hodo: Hodo, folder: Path, degree: int | None
+) -> None:
+    """The time of rhs is the case's own in all units, and so is a frequency then."""
+    text = EXAMPLE.replace("- k.c * w * r", "- k.c * w * r * (1 + sin(k.n * t) / 2)")
+    text = text.replace('"c": self.drag', '"c": self.drag, "n": 0.7')
+    if degree is not None:
+        text = text.replace('"c": 2,', f'"c": 2, "n": {degree},')
+    (folder / "drag.py").write_text("from hodo_cli.functions import sin\n" + text)
+    done = hodo("--models", "drag.py", "run", "a.yaml", "--case", "one")
+    assert done.returncode == (0 if degree is None else 2)
+    assert ("`degree` does not fit rhs" in done.stderr) == (degree is not None)
+
+
 @pytest.mark.heyoka
 def test_its_powers_keep_their_digits_where_a_component_passes_zero(
     hodo: Hodo, folder: Path

@@ -991,7 +991,7 @@ def test_a_sweep_that_grows_computes_its_new_members_only(
     assert len(set(computed_now)) == whole - first > 0
     for name, variable in fresh.variables.items():
         np.testing.assert_array_equal(variable.data, grown.variables[name].data, err_msg=name)
-    for key in ("members", "steps", "method", "status", "error_kind", "warnings"):
+    for key in ("members", "steps", "method", "status", "error_kind", "warnings", "message"):
         assert grown.attributes[key] == fresh.attributes[key], key
     assert f"{first} of {whole} members from an earlier run" in grown.attributes["method_reason"]
     assert grown.attributes["error_sample"] >= min(whole, summary.SAMPLE)

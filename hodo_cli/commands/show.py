@@ -96,8 +96,10 @@ def methods_of(path: Path) -> dict[str, str]:
         sound = [name for name in run.cases() if name not in run.damaged]
         rows = {name: run.row(name, columns) for name in sound}
         own = [row["model"] for n, row in rows.items() if run.summary(n, (MODEL_SOURCE,))]
-        # A sweep is as many motions as it has members.
-        sizes = {name: int(run.summary(name, ["members"]).get("members", 1)) for name in sound}
+        # A sweep is as many motions as it has members, of which a sample is measured.
+        counts = {name: run.summary(name, ["members", "error_sample"]) for name in sound}
+        sizes = {name: int(counts[name].get("members", 1)) for name in sound}
+        samples = {name: int(counts[name].get("error_sample", sizes[name])) for name in sound}
         ended_well = {name: row for name, row in rows.items() if row["status"] == "ok"}
         if not ended_well:
             raise HodoError(f"{path} holds no case that ended well")
@@ -107,7 +109,7 @@ def methods_of(path: Path) -> dict[str, str]:
         cited = filter(None, (f"{run.attributes.get('source')}", run.attributes.get("references")))
         sentences = (
             computed_by(run, ended_well, sizes),
-            measured(ended_well, sizes),
+            measured(ended_well, sizes, samples),
             f"The equations of {models} are our own; the result holds their text." if own else "",
             f"Left out, since they did not end well: {names}." if others else "",
             f"All computations used Python {version(run, 'python')} "
@@ -150,15 +152,22 @@ def computed_by(
     return f"With {program}, {subject} of {models} {verb} computed: {'; '.join(phrases)}."
 
 
-def measured(rows: Mapping[str, Mapping[str, Any]], sizes: Mapping[str, int]) -> str:
-    """The sentence on measured errors, by what they were measured against."""
+def measured(
+    rows: Mapping[str, Mapping[str, Any]], sizes: Mapping[str, int], samples: Mapping[str, int]
+) -> str:
+    """The sentence on measured errors, by what they were measured against; a sweep has them of a
+    sample of its members."""
     phrases = []
     for kind in dict.fromkeys(row["error_kind"] for row in rows.values()):
         errors = {name: row["error"] for name, row in rows.items() if row["error_kind"] == kind}
         worst = max(errors, key=lambda name: errors[name])
         against, count = REFERENCES_IN_WORDS.get(kind, ""), sum(sizes[name] for name in errors)
+        measured_in = sum(samples[name] for name in errors)
+        chosen = (
+            f"a sample of {measured_in} of {count}" if measured_in < count else f"{count} of them"
+        )
         phrases.append(
-            f"at most {magnitude(errors[worst])} ({worst}) against {against}, {count} of them"
+            f"at most {magnitude(errors[worst])} ({worst}) against {against}, {chosen}"
             if against
             else f"not measured in {count} of them"
         )

@@ -181,7 +181,7 @@ def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nd
     case, rejection = chunk.case, np.zeros(chunk.last - chunk.first, dtype=np.int64)
     times = sample_times(case) if "trajectory" in case.store else np.empty(0)
     computed = np.flatnonzero(~chunk.taken)
-    for own, group in prepare(case, chunk.first + computed):
+    for own, group in prepare(case, chunk.first + computed) if computed.size else ():
         positions = computed[own]
         # One compiled step watches one event of each kind; of more, single cases keep the order.
         kinds = [event.interrupts for event in group.events if event.sign is None]

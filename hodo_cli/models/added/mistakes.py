@@ -11,7 +11,7 @@ import numpy as np
 from ... import HodoError
 from ...arithmetic import SYMBOLS
 from ..base import LENGTHS, Model
-from ..constants import VELOCITY, attributes, in_unit, moving, rescaled, state_powers
+from ..constants import UNIT, VELOCITY, attributes, in_unit, moving, rescaled, state_powers
 
 HODO = Path(__file__).parents[2]
 """The package, which may stand in the folder of a model."""
@@ -121,10 +121,12 @@ def _misfit(system: Model) -> str:
 
 def _fits_degree(system: Model, start: np.ndarray) -> bool:
     """Whether rhs gives the rates of the same motion in a unit of velocity that is four times as
-    large, 2**2."""
+    large, 2**2, and a unit of time that is an eighth, 2**-3: `t` stays the case's own."""
     k: dict[str, Any] = {**system.constants}
-    other = k | {name: in_unit(k[name], 2 * degree - 2) for name, degree in system.degree.items()}
-    other |= {VELOCITY: 4.0} if VELOCITY in k else {}
+    other = k | {
+        name: in_unit(k[name], 2 * (degree - 1) - 3) for name, degree in system.degree.items()
+    }
+    other |= {name: unit for name, unit in ((VELOCITY, 4.0), (UNIT, 1 / 8)) if name in k}
     # Each variable by its own unit: a direction does not grow with omega, and numbers stay finite.
     size = (np.abs(start[moving(type(system))]).max() or 1.0) ** state_powers(type(system))
     # At other times and states too: a term may be 0 at the start, as sin t, or q where q begins.
@@ -137,7 +139,8 @@ def _fits_degree(system: Model, start: np.ndarray) -> bool:
         except (ArithmeticError, ValueError):  # no motion need come there
             continue
         # No number is above another that is none.
-        if np.abs(rates - rescaled(type(system), again, 2)).max() > 1e-9 * np.abs(rates).max():
+        again = 8 * rescaled(type(system), again, 2)
+        if np.abs(rates - again).max() > 1e-9 * np.abs(rates).max():
             return False
     return True
 
