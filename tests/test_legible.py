@@ -1,6 +1,6 @@
 """Words and marks of figures are on no others, and say which case they are of."""
 
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
@@ -108,10 +108,13 @@ def test_a_figure_without_room_for_its_words_is_refused(drawn: Drawings) -> None
 
 @pytest.mark.parametrize("width", ["column", "page"])
 def test_words_of_quadrants_stay_in_their_panels_and_regions(drawn: Drawings, width: str) -> None:
-    figure = drawn.draw("regions", cases=("slow", "fast"), zoom=0.1, style={"width": width}).figure
+    figure = drawn.draw("regions", cases=("slow", "fast"), zoom=0.05, style={"width": width}).figure
     figure.draw_without_rendering()
     for axes in figure.axes:
         assert axes.get_xlabel() == "$p^2$ [1/s$^{2}$]"
+        numbers = boxes(axes.get_xticklabels())
+        # Not side by side, where they would read as one.
+        assert min(b.x0 - a.x1 for a, b in pairwise(numbers)) > 3
         assert [text.get_text()[0] for text in axes.texts] == ["A", "B"]
         for text, box in zip(axes.texts, boxes(axes.texts), strict=True):
             assert axes.bbox.x0 <= box.x0 < box.x1 <= axes.bbox.x1

@@ -87,7 +87,7 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     if zoom is not None:
         panels[1].set(title="enlarged")
         # Its small values are long words, for which there is little room side by side.
-        panels[1].locator_params(nbins=5)
+        panels[1].locator_params(nbins=max(2, min(5, int(room_across(panels[1]) / 25))))
     lines = case_handles([motion.label for motion in motions]) if len(motions) > 1 else []
     for line in lines:  # their colours are those of the axes
         line.set_color(GREY)
