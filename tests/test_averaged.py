@@ -674,6 +674,18 @@ def test_a_share_wants_starts(old: str, new: str, message: str) -> None:
         parse(DRAWN.replace(old, new), "drawn.yaml")
 
 
+def test_the_distance_of_the_mean_motion_from_the_separatrix_is_that_of_the_full_one() -> None:
+    body = {
+        "model": "linear-diag", "inertia": [0.6, 1, 0.8], "damping": [5e-6, 4e-6, 3e-6],
+        "initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 10, "samples": 5},
+    }  # fmt: skip
+    full, mean = (
+        hodo_cli.derive(hodo_cli.run({**body, "form": form}), "D/2T")["D/2T"].values
+        for form in ("full", "averaged")
+    )
+    assert mean == pytest.approx(full, rel=1e-5)
+
+
 def test_the_side_chooses_to_the_last_digit() -> None:
     assert either(-1.0, 1.5e15, 6.7e-16) == 6.7e-16
     assert either(1.0, 6.7e-16, 1.5e15) == 6.7e-16

@@ -424,6 +424,8 @@ MESSAGES: list[tuple[str, list[str]]] = [
     # What follows from a mistake is not a second one.
     ("cases: {a: {model: linear-diag\n",
      ["2:1: not YAML: the { of line 1 is not closed, or lacks a comma"]),
+    ("cases:\n  a:\n    model linear-diag\n    tol: 1\n",
+     ["3:5: not YAML: no ': ' between key and value"]),
     ("cases:\n  a: b: c\n",
      ["2:7: not YAML: a second ': ' on one line: indent a new key, or put the text in quotes"]),
     ("case: {a: 1}\nfigures: {f: {kind: sphere, cases: [a]}}",

@@ -16,7 +16,7 @@ import matplotlib.style
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import ROOT, Hodo, figure_kinds
+from conftest import ROOT, Hodo, call, figure_kinds
 from drawings import Drawings, drawings_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
@@ -1106,3 +1106,16 @@ def test_colours_by_time_are_those_of_one_scale_for_all_curves(
         curves = [each for each in axes[panel].collections if isinstance(each, LineCollection)]
         for motion, curve in zip(several, curves, strict=True):
             assert len(curve.get_colors()) == (64 if motion.time[-1] == 100 else 7)
+
+
+def test_a_film_of_figures_that_do_not_move_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "still.yaml").write_text(
+        "cases: {a: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}, "
+        "time: {end: 1}}}\nfigures: {f: {kind: hodograph, cases: [a]}}\n",
+        encoding="utf-8",
+    )
+    assert call(tmp_path, "run", "still.yaml", "--quiet").returncode == 0
+    done = call(tmp_path, "plot", "runs/still.h5", "--format", "gif")
+    assert done.returncode == 2
+    assert done.stderr == "no figure moves: only one of kind body makes a film\n"
+    assert not (tmp_path / "runs" / "figures").exists()

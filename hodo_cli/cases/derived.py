@@ -42,7 +42,11 @@ DERIVED = {
     "T": Derived("kinetic energy", ENERGY, (*BODY, ("kinetic_energy",))),
     "J": Derived("G^2/2T", "moment of inertia", (*BODY, ("momentum", "kinetic_energy"))),
     "D": Derived("G^2 - 2 T A2, A2 the middle moment", "moment of inertia^2 / time^2", BODY),
-    "D/2T": Derived("G^2/2T - A2", "moment of inertia", BODY),
+    "D/2T": Derived(
+        "G^2/2T - A2",
+        "moment of inertia",
+        (*BODY, ("momentum", "kinetic_energy", "inertia")),
+    ),
     "x1_direction": Derived("|G1|/|G|, 1 where G lies along x1", "1", BODY),
     "tilt": Derived("angle between G and x3, in radians", "rad", BODY),
     "separatrix_distance": Derived("|D|/G^2", "1", BODY),

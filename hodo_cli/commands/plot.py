@@ -119,6 +119,8 @@ def draw_results(
     for path in paths:
         with opened(path) as (run, config):
             folders.append(Folder(out / run.path.stem, run, config, names, formats, force))
+    if {*formats} <= {"gif", "mp4"} and not any(folder.moves for folder in folders):
+        raise HodoError("no figure moves: only one of kind body makes a film")
     check_styles(folders)
     pending = sum(len(folder.to_draw) for folder in folders)
     kept = sum(len(folder.drawn) for folder in folders)
@@ -243,6 +245,11 @@ class Folder:
         kept = {} if force else {name: self._kept(name) for name in self._chosen}
         self.drawn = {name: drawn for name, drawn in kept.items() if drawn}
         self.to_draw = [name for name in self._chosen if name not in self.drawn]
+
+    @property
+    def moves(self) -> bool:
+        """Whether one of the figures makes a film."""
+        return any(self.config.figure(name)["kind"] == "body" for name in self._chosen)
 
     @property
     def figures(self) -> list[DrawnFigure]:

@@ -19,7 +19,7 @@ from ..batch.digests import digest
 from ..batch.memory import check_disk, check_memory
 from ..batch.pool import Pool, pool
 from ..cases.case import Case, dump
-from ..cases.config import Config, no_case
+from ..cases.config import Config, located, no_case
 from ..integration import Trajectory, integrate
 from ..progress import Progress
 from ..results.groups import case_group
@@ -289,7 +289,11 @@ def plans(
         raise no_case(globs, [name for plan in made for name in plan.config.cases])
     for plan in made:
         for case in (plan.config.cases[name] for name in plan.reasons):
-            check_memory(case, jobs)
+            try:
+                check_memory(case, jobs)
+            except HodoError as error:
+                place, message = ("cases", case.name, "time", "samples"), str(error)
+                raise located(plan.config, place, message.partition(": ")[2]) from None
             if case.sweep:
                 from ..sweeps.columns import stored_bytes
 

@@ -497,6 +497,8 @@ def _separatrix(m: Motion) -> np.ndarray:
 
 
 def _separatrix_ratio(m: Motion) -> np.ndarray:
+    if "omega" not in m.data:  # of an averaged form
+        return np.asarray(_momentum(m) ** 2 / (2 * _energy(m)) - m.inertia[m.order[1]])
     with np.errstate(invalid="ignore"):  # a body at rest has no ratio, and its curve a gap
         return np.asarray(_separatrix(m) / (2 * _energy(m)))
 

@@ -192,7 +192,17 @@ def read(text: str, mistakes: Mistakes, override: str = "") -> Any:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         place = reader.place(mark) if mark else Place(1, 1, override)
+        if place.line > 1 and getattr(error, "problem", "") == NO_MAPPING_HERE:
+            above, below = text.split("\n")[place.line - 2 : place.line]
+            # The scanner has taken a line without a colon for text that goes on below it.
+            if ":" not in below[: place.column - 1] and above.strip() and ":" not in above:
+                place = Place(place.line - 1, len(above) - len(above.lstrip()) + 1, override)
+                raise mistakes.fatal(place, "not YAML: no ': ' between key and value") from None
         raise mistakes.fatal(place, f"not YAML: {_reason(error, mark, text, override)}") from None
+
+
+NO_MAPPING_HERE = "mapping values are not allowed in this context"
+"""What PyYAML says of a second colon in one value."""
 
 
 def _reason(error: Any, mark: yaml.Mark | None, text: str, override: str) -> str:
@@ -207,7 +217,7 @@ def _reason(error: Any, mark: yaml.Mark | None, text: str, override: str) -> str
     reasons = (
         (any("\t" in line[: mark.column + 1] for line in lines), "a tab; indent with spaces"),
         (
-            error.problem == "mapping values are not allowed in this context",
+            error.problem == NO_MAPPING_HERE,
             "a second ': ' on one line: indent a new key, or put the text in quotes",
         ),
         (bracket and opening, f"{bracket}{where} is not closed, or lacks a comma"),
