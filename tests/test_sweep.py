@@ -1640,3 +1640,15 @@ def test_crossings_that_no_bound_decides_are_left_to_the_single_case() -> None:
     off = abs(group.variables["crossing_time"].data[0] - true[0].time)
     # Its error is then the measured one.
     assert group.variables["crossing_error"].data[0] == pytest.approx(off, rel=0.01)
+
+
+def test_a_key_of_one_law_for_all_axes_is_named_with_its_position() -> None:
+    text = """\
+cases:
+  a: {model: torques, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}, time: {end: 1},
+      damping: {law: power, value: 0.02, rate: 0.1, exponent: -1.5},
+      sweep: {damping.rate: {values: [0.1, 0.2]}}}
+"""
+    with pytest.raises(HodoError, match=r"no such number; did you mean 'damping\.0\.rate'\?$"):
+        parse(text, "a.yaml")
+    assert parse(text.replace("damping.rate", "damping.0.rate"), "a.yaml").cases["a"].sweep

@@ -286,12 +286,14 @@ def _check_range(
     """The mistakes of one range: its key is not there or takes no number, or does not take some of
     the values."""
     declared: Kind | None = Table(keys)
+    whole = data
     for step in path_of(key):
         declared, data = _within(declared, step, data) if declared else (None, None)
     if declared is None:
         head = key.partition(".")[0]
         message = unknown(f"key {key!r}", head, [] if head in keys else list(keys))
-        yield (), f"{message}: its case has no such number" if head in keys else message
+        lacks = f"{message}: its case has no such number{_with_position(key, whole)}"
+        yield (), lacks if head in keys else message
         return
     inner = _of_shape(declared, data)
     of_numbers = isinstance(inner, ListOf) and inner.length is not None
@@ -304,6 +306,16 @@ def _check_range(
         yield (word,), "expected numbers, got an angle in degrees"
     _, mistakes = check_parts((i, declared, item) for i, item in enumerate(values))
     yield from within((word,), mistakes)
+
+
+def _with_position(key: str, data: Any) -> str:
+    """The spelling of a key of a law (`damping.rate`) that stands in a list of laws, as words
+    behind a message; an empty string where there is none."""
+    head, _, name = key.partition(".")
+    laws = data.get(head) if isinstance(data, Mapping) else None
+    entries = laws if isinstance(laws, tuple) else ()
+    right = [i for i, law in enumerate(entries) if isinstance(law, Mapping) and name in law]
+    return f"; did you mean '{head}.{right[0]}.{name}'?" if right else ""
 
 
 def _within(kind: Kind, step: str | int, data: Any) -> tuple[Kind | None, Any]:

@@ -215,4 +215,5 @@ def warnings_of_ends(case: Case) -> list[str]:
         if not any(type(case.system).check(single.data)):
             for warning in single.system.warnings:
                 places.setdefault(warning, []).append(place)
-    return [f"{' and '.join(at)} of {total} members: {text}" for text, at in places.items()]
+    whose = f"of {total} members (only the first and the last are checked)"
+    return [f"{' and '.join(at)} {whose}: {text}" for text, at in places.items()]
