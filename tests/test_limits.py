@@ -45,13 +45,14 @@ def test_what_the_data_do_is_said_before_the_run(hodo, tmp_path: Path) -> None:
 
 def test_what_the_ends_of_a_sweep_do_is_said_before_the_run(hodo, tmp_path: Path) -> None:
     # The value that the sweep replaces is not run, and nothing is said of it.
+    ends = "of 3 members (only the first and the last are checked)"
     text = """\
 cases:
   a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [-0.5, 0, 0], time: {end: 10},
       initial: {p: 0.5, q: 0.25, G: 1}, sweep: {damping.0: {linspace: [LOW, 0.01, 3]}}}
 """
     for low, expected in (
-        ("-0.01", ["first of 3 members: negative damping feeds energy in: lambda1 = -0.01"]),
+        ("-0.01", [f"first {ends}: negative damping feeds energy in: lambda1 = -0.01"]),
         ("0", []),
     ):
         (tmp_path / "a.yaml").write_text(text.replace("LOW", low))
