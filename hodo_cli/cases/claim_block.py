@@ -86,7 +86,11 @@ RELATIVE = Number(least=0, below=1)
 
 CHECK_KINDS: dict[str, dict[str, Key]] = {
     "axis": {
-        "start": Key(AXIS, "axis enclosed at the start", default=None),
+        "start": Key(
+            AXIS,
+            "axis enclosed at the start of the motion, also where samples begin later",
+            default=None,
+        ),
         "end": Key(AXIS, "axis enclosed at the end", default=None),
         "turns": Key(
             Number(least=0),

@@ -66,12 +66,14 @@ class Top(Model):
         ),
         "mu": Key(
             coefficient_kind("moment of inertia / time^2", "tau", above=0),
-            "largest restoring moment (heavy top: mass g l)",
+            "largest restoring moment (heavy top: mass g l); forms averaged and full take a law "
+            "of tau, the others a number alone, from `defaults:` too",
             "moment of inertia / time^2",
         ),
         "m": Key(
             coefficient_kind("moment of inertia / time^2", "tau"),
-            "torque m(tau) about the axis of symmetry, whatever the perturbation",
+            "torque m(tau) about the axis of symmetry, whatever the perturbation; form "
+            "averaged-u refuses it, from `defaults:` too",
             "moment of inertia / time^2",
             default=None,
         ),
