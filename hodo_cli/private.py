@@ -30,7 +30,7 @@ def private_folder(variable: str, default: str) -> Path:
     return folder
 
 
-STATE = "XDG_STATE_HOME", ".local/state"
+STATE_FOLDER = "XDG_STATE_HOME", ".local/state"
 """Where the private folder is that is no cache, as `private_folder` takes it."""
 
 SECRET_SIZE = 32
@@ -53,7 +53,7 @@ def secret() -> bytes:
 def _kept_secret() -> bytes:
     """The content of the user's file, which is made when first asked for. Raises ValueError if it
     has another size, and as `private_folder`."""
-    file = private_folder(*STATE) / "secret"
+    file = private_folder(*STATE_FOLDER) / "secret"
     if not file.exists():
         _make_secret(file)
     content = file.read_bytes()
@@ -86,7 +86,7 @@ def keep_model(digest: str, texts: Mapping[str, bytes]) -> str:
     """Keep the files of a model that the user has named, by their paths; what `kept_models` finds
     them by."""
     with suppress(OSError, RuntimeError, ValueError):
-        folder = private_folder(*STATE) / "models" / digest
+        folder = private_folder(*STATE_FOLDER) / "models" / digest
         draft = folder.with_name(f"{digest}.{os.urandom(4).hex()}")
         for name, text in {} if folder.exists() else texts.items():
             (draft / name).parent.mkdir(parents=True, exist_ok=True)
@@ -100,7 +100,7 @@ def kept_models(names: Iterable[str]) -> list[str]:
     """The files of models that `keep_model` has kept. A result names them, which may be a
     stranger's: none is taken that the user has not once named."""
     with suppress(OSError, RuntimeError, ValueError):
-        folder = (private_folder(*STATE) / "models").resolve()
+        folder = (private_folder(*STATE_FOLDER) / "models").resolve()
         files = [(folder / name).resolve() for name in names]
         return [str(file) for file in files if file.is_relative_to(folder) and file.is_file()]
     return []
@@ -109,7 +109,7 @@ def kept_models(names: Iterable[str]) -> list[str]:
 MOST_CODE = 256 << 20
 """What all of it takes at most: some 25 steps of the largest models, or 250 of others."""
 
-SEAL = 32
+SEAL_BYTES = 32
 
 
 def kept_code(key: str, compiled: Callable[[], Any]) -> Any:
@@ -127,8 +127,8 @@ def kept_code(key: str, compiled: Callable[[], Any]) -> Any:
     with suppress(OSError):
         stored = file.read_bytes()
         os.utime(file)
-    if hmac.compare_digest(stored[:SEAL], _seal(stored[SEAL:])):
-        return pickle.loads(stored[SEAL:])
+    if hmac.compare_digest(stored[:SEAL_BYTES], _seal(stored[SEAL_BYTES:])):
+        return pickle.loads(stored[SEAL_BYTES:])
     code = compiled()
     with suppress(OSError):  # the disk is full
         content = pickle.dumps(code)

@@ -12,11 +12,11 @@ import click
 
 Item = TypeVar("Item")
 
-BRIEF = 0.5
+SECONDS_HIDDEN = 0.5
 """Seconds before a line is shown: what is done by then needs none, nor the library that draws
 it."""
 
-TICK = 0.2
+TICK_SECONDS = 0.2
 """Seconds between two drawings of the line."""
 
 SMOOTHING = 0.1
@@ -122,9 +122,9 @@ class Progress:
     def _draw_on(self) -> None:
         """Draw the line now and then. In a thread, so that its clock goes on while a library
         works."""
-        wait = BRIEF
+        wait = SECONDS_HIDDEN
         while not self._ended.wait(wait):
-            wait = TICK
+            wait = TICK_SECONDS
             with self._lock:
                 self._draw()
 

@@ -355,7 +355,7 @@ def test_a_case_that_has_left_the_config_stays_until_it_is_pruned(config: Path) 
         with h5py.File(result) as file:
             assert set(file) == {*"abcd"}
             np.testing.assert_array_equal(file["d/omega"], before)
-    assert f"d: {run_command.LEFT}" in run(config, "--prune").stderr
+    assert f"d: {run_command.CASE_DROPPED}" in run(config, "--prune").stderr
     with h5py.File(result) as file:
         assert list(file) == ["a", "b", "c"]
 
@@ -382,7 +382,7 @@ def test_a_damaged_case_that_has_left_the_config_is_dropped_and_said_to_be(confi
     config.write_text("".join(CONFIG.splitlines(keepends=True)[:-1]))
     done = run(config)
     assert done.exit_code == 0, done.output
-    assert f"d: {run_command.LEFT}" in done.stderr
+    assert f"d: {run_command.CASE_DROPPED}" in done.stderr
     with h5py.File(config.with_suffix(".h5")) as file:
         assert list(file) == ["a", "b", "c"]
 

@@ -167,7 +167,7 @@ def test_a_reader_that_hangs_or_dies_costs_its_case_and_a_limited_time() -> None
 
     found = disk.look(lambda: ["good", "hangs", "bad\n", "dies", "fine"], look_at, 0.3, 1 << 30)
     assert found == {
-        "hangs": disk.SILENT, "bad\n": "wrong", "dies": disk.SILENT,
+        "hangs": disk.READER_SILENT, "bad\n": "wrong", "dies": disk.READER_SILENT,
     }  # fmt: skip
 
 

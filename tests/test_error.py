@@ -39,7 +39,7 @@ FIG4 = Case(
 )
 
 
-@pytest.mark.parametrize("samples", [error.COMPARED + 1, 150_001])
+@pytest.mark.parametrize("samples", [error.SAMPLES_COMPARED + 1, 150_001])
 def test_an_event_that_ends_a_thinned_motion_costs_no_digits(samples: int) -> None:
     """The motion ends at two thirds of its samples: thinned by themselves, it and its reference
     would keep different ones."""
@@ -68,7 +68,7 @@ def test_without_the_next_precision_the_reference_is_another_tolerance_or_method
     assert integrate(FIG4).error_kind == "extended"
     extended = integrate(replace(FIG4, precision="extended"))
     assert (extended.error_kind, extended.error < 2**-52) == ("refined", True)
-    monkeypatch.setattr(error, "EXTENDED", False)
+    monkeypatch.setattr(error, "HAS_EXTENDED", False)
     known = integrate(replace(FIG4, data=FIG4.data | {"damping": (0.005,) * 3}))
     assert (known.method, known.error_kind) == ("exact", "refined")
     for motion in (integrate(FIG4), known):
@@ -111,7 +111,7 @@ def test_a_tolerance_cut_at_the_limit_of_a_method_is_no_reference(
 
 def test_a_motion_that_is_called_at_rest_a_step_early_has_no_error() -> None:
     time, moving = np.array([0.0, 1.0]), np.array([[1.0, 0, 0], [0.5, 0, 0]])
-    sizes = np.array([0, -driver.LIMIT + 1]), np.array([0, -driver.LIMIT])
+    sizes = np.array([0, -driver.REST_BITS + 1]), np.array([0, -driver.REST_BITS])
     ours = Trajectory(FIG4, FIG4.system, "", 0.0, time, moving * [[1], [0]], sizes[1])
     theirs = replace(ours, state=moving.astype(np.longdouble), exponent=sizes[0])
     assert error.errors_against(FIG4, ours, theirs) == {"omega": 0}
@@ -172,7 +172,7 @@ cases: {loose: {}, unmeasured: {error: off}}
 def test_a_thinned_motion_keeps_its_ends() -> None:
     rows = error.thinned(250_000)
     assert rows[[0, -1]].tolist() == [0, 249_999]
-    assert error.COMPARED / 2 < len(rows) <= error.COMPARED + 1
+    assert error.SAMPLES_COMPARED / 2 < len(rows) <= error.SAMPLES_COMPARED + 1
     assert error.thinned(5).tolist() == [0, 1, 2, 3, 4]
 
 

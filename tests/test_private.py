@@ -50,7 +50,7 @@ def test_code_that_this_user_has_not_stored_is_not_run(
     assert private.kept_code("key", lambda: "sound") == "sound"
     file = folder / "key.code"
     sound = file.read_bytes()
-    forged = sound[: private.SEAL] + pickle.dumps(Runs())
+    forged = sound[: private.SEAL_BYTES] + pickle.dumps(Runs())
     file.write_bytes({"forged": forged, "cut": sound[:-1], "empty": b""}[damage])
     assert private.kept_code("key", lambda: "new") == "new"
     assert private.kept_code("key", lambda: "other") == "new"

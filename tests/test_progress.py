@@ -50,8 +50,8 @@ def test_a_terminal_shows_what_runs_and_how_far_it_is(monkeypatch: pytest.Monkey
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal.file)
     monkeypatch.setattr(warnings, "showwarning", lambda said, *_: print(said, file=terminal.file))
-    monkeypatch.setattr(progress, "BRIEF", 0.0)
-    monkeypatch.setattr(progress, "TICK", 0.01)
+    monkeypatch.setattr(progress, "SECONDS_HIDDEN", 0.0)
+    monkeypatch.setattr(progress, "TICK_SECONDS", 0.01)
     with progress.Progress(4) as shown:
         shown.report("fig4", 0.75)
         terminal.wait_for("| 19 %, ")
@@ -75,8 +75,8 @@ def test_a_terminal_of_unknown_width_shows_it_too(monkeypatch: pytest.MonkeyPatc
     terminal = Terminal()
     termios.tcsetwinsize(terminal.file.fileno(), (0, 0))
     monkeypatch.setattr(sys, "stderr", terminal.file)
-    monkeypatch.setattr(progress, "BRIEF", 0.0)
-    monkeypatch.setattr(progress, "TICK", 0.01)
+    monkeypatch.setattr(progress, "SECONDS_HIDDEN", 0.0)
+    monkeypatch.setattr(progress, "TICK_SECONDS", 0.01)
     with progress.Progress(4) as shown:
         assert list(shown.starting(["fig4", "fig5"])) == ["fig4", "fig5"]
         terminal.wait_for("fig4, fig5")

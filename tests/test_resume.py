@@ -99,7 +99,7 @@ def test_every_folder_that_computes_is_hashed(tmp_path: Path) -> None:
     assert {name.partition("/")[0] for name in digests.source_digests()} == {
         *("arithmetic.py", "cases", "engines", "integration", "models", "sweeps")
     }
-    for folder in digests.SINGLE:
+    for folder in digests.CASE_SOURCES:
         files = {f"{folder}/{path.name}" for path in (digests.PACKAGE / folder).glob("*.py")}
         assert files <= digests.source_digests().keys()
 

@@ -591,7 +591,7 @@ def test_two_runs_at_once(path: Path) -> None:
 
 def test_short_cases_share_pieces(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A death costs those that are in no piece yet, which nobody was told are finished."""
-    monkeypatch.setattr(writing, "HOLD", 1000)
+    monkeypatch.setattr(writing, "SHARD_SECONDS", 1000)
     told = path.parent / "told"
 
     def run() -> None:
@@ -613,7 +613,7 @@ def test_short_cases_share_pieces(path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_a_case_does_not_wait_if_it_was_long_or_nothing_was_stored_for_long(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(writing, "HOLD", 1000)
+    monkeypatch.setattr(writing, "SHARD_SECONDS", 1000)
     told: list[str] = []
     with Writer(path, ROOT_ATTRIBUTES) as writer:
         writer.add("short", group(run_time=1.0), lambda: told.append("short"))
@@ -621,7 +621,7 @@ def test_a_case_does_not_wait_if_it_was_long_or_nothing_was_stored_for_long(
         writer.add("long", group(run_time=1001.0), lambda: told.append("long"))
         assert told == ["short", "long"]
         writer.add("first", group(), lambda: told.append("first"))
-        monkeypatch.setattr(writing, "HOLD", 0.01)
+        monkeypatch.setattr(writing, "SHARD_SECONDS", 0.01)
         time.sleep(0.02)
         assert told == ["short", "long"]
         writer.add("second", group(), lambda: told.append("second"))
@@ -631,7 +631,7 @@ def test_a_case_does_not_wait_if_it_was_long_or_nothing_was_stored_for_long(
 def test_parts_are_written_while_cases_are_stored(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(writing, "HOLD", 0.0)
+    monkeypatch.setattr(writing, "SHARD_SECONDS", 0.0)
     many = 10
     with Writer(path, ROOT_ATTRIBUTES) as writer:
         for i in range(many):

@@ -274,7 +274,7 @@ def test_stored_directions_are_those_of_the_members_in_every_block_of_them() -> 
 def test_members_of_averaged_forms_are_single_cases_and_chunks_change_no_bit(
     body: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(chunk, "WORTH", 0)
+    monkeypatch.setattr(chunk, "WORTH_COMPILING", 0)
     case = averaged(TURNING[body], "inertia.2: {values: [0.5, 0.6]}, d: {sphere: {count: 12}}")
     together = chunk.compute(chunk.Chunk(case, 0, 24))
     assert together.attributes["rejections"].sum() == 0
@@ -994,7 +994,7 @@ def test_a_sweep_that_grows_computes_its_new_members_only(
     for key in ("members", "steps", "method", "status", "error_kind", "warnings", "message"):
         assert grown.attributes[key] == fresh.attributes[key], key
     assert f"{first} of {whole} members from an earlier run" in grown.attributes["method_reason"]
-    assert grown.attributes["error_sample"] >= min(whole, summary.SAMPLE)
+    assert grown.attributes["error_sample"] >= min(whole, summary.RANDOM_MEMBERS)
     assert 0 < grown.attributes["error"] == grown.attributes["error_quantiles"][-1] < 1e-8
 
 

@@ -136,7 +136,7 @@ def test_members_of_every_form_are_single_cases(name: str, monkeypatch: pytest.M
     """Also that they go side by side: none is left to be integrated alone."""
     from hodo_cli.sweeps import chunk
 
-    monkeypatch.setattr(chunk, "WORTH", 0)
+    monkeypatch.setattr(chunk, "WORTH_COMPILING", 0)
     case = one(f"{FORMS[name]}, sweep: {{initial.{'x' if 'x:' in FORMS[name] else 'r'}: "
                "{linspace: [0.9, 1.1, 3]}}")  # fmt: skip
     together = chunk.compute(chunk.Chunk(case, 0, 3))

@@ -13,23 +13,25 @@ from ..machine import library_version
 
 PACKAGE = Path(__file__).parents[1]
 
-SINGLE = ("models", "engines", "integration", "arithmetic.py")
+CASE_SOURCES = ("models", "engines", "integration", "arithmetic.py")
 """The sources that decide the numbers of a single case."""
 
-SWEPT = (*SINGLE, "sweeps", "cases/sweep_block.py")
+SWEEP_SOURCES = (*CASE_SOURCES, "sweeps", "cases/sweep_block.py")
 """What decides the numbers of a sweep: the members' motions, and how members are made and
 reduced."""
 
 COMPUTING_LIBRARIES = ("heyoka", "numpy", "scipy")
 """The libraries whose arithmetic ends up in results."""
 
-CHANGED = "the code of hodo has changed since this process began: start it anew"
+CODE_CHANGED = "the code of hodo has changed since this process began: start it anew"
 
 
 def _states() -> dict[str, tuple[int, int]]:
     """When each source file that decides numbers was last written, in ns since 1970, and its size,
     by its path within the package."""
-    files = [file for part in SWEPT for file in [PACKAGE / part, *(PACKAGE / part).rglob("*.py")]]
+    files = [
+        file for part in SWEEP_SOURCES for file in [PACKAGE / part, *(PACKAGE / part).rglob("*.py")]
+    ]
     return {
         str(file.relative_to(PACKAGE)): (state.st_mtime_ns, state.st_size)
         for file in sorted(files)
@@ -53,7 +55,7 @@ def source_digests() -> Mapping[str, str]:
     BatchError if one has changed since it was loaded."""
     digests = _digests(_states())
     if _states() != _LOADED or max(_LOADED.values())[0] > STARTED * 1e9:
-        raise BatchError(CHANGED)
+        raise BatchError(CODE_CHANGED)
     return digests
 
 
@@ -63,14 +65,14 @@ def _check_sources(modules: int) -> None:
     modules by now: they may be of the code before the change and of that after it."""
     # What was touched, or copied back, is the same.
     if (states := _states()) != _LOADED and _digests(states) != source_digests():
-        raise BatchError(CHANGED)
+        raise BatchError(CODE_CHANGED)
 
 
 @cache
 def code_digest(swept: bool, model: str = "") -> str:
     """The digest of the code that computes single cases, or members of sweeps too, and of the model
     where hodo does not have it."""
-    parts = SWEPT if swept else SINGLE
+    parts = SWEEP_SOURCES if swept else CASE_SOURCES
     lines = [
         f"{name} {hash}\n" for name, hash in source_digests().items() if name.startswith(parts)
     ]

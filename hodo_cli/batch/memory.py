@@ -8,7 +8,7 @@ from ..cases.case import Case
 from ..machine import memory_limit
 from ..text import in_bytes
 
-BYTES = 75
+BYTES_PER_NUMBER = 75
 """Peak of memory for each number of each sample (the state and the stored variables), rounded up
 from what cases of every model took: 10 to 30 when they were integrated, 67 when they were
 classified."""
@@ -22,7 +22,7 @@ def need(case: Case) -> int:
         return 0
     system = case.system
     numbers = len(system.state) + sum(variable.width for variable in system.variables.values())
-    return case.time.samples * numbers * BYTES
+    return case.time.samples * numbers * BYTES_PER_NUMBER
 
 
 def check_memory(case: Case, processes: int = 1) -> None:

@@ -13,10 +13,10 @@ from .digests import process_digest
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-TOGETHER = 2
+TRIES_BESIDE_OTHERS = 2
 """How often a task is tried beside others: a worker may be killed for memory that others take."""
 
-DIED = "its process died: killed, or out of memory"
+PROCESS_DIED = "its process died: killed, or out of memory"
 
 
 START_SECONDS = 0.4
@@ -90,13 +90,13 @@ class Pool:
                 task, tries = running.pop(future)
                 if not _is_lost(future):
                     yield task, _outcome(future)
-                elif tries < TOGETHER:
+                elif tries < TRIES_BESIDE_OTHERS:
                     running[submit(task)] = task, tries + 1
                 else:
                     alone.append(task)
         for task in alone:
             wait([future := submit(task)])
-            yield task, HodoError(DIED) if _is_lost(future) else _outcome(future)
+            yield task, HodoError(PROCESS_DIED) if _is_lost(future) else _outcome(future)
 
 
 def _is_lost(future: Future[Any]) -> bool:
@@ -143,7 +143,7 @@ def _outcome(future: Future[tuple[str, Any]]) -> Any:
     return result
 
 
-AHEAD = 256
+TASKS_AHEAD = 256
 """Tasks that a scheduler elsewhere is given before the first is finished: more than it is likely to
 have workers."""
 
@@ -154,7 +154,7 @@ def pool(workers: int, scheduler: str | None = None) -> Pool:
     if scheduler is not None:
         from .dask import Dask
 
-        return Pool(Dask(scheduler, workers), 2 * workers if scheduler == "dask" else AHEAD)
+        return Pool(Dask(scheduler, workers), 2 * workers if scheduler == "dask" else TASKS_AHEAD)
     if workers > 1:
         from .processes import Processes
 

@@ -17,7 +17,7 @@ from typing import IO, Any
 from .. import BatchError, HodoError
 from . import WorkerLost
 
-STARTS = 3
+START_TRIES = 3
 """How often a process may die before it has begun; any process may be killed by chance."""
 
 
@@ -53,7 +53,7 @@ class Processes(Executor):
             worker.end()
 
 
-SERVE = """\
+WORKER_PROGRAM = """\
 import json, sys
 sys.path[:] = json.loads(sys.argv[1])
 from hodo_cli.batch.processes import serve
@@ -63,7 +63,13 @@ serve()
 
 # `-P`, since an environment that is ignored (`-E`) cannot tell a worker to import nothing from the
 # current folder.
-COMMAND = [sys.executable, "-P", *(["-E"] if sys.flags.ignore_environment else []), "-c", SERVE]
+WORKER_COMMAND = [
+    sys.executable,
+    "-P",
+    *(["-E"] if sys.flags.ignore_environment else []),
+    "-c",
+    WORKER_PROGRAM,
+]
 """What starts a worker, but for the folders that this process imports from."""
 
 
@@ -102,12 +108,12 @@ class _Worker(Thread):
     def _ready(self) -> Popen[bytes]:
         """A process that is ready. Raises BatchError if none can be started, EOFError if this
         executor has ended."""
-        for _ in range(STARTS):
+        for _ in range(START_TRIES):
             try:
                 with self._lock:
                     if self._ended:
                         raise EOFError
-                    command = [*COMMAND, json.dumps(sys.path)]
+                    command = [*WORKER_COMMAND, json.dumps(sys.path)]
                     self._process = process = Popen(command, stdin=PIPE, stdout=PIPE)
                 _received(process.stdout)
                 return process
@@ -135,20 +141,20 @@ class _Worker(Thread):
                 self._process.kill()
 
 
-LENGTH = 8
+HEADER_BYTES = 8
 """The bytes that say how long a message is."""
 
 
 def _send(stream: IO[bytes] | None, message: bytes) -> None:
     assert stream is not None
-    stream.write(len(message).to_bytes(LENGTH, "little") + message)
+    stream.write(len(message).to_bytes(HEADER_BYTES, "little") + message)
     stream.flush()
 
 
 def _received(stream: IO[bytes] | None) -> bytes:
     """The next message. Raises EOFError if the process at the other end has died before its end."""
     assert stream is not None
-    length = int.from_bytes(stream.read(LENGTH), "little")
+    length = int.from_bytes(stream.read(HEADER_BYTES), "little")
     message = stream.read(length)
     if not length or len(message) < length:
         raise EOFError

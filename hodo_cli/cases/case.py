@@ -17,7 +17,7 @@ from typing import Any, Never
 import numpy as np
 
 from .. import HodoError, models
-from ..models.attitude import KEY, check_attitude, keys_of_form, system_of, takes_attitude
+from ..models.attitude import ATTITUDE_KEY, check_attitude, keys_of_form, system_of, takes_attitude
 from ..models.base import Model
 from ..models.rigid_body import BodyFrame
 from ..schema.document import Block, Mistakes, Place, locate, read, write
@@ -264,10 +264,10 @@ def checked_case(name: Any, block: Block) -> Case:
     if model is None:
         raise Wrong(*mistakes)
     # A case without an attitude is the same whether it says so or not.
-    without = {KEY} if values.get(KEY) in (None, "no") else set()
+    without = {ATTITUDE_KEY} if values.get(ATTITUDE_KEY) in (None, "no") else set()
     data = {key: values[key] for key in keys_of_form(model) if key in values.keys() - without}
     data |= first_values(values.get("sweep") or {}, model, data)
-    model_data = {key: value for key, value in data.items() if key != KEY}
+    model_data = {key: value for key, value in data.items() if key != ATTITUDE_KEY}
     of_data = [*model.check(model_data), *check_attitude(model, data)]
     # What the case as a whole seems to lack may stand under a key that is misspelt or wrong.
     mistakes += [mistake for mistake in of_data if mistake[0] or not mistakes]
@@ -290,12 +290,14 @@ def checked_case(name: Any, block: Block) -> Case:
     if time["samples"] is None:
         assert system is not None
         swept = bool(values.get("sweep"))
-        time["samples"] = FEWEST if swept else smooth_samples(system, time["end"] - time["start"])
+        time["samples"] = (
+            FEWEST_SAMPLES if swept else smooth_samples(system, time["end"] - time["start"])
+        )
     common = {key: values[key] for key in COMMON} | {"time": Time(**time)}
     return Case(name=name, model=model.name, form=model.form, data=data, **common)
 
 
-FEWEST, MOST = 1001, 50_001
+FEWEST_SAMPLES, MOST_SAMPLES = 1001, 50_001
 """The samples of a case that does not name their number."""
 
 SAMPLE_TURN = math.radians(12)
@@ -313,7 +315,7 @@ def smooth_samples(system: Model, span: float) -> int:
     faster than about the axis of the largest moment, with all of the energy about the axis of the
     smallest."""
     if system.no_axis_reason or not isinstance(system, BodyFrame):
-        return FEWEST
+        return FEWEST_SAMPLES
     A1, A2, A3 = sorted(system.moments.tolist(), reverse=True)
     # By ratios, since moments may be of any size.
     fastest = max((A1 - A2) / A2 * (A1 - A3) / A3, (A1 - A3) / A1 * (A2 - A3) / A2)
@@ -323,9 +325,11 @@ def smooth_samples(system: Model, span: float) -> int:
     rate = speed * math.sqrt(fastest)
     if system.rotor_momentum is not None:
         rate += float(np.linalg.norm(system.rotor_momentum)) / A3
-    turns = max(rate / SAMPLE_TURN, speed / TURN_IN_SPACE if KEY in system.variables else 0)
+    turns = max(
+        rate / SAMPLE_TURN, speed / TURN_IN_SPACE if ATTITUDE_KEY in system.variables else 0
+    )
     # First the least of the two: no integer is infinite.
-    return max(FEWEST, math.ceil(min(span * turns, MOST - 1)) + 1)
+    return max(FEWEST_SAMPLES, math.ceil(min(span * turns, MOST_SAMPLES - 1)) + 1)
 
 
 KEY_BY_KEY = ("time", "assumes")
@@ -415,10 +419,10 @@ def _store_mistakes(
     sources = {*form.variables, *(constants_of(system, values) if system else ())}
     for i, name in enumerate(values.get("store", ())):
         # A mistaken attitude makes no system, and would be stored if it were right.
-        if name in valid or (name == KEY and system is None):
+        if name in valid or (name == ATTITUDE_KEY and system is None):
             continue
-        if name == KEY and takes_attitude(form):
-            yield ("store", i), f"this case has no attitude{remedy_of([KEY])}"
+        if name == ATTITUDE_KEY and takes_attitude(form):
+            yield ("store", i), f"this case has no attitude{remedy_of([ATTITUDE_KEY])}"
         elif name not in DERIVED:
             derived = [] if is_swept else derivable(sources)
             yield ("store", i), unknown(f"variable {name!r}", name, [*valid, *derived])

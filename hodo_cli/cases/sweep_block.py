@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ..models.attitude import KEY, keys_of_form, start_to_vary
+from ..models.attitude import ATTITUDE_KEY, keys_of_form, start_to_vary
 from ..models.base import Model
 from ..schema.kinds import (
     REQUIRED,
@@ -45,7 +45,7 @@ from ..schema.kinds import (
     within,
 )
 
-MOST = 10**9
+MOST_SWEEP_MEMBERS = 10**9
 """Members that one sweep may have."""
 
 DRAWN_AT_ONCE = 4096
@@ -110,7 +110,7 @@ class Span(ListOf):
 
     def check(self, value: Any) -> tuple[Any, ...]:
         first, last, _ = super().check(value)
-        count = all_right(*check_parts([(2, Integer(least=1, most=MOST), value[2])]))
+        count = all_right(*check_parts([(2, Integer(least=1, most=MOST_SWEEP_MEMBERS), value[2])]))
         return first, last, count[2]
 
 
@@ -127,7 +127,7 @@ RANGES = {
 ZIPPED = Each(OneOf(RANGES), "keys to ranges")
 DIRECTIONS = Table(
     {
-        "count": Key(Integer(least=1, most=MOST), "number of directions"),
+        "count": Key(Integer(least=1, most=MOST_SWEEP_MEMBERS), "number of directions"),
         "seed": Key(Integer(least=0, most=2**63), "seed of the generator", default=0),
     }
 )
@@ -236,8 +236,8 @@ def first_values(
     the same kind as its members."""
     values = {}
     ranges = [ranged for axis in axes_of(sweep) for ranged in axis.ranges]
-    if attitude := start_to_vary(model, data.get(KEY), [path for path, _ in ranges]):
-        values[KEY] = attitude
+    if attitude := start_to_vary(model, data.get(ATTITUDE_KEY), [path for path, _ in ranges]):
+        values[ATTITUDE_KEY] = attitude
     for (key, *inside), value_range in ranges:
         ((_, (first, *_)),) = value_range.items()
         missing = not inside and data.get(name := str(key), "") is None
@@ -276,8 +276,8 @@ def check_axes(
                 yield range_path, f"{key} varies along {swept[path]} already"
             swept[path] = axis.name
             yield from within(range_path, _check_range(value_range, key, keys_of_form(model), data))
-    if math.prod(map(len, axes)) > MOST:
-        yield ("sweep",), f"more than {MOST:.0e} members"
+    if math.prod(map(len, axes)) > MOST_SWEEP_MEMBERS:
+        yield ("sweep",), f"more than {MOST_SWEEP_MEMBERS:.0e} members"
 
 
 def _check_range(

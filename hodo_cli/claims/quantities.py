@@ -10,7 +10,7 @@ from .. import HodoError
 from ..cases.case import Case
 from ..engines.protocol import EPS
 from ..integration import (
-    CERTAIN,
+    CERTAIN_ERRORS,
     Crossing,
     Occurrence,
     Trajectory,
@@ -51,7 +51,7 @@ def sampled_motion(trajectory: Trajectory, passed: Sequence[Crossing] | None) ->
         case.system.variables, trajectory.time, trajectory.variables, events, {}
     )
     if passed is not None:
-        axes = body_of(case).enclosed(principal_omega(trajectory), CERTAIN * EPS)
+        axes = body_of(case).enclosed(principal_omega(trajectory), CERTAIN_ERRORS * EPS)
         variables |= label_variables(axes, passed)
     return Motion(case, variables, label=case.name)
 

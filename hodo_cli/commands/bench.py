@@ -19,9 +19,9 @@ from ..cases.case import Case
 from ..cases.config import Config, no_case
 from ..figures.costs import draw_bench
 from ..figures.files import save
-from ..integration import ASKED
+from ..integration import LEAST_ASKED
 from ..progress import Progress
-from ..results.trials import SLACK, TRIAL_VERDICTS, ULPS, Trial, trials_of
+from ..results.trials import ERROR_SLACK, TRIAL_VERDICTS, ULP_EFFECTS, Trial, trials_of
 from ..storage import Group, Variable, create, replacing
 from ..text import grouped, magnitude, markdown, seconds, table
 from .resume import attributes_by
@@ -162,7 +162,7 @@ def verdict_table(bench: Mapping[str, np.ndarray]) -> list[list[str]]:
             bench[name][i, :, 0]
             for name in ("method_taken", "error", "floor", "run_time", "status")
         )
-        is_right = error <= np.fmax(SLACK * ASKED, ULPS * floor)
+        is_right = error <= np.fmax(ERROR_SLACK * LEAST_ASKED, ULP_EFFECTS * floor)
         is_right[is_auto] = False
         times = np.where(is_right, run_time, np.inf)
         best = times.argmin()

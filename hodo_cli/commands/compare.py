@@ -32,7 +32,7 @@ from ..storage import Group, ResultFile, Variable, open_run, typed
 from ..text import magnitude, table
 from .resume import result_named, warn_of_changes
 
-COMPUTED = (
+HOW_COMPUTED = (
     *("name.", "time.samples.", "time.values.", "time.steps.", "store.", "error.", "note."),
     *("assumes.", "method.", "precision.", "tol."),
 )
@@ -134,7 +134,7 @@ def differing_settings(cases: Sequence[Case], a: Group, b: Group) -> Iterator[Li
         return
     ours, theirs = (settings("", case.entries) for case in cases)
     for key in ours | theirs:
-        if not f"{key}.".startswith(COMPUTED) and ours.get(key) != theirs.get(key):
+        if not f"{key}.".startswith(HOW_COMPUTED) and ours.get(key) != theirs.get(key):
             yield key, math.inf, f"{ours.get(key)}, not {theirs.get(key)}"
     # A sweep names how its members were integrated, so its method says nothing about the case.
     method, asked = str(a.attributes.get("method", "")), cases[0].method

@@ -32,13 +32,13 @@ if TYPE_CHECKING:
 SOURCES = (".h5", *YAML_SUFFIXES)
 """The suffixes of results and of their configs; a bare name has none."""
 
-RECORD = "drawn.json"
+DRAWN_RECORD = "drawn.json"
 """The file in which a folder of figures records how each of its files was made."""
 
 PAGE_FILE = "index.html"
 """The page of all figures."""
 
-ABSENT = "absent"
+ABSENT_CASE = "absent"
 """Stands for the checksum of a case that a figure has asked for and the result does not hold."""
 
 
@@ -311,7 +311,9 @@ class Folder:
         others = [self.config.figures.get(other) for other in spec.get("scale_with", ())]
         sheet = bytes_digest(Path(spec["style"].get("sheet", "no sheet")))
         known = spec, others, library_version("matplotlib"), sheet, bytes_digest(self.path / file)
-        return content_digest((self.checksums.get(case, ABSENT) for case in cases), repr(known))
+        return content_digest(
+            (self.checksums.get(case, ABSENT_CASE) for case in cases), repr(known)
+        )
 
 
 def renewed_page(out: Path, folders: Sequence[Folder], force: bool) -> Sequence[str]:
@@ -371,7 +373,7 @@ def read_record(folder: Path) -> dict[str, FileRecord]:
     """How the files of a folder were made, as JSON beside them says."""
     # One that is missing, unreadable or not ours costs no more than drawing anew.
     with suppress(OSError, ValueError, AttributeError):
-        entries = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        entries = json.loads((folder / DRAWN_RECORD).read_text(encoding="utf-8"))
         return {
             name: entry for name, entry in entries.items() if entry.keys() == NEVER_DRAWN.keys()
         }
@@ -380,5 +382,5 @@ def read_record(folder: Path) -> dict[str, FileRecord]:
 
 def save_record(folder: Path, record: dict[str, FileRecord]) -> None:
     """Write the record of a folder. Raises HodoError if that is refused."""
-    with replacing(folder / RECORD) as draft:
+    with replacing(folder / DRAWN_RECORD) as draft:
         draft.write_text(json.dumps(record, indent=1, sort_keys=True), encoding="utf-8")

@@ -51,9 +51,9 @@ if TYPE_CHECKING:
     from ..sweeps.growth import Earlier
 
 LEFT_AND_KEPT = "is kept, though it is no longer in the config (--prune drops it)"
-LEFT = "is dropped: it is no longer in the config"
+CASE_DROPPED = "is dropped: it is no longer in the config"
 
-LONGEST = 150
+LONGEST_OVERRIDES = 150
 """Bytes of overrides in the name of a file. Names have at most 255, of which the config's own and
 those of the hidden folder beside the file need some."""
 
@@ -96,7 +96,7 @@ class Plan:
             for name in self.asked
         }
         left = (name for name in self.stored if name not in self.config.cases)
-        plans |= {name: LEFT if name in self.dropped else LEFT_AND_KEPT for name in left}
+        plans |= {name: CASE_DROPPED if name in self.dropped else LEFT_AND_KEPT for name in left}
         return [{"run": str(self.path), "case": name, "plan": plans[name]} for name in plans]
 
     def _kept_of_sweep(self, name: str) -> str:
@@ -188,7 +188,7 @@ class Plan:
     def _announce(self, progress: Progress) -> None:
         """Print which results go and, if asked, what runs; and the warnings that the data give."""
         for row in self.planned():
-            (progress.say if row["plan"] == LEFT else progress.detail)(plan_lines([row]))
+            (progress.say if row["plan"] == CASE_DROPPED else progress.detail)(plan_lines([row]))
         # Before the run: a motion that the data feed energy into may take until its last step.
         cases = self.config.cases
         warned = ((text, name) for name in self.reasons for text in foreseen(cases[name]))
@@ -318,8 +318,10 @@ def result_name(config: Config, overrides: Sequence[str]) -> str:
     # Of two for one key the last counts.
     last = {text.partition("=")[0]: text for text in overrides}.values()
     changes = ",".join(sorted(re.sub(r"[^\w.,=+()\[\]{}-]", "_", text) for text in last))
-    if len(changes.encode()) > LONGEST:
-        changes = f"{changes.encode()[:LONGEST].decode(errors='ignore')}-{digest(changes)[:8]}"
+    if len(changes.encode()) > LONGEST_OVERRIDES:
+        changes = (
+            f"{changes.encode()[:LONGEST_OVERRIDES].decode(errors='ignore')}-{digest(changes)[:8]}"
+        )
     return ",".join(filter(None, [Path(config.path).stem, changes])) + ".h5"
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import arithmetic
 
-TINY = 1e-290
+TINY_DIVISOR = 1e-290
 """Added to what is divided by and may be 0."""
 
 CoefficientRule = Callable[[int], Any]
@@ -66,7 +66,7 @@ class Series:
         start = values(self[0])
         solution = [self._new(partial(coefficient, j)) for j in range(len(start))]
         # Where x is 0, and stays so, nothing grows.
-        growth = self._new(lambda k: (k + 1) * self[k + 1]) / (self + TINY)
+        growth = self._new(lambda k: (k + 1) * self[k + 1]) / (self + TINY_DIVISOR)
         rates += [growth * slope for slope in slopes(self, solution)]
         return solution
 

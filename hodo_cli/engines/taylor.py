@@ -25,11 +25,11 @@ DTYPES: dict[str, Any] = {"double": np.float64, "extended": np.longdouble}
 if hasattr(hy, "real128"):
     DTYPES["quadruple"] = hy.real128
 
-UNROLLED = 150
+UNROLLED_NODES = 150
 """The largest system that is unrolled, in nodes of its expressions: beyond, unrolling takes longer
 than the steps of most motions."""
 
-OPTIMISED = 10_000
+OPTIMISED_NODES = 10_000
 """The largest system that the compiler optimises. Beyond are averaged systems, which take tens of
 steps."""
 
@@ -81,8 +81,8 @@ class Taylor:
             ],
             fp_type=fp,
             # Unrolled code runs a little faster and takes minutes to compile for a large system.
-            compact_mode=size > UNROLLED,
-            opt_level=3 if size <= OPTIMISED else 0,
+            compact_mode=size > UNROLLED_NODES,
+            opt_level=3 if size <= OPTIMISED_NODES else 0,
         )
         self.degree = self.ta.order
 

@@ -22,8 +22,8 @@ from ..models.base import Event, Level, Model
 from ..models.constants import UNIT, Structure, count, moving, namespace
 from ..private import kept_code
 from . import series as series_module
-from .series import TINY, Series, constant, motion, total, value
-from .taylor import OPTIMISED
+from .series import TINY_DIVISOR, Series, constant, motion, total, value
+from .taylor import OPTIMISED_NODES
 
 
 def has_avx512() -> bool:
@@ -47,7 +47,7 @@ ROOT_ORDER = 16
 """The order by whose coefficients the length of a step is chosen: its root is four square roots. A
 logarithm and an exponential took a third of a step."""
 
-BRANCHING = 0.1
+PASSAGE_STRIDE = 0.1
 """The longest step, in radii of convergence, of a motion that goes on through an event. It
 approaches a logarithm, which fewer coefficients show, and a step must not lead beyond: at 0.135 two
 of five did."""
@@ -57,7 +57,7 @@ EVENT_ORDER = 6
 the state. At 20 the event took a third of a step, at 4 five times as many steps would be
 suspected."""
 
-CHAINS = 4
+SUM_CHAINS = 4
 """Parts of a polynomial that are summed side by side: in one chain a processor waits for each
 product, which took a third of a step."""
 
@@ -135,7 +135,7 @@ class TaylorStep:
     def _compiled_step(self) -> Any:
         inputs, rows, _ = expressions(*self._problem)
         return compiled_function(
-            inputs, rows, 1 if size_of_rates(*self._problem[:2]) > OPTIMISED else 3
+            inputs, rows, 1 if size_of_rates(*self._problem[:2]) > OPTIMISED_NODES else 3
         )
 
     def __call__(self, columns: np.ndarray, k: np.ndarray, out: np.ndarray) -> None:
@@ -177,11 +177,13 @@ def key_of(
     functions = *(event.function for event in events), *levels
     equations = pickle.dumps([*model.rhs(t, y, k), *(of(t, y, k) for of in functions)])
     kinds = [(event.passage is None, event.sign, model.always_absorbing) for event in events]
-    used = structure, kinds, WIDTH, hy.__version__, processor(), SOURCE
+    used = structure, kinds, WIDTH, hy.__version__, processor(), STEP_SOURCES
     return hashlib.sha256(equations + repr(used).encode()).hexdigest()[:32]
 
 
-SOURCE = [Path(str(module)).read_text("utf-8") for module in (__file__, series_module.__file__)]
+STEP_SOURCES = [
+    Path(str(module)).read_text("utf-8") for module in (__file__, series_module.__file__)
+]
 """The modules that make a step of equations."""
 
 
@@ -288,7 +290,7 @@ def compiled_function(inputs: list[Any], rows: list[Any], opt_level: int) -> Any
     return hy.cfunc(rows, vars=inputs, batch_size=WIDTH, opt_level=opt_level)
 
 
-DEPTHS, TRIALS = 4, 8
+ALIGNMENT_DEPTHS, ALIGNMENT_TRIALS = 4, 8
 """Depths of a call that part the alignments of a stack, and steps that try them, twice each."""
 
 
@@ -305,13 +307,13 @@ class AlignedCalls:
 
     def __init__(self, step: TaylorStep) -> None:
         self.step, self.calls = step, 0
-        self.seconds = [math.inf] * DEPTHS
+        self.seconds = [math.inf] * ALIGNMENT_DEPTHS
 
     def __call__(self, columns: np.ndarray, k: np.ndarray, out: np.ndarray) -> None:
         """See `TaylorStep`."""
-        if self.calls == TRIALS:
+        if self.calls == ALIGNMENT_TRIALS:
             return self.nested(self.seconds.index(min(self.seconds)), columns, k, out)
-        depth, began = self.calls % DEPTHS, thread_time()
+        depth, began = self.calls % ALIGNMENT_DEPTHS, thread_time()
         self.nested(depth, columns, k, out)
         self.seconds[depth] = min(self.seconds[depth], (thread_time() - began) / out.shape[1])
         self.calls += 1
@@ -329,7 +331,7 @@ def stride(tol: float, passing: Event | None) -> float:
     """The longest step that a tolerance allows, in radii of convergence (`radius`); shorter on the
     way through an event."""
     longest = math.exp((math.log(max(tol, 2.0**-62)) - 0.7) / (SERIES_ORDER - 3))
-    return min(longest, BRANCHING) if passing is not None else longest
+    return min(longest, PASSAGE_STRIDE) if passing is not None else longest
 
 
 def coefficients(series: Series, order: int) -> list[Any]:
@@ -338,8 +340,8 @@ def coefficients(series: Series, order: int) -> list[Any]:
 
 
 def total_of_powers(c: Sequence[Any], s: Any) -> Any:
-    """c[0] + c[1] s + ..., of more than CHAINS coefficients."""
-    chains = [value(c[1 + i :: CHAINS], (s * s) * (s * s)) for i in range(CHAINS)]
+    """c[0] + c[1] s + ..., of more than SUM_CHAINS coefficients."""
+    chains = [value(c[1 + i :: SUM_CHAINS], (s * s) * (s * s)) for i in range(SUM_CHAINS)]
     # The largest term comes last, so that all roundings but one are of what a step changes.
     return c[0] + s * value(chains, s)
 
@@ -362,7 +364,7 @@ def radius(y: Sequence[Sequence[Any]]) -> Any:
         for i in (0, ROOT_ORDER - 1, ROOT_ORDER, ROOT_ORDER + 1)
     )
     # A steady rotation has coefficients of 0.
-    coefficient = larger(highest, hy.sqrt(lower * higher)) + TINY
+    coefficient = larger(highest, hy.sqrt(lower * higher)) + TINY_DIVISOR
     power = larger(norm, hy.expression(1.0)) / coefficient
     return reduce(lambda x, _: hy.sqrt(x), range(int(math.log2(ROOT_ORDER))), power)
 

@@ -40,7 +40,7 @@ FRAMES_A_SECOND = 20
 FILM_SIZE, FILM_DPI = 4.0, 120
 """Inches of a side, and pixels an inch: even numbers of pixels, which films want."""
 
-REACH, SPACE_AXIS = 1.3, 1.12
+PICTURE_REACH, SPACE_AXIS = 1.3, 1.12
 """Half the width of a picture, and the length of the axes of space; G is 1 where it is largest."""
 
 NAME_ROOM = 0.2
@@ -90,7 +90,7 @@ class Film:
         data = {
             "time": self.time - self.time[0], "start": float(self.time[0]),
             "attitude": self.attitude, "parts": [*map(asdict, self.parts)],
-            "view": self.view, "seconds": self.seconds, "words": self.words, "reach": REACH,
+            "view": self.view, "seconds": self.seconds, "words": self.words, "reach": PICTURE_REACH,
             "room": NAME_ROOM,
         }  # fmt: skip
         return own_page("film", data, title, caption, back)
@@ -219,7 +219,9 @@ def draw_moment(axes: Axes, film: Film, i: int) -> None:
 
 def frame_space(axes: Axes) -> None:
     """Let a panel show what is as far as G is long."""
-    axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), aspect="equal")
+    axes.set(
+        xlim=(-PICTURE_REACH, PICTURE_REACH), ylim=(-PICTURE_REACH, PICTURE_REACH), aspect="equal"
+    )
     axes.set_axis_off()
 
 

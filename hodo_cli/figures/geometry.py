@@ -54,7 +54,7 @@ def round_step(size: float) -> float:
     return max(m * power for m in (1, 2, 5) if m * power <= size / 2)
 
 
-RIM = 0.93
+NAMES_WITHIN = 0.93
 """How far from the middle of the unit sphere or square a name may stand, so that all of it is
 within."""
 
@@ -85,7 +85,7 @@ def places_beside(
         point = near[clearest(others, near), :2]
         around = point + ring
         size = np.linalg.norm(around, norm, axis=1)
-        inside = around[size <= max(RIM, size.min())]
+        inside = around[size <= max(NAMES_WITHIN, size.min())]
         place = inside[clearest(taken, inside)]
         taken = np.concatenate([taken, [place]])
         names.append(place)

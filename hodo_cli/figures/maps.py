@@ -44,7 +44,7 @@ from .artists import (
 from .geometry import View, edges, within_separatrix
 from .sheet import Look, Sheet
 
-GAP = "#E4E4E4"
+NO_VALUE_COLOUR = "#E4E4E4"
 """The colour of members without a value: a grey that the colour map does not contain."""
 
 LEVEL: Look = {
@@ -91,7 +91,7 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         values_drawn = {**places, name: value.ravel()}
         sheet.record(plain_name(swept, indices, label, len(sweeps)), values_drawn)
     if np.isnan(all_values).any():
-        sheet.legend.append(Patch(fc=GAP, ec=GREY, lw=0.4, label=absence(name)))
+        sheet.legend.append(Patch(fc=NO_VALUE_COLOUR, ec=GREY, lw=0.4, label=absence(name)))
     words = words_of_values(meaning, labelled, all_values)
     sheet.legend += [Patch(fc=colours(scale(value)), label=word) for value, word in words.items()]
     if not words:
@@ -166,8 +166,8 @@ def words_of_values(
         words = {value: word for value, word in labelled.items() if value in values}
         return {value: f"{meaning}: {word}" for value, word in words.items()}
     yes_or_no = np.isin(values, (0, 1)) | np.isnan(values)
-    if meaning.startswith(SHARE) and yes_or_no.all():
-        return {1: meaning.removeprefix(SHARE), 0: "otherwise"}
+    if meaning.startswith(SHARE_WORDS) and yes_or_no.all():
+        return {1: meaning.removeprefix(SHARE_WORDS), 0: "otherwise"}
     return {}
 
 
@@ -230,7 +230,7 @@ def map_image(
     (x, even_x), (y, even_y) = swept.ticks(spec["x"]), swept.ticks(spec["y"])
     image = axes.pcolormesh(edges(x, even_x), edges(y, even_y), values.T, **look)
     # Not the background: beside a larger panel, it shows beyond the axes of a sweep too.
-    image.set_cmap(image.get_cmap().with_extremes(bad=GAP))
+    image.set_cmap(image.get_cmap().with_extremes(bad=NO_VALUE_COLOUR))
     if spec["theory"] is not None:
         (i, j), ratio = balance(swept, spec["x"], spec["y"])
         lines = axes.contour(x[i], y[j], ratio.T, [1.0], colors=THEORY["color"])
@@ -283,7 +283,7 @@ def map_sphere(
     x1 is in the middle, x2 to the right of it, x3 on top.
     """
     directions = swept.directions()
-    axes.set_facecolor(GAP)
+    axes.set_facecolor(NO_VALUE_COLOUR)
     axes.grid(False)
     # At the top of its room: the layout would take room above the map for its title's, and the
     # title would be cut off when the map grows.
@@ -334,7 +334,9 @@ def globe(
     page can turn it."""
     scene = sheet.scene(axes, View((0, 0)), (), globe=True)
     texts = [f"{value:.6g}" if math.isfinite(value) else "none" for value in values]
-    shades = look["cmap"].with_extremes(bad=GAP)(look["norm"](np.ma.masked_invalid(values)))
+    shades = look["cmap"].with_extremes(bad=NO_VALUE_COLOUR)(
+        look["norm"](np.ma.masked_invalid(values))
+    )
     # As large as their distance allows, so that neighbours do not hide each other.
     size = min(3.0, 80 / math.sqrt(len(values)))
     dots: Look = {"ls": "", "marker": "o", "ms": size, "mec": GREY, "mew": 0.1 * size}
@@ -468,7 +470,7 @@ def curve_of(
     return bool(missing.any())
 
 
-SHARE = "share of members: "
+SHARE_WORDS = "share of members: "
 """How the label of a share begins; where each member is drawn by itself, it says yes or no."""
 
 
@@ -480,7 +482,7 @@ def map_label(
     attributes = sweeps[0].variable(name).attrs
     meaning = str(attributes.get("long_name", name))
     if component in str(attributes.get("flag_meanings", "")).split():
-        return f"{SHARE}{axis_words(component)} is the {meaning}"
+        return f"{SHARE_WORDS}{axis_words(component)} is the {meaning}"
     shown = f"{meaning}, here {axis_words(component)}" if component else meaning
     if name in OF_ATTITUDE:
         # Its meaning takes a sentence, which is longer than an axis.

@@ -88,7 +88,7 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     sheet.legend += handles + mark_handles(motions, spec["time"], wide=bool(others))
 
 
-STRETCHES = np.linspace(1, 1.25, 6)
+ARM_STRETCHES = np.linspace(1, 1.25, 6)
 """By how much an arm of the body axes may be longer, so that its name is on no curve; more would
 leave an enlarged panel."""
 
@@ -103,8 +103,8 @@ def clear_lengths(view: View, lengths: np.ndarray, seen: np.ndarray, width: floa
     for along, length in zip(view(np.eye(3))[:, :2], lengths, strict=True):
         # An axis that points at the reader has no direction on the page.
         outward = along / max(float(np.hypot(*along)), math.ulp(0))
-        ends = STRETCHES[:, None] * length * along + beyond * outward
-        cleared.append(length * STRETCHES[clearest(seen, ends, room)])
+        ends = ARM_STRETCHES[:, None] * length * along + beyond * outward
+        cleared.append(length * ARM_STRETCHES[clearest(seen, ends, room)])
     return np.array(cleared)
 
 
@@ -201,7 +201,7 @@ def body_axes(axes: Axes, scene: Scene, reach: np.ndarray) -> None:
     """The axes of G1, G2, G3 through the origin, of lengths `reach` (2, 3), named, with round
     values marked."""
     # Some are longer only for their names.
-    step = round_step(float(reach.max()) / STRETCHES[-1])
+    step = round_step(float(reach.max()) / ARM_STRETCHES[-1])
     for i, (tip, tail) in enumerate(zip(*tips(reach), strict=True)):
         arm(axes, scene, tail, tip, f"G_{i + 1}")
         counts = np.arange(-int(reach[1, i] / step), int(0.87 * reach[0, i] / step) + 1)
@@ -393,7 +393,7 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion])
     plane_curves(axes, spec, motions, curves, crossings_on(motions, curves))
     axes.plot(0, 0, marker="+", ms=6, color=BLACK, ls="")
     name_curves(axes, curves, motions, spec)
-    along_z = np.abs(np.array(planes) - np.eye(2, 3)).max() < ALONG
+    along_z = np.abs(np.array(planes) - np.eye(2, 3)).max() < ALONG_ANGLE
     prime = "" if along_z else "'"
     labels = [f"$\\omega_{{{letter}{prime}}}$ {unit(motions[0], 'omega')}" for letter in "xy"]
     axes.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
@@ -407,7 +407,7 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion])
     sheet.legend += handles + mark_handles(motions, spec["time"])
 
 
-ALONG = 1e-9
+ALONG_ANGLE = 1e-9
 """The angle from z below which a vector lies along it."""
 
 PLANE = ("omega across G, 1", "omega across G, 2")

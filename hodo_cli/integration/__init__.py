@@ -3,21 +3,28 @@ Imports engines and what lies below."""
 
 from .choice import AUTOMATIC, MANY_STEPS, best, choose, taylor_steps
 from .classify import Classification, body_of, classify, cross, principal_omega
-from .crossings import CERTAIN, VIEWED, Crossing, has_turned, label_at_start, time_to_zero
-from .driver import LIMIT, at_rest
+from .crossings import (
+    CERTAIN_ERRORS,
+    PLACES_VIEWED,
+    Crossing,
+    has_turned,
+    label_at_start,
+    time_to_zero,
+)
+from .driver import REST_BITS, at_rest
 from .error import errors_against, measured_error, references, thinned, time_error
-from .integrate import ASKED, excess_remark, integrate, motion_remarks, solved
+from .integrate import LEAST_ASKED, excess_remark, integrate, motion_remarks, solved
 from .solve import refined, sample_times, solve
 from .trajectory import Occurrence, Trajectory
 from .units import TimeWindow, Units, clock_rates, is_falling
 
 __all__ = [
-    "ASKED",
     "AUTOMATIC",
-    "CERTAIN",
-    "LIMIT",
+    "CERTAIN_ERRORS",
+    "LEAST_ASKED",
     "MANY_STEPS",
-    "VIEWED",
+    "PLACES_VIEWED",
+    "REST_BITS",
     "Classification",
     "Crossing",
     "Occurrence",

@@ -19,13 +19,13 @@ AUTOMATIC = ("exact", "taylor", "collocation")
 MANY_STEPS = 1e4
 """Beyond this many Taylor steps, some 10 ms, collocation is the faster one."""
 
-RATIO = 200
+COLLOCATION_COST = 200
 """The cost of a step of collocation in Taylor steps: 1.2 ms against 6.5 us, on a stiff motion."""
 
 MOST_TRIED = 5000
 """The most steps of a trial of collocation, which then takes a few seconds at worst."""
 
-ROUGH = 1e-4
+TRIAL_TOL = 1e-4
 """The tolerance of a trial: it counts steps, and those of a stiff motion hardly depend on it."""
 
 
@@ -54,11 +54,11 @@ def best(case: Case, precision: str) -> tuple[str, str]:
             # later.
             times = np.linspace(case.time.start, case.time.end, 17)[1:]
             # A trial need not take more steps than the motion itself may.
-            most = min(steps / RATIO, MOST_TRIED, case.max_steps or MOST_TRIED)
+            most = min(steps / COLLOCATION_COST, MOST_TRIED, case.max_steps or MOST_TRIED)
             tried = replace(case, max_steps=int(most), max_seconds=None)
-            trial = solve(tried, "collocation", tol=ROUGH, times=times)
+            trial = solve(tried, "collocation", tol=TRIAL_TOL, times=times)
             if trial.whole and (steps := taylor_steps(case, trial)) > max(
-                MANY_STEPS, RATIO * trial.steps
+                MANY_STEPS, COLLOCATION_COST * trial.steps
             ):
                 return (
                     "collocation",

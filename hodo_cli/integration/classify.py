@@ -12,10 +12,10 @@ from ..engines import extended
 from ..engines.protocol import EPS, PRECISION
 from ..models import rigid_body
 from ..models.rigid_body import BodyFrame
-from ..models.theory.gyrostat import CANCELLED
+from ..models.theory.gyrostat import CANCELLED_PART
 from .choice import best
 from .crossings import (
-    CERTAIN,
+    CERTAIN_ERRORS,
     Crossing,
     CrossingList,
     CrossingSearch,
@@ -29,17 +29,17 @@ from .error import judged_events, references, with_step_limit
 from .solve import sample_times, solve
 from .trajectory import Occurrence, Trajectory
 
-CHECKS = 513
+ERROR_CHECKS = 513
 """Times besides the samples at which the error of a motion is measured: a case may have few."""
 
 AT_ITS_LIMIT = 1e-13
 """Up to this tolerance the error of a motion in double precision is that of its rounding."""
 
-UNMEASURED = 100.0
+UNMEASURED_TOLS = 100.0
 """The error of a motion, in tolerances, where none was measured: what the worst of the solvers
 reach, see DOP853 and LSODA in `hodo bench`."""
 
-ASSUMED = 1e-9
+LEAST_UNMEASURED = 1e-9
 """The least error at which a motion is judged whose error was not measured: rounding alone does not
 reach it in the steps that a motion may take. Where it would decide, a reference is asked."""
 
@@ -76,15 +76,15 @@ def classify(
 
     Raises HodoError if the motion differs from the stored one by more than its error allows.
     """
-    expected = UNMEASURED * max(EPS, tol) if math.isnan(error) else max(EPS, error)
-    judged = max(ASSUMED, expected) if math.isnan(error) else expected
-    dense = searched(case, method, case.precision, tol, CERTAIN * judged)
+    expected = UNMEASURED_TOLS * max(EPS, tol) if math.isnan(error) else max(EPS, error)
+    judged = max(LEAST_UNMEASURED, expected) if math.isnan(error) else expected
+    dense = searched(case, method, case.precision, tol, CERTAIN_ERRORS * judged)
     samples = dense.rows[: len(omega)]
     check_stored(dense, samples, omega, expected)
     errors, reference = against_reference(dense, judged)
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
     body, motion = body_of(case), dense.motion
-    axes = body.enclosed(principal_omega(motion)[samples], CERTAIN * errors[samples])
+    axes = body.enclosed(principal_omega(motion)[samples], CERTAIN_ERRORS * errors[samples])
     resting = at_rest(extended(motion.omega[samples]), motion.exponent[samples])
     # Where the equations have a corner at rest, the motion begins beside it.
     if not any(body.velocity(body.inertia, body.initial)):
@@ -133,7 +133,8 @@ def searched(
     uncertainty: float = 0.0,
     until: float = math.inf,
 ) -> DenseSolution:
-    """Integrate a case with a search for zeros of D, through its samples and CHECKS other times.
+    """Integrate a case with a search for zeros of D, through its samples and ERROR_CHECKS other
+    times.
 
     `uncertainty` is that of the `CrossingSearch`. The motion ends at the time `until`.
     """
@@ -163,8 +164,9 @@ def principal_omega(motion: Trajectory) -> np.ndarray:
 
 
 def with_checks(samples: np.ndarray, start: float, end: float) -> np.ndarray:
-    """Samples (n,) with the CHECKS times among them, but for those that are beside a sample."""
-    checks = np.linspace(start, end, CHECKS)
+    """Samples (n,) with the ERROR_CHECKS times among them, but for those that are beside a
+    sample."""
+    checks = np.linspace(start, end, ERROR_CHECKS)
     after = np.searchsorted(samples, checks)
     nearest = np.minimum(
         np.abs(samples[np.minimum(after, len(samples) - 1)] - checks),
@@ -305,7 +307,7 @@ def crossings_of(
     G = body.moments * omega.astype(float) + (0 if rotor is None else rotor)
     momentum = np.sqrt(np.vecdot(G, G))
     # Behind a stop there is no side; with a rotor, G is what rounding leaves of two vectors there.
-    least = 0 if rotor is None else CANCELLED * np.abs(rotor).max()
+    least = 0 if rotor is None else CANCELLED_PART * np.abs(rotor).max()
     turning = slice(len(time) - int(np.argmax(np.abs(G).max(1)[::-1] > least)))
     with np.errstate(over="ignore"):
         margins, sides = standing(body, omega[turning])
@@ -320,7 +322,7 @@ def crossings_of(
     signs = SignChanges.joined([*dense.signs, samples])
     after = np.searchsorted(time, signs.time).clip(max=len(time) - 1)
     before = np.where(time[after] == signs.time, after, np.maximum(after - 1, 0))
-    band = CERTAIN * np.maximum(errors[before], errors[after])
+    band = CERTAIN_ERRORS * np.maximum(errors[before], errors[after])
     if absorbing is None:
         absorbing = case.system.absorbing_axes(case.time.start, case.time.end)
     listed = read_sign_changes(signs, band, absorbing)
@@ -394,7 +396,7 @@ def cross(
     case: Case, method: str, precision: str, tol: float | None
 ) -> tuple[Trajectory, list[Crossing]]:
     """A case integrated through its samples, and its crossings: those that are beyond rounding."""
-    dense = searched(case, method, precision, tol, CERTAIN * EPS)
+    dense = searched(case, method, precision, tol, CERTAIN_ERRORS * EPS)
     listed = crossings_of(dense, np.full(len(dense.motion.time), EPS))
     return dense.motion.at(dense.rows), listed.crossings
 

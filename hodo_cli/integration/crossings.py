@@ -27,10 +27,10 @@ from ..models.theory.gyrostat import region_of
 from .driver import StepObserver
 from .units import Clock, Units
 
-SEARCHED = 512
+STEPS_SEARCHED = 512
 """Steps that are searched together: numpy's overhead, some 0.1 ms, is then 0.2 us a step."""
 
-CERTAIN = 8.0
+CERTAIN_ERRORS = 8.0
 """D counts where its margin is so many times the error of the state. The error can shift the margin
 by twice its own size, once for each term of D; the rest is a reserve, for an error that is measured
 beside the crossing and not at it."""
@@ -120,15 +120,15 @@ class CrossingSearch(StepObserver):
 
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
         super().begin(engine, clock, units)
-        self.series = np.empty((SEARCHED, 3, engine.degree + 1), dtype=engine.dtype)
-        self.times = np.empty((SEARCHED, 2), dtype=engine.dtype)
+        self.series = np.empty((STEPS_SEARCHED, 3, engine.degree + 1), dtype=engine.dtype)
+        self.times = np.empty((STEPS_SEARCHED, 2), dtype=engine.dtype)
 
     def __call__(self, start: float, end: float, series: np.ndarray) -> None:
         """Note a step; see `Observer`."""
         i = self.filled
         self.series[i], self.times[i, 0], self.times[i, 1] = series[:3], start, end
         self.filled = i + 1
-        if self.filled == SEARCHED:
+        if self.filled == STEPS_SEARCHED:
             self.flush()
 
     def flush(self) -> None:
@@ -343,11 +343,11 @@ def _nearest(signs: SignChanges, first: int, last: int) -> float:
 # distance from a saddle's hodograph has one extremum between two of them at most; there its slope
 # shows it.
 
-VIEWED = 17
+PLACES_VIEWED = 17
 """Places in a step, its ends among them. A step is a part of a turn, in which the distance has few
 extrema."""
 
-DIVISIONS = 16
+PARTS_AT_ONCE = 16
 """Parts into which an interval is divided at once: to look at one place takes as long as at ten."""
 
 ROUNDS, EXTREMUM_ROUNDS = 16, 9
@@ -384,14 +384,14 @@ class RegionSearch(CrossingSearch):
         b, _ = self._bernstein(self.along_axes(series), times)
         # In double for all: long double is ten times slower.
         view = self._view(b.astype(float), *places_in(n, np.float64))
-        clear = (view.margin > 2 * self.uncertainty).reshape(n, VIEWED).all(1)
-        labels = view.label.reshape(n, VIEWED)
+        clear = (view.margin > 2 * self.uncertainty).reshape(n, PLACES_VIEWED).all(1)
+        labels = view.label.reshape(n, PLACES_VIEWED)
         clear &= (labels == labels[:, :1]).all(1) & ~self._turned(view, n).any((1, 2))
         if not clear.all():
             self._search_steps(b[~clear], times[~clear])
 
     def _turned(self, view: StepView, n: int) -> np.ndarray:
-        return has_turned(*(x.reshape(n, VIEWED, 2) for x in (view.value, view.slope)))
+        return has_turned(*(x.reshape(n, PLACES_VIEWED, 2) for x in (view.value, view.slope)))
 
     def _search_steps(self, b: np.ndarray, times: np.ndarray) -> None:
         """Note the places of steps, the extrema between them, and where the label changes."""
@@ -438,32 +438,34 @@ class RegionSearch(CrossingSearch):
 
 
 def has_turned(value: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Whether (n, VIEWED - 1, 2) the value (n, VIEWED, 2) of a saddle comes nearer to 0 after one
-    place of a step, and goes away from it before the next, without a change of sign, and may lose
-    half of its size in between at twice the steeper of the two slopes."""
+    """Whether (n, PLACES_VIEWED - 1, 2) the value (n, PLACES_VIEWED, 2) of a saddle comes nearer
+    to 0 after one place of a step, and goes away from it before the next, without a change of
+    sign, and may lose half of its size in between at twice the steeper of the two slopes."""
     nearing = value * slope
     same_side = value[:, :-1] * value[:, 1:] > 0
     smaller, steeper = (
         choose(np.abs(x[:, :-1]), np.abs(x[:, 1:]))
         for choose, x in ((np.minimum, value), (np.maximum, slope))
     )
-    is_near = smaller * (VIEWED - 1) < 4 * steeper
+    is_near = smaller * (PLACES_VIEWED - 1) < 4 * steeper
     return np.asarray((nearing[:, :-1] < 0) & (nearing[:, 1:] > 0) & same_side & is_near)
 
 
 def places_in(n: int, fp: Any) -> tuple[np.ndarray, np.ndarray]:
-    """The row and x (n * VIEWED,) of the places at which n steps are looked at."""
-    return np.repeat(np.arange(n), VIEWED), np.tile(np.linspace(0, 1, VIEWED, dtype=fp), n)
+    """The row and x (n * PLACES_VIEWED,) of the places at which n steps are looked at."""
+    return np.repeat(np.arange(n), PLACES_VIEWED), np.tile(
+        np.linspace(0, 1, PLACES_VIEWED, dtype=fp), n
+    )
 
 
 def end_of(holds: Any, low: np.ndarray, high: np.ndarray, rounds: int) -> np.ndarray:
     """Where a property ends within intervals (k,) at whose first end it holds: `holds` tells of
     intervals, by their numbers (n,), whether it does at places (n,)."""
-    number, parts = np.arange(len(low)), np.arange(DIVISIONS + 1) / DIVISIONS
+    number, parts = np.arange(len(low)), np.arange(PARTS_AT_ONCE + 1) / PARTS_AT_ONCE
     for _ in range(rounds if len(low) else 0):
         ends = low[:, None] + (high - low)[:, None] * parts
         inner = ends[:, 1:-1]
-        is_over = ~holds(np.repeat(number, DIVISIONS - 1), inner.ravel()).reshape(inner.shape)
-        first = np.where(is_over.any(1), is_over.argmax(1), DIVISIONS - 1)
+        is_over = ~holds(np.repeat(number, PARTS_AT_ONCE - 1), inner.ravel()).reshape(inner.shape)
+        first = np.where(is_over.any(1), is_over.argmax(1), PARTS_AT_ONCE - 1)
         low, high = ends[number, first], ends[number, first + 1]
     return high

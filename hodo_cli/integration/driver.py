@@ -25,19 +25,19 @@ from .units import (
 SAMPLES_AT_ONCE = 1 << 16
 """Samples handed to an engine at once."""
 
-LIMIT = 2**12
+REST_BITS = 2**12
 """Binary orders of magnitude below 1 at which a motion is called at rest: 1e-1233, far below the
 smallest double."""
 
-LARGEST, OVERFLOW_MESSAGE = 1024, "the motion exceeds the largest number"
+LARGEST_EXPONENT, OVERFLOW_MESSAGE = 1024, "the motion exceeds the largest number"
 """The binary order of magnitude of the largest double, and the message of a motion beyond it."""
 
 
 def at_rest(omega: np.ndarray, exponent: Any) -> np.ndarray:
-    """Whether (...) angular velocities (..., 3), in units of 2**exponent (...), are below LIMIT: a
-    case and a member of a sweep have no label then."""
+    """Whether (...) angular velocities (..., 3), in units of 2**exponent (...), are below
+    REST_BITS: a case and a member of a sweep have no label then."""
     largest = np.abs(omega).max(axis=-1).astype(float)
-    return np.asarray((largest == 0) | (np.frexp(largest)[1] + exponent < -LIMIT))
+    return np.asarray((largest == 0) | (np.frexp(largest)[1] + exponent < -REST_BITS))
 
 
 @dataclass
@@ -155,20 +155,20 @@ def propagate(
             # Samples that the passage skips are taken behind it.
             reached = int(np.searchsorted(times, float(outcome.onward), side="right"))
             skipped = max(reached - samples.done, 0)
-            rest = 0 if y[rows].any() or not model.degree else -LIMIT
+            rest = 0 if y[rows].any() or not model.degree else -REST_BITS
             samples.add(np.broadcast_to(y, (skipped, len(y))), rest)
         else:
             clock.advance(leg.time)
             y, size = leg.state, units.size
-        if samples.done == len(times) and size < LARGEST // 2:
+        if samples.done == len(times) and size < LARGEST_EXPONENT // 2:
             break  # no leg is to follow, and this one was far from the largest number
         if timed:
             moment = TimeWindow(float(clock.high), float(times[-1]) - start)
         new = Units.fit(model, k, y.astype(float), size, moment, falling) if model.degree else units
-        if new.size < -LIMIT:
+        if new.size < -REST_BITS:
             end = np.where(state_powers(model), 0, y)
-            samples.add(np.broadcast_to(end, (len(times) - samples.done, len(y))), -LIMIT)
-        elif new.size > LARGEST:
+            samples.add(np.broadcast_to(end, (len(times) - samples.done, len(y))), -REST_BITS)
+        elif new.size > LARGEST_EXPONENT:
             control.give_up(Status.FAILED, f"{OVERFLOW_MESSAGE} at {clock.true(fp(0)):.6g}")
         y, units = scaled_by(model, y, size - new.size), new
     return samples

@@ -14,19 +14,19 @@ from ..engines import extended
 from ..models.attitude import angle_apart
 from ..models.constants import attributes, rescaled
 from .choice import AUTOMATIC, MANY_STEPS, best
-from .driver import LIMIT
+from .driver import REST_BITS
 from .solve import refined, sample_times, solve
 from .trajectory import Occurrence, Trajectory
 
-COMPARED = 100_000
+SAMPLES_COMPARED = 100_000
 """About how many samples, evenly spaced, an error is measured at."""
 
 LIMIT_OF_SAME_METHOD, LIMIT_OF_OTHER_METHOD = (1000, 20), (2 * int(MANY_STEPS), 500)
 """Steps after which a reference is given up that is by the method of the motion, or by another: so
-many, or so many times those of the motion. A Taylor series may take `choice.RATIO` times the steps
-of an implicit method, and MANY_STEPS in any case."""
+many, or so many times those of the motion. A Taylor series may take COLLOCATION_COST times the
+steps of an implicit method, and MANY_STEPS in any case."""
 
-EXTENDED = np.finfo(np.longdouble).eps < 1e-18
+HAS_EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Whether long double is more precise than double here."""
 
 
@@ -41,7 +41,7 @@ class MeasuredError(NamedTuple):
 
 def measured_error(motion: Trajectory) -> MeasuredError:
     """The error of a motion against a better computation: the largest over the samples, or over
-    some COMPARED of them where there are more."""
+    some SAMPLES_COMPARED of them where there are more."""
     case, times, n = motion.case, motion.time, len(motion.time)
     if motion.whole and any(event.terminal for event in case.system.run_events):
         times = sample_times(case)
@@ -74,8 +74,8 @@ def with_step_limit(motion: Trajectory, reference: str) -> Case:
 
 
 def thinned(n: int) -> np.ndarray:
-    """The positions of some COMPARED of n samples, evenly spaced, and of the last one."""
-    positions = np.arange(0, n, -(-n // COMPARED) or 1)
+    """The positions of some SAMPLES_COMPARED of n samples, evenly spaced, and of the last one."""
+    positions = np.arange(0, n, -(-n // SAMPLES_COMPARED) or 1)
     return np.append(positions, n - 1) if n and positions[-1] != n - 1 else positions
 
 
@@ -102,7 +102,7 @@ def references(case: Case, method: str, tol: float) -> Iterator[Reference]:
     2. The same method at a hundredth of the tolerance, if that is not available or fails.
     3. The same at a hundred times the tolerance, if the method is at its limit already.
     """
-    finer = {"double": "extended" if EXTENDED else "quadruple", "extended": "quadruple"}.get(
+    finer = {"double": "extended" if HAS_EXTENDED else "quadruple", "extended": "quadruple"}.get(
         case.precision
     )
     numerical = "taylor" if engines.have_taylor() else "collocation"
@@ -126,8 +126,8 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
 
     A vector is judged sample by sample, relative to its length; an attitude by the angle to turn it
     into the other; a scalar relative to its largest value; the time of an event relative to the
-    time since the start. A motion at rest (LIMIT) has no error. The values of the motion are judged
-    as they are stored, in double precision.
+    time since the start. A motion at rest (REST_BITS) has no error. The values of the motion are
+    judged as they are stored, in double precision.
     """
     system = case.system
     n = min(len(motion.time), len(reference.time))
@@ -141,8 +141,8 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
     sizes = motion.exponent[rows], reference.exponent[rows]
     # One of the two may be called at rest a step before the other. Between two different stops one
     # rests while the other does not, by the error of the event.
-    moving = inf if system.may_stop else -LIMIT / 2
-    resting = (np.minimum(*sizes) <= -LIMIT) & (np.maximum(*sizes) < moving)
+    moving = inf if system.may_stop else -REST_BITS / 2
+    resting = (np.minimum(*sizes) <= -REST_BITS) & (np.maximum(*sizes) < moving)
     state, shift = motion.state[rows].astype(float), np.where(resting, 0, sizes[0] - sizes[1])
     if system.degree and shift.any():
         state = rescaled(type(system), state, shift)

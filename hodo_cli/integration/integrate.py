@@ -15,10 +15,10 @@ from .error import MeasuredError, measured_error
 from .solve import solve, step_times
 from .trajectory import Occurrence, Trajectory
 
-ASKED = 1e-12
+LEAST_ASKED = 1e-12
 """The error that a motion may have whose tolerance is at the limit of its precision."""
 
-SHORT = 0.02
+SHORT_SECONDS = 0.02
 """Seconds of a motion whose time is doubled by what only the first of a process pays."""
 
 _RUN: set[tuple[type[Model], str]] = set()
@@ -93,7 +93,7 @@ def motion_remarks(motion: Trajectory, errors: Mapping[str, float]) -> Iterator[
 
 def excess_remark(case: Case, error: float, tol: float) -> Iterator[str]:
     """The remark on an error that is larger than was asked for."""
-    asked = max(tol, ASKED)
+    asked = max(tol, LEAST_ASKED)
     # Ten times, because a tolerance bounds the error of a step and not that of the motion.
     if error > 10 * asked:
         bound = f"the {asked:.0e} asked for" if case.tol else f"the default, {asked:.0e}"
@@ -104,7 +104,7 @@ def timed(motion: Trajectory) -> Trajectory:
     """A motion; with its second run time if it is short and the first of its kind in this process,
     which pays for what all later ones find ready."""
     case, kind = motion.case, (motion.case.system.__class__, motion.method)
-    if kind not in _RUN and motion.run_time < SHORT and motion.whole:
+    if kind not in _RUN and motion.run_time < SHORT_SECONDS and motion.whole:
         again = solve(case, motion.method, case.precision, case.tol)
         motion = replace(motion, run_time=min(motion.run_time, again.run_time))
     _RUN.add(kind)

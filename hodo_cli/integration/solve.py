@@ -15,7 +15,7 @@ from ..engines.protocol import EPS, LAST_STEP, Status, StepControl
 from ..models.base import Model
 from ..models.constants import attributes
 from .driver import (
-    LARGEST,
+    LARGEST_EXPONENT,
     OVERFLOW_MESSAGE,
     SAMPLES_AT_ONCE,
     SampleBuffer,
@@ -25,7 +25,7 @@ from .driver import (
 from .trajectory import Occurrence, Trajectory
 from .units import is_timed
 
-REFINEMENTS, FEW = {"taylor": 5}, 2
+REFINEMENTS, FEW_REFINEMENTS = {"taylor": 5}, 2
 """How often what approximates equations is refined: it takes twice as long each time, and seconds
 already by methods whose steps are taken in Python."""
 
@@ -102,7 +102,9 @@ def solve(
         raise HodoError(message)
     if method == "exact":
         return closed_form(case, times, precision)
-    refinements = REFINEMENTS.get(method, FEW) if refine and case.system.refined_data else 0
+    refinements = (
+        REFINEMENTS.get(method, FEW_REFINEMENTS) if refine and case.system.refined_data else 0
+    )
     finest, observed = case, None if refinements else observer
     motion, is_accurate = attempted(case, method, precision, tol, times, observed)
     for _ in range(refinements):
@@ -199,7 +201,7 @@ def closed_form(case: Case, times: np.ndarray, precision: str) -> Trajectory:
         if time <= case.time.end:
             samples.events.append(Occurrence(kind, time, outcome.details or {}))
     known = slice(samples.done)
-    outgrown = samples.exponent[known] > LARGEST
+    outgrown = samples.exponent[known] > LARGEST_EXPONENT
     lost = np.flatnonzero(outgrown | ~np.isfinite(samples.state[known]).all(axis=1))
     if len(lost):
         samples.done = int(lost[0])

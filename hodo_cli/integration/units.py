@@ -25,7 +25,7 @@ from ..models.constants import (
     structure,
 )
 
-SLOWEST = -1000
+SLOWEST_EXPONENT = -1000
 """The binary order of magnitude below which a unit of time grows no longer: 2**-1000 of the
 motion's own would leave the range of doubles."""
 
@@ -38,7 +38,7 @@ class TimeWindow(NamedTuple):
     span: Any
 
 
-PASSING = 40
+PASSING_BITS = 40
 """The binary orders of magnitude by which a motion that passes through 0 is smaller than what its
 torques make of it in a moment."""
 
@@ -89,7 +89,7 @@ class Units:
         # The bound of the rates may be far too fast: a body that turns steadily about an axis needs
         # no steps.
         slower = np.frexp(np.where(speed > 0, np.maximum(speed, turn), 0.0))[1]
-        fitted = most.rate + np.maximum(slower, SLOWEST)
+        fitted = most.rate + np.maximum(slower, SLOWEST_EXPONENT)
         if moment:  # what is slow now may hang on a law of time that soon changes
             fitted = np.maximum(fitted, -np.frexp(moment.span)[1])
         return cls(most.size, fitted)
@@ -133,7 +133,7 @@ class Units:
         """
         order = np.log2(speed)
         reached = np.fmin(order - np.log2(turn), (order + self.rate - self.size) / 2)
-        return np.asarray(self.size + np.ceil(reached) - PASSING)
+        return np.asarray(self.size + np.ceil(reached) - PASSING_BITS)
 
     def constants(self, model: type[Model], k: Mapping[str, Any]) -> dict[str, Any]:
         """The constants of the equations in these units."""
@@ -161,7 +161,7 @@ def order_by_torques(model: type[Model], orders: Mapping[str, Any]) -> Any:
     return np.ceil(reduce(np.maximum, torques, -np.inf) / 2)
 
 
-FAR = 16
+FALLING_BITS = 16
 """The binary orders of magnitude above that of its torques from which on a motion is falling."""
 
 
@@ -170,7 +170,7 @@ def is_falling(model: type[Model], k: Mapping[str, Any], y: np.ndarray) -> np.nd
     that they lose digits in units of what the torques make: they decay by many orders of magnitude
     before they settle."""
     made = order_by_torques(model, orders_of_constants(model, k))
-    return np.asarray(np.isfinite(made) & (order_of_magnitude(model, y) > made + FAR))
+    return np.asarray(np.isfinite(made) & (order_of_magnitude(model, y) > made + FALLING_BITS))
 
 
 def largest_of(constant: Any) -> Any:
@@ -187,7 +187,7 @@ def order_of_magnitude(model: type[Model], y: np.ndarray) -> np.ndarray:
     return np.asarray(orders.max(axis=0))
 
 
-RESOLVED = 1.5
+RESOLVED_STEP = 1.5
 """The step that follows what is small, in units of its fastest growth or turn: of order 20 and more
 a series is then right to the last digit of it."""
 
@@ -200,10 +200,10 @@ def longest_step(model: type[Model], k: Constants, t: float, y: np.ndarray) -> f
         return math.inf
     rates = np.linalg.eigvals(slopes)
     fastest = max(float(rates.real.max()), float(np.abs(rates.imag).max()))
-    return RESOLVED / fastest if fastest > 0 else math.inf
+    return RESOLVED_STEP / fastest if fastest > 0 else math.inf
 
 
-MODERATE = 16
+MODERATE_BITS = 16
 """The binary orders of magnitude of a rate within which a model without degrees keeps the case's
 own unit of time."""
 
@@ -219,7 +219,7 @@ def clock_rates(model: type[Model], k: SimpleNamespace, y: np.ndarray) -> np.nda
     with np.errstate(all="ignore"):
         rates = np.array(np.broadcast_arrays(*model.rhs(0.0, [*y], k)), dtype=float)
         fastest, order = np.frexp(np.abs(rates).max(axis=0))
-    return np.where(np.isfinite(fastest) & (np.abs(order) > MODERATE), order, 0)
+    return np.where(np.isfinite(fastest) & (np.abs(order) > MODERATE_BITS), order, 0)
 
 
 def is_timed(system: Model, events: tuple[Event, ...] = ()) -> bool:

@@ -22,11 +22,11 @@ from .added.mistakes import equations_mistake, with_source_line
 from .added.sources import AddedModule, texts_of
 from .base import Model
 
-OWN = "HODO_MODELS"
+OWN_MODELS_VARIABLE = "HODO_MODELS"
 """The variable of the environment with the user's own files, separated as in PATH: worker processes
 inherit it."""
 
-GROUP = "hodo.models"
+ENTRY_POINTS = "hodo.models"
 """The group of these entry points."""
 
 STATED_NAME = re.compile(r'^    name = "(.+)"$', re.MULTILINE)
@@ -147,11 +147,11 @@ def _added_modules() -> tuple[AddedModule, ...]:
 
 def _entry_points() -> Iterable[Any]:
     """The entry points of installed packages that name a module with models."""
-    if not may_have_entry_points(GROUP):
+    if not may_have_entry_points(ENTRY_POINTS):
         return ()
     from importlib.metadata import entry_points  # it takes a tenth of a short run to load
 
-    return entry_points(group=GROUP)
+    return entry_points(group=ENTRY_POINTS)
 
 
 def _class_mistake(form: type[Model]) -> str:
@@ -215,5 +215,7 @@ def find(name: str, form: str) -> type[Model]:
 # At once, because a worker that is sent an object of such a class imports this package for it.
 _own_modules = [
     _load(path, f"own{i}")
-    for i, path in enumerate(filter(None, os.environ.get(OWN, "").split(os.pathsep)))
+    for i, path in enumerate(
+        filter(None, os.environ.get(OWN_MODELS_VARIABLE, "").split(os.pathsep))
+    )
 ]

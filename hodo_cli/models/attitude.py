@@ -28,7 +28,7 @@ from .base import Bound, Event, EventOutcome, Label, Level, LookedUp, Model, Pas
 from .rigid_body import BodyFrame
 from .theory.attitude import HodographTurn, composed, free_attitude, product, turn_of_hodograph
 
-KEY = "attitude"
+ATTITUDE_KEY = "attitude"
 
 SEQUENCE = "ZXZ"
 """The sequence of Euler's angles where none is named: precession, nutation, spin."""
@@ -65,14 +65,14 @@ ATTITUDE = Key(
 QUATERNION = ("attitude_a", "attitude_b", "attitude_c", "attitude_d")
 """The variables of the state."""
 
-VARIABLE = {KEY: Label(("time", "quaternion"), "attitude, from body to space axes")}
+VARIABLE = {ATTITUDE_KEY: Label(("time", "quaternion"), "attitude, from body to space axes")}
 
 CONVENTION = (
     "unit quaternion (a, b, c, d), scalar first: Q (0, v) Q* is a body's vector v in space, and"
     " dQ/dt = Q (0, omega)/2; Q and -Q are one attitude, and the branch is the continuous one"
 )
 
-NORMED = 1e-6
+UNIT_LENGTH_TOL = 1e-6
 """How far from 1 the length of a quaternion may be without a word."""
 
 
@@ -83,34 +83,37 @@ def takes_attitude(form: type[Model]) -> bool:
 
 def keys_of_form(form: type[Model]) -> dict[str, Key]:
     """The keys of a form's cases, its own and what any of its kind takes."""
-    return {**form.keys, KEY: ATTITUDE} if takes_attitude(form) else form.keys
+    return {**form.keys, ATTITUDE_KEY: ATTITUDE} if takes_attitude(form) else form.keys
 
 
 def system_of(form: type[Model], data: Mapping[str, Any]) -> Model:
     """The object of a form with these data, with an attitude where they name one."""
-    system = form.of({name: value for name, value in data.items() if name != KEY})
-    if data.get(KEY) in (None, "no"):
+    system = form.of({name: value for name, value in data.items() if name != ATTITUDE_KEY})
+    if data.get(ATTITUDE_KEY) in (None, "no"):
         return system
     return with_attitude(type(system))(**data)  # type: ignore[arg-type]
 
 
 def check_attitude(form: type[Model], data: Mapping[str, Any]) -> Iterator[Mistake]:
     """The mistakes of a start whose entries are each right by themselves."""
-    attitude = data.get(KEY)
+    attitude = data.get(ATTITUDE_KEY)
     if not isinstance(attitude, Mapping):
         return
     ways = [name for name in ("initial", "euler", "align") if attitude[name] is not None]
     if form.start_attitude is not None:
-        yield (KEY,), "the start of a top says where it points: write `attitude: yes`"
+        yield (ATTITUDE_KEY,), "the start of a top says where it points: write `attitude: yes`"
     elif len(ways) != 1:
-        yield (KEY,), f"give one of initial, euler and align, not {' and '.join(ways) or 'none'}"
+        yield (
+            (ATTITUDE_KEY,),
+            f"give one of initial, euler and align, not {' and '.join(ways) or 'none'}",
+        )
     if attitude["initial"] is not None and not any(attitude["initial"]):
-        yield (KEY, "initial"), "a quaternion of length 0 is no attitude"
+        yield (ATTITUDE_KEY, "initial"), "a quaternion of length 0 is no attitude"
     elif attitude["euler"] is None and attitude["sequence"] != SEQUENCE:
-        yield (KEY, "sequence"), "orders the angles of `euler`, which is not there"
+        yield (ATTITUDE_KEY, "sequence"), "orders the angles of `euler`, which is not there"
     if not re.fullmatch(r"(?!.*(.)\1)([XYZ]{3}|[xyz]{3})", attitude["sequence"]):
         yield (
-            (KEY, "sequence"),
+            (ATTITUDE_KEY, "sequence"),
             "expected three of X, Y, Z or of x, y, z, no two neighbours equal, "
             f"got {attitude['sequence']!r}",
         )
@@ -123,7 +126,9 @@ COINCIDING = {"initial": (1.0, 0.0, 0.0, 0.0), "euler": (0.0, 0.0, 0.0)}
 def start_to_vary(form: type[Model], attitude: Any, paths: Iterable[KeyPath]) -> Any:
     """What the key says where a sweep varies numbers of it at some paths: where it gives none,
     those of body and space axes that coincide."""
-    varied = {str(path[1]) for path in paths if path[0] == KEY and len(path) > 1} & {*COINCIDING}
+    varied = {str(path[1]) for path in paths if path[0] == ATTITUDE_KEY and len(path) > 1} & {
+        *COINCIDING
+    }
     free = attitude in (None, "yes") and takes_attitude(form) and form.start_attitude is None
     if not free or len(varied) != 1:
         return attitude
@@ -303,14 +308,14 @@ def attitude_warnings(attitude: Any) -> list[str]:
     if not isinstance(attitude, Mapping):
         return []
     initial, euler, sequence = attitude["initial"], attitude["euler"], attitude["sequence"]
-    if initial is not None and abs(math.hypot(*initial) - 1) > NORMED:
+    if initial is not None and abs(math.hypot(*initial) - 1) > UNIT_LENGTH_TOL:
         return [f"the attitude at the start has length {math.hypot(*initial):.9g}: it is made 1"]
     if euler is not None and abs(angle := max(euler, key=abs)) > 2 * math.pi:
         words = f"{angle:.9g} is more than a turn: degrees are written as '{angle:.9g} deg'"
         return [f"euler: {words}"]
     if euler is not None:
         pole = math.sin(euler[1]) if sequence[0] == sequence[2] else math.cos(euler[1])
-        if abs(pole) <= NORMED:
+        if abs(pole) <= UNIT_LENGTH_TOL:
             return [
                 f"the start is at a pole of the sequence {sequence}: its first and last angle turn "
                 "about one axis there, and the attitude shows no more than their sum or difference"
@@ -329,14 +334,14 @@ def with_attitude(plain: type[Model]) -> type[Model]:
         )
 
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
-        return {**plain.output(t, y[:, :-4], k), KEY: y[:, -4:]}
+        return {**plain.output(t, y[:, :-4], k), ATTITUDE_KEY: y[:, -4:]}
 
     attributes_of = {
         "__module__": plain.__module__,
         "__doc__": f"{plain.__name__} with an attitude.",
-        "__annotations__": {KEY: Any},
+        "__annotations__": {ATTITUDE_KEY: Any},
         "plain": plain,
-        "keys": plain.keys | {KEY: ATTITUDE},
+        "keys": plain.keys | {ATTITUDE_KEY: ATTITUDE},
         "state": plain.state + QUATERNION,
         "variables": plain.variables | VARIABLE,
         # By g, which is of the degree of what turns with omega.

@@ -94,7 +94,7 @@ def separation(A: Any, omega: Any, order: tuple[int, int, int]) -> np.ndarray:
     return np.where(A[order[0]] == A[order[2]], np.inf, share_of(total, np.abs(D)))
 
 
-CANCELLING = 1e-9
+CANCELLING_MARGIN = 1e-9
 """The margin below which its terms cancel so far that the rounding of a double, below 1e-15, might
 be taken for it."""
 
@@ -109,7 +109,7 @@ def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray
     work is to be done at each in long double.
     """
     signed = _margin(A, omega.astype(float), order)
-    near = np.abs(signed) < CANCELLING
+    near = np.abs(signed) < CANCELLING_MARGIN
     if omega.dtype != np.float64 and near.any():
         signed[near] = _margin(np.asarray(A, dtype=omega.dtype), omega[near], order)
     return signed
@@ -168,14 +168,14 @@ def slope(A: Sequence[float] | np.ndarray) -> float:
     )
 
 
-SMALLEST = 1e-100
+SMALLEST_MOMENT = 1e-100
 """The smallest moment of inertia whose cube is a double, and the inverse of the largest one."""
 
 INERTIA = Key(
     vector(3, above=0), "principal moments of inertia A1, A2, A3", unit="moment of inertia"
 )
 """Three moments in any order; `BodyFrame.check` asks for the triangle inequality and the range of
-SMALLEST besides."""
+SMALLEST_MOMENT besides."""
 
 INITIAL = Key(
     Table(
@@ -249,7 +249,7 @@ class BodyFrame(Model):
     quaternion_factor = staticmethod(attrgetter("g"))
     starts_with_omega = True
     no_axis_reason = ""
-    smallest: ClassVar[float] = SMALLEST
+    smallest: ClassVar[float] = SMALLEST_MOMENT
     velocity = staticmethod(complete)
     variables = {"omega": Label(("time", "axis"), "angular velocity in body axes", "1/time")}
 

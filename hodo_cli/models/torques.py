@@ -68,7 +68,7 @@ AVERAGED = frozenset(TERMS) - {"quadratic_axes", "space_torque", "rotor"}
 """The terms that the quadrature over a turn takes: functions of omega and the time without a
 corner."""
 
-LEGS, LEGS_WITH_ROTOR, FALL = 14, 8, 8
+LEGS, LEGS_WITH_ROTOR, LEG_FALL = 14, 8, 8
 """How often |G| falls by a factor before a brake has all but stopped the body: to 2e-13 of it, with
 a rotor, whose h hides what is left of G, to 6e-8."""
 
@@ -79,14 +79,14 @@ BEHIND_ZERO, BEHIND_REST = 1e-30, 1e-300
 """The part of |omega| at which a component goes on behind its zero: on the side that it enters, so
 that the same zero is not met again; and what is added, since |omega| may be 0 there as well."""
 
-PROBE = 1e-4
+PROBE_STEP = 1e-4
 """The length of a step, in units of the rotation or of what starts it, that shows where a component
 goes which begins at 0."""
 
 STARTING_STEPS = 16
 """How many such steps: a torque that begins with 0 turns one component, that another, and so on."""
 
-NEGATIVE = "a negative coefficient drives the body: write that as an expression"
+NEGATIVE_COEFFICIENT = "a negative coefficient drives the body: write that as an expression"
 
 
 @dataclass(frozen=True)
@@ -378,7 +378,7 @@ class Torques(BodyUnderTorques, LookedUp):
             # Of the sum itself: with an attitude its form has further rows.
             rates = np.array(np.broadcast_arrays(*rates_under(self.terms, t, [*ahead], k)))
             fastest = np.maximum(np.abs(w).max(0), np.sqrt(np.abs(rates[:3]).max(0)))
-            step = PROBE / np.where(fastest > 0, fastest, 1)
+            step = PROBE_STEP / np.where(fastest > 0, fastest, 1)
             ahead, t = ahead + step * rates, t + step
             moved = np.where(moved == 0, ahead[:3], moved)
         first = self.state.index("s1")
@@ -481,7 +481,7 @@ def stop_details(G: np.ndarray, label: Any) -> dict[str, float]:
 
 def amplitude_at_stop(t: Any, y: Sequence[Any], k: Any) -> Any:
     """ln X_e of an averaged motion, less what it is when a brake has all but stopped the body."""
-    return y[0] - 2 * (log(k.momentum_at_start) - LEGS * math.log(FALL))
+    return y[0] - 2 * (log(k.momentum_at_start) - LEGS * math.log(LEG_FALL))
 
 
 def averaged_stop(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
@@ -498,7 +498,7 @@ def leg_end(leg: int, t: Any, y: Sequence[Any], k: Any) -> Any:
     or event, and |G| itself would be the largest by far of a heavy body.
     """
     G = [x / k.A1 for x in angular_momentum_of(y[:3], k)]
-    return G[0] * G[0] + G[1] * G[1] + G[2] * G[2] - y[leg] * y[leg] / FALL**2
+    return G[0] * G[0] + G[1] * G[1] + G[2] * G[2] - y[leg] * y[leg] / LEG_FALL**2
 
 
 def braked_leg(leg: int, others: Sequence[str], t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
@@ -512,7 +512,7 @@ def braked_leg(leg: int, others: Sequence[str], t: Any, y: Sequence[Any], k: Any
     size = (G[0] * G[0] + G[1] * G[1] + G[2] * G[2]) ** 0.5
     state[leg] = size / k.A1
     onward = EventOutcome(float(t), None, state, t)
-    last = 2 * k.momentum_at_start / FALL ** (LEGS_WITH_ROTOR if hasattr(k, "h1") else LEGS)
+    last = 2 * k.momentum_at_start / LEG_FALL ** (LEGS_WITH_ROTOR if hasattr(k, "h1") else LEGS)
     if not size < last:
         return onward
     extra = [*y[3:leg], *y[leg + 1 :]]
@@ -612,7 +612,7 @@ def negative_coefficients(
         for i, entry in enumerate(() if value is None else TERMS[name].coefficients(value)):
             is_meant = is_law(entry) == (span is not None) and start > zero_of_base(entry)
             if is_meant and least_value(entry, start, end) < 0:
-                yield (name, i) if len(TERMS[name].degree) > 1 else (name,), NEGATIVE
+                yield (name, i) if len(TERMS[name].degree) > 1 else (name,), NEGATIVE_COEFFICIENT
 
 
 def is_finite_at(text: str, values: Sequence[Any]) -> bool:

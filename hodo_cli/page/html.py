@@ -16,7 +16,7 @@ from .stored import Section
 
 PICTURES = (".png", ".svg")
 
-WIDE = 1400
+WIDE_PIXELS = 1400
 """Pixels of a picture, at 300 an inch, from which on it takes the width of the page."""
 
 LINK_NAMES = {".html": "turn and zoom", ".gif": "animation (GIF)", ".mp4": "film (MP4)"}
@@ -151,7 +151,7 @@ def card(section: Section, figure: Section) -> str:
     )
     assumed = f'<p class="soft">Assumed: {escape("; ".join(figure["assumed"]))}</p>'
     statements = f'<p class="soft">Statements: {links_to_statements(section, figure["cases"])}</p>'
-    wide = " class=wide" if figure["size"] and figure["size"][0] > WIDE else ""
+    wide = " class=wide" if figure["size"] and figure["size"][0] > WIDE_PIXELS else ""
     return (
         f'<figure id="{anchor(section["name"], figure["name"])}"{wide}>{picture(figure)}'
         f"<figcaption><b>{escape(figure['name'])}</b> {escape(figure['caption'])}"

@@ -275,21 +275,22 @@ def H_quickly(motions: Sequence[Motion]) -> Finding:
     return sooner(motions[::-1], "H", -0.5)
 
 
-NEAR = 0.01
+NEAR_LIMIT = 0.01
 """The part of a limit to within which a quantity has come near it."""
 
 
 def sooner(motions: Sequence[Motion], name: str, limit: float, for_good: bool = False) -> Finding:
-    """Whether a quantity comes NEAR a limit, first or for good, sooner in the first motion."""
+    """Whether a quantity comes within NEAR_LIMIT of a limit, first or for good, sooner in the first
+    motion."""
     times = []
     for m in motions:
-        near = np.abs(quantity(m, name) - limit) <= NEAR * abs(limit)
+        near = np.abs(quantity(m, name) - limit) <= NEAR_LIMIT * abs(limit)
         stays = np.logical_and.accumulate(near[::-1])[::-1] if for_good else near
         times.append(float(m.time[np.argmax(stays)]) if stays.any() else math.inf)
     return Finding(
         if_true(times[0] < min(times[1:])),
         times[0],
-        f"within {NEAR:.0%} of {limit:g}{' for good' if for_good else ''} at {listed(times)}",
+        f"within {NEAR_LIMIT:.0%} of {limit:g}{' for good' if for_good else ''} at {listed(times)}",
         "an earlier time in another case",
     )
 

@@ -20,23 +20,23 @@ RTOL = 1e-9
 
 # A time is worse conditioned than the state: 20 to 30 times on Fig 4 of paper 1, up to 1,000 times
 # on Fig 12, whose states agree far better than RTOL asks.
-CONDITION = 100.0
+EVENT_CONDITION = 100.0
 """The factor by which the time of an event, and a value measured at that time, may be further off
 than the state."""
 
-LOCATED = ("event_time", "crossing_time", "crossing_G")
-"""The variables to which `CONDITION` applies."""
+EVENT_VARIABLES = ("event_time", "crossing_time", "crossing_G")
+"""The variables to which `EVENT_CONDITION` applies."""
 
-STATED = 10.0
+STATED_ERRORS = 10.0
 """A time may be off by so many times its stated error, which holds one compiler's rounding."""
 
-MAGNITUDE = 30.0
+ERROR_RATIO = 30.0
 """The factor by which errors of one method may differ from one compiler's rounding to another."""
 
-LUCK = 8 * EPS
+LUCKY_ERROR = 8 * EPS
 """The largest relative error in place of which another machine may meet none at all."""
 
-GIVEN = 4 * EPS
+GIVEN_TOL = 4 * EPS
 """By how much times and swept data may be off, relative to the largest: by the order of two
 roundings, since they are given and not integrated."""
 
@@ -95,7 +95,7 @@ def equal(b: ReferenceValues) -> np.ndarray:
 def input_agreement(b: ReferenceValues) -> np.ndarray:
     """Times and swept data come from the case; the last time of a motion that an event ended is as
     good as the time of the event."""
-    allowed = np.full(b.size.shape, GIVEN * float(np.max(b.size, initial=0)))
+    allowed = np.full(b.size.shape, GIVEN_TOL * float(np.max(b.size, initial=0)))
     events = b.group.variables.get("event_time")
     if b.name != "time" or events is None:
         return allowed
@@ -105,16 +105,16 @@ def input_agreement(b: ReferenceValues) -> np.ndarray:
 def located_difference(b: ReferenceValues) -> np.ndarray:
     """A time may be off by the error of the state, magnified, and by its own stated error."""
     if b.tolerance.rtol is not None or "rtol" in b.variable.attrs:
-        return b.of_size(b.size, CONDITION)
+        return b.of_size(b.size, EVENT_CONDITION)
     error = float(b.group.attributes.get("error", math.nan))
     if not math.isfinite(error):
-        of_state = b.of_size(b.size, CONDITION)
+        of_state = b.of_size(b.size, EVENT_CONDITION)
     else:
         # A stated error below some ulps is luck, and another machine has less of it.
-        of_state = b.of_size(0.0) + CONDITION * max(error, 1e-14) * b.size
+        of_state = b.of_size(0.0) + EVENT_CONDITION * max(error, 1e-14) * b.size
     error_name = next((name for name, of in ERRORS.items() if of == b.name), "")
     stated = b.group.variables.get(error_name)
-    return of_state + (0.0 if stated is None else STATED * np.nan_to_num(stated.data))
+    return of_state + (0.0 if stated is None else STATED_ERRORS * np.nan_to_num(stated.data))
 
 
 def vector_agreement(b: ReferenceValues) -> np.ndarray:
@@ -151,7 +151,7 @@ RULES: Sequence[Rule] = (
     (lambda name, b: b.data.dtype.kind != "f", equal),
     # A range that is swept is named by the key that it changes.
     (lambda name, b: name in b.dims or b.attrs.get("long_name") == name, input_agreement),
-    (lambda name, b: name in LOCATED, located_difference),
+    (lambda name, b: name in EVENT_VARIABLES, located_difference),
     (lambda name, b: "axis" in b.dims and b.data.ndim > 1, vector_agreement),
     (lambda name, b: "time" in b.dims, series_agreement),
     (lambda name, b: True, number_agreement),
@@ -189,8 +189,8 @@ def same_magnitude(ours: Any, theirs: Any, size: Any = 1.0) -> bool:
         return False
     low, high, size = np.minimum(a, b), np.maximum(a, b), np.abs(size)
     with np.errstate(invalid="ignore"):
-        close = np.isnan(a) | (a == b) | (high <= MAGNITUDE * np.maximum(low, EPS / 64 * size))
-        return bool((close | ((low == 0) & (high <= LUCK * size))).all())
+        close = np.isnan(a) | (a == b) | (high <= ERROR_RATIO * np.maximum(low, EPS / 64 * size))
+        return bool((close | ((low == 0) & (high <= LUCKY_ERROR * size))).all())
 
 
 # Attributes

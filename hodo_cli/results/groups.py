@@ -7,7 +7,7 @@ from ..models.rigid_body import BodyFrame
 from ..storage import Group, Variable
 from .layout import (
     AXIS_FLAGS,
-    INNER,
+    INNER_COORDINATES,
     Stored,
     case_attributes,
     case_variables,
@@ -60,8 +60,12 @@ def principal_variables(case: Case) -> dict[str, Variable]:
         name: kind.holding(x) for (name, kind), x in zip(PRINCIPAL.items(), values, strict=True)
     }
     # The components of what else is stored are not along these.
-    axis = INNER["axis"][0]._replace(long_name="axis of the body, as the case gives it")
-    return stored | inner_coordinates(stored.values()) | {"axis": axis.holding(INNER["axis"][1])}
+    axis = INNER_COORDINATES["axis"][0]._replace(long_name="axis of the body, as the case gives it")
+    return (
+        stored
+        | inner_coordinates(stored.values())
+        | {"axis": axis.holding(INNER_COORDINATES["axis"][1])}
+    )
 
 
 def case_group(trajectory: Trajectory, mark: str) -> Group:

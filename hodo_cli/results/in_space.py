@@ -11,7 +11,7 @@ from ..models.constants import attributes
 if TYPE_CHECKING:
     from .motion import Motion
 
-POLE = 1e-7
+POLE_SINE = 1e-7
 """The sine of theta below which phi and psi have lost half of their digits: they are not numbers
 there."""
 
@@ -47,21 +47,21 @@ def euler_angle(name: str, m: "Motion") -> np.ndarray:
         return np.asarray(np.arctan2(sine, axis[:, 2]))
     vertical = turned.inv().apply(np.eye(3)[2])
     x, y = (axis[:, 0], -axis[:, 1]) if name == "psi" else (vertical[:, 0], vertical[:, 1])
-    return np.where(sine > POLE, np.arctan2(x, y), np.nan)
+    return np.where(sine > POLE_SINE, np.arctan2(x, y), np.nan)
 
 
 EULER_ANGLES = ("psi", "theta", "phi")
 ANGLES_THAT_TURN = ("psi", "phi")
 
-BESIDE = 0.1
+BESIDE_POLE = 0.1
 """The sine of theta below which x3 passes the vertical, where psi and phi step by up to half a
 turn."""
 
 
 def continued(m: "Motion", name: str, values: np.ndarray) -> np.ndarray:
     """psi or phi (n,) as it goes on from sample to sample by less than half a turn; no number from
-    where its rate at a sample, if x3 is not `BESIDE` the vertical there, would turn it by more:
-    whole turns are lost then."""
+    where its rate at a sample, if x3 is not `BESIDE_POLE` the vertical there, would turn it by
+    more: whole turns are lost then."""
     known = np.flatnonzero(np.isfinite(values))
     values[known] = np.unwrap(values[known])
     if "omega" not in m.data or len(m.axes) < 3:
@@ -71,7 +71,7 @@ def continued(m: "Motion", name: str, values: np.ndarray) -> np.ndarray:
     x, y, z = vertical.T
     square = x * x + y * y
     rate = (p * x + q * y) / square
-    rate = np.abs(np.where(square > BESIDE**2, rate if name == "psi" else r - rate * z, 0))
+    rate = np.abs(np.where(square > BESIDE_POLE**2, rate if name == "psi" else r - rate * z, 0))
     lost = np.maximum(rate[1:], rate[:-1]) * np.diff(m.time[known]) > np.pi
     if lost.any():
         values[known[np.argmax(lost) + 1] :] = np.nan

@@ -64,7 +64,7 @@ SUMMARY = typed_as(
 RECORDED = typed_as("case", "method", "tol", "error")
 """The attributes that the classification of a stored case rests on."""
 
-SHOWN = SUMMARY | typed_as("case", "error_kind")
+SHOWN_ATTRIBUTES = SUMMARY | typed_as("case", "error_kind")
 """The attributes that figures and their page rest on."""
 
 
@@ -116,7 +116,7 @@ AXIS_FLAGS = flags(rigid_body.PLAIN_LABELS)
 ROTOR_FLAGS = flags(rigid_body.LABELS)
 """The meanings of labels, and of those of a body with a rotor."""
 
-INNER = {
+INNER_COORDINATES = {
     "axis": (Stored("principal axis of inertia", ("axis",), "O"), [*BODY_AXES]),
     "quaternion": (Stored("part of a quaternion", ("quaternion",), "O"), [*PARTS["quaternion"]]),
     "principal": (Stored("principal axis of inertia", ("principal",), "O"), [*BODY_AXES]),
@@ -216,7 +216,7 @@ MEMBER_STOPPED = {
 }
 """The columns of a sweep's members that may come to rest."""
 
-UNASKED = ("share", "separation", "steps")
+ON_REQUEST = ("share", "separation", "steps")
 """The columns of a sweep that are stored only where the case asks for them."""
 
 
@@ -257,7 +257,11 @@ def case_variables(
 def inner_coordinates(variables: Iterable[Variable]) -> dict[str, Variable]:
     """The coordinates `axis` and `quaternion`, where one of the variables has such a dimension."""
     dims = {dim for variable in variables for dim in variable.dims}
-    return {name: stored.holding(words) for name, (stored, words) in INNER.items() if name in dims}
+    return {
+        name: stored.holding(words)
+        for name, (stored, words) in INNER_COORDINATES.items()
+        if name in dims
+    }
 
 
 def columns_of(

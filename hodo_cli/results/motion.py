@@ -45,7 +45,7 @@ Variables = Mapping[Any, Any]
 """Labelled arrays by name, with `dims`, `data` and `attrs`: those of an `xarray.Dataset`, or of a
 `Group` where loading xarray would cost more than the work."""
 
-LABELS_COMPARED, FAR, CLEAR = 32, 0.1, 1e-290
+LABELS_COMPARED, FAR_MARGIN, CLEAR_SIZE = 32, 0.1, 1e-290
 """How many labels are compared with the angular velocities beside them; how far these are from the
 separatrix, as a part of the terms of D, and how large at least."""
 
@@ -319,9 +319,9 @@ class Motion:
         if self.frame and "omega" in self.vectors:
             few = np.linspace(0, max(len(labels) - 1, 0), min(len(labels), LABELS_COMPARED))
             omega = self.omega[few.astype(int)]
-            expected = self.frame.enclosed(self.frame.to_principal(omega), FAR)
+            expected = self.frame.enclosed(self.frame.to_principal(omega), FAR_MARGIN)
             # Of the smallest numbers only the scaled state has a label.
-            clear = (expected > 0) & (np.abs(omega).max(axis=1) > CLEAR)
+            clear = (expected > 0) & (np.abs(omega).max(axis=1) > CLEAR_SIZE)
             if clear.any() and (labels[few.astype(int)] != expected)[clear].all():
                 raise HodoError(
                     f"{self.words} has labels of another motion, as after arithmetic with a whole "
@@ -406,7 +406,7 @@ def forms_apart(motion: Motion, other: Motion) -> np.ndarray:
     return np.asarray(np.max(np.abs(np.subtract(ratios, 1)), axis=0))
 
 
-LATER = ("crossing_error", "crossing_G")
+LATER_COLUMNS = ("crossing_error", "crossing_G")
 """The columns that early files of format 1 lack; they are nan in a crossing."""
 
 
@@ -439,7 +439,7 @@ def damage(data: Variables) -> str:
     present = ["time", *["omega"] * has_vectors, *["enclosed_axis"] * ("enclosed_axis" in data)]
     if "enclosed_axis" in data:
         # Labels and crossings are stored together.
-        present += [name for name in CROSSING_COLUMNS if name not in LATER or name in data]
+        present += [name for name in CROSSING_COLUMNS if name not in LATER_COLUMNS or name in data]
     for name in present:
         if name not in data or data[name].data.dtype.kind not in "fi":
             return f"its {name} is no array of numbers"

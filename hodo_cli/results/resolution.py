@@ -14,19 +14,20 @@ from .motion import Motion
 LARGEST_TURN = math.radians(15)
 """The largest angle by which a hodograph may turn from one sample to the next."""
 
-OSCILLATION = math.radians(30)
+OSCILLATION_ANGLE = math.radians(30)
 """The largest such angle for a component over time, whose peaks are read: 3 % of them is lost."""
 
-VISIBLE = 0.02
+VISIBLE_CHORD = 0.02
 """The shortest chord that the eye sees, as a part of the size of a curve."""
 
 LOST = 0.03
-"""The part of its height that a line between samples may leave out, as that of an OSCILLATION."""
+"""The part of its height that a line between samples may leave out, as that of an
+OSCILLATION_ANGLE."""
 
 STEADY_WITHIN = 1e-6
 """The part of a quantity by which it changes where it is constant for the eye."""
 
-FINE = math.radians(10)
+FINE_ANGLE = math.radians(10)
 """The angle between neighbours for which samples are proposed."""
 
 
@@ -69,11 +70,11 @@ def coarse(motion: Motion, drawn: slice, limit: float, in_space: bool) -> str:
     if len(motion.time[drawn]) < 3:
         return ""
     angle, distance = turns_in_space(motion) if in_space else turns(motion)
-    is_seen = distance[drawn] > VISIBLE * np.abs(motion.G[drawn]).max(initial=0)
+    is_seen = distance[drawn] > VISIBLE_CHORD * np.abs(motion.G[drawn]).max(initial=0)
     worst = float(angle[drawn][is_seen].max(initial=0))
     if worst <= limit:
         return ""
-    samples = math.ceil((len(motion.time) - 1) * worst / FINE) + 1
+    samples = math.ceil((len(motion.time) - 1) * worst / FINE_ANGLE) + 1
     return (
         f"{motion.name} turns by up to {math.degrees(worst):.0f}° from one sample to the next, so "
         f"that its curve is a polygon: time: {{samples: {samples}}} draws it"
@@ -124,7 +125,7 @@ def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[st
     bends = [bent(motion, name, samples) for motion, samples in drawn for name in slow]
     if kind not in CURVES and not any(map(oscillates, names)):
         return [*filter(None, bends)]
-    limit = OSCILLATION if kind == "series" else LARGEST_TURN
+    limit = OSCILLATION_ANGLE if kind == "series" else LARGEST_TURN
     # The angles count the turns of the body in space, of which few samples lose whole ones.
     in_space = kind in KINDS_IN_SPACE or any(name in EULER_ANGLES for name in names)
     remarks = [

@@ -15,7 +15,7 @@ from ..cases.case import Case
 from ..engines import have_quadruple
 from ..engines.protocol import Status
 from ..integration import (
-    ASKED,
+    LEAST_ASKED,
     Crossing,
     Trajectory,
     best,
@@ -43,26 +43,26 @@ TRIAL_VERDICTS = (
     "SILENT",
 )
 
-SLACK = 10
+ERROR_SLACK = 10
 """An error may be so many times what was asked for; from there on `remarks` warns of it."""
 
-ULPS = 30
+ULP_EFFECTS = 30
 """An error may be so many times what one ulp in the data does: hodo promises no more for motions
 that magnify errors."""
 
-AFFORDABLE = 1e4
+QUADRUPLE_STEPS = 1e4
 """The most Taylor steps that are taken in quadruple precision, some 0.2 ms each."""
 
 PATIENCE_OF_TRIALS = 10.0
 """Seconds that auto may take for any case; the papers' cases take milliseconds."""
 
-LONG = 1.0
+ONCE_SECONDS = 1.0
 """Seconds above which a run is timed once: what only the first one pays does not matter then."""
 
-ENOUGH, MOST = 0.05, 50
+REPEAT_SECONDS, MOST_REPEATS = 0.05, 50
 """Seconds of repeated runs, and their number, after which the least time does not fall further."""
 
-UNCHANGED = 1e-15
+CONSERVED_TOL = 1e-15
 """The relative change below which a quantity counts as conserved: 1e4 steps in extended precision
 round by less."""
 
@@ -115,10 +115,10 @@ def truth(case: Case) -> ReferenceMotion:
         solve(variant, method, "extended", times=times) for variant in (case, *perturbed(case))
     ]
     floor = max(worst(errors_against(case, perturbation, motion)) for perturbation in moved)
-    if method == "taylor" and have_quadruple() and taylor_steps(case) < AFFORDABLE:
+    if method == "taylor" and have_quadruple() and taylor_steps(case) < QUADRUPLE_STEPS:
         motion = solve(case, method, "quadruple", times=times)
     crossings = cross(case, method, "extended", None)[1] if classifiable(case) else []
-    conserved = tuple(i for i, change in enumerate(drifts(motion)) if change <= UNCHANGED)
+    conserved = tuple(i for i, change in enumerate(drifts(motion)) if change <= CONSERVED_TOL)
     return ReferenceMotion(motion, floor, tuple(crossings), conserved)
 
 
@@ -131,7 +131,7 @@ def worst(errors: Mapping[str, float]) -> float:
 
 def classifiable(case: Case) -> bool:
     """Whether crossings are looked for: not in a motion of too many samples or steps."""
-    short = case.time.samples <= AFFORDABLE and taylor_steps(case) < AFFORDABLE
+    short = case.time.samples <= QUADRUPLE_STEPS and taylor_steps(case) < QUADRUPLE_STEPS
     return short and not case.system.no_axis_reason
 
 
@@ -214,8 +214,8 @@ def least_time(case: Case, motion: Trajectory, repeats: int) -> float:
     """The least run time of a motion of a case and of its repeats, of which there are more than
     asked for where they are short: whatever else happens only adds to a time."""
     times = [motion.run_time]
-    while motion.run_time < LONG and (
-        len(times) < repeats or (sum(times) < ENOUGH and len(times) < MOST)
+    while motion.run_time < ONCE_SECONDS and (
+        len(times) < repeats or (sum(times) < REPEAT_SECONDS and len(times) < MOST_REPEATS)
     ):
         times.append(solve(case, motion.method, case.precision, case.tol).run_time)
     return min(times)
@@ -230,9 +230,9 @@ def verdict(motion: Trajectory, error: float, floor: float) -> str:
     """The verdict on a result; SILENT if it is wrong and does not say so."""
     if not motion.whole:
         return "timeout" if motion.status is Status.TIMEOUT else "failed with a message"
-    if error <= SLACK * max(motion.tol, ASKED):
+    if error <= ERROR_SLACK * max(motion.tol, LEAST_ASKED):
         return "accurate"
-    if error <= ULPS * floor:
+    if error <= ULP_EFFECTS * floor:
         return "limited by the data"
     # Measured only now: a result that is right needs no warning.
     remarks = motion_remarks(compared(motion), measured_error(motion).errors)

@@ -57,7 +57,7 @@ OPENED = {
 MAX_MISTAKES = 1000
 
 # So many are listed one by one; of more, the first few show what is wrong with the file.
-LISTED, FIRST = 100, 20
+MISTAKES_LISTED, MISTAKES_FIRST = 100, 20
 
 
 class Place(NamedTuple):
@@ -93,7 +93,9 @@ class Mistakes:
 
     def error(self, end: str = "") -> HodoError:
         """One line for each mistake, by line and column; mistakes of overrides last."""
-        listed = sorted(self.noted)[: len(self.noted) if len(self.noted) <= LISTED else FIRST]
+        listed = sorted(self.noted)[
+            : len(self.noted) if len(self.noted) <= MISTAKES_LISTED else MISTAKES_FIRST
+        ]
         lines = [self._line(place, text) for _, place, text in listed]
         if len(self.noted) > len(listed):
             lines.append(

@@ -142,7 +142,7 @@ def unknown(what: str, name: str, valid: Iterable[str]) -> str:
     names = list(valid)
     # A line of a terminal or two; beyond that a list hides the mistake.
     listed = f" (valid: {', '.join(names)})" if 0 < len(names) <= 40 else ""
-    hint = DECIMALS if name.isdecimal() else nearest(name, names)
+    hint = DECIMAL_HINT if name.isdecimal() else nearest(name, names)
     if colon := re.fullmatch(r"(\w+):(\S+)", name):  # YAML reads {p:0.8} as one word
         hint = f"; put a space after the colon: {colon[1]}: {colon[2]}"
     return f"unknown {what}{hint}{listed}"
@@ -156,7 +156,7 @@ def unknown_names(
     return ((path, unknown(f"{what} {name!r}", name, valid)) for path, name in strange)
 
 
-DECIMALS = "; decimals are written with a point, as 1.5"
+DECIMAL_HINT = "; decimals are written with a point, as 1.5"
 
 OTHER_WORDS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(
@@ -435,7 +435,7 @@ class ListOf(Kind):
             # YAML takes [0,005, 0,004, 0,003] for six numbers, and [1, 0,8, 0,6] for five.
             is_numbers = isinstance(self.kind, Number) and is_list(value) and 0 in value
             is_split = is_numbers and len(value) > (self.length or len(value))
-            raise expected(self, value, DECIMALS if is_split else "")
+            raise expected(self, value, DECIMAL_HINT if is_split else "")
         if self.length == 3 and isinstance(self.kind, Number) and all(map(is_list, value)):
             raise Wrong(((), f"expected {self}; a tensor is a key of other models, as torques"))
         parts = ((i, self.kind, item) for i, item in enumerate(value))

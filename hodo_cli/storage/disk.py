@@ -132,7 +132,7 @@ def _keyed_hash(file: io.FileIO, size: int) -> bytes:
     return hashed.hexdigest().encode()
 
 
-SILENT = "reading it does not end, or ends the process"
+READER_SILENT = "reading it does not end, or ends the process"
 
 PATIENCE_OF_READER = 10.0
 """Seconds in which a case must be read, besides those that a slow disk takes for the file."""
@@ -140,7 +140,7 @@ PATIENCE_OF_READER = 10.0
 SLOW_DISK = 2e7
 """Bytes a second that any disk gives, and the network before it."""
 
-HANGS = 3
+MOST_HANGS = 3
 """How many cases may hang or crash the reader before the file is given up as a whole."""
 
 
@@ -156,7 +156,7 @@ def look(
     "". A part at which that process dies, takes more than `patience` seconds or so many bytes of
     memory, is reported as such; the name "" stands for the whole file. Signals are heard meanwhile.
     """
-    problems = {"": SILENT}  # until the other process comes to its end
+    problems = {"": READER_SILENT}  # until the other process comes to its end
 
     def looked_at() -> Iterator[tuple[str, str]]:
         """Each part by its name with what is wrong, as far as the process gets: the last that came
@@ -166,11 +166,11 @@ def look(
             names = list_parts()
         for name in names:
             if name not in problems:
-                yield name, SILENT  # stands if nothing more comes
+                yield name, READER_SILENT  # stands if nothing more comes
                 yield name, problem_of(name)
         yield "", ""
 
-    for _ in range(HANGS):
+    for _ in range(MOST_HANGS):
         # Windows makes no such processes: there, damage may end this one.
         can_fork = hasattr(os, "fork")
         found = _from_child(looked_at, patience, memory) if can_fork else dict(looked_at())

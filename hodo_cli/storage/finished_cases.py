@@ -14,7 +14,7 @@ from ..machine import memory_limit
 from .hdf5 import ResultFile, open_run
 from .staging import chunks_in, identity, shards, staging_folders
 
-RESUME = ("hash", "status", "message", "case")
+RESUME_ATTRIBUTES = ("hash", "status", "message", "case")
 """The attributes that tell whether a stored case is still right."""
 
 
@@ -144,7 +144,7 @@ ATTRIBUTES_FILE = "head.h5"
 """The file of a staging folder that holds the attributes of the result to be. Its text is the whole
 case file: in each of 10,000 shards it would be some 10 GB."""
 
-ORDER = "order"
+ORDER_ATTRIBUTE = "order"
 """The attribute there that names the cases of the result in their order, a line each."""
 
 
@@ -153,7 +153,7 @@ def latest(cases: Mapping[str, FinishedCase]) -> tuple[dict[str, Any], list[str]
     will be part of."""
     file = max((case.file for case in cases.values()), key=_changed)
     with open_run(file.with_name(ATTRIBUTES_FILE)) as run:
-        return run.attributes, str(run.attributes.pop(ORDER, "")).splitlines()
+        return run.attributes, str(run.attributes.pop(ORDER_ATTRIBUTE, "")).splitlines()
 
 
 def in_order(names: Mapping[str, Any], order: Iterable[str]) -> dict[str, None]:
@@ -164,11 +164,11 @@ def in_order(names: Mapping[str, Any], order: Iterable[str]) -> dict[str, None]:
 def _collect(run: ResultFile, cases: dict[str, list[FinishedCase]], more: Collection[str]) -> None:
     for name in run.cases():
         damage = run.damaged.get(name, "")
-        stored = {} if damage else run.summary(name, dict.fromkeys((*RESUME, *more)))
-        attributes = stored | {key: str(stored[key]) for key in RESUME if key in stored}
+        stored = {} if damage else run.summary(name, dict.fromkeys((*RESUME_ATTRIBUTES, *more)))
+        attributes = stored | {key: str(stored[key]) for key in RESUME_ATTRIBUTES if key in stored}
         cases.setdefault(name, []).append(FinishedCase(name, run.path, attributes, damage))
 
 
 def resume_attributes(run: ResultFile, name: str) -> dict[str, str]:
     """The attributes of a case that tell whether it is still right."""
-    return {key: str(value) for key, value in run.summary(name, RESUME).items()}
+    return {key: str(value) for key, value in run.summary(name, RESUME_ATTRIBUTES).items()}

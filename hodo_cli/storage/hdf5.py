@@ -84,7 +84,7 @@ class ResultFile:
         self.path = path
         self.damaged = damaged
         # By identity: a file that a checksum does not vouch for may have no damaged group either.
-        self.intact = damaged is INTACT
+        self.intact = damaged is INTACT_FILES
         self.attributes: dict[str, Any] = _attributes(file)
         self._names = dict.fromkeys(file)
         self._file = file
@@ -327,7 +327,7 @@ def _opened(path: Path) -> h5py.File:
 
 
 def _damage(path: Path) -> Mapping[str, str]:
-    """What is wrong with the groups of a file, by their names; `INTACT` if its checksum fits.
+    """What is wrong with the groups of a file, by their names; `INTACT_FILES` if its checksum fits.
 
     Raises HodoError if it is no file.
     """
@@ -340,7 +340,7 @@ def _damage(path: Path) -> Mapping[str, str]:
         raise _error_class(error)(f"{path}: {_why_closed(path, error)}") from None
 
 
-INTACT: Mapping[str, str] = {}
+INTACT_FILES: Mapping[str, str] = {}
 """What is wrong with a file whose checksum fits."""
 
 
@@ -349,7 +349,7 @@ def _looked_at(path: Path, inode: int, changed: int, size: int) -> Mapping[str, 
     """What is wrong with the groups of a file; to read it again that has not changed would show
     nothing new."""
     if checksum_fits(path):
-        return INTACT
+        return INTACT_FILES
     files: list[ResultFile] = []
 
     def list_groups() -> list[str]:
@@ -358,11 +358,14 @@ def _looked_at(path: Path, inode: int, changed: int, size: int) -> Mapping[str, 
 
     patience = PATIENCE_OF_READER + size / SLOW_DISK
     return look(
-        list_groups, lambda name: files[0].check(name), patience, COPIES * bytes_allowed(size)
+        list_groups,
+        lambda name: files[0].check(name),
+        patience,
+        CHECKSUM_COPIES * bytes_allowed(size),
     )
 
 
-COPIES = 4
+CHECKSUM_COPIES = 4
 """How often the bytes of a group stand in memory while its checksum is made."""
 
 ROOT = "/"

@@ -7,7 +7,8 @@ is complete or absent; the next run takes over those of a dead one. A sweep come
 which its shard is made.
 
 Short cases share a shard, because a file costs as much as a case. It is written when a case is
-finished HOLD seconds after the shard before, and only a case in a shard is called finished.
+finished SHARD_SECONDS seconds after the shard before, and only a case in a shard is called
+finished.
 
 A result that is there is changed by a new file in its place.
 """
@@ -26,7 +27,7 @@ import numpy as np
 from .. import HodoError
 from .finished_cases import (
     ATTRIBUTES_FILE,
-    ORDER,
+    ORDER_ATTRIBUTE,
     FinishedCase,
     finished_cases,
     in_order,
@@ -39,9 +40,9 @@ from .hdf5 import ResultFile, open_run, size_of
 from .output import amend, create
 from .staging import Staging, check_writable, chunks_in, identity, os_errors_as, publish, synced
 
-KEPT = "; finished cases are kept"
+CASES_KEPT = "; finished cases are kept"
 
-HOLD = 0.5
+SHARD_SECONDS = 0.5
 """Seconds within which finished cases share a shard, unless one of them took as long itself: so
 much work a kill may cost."""
 
@@ -116,7 +117,7 @@ class Writer:
             with nullcontext() if kind is None else suppress(Exception):
                 self.store()
             if kind is None:
-                with os_errors_as(self.path, KEPT):
+                with os_errors_as(self.path, CASES_KEPT):
                     self._finish()
 
     def add(self, name: str, group: Group, then: Callable[[], object] = bool) -> None:
@@ -127,7 +128,7 @@ class Writer:
         """
         self._waiting[name] = group, then
         took = float(group.attributes.get("run_time", 0.0))
-        if max(took, monotonic() - self._stored_at) > HOLD:
+        if max(took, monotonic() - self._stored_at) > SHARD_SECONDS:
             self.store()
 
     def store(self) -> None:
@@ -154,7 +155,7 @@ class Writer:
 
     def _put(self, file: Path, groups: Mapping[str, Group]) -> None:
         draft = file.with_name("draft")
-        with os_errors_as(self.path, KEPT):
+        with os_errors_as(self.path, CASES_KEPT):
             with create(draft, {}) as output:
                 for name, group in groups.items():
                     output.write(name, group)
@@ -175,7 +176,7 @@ class Writer:
     def add_chunk(self, sweep_id: str, number: int, group: Group) -> None:
         """Write a finished chunk of a sweep; it survives the death of this process. Raises
         HodoError if it cannot be written."""
-        with os_errors_as(self.path, KEPT):
+        with os_errors_as(self.path, CASES_KEPT):
             chunk = self._staging / _chunk_name(sweep_id, number)
         self._put(chunk, {"part": group})
         self._chunks[chunk.name] = chunk
@@ -207,11 +208,11 @@ class Writer:
         return True
 
     def _next_shard(self) -> Path:
-        with os_errors_as(self.path, KEPT):
+        with os_errors_as(self.path, CASES_KEPT):
             if not self._count:
                 # Before any shard: until the result is made, they are shown in its place.
                 file = self._staging / ATTRIBUTES_FILE
-                with create(file, {**self._attributes, ORDER: "\n".join(self._order)}):
+                with create(file, {**self._attributes, ORDER_ATTRIBUTE: "\n".join(self._order)}):
                     pass
                 synced(file)
             self._count += 1
@@ -304,7 +305,7 @@ def longer(run: ResultFile | None, line: Attribute | None) -> str:
     return "\n".join(lines)
 
 
-HELD = 64 << 20
+HELD_BYTES = 64 << 20
 """Bytes of cases that are held to be written once more with what is added to them: to read a short
 case again takes as long as to integrate it."""
 
@@ -317,7 +318,7 @@ class Update:
         self.additions: dict[str, Group] = {}
         self.held: dict[str, Group] = {}
         self.file_identity = file_identity
-        self._room = HELD
+        self._room = HELD_BYTES
 
     def write(self, name: str, addition: Group, old: Group | None = None) -> None:
         """Add attributes and variables to a case, or replace them; a group that begins with `_` is
@@ -348,7 +349,7 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
         changes = Update(run, before)
         yield changes
         if changes.additions:
-            with os_errors_as(path, KEPT):
+            with os_errors_as(path, CASES_KEPT):
                 check_writable(path)
                 file = staging / "whole.h5"
                 # Opened again: another process may have replaced the result since.

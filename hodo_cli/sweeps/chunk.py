@@ -37,19 +37,19 @@ LARGEST_CHUNK, SMALLEST_CHUNK = 16384, 256
 """Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
 spends on each call, and HDF5 on each file, does not count."""
 
-ALONE = 64
+MEMBERS_ALONE = 64
 """Members of a chunk that go each by itself, at milliseconds each."""
 
 MOST_SAMPLED = 1 << 21
 """Numbers of the samples of a chunk that stores trajectories, of which some five copies are in
 memory at once."""
 
-WORTH = 250
+WORTH_COMPILING = 250
 """Members for each number among the constants, from which on it is worth seconds to compile the
 step of averaged equations, at about a millisecond for each member by itself. The nodes of a
 quadrature count among the constants."""
 
-TURNING = 20
+TURNING_FACTOR = 20
 """By what factor a body averaged over its turns takes longer by itself than a top does."""
 
 
@@ -84,7 +84,7 @@ def chunks(case: Case, earlier: Earlier | None = None) -> Iterator[Chunk]:
     sizes = shape(case)
     most = min(LARGEST_CHUNK, max(SMALLEST_CHUNK, -(-math.prod(sizes) // 16)))
     if reason_alone(case):
-        most = min(most, ALONE)
+        most = min(most, MEMBERS_ALONE)
     if "trajectory" in case.store:
         most = min(most, max(1, MOST_SAMPLED // (case.time.samples * len(case.system.state))))
     for first, last in boxes(sizes, most):
@@ -111,8 +111,8 @@ def reason_alone(case: Case) -> str:
     passes = any(event.interrupts for event in case.system.run_events)
     if passes and "trajectory" in case.store:
         return "samples of motions that go on through an event"
-    fewest = 0 if case.system.degree else WORTH * len(flatten(case.system.constants))
-    fewest //= TURNING if passes else 1
+    fewest = 0 if case.system.degree else WORTH_COMPILING * len(flatten(case.system.constants))
+    fewest //= TURNING_FACTOR if passes else 1
     too_few = math.prod(shape(case)) < fewest
     return f"fewer than {fewest} members are not worth compiling their step" if too_few else ""
 

@@ -18,7 +18,7 @@ from ..results.layout import (
     MEMBER_EVENT,
     MEMBER_PASSED,
     MEMBER_STOPPED,
-    UNASKED,
+    ON_REQUEST,
     Stored,
     passages_as_crossings,
 )
@@ -48,7 +48,7 @@ def stored_columns(case: Case) -> dict[str, Stored]:
     return {
         name: column
         for name, column in columns(case).items()
-        if name == "status" or (name in asked if asked else name not in UNASKED)
+        if name == "status" or (name in asked if asked else name not in ON_REQUEST)
     }
 
 

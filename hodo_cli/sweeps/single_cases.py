@@ -13,7 +13,7 @@ from .ensemble.advance import advance, step_of
 from .ensemble.motions import Ensemble
 from .members import alike, ensemble_of
 
-FEWEST = 32
+FEWEST_CASES = 32
 """Single cases of one kind, below which each by itself takes less time than compiling the step."""
 
 CrossedMotion = tuple[Trajectory, tuple[Crossing, ...]]
@@ -55,7 +55,7 @@ def ensembles_of(cases: Sequence[Case]) -> Iterator[tuple[np.ndarray, Ensemble]]
         if watches_separatrix(case)
     )
     for singles in kinds.values():
-        yield from (group for group in alike(singles) if len(group[0]) >= FEWEST)
+        yield from (group for group in alike(singles) if len(group[0]) >= FEWEST_CASES)
 
 
 def watches_separatrix(case: Case) -> bool:

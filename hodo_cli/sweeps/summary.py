@@ -21,21 +21,21 @@ from .chunk import Chunk, reason_alone
 from .ensemble.motions import Rejection
 from .members import members_as_cases
 
-SAMPLE, NEAREST = 256, 64
+RANDOM_MEMBERS, NEAREST_MEMBERS = 256, 64
 """Members whose error is measured: drawn at random, and nearest to the separatrix."""
 
-PROBED = 16
+MEMBERS_PER_TASK = 16
 """Members of one task: of some milliseconds each, enough tasks for any number of processes, few
 enough for their overhead."""
 
-PROBES = (SAMPLE + NEAREST) // PROBED
+ERROR_TASKS = (RANDOM_MEMBERS + NEAREST_MEMBERS) // MEMBERS_PER_TASK
 """The most tasks that the errors of a sweep take."""
 
-LEVELS = (0.5, 0.9, 0.99, 1.0)
+QUANTILE_LEVELS = (0.5, 0.9, 0.99, 1.0)
 """Of the errors, these quantiles are stored."""
 
 
-LEAST = 1e-290
+LEAST_SIZE = 1e-290
 """The size of a stored number from which on its error is measured: of smaller ones, components may
 be below the smallest normal double, and differ for that alone."""
 
@@ -137,7 +137,7 @@ class Summary:
         self.unmeasured: Counter[str] = Counter()
         # Seeded by the number of members: the same sweep has the same sample wherever it runs.
         draw = np.random.default_rng(total)
-        self._drawn = draw.choice(total, min(SAMPLE, total), replace=False)
+        self._drawn = draw.choice(total, min(RANDOM_MEMBERS, total), replace=False)
         self._ends: list[MemberEnd] = []
         self._near: list[tuple[float, MemberEnd]] = []
 
@@ -155,10 +155,10 @@ class Summary:
         ok = np.flatnonzero((status == Status.OK.code) & ~taken)
         if not self.case.system.no_axis_reason:
             separation = columns["separation"]
-            nearest = ok[np.argsort(separation[ok])[:NEAREST]]
+            nearest = ok[np.argsort(separation[ok])[:NEAREST_MEMBERS]]
             near = [(float(separation[i]), member_end(chunk, columns, i)) for i in nearest]
             ordered = sorted(self._near + near, key=lambda pair: (pair[0], pair[1].number))
-            self._near = [pair for pair in ordered if pair[0] < math.inf][:NEAREST]
+            self._near = [pair for pair in ordered if pair[0] < math.inf][:NEAREST_MEMBERS]
         drawn = ok[np.isin(chunk.first + ok, self._drawn)]
         self._ends += [member_end(chunk, columns, i) for i in drawn]
 
@@ -194,8 +194,8 @@ def sampled_errors(
     """Quantiles of the measured errors; the summary counts members that have none. `report` is
     called with the finished share of them."""
     asked = summary.ends
-    ends = [end for end in asked if largest(end) > LEAST]
-    tasks = [ends[i : i + PROBED] for i in range(0, len(ends), PROBED)]
+    ends = [end for end in asked if largest(end) > LEAST_SIZE]
+    tasks = [ends[i : i + MEMBERS_PER_TASK] for i in range(0, len(ends), MEMBERS_PER_TASK)]
     errors: list[MemberError] = []
     for i, (task, outcome) in enumerate(pool.map(partial(probe, summary.case), tasks), 1):
         report(i / len(tasks))
@@ -203,7 +203,7 @@ def sampled_errors(
             outcome = [MemberError(problem=str(outcome))] * len(task)
         errors += outcome
     summary.unmeasured = Counter(error.problem for error in errors if error.problem)
-    summary.unmeasured[f"they end below {LEAST:g}"] = len(asked) - len(ends)
+    summary.unmeasured[f"they end below {LEAST_SIZE:g}"] = len(asked) - len(ends)
     states = [error.final for error in errors] + earlier_errors(summary, "error_quantiles")
     times = [error.crossing_time for error in errors]
     times += earlier_errors(summary, "crossing_error_quantiles")
@@ -214,9 +214,9 @@ def sampled_errors(
         "error": max(states, default=math.nan),
         "error_kind": kinds[0],
         "error_sample": len(states),
-        "error_levels": np.array(LEVELS),
-        "error_quantiles": np.quantile(states or [math.nan], LEVELS),
-        "crossing_error_quantiles": np.quantile(times or [math.nan], LEVELS),
+        "error_levels": np.array(QUANTILE_LEVELS),
+        "error_quantiles": np.quantile(states or [math.nan], QUANTILE_LEVELS),
+        "crossing_error_quantiles": np.quantile(times or [math.nan], QUANTILE_LEVELS),
     }
 
 
@@ -225,5 +225,5 @@ def earlier_errors(summary: Summary, name: str) -> list[float]:
     many as lie between two of these have the larger one."""
     if name not in summary.earlier:
         return []
-    ranks = np.floor(np.array(LEVELS) * int(summary.earlier["error_sample"])).astype(int)
+    ranks = np.floor(np.array(QUANTILE_LEVELS) * int(summary.earlier["error_sample"])).astype(int)
     return list(np.repeat(summary.earlier[name], np.diff(ranks, prepend=0)).tolist())

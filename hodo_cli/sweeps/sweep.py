@@ -27,7 +27,7 @@ from .chunk import LARGEST_CHUNK, Chunk, chunks, compute, lost_chunk, reason_alo
 from .columns import lengths, shape, stored_columns
 from .ensemble.motions import Rejection
 from .growth import Earlier
-from .summary import PROBES, Summary, sampled_errors
+from .summary import ERROR_TASKS, Summary, sampled_errors
 
 
 def run_sweep(
@@ -59,7 +59,7 @@ def run_sweep(
     for chunk in kept:
         summary.add(chunk, finished(chunk))
     # A chunk and a task of measuring errors take about as long as each other.
-    members = len(tasks) / (len(tasks) + (PROBES if case.error == "on" else 0))
+    members = len(tasks) / (len(tasks) + (ERROR_TASKS if case.error == "on" else 0))
     progress.report(case.name, members * len(kept) / len(tasks))
     missing = [chunk for chunk in tasks if chunk.first not in stored]
     for i, (chunk, outcome) in enumerate(pool.map_brief(compute, missing), len(kept) + 1):

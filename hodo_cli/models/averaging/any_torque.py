@@ -17,10 +17,10 @@ from .forms import MEAN_START, AveragedTurns, Roots, Turn, either
 from .free_turn import LANDEN, Body, SlowVariables, free_motion_by_phase, turning_body
 from .means import NODES, Torque, nodes_for, periodic_part, rates_over_turn, turn_means
 
-NEAR, NEARER = 1e-9, 1e-13
+NEAR_SEPARATRIX, NEARER_SEPARATRIX = 1e-9, 1e-13
 """Two values of 1 - m whose mean rates tell those at the separatrix: both are r0 + r1/K there."""
 
-EVEN = 1e-9
+EVEN_TOL = 1e-9
 """The part of a torque up to which two of its values are equal."""
 
 PHASES_SEEN = 16
@@ -134,7 +134,7 @@ def beside(body: Body, region: Region, root_e: float, m1: float) -> SlowVariable
 def band_of(body: Body, torque: Torque, region: Region, root_e: float) -> SeparatrixRates:
     """The mean rates beside the separatrix at this sqrt(X_e), by the means at two moduli."""
     rates = []
-    for m1 in (NEAR, NEARER):
+    for m1 in (NEAR_SEPARATRIX, NEARER_SEPARATRIX):
         slow = beside(body, region, root_e, m1)
         changes = rates_over_turn(body, torque, slow, nodes_for(m1)).mean(-1)
         # <dn> is pi/(2 K)
@@ -204,10 +204,13 @@ class QuadratureTurns(AveragedTurns):
 
     @classmethod
     def is_even(cls, t: float, body: Body, roots: Roots, k: Any) -> bool:
-        torque, slow = torque_of(cls.full.rhs, t, k), beside(body, (1, 1), roots[1][0], NEARER)
+        torque, slow = (
+            torque_of(cls.full.rhs, t, k),
+            beside(body, (1, 1), roots[1][0], NEARER_SEPARATRIX),
+        )
         omega = free_motion_by_phase(body, slow, np.linspace(0, 2 * np.pi, 17))
         mirror, N = np.array([1.0, -1.0, 1.0]), torque(omega)
-        return bool(np.abs(mirror * torque(mirror * omega) - N).max() <= EVEN * np.abs(N).max())
+        return bool(np.abs(mirror * torque(mirror * omega) - N).max() <= EVEN_TOL * np.abs(N).max())
 
     @classmethod
     def part(cls, t: Any, slow: SlowVariables, k: Any) -> np.ndarray:

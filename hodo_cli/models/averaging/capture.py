@@ -22,7 +22,7 @@ from ...schema.kinds import Choice, Key
 from .free_turn import Body
 from .passage import CrossingPrediction, outcome, time_in_band
 
-EDGE = 1e-10
+EDGE_U = 1e-10
 """The u at which a motion is taken through the separatrix by formula: their error is of the size of
 its square, far below a double's last digit, and so much of u is left that 1 - m as a difference
 costs them nothing."""

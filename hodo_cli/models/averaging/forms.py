@@ -15,7 +15,7 @@ from ..base import Constants, Event, EventOutcome, Label
 from ..constants import attributes
 from ..rigid_body import BodyFrame, is_tensor
 from .capture import (
-    EDGE,
+    EDGE_U,
     STOP,
     Arrival,
     Bands,
@@ -30,7 +30,7 @@ LARGE_RATIO = 0.1
 """Where averaging's small parameter is no longer small: errors are of some per cent from there
 on."""
 
-SYMMETRIC = 1e4
+EQUAL_MOMENTS_OFFSET = 1e4
 """The size of ln((a - b)/(b - c)) for two equal moments: there m is 0, and one side is missing."""
 
 MEAN_START = Key(
@@ -123,8 +123,8 @@ def mean_elements(y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
 def slow_of(y: np.ndarray, k: Any) -> SlowVariables:
     """The slow variables of states (n, 5)."""
     ln_e, ln_o, scaled_phase, side, sense = y.T
-    # A motion that has stopped at the separatrix is beside it by EDGE.
-    m1 = np.maximum(-np.expm1(ln_o - ln_e - side * k.turning_offset), EDGE / 2)
+    # A motion that has stopped at the separatrix is beside it by EDGE_U.
+    m1 = np.maximum(-np.expm1(ln_o - ln_e - side * k.turning_offset), EDGE_U / 2)
     phase = scaled_phase / k.turning_scale
     return SlowVariables(np.exp(ln_e), np.exp(ln_o), side, m1, sense, phase)
 
@@ -139,15 +139,15 @@ def logarithmic_offset(body: Body) -> float:
     outer, inner = body.a - body.b, body.b - body.c
     if outer and inner:
         return math.log(outer / inner)
-    return SYMMETRIC if outer else -SYMMETRIC
+    return EQUAL_MOMENTS_OFFSET if outer else -EQUAL_MOMENTS_OFFSET
 
 
 def edge_of(body: Body) -> float:
-    """The u at which motions are taken through the separatrix: EDGE, or more of a nearly symmetric
-    body. A torque takes that through both sides in so short a time that the coefficients of a
-    series would overflow; and one ulp in its moments changes u by more than this."""
+    """The u at which motions are taken through the separatrix: EDGE_U, or more of a nearly
+    symmetric body. A torque takes that through both sides in so short a time that the coefficients
+    of a series would overflow; and one ulp in its moments changes u by more than this."""
     outer, inner = sorted((body.a - body.b, body.b - body.c))
-    return EDGE * max(1.0, 1e-4 * math.sqrt(inner / outer)) if outer else EDGE
+    return EDGE_U * max(1.0, 1e-4 * math.sqrt(inner / outer)) if outer else EDGE_U
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,7 @@ class AveragedTurns(BodyFrame):
             # Where the motion does not turn faster than it decays there is no part to speak of, and
             # its formula would divide rounding by n; nor where it has stopped at the separatrix.
             n = either(side, *k.turning_n) * unit
-            turns = (n > k.turning_rate) & (slow.m1 > EDGE / 2)
+            turns = (n > k.turning_rate) & (slow.m1 > EDGE_U / 2)
             # By exp, so that they stay positive.
             squares *= np.exp(np.where(turns & (np.abs(part) < 1), part, 0))
         return stored_elements(turning_body(k), squares, side, unit)

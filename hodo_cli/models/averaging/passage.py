@@ -28,14 +28,14 @@ import numpy as np
 from .free_turn import LANDEN, SMALLEST_M1, Body
 from .means import shape_rate, turn_means
 
-HALF, REACH = 100, 4.4
+NODES_PER_SIDE, LAST_NODE = 100, 4.4
 """Nodes of the quadrature on either side of its middle, for 15 digits, and its end, where the
 weights are below 1e-53."""
 
-FARTHEST = 60.0
+LARGEST_U = 60.0
 """The largest u of a table: fewer than 1e-25 of all starts are nearer to an axis."""
 
-PLACES = 401
+TABLE_PLACES = 401
 """Places of a table. Between them it is right to 1e-5 in the middle of the range and to 2e-3 next
 to u = 0, far less than the true times scatter."""
 
@@ -47,12 +47,12 @@ def tanh_sinh() -> tuple[np.ndarray, np.ndarray]:
 
     Source: H. Takahasi and M. Mori, Publ. RIMS 9 (1974) 721.
     """
-    x = REACH / HALF * np.arange(-HALF, HALF + 1)
+    x = LAST_NODE / NODES_PER_SIDE * np.arange(-NODES_PER_SIDE, NODES_PER_SIDE + 1)
     argument = np.pi * np.sinh(x)
     # As fractions of the interval they stay exact near 0, where 1 - nodes near 1 would have no
     # digits.
     nodes = 1 / (1 + np.exp(-argument))
-    return nodes, REACH / HALF * np.pi * np.cosh(x) * nodes / (1 + np.exp(argument))
+    return nodes, LAST_NODE / NODES_PER_SIDE * np.pi * np.cosh(x) * nodes / (1 + np.exp(argument))
 
 
 FRACTIONS, WEIGHTS = tanh_sinh()
@@ -156,14 +156,15 @@ def outcome(pull: float, n: float, phase: float, time: float, small: float) -> C
 
 
 def crossing_table(lam: Sequence[float], side: int) -> tuple[np.ndarray, np.ndarray]:
-    """u and t* (PLACES,) of all shapes that come to the separatrix, from u = 0 on; lam as sorted.
+    """u and t* (TABLE_PLACES,) of all shapes that come to the separatrix, from u = 0 on; lam as
+    sorted.
 
     One table serves all starts of a body under one resistance, as t* knows nothing else of them.
     Both are empty where nothing crosses.
     """
-    most = min(farthest_that_crosses(lam, side), FARTHEST)
+    most = min(farthest_that_crosses(lam, side), LARGEST_U)
     # Denser towards u = 0, where t* goes as u ln u.
-    u = most * np.linspace(0, 1, PLACES + 1)[:-1] ** 3 if most else np.empty(0)
+    u = most * np.linspace(0, 1, TABLE_PLACES + 1)[:-1] ** 3 if most else np.empty(0)
     return u, np.append(u[:1], crossing_time(lam, side, u[1:]))
 
 
@@ -188,7 +189,7 @@ def share_beyond(body: Body, side: int, u: float) -> float:
     """
     a, b, c = body[:3] if side > 0 else body[2::-1]
     alpha = (a - b) * (a - c) / a
-    if u > FARTHEST or not alpha:
+    if u > LARGEST_U or not alpha:
         return 0.0
     # Near u = 0 the integrand has a corner at psi = 0, which is an end of the quarter turn that
     # stands for all four.

@@ -29,10 +29,10 @@ import numpy as np
 
 from ..rigid_body import BOTH, SEPARATRIX, UNDETERMINED, UNSEPARATED, inertia_order
 
-CANCELLED = 1e-14
+CANCELLED_PART = 1e-14
 """G of a body with a rotor is the difference of two vectors: less than this part of h it is 0."""
 
-FLAT = 1e-9
+FLAT_CURVATURE = 1e-9
 """The curvature beside the others from which on a cone is no pair of planes."""
 
 BISECTIONS = 60
@@ -246,7 +246,7 @@ def region_of(A: Any, h: Any, omega: Any, band: Any = 0.0) -> HodographRegion:
     margin = np.divide(value, size, out=np.full_like(value, np.inf), where=size != 0)
     margin, none = np.where(value == 0, 0, margin), np.isnan(value)
     conditions = {
-        UNDETERMINED: ~(np.abs(G).max((0, 1)) > CANCELLED * np.abs(h).max((0, 1)))
+        UNDETERMINED: ~(np.abs(G).max((0, 1)) > CANCELLED_PART * np.abs(h).max((0, 1)))
         | ~np.isfinite(G).all((0, 1)),
         UNSEPARATED: none.all(0),
         SEPARATRIX: (np.abs(margin) <= band).any(0),
@@ -273,7 +273,9 @@ def separatrix_curves(A: Any, h: Any, momentum: float) -> list[np.ndarray]:
         order = np.argsort(c)
         low, middle, high = order if c[order[1]] >= 0 else order[::-1]
         first, second = (np.eye(3)[i] / np.sqrt(max(abs(c[i]), 1e-12 * scale)) for i in (low, high))
-        if abs(c[middle]) <= FLAT * scale:  # the cone is two planes, and each cuts out a circle
+        if (
+            abs(c[middle]) <= FLAT_CURVATURE * scale
+        ):  # the cone is two planes, and each cuts out a circle
             # Half a turn of the line is all of it.
             half = turn / 2
             ways = [

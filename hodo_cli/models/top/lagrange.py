@@ -32,7 +32,7 @@ from .nutation import (
 )
 from .torques import LAW, PERTURBATION, PERTURBATIONS, axial_torque, with_mu
 
-NEAR, TOO_NEAR = 1e-8, 1e-14
+NEAR_LIMITS, TOO_NEAR = 1e-8, 1e-14
 """The 1 - k^2 below which the averaged forms have lost half their digits, and all."""
 
 MOST_NODES, UNRESOLVED = 1000, 1e-12
@@ -187,7 +187,7 @@ class Nutating(Top):
 
     @property
     def warnings(self) -> list[str]:
-        if not self.separation < NEAR:
+        if not self.separation < NEAR_LIMITS:
             return super().warnings
         return [
             *super().warnings,

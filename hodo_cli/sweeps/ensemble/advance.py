@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...engines.series import value
-from ...integration import LIMIT, at_rest, clock_rates, time_to_zero
+from ...integration import REST_BITS, at_rest, clock_rates, time_to_zero
 from ...models.base import Event
 from ...models.constants import moving, namespace
 from ...models.rigid_body import SEPARATRIX, UNDETERMINED
 from .batch import (
     END,
     NUMBER,
-    PAUSE,
+    STEPS_PER_PAUSE,
     STRIDE,
     BatchState,
     CandidateSteps,
@@ -34,11 +34,12 @@ from .regions import changes_within, label_at, time_between
 if TYPE_CHECKING:
     from ...engines.taylor_batch import TaylorStep
 
-LOOSER, GROWN = 16, 32
+LOOSER_TOLS, GROWN_ERRORS = 16, 32
 """The tolerances that a step takes where the growth of errors is looked for, and the error that a
 crossing may have in differences that this makes. A difference may be small by chance. For 6 of
 35,000 crossings of tensors and cavities the error that steps lose was too small, and the difference
-a quarter of the true one at the least. For four in five, GROWN differences enlarge nothing."""
+a quarter of the true one at the least. For four in five, GROWN_ERRORS differences enlarge
+nothing."""
 
 
 def step_of(e: Ensemble) -> "TaylorStep":
@@ -61,7 +62,7 @@ def advance(e: Ensemble, step: "TaylorStep") -> Outcome:
         batch = BatchState(e, step, outcome)
         while batch.params.shape[1]:
             # Numpy's own work is in the pauses; between them a step is one call of compiled code.
-            for _ in range(PAUSE):
+            for _ in range(STEPS_PER_PAUSE):
                 batch.advance()
             batch.pause()
         if e.event is not None:
@@ -84,9 +85,9 @@ def stop_at_rest(outcome: Outcome) -> None:
         (outcome.state, outcome.exponent),
         (outcome.samples, outcome.sample_exponent),
     ):
-        if exponent.size and exponent.min() < -LIMIT:
+        if exponent.size and exponent.min() < -REST_BITS:
             resting = at_rest(np.moveaxis(state[:3], 0, -1), exponent)
-            state[:3, resting], exponent[resting] = 0, -LIMIT
+            state[:3, resting], exponent[resting] = 0, -REST_BITS
     passed = outcome.passages
     outcome.passages = passed.chosen(~at_rest(passed.state[:3].T, passed.exponent))
     outcome.last[(outcome.state[:3] == 0).all(axis=0)] = 0
@@ -144,7 +145,7 @@ def decide_regions(
         outcome.reject(undecided, Rejection.UNCERTAIN)
     reject_contradicted(outcome, resting)
     # Of what is too slow to be followed only a single case knows the rotor's part.
-    too_slow = outcome.exponent < -LIMIT
+    too_slow = outcome.exponent < -REST_BITS
     outcome.reject((outcome.last == SEPARATRIX) | too_slow, Rejection.UNCERTAIN)
 
 
@@ -221,13 +222,13 @@ def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
     again = replace(
         e, start=e.start[:, motion], constants=e.constants[:, motion], span=(e.span[0], time),
         events=tuple(event for event in e.events if event.passage), levels=(),
-        times=np.empty(0), looser=LOOSER,
+        times=np.empty(0), looser=LOOSER_TOLS,
     )  # fmt: skip
     end, k = advance(again, step_of(e)), vars(again.named())
     if e.event is not None:
         distance = time_to_zero(e.event, e.model, k, time, end.state, end.exponent)
     else:
         distance = time_between(e, passed.chosen(first), end.state, end.exponent)
-    passed.error[first] = np.maximum(passed.error[first], GROWN * distance)
+    passed.error[first] = np.maximum(passed.error[first], GROWN_ERRORS * distance)
     is_sure = end.accepted & (distance <= passed.uncertainty[first])
     outcome.reject(motion[~is_sure], Rejection.UNCERTAIN)

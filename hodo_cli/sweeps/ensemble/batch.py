@@ -25,19 +25,19 @@ every RENEWAL-th pause, since numpy spends more on the call, some 0.1 ms, than o
 motions, and at every pause outside of WIDE_BAND, where few motions ever get. When, does not hang on
 other motions."""
 
-RENEWAL = 4
+PAUSES_PER_RENEWAL = 4
 
 MOST_STEPS = int(4 * MANY_STEPS)
 """Steps after which a motion is left to the driver of single cases."""
 
-HOPELESS = 100 * MANY_STEPS
+HOPELESS_STEPS = 100 * MANY_STEPS
 """Steps that a motion would need at the pace of its first ones, beyond which it is left at once."""
 
-PAUSE = 6
+STEPS_PER_PAUSE = 6
 """Steps from one look for motions that are at their end or have outgrown their units to the next:
 1.5 % of the steps are idle for it, and looking costs as much as a third of a step."""
 
-FULL = 0.93
+LEAST_FULL = 0.93
 """The part of the columns that must be under way; with fewer, the others are dropped. Copying all
 columns costs about as much as one step."""
 
@@ -258,12 +258,12 @@ class BatchState:
         if self.pauses == 1 and self.ensemble.passing is None:
             number, _, rate = split_params(params)
             span = np.ldexp(self.ensemble.lengths[0, number], rate)
-            going &= PAUSE * span < HOPELESS * (span - remaining)
-        if np.count_nonzero(going) < FULL * len(going):
+            going &= STEPS_PER_PAUSE * span < HOPELESS_STEPS * (span - remaining)
+        if np.count_nonzero(going) < LEAST_FULL * len(going):
             self.drop(~going)
         if self.ensemble.model.degree:
             largest = np.abs(self.now[: self.m][moving(self.ensemble.model)]).max(axis=0)
-            low, high = WIDE_BAND if self.pauses % RENEWAL else BAND
+            low, high = WIDE_BAND if self.pauses % PAUSES_PER_RENEWAL else BAND
             outgrown = (largest < low) | (largest > high)
             self.renew(np.flatnonzero(outgrown & (self.now[self.m] > 0)))
 

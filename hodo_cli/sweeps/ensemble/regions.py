@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...integration import VIEWED, has_turned
+from ...integration import PLACES_VIEWED, has_turned
 from ...models.constants import namespace, rescaled
 from ...models.theory.gyrostat import HodographRegion, region_of
 from .batch import (
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 ROUNDS = 60
 """Of the search for one change: more than a double has digits."""
 
-PLACED, PLACED_AT_WORST = 4 * 2.0**-52, 4 * 2.0**-42
+PLACE_TOL, PLACED_AT_WORST = 4 * 2.0**-52, 4 * 2.0**-42
 """The part of a step to which the place of a change is found, and where rounding hides more."""
 
-BLOCK = 256
+STEPS_PER_BLOCK = 256
 """Steps that are searched at once: the numbers of their places fit a processor's cache."""
 
 
@@ -111,13 +111,15 @@ def changes_within(
     """The changes of the label in steps that may have some, and the motions of which they are
     undecided."""
     look, count = partial(view, e, step, steps), len(steps.length)
-    blocks = (np.arange(i, min(i + BLOCK, count)) for i in range(0, count, BLOCK))
+    blocks = (
+        np.arange(i, min(i + STEPS_PER_BLOCK, count)) for i in range(0, count, STEPS_PER_BLOCK)
+    )
     seen = [changes_seen(look, row, e.error_bound) for row in blocks]
     row, low, unclear = (np.concatenate(parts) for parts in zip(*seen, strict=True))
     uncertain = steps.params[NUMBER, unclear].astype(np.int64)
     if not row.size:
         return None, uncertain
-    before, after, x, width = change_between(e, look, row, low, low + 1 / (VIEWED - 1))
+    before, after, x, width = change_between(e, look, row, low, low + 1 / (PLACES_VIEWED - 1))
     at, taken = look(row, x), steps.before[len(e.start) + 2, row] + 2
     gradient = passing_gradient(e, at.motion, at.omega, at.region)
     # The error of a state is a part of omega, in whatever direction.
@@ -134,10 +136,10 @@ def changes_seen(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The step (k,) of each change of the label between neighbouring places in the steps `row`
     (n,), and the first of the two places; and those of the steps in which there may be others."""
-    places = np.linspace(0, 1, VIEWED)
-    seen = look(np.repeat(row, VIEWED), np.tile(places, len(row)))
+    places = np.linspace(0, 1, PLACES_VIEWED)
+    seen = look(np.repeat(row, PLACES_VIEWED), np.tile(places, len(row)))
     label, near, value, slope = (
-        values.reshape(len(row), VIEWED, *values.shape[1:])
+        values.reshape(len(row), PLACES_VIEWED, *values.shape[1:])
         for values in (seen.region.label, seen.region.nearest, seen.region.value, seen.slope)
     )
     unclear = has_turned(value, slope).any((1, 2)) | (near <= band).any(1) | (label <= 0).any(1)
@@ -166,7 +168,7 @@ def change_between(
         of_all = differences(e, at.motion, at.omega, at.region)
         value, gradient = (of[np.arange(len(open_)), passing[open_]] for of in of_all)
         root = place[open_] - value / ((gradient * at.change).sum(-1) * at.length)
-        noise = min(PLACED * 4**turn, PLACED_AT_WORST)
+        noise = min(PLACE_TOL * 4**turn, PLACED_AT_WORST)
         is_near = (root > least - 8 * noise) & (root < most + 8 * noise)
         # A little beyond, so that the other limit comes near as well.
         beyond = (root + np.where(same, noise, -noise)).clip(least + noise, most - noise)
