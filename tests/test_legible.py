@@ -176,7 +176,7 @@ def test_cases_of_one_label_and_curves_of_several_panels_are_in_the_legend(drawn
 
 def test_bodies_on_a_sphere_have_their_separatrices_in_their_colours(drawn: Drawings) -> None:
     sheet = drawn.draw("ball")
-    words = ["separatrix of crossing", "separatrix of rotor"]
+    words = ["separatrix of crossing", "separatrix of rotor at the start"]
     assert [text for text in legend(sheet) if "separatrix" in text] == words
     names = {text.get_text(): text.get_color() for text in sheet.figure.axes[0].texts}
     lines = {str(line.get_label()): line.get_color() for line in sheet.legend}
@@ -184,6 +184,7 @@ def test_bodies_on_a_sphere_have_their_separatrices_in_their_colours(drawn: Draw
     by_axis = drawn.draw("ball", colour="axis")
     assert not [text for text in legend(by_axis) if "separatrix" in text]
     assert "separatrix, $D = 0$" in legend(drawn.draw("ball", cases=("crossing", "round-x1")))
+    assert "separatrix at the start" in legend(drawn.draw("ball", cases=("rotor",)))
 
 
 def test_cases_whose_colours_show_axes_are_named(drawn: Drawings) -> None:
