@@ -622,6 +622,7 @@ STARTS = {
 }  # fmt: skip
 
 
+@pytest.mark.heyoka
 @pytest.mark.parametrize(
     ("torques", "vary", "lines", "name"),
     [
