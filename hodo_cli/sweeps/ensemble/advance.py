@@ -13,10 +13,10 @@ from ...models.base import Event
 from ...models.constants import moving, namespace
 from ...models.rigid_body import SEPARATRIX, UNDETERMINED
 from .batch import (
-    END,
-    NUMBER,
+    END_ROW,
+    NUMBER_ROW,
     STEPS_PER_PAUSE,
-    STRIDE,
+    STRIDE_ROW,
     BatchState,
     CandidateSteps,
     call_padded,
@@ -168,7 +168,7 @@ def steps_of(candidates: list[CandidateSteps], certain: np.ndarray) -> Candidate
     steps = CandidateSteps(
         *(np.concatenate(arrays, axis=-1) for arrays in zip(*candidates, strict=True))
     )
-    wanted = np.flatnonzero(certain[steps.params[NUMBER].astype(np.int64)])
+    wanted = np.flatnonzero(certain[steps.params[NUMBER_ROW].astype(np.int64)])
     return CandidateSteps(*(a.take(wanted, axis=-1) for a in steps)) if wanted.size else None
 
 
@@ -177,7 +177,7 @@ def zeros_within(
 ) -> tuple[Passages, np.ndarray]:
     """The zeros in steps that may have some, and the motions that are undecided."""
     before, params, m = steps.before, steps.params, len(e.start)
-    k = namespace(e.structure, list(params[1:STRIDE]))
+    k = namespace(e.structure, list(params[1:STRIDE_ROW]))
     noise = e.uncertainty(event, times_of(before, params, m), before[:m], k)
     powers = powers_within(step, event, steps)
     # Of a body set going from rest D begins with the square of the time: that zero is no passage.
@@ -190,18 +190,17 @@ def zeros_within(
     rise = powers[row, 1:].T * np.arange(1, powers.shape[1])[:, None]
     slope = value(rise, zeros.x[zeros.sure]) / steps.length[row]
     before, params = before[:, row], params[:, row]
-    motion, size, rate = split_params(params)
-    begin, rest = time_reached(params[END], before[m], before[m + 1], rate)
+    (remaining, lost, taken), (motion, size, rate) = before[m:], split_params(params)
+    begin, rest = time_reached(params[END_ROW], remaining, lost, rate)
     times = begin + (rest + np.ldexp(place, -rate))
-    taken = before[m + 2] + 2
     state = call_padded(
-        partial(states_after, step), *shortened(before, params[:NUMBER], place, rate)
+        partial(states_after, step), *shortened(before, params[:NUMBER_ROW], place, rate)
     )
     uncertainty = np.ldexp(noise[row] / np.abs(slope), -rate)
-    errors = e.errors_of_times(uncertainty, times, taken)
+    errors = e.errors_of_times(uncertainty, times, taken + 2)
     direction = np.sign(slope).astype(np.int64)
     unordered = Passages(motion, times, errors, uncertainty, -direction, direction, state, size)
-    undecided = steps.params[NUMBER, zeros.row[~zeros.sure]].astype(np.int64)
+    undecided = steps.params[NUMBER_ROW, zeros.row[~zeros.sure]].astype(np.int64)
     return unordered.chosen(np.lexsort((times, motion))), undecided
 
 

@@ -41,7 +41,7 @@ LEAST_FULL = 0.93
 """The part of the columns that must be under way; with fewer, the others are dropped. Copying all
 columns costs about as much as one step."""
 
-END, STRIDE, NUMBER, SIZE, RATE = 0, *range(-4, 0)
+END_ROW, STRIDE_ROW, NUMBER_ROW, SIZE_ROW, RATE_ROW = 0, *range(-4, 0)
 """Rows of a column's params: the time of the end, before the constants, and behind them the
 `stride` of its steps, the number of its motion, and its units."""
 
@@ -65,8 +65,8 @@ class BatchState:
 
     Rows of `now`: the state, in units of its own, its TIME_ROWS, and what else a step puts out.
     Rows of `params`: the time of the end and the constants, in these units, and what stands last
-    (STRIDE to RATE). The columns are a multiple of the engine's width; one without a motion has the
-    number -1 and no time left.
+    (STRIDE_ROW to RATE_ROW). The columns are a multiple of the engine's width; one without a motion
+    has the number -1 and no time left.
     """
 
     ensemble: Ensemble
@@ -89,9 +89,12 @@ class BatchState:
         self.now, self.next = np.zeros((2, self.step.rows, len(number)))
         self.now[:m], self.now[m : m + 2] = e.start[:, number], e.lengths[:, number]
         self.params = np.zeros((len(e.constants) + 5, len(number)))
-        self.params[END] = np.broadcast_to(e.span[1], e.start.shape[1])[number]
-        self.params[1:STRIDE] = e.constants[:, number]
-        self.params[STRIDE], self.params[NUMBER] = stride(e.looser * e.tol, e.passing), number
+        self.params[END_ROW] = np.broadcast_to(e.span[1], e.start.shape[1])[number]
+        self.params[1:STRIDE_ROW] = e.constants[:, number]
+        self.params[STRIDE_ROW], self.params[NUMBER_ROW] = (
+            stride(e.looser * e.tol, e.passing),
+            number,
+        )
         self.cells = RegionCells(e, len(number))
         self.renew(np.arange(len(number)))
         self.empty(len(begun))
@@ -105,12 +108,12 @@ class BatchState:
 
     def empty(self, first: int) -> None:
         """Mark the columns from the `first` on as without a motion."""
-        self.now[self.m, first:], self.params[NUMBER, first:] = 0, -1
+        self.now[self.m, first:], self.params[NUMBER_ROW, first:] = 0, -1
 
     def advance(self) -> None:
         """One step of every motion."""
         length = self.m + TIME_ROWS
-        self.aligned_step(self.now[:length], self.params[:NUMBER], self.next)
+        self.aligned_step(self.now[:length], self.params[:NUMBER_ROW], self.next)
         if self.ensemble.times.size:
             self.history.append(self.now[:length].copy())
         self.now, self.next = self.next, self.now
@@ -139,13 +142,13 @@ class BatchState:
         self.history.clear()
         # A motion at its end has none left, though rounding has taken some of it.
         lost = np.where(history[m] > 0, history[m + 1], 0)
-        time, rest = time_reached(self.params[END], history[m], lost, rate)
+        time, rest = time_reached(self.params[END_ROW], history[m], lost, rate)
         step, sample = map(padded, times_within(e.times, time + rest))
         column = step % len(number)
         before = history[:, :-1].reshape(m + TIME_ROWS, -1).take(step, axis=1)
         since = (e.times[sample] - time.ravel()[step]) - rest.ravel()[step]
         place = np.ldexp(since, rate[column])
-        k = self.params[:NUMBER].take(column, axis=1)
+        k = self.params[:NUMBER_ROW].take(column, axis=1)
         entry = number[column] * len(e.times) + sample
         sampled = states_after(self.step, *shortened(before, k, place, rate[column]))
         # Row by row, which is four times as fast as all rows at once.
@@ -179,7 +182,7 @@ class BatchState:
     def changes_sign(self, event: Event, columns: np.ndarray) -> np.ndarray:
         """Whether (k,) an event's function differs in sign at the ends of the steps just taken."""
         m, params = self.m, self.params[:, columns]
-        k = namespace(self.ensemble.structure, list(params[1:STRIDE]))
+        k = namespace(self.ensemble.structure, list(params[1:STRIDE_ROW]))
         ends = (self.next[:, columns], self.now[:, columns])
         values = (event.function(times_of(y, params, m), [*y[:m]], k) for y in ends)
         return np.asarray(np.multiply(*values) < 0)
@@ -204,11 +207,11 @@ class BatchState:
         row, first = np.unique(zeros.row, return_index=True)
         passed, place = columns[row], zeros.x[first] * steps.length[row]
         begin, params = steps.before[:, row], steps.params[:, row]
-        _, _, rate = split_params(params)
-        self.now[m : m + 2, passed] = exact_difference(begin[m], place)
-        self.now[m + 1, passed] += begin[m + 1]
+        (remaining, lost, _), (_, _, rate) = begin[m:], split_params(params)
+        self.now[m : m + 2, passed] = exact_difference(remaining, place)
+        self.now[m + 1, passed] += lost
         self.now[m + TIME_ROWS, passed] = place
-        cut = shortened(begin, params[:NUMBER], place, rate)
+        cut = shortened(begin, params[:NUMBER_ROW], place, rate)
         self.now[:m, passed] = call_padded(partial(states_after, self.step), *cut)
         self.now[m, passed[~zeros.sure[first]]] = np.nan
         return np.asarray(passed[zeros.sure[first]])
@@ -223,7 +226,7 @@ class BatchState:
         states, times = rescaled(e.model, now[:m].T, size), times_of(now, params, m)
         constants, at_end = e.constants[:, number], []
         # A passage is one of numbers: only what is done for all takes arrays.
-        rows = number, params[END], times, states, constants.T
+        rows = number, params[END_ROW], times, states, constants.T
         for column, motion, end, time, state, numbers in zip(
             columns.tolist(), *(row.tolist() for row in rows), strict=True
         ):
@@ -240,7 +243,7 @@ class BatchState:
             self.now[m : m + 2, column] = exact_difference(end, onward)
             if onward == end:  # a step in the state of an end may lead anywhere
                 at_end.append(column)
-        self.params[1:STRIDE, columns], self.params[SIZE:, columns] = constants, 0
+        self.params[1:STRIDE_ROW, columns], self.params[SIZE_ROW:, columns] = constants, 0
         self.enter(np.array(at_end, dtype=np.int64))
 
     def pause(self) -> None:
@@ -269,7 +272,7 @@ class BatchState:
 
     def drop(self, done: np.ndarray) -> None:
         """Drop the columns that are done, and keep the others."""
-        self.enter(np.flatnonzero(done & (self.params[NUMBER] >= 0)))
+        self.enter(np.flatnonzero(done & (self.params[NUMBER_ROW] >= 0)))
         going = np.flatnonzero(~done)
         columns = padded(going)
         self.now, self.params = (a.take(columns, axis=1) for a in (self.now, self.params))
@@ -285,7 +288,7 @@ class BatchState:
         remaining, _, outcome.steps[number] = self.now[self.m : self.m + TIME_ROWS, columns]
         why = np.where(np.isnan(remaining), Rejection.PASSAGE.code, Rejection.SLOW.code)
         outcome.rejection[number] = np.where(remaining == 0, 0, why)
-        self.params[NUMBER, columns] = -1
+        self.params[NUMBER_ROW, columns] = -1
 
     def renew(self, columns: np.ndarray) -> None:
         """Fit the units of some columns to their motions."""
@@ -305,14 +308,14 @@ class BatchState:
         self.now[m : m + 2, columns] = np.ldexp(self.now[m : m + 2, columns], units.rate - rate)
         scaled = units.constants(e.model, k)
         for name, rows in e.scaled_rows.items():
-            params[1:STRIDE][rows] = scaled[name]
-        params[SIZE], params[RATE] = units.size, units.rate
+            params[1:STRIDE_ROW][rows] = scaled[name]
+        params[SIZE_ROW], params[RATE_ROW] = units.size, units.rate
         self.params[:, columns] = params
 
 
 def split_params(params: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The number (k,) of the motion of each column, and the size and the rate (k,) of its units."""
-    return params[NUMBER].astype(np.int64), *params[SIZE:].astype(np.intc)
+    return params[NUMBER_ROW].astype(np.int64), *params[SIZE_ROW:].astype(np.intc)
 
 
 def time_reached(end: Any, remaining: Any, lost: Any, rate: Any) -> tuple[Any, Any]:
@@ -325,7 +328,7 @@ def time_reached(end: Any, remaining: Any, lost: Any, rate: Any) -> tuple[Any, A
 def times_of(columns: np.ndarray, params: np.ndarray, m: int) -> np.ndarray:
     """The case's own times (k,) of columns with m state variables."""
     _, _, rate = split_params(params)
-    return np.asarray(sum(time_reached(params[END], columns[m], columns[m + 1], rate)))
+    return np.asarray(sum(time_reached(params[END_ROW], columns[m], columns[m + 1], rate)))
 
 
 def times_within(times: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -349,11 +352,12 @@ def padded(numbers: np.ndarray) -> np.ndarray:
 def shortened(
     columns: np.ndarray, k: np.ndarray, place: np.ndarray, rate: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Columns and constants, in the arrays given, whose next step ends `place` (k,) behind its
-    beginning, in a unit of time of 2**-rate (k,)."""
+    """Copies of columns and constants whose next step ends `place` (k,) behind its beginning, in a
+    unit of time of 2**-rate (k,)."""
+    columns, k = columns.copy(), k.copy()
     remaining = columns[len(columns) - TIME_ROWS]
     # The step begins when it did: at the end of the motion less the time that remains.
-    k[END] += np.ldexp(place - remaining, -rate)
+    k[END_ROW] += np.ldexp(place - remaining, -rate)
     remaining[:] = place
     return columns, k
 
@@ -368,7 +372,7 @@ def states_after(step: "TaylorStep", columns: np.ndarray, k: np.ndarray) -> np.n
 def powers_within(step: "TaylorStep", event: Event, steps: CandidateSteps) -> np.ndarray:
     """The series (k, order + 1) of an event's function in steps, in powers of the part of each
     step."""
-    series = call_padded(partial(step.event_series, event), steps.before, steps.params[:NUMBER])
+    series = call_padded(partial(step.event_series, event), steps.before, steps.params[:NUMBER_ROW])
     return np.asarray(series.T * steps.length[:, None] ** np.arange(len(series)))
 
 

@@ -10,9 +10,9 @@ from ...integration import PLACES_VIEWED, has_turned
 from ...models.constants import namespace, rescaled
 from ...models.theory.gyrostat import HodographRegion, region_of
 from .batch import (
-    END,
-    NUMBER,
-    STRIDE,
+    END_ROW,
+    NUMBER_ROW,
+    STRIDE_ROW,
     CandidateSteps,
     call_padded,
     shortened,
@@ -92,12 +92,12 @@ def view(
 ) -> MotionView:
     """Motions at places x (k,), from 0 to 1, of the steps in `row` (k,)."""
     m, before, params = len(e.start), steps.before[:, row], steps.params[:, row]
-    motion, size, rate = split_params(params)
-    k = namespace(e.structure, list(params[1:STRIDE]))
-    begin, rest = time_reached(params[END], before[m], before[m + 1], rate)
+    (remaining, lost, _), (motion, size, rate) = before[m:], split_params(params)
+    k = namespace(e.structure, list(params[1:STRIDE_ROW]))
+    begin, rest = time_reached(params[END_ROW], remaining, lost, rate)
     place = x * steps.length[row]
     time, length = begin + (rest + np.ldexp(place, -rate)), np.ldexp(steps.length[row], -rate)
-    shorter = shortened(before, params[:NUMBER].copy(), place, rate)
+    shorter = shortened(before, params[:NUMBER_ROW], place, rate)
     state = call_padded(partial(states_after, step), *shorter)
     change = np.ldexp(changes_of(e, motion, time, state, k), size + rate).T
     omega = true_omega(e, motion, state, size)
@@ -116,7 +116,7 @@ def changes_within(
     )
     seen = [changes_seen(look, row, e.error_bound) for row in blocks]
     row, low, unclear = (np.concatenate(parts) for parts in zip(*seen, strict=True))
-    uncertain = steps.params[NUMBER, unclear].astype(np.int64)
+    uncertain = steps.params[NUMBER_ROW, unclear].astype(np.int64)
     if not row.size:
         return None, uncertain
     before, after, x, width = change_between(e, look, row, low, low + 1 / (PLACES_VIEWED - 1))
