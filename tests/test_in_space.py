@@ -17,7 +17,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from conftest import call, classified, run_hodo
+from conftest import Hodo, call, classified, run_hodo
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 from test_own_time import TIMED, random_body, scaled
@@ -28,7 +28,6 @@ from hodo_cli.cases.config import parse
 from hodo_cli.integration import Trajectory, integrate, solve
 from hodo_cli.models.theory.attitude import free_attitude
 from hodo_cli.results.dataset import motion_from
-from hodo_cli.sweeps.members import warnings_of_ends
 
 COUNT = int(os.environ.get("HODO_FUZZ", "200"))
 
@@ -432,12 +431,14 @@ def test_a_sweep_of_no_number_of_the_attitude_is_refused(sweep: str) -> None:
         parse(f"cases: {{a: {{{body}, {sweep}}}}}", "a.yaml")
 
 
-def test_warnings_name_the_members_at_both_ends() -> None:
+def test_warnings_name_the_members_at_both_ends(hodo: Hodo, tmp_path: Path) -> None:
     case = {"model": "linear-diag", "inertia": A, "initial": B, "attitude": {"euler": [0, 0, 0]}}
     case |= {"time": {"end": 1}, "sweep": {"attitude.euler.0": {"values": [0, 1, 2]}}}
-    (warning,) = warnings_of_ends(Case.of(case))
-    assert warning.startswith(
+    (tmp_path / "a.yaml").write_text(json.dumps({"cases": {"a": case}}))
+    done = hodo("run", "a.yaml", "-v")
+    assert (
         "first and last of 3 members (only the first and the last are checked): the start is"
+        in done.stderr
     )
 
 

@@ -21,7 +21,6 @@ from drawings import Drawings, drawings_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
 
 import hodo_cli as api
@@ -29,7 +28,7 @@ from hodo_cli import HodoError, figures
 from hodo_cli.cases.config import load, parse
 from hodo_cli.cli import main
 from hodo_cli.figures import geometry
-from hodo_cli.figures.artists import SEPARATRIX, number_marks
+from hodo_cli.figures.artists import SEPARATRIX
 
 PAPERS = ("paper1", "paper2", "paper3")
 
@@ -1067,14 +1066,12 @@ def test_a_crossing_alone_has_no_number() -> None:
 
 
 def test_numbers_of_crossings_stand_also_where_a_variable_is_constant() -> None:
-    (axes,) = Figure().subplots(1, squeeze=False).flat
-    crossings = np.array([[0.0, 0.3], [1.0, 0.3], [1.01, 0.3]])
-    axes.plot(*crossings.T)
-    number_marks(axes, [crossings])
-    assert [(text.get_text(), text.xy) for text in axes.texts] == [
-        ("1", (0.0, 0.3)),
-        ("2, 3", (1.01, 0.3)),
-    ]
+    motion = api.run(config_of("paper1").cases["fig12-all-entries"])
+    assert motion.sizes["crossing"] == 3
+    constant = motion.assign(Q=("time", np.full(motion.sizes["time"], 0.3)))
+    (axes,) = api.plot(constant, "phase", x="time", y="Q").axes
+    numbers = [text.get_text() for text in axes.texts]
+    assert sorted(", ".join(numbers).split(", ")) == ["1", "2", "3"]
 
 
 @pytest.mark.parametrize("height", [60, 40])
