@@ -1063,6 +1063,7 @@ def test_a_check_of_a_paper_fails_for_motions_that_do_otherwise(results: Path, p
 
 VISIBLE = "hodo_cli.claims.quantities.VISIBLE_MOMENTUM"
 PLOTTING = "hodo_cli.claims.finding.PLOTTING_ACCURACY"
+NEAR_LIMIT = "hodo_cli.papers.paper3.NEAR_LIMIT"
 LIMITS = [
     ("paper1", "most", 0.075, 0.168, "fig10-area fig16-area"),
     ("paper1", "least", 0.075, 0.168, "fig11-area fig18-area"),
@@ -1072,7 +1073,7 @@ LIMITS = [
     ("paper1", "most", 0.0003, 0.04, "fig1-curves-3-4"),
     ("paper2", "within", 0.008, 0.2, "limits"),
     ("paper2", "hodo_cli.papers.paper2.SMALL_NUMBER", 0.003, 0.5, "small-Reynolds-number"),
-    ("paper3", "hodo_cli.papers.paper3.NEAR", 0.002, 0.05, "case1-u3-quickly case3-H-quickly"),
+    ("paper3", NEAR_LIMIT, 0.002, 0.05, "case1-u3-quickly case3-H-quickly"),
     ("paper3", PLOTTING, 0.009, 0.05,
      "case1-u1-u2 case2-Gz-r-limit case2-H-limit case3-Gz case3-fall"),
 ]  # fmt: skip
