@@ -490,9 +490,9 @@ def map_label(
     over = dict.fromkeys(
         axis for swept in sweeps for axis in averaged(spec, swept.axes, swept.sphere)
     )
-    has_gaps = any(bool(swept.variable(name).isnull().any()) for swept in sweeps)
     words = f"{shown}, mean over {', '.join(over)}" if over else shown
-    words += " of the members that have one" if over and has_gaps else ""
+    if over and any(bool(swept.variable(name).isnull().any()) for swept in sweeps):
+        words += " of the members that have one"
     unit = value_unit(sweeps[0], name, units_of)
     return f"{words} [{unit}]" if unit else words
 

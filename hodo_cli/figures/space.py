@@ -270,13 +270,14 @@ def separatrices(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[Bod
     drawn: list[BodySeparatrix] = []
     for i in sorted(firsts.values()) if len(firsts) == 1 or spec["colour"] == "case" else ():
         motion, look = motions[i], SEPARATRIX
-        words = "separatrix, $D = 0$"
+        words = f"separatrix of {motion.label}" if len(firsts) > 1 else "separatrix"
         if len(firsts) > 1:
-            words = f"separatrix of {motion.label}"
             look = look | {"color": styles(i + 1, spec["styles"])[i]["color"]}
         rotor, G = (np.zeros(3), 1.0) if motion.rotor is None else (motion.rotor, motion["G"][0])
         if motion.rotor is not None:  # it changes with |G|, and is no zero of D
-            words = f"{words.removesuffix(', $D = 0$')} at the start"
+            words += " at the start"
+        elif len(firsts) == 1:
+            words += ", $D = 0$"
         circles = separatrix_curves(motion.inertia, rotor, G)
         if circles:
             drawn.append((words, look, [circle @ motion.principal_axes for circle in circles]))

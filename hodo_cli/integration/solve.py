@@ -102,9 +102,8 @@ def solve(
         raise HodoError(message)
     if method == "exact":
         return closed_form(case, times, precision)
-    refinements = (
-        REFINEMENTS.get(method, FEW_REFINEMENTS) if refine and case.system.refined_data else 0
-    )
+    refines = refine and case.system.refined_data
+    refinements = REFINEMENTS.get(method, FEW_REFINEMENTS) if refines else 0
     finest, observed = case, None if refinements else observer
     motion, is_accurate = attempted(case, method, precision, tol, times, observed)
     for _ in range(refinements):

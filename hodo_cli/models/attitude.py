@@ -103,10 +103,8 @@ def check_attitude(form: type[Model], data: Mapping[str, Any]) -> Iterator[Mista
     if form.start_attitude is not None:
         yield (ATTITUDE_KEY,), "the start of a top says where it points: write `attitude: yes`"
     elif len(ways) != 1:
-        yield (
-            (ATTITUDE_KEY,),
-            f"give one of initial, euler and align, not {' and '.join(ways) or 'none'}",
-        )
+        named = " and ".join(ways) or "none"
+        yield (ATTITUDE_KEY,), f"give one of initial, euler and align, not {named}"
     if attitude["initial"] is not None and not any(attitude["initial"]):
         yield (ATTITUDE_KEY, "initial"), "a quaternion of length 0 is no attitude"
     elif attitude["euler"] is None and attitude["sequence"] != SEQUENCE:
@@ -126,9 +124,8 @@ COINCIDING = {"initial": (1.0, 0.0, 0.0, 0.0), "euler": (0.0, 0.0, 0.0)}
 def start_to_vary(form: type[Model], attitude: Any, paths: Iterable[KeyPath]) -> Any:
     """What the key says where a sweep varies numbers of it at some paths: where it gives none,
     those of body and space axes that coincide."""
-    varied = {str(path[1]) for path in paths if path[0] == ATTITUDE_KEY and len(path) > 1} & {
-        *COINCIDING
-    }
+    below = (path for path in paths if path[0] == ATTITUDE_KEY and len(path) > 1)
+    varied = {str(path[1]) for path in below} & {*COINCIDING}
     free = attitude in (None, "yes") and takes_attitude(form) and form.start_attitude is None
     if not free or len(varied) != 1:
         return attitude

@@ -60,12 +60,9 @@ def principal_variables(case: Case) -> dict[str, Variable]:
         name: kind.holding(x) for (name, kind), x in zip(PRINCIPAL.items(), values, strict=True)
     }
     # The components of what else is stored are not along these.
-    axis = INNER_COORDINATES["axis"][0]._replace(long_name="axis of the body, as the case gives it")
-    return (
-        stored
-        | inner_coordinates(stored.values())
-        | {"axis": axis.holding(INNER_COORDINATES["axis"][1])}
-    )
+    axis, names = INNER_COORDINATES["axis"]
+    axis = axis._replace(long_name="axis of the body, as the case gives it")
+    return stored | inner_coordinates(stored.values()) | {"axis": axis.holding(names)}
 
 
 def case_group(trajectory: Trajectory, mark: str) -> Group:

@@ -82,11 +82,8 @@ def pace(m: "Motion") -> float:
     """The unit of the case's time, in that of which omega is a rate: of a full top, whose time is
     the slow one, 1 over its small parameter."""
     system = m.case.system
-    return (
-        float(system.quaternion_factor(attributes(system.constants)))
-        if system.quaternion_factor
-        else 1.0
-    )
+    factor = system.quaternion_factor
+    return float(factor(attributes(system.constants))) if factor else 1.0
 
 
 OF_ATTITUDE: dict[str, Callable[["Motion"], np.ndarray]] = {

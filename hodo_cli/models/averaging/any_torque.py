@@ -204,10 +204,8 @@ class QuadratureTurns(AveragedTurns):
 
     @classmethod
     def is_even(cls, t: float, body: Body, roots: Roots, k: Any) -> bool:
-        torque, slow = (
-            torque_of(cls.full.rhs, t, k),
-            beside(body, (1, 1), roots[1][0], NEARER_SEPARATRIX),
-        )
+        torque = torque_of(cls.full.rhs, t, k)
+        slow = beside(body, (1, 1), roots[1][0], NEARER_SEPARATRIX)
         omega = free_motion_by_phase(body, slow, np.linspace(0, 2 * np.pi, 17))
         mirror, N = np.array([1.0, -1.0, 1.0]), torque(omega)
         return bool(np.abs(mirror * torque(mirror * omega) - N).max() <= EVEN_TOL * np.abs(N).max())

@@ -273,9 +273,8 @@ def separatrix_curves(A: Any, h: Any, momentum: float) -> list[np.ndarray]:
         order = np.argsort(c)
         low, middle, high = order if c[order[1]] >= 0 else order[::-1]
         first, second = (np.eye(3)[i] / np.sqrt(max(abs(c[i]), 1e-12 * scale)) for i in (low, high))
-        if (
-            abs(c[middle]) <= FLAT_CURVATURE * scale
-        ):  # the cone is two planes, and each cuts out a circle
+        # Of a flat cone, which is two planes, each cuts out a circle.
+        if abs(c[middle]) <= FLAT_CURVATURE * scale:
             # Half a turn of the line is all of it.
             half = turn / 2
             ways = [
