@@ -60,15 +60,16 @@ class Pool:
     ) -> Iterator[tuple[Task, Result | Exception]]:
         """As `map`, for tasks that are brief beside the start of a process: they are done here
         until the first worker has started, and none starts for less work than that takes."""
-        started: Future[bool] | None = None
+        starting: list[Future[bool]] = []
         done, begin = 0, monotonic()
-        while done < len(tasks) and not (started and started.done()):
+        while done < len(tasks) and not any(future.done() for future in starting):
             yield tasks[done], _attempt(function, tasks[done])
             done += 1
             seconds_left = (monotonic() - begin) / done * (len(tasks) - done)
-            if self._executor and not started and seconds_left > START_SECONDS:
-                # Its unpickling loads what the function needs.
-                started = self._executor.submit(callable, function)
+            if self._executor and not starting and seconds_left > START_SECONDS:
+                # One call for each worker, whose unpickling loads what the function needs.
+                workers = range(self._ahead // 2)
+                starting = [self._executor.submit(callable, function) for _ in workers]
         yield from self.map(function, tasks[done:])
 
     def _map(
