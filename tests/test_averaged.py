@@ -21,7 +21,7 @@ from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import parse
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration import Trajectory, integrate, solve
-from hodo_cli.models.averaging import capture, free_turn, means, passage
+from hodo_cli.models.averaging import crossing_times, free_turn, means, passage
 from hodo_cli.models.averaging.forms import either
 from hodo_cli.models.constants import attributes
 
@@ -423,15 +423,15 @@ def test_the_probability_of_capture_is_that_of_full_motions(kappa: float, ratio:
     assert captured / count == pytest.approx(expected, abs=3 * error)
 
 
-def drift_at_separatrix(**given: Any) -> dict[capture.Region, float]:
+def drift_at_separatrix(**given: Any) -> dict[passage.Region, float]:
     """How D of a cavity's motion with sqrt(X_e) = sqrt(X_o) = 1 drifts in each region."""
     system = cavity(**given).system
-    roots, k = dict.fromkeys((1, -1), (1.0, 1.0)), attributes(system.constants)
-    return capture.drift_by_region(system.bands(0.0, BODY, roots, k))
+    rates = system.separatrix_rates(0.0, BODY, (1.0, 1.0), attributes(system.constants))
+    return passage.drift_by_region(rates)
 
 
 def test_a_dissipation_without_a_torque_takes_both_senses_alike() -> None:
-    shares = capture.capture_shares(drift_at_separatrix(kappa=1e-3), (-1, 1))
+    shares = passage.capture_shares(drift_at_separatrix(kappa=1e-3), (-1, 1))
     assert shares == pytest.approx({(1, 1): 0.5, (1, -1): 0.5, (-1, 1): 0, (-1, -1): 0})
 
 
@@ -440,7 +440,7 @@ def test_captures_add_up() -> None:
         for kappa in (0.0, 0.1, 0.5):
             drift = drift_at_separatrix(kappa=kappa, torque=list(torque))
             if drift[1, 1] < 0:
-                assert sum(capture.capture_shares(drift, (1, 1)).values()) == pytest.approx(1)
+                assert sum(passage.capture_shares(drift, (1, 1)).values()) == pytest.approx(1)
 
 
 @pytest.mark.quadruple
@@ -544,11 +544,11 @@ def test_the_late_regime_is_told() -> None:
 
 
 def test_one_table_serves_all_starts() -> None:
-    u, times = passage.crossing_table((5e-3, 4e-3, 3e-3), 1)
+    u, times = crossing_times.crossing_table((5e-3, 4e-3, 3e-3), 1)
     some = np.random.default_rng(1).uniform(0.01, 5, 100)
-    direct = passage.crossing_time((5e-3, 4e-3, 3e-3), 1, some)
+    direct = crossing_times.crossing_time((5e-3, 4e-3, 3e-3), 1, some)
     assert np.interp(some, u, times) == pytest.approx(direct, rel=2e-4)
-    assert not len(passage.crossing_table((3e-3, 4e-3, 5e-3), 1)[0])
+    assert not len(crossing_times.crossing_table((3e-3, 4e-3, 5e-3), 1)[0])
 
 
 DRAWN = """
@@ -708,7 +708,7 @@ def test_the_rounding_of_a_start_beside_the_separatrix_is_part_of_its_error(besi
     motion = integrate(case(initial=start, mean_start="no", time={"end": 100, "samples": 3}))
     slow = free_turn.slow_elements(BODY, tuple(start.values()))
     u = float(-np.log1p(-slow.m1))
-    exact = float(passage.crossing_time((0.005, 0.004, 0.003), slow.side, u))
+    exact = float(crossing_times.crossing_time((0.005, 0.004, 0.003), slow.side, u))
     off = abs(motion.events[0].time / exact - 1)
     assert off <= 2 * motion.errors["event_time"]
     # The fluid takes a motion the other way, and amplitudes lose as much of u as logarithms.

@@ -10,7 +10,7 @@ import pytest
 from test_averaged import case, fluid_torque, scaled
 
 from hodo_cli.integration import integrate
-from hodo_cli.models.averaging import free_turn, means, passage
+from hodo_cli.models.averaging import crossing_times, free_turn, means
 from hodo_cli.models.constants import attributes
 
 Triple = tuple[float, float, float]
@@ -63,10 +63,10 @@ def test_the_fourth_mean_at_small_and_large_modulus() -> None:
 
 def test_shape_rates() -> None:
     mean = means.turn_means(0.5, 0.5)
-    both = [side * means.shape_rate(passage.on_side(LAM4, side), mean) for side in (1, -1)]
+    both = [side * means.shape_rate(crossing_times.on_side(LAM4, side), mean) for side in (1, -1)]
     assert both == pytest.approx([-0.0023708397431333909] * 2, rel=4e-16, abs=0)
     other = [
-        side * means.shape_rate(passage.on_side((0.005, 0.006, 0.003), side), mean)
+        side * means.shape_rate(crossing_times.on_side((0.005, 0.006, 0.003), side), mean)
         for side in (1, -1)
     ]
     assert other == pytest.approx(
@@ -76,7 +76,7 @@ def test_shape_rates() -> None:
 
 def test_slow_variables_and_their_periodic_part() -> None:
     slow = free_turn.slow_elements(BODY, FIG4)
-    assert [slow.X_e, slow.X_o, passage.shape_distance(slow.m1), 1 - slow.m1] == pytest.approx(
+    assert [slow.X_e, slow.X_o, free_turn.shape_distance(slow.m1), 1 - slow.m1] == pytest.approx(
         [0.296, 0.171424, 0.54621943462551054, 0.57913513513513514], rel=1e-15
     )
     closed = linear_part(LAM4, slow)
@@ -86,7 +86,7 @@ def test_slow_variables_and_their_periodic_part() -> None:
     )
     for whole, value, part in zip(series, slow[:2], closed, strict=True):
         assert whole / value == pytest.approx(part, rel=1e-12)
-    assert passage.shape_distance(free_turn.slow_elements(BODY, FIG12).m1) == pytest.approx(
+    assert free_turn.shape_distance(free_turn.slow_elements(BODY, FIG12).m1) == pytest.approx(
         1.4802261809540898, rel=1e-15
     )
 
@@ -167,11 +167,11 @@ def test_mean_velocity() -> None:
     ],
 )
 def test_the_shape_that_keeps_itself(lam: Triple, side: int, m: float) -> None:
-    found = passage.resting_shape(lam)
+    found = crossing_times.steady_shape(lam)
     assert found is not None
     assert found[0] == side
     assert found[1] == pytest.approx(m, abs=3e-15)
-    assert passage.resting_shape(LAM4) is None
+    assert crossing_times.steady_shape(LAM4) is None
 
 
 TABLE = {
@@ -185,7 +185,8 @@ TABLE = {
 @pytest.mark.parametrize("m", TABLE)
 def test_crossing_times_of_the_table(m: float) -> None:
     times = [
-        float(passage.crossing_time((1.0, rho, 0.0), 1, -math.log(m))) for rho in (0, 0.5, 1, 1.5)
+        float(crossing_times.crossing_time((1.0, rho, 0.0), 1, -math.log(m)))
+        for rho in (0, 0.5, 1, 1.5)
     ]
     assert times == pytest.approx(TABLE[m], abs=6e-11)
 
@@ -203,18 +204,18 @@ def test_crossing_times_of_the_table(m: float) -> None:
 def test_crossing_times_of_the_paper(lam: Triple, omega: Triple, time: float) -> None:
     slow = free_turn.slow_elements(BODY, omega)
     assert float(
-        passage.crossing_time(lam, slow.side, passage.shape_distance(slow.m1))
+        crossing_times.crossing_time(lam, slow.side, free_turn.shape_distance(slow.m1))
     ) == pytest.approx(time, rel=2e-15)
 
 
 def test_no_crossing_against_the_theorem_or_beyond_the_threshold() -> None:
-    u = passage.shape_distance(free_turn.slow_elements(BODY, FIG4).m1)
-    assert passage.crossing_time((0.003, 0.004, 0.005), 1, u) == math.inf
-    assert passage.crossing_time((0.005, 0.004, 0.005), 1, u) == math.inf
-    threshold = passage.resting_shape((0.004, 0.006, 0.003))
+    u = free_turn.shape_distance(free_turn.slow_elements(BODY, FIG4).m1)
+    assert crossing_times.crossing_time((0.003, 0.004, 0.005), 1, u) == math.inf
+    assert crossing_times.crossing_time((0.005, 0.004, 0.005), 1, u) == math.inf
+    threshold = crossing_times.steady_shape((0.004, 0.006, 0.003))
     edge = -math.log(threshold[1])
     assert np.isfinite(
-        passage.crossing_time((0.004, 0.006, 0.003), 1, edge * np.array([0.99, 1.01]))
+        crossing_times.crossing_time((0.004, 0.006, 0.003), 1, edge * np.array([0.99, 1.01]))
     ).tolist() == [True, False]
 
 
@@ -260,19 +261,19 @@ def test_a_sense_is_undetermined_where_s_is_near_a_whole_number() -> None:
 )
 def test_shares_of_starts_that_cross(lam: Triple, at300: float, at1000: float) -> None:
     rates = [x / 1000 for x in lam]
-    assert passage.share_that_crosses(BODY, rates, np.array([300.0, 1000.0])) == pytest.approx(
-        [at300, at1000], abs=5e-5
-    )
+    assert crossing_times.share_that_crosses(
+        BODY, rates, np.array([300.0, 1000.0])
+    ) == pytest.approx([at300, at1000], abs=5e-5)
 
 
 def test_share_about_the_axis_of_largest_inertia() -> None:
     a, b, c = BODY[:3]
-    assert passage.share_beyond(BODY, 1, 0.0) == pytest.approx(
+    assert crossing_times.share_beyond(BODY, 1, 0.0) == pytest.approx(
         2 / math.pi * math.atan(math.sqrt(c * (a - b) / (a * (b - c)))), abs=1e-14
     )
-    assert passage.share_beyond(BODY, 1, 0.0) + passage.share_beyond(
+    assert crossing_times.share_beyond(BODY, 1, 0.0) + crossing_times.share_beyond(
         BODY, -1, 0.0
     ) == pytest.approx(1, abs=1e-14)
-    assert passage.share_that_crosses(BODY, LAM4, np.array([1e9])) == pytest.approx(
+    assert crossing_times.share_that_crosses(BODY, LAM4, np.array([1e9])) == pytest.approx(
         0.419569, abs=1e-6
     )

@@ -10,8 +10,8 @@ from matplotlib.lines import Line2D
 
 from .. import HodoError
 from ..cases.case import Case
+from ..models.averaging.crossing_times import share_that_crosses
 from ..models.averaging.free_turn import SAME_MOMENTS, Body
-from ..models.averaging.passage import share_that_crosses
 from ..models.terms.body import BodyUnderTorques
 from ..results.dataset import Cases
 from ..results.motion import Motion, forms_apart

@@ -12,9 +12,9 @@ import numpy as np
 
 from ..arithmetic import hypot, sqrt
 from ..schema.kinds import Choice, Key, Mistake, Number, Table, vector
-from .averaging.capture import AT_SEPARATRIX
 from .averaging.forms import MEAN_START, distance_to_edge
 from .averaging.free_turn import turning_body
+from .averaging.passage import AT_SEPARATRIX
 from .averaging.sums import ClosedTurns
 from .base import Constants, Event, EventOutcome, Label, Model, mistake_of
 from .constants import attributes

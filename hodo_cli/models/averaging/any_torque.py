@@ -12,10 +12,10 @@ import numpy as np
 from ...schema.kinds import Integer, Key, Mistake
 from ..base import LookedUp
 from ..rigid_body import BodyFrame
-from .capture import AT_SEPARATRIX, REGIONS, Bands, Pair, Region, SeparatrixRates
-from .forms import MEAN_START, AveragedTurns, Roots, Turn, either
+from .forms import MEAN_START, AveragedTurns, Turn, either
 from .free_turn import LANDEN, Body, SlowVariables, free_motion_by_phase, turning_body
 from .means import NODES, Torque, nodes_for, periodic_part, rates_over_turn, turn_means
+from .passage import AT_SEPARATRIX, REGIONS, Pair, RatesByRegion, Region, SeparatrixRates
 
 NEAR_SEPARATRIX, NEARER_SEPARATRIX = 1e-9, 1e-13
 """Two values of 1 - m whose mean rates tell those at the separatrix: both are r0 + r1/K there."""
@@ -131,7 +131,7 @@ def beside(body: Body, region: Region, root_e: float, m1: float) -> SlowVariable
     return SlowVariables(root_e**2, X_o, np.asarray(side), np.asarray(m1), np.asarray(sense), 0.0)
 
 
-def band_of(body: Body, torque: Torque, region: Region, root_e: float) -> SeparatrixRates:
+def rates_beside(body: Body, torque: Torque, region: Region, root_e: float) -> SeparatrixRates:
     """The mean rates beside the separatrix at this sqrt(X_e), by the means at two moduli."""
     rates = []
     for m1 in (NEAR_SEPARATRIX, NEARER_SEPARATRIX):
@@ -198,14 +198,17 @@ class QuadratureTurns(AveragedTurns):
         return np.abs(rates).max(axis=(0, -1)) / (2 * X_e)
 
     @classmethod
-    def bands(cls, t: float, body: Body, roots: Roots, k: Any) -> Bands:
+    def separatrix_rates(cls, t: float, body: Body, roots: Pair, k: Any) -> RatesByRegion:
         torque = torque_of(cls.full.rhs, t, k)
-        return {region: band_of(body, torque, region, roots[region[0]][0]) for region in REGIONS}
+        return {
+            (side, sense): rates_beside(body, torque, (side, sense), roots[::side][0])
+            for side, sense in REGIONS
+        }
 
     @classmethod
-    def is_even(cls, t: float, body: Body, roots: Roots, k: Any) -> bool:
+    def is_even(cls, t: float, body: Body, roots: Pair, k: Any) -> bool:
         torque = torque_of(cls.full.rhs, t, k)
-        slow = beside(body, (1, 1), roots[1][0], NEARER_SEPARATRIX)
+        slow = beside(body, (1, 1), roots[0], NEARER_SEPARATRIX)
         omega = free_motion_by_phase(body, slow, np.linspace(0, 2 * np.pi, 17))
         mirror, N = np.array([1.0, -1.0, 1.0]), torque(omega)
         return bool(np.abs(mirror * torque(mirror * omega) - N).max() <= EVEN_TOL * np.abs(N).max())

@@ -14,17 +14,9 @@ from ...schema.kinds import Key, Mistake, Switch
 from ..base import Constants, Event, EventOutcome, Label
 from ..constants import attributes
 from ..rigid_body import BodyFrame, is_tensor
-from .capture import (
-    EDGE_U,
-    STOP,
-    Arrival,
-    Bands,
-    Pair,
-    pass_separatrix,
-)
-from .free_turn import Body, SlowVariables, slow_elements, turning_body
+from .free_turn import Body, SlowVariables, shape_distance, slow_elements, turning_body
 from .means import Means, turn_means
-from .passage import shape_distance
+from .passage import EDGE_U, STOP, Arrival, Pair, RatesByRegion, pass_separatrix
 
 LARGE_RATIO = 0.1
 """Where averaging's small parameter is no longer small: errors are of some per cent from there
@@ -47,10 +39,6 @@ STORED = {
     "k2": Label(("time",), "k^2 of the turns: 0 at an axis, 1 at the separatrix"),
     "enclosed_axis": Label(("time",), "axis that the averaged hodograph encloses"),
 }
-
-
-Roots = Mapping[int, Pair]
-"""sqrt(X_e) and sqrt(X_o) by side."""
 
 
 class Turn(NamedTuple):
@@ -207,12 +195,12 @@ class AveragedTurns(BodyFrame):
         raise NotImplementedError
 
     @classmethod
-    def bands(cls, t: float, body: Body, roots: Roots, k: Any) -> Bands:
-        """The mean rates beside the separatrix in every region."""
+    def separatrix_rates(cls, t: float, body: Body, roots: Pair, k: Any) -> RatesByRegion:
+        """The mean rates beside the separatrix, at these sqrt(X) and sqrt(Y)."""
         raise NotImplementedError
 
     @classmethod
-    def is_even(cls, t: float, body: Body, roots: Roots, k: Any) -> bool:
+    def is_even(cls, t: float, body: Body, roots: Pair, k: Any) -> bool:
         """Whether R N(R omega) = N(omega), R = diag(1, -1, 1), beside the separatrix: then the
         second order of averaging vanishes, and the phase at the separatrix is known."""
         raise NotImplementedError
@@ -373,23 +361,21 @@ class AveragedTurns(BodyFrame):
         side, sense = (1 if value > 0 else -1 for value in y[3:])
         u = float(ln_e - ln_o + side * k.turning_offset)
         arrival = Arrival(t, (side, sense), u, (ln_e, ln_o), scaled_phase / k.turning_scale)
-        numbers = k if isinstance(t, float) else attributes(vars(k))
+        time, numbers = float(t), k if isinstance(t, float) else attributes(vars(k))
         body, beyond = turning_body(numbers), 2 * numbers.turning_edge
 
-        def roots(logarithms: Pair) -> Roots:
-            e, o = (math.exp(float(logarithm) / 2) for logarithm in logarithms)
-            return {side: (e, o), -side: (o, e)}
+        def roots(logarithms: Pair) -> Pair:
+            root_x, root_y = (math.exp(float(ln) / 2) for ln in logarithms[::side])
+            return root_x, root_y
 
-        def bands_at(logarithms: Pair) -> Bands:
-            return cls.bands(float(t), body, roots(logarithms), numbers)
+        def rates_at(logarithms: Pair) -> RatesByRegion:
+            return cls.separatrix_rates(time, body, roots(logarithms), numbers)
 
-        predictable = k.turning_mean == "yes" and cls.is_even(
-            float(t), body, roots((ln_e, ln_o)), numbers
-        )
-        behind = pass_separatrix(body, arrival, bands_at, k.turning_branch, predictable, beyond)
-        scaled_phase = 0 * scaled_phase + k.turning_scale * behind.phase
-        state = [*behind.logarithms, scaled_phase, *(0 * scaled_phase + s for s in behind.region)]
-        return EventOutcome(behind.time, behind.details, state, behind.onward)
+        is_even = k.turning_mean == "yes" and cls.is_even(time, body, roots((ln_e, ln_o)), numbers)
+        outcome = pass_separatrix(body, arrival, rates_at, k.turning_branch, is_even, beyond)
+        ln_e, ln_o, phase, *region = outcome.state
+        others = (0 * scaled_phase + x for x in (k.turning_scale * phase, *region))
+        return outcome._replace(state=[ln_e, ln_o, *others])
 
 
 def shifted(body: Body, slow: SlowVariables, part: np.ndarray) -> tuple[SlowVariables, np.ndarray]:

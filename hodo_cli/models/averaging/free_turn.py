@@ -138,6 +138,12 @@ def slow_elements(body: Body, omega: Any) -> SlowVariables:
     return SlowVariables(X_e, X_o, side, m1, sense, phase_of(am, m1))
 
 
+def shape_distance(m1: Any) -> Any:
+    """u = -ln m from m1 = 1 - m (...)."""
+    with np.errstate(divide="ignore"):
+        return -np.log1p(-np.asarray(m1))
+
+
 def turn_frequency(body: Body, X_e: Any, side: Any) -> Any:
     """n = sqrt(w_e X_e/(a b c)), the factor of t in sn, cn, dn; a turn takes 4 K/n. X_e and side
     of any shape."""

@@ -11,10 +11,10 @@ import numpy as np
 from ..base import Event
 from ..terms import torques as terms
 from ..terms.laws import coefficient_at
-from .capture import REGIONS, Bands, Pair, Region, SeparatrixRates
-from .forms import AveragedTurns, Roots, Turn, either
+from .forms import AveragedTurns, Turn, either
 from .free_turn import Body, SlowVariables, amplitude, turn_frequency, turning_body
 from .means import Means, fluid_loss, fluid_weights, linear_rates
+from .passage import REGIONS, Pair, RatesByRegion, Region, SeparatrixRates
 
 BESIDE_SEPARATRIX = Means(1 - 1j, 1 - 4j / 3, 1j, 1j, math.pi / 2 * 1j)
 """The means beside the separatrix, each x + y/K, as complex numbers x + iy: there K <cn^2> = K
@@ -199,19 +199,20 @@ class ClosedTurns(ClosedMeans):
     """An averaged form in closed form throughout."""
 
     @classmethod
-    def bands(cls, t: float, body: Body, roots: Roots, k: Any) -> Bands:
-        bands: dict[Region, SeparatrixRates] = {}
+    def separatrix_rates(cls, t: float, body: Body, roots: Pair, k: Any) -> RatesByRegion:
+        rates: dict[Region, SeparatrixRates] = {}
         for side, sense in REGIONS:
             if sense < 0 and "torque" not in cls.averaged_terms:
-                bands[side, -1] = bands[side, 1]  # only a constant torque knows the sense
+                rates[side, -1] = rates[side, 1]  # only a constant torque knows the sense
                 continue
-            turn = Turn(body, side, sense, *roots[side], 1.0, BESIDE_SEPARATRIX)
+            root_e, root_o = roots[::side]
+            turn = Turn(body, side, sense, root_e, root_o, 1.0, BESIDE_SEPARATRIX)
             by_e, by_o = cls.rates(t, turn, k)
-            bands[side, sense] = SeparatrixRates(by_e.real, by_e.imag, by_o.imag)
-        return bands
+            rates[side, sense] = SeparatrixRates(by_e.real, by_e.imag, by_o.imag)
+        return rates
 
     @classmethod
-    def is_even(cls, t: float, body: Body, roots: Roots, k: Any) -> bool:
+    def is_even(cls, t: float, body: Body, roots: Pair, k: Any) -> bool:
         return all(getattr(k, name, 0.0) == 0.0 for name in UNEVEN)
 
     @classmethod
