@@ -106,6 +106,11 @@ def abridged(items: Sequence[str], most: int, remark: str = "") -> list[str]:
     return [*items] if more <= 0 else [*items[: most - 1], f"{more} more{remark}", items[-1]]
 
 
+def few(names: Sequence[str]) -> str:
+    """Names of cases in a line about all of them."""
+    return ", ".join(abridged(names, NAMES_LISTED))
+
+
 DEVICE_NAMES = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
 """Names that Windows keeps for devices, whatever suffix they have."""
 

@@ -35,7 +35,7 @@ def by_quadrature(known: Case, nodes: int = 128) -> Trajectory:
     branch = known.data.get("at_separatrix", "stop")
     form = any_torque.averaged_form(full)  # type: ignore[arg-type]
     of = form(**own, mean_start=known.data["mean_start"], at_separatrix=branch, nodes=nodes)
-    copy = replace(known, error="off", method="auto" if have_taylor() else "DOP853")
+    copy = replace(known, error=False, method="auto" if have_taylor() else "DOP853")
     object.__setattr__(copy, "system", of)
     return integrate(copy)
 
@@ -60,7 +60,7 @@ ODD = {"inertia": [0.8, 1, 0.6], "initial": {"p": 0.5, "q": 0.8, "r": 0.74}}
     ],
 )  # fmt: skip
 def test_it_is_that_of_the_forms_that_know_their_means(known: Case) -> None:
-    ours, theirs = by_quadrature(known), integrate(replace(known, error="off"))
+    ours, theirs = by_quadrature(known), integrate(replace(known, error=False))
     for passage, own in zip(theirs.events, ours.events, strict=True):
         assert own.time == pytest.approx(passage.time, rel=CLOSE)
         assert passage.details.keys() == own.details.keys()
@@ -75,7 +75,7 @@ def test_it_is_that_of_the_forms_that_know_their_means(known: Case) -> None:
 @pytest.mark.parametrize("branch", ["stop", "other-axis", "reversed"])
 def test_a_capture_by_chance_is_found_by_trying(branch: str) -> None:
     known = chance(torque=[-1e-3, 3e-4, -5e-4], kappa=3e-4, at_separatrix=branch)
-    ours, theirs = by_quadrature(known), integrate(replace(known, error="off"))
+    ours, theirs = by_quadrature(known), integrate(replace(known, error=False))
     assert ours.time == pytest.approx(theirs.time, rel=1e-12)
     assert ours.events[0].details == pytest.approx(theirs.events[0].details, rel=1e-8)
     for name in ("J", "momentum", "enclosed_axis"):

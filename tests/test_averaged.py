@@ -93,7 +93,7 @@ def momentum_and_energy(averaged: Case) -> tuple[np.ndarray, np.ndarray]:
 
 def off(averaged: Case, outside: tuple[float, float] = (math.inf, math.inf)) -> float:
     """The largest relative distance of averaged from full G^2 and T, but for a span of time."""
-    motion, (G, T) = integrate(replace(averaged, error="off")), momentum_and_energy(averaged)
+    motion, (G, T) = integrate(replace(averaged, error=False)), momentum_and_energy(averaged)
     seen = ~((motion.time > outside[0]) & (motion.time < outside[1]))
     distance = [
         np.abs(motion.variables["momentum"] ** 2 / G**2 - 1),
@@ -264,7 +264,7 @@ def test_senses_after_the_passage_are_foreseen() -> None:
                 damping=list(lam),
                 initial={"p": p, "q": q, "r": r},
                 time={"end": 5000, "samples": 2},
-                error="off",
+                error=False,
             )
             sense = integrate(one).events[0].details["sense"]
             seen = math.copysign(1, omega(one)[-1, 2])
@@ -344,7 +344,7 @@ def test_ends_of_spin_of_symmetric_bodies_by_the_equations_of_all(
         epsilon=0.1,
         initial={"x": 1, "y": 1},
         time={"end": 60, "samples": 3},
-        error="off",
+        error=False,
     )
     general = type(cavity(kappa=1).system)(**symmetric.data)
     object.__setattr__(symmetric, "system", general)
@@ -368,7 +368,7 @@ def test_a_nearly_symmetric_body_stops_where_the_symmetric_one_has_lost_its_spin
     given: dict[str, Any] = {"kappa": kappa, "torque": [0, 0, M3], "initial": {"x": x, "y": y}}
     given["time"] = {"end": 3000, "samples": 3}
     ends = [
-        integrate(replace(cavity(inertia=[8, B, C], **given), error="off"))
+        integrate(replace(cavity(inertia=[8, B, C], **given), error=False))
         for B in ("8", "8.000000000000002", "8.0000000000001")
     ]
     (spin,), (same,), (edge,) = (motion.events for motion in ends)
@@ -446,7 +446,7 @@ def test_captures_add_up() -> None:
 @pytest.mark.quadruple
 def test_the_error_measured_is_that_against_quadruple_precision() -> None:
     double = integrate(case(mean_start="no"))
-    quadruple = integrate(case(mean_start="no", precision="quadruple", error="off"))
+    quadruple = integrate(case(mean_start="no", precision="quadruple", error=False))
     for name in ("momentum", "J"):
         apart = np.abs(double.variables[name] / quadruple.variables[name] - 1).max()
         assert apart < 1e-14

@@ -128,7 +128,7 @@ def test_chance_does_not_know_how_axes_are_numbered(branch: str, order: Sequence
                 torque=renumbered([-1e-3, 3e-4, -5e-4], order, sign),
                 kappa=3e-4,
                 at_separatrix=branch,
-                error="off",
+                error=False,
             )
         )
 
@@ -145,7 +145,7 @@ def test_chance_does_not_know_how_axes_are_numbered(branch: str, order: Sequence
 def test_entries_off_the_diagonal_of_a_tensor_leave_nothing_to_predict() -> None:
     """They move the phase by half turns: of 11 senses that the diagonal tells, 3 were right."""
     resistance = {"diagonal": 3e-3, "off_diagonal": 1e-3}
-    some = case(model="tensor", resistance=resistance, initial=FIG12, error="off")
+    some = case(model="tensor", resistance=resistance, initial=FIG12, error=False)
     details = integrate(some).events[0].details
     assert details["sense"] == 0
     assert math.isnan(details["predicted"])
@@ -163,13 +163,13 @@ def test_a_probability_says_how_far_off_a_torque_that_is_too_strong_takes_it() -
                 kappa=0.3 * epsilon,
                 initial={"p": -0.15, "q": -1, "r": -0.2},
                 time={"end": 2 / epsilon, "samples": 2},
-                error="off",
+                error=False,
             )
         )
         details = motion.events[0].details
         assert details["probability"] == pytest.approx(0.044, abs=1e-3)
         assert abs(details["probability"] - share) < details["probability_error"]
         assert any("event_probability" in warning for warning in motion.warnings)
-    weak = integrate(chance(torque=[-1e-5, 0, -3e-6], time={"end": 1e5, "samples": 2}, error="off"))
+    weak = integrate(chance(torque=[-1e-5, 0, -3e-6], time={"end": 1e5, "samples": 2}, error=False))
     assert weak.events[0].details["probability_error"] < 0.01
     assert not any("event_probability" in warning for warning in weak.warnings)

@@ -94,7 +94,7 @@ def test_dump_is_complete_and_readable() -> None:
     ("common", "own", "time"),
     [("end: 10, samples: 3", "values: [1, 2]", Time(end=2, samples=2, values=(1, 2))),
      ("start: -1, values: [1, 2]", "end: 3, samples: 5", Time(start=-1, end=3, samples=5)),
-     ("end: 4, samples: 7", "steps: yes", Time(end=4, steps="yes")),
+     ("end: 4, samples: 7", "steps: yes", Time(end=4, steps=True)),
      ("end: 4, steps: yes", "samples: 7", Time(end=4, samples=7))],
 )  # fmt: skip
 def test_listed_times_and_even_ones_replace_each_other(common: str, own: str, time: Time) -> None:
@@ -124,6 +124,26 @@ def test_defaults_are_merged_key_by_key_and_time_within_itself() -> None:
     assert two.time == Time(end=7.0, samples=3)
     assert two.data["inertia"] == (1.0, 1.0, 1.0)
     assert "damping" not in two.data
+
+
+def test_an_empty_value_takes_a_default_back() -> None:
+    top = "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: 0.1, b: 0.1"
+    text = (
+        f"defaults: {{{top}, m: 0.2, initial: {{theta: 1, r: 2}}, tol: 1e-8, "
+        "time: {values: [1, 2]}}\ncases:\n"
+        "  all: {note: as it is}\n"
+        "  some: {form: averaged-u, m: null, tol: , time: {values: null, end: 3}}\n"
+    )
+    every, some = parse(text, "x").cases.values()
+    assert (every.data["m"], every.tol, every.time.values) == (0.2, 1e-8, (1, 2))
+    assert (some.data["m"], some.tol, some.time) == (None, None, Time(end=3))
+    kept = "m: form averaged-u has no m, which all other forms have"
+    with pytest.raises(HodoError, match=f"^x:1:.*: defaults.{kept}$"):
+        parse(text.replace(" m: null,", ""), "x")
+    with pytest.raises(
+        HodoError, match=r"^x:3:9: cases.all.tol: expected .* got an empty value\nx:4:37: "
+    ):
+        parse(text.replace("tol: 1e-8, ", "").replace("note: as it is", "tol: "), "x")
 
 
 @pytest.mark.parametrize(
@@ -333,6 +353,12 @@ def test_a_switch_takes_the_words_of_python_and_yaml_too() -> None:
     spelt = parse(text % ("yes", "on", "no", "yes"), "x")
     assert (yes.cases, yes.figures) == (spelt.cases, spelt.figures)
     assert (yes.cases["a"].time.samples, no.cases["a"].data.get("attitude")) == (7, None)
+    assert (yes.cases["a"].error, no.cases["a"].error) == (True, False)
+    # As results have them, whose digests are of these words.
+    assert {"attitude: yes", "error: on"} <= {*dump(yes.cases["a"]).splitlines()}
+    assert "\nerror: off\n" in dump(no.cases["a"])
+    stepped = dataclasses.replace(yes.cases["a"], time=Time(end=1, steps=True))
+    assert 'time: {start: 0.0, end: 1, steps: yes, unit: "1"}' in dump(stepped)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,9 @@
 """What the papers say: the kinds of check, the verdicts, and that every claim gets the one
 expected."""
 
+import importlib
 import importlib.util
+import inspect
 import json
 import math
 import re
@@ -23,7 +25,6 @@ from hodo_cli.cases.config import load, parse
 from hodo_cli.cases.derived import DERIVED
 from hodo_cli.claims import variations
 from hodo_cli.commands import claims
-from hodo_cli.papers import catalogue_of_checks
 from hodo_cli.storage.hdf5 import open_run
 
 PAPERS = ("paper1", "paper2", "paper3")
@@ -774,7 +775,7 @@ errata:
 """
     write_case_file(tmp_path, more=more)
     path = tmp_path / "runs" / "c.h5"
-    known = {"of-another-version": claim_block.PaperCheck(is_trend=False, models=())}
+    known = {"of-another-version": claim_block.PaperCheck("paper1", models=(), is_trend=False)}
     with monkeypatch.context() as another_version:
         another_version.setattr(claim_block, "checks_of_papers", lambda: known)
         for command in ("run", "classify"):
@@ -899,18 +900,27 @@ def refusal(check: str) -> str:
 
 
 def test_every_check_of_a_paper_is_used_and_says_what_it_checks() -> None:
-    """Case files know the checks by the texts of their modules, which they do not load."""
+    """Case files know the checks by a list beside their modules, which they do not load."""
     used = set()
     for path in (ROOT / "configs").glob("*.yaml"):
         used |= set(re.findall(r"kind: paper, name: ([\w-]+)", path.read_text(encoding="utf-8")))
-    checks = catalogue_of_checks()
+    checks = claim_block.checks_of_papers()
     assert used == checks.keys()
     refused = {name: refusal(name) for name in checks}
     assert not [name for name, words in refused.items() if "unknown check" in words]
-    trends = {name for name, check in checks.items() if type(check).__name__ == "Trend"}
+    trends = {name for name, check in checks.items() if check.is_trend}
     assert {name for name, words in refused.items() if "compares the members" in words} == trends
     assert trends
-    assert all(check.judge.__doc__ for check in checks.values())
+    functions = {
+        name.replace("_", "-"): function
+        for module in {check.module for check in checks.values()}
+        for name, function in inspect.getmembers(
+            importlib.import_module(f"hodo_cli.papers.{module}"), inspect.isfunction
+        )
+        if [*inspect.signature(function).parameters] in (["motions"], ["members"])
+    }
+    assert functions.keys() == checks.keys()
+    assert all(function.__doc__ for function in functions.values())
 
 
 @pytest.mark.heyoka

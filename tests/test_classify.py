@@ -320,7 +320,7 @@ def test_a_margin_of_just_the_band_stands_on_neither_side() -> None:
 
 
 def test_a_motion_without_a_measured_error_is_compared_where_its_error_decides() -> None:
-    case = diagonal((0.005, 0.004, 0.003), (0.8, 0.5, 0.74), error="off")
+    case = diagonal((0.005, 0.004, 0.003), (0.8, 0.5, 0.74), error=False)
     motion = integrate(case)
     found = classify(case, motion.method, motion.tol, math.nan, motion.variables["omega"])
     (crossing,) = found.crossings
@@ -341,7 +341,7 @@ def test_rounding_makes_no_crossing_of_a_motion_that_turns_over(beside: float, p
     rounding took from D on the way is larger than D; nobody has measured that."""
     on = math.sqrt(0.2 / 0.12) * beside
     start = (beside, 1.0, on * (1 - part))
-    case = diagonal((1e-3, 5e-3, 1e-3), start, error="off")
+    case = diagonal((1e-3, 5e-3, 1e-3), start, error=False)
     motion = integrate(case)
     found = classify(case, motion.method, motion.tol, math.nan, motion.variables["omega"])
     assert not found.crossings

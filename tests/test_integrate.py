@@ -146,13 +146,13 @@ def test_compilation_does_not_count_towards_the_limit_of_time(
 
     monkeypatch.setattr(engines, "engine_for", slowly)
     # Some milliseconds by themselves.
-    case = diagonal((0.03, 0.02, 0.01), method="DOP853", time=Time(end=1.0, samples=3), error="off")
+    case = diagonal((0.03, 0.02, 0.01), method="DOP853", time=Time(end=1.0, samples=3), error=False)
     assert integrate(replace(case, max_seconds=0.2)).status == "ok"
 
 
 @pytest.mark.parametrize("method", ["auto", "DOP853"])
 def test_limits_are_honoured_inside_one_integration(method: str) -> None:
-    case = diagonal((0.0, 0.0, 1e-9), method=method, time=Time(end=1e7, samples=1001), error="off")
+    case = diagonal((0.0, 0.0, 1e-9), method=method, time=Time(end=1e7, samples=1001), error=False)
     stopped = integrate(replace(case, max_steps=100))
     assert (stopped.status, stopped.steps) == ("timeout", 100)
     began = perf_counter()
@@ -213,7 +213,7 @@ def test_where_the_series_fails_auto_takes_collocation(
     module = import_module("hodo_cli.integration.integrate")
     monkeypatch.setattr(module, "solve", without_series)
     time = Time(end=1.0, samples=3)
-    motion = integrate(diagonal((0.02, 0.01, 0.03), precision=precision, time=time, error="off"))
+    motion = integrate(diagonal((0.02, 0.01, 0.03), precision=precision, time=time, error=False))
     assert (motion.method, motion.status) == expected
 
 
@@ -223,7 +223,7 @@ def test_what_is_said_of_an_error_that_is_large_or_unknown() -> None:
     assert not [*motion_remarks(motion, {"omega": 9e-6})]
     assert ["exceeds" in line for line in motion_remarks(motion, {"omega": 2e-5})] == [True]
     assert [*motion_remarks(motion, {})] == ["the error could not be measured"]
-    assert not [*motion_remarks(replace(motion, case=replace(case, error="off")), {})]
+    assert not [*motion_remarks(replace(motion, case=replace(case, error=False)), {})]
 
 
 @pytest.mark.parametrize("size", [2.0**-60, 2.0**60])

@@ -223,7 +223,7 @@ def test_u3_rebounds_from_1_where_Gz_is_C_r(
     def gap(t: Any, y: Any, k: Any) -> Any:
         return y[0] * (y[0] + 2 * k.C * y[2])  # Gz^2 - C^2 r^2, U = Gz - C r
 
-    top = replace(PAPER3[case_name], time=Time(end=5.0, samples=5001), error="off")
+    top = replace(PAPER3[case_name], time=Time(end=5.0, samples=5001), error=False)
     method = "taylor" if have_taylor() else "DOP853"
     rebound = property(lambda system: (Event("rebound", gap),))
     monkeypatch.setattr(type(top.system), "run_events", rebound)

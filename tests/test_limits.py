@@ -77,7 +77,7 @@ def test_every_method_has_a_last_step(method: str, monkeypatch: pytest.MonkeyPat
         "initial": {"p": 0.5, "q": 0.25, "r": 1.6, "G": None},
     }
     case = Case(
-        "grows", "tensor", "full", data, Time(end=1000.0, samples=3), method=method, error="off"
+        "grows", "tensor", "full", data, Time(end=1000.0, samples=3), method=method, error=False
     )
     motion = integrate(case)
     assert motion.steps == 50

@@ -215,7 +215,7 @@ def assert_members_are_single_cases(case: Case, numbers: list[int]) -> None:
     1e-11 in time."""
     values = computed(case)
     for number in numbers:
-        single = replace(members.member(case, number), error="off")
+        single = replace(members.member(case, number), error=False)
         motion, found = classified(single)
         omega = motion.variables["omega"][-1]
         assert np.linalg.norm(values["omega"][number] - omega) <= 3e-12 * np.linalg.norm(omega)

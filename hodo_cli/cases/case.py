@@ -74,7 +74,7 @@ def frozen(value: Any) -> Any:
 @dataclass(frozen=True, kw_only=True)
 class Time:
     """Span and number of samples of a case; a single sample is taken at the end. `values` are the
-    times of the samples where they are not evenly spaced; where `steps` is "yes", the method's own
+    times of the samples where they are not evenly spaced; with `steps` the method's own
     steps are the samples, and their number is not known here."""
 
     start: float = 0.0
@@ -82,19 +82,18 @@ class Time:
     samples: int = 1001
     unit: str = "1"
     values: tuple[float, ...] | None = None
-    steps: str = "no"
+    steps: bool = False
 
     @property
     def entries(self) -> dict[str, Any]:
         """The keys of a case file that state it."""
-        sampling = "steps" if self.steps == "yes" else "samples"
-        span = ("values",) if self.values else ("end", sampling)
+        span = ("values",) if self.values else ("end", "steps" if self.steps else "samples")
         return {key: getattr(self, key) for key in ("start", *span, "unit")}
 
     def listed(self, times: Iterable[float]) -> "Time":
         """The same span with samples at just these times."""
         values = tuple(map(float, times))
-        return replace(self, end=values[-1], samples=len(values), values=values, steps="no")
+        return replace(self, end=values[-1], samples=len(values), values=values, steps=False)
 
     def resampled(self, samples: int) -> "Time":
         """The same span with so many samples, evenly spaced."""
@@ -126,7 +125,7 @@ class Case:
     method: str = "auto"
     tol: float | None = None
     precision: str = "double"
-    error: str = "on"
+    error: bool = True
     store: tuple[str, ...] = ()
     max_seconds: float | None = None
     max_steps: int | None = None
@@ -176,9 +175,11 @@ class Case:
     @property
     def entries(self) -> dict[str, Any]:
         """The keys of a case file that describe it, complete, but for its name."""
-        common = {key: getattr(self, key) for key in COMMON} | {"time": self.time.entries}
-        present = {k: value for k, value in common.items() if value is not None and value != {}}
-        return {"model": self.model, "form": self.form, **_without_none(self.data), **present}
+        common = {name: key.kind.written(getattr(self, name)) for name, key in COMMON.items()}
+        common["time"] = self.time.entries
+        present = {k: value for k, value in common.items() if value != {}}
+        entries = {"model": self.model, "form": self.form, **self.data, **present}
+        return {key: _written(value) for key, value in entries.items() if value is not None}
 
     @cached_property
     def lines(self) -> Mapping[str, str]:
@@ -216,11 +217,14 @@ def read_mapping(text: str, mistakes: Mistakes) -> Block:
     )
 
 
-def _without_none(data: Any) -> Any:
-    """Model data without the optional keys that are not given."""
+def _written(data: Any) -> Any:
+    """Data as a case file says them: without the optional keys that are left out, and with the
+    words yes and no."""
+    if isinstance(data, bool):
+        return "yes" if data else "no"
     if not isinstance(data, dict):
         return data
-    return {key: _without_none(value) for key, value in data.items() if value is not None}
+    return {key: _written(value) for key, value in data.items() if value is not None}
 
 
 def note(
@@ -264,7 +268,7 @@ def checked_case(name: Any, block: Block) -> Case:
     if model is None:
         raise Wrong(*mistakes)
     # A case without an attitude is the same whether it says so or not.
-    without = {ATTITUDE_KEY} if values.get(ATTITUDE_KEY) in (None, "no") else set()
+    without = set() if values.get(ATTITUDE_KEY) else {ATTITUDE_KEY}
     data = {key: values[key] for key in keys_of_form(model) if key in values.keys() - without}
     data |= first_values(values.get("sweep") or {}, model, data)
     model_data = {key: value for key, value in data.items() if key != ATTITUDE_KEY}
@@ -280,7 +284,7 @@ def checked_case(name: Any, block: Block) -> Case:
     if system and (message := models.mistake_in(system)):
         mistakes.append((("model",), message))
     mistakes += _method_mistakes(system, values) if system else ()
-    if values.get("sweep") and values.get("time", {}).get("steps") == "yes":
+    if values.get("sweep") and values.get("time", {}).get("steps"):
         mistakes.append((("time", "steps"), "the members of a sweep have one list of times"))
     if values.get("sweep") and not mistakes:
         mistakes += check_axes(values["sweep"], concrete_model, data)
@@ -349,7 +353,7 @@ evenly spaced, or the steps of the method."""
 def replaced_entries(key: str, changes: Mapping[str, Any]) -> set[str]:
     """The common entries of a key that do not count beside a case's own."""
     times = REPLACED_TIMES if key == "time" else {}
-    changed = (name for name, value in changes.items() if value not in ("no", False))
+    changed = (name for name, value in changes.items() if value not in ("no", False, None))
     return set().union(*(times.get(name, set()) for name in changed)) - changes.keys()
 
 
@@ -381,7 +385,7 @@ def _method_mistakes(system: Model, values: Mapping[str, Any]) -> Iterator[Mista
         yield ("precision",), message
     if method == "exact" and not system.has_closed_form:
         yield ("method",), NO_CLOSED_FORM
-    if method == "exact" and values["time"]["steps"] == "yes":
+    if method == "exact" and values["time"]["steps"]:
         yield ("time", "steps"), "the closed form takes no steps: name samples, or a method"
 
 
@@ -394,7 +398,7 @@ def _time_mistakes(time: dict[str, Any] | None) -> Iterator[Mistake]:
     values, start = time["values"] or (), time["start"]
     for key, words in (("values", "values:"), ("steps", "steps: yes")):
         others = [name for name in ("end", "samples", "values") if name in REPLACED_TIMES[key]]
-        if time[key] not in (None, "no") and (idle := [o for o in others if time[o] is not None]):
+        if time[key] and (idle := [o for o in others if time[o] is not None]):
             yield ("time", idle[0]), f"leave it out where {words} gives the times"
     for i, (before, after) in enumerate(pairwise(values)):
         if not before < after:

@@ -321,7 +321,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
         "passages": Key(
             Switch("yes", "no"),
             "mark crossings, and the true ones that an averaged motion predicts",
-            default="no",
+            default=False,
         ),
         "insets": Key(ListOf(INSET), "enlargements inside panels", default=()),
     },

@@ -24,7 +24,7 @@ def _default(key: Key) -> str:
     """The default as it would be written in a case file."""
     if key.default is kinds.REQUIRED:
         return "required"
-    return "" if key.default is None else f"`{write(key.default)}`"
+    return "" if key.default is None else f"`{write(key.kind.written(key.default))}`"
 
 
 def _within(key: Key) -> Iterator[tuple[str, Mapping[str, Key]]]:

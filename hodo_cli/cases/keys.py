@@ -67,7 +67,7 @@ SPAN = Table(
         "steps": Key(
             Switch("yes", "no"),
             "yes, instead of samples: the stored times are the steps that the method takes",
-            default="no",
+            default=False,
         ),
         "unit": Key(Text(), "unit of time, where the data have one", default="1"),
     }
@@ -98,7 +98,7 @@ COMMON = {
     "error": Key(
         Switch("on", "off"),
         "on: the error is measured against a finer integration",
-        default="on",
+        default=True,
     ),
     "store": Key(NAMES, "variables to store, instead of the whole state", default=()),
     "max_seconds": Key(
@@ -151,7 +151,8 @@ SECTIONS = {
     "references": Key(Text(), "where its cases come from", default=""),
     "defaults": Key(
         Mapped(),
-        "values for every case that takes the key; `time` and `assumes` are merged key by key",
+        "values for every case that takes the key, unless the case gives it or takes it back by "
+        "`null`; `time` and `assumes` are merged key by key",
         default=None,
     ),
     "cases": Key(Mapped(), "the experiments, by name"),
@@ -172,7 +173,7 @@ SECTIONS = {
 class ModelName(Choice):
     """The name of a model."""
 
-    def check(self, value: Any) -> str:
+    def check(self, value: Any) -> Any:
         if isinstance(value, str) and value not in self.names and near(value, self.names) is None:
             raise expected(self, value, " (from a file of your own: hodo --models FILE.py ...)")
         return super().check(value)

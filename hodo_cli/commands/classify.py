@@ -23,7 +23,7 @@ from ..results.layout import RECORDED
 from ..results.motion import Motion, motion_of
 from ..results.units import sentence_of_case, units_of_case
 from ..storage import Group, Report, history_line, typed, update
-from ..text import NAMES_LISTED, abridged, grouped, magnitude, table, to_error
+from ..text import abridged, few, grouped, magnitude, table, to_error
 from .resume import package_digest, result_named, warn_of_changes
 
 
@@ -82,7 +82,7 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     omega = group.variables["omega"].data
     if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
         raise HodoError(f"{name} is damaged (its omega holds no vectors)")
-    if case.time.steps == "yes":
+    if case.time.steps:
         case = replace(case, time=case.time.listed(group.variables["time"].data))
     labelled = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
     motion = Motion(case, group.variables, label=name)
@@ -203,10 +203,7 @@ def table_of_crossings(rows: Sequence[Mapping[str, Any]]) -> str:
     lines = [crossings_line(row) for row in rows if row["warnings"] != [row.get("unlabelled")]]
     names = grouped((row["unlabelled"], row["case"]) for row in rows if "unlabelled" in row)
     paragraphs = [table(header, lines, optional=header[3:])] if lines else []
-    paragraphs += [
-        f"no labels: {reason}: {', '.join(abridged(cases, NAMES_LISTED))}"
-        for reason, cases in names.items()
-    ]
+    paragraphs += [f"no labels: {reason}: {few(cases)}" for reason, cases in names.items()]
     return "\n".join(paragraphs)
 
 

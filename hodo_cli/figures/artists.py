@@ -533,7 +533,7 @@ def matplotlib_parameters(style: Mapping[str, Any]) -> Look:
     given = {
         "font.size": style.get("font_size"),
         "lines.linewidth": style.get("line_width"),
-        "svg.fonttype": "none" if style.get("svg_text") == "yes" else None,
+        "svg.fonttype": "none" if style.get("svg_text") else None,
     }
     sheet = sheet_parameters(style["sheet"]) if "sheet" in style else {}
     font = font_parameters(style["font"]) if "font" in style else {}
@@ -597,7 +597,7 @@ def finish_figure(sheet: Sheet, title: str, style: Mapping[str, Any]) -> None:
     panels = [axes for axes in sheet.figure.axes if axes.get_subplotspec() is not None]
     for axes in panels:
         set_scales(axes, style)
-    if style.get("letters") == "yes" and len(panels) > 1:
+    if style.get("letters") and len(panels) > 1:
         for axes, letter in zip(panels, ascii_lowercase, strict=False):
             axes.set_title(f"({letter})", loc="left")
     width, height = sheet.figure.get_size_inches()

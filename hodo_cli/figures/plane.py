@@ -204,12 +204,12 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]
                 inset(sheet, axes, inset_spec, motion, dict(zip(keys, looks, strict=True)))
     # Panels share their time: its end is known when all are drawn.
     panels[0].set_xlim(*(spec["span"] or (min(motion.time[0] for motion in motions), None)))
-    if spec["passages"] == "no":
+    if not spec["passages"]:
         for axes, curves in zip(panels, groups.values(), strict=True):
             for motion in {motion.name: motion for motion, _ in curves}.values():
                 names_of = [name for other, name in curves if other is motion]
                 sheet.notes += event_marks(axes, motion, names_of, spec)
-    handles = passage_handles(motions) if spec["passages"] == "yes" else []
+    handles = passage_handles(motions) if spec["passages"] else []
     for name, law in spec["formula"].items():
         words = f"${symbol(name)} = {formula_in_tex(law, spec['time'])}$"
         handles.append(Line2D([], [], **LAW_LOOK, label=words))
@@ -258,7 +258,7 @@ def series_curve(
         values = formula_values(motion, law)[samples]
         sheet.record(f"{motion.label}, {law}", {"time": times, variable: values})
         axes.plot(times, values, **LAW_LOOK)
-    if spec["passages"] == "yes":
+    if spec["passages"]:
         passage_marks(axes, motion, variable, style)
 
 

@@ -43,7 +43,7 @@ def best(case: Case, precision: str) -> tuple[str, str]:
     if precision == "quadruple":
         return "taylor", "quadruple precision"
     # A closed form has no steps to be stored at.
-    if case.system.has_closed_form and case.time.steps == "no":
+    if case.system.has_closed_form and not case.time.steps:
         return "exact", "closed form"
     if not engines.have_taylor():
         return "collocation", "heyoka is not installed"

@@ -200,7 +200,7 @@ def against_reference(
     `error: off` that will do, unless such an error leaves anything undecided.
     """
     motion, case = dense.motion, dense.motion.case
-    if case.error == "off":
+    if not case.error:
         assumed = assumed_errors(motion, expected)
         # Also where the equations tell the axes: a time needs an error.
         if not crossings_of(dense, assumed, absorbing=frozenset()).undecided:

@@ -37,11 +37,11 @@ def integrate(case: Case) -> Trajectory:
     # Chosen once: at given times a closed form would be chosen, which has no steps.
     method, reason = choose(case)
     sampled = case
-    if case.time.steps == "yes":
+    if case.time.steps:
         sampled = replace(case, time=case.time.listed(step_times(case, method)))
     motion = timed(solved(sampled, method, reason))
     measured = MeasuredError({}, "none", motion.events)
-    if case.error == "on":
+    if case.error:
         measured = measured_error(motion)
     errors, kind, events = measured
     return motion.judged(
@@ -84,7 +84,7 @@ def motion_remarks(motion: Trajectory, errors: Mapping[str, float]) -> Iterator[
                 f"event_probability at t = {event.time:.6g} may be off by {off:.2g}: it holds in "
                 "the limit of a weak torque"
             )
-    if case.error == "on" and math.isnan(worst):
+    if case.error and math.isnan(worst):
         yield "the error could not be measured"
     for name, values in motion.variables.items():
         if case.rests_on(name) and not np.isfinite(values).all():

@@ -89,7 +89,7 @@ def keys_of_form(form: type[Model]) -> dict[str, Key]:
 def system_of(form: type[Model], data: Mapping[str, Any]) -> Model:
     """The object of a form with these data, with an attitude where they name one."""
     system = form.of({name: value for name, value in data.items() if name != ATTITUDE_KEY})
-    if data.get(ATTITUDE_KEY) in (None, "no"):
+    if not data.get(ATTITUDE_KEY):
         return system
     return with_attitude(type(system))(**data)  # type: ignore[arg-type]
 
@@ -126,7 +126,7 @@ def start_to_vary(form: type[Model], attitude: Any, paths: Iterable[KeyPath]) ->
     those of body and space axes that coincide."""
     below = (path for path in paths if path[0] == ATTITUDE_KEY and len(path) > 1)
     varied = {str(path[1]) for path in below} & {*COINCIDING}
-    free = attitude in (None, "yes") and takes_attitude(form) and form.start_attitude is None
+    free = attitude in (None, True) and takes_attitude(form) and form.start_attitude is None
     if not free or len(varied) != 1:
         return attitude
     return ATTITUDE.kind.check({name: COINCIDING[name] for name in varied})

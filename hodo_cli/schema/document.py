@@ -142,8 +142,11 @@ class Block(dict[str, Any]):
         self.inherited.discard(key)
 
     def over(self, common: Mapping[str, Any]) -> "Block":
-        """These entries, and those of `common` that are lacking here, marked as inherited."""
-        merged = Block({**common, **self})
+        """These entries, and those of `common` that are lacking here, marked as inherited; an empty
+        value here takes an entry of `common` back."""
+        entries = {**common, **self}
+        taken_back = {key for key in common.keys() & self.keys() if self[key] is None}
+        merged = Block({key: entries[key] for key in entries if key not in taken_back})
         merged.places = Block(common).places | self.places
         merged.inherited = {*common} - {*self}
         return merged

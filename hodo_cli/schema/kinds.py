@@ -58,6 +58,10 @@ class Kind:
         """JSON Schema of the values that `check` takes."""
         raise NotImplementedError
 
+    def written(self, value: Any) -> Any:
+        """A resolved value as a case file says it."""
+        return value
+
     def takes(self, value: Any) -> bool:
         """Whether a value has the outer shape of this kind: mapping, list or scalar."""
         return not (is_list(value) or isinstance(value, Mapping))
@@ -75,7 +79,7 @@ class Key:
 
     def schema(self) -> dict[str, Any]:
         """The kind's schema with the key's meaning and default."""
-        entries = {"description": self.doc, "default": self.default}
+        entries = {"description": self.doc, "default": self.kind.written(self.default)}
         none: tuple[Any, ...] = ("", None, REQUIRED)
         return self.kind.schema() | {
             word: entry for word, entry in entries.items() if entry not in none
@@ -346,7 +350,7 @@ class Choice(Kind):
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "title", title)
 
-    def check(self, value: Any) -> str:
+    def check(self, value: Any) -> Any:
         if isinstance(value, str) and value in self.names:
             return str(value)
         raise expected(self, value, nearest(value, self.names) if isinstance(value, str) else "")
@@ -363,11 +367,13 @@ class Choice(Kind):
 
 
 class Switch(Choice):
-    """One of two words, the first for yes; Python's True and False and YAML's true and false mean
-    them too."""
+    """One of two words, the first for yes, or YAML's true and false; resolved to a bool."""
 
-    def check(self, value: Any) -> str:
-        return super().check(self.names[not value] if isinstance(value, bool) else value)
+    def check(self, value: Any) -> bool:
+        return value if isinstance(value, bool) else super().check(value) == self.names[0]
+
+    def written(self, value: Any) -> Any:
+        return self.names[not value] if isinstance(value, bool) else value
 
     def takes(self, value: Any) -> bool:
         return isinstance(value, bool) or super().takes(value)

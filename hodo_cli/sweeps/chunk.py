@@ -295,7 +295,7 @@ def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np
     if not model.no_axis_reason:
         # Its crossings need the error of the motion, also where none is asked for if an ensemble
         # has not accepted it; `member` leaves it out for all others.
-        single = replace(single, error=case.error if reason_alone(case) else "on")
+        single = replace(single, error=case.error if reason_alone(case) else True)
     try:
         motion = integrate(single)
         if motion.status is not Status.OK:

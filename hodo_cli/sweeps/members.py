@@ -188,7 +188,7 @@ def members_as_cases(case: Case, numbers: np.ndarray, samples: int | None) -> It
     paths, values, combination, direction = combinations(case, numbers)
     sets = [described(case, paths, row) for row in values.T.tolist()]
     time = case.time if samples is None else case.time.resampled(samples)
-    common = replace(case, time=time, sweep=None, store=(), error="off")
+    common = replace(case, time=time, sweep=None, store=(), error=False)
     omega = None if direction is None else velocities(sets, combination, direction)
     for i, number in enumerate(numbers):
         data, system = sets[combination[i]]

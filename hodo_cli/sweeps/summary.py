@@ -150,7 +150,7 @@ class Summary:
         self.run_time += float(group.attributes["run_time"])
         self.alone += np.asarray(group.attributes["rejections"])
         self.methods.update(str(group.attributes["methods"]).split())
-        if self.case.error == "off":
+        if not self.case.error:
             return
         ok = np.flatnonzero((status == Status.OK.code) & ~taken)
         if not self.case.system.no_axis_reason:

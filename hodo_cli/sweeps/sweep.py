@@ -59,7 +59,7 @@ def run_sweep(
     for chunk in kept:
         summary.add(chunk, finished(chunk))
     # A chunk and a task of measuring errors take about as long as each other.
-    members = len(tasks) / (len(tasks) + (ERROR_TASKS if case.error == "on" else 0))
+    members = len(tasks) / (len(tasks) + (ERROR_TASKS if case.error else 0))
     progress.report(case.name, members * len(kept) / len(tasks))
     missing = [chunk for chunk in tasks if chunk.first not in stored]
     for i, (chunk, outcome) in enumerate(pool.map_brief(compute, missing), len(kept) + 1):
@@ -78,7 +78,7 @@ def run_sweep(
         progress.report(case.name, members + (1 - members) * share)
 
     errors: Mapping[str, Attribute] = {"error": math.nan, "error_kind": "none"}
-    if case.error == "on":
+    if case.error:
         errors = sampled_errors(pool, summary, report)
     attributes = sweep_attributes(case, case_digest, summary, problems, errors)
     return group_of_columns(case, attributes, tasks, finished)

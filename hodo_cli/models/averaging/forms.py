@@ -29,7 +29,7 @@ MEAN_START = Key(
     Switch("yes", "no"),
     "start from mean elements, and store the periodic part with them; no: the first order of"
     " the literature",
-    default="yes",
+    default=True,
 )
 
 STORED = {
@@ -255,7 +255,7 @@ class AveragedTurns(BodyFrame):
             **super().constants,
             "g": 0.0,
             "turning_axes": "".join(map(str, body.order)),
-            "turning_mean": self.mean_start,
+            "turning_mean": "yes" if self.mean_start else "no",
             "turning_branch": getattr(self, "at_separatrix", STOP),
             "turning_offset": logarithmic_offset(body),
             "turning_edge": edge_of(body),
@@ -280,7 +280,7 @@ class AveragedTurns(BodyFrame):
     def elements(self, slow: SlowVariables) -> tuple[SlowVariables, np.ndarray]:
         """The slow variables (...) that motions start from, and whether these have their mean
         elements."""
-        if self.mean_start == "no":
+        if not self.mean_start:
             return slow, np.ones_like(slow.X_e, dtype=bool)
         return shifted(self.body, slow, self.part(0.0, slow, self.numbers))
 

@@ -108,11 +108,10 @@ class Top(Model):
                 ("inertia", "C"),
                 f"no body has C = {inertia['C']:g} larger than 2 A = {2 * inertia['A']:g}",
             )
-        instead = "forms averaged and full have it"
         if law(data.get("mu"))[0] and not cls.has_changing_mu:
-            yield ("mu",), f"form {cls.form} takes a constant mu; {instead}"
+            yield ("mu",), f"form {cls.form} takes a constant mu; forms averaged and full take laws"
         if data.get("m") is not None and not cls.has_axial_torque:
-            yield ("m",), f"form {cls.form} has no m; {instead}"
+            yield ("m",), f"form {cls.form} has no m, which all other forms have"
         if {"inertia", "mu", "initial"} <= set(data):
             # Neither the start nor what a form asks of it depends on the keys that may be missing.
             top = cls(**{**dict.fromkeys(cls.keys), **data})
