@@ -2,13 +2,13 @@
 and how each of them is checked."""
 
 import math
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from itertools import chain, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..schema.document import Mistakes, read
 from ..schema.kinds import (
     NAMES,
     Choice,
@@ -188,28 +188,30 @@ NEEDED: dict[str, tuple[tuple[str, ...], ...]] = {
 }
 """The keys of a check of which one must be there: without, every motion meets it."""
 
-CHECKS_OF_PAPERS = Path(__file__).parents[1] / "papers"
+CHECKS_OF_PAPERS = Path(__file__).parents[1] / "papers" / "checks.yaml"
 
 
 class PaperCheck(NamedTuple):
-    """What is known of a check that is written for one text, without loading it."""
+    """A check that is written for one text: the module of its function, the models that the text is
+    about (empty for any), and whether it takes the motions of all members of `over:` at once."""
 
-    is_trend: bool
+    module: str
     models: Sequence[str]
+    is_trend: bool
 
 
 @cache
 def checks_of_papers() -> dict[str, PaperCheck]:
-    """The checks that are written for one text, by name, read off the text of their modules: what
-    computes stands above what files may say. A line `Models:` names those that a text is about."""
-    checks = {}
-    for path in CHECKS_OF_PAPERS.glob("*.py"):
-        text = path.read_text(encoding="utf-8")
-        line = re.search(r"^Models: (.*)\.$", text, re.MULTILINE)
-        models = line[1].split(", ") if line else []
-        for form, name in re.findall(r"^@(Check|Trend)\ndef (\w+)", text, re.MULTILINE):
-            checks[name.replace("_", "-")] = PaperCheck(form == "Trend", models)
-    return checks
+    """The checks that are written for one text, by name, from a list beside their modules, which
+    compute and are not loaded for it."""
+    text = CHECKS_OF_PAPERS.read_text(encoding="utf-8")
+    modules = read(text, Mistakes(CHECKS_OF_PAPERS.name)).items()
+    return {
+        name: PaperCheck(module, entries.get("models", ()), is_trend=section == "trends")
+        for module, entries in modules
+        for section in ("checks", "trends")
+        for name in entries.get(section, ())
+    }
 
 
 CHECK = Variant("kind", CHECK_KINDS, "how it is checked")

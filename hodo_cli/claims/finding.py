@@ -1,10 +1,8 @@
-"""The finding of a check, the verdict that follows from it, and the two forms of a check that is
-written for one text, which `check: {kind: paper, name: ...}` names."""
+"""The finding of a check, the verdict that follows from it, and what checks have in common."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -29,7 +27,7 @@ class Finding:
 
     deviation: float
     number: float
-    words: str
+    evidence: str
     contradicted_by: str = ""
 
     @property
@@ -47,17 +45,11 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on a claim or an erratum, the number that decides, and the evidence as in a
-    `Finding`.
+    """The verdict on a claim or an erratum in a word, and the finding that decides it; `readings`
+    holds the verdicts under each reading of the text, by its name."""
 
-    `readings` holds the verdicts under each reading of the text, by its name.
-    """
-
-    claim: Mapping[str, Any]
-    verdict: str
-    number: float
-    evidence: str
-    contradicted_by: str = ""
+    word: str
+    finding: Finding
     readings: Mapping[str, "Verdict"] = field(default_factory=dict)
 
 
@@ -110,21 +102,6 @@ def agreement(pairs: Sequence[ValuePair], within: float) -> Finding:
         f"differs by {worst:.2g}",
         f"a relative difference above {max(within, PLOTTING_ACCURACY):g}",
     )
-
-
-@dataclass(frozen=True)
-class Check:
-    """A check that is written for one text, of the motions of a claim's cases, in order, or of one
-    member of its `over:`; its function's docstring says what it checks."""
-
-    judge: Callable[[Sequence[Motion]], Finding]
-
-
-@dataclass(frozen=True)
-class Trend:
-    """A check that is written for one text, of the motions of all members of `over:` at once."""
-
-    judge: Callable[[Sequence[Sequence[Motion]]], Finding]
 
 
 def in_groups(motions: Sequence[Motion], size: int) -> list[Sequence[Motion]]:

@@ -7,7 +7,7 @@ sample of them, of which a share must comply.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
@@ -31,24 +31,25 @@ from ..cases.claim_block import (
     UNDERDETERMINED,
     case_name,
     cases_of,
+    checks_of_papers,
     readings,
 )
 from ..results.motion import Motion, case_of, motion_of
 from ..storage import ResultFile
 from ..text import grouped
 from .checks import MOTION_CHECKS, averages
-from .finding import Check, Finding, Trend, Verdict, part_of
+from .finding import Finding, Verdict, part_of
 from .quantities import NoNumber
 from .variations import Motions, changed, members
 
 
 @dataclass(frozen=True)
 class Judge:
-    """Decides claims and errata by the cases of one result; `checks` are those written for single
-    texts, by name."""
+    """Decides claims and errata by the cases of one result; `paper_check` gives the finding of a
+    check that is written for one text, by its name, from motions."""
 
     run: ResultFile
-    checks: Mapping[str, Check | Trend]
+    paper_check: Callable[[str, Sequence[Any]], Finding]
     varied: Motions = field(default_factory=Motions)
 
     def claim(self, claim: Mapping[str, Any]) -> Verdict:
@@ -61,41 +62,46 @@ class Judge:
         verdicts = {name: self._reading(reading) for name, reading in readings(claim).items()}
         first = next(iter(verdicts.values()))
         evidence = by_reading(
-            {name: f"{v.verdict} ({v.evidence})" for name, v in verdicts.items()}, "every reading: "
+            {name: f"{v.word} ({v.finding.evidence})" for name, v in verdicts.items()},
+            "every reading: ",
         )
-        contrary = by_reading({name: v.contradicted_by for name, v in verdicts.items()}, "")
-        return Verdict(claim, over_readings(verdicts), first.number, evidence, contrary, verdicts)
+        contrary = by_reading({name: v.finding.contradicted_by for name, v in verdicts.items()}, "")
+        finding = Finding(math.nan, first.finding.number, evidence, contrary)
+        return Verdict(over_readings(verdicts), finding, verdicts)
 
     def erratum(self, erratum: Mapping[str, Any]) -> Verdict:
         """Whether the printed form is wrong and the corrected one right. Raises as `claim`."""
         if not cases_of(erratum):
-            return Verdict(erratum, BY_READING, math.nan, "")
+            return undecided(BY_READING)
         verdict = self.claim(erratum)
-        if verdict.verdict == NOT_TESTED:
+        if verdict.word == NOT_TESTED:
             return verdict
-        shown, contrary = verdict.verdict in COMPLYING, verdict.contradicted_by
+        is_shown, finding = verdict.word in COMPLYING, verdict.finding
         if erratum["readings"]:
-            shown = verdict.verdict == ONCE_CORRECTED
-            corrected = verdict.readings[READ_CORRECTED].contradicted_by
+            is_shown = verdict.word == ONCE_CORRECTED
+            corrected = verdict.readings[READ_CORRECTED].finding.contradicted_by
             contrary = f"a corrected form with {corrected}, or a printed one without"
-        return replace(
-            verdict, verdict=CONFIRMED if shown else NOT_CONFIRMED, contradicted_by=contrary
-        )
+            finding = replace(finding, contradicted_by=contrary)
+        return replace(verdict, word=CONFIRMED if is_shown else NOT_CONFIRMED, finding=finding)
 
     def _reading(self, claim: Mapping[str, Any]) -> Verdict:
         """The verdict on a claim without readings."""
-        kind, name = claim["check"]["kind"], claim["check"].get("name", "")
+        check = claim["check"]
         missing = unusable(claim["cases"], self.run)
-        if kind == "paper" and name not in self.checks:
-            missing = f"this version has no check {name!r}"
+        if check["kind"] == "paper" and check["name"] not in checks_of_papers():
+            missing = f"this version has no check {check['name']!r}"
         if missing:
-            return Verdict(claim, NOT_TESTED, math.nan, missing)
-        if kind == "average":
-            return by_finding(claim, of_sweep(claim, self.run))
+            return undecided(NOT_TESTED, missing)
+        if check["kind"] == "average":
+            return by_finding(of_sweep(claim, self.run))
         try:
-            return proved(self._measured(claim))
+            verdict = self._measured(claim)
         except NoNumber as error:
-            return Verdict(claim, NOT_TESTED, math.nan, str(error))
+            return undecided(NOT_TESTED, str(error))
+        if not claim["theorem"]:
+            return verdict
+        # One motion that does not comply refutes a theorem.
+        return replace(verdict, word=THEOREM if verdict.word in COMPLYING else CONTRADICTED)
 
     def _case(self, entry: Any) -> Case:
         """The case of an entry of `cases:`, as it is stored or with other values."""
@@ -118,18 +124,19 @@ class Judge:
     def _measured(self, claim: Mapping[str, Any]) -> Verdict:
         """The verdict on a claim by the motions of its cases, in order, or by the members of its
         `over:`. Raises as `claim`."""
+        check = claim["check"]
         if not claim["over"]:
-            return by_finding(claim, self._decide(claim["check"], self._motions(claim["cases"])))
+            return by_finding(self._decide(check, self._motions(claim["cases"])))
         cases = tuple(map(self._case, claim["cases"]))
         varied = members(cases, frozen(claim["over"]), claim["start"])
         if not varied:
             raise HodoError(f"no member starts about {claim['start']}")
         by_member = self.varied.of([*varied.values()])
         # A trend is about all members at once, so no single member can decide it.
-        if isinstance(self.checks.get(claim["check"].get("name")), Trend):
-            return by_finding(claim, self._decide(claim["check"], [*by_member]))
+        if check["kind"] == "paper" and checks_of_papers()[check["name"]].is_trend:
+            return by_finding(self._decide(check, [*by_member]))
         findings = {
-            name: self._decide(claim["check"], of_member)
+            name: self._decide(check, of_member)
             for name, of_member in zip(varied, by_member, strict=True)
         }
         return over_members(claim, findings)
@@ -141,7 +148,7 @@ class Judge:
             return MOTION_CHECKS[check["kind"]](check, motions)
         name = check["name"]
         try:
-            return self.checks[name].judge(motions)
+            return self.paper_check(name, motions)
         except (LookupError, TypeError, ValueError, ZeroDivisionError) as error:
             raise HodoError(
                 f"check {name!r} needs another number of cases, cases of another model, or members"
@@ -159,8 +166,8 @@ def by_reading(words: Mapping[str, str], of_all: str) -> str:
 
 def over_readings(by_reading: Mapping[str, Verdict]) -> str:
     """The verdict over the readings of a claim or an erratum."""
-    verdicts = [reading.verdict for reading in by_reading.values()]
-    holds = {name: reading.verdict in COMPLYING for name, reading in by_reading.items()}
+    verdicts = [reading.word for reading in by_reading.values()]
+    holds = {name: reading.word in COMPLYING for name, reading in by_reading.items()}
     if NOT_TESTED in verdicts:
         return NOT_TESTED
     if all(holds.values()):
@@ -174,17 +181,14 @@ def over_readings(by_reading: Mapping[str, Verdict]) -> str:
     return AS_PRINTED if holds[READ_AS_PRINTED] else ONCE_CORRECTED
 
 
-def by_finding(claim: Mapping[str, Any], finding: Finding) -> Verdict:
+def by_finding(finding: Finding) -> Verdict:
     """The verdict on a claim that one finding decides."""
-    return Verdict(claim, finding.degree, finding.number, finding.words, finding.contradicted_by)
+    return Verdict(finding.degree, finding)
 
 
-def proved(verdict: Verdict) -> Verdict:
-    """A verdict in the terms of its claim's theorem, which one motion that does not comply
-    refutes."""
-    if not verdict.claim["theorem"]:
-        return verdict
-    return replace(verdict, verdict=THEOREM if verdict.verdict in COMPLYING else CONTRADICTED)
+def undecided(word: str, evidence: str = "") -> Verdict:
+    """A verdict that no finding decides, and why."""
+    return Verdict(word, Finding(math.nan, math.nan, evidence))
 
 
 def unusable(cases: Sequence[Any], run: ResultFile) -> str:
@@ -230,17 +234,18 @@ def over_members(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> V
     spread = f", {min(numbers):.3g} to {max(numbers):.3g}" if min(numbers) < max(numbers) else ""
     if share is not None:
         complying = holds / len(findings)
-        words = (
-            f"holds for {holds} of {len(findings)} members of a sample ({100 * complying:.3g} %)"
+        evidence = (
+            f"holds for {holds} of {len(findings)} members of a sample "
+            f"({100 * complying:.3g} %){spread}"
         )
         fewest = f"more than {100 * (1 - share):.3g} % of the members" if share < 1 else "a member"
-        verdict = REPRODUCED if complying >= share else CONTRADICTED
         contrary = f"{finding.contradicted_by}, for {fewest}"
-        return Verdict(claim, verdict, complying, words + spread, contrary)
-    words = f"holds on {holds} of {len(findings)} members{spread}"
+        word = REPRODUCED if complying >= share else CONTRADICTED
+        return Verdict(word, Finding(math.nan, complying, evidence, contrary))
+    evidence = f"holds on {holds} of {len(findings)} members{spread}"
     if finding.deviation:
         size = f"{part_of(finding.deviation)} of the range " if finding.deviation < math.inf else ""
-        words += f"; largest violation {size}at {worst} ({finding.words})"
-    verdict = UNDERDETERMINED if 0 < holds < len(findings) else finding.degree
+        evidence += f"; largest violation {size}at {worst} ({finding.evidence})"
     contrary = f"{finding.contradicted_by}, for {'a' if claim['theorem'] else 'every'} member"
-    return Verdict(claim, verdict, finding.number, words, contrary)
+    word = UNDERDETERMINED if 0 < holds < len(findings) else finding.degree
+    return Verdict(word, replace(finding, evidence=evidence, contradicted_by=contrary))

@@ -13,11 +13,18 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
-from ..cases.claim_block import BY_READING, CONFIRMED, MISPRINTS, VERDICTS, readings
+from ..cases.claim_block import (
+    BY_READING,
+    CONFIRMED,
+    MISPRINTS,
+    VERDICTS,
+    checks_of_papers,
+    readings,
+)
 from ..cases.config import Config, located
 from ..claims.finding import Verdict
 from ..claims.verdicts import Judge
-from ..papers import catalogue_of_checks
+from ..papers import finding_of
 from ..progress import Progress
 from ..storage import Group, Report, ResultFile, Variable, history_line, update
 from ..text import table
@@ -84,7 +91,7 @@ def judge_results(paths: Iterable[Path]) -> dict[str, Rows]:
 def judged(config: Config, run: ResultFile) -> dict[str, Rows]:
     """The rows of the verdicts on the claims and on the errata of one result. Raises HodoError as
     `Judge.claim` does, with the place of the claim in its file."""
-    judge, by_id = Judge(run, catalogue_of_checks()), itemgetter("id")
+    judge, by_id = Judge(run, finding_of), itemgetter("id")
     rows: dict[str, Rows] = {"statements": [], "errata": []}
     with Progress(len(config.claims) + len(config.errata)) as progress:
         for topic, section, entries, decide in (
@@ -93,7 +100,7 @@ def judged(config: Config, run: ResultFile) -> dict[str, Rows]:
         ):
             for i, entry in enumerate(progress.through(entries, by_id)):
                 try:
-                    rows[topic].append(claim_row(decide(entry)))
+                    rows[topic].append(claim_row(entry, decide(entry)))
                 except HodoError as error:
                     place = (section, i, "check" if entry["check"] else "readings")
                     message = str(error).removeprefix(f"{run.path}: ")
@@ -106,25 +113,27 @@ def unknown_checks(config: Config) -> list[str]:
     entries = itertools.chain(config.claims, config.errata)
     checks = [reading["check"] for entry in entries for reading in readings(entry).values()]
     named = dict.fromkeys(check["name"] for check in checks if check and check["kind"] == "paper")
-    return [name for name in named if name not in catalogue_of_checks()]
+    return [name for name in named if name not in checks_of_papers()]
 
 
-def claim_row(verdict: Verdict) -> dict[str, Any]:
-    """A verdict as plain data."""
-    entry = {key: value for key, value in verdict.claim.items() if isinstance(value, str)}
+def claim_row(claim: Mapping[str, Any], verdict: Verdict) -> dict[str, Any]:
+    """A claim or erratum with its verdict, as plain data."""
     return {
-        **entry,
+        **{key: value for key, value in claim.items() if isinstance(value, str)},
         **decision(verdict),
-        "cases": list(verdict.claim["cases"]),
+        "cases": list(claim["cases"]),
         "readings": {name: decision(reading) for name, reading in verdict.readings.items()},
     }
 
 
 def decision(verdict: Verdict) -> dict[str, Any]:
-    """A verdict without its claim."""
+    """A verdict as plain data, without those under single readings."""
+    finding = verdict.finding
     return {
-        name: getattr(verdict, name)
-        for name in ("verdict", "number", "evidence", "contradicted_by")
+        "verdict": verdict.word,
+        "number": finding.number,
+        "evidence": finding.evidence,
+        "contradicted_by": finding.contradicted_by,
     }
 
 

@@ -1,20 +1,17 @@
-"""Checks that are written for one text, a module for each text, listed by scanning this folder: to
-add a text, add a file. Imports claims and the folders below; no other folder knows a paper."""
+"""Checks that are written for one text, a module for each text, listed in `checks.yaml`. Imports
+claims and the folders below; no other folder knows a paper."""
 
-import pkgutil
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Callable, Sequence
 from importlib import import_module
+from typing import Any
 
-from ..claims.finding import Check, Trend
+from ..cases.claim_block import checks_of_papers
+from ..claims.finding import Finding
 
 
-@cache
-def catalogue_of_checks() -> Mapping[str, Check | Trend]:
-    """The checks of all texts by the name in a case file: that of the function, with hyphens."""
-    return {
-        name.replace("_", "-"): item
-        for info in pkgutil.iter_modules(__path__)
-        for name, item in vars(import_module(f"{__name__}.{info.name}")).items()
-        if isinstance(item, Check | Trend)
-    }
+def finding_of(name: str, motions: Sequence[Any]) -> Finding:
+    """The finding of the check with this name in a case file: its function is called by it, with
+    underscores for hyphens."""
+    module = import_module(f"{__name__}.{checks_of_papers()[name].module}")
+    check: Callable[[Sequence[Any]], Finding] = getattr(module, name.replace("-", "_"))
+    return check(motions)

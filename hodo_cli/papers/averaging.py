@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..claims.finding import Check, Finding, beyond, if_true, in_groups, listed
+from ..claims.finding import Finding, beyond, if_true, in_groups, listed
 from ..results.motion import Motion, forms_apart
 
 NEAR_CROSSING = 0.05
@@ -44,7 +44,6 @@ def order_finding(motions: Sequence[Motion], expected: float, margin: float = 0.
     )
 
 
-@Check
 def first_order(motions: Sequence[Motion]) -> Finding:
     """Averaged motions are as near to the full ones as the first order makes them, and no
     nearer."""
@@ -53,25 +52,22 @@ def first_order(motions: Sequence[Motion]) -> Finding:
     return Finding(
         max(order.deviation, no_nearer),
         order.number,
-        order.words,
+        order.evidence,
         f"{order.contradicted_by} or above {1 + ORDER_WITHIN:g}",
     )
 
 
-@Check
 def second_order(motions: Sequence[Motion]) -> Finding:
     """Averaged motions are as near to the full ones as the second order makes them."""
     return order_finding(motions, 2)
 
 
-@Check
 def second_order_away_from_crossings(motions: Sequence[Motion]) -> Finding:
     """Averaged motions are as near as the second order makes them before a crossing and behind
     it."""
     return order_finding(motions, 2, NEAR_CROSSING)
 
 
-@Check
 def predicted_crossing(motions: Sequence[Motion]) -> Finding:
     """The error of the predicted crossing, in radians n |t - predicted|, falls from pair to pair,
     and is below that of the averaged one."""
@@ -91,7 +87,6 @@ def predicted_crossing(motions: Sequence[Motion]) -> Finding:
     )
 
 
-@Check
 def predicted_sense(motions: Sequence[Motion]) -> Finding:
     """The sense of rotation about the new axis is that predicted."""
     pairs = in_groups(motions, 2)
@@ -107,7 +102,6 @@ def predicted_sense(motions: Sequence[Motion]) -> Finding:
     )
 
 
-@Check
 def steps_do_not_grow(motions: Sequence[Motion]) -> Finding:
     """The steps of motions are the same to a tenth, whatever the size of their resistance."""
     steps = [int(m.attrs["steps"]) for m in motions]

@@ -1,8 +1,6 @@
 """Checks for A. L. Rachinskaya, Rotation of a rigid body in a resistant medium (UDC 521.1).
 
 Equation numbers are the paper's. Its body axes are ordered: A1 > A2 > A3.
-
-Models: linear-diag, tensor.
 """
 
 import itertools
@@ -12,9 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..claims.finding import (
-    Check,
     Finding,
-    Trend,
     agreement,
     beyond,
     if_true,
@@ -37,7 +33,6 @@ def numerical_motion(m: Motion) -> np.ndarray:
     return solve(m.case, method, m.case.precision, times=m.time).variables["omega"]
 
 
-@Check
 def free_rotation(motions: Sequence[Motion]) -> Finding:
     """Free rotation is Euler's and Jacobi's closed form."""
     return agreement(
@@ -49,19 +44,17 @@ def free_rotation(motions: Sequence[Motion]) -> Finding:
     )
 
 
-@Check
 def no_closed_form(motions: Sequence[Motion]) -> Finding:
     """There is no closed form: holds where that of `free_rotation` fails."""
-    free = free_rotation.judge(motions)
+    free = free_rotation(motions)
     return Finding(
         if_true(free.deviation > 0),
         free.number,
-        f"the closed form {free.words}",
+        f"the closed form {free.evidence}",
         "a closed form that agrees",
     )
 
 
-@Check
 def free_rotation_from_q0(motions: Sequence[Motion]) -> Finding:
     """Free motion from any start is the closed form for q0 = 0, with time counted from a passage of
     q through 0."""
@@ -85,7 +78,6 @@ def passage_of_q(m: Motion) -> tuple[float, np.ndarray]:
     return near, free_motion(A, start, np.array([near - m.time[0]]))[0] * (1, 0, 1)
 
 
-@Check
 def turning_axis(motions: Sequence[Motion]) -> Finding:
     """A free motion goes round the axis whose component of G never changes sign, and that is the
     axis enclosed by the criterion 2 T A1 >= G^2 > 2 T A2.
@@ -105,7 +97,6 @@ def turning_axis(motions: Sequence[Motion]) -> Finding:
     )
 
 
-@Check
 def equal_damping(motions: Sequence[Motion]) -> Finding:
     """omega(t) = exp(-lambda t) Omega((1 - exp(-lambda t))/lambda), Omega free from the same start.
 
@@ -114,13 +105,11 @@ def equal_damping(motions: Sequence[Motion]) -> Finding:
     return agreement([(numerical_motion(m), damped_from(m, m.omega[0])) for m in motions], 1e-10)
 
 
-@Check
 def turns_about_x1_only(motions: Sequence[Motion]) -> Finding:
     """G makes no full turn about x2 or x3, followed over the whole motion."""
     return turns_about_one_axis(motions, 0)
 
 
-@Check
 def turns_about_x3_only(motions: Sequence[Motion]) -> Finding:
     """G makes no full turn about x1 or x2, followed over the whole motion."""
     return turns_about_one_axis(motions, 2)
@@ -139,7 +128,6 @@ def turns_about_one_axis(motions: Sequence[Motion], axis: int) -> Finding:
     )
 
 
-@Check
 def inequality_7(motions: Sequence[Motion]) -> Finding:
     """p^2 > K r^2, with K by the moments of inertia alone, exactly where G^2 > 2 T A2."""
     mismatches = 0
@@ -161,14 +149,12 @@ def inequality_7(motions: Sequence[Motion]) -> Finding:
     )
 
 
-@Check
 def diagonal_sets_decay(motions: Sequence[Motion]) -> Finding:
     """The diagonal entries have more effect than the others on the decay of |G|."""
     values = [float(np.log(m["G"][0] / m["G"][-1]) / np.ptp(m.time)) for m in motions]
     return larger_effect("rate of decay", values, "diagonal", "off-diagonal")
 
 
-@Check
 def off_diagonal_sets_area(motions: Sequence[Motion]) -> Finding:
     """The off-diagonal entries have more effect than the others on the largest p^2 in A."""
     values = [reach(m, 0) for m in motions]
@@ -194,7 +180,6 @@ def larger_effect(measure: str, values: Sequence[float], entries: str, others: s
     )
 
 
-@Check
 def criterion_predicts(motions: Sequence[Motion]) -> Finding:
     """Before the crossing from x1 to x3 r changes sign, and never p; after it p, and never r."""
     steps, words = [], []
@@ -215,7 +200,6 @@ def criterion_predicts(motions: Sequence[Motion]) -> Finding:
     )
 
 
-@Trend
 def larger_difference_sooner(members: Sequence[Sequence[Motion]]) -> Finding:
     """With lambda1 and lambda2 held, the larger lambda1 - lambda3, the sooner the crossing."""
     pairs = compared_by_difference(members, "first_crossing", without=math.inf)
@@ -223,7 +207,6 @@ def larger_difference_sooner(members: Sequence[Sequence[Motion]]) -> Finding:
     return all_in_order(in_order, "a later crossing at a larger difference")
 
 
-@Trend
 def larger_difference_larger_area(members: Sequence[Sequence[Motion]]) -> Finding:
     """With lambda1 and lambda2 held, the larger lambda1 - lambda3, the more of B is filled."""
     pairs = compared_by_difference(members, "area_smallest", without=0.0)
@@ -252,7 +235,6 @@ def all_in_order(in_order: Sequence[bool], contrary: str) -> Finding:
     )
 
 
-@Trend
 def larger_difference_sooner_as_a_trend(members: Sequence[Sequence[Motion]]) -> Finding:
     """The larger lambda1 - lambda3, the sooner the crossing, as a trend over all coefficients that
     cross; decided by the share of pairs in the other order, a half where nothing depends on it."""
@@ -273,13 +255,11 @@ def larger_difference_sooner_as_a_trend(members: Sequence[Sequence[Motion]]) -> 
     )
 
 
-@Check
 def equations_6_as_printed(motions: Sequence[Motion]) -> Finding:
     """(5)-(6) with opposite signs of cosine and sine are a motion."""
     return solved_by_6(motions, -1)
 
 
-@Check
 def equations_6_with_equal_signs(motions: Sequence[Motion]) -> Finding:
     """(5)-(6) with equal signs of cosine and sine are a motion."""
     return solved_by_6(motions, 1)
@@ -295,7 +275,6 @@ def solved_by_6(motions: Sequence[Motion], sign: int) -> Finding:
     return min((agreement([pair], 1e-9) for pair in pairs), key=lambda finding: finding.number)
 
 
-@Check
 def equations_6_meet_the_start(motions: Sequence[Motion]) -> Finding:
     """q at the start is that of (5)-(6), with equal signs."""
     (m,) = motions

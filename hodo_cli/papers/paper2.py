@@ -2,8 +2,6 @@
 under the action of constant torque (2023).
 
 Equation numbers are the paper's; x = p^2 + q^2 and y = r^2. The body has A1 = A2 = A and A3 = C.
-
-Models: cavity+constant.
 """
 
 import itertools
@@ -14,7 +12,6 @@ import numpy as np
 
 from ..cases.case import Case
 from ..claims.finding import (
-    Check,
     Finding,
     agreement,
     if_true,
@@ -37,7 +34,6 @@ def x_at_end_of_spin(m: Motion) -> float:
     return float(np.interp(end_of_spin(m), m.time, quantity(m, "x")))
 
 
-@Check
 def transverse_torque_vanishes(motions: Sequence[Motion]) -> Finding:
     """M1 and M2 vanish on averaging: as kappa and epsilon fall together, x at the end of spin of
     the full equations with M1 and M2 tends to that without.
@@ -88,7 +84,6 @@ SMALL_NUMBER = 0.01
 """The Reynolds number up to which a flow is taken as slow."""
 
 
-@Check
 def small_Reynolds_number(motions: Sequence[Motion]) -> Finding:
     """The Reynolds number of the flow at the start is a SMALL_NUMBER; decided by the largest."""
     numbers = [reynolds(m.case.data["cavity"], m.omega[0]) for m in motions]
@@ -104,7 +99,6 @@ TURN_SAMPLES = 401
 """Samples of a turn of (p, q), in which p and q, which are not slow, are seen to change too."""
 
 
-@Check
 def slow_x_and_y(motions: Sequence[Motion]) -> Finding:
     """x and y are slow: in the first turn of (p, q) they change by the order of kappa and epsilon,
     while p changes by its own size. Decided by the smallest power of that order.
@@ -135,7 +129,6 @@ def first_turn(m: Motion, factor: float) -> Motion:
     return integrated_motion(weaker(m, factor, turn, TURN_SAMPLES))
 
 
-@Check
 def averaging_is_exact(motions: Sequence[Motion]) -> Finding:
     """With M1 = M2 = 0 the corrected averaged system is an identity of the full equations; cases
     in pairs, full and averaged, compared at the times that both have, until the spin ends.

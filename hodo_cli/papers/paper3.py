@@ -2,8 +2,6 @@
 under a non-stationary torque (2017).
 
 Equation numbers are the paper's. The time of every motion is tau = epsilon t.
-
-Models: Lagrange-averaged.
 """
 
 import math
@@ -13,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from ..claims.finding import (
-    Check,
     Finding,
     ValuePair,
     agreement,
@@ -34,7 +31,6 @@ HALF_THE_DIGITS = 1e-6
 """What (2.5) is right to: half the digits are lost where one of its square roots is 0."""
 
 
-@Check
 def equation_1_3(motions: Sequence[Motion]) -> Finding:
     """Without perturbation cos theta of the full equations is (1.3), with beta = K(k) for a top
     that is let go at u2, where theta' = 0.
@@ -51,7 +47,6 @@ def equation_1_3(motions: Sequence[Motion]) -> Finding:
     return agreement(pairs, 1e-9)
 
 
-@Check
 def equation_2_7(motions: Sequence[Motion]) -> Finding:
     """The coefficients V_ij of (2.7) are the derivatives of the roots of (1.5) by Gz, H and r."""
     # Smaller by far than the distance of two roots, by which their derivatives change.
@@ -93,7 +88,6 @@ def coefficients_2_7(m: Motion, integrals: np.ndarray) -> np.ndarray:
     return np.asarray(by_integral / delta[:, None])
 
 
-@Check
 def ordering(motions: Sequence[Motion]) -> Finding:
     """-1 <= u1 <= u2 <= 1 <= u3 throughout, to rounding; decided by the least of the four
     distances.
@@ -140,13 +134,11 @@ def by_2_5(m: Motion, frozen: bool) -> list[ValuePair]:
     return [(quantity(m, name), value) for name, value in zip(INTEGRALS, values, strict=True)]
 
 
-@Check
 def inverse(motions: Sequence[Motion]) -> Finding:
     """(2.5) gives Gz, H and r from u1, u2, u3, with the signs of R and r followed in time."""
     return agreement([pair for m in motions for pair in by_2_5(m, frozen=False)], HALF_THE_DIGITS)
 
 
-@Check
 def signs_change(motions: Sequence[Motion]) -> Finding:
     """The signs in (2.5) may change in mid-motion: in every motion R does, where |Gz| = C |r|;
     until then (2.5) holds with the signs at the start, and not after it. Decided by the first time.
@@ -175,7 +167,6 @@ RUNGE_KUTTA_STEPS = 250
 """Runge-Kutta steps of a motion: their error in r, 3e-8, is far below HALF_THE_DIGITS."""
 
 
-@Check
 def r_by_2_5(motions: Sequence[Motion]) -> Finding:
     """r found as the text finds it agrees with the exact (3.3): (3.5) is integrated, with Gz, H and
     r by (2.5), up to nine tenths of the time at which R changes its sign.
@@ -221,7 +212,6 @@ def rates_3_5(m: Motion, t: float, u: np.ndarray, fixed: tuple[Any, Any]) -> np.
     return np.asarray(-(a * equatorial + b * r * (Gz - C * r * u) * (v - u)) / (A * delta))
 
 
-@Check
 def averaged_alike(motions: Sequence[Motion]) -> Finding:
     """Cases in pairs, by (3.5) or by the quadrature (2.8), and by the equations for Gz, H and r
     that do not divide by u1 - u2, are the same motion."""
@@ -230,7 +220,6 @@ def averaged_alike(motions: Sequence[Motion]) -> Finding:
     return agreement([(quantity(a, n), quantity(b, n)) for a, b in pairs for n in INTEGRALS], 1e-9)
 
 
-@Check
 def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
     """Gz and H of the full equations tend to those of the averaged ones as epsilon; cases in fours,
     averaged first, and then epsilon a quarter of the last.
@@ -254,20 +243,17 @@ def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
     )
 
 
-@Check
 def u3_quickly(motions: Sequence[Motion]) -> Finding:
     """u3 comes within 1 % of 1 sooner in the first case than in the others; decided by the time."""
     return sooner(motions, "u3", 1.0)
 
 
-@Check
 def u3_quickly_for_good(motions: Sequence[Motion]) -> Finding:
     """u3 stays within 1 % of 1 from an earlier time on in the first case than in the others;
     decided by the time."""
     return sooner(motions, "u3", 1.0, for_good=True)
 
 
-@Check
 def H_quickly(motions: Sequence[Motion]) -> Finding:
     """H comes within 1 % of -mu, -0.5, sooner in the last case than in the others; decided by the
     time.
@@ -309,7 +295,6 @@ def roughness(m: Motion) -> float:
     return max(of_series(quantity(m, name)) for name in ("Gz", "H", *ROOTS))
 
 
-@Check
 def smoothing(motions: Sequence[Motion]) -> Finding:
     """Coefficients that grow make the motion smoother; cases in pairs, constant coefficients
     first.
@@ -324,13 +309,11 @@ def smoothing(motions: Sequence[Motion]) -> Finding:
     )
 
 
-@Check
 def period_as_printed(motions: Sequence[Motion]) -> Finding:
     """Without perturbation u = cos theta has the period K(k)/alpha."""
     return comes_back(motions, 1)
 
 
-@Check
 def period(motions: Sequence[Motion]) -> Finding:
     """Without perturbation u = cos theta has the period 2 K(k)/alpha."""
     return comes_back(motions, 2)
