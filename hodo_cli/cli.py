@@ -7,8 +7,8 @@ import signal
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -48,49 +48,71 @@ class Hodo(click.Group):
             _refuse(ctx, misused(error))
 
     def invoke(self, ctx: click.Context) -> Any:
-        before = {number: signal.signal(number, _end) for number in (signal.SIGINT, signal.SIGTERM)}
+        with _ended_by_signals():
+            try:
+                with warnings.catch_warnings():
+                    say_once = cache(_say)  # a command may open a file twice
+                    warnings.showwarning = lambda message, *details: say_once(str(message))
+                    with _output():
+                        status = super().invoke(ctx)
+                    ctx.exit(status or 0)
+            except Exception as error:
+                if not (line := error_line(error)):
+                    raise
+                if ctx.params["traceback"]:
+                    traceback.print_exc()
+                _refuse(ctx, line)
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """The time in which SIGINT and SIGTERM end the process as `_end` does."""
+    before = {number: signal.signal(number, _end) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _output() -> Iterator[None]:
+    """The time in which a command prints; that a device is full is noticed at its end, and not when
+    Python ends."""
+    _open_standard_files()
+    try:
+        yield
+    finally:
         try:
-            with warnings.catch_warnings():
-                say_once = cache(_say)  # a command may open a file twice
-                warnings.showwarning = lambda message, *details: say_once(str(message))
-                _open_standard_files()
-                try:
-                    status = super().invoke(ctx)
-                finally:  # a full device is noticed here, not when Python ends
-                    try:
-                        sys.stderr.flush()
-                    except (OSError, ValueError):  # what is left in it would decide the exit status
-                        sys.stderr = open(os.devnull, "w")  # noqa: SIM115
-                    sys.stdout.flush()
-                ctx.exit(status or 0)
-        except (HodoError, BatchError) as error:
-            if ctx.params["traceback"]:
-                traceback.print_exc()
-            _refuse(ctx, str(error))
-        except click.UsageError as error:
-            _refuse(ctx, misused(error))
-        except ModuleNotFoundError as error:
-            package = (error.name or "").partition(".")[0]
-            # A module of hodo itself that is missing is a bug, and keeps its traceback.
-            if package == __package__:
-                raise
-            wanted = EXTRAS.get(package, package)
-            _refuse(ctx, f"this needs {package}, which is not installed: pip install {wanted}")
-        except MemoryError:
-            _refuse(ctx, "the memory is exhausted, or the limit on it (ulimit -v) too low")
-        except OSError as error:
-            # Errors of files are reported where files are written. This is the output, or a limit
-            # on descriptors or processes.
-            if error.errno not in RESOURCES:
-                raise
-            _refuse(ctx, f"the operating system refuses it: {os.strerror(error.errno).lower()}")
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+            sys.stderr.flush()
+        except (OSError, ValueError):  # what is left in it would decide the exit status
+            sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+        sys.stdout.flush()
 
 
 EXTRAS = dict.fromkeys(("dask", "distributed"), "dask distributed cryptography")
 """What to install for the libraries that only some users need."""
+
+
+def error_line(error: Exception) -> str:
+    """The line that is shown of an error which the user can mend; an empty string of one that keeps
+    its traceback, as a module of hodo itself that is missing."""
+    match error:
+        case HodoError() | BatchError():
+            return str(error)
+        case click.UsageError():
+            return misused(error)
+        case ModuleNotFoundError(name=str(name)) if name.partition(".")[0] != __package__:
+            package = name.partition(".")[0]
+            wanted = EXTRAS.get(package, package)
+            return f"this needs {package}, which is not installed: pip install {wanted}"
+        case MemoryError():
+            return "the memory is exhausted, or the limit on it (ulimit -v) too low"
+        # Errors of files are reported where files are written. This is the output, or a limit on
+        # descriptors or processes.
+        case OSError(errno=number) if number in RESOURCES:
+            return f"the operating system refuses it: {os.strerror(number).lower()}"
+    return ""
 
 
 def misused(error: click.UsageError) -> str:

@@ -53,7 +53,7 @@ Not the times at which their inodes changed: a hard link or a change of rights s
 def source_digests() -> Mapping[str, str]:
     """The digest of each source file that decides numbers, by its path within the package. Raises
     BatchError if one has changed since it was loaded."""
-    digests = _digests(_states())
+    digests = _digests(name for name in _LOADED if (PACKAGE / name).exists())
     if _states() != _LOADED or max(_LOADED.values())[0] > STARTED * 1e9:
         raise BatchError(CODE_CHANGED)
     return digests

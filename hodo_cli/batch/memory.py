@@ -25,14 +25,21 @@ def need(case: Case) -> int:
     return case.time.samples * numbers * BYTES_PER_NUMBER
 
 
-def check_memory(case: Case, processes: int = 1) -> None:
-    """Raise HodoError if the samples of a case do not fit into the memory of one of so many
-    processes."""
+def lack_of_memory(case: Case, processes: int = 1) -> str:
+    """Why the samples of a case do not fit into the memory of one of so many processes; an empty
+    string if they do."""
+    if need(case) <= (have := memory_limit() // processes):
+        return ""
+    needs = f"{case.time.samples:,} samples would take about {in_bytes(need(case))} of memory"
+    share = f" for each of {processes} processes" if processes > 1 else ""
+    return f"{needs}, and there are {in_bytes(have)}{share}"
+
+
+def check_memory(case: Case) -> None:
+    """Raise HodoError if the samples of a case do not fit into memory."""
     # Refused before anything is integrated: a process that takes too much is killed without a word.
-    if need(case) > (have := memory_limit() // processes):
-        needs = f"{case.time.samples:,} samples would take about {in_bytes(need(case))} of memory"
-        share = f" for each of {processes} processes" if processes > 1 else ""
-        raise HodoError(f"{case.name}: {needs}, and there are {in_bytes(have)}{share}")
+    if message := lack_of_memory(case):
+        raise HodoError(f"{case.name}: {message}")
 
 
 def check_disk(case: Case, stored: int, folder: Path) -> None:

@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from itertools import product
 from math import prod
 from operator import attrgetter
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import NOT_OF_A_CASE, HodoError
 from ..batch.digests import digest
-from ..batch.memory import check_disk, check_memory
+from ..batch.memory import check_disk, lack_of_memory
 from ..batch.pool import Pool, pool
 from ..cases.case import Case, dump
 from ..cases.config import Config, located, no_case
@@ -35,7 +35,7 @@ from ..storage import (
     staging_folders,
     typed,
 )
-from ..text import NAMES_LISTED, abridged, file_name_fault, grouped
+from ..text import few, file_name_fault, grouped
 from .resume import (
     CONFIG_PATH,
     FORCED,
@@ -74,7 +74,7 @@ class Plan:
     stored: dict[str, FinishedCase]
     prune: bool = False
 
-    @property
+    @cached_property
     def old(self) -> dict[str, FinishedCase]:
         """The stored results of cases to be rerun."""
         return {name: item for name, item in self.stored.items() if name in self.reasons}
@@ -135,41 +135,44 @@ class Plan:
         result cannot be written.
         """
         self._announce(progress)
-        before, old = labelled(self.path, self.old), self.old
+        labelled_before = labelled(self.path, self.old)
         attributes = attributes_by(f"run {self.config.path}", self.config)
         attributes[CONFIG_PATH] = path_from(self.config, self.path)
+        rows: dict[str, dict[str, Any]] = {}
         with Writer(self.path, attributes, tuple(self.config.cases)) as writer:
-            pending = self._take_over(writer)
-            cases = [self.config.cases[name] for name in pending]
-            rows: dict[str, dict[str, Any]] = {}
+            cases = [self.config.cases[name] for name in self._take_over(writer)]
             for case, outcome in outcomes(cases, pool, writer, self, progress):
-                name = case.name
                 group = failure(case, outcome) if isinstance(outcome, Exception) else outcome
-                is_ok = group.attributes["status"] == "ok"
-                rows[name] = {key: group.attributes[key] for key in SUMMARY}
-                ended = problem(group, outcome)
-                if not is_ok and name in old and old[name].attributes.get("status") == "ok":
-                    progress.done(name, f"{ended}; its earlier result is kept")
-                else:
-                    pending.remove(name)
-                    if self._holds(name, group) and self._keep(writer, old[name]):
-                        progress.done(name, ended)
-                    else:
-                        writer.add(name, group, partial(progress.done, name, ended))
-                if is_ok:
-                    writer.unfinished -= self._sweep_ids([name])
-                elif fail_fast:
+                rows[case.name] = {key: group.attributes[key] for key in SUMMARY}
+                self._store(writer, case.name, group, problem(group, outcome), progress)
+                if fail_fast and group.attributes["status"] != "ok":
                     break
             # Cases that the batch has not reached keep the results that they had.
-            for name in old.keys() & pending:
-                writer.keep(old[name])
-        still = labelled(self.path, before)
-        if gone := [name for name in before if name not in still]:
-            names = ", ".join(abridged(gone, NAMES_LISTED))
+            for name in self.old.keys() - rows.keys():
+                writer.keep(self.old[name])
+        labelled_now = labelled(self.path, labelled_before)
+        if lost := [name for name in labelled_before if name not in labelled_now]:
             progress.say(
-                f"the labels of {names} are gone with the old results: hodo classify {self.path}"
+                f"the labels of {few(lost)} are gone with the old results: "
+                f"hodo classify {self.path}"
             )
         return self._rows(rows)
+
+    def _store(
+        self, writer: Writer, name: str, group: Group, problem: str, progress: Progress
+    ) -> None:
+        """Store a case that has ended; in its place an earlier result that is as good, or that
+        ended well where this one has a problem."""
+        done, old = partial(progress.done, name), self.old.get(name)
+        if problem and old and old.attributes.get("status") == "ok":
+            writer.keep(old)
+            done(f"{problem}; its earlier result is kept")
+        elif old and self._equals(old, group) and self._keep(writer, old):
+            done(problem)
+        else:
+            writer.add(name, group, partial(done, problem))
+        if not problem:
+            writer.unfinished -= self._sweep_ids([name])
 
     def _take_over(self, writer: Writer) -> list[str]:
         """Hand the results that are kept to the writer; the names of the cases that run."""
@@ -193,7 +196,7 @@ class Plan:
         cases = self.config.cases
         warned = ((text, name) for name in self.reasons for text in foreseen(cases[name]))
         for warning, names in grouped(warned).items():
-            progress.say(f"{', '.join(abridged(names, NAMES_LISTED))}: warning: {warning}")
+            progress.say(f"{few(names)}: warning: {warning}")
 
     def _rows(self, reached: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
         """How the cases asked for have ended: now, or when they were stored."""
@@ -215,15 +218,15 @@ class Plan:
         cases = [self.config.cases[name] for name in names]
         return {digest(case_digest(case)) for case in cases if case.sweep}
 
-    def _holds(self, name: str, group: Group) -> bool:
-        """Whether the earlier result of a case has the numbers, the hash and the config of a new
+    def _equals(self, old: FinishedCase, group: Group) -> bool:
+        """Whether an earlier result of a case has the numbers, the hash and the config of a new
         one."""
-        old, digest_of_case = self.old.get(name), group.attributes["hash"]
-        if not old or old.damage or group.late or old.attributes.get("hash") != digest_of_case:
+        is_same_case = old.attributes.get("hash") == group.attributes["hash"]
+        if old.damage or group.late or not is_same_case:
             return False
         with suppress(HodoError), open_run(old.file) as run:
             is_ours = run.attributes.get(CONFIG_PATH) == path_from(self.config, self.path)
-            return is_ours and has_all_of(run.read(name), group)
+            return is_ours and has_all_of(run.read(old.name), group)
         return False
 
 
@@ -277,10 +280,8 @@ def plans(
     for path in paths:
         if fault := file_name_fault(path.stem, [other.stem for other in paths]):
             raise HodoError(f"{path}: {fault}")
-        if paths.count(path) > 1:
-            raise HodoError(
-                f"{path} would hold the results of {paths.count(path)} configs: rename one"
-            )
+        if (count := paths.count(path)) > 1:
+            raise HodoError(f"{path} would hold the results of {count} configs: rename one")
     made = [
         plan_of(config, path, globs, force, prune)
         for config, path in zip(configs, paths, strict=True)
@@ -288,19 +289,22 @@ def plans(
     if not any(plan.asked for plan in made):
         raise no_case(globs, [name for plan in made for name in plan.config.cases])
     for plan in made:
-        for case in (plan.config.cases[name] for name in plan.reasons):
-            try:
-                check_memory(case, jobs)
-            except HodoError as error:
-                place, message = ("cases", case.name, "time", "samples"), str(error)
-                raise located(plan.config, place, message.partition(": ")[2]) from None
-            if case.sweep:
-                from ..sweeps.columns import stored_bytes
-
-                check_disk(case, stored_bytes(case), out)
+        check_resources(plan, jobs)
         if (plan.reasons or plan.dropped) and not force:
             check_writable(plan.path)
     return [plan for plan in made if plan.asked]
+
+
+def check_resources(plan: Plan, jobs: int) -> None:
+    """Raise HodoError if a case that is to run does not fit into the memory that each of so many
+    jobs can have, or on the disk."""
+    for case in (plan.config.cases[name] for name in plan.reasons):
+        if message := lack_of_memory(case, jobs):
+            raise located(plan.config, ("cases", case.name, "time", "samples"), message)
+        if case.sweep:
+            from ..sweeps.columns import stored_bytes  # only sweeps need it
+
+            check_disk(case, stored_bytes(case), plan.path.parent)
 
 
 def labelled(path: Path, names: Iterable[str]) -> list[str]:
@@ -337,11 +341,11 @@ def plan_of(config: Config, path: Path, globs: Sequence[str], force: bool, prune
     asked, reasons = config.matching(globs), {}
     stored = {name: items[0] for name, items in done.items()}
     for name in asked:
-        doubts = [(why(config.cases[name], item, force), item) for item in done.get(name, ())]
-        if fresh := [item for reason, item in doubts if not reason]:
-            stored[name] = fresh[0]
+        case = config.cases[name]
+        if valid := [item for item in done.get(name, ()) if not why(case, item, force)]:
+            stored[name] = valid[0]
         else:
-            reasons[name] = doubts[0][0] if doubts else why(config.cases[name], None, force)
+            reasons[name] = why(case, stored.get(name), force)
     return Plan(config, path, asked, reasons, stored, prune)
 
 

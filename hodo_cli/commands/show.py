@@ -3,6 +3,7 @@
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
 from sys import float_info
 from textwrap import fill
@@ -12,7 +13,7 @@ from .. import HodoError
 from ..cases.case import parse_case
 from ..results.layout import MODEL_SOURCE, SUMMARY, typed_as
 from ..storage import ResultFile, chunks_in, open_batch, staging_folders
-from ..text import NAMES_LISTED, abridged, grouped, in_bytes, magnitude, seconds, table
+from ..text import few, grouped, in_bytes, magnitude, seconds, table
 from .resume import result_named, warn_of_changes
 
 LISTED = SUMMARY | typed_as("case")
@@ -91,32 +92,42 @@ def methods_of(path: Path) -> dict[str, str]:
     Raises HodoError as `open_batch` does, or if the result holds no case that ended well.
     """
     path, _ = result_named(path)
-    columns = SUMMARY | typed_as("tol", "error_kind")
     with open_batch(path) as run:
-        sound = [name for name in run.cases() if name not in run.damaged]
-        rows = {name: run.row(name, columns) for name in sound}
-        own = [row["model"] for n, row in rows.items() if run.summary(n, (MODEL_SOURCE,))]
-        # A sweep is as many motions as it has members, of which a sample is measured.
-        counts = {name: run.summary(name, ["members", "error_sample"]) for name in sound}
-        sizes = {name: int(counts[name].get("members", 1)) for name in sound}
-        samples = {name: int(counts[name].get("error_sample", sizes[name])) for name in sound}
-        ended_well = {name: row for name, row in rows.items() if row["status"] == "ok"}
+        rows = [row_of_methods(run, name) for name in run.cases() if name not in run.damaged]
+        own_models = ", ".join(dict.fromkeys(row["model"] for row in rows if row["is_own_model"]))
+        ended_well = [row for row in rows if row["status"] == "ok"]
         if not ended_well:
             raise HodoError(f"{path} holds no case that ended well")
-        others = [name for name in run.cases() if name not in ended_well]
-        names = ", ".join(abridged(others, NAMES_LISTED))
-        models = ", ".join(dict.fromkeys(own))
+        names = {row["case"] for row in ended_well}
+        others = [name for name in run.cases() if name not in names]
         cited = filter(None, (f"{run.attributes.get('source')}", run.attributes.get("references")))
         sentences = (
-            computed_by(run, ended_well, sizes),
-            measured(ended_well, sizes, samples),
-            f"The equations of {models} are our own; the result holds their text." if own else "",
-            f"Left out, since they did not end well: {names}." if others else "",
+            computed_by(run, ended_well),
+            measured(ended_well),
+            f"The equations of {own_models} are our own; the result holds their text."
+            if own_models
+            else "",
+            f"Left out, since they did not end well: {few(others)}." if others else "",
             f"All computations used Python {version(run, 'python')} "
             f"and NumPy {version(run, 'numpy')}.",
             f"To be cited: {'; '.join(cited)}.",
         )
     return {"run": str(path), "methods": " ".join(filter(None, sentences))}
+
+
+def row_of_methods(run: ResultFile, name: str) -> dict[str, Any]:
+    """What the paragraph says of a case. A sweep is as many motions as it has members, of which a
+    sample is measured."""
+    row = run.row(name, SUMMARY | typed_as("tol", "error_kind"))
+    more = run.summary(name, ("members", "error_sample", MODEL_SOURCE))
+    motions = int(more.get("members", 1))
+    return {
+        "case": name,
+        **row,
+        "motions": motions,
+        "motions_measured": int(more.get("error_sample", motions)),
+        "is_own_model": MODEL_SOURCE in more,
+    }
 
 
 def methods_paragraphs(rows: Iterable[Mapping[str, str]]) -> str:
@@ -129,14 +140,12 @@ def version(run: ResultFile, library: str) -> str:
     return str(run.attributes.get(f"{library}_version", "of unknown version"))
 
 
-def computed_by(
-    run: ResultFile, rows: Mapping[str, Mapping[str, Any]], sizes: Mapping[str, int]
-) -> str:
+def computed_by(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> str:
     """The sentence on methods and tolerances: how many motions were computed by which."""
     libraries = {name: version(run, name) for name in ("heyoka", "scipy")}
     methods = Counter[tuple[str, float]]()
-    for name, row in rows.items():
-        methods[row["method"], row["tol"]] += sizes[name]
+    for row in rows:
+        methods[row["method"], row["tol"]] += row["motions"]
     phrases = []
     for (method, tol), count in methods.items():
         words = METHODS_IN_WORDS.get(method, "by {method}").format(method=method, **libraries)
@@ -144,7 +153,7 @@ def computed_by(
         # Of the terms that a Taylor series leaves out: the numbers themselves have 2.2e-16.
         finer = ", below the rounding of double precision" if tol < float_info.epsilon else ""
         phrases.append(f"{count} {words}{tolerance}{finer if tolerance else ''}")
-    models = ", ".join(dict.fromkeys(f"{row['model']} ({row['form']})" for row in rows.values()))
+    models = ", ".join(dict.fromkeys(f"{row['model']} ({row['form']})" for row in rows))
     commit = str(run.attributes.get("git_commit", ""))[:10]
     program = f"{run.attributes.get('source', 'hodo')}{f' (commit {commit})' if commit else ''}"
     total = methods.total()
@@ -152,24 +161,19 @@ def computed_by(
     return f"With {program}, {subject} of {models} {verb} computed: {'; '.join(phrases)}."
 
 
-def measured(
-    rows: Mapping[str, Mapping[str, Any]], sizes: Mapping[str, int], samples: Mapping[str, int]
-) -> str:
+def measured(rows: Sequence[Mapping[str, Any]]) -> str:
     """The sentence on measured errors, by what they were measured against; a sweep has them of a
     sample of its members."""
     phrases = []
-    for kind in dict.fromkeys(row["error_kind"] for row in rows.values()):
-        errors = {name: row["error"] for name, row in rows.items() if row["error_kind"] == kind}
-        worst = max(errors, key=lambda name: errors[name])
-        against, count = REFERENCES_IN_WORDS.get(kind, ""), sum(sizes[name] for name in errors)
-        measured_in = sum(samples[name] for name in errors)
-        chosen = (
-            f"a sample of {measured_in} of {count}" if measured_in < count else f"{count} of them"
-        )
+    for kind, of_kind in grouped((row["error_kind"], row) for row in rows).items():
+        worst = max(of_kind, key=itemgetter("error"))
+        motions, sample = (sum(row[x] for row in of_kind) for x in ("motions", "motions_measured"))
+        chosen = f"a sample of {sample} of {motions}" if sample < motions else f"{motions} of them"
         phrases.append(
-            f"at most {magnitude(errors[worst])} ({worst}) against {against}, {chosen}"
-            if against
-            else f"not measured in {count} of them"
+            f"at most {magnitude(worst['error'])} ({worst['case']}) "
+            f"against {REFERENCES_IN_WORDS[kind]}, {chosen}"
+            if kind in REFERENCES_IN_WORDS
+            else f"not measured in {motions} of them"
         )
     return f"The relative errors of the stored variables are {'; '.join(phrases)}."
 
@@ -198,7 +202,7 @@ def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
         for row in rows
     ]
     shared = [
-        f"{', '.join(abridged(cases, NAMES_LISTED))}: {text}"
+        f"{few(cases)}: {text}"
         for text, cases in names.items()
         if len(cases) > 1 or text.startswith("assumes ")
     ]
