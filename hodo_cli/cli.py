@@ -56,7 +56,7 @@ class Hodo(click.Group):
                     with _output():
                         status = super().invoke(ctx)
                     ctx.exit(status or 0)
-            except Exception as error:
+            except SHOWN_IN_A_LINE as error:
                 if not (line := error_line(error)):
                     raise
                 if ctx.params["traceback"]:
@@ -92,6 +92,13 @@ def _output() -> Iterator[None]:
 
 EXTRAS = dict.fromkeys(("dask", "distributed"), "dask distributed cryptography")
 """What to install for the libraries that only some users need."""
+
+
+SHOWN_IN_A_LINE = (
+    *(HodoError, BatchError, click.UsageError),
+    *(ModuleNotFoundError, MemoryError, OSError),
+)
+"""The errors of which `error_line` may show a line."""
 
 
 def error_line(error: Exception) -> str:
