@@ -130,7 +130,7 @@ def damping_alone(case: Case) -> tuple[float, ...] | None:
         return None
     # Two moments that differ by their rounding leave no region between them.
     A = np.sort(system.moments)
-    return system.constant_damping if (np.diff(A) > SAME_MOMENTS * A[1]).all() else None
+    return system.constant_damping() if (np.diff(A) > SAME_MOMENTS * A[1]).all() else None
 
 
 def averaged_share(case: Case, times: np.ndarray) -> np.ndarray | None:

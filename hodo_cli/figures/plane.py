@@ -474,6 +474,8 @@ def energy_bounds(energy: Axes, square: Axes, motion: Motion) -> None:
     G2, system = motion["G2"], motion.case.system
     for A in (min(motion.inertia), max(motion.inertia)):
         energy.plot(motion.time, G2 / (2 * A), color=GREY, lw=0.5)
-    for rate in set(system.momentum_rates) if isinstance(system, BodyUnderTorques) else ():
+    # Fluid does not change G.
+    damping = isinstance(system, BodyUnderTorques) and system.constant_damping("kappa")
+    for rate in {min(damping), max(damping)} if damping else ():
         bound = G2[0] * np.exp(-2 * rate * (motion.time - motion.time[0]))
         square.plot(motion.time, bound, color=GREY, lw=0.5)

@@ -1,7 +1,7 @@
 """A rigid body by its principal moments of inertia: pure functions of (A, omega)."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from functools import cached_property
@@ -13,6 +13,7 @@ import numpy as np
 from .. import HodoError
 from ..schema.kinds import Key, Mistake, Number, Table, vector
 from .base import Constants, Event, Label, Model, mistake_of
+from .inertia import along_principal_axes
 from .theory.possible_crossings import Dissipation, axes_kept
 from .theory.steady_spin import tilt_growth_by_equations, tilt_growth_rates
 
@@ -313,17 +314,6 @@ class BodyFrame(Model):
         data; None where they are these."""
         return None
 
-    @staticmethod
-    def along_principal(v: Sequence[Any], k: Any) -> Sequence[Any]:
-        """The components (3,) along the principal axes of a vector (3,) in the axes of the case, by
-        the constants of the equations: as `to_principal`, for arrays of bodies and for symbols."""
-        return v
-
-    @staticmethod
-    def principal_rotor(k: Any) -> Sequence[Any] | None:
-        """`rotor_momentum` by the constants of the equations."""
-        return None
-
     @property
     def rotor_momentum(self) -> np.ndarray | None:
         """h (3,) of a rotor along the principal axes; None without."""
@@ -383,18 +373,17 @@ class BodyFrame(Model):
         if self.rotor_momentum is not None:
             return ()
         moments = self.inertia if self.principal_axes is None else self.moments
-        return (Event("separatrix", Separatrix(inertia_order(moments), self.along_principal)),)
+        return (Event("separatrix", Separatrix(inertia_order(moments))),)
 
 
 @dataclass(frozen=True)
 class Separatrix:
     """D as an event; its order of axes is part of its identity, so that one compilation serves one
-    order. `along_principal` is that of the model."""
+    order."""
 
     order: tuple[int, int, int]
-    along_principal: Callable[[Sequence[Any], Any], Sequence[Any]]
 
     def __call__(self, t: Any, y: Sequence[Any], k: Any) -> Any:
-        omega = self.along_principal(y[:3], k)
+        omega = along_principal_axes(y[:3], k)
         outer, inner = separatrix_terms((k.A1, k.A2, k.A3), omega, self.order)
         return outer - inner

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,6 +17,13 @@ from .averaging.forms import mean_elements
 from .averaging.sums import CLOSED, ClosedMeans, ClosedTurns
 from .base import Bound, Constants, Event, EventOutcome, Level, LookedUp, Model, mistake_of
 from .constants import attributes
+from .inertia import (
+    accelerations,
+    along_principal_axes,
+    angular_momentum_of,
+    principal_rotor_of,
+    rotor_of,
+)
 from .rigid_body import (
     INITIAL,
     BodyFrame,
@@ -27,7 +34,6 @@ from .rigid_body import (
     is_tensor,
 )
 from .tensor import resistance_key
-from .terms import torques as terms
 from .terms.body import BodyUnderTorques, coefficients_of, terms_named
 from .terms.fluid import CAVITY, coefficient
 from .terms.laws import (
@@ -40,16 +46,7 @@ from .terms.laws import (
     least_value,
     zero_of_base,
 )
-from .terms.torques import (
-    TERMS,
-    Term,
-    accelerations,
-    along_principal_axes,
-    angular_momentum_of,
-    principal_rotor_of,
-    rates_under,
-    rotor_of,
-)
+from .terms.torques import BRAKE, SPACE, TERMS, VARIABLES, Term, rates_under
 from .theory.along_momentum import AlongMomentum
 from .theory.closed_form import free_motion
 from .theory.gyrostat import region_of
@@ -199,7 +196,7 @@ class Torques(BodyUnderTorques, LookedUp):
             default=None,
         ),
         "expression": Key(
-            ListOf(Expression(terms.VARIABLES), length=3, title="3 expressions in p, q, r and t"),
+            ListOf(Expression(VARIABLES), length=3, title="3 expressions in p, q, r and t"),
             "torque N1, N2, N3: numbers, p, q, r, t, + - * / **, sqrt, sin, cos, exp",
             unit="moment of inertia / time^2",
             default=None,
@@ -207,8 +204,6 @@ class Torques(BodyUnderTorques, LookedUp):
         "initial": INITIAL,
     }
     terms: ClassVar[tuple[Term, ...]] = ()
-    along_principal = staticmethod(along_principal_axes)
-    principal_rotor = staticmethod(principal_rotor_of)
 
     @staticmethod
     def velocity(inertia: Sequence[Any], initial: Mapping[str, float | None]) -> tuple[float, ...]:
@@ -274,7 +269,7 @@ class Torques(BodyUnderTorques, LookedUp):
         if self.frame is None:
             return constants
         frame = self.frame
-        matrices = {"axes": frame.axes, "tensor": frame.tensor, "inverse": frame.inverse}
+        matrices = {"principal_axes": frame.axes, "tensor": frame.tensor, "inverse": frame.inverse}
         return (
             constants
             | body_constants([*frame.moments])
@@ -358,8 +353,10 @@ class Torques(BodyUnderTorques, LookedUp):
         A, h = self.inertia, self.rotor
         if self.frame is not None:
             A, h = self.moments.tolist(), self.to_principal(np.array(self.rotor)).tolist()
-        equal = A[0] == A[1], A[1] == A[2], A[0] == A[2]
-        kind = GyrostatKind(inertia_order(A), tuple(map(bool, (*equal, *(x == 0 for x in h)))))
+        # Bodies whose steady rotations are found together have one order of the moments; the same
+        # of these are equal, and the same components of h are 0.
+        special = A[0] == A[1], A[1] == A[2], A[0] == A[2], *(x == 0 for x in h)
+        kind = *inertia_order(A), *map(bool, special)
         return Bound(twice_energy, (kind,)), Bound(square_of_momentum, (kind,))
 
     @property
@@ -436,22 +433,14 @@ class Torques(BodyUnderTorques, LookedUp):
         return [*super().warnings, f"no rotor: its momentum is less than {WEAK_ROTOR:g} of |G|"]
 
 
-class GyrostatKind(NamedTuple):
-    """What bodies with a rotor have in common whose steady rotations are found together: the order
-    of their moments, which of these are equal, and which components of h are 0."""
-
-    order: tuple[int, int, int]
-    special: tuple[bool, ...]
-
-
-def twice_energy(kind: GyrostatKind, t: Any, y: Sequence[Any], k: Any) -> Any:
-    """2T = A1 p^2 + A2 q^2 + A3 r^2."""
+def twice_energy(kind: tuple[Any, ...], t: Any, y: Sequence[Any], k: Any) -> Any:
+    """2T = A1 p^2 + A2 q^2 + A3 r^2, of bodies of a kind; see `Torques.levels`."""
     p, q, r = along_principal_axes(y[:3], k)
     return k.A1 * (p * p) + k.A2 * (q * q) + k.A3 * (r * r)
 
 
-def square_of_momentum(kind: GyrostatKind, t: Any, y: Sequence[Any], k: Any) -> Any:
-    """|G|^2, with the rotor's part."""
+def square_of_momentum(kind: tuple[Any, ...], t: Any, y: Sequence[Any], k: Any) -> Any:
+    """|G|^2, with the rotor's part, of bodies of a kind."""
     G = angular_momentum_of(y[:3], k)
     return G[0] * G[0] + G[1] * G[1] + G[2] * G[2]
 
@@ -618,8 +607,8 @@ def negative_coefficients(
 def is_finite_at(text: str, values: Sequence[Any]) -> bool:
     """Whether an expression has a value where its variables have these."""
     try:
-        named = dict(zip(terms.VARIABLES, values, strict=True))
-        return math.isfinite(evaluate(parse_expression(text, terms.VARIABLES), named))
+        named = dict(zip(VARIABLES, values, strict=True))
+        return math.isfinite(evaluate(parse_expression(text, VARIABLES), named))
     except (ValueError, ArithmeticError):
         return False
 
@@ -646,8 +635,8 @@ def sum_of(names: tuple[str, ...]) -> type[Torques]:
         "state": ("p", "q", "r", *extra),
         "state_degree": {name: power for name, power in extra.items() if power != 1},
         "degree": {"g": 2} | {name: n for term in chosen for name, n in term.degree.items()},
-        "fixed_in_space": tuple(terms.SPACE.extra) if terms.SPACE in chosen else (),
+        "fixed_in_space": tuple(SPACE.extra) if SPACE in chosen else (),
         "resisting": frozenset({"brake"}),
-        "may_stop": terms.BRAKE in chosen,
+        "may_stop": BRAKE in chosen,
     }
     return dataclass(frozen=True)(type("Torques", (Torques,), attributes_of))

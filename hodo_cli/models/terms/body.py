@@ -168,26 +168,14 @@ class BodyUnderTorques(BodyFrame):
             *cavity_warnings(vars(self).get("cavity"), self.moments, omega),
         ]
 
-    @property
-    def momentum_rates(self) -> tuple[float, ...]:
-        """The least and the largest rate at which |G| falls under constant damping, where nothing
-        else changes it, as fluid does not; empty for other sums."""
+    def constant_damping(self, *others: str) -> tuple[float, ...] | None:
+        """The rates lambda_i of constant linear damping, where besides it no torques act but those
+        of these names; else None."""
         given = self.term_coefficients
-        damping = given.get("damping", ())
-        if given.keys() - {"damping", "kappa"} or any(map(is_law, damping)):
-            return ()
-        return (min(damping), max(damping)) if damping else ()
-
-    @property
-    def constant_damping(self) -> tuple[float, ...] | None:
-        """The rates lambda_i of constant linear damping where no other torque acts; else None."""
-        acting = {
-            term: entries
-            for term, entries in self.term_coefficients.items()
-            if term in NOT_COVERED or any(entries)
-        }
-        damping = acting.pop("damping", ZEROS)
-        return None if acting or any(map(is_law, damping)) else damping
+        acting = {term for term, entries in given.items() if term in NOT_COVERED or any(entries)}
+        damping = given.get("damping", ZEROS)
+        is_constant = not any(map(is_law, damping))
+        return damping if is_constant and acting <= {"damping", *others} else None
 
     @property
     def along_momentum(self) -> AlongMomentum | None:

@@ -10,9 +10,18 @@ from typing import Any, NamedTuple
 
 from ...arithmetic import evaluate
 from ...schema.expression import parse_expression
+from ..inertia import (
+    Components,
+    accelerations,
+    along_principal_axes,
+    angular_momentum_of,
+    from_principal_axes,
+    times,
+    vector_product,
+    vector_sum,
+)
 from .laws import coefficient_at
 
-Components = tuple[Any, Any, Any]
 Function = Callable[[Any, Sequence[Any], Sequence[Any], Any, Sequence[Any]], Sequence[Any]]
 
 VARIABLES = ("p", "q", "r", "t")
@@ -60,64 +69,6 @@ def gyroscopic(w: Sequence[Any], k: Any) -> Sequence[Any]:
         k.g * (k.A1 - k.A2) / k.A3 * p * q,
     )
     return from_principal_axes(rates, k)
-
-
-def along_principal_axes(v: Sequence[Any], k: Any) -> Sequence[Any]:
-    """The components of a vector (3,) along the principal axes, to which a body that is given by
-    its full tensor of inertia has those of the case turned."""
-    return times(k.axes, v) if hasattr(k, "axes") else v
-
-
-def from_principal_axes(v: Sequence[Any], k: Any) -> Sequence[Any]:
-    """The inverse of `along_principal_axes`."""
-    if not hasattr(k, "axes"):
-        return v
-    a, b, c, d, e, f, g, h, i = k.axes
-    return times((a, d, g, b, e, h, c, f, i), v)
-
-
-def times(matrix: Sequence[Any], v: Sequence[Any]) -> Components:
-    """The product of a matrix, given row by row (9,), and a vector."""
-    x, y, z = v
-    a, b, c, d, e, f, g, h, i = matrix
-    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
-
-
-def vector_product(a: Sequence[Any], b: Sequence[Any]) -> Components:
-    """The vector product a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def accelerations(torque: Sequence[Any], k: Any) -> Components:
-    """The angular acceleration that a torque gives a body; with a full tensor of inertia by its
-    inverse."""
-    if hasattr(k, "tensor"):
-        return times(k.inverse, torque)
-    return torque[0] / k.A1, torque[1] / k.A2, torque[2] / k.A3
-
-
-def rotor_of(k: Any) -> Components | None:
-    """h of a rotor in the units of A omega, or None."""
-    # As every constant of degree 1 it is in units of the time as well, and so is g.
-    return (k.h1 / k.g, k.h2 / k.g, k.h3 / k.g) if hasattr(k, "h1") else None
-
-
-def principal_rotor_of(k: Any) -> Sequence[Any] | None:
-    """h (3,) of a rotor along the principal axes, in the units of A omega; None without."""
-    rotor = rotor_of(k)
-    return None if rotor is None else along_principal_axes(rotor, k)
-
-
-def angular_momentum_of(w: Sequence[Any], k: Any) -> Components:
-    """G = A omega, and h of a rotor."""
-    G = times(k.tensor, w) if hasattr(k, "tensor") else (k.A1 * w[0], k.A2 * w[1], k.A3 * w[2])
-    rotor = rotor_of(k)
-    return G if rotor is None else vector_sum(G, rotor)
-
-
-def vector_sum(a: Sequence[Any], b: Sequence[Any]) -> Components:
-    """The sum of two vectors."""
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def rates_under(terms: Iterable[Term], t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:

@@ -11,7 +11,7 @@ from ...engines.protocol import Coded
 from ...integration import Occurrence, is_falling
 from ...models.base import Event, Level, Model
 from ...models.constants import UNIT, VELOCITY, Structure, moving, namespace, stacked
-from ...models.rigid_body import BodyFrame
+from ...models.inertia import along_principal_axes, principal_rotor_of
 from ...models.theory.gyrostat import SaddleCurves
 
 ERROR_BOUND, PER_TOLERANCE = 1e-9, 1e3
@@ -120,14 +120,12 @@ class Ensemble:
     def principal_omega(self, y: np.ndarray, motions: np.ndarray) -> np.ndarray:
         """The angular velocities (3, k) along the principal axes of some motions (k,) of bodies, in
         states y (m, k)."""
-        assert issubclass(self.model, BodyFrame)
-        return np.array(self.model.along_principal([*y[:3]], self.named(motions)))
+        return np.array(along_principal_axes([*y[:3]], self.named(motions)))
 
     @cached_property
     def rotor(self) -> np.ndarray:
         """h (3, n) of bodies with a rotor along the principal axes."""
-        assert issubclass(self.model, BodyFrame)
-        return np.array(self.model.principal_rotor(self.named()))
+        return np.array(principal_rotor_of(self.named()))
 
     @cached_property
     def saddle_curves(self) -> SaddleCurves:
