@@ -5,6 +5,7 @@ which a polynomial lies between its least and its largest coefficient; `isolate`
 vanishes, and says where that drowns in `rounding`.
 """
 
+from collections.abc import Callable
 from fractions import Fraction
 from functools import lru_cache
 from math import comb
@@ -47,38 +48,32 @@ def to_bernstein(basis: str, degree: int, dtype: np.dtype[Any]) -> np.ndarray:
 
     It is exact before it is rounded. From powers all its entries are in [0, 1]: no digits are lost.
     """
-    fp = dtype.type
-    rows = [
+    terms = SCALED_BERNSTEIN[basis]
+    exact = [
         [
-            sum(
-                (Fraction(c * comb(j, k), comb(degree, k)) for k, c in enumerate(p[: j + 1]) if c),
-                Fraction(0),
+            Fraction(
+                sum(terms(k, i) * comb(degree - k, j - i) for i in range(min(j, k) + 1)),
+                comb(degree, j),
             )
             for j in range(degree + 1)
         ]
-        for p in _powers(basis, degree)
+        for k in range(degree + 1)
     ]
-    return np.array([[fp(x.numerator) / fp(x.denominator) for x in row] for row in rows])
+    fp = dtype.type
+    return np.array([[fp(x.numerator) / fp(x.denominator) for x in row] for row in exact])
 
 
-def _powers(basis: str, degree: int) -> list[list[int]]:
-    """The polynomials 0 to `degree` of a basis on [0, 1], each by the coefficients of its
-    powers."""
-    if basis == TAYLOR:
-        return [[int(k == n) for k in range(n + 1)] for n in range(degree + 1)]
-    if basis == LEGENDRE:
-        return [
-            [(-1) ** (n + k) * comb(n, k) * comb(n + k, k) for k in range(n + 1)]
-            for n in range(degree + 1)
-        ]
-    polynomials = [[1], [-1, 2]]  # T_(n+1) = 2 (2 x - 1) T_n - T_(n-1)
-    for n in range(1, degree):
-        shifted, last = [0, *polynomials[n]], [*polynomials[n], 0]
-        before = [*polynomials[n - 1], 0, 0]
-        polynomials.append(
-            [4 * a - 2 * b - c for a, b, c in zip(shifted, last, before, strict=True)]
-        )
-    return polynomials[: degree + 1]
+SCALED_BERNSTEIN: dict[str, Callable[[int, int], int]] = {
+    TAYLOR: lambda k, i: int(i == k),
+    LEGENDRE: lambda k, i: (-1) ** (k - i) * comb(k, i) ** 2,
+    CHEBYSHEV: lambda k, i: (-1) ** (k - i) * comb(2 * k, 2 * i),
+}
+"""The integers a_i by which polynomial k of a basis is the sum of a_i x^i (1 - x)^(k - i). Times
+(x + 1 - x)^(n - k) it becomes the same of degree n.
+
+Source: R. T. Farouki, Journal of Computational and Applied Mathematics 119 (2000) 145; A. Rababah,
+Computational Methods in Applied Mathematics 3 (2003) 608.
+"""
 
 
 @lru_cache(maxsize=64)

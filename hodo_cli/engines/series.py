@@ -81,12 +81,10 @@ class Series:
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> "Series":
-        if isinstance(other, Series):
-            return self._new(lambda k: self[k] - other[k])
-        return self._new(lambda k: self[k] if k else self[0] - other)
+        return self.__add__(-other)
 
     def __rsub__(self, other: Any) -> "Series":
-        return self._new(lambda k: -self[k] if k else other - self[0])
+        return (-self).__add__(other)
 
     def __mul__(self, other: Any) -> "Series":
         if isinstance(other, Series):
@@ -106,8 +104,7 @@ class Series:
     def __truediv__(self, other: Any) -> "Series":
         if not isinstance(other, Series):
             # A processor divides slower than it multiplies: one division for all coefficients.
-            multiple: Series = self * (1.0 / other)
-            return multiple
+            return self.__mul__(1.0 / other)
 
         def rule(quotient: Series, k: int) -> Any:
             # q = a/b from a = q b: the new coefficient is the only unknown of order k.
@@ -117,8 +114,7 @@ class Series:
         return self._solving(rule)
 
     def __rtruediv__(self, other: Any) -> "Series":
-        quotient: Series = self._new(partial(constant, other)) / self
-        return quotient
+        return self._new(partial(constant, other)).__truediv__(self)
 
     def _root(self) -> "Series":
         def rule(root: Series, k: int) -> Any:
@@ -232,14 +228,6 @@ class Combination(Series):
         return super().__add__(other)
 
     __radd__ = __add__
-
-    def __sub__(self, other: Any) -> Series:
-        difference: Series = self + -other
-        return difference
-
-    def __rsub__(self, other: Any) -> Series:
-        difference: Series = -self + other
-        return difference
 
     def __mul__(self, other: Any) -> Series:
         if not isinstance(other, Series):

@@ -1,7 +1,7 @@
 """A chunk of members, integrated: the task of a pool."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import thread_time
@@ -14,7 +14,6 @@ from ..cases.case import Case, Time
 from ..engines import have_taylor
 from ..engines.protocol import Status
 from ..integration import (
-    Crossing,
     Trajectory,
     body_of,
     classify,
@@ -24,10 +23,18 @@ from ..integration import (
 )
 from ..models import rigid_body
 from ..models.constants import flatten, rescaled
-from ..results.layout import CROSSING_COLUMNS, columns_of, passages_as_crossings
+from ..results.layout import passages_as_crossings
 from ..storage import Group, Variable
-from .columns import blank_columns, columns, event_columns, label_columns, shape
-from .ensemble.advance import advance, measure_crossings, step_of
+from .columns import (
+    blank_columns,
+    columns,
+    crossing_arrays,
+    event_columns,
+    label_columns,
+    passage_columns,
+    shape,
+)
+from .ensemble.advance import advance, measure_crossings
 from .ensemble.motions import Ensemble, Outcome, Passages, Rejection
 from .ensemble.regions import region_at, true_omega
 from .growth import Earlier
@@ -189,7 +196,7 @@ def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nd
             rejection[positions] = Rejection.EVENTS.code
             continue
         e = replace(group, times=times)
-        outcome = advance(e, step_of(e))
+        outcome = advance(e)
         if (e.event or e.levels) and not (e.model.no_axis_reason or e.model.always_absorbing):
             measure_crossings(e, outcome)
         accepted = positions[outcome.accepted]
@@ -202,34 +209,31 @@ def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nd
 
 def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.ndarray]:
     """The columns of the accepted motions of an ensemble."""
-    accepted = np.flatnonzero(outcome.accepted)
-    end, times = outcome.state[:, accepted, None], np.array([e.span[1]])
-    ends = output_of(e, accepted, times, end, outcome.exponent[accepted, None])
+    is_accepted, passed = outcome.accepted, outcome.accepted_passages
+    accepted, row = np.flatnonzero(is_accepted), np.cumsum(is_accepted) - 1
+    end, exponent = outcome.state[:, accepted, None], outcome.exponent[accepted, None]
+    ends = output_of(e, accepted, np.array([e.span[1]]), end, exponent)
     final = {name: values[:, 0] for name, values in ends.items()}
-    final["steps"] = outcome.steps[accepted]
-    with_events = [i for i in outcome.events if outcome.accepted[i]]
-    rows = np.searchsorted(accepted, with_events).tolist()
-    events = {row: outcome.events[i] for row, i in zip(rows, with_events, strict=True)}
-    if "enclosed_axis" in final:
-        begin = np.array([e.span[0]])
-        start = e.model.output(begin, e.start[:, accepted].T, e.named(accepted))
-        axes = start["enclosed_axis"], final["enclosed_axis"]
-        return final | event_columns(events, len(accepted), axes)
+    axis = final.get("enclosed_axis")
     if e.times.size:
         samples, exponent = outcome.samples[:, accepted], outcome.sample_exponent[accepted]
         final |= output_of(e, accepted, e.times, samples, exponent)
-    passed = outcome.accepted_passages
-    row = np.searchsorted(accepted, passed.motion)
-    if not e.model.no_axis_reason:
-        first, last = (enclosed(e, side[accepted]) for side in (outcome.first, outcome.last))
-        first[e.at_rest[accepted]] = rigid_body.UNDETERMINED
-        final |= event_columns(events, len(accepted), None)
+    events = {int(row[i]): met for i, met in outcome.events.items() if is_accepted[i]}
+    final |= event_columns(events, len(accepted)) | {"steps": outcome.steps[accepted]}
+    member = row[passed.motion]
+    if axis is not None:
+        begin, start = np.array([e.span[0]]), e.start[:, accepted].T
+        labels = e.model.output(begin, start, e.named(accepted))["enclosed_axis"], axis
+        member, crossings = passage_columns(events)
+    elif e.model.no_axis_reason:
+        final["event_time"][member] = passed.time  # of several, the last one counts
+        return final
+    else:
+        labels = enclosed(e, outcome.first[accepted]), enclosed(e, outcome.last[accepted])
+        labels[0][e.at_rest[accepted]] = rigid_body.UNDETERMINED
         crossings = crossing_columns(e, passed)
-        final |= label_columns(first, last, row, crossings, final["event_time"], time)
-        return final | {"separation": least_separation(e, outcome, accepted)}
-    event_time = np.full(len(accepted), np.nan)
-    event_time[row] = passed.time  # of several, the last one counts
-    return final | {"event_time": event_time}
+        final["separation"] = least_separation(e, outcome, accepted)
+    return final | label_columns(*labels, member, crossings, final["event_time"], time)
 
 
 def output_of(
@@ -300,27 +304,42 @@ def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np
         motion = integrate(single)
         if motion.status is not Status.OK:
             return motion.status, "", {}
-        variables = motion.variables
-        final = {name: values[-1:] for name, values in variables.items()}
-        final["steps"] = np.array([motion.steps])
-        axis = variables.get("enclosed_axis")
-        if "trajectory" in case.store:
-            final |= sampled(motion)
-        if not model.no_axis_reason:
-            status, labels = classified_alone(motion)
-            return status, motion.method, final | labels
+        status, columns = labels_alone(motion)
     except HodoError:
         return Status.FAILED, "", {}
-    crossings = passages_as_crossings(motion.events)
-    axes = None if axis is None else labels_at_ends(motion, axis, crossings)
-    return Status.OK, motion.method, final | event_columns({0: motion.events}, 1, axes)
+    if "trajectory" in case.store:
+        columns |= sampled(motion)
+    return status, motion.method, columns | {"steps": np.array([motion.steps])}
 
 
-def labels_at_ends(
-    motion: Trajectory, labels: np.ndarray, crossings: Sequence[Crossing]
-) -> tuple[np.ndarray, np.ndarray]:
-    """The labels (1,) with which a motion starts and ends."""
-    return np.array([label_at_start(motion.time[0], labels, crossings)]), labels[-1:]
+def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
+    """The columns (1,) of the end, of the labels and of the events of a single case, and whether
+    its labels are certain."""
+    case, variables = motion.case, motion.variables
+    columns = {name: values[-1:] for name, values in variables.items()}
+    columns |= event_columns({0: motion.events}, 1)
+    labels, crossings = variables.get("enclosed_axis"), passages_as_crossings(motion.events)
+    status = Status.OK
+    if not case.system.no_axis_reason:
+        found = classify(case, motion.method, motion.tol, motion.error, variables["omega"])
+        labels, crossings = found.labels, [*found.crossings]
+        columns["separation"] = least_separation_alone(motion)
+        status = Status.UNDECIDED if found.hidden else Status.OK
+    if labels is not None:
+        start = np.array([label_at_start(motion.time[0], labels, crossings)])
+        member, arrays = np.zeros(len(crossings), dtype=np.int64), crossing_arrays(crossings)
+        stop = columns["event_time"]
+        columns |= label_columns(start, labels[-1:], member, arrays, stop, case.time)
+    return status, columns
+
+
+def least_separation_alone(motion: Trajectory) -> np.ndarray:
+    """The smaller `separation` (1,) from the separatrix of start and end of a single case."""
+    body = body_of(motion.case)
+    # In true size only where a rotor sets a scale: elsewhere a decayed motion would be 0 there.
+    omega = motion.omega if body.rotor_momentum is None else motion.variables["omega"]
+    ends = np.array([body.start[:3], omega[-1]], dtype=float)
+    return np.asarray(body.separation(ends).min(keepdims=True))
 
 
 def sampled(motion: Trajectory) -> dict[str, np.ndarray]:
@@ -334,21 +353,3 @@ def sampled(motion: Trajectory) -> dict[str, np.ndarray]:
         filled[name] = np.full((1, len(times), *values.shape[1:]), missing, values.dtype)
         filled[name][0, reached] = values[asked]
     return filled
-
-
-def classified_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
-    """The columns (1,) of the labels and events of a single case, and whether its labels are
-    certain."""
-    case, true_omega = motion.case, motion.variables["omega"]
-    classification = classify(case, motion.method, motion.tol, motion.error, true_omega)
-    body = body_of(case)
-    # In true size only where a rotor sets a scale: elsewhere a decayed motion would be 0 there.
-    omega = motion.omega if body.rotor_momentum is None else true_omega
-    nearest = body.separation(np.array([body.start[:3], omega[-1]], dtype=float)).min()
-    member = np.zeros(len(classification.crossings), dtype=np.int64)
-    stored = columns_of(CROSSING_COLUMNS, classification.crossings)
-    crossings = {name: variable.data for name, variable in stored.items()}
-    first, last = labels_at_ends(motion, classification.labels, classification.crossings)
-    columns = event_columns({0: motion.events}, 1, None) | {"separation": np.array([nearest])}
-    columns |= label_columns(first, last, member, crossings, columns["event_time"], case.time)
-    return Status.UNDECIDED if classification.hidden else Status.OK, columns

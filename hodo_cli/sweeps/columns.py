@@ -1,7 +1,7 @@
 """What is stored of the members of a sweep, one column each."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from ..results.layout import (
     MEMBER_STOPPED,
     ON_REQUEST,
     Stored,
+    columns_of,
     passages_as_crossings,
 )
 
@@ -82,36 +83,37 @@ def stored_bytes(case: Case) -> int:
     )
 
 
-def event_columns(
-    events: Mapping[int, Sequence[Occurrence]], n: int, axes: tuple[np.ndarray, np.ndarray] | None
-) -> dict[str, np.ndarray]:
-    """The columns of the events of n members, by the positions of members that may have some; with
-    the axes (n,) that all enclose at start and end, if the model stores them, those of their
-    passages too."""
-    rows = [row for row, of_member in events.items() if of_member]
-    last = [events[row][-1] for row in rows]
+def event_columns(events: Mapping[int, Sequence[Occurrence]], n: int) -> dict[str, np.ndarray]:
+    """The columns of the last events of n members, by the positions of members that have some."""
+    last = {row: of_member[-1] for row, of_member in events.items() if of_member}
 
-    def column(values: Sequence[float], blank: float = math.nan) -> np.ndarray:
+    def column(values: Iterable[float], blank: float = math.nan) -> np.ndarray:
         filled = np.full(n, blank)
-        filled[rows] = values
+        filled[[*last]] = [*values]
         return filled
 
-    filled = {"event_time": column([event.time for event in last])}
-    if axes is None:
-        axis = [event.details.get("from", UNDETERMINED) for event in last]
-        return filled | {"event_from": column(axis, UNDETERMINED)}
+    filled = {"event_time": column(event.time for event in last.values())}
     for name in MEMBER_PASSED.keys() - MEMBER_CLASSIFIED.keys():
         detail = name.removeprefix("event_")
-        filled[name] = column([event.details.get(detail, math.nan) for event in last])
-    crossings = [passages_as_crossings(events[row]) for row in rows]
-    none = Crossing(math.nan, 0, 0, math.nan, math.nan)
-    first = [passages[0] if passages else none for passages in crossings]
-    for name in ("crossing_time", "crossing_from", "crossing_to", "crossing_G"):
-        field, _ = CROSSING_COLUMNS[name]
-        values = [getattr(crossing, field) for crossing in first]
-        filled[name] = column(values, getattr(none, field))
-    filled["crossings"] = column([len(passages) for passages in crossings], 0)
-    return filled | {"start_axis": axes[0], "end_axis": axes[1]}
+        filled[name] = column(event.details.get(detail, math.nan) for event in last.values())
+    axis = (event.details.get("from", UNDETERMINED) for event in last.values())
+    return filled | {"event_from": column(axis, UNDETERMINED)}
+
+
+def passage_columns(
+    events: Mapping[int, Sequence[Occurrence]],
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """The member (k,) of each event that takes an averaged motion to another axis, and these as
+    columns of crossings, from the events of members by their positions."""
+    passages = {row: passages_as_crossings(of_member) for row, of_member in events.items()}
+    member = [row for row, crossings in passages.items() for _ in crossings]
+    listed = [crossing for crossings in passages.values() for crossing in crossings]
+    return np.array(member, dtype=np.int64), crossing_arrays(listed)
+
+
+def crossing_arrays(crossings: Sequence[Crossing]) -> dict[str, np.ndarray]:
+    """Crossings as arrays (k,) by the names of CROSSING_COLUMNS."""
+    return {name: x.data for name, x in columns_of(CROSSING_COLUMNS, crossings).items()}
 
 
 def label_columns(
@@ -123,8 +125,9 @@ def label_columns(
     time: Time,
 ) -> dict[str, np.ndarray]:
     """The columns of the labels of n members from the axes that they enclose at both ends (n,),
-    from their crossings (k,), in order of member and time, by the names under which the first of
-    each member is stored, and from the times (n,) at which they stop, nan where they do not."""
+    from their crossings (k,), those of one member together and in order of time, by the names under
+    which the first of each member is stored, and from the times (n,) at which they stop, nan where
+    they do not."""
     n = len(start)
     filled = {
         "start_axis": start,

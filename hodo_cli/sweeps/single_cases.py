@@ -9,7 +9,7 @@ from ..cases.case import Case
 from ..integration import Crossing, Trajectory, sample_times
 from ..text import grouped
 from .chunk import crossing_columns, other_method
-from .ensemble.advance import advance, step_of
+from .ensemble.advance import advance
 from .ensemble.motions import Ensemble
 from .members import alike, ensemble_of
 
@@ -26,7 +26,7 @@ def side_by_side(cases: Sequence[Case]) -> list[CrossedMotion | None]:
     motions: list[CrossedMotion | None] = [None] * len(cases)
     for positions, e in ensembles_of(cases):
         times = sample_times(cases[positions[0]])
-        outcome = advance(replace(e, times=times), step_of(e))
+        outcome = advance(replace(e, times=times))
         crossings: list[list[Crossing]] = [[] for _ in positions]
         columns = crossing_columns(e, outcome.accepted_passages).values()
         rows = zip(*(column.tolist() for column in columns), strict=True)

@@ -2,37 +2,18 @@
 which motions they leave uncertain."""
 
 from dataclasses import replace
-from functools import partial
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...engines.series import value
 from ...integration import REST_BITS, at_rest, clock_rates, time_to_zero
 from ...models.base import Event
-from ...models.constants import moving, namespace
+from ...models.constants import moving
 from ...models.rigid_body import SEPARATRIX, UNDETERMINED
-from .batch import (
-    END_ROW,
-    NUMBER_ROW,
-    STEPS_PER_PAUSE,
-    STRIDE_ROW,
-    BatchState,
-    CandidateSteps,
-    call_padded,
-    powers_within,
-    shortened,
-    split_params,
-    states_after,
-    time_reached,
-    times_of,
-    zeros_of,
-)
+from .batch import STEPS_PER_PAUSE, BatchState
 from .motions import Ensemble, Outcome, Passages, Rejection
 from .regions import changes_within, label_at, time_between
-
-if TYPE_CHECKING:
-    from ...engines.taylor_batch import TaylorStep
+from .steps import TakenSteps, zeros_of
 
 LOOSER_TOLS, GROWN_ERRORS = 16, 32
 """The tolerances that a step takes where the growth of errors is looked for, and the error that a
@@ -42,33 +23,22 @@ a quarter of the true one at the least. For four in five, GROWN_ERRORS differenc
 nothing."""
 
 
-def step_of(e: Ensemble) -> "TaylorStep":
-    """The compiled step of an ensemble."""
-    from ...engines import taylor_batch  # heyoka may be missing
-
-    # Its code is the same whether the event ends a motion or not.
-    watched = (event._replace(terminal=False) for event in e.events)
-    model: Any = e.model  # a class has a hash, whatever its protocol says
-    return taylor_batch.build(model, e.structure, tuple(watched), e.levels)
-
-
 @np.errstate(all="ignore")  # what overflows is not finite, hence not accepted
-def advance(e: Ensemble, step: "TaylorStep") -> Outcome:
-    """All motions of an ensemble through their span by a step, which may watch an event that the
-    ensemble does not look for."""
+def advance(e: Ensemble) -> Outcome:
+    """All motions of an ensemble through their span."""
     m, n = e.start.shape
     outcome = Outcome(m, n, len(e.times))
     if e.onset.any():
-        batch = BatchState(e, step, outcome)
-        while batch.params.shape[1]:
+        batch = BatchState(e, outcome)
+        while batch.columns.motion.size:
             # Numpy's own work is in the pauses; between them a step is one call of compiled code.
             for _ in range(STEPS_PER_PAUSE):
                 batch.advance()
             batch.pause()
         if e.event is not None:
-            decide_passages(e, e.event, batch.candidates, step, outcome)
-        if e.levels:
-            decide_regions(e, batch.candidates, step, outcome)
+            decide_passages(e, e.event, batch.candidates, outcome)
+        elif e.searches and e.levels:
+            decide_regions(e, batch.candidates, outcome)
     if e.model.degree and e.model.starts_with_omega:
         stop_at_rest(outcome)
     if not e.model.degree:
@@ -94,11 +64,7 @@ def stop_at_rest(outcome: Outcome) -> None:
 
 
 def decide_passages(
-    e: Ensemble,
-    event: Event,
-    candidates: list[CandidateSteps],
-    step: "TaylorStep",
-    outcome: Outcome,
+    e: Ensemble, event: Event, candidates: list[TakenSteps], outcome: Outcome
 ) -> None:
     """Find the zeros of an event's function in the steps that may have some.
 
@@ -113,24 +79,20 @@ def decide_passages(
     certain = (outcome.first != 0) & (event.terminal | resting | (outcome.last != 0))
     steps = steps_of(candidates, certain & ~e.is_one_sided(event))
     if steps is not None:
-        zeros, undecided = zeros_within(e, event, steps, step)
+        zeros, undecided = zeros_within(e, event, steps)
         if event.terminal:
             zeros = zeros.chosen(zeros.is_first)
             outcome.state[:, zeros.motion] = zeros.state
             outcome.exponent[zeros.motion] = zeros.exponent
             for motion, time in zip(zeros.motion, zeros.time, strict=True):
                 outcome.samples[:, motion, e.times > time] = np.nan
+            outcome.last[zeros.motion] = zeros.after
         outcome.passages = zeros
         outcome.reject(undecided, Rejection.UNCERTAIN)
-    if event.terminal:
-        passed = outcome.passages
-        outcome.last[passed.motion] = passed.after
     reject_contradicted(outcome, resting)
 
 
-def decide_regions(
-    e: Ensemble, candidates: list[CandidateSteps], step: "TaylorStep", outcome: Outcome
-) -> None:
+def decide_regions(e: Ensemble, candidates: list[TakenSteps], outcome: Outcome) -> None:
     """The same for bodies with a rotor: find the changes of the label in steps that may have
     some."""
     outcome.first, outcome.last = (
@@ -140,13 +102,12 @@ def decide_regions(
     certain = (outcome.first != SEPARATRIX) & (outcome.last != SEPARATRIX)
     steps = steps_of(candidates, certain)
     if steps is not None:
-        changes, undecided = changes_within(e, steps, step)
+        changes, undecided = changes_within(e, steps)
         outcome.passages = changes or outcome.passages
         outcome.reject(undecided, Rejection.UNCERTAIN)
     reject_contradicted(outcome, resting)
     # Of what is too slow to be followed only a single case knows the rotor's part.
-    too_slow = outcome.exponent < -REST_BITS
-    outcome.reject((outcome.last == SEPARATRIX) | too_slow, Rejection.UNCERTAIN)
+    outcome.reject(outcome.exponent < -REST_BITS, Rejection.UNCERTAIN)
 
 
 def reject_contradicted(outcome: Outcome, resting: np.ndarray) -> None:
@@ -161,47 +122,38 @@ def reject_contradicted(outcome: Outcome, resting: np.ndarray) -> None:
     outcome.reject(contradicted | (outcome.first == 0), Rejection.UNCERTAIN)
 
 
-def steps_of(candidates: list[CandidateSteps], certain: np.ndarray) -> CandidateSteps | None:
+def steps_of(candidates: list[TakenSteps], certain: np.ndarray) -> TakenSteps | None:
     """All steps of those motions that are `certain` (n,); None if there are none."""
     if not candidates:
         return None
-    steps = CandidateSteps(
-        *(np.concatenate(arrays, axis=-1) for arrays in zip(*candidates, strict=True))
-    )
-    wanted = np.flatnonzero(certain[steps.params[NUMBER_ROW].astype(np.int64)])
-    return CandidateSteps(*(a.take(wanted, axis=-1) for a in steps)) if wanted.size else None
+    steps = TakenSteps.joined(candidates)
+    wanted = np.flatnonzero(certain[steps.start.motion])
+    return steps.chosen(wanted) if wanted.size else None
 
 
-def zeros_within(
-    e: Ensemble, event: Event, steps: CandidateSteps, step: "TaylorStep"
-) -> tuple[Passages, np.ndarray]:
+def zeros_within(e: Ensemble, event: Event, steps: TakenSteps) -> tuple[Passages, np.ndarray]:
     """The zeros in steps that may have some, and the motions that are undecided."""
-    before, params, m = steps.before, steps.params, len(e.start)
-    k = namespace(e.structure, list(params[1:STRIDE_ROW]))
-    noise = e.uncertainty(event, times_of(before, params, m), before[:m], k)
-    powers = powers_within(step, event, steps)
+    start, powers = steps.start, steps.powers(e.step, event)
+    noise = e.uncertainty(event, start.time, start.state, start.named(e.structure))
     # Of a body set going from rest D begins with the square of the time: that zero is no passage.
-    begun = np.asarray(steps.before[:m][moving(e.model)].any(axis=0))
+    begun = np.asarray(start.state[moving(e.model)].any(axis=0))
     later = np.pad(powers[:, 2:], ((0, 0), (0, 2)))
     of_later = np.where(begun, noise, e.error_bound * np.abs(powers).sum(axis=1))
     zeros = zeros_of(np.where(begun[:, None], powers, later), of_later)
-    row = zeros.row[zeros.sure]
-    place = zeros.x[zeros.sure] * steps.length[row]
+    undecided = start.motion[zeros.row[~zeros.sure]]
+    row, x = zeros.row[zeros.sure], zeros.x[zeros.sure]
+    steps = steps.chosen(row)
     rise = powers[row, 1:].T * np.arange(1, powers.shape[1])[:, None]
-    slope = value(rise, zeros.x[zeros.sure]) / steps.length[row]
-    before, params = before[:, row], params[:, row]
-    (remaining, lost, taken), (motion, size, rate) = before[m:], split_params(params)
-    begin, rest = time_reached(params[END_ROW], remaining, lost, rate)
-    times = begin + (rest + np.ldexp(place, -rate))
-    state = call_padded(
-        partial(states_after, step), *shortened(before, params[:NUMBER_ROW], place, rate)
-    )
-    uncertainty = np.ldexp(noise[row] / np.abs(slope), -rate)
-    errors = e.errors_of_times(uncertainty, times, taken + 2)
+    slope = value(rise, x) / steps.length
+    start, times = steps.start, steps.times_at(x)
+    uncertainty = np.ldexp(noise[row] / np.abs(slope), -start.rate)
+    errors = e.errors_of_times(uncertainty, times, start.clock[-1] + 2)
     direction = np.sign(slope).astype(np.int64)
-    unordered = Passages(motion, times, errors, uncertainty, -direction, direction, state, size)
-    undecided = steps.params[NUMBER_ROW, zeros.row[~zeros.sure]].astype(np.int64)
-    return unordered.chosen(np.lexsort((times, motion))), undecided
+    unordered = Passages(
+        start.motion, times, errors, uncertainty, -direction, direction,
+        steps.states_at(e.step, x), start.size,
+    )  # fmt: skip
+    return unordered.chosen(np.lexsort((times, start.motion))), undecided
 
 
 def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
@@ -220,10 +172,9 @@ def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
     motion, time = passed.motion[first], passed.time[first]
     again = replace(
         e, start=e.start[:, motion], constants=e.constants[:, motion], span=(e.span[0], time),
-        events=tuple(event for event in e.events if event.passage), levels=(),
-        times=np.empty(0), looser=LOOSER_TOLS,
+        times=np.empty(0), looser=LOOSER_TOLS, searches=False,
     )  # fmt: skip
-    end, k = advance(again, step_of(e)), vars(again.named())
+    end, k = advance(again), vars(again.named())
     if e.event is not None:
         distance = time_to_zero(e.event, e.model, k, time, end.state, end.exponent)
     else:

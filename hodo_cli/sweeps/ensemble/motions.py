@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from ...models.base import Event, Level, Model
 from ...models.constants import UNIT, VELOCITY, Structure, moving, namespace, stacked
 from ...models.inertia import along_principal_axes, principal_rotor_of
 from ...models.theory.gyrostat import SaddleCurves
+
+if TYPE_CHECKING:
+    from ...engines.taylor_batch import TaylorStep
 
 ERROR_BOUND, PER_TOLERANCE = 1e-9, 1e3
 """The error of a state is taken to stay below this part of it, or so many tolerances: where that
@@ -73,7 +76,7 @@ class Ensemble:
     """n motions: the constants of their equations (c, n), flat as `structure` says, their states at
     the start (m, n), the times at which they begin and end, each one or (n,), their events, at most
     one of each kind, the levels that tell their axes, and the tolerance, of which each step takes
-    `looser`."""
+    `looser`. `searches` says whether zeros of events and changes of axes are looked for."""
 
     model: type[Model]
     structure: Structure
@@ -85,11 +88,23 @@ class Ensemble:
     tol: float
     times: np.ndarray = field(default_factory=lambda: np.empty(0))
     looser: float = 1.0
+    searches: bool = True
+
+    @cached_property
+    def step(self) -> "TaylorStep":
+        """The compiled step of the motions."""
+        from ...engines import taylor_batch  # heyoka may be missing
+
+        # Its code is the same whether the event ends a motion or not.
+        events = tuple(event._replace(terminal=False) for event in self.events)
+        model: Any = self.model  # a class has a hash, whatever its protocol says
+        return taylor_batch.build(model, self.structure, events, self.levels)
 
     @cached_property
     def event(self) -> Event | None:
         """The event whose zeros are looked for."""
-        return next((event for event in self.events if not event.passage), None)
+        looked_for = (event for event in self.events if self.searches and not event.passage)
+        return next(looked_for, None)
 
     @cached_property
     def passing(self) -> Event | None:

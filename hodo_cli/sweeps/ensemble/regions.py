@@ -2,28 +2,15 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...integration import PLACES_VIEWED, has_turned
-from ...models.constants import namespace, rescaled
+from ...models.constants import rescaled
 from ...models.theory.gyrostat import HodographRegion, region_of
-from .batch import (
-    END_ROW,
-    NUMBER_ROW,
-    STRIDE_ROW,
-    CandidateSteps,
-    call_padded,
-    shortened,
-    split_params,
-    states_after,
-    time_reached,
-)
 from .motions import Ensemble, Passages
-
-if TYPE_CHECKING:
-    from ...engines.taylor_batch import TaylorStep
+from .steps import TakenSteps
 
 ROUNDS = 60
 """Of the search for one change: more than a double has digits."""
@@ -87,40 +74,33 @@ def changes_of(e: Ensemble, motion: np.ndarray, t: Any, state: np.ndarray, k: An
     return e.principal_omega(rates, motion)
 
 
-def view(
-    e: Ensemble, step: "TaylorStep", steps: CandidateSteps, row: np.ndarray, x: np.ndarray
-) -> MotionView:
+def view(e: Ensemble, steps: TakenSteps, row: np.ndarray, x: np.ndarray) -> MotionView:
     """Motions at places x (k,), from 0 to 1, of the steps in `row` (k,)."""
-    m, before, params = len(e.start), steps.before[:, row], steps.params[:, row]
-    (remaining, lost, _), (motion, size, rate) = before[m:], split_params(params)
-    k = namespace(e.structure, list(params[1:STRIDE_ROW]))
-    begin, rest = time_reached(params[END_ROW], remaining, lost, rate)
-    place = x * steps.length[row]
-    time, length = begin + (rest + np.ldexp(place, -rate)), np.ldexp(steps.length[row], -rate)
-    shorter = shortened(before, params[:NUMBER_ROW], place, rate)
-    state = call_padded(partial(states_after, step), *shorter)
-    change = np.ldexp(changes_of(e, motion, time, state, k), size + rate).T
+    steps = steps.chosen(row)
+    (_, _, motion, size, rate), time = steps.start, steps.times_at(x)
+    state = steps.states_at(e.step, x)
+    rates = changes_of(e, motion, time, state, steps.start.named(e.structure))
     omega = true_omega(e, motion, state, size)
-    region = region_at(e, motion, omega)
-    return MotionView(motion, time, length, state, size, omega, change, region)
+    return MotionView(
+        motion, time, np.ldexp(steps.length, -rate), state, size, omega,
+        np.ldexp(rates, size + rate).T, region_at(e, motion, omega),
+    )  # fmt: skip
 
 
-def changes_within(
-    e: Ensemble, steps: CandidateSteps, step: "TaylorStep"
-) -> tuple[Passages | None, np.ndarray]:
+def changes_within(e: Ensemble, steps: TakenSteps) -> tuple[Passages | None, np.ndarray]:
     """The changes of the label in steps that may have some, and the motions of which they are
     undecided."""
-    look, count = partial(view, e, step, steps), len(steps.length)
+    look, count = partial(view, e, steps), len(steps.length)
     blocks = (
         np.arange(i, min(i + STEPS_PER_BLOCK, count)) for i in range(0, count, STEPS_PER_BLOCK)
     )
     seen = [changes_seen(look, row, e.error_bound) for row in blocks]
     row, low, unclear = (np.concatenate(parts) for parts in zip(*seen, strict=True))
-    uncertain = steps.params[NUMBER_ROW, unclear].astype(np.int64)
+    uncertain = steps.start.motion[unclear]
     if not row.size:
         return None, uncertain
     before, after, x, width = change_between(e, look, row, low, low + 1 / (PLACES_VIEWED - 1))
-    at, taken = look(row, x), steps.before[len(e.start) + 2, row] + 2
+    at, taken = look(row, x), steps.start.clock[-1, row] + 2
     gradient = passing_gradient(e, at.motion, at.omega, at.region)
     # The error of a state is a part of omega, in whatever direction.
     off = np.linalg.norm(gradient, axis=-1) * np.linalg.norm(at.omega, axis=-1)
