@@ -193,7 +193,8 @@ def test_the_rest_of_an_events_series_is_bounded(which: str) -> None:
         time, state = power_series.motion(type(case.system).rhs, 0.5, start, k)
         series = event.function(time, state, k)
         rest = sum(abs(series[i]) * step**i for i in range(order + 1, taylor_batch.SERIES_ORDER))
-        bound = taylor_batch.majorant_beyond(order, event.function, time, state, k, step)
+        at = taylor_batch.SymbolicMotion([], time, state, k)
+        bound = taylor_batch.majorant_beyond(order, event.function, at, step)
         assert rest <= bound
         powers = [max(abs(s[i]) * step**i for s in state) for i in range(order + 1)]
         assert bound < 100 * max(powers) ** 2

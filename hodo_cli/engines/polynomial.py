@@ -92,15 +92,8 @@ def _binomials(degree: int, dtype: np.dtype[Any]) -> np.ndarray:
 
 def weights(x: np.ndarray, degree: int) -> np.ndarray:
     """Bernstein's polynomials (k, degree + 1) at places (k,); their sum is 1."""
-    up, down = _powers_of(x, degree), _powers_of(1 - x, degree)
+    up, down = (np.vander(y, degree + 1, increasing=True) for y in (x, 1 - x))
     return np.asarray(_binomials(degree, x.dtype) * up * down[:, ::-1])
-
-
-def _powers_of(x: np.ndarray, degree: int) -> np.ndarray:
-    """x^0 to x^degree (k, degree + 1), by products: numpy's ** takes ten times as long."""
-    factors = np.ones((len(x), degree + 1), dtype=x.dtype)
-    factors[:, 1:] = x[:, None]
-    return np.asarray(np.cumprod(factors, axis=1))
 
 
 def rounding(c: np.ndarray, basis: str) -> np.ndarray:

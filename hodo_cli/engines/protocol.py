@@ -14,8 +14,11 @@ from ..models.base import Constants
 IVP = {"DOP853": 1e-12, "RK45": 1e-9, "LSODA": 1e-9, "Radau": 1e-9, "BDF": 1e-9}
 """SciPy's methods with their default tolerances."""
 
-PRECISION = {"double": 2.0**-52, "extended": float(np.finfo(np.longdouble).eps)}
-PRECISION["quadruple"] = 2.0**-112
+PRECISION = {
+    "double": 2.0**-52,
+    "extended": float(np.finfo(np.longdouble).eps),
+    "quadruple": 2.0**-112,
+}
 """The distance from 1 to the next number in each precision."""
 
 EPS = PRECISION["double"]

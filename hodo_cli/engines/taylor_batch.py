@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial, reduce
 from pathlib import Path
 from time import thread_time
-from typing import Any
+from typing import Any, NamedTuple
 
 import heyoka as hy
 import numpy as np
@@ -126,17 +126,12 @@ class TaylorStep:
         events: tuple[Event, ...],
         levels: tuple[Level, ...],
     ) -> None:
-        self._problem = model, structure, events, levels
-        self.events, self._series = watched(events), dict[int, Any]()
-        self._key = key_of(*self._problem)
+        self.model, self.structure, self.levels = model, structure, levels
+        self.corners = {event.sign: event.function for event in events if event.sign is not None}
+        self.events = tuple(event for event in events if event.sign is None)
+        self._key, self._series = self._digest(), dict[int, Any]()
         self._step = kept_code(f"{self._key}-step", self._compiled_step)
         self.rows: int = self._step.nouts
-
-    def _compiled_step(self) -> Any:
-        inputs, rows, _ = expressions(*self._problem)
-        return compiled_function(
-            inputs, rows, 1 if size_of_rates(*self._problem[:2]) > OPTIMISED_NODES else 3
-        )
 
     def __call__(self, columns: np.ndarray, k: np.ndarray, out: np.ndarray) -> None:
         """Step columns (m + 3, n) to `out`, with the parameters k (c + 2, n): the end's time, the
@@ -158,27 +153,74 @@ class TaylorStep:
         k = k[: series.nparams]  # the last ones do not occur in it
         return np.asarray(series(columns, pars=k, batch_parallel=False))
 
+    def _digest(self) -> str:
+        """What the code depends on: the equations, what hodo makes of them, and what compiles them
+        for which processor."""
+        t, y, k = self._symbols()
+        functions = *self.corners.values(), *(event.function for event in self.events), *self.levels
+        # Not their text, which is cut where it is long.
+        equations = pickle.dumps([*self.model.rhs(t, y, k), *(of(t, y, k) for of in functions)])
+        kinds = [*self.corners], [event.passage is None for event in self.events]
+        of_model = self.structure, kinds, self.model.always_absorbing
+        used = of_model, WIDTH, hy.__version__, processor(), STEP_SOURCES
+        return hashlib.sha256(equations + repr(used).encode()).hexdigest()[:32]
+
+    def _symbols(self) -> tuple[Any, list[Any], Any]:
+        """The time left, the state and the constants of the equations."""
+        _, *numbers, _ = (hy.par[i] for i in range(count(self.structure) + 2))
+        y = [hy.make_vars(f"y{i}") for i in range(len(self.model.state))]
+        return hy.make_vars("remaining"), y, namespace(self.structure, numbers)
+
+    def _motion(self) -> "SymbolicMotion":
+        """The motion from the start of a step on."""
+        remaining, y, k = self._symbols()
+        lost, steps = hy.make_vars("lost", "steps")
+        # The first parameter is the time of the end, from which the time left is counted. That is
+        # in units that fit the motion, the end in the case's own.
+        unit = getattr(k, UNIT, 1.0)
+        begin = (hy.par[0] - remaining * unit) - lost * unit
+        start = on_one_side(self.model, self.corners, begin, y, k, unit)
+        time, state = motion(self.model.rhs, begin, start, k, unit)
+        return SymbolicMotion([*y, remaining, lost, steps], time, state, k)
+
+    def _compiled_step(self) -> Any:
+        at = self._motion()
+        *_, remaining, lost, steps = at.inputs
+        y = [coefficients(series, SERIES_ORDER) for series in at.state]
+        # The last parameter is the `stride`, so that the code serves every tolerance.
+        longest = hy.par[count(self.structure) + 1] * radius(y)
+        step = smaller(longest, remaining)
+        for function in self.corners.values():
+            # By `longest`, so that it ends at the same time whatever time is left.
+            g = coefficients(function(at.time, at.state, at.k), SERIES_ORDER)
+            slack = CORNER * size_within(self.model, y, longest)
+            step = smaller(time_to_corner(g, longest, slack), step)
+        # The last step takes exactly the time left, so that it leaves 0 and no rounding.
+        after = remaining - step
+        # What the subtraction has rounded away is kept, so that many steps cost the time no digits.
+        lost = lost + ((remaining - after) - step)
+        steps = steps + hy.select(hy.gt(remaining, 0.0), hy.expression(1.0), hy.expression(0.0))
+        end = [total_of_powers(c, step) for c in y]
+        events = (self._event_row(event, at, end, step) for event in self.events)
+        levels = (row for level in self.levels for row in level_rows(level, at, step))
+        # Averaged systems are large.
+        is_large = sum(map(len, self.model.rhs(*self._symbols()))) > OPTIMISED_NODES
+        rows = [*end, after, lost, steps, step, *events, *levels]
+        return compiled_function(at.inputs, rows, 1 if is_large else 3)
+
+    def _event_row(self, event: Event, at: "SymbolicMotion", end: list[Any], step: Any) -> Any:
+        """The row of an event in a step to the state `end`."""
+        if event.passage or not self.model.always_absorbing:
+            return least_distance(event.function, at, step)
+        begin, unit = at.time[0], at.time[1]
+        before = event.function(begin, [series[0] for series in at.state], at.k)
+        return before * event.function(begin + step * unit, end, at.k)
+
     def _compiled_series(self, event: Event) -> Any:
-        inputs, _, motions = expressions(*self._problem)
+        at = self._motion()
+        rows = coefficients(event.function(at.time, at.state, at.k), SERIES_ORDER)
         # Few steps need it: not worth the optimiser's time.
-        return compiled_function(inputs, coefficients(event.function(*motions), SERIES_ORDER), 1)
-
-
-def key_of(
-    model: type[Model],
-    structure: Structure,
-    events: tuple[Event, ...],
-    levels: tuple[Level, ...],
-) -> str:
-    """What the code of a step depends on, as a digest: its equations, what hodo makes of them, and
-    what compiles them for which processor."""
-    t, y, k = symbols(model, structure)
-    # Not their text, which is cut where it is long.
-    functions = *(event.function for event in events), *levels
-    equations = pickle.dumps([*model.rhs(t, y, k), *(of(t, y, k) for of in functions)])
-    kinds = [(event.passage is None, event.sign, model.always_absorbing) for event in events]
-    used = structure, kinds, WIDTH, hy.__version__, processor(), STEP_SOURCES
-    return hashlib.sha256(equations + repr(used).encode()).hexdigest()[:32]
+        return compiled_function(at.inputs, rows, 1)
 
 
 STEP_SOURCES = [
@@ -187,67 +229,14 @@ STEP_SOURCES = [
 """The modules that make a step of equations."""
 
 
-def watched(events: tuple[Event, ...]) -> tuple[Event, ...]:
-    """The events that have a row: those that are no corner."""
-    return tuple(event for event in events if event.sign is None)
+class SymbolicMotion(NamedTuple):
+    """A motion in symbols: the inputs of a step, the time and the state as series from its start,
+    and the constants."""
 
-
-def symbols(model: type[Model], structure: Structure) -> tuple[Any, list[Any], Any]:
-    """The time, the state and the constants of a model's equations."""
-    _, *numbers, _ = (hy.par[i] for i in range(count(structure) + 2))
-    y = [hy.make_vars(f"y{i}") for i in range(len(model.state))]
-    return hy.make_vars("remaining"), y, namespace(structure, numbers)
-
-
-def size_of_rates(model: type[Model], structure: Structure) -> int:
-    """The nodes in the expressions of a model's rates."""
-    return sum(map(len, model.rhs(*symbols(model, structure))))
-
-
-def expressions(
-    model: type[Model],
-    structure: Structure,
-    events: tuple[Event, ...],
-    levels: tuple[Level, ...],
-) -> tuple[list[Any], list[Any], tuple[Any, list[Series], Any]]:
-    """The inputs of a step, its rows, and the time and the state as series, with the constants."""
-    _, start, k = symbols(model, structure)
-    remaining, lost, steps = clock = hy.make_vars("remaining", "lost", "steps")
-    # The first parameter is the time of the end, from which the time left is counted; the last one
-    # is the `stride`, so that the code serves every tolerance.
-    end, most = hy.par[0], hy.par[count(structure) + 1]
-    # The time left is in units that fit the motion, the end in the case's own.
-    unit = getattr(k, UNIT, 1.0)
-    begin = (end - remaining * unit) - lost * unit
-    inputs = [*start, *clock]
-    corners = {event.sign: event.function for event in events if event.sign is not None}
-    start = on_one_side(model, corners, begin, start, k, unit)
-    time, state = motion(model.rhs, begin, start, k, unit)
-    y = [coefficients(series, SERIES_ORDER) for series in state]
-    longest = most * radius(y)
-    step = smaller(longest, remaining)
-    for function in corners.values():
-        # By `longest`, so that it ends at the same time whatever time is left.
-        g = coefficients(function(time, state, k), SERIES_ORDER)
-        step = smaller(time_to_corner(g, longest, CORNER * size_within(model, y, longest)), step)
-    # The last step takes exactly the time left, so that it leaves 0 and no rounding.
-    after = remaining - step
-    # What the subtraction has rounded away is kept, so that many steps cost the time no digits.
-    lost = lost + ((remaining - after) - step)
-    steps = steps + hy.select(hy.gt(remaining, 0.0), hy.expression(1.0), hy.expression(0.0))
-    rows = [*(total_of_powers(c, step) for c in y), after, lost, steps, step]
-    after_step = rows[: len(start)]
-    for event in watched(events):
-        if model.always_absorbing and not event.passage:
-            ends = event.function(begin + step * unit, after_step, k)
-            rows.append(event.function(begin, start, k) * ends)
-        else:
-            rows.append(clearance(event.function, time, state, k, step))
-    for level in levels:
-        D, rest = bounded(level, time, state, k, step)
-        curved = step * step * total_of_powers([size(c) for c in D[2:]], step)
-        rows += [D[0], step * D[1], curved + rest]
-    return inputs, rows, (time, state, k)
+    inputs: list[Any]
+    time: Series
+    state: list[Series]
+    k: Any
 
 
 def on_one_side(
@@ -369,42 +358,46 @@ def radius(y: Sequence[Sequence[Any]]) -> Any:
     return reduce(lambda x, _: hy.sqrt(x), range(int(math.log2(ROOT_ORDER))), power)
 
 
-def clearance(function: Level, time: Series, state: Sequence[Series], k: Any, step: Any) -> Any:
-    """A lower bound on |D(s)| for s from 0 to `step`, D a function; negative where it shows
-    nothing.
+def least_distance(function: Level, at: SymbolicMotion, step: Any) -> Any:
+    """A lower bound on |D(s)| for s from 0 to `step`, D a function of a motion; negative where it
+    shows nothing.
 
     |D| is at least |D_0| + min(0, s sign(D_0) D_1), less the sum of |D_k| s^k from k = 2.
     """
-    D, rest = bounded(function, time, state, k, step)
+    D, curved = slope_and_rest(function, at, step)
     towards_0 = hy.select(hy.lt(D[0], 0.0), -D[1], D[1])
-    rest = rest + step * step * total_of_powers([size(c) for c in D[2:]], step)
-    return size(D[0]) + step * smaller(towards_0, hy.expression(0.0)) - rest
+    return size(D[0]) + step * smaller(towards_0, hy.expression(0.0)) - curved
 
 
-def bounded(
-    function: Level, time: Series, state: Sequence[Series], k: Any, step: Any
-) -> tuple[list[Any], Any]:
-    """The coefficients of a function, up to EVENT_ORDER, and a bound on the other terms within a
-    step: what the same function of majorants is, as a whole less its own terms up to there."""
+def level_rows(level: Level, at: SymbolicMotion, step: Any) -> list[Any]:
+    """The rows of a level: its value, how much it changes at its slope, and a bound on what it does
+    besides."""
+    D, curved = slope_and_rest(level, at, step)
+    return [D[0], step * D[1], curved]
+
+
+def slope_and_rest(function: Level, at: SymbolicMotion, step: Any) -> tuple[list[Any], Any]:
+    """The coefficients of a function of a motion, and a bound on its terms within a step from the
+    square on. Beyond EVENT_ORDER these are less than the same function of majorants is, as a whole
+    less its terms up to there."""
     order = EVENT_ORDER
     try:
-        rest = majorant_beyond(order, function, time, state, k, step)
+        rest = majorant_beyond(order, function, at, step)
     except NotImplementedError:
         order, rest = SERIES_ORDER, hy.expression(0.0)
-    return coefficients(function(time, state, k), order), rest
+    D = coefficients(function(at.time, at.state, at.k), order)
+    return D, rest + step * step * total_of_powers([size(c) for c in D[2:]], step)
 
 
-def majorant_beyond(
-    order: int, function: Level, time: Series, state: Sequence[Series], k: Any, step: Any
-) -> Any:
-    """A bound on the terms beyond an order of a function within a step.
+def majorant_beyond(order: int, function: Level, at: SymbolicMotion, step: Any) -> Any:
+    """A bound on the terms beyond an order of a function of a motion within a step.
 
     Raises NotImplementedError where the function has no majorant.
     """
-    inputs = [Majorant(partial(term_size, series)) for series in (time, *state)]
+    inputs = [Majorant(partial(term_size, series)) for series in (at.time, *at.state)]
     sums = [total_of_powers(coefficients(series, SERIES_ORDER), step) for series in inputs]
     whole = [Majorant(partial(constant, total)) for total in sums]
-    of_series, of_sums = (function(y[0], y[1:], k) for y in (inputs, whole))
+    of_series, of_sums = (function(y[0], y[1:], at.k) for y in (inputs, whole))
     # Both are rounded.
     own = total_of_powers(coefficients(of_series, order), step)
     return (1 + BOUND_ROUNDING) * of_sums[0] - own

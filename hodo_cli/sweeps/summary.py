@@ -128,8 +128,8 @@ class Summary:
     many of these have none, by reason; with what the attributes of an `earlier` result say of the
     members that are taken over from it."""
 
-    def __init__(self, case: Case, total: int, earlier: Mapping[str, Any] | None = None) -> None:
-        self.case, self.earlier = case, earlier or {}
+    def __init__(self, case: Case, total: int, earlier: Mapping[str, Any]) -> None:
+        self.case, self.earlier = case, earlier
         self.status, self.alone = (np.zeros(len(words), dtype=int) for words in (Status, Rejection))
         self.steps = int(self.earlier.get("steps", 0))
         self.run_time = float(self.earlier.get("run_time", 0.0))

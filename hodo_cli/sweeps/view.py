@@ -285,7 +285,7 @@ class SweepView:
     def unit(self, name: str) -> str:
         """The unit of the values along an axis: that of its coordinate or, of an angle, degrees if
         its first and last values are round ones, else radians."""
-        variable = self.data.variables[(self.keys(name) or [name])[0]]
+        variable = self.data.variables[self.key(name)]
         if (stored := str(variable.attrs.get("units", "1"))) not in ("1", "rad"):
             return stored
         if not ({*self.key(name).split(".")[-2:]} & ANGLES and variable.size):

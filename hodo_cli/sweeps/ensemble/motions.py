@@ -173,14 +173,11 @@ class Ensemble:
         return np.asarray((smallest == middle) | (middle == largest))
 
     @cached_property
-    def scaled_rows(self) -> dict[str, slice]:
-        """The rows of those constants that change with the units."""
-        rows, first = {}, 0
-        for name, size in self.structure:
-            length = max(size, 1) if isinstance(size, int) else 0
-            rows[name] = slice(first, first + length)
-            first += length
-        return {name: rows[name] for name in (*self.model.degree, UNIT, VELOCITY) if name in rows}
+    def scaled_rows(self) -> dict[str, np.ndarray]:
+        """The rows (r, 1) of those constants that change with the units, by name."""
+        rows = vars(namespace(self.structure, range(len(self.constants))))
+        scaled = {*self.model.degree, UNIT, VELOCITY} & rows.keys()
+        return {name: np.atleast_1d(rows[name])[:, None] for name in scaled}
 
     @property
     def is_timed(self) -> bool:
