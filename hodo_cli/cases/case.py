@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Any, Never
 
 import numpy as np
@@ -34,7 +33,15 @@ from ..schema.kinds import (
     unknown,
 )
 from .derived import DERIVED, LeftOut, constants_of, derivable, missing, remedy_of
-from .keys import COMMON, NO_CLOSED_FORM, REMARKS, all_keys, keys_in, wrong_precision
+from .keys import (
+    COMMON,
+    NO_CLOSED_FORM,
+    REMARKS,
+    REPLACED_TIMES,
+    all_keys,
+    keys_in,
+    wrong_precision,
+)
 from .sweep_block import check_axes, first_values, storable
 
 # Safe as a group of HDF5 (no slash), as a file, and in a shell; `_` in front is kept for groups
@@ -264,39 +271,28 @@ def checked_case(name: Any, block: Block) -> Case:
     model, keys = keys_in(block)
     entries, mistakes = _entries_taken(block, model, keys)
     values, more = check_keys(keys, entries)
-    mistakes += [*more, *_time_mistakes(values.get("time"))]
+    mistakes += more
     if model is None:
         raise Wrong(*mistakes)
     # A case without an attitude is the same whether it says so or not.
     without = set() if values.get(ATTITUDE_KEY) else {ATTITUDE_KEY}
     data = {key: values[key] for key in keys_of_form(model) if key in values.keys() - without}
     data |= first_values(values.get("sweep") or {}, model, data)
-    model_data = {key: value for key, value in data.items() if key != ATTITUDE_KEY}
-    of_data = [*model.check(model_data), *check_attitude(model, data)]
     # What the case as a whole seems to lack may stand under a key that is misspelt or wrong.
+    of_data = [*_data_mistakes(model, data, None if mistakes else values["time"])]
     mistakes += [mistake for mistake in of_data if mistake[0] or not mistakes]
-    if "time" in values and not mistakes:
-        mistakes += model.check_span(model_data, values["time"]["start"], values["time"]["end"])
-    # The class that stands in for a form with these data decides which variables are stored.
     system = None if mistakes else system_of(model, data)
-    concrete_model = type(system) if system else model
-    mistakes += _store_mistakes(concrete_model, system, values)
-    if system and (message := models.mistake_in(system)):
-        mistakes.append((("model",), message))
-    mistakes += _method_mistakes(system, values) if system else ()
-    if values.get("sweep") and values.get("time", {}).get("steps"):
-        mistakes.append((("time", "steps"), "the members of a sweep have one list of times"))
-    if values.get("sweep") and not mistakes:
-        mistakes += check_axes(values["sweep"], concrete_model, data)
-    if mistakes:
+    mistakes += _store_mistakes(model, system, values)
+    if system:
+        mistakes += _method_mistakes(system, values)
+    if system and values["sweep"] and not mistakes:
+        mistakes += check_axes(values["sweep"], type(system), data)
+    if mistakes or system is None:
         raise Wrong(*mistakes)
-    time = dict(values["time"])
+    time = {**values["time"]}
     if time["samples"] is None:
-        assert system is not None
-        swept = bool(values.get("sweep"))
-        time["samples"] = (
-            FEWEST_SAMPLES if swept else smooth_samples(system, time["end"] - time["start"])
-        )
+        span = time["end"] - time["start"]
+        time["samples"] = FEWEST_SAMPLES if values["sweep"] else smooth_samples(system, span)
     common = {key: values[key] for key in COMMON} | {"time": Time(**time)}
     return Case(name=name, model=model.name, form=model.form, data=data, **common)
 
@@ -340,16 +336,6 @@ KEY_BY_KEY = ("time", "assumes")
 """The keys of which a case changes single entries, and takes the others over."""
 
 
-REPLACED_TIMES = {
-    "values": {"end", "samples", "steps"},
-    "end": {"values"},
-    "samples": {"values", "steps"},
-    "steps": {"samples", "values"},
-}
-"""The keys of `time:` that do not count where one of the others is changed: samples are listed,
-evenly spaced, or the steps of the method."""
-
-
 def replaced_entries(key: str, changes: Mapping[str, Any]) -> set[str]:
     """The common entries of a key that do not count beside a case's own."""
     times = REPLACED_TIMES if key == "time" else {}
@@ -376,49 +362,39 @@ def variation(case: Case, changes: Mapping[str, Any]) -> Case:
     return checked_case(case.name, merged(case.entries, changes))
 
 
+def _data_mistakes(
+    model: type[Model], data: Mapping[str, Any], time: Mapping[str, Any] | None
+) -> Iterator[Mistake]:
+    """The mistakes of data that are each right by themselves, and over a span, if one is given."""
+    model_data = {key: value for key, value in data.items() if key != ATTITUDE_KEY}
+    mistakes = [*model.check(model_data), *check_attitude(model, data)]
+    yield from mistakes
+    if time and not mistakes:
+        yield from model.check_span(model_data, time["start"], time["end"])
+
+
 def _method_mistakes(system: Model, values: Mapping[str, Any]) -> Iterator[Mistake]:
-    """Why a method cannot integrate a case, as far as the case tells."""
-    if not {"method", "precision", "time"} <= values.keys():
-        return
-    method = values["method"]
+    """Why a case cannot be integrated, as far as its keys and its equations tell."""
+    method, takes_steps = values["method"], values["time"]["steps"]
+    if message := models.mistake_in(system):
+        yield ("model",), message
     if message := wrong_precision(method, values["precision"]):
         yield ("precision",), message
     if method == "exact" and not system.has_closed_form:
         yield ("method",), NO_CLOSED_FORM
-    if method == "exact" and values["time"]["steps"]:
+    if method == "exact" and takes_steps:
         yield ("time", "steps"), "the closed form takes no steps: name samples, or a method"
-
-
-def _time_mistakes(time: dict[str, Any] | None) -> Iterator[Mistake]:
-    """The mistakes that several keys of `time:` make: an end that is missing, lies before the
-    start, or so far behind it that the span is no double; stored times that do not rise, or stand
-    beside an end. Times that are listed set end and samples."""
-    if time is None:
-        return
-    values, start = time["values"] or (), time["start"]
-    for key, words in (("values", "values:"), ("steps", "steps: yes")):
-        others = [name for name in ("end", "samples", "values") if name in REPLACED_TIMES[key]]
-        if time[key] and (idle := [o for o in others if time[o] is not None]):
-            yield ("time", idle[0]), f"leave it out where {words} gives the times"
-    for i, (before, after) in enumerate(pairwise(values)):
-        if not before < after:
-            yield ("time", "values", i + 1), f"expected a time after {before:g}, got {after:g}"
-    if values and values[0] < start:
-        yield ("time", "values", 0), f"expected no time before start, {start:g}, got {values[0]:g}"
-    if values:
-        time |= {"end": values[-1], "samples": len(values)}
-    elif time["end"] is None:
-        yield ("time",), "missing 'end'"
-    elif not 0 <= time["end"] - start < math.inf:
-        yield ("time", "end"), f"the span from {start:g} to {time['end']:g} is not possible"
+    if values["sweep"] and takes_steps:
+        yield ("time", "steps"), "the members of a sweep have one list of times"
 
 
 def _store_mistakes(
-    form: type[Model], system: Model | None, values: Mapping[str, Any]
+    model: type[Model], system: Model | None, values: Mapping[str, Any]
 ) -> Iterator[Mistake]:
-    """Mistakes: variables that the model does not have, and quantities that do not follow from
-    them. Without a system it is not known which do."""
-    is_swept = bool(values.get("sweep"))
+    """The mistakes in `store:`: variables that the case does not have, and quantities that do not
+    follow from them. Without a system it is not known which do."""
+    # The class that stands in for a form with these data has other variables than the form.
+    form, is_swept = type(system) if system else model, bool(values.get("sweep"))
     valid = storable(form) if is_swept else list(form.variables)
     sources = {*form.variables, *(constants_of(system, values) if system else ())}
     for i, name in enumerate(values.get("store", ())):
@@ -448,16 +424,17 @@ def _entries_taken(
     entries: dict[str, Any] = {}
     mistakes: list[Mistake] = []
     for key, value in block.items():
-        is_other = model is None and ("model" in block or key in all_keys())
-        if key not in keys and (key in block.inherited or is_other):
+        if key in keys:
+            entries[key] = value
+        elif key in block.inherited or (model is None and ("model" in block or key in all_keys())):
             continue
-        if key not in keys and model and (takers := _takers(model, key)):
+        elif model and (takers := _takers(model, key)):
             # Likeness alone would take one model's key for another's: torque for store.
             word = other_word(key, keys)
             hint = f"; did you mean {word!r}?" if word else ""
             mistakes.append(((WrongKey(key),), f"is a key of {takers}{hint}"))
         else:
-            entries[key] = value
+            entries[key] = value  # a key of no model, which is refused as unknown
     return entries, mistakes
 
 

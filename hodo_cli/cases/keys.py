@@ -1,6 +1,9 @@
 """The keys of case files: those of every case, and the sections of a file."""
 
+import math
+from collections.abc import Iterator, Mapping
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 from .. import models
@@ -15,10 +18,12 @@ from ..schema.kinds import (
     Key,
     ListOf,
     Mapped,
+    Mistake,
     Number,
     Switch,
     Table,
     Text,
+    Wrong,
     expected,
     near,
 )
@@ -43,7 +48,48 @@ def wrong_precision(method: str, precision: str) -> str:
 
 NO_CLOSED_FORM = "method exact needs torques along G: equal damping, a brake, or both, all constant"
 
-SPAN = Table(
+REPLACED_TIMES = {
+    "values": {"end", "samples", "steps"},
+    "end": {"values"},
+    "samples": {"values", "steps"},
+    "steps": {"samples", "values"},
+}
+"""The keys of `time:` that do not count where one of the others is changed: samples are listed,
+evenly spaced, or the steps of the method."""
+
+
+class TimeSpan(Table):
+    """The keys of `time:`. Times that are listed set `end` and `samples`."""
+
+    def check(self, value: Any) -> dict[str, Any]:
+        time = super().check(value)
+        if mistakes := [*_time_mistakes(time)]:
+            raise Wrong(*mistakes)
+        listed = time["values"]
+        return time | {"end": listed[-1], "samples": len(listed)} if listed else time
+
+
+def _time_mistakes(time: Mapping[str, Any]) -> Iterator[Mistake]:
+    """The mistakes that several keys of `time:` make: an end that is missing, lies before the
+    start, or so far behind it that the span is no double; stored times that do not rise, or stand
+    beside an end."""
+    values, start, end = time["values"] or (), time["start"], time["end"]
+    for key, words in (("values", "values:"), ("steps", "steps: yes")):
+        others = [name for name in ("end", "samples", "values") if name in REPLACED_TIMES[key]]
+        if time[key] and (idle := [other for other in others if time[other] is not None]):
+            yield (idle[0],), f"leave it out where {words} gives the times"
+    for i, (before, after) in enumerate(pairwise(values)):
+        if not before < after:
+            yield ("values", i + 1), f"expected a time after {before:g}, got {after:g}"
+    if values and values[0] < start:
+        yield ("values", 0), f"expected no time before start, {start:g}, got {values[0]:g}"
+    if not values and end is None:
+        yield (), "missing 'end'"
+    if not values and end is not None and not 0 <= end - start < math.inf:
+        yield ("end",), f"the span from {start:g} to {end:g} is not possible"
+
+
+SPAN = TimeSpan(
     {
         "start": Key(Number(), "time of the initial data", "time", 0.0),
         "end": Key(
