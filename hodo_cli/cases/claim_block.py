@@ -339,24 +339,18 @@ def cross_check(claims: Any, errata: Any, case_of: CaseOf) -> Iterator[Mistake]:
     cases that are not there, checks that every motion meets or none, sweeps that a case cannot
     make."""
     ids: dict[str, list[str]] = {"errata": [], "claims": []}
-    entries = [*_entries("errata", errata, ERRATUM_KEYS), *_entries("claims", claims, CLAIM)]
-    for (section, i), entry in entries:
-        mistakes = [*_check_entry(section, entry, case_of)]
-        if (name := entry.get("id", "")) in ids[section]:
-            mistakes.append((("id",), f"a second entry {name!r}"))
-        ids[section].append(name)
-        if name := entry.get("erratum", ""):
-            mistakes += unknown_names("erratum", {("erratum",): name}, ids["errata"])
-        yield from within((section, i), mistakes)
-
-
-def _entries(
-    name: str, section: Any, keys: Mapping[str, Key]
-) -> Iterator[tuple[tuple[str, int], dict[str, Any]]]:
-    """The valid values of each entry of a section that is a mapping, with its place."""
-    for i, item in enumerate(section if isinstance(section, list) else ()):
-        if isinstance(item, Mapping):
-            yield (name, i), check_keys(keys, item)[0]
+    for section, items, keys in (("errata", errata, ERRATUM_KEYS), ("claims", claims, CLAIM)):
+        for i, item in enumerate(items if isinstance(items, list) else ()):
+            if not isinstance(item, Mapping):
+                continue
+            entry, _ = check_keys(keys, item)  # what is wrong with a single key has been noted
+            mistakes = [*_check_entry(section, entry, case_of)]
+            if (name := entry.get("id", "")) in ids[section]:
+                mistakes.append((("id",), f"a second entry {name!r}"))
+            ids[section].append(name)
+            if name := entry.get("erratum", ""):
+                mistakes += unknown_names("erratum", {("erratum",): name}, ids["errata"])
+            yield from within((section, i), mistakes)
 
 
 def _check_entry(section: str, entry: Mapping[str, Any], case_of: CaseOf) -> Iterator[Mistake]:
@@ -379,25 +373,37 @@ def _check_entry(section: str, entry: Mapping[str, Any], case_of: CaseOf) -> Ite
             "each reading has its own cases, so leave these out",
         ),
     )
+    is_seen_by_reading = not (declared or entry["cases"] or entry["check"])
+    if section == "errata" and is_seen_by_reading:
+        return
     for name, reading in readings(entry).items():
         prefix: KeyPath = ("readings", name) if declared else ()
         own = declared.get(name, {})
         paths = {key: (*prefix, key) if own.get(key) else (key,) for key in ("check", "over")}
-        named, check, over = reading["cases"], reading["check"], reading.get("over")
-        if section == "errata" and not declared and check is None and not named:
-            continue  # seen by reading
-        if not named:
-            yield (*prefix, "cases"), "names no case"
-        if check is None:
-            yield prefix, "has no check"
-            continue
-        yield from within(paths["check"], _check_check(check, len(named)))
-        cases, mistakes = _check_cases(named, case_of, is_swept=check["kind"] == "average")
-        yield from within(prefix, mistakes)
-        yield from within(paths["check"], _check_models(check, cases))
-        yield from within(paths["check"], _check_quantities(check, cases, is_stored=not over))
-        yield from within(paths["over"], _check_over(over or {}, cases))
-        yield from _check_members(reading, over)
+        yield from _check_reading(reading, prefix, paths, case_of)
+
+
+def _check_reading(
+    reading: Mapping[str, Any], prefix: KeyPath, paths: Mapping[str, KeyPath], case_of: CaseOf
+) -> Iterator[Mistake]:
+    """The mistakes of a claim under one reading, which stands at `prefix`, with its check and its
+    members at `paths`."""
+    names, check, over = reading["cases"], reading["check"], reading.get("over")
+    if not names:
+        yield (*prefix, "cases"), "names no case"
+    if check is None:
+        yield prefix, "has no check"
+        return
+    cases, mistakes = _check_cases(names, case_of, is_swept=check["kind"] == "average")
+    yield from within(prefix, mistakes)
+    for mistakes_of_check in (
+        _check_check(check, len(names)),
+        _check_models(check, cases),
+        _check_quantities(check, cases, is_stored=not over),
+    ):
+        yield from within(paths["check"], mistakes_of_check)
+    yield from within(paths["over"], _check_over(over or {}, cases))
+    yield from _check_members(reading, over)
 
 
 def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
@@ -409,15 +415,8 @@ def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
             yield (), f"needs {' or '.join(keys)}: without, every motion meets it"
     if least is not None and most is not None and least > most:
         yield ("most",), f"expected at least {least:g}, which is the lower bound, got {most:g}"
-    values = check.get("values", {})
-    yield from unknown_names(
-        "quantity", {("values", WrongKey(name)): name for name in values}, QUANTITY_NAMES
-    )
-    for name in QUANTITY_NAMES.keys() & values:
-        if (n := len(values[name])) != count:
-            yield ("values", name), f"expected {count} numbers, one for each case, got {n}"
-        if any(values[name]) and check["within"] >= max(map(abs, values[name])):
-            yield ("within",), f"expected less than the values of {name!r} themselves"
+    if kind == "value":
+        yield from _check_values(check, count)
     before, group = check.get("from"), check.get("by")
     yield from mistakes_where(
         (
@@ -450,6 +449,18 @@ def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
         yield from unknown_names("check", {("name",): check["name"]}, checks_of_papers())
 
 
+def _check_values(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
+    """The mistakes of the values that a check expects of so many cases."""
+    values = check["values"]
+    named: dict[KeyPath, str] = {("values", WrongKey(name)): name for name in values}
+    yield from unknown_names("quantity", named, QUANTITY_NAMES)
+    for name in QUANTITY_NAMES.keys() & values:
+        if (n := len(values[name])) != count:
+            yield ("values", name), f"expected {count} numbers, one for each case, got {n}"
+        if any(values[name]) and check["within"] >= max(map(abs, values[name])):
+            yield ("within",), f"expected less than the values of {name!r} themselves"
+
+
 def _check_models(check: Mapping[str, Any], cases: Iterable[Any]) -> Iterator[Mistake]:
     """The mistake of a check of one text that meets a case of a model that the text is not
     about."""
@@ -479,26 +490,21 @@ def _check_quantities(
 
 def _check_members(reading: Mapping[str, Any], over: Any) -> Iterator[Mistake]:
     """The mistakes in the keys that choose and count the members of `over`."""
-    check = reading["check"]
-    paper_check = checks_of_papers().get(name := check.get("name", ""))
-    is_trend = paper_check is not None and paper_check.is_trend
-    has_start, has_share = (reading.get(key) is not None for key in ("start", "share"))
-    about_members = "is about the members of `over`, which is not there"
-    yield from mistakes_where(
-        (has_start and not over, ("start",), about_members),
-        (has_share and not over, ("share",), about_members),
-        (
-            is_trend and not over,
-            ("check",),
-            f"{name!r} compares the members of `over`, which is not there",
-        ),
+    name, has_share = reading["check"].get("name", ""), reading.get("share") is not None
+    is_trend = name in checks_of_papers() and checks_of_papers()[name].is_trend
+    no_members = "the members of `over`, which is not there"
+    is_average = reading["check"]["kind"] == "average"
+    return mistakes_where(
+        (reading.get("start") and not over, ("start",), f"is about {no_members}"),
+        (has_share and not over, ("share",), f"is about {no_members}"),
+        (is_trend and not over, ("check",), f"{name!r} compares {no_members}"),
         (
             is_trend and has_share,
             ("share",),
             f"{name!r} compares all members, and is decided by no share",
         ),
         (
-            over and check["kind"] == "average",
+            is_average and over,
             ("over",),
             "a check of kind average takes the members of its cases' own sweeps",
         ),

@@ -51,10 +51,10 @@ class Config:
 
     path: str
     text: str
-    title: str
-    references: str
     cases: dict[str, Case]
     figures: dict[str, dict[str, Any]]
+    title: str
+    references: str
     claims: tuple[dict[str, Any], ...]
     errata: tuple[dict[str, Any], ...] = ()
     bench: dict[str, Any] | None = None
@@ -178,13 +178,9 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
         # Every name of a case would be a mistake besides, and hide this one.
         note(faults, document, (), Place(1, 1), mistakes)
         raise mistakes.error()
-    named, defaults = sections.get("cases", Block()), sections.get("defaults") or Block()
-    if "cases" in sections and not named:
-        faults.append((("cases",), "there is no case"))
-    entries, case_faults = _entries("cases", named)
-    blocks = {case: merged(defaults, block) for case, block in entries.items()}
-    for override in overrides:
-        _apply_override(override, blocks, mistakes)
+    named = sections.get("cases", Block())
+    defaults = sections.get("defaults") or Block()
+    blocks, case_faults = _case_blocks(named, defaults, overrides, mistakes)
     # A mistake may stand in what a case inherits or an override changes.
     named.update(blocks)
     cases = {
@@ -194,23 +190,16 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
     }
     figures, figure_faults = _figures(sections.get("figures") or {}, named, sections.get("style"))
     figure_faults += _figure_mistakes(figures, cases, steady=not overrides)
-    faults += [*case_faults, *_default_mistakes(defaults, blocks.values()), *figure_faults]
+    faults += [*case_faults, *figure_faults]
+    if "cases" in sections and not named:
+        faults.append((("cases",), "there is no case"))
     if not stored:
         case_named = partial(_case_named, cases, named)
         faults += claim_block.cross_check(present.get("claims"), present.get("errata"), case_named)
     note(faults, document, (), Place(1, 1), mistakes)
     mistakes.raise_any()
-    return Config(
-        path=name,
-        text=text,
-        title=sections["title"],
-        references=sections["references"],
-        cases=cases,
-        figures=figures,
-        claims=sections["claims"],
-        errata=sections["errata"],
-        bench=sections["bench"],
-    )
+    as_checked = ("title", "references", "claims", "errata", "bench")
+    return Config(name, text, cases, figures, **{key: sections[key] for key in as_checked})
 
 
 def located(config: Config, path: KeyPath, message: str) -> HodoError:
@@ -263,6 +252,18 @@ def _entries(section: str, named: Mapping[str, Any]) -> tuple[dict[str, Block], 
         else:
             entries[name] = value
     return entries, mistakes
+
+
+def _case_blocks(
+    named: Block, defaults: Block, overrides: Sequence[str], mistakes: Mistakes
+) -> tuple[dict[str, Block], list[Mistake]]:
+    """The keys of each case over the defaults, as overrides change them, and what is wrong with
+    names of cases and with defaults; what is wrong with overrides is added to `mistakes`."""
+    entries, faults = _entries("cases", named)
+    blocks = {case: merged(defaults, block) for case, block in entries.items()}
+    for override in overrides:
+        _apply_override(override, blocks, mistakes)
+    return blocks, [*faults, *_default_mistakes(defaults, blocks.values())]
 
 
 def _default_mistakes(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:

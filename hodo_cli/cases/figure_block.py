@@ -398,47 +398,72 @@ def merged_style(*styles: Mapping[str, Any] | None) -> dict[str, Any]:
 
 def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
     """The mistakes in keys of a figure that are each right by themselves."""
-    kind, style = values.get("kind"), values.get("style") or {}
-    named = "bodies" if kind == "quadrant-sketch" else "cases"
-    n, total = len(values.get(named, ())), sum(values.get("groups", ()))
-    labels, axis = values.get("labels", ()), _axis_of_positions(values)
-    yield from mistakes_where(
-        # The labels of a sweep name panels or curves, whose number its axes decide.
-        (
-            kind not in ("map", "curve") and len(labels) > n,
-            ("labels",),
-            f"expected one for each of {n} {named}, got {len(labels)}",
-        ),
-        (
-            values.get("at") and not values.get(axis),
-            ("at",),
-            f"counts positions on the axis that '{axis}' names, which is missing",
-        ),
-        (kind == "body" and n > 1, ("cases",), f"expected one case, whose body moves, got {n}"),
-        (kind == "share" and n > 1, ("cases",), f"expected one sweep of starts, got {n}"),
-        (
-            n and "groups" in values and total != n,
-            ("groups",),
-            f"expected sizes that add up to the {n} cases, got {total}",
-        ),
-    )
-    for key in values.keys() & {"small", "against"} if n else ():
-        if (count := len(values[key])) != n:
-            yield (key,), f"expected one for each of {n} cases, got {count}"
+    kind = values.get("kind")
+    yield from _count_mistakes(values)
+    axis = _axis_of_positions(values)
+    if values.get("at") and not values.get(axis):
+        yield ("at",), f"counts positions on the axis that '{axis}' names, which is missing"
     for i, words in enumerate(values.get("styles", ())):
         colour, _, line = words.partition(" ")
         yield from unknown_names("colour or line", {("styles", i): colour}, COLOUR_NAMES)
         yield from unknown_names("colour or line", {("styles", i): line or "solid"}, LINE_NAMES)
     formulas: dict[KeyPath, str] = {("formula", WrongKey(x)): x for x in values.get("formula", ())}
     yield from unknown_names("variable", formulas, values.get("variables", ()))
-    if kind in KINDS_WITHOUT_SCALES or _is_map_of_sphere(values):
-        message = f"the panels of a {kind} have no scales"
-        yield from ((("style", key), message) for key in SCALES if style.get(key) is not None)
-    for logarithmic in style.get("log") or ():
-        if (ends := style.get(f"{logarithmic}lim")) and ends[0] <= 0:
-            yield ("style", f"{logarithmic}lim"), "expected positive ends of a logarithmic axis"
+    has_scales = kind not in KINDS_WITHOUT_SCALES and not _is_map_of_sphere(values)
+    yield from _scale_mistakes(kind, values.get("style") or {}, has_scales)
     if kind in SWEPT_KINDS:
         yield from _axis_mistakes(values)
+
+
+def _count_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
+    """The mistakes of lists in which each case, or each body of a sketch, has an entry."""
+    kind = values.get("kind")
+    named = "bodies" if kind == "quadrant-sketch" else "cases"
+    count, labels = len(values.get(named, ())), values.get("labels", ())
+    total = sum(values.get("groups", ()))
+    yield from mistakes_where(
+        # The labels of a sweep name panels or curves, whose number its axes decide.
+        (
+            kind not in ("map", "curve") and len(labels) > count,
+            ("labels",),
+            f"expected one for each of {count} {named}, got {len(labels)}",
+        ),
+        (
+            kind == "body" and count > 1,
+            ("cases",),
+            f"expected one case, whose body moves, got {count}",
+        ),
+        (
+            kind == "share" and count > 1,
+            ("cases",),
+            f"expected one sweep of starts, got {count}",
+        ),
+        (
+            count and "groups" in values and total != count,
+            ("groups",),
+            f"expected sizes that add up to the {count} cases, got {total}",
+        ),
+        *(
+            (
+                count and len(values[key]) != count,
+                (key,),
+                f"expected one for each of {count} cases, got {len(values[key])}",
+            )
+            for key in values.keys() & {"small", "against"}
+        ),
+    )
+
+
+def _scale_mistakes(
+    kind: str | None, style: Mapping[str, Any], has_scales: bool
+) -> Iterator[Mistake]:
+    """The mistakes in the style of the scales of a figure's panels."""
+    for key in SCALES:
+        if style.get(key) is not None and not has_scales:
+            yield ("style", key), f"the panels of a {kind} have no scales"
+    for axis in style.get("log") or ():
+        if (ends := style.get(f"{axis}lim")) and ends[0] <= 0:
+            yield ("style", f"{axis}lim"), "expected positive ends of a logarithmic axis"
 
 
 @dataclass(frozen=True)
@@ -485,9 +510,11 @@ def check_drawn(
     no figure is wrong by them.
     """
     kind, drawn = values.get("kind"), [cases[name] for name in values.get("cases", ())]
-    unfit = [(("cases", i), _unfit(kind, case)) for i, case in enumerate(drawn)]
-    if any(message for _, message in unfit):
-        yield from (mistake for mistake in unfit if mistake[1])
+    unfit: list[Mistake] = [
+        (("cases", i), message) for i, case in enumerate(drawn) if (message := _unfit(kind, case))
+    ]
+    if unfit:
+        yield from unfit
         return
     for i, case in enumerate(drawn):
         for what, unit in case.units.items():
