@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
-from functools import cache, cached_property, partial
+from functools import cache, partial
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -96,6 +96,9 @@ def _is_config(name: str) -> bool:
     return False
 
 
+FILM_FORMATS = {"gif", "mp4"}
+
+
 def draw_results(
     paths: Sequence[Path],
     names: Sequence[str],
@@ -115,28 +118,16 @@ def draw_results(
         raise HodoError("--alone writes the page of all figures: name no figure")
     if alone is not None and not {"png", "svg"} & {*formats}:
         raise HodoError("--alone writes pictures into the page: draw them, by --format png or svg")
-    folders, formats = [], tuple(dict.fromkeys(formats))
+    folders = []
     for path in paths:
         with opened(path) as (run, config):
-            folders.append(Folder(out / run.path.stem, run, config, names, formats, force))
-    if {*formats} <= {"gif", "mp4"} and not any(folder.moves for folder in folders):
-        raise HodoError("no figure moves: only one of kind body makes a film")
+            folder = out / run.path.stem
+            folders.append(FigureFolder(folder, run, config, names, formats, force))
+    check_films(folders, names, formats)
     check_styles(folders)
-    pending = sum(len(folder.to_draw) for folder in folders)
-    kept = sum(len(folder.drawn) for folder in folders)
-    with pool(jobs if pending else 1) as workers, Progress(pending) as progress:
-        if kept:
-            progress.say(f"{kept} of {kept + pending} figures are kept; --force draws them anew")
-        for folder in folders:
-            drawing = partial(draw_figure, folder.result, folder.config, formats, folder.path)
-            for name, drawn in workers.map(drawing, folder.to_draw):
-                if isinstance(drawn, Exception):
-                    raise drawn
-                folder.add(drawn)
-                progress.done(name)
-            save_record(folder.path, folder.record)
+    draw_missing(folders, formats, jobs)
     messages: list[str] = []
-    for drawn in (drawn for folder in folders for drawn in folder.figures):
+    for drawn in (folder.figure(name) for folder in folders for name in folder.names):
         messages += drawn.warnings
         if drawn.problem:
             yield f"{drawn.name}: {drawn.problem}", True
@@ -155,7 +146,41 @@ def draw_results(
         warnings.warn(line, stacklevel=2)
 
 
-def check_styles(folders: Sequence["Folder"]) -> None:
+def check_films(
+    folders: Sequence["FigureFolder"], names: Sequence[str], formats: Sequence[str]
+) -> None:
+    """Raise HodoError where films alone are asked for, of a figure that does not move, or where
+    none moves."""
+    if not {*formats} <= FILM_FORMATS:
+        return
+    kinds = {
+        name: folder.config.figure(name)["kind"] for folder in folders for name in folder.names
+    }
+    still = [name for name, kind in kinds.items() if kind != "body"]
+    if names and still:
+        raise HodoError(f"figure {still[0]} does not move: only a figure of kind body makes a film")
+    if len(still) == len(kinds):
+        raise HodoError("no figure moves: only one of kind body makes a film")
+
+
+def draw_missing(folders: Sequence["FigureFolder"], formats: Sequence[str], jobs: int) -> None:
+    """Draw the figures of which a file is not as it would be, in so many processes."""
+    pending = sum(len(folder.to_draw) for folder in folders)
+    kept = sum(len(folder.names) for folder in folders) - pending
+    with pool(jobs if pending else 1) as workers, Progress(pending) as progress:
+        if kept:
+            progress.say(f"{kept} of {kept + pending} figures are kept; --force draws them anew")
+        for folder in folders:
+            drawing = partial(draw_figure, folder.result, folder.config, formats, folder.path)
+            for name, drawn in workers.map(drawing, folder.to_draw):
+                if isinstance(drawn, Exception):
+                    raise drawn
+                folder.add(drawn)
+                progress.done(name)
+            save_record(folder.path, folder.record)
+
+
+def check_styles(folders: Sequence["FigureFolder"]) -> None:
     """Raise HodoError for a font or style sheet of a figure to be drawn that is not there: it is
     known before anything is drawn, though not when a case file is read, which may be drawn on
     another machine."""
@@ -221,8 +246,9 @@ def warnings_of(
     return tuple(dict.fromkeys(lines))
 
 
-class Folder:
-    """The figures of one result in a folder: those that are drawn, and the names of the others."""
+class FigureFolder:
+    """The figures of one result in a folder, of which some were asked for by their names, and what
+    is known of their files there: how they were made, and which are as they would be drawn now."""
 
     def __init__(
         self, path: Path, run: ResultFile, config: Config,
@@ -230,79 +256,60 @@ class Folder:
     ) -> None:  # fmt: skip
         """Raises HodoError if there is no figure of one of the names."""
         self.path, self.result, self.config = path, run.path, config
+        self.names = [*dict.fromkeys(names or config.figures)]
+        self.formats = dict.fromkeys(formats)
         self.checksums = {
             name: "" if name in run.damaged else run.checksum(name) for name in run.groups()
         }
         self.record = read_record(path)
-        self._formats = formats
-        self._chosen = dict.fromkeys(names or config.figures)
-        for name in self._chosen:
-            kind = config.figure(name)["kind"]
-            if names and {*formats} <= {"gif", "mp4"} and kind != "body":
-                raise HodoError(
-                    f"figure {name} does not move: only a figure of kind body makes a film"
-                )
-        kept = {} if force else {name: self._kept(name) for name in self._chosen}
-        self.drawn = {name: drawn for name, drawn in kept.items() if drawn}
-        self.to_draw = [name for name in self._chosen if name not in self.drawn]
+        self.problems: dict[str, str] = {}
+        known = {name: [*self._files(name), *self._other_files(name)] for name in self.names}
+        self.current = {
+            file for name, files in known.items() for file in files if self._is_current(name, file)
+        }
+        self.to_draw = [x for x in self.names if force or not {*self._files(x)} <= self.current]
 
-    @property
-    def moves(self) -> bool:
-        """Whether one of the figures makes a film."""
-        return any(self.config.figure(name)["kind"] == "body" for name in self._chosen)
+    def figure(self, name: str, others: bool = False) -> DrawnFigure:
+        """A figure that was asked for, once it is drawn: its files of the formats that were asked
+        for and, with `others`, of those before."""
+        files = [*self._files(name), *(self._other_files(name) if others else ())]
+        # A kind that does not move has no film, and what could not be drawn has no file.
+        paths = (self.path / file for file in files if file in self.current)
+        lines = [line for file in self._files(name) for line in self.record[file]["warnings"]]
+        messages, problem = tuple(dict.fromkeys(lines)), self.problems.get(name, "")
+        return DrawnFigure(name, tuple(x for x in paths if x.exists()), problem, (), messages)
 
-    @property
-    def figures(self) -> list[DrawnFigure]:
-        """The figures that were asked for, in that order, when all are drawn."""
-        return [self.drawn[name] for name in self._chosen]
-
-    @cached_property
     def shown(self) -> list[DrawnFigure]:
-        """The figures as the page shows them: with their files of other formats, too. It is asked
-        for once all are drawn."""
-        return [
-            drawn if drawn.problem else replace(drawn, files=(*drawn.files, *self._others(drawn)))
-            for drawn in self.figures
-        ]
+        """The figures as the page shows them, with their files of other formats too."""
+        return [self.figure(name, others=True) for name in self.names]
 
-    def _others(self, drawn: DrawnFigure) -> list[Path]:
-        """The files of a figure in formats that were asked for before, as they would be now."""
-        files = (self.path / file for file in self.record if Path(file).stem == drawn.name)
-        return [
-            file
-            for file in files
-            if file not in drawn.files and file.exists() and self._is_current(drawn.name, file.name)
-        ]
+    def add(self, drawn: DrawnFigure) -> None:
+        """Take in a figure that has just been drawn."""
+        files = {*self._files(drawn.name)}
+        if drawn.problem:
+            self.problems[drawn.name] = drawn.problem
+            self.current -= {*files, *self._other_files(drawn.name)}
+        else:
+            self.current |= files
+        for file in files:
+            # What could not be drawn is tried again: its file may be of an earlier time.
+            digest = "" if drawn.problem else self._digest(drawn.name, drawn.cases, file)
+            entry = {"digest": digest, "cases": drawn.cases, "warnings": drawn.warnings}
+            self.record[file] = entry
+
+    def _files(self, name: str) -> list[str]:
+        """The files of a figure in the formats that were asked for."""
+        return [f"{name}.{suffix}" for suffix in self.formats]
+
+    def _other_files(self, name: str) -> list[str]:
+        """The files of a figure in formats that were asked for before."""
+        files = [file for file in self.record if Path(file).stem == name]
+        return [file for file in files if file not in self._files(name)]
 
     def _is_current(self, name: str, file: str) -> bool:
         """Whether a file of a figure is as it would be drawn."""
         entry = self.record.get(file, NEVER_DRAWN)
         return bool(entry["digest"] == self._digest(name, entry["cases"], file))
-
-    def add(self, drawn: DrawnFigure) -> None:
-        """Take in a figure that has just been drawn."""
-        self.drawn[drawn.name] = drawn
-        for file in self._files(drawn.name):
-            # What could not be drawn is tried again: its file may be of an earlier time.
-            digest = "" if drawn.problem else self._digest(drawn.name, drawn.cases, file)
-            self.record[file] = {
-                "digest": digest,
-                "cases": drawn.cases,
-                "warnings": drawn.warnings,
-            }
-
-    def _kept(self, name: str) -> DrawnFigure | None:
-        """A figure all of whose files are as they would be drawn; None if one is not."""
-        if not all(self._is_current(name, file) for file in self._files(name)):
-            return None
-        entries = {file: self.record[file] for file in self._files(name)}
-        # A kind that does not move has no film.
-        files = tuple(self.path / file for file in entries if (self.path / file).exists())
-        messages = dict.fromkeys(line for entry in entries.values() for line in entry["warnings"])
-        return DrawnFigure(name, files, warnings=tuple(messages))
-
-    def _files(self, name: str) -> list[str]:
-        return [f"{name}.{suffix}" for suffix in self._formats]
 
     def _digest(self, name: str, cases: Iterable[str], file: str) -> str:
         """The digest of a figure's file and of all that it depends on: the figure's entry in the
@@ -316,7 +323,7 @@ class Folder:
         )
 
 
-def renewed_page(out: Path, folders: Sequence[Folder], force: bool) -> Sequence[str]:
+def renewed_page(out: Path, folders: Sequence[FigureFolder], force: bool) -> Sequence[str]:
     """Write the page of all figures, unless it is as it would be; the warnings that it gives."""
     record = read_record(out)
     entry = record.get(PAGE_FILE, NEVER_DRAWN)
@@ -328,21 +335,21 @@ def renewed_page(out: Path, folders: Sequence[Folder], force: bool) -> Sequence[
     return list(entry["warnings"])
 
 
-def page_digest(out: Path, folders: Sequence[Folder]) -> str:
+def page_digest(out: Path, folders: Sequence[FigureFolder]) -> str:
     """The digest of the page and of all that it depends on: the results and figures that it shows,
     and the sections of other results."""
     shown = [(folder.config, os.path.relpath(folder.result, out)) for folder in folders]
     figures = [
         (drawn.name, [file.name for file in drawn.files], drawn.problem)
         for folder in folders
-        for drawn in folder.shown
+        for drawn in folder.shown()
     ]
     files = [*sorted(out.glob(f"*/{PAGE_DATA}")), out / PAGE_FILE]
     checksums = [checksum for folder in folders for checksum in folder.checksums.values()]
     return content_digest(checksums, repr((shown, figures, [*map(bytes_digest, files)])))
 
 
-def page_written(out: Path, folders: Sequence[Folder]) -> tuple[str, ...]:
+def page_written(out: Path, folders: Sequence[FigureFolder]) -> tuple[str, ...]:
     """Write the page of all figures, and return the warnings that it gives."""
     from ..page import PageResult, write_page
     from ..results.dataset import open_cases
@@ -350,8 +357,10 @@ def page_written(out: Path, folders: Sequence[Folder]) -> tuple[str, ...]:
     with warnings.catch_warnings(record=True) as caught, ExitStack() as stack:
         warnings.simplefilter("always")
         results = [
-            PageResult(stack.enter_context(open_cases(of.result)), of.config, of.shown)
-            for of in folders
+            PageResult(
+                stack.enter_context(open_cases(folder.result)), folder.config, folder.shown()
+            )
+            for folder in folders
         ]
         write_page(out / PAGE_FILE, results)
         return warnings_of(caught, *(result.cases for result in results))
