@@ -27,16 +27,16 @@ class BranchDivergence(Exception):
         self.where = where
 
 
-def _agreed(answers: np.ndarray) -> bool:
+def _common_answer(answers: np.ndarray) -> bool:
     """The answer that all members give."""
     if answers.any() and not answers.all():
         raise BranchDivergence(answers)
     return bool(answers.all())
 
 
-def _kept(values: np.ndarray) -> "Column":
+def _finite_column(values: np.ndarray) -> "Column":
     """A column of results. Where one is not finite, a plain number may raise an exception."""
-    if not _agreed(np.isfinite(values)):
+    if not _common_answer(np.isfinite(values)):
         raise TypeError("a column holds finite numbers only")
     return Column(values)
 
@@ -69,14 +69,14 @@ class Column(np.lib.mixins.NDArrayOperatorsMixin):
             return power(*numbers)
         if operation not in OPERATORS or method != "__call__":
             return NotImplemented
-        result = operation(*map(of_members, numbers))
-        return _agreed(result) if result.dtype == bool else _kept(result)
+        result = operation(*map(member_values, numbers))
+        return _common_answer(result) if result.dtype == bool else _finite_column(result)
 
     def __bool__(self) -> bool:
-        return _agreed(self.values != 0)
+        return _common_answer(self.values != 0)
 
 
-def of_members(x: Any) -> Any:
+def member_values(x: Any) -> Any:
     """The numbers (n,) of a column; a plain number as it is."""
     return x.values if isinstance(x, Column) else float(x)
 
@@ -94,8 +94,8 @@ def _elementwise(function: Callable[..., float]) -> Callable[..., Any]:
         if not any(isinstance(value, Column) for value in x):
             return function(*x)
         # Number by number: numpy's own functions differ from these in the last bit.
-        numbers = (column.tolist() for column in np.broadcast_arrays(*map(of_members, x)))
-        return _kept(np.array(list(map(number, *numbers))))
+        numbers = (column.tolist() for column in np.broadcast_arrays(*map(member_values, x)))
+        return _finite_column(np.array(list(map(number, *numbers))))
 
     return applied
 

@@ -454,7 +454,7 @@ def _plot(
     """
     from .commands import plot
 
-    files, names = plot.split(runs)
+    files, names = plot.results_and_figures(runs)
     status = 0
     for line, is_problem in plot.draw_results(files, names, formats, out, jobs, force, alone):
         (_say if is_problem else click.echo)(line)
@@ -510,7 +510,7 @@ def _bench(
     from .commands import bench
 
     trials = bench.benchmark(load(config), globs, out, jobs, quiet)
-    click.echo(bench.printed(trials, markdown))
+    click.echo(bench.table_of_bench(trials, markdown))
     return int(bench.auto_failed(trials))
 
 

@@ -117,7 +117,7 @@ def test_the_fastest_is_taken_among_those_that_are_right() -> None:
         for e, t in [(1e-4, 1.0), (1e-8, 3.0), (1e-7, 2.0), (np.nan, 0.1)]
     )
     made = bench.table_of_trials(["a"], ["m", "n"], [1e-4, 1e-8], tried)
-    assert bench.printed(made, as_markdown=True).splitlines()[2:] == [
+    assert bench.table_of_bench(made, as_markdown=True).splitlines()[2:] == [
         "| a | m 1 s | n 2 s | - | - |"
     ]
     for method, status, is_failure in (
@@ -140,13 +140,13 @@ def test_one_tolerance_gives_a_table_of_verdicts_and_several_one_of_speeds() -> 
         ]
     )
     several = bench.table_of_trials(["a", "b"], ["auto", "m"], [np.nan], tried)
-    verdicts = bench.printed(several, as_markdown=False)
+    verdicts = bench.table_of_bench(several, as_markdown=False)
     rows = [line.split() for line in verdicts.splitlines()]
     assert rows[0][:3] == ["case", "auto", "takes"]
     assert [(row[0], row[1]) for row in rows[1:]] == [("a", "taylor"), ("b", "exact")]
     assert [row[-2:] for row in rows[1:]] == [["300", "ms"], ["accurate", "-"]]
     by_tolerance = bench.table_of_trials(["a"], ["auto", "m"], [1e-4, 1e-8], tried)
-    speeds = bench.printed(by_tolerance, as_markdown=True)
+    speeds = bench.table_of_bench(by_tolerance, as_markdown=True)
     assert speeds.startswith("| case | 3 digits | ")
 
 

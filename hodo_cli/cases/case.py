@@ -208,7 +208,7 @@ def parse_case(text: str) -> Case:
     """The case in a text written by `dump`. Raises HodoError, one line for each mistake."""
     mistakes = Mistakes("case")
     block = read_mapping(text, mistakes)
-    case = noted_case(block.pop("name", None), block, (), Place(1, 1), mistakes)
+    case = case_unless_mistaken(block.pop("name", None), block, (), Place(1, 1), mistakes)
     mistakes.raise_any()
     assert case is not None
     return case
@@ -234,7 +234,7 @@ def _written(data: Any) -> Any:
     return {key: _written(value) for key, value in data.items() if value is not None}
 
 
-def note(
+def add_mistakes(
     faults: Iterable[Mistake], root: Block, label: KeyPath, place: Place, mistakes: Mistakes
 ) -> None:
     """Add the faults within `root`, which stands at `place` and is called `label`."""
@@ -245,7 +245,7 @@ def note(
         mistakes.add(where, sentence, ("defaults", *path) if inherited else (*label, *path))
 
 
-def noted_case(
+def case_unless_mistaken(
     name: Any, block: Block, label: KeyPath, place: Place, mistakes: Mistakes
 ) -> Case | None:
     """The case that a merged block describes, which stands at `place` and is called `label`; None,
@@ -253,7 +253,7 @@ def noted_case(
     try:
         return checked_case(name, block)
     except Wrong as error:
-        note(error.mistakes, block, label, place, mistakes)
+        add_mistakes(error.mistakes, block, label, place, mistakes)
     return None
 
 

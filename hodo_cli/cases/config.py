@@ -33,9 +33,9 @@ from .case import (
     NAME,
     NAME_RULE,
     Case,
+    add_mistakes,
+    case_unless_mistaken,
     merged,
-    note,
-    noted_case,
     read_mapping,
     variation,
 )
@@ -176,7 +176,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
     sections, faults = check_keys(SECTIONS, present)
     if "cases" not in present:
         # Every name of a case would be a mistake besides, and hide this one.
-        note(faults, document, (), Place(1, 1), mistakes)
+        add_mistakes(faults, document, (), Place(1, 1), mistakes)
         raise mistakes.error()
     named = sections.get("cases", Block())
     defaults = sections.get("defaults") or Block()
@@ -186,7 +186,11 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
     cases = {
         case: made
         for case, block in blocks.items()
-        if (made := noted_case(case, block, ("cases", case), named.places[case][1], mistakes))
+        if (
+            made := case_unless_mistaken(
+                case, block, ("cases", case), named.places[case][1], mistakes
+            )
+        )
     }
     figures, figure_faults = _figures(sections.get("figures") or {}, named, sections.get("style"))
     figure_faults += _figure_mistakes(figures, cases, steady=not overrides)
@@ -196,7 +200,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
     if not stored:
         case_named = partial(_case_named, cases, named)
         faults += claim_block.cross_check(present.get("claims"), present.get("errata"), case_named)
-    note(faults, document, (), Place(1, 1), mistakes)
+    add_mistakes(faults, document, (), Place(1, 1), mistakes)
     mistakes.raise_any()
     as_checked = ("title", "references", "claims", "errata", "bench")
     return Config(name, text, cases, figures, **{key: sections[key] for key in as_checked})
@@ -205,7 +209,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
 def located(config: Config, path: KeyPath, message: str) -> HodoError:
     """The error for a mistake in a config that only a result shows, with file, line and column."""
     mistakes = Mistakes(config.path)
-    note([(path, message)], read_mapping(config.text, mistakes), (), Place(1, 1), mistakes)
+    add_mistakes([(path, message)], read_mapping(config.text, mistakes), (), Place(1, 1), mistakes)
     return mistakes.error()
 
 

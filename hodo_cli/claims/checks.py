@@ -13,7 +13,7 @@ import numpy as np
 from ..models import rigid_body
 from ..results.motion import Motion, formula_values
 from .finding import PLOTTING_ACCURACY, ROUNDING, Finding, beyond, if_true, listed, part_of
-from .quantities import course, number, quantity, turns_at
+from .quantities import number, quantity, quantity_from_start, turns_at
 
 if TYPE_CHECKING:
     from ..sweeps.view import SweepView
@@ -110,7 +110,8 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     name, least, most = check["of"], check["least"], check["most"]
     everywhere = check["at"] == "always"
     values = [
-        course(m, name) if everywhere else np.array([number(m, name, check["at"])]) for m in motions
+        quantity_from_start(m, name) if everywhere else np.array([number(m, name, check["at"])])
+        for m in motions
     ]
     low, high = (float(extreme(np.concatenate(values))) for extreme in (np.min, np.max))
     violations = [high - most] if most is not None else []
@@ -139,7 +140,7 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
     sign = 1 if check["sense"] == "falls" else -1
     violations: dict[str, tuple[float, float]] = {}
     for name, m in itertools.product(check["of"], motions):
-        values = sign * course(m, name)
+        values = sign * quantity_from_start(m, name)
         # How far each value is above the least before it: a slow climb counts, not only a single
         # step.
         climb = values - np.minimum.accumulate(values)
@@ -182,7 +183,9 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
 def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Constants of the motion; decided by the largest relative change."""
     changes = [
-        float(np.ptp(course(m, name)) / m.largest(name)) for m in motions for name in check["of"]
+        float(np.ptp(quantity_from_start(m, name)) / m.largest(name))
+        for m in motions
+        for name in check["of"]
     ]
     worst = float(np.max(changes))
     return Finding(

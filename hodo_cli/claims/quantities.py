@@ -80,11 +80,11 @@ def quantity(m: Motion, name: str) -> np.ndarray:
 
 def number(m: Motion, name: str, at: str = "end") -> float:
     """A quantity that is one number; of one over time its value at the start or at the end. Raises
-    as `quantity` and `course` do."""
-    return float(course(m, name)[0] if at == "start" else quantity(m, name)[-1])
+    as `quantity` and `quantity_from_start` do."""
+    return float(quantity_from_start(m, name)[0] if at == "start" else quantity(m, name)[-1])
 
 
-def course(m: Motion, name: str) -> np.ndarray:
+def quantity_from_start(m: Motion, name: str) -> np.ndarray:
     """A quantity over time (n,) from the start of the motion on. Raises as `quantity` does, and
     NoNumber where the samples begin later."""
     if name not in NUMBERS:
@@ -136,7 +136,7 @@ def swept_angle(m: Motion, about: int, samples: slice = slice(None)) -> float:
     return float((angle[-1] - angle[0]) / (2 * math.pi)) if len(angle) else 0.0
 
 
-def reach(m: Motion, side: int) -> float:
+def largest_in_region(m: Motion, side: int) -> float:
     """The largest coordinate of region `side` that the motion reaches in the plane of the
     quadrants: w_l^2 in A (0), where the axis of largest inertia is enclosed, K w_s^2 in B (2).
     Raises HodoError where a body has no quadrants.
@@ -145,9 +145,9 @@ def reach(m: Motion, side: int) -> float:
     return float(np.max(of_region, initial=0))
 
 
-def area(m: Motion, side: int) -> float:
-    """`reach` relative to the largest coordinate of the motion, by which a figure is scaled."""
-    return reach(m, side) / float(m.quadrants.max())
+def part_of_region_filled(m: Motion, side: int) -> float:
+    """`largest_in_region` by the largest coordinate of the motion, by which a figure is scaled."""
+    return largest_in_region(m, side) / float(m.quadrants.max())
 
 
 def tilt_growth(m: Motion, side: int) -> float:
@@ -159,14 +159,14 @@ def tilt_growth(m: Motion, side: int) -> float:
     return float(rates[m.order[side]])
 
 
-def zeros(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+def zero_times(time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """The times at which values (n,) change sign, by linear interpolation between the samples."""
     i = np.flatnonzero(values[:-1] * values[1:] < 0)
     # Linear is enough: these times are compared with printed ones, of two or three digits.
     return np.asarray(time[i] - values[i] * (time[i + 1] - time[i]) / (values[i + 1] - values[i]))
 
 
-def first(times: np.ndarray) -> float:
+def first_time(times: np.ndarray) -> float:
     """The first of some times; infinite if there is none."""
     return float(times[0]) if len(times) else math.inf
 
@@ -175,13 +175,13 @@ def end_of_spin(m: Motion) -> float:
     """The time at which r reaches 0: by the event, or by the change of sign of r where the form has
     no event."""
     by_event = [time for kind, time in m.events if kind == "end_of_spin"]
-    by_sign = zeros(m.time, m.omega[:, 2]) if "omega" in m.data else np.empty(0)
-    return by_event[0] if by_event else first(by_sign)
+    by_sign = zero_times(m.time, m.omega[:, 2]) if "omega" in m.data else np.empty(0)
+    return by_event[0] if by_event else first_time(by_sign)
 
 
-def rebound(m: Motion) -> float:
+def rebound_time(m: Motion) -> float:
     """The time at which u3 touches 1, which it does where |Gz| = C |r|."""
-    return first(zeros(m.time, np.abs(m["Gz"]) - m.inertia[2] * np.abs(m["r"])))
+    return first_time(zero_times(m.time, np.abs(m["Gz"]) - m.inertia[2] * np.abs(m["r"])))
 
 
 NUMBERS: dict[str, Callable[[Motion], float]] = {
@@ -190,12 +190,12 @@ NUMBERS: dict[str, Callable[[Motion], float]] = {
     "turns": lambda m: turns_at(m, "start"),
     "visible_turns_x1": lambda m: most_turns(m, 0, VISIBLE_MOMENTUM),
     "visible_turns_x3": lambda m: most_turns(m, 2, VISIBLE_MOMENTUM),
-    "area_largest": lambda m: area(m, 0),
-    "area_smallest": lambda m: area(m, 2),
+    "area_largest": lambda m: part_of_region_filled(m, 0),
+    "area_smallest": lambda m: part_of_region_filled(m, 2),
     "growth_largest": lambda m: tilt_growth(m, 0),
     "growth_smallest": lambda m: tilt_growth(m, 2),
     "end_of_spin": end_of_spin,
-    "rebound_u3": rebound,
+    "rebound_u3": rebound_time,
 }
 """What computes each of `claim_block.SINGLE_NUMBERS`."""
 

@@ -47,13 +47,13 @@ def members(
             raise HodoError(f"member {case.name}: {mistake}")
     labels = [starting_axes(varied) for varied in by_case if start]
     return {
-        named(axes, np.unravel_index(i, shape)): varied
+        member_name(axes, np.unravel_index(i, shape)): varied
         for i, varied in enumerate(zip(*by_case, strict=True))
         if all(of_case[i] == start for of_case in labels)
     }
 
 
-def named(axes: Sequence[Axis], index: Sequence[Any]) -> str:
+def member_name(axes: Sequence[Axis], index: Sequence[Any]) -> str:
     """The name of a member: its values, and its number on a sphere."""
     words = []
     for axis, i in zip(axes, index, strict=True):
@@ -77,7 +77,7 @@ def starting_axes(cases: Sequence[Case]) -> list[str]:
     return names
 
 
-def changed(case: Case, changes: Mapping[str, Any]) -> Case:
+def changed_case(case: Case, changes: Mapping[str, Any]) -> Case:
     """A case with other values at some keys. Raises HodoError for a value that it cannot have."""
     try:
         return variation(case, changes)

@@ -40,7 +40,7 @@ from ..text import grouped
 from .checks import MOTION_CHECKS, averages
 from .finding import Finding, Verdict, part_of
 from .quantities import NoNumber
-from .variations import Motions, changed, members
+from .variations import Motions, changed_case, members
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class Judge:
         case = case_of(self.run.row(name, {"case": str}), f"{self.run.path}: {name}")
         if isinstance(entry, str):
             return case
-        return changed(case, {key: value for key, value in entry.items() if key != "case"})
+        return changed_case(case, {key: value for key, value in entry.items() if key != "case"})
 
     def _motions(self, entries: Sequence[Any]) -> list[Motion]:
         """The motions of entries of `cases:`, in order: stored ones, and those of cases with other

@@ -175,7 +175,7 @@ def verdict_table(bench: Mapping[str, np.ndarray]) -> list[list[str]]:
     return rows
 
 
-def printed(bench: Group, as_markdown: bool) -> str:
+def table_of_bench(bench: Group, as_markdown: bool) -> str:
     """The table of a bench, by tolerances where there are several, else by verdicts: for the
     terminal or for a document."""
     data = {name: variable.data for name, variable in bench.variables.items()}

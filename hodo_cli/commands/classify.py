@@ -65,12 +65,12 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     recorded = typed(group.attributes, RECORDED, name)
     case = parse_case(recorded["case"])
     if case.sweep:
-        return None, tabulated(case, group)
+        return None, row_of_sweep(case, group)
     if "enclosed_axis" in case.system.variables:  # labelled by its own integration
         motion = motion_of(group.variables, group.attributes, name)
         labelled = Classification(motion.labels, motion.crossings, end_before_time(group))
-        return None, row_of(motion, labelled)
-    if remark := inapplicable(case, group):
+        return None, row_of_motion(motion, labelled)
+    if remark := why_unlabelled(case, group):
         remarks = [remark, *end_before_time(group)]
         unlabelled = {"start": "-", "end": "-", "unlabelled": remark}
         return None, {"case": name, **unlabelled, "crossings": [], "warnings": remarks}
@@ -86,7 +86,7 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
         case = replace(case, time=case.time.listed(group.variables["time"].data))
     labelled = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
     motion = Motion(case, group.variables, label=name)
-    row = row_of(motion, labelled)
+    row = row_of_motion(motion, labelled)
     row["events"] = events_of(motion, labelled)
     if (status := group.attributes.get("status")) != Status.OK:
         # The last label of a motion that was broken off is not the one that it ends with.
@@ -118,7 +118,7 @@ CROSSING_UNITS = {"time": "time", "G": MOMENTUM}
 """The units of what the table says of a crossing, in words."""
 
 
-def row_of(motion: Motion, labelled: Classification) -> dict[str, Any]:
+def row_of_motion(motion: Motion, labelled: Classification) -> dict[str, Any]:
     """The line of a labelled motion in the table."""
     case, start = motion.case, label_at_start(motion.time[0], labelled.labels, labelled.crossings)
     table = [
@@ -135,7 +135,7 @@ def row_of(motion: Motion, labelled: Classification) -> dict[str, Any]:
         "case": motion.label,
         "start": rigid_body.LABELS[start],
         "end": rigid_body.LABELS[int(labelled.labels[-1])],
-        "growth": growth(labelled.growth),
+        "growth": growth_by_axis(labelled.growth),
         "final": "" if labelled.final is None else rigid_body.LABELS[labelled.final],
         "predictions": [sentence_of_case(words, case) for words in labelled.predictions],
         "crossings": table,
@@ -144,13 +144,13 @@ def row_of(motion: Motion, labelled: Classification) -> dict[str, Any]:
     }
 
 
-def growth(rates: np.ndarray | None) -> dict[str, float]:
+def growth_by_axis(rates: np.ndarray | None) -> dict[str, float]:
     """The rates at which a tilt away from each axis grows, by the axis, but for the middle one."""
     numbered = enumerate(() if rates is None else rates.tolist(), 1)
     return {rigid_body.LABELS[i]: rate for i, rate in numbered if not np.isnan(rate)}
 
 
-def inapplicable(case: Case, group: Group) -> str:
+def why_unlabelled(case: Case, group: Group) -> str:
     """Why there is nothing to label in a stored case; an empty string if there is."""
     if reason := case.system.no_axis_reason:
         return reason
@@ -159,7 +159,7 @@ def inapplicable(case: Case, group: Group) -> str:
     return "" if len(group.variables["omega"].data) else "no samples are stored"
 
 
-def tabulated(case: Case, group: Group) -> dict[str, Any]:
+def row_of_sweep(case: Case, group: Group) -> dict[str, Any]:
     """The line of a stored sweep in the table of `classify`."""
     row: dict[str, Any] = {"case": case.name, "start": "-", "end": "-", "crossings": []}
     if "status" not in group.variables:  # the sweep failed as a whole
@@ -218,7 +218,7 @@ def crossings_line(row: Mapping[str, Any]) -> tuple[str, ...]:
     predicted = filter(None, [row.get("final", ""), *row.get("predictions", ())])
     time_unit = row.get("units", {}).get("time", "1")
     unit = "" if time_unit == "1" else f" {time_unit}"
-    every = [passage(crossing, unit) for crossing in row["crossings"]]
+    every = [crossing_words(crossing, unit) for crossing in row["crossings"]]
     events = [event_words(event, unit) for event in row.get("events", ())]
     remarks = [remark for remark in row["warnings"] if remark != row.get("unlabelled")]
     passages = abridged(every, CROSSINGS_SHOWN, " (--json lists them)")
@@ -233,7 +233,7 @@ def event_words(event: Mapping[str, Any], unit: str) -> str:
     return f"{event['kind']} at {to_error(event['time'], error, 15)}{unit} (error {known})"
 
 
-def passage(crossing: Mapping[str, Any], unit: str) -> str:
+def crossing_words(crossing: Mapping[str, Any], unit: str) -> str:
     """One crossing: when, with its error, from which axis to which."""
     error, ends = magnitude(crossing["error"]), f"{crossing['from']} -> {crossing['to']}"
     return f"{crossing['time']:.15g}{unit} ({ends}, error {error}{unit})"

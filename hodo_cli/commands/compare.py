@@ -72,7 +72,7 @@ def compare(a: ResultFile, b: ResultFile, tolerance: Tolerance) -> list[Comparis
     rows: list[ComparisonRow] = []
     for name in theirs | ours:
         if name in ours and name in theirs:
-            lines = compared_case(sound(a, name), sound(b, name), tolerance)
+            lines = compared_case(checked_group(a, name), checked_group(b, name), tolerance)
         else:
             lines = [("", math.inf, f"missing in {(b if name in ours else a).path}")]
         for variable, scaled, place in lines:
@@ -81,7 +81,7 @@ def compare(a: ResultFile, b: ResultFile, tolerance: Tolerance) -> list[Comparis
     return rows
 
 
-def sound(run: ResultFile, name: str) -> Group:
+def checked_group(run: ResultFile, name: str) -> Group:
     """A case of a result. Raises HodoError if it is damaged."""
     group = run.read(name)
     typed({"error": math.nan, **group.attributes}, {"error": float}, f"{run.path}: {name}")
@@ -132,7 +132,7 @@ def differing_settings(cases: Sequence[Case], a: Group, b: Group) -> Iterator[Li
         if a.attributes.get("case") != b.attributes.get("case"):
             yield "case", math.inf, "damaged, or of another version of hodo"
         return
-    ours, theirs = (settings("", case.entries) for case in cases)
+    ours, theirs = (settings_by_path("", case.entries) for case in cases)
     for key in ours | theirs:
         if not f"{key}.".startswith(HOW_COMPUTED) and ours.get(key) != theirs.get(key):
             yield key, math.inf, f"{ours.get(key)}, not {theirs.get(key)}"
@@ -143,13 +143,13 @@ def differing_settings(cases: Sequence[Case], a: Group, b: Group) -> Iterator[Li
         yield "method", math.inf, f"{method}, where the case asks for {asked}"
 
 
-def settings(path: str, value: Any) -> dict[str, Any]:
+def settings_by_path(path: str, value: Any) -> dict[str, Any]:
     """Every setting within a value by its path."""
     if isinstance(value, tuple):
         value = dict(enumerate(value))
     if not isinstance(value, Mapping):
         return {path: value}
-    inner = (settings(f"{path}.{key}".lstrip("."), item) for key, item in value.items())
+    inner = (settings_by_path(f"{path}.{key}".lstrip("."), item) for key, item in value.items())
     return dict(entry for entries in inner for entry in entries.items())
 
 
@@ -160,7 +160,7 @@ def compared_variables(a: Group, b: Group, tolerance: Tolerance) -> Iterator[Lin
         for group in (a, b)
     ]
     # By nearest time, since a reference may be thinned and an end of spin falls a rounding apart.
-    rows = matching(*times)
+    rows = nearest_times(*times)
     for key, reference in b.variables.items():
         if key not in a.variables:
             yield key, math.inf, "missing"
@@ -190,7 +190,7 @@ def without_labels(stored: Mapping[str, Any], other: Mapping[str, Any]) -> dict[
     return {name: item for name, item in stored.items() if name in other or name not in OF_LABELS}
 
 
-def matching(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+def nearest_times(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
     """The position in `ours` (n,) of the time nearest to each of `theirs` (m,); none where `ours`
     has no times."""
     if not len(ours):

@@ -31,7 +31,7 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
         stored: dict[str, FinishedCase] = {}
         for path in results:
             for name, (item, *_) in finished_cases(path).items():
-                stored[name] = fuller(stored[name], item) if name in stored else item
+                stored[name] = labelled_one(stored[name], item) if name in stored else item
         text = merged_text(runs, stored, out)
     config = parse(text, str(out))
     attributes = attributes_by(f"merge {' '.join(map(str, results))}", config)
@@ -41,7 +41,7 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
                 raise HodoError(f"{item.file}: {item.name} is damaged ({item.damage or 'gone'})")
 
 
-def fuller(first: FinishedCase, second: FinishedCase) -> FinishedCase:
+def labelled_one(first: FinishedCase, second: FinishedCase) -> FinishedCase:
     """Of two equal results of a case the one that is labelled, if only one is. Raises HodoError if
     they are not equal."""
     groups = []

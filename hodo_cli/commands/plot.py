@@ -43,7 +43,7 @@ ABSENT_CASE = "absent"
 
 
 @contextmanager
-def opened(name: Path) -> Iterator[tuple[ResultFile, Config]]:
+def opened_to_draw(name: Path) -> Iterator[tuple[ResultFile, Config]]:
     """A result file with its config or, by the name of a config, with that as it is now.
 
     Raises HodoError if one of the two cannot be read.
@@ -70,7 +70,7 @@ def with_sheet(style: dict[str, Any], run: ResultFile, base: Path) -> dict[str, 
     return {**style, "sheet": os.path.relpath(folder / sheet, base)}
 
 
-def split(names: Sequence[str]) -> tuple[list[Path], list[str]]:
+def results_and_figures(names: Sequence[str]) -> tuple[list[Path], list[str]]:
     """The names of results and configs, the first in any case, and the names of figures; a figure
     of the first comes before a config of the same name.
 
@@ -120,7 +120,7 @@ def draw_results(
         raise HodoError("--alone writes pictures into the page: draw them, by --format png or svg")
     folders = []
     for path in paths:
-        with opened(path) as (run, config):
+        with opened_to_draw(path) as (run, config):
             folder = out / run.path.stem
             folders.append(FigureFolder(folder, run, config, names, formats, force))
     check_films(folders, names, formats)
@@ -316,8 +316,8 @@ class FigureFolder:
         config, the cases that it has asked for, and the code that draws."""
         spec = self.config.figure(name)
         others = [self.config.figures.get(other) for other in spec.get("scale_with", ())]
-        sheet = bytes_digest(Path(spec["style"].get("sheet", "no sheet")))
-        known = spec, others, library_version("matplotlib"), sheet, bytes_digest(self.path / file)
+        sheet = file_digest(Path(spec["style"].get("sheet", "no sheet")))
+        known = spec, others, library_version("matplotlib"), sheet, file_digest(self.path / file)
         return content_digest(
             (self.checksums.get(case, ABSENT_CASE) for case in cases), repr(known)
         )
@@ -346,7 +346,7 @@ def page_digest(out: Path, folders: Sequence[FigureFolder]) -> str:
     ]
     files = [*sorted(out.glob(f"*/{PAGE_DATA}")), out / PAGE_FILE]
     checksums = [checksum for folder in folders for checksum in folder.checksums.values()]
-    return content_digest(checksums, repr((shown, figures, [*map(bytes_digest, files)])))
+    return content_digest(checksums, repr((shown, figures, [*map(file_digest, files)])))
 
 
 def page_written(out: Path, folders: Sequence[FigureFolder]) -> tuple[str, ...]:
@@ -366,7 +366,7 @@ def page_written(out: Path, folders: Sequence[FigureFolder]) -> tuple[str, ...]:
         return warnings_of(caught, *(result.cases for result in results))
 
 
-def bytes_digest(file: Path) -> str:
+def file_digest(file: Path) -> str:
     """The digest of a file's content; an empty text if there is no file."""
     return sha256(file.read_bytes()).hexdigest() if file.is_file() else ""
 

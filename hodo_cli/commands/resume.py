@@ -55,7 +55,7 @@ def _bare_digest(case: Case) -> str:
     return digest(dump(case, remarks=False))
 
 
-def why(case: Case, done: FinishedCase | None, force: bool) -> str:
+def rerun_reason(case: Case, done: FinishedCase | None, force: bool) -> str:
     """Why a case is to be run in spite of its stored result; an empty string if it need not be."""
     if done is None:
         return "it has no result yet"

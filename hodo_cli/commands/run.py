@@ -44,7 +44,7 @@ from .resume import (
     check_origin,
     has_all_of,
     path_from,
-    why,
+    rerun_reason,
 )
 
 if TYPE_CHECKING:
@@ -142,9 +142,9 @@ class Plan:
         with Writer(self.path, attributes, tuple(self.config.cases)) as writer:
             cases = [self.config.cases[name] for name in self._take_over(writer)]
             for case, outcome in outcomes(cases, pool, writer, self, progress):
-                group = failure(case, outcome) if isinstance(outcome, Exception) else outcome
+                group = failed_group(case, outcome) if isinstance(outcome, Exception) else outcome
                 rows[case.name] = {key: group.attributes[key] for key in SUMMARY}
-                self._store(writer, case.name, group, problem(group, outcome), progress)
+                self._store(writer, case.name, group, failure_words(group, outcome), progress)
                 if fail_fast and group.attributes["status"] != "ok":
                     break
             # Cases that the batch has not reached keep the results that they had.
@@ -194,7 +194,7 @@ class Plan:
             (progress.say if row["plan"] == CASE_DROPPED else progress.detail)(plan_lines([row]))
         # Before the run: a motion that the data feed energy into may take until its last step.
         cases = self.config.cases
-        warned = ((text, name) for name in self.reasons for text in foreseen(cases[name]))
+        warned = ((text, name) for name in self.reasons for text in early_warnings(cases[name]))
         for warning, names in grouped(warned).items():
             progress.say(f"{few(names)}: warning: {warning}")
 
@@ -342,10 +342,10 @@ def plan_of(config: Config, path: Path, globs: Sequence[str], force: bool, prune
     stored = {name: items[0] for name, items in done.items()}
     for name in asked:
         case = config.cases[name]
-        if valid := [item for item in done.get(name, ()) if not why(case, item, force)]:
+        if valid := [item for item in done.get(name, ()) if not rerun_reason(case, item, force)]:
             stored[name] = valid[0]
         else:
-            reasons[name] = why(case, stored.get(name), force)
+            reasons[name] = rerun_reason(case, stored.get(name), force)
     return Plan(config, path, asked, reasons, stored, prune)
 
 
@@ -376,13 +376,13 @@ def finished_case(case: Case) -> Group:
     return case_group(integrate(case), case_digest(case))
 
 
-def failure(case: Case, error: Exception) -> Group:
+def failed_group(case: Case, error: Exception) -> Group:
     """A case that could not be integrated, as it is stored."""
     message = str(error) if isinstance(error, HodoError) else f"{type(error).__name__}: {error}"
     return case_group(Trajectory.failed(case, message), case_digest(case))
 
 
-def problem(group: Group, outcome: Group | Exception) -> str:
+def failure_words(group: Group, outcome: Group | Exception) -> str:
     """Why a finished case did not end well; with a traceback if the user did not cause it."""
     if isinstance(outcome, Exception) and not isinstance(outcome, HodoError):
         return "failed: " + "".join(traceback.format_exception(outcome)).rstrip()
@@ -390,7 +390,7 @@ def problem(group: Group, outcome: Group | Exception) -> str:
     return "" if status == "ok" else f"{status}: {group.attributes['message']}"
 
 
-def foreseen(case: Case) -> list[str]:
+def early_warnings(case: Case) -> list[str]:
     """The objections to its model that the data of a case raise, or those of the members at the
     ends of a sweep."""
     if not case.sweep:

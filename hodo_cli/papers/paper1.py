@@ -18,7 +18,7 @@ from ..claims.finding import (
     listed,
     part_of,
 )
-from ..claims.quantities import first, number, reach, swept_angle, zeros
+from ..claims.quantities import first_time, largest_in_region, number, swept_angle, zero_times
 from ..engines import have_taylor
 from ..engines.protocol import EPS
 from ..integration import solve
@@ -69,7 +69,7 @@ def free_rotation_from_q0(motions: Sequence[Motion]) -> Finding:
 def passage_of_q(m: Motion) -> tuple[float, np.ndarray]:
     """A time at which a free motion passes q = 0, and omega (3,) there: Newton's method on q(t)."""
     A, start = m.inertia, m.omega[0]
-    near = first(zeros(m.time, m.omega[:, 1])) if start[1] else float(m.time[0])
+    near = first_time(zero_times(m.time, m.omega[:, 1])) if start[1] else float(m.time[0])
     # Quadratic from a sample nearby, so that five steps would do.
     for _ in range(10):
         p, q, r = free_motion(A, start, np.array([near - m.time[0]]))[0]
@@ -157,7 +157,7 @@ def diagonal_sets_decay(motions: Sequence[Motion]) -> Finding:
 
 def off_diagonal_sets_area(motions: Sequence[Motion]) -> Finding:
     """The off-diagonal entries have more effect than the others on the largest p^2 in A."""
-    values = [reach(m, 0) for m in motions]
+    values = [largest_in_region(m, 0) for m in motions]
     return larger_effect("largest p^2 in A", values, "off-diagonal", "diagonal")
 
 
@@ -185,9 +185,9 @@ def criterion_predicts(motions: Sequence[Motion]) -> Finding:
     steps, words = [], []
     for m in motions:
         times = [
-            float(np.max(zeros(m.time, m.omega[:, 2]), initial=-math.inf)),
+            float(np.max(zero_times(m.time, m.omega[:, 2]), initial=-math.inf)),
             m.crossings[0].time if m.crossings else math.inf,
-            first(zeros(m.time, m.omega[:, 0])),
+            first_time(zero_times(m.time, m.omega[:, 0])),
         ]
         steps += [times[1] - times[0], times[2] - times[1]]
         words.append(listed(times))

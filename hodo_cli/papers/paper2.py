@@ -19,7 +19,7 @@ from ..claims.finding import (
     listed,
 )
 from ..claims.quantities import end_of_spin, integrated_motion, quantity
-from ..claims.variations import changed
+from ..claims.variations import changed_case
 from ..models.constants import attributes
 from ..models.terms.fluid import reynolds
 from ..results.motion import Motion
@@ -69,7 +69,7 @@ def with_torque(m: Motion, factor: float, angle: float) -> Motion:
     # The motion is slower as the factor falls, but its frequency is not.
     slower = weaker(m, factor, m.case.time.end / factor, int(1500 / math.sqrt(factor)))
     torque = (0.3 * math.cos(angle), 0.3 * math.sin(angle), m.case.data["torque"][2])
-    return integrated_motion(changed(slower, {"torque": torque}))
+    return integrated_motion(changed_case(slower, {"torque": torque}))
 
 
 def weaker(m: Motion, factor: float, end: float, samples: int) -> Case:
@@ -77,7 +77,9 @@ def weaker(m: Motion, factor: float, end: float, samples: int) -> Case:
     data = m.case.data
     cavity = {"kappa": attributes(m.case.system.constants).kappa * factor}
     time = {"start": 0.0, "end": end, "samples": samples}
-    return changed(m.case, {"cavity": cavity, "epsilon": data["epsilon"] * factor, "time": time})
+    return changed_case(
+        m.case, {"cavity": cavity, "epsilon": data["epsilon"] * factor, "time": time}
+    )
 
 
 SMALL_NUMBER = 0.01

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arithmetic import BranchDivergence, Column, of_members
+from ..arithmetic import BranchDivergence, Column, member_values
 from ..cases.case import Case
 from ..cases.sweep_block import axes_of, put
 from ..engines.protocol import EPS
@@ -43,7 +43,7 @@ def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
     """Numbers, columns of them or arrays (n,) as the rows of an array."""
     array = np.empty((len(numbers), n))
     for i, number in enumerate(numbers):
-        array[i] = number if isinstance(number, np.ndarray) else of_members(number)
+        array[i] = number if isinstance(number, np.ndarray) else member_values(number)
     return array
 
 
