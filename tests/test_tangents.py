@@ -114,11 +114,13 @@ def test_an_event_that_comes_in_pairs_is_found(method: str, depth: float) -> Non
     event = Event("turn", lambda t, y, k: y[0] - (1 - depth))
     tol = 1e-10 if method == "RK45" else 1e-13
     engine = engines.engine_for(method, Swing(), (event,), tol, "double")  # type: ignore[arg-type]
-    leg = engine.leg({}, np.array([0.0, 1.0]), np.array([0.0, 20.0]), protocol.StepControl())
+    stretch = engine.integrate(
+        {}, np.array([0.0, 1.0]), np.array([0.0, 20.0]), protocol.StepControl()
+    )
     half = math.acos(1 - depth) if depth > 0 else math.nan
     turns = [math.pi / 2 + 2 * math.pi * n for n in range(3)] if depth > 0 else []
     expected = [when for turn in turns for when in (turn - half, turn + half)]
-    assert [hit.direction for hit in leg.hits] == [1, -1] * len(turns)
+    assert [np.sign(root.state[1]) for root in stretch.roots] == [1, -1] * len(turns)
     # The error of x over that of its slope there.
     bound = 1e3 * tol / math.sqrt(abs(depth))
-    assert [hit.time for hit in leg.hits] == pytest.approx(expected, abs=bound)
+    assert [root.time for root in stretch.roots] == pytest.approx(expected, abs=bound)

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import HodoError
 from ..models.base import Event, Model
-from ..models.constants import of_leg_time, structure
+from ..models.constants import of_engine_time, structure
 from .protocol import Engine
 
 
@@ -45,16 +45,16 @@ def engine_for(
     precision: str,
     is_timed: bool = False,
 ) -> Engine:
-    """The engine of a method, bound to the equations of a model, as functions of the time of a leg
-    where that `is_timed`; for taylor this compiles, once per process for all systems of one
+    """The engine of a method, bound to the equations of a model, as functions of the engine's
+    time where that `is_timed`; for taylor this compiles, once per process for all systems of one
     structure.
 
     Raises HodoError if it needs what is not installed. The precision is one of the method's own.
     """
     model, form = type(system), structure(system.constants)
     if is_timed:
-        # The engines' time is that of a leg, in units that fit the motion.
-        model, form, events = of_leg_time(model, form, events)
+        # The engine's time begins with each stretch, in units that fit the motion.
+        model, form, events = of_engine_time(model, form, events)
     if method == "taylor":
         if not have_taylor():
             # Only heyoka's arithmetic is quadruple: no other method would do.

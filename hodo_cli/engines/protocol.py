@@ -54,29 +54,27 @@ class Status(Coded):
     """Of a member of a sweep whose crossings its error hides; its motion is right."""
 
 
-class Hit(NamedTuple):
-    """A zero of an event's function: its place in the list of events, time, direction (+1, -1),
-    state."""
+class EventRoot(NamedTuple):
+    """A zero of an event's function: its place in the list of events, time and state."""
 
     event: int
     time: float
-    direction: int
     state: np.ndarray
 
 
-class Leg(NamedTuple):
-    """One stretch of integration in fixed units: the states at the grid points passed, and where it
-    stopped.
+class Stretch(NamedTuple):
+    """A part of a motion, integrated in fixed units: the states at the grid points passed, and
+    where it ended.
 
-    `time` is a pair whose sum is the time reached. `hit` is the terminal event, if one ended the
-    leg; `hits` are the other events, in order of time.
+    `time` is a pair whose sum is the time reached. `stop` is the terminal event, if one ended the
+    stretch; `roots` are the other events, in order of time.
     """
 
     rows: np.ndarray
     time: tuple[Any, Any]
     state: np.ndarray
-    hit: Hit | None = None
-    hits: tuple[Hit, ...] = ()
+    stop: EventRoot | None = None
+    roots: tuple[EventRoot, ...] = ()
 
 
 Observer = Callable[[Any, Any, np.ndarray], None]
@@ -94,7 +92,9 @@ class Engine(Protocol):
     basis: str
     degree: int
 
-    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, control: "StepControl") -> Leg:
+    def integrate(
+        self, k: Constants, y: np.ndarray, grid: np.ndarray, control: "StepControl"
+    ) -> Stretch:
         """Integrate from `y` at grid[0] to grid[-1], or to a terminal event, or until `control`
         says stop."""
 
@@ -117,8 +117,8 @@ class StepControl:
     """Decides after each step whether to go on; `status` and `message` say why a motion was given
     up.
 
-    With `band` = (low, high) it also stops the leg, for new units, as soon as the norm of
-    the state leaves the band: of those `rows` of it, if any are named, that carry a unit.
+    With `band` = (low, high) it also ends the stretch, for new units, as soon as the norm
+    of the state leaves the band: of those `rows` of it, if any are named, that carry a unit.
     """
 
     max_steps: float = math.inf
@@ -127,7 +127,7 @@ class StepControl:
     rows: np.ndarray | None = None
     observer: Observer | None = None
     longest: float = math.inf
-    """The longest step that an engine may take in the leg, in its units: the leg ends where what
+    """The longest step that an engine may take in the stretch, in its units: it ends where what
     needs such a limit has grown."""
     steps: int = 0
     evaluations: int = 0

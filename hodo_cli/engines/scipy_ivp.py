@@ -10,7 +10,7 @@ from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
 from ..models.base import Constants, Event, Model
 from ..models.constants import jacobian
-from .protocol import EPS, IVP, Leg, StepControl
+from .protocol import EPS, IVP, StepControl, Stretch
 from .stepwise import Stepwise
 
 SOLVERS = {"DOP853": DOP853, "RK45": RK45, "LSODA": LSODA, "Radau": Radau, "BDF": BDF}
@@ -37,11 +37,13 @@ class Ivp(Stepwise):
         self.implicit = method in ("LSODA", "Radau", "BDF")
         self.tol = max(IVP[method] if tol is None else tol, LEAST_TOL)
 
-    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl) -> Leg:
-        """See `Engine.leg`."""
+    def integrate(
+        self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl
+    ) -> Stretch:
+        """See `Engine.integrate`."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a solver that gives up returns a message too
-            return super().leg(k, y, grid, control)
+            return super().integrate(k, y, grid, control)
 
     def solver(self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float = math.inf) -> Any:
         """See `Stepwise.solver`; the implicit methods are given the Jacobian."""

@@ -11,11 +11,11 @@ import numpy as np
 from ..models.base import Constants, Event
 from ..models.constants import attributes
 from .polynomial import CHEBYSHEV, Zeros, isolate, rounding, to_bernstein
-from .protocol import NORM_BAND, Hit, Leg, Status, StepControl
+from .protocol import NORM_BAND, EventRoot, Status, StepControl, Stretch
 
 
 class Stepwise:
-    """An engine that starts a solver for each leg, an object with the interface of SciPy's
+    """An engine that starts a solver for each stretch, an object with the interface of SciPy's
     OdeSolver."""
 
     dtype: Any = np.float64
@@ -36,14 +36,16 @@ class Stepwise:
         nodes, transform = chebyshev(self.degree)
         return np.asarray(dense(solver.t_old + (solver.t - solver.t_old) * nodes) @ transform)
 
-    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl) -> Leg:
-        """See `Engine.leg`."""
+    def integrate(
+        self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl
+    ) -> Stretch:
+        """See `Engine.integrate`."""
         constants = attributes(k, self.dtype)
         solver = self.solver(constants, y, grid[0], grid[-1], control.longest)
         rows = np.empty((len(grid), len(y)), dtype=self.dtype)
-        rows[0], done, going, hit = y, 1, len(grid) > 1, None
-        met: list[Hit] = []
-        while going and hit is None:
+        rows[0], done, going, stop = y, 1, len(grid) > 1, None
+        passed: list[EventRoot] = []
+        while going and stop is None:
             before = solver.y.copy()
             try:
                 message = solver.step()
@@ -57,29 +59,29 @@ class Stepwise:
                 )
                 break
             dense = solver.dense_output()
-            hits = self._hits(constants, solver.t_old, solver.t, dense, before)
-            hit = next((h for h in hits if self.events[h.event].terminal), None)
-            met += [h for h in hits if not self.events[h.event].terminal]
-            end = solver.t if hit is None else hit.time
-            passed = int(np.searchsorted(grid, end, side="right"))
-            if passed > done:
-                rows[done:passed] = dense(grid[done:passed]).T
-                done = passed
+            roots = self._roots(constants, solver.t_old, solver.t, dense, before)
+            stop = next((root for root in roots if self.events[root.event].terminal), None)
+            passed += [root for root in roots if not self.events[root.event].terminal]
+            end = solver.t if stop is None else stop.time
+            reached = int(np.searchsorted(grid, end, side="right"))
+            if reached > done:
+                rows[done:reached] = dense(grid[done:reached]).T
+                done = reached
             if control.observer is not None:
                 control.observer(solver.t_old, solver.t, self.series(solver, dense))
             going = control.step(solver.y) and solver.status == "running"
         control.evaluations += solver.nfev
-        state, time = (solver.y, solver.t) if hit is None else (hit.state, hit.time)
-        return Leg(rows[:done], (time, self.dtype(0)), state.copy(), hit, tuple(met))
+        state, time = (solver.y, solver.t) if stop is None else (stop.state, stop.time)
+        return Stretch(rows[:done], (time, self.dtype(0)), state.copy(), stop, tuple(passed))
 
-    def _hits(
+    def _roots(
         self, k: Any, start: Any, end: Any, dense: Callable[[Any], np.ndarray], before: np.ndarray
-    ) -> list[Hit]:
+    ) -> list[EventRoot]:
         """The zeros of every event inside a step that starts from the state `before`, in order of
         time."""
-        hits: list[Hit] = []
+        roots: list[EventRoot] = []
         if not self.events:
-            return hits
+            return roots
         nodes, transform = chebyshev(self.degree)
         nodal = start + (end - start) * nodes.astype(self.dtype)
         values = np.array([event.function(nodal, list(dense(nodal)), k) for event in self.events])
@@ -97,12 +99,12 @@ class Stepwise:
             at_start = event.function(start, list(before), k)
             signs = np.sign([at_start, *event.function(times[1:], list(dense(times[1:])), k)])
             for j in np.flatnonzero(signs[:-1] * signs[1:] < 0):
-                root = zero(value, times[j], times[j + 1])
-                hits.append(Hit(i, root, int(signs[j + 1]), dense(root)))
+                time = zero(value, times[j], times[j + 1])
+                roots.append(EventRoot(i, time, dense(time)))
             # The next step starts at such a zero, and does not pass through it.
             if signs[-1] == 0 and signs[-2] != 0:
-                hits.append(Hit(i, end, -int(signs[-2]), dense(end)))
-        return sorted(hits, key=lambda hit: hit.time)
+                roots.append(EventRoot(i, end, dense(end)))
+        return sorted(roots, key=lambda root: root.time)
 
 
 def between(zeros: Zeros, row: int) -> np.ndarray:

@@ -12,7 +12,7 @@ from ..arithmetic import SYMBOLS
 from ..models.base import Constants, Event, Model
 from ..models.constants import Structure, attributes, count, flatten, namespace
 from .polynomial import TAYLOR
-from .protocol import NORM_BAND, PRECISION, Hit, Leg, Status, StepControl
+from .protocol import NORM_BAND, PRECISION, EventRoot, Status, StepControl, Stretch
 from .stepwise import zero
 
 # heyoka warns about its cache on stdout, where commands print their data.
@@ -54,7 +54,7 @@ class Taylor:
         # heyoka's control is absolute below 1: a margin keeps the digits of small components, at no
         # cost.
         self.tol = eps / 1024 if tol is None else max(tol, eps / 2**20)
-        self.hits: list[Hit] = []
+        self.roots: list[EventRoot] = []
         y = [hy.expression(name) for name in model.state]
         k = namespace(structure, [hy.par[i] for i in range(count(structure))])
         rhs = model.rhs(hy.time, y, k)
@@ -88,23 +88,23 @@ class Taylor:
 
     # heyoka copies what it is to call, and a bound method with all that it is bound to.
     def _recorder(self, event: int) -> Callable[[Any, Any, int], None]:
-        def record(ta: Any, time: Any, direction: int) -> None:
-            ta.update_d_output(time)
-            self.hits.append(Hit(event, time, direction, ta.d_output.copy()))
+        return lambda ta, time, direction: self._record(event, time)
 
-        return record
+    def _record(self, event: int, time: Any) -> None:
+        self.ta.update_d_output(time)
+        self.roots.append(EventRoot(event, time, self.ta.d_output.copy()))
 
     def _stopper(self, event: int) -> Callable[[Any, int], bool]:
         # The outcome of a propagation does not name the event where the step's own callback has
         # stopped it as well.
         def stop(ta: Any, direction: int) -> bool:
-            self.hits.append(Hit(event, ta.time, direction, ta.state.copy()))
+            self.roots.append(EventRoot(event, ta.time, ta.state.copy()))
             return False
 
         return stop
 
     def _turner(self, event: Event) -> Callable[[Any, int], bool]:
-        # A corner ends no leg: what the driver does between legs took two thirds of the time.
+        # A corner ends no stretch: what the driver does between two took two thirds of the time.
         def turn(ta: Any, direction: int) -> bool:
             assert event.passage is not None
             ta.state[:] = event.passage(ta.time, [*ta.state], self.numbers).state
@@ -123,7 +123,7 @@ class Taylor:
         Its search gives up on a zero in the first 1e-8 of a step, with a line in its log alone.
         """
         ta = self.ta
-        recorded = {hit.event for hit in self.hits if hit.time > start}
+        recorded = {root.event for root in self.roots if root.time > start}
         for i, (first, last) in enumerate(zip(before, after, strict=True)):
             if first * last < 0 and i not in recorded:
 
@@ -131,15 +131,17 @@ class Taylor:
                     ta.update_d_output(t)
                     return event.function(t, [*ta.d_output], k)
 
-                self._recorder(i)(ta, zero(value, start, ta.time), 1 if last > 0 else -1)
+                self._record(i, zero(value, start, ta.time))
 
     @property
-    def _first_stop(self) -> Hit | None:
-        stops = [hit for hit in self.hits if self.events[hit.event].terminal]
-        return min(stops, key=lambda hit: hit.time, default=None)
+    def _first_stop(self) -> EventRoot | None:
+        stops = [root for root in self.roots if self.events[root.event].terminal]
+        return min(stops, key=lambda root: root.time, default=None)
 
-    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl) -> Leg:
-        """See `Engine.leg`."""
+    def integrate(
+        self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl
+    ) -> Stretch:
+        """See `Engine.integrate`."""
         ta = self.ta
         self.numbers = numbers = attributes(k, self.dtype)
         # heyoka counts parameters up to the last that the equations use.
@@ -147,9 +149,9 @@ class Taylor:
         ta.state[:] = y
         ta.dtime = (grid[0], self.dtype(0))
         if ta.with_events:
-            # A cooldown of the last leg would swallow an event at the start of this one.
+            # A cooldown of the last stretch would swallow an event at the start of this one.
             ta.reset_cooldowns()
-        self.hits.clear()
+        self.roots.clear()
         state, series, observe, last = ta.state, ta.tc, control.observer, grid[0]
         values = self._values(last, state, numbers)
 
@@ -169,22 +171,22 @@ class Taylor:
             ta.propagate_grid, grid, callback=after_step, max_delta_t=self.dtype(control.longest)
         )
         outcome, _, _, steps, *_, rows = through()
-        if (hit := self._first_stop) is not None and hit.time == grid[0]:
+        if (stop := self._first_stop) is not None and stop.time == grid[0]:
             # A motion that starts at a zero does not pass through it; the event's cooldown keeps it
             # from returning.
-            self.hits.clear()
+            self.roots.clear()
             outcome, _, _, steps, *_, rows = through()
-            hit = self._first_stop
+            stop = self._first_stop
         control.evaluations += steps * ta.order
-        end = ta.time if hit is None else hit.time
-        if hit is not None:
+        end = ta.time if stop is None else stop.time
+        if stop is not None:
             rows = rows[: np.searchsorted(grid, end, side="right")]
         elif outcome == hy.taylor_outcome.err_nf_state:
             control.give_up(Status.FAILED, "the state became infinite or not a number")
         # What vanishes at the start does not pass through zero there.
-        others = [event for event in self.hits if not self.events[event.event].terminal]
-        hits = tuple(event for event in others if grid[0] < event.time <= end)
-        return Leg(rows, ta.dtime, state.copy(), hit, hits)
+        others = [root for root in self.roots if not self.events[root.event].terminal]
+        passed = tuple(root for root in others if grid[0] < root.time <= end)
+        return Stretch(rows, ta.dtime, state.copy(), stop, passed)
 
 
 def longdouble(values: np.ndarray) -> np.ndarray:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..engines.protocol import Engine, Hit, Status, StepControl, uneven
-from ..models.base import Event, EventOutcome, Model, Passage
+from ..engines.protocol import Engine, EventRoot, Status, StepControl, uneven
+from ..models.base import Event, EventOutcome, Model
 from ..models.constants import attributes, moving, rescaled, state_powers
 from .trajectory import Occurrence
 from .units import (
@@ -57,6 +57,16 @@ class SampleBuffer:
         self.state[new], self.exponent[new] = states, size
         self.done += len(states)
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether all samples are known."""
+        return self.done == len(self.time)
+
+    def fill(self, until: float, state: np.ndarray, size: int) -> None:
+        """Enter one state (m,) at all further times up to one, in units of 2**size."""
+        last = max(int(np.searchsorted(self.time, until, side="right")), self.done)
+        self.add(np.broadcast_to(state, (last - self.done, len(state))), size)
+
     def end(self, time: float, state: np.ndarray, size: int) -> None:
         """Put the state (m,) in which the motion ends behind the known samples, as the last one."""
         known = slice(self.done)
@@ -81,104 +91,125 @@ class StepObserver:
         """The units are about to change, or the motion has ended."""
 
 
-def propagate(
-    engine: Engine,
-    system: Model,
-    start: float,
-    times: np.ndarray,
-    control: StepControl,
-    observer: StepObserver | None,
-    events: tuple[Event, ...],
-) -> SampleBuffer:
-    """Integrate a system from `start` through `times`, changing units whenever the motion has
-    outgrown them.
+class Propagation:
+    """A motion on its way through sample times: its state `y`, in `units` that fit it, at the time
+    of the `clock`."""
 
-    Ends early at a terminal event, whose time and state are then the last ones, or when
-    `control` says so.
-    """
-    model, k, y0, fp = type(system), system.constants, system.start, engine.dtype
-    timed, rows = is_timed(system, events), moving(model)
-    moment = TimeWindow(start, float(times[-1]) - start) if timed and len(times) else None
-    units = units_at_start(system, moment)
-    exact = system.extended_start if fp is np.longdouble else np.array(y0)
-    y = rescaled(model, exact, -units.size).astype(fp)
-    clock = (Clock if model.degree or timed else AbsoluteClock)(fp(start), fp(0))
-    samples = SampleBuffer(
-        times,
-        np.empty((len(times), len(y0)), dtype=fp),
+    def __init__(
+        self,
+        engine: Engine,
+        system: Model,
+        start: float,
+        times: np.ndarray,
+        control: StepControl,
+        observer: StepObserver | None,
+        events: tuple[Event, ...],
+    ) -> None:
+        model, fp = type(system), engine.dtype
+        self.engine, self.system, self.model, self.events = engine, system, model, events
+        self.is_timed, self.rows = is_timed(system, events), moving(model)
+        self.span = float(times[-1]) - start if len(times) else 0.0
+        kind = Clock if model.degree or self.is_timed else AbsoluteClock
+        self.clock = kind(fp(start), fp(0))
+        self.units = units_at_start(system, self.window)
+        y0 = np.array(system.start)
+        exact = system.extended_start if fp is np.longdouble else y0
+        self.y = rescaled(model, exact, -self.units.size).astype(fp)
         # Of C's int, because ldexp takes four times as long by a wider one.
-        np.empty(len(times), dtype=np.intc),
-    )
-    at_start = int(np.searchsorted(times, start, side="right"))
-    samples.add(np.broadcast_to(y, (at_start, len(y))), units.size)
-    # On a clock of its own such a model has a phase that is far smaller than its other variables.
-    is_uneven = bool(model.degree) or not timed
-    falling = bool(model.degree) and bool(is_falling(model, k, np.array(y0)))
-    control.band, control.observer = norm_band(engine, system, falling), observer
-    control.rows = None if isinstance(rows, slice) else rows
-    while samples.done < len(times) and control.status is Status.OK:
+        exponent = np.empty(len(times), dtype=np.intc)
+        self.samples = SampleBuffer(times, np.empty((len(times), len(y0)), dtype=fp), exponent)
+        self.samples.fill(start, self.y, self.units.size)
+        # On a clock of its own a model without degrees has a phase that is far smaller than its
+        # other variables.
+        self.is_uneven = bool(model.degree) or not self.is_timed
+        self.is_falling = bool(model.degree) and bool(is_falling(model, system.constants, y0))
+        self.control, self.observer = control, observer or StepObserver()
+        control.band, control.observer = norm_band(engine, system, self.is_falling), observer
+        control.rows = None if isinstance(self.rows, slice) else self.rows
+
+    @property
+    def window(self) -> TimeWindow | None:
+        """The time of the motion, and how long it lasts, where its equations contain the time."""
+        return TimeWindow(float(self.clock.high), self.span) if self.is_timed else None
+
+    def run(self) -> SampleBuffer:
+        """Integrate through the sample times, with new units whenever the motion has outgrown them.
+
+        Ends early at a terminal event, whose time and state are then the last ones, or when the
+        control says so.
+        """
+        while not self.samples.is_complete and self.control.status is Status.OK:
+            self.change_units(self.integrate())
+        return self.samples
+
+    def integrate(self) -> int:
+        """Integrate in the present units, through as many samples as these serve; the exponent of
+        the unit of omega in which the state is then."""
+        samples, units, clock = self.samples, self.units, self.clock
         clock.factor = float(np.ldexp(1.0, units.rate))
-        grid = clock.grid(times[samples.done : samples.done + SAMPLES_AT_ONCE].astype(fp))
+        grid = clock.grid(samples.time[samples.done :][:SAMPLES_AT_ONCE].astype(self.engine.dtype))
         if not math.isfinite(float(grid[-1])):
             raise OverflowError
-        if observer is not None:
-            observer.begin(engine, clock, units)
-        constants = units.constants(model, k)
+        k = units.constants(self.model, self.system.constants)
         # Asked until it is not so: what becomes small on the way stays so, since it decays.
-        is_uneven = is_uneven and uneven(y[rows].astype(float))
-        control.longest = (
-            longest_step(model, constants, float(clock.high), y.astype(float))
-            if is_uneven
+        self.is_uneven = self.is_uneven and bool(uneven(self.y[self.rows].astype(float)))
+        self.control.longest = (
+            longest_step(self.model, k, float(clock.high), self.y.astype(float))
+            if self.is_uneven
             else math.inf
         )
-        leg = engine.leg(constants | clock.constants if timed else constants, y, grid, control)
-        if observer is not None:
-            observer.flush()
+        self.observer.begin(self.engine, clock, units)
+        k = k | clock.constants if self.is_timed else k
+        stretch = self.engine.integrate(k, self.y, grid, self.control)
+        self.observer.flush()
         samples.events += [
-            Occurrence(events[hit.event].kind, clock.true(hit.time)) for hit in leg.hits
+            Occurrence(self.events[root.event].kind, clock.true(root.time))
+            for root in stretch.roots
         ]
-        samples.add(leg.rows[1:], units.size)  # the first row is where the leg began
-        if leg.hit is not None:
-            event = events[leg.hit.event]
-            if event.passage is None:
-                samples.events.append(Occurrence(event.kind, clock.true(leg.hit.time)))
-                samples.end(samples.events[-1].time, leg.hit.state, units.size)
-                break
-            outcome = passed(system, event.passage, leg.hit, clock, units)
-            if outcome.details is not None:
-                samples.events.append(Occurrence(event.kind, outcome.time, outcome.details))
-            y, size = np.array(outcome.state, dtype=fp), 0
-            if outcome.onward is None:
-                samples.end(outcome.time, y, size)
-                break
-            clock.restart(fp(outcome.onward))
-            # Samples that the passage skips are taken behind it.
-            reached = int(np.searchsorted(times, float(outcome.onward), side="right"))
-            skipped = max(reached - samples.done, 0)
-            rest = 0 if y[rows].any() or not model.degree else -REST_BITS
-            samples.add(np.broadcast_to(y, (skipped, len(y))), rest)
+        samples.add(stretch.rows[1:], units.size)  # the first row is where it began
+        if stretch.stop:
+            return self.pass_event(stretch.stop)
+        clock.advance(stretch.time)
+        self.y = stretch.state
+        return int(units.size)
+
+    def pass_event(self, root: EventRoot) -> int:
+        """Go on behind a terminal event, or end there; the exponent of the unit of omega in which
+        the state is then."""
+        event, size, fp = self.events[root.event], int(self.units.size), self.engine.dtype
+        outcome = EventOutcome(self.clock.true(root.time), {}, [*root.state])
+        if event.passage:
+            state, size = scaled_by(self.model, root.state, size), 0
+            numbers = attributes(self.system.constants, fp)
+            outcome = event.passage(self.clock.exact(root.time), [*state], numbers)
+        if outcome.details is not None:
+            self.samples.events.append(Occurrence(event.kind, outcome.time, outcome.details))
+        self.y = np.array(outcome.state, dtype=fp)
+        if outcome.onward is None:
+            self.samples.end(outcome.time, self.y, size)
         else:
-            clock.advance(leg.time)
-            y, size = leg.state, units.size
-        if samples.done == len(times) and size < LARGEST_EXPONENT // 2:
-            break  # no leg is to follow, and this one was far from the largest number
-        if timed:
-            moment = TimeWindow(float(clock.high), float(times[-1]) - start)
-        new = Units.fit(model, k, y.astype(float), size, moment, falling) if model.degree else units
-        if new.size < -REST_BITS:
-            end = np.where(state_powers(model), 0, y)
-            samples.add(np.broadcast_to(end, (len(times) - samples.done, len(y))), -REST_BITS)
-        elif new.size > LARGEST_EXPONENT:
-            control.give_up(Status.FAILED, f"{OVERFLOW_MESSAGE} at {clock.true(fp(0)):.6g}")
-        y, units = scaled_by(model, y, size - new.size), new
-    return samples
+            self.clock.restart(fp(outcome.onward))
+            # Samples that the passage skips are taken behind it.
+            is_moving = self.y[self.rows].any() or not self.model.degree
+            self.samples.fill(float(outcome.onward), self.y, 0 if is_moving else -REST_BITS)
+        return size
 
-
-def passed(system: Model, passage: Passage, hit: Hit, clock: Clock, units: Units) -> EventOutcome:
-    """The outcome of a terminal event that lets the motion through."""
-    state = scaled_by(type(system), hit.state, units.size)
-    numbers = attributes(system.constants, hit.state.dtype.type)
-    return passage(clock.exact(hit.time), [*state], numbers)
+    def change_units(self, size: int) -> None:
+        """Give the state, in units of omega of 2**size, units that fit it. The motion ends where it
+        comes to rest, or exceeds the largest number."""
+        # Behind the last sample they would tell only whether the motion exceeds all numbers.
+        is_over = self.samples.is_complete and size < LARGEST_EXPONENT // 2
+        if is_over or not self.model.degree:
+            return
+        state, k = self.y.astype(float), self.system.constants
+        self.units = Units.fit(self.model, k, state, size, self.window, self.is_falling)
+        if self.units.size < -REST_BITS:
+            at_rest = np.where(state_powers(self.model), 0, self.y)
+            self.samples.fill(math.inf, at_rest, -REST_BITS)
+        elif self.units.size > LARGEST_EXPONENT:
+            time = self.clock.true(self.engine.dtype(0))
+            self.control.give_up(Status.FAILED, f"{OVERFLOW_MESSAGE} at {time:.6g}")
+        self.y = scaled_by(self.model, self.y, size - self.units.size)
 
 
 def scaled_by(model: type[Model], y: np.ndarray, size: int) -> np.ndarray:

@@ -18,9 +18,9 @@ from .driver import (
     LARGEST_EXPONENT,
     OVERFLOW_MESSAGE,
     SAMPLES_AT_ONCE,
+    Propagation,
     SampleBuffer,
     StepObserver,
-    propagate,
 )
 from .trajectory import Occurrence, Trajectory
 from .units import is_timed
@@ -152,9 +152,9 @@ def attempted(
     began = thread_time()
     monitor = AccuracyMonitor(system, max(engine.tol, EPS)) if system.refined_data else None
     try:
-        samples = propagate(
+        samples = Propagation(
             engine, system, case.time.start, times, control, observer or monitor, events
-        )
+        ).run()
     except ArithmeticError as error:
         raise HodoError(f"{case.name}: its numbers exceed the range of doubles") from error
     motion = trajectory(case, method, engine.tol, samples, control, began)

@@ -70,32 +70,29 @@ class Units:
         """
         if not model.degree:
             return cls(0, int(clock_rates(model, attributes(k), y)))
-        logs = orders_of_constants(model, k)
-        new = order_of_magnitude(model, y) + size
-        by_torques = np.maximum(new, order_by_torques(model, logs))
-        new = np.where(falling & (new > -np.inf), new, by_torques)
-        new = np.where(np.isfinite(new), new, 0)  # neither motion nor torque: any unit serves
-        now = moment.time if moment else 0.0
-        most = cls.fastest(model, logs, new)
-        state = rescaled(model, y.T, size - most.size).T
-        speed, turn = most.paces(model, k, state, now)
-        if (most.least_size(speed, turn) > most.size).any():
+        orders = orders_of_constants(model, k)
+        t = moment.time if moment else 0.0
+        units = cls.of_size(model, orders, size_to_fit(model, orders, y, size, falling))
+        speed, turn = units.speeds(model, k, y, size, t)
+        if (units.least_size(speed, turn) > units.size).any():
             # Of the torque alone: what is in proportion to the motion vanishes with it.
-            state[moving(model)] = 0
+            at_rest = y.copy()
+            at_rest[moving(model)] = 0
             with np.errstate(all="ignore"):  # a brake has no direction at rest
-                forced, _ = most.paces(model, k, state, now)
-            most = cls.fastest(model, logs, np.fmax(most.size, most.least_size(forced, turn)))
-            speed, turn = most.paces(model, k, rescaled(model, y.T, size - most.size).T, now)
+                forced, _ = units.speeds(model, k, at_rest, size, t)
+            least = units.least_size(forced, turn)
+            units = cls.of_size(model, orders, np.fmax(units.size, least))
+            speed, turn = units.speeds(model, k, y, size, t)
         # The bound of the rates may be far too fast: a body that turns steadily about an axis needs
         # no steps.
         slower = np.frexp(np.where(speed > 0, np.maximum(speed, turn), 0.0))[1]
-        fitted = most.rate + np.maximum(slower, SLOWEST_EXPONENT)
+        rate = units.rate + np.maximum(slower, SLOWEST_EXPONENT)
         if moment:  # what is slow now may hang on a law of time that soon changes
-            fitted = np.maximum(fitted, -np.frexp(moment.span)[1])
-        return cls(most.size, fitted)
+            rate = np.maximum(rate, -np.frexp(moment.span)[1])
+        return cls(units.size, rate)
 
     @classmethod
-    def fastest(cls, model: type[Model], orders: Mapping[str, Any], size: Any) -> "Units":
+    def of_size(cls, model: type[Model], orders: Mapping[str, Any], size: Any) -> "Units":
         """The units of omega 2**size, whose time is short for all that the constants of a model,
         of these binary orders of magnitude, may do."""
         rate = size
@@ -105,16 +102,17 @@ class Units:
         # Of C's int, because ldexp takes ten times as long by a wider one.
         return cls(np.asarray(size).astype(np.intc)[()], np.ceil(rate).astype(np.intc)[()])
 
-    def paces(
-        self, model: type[Model], k: Mapping[str, Any], y: np.ndarray, t: Any
+    def speeds(
+        self, model: type[Model], k: Mapping[str, Any], y: np.ndarray, size: Any, t: Any
     ) -> tuple[np.ndarray, np.ndarray]:
-        """How fast motions at a state y in these units, and their derivatives, change at the time
-        t; 0 where they do not.
+        """How fast motions at the time t, and their derivatives, change in these units, at a state
+        y in units of 2**size; 0 where they do not.
 
         A steady rotation about an axis is not fast however large it is. A series in a unit of time
         that is 1e15 times too short has coefficients of 0.
         """
         scaled = SimpleNamespace(**self.constants(model, k))
+        y = rescaled(model, y.T, size - self.size).T
         rate = np.array(np.broadcast_arrays(*model.rhs(t, [*y], scaled)))
         speed = np.abs(rate).max(axis=0)
         along = np.divide(rate, speed, out=np.zeros_like(rate), where=speed > 0)
@@ -151,6 +149,17 @@ def orders_of_constants(model: type[Model], k: Mapping[str, Any]) -> dict[str, A
     with np.errstate(divide="ignore"):  # log2(0) = -inf: a term that is absent sets no unit
         lightest = np.log2(np.minimum(np.minimum(k["A1"], k["A2"]), k["A3"]))
         return {name: np.log2(largest_of(k[name])) - lightest for name in model.degree}
+
+
+def size_to_fit(
+    model: type[Model], orders: Mapping[str, Any], y: np.ndarray, size: Any, falling: Any
+) -> Any:
+    """The binary order of magnitude (...) of the unit of omega that fits states y, in units of
+    2**size, and what torques make of them; of a `falling` motion the state alone counts."""
+    of_state = order_of_magnitude(model, y) + size
+    by_torques = np.maximum(of_state, order_by_torques(model, orders))
+    fitting = np.where(falling & (of_state > -np.inf), of_state, by_torques)
+    return np.where(np.isfinite(fitting), fitting, 0)  # neither motion nor torque: any unit serves
 
 
 def order_by_torques(model: type[Model], orders: Mapping[str, Any]) -> Any:
@@ -239,7 +248,7 @@ def units_at_start(system: Model, moment: TimeWindow | None = None) -> Units:
 
 @dataclass
 class Clock:
-    """The time reached and the leg's unit of time.
+    """The time reached, at which a stretch of integration begins, and its unit of time.
 
     The time is a sum of two numbers, so that many changes of units cost it no digits.
     """
@@ -249,21 +258,21 @@ class Clock:
     factor: float = 1.0
 
     def grid(self, times: np.ndarray) -> np.ndarray:
-        """The present, then `times`, in the leg's units."""
+        """The present, then `times`, in the engine's time."""
         return np.concatenate(
             ([self.high * 0], ((times - self.high) - self.low) * type(self.high)(self.factor))
         )
 
     def true(self, s: Any) -> float:
-        """The true time of a moment of the leg."""
+        """The case's time at the time s of the engine."""
         return float(self.exact(s))
 
     def exact(self, s: Any) -> Any:
-        """The true time of a moment of the leg, in the working precision."""
+        """As `true`, in the working precision."""
         return self.high + (self.low + s / type(self.high)(self.factor))
 
     def restart(self, time: Any) -> None:
-        """Begin a leg at another time."""
+        """Go on from another time."""
         self.high, self.low = time, time * 0
 
     def true_times(self, s: np.ndarray) -> np.ndarray:
@@ -273,11 +282,11 @@ class Clock:
 
     @property
     def constants(self) -> dict[str, Any]:
-        """What equations that contain the time know of the leg."""
+        """The constants by which equations know the case's time from the engine's."""
         return {START: self.high, UNIT: 1 / self.factor}
 
     def advance(self, elapsed: tuple[Any, Any]) -> None:
-        """Move on by a time in the leg's units."""
+        """Move on by a time of the engine."""
         for part in elapsed:
             step = part / type(self.high)(self.factor)
             total = self.high + step

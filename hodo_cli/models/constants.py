@@ -106,12 +106,12 @@ def stacked(rates: Sequence[Any], y: np.ndarray) -> np.ndarray:
     return rows
 
 
-# Equations that contain the time, as functions of the time s of a leg, whose units fit the motion:
-# the case's own time is t = k.time_start + s k.time_unit.
+# Equations that contain the time, as functions of the engine's time s, in units that fit the
+# motion: the case's own time is t = k.time_start + s k.time_unit.
 
 START, UNIT, VELOCITY = "time_start", "time_unit", "velocity_unit"
-"""The constants by which equations in other units know the case's own: the time at which a leg
-begins, and the units of time and of velocity."""
+"""The constants by which equations in other units know the case's own: the time at which a
+stretch begins, and the units of time and of velocity."""
 
 
 def contains_time(model: type[Model], form: Structure, events: tuple[Event, ...] = ()) -> bool:
@@ -137,26 +137,28 @@ def _is_lost(function: Callable[..., Any], y: Sequence[Any], k: Any) -> bool:
         return True  # what such a time disturbs contains it
 
 
-def in_leg_time(function: Callable[..., Any], s: Any, y: Sequence[Any], k: Any) -> Any:
-    """A function (t, y, k) of the case's own time as one of the time of a leg."""
+def in_engine_time(function: Callable[..., Any], s: Any, y: Sequence[Any], k: Any) -> Any:
+    """A function (t, y, k) of the case's own time as one of the engine's time."""
     return function(k.time_start + s * k.time_unit, y, k)
 
 
-def in_leg_unit(rhs: Callable[..., Any], s: Any, y: Sequence[Any], k: Any) -> Any:
-    """Rates by the time of a leg, of equations whose constants are those of the case's own time."""
-    return [rate * k.time_unit for rate in in_leg_time(rhs, s, y, k)]
+def in_engine_unit(rhs: Callable[..., Any], s: Any, y: Sequence[Any], k: Any) -> Any:
+    """Rates by the engine's time, of equations whose constants are those of the case's own time."""
+    return [rate * k.time_unit for rate in in_engine_time(rhs, s, y, k)]
 
 
-def of_leg_time(
+def of_engine_time(
     model: type[Model], form: Structure, events: tuple[Event, ...]
 ) -> tuple[type[Model], Structure, tuple[Event, ...]]:
-    """The same equations, constants and events, as functions of the time of a leg."""
-    of_leg = (event._replace(function=Bound(in_leg_time, (event.function,))) for event in events)
+    """The same equations, constants and events, as functions of the engine's time."""
+    of_engine = (
+        event._replace(function=Bound(in_engine_time, (event.function,))) for event in events
+    )
     form = tuple({**dict(form), START: 0, UNIT: 0}.items())
-    return _of_leg_time(model), form, tuple(of_leg)  # type: ignore[arg-type]
+    return _of_engine_time(model), form, tuple(of_engine)  # type: ignore[arg-type]
 
 
 @cache
-def _of_leg_time(model: type[Model]) -> type[Model]:
-    rhs = Bound(in_leg_time if model.degree else in_leg_unit, (model.rhs,))
-    return type(f"{model.__name__}OfLegTime", (model,), {"rhs": staticmethod(rhs)})
+def _of_engine_time(model: type[Model]) -> type[Model]:
+    rhs = Bound(in_engine_time if model.degree else in_engine_unit, (model.rhs,))
+    return type(f"{model.__name__}OfEngineTime", (model,), {"rhs": staticmethod(rhs)})
