@@ -22,7 +22,7 @@ from .crossings import (
     RegionSearch,
     SignChanges,
     read_sign_changes,
-    standing,
+    sides_of,
 )
 from .driver import at_rest
 from .error import judged_events, references, with_step_limit
@@ -76,20 +76,15 @@ def classify(
 
     Raises HodoError if the motion differs from the stored one by more than its error allows.
     """
-    expected = UNMEASURED_TOLS * max(EPS, tol) if math.isnan(error) else max(EPS, error)
-    judged = max(LEAST_UNMEASURED, expected) if math.isnan(error) else expected
-    dense = searched(case, method, case.precision, tol, CERTAIN_ERRORS * judged)
-    samples = dense.rows[: len(omega)]
-    check_stored(dense, samples, omega, expected)
-    errors, reference = against_reference(dense, judged)
+    is_measured = not math.isnan(error)
+    expected = max(EPS, error) if is_measured else UNMEASURED_TOLS * max(EPS, tol)
+    assumed = expected if is_measured else max(LEAST_UNMEASURED, expected)
+    dense = searched(case, method, case.precision, tol, CERTAIN_ERRORS * assumed)
+    motion, samples = dense.motion, dense.rows[: len(omega)]
+    check_stored(motion, samples, omega, expected)
+    errors, reference = against_reference(dense, assumed)
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
-    body, motion = body_of(case), dense.motion
-    axes = body.enclosed(principal_omega(motion)[samples], CERTAIN_ERRORS * errors[samples])
-    resting = at_rest(extended(motion.omega[samples]), motion.exponent[samples])
-    # Where the equations have a corner at rest, the motion begins beside it.
-    if not any(body.velocity(body.inertia, body.initial)):
-        resting |= motion.time[samples] == case.time.start
-    labels[: len(samples)] = np.where(resting, rigid_body.UNDETERMINED, axes)
+    labels[: len(samples)] = labels_of(motion.at(samples), errors[samples])
     labels = completed(labels, case.system.absorbing_axes(case.time.start, case.time.end))
     listed = crossings_of(dense, errors)
     crossings, warnings = (
@@ -106,6 +101,17 @@ def classify(
         hidden, tuple(system.predictions(time.start, time.end)),
         judged_events(motion, reference.motion) if reference else motion.events,
     )  # fmt: skip
+
+
+def labels_of(motion: Trajectory, errors: np.ndarray) -> np.ndarray:
+    """The label of each sample of a motion (n,), with these errors (n,)."""
+    body = body_of(motion.case)
+    axes = body.enclosed(principal_omega(motion), CERTAIN_ERRORS * errors)
+    resting = at_rest(extended(motion.omega), motion.exponent)
+    # Where the equations have a corner at rest, the motion begins beside it.
+    if not any(body.velocity(body.inertia, body.initial)):
+        resting |= motion.time == motion.case.time.start
+    return np.where(resting, rigid_body.UNDETERMINED, axes)
 
 
 class BetterSolution(NamedTuple):
@@ -177,11 +183,8 @@ def with_checks(samples: np.ndarray, start: float, end: float) -> np.ndarray:
     return np.sort(np.concatenate((samples, checks[nearest > 1e-9 * (end - start)])))
 
 
-def check_stored(
-    dense: DenseSolution, rows: np.ndarray, omega: np.ndarray, expected: float
-) -> None:
+def check_stored(motion: Trajectory, rows: np.ndarray, omega: np.ndarray, expected: float) -> None:
     """Raise HodoError where these rows of a motion are not the stored omega (n, 3)."""
-    motion = dense.motion
     apart = relative_distance(motion.variables["omega"][rows], omega[: len(rows)])
     allowed = 1e-12 + 4 * expected
     if apart > allowed or (len(rows) < len(omega) and motion.whole):
@@ -310,7 +313,7 @@ def crossings_of(
     least = 0 if rotor is None else CANCELLED_PART * np.abs(rotor).max()
     turning = slice(len(time) - int(np.argmax(np.abs(G).max(1)[::-1] > least)))
     with np.errstate(over="ignore"):
-        margins, sides = standing(body, omega[turning])
+        margins, sides = sides_of(body, omega[turning])
         samples = SignChanges(
             time[turning],
             margins,
@@ -322,10 +325,10 @@ def crossings_of(
     signs = SignChanges.joined([*dense.signs, samples])
     after = np.searchsorted(time, signs.time).clip(max=len(time) - 1)
     before = np.where(time[after] == signs.time, after, np.maximum(after - 1, 0))
-    band = CERTAIN_ERRORS * np.maximum(errors[before], errors[after])
+    uncertainty = CERTAIN_ERRORS * np.maximum(errors[before], errors[after])
     if absorbing is None:
         absorbing = case.system.absorbing_axes(case.time.start, case.time.end)
-    listed = read_sign_changes(signs, band, absorbing)
+    listed = read_sign_changes(signs, uncertainty, absorbing)
     # A body set going from rest stands on a side as soon as the time differs from the start.
     started = case.time.start + 1e-12 * (case.time.end - case.time.start)
     return listed._replace(undecided=[moment for moment in listed.undecided if moment > started])

@@ -227,7 +227,7 @@ class CrossingSearch(StepObserver):
             rate = change / (scale * np.sqrt(np.square(omega).sum(axis=1)))
         momentum = np.sqrt(np.square(rigid_body.angular_momentum(A, omega)).sum(axis=1))
         momentum = np.ldexp(momentum.astype(float), self.units.size)
-        margin, label = standing(self.body, omega)
+        margin, label = sides_of(self.body, omega)
         return StepView(label, margin, momentum, rate)
 
 
@@ -277,20 +277,20 @@ def with_middles(
 
 def read_sign_changes(
     signs: SignChanges,
-    band: np.ndarray,
+    uncertainty: np.ndarray,
     absorbing: frozenset[int] = frozenset(),
 ) -> CrossingList:
-    """The crossings between moments whose margins count where they exceed `band` (k,); `absorbing`
-    are the axes that the hodograph never leaves.
+    """The crossings between moments whose margins are certain where they exceed their `uncertainty`
+    (k,); `absorbing` are the axes that the hodograph never leaves.
 
-    The motion has crossed where its margin stands first on one side, then on the other, beyond
-    its band. So neither a start on D = 0 nor a touch is a crossing, and no zero that is reported
-    twice changes the list. Where the margin comes within the band and leaves it on the side from
-    which it came, or does not leave it any more, it is undecided whether the motion has crossed.
+    The motion has crossed where its margin is certain first on one side, then on the other. So
+    neither a start on D = 0 nor a touch is a crossing, and no zero that is reported twice changes
+    the list. Where the margin becomes uncertain and is certain again on the side from which it
+    came, or does not become certain any more, it is undecided whether the motion has crossed.
     """
     # A zero is on neither side, so only the moments between zeros can tell that a side has changed.
-    sure = np.flatnonzero(~signs.vanishes & (np.abs(signs.margin) > band))
-    sure, certain = needed(sure, signs.axis[sure], absorbing)
+    sure = np.flatnonzero(~signs.vanishes & (np.abs(signs.margin) > uncertainty))
+    sure, certain = deciding_moments(sure, signs.axis[sure], absorbing)
     axes = signs.axis[sure].tolist()
     verdict = CrossingList([], [], [])
     for n in np.flatnonzero((np.diff(sure) > 1) | (np.diff(axes) != 0)):
@@ -298,17 +298,17 @@ def read_sign_changes(
         if axes[n] == axes[n + 1]:
             verdict.undecided.append(_nearest(signs, first + 1, last))
             continue
-        moment, spread = _passage(signs, first, last)
+        moment, spread = _moment_of_crossing(signs, first, last)
         time, momentum = float(signs.time[moment]), float(signs.momentum[moment])
         verdict.crossings.append(Crossing(time, axes[n], axes[n + 1], momentum))
-        width = band[last] / signs.rate[moment] if signs.rate[moment] else math.inf
+        width = uncertainty[last] / signs.rate[moment] if signs.rate[moment] else math.inf
         verdict.widths.append(float(max(width, spread)))
     if sure.size and sure[-1] < len(signs.time) - 1 and not certain:
         verdict.undecided.append(_nearest(signs, sure[-1] + 1, len(signs.time)))
     return verdict
 
 
-def needed(
+def deciding_moments(
     sure: np.ndarray, axis: np.ndarray, absorbing: frozenset[int]
 ) -> tuple[np.ndarray, bool]:
     """Those of the sure moments (k,), with these axes (k,), that decide where a motion crosses, and
@@ -323,7 +323,7 @@ def needed(
     return sure[max(first - 1, 0) : first + 1] if absorbing else sure, first < len(sure)
 
 
-def _passage(signs: SignChanges, first: int, last: int) -> tuple[int, float]:
+def _moment_of_crossing(signs: SignChanges, first: int, last: int) -> tuple[int, float]:
     """The moment at which a motion crosses between two others, and half of the time between the
     first and the last zero there. Where two steps meet, rounding may leave none: then it is the
     second of the two."""
@@ -355,10 +355,10 @@ ROUNDS, EXTREMUM_ROUNDS = 16, 9
 it a value changes by the square of the distance."""
 
 
-def standing(system: BodyFrame, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def sides_of(body: BodyFrame, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The margin (n,) of angular velocities (n, 3) along the principal axes, and the label (n,) of
     the side on which they stand."""
-    A, h = system.moments, system.rotor_momentum
+    A, h = body.moments, body.rotor_momentum
     if h is not None:
         region = region_of(A, h, omega)
         return region.nearest, region.label

@@ -1,6 +1,6 @@
 """The measured error of a motion: its distance from a better computation."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 from math import inf, ulp
@@ -12,6 +12,7 @@ from .. import engines
 from ..cases.case import Case
 from ..engines import extended
 from ..models.attitude import angle_apart
+from ..models.base import Model
 from ..models.constants import attributes, rescaled
 from .choice import AUTOMATIC, MANY_STEPS, best
 from .driver import REST_BITS
@@ -129,12 +130,23 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
     time since the start. A motion at rest (REST_BITS) has no error. The values of the motion are
     judged as they are stored, in double precision.
     """
-    system = case.system
-    n = min(len(motion.time), len(reference.time))
     errors = {}
     if apart := events_apart(motion, reference):
         start = case.time.start
         errors["event_time"] = max(error / max(time - start, ulp(time)) for time, error in apart)
+    judged, better, resting = outputs_compared(case.system, motion, reference)
+    for name, variable in case.system.variables.items():
+        if case.rests_on(name) and judged[name].dtype.kind != "i":  # a label has no error
+            errors[name] = error_of_variable(variable.dims, judged[name], better[name], resting)
+    return errors
+
+
+def outputs_compared(
+    system: Model, motion: Trajectory, reference: Trajectory
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
+    """The variables (n, ...) of a motion and of its reference, in the units of the reference, at
+    the samples that both have, and whether the motion is at rest there (n,)."""
+    n = min(len(motion.time), len(reference.time))
     # Where an event ends both, their last states are compared, at whatever time each has its own.
     has_end = n and motion.time[n - 1] != reference.time[n - 1]
     rows = np.r_[0 : n - 1, -1] if has_end else slice(n)
@@ -148,24 +160,24 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
         state = rescaled(type(system), state, shift)
     judged = system.output(motion.time[rows], state, attributes(system.constants))
     k = attributes(system.constants, np.longdouble)
-    better = system.output(reference.time[rows], extended(reference.state[rows]), k)
-    for name, variable in system.variables.items():
-        if not case.rests_on(name):
-            continue
-        a, b = judged[name], better[name]
-        if a.dtype.kind == "i":  # a label has no error
-            continue
-        distance, size = subtracted(a, b), np.abs(b.astype(float))
-        if "quaternion" in variable.dims:
-            distance, scale = angle_apart(distance, b.astype(float)), 1
-        elif len(variable.dims) > 1:
-            distance, scale = (np.sqrt(np.vecdot(x, x)) for x in (distance, size))
-            distance[resting] = 0
-        else:
-            distance, scale = np.abs(distance), np.max(size, initial=0)
-        relative = np.divide(distance, scale, out=distance.copy(), where=scale > 0)
-        errors[name] = float(np.max(relative, initial=0))
-    return errors
+    return judged, system.output(reference.time[rows], extended(reference.state[rows]), k), resting
+
+
+def error_of_variable(
+    dims: Sequence[str], judged: np.ndarray, better: np.ndarray, resting: np.ndarray
+) -> float:
+    """The largest error of the doubles of a variable (n, ...) against long doubles, by the rules of
+    `errors_against`; `resting` (n,) tells where the motion is at rest."""
+    distance, size = subtracted(judged, better), np.abs(better.astype(float))
+    if "quaternion" in dims:
+        distance, scale = angle_apart(distance, better.astype(float)), 1
+    elif len(dims) > 1:
+        distance, scale = (np.sqrt(np.vecdot(x, x)) for x in (distance, size))
+        distance[resting] = 0
+    else:
+        distance, scale = np.abs(distance), np.max(size, initial=0)
+    relative = np.divide(distance, scale, out=distance.copy(), where=scale > 0)
+    return float(np.max(relative, initial=0))
 
 
 def events_apart(motion: Trajectory, reference: Trajectory) -> list[tuple[float, float]]:
