@@ -23,11 +23,24 @@ START_SECONDS = 0.4
 """What it takes to start a process with numpy, heyoka and the models, on a machine of 2026."""
 
 
-class Pool:
-    """Applies functions to tasks, in this process or through an executor, which has `ahead` tasks
-    before the first of them has to be finished. A context manager."""
+class InThisProcess(Executor):
+    """Does each task when it is submitted."""
 
-    def __init__(self, executor: Executor | None, ahead: int) -> None:
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Do a call."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(function(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Pool:
+    """Applies functions to tasks through an executor, which has `ahead` tasks before the first of
+    them has to be finished. A context manager."""
+
+    def __init__(self, executor: Executor, ahead: int) -> None:
         self._executor = executor
         self._ahead = ahead
 
@@ -36,8 +49,7 @@ class Pool:
 
     def __exit__(self, *exception: object) -> None:
         """Give up what is not finished."""
-        if self._executor is not None:
-            self._executor.shutdown(wait=False)
+        self._executor.shutdown(wait=False)
 
     def map(
         self, function: Callable[[Task], Result], tasks: Iterable[Task]
@@ -46,44 +58,22 @@ class Pool:
         are finished.
 
         Tasks are taken from their iterable when they are needed, at most `ahead` of the results.
-        With an executor, the function, the tasks and the results must be picklable. A task whose
+        For other processes the function, the tasks and the results must be picklable. A task whose
         worker dies is tried again, at last with no other task beside it, before it comes back with
         a HodoError. Raises BatchError if the executor itself fails, or computes with other code,
         and ModuleNotFoundError if a package is missing.
         """
-        if self._executor is None:
-            return ((task, _attempt(function, task)) for task in tasks)
-        return self._map(self._executor, function, iter(tasks))
 
-    def map_brief(
-        self, function: Callable[[Task], Result], tasks: Sequence[Task]
-    ) -> Iterator[tuple[Task, Result | Exception]]:
-        """As `map`, for tasks that are brief beside the start of a process: they are done here
-        until the first worker has started, and none starts for less work than that takes."""
-        starting: list[Future[bool]] = []
-        done, begin = 0, monotonic()
-        while done < len(tasks) and not any(future.done() for future in starting):
-            yield tasks[done], _attempt(function, tasks[done])
-            done += 1
-            seconds_left = (monotonic() - begin) / done * (len(tasks) - done)
-            if self._executor and not starting and seconds_left > START_SECONDS:
-                # One call for each worker, whose unpickling loads what the function needs.
-                workers = range(self._ahead // 2)
-                starting = [self._executor.submit(callable, function) for _ in workers]
-        yield from self.map(function, tasks[done:])
-
-    def _map(
-        self, executor: Executor, function: Callable[[Task], Result], tasks: Iterator[Task]
-    ) -> Iterator[tuple[Task, Result | Exception]]:
         def submit(task: Task) -> Future[tuple[str, Result]]:
-            return executor.submit(_with_digest, function, task)
+            return self._executor.submit(_with_digest, function, task)
 
+        supply = iter(tasks)
         running: dict[Future[tuple[str, Result]], tuple[Task, int]] = {}
         alone: list[Task] = []
         while True:
             # Drawn only as results leave, so that a sweep of a billion members never stands in
             # memory.
-            for task in islice(tasks, self._ahead - len(running)):
+            for task in islice(supply, self._ahead - len(running)):
                 running[submit(task)] = task, 1
             if not running:
                 break
@@ -99,18 +89,26 @@ class Pool:
             wait([future := submit(task)])
             yield task, HodoError(PROCESS_DIED) if _is_lost(future) else _outcome(future)
 
+    def map_brief(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task]
+    ) -> Iterator[tuple[Task, Result | Exception]]:
+        """As `map`, for tasks that are brief beside the start of a process: they are done here
+        until the first worker has started, and none starts for less work than that takes."""
+        starting: list[Future[bool]] = []
+        done, begin, here = 0, monotonic(), pool(1)
+        while done < len(tasks) and not any(future.done() for future in starting):
+            yield from here.map(function, tasks[done : done + 1])
+            done += 1
+            seconds_left = (monotonic() - begin) / done * (len(tasks) - done)
+            if not starting and seconds_left > START_SECONDS:
+                # One call for each worker, whose unpickling loads what the function needs.
+                workers = range(self._ahead // 2)
+                starting = [self._executor.submit(callable, function) for _ in workers]
+        yield from self.map(function, tasks[done:])
+
 
 def _is_lost(future: Future[Any]) -> bool:
     return isinstance(future.exception(), WorkerLost)
-
-
-def _attempt(function: Callable[[Task], Result], task: Task) -> Result | Exception:
-    try:
-        return _with_digest(function, task)[1]
-    except NOT_OF_A_CASE:
-        raise
-    except Exception as error:
-        return error
 
 
 def _with_digest(function: Callable[[Task], Result], task: Task) -> tuple[str, Result]:
@@ -160,4 +158,4 @@ def pool(workers: int, scheduler: str | None = None) -> Pool:
         from .processes import Processes
 
         return Pool(Processes(workers), 2 * workers)
-    return Pool(None, 1)
+    return Pool(InThisProcess(), 1)
