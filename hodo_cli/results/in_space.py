@@ -67,7 +67,7 @@ def continued(m: "Motion", name: str, values: np.ndarray) -> np.ndarray:
     if "omega" not in m.data or len(m.axes) < 3:
         return values
     vertical = rotations(m).inv().apply(np.eye(3)[2])[known]
-    p, q, r = (m.omega[known] * pace(m)).T
+    p, q, r = (m.omega[known] * time_factor(m)).T
     x, y, z = vertical.T
     square = x * x + y * y
     rate = (p * x + q * y) / square
@@ -78,9 +78,9 @@ def continued(m: "Motion", name: str, values: np.ndarray) -> np.ndarray:
     return values
 
 
-def pace(m: "Motion") -> float:
-    """The unit of the case's time, in that of which omega is a rate: of a full top, whose time is
-    the slow one, 1 over its small parameter."""
+def time_factor(m: "Motion") -> float:
+    """The factor from the case's time to that of which omega is a rate: of a full top, whose time
+    is the slow one, 1 over its small parameter."""
     system = m.case.system
     factor = system.quaternion_factor
     return float(factor(attributes(system.constants))) if factor else 1.0

@@ -235,10 +235,9 @@ def case_variables(
     `labels` belong to the model's variables; a label of `time` replaces the plain one. `errors` are
     the measured errors of some of them.
     """
-    of_time = labels.get("time", PLAIN_TIME)
-    stored = {"time": Stored(of_time.long_name, TIME.dims, units=of_time.units).holding(time)}
-    for name, data in values.items():
-        label = labels[name]
+    stored = {}
+    for name, data in {"time": time, **values}.items():
+        label = labels.get(name, PLAIN_TIME)
         error = {"error": errors[name]} if name in errors else {}
         # The values keep their own type: a working precision that netCDF lacks must be refused.
         meanings = AXIS_FLAGS if name == "enclosed_axis" else {}

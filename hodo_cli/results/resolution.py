@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..cases.figure_block import KINDS_IN_SPACE
-from .in_space import EULER_ANGLES, pace
+from .in_space import EULER_ANGLES, time_factor
 from .motion import Motion
 
 # A polygon of 24 sides is a circle to within 0.9 % of its radius, some widths of a line.
@@ -61,7 +61,7 @@ def longer_intervals(motion: Motion) -> np.ndarray:
     """The longer of the intervals (n,) beside each sample, in the time of which omega is a rate."""
     time = motion.time
     steps = np.diff(time, prepend=time[:1], append=time[-1:])
-    return np.asarray(np.maximum(steps[:-1], steps[1:]) * pace(motion))
+    return np.asarray(np.maximum(steps[:-1], steps[1:]) * time_factor(motion))
 
 
 def coarse(motion: Motion, drawn: slice, limit: float, in_space: bool) -> str:
