@@ -233,11 +233,11 @@ def _with_their_models(ctx: click.Context, param: click.Parameter, names: Any) -
     """The names of results and configs. Unless the user names models, those of the results are
     taken: models of the user's own as they were when the results were made."""
     from .private import kept_models
-    from .storage import OWN_MODELS, open_run
+    from .storage import OWN_MODELS, open_run, result_of
 
     kept: list[str] = []
     for path in map(Path, () if os.environ.get("HODO_MODELS") else names):
-        result = path if path.suffix == ".h5" else Path("runs") / f"{path.stem}.h5"
+        result = path if path.suffix == ".h5" else result_of(path)
         # What is wrong with it the command says itself.
         with (
             suppress(HodoError, BatchError),

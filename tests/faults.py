@@ -158,7 +158,7 @@ def sealed_by_a_stranger(path: Path) -> None:
         open(path, "r+b", buffering=0) as file,
     ):
         disk.append_checksum(file)  # type: ignore[arg-type]
-    hdf5._looked_at.cache_clear()
+    hdf5._inspected.cache_clear()
 
 
 def equal(found: Motions, right: Motions) -> None:

@@ -22,6 +22,7 @@ from ..storage import (
     ResultFile,
     history_line,
     holds,
+    result_of,
     root_attributes,
     staging_folders,
 )
@@ -93,7 +94,7 @@ def result_named(name: Path) -> tuple[Path, Config | None]:
     if not (is_bare(name) or name.suffix in YAML_SUFFIXES):
         return name, None
     config = load(name)
-    path = Path("runs") / f"{Path(config.path).stem}.h5"
+    path = result_of(config.path)
     if not os.path.lexists(path) and not staging_folders(path):
         raise HodoError(f"{config.path} has no result {path}: hodo run {config.path} makes it")
     return path, config

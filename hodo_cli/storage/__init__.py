@@ -16,7 +16,7 @@ from .finished_cases import FinishedCase, finished_cases, open_batch
 from .group import Attribute, Group, Report, StreamedVariables, Variable
 from .hdf5 import ResultFile, open_run
 from .output import create
-from .provenance import OWN_MODELS, history_line, root_attributes, typed
+from .provenance import OWN_MODELS, history_line, result_of, root_attributes, typed
 from .staging import check_writable, chunks_in, replacing, staging_folders
 from .writer import Writer, holds, update
 
@@ -39,6 +39,7 @@ __all__ = [
     "open_batch",
     "open_run",
     "replacing",
+    "result_of",
     "root_attributes",
     "staging_folders",
     "typed",

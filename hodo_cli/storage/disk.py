@@ -144,13 +144,13 @@ MOST_HANGS = 3
 """How many cases may hang or crash the reader before the file is given up as a whole."""
 
 
-def look(
+def inspect_in_child(
     list_parts: Callable[[], list[str]],
     problem_of: Callable[[str], str],
     patience: float,
     memory: int,
 ) -> dict[str, str]:
-    """What is wrong with the parts of a file, by their names, looked at in another process.
+    """What is wrong with the parts of a file, by their names, as another process finds it.
 
     `list_parts` opens the file and names its parts, `problem_of` says what is wrong with one, or
     "". A part at which that process dies, takes more than `patience` seconds or so many bytes of
@@ -158,7 +158,7 @@ def look(
     """
     problems = {"": READER_SILENT}  # until the other process comes to its end
 
-    def looked_at() -> Iterator[tuple[str, str]]:
+    def named_problems() -> Iterator[tuple[str, str]]:
         """Each part by its name with what is wrong, as far as the process gets: the last that came
         for a name counts."""
         names: list[str] = []
@@ -173,7 +173,9 @@ def look(
     for _ in range(MOST_HANGS):
         # Windows makes no such processes: there, damage may end this one.
         can_fork = hasattr(os, "fork")
-        found = _from_child(looked_at, patience, memory) if can_fork else dict(looked_at())
+        found = (
+            _from_child(named_problems, patience, memory) if can_fork else dict(named_problems())
+        )
         problems |= found
         if not found or not problems[""]:
             break

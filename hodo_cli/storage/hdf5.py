@@ -22,7 +22,7 @@ from .disk import (
     PATIENCE_OF_READER,
     SLOW_DISK,
     checksum_fits,
-    look,
+    inspect_in_child,
     refusal,
     refusal_number,
 )
@@ -335,7 +335,7 @@ def _damage(path: Path) -> Mapping[str, str]:
         status = path.stat()
         if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
             raise HodoError(f"{path} is a pipe or a device, not a file")
-        return _looked_at(path, status.st_ino, status.st_mtime_ns, status.st_size)
+        return _inspected(path, status.st_ino, status.st_mtime_ns, status.st_size)
     except OSError as error:
         raise _error_class(error)(f"{path}: {_why_closed(path, error)}") from None
 
@@ -345,7 +345,7 @@ INTACT_FILES: Mapping[str, str] = {}
 
 
 @lru_cache(maxsize=4096)
-def _looked_at(path: Path, inode: int, changed: int, size: int) -> Mapping[str, str]:
+def _inspected(path: Path, inode: int, changed: int, size: int) -> Mapping[str, str]:
     """What is wrong with the groups of a file; to read it again that has not changed would show
     nothing new."""
     if checksum_fits(path):
@@ -357,7 +357,7 @@ def _looked_at(path: Path, inode: int, changed: int, size: int) -> Mapping[str, 
         return [ROOT, *files[0].groups()]
 
     patience = PATIENCE_OF_READER + size / SLOW_DISK
-    return look(
+    return inspect_in_child(
         list_groups,
         lambda name: files[0].check(name),
         patience,

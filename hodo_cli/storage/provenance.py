@@ -36,6 +36,11 @@ def typed(attributes: Mapping[str, Any], kinds: Mapping[str, type], owner: str) 
     return {name: attributes[name] for name in kinds}
 
 
+def result_of(config: Path | str) -> Path:
+    """The result of a config, where it is not written into another folder."""
+    return Path("runs") / f"{Path(config).stem}.h5"
+
+
 def history_line(command: str) -> str:
     """A line of history: the time, UTC, and the command."""
     return f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {command}"

@@ -227,17 +227,21 @@ class Writer:
                 is_there = self.path.exists()
                 latest_result = stack.enter_context(open_run(self.path)) if is_there else None
             sources = self._sources(latest_result)
-            if (
-                not latest_result
-                or any(source not in (self._old, latest_result) for source in sources.values())
-                or self._texts
-                or list(sources) != latest_result.cases()
-                or latest_result.text != self._attributes.get("config")
-            ):
+            if not (latest_result and self._adds_nothing(latest_result, sources)):
                 draft = self._staging / "whole.h5"
                 self._join(draft, sources, longer(latest_result, self._attributes.get("history")))
                 publish(draft, self._staging.path)
         self._staging.clear({name for name in self._chunks if _sweep_id(name) in self.unfinished})
+
+    def _adds_nothing(self, result: ResultFile, sources: Mapping[str, ResultFile | Path]) -> bool:
+        """Whether a result has these cases already, in this order, with the same texts and
+        config."""
+        return (
+            all(source in (self._old, result) for source in sources.values())
+            and not self._texts
+            and list(sources) == result.cases()
+            and result.text == self._attributes.get("config")
+        )
 
     def _sources(self, latest_result: ResultFile | None) -> dict[str, ResultFile | Path]:
         """Where each case comes from, in the order of the new file."""
@@ -305,9 +309,9 @@ def longer(run: ResultFile | None, line: Attribute | None) -> str:
     return "\n".join(lines)
 
 
-HELD_BYTES = 64 << 20
-"""Bytes of cases that are held to be written once more with what is added to them: to read a short
-case again takes as long as to integrate it."""
+CACHED_BYTES = 64 << 20
+"""Bytes of cases that stay in memory, to be written once more with what is added to them: to read a
+short case again takes as long as to integrate it."""
 
 
 class Update:
@@ -316,9 +320,9 @@ class Update:
     def __init__(self, run: ResultFile, file_identity: tuple[int, int] | None) -> None:
         self.run = run
         self.additions: dict[str, Group] = {}
-        self.held: dict[str, Group] = {}
+        self.cached: dict[str, Group] = {}
         self.file_identity = file_identity
-        self._room = HELD_BYTES
+        self._room = CACHED_BYTES
 
     def write(self, name: str, addition: Group, old: Group | None = None) -> None:
         """Add attributes and variables to a case, or replace them; a group that begins with `_` is
@@ -331,7 +335,7 @@ class Update:
             self.additions[name] = addition
             if old and (size := size_of(old)) < self._room:
                 self._room -= size
-                self.held[name] = old
+                self.cached[name] = old
 
 
 @contextmanager
@@ -360,41 +364,41 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
 
 def _rewrite(file: Path, result: ResultFile, changes: Update, history: str) -> None:
     """Write a result with changes that were made to it, or to a file that had its name before."""
-
     # Bytes of a case that cannot be read are kept: they may be all that is left of it.
     is_amended = any(name in result.damaged for name in result.cases())
     # Looked at when both are open: a name that passes to another file later changes neither.
     is_latest = identity(result.path) == changes.file_identity
+    additions = changes.additions if is_latest else _applicable(changes, result)
+    attributes = {**result.attributes, "history": longer(result, history)}
+    with amend(file, result, attributes) if is_amended else create(file, attributes) as output:
+        for name in dict.fromkeys([*result.groups(), *additions]):
+            # HDF5 neither copies nor removes a group that it cannot read. Damaged verdicts wait for
+            # a file without damaged cases, where `hodo claims` gives them again.
+            is_damaged = name in result.damaged and name.startswith("_")
+            if name in additions and not (is_amended and is_damaged):
+                cached = changes.cached.get(name) if is_latest else None
+                old = Group({}, {}) if name.startswith("_") else cached or result.read(name)
+                output.write(name, old.with_addition(additions[name]))
+            elif not (is_amended or is_damaged):
+                output.copy(result, name)
+
+
+def _applicable(changes: Update, result: ResultFile) -> dict[str, Group]:
+    """Those of the changes that are about what is still the same in a later result."""
 
     def is_the_same(name: str) -> bool:
-        return is_latest or (
-            name in result
-            and resume_attributes(result, name) == resume_attributes(changes.run, name)
+        return name in result and (
+            resume_attributes(result, name) == resume_attributes(changes.run, name)
         )
 
     def applies(name: str) -> bool:
         if not name.startswith("_"):
             return is_the_same(name)
-        # HDF5 removes no group that it cannot read: these wait for a file without damaged cases.
-        if is_amended and name in result.damaged:
-            return False
         # Verdicts are about all cases: none of them may have been run anew meanwhile.
-        return result.cases() == changes.run.cases() and all(
-            is_the_same(case) for case in result.cases() if case not in result.damaged
-        )
+        sound = (case for case in result.cases() if case not in result.damaged)
+        return result.cases() == changes.run.cases() and all(map(is_the_same, sound))
 
-    additions = {name: addition for name, addition in changes.additions.items() if applies(name)}
-    attributes = {**result.attributes, "history": longer(result, history)}
-    with amend(file, result, attributes) if is_amended else create(file, attributes) as output:
-        for name in dict.fromkeys([*result.groups(), *additions]):
-            if name not in additions:
-                # Damaged verdicts are left out: `hodo claims` gives them again.
-                if not is_amended and name not in result.damaged:
-                    output.copy(result, name)
-            else:
-                held = changes.held.get(name) if is_latest else None
-                old = Group({}, {}) if name.startswith("_") else held or result.read(name)
-                output.write(name, old.with_addition(additions[name]))
+    return {name: addition for name, addition in changes.additions.items() if applies(name)}
 
 
 def holds(old: Group, addition: Group, is_complete: bool = False) -> bool:
