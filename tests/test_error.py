@@ -105,7 +105,7 @@ def test_a_tolerance_cut_at_the_limit_of_a_method_is_no_reference(
         return replace(motion, tol=max(tol, motion.tol))
 
     monkeypatch.setattr("hodo_cli.integration.error.solve", limited)
-    assert error.measured_error(motion).kind == "refined"
+    assert error.with_measured_error(motion).error_kind == "refined"
     assert asked == [2.0**-112 / 100, 2.0**-112 * 100]
 
 

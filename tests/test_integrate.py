@@ -220,10 +220,11 @@ def test_where_the_series_fails_auto_takes_collocation(
 def test_what_is_said_of_an_error_that_is_large_or_unknown() -> None:
     case = diagonal((0.02, 0.01, 0.03))
     motion = solve(case, "DOP853", tol=1e-6, times=np.array([1.0]))
-    assert not [*motion_remarks(motion, {"omega": 9e-6})]
-    assert ["exceeds" in line for line in motion_remarks(motion, {"omega": 2e-5})] == [True]
-    assert [*motion_remarks(motion, {})] == ["the error could not be measured"]
-    assert not [*motion_remarks(replace(motion, case=replace(case, error=False)), {})]
+    right, wrong = (replace(motion, errors={"omega": error}) for error in (9e-6, 2e-5))
+    assert not [*motion_remarks(right)]
+    assert ["exceeds" in line for line in motion_remarks(wrong)] == [True]
+    assert [*motion_remarks(motion)] == ["the error could not be measured"]
+    assert not [*motion_remarks(replace(motion, case=replace(case, error=False)))]
 
 
 @pytest.mark.parametrize("size", [2.0**-60, 2.0**60])

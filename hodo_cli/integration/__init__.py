@@ -12,7 +12,7 @@ from .crossings import (
     time_to_zero,
 )
 from .driver import REST_BITS, at_rest
-from .error import errors_against, measured_error, references, thinned, time_error
+from .error import errors_against, references, thinned, time_error, with_measured_error
 from .integrate import LEAST_ASKED, excess_remark, integrate, motion_remarks, solved
 from .solve import refined, sample_times, solve
 from .trajectory import Occurrence, Trajectory
@@ -44,7 +44,6 @@ __all__ = [
     "integrate",
     "is_falling",
     "label_at_start",
-    "measured_error",
     "motion_remarks",
     "principal_omega",
     "references",
@@ -56,4 +55,5 @@ __all__ = [
     "thinned",
     "time_error",
     "time_to_zero",
+    "with_measured_error",
 ]

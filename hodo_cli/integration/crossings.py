@@ -181,22 +181,28 @@ class CrossingSearch(StepObserver):
     def _search(self, b: np.ndarray, noise: np.ndarray, times: np.ndarray) -> None:
         """Note the ends of steps, the zeros of both forms, and their extrema, at which a pair of
         zeros shows how far it is from a touch."""
-        n, fp = len(b), b.dtype
-        # Both ends are noted too: a step with a certain side at one end needs no more.
-        found = [
-            (np.arange(n), np.full(n, end, dtype=fp), np.zeros(n, dtype=bool)) for end in (0, 1)
-        ]
+        steps, fp = np.arange(len(b)), b.dtype
         forms = np.concatenate(
             rigid_body.separatrix_forms(self.A.astype(fp), b.swapaxes(0, 1), self.order)
         )
+        zeros = isolate(forms, np.tile(noise, 2))
         # A difference of two coefficients has the rounding of both.
-        for polynomials, bound in ((forms, noise), (np.diff(forms, axis=1), 2 * noise)):
-            zeros = isolate(polynomials, np.tile(bound, 2))
-            vanishes = np.full(len(zeros.x), polynomials is forms)
-            found.append((zeros.row % n, zeros.x, vanishes))
-        row, x, vanishes = map(np.concatenate, zip(*found, strict=True))
-        order = np.lexsort((x, row))
-        self._note(*with_middles(row[order], x[order], vanishes[order]), b, times)
+        extrema = isolate(np.diff(forms, axis=1), np.tile(2 * noise, 2))
+        of_zeros = zeros.row % len(b), zeros.x
+        places = (
+            # Both ends are noted too: a step with a certain side at one end needs no more.
+            (steps, np.zeros(len(b), dtype=fp)),
+            (steps, np.ones(len(b), dtype=fp)),
+            of_zeros,
+            (extrema.row % len(b), extrema.x),
+            # Between zeros of the two forms, as on both sides of the middle axis, neither has an
+            # extremum.
+            middles(*of_zeros),
+        )
+        row, x = map(np.concatenate, zip(*places, strict=True))
+        vanishes = np.zeros(len(x), dtype=bool)
+        vanishes[2 * len(b) :][: len(zeros.x)] = True
+        self._note(row, x, vanishes, b, times)
 
     def _note(
         self, row: np.ndarray, x: np.ndarray, vanishes: np.ndarray, b: np.ndarray, times: np.ndarray
@@ -260,19 +266,12 @@ def time_to_zero(
     return np.asarray(np.where(ahead.real == 0, 0.0, np.ldexp(steps, -units.rate)))
 
 
-def with_middles(
-    row: np.ndarray, x: np.ndarray, vanishes: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places in order of row and x (k,), and besides them the middles between zeros of one row.
-
-    Between zeros of the two forms, as on both sides of the middle axis, neither has an extremum.
-    """
-    root = np.flatnonzero(vanishes)
-    pair = np.flatnonzero(row[root[1:]] == row[root[:-1]])
-    before, after = root[pair], root[pair + 1]
-    row = np.concatenate((row, row[after]))
-    x = np.concatenate((x, (x[before] + x[after]) / 2))
-    return row, x, np.concatenate((vanishes, np.zeros(len(pair), dtype=bool)))
+def middles(row: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The row and x of the middles between neighbours of one row, among places (k,)."""
+    order = np.lexsort((x, row))
+    row, x = row[order], x[order]
+    pair = np.flatnonzero(row[1:] == row[:-1])
+    return row[pair], (x[pair] + x[pair + 1]) / 2
 
 
 def read_sign_changes(

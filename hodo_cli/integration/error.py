@@ -1,6 +1,6 @@
 """The measured error of a motion: its distance from a better computation."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 from math import inf, ulp
@@ -31,18 +31,10 @@ HAS_EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Whether long double is more precise than double here."""
 
 
-class MeasuredError(NamedTuple):
-    """The error of each stored variable of a motion, what computation it was measured against, and
-    the events of the motion with theirs."""
-
-    errors: Mapping[str, float]
-    kind: str
-    events: tuple[Occurrence, ...]
-
-
-def measured_error(motion: Trajectory) -> MeasuredError:
-    """The error of a motion against a better computation: the largest over the samples, or over
-    some SAMPLES_COMPARED of them where there are more."""
+def with_measured_error(motion: Trajectory) -> Trajectory:
+    """A motion with the errors of its variables and events against a better computation, where
+    there is one: the largest over the samples, or over some SAMPLES_COMPARED of them where there
+    are more."""
     case, times, n = motion.case, motion.time, len(motion.time)
     if motion.whole and any(event.terminal for event in case.system.run_events):
         times = sample_times(case)
@@ -60,9 +52,13 @@ def measured_error(motion: Trajectory) -> MeasuredError:
             continue
         # A reference that stops early still judges a motion that stopped as well.
         if reference.whole or not motion.whole:
-            errors = errors_against(case, thin_motion, reference)
-            return MeasuredError(errors, by.kind, judged_events(motion, reference))
-    return MeasuredError({}, "none", motion.events)
+            return replace(
+                motion,
+                errors=errors_against(case, thin_motion, reference),
+                error_kind=by.kind,
+                events=judged_events(motion, reference),
+            )
+    return motion
 
 
 def with_step_limit(motion: Trajectory, reference: str) -> Case:

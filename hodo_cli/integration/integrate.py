@@ -1,7 +1,7 @@
 """Case -> Trajectory: the motion by the method of the case, its measured error, and remarks."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +11,9 @@ from ..engines.protocol import Status
 from ..models.base import Model
 from ..text import to_error
 from .choice import choose
-from .error import MeasuredError, measured_error
+from .error import with_measured_error
 from .solve import solve, step_times
-from .trajectory import Occurrence, Trajectory
+from .trajectory import Trajectory
 
 LEAST_ASKED = 1e-12
 """The error that a motion may have whose tolerance is at the limit of its precision."""
@@ -40,25 +40,20 @@ def integrate(case: Case) -> Trajectory:
     if case.time.steps:
         sampled = replace(case, time=case.time.listed(step_times(case, method)))
     motion = timed(solved(sampled, method, reason))
-    measured = MeasuredError({}, "none", motion.events)
     if case.error:
-        measured = measured_error(motion)
-    errors, kind, events = measured
+        motion = with_measured_error(motion)
     return motion.judged(
         case=case,
-        events=events,
-        message=motion.message or early_end(motion, events),
-        warnings=(*model_warnings(motion), *motion_remarks(motion, errors)),
-        errors=errors,
-        error_kind=kind,
+        message=motion.message or early_end(motion),
+        warnings=(*model_warnings(motion), *motion_remarks(motion)),
     )
 
 
-def early_end(motion: Trajectory, events: Sequence[Occurrence]) -> str:
+def early_end(motion: Trajectory) -> str:
     """Which of its events ends a motion before its time; an empty string if none does."""
-    if not events:
+    if not motion.events:
         return ""
-    last = events[-1]
+    last = motion.events[-1]
     # The samples of a body that a brake has stopped go on.
     if not (motion.time[-1] < motion.case.time.end or last.kind == "stopped"):
         return ""
@@ -73,18 +68,18 @@ def model_warnings(motion: Trajectory) -> list[str]:
     return system.warnings + system.validity_warnings(motion.time, state, motion.tol)
 
 
-def motion_remarks(motion: Trajectory, errors: Mapping[str, float]) -> Iterator[str]:
-    """Remarks on a motion with these errors: an error larger than was asked for, or unknown, a
-    probability far from its limit, and infinite values."""
-    case, worst = motion.case, max(errors.values(), default=math.nan)
-    yield from excess_remark(case, worst, motion.tol)
+def motion_remarks(motion: Trajectory) -> Iterator[str]:
+    """Remarks on a motion: an error larger than was asked for, or unknown, a probability far from
+    its limit, and infinite values."""
+    case = motion.case
+    yield from excess_remark(case, motion.error, motion.tol)
     for event in motion.events:
         if (off := event.details.get("probability_error", 0.0)) > CHANCE_ERROR:
             yield (
                 f"event_probability at t = {event.time:.6g} may be off by {off:.2g}: it holds in "
                 "the limit of a weak torque"
             )
-    if case.error and math.isnan(worst):
+    if case.error and math.isnan(motion.error):
         yield "the error could not be measured"
     for name, values in motion.variables.items():
         if case.rests_on(name) and not np.isfinite(values).all():

@@ -23,7 +23,6 @@ from ..integration import (
     choose,
     cross,
     errors_against,
-    measured_error,
     motion_remarks,
     principal_omega,
     sample_times,
@@ -31,6 +30,7 @@ from ..integration import (
     solved,
     taylor_steps,
     thinned,
+    with_measured_error,
 )
 from ..models import rigid_body
 
@@ -235,7 +235,7 @@ def verdict(motion: Trajectory, error: float, floor: float) -> str:
     if error <= ULP_EFFECTS * floor:
         return "limited by the data"
     # Measured only now: a result that is right needs no warning.
-    remarks = motion_remarks(compared(motion), measured_error(motion).errors)
+    remarks = motion_remarks(compared(with_measured_error(motion)))
     return "inaccurate, as stated" if any(remarks) else "SILENT"
 
 
