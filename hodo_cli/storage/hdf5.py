@@ -80,11 +80,11 @@ class ResultFile:
 
     intact = False  # of an unfinished run, which is no file
 
-    def __init__(self, path: Path, file: h5py.File, damaged: Mapping[str, str]) -> None:
+    def __init__(self, path: Path, file: h5py.File, damaged: Mapping[str, str] | None) -> None:
+        """`damaged` is None for a file that its checksum vouches for."""
         self.path = path
-        self.damaged = damaged
-        # By identity: a file that a checksum does not vouch for may have no damaged group either.
-        self.intact = damaged is INTACT_FILES
+        self.damaged = damaged or {}
+        self.intact = damaged is None
         self.attributes: dict[str, Any] = _attributes(file)
         self._names = dict.fromkeys(file)
         self._file = file
@@ -289,8 +289,8 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
     """
     path = Path(path)
     damaged = _damage(path)
-    if reason := damaged.get(""):
-        raise HodoError(f"{path} is damaged ({reason})")
+    if damaged and "" in damaged:
+        raise HodoError(f"{path} is damaged ({damaged['']})")
     file = _opened(path)
     with file:
         try:
@@ -308,9 +308,11 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
         # A line of a message is one line, and a terminal obeys what it is sent.
         if strange := [name for name in run.groups() if not name.isprintable()]:
             raise HodoError(f"{path} is damaged (a group is named {strange[0]!r})")
-        if reason := damaged.get(ROOT):
+        if reason := run.damaged.get(ROOT):
             raise HodoError(f"{path} is damaged ({reason}): move it away and run again")
-        groups = [] if run.intact else [file[name] for name in run.groups() if name not in damaged]
+        groups = (
+            [] if run.intact else [file[name] for name in run.groups() if name not in run.damaged]
+        )
         if any("checksum" not in group.attrs for group in groups):
             warnings.warn(f"{path} has no checksums: damage to it would not show", stacklevel=3)
         yield run
@@ -326,8 +328,8 @@ def _opened(path: Path) -> h5py.File:
         raise _error_class(error)(f"{path}: {_why_closed(path, error)}") from None
 
 
-def _damage(path: Path) -> Mapping[str, str]:
-    """What is wrong with the groups of a file, by their names; `INTACT_FILES` if its checksum fits.
+def _damage(path: Path) -> Mapping[str, str] | None:
+    """What is wrong with the groups of a file, by their names; None if its checksum fits.
 
     Raises HodoError if it is no file.
     """
@@ -340,16 +342,11 @@ def _damage(path: Path) -> Mapping[str, str]:
         raise _error_class(error)(f"{path}: {_why_closed(path, error)}") from None
 
 
-INTACT_FILES: Mapping[str, str] = {}
-"""What is wrong with a file whose checksum fits."""
-
-
 @lru_cache(maxsize=4096)
-def _inspected(path: Path, inode: int, changed: int, size: int) -> Mapping[str, str]:
-    """What is wrong with the groups of a file; to read it again that has not changed would show
-    nothing new."""
+def _inspected(path: Path, inode: int, changed: int, size: int) -> Mapping[str, str] | None:
+    """As `_damage`; to read a file again that has not changed would show nothing new."""
     if checksum_fits(path):
-        return INTACT_FILES
+        return None
     files: list[ResultFile] = []
 
     def list_groups() -> list[str]:
