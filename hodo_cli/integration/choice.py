@@ -48,29 +48,32 @@ def best(case: Case, precision: str) -> tuple[str, str]:
     if not engines.have_taylor():
         return "collocation", "heyoka is not installed"
     with suppress(ArithmeticError, HodoError):  # numbers out of range, as `solve` will say
-        # Cheap first: most cases are not stiff at their start, and end here.
-        if (steps := taylor_steps(case)) > MANY_STEPS:
-            # Along the way, because damping may have slowed or the motion may only become fast
-            # later.
-            times = np.linspace(case.time.start, case.time.end, 17)[1:]
-            # A trial need not take more steps than the motion itself may.
-            most = min(steps / COLLOCATION_COST, MOST_TRIED, case.max_steps or MOST_TRIED)
-            tried = replace(case, max_steps=int(most), max_seconds=None)
-            trial = solve(tried, "collocation", tol=TRIAL_TOL, times=times)
-            if trial.whole and (steps := taylor_steps(case, trial)) > max(
-                MANY_STEPS, COLLOCATION_COST * trial.steps
-            ):
-                return (
-                    "collocation",
-                    f"stiff: {trial.steps} steps in a trial, where a Taylor series needs some "
-                    f"{steps:.0e}",
-                )
+        if reason := stiffness(case):
+            return "collocation", reason
     return "taylor", "not stiff"
 
 
+def stiffness(case: Case) -> str:
+    """Why a case is stiff, so that collocation is faster than a Taylor series; an empty string if
+    it is not."""
+    # Cheap first: most cases are not stiff at their start, and end here.
+    if (steps := taylor_steps(case)) > MANY_STEPS:
+        # Along the way, because damping may have slowed or the motion may only become fast later.
+        times = np.linspace(case.time.start, case.time.end, 17)[1:]
+        # A trial need not take more steps than the motion itself may.
+        most = min(steps / COLLOCATION_COST, MOST_TRIED, case.max_steps or MOST_TRIED)
+        tried = replace(case, max_steps=int(most), max_seconds=None)
+        trial = solve(tried, "collocation", tol=TRIAL_TOL, times=times)
+        least = max(MANY_STEPS, COLLOCATION_COST * trial.steps)
+        if trial.whole and (steps := taylor_steps(case, trial)) > least:
+            needs = f"where a Taylor series needs some {steps:.0e}"
+            return f"stiff: {trial.steps} steps in a trial, {needs}"
+    return ""
+
+
 def taylor_steps(case: Case, path: Trajectory | None = None) -> float:
-    """About how many Taylor steps a case takes if it is all the time as fast as at the start, or as
-    on a path."""
+    """About how many Taylor steps a case takes if it is all the time as fast as at the start (under
+    laws of time as they are in the end), or as on a path."""
     system, end = case.system, case.time.end
     span = end - case.time.start if is_timed(system) else None
     if path is None:

@@ -42,7 +42,7 @@ def integrate(case: Case) -> Trajectory:
     motion = timed(solved(sampled, method, reason))
     if case.error:
         motion = with_measured_error(motion)
-    return motion.judged(
+    return motion.with_remarks(
         case=case,
         message=motion.message or early_end(motion),
         warnings=(*model_warnings(motion), *motion_remarks(motion)),

@@ -102,23 +102,31 @@ def solve(
         raise HodoError(message)
     if method == "exact":
         return closed_form(case, times, precision)
-    refines = refine and case.system.refined_data
-    refinements = REFINEMENTS.get(method, FEW_REFINEMENTS) if refines else 0
-    finest, observed = case, None if refinements else observer
-    motion, is_accurate = attempted(case, method, precision, tol, times, observed)
-    for _ in range(refinements):
+    if not (refine and case.system.refined_data):
+        return attempted(case, method, precision, tol, times, observer)[0]
+    motion = accurate_motion(case, method, precision, tol, times)
+    if observer:
+        # It sees the steps of the motion that is stored, and of no attempt at it.
+        motion, _ = attempted(motion.case, method, precision, tol, times, observer)
+    return replace(motion, case=case)
+
+
+def accurate_motion(
+    case: Case, method: str, precision: str, tol: float | None, times: np.ndarray
+) -> Trajectory:
+    """The motion of a case whose data are refined until what approximates its equations is right to
+    the tolerance, or as far as they can be; it is of the case with these data."""
+    motion, is_accurate = attempted(case, method, precision, tol, times)
+    for _ in range(REFINEMENTS.get(method, FEW_REFINEMENTS)):
         if is_accurate or not motion.whole:
             break
         # As many steps as before, unless it is a singularity that ever finer data show the clearer.
         finer = refined(case, motion.system, max(100, 4 * motion.steps))
-        better, is_accurate = attempted(finer, method, precision, tol, times, None)
+        better, is_accurate = attempted(finer, method, precision, tol, times)
         if not better.whole:
             break
-        motion, finest = better, finer
-    if observer and not observed:
-        # It sees the steps of the motion that is stored, and of no attempt at it.
-        motion, _ = attempted(finest, method, precision, tol, times, observer)
-    return replace(motion, case=case)
+        motion = better
+    return motion
 
 
 def refined(case: Case, system: Model, limit: int | None = None) -> Case:
@@ -135,7 +143,7 @@ def attempted(
     precision: str,
     tol: float | None,
     times: np.ndarray,
-    observer: StepObserver | None,
+    observer: StepObserver | None = None,
 ) -> tuple[Trajectory, bool]:
     """The motion of a case as it is, and whether what approximates its equations met the
     tolerance."""

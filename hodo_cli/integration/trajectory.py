@@ -87,9 +87,9 @@ class Trajectory:
         state = rescaled(type(system), self.state.astype(float), self.exponent)
         return system.output(self.time, state, attributes(system.constants))
 
-    def judged(self, **judgement: Any) -> "Trajectory":
-        """The same motion with other errors, warnings or message."""
-        motion = replace(self, **judgement)
+    def with_remarks(self, **remarks: Any) -> "Trajectory":
+        """The same motion with another message, other warnings or the case that was asked for."""
+        motion = replace(self, **remarks)
         # Of a million samples the variables would take a tenth of the integration once more.
         vars(motion)["variables"] = self.variables
         return motion

@@ -69,7 +69,7 @@ class Batch(ResultFile):
         self.attributes, order = latest(newer)
         self._result = result
         self._newer = newer
-        self._room = memory_limit()
+        self._bytes_left = memory_limit()
         published = result.groups() if result else []
         self._names = in_order(dict.fromkeys([*published, *newer]), order)
 

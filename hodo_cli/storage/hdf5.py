@@ -88,7 +88,7 @@ class ResultFile:
         self.attributes: dict[str, Any] = _attributes(file)
         self._names = dict.fromkeys(file)
         self._file = file
-        self._room = memory_limit() if self.intact else bytes_allowed(file.id.get_filesize())
+        self._bytes_left = memory_limit() if self.intact else bytes_allowed(file.id.get_filesize())
 
     @property
     def text(self) -> str:
@@ -138,10 +138,10 @@ class ResultFile:
                     continue
                 # Before it is read: HDF5 promises any size that a damaged header names.
                 size += item.nbytes
-                if size > self._room:
+                if size > self._bytes_left:
                     raise HodoError(
                         f"{self.path}: {name}/{key} does not fit: {in_bytes(size)}, "
-                        f"with {in_bytes(self._room)} for it"
+                        f"with {in_bytes(self._bytes_left)} for it"
                     )
                 data = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
                 dims = named[key] or (key,) * data.ndim
@@ -197,9 +197,10 @@ class ResultFile:
                 content = self.read(name)
                 # Any number of its texts may be the same long text of a small file. What is read of
                 # one group leaves less to the others.
-                if (size := size_of(content)) > self._room:
-                    return f"it does not fit: {in_bytes(size)}, with {in_bytes(self._room)} for it"
-                self._room -= size
+                size, room = size_of(content), self._bytes_left
+                if size > room:
+                    return f"it does not fit: {in_bytes(size)}, with {in_bytes(room)} for it"
+                self._bytes_left -= size
                 return "" if _fits(group, content) else "its checksum does not fit"
         except (HodoError, BatchError) as error:  # a bad sector costs the case that lies there
             reason = str(error).removeprefix(f"{self.path}: ")
@@ -297,25 +298,29 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
             run = ResultFile(path, file, damaged)
         except DAMAGE as error:
             raise HodoError(f"{path} is damaged ({_first_line(error)})") from None
-        version = run.attributes.get("format_version")
-        if not isinstance(version, int):
-            raise HodoError(f"{path} is HDF5, but not a result of hodo (it has no format_version)")
-        if version > FORMAT_VERSION:
-            raise HodoError(
-                f"{path} has format version {version}, newer than {FORMAT_VERSION}: "
-                "update hodo to read it"
-            )
-        # A line of a message is one line, and a terminal obeys what it is sent.
-        if strange := [name for name in run.groups() if not name.isprintable()]:
-            raise HodoError(f"{path} is damaged (a group is named {strange[0]!r})")
-        if reason := run.damaged.get(ROOT):
-            raise HodoError(f"{path} is damaged ({reason}): move it away and run again")
-        groups = (
-            [] if run.intact else [file[name] for name in run.groups() if name not in run.damaged]
-        )
-        if any("checksum" not in group.attrs for group in groups):
-            warnings.warn(f"{path} has no checksums: damage to it would not show", stacklevel=3)
+        _check_head(run, file)
         yield run
+
+
+def _check_head(run: ResultFile, file: h5py.File) -> None:
+    """Raise HodoError unless a file is a result of hodo in a format that this one reads, with sound
+    attributes and names. Warn of groups without a checksum."""
+    version = run.attributes.get("format_version")
+    if not isinstance(version, int):
+        raise HodoError(f"{run.path} is HDF5, but not a result of hodo (it has no format_version)")
+    if version > FORMAT_VERSION:
+        raise HodoError(
+            f"{run.path} has format version {version}, newer than {FORMAT_VERSION}: "
+            "update hodo to read it"
+        )
+    # A line of a message is one line, and a terminal obeys what it is sent.
+    if strange := [name for name in run.groups() if not name.isprintable()]:
+        raise HodoError(f"{run.path} is damaged (a group is named {strange[0]!r})")
+    if reason := run.damaged.get(ROOT):
+        raise HodoError(f"{run.path} is damaged ({reason}): move it away and run again")
+    groups = [] if run.intact else [file[name] for name in run.groups() if name not in run.damaged]
+    if any("checksum" not in group.attrs for group in groups):
+        warnings.warn(f"{run.path} has no checksums: damage to it would not show", stacklevel=4)
 
 
 def _opened(path: Path) -> h5py.File:

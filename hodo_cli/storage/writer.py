@@ -120,7 +120,7 @@ class Writer:
                 with os_errors_as(self.path, CASES_KEPT):
                     self._finish()
 
-    def add(self, name: str, group: Group, then: Callable[[], object] = bool) -> None:
+    def add(self, name: str, group: Group, then: Callable[[], object] = lambda: None) -> None:
         """Take a finished case. `then` is called as soon as the case survives the death of this
         process: see `store`.
 
@@ -322,7 +322,7 @@ class Update:
         self.additions: dict[str, Group] = {}
         self.cached: dict[str, Group] = {}
         self.file_identity = file_identity
-        self._room = CACHED_BYTES
+        self._bytes_left = CACHED_BYTES
 
     def write(self, name: str, addition: Group, old: Group | None = None) -> None:
         """Add attributes and variables to a case, or replace them; a group that begins with `_` is
@@ -333,8 +333,8 @@ class Update:
             old = self.run.read(name)
         if old is None or not holds(old, addition, is_complete=name.startswith("_")):
             self.additions[name] = addition
-            if old and (size := size_of(old)) < self._room:
-                self._room -= size
+            if old and (size := size_of(old)) < self._bytes_left:
+                self._bytes_left -= size
                 self.cached[name] = old
 
 
