@@ -304,25 +304,10 @@ def crossings_of(
     """
     motion, case = dense.motion, dense.motion.case
     body, time = body_of(case), motion.time
-    rotor, omega = body.rotor_momentum, principal_omega(motion)
-    if (rotor is None and len(set(body.moments.tolist())) < 3) or not len(time):
+    two_sided = body.rotor_momentum is not None or len(set(body.moments.tolist())) == 3
+    if not (two_sided and len(time)):
         return CrossingList([], [], [])
-    G = body.moments * omega.astype(float) + (0 if rotor is None else rotor)
-    momentum = np.sqrt(np.vecdot(G, G))
-    # Behind a stop there is no side; with a rotor, G is what rounding leaves of two vectors there.
-    least = 0 if rotor is None else CANCELLED_PART * np.abs(rotor).max()
-    turning = slice(len(time) - int(np.argmax(np.abs(G).max(1)[::-1] > least)))
-    with np.errstate(over="ignore"):
-        margins, sides = sides_of(body, omega[turning])
-        samples = SignChanges(
-            time[turning],
-            margins,
-            np.zeros(len(margins), dtype=bool),
-            np.zeros(len(margins)),
-            np.ldexp(momentum, motion.exponent if rotor is None else 0)[turning],
-            sides,
-        )
-    signs = SignChanges.joined([*dense.signs, samples])
+    signs = SignChanges.joined([*dense.signs, samples_of(motion)])
     after = np.searchsorted(time, signs.time).clip(max=len(time) - 1)
     before = np.where(time[after] == signs.time, after, np.maximum(after - 1, 0))
     uncertainty = CERTAIN_ERRORS * np.maximum(errors[before], errors[after])
@@ -332,6 +317,23 @@ def crossings_of(
     # A body set going from rest stands on a side as soon as the time differs from the start.
     started = case.time.start + 1e-12 * (case.time.end - case.time.start)
     return listed._replace(undecided=[moment for moment in listed.undecided if moment > started])
+
+
+def samples_of(motion: Trajectory) -> SignChanges:
+    """The sides on which a motion stands at its times, up to a stop."""
+    body, omega = body_of(motion.case), principal_omega(motion)
+    rotor = body.rotor_momentum
+    G = body.moments * omega.astype(float) + (0 if rotor is None else rotor)
+    # Behind a stop there is no side; with a rotor, G is what rounding leaves of two vectors there.
+    least = 0 if rotor is None else CANCELLED_PART * np.abs(rotor).max()
+    turning = slice(len(G) - int(np.argmax(np.abs(G).max(1)[::-1] > least)))
+    with np.errstate(over="ignore"):
+        margins, sides = sides_of(body, omega[turning])
+        momentum = np.sqrt(np.vecdot(G, G))
+        momentum = np.ldexp(momentum, motion.exponent if rotor is None else 0)[turning]
+    n = len(margins)
+    none_vanishes, no_rates = np.zeros(n, dtype=bool), np.zeros(n)
+    return SignChanges(motion.time[turning], margins, none_vanishes, no_rates, momentum, sides)
 
 
 def completed(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndarray:

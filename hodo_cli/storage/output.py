@@ -13,7 +13,7 @@ import numpy as np
 from h5py import h5a, h5d, h5ds, h5f, h5g, h5o, h5p, h5s, h5t
 
 from .disk import BufferedFile, append_checksum
-from .group import Attribute, Group, ValuesChecksum, as_stored, checksum_of, is_number
+from .group import Attribute, Group, ValuesChecksum, Variable, as_stored, checksum_of, is_number
 from .hdf5 import (
     NO_VARIABLE,
     REPORT,
@@ -40,27 +40,19 @@ class Output:
         self._disk = disk
 
     def write(self, name: str, group: Group) -> None:
-        """Add a group, or replace it."""
+        """Add a group, or replace it. Raises ValueError if its variables differ in the size of a
+        dimension."""
         self._disk.check()
+        sizes = _sizes(name, group)
         if name in self._file:
             del self._file[name]
         target = h5g.create(self._file.id, name.encode(), LINK, GROUP_CREATION)
         _set_attributes(target, group.attributes)
-        sizes: dict[str, int] = {}
-        items: dict[str, h5d.DatasetID] = {}
         streamed = {key: ValuesChecksum() for key in (group.late.names if group.late else ())}
-        for key, variable in group.variables.items():
-            for dim, size in zip(variable.dims, variable.data.shape, strict=True):
-                if sizes.setdefault(dim, size) != size:
-                    raise ValueError(
-                        f"{name}/{key}: {dim} has {size} values, elsewhere {sizes[dim]}"
-                    )
-            dtype = _file_type(key, variable.data)
-            items[key] = _new_dataset(target, key, dtype, variable.data.shape)
-            if key not in streamed:
-                data = np.require(variable.data, dtype, "C")
-                items[key].write(h5s.ALL, h5s.ALL, data, _types(dtype)[1])
-            _set_attributes(items[key], variable.attrs)
+        items = {
+            key: _stored(target, key, variable, has_values=key not in streamed)
+            for key, variable in group.variables.items()
+        }
         for dim, size in sizes.items():
             if dim in items:
                 h5ds.set_scale(items[dim], dim.encode())
@@ -99,6 +91,26 @@ class Output:
             for item in items.values():
                 _delete_attributes(item, "REFERENCE_LIST", "DIMENSION_LIST")
             _attach(items, dimensions({key: h5d.open(old.id, encoded(key)) for key in old}))
+
+
+def _sizes(name: str, group: Group) -> dict[str, int]:
+    """The sizes of the dimensions of a group's variables."""
+    sizes: dict[str, int] = {}
+    for key, variable in group.variables.items():
+        for dim, size in zip(variable.dims, variable.data.shape, strict=True):
+            if sizes.setdefault(dim, size) != size:
+                raise ValueError(f"{name}/{key}: {dim} has {size} values, elsewhere {sizes[dim]}")
+    return sizes
+
+
+def _stored(parent: H5Object, name: str, variable: Variable, has_values: bool) -> h5d.DatasetID:
+    """A new dataset for a variable, with its values if it has them already, and its attributes."""
+    data, dtype = variable.data, _file_type(name, variable.data)
+    item = _new_dataset(parent, name, dtype, data.shape)
+    if has_values:
+        item.write(h5s.ALL, h5s.ALL, np.require(data, dtype, "C"), _types(dtype)[1])
+    _set_attributes(item, variable.attrs)
+    return item
 
 
 MOST_CHARACTERS = 1000
