@@ -247,7 +247,7 @@ def test_other_readers(path: Path, reader: str) -> None:
         changes.write("_claims", labels(2, 2))
     read = alone(READERS[reader], path, reader)
     with open_run(path) as run:
-        assert list(read) == run.groups() == ["kept", "new", "_claims"]
+        assert list(read) == [*run.groups] == ["kept", "new", "_claims"]
         for name in read:
             item = run.read(name)
             attributes = {
@@ -442,7 +442,7 @@ def test_damage_inside(path: Path) -> None:
     header = data.rindex(b"OHDR") + 10
     path.write_bytes(data[:header] + b"\xff" * 20 + data[header + 20 :])
     with open_run(path) as run, pytest.raises(HodoError, match="is damaged"):
-        [run.read(name) for name in run.groups()]
+        [run.read(name) for name in run.groups]
 
 
 def test_unknown_case(path: Path) -> None:
@@ -516,7 +516,7 @@ def test_labels_and_claims_when_cases_are_kept(path: Path) -> None:
         writer.keep(finished_cases(path)["a"][0])
         writer.add("b", group())
     with open_run(path) as run:
-        assert run.groups() == ["a", "b"]
+        assert [*run.groups] == ["a", "b"]
         assert "enclosed_axis" in run.read("a").variables
 
 
@@ -839,7 +839,7 @@ def test_update_twice_changes_nothing(path: Path) -> None:
         assert now == before
     with open_run(path) as run:
         assert run.attributes["history"] == "begun\nclassified"
-        assert run.groups() == ["a", "b", "_claims"]
+        assert [*run.groups] == ["a", "b", "_claims"]
 
 
 def test_update_replaces_what_it_names_and_keeps_the_rest(path: Path) -> None:
@@ -941,7 +941,7 @@ def test_changed_cases_keep_their_places(path: Path) -> None:
             changes.write(name, labels(), changes.run.read(name))
         changes.write("_claims", labels())
     with open_run(path) as run:
-        assert run.groups() == ["a", "b", "c", "d", "_claims"]
+        assert [*run.groups] == ["a", "b", "c", "d", "_claims"]
         for i, name in enumerate("abcd"):
             more = labels() if name in "bc" else Group({}, {})
             variables = {**group(seed=i).variables, **more.variables}

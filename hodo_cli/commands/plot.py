@@ -259,7 +259,7 @@ class FigureFolder:
         self.names = [*dict.fromkeys(names or config.figures)]
         self.formats = dict.fromkeys(formats)
         self.checksums = {
-            name: "" if name in run.damaged else run.checksum(name) for name in run.groups()
+            name: "" if name in run.damaged else run.checksum(name) for name in run.groups
         }
         self.record = read_record(path)
         self.problems: dict[str, str] = {}

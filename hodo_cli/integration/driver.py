@@ -107,7 +107,7 @@ class Propagation:
     ) -> None:
         model, fp = type(system), engine.dtype
         self.engine, self.system, self.model, self.events = engine, system, model, events
-        self.is_timed, self.rows = is_timed(system, events), moving(model)
+        self.is_timed, self.moving = is_timed(system, events), moving(model)
         self.span = float(times[-1]) - start if len(times) else 0.0
         kind = Clock if model.degree or self.is_timed else AbsoluteClock
         self.clock = kind(fp(start), fp(0))
@@ -119,13 +119,13 @@ class Propagation:
         exponent = np.empty(len(times), dtype=np.intc)
         self.samples = SampleBuffer(times, np.empty((len(times), len(y0)), dtype=fp), exponent)
         self.samples.fill(start, self.y, self.units.size)
-        # On a clock of its own a model without degrees has a phase that is far smaller than its
-        # other variables.
+        # Whether small components may need shorter steps, see `longest_step`: not those of a model
+        # without degrees on a clock of its own, whose phase is far smaller than all else.
         self.is_uneven = bool(model.degree) or not self.is_timed
         self.is_falling = bool(model.degree) and bool(is_falling(model, system.constants, y0))
         self.control, self.observer = control, observer or StepObserver()
         control.band, control.observer = norm_band(engine, system, self.is_falling), observer
-        control.rows = None if isinstance(self.rows, slice) else self.rows
+        control.rows = None if isinstance(self.moving, slice) else self.moving
 
     @property
     def window(self) -> TimeWindow | None:
@@ -152,7 +152,7 @@ class Propagation:
             raise OverflowError
         k = units.constants(self.model, self.system.constants)
         # Asked until it is not so: what becomes small on the way stays so, since it decays.
-        self.is_uneven = self.is_uneven and bool(uneven(self.y[self.rows].astype(float)))
+        self.is_uneven = self.is_uneven and bool(uneven(self.y[self.moving].astype(float)))
         self.control.longest = (
             longest_step(self.model, k, float(clock.high), self.y.astype(float))
             if self.is_uneven
@@ -190,7 +190,7 @@ class Propagation:
         else:
             self.clock.restart(fp(outcome.onward))
             # Samples that the passage skips are taken behind it.
-            is_moving = self.y[self.rows].any() or not self.model.degree
+            is_moving = self.y[self.moving].any() or not self.model.degree
             self.samples.fill(float(outcome.onward), self.y, 0 if is_moving else -REST_BITS)
         return size
 

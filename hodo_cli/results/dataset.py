@@ -211,7 +211,7 @@ class StoredCases(Mapping[str, xr.Dataset]):
         self.asked: set[str] = set()
         with reader() as run:
             self._names = tuple(run.cases())
-            self._groups = frozenset(run.groups())
+            self._groups = frozenset(run.groups)
             self.attrs = dict(run.attributes)
 
     def __getitem__(self, name: str) -> xr.Dataset:

@@ -5,7 +5,7 @@ The quantities of `cases.derived`, as |G|, T and D, are computed here alone, whe
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any
@@ -82,9 +82,9 @@ class Motion:
         name, _, part = variable.partition(".")
         if part in BODY_AXES and name in self.vectors:
             return self.component(name, part)
-        dims = self.data[name].dims if name in self.data else ()
-        if dims[:1] == ("time",) and part in (parts := PARTS.get("".join(dims[1:]), ())):
-            return self.stored(name)[:, parts.index(part)]
+        dims: Sequence[str] = self.data[name].dims if name in self.data else ()
+        if len(dims) == 2 and dims[0] == "time" and part in PARTS.get(dims[1], ()):
+            return self.stored(name)[:, PARTS[dims[1]].index(part)]
         if variable not in COMPONENTS:
             raise HodoError(f"{self.words} has no variable {variable!r}: {self._hint(name)}")
         values = self.quantity(name)
@@ -432,27 +432,27 @@ parsed = lru_cache(maxsize=256)(parse_case)
 
 def damage(data: Variables) -> str:
     """The damage to the variables of a single motion; an empty string if there is none."""
-    dims = {"time": ("time",), "omega": ("time", "axis"), "enclosed_axis": ("time",)}
-    dims |= dict.fromkeys(CROSSING_COLUMNS, ("crossing",))
+    required: dict[str, tuple[str, ...]] = {"time": ("time",)}
     # A selection of one component leaves a number over time.
-    has_vectors = "omega" in data and data["omega"].dims != ("time",)
-    present = ["time", *["omega"] * has_vectors, *["enclosed_axis"] * ("enclosed_axis" in data)]
-    if "enclosed_axis" in data:
-        # Labels and crossings are stored together.
-        present += [name for name in CROSSING_COLUMNS if name not in LATER_COLUMNS or name in data]
-    for name in present:
+    if "omega" in data and data["omega"].dims != ("time",):
+        required["omega"] = ("time", "axis")
+    if "enclosed_axis" in data:  # labels and crossings are stored together
+        required["enclosed_axis"] = ("time",)
+        columns = (name for name in CROSSING_COLUMNS if name not in LATER_COLUMNS or name in data)
+        required |= dict.fromkeys(columns, ("crossing",))
+    for name, dims in required.items():
         if name not in data or data[name].data.dtype.kind not in "fi":
             return f"its {name} is no array of numbers"
-        if data[name].dims != dims[name]:
+        if data[name].dims != dims:
             return f"its {name} has dimensions {', '.join(data[name].dims) or 'none'}"
     if problem := wrong_labels(data):
         return problem
     # A component for each of the body axes that are stored.
     axes = data["axis"].data.shape if "axis" in data else None
-    if "omega" in present and data["omega"].data.shape[1:] != axes:
+    if "omega" in required and data["omega"].data.shape[1:] != axes:
         return "its omega holds no vectors"
     sizes: dict[str, int] = {}
-    for name in [*present, *(name for name in EVENT_COLUMNS if name in data)]:
+    for name in [*required, *(name for name in EVENT_COLUMNS if name in data)]:
         for dim, size in zip(data[name].dims, data[name].data.shape, strict=True):
             if sizes.setdefault(dim, size) != size:
                 return f"its {name} has {size} values along {dim}, elsewhere {sizes[dim]}"

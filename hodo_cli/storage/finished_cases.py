@@ -70,8 +70,8 @@ class Batch(ResultFile):
         self._result = result
         self._newer = newer
         self._bytes_left = memory_limit()
-        published = result.groups() if result else []
-        self._names = in_order(dict.fromkeys([*published, *newer]), order)
+        published = result.groups if result else ()
+        self.groups = in_order(dict.fromkeys([*published, *newer]), order)
 
     @contextmanager
     def open_group(self, name: str) -> Iterator[Any]:

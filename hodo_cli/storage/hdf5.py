@@ -74,8 +74,8 @@ HDF5, which looks for each by its name, busy for minutes."""
 class ResultFile:
     """A result file that is open for reading; made by `open_run`.
 
-    `damaged` says what is wrong with its groups; `intact` is whether all bytes are as this user's
-    hodo has written them.
+    `groups` are the names of all groups, in their order; `damaged` says what is wrong with them;
+    `intact` is whether all bytes are as this user's hodo has written them.
     """
 
     intact = False  # of an unfinished run, which is no file
@@ -86,7 +86,7 @@ class ResultFile:
         self.damaged = damaged or {}
         self.intact = damaged is None
         self.attributes: dict[str, Any] = _attributes(file)
-        self._names = dict.fromkeys(file)
+        self.groups = dict.fromkeys(file)
         self._file = file
         self._bytes_left = memory_limit() if self.intact else bytes_allowed(file.id.get_filesize())
 
@@ -95,17 +95,13 @@ class ResultFile:
         """The case file that was run."""
         return str(self.attributes.get("config", ""))
 
-    def groups(self) -> list[str]:
-        """The names of all groups, in their order."""
-        return list(self._names)
-
     def cases(self) -> list[str]:
         """The names of the cases, in the order of the case file: the groups that do not begin with
         `_`."""
-        return [name for name in self.groups() if not name.startswith("_")]
+        return [name for name in self.groups if not name.startswith("_")]
 
     def __contains__(self, name: str) -> bool:
-        return name in self._names
+        return name in self.groups
 
     def summary(self, name: str, only: Collection[str] = ()) -> dict[str, Any]:
         """The attributes of a group (all, or those named), without reading an array.
@@ -314,11 +310,11 @@ def _check_head(run: ResultFile, file: h5py.File) -> None:
             "update hodo to read it"
         )
     # A line of a message is one line, and a terminal obeys what it is sent.
-    if strange := [name for name in run.groups() if not name.isprintable()]:
+    if strange := [name for name in run.groups if not name.isprintable()]:
         raise HodoError(f"{run.path} is damaged (a group is named {strange[0]!r})")
     if reason := run.damaged.get(ROOT):
         raise HodoError(f"{run.path} is damaged ({reason}): move it away and run again")
-    groups = [] if run.intact else [file[name] for name in run.groups() if name not in run.damaged]
+    groups = [] if run.intact else [file[name] for name in run.groups if name not in run.damaged]
     if any("checksum" not in group.attrs for group in groups):
         warnings.warn(f"{run.path} has no checksums: damage to it would not show", stacklevel=4)
 
@@ -356,7 +352,7 @@ def _inspected(path: Path, inode: int, changed: int, size: int) -> Mapping[str, 
 
     def list_groups() -> list[str]:
         files.append(ResultFile(path, _opened(path), {}))
-        return [ROOT, *files[0].groups()]
+        return [ROOT, *files[0].groups]
 
     patience = PATIENCE_OF_READER + size / SLOW_DISK
     return inspect_in_child(

@@ -371,7 +371,7 @@ def _rewrite(file: Path, result: ResultFile, changes: Update, history: str) -> N
     additions = changes.additions if is_latest else _applicable(changes, result)
     attributes = {**result.attributes, "history": longer(result, history)}
     with amend(file, result, attributes) if is_amended else create(file, attributes) as output:
-        for name in dict.fromkeys([*result.groups(), *additions]):
+        for name in dict.fromkeys([*result.groups, *additions]):
             # HDF5 neither copies nor removes a group that it cannot read. Damaged verdicts wait for
             # a file without damaged cases, where `hodo claims` gives them again.
             is_damaged = name in result.damaged and name.startswith("_")
