@@ -640,8 +640,8 @@ def test_the_history_does_not_grow_without_bound(result: Path) -> None:
         for count in range(len(history.splitlines()) + 1, 300):
             run.attributes["history"] = history
             history = writer.longer(run, f"line {count}")
-            assert len(history.splitlines()) == min(count, writer.MOST_LINES)
-            assert ("..." in history.splitlines()) == (count > writer.MOST_LINES)
+            assert len(history.splitlines()) == min(count, writer.MAX_HISTORY_LINES)
+            assert ("..." in history.splitlines()) == (count > writer.MAX_HISTORY_LINES)
     assert history.splitlines()[-1] == "line 299"
 
 

@@ -523,7 +523,7 @@ def test_members_have_the_limit_of_steps_that_cases_have(monkeypatch: pytest.Mon
     """1e7 of them take a member to its end or to a timeout in some 10 s."""
     for method in protocol.LAST_STEP:
         monkeypatch.setitem(protocol.LAST_STEP, method, 60)
-    monkeypatch.setattr(choice, "MOST_TRIED", 60)  # `auto` tries for seconds otherwise
+    monkeypatch.setattr(choice, "MAX_TRIAL_STEPS", 60)  # `auto` tries for seconds otherwise
     case = one(
         "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [5e-13, 4e-13, 3e-13], "
         "time: {end: 1e12}, error: off, initial: {p: 0.8, q: 0.5, r: 0.74}, "

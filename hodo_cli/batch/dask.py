@@ -13,7 +13,7 @@ from typing import Any
 from .. import BatchError
 from . import WorkerLost
 
-MOST_WAIT = 60.0
+MAX_WAIT_SECONDS = 60.0
 """Seconds in which a scheduler must answer, or one of this machine start its workers."""
 
 
@@ -66,7 +66,7 @@ class Dask(Executor):
 
         Thread(target=connect_now, daemon=True).start()
         try:
-            return answer.result(timeout=MOST_WAIT)
+            return answer.result(timeout=MAX_WAIT_SECONDS)
         except Exception as error:
             reason = str(error).partition("\n")[0] or type(error).__name__
             raise BatchError(f"no dask scheduler answers at {self._address}: {reason}") from None

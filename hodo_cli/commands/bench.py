@@ -19,7 +19,7 @@ from ..cases.case import Case
 from ..cases.config import Config, no_case
 from ..figures.costs import draw_bench
 from ..figures.files import save
-from ..integration import LEAST_ASKED
+from ..integration import ERROR_LIMIT_ASKED
 from ..progress import Progress
 from ..results.trials import ERROR_SLACK, TRIAL_VERDICTS, ULP_EFFECTS, Trial, trials_of
 from ..storage import Group, Variable, create, replacing
@@ -162,7 +162,7 @@ def verdict_table(bench: Mapping[str, np.ndarray]) -> list[list[str]]:
             bench[name][i, :, 0]
             for name in ("method_taken", "error", "floor", "run_time", "status")
         )
-        is_right = error <= np.fmax(ERROR_SLACK * LEAST_ASKED, ULP_EFFECTS * floor)
+        is_right = error <= np.fmax(ERROR_SLACK * ERROR_LIMIT_ASKED, ULP_EFFECTS * floor)
         is_right[is_auto] = False
         times = np.where(is_right, run_time, np.inf)
         best = times.argmin()

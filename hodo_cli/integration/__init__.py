@@ -1,7 +1,7 @@
 """One motion, without files: driven through an engine, its error measured, its crossings found.
 Imports engines and what lies below."""
 
-from .choice import AUTOMATIC, MANY_STEPS, best, choose, taylor_steps
+from .choice import AUTOMATIC, MIN_STIFF_STEPS, best, choose, taylor_steps
 from .classify import Classification, body_of, classify, cross, principal_omega
 from .crossings import (
     CERTAIN_ERRORS,
@@ -13,7 +13,7 @@ from .crossings import (
 )
 from .driver import REST_BITS, at_rest
 from .error import errors_against, references, thinned, time_error, with_measured_error
-from .integrate import LEAST_ASKED, excess_remark, integrate, motion_remarks, solved
+from .integrate import ERROR_LIMIT_ASKED, excess_remark, integrate, motion_remarks, solved
 from .solve import refined, sample_times, solve
 from .trajectory import Occurrence, Trajectory
 from .units import TimeWindow, Units, clock_rates, is_falling
@@ -21,8 +21,8 @@ from .units import TimeWindow, Units, clock_rates, is_falling
 __all__ = [
     "AUTOMATIC",
     "CERTAIN_ERRORS",
-    "LEAST_ASKED",
-    "MANY_STEPS",
+    "ERROR_LIMIT_ASKED",
+    "MIN_STIFF_STEPS",
     "PLACES_VIEWED",
     "REST_BITS",
     "Classification",

@@ -16,13 +16,13 @@ from .units import TimeWindow, Units, is_timed, units_at_start
 AUTOMATIC = ("exact", "taylor", "collocation")
 """The methods that `auto` takes: those that are right to the last digits."""
 
-MANY_STEPS = 1e4
+MIN_STIFF_STEPS = 1e4
 """Beyond this many Taylor steps, some 10 ms, collocation is the faster one."""
 
 COLLOCATION_COST = 200
 """The cost of a step of collocation in Taylor steps: 1.2 ms against 6.5 us, on a stiff motion."""
 
-MOST_TRIED = 5000
+MAX_TRIAL_STEPS = 5000
 """The most steps of a trial of collocation, which then takes a few seconds at worst."""
 
 TRIAL_TOL = 1e-4
@@ -57,14 +57,14 @@ def stiffness(case: Case) -> str:
     """Why a case is stiff, so that collocation is faster than a Taylor series; an empty string if
     it is not."""
     # Cheap first: most cases are not stiff at their start, and end here.
-    if (steps := taylor_steps(case)) > MANY_STEPS:
+    if (steps := taylor_steps(case)) > MIN_STIFF_STEPS:
         # Along the way, because damping may have slowed or the motion may only become fast later.
         times = np.linspace(case.time.start, case.time.end, 17)[1:]
         # A trial need not take more steps than the motion itself may.
-        most = min(steps / COLLOCATION_COST, MOST_TRIED, case.max_steps or MOST_TRIED)
+        most = min(steps / COLLOCATION_COST, MAX_TRIAL_STEPS, case.max_steps or MAX_TRIAL_STEPS)
         tried = replace(case, max_steps=int(most), max_seconds=None)
         trial = solve(tried, "collocation", tol=TRIAL_TOL, times=times)
-        least = max(MANY_STEPS, COLLOCATION_COST * trial.steps)
+        least = max(MIN_STIFF_STEPS, COLLOCATION_COST * trial.steps)
         if trial.whole and (steps := taylor_steps(case, trial)) > least:
             needs = f"where a Taylor series needs some {steps:.0e}"
             return f"stiff: {trial.steps} steps in a trial, {needs}"

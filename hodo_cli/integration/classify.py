@@ -32,14 +32,14 @@ from .trajectory import Occurrence, Trajectory
 ERROR_CHECKS = 513
 """Times besides the samples at which the error of a motion is measured: a case may have few."""
 
-AT_ITS_LIMIT = 1e-13
+ROUNDING_TOL = 1e-13
 """Up to this tolerance the error of a motion in double precision is that of its rounding."""
 
-UNMEASURED_TOLS = 100.0
+UNMEASURED_ERROR_IN_TOLS = 100.0
 """The error of a motion, in tolerances, where none was measured: what the worst of the solvers
 reach, see DOP853 and LSODA in `hodo bench`."""
 
-LEAST_UNMEASURED = 1e-9
+MIN_UNMEASURED_ERROR = 1e-9
 """The least error at which a motion is judged whose error was not measured: rounding alone does not
 reach it in the steps that a motion may take. Where it would decide, a reference is asked."""
 
@@ -77,8 +77,8 @@ def classify(
     Raises HodoError if the motion differs from the stored one by more than its error allows.
     """
     is_measured = not math.isnan(error)
-    expected = max(EPS, error) if is_measured else UNMEASURED_TOLS * max(EPS, tol)
-    assumed = expected if is_measured else max(LEAST_UNMEASURED, expected)
+    expected = max(EPS, error) if is_measured else UNMEASURED_ERROR_IN_TOLS * max(EPS, tol)
+    assumed = expected if is_measured else max(MIN_UNMEASURED_ERROR, expected)
     dense = searched(case, method, case.precision, tol, CERTAIN_ERRORS * assumed)
     motion, samples = dense.motion, dense.rows[: len(omega)]
     check_stored(motion, samples, omega, expected)
@@ -269,7 +269,7 @@ def own_errors(motion: Trajectory, reference: Trajectory, precision: str) -> np.
     precisions; of its root, since past the middle axis an error comes out as its square root.
     """
     case = motion.case
-    if motion.tol > AT_ITS_LIMIT:
+    if motion.tol > ROUNDING_TOL:
         end = float(reference.time[-1])
         method, _ = best(case, case.precision)
         motion = searched(case, method, case.precision, None, until=end).motion

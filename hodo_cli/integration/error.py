@@ -14,7 +14,7 @@ from ..engines import extended
 from ..models.attitude import angle_apart
 from ..models.base import Model
 from ..models.constants import attributes, rescaled
-from .choice import AUTOMATIC, MANY_STEPS, best
+from .choice import AUTOMATIC, MIN_STIFF_STEPS, best
 from .driver import REST_BITS
 from .solve import refined, sample_times, solve
 from .trajectory import Occurrence, Trajectory
@@ -22,10 +22,10 @@ from .trajectory import Occurrence, Trajectory
 SAMPLES_COMPARED = 100_000
 """About how many samples, evenly spaced, an error is measured at."""
 
-LIMIT_OF_SAME_METHOD, LIMIT_OF_OTHER_METHOD = (1000, 20), (2 * int(MANY_STEPS), 500)
+LIMIT_OF_SAME_METHOD, LIMIT_OF_OTHER_METHOD = (1000, 20), (2 * int(MIN_STIFF_STEPS), 500)
 """Steps after which a reference is given up that is by the method of the motion, or by another: so
 many, or so many times those of the motion. A Taylor series may take COLLOCATION_COST times the
-steps of an implicit method, and MANY_STEPS in any case."""
+steps of an implicit method, and MIN_STIFF_STEPS in any case."""
 
 HAS_EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Whether long double is more precise than double here."""

@@ -15,13 +15,13 @@ from .error import with_measured_error
 from .solve import solve, step_times
 from .trajectory import Trajectory
 
-LEAST_ASKED = 1e-12
+ERROR_LIMIT_ASKED = 1e-12
 """The error that a motion may have whose tolerance is at the limit of its precision."""
 
 SHORT_SECONDS = 0.02
 """Seconds of a motion whose time is doubled by what only the first of a process pays."""
 
-_RUN: set[tuple[type[Model], str]] = set()
+_TIMED_KINDS: set[tuple[type[Model], str]] = set()
 """The kinds of motions that this process has timed."""
 
 CHANCE_ERROR = 0.05
@@ -88,7 +88,7 @@ def motion_remarks(motion: Trajectory) -> Iterator[str]:
 
 def excess_remark(case: Case, error: float, tol: float) -> Iterator[str]:
     """The remark on an error that is larger than was asked for."""
-    asked = max(tol, LEAST_ASKED)
+    asked = max(tol, ERROR_LIMIT_ASKED)
     # Ten times, because a tolerance bounds the error of a step and not that of the motion.
     if error > 10 * asked:
         bound = f"the {asked:.0e} asked for" if case.tol else f"the default, {asked:.0e}"
@@ -99,10 +99,10 @@ def timed(motion: Trajectory) -> Trajectory:
     """A motion; with its second run time if it is short and the first of its kind in this process,
     which pays for what all later ones find ready."""
     case, kind = motion.case, (motion.case.system.__class__, motion.method)
-    if kind not in _RUN and motion.run_time < SHORT_SECONDS and motion.whole:
+    if kind not in _TIMED_KINDS and motion.run_time < SHORT_SECONDS and motion.whole:
         again = solve(case, motion.method, case.precision, case.tol)
         motion = replace(motion, run_time=min(motion.run_time, again.run_time))
-    _RUN.add(kind)
+    _TIMED_KINDS.add(kind)
     return motion
 
 

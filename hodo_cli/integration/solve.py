@@ -25,7 +25,7 @@ from .driver import (
 from .trajectory import Occurrence, Trajectory
 from .units import is_timed
 
-REFINEMENTS, FEW_REFINEMENTS = {"taylor": 5}, 2
+REFINEMENTS, OTHER_REFINEMENTS = {"taylor": 5}, 2
 """How often what approximates equations is refined: it takes twice as long each time, and seconds
 already by methods whose steps are taken in Python."""
 
@@ -117,7 +117,7 @@ def accurate_motion(
     """The motion of a case whose data are refined until what approximates its equations is right to
     the tolerance, or as far as they can be; it is of the case with these data."""
     motion, is_accurate = attempted(case, method, precision, tol, times)
-    for _ in range(REFINEMENTS.get(method, FEW_REFINEMENTS)):
+    for _ in range(REFINEMENTS.get(method, OTHER_REFINEMENTS)):
         if is_accurate or not motion.whole:
             break
         # As many steps as before, unless it is a singularity that ever finer data show the clearer.

@@ -53,14 +53,14 @@ def euler_angle(name: str, m: "Motion") -> np.ndarray:
 EULER_ANGLES = ("psi", "theta", "phi")
 ANGLES_THAT_TURN = ("psi", "phi")
 
-BESIDE_POLE = 0.1
+POLE_REGION_SINE = 0.1
 """The sine of theta below which x3 passes the vertical, where psi and phi step by up to half a
 turn."""
 
 
 def continued(m: "Motion", name: str, values: np.ndarray) -> np.ndarray:
     """psi or phi (n,) as it goes on from sample to sample by less than half a turn; no number from
-    where its rate at a sample, if x3 is not `BESIDE_POLE` the vertical there, would turn it by
+    where its rate at a sample, if x3 is not `POLE_REGION_SINE` the vertical there, would turn it by
     more: whole turns are lost then."""
     known = np.flatnonzero(np.isfinite(values))
     values[known] = np.unwrap(values[known])
@@ -71,7 +71,9 @@ def continued(m: "Motion", name: str, values: np.ndarray) -> np.ndarray:
     x, y, z = vertical.T
     square = x * x + y * y
     rate = (p * x + q * y) / square
-    rate = np.abs(np.where(square > BESIDE_POLE**2, rate if name == "psi" else r - rate * z, 0))
+    rate = np.abs(
+        np.where(square > POLE_REGION_SINE**2, rate if name == "psi" else r - rate * z, 0)
+    )
     lost = np.maximum(rate[1:], rate[:-1]) * np.diff(m.time[known]) > np.pi
     if lost.any():
         values[known[np.argmax(lost) + 1] :] = np.nan

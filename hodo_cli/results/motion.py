@@ -45,7 +45,7 @@ Variables = Mapping[Any, Any]
 """Labelled arrays by name, with `dims`, `data` and `attrs`: those of an `xarray.Dataset`, or of a
 `Group` where loading xarray would cost more than the work."""
 
-LABELS_COMPARED, FAR_MARGIN, CLEAR_SIZE = 32, 0.1, 1e-290
+LABELS_COMPARED, MIN_MARGIN_COMPARED, MIN_SIZE_COMPARED = 32, 0.1, 1e-290
 """How many labels are compared with the angular velocities beside them; how far these are from the
 separatrix, as a part of the terms of D, and how large at least."""
 
@@ -319,9 +319,9 @@ class Motion:
         if self.frame and "omega" in self.vectors:
             few = np.linspace(0, max(len(labels) - 1, 0), min(len(labels), LABELS_COMPARED))
             omega = self.omega[few.astype(int)]
-            expected = self.frame.enclosed(self.frame.to_principal(omega), FAR_MARGIN)
+            expected = self.frame.enclosed(self.frame.to_principal(omega), MIN_MARGIN_COMPARED)
             # Of the smallest numbers only the scaled state has a label.
-            clear = (expected > 0) & (np.abs(omega).max(axis=1) > CLEAR_SIZE)
+            clear = (expected > 0) & (np.abs(omega).max(axis=1) > MIN_SIZE_COMPARED)
             if clear.any() and (labels[few.astype(int)] != expected)[clear].all():
                 raise HodoError(
                     f"{self.words} has labels of another motion, as after arithmetic with a whole "

@@ -20,14 +20,14 @@ OSCILLATION_ANGLE = math.radians(30)
 VISIBLE_CHORD = 0.02
 """The shortest chord that the eye sees, as a part of the size of a curve."""
 
-LOST = 0.03
+LARGEST_LOSS = 0.03
 """The part of its height that a line between samples may leave out, as that of an
 OSCILLATION_ANGLE."""
 
-STEADY_WITHIN = 1e-6
+STEADY_CHANGE = 1e-6
 """The part of a quantity by which it changes where it is constant for the eye."""
 
-FINE_ANGLE = math.radians(10)
+PROPOSED_ANGLE = math.radians(10)
 """The angle between neighbours for which samples are proposed."""
 
 
@@ -74,7 +74,7 @@ def coarse(motion: Motion, drawn: slice, limit: float, in_space: bool) -> str:
     worst = float(angle[drawn][is_seen].max(initial=0))
     if worst <= limit:
         return ""
-    samples = math.ceil((len(motion.time) - 1) * worst / FINE_ANGLE) + 1
+    samples = math.ceil((len(motion.time) - 1) * worst / PROPOSED_ANGLE) + 1
     return (
         f"{motion.name} turns by up to {math.degrees(worst):.0f}° from one sample to the next, so "
         f"that its curve is a polygon: time: {{samples: {samples}}} draws it"
@@ -87,14 +87,14 @@ def bent(motion: Motion, name: str, drawn: slice) -> str:
     time, values = motion.time[drawn], motion[name][drawn]
     height = float(np.ptp(values)) if len(time) > 2 and np.isfinite(values).all() else 0.0
     # Of what is constant the rounding alone would be seen.
-    if height <= STEADY_WITHIN * np.abs(values).max(initial=0):
+    if height <= STEADY_CHANGE * np.abs(values).max(initial=0):
         return ""
     before, after = np.diff(time)[:-1], np.diff(time)[1:]
     chord = (after * values[:-2] + before * values[2:]) / (before + after)
     apart = float(np.abs(values[1:-1] - chord).max()) / 4 / height
-    if apart <= LOST:
+    if apart <= LARGEST_LOSS:
         return ""
-    samples = math.ceil((len(motion.time) - 1) * math.sqrt(4 * apart / LOST)) + 1
+    samples = math.ceil((len(motion.time) - 1) * math.sqrt(4 * apart / LARGEST_LOSS)) + 1
     return (
         f"{name} of {motion.name} bends between its samples, so that its curve is a polygon: "
         f"time: {{samples: {samples}}} draws it"

@@ -15,7 +15,7 @@ from ..cases.case import Case
 from ..engines import have_quadruple
 from ..engines.protocol import Status
 from ..integration import (
-    LEAST_ASKED,
+    ERROR_LIMIT_ASKED,
     Crossing,
     Trajectory,
     best,
@@ -56,10 +56,10 @@ QUADRUPLE_STEPS = 1e4
 PATIENCE_OF_TRIALS = 10.0
 """Seconds that auto may take for any case; the papers' cases take milliseconds."""
 
-ONCE_SECONDS = 1.0
+SINGLE_RUN_SECONDS = 1.0
 """Seconds above which a run is timed once: what only the first one pays does not matter then."""
 
-REPEAT_SECONDS, MOST_REPEATS = 0.05, 50
+REPEAT_SECONDS, MAX_REPEATS = 0.05, 50
 """Seconds of repeated runs, and their number, after which the least time does not fall further."""
 
 CONSERVED_TOL = 1e-15
@@ -214,8 +214,8 @@ def least_time(case: Case, motion: Trajectory, repeats: int) -> float:
     """The least run time of a motion of a case and of its repeats, of which there are more than
     asked for where they are short: whatever else happens only adds to a time."""
     times = [motion.run_time]
-    while motion.run_time < ONCE_SECONDS and (
-        len(times) < repeats or (sum(times) < REPEAT_SECONDS and len(times) < MOST_REPEATS)
+    while motion.run_time < SINGLE_RUN_SECONDS and (
+        len(times) < repeats or (sum(times) < REPEAT_SECONDS and len(times) < MAX_REPEATS)
     ):
         times.append(solve(case, motion.method, case.precision, case.tol).run_time)
     return min(times)
@@ -230,7 +230,7 @@ def verdict(motion: Trajectory, error: float, floor: float) -> str:
     """The verdict on a result; SILENT if it is wrong and does not say so."""
     if not motion.whole:
         return "timeout" if motion.status is Status.TIMEOUT else "failed with a message"
-    if error <= ERROR_SLACK * max(motion.tol, LEAST_ASKED):
+    if error <= ERROR_SLACK * max(motion.tol, ERROR_LIMIT_ASKED):
         return "accurate"
     if error <= ULP_EFFECTS * floor:
         return "limited by the data"

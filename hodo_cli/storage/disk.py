@@ -137,10 +137,10 @@ READER_SILENT = "reading it does not end, or ends the process"
 PATIENCE_OF_READER = 10.0
 """Seconds in which a case must be read, besides those that a slow disk takes for the file."""
 
-SLOW_DISK = 2e7
+SLOWEST_DISK = 2e7
 """Bytes a second that any disk gives, and the network before it."""
 
-MOST_HANGS = 3
+MAX_HANGS = 3
 """How many cases may hang or crash the reader before the file is given up as a whole."""
 
 
@@ -170,7 +170,7 @@ def inspect_in_child(
                 yield name, problem_of(name)
         yield "", ""
 
-    for _ in range(MOST_HANGS):
+    for _ in range(MAX_HANGS):
         # Windows makes no such processes: there, damage may end this one.
         can_fork = hasattr(os, "fork")
         found = (

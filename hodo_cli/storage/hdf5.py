@@ -20,7 +20,7 @@ from ..machine import RESOURCES, memory_limit
 from ..text import in_bytes
 from .disk import (
     PATIENCE_OF_READER,
-    SLOW_DISK,
+    SLOWEST_DISK,
     checksum_fits,
     inspect_in_child,
     refusal,
@@ -62,11 +62,11 @@ INFLATION = 10
 """A file that this user's hodo has not written may hold so many times its own bytes, as compression
 may save; hodo itself compresses nothing."""
 
-FEW_BYTES = 256 << 20
+BYTES_IN_ANY_CASE = 256 << 20
 """What such a file may hold in any case: ten datasets of a sweep of a million members that are all
 nan, which other programs compress to nothing."""
 
-MOST_ITEMS = 1000
+MAX_ITEMS = 1000
 """Datasets or attributes in a group: ten times those of any case, and far fewer than would keep
 HDF5, which looks for each by its name, busy for minutes."""
 
@@ -216,7 +216,7 @@ class ResultFile:
 
 def bytes_allowed(size: int) -> int:
     """The bytes that a file of so many may hold, which another user may have made."""
-    return min(memory_limit(), FEW_BYTES + INFLATION * size)
+    return min(memory_limit(), BYTES_IN_ANY_CASE + INFLATION * size)
 
 
 def size_of(group: Group) -> int:
@@ -243,7 +243,7 @@ def _fits(item: h5py.HLObject, content: Group) -> bool:
 
 def _datasets(group: h5py.Group) -> dict[str, h5py.Dataset]:
     """What a group holds. Raises ValueError as `_dataset` does."""
-    if len(group) > MOST_ITEMS:
+    if len(group) > MAX_ITEMS:
         raise ValueError(f"it holds {len(group)} datasets")
     if strange := [name for name in group if not name.isprintable()]:
         raise ValueError(f"it holds {strange[0]!r}")
@@ -354,7 +354,7 @@ def _inspected(path: Path, inode: int, changed: int, size: int) -> Mapping[str, 
         files.append(ResultFile(path, _opened(path), {}))
         return [ROOT, *files[0].groups]
 
-    patience = PATIENCE_OF_READER + size / SLOW_DISK
+    patience = PATIENCE_OF_READER + size / SLOWEST_DISK
     return inspect_in_child(
         list_groups,
         lambda name: files[0].check(name),
@@ -406,7 +406,7 @@ def _first_line(error: BaseException) -> str:
 def _attributes(item: h5py.HLObject, only: Collection[str] = ()) -> dict[str, Any]:
     """Attributes as plain values, in their order, or those of `only`, in its order. Raises
     ValueError if they are too many."""
-    if (count := h5a.get_num_attrs(item.id)) > MOST_ITEMS:
+    if (count := h5a.get_num_attrs(item.id)) > MAX_ITEMS:
         raise ValueError(f"it has {count} attributes")
     # To ask for a few takes less time than to list all.
     names = [name for name in only if h5a.exists(item.id, encoded(name))] if only else [*item.attrs]

@@ -113,7 +113,7 @@ def _stored(parent: H5Object, name: str, variable: Variable, has_values: bool) -
     return item
 
 
-MOST_CHARACTERS = 1000
+MAX_SHORT_CHARACTERS = 1000
 """Characters of an attribute that is short."""
 
 
@@ -122,7 +122,7 @@ def short_attributes(attributes: Mapping[str, Attribute]) -> str:
     arrays = {key: np.asarray(value) for key, value in as_stored(attributes).items()}
     plain = {key: array.item() for key, array in arrays.items() if array.shape == ()}
     return json.dumps(
-        {key: value for key, value in plain.items() if len(str(value)) <= MOST_CHARACTERS}
+        {key: value for key, value in plain.items() if len(str(value)) <= MAX_SHORT_CHARACTERS}
     )
 
 

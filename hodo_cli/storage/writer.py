@@ -295,7 +295,7 @@ def _is_sound(file: Path) -> bool:
     return False
 
 
-MOST_LINES = 100
+MAX_HISTORY_LINES = 100
 """The lines of history that are kept: the first, which made the file, and the latest."""
 
 
@@ -303,7 +303,7 @@ def longer(run: ResultFile | None, line: Attribute | None) -> str:
     """The history of a result with a line more."""
     lines = str(run.attributes.get("history", "")).splitlines() if run else []
     lines += [str(line)] if line else []
-    surplus = len(lines) - MOST_LINES
+    surplus = len(lines) - MAX_HISTORY_LINES
     if surplus > 0:
         lines[1 : 2 + surplus] = ["..."]
     return "\n".join(lines)

@@ -4,7 +4,7 @@ import numpy as np
 
 from ...engines.polynomial import TAYLOR, rounding
 from ...engines.protocol import uneven
-from ...integration import MANY_STEPS, Occurrence, TimeWindow, Units
+from ...integration import MIN_STIFF_STEPS, Occurrence, TimeWindow, Units
 from ...models.base import Event
 from ...models.constants import moving, namespace, rescaled
 from .cells import LEVEL_ROWS, RegionCells
@@ -20,10 +20,10 @@ motion's units depend on other motions."""
 
 PAUSES_PER_RENEWAL = 4
 
-STEP_LIMIT = int(4 * MANY_STEPS)
+STEP_LIMIT = int(4 * MIN_STIFF_STEPS)
 """Steps after which a motion is left to the driver of single cases."""
 
-HOPELESS_STEPS = 100 * MANY_STEPS
+HOPELESS_STEPS = 100 * MIN_STIFF_STEPS
 """Steps that a motion would need at the pace of its first ones, beyond which it is left at once."""
 
 STEPS_PER_PAUSE = 6
