@@ -178,7 +178,7 @@ class Motion:
             return vectors
         if self.axes == BODY_AXES and self.frame:
             return vectors | {"G": self.frame.momentum(vectors["omega"])}
-        if self.rotor is not None or self.is_turned:
+        if self.frame and not self.frame.is_plain:
             return vectors  # each component of G needs all of omega
         moments = self.inertia[[BODY_AXES.index(axis) for axis in self.axes]]
         return vectors | {"G": rigid_body.angular_momentum(moments, vectors["omega"])}
@@ -191,18 +191,13 @@ class Motion:
     @property
     def body(self) -> tuple[Any, ...]:
         """The numbers that tell one body from another."""
-        turned = self.case.data["inertia"] if self.is_turned else ()
-        return *self.inertia.tolist(), turned, self.case.data.get("rotor")
+        rotor = () if self.rotor is None else self.rotor.tolist()
+        return *self.inertia.tolist(), *self.principal_axes.ravel().tolist(), *rotor
 
     @cached_property
     def rotor(self) -> np.ndarray | None:
         """The momentum (3,) of a rotor along the principal axes; None without."""
         return self.frame.rotor_momentum if self.frame else None
-
-    @cached_property
-    def is_turned(self) -> bool:
-        """Whether the components of vectors are not those along the principal axes."""
-        return self.frame is not None and self.frame.principal_axes is not None
 
     @cached_property
     def principal_axes(self) -> np.ndarray:
