@@ -65,12 +65,12 @@ def principal_variables(case: Case) -> dict[str, Variable]:
     return stored | inner_coordinates(stored.values()) | {"axis": axis.holding(names)}
 
 
-def case_group(trajectory: Trajectory, mark: str) -> Group:
-    """A case as it is stored, with `mark` for its hash."""
+def case_group(trajectory: Trajectory, digest: str) -> Group:
+    """A case as it is stored, with `digest` for its hash."""
     case = trajectory.case
     attributes = case_attributes(
         case,
-        mark,
+        digest,
         method=trajectory.method,
         method_reason=trajectory.method_reason,
         tol=trajectory.tol,

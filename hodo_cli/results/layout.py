@@ -68,15 +68,20 @@ SHOWN_ATTRIBUTES = SUMMARY | typed_as("case", "error_kind")
 """The attributes that figures and their page rest on."""
 
 
-def case_attributes(case: Case, mark: str, **others: Any) -> dict[str, Attribute]:
-    """The attributes of a stored case: `mark` is its hash, `others` are the rest by name. The
+def case_attributes(case: Case, digest: str, **others: Any) -> dict[str, Attribute]:
+    """The attributes of a stored case: `digest` is its hash, `others` are the rest by name. The
     source of a model that is not hodo's comes with it.
 
     Raises KeyError if one of `ATTRIBUTES` is missing.
     """
     if source := models.added_source(case.model):
         others[MODEL_SOURCE] = source
-    attributes = {"model": case.model, "form": case.form, "case": dump(case), "hash": mark} | others
+    attributes = {
+        "model": case.model,
+        "form": case.form,
+        "case": dump(case),
+        "hash": digest,
+    } | others
     return {name: attributes[name] for name in [*ATTRIBUTES, *others]}
 
 
