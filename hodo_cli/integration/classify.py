@@ -84,7 +84,7 @@ def classify(
     check_stored(motion, samples, omega, expected)
     errors, reference = against_reference(dense, assumed)
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
-    labels[: len(samples)] = labels_of(motion.at(samples), errors[samples])
+    labels[: len(samples)] = sample_labels(motion.at(samples), errors[samples])
     labels = completed(labels, case.system.absorbing_axes(case.time.start, case.time.end))
     listed = crossings_of(dense, errors)
     crossings, warnings = (
@@ -103,7 +103,7 @@ def classify(
     )  # fmt: skip
 
 
-def labels_of(motion: Trajectory, errors: np.ndarray) -> np.ndarray:
+def sample_labels(motion: Trajectory, errors: np.ndarray) -> np.ndarray:
     """The label of each sample of a motion (n,), with these errors (n,)."""
     body = body_of(motion.case)
     axes = body.enclosed(principal_omega(motion), CERTAIN_ERRORS * errors)
@@ -307,7 +307,7 @@ def crossings_of(
     two_sided = body.rotor_momentum is not None or len(set(body.moments.tolist())) == 3
     if not (two_sided and len(time)):
         return CrossingList([], [], [])
-    signs = SignChanges.joined([*dense.signs, samples_of(motion)])
+    signs = SignChanges.joined([*dense.signs, sample_sides(motion)])
     after = np.searchsorted(time, signs.time).clip(max=len(time) - 1)
     before = np.where(time[after] == signs.time, after, np.maximum(after - 1, 0))
     uncertainty = CERTAIN_ERRORS * np.maximum(errors[before], errors[after])
@@ -319,7 +319,7 @@ def crossings_of(
     return listed._replace(undecided=[moment for moment in listed.undecided if moment > started])
 
 
-def samples_of(motion: Trajectory) -> SignChanges:
+def sample_sides(motion: Trajectory) -> SignChanges:
     """The sides on which a motion stands at its times, up to a stop."""
     body, omega = body_of(motion.case), principal_omega(motion)
     rotor = body.rotor_momentum
