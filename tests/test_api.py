@@ -5,7 +5,9 @@ import math
 import runpy
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -399,6 +401,24 @@ print(made.crossings.values.tolist(), flush=True)
             [sys.executable, given], input=text, capture_output=True, text=True, cwd=tmp_path
         )
         assert done.stdout == "once\n[1, 0]\n", done.stderr
+
+
+@pytest.mark.parametrize("method", ["auto", "DOP853"])
+def test_threads_get_the_numbers_that_one_gets(method: str) -> None:
+    """Every sample and measured error, to the last bit, of cases that one integrator serves; and
+    the process goes on showing warnings."""
+    # Short enough for SciPy, and long enough that the threads take turns within it.
+    time = {"end": 200 if method == "auto" else 10, "samples": 101}
+    drag = {"model": "torques", "space_torque": {"size": 0.02, "direction": [0, 0, 1]}}
+    case = {**FIG4, **drag, "attitude": {"align": "G"}, "method": method, "time": time}
+    cases = [{**case, "damping": [0.0001 * i, 0.002, 0.0005]} for i in range(1, 9)]
+    with ThreadPoolExecutor(6) as threads:
+        together = [*threads.map(api.run, cases)]
+    assert ("ignore", None, Warning, None, 0) not in warnings.filters
+    for ours, expected in zip(together, map(api.run, cases), strict=True):
+        assert (ours.attrs["status"], ours.attrs["error"]) == ("ok", expected.attrs["error"])
+        np.testing.assert_array_equal(ours.omega, expected.omega)
+        np.testing.assert_array_equal(ours.enclosed_axis, expected.enclosed_axis)
 
 
 def test_a_case_that_is_not_in_a_file_is_named_with_those_that_are(

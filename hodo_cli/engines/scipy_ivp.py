@@ -3,6 +3,7 @@
 import math
 import warnings
 from functools import partial
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,10 @@ from .stepwise import Stepwise
 SOLVERS = {"DOP853": DOP853, "RK45": RK45, "LSODA": LSODA, "Radau": Radau, "BDF": BDF}
 DEGREES = {"DOP853": 7, "RK45": 4, "LSODA": 12, "Radau": 3, "BDF": 5}
 """The degrees of their dense output; of LSODA and BDF, which change their order, the largest."""
+
+LOCK = Lock()
+"""One stretch at a time: LSODA of older SciPy keeps its state in the library, and the warnings that
+are ignored are those of the process."""
 
 LEAST_TOL = 100 * EPS
 """The smallest relative tolerance that SciPy's solvers accept."""
@@ -41,7 +46,7 @@ class Ivp(Stepwise):
         self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl
     ) -> Stretch:
         """See `Engine.integrate`."""
-        with warnings.catch_warnings():
+        with LOCK, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a solver that gives up returns a message too
             return super().integrate(k, y, grid, control)
 

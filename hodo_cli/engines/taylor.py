@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import lru_cache, partial
+from threading import Lock
 from types import SimpleNamespace
 from typing import Any
 
@@ -55,6 +56,8 @@ class Taylor:
         # cost.
         self.tol = eps / 1024 if tol is None else max(tol, eps / 2**20)
         self.roots: list[EventRoot] = []
+        # The integrator keeps its state, parameters and roots: it serves one stretch at a time.
+        self.lock = Lock()
         y = [hy.expression(name) for name in model.state]
         k = namespace(structure, [hy.par[i] for i in range(count(structure))])
         rhs = model.rhs(hy.time, y, k)
@@ -142,6 +145,12 @@ class Taylor:
         self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl
     ) -> Stretch:
         """See `Engine.integrate`."""
+        with self.lock:
+            return self._integrate(k, y, grid, control)
+
+    def _integrate(
+        self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl
+    ) -> Stretch:
         ta = self.ta
         self.numbers = numbers = attributes(k, self.dtype)
         # heyoka counts parameters up to the last that the equations use.
