@@ -26,7 +26,7 @@ from ..claims.finding import Verdict
 from ..claims.verdicts import Judge
 from ..papers import finding_of
 from ..progress import Progress
-from ..storage import Group, Report, ResultFile, Variable, history_line, update
+from ..storage import Group, Report, ResultFile, Update, Variable, history_line, update
 from ..text import table
 from .resume import content_digest, result_named, stored_config, warn_of_changes
 
@@ -59,33 +59,37 @@ def judge_results(paths: Iterable[Path]) -> dict[str, Rows]:
     for path, config in map(result_named, paths):
         with update(path, history_line(f"hodo claims {path}")) as changes:
             warn_of_changes(changes.run, config, "claims")
-            text = config.text if config else changes.run.text
-            digest, rows = "", None
-            with suppress(HodoError):  # a case that cannot be read may matter to no claim
-                digest = content_digest(map(changes.run.checksum, changes.run.cases()), text)
-                if digest and "_claims" in changes.run:
-                    rows = changes.run.report("_claims", digest)
-            if rows is None:
-                stated = config or stored_config(changes.run)
-                rows = judged(stated, changes.run)
-                if unknown := unknown_checks(stated):
-                    digest = ""  # verdicts that are not kept are given, with the warning, each time
-                    warnings.warn(
-                        f"{path}: this version has no check {', '.join(map(repr, unknown))}: "
-                        "hodo run with the case file of this version renews its statements",
-                        stacklevel=2,
-                    )
-                report = Report(digest, json.dumps(rows))
-                for topic, (name, columns) in TABLES.items():
-                    if rows[topic]:
-                        group = claim_group(rows[topic], columns)
-                        stored = report if topic == "statements" else None
-                        changes.write(name, replace(group, report=stored))
-            if not any(rows.values()):
-                warnings.warn(f"{path} has no claims: or errata:", stacklevel=2)
-            for topic, lines in tables.items():
-                lines += [{"run": str(path), **row} for row in rows[topic]]
+            rows = rows_of_result(changes, config)
+        if not any(rows.values()):
+            warnings.warn(f"{path} has no claims: or errata:", stacklevel=2)
+        for topic, lines in tables.items():
+            lines += [{"run": str(path), **row} for row in rows[topic]]
     return tables
+
+
+def rows_of_result(changes: Update, config: Config | None) -> dict[str, Rows]:
+    """The rows of one result: those that it stores, if nothing has changed on which they rest;
+    otherwise they are judged and stored. Raises HodoError as `judged` does."""
+    run, digest = changes.run, ""
+    with suppress(HodoError):  # a case that cannot be read may matter to no claim
+        digest = content_digest(map(run.checksum, run.cases()), (config or run).text)
+        rows = run.report("_claims", digest) if digest and "_claims" in run else None
+        if rows is not None:
+            return dict(rows)
+    stated = config or stored_config(run)
+    rows = judged(stated, run)
+    if unknown := unknown_checks(stated):
+        digest = ""  # verdicts that are not kept are given, with the warning, each time
+        warnings.warn(
+            f"{run.path}: this version has no check {', '.join(map(repr, unknown))}: "
+            "hodo run with the case file of this version renews its statements",
+            stacklevel=3,
+        )
+    for topic, (name, columns) in TABLES.items():
+        report = Report(digest, json.dumps(rows)) if topic == "statements" else None
+        if rows[topic]:
+            changes.write(name, replace(claim_group(rows[topic], columns), report=report))
+    return rows
 
 
 def judged(config: Config, run: ResultFile) -> dict[str, Rows]:

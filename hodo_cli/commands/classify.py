@@ -74,24 +74,31 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
         remarks = [remark, *end_before_time(group)]
         unlabelled = {"start": "-", "end": "-", "unlabelled": remark}
         return None, {"case": name, **unlabelled, "crossings": [], "warnings": remarks}
-    if (method := recorded["method"]) not in METHODS:
-        raise HodoError(f"{name}: this hodo has no method {method!r}: run it again")
-    # Classifying may take five times the memory of integrating: labels and crossings are found in
-    # long double.
-    check_memory(case)
-    omega = group.variables["omega"].data
-    if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
-        raise HodoError(f"{name} is damaged (its omega holds no vectors)")
+    if recorded["method"] not in METHODS:
+        raise HodoError(f"{name}: this hodo has no method {recorded['method']!r}: run it again")
     if case.time.steps:
         case = replace(case, time=case.time.listed(group.variables["time"].data))
-    labelled = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
     motion = Motion(case, group.variables, label=name)
-    row = row_of_motion(motion, labelled)
-    row["events"] = events_of(motion, labelled)
+    labelled = labels_of(motion, recorded)
+    row = row_of_motion(motion, labelled) | {"events": events_of(motion, labelled)}
     if (status := group.attributes.get("status")) != Status.OK:
         # The last label of a motion that was broken off is not the one that it ends with.
-        row["warnings"].append(f"{status}: to t = {group.variables['time'].data[-1]:.6g} only")
+        row["warnings"].append(f"{status}: to t = {motion.time[-1]:.6g} only")
     return label_group(labelled, case), row
+
+
+def labels_of(motion: Motion, recorded: Mapping[str, Any]) -> Classification:
+    """The labels and crossings of a stored motion, which is integrated again as is `recorded`.
+    Raises HodoError as `classify` does, or if its samples are no vectors."""
+    omega = motion.data["omega"].data
+    if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
+        raise HodoError(f"{motion.label} is damaged (its omega holds no vectors)")
+    # Classifying may take five times the memory of integrating: labels and crossings are found in
+    # long double.
+    check_memory(motion.case)
+    return classify(
+        motion.case, recorded["method"], recorded["tol"], recorded["error"], np.asarray(omega)
+    )
 
 
 def events_of(motion: Motion, labelled: Classification) -> list[dict[str, Any]]:
@@ -162,24 +169,30 @@ def why_unlabelled(case: Case, group: Group) -> str:
 def row_of_sweep(case: Case, group: Group) -> dict[str, Any]:
     """The line of a stored sweep in the table of `classify`."""
     row: dict[str, Any] = {"case": case.name, "start": "-", "end": "-", "crossings": []}
-    if "status" not in group.variables:  # the sweep failed as a whole
+    columns = {name: variable.data for name, variable in group.variables.items()}
+    if "status" not in columns:  # the sweep failed as a whole
         return {**row, "warnings": [f"{group.attributes['status']}: {group.attributes['message']}"]}
-    ok = group.variables["status"].data == Status.OK.code
-    for end in ("start", "end"):
-        if (column := group.variables.get(f"{end}_axis")) is not None:
-            row[end] = _shares(column.data[ok])
-    if (counts := group.variables.get("crossings")) is None:
-        lacking = '"crossings", their number, is not stored'
-        return {**row, "warnings": [case.system.no_axis_reason or lacking]}
-    crossing = ok & (counts.data > 0)
-    remarks = f"{crossing.sum()} of {ok.sum()} members cross"
-    if (most := counts.data[ok].max(initial=0)) > 1:
-        remarks += f", up to {most} times"
-    if (times := group.variables.get("crossing_time")) is not None and crossing.any():
-        first, median, last = np.quantile(times.data[crossing], (0, 0.5, 1))
+    ok = columns["status"] == Status.OK.code
+    ends = {
+        x: _shares(columns[f"{x}_axis"][ok]) for x in ("start", "end") if f"{x}_axis" in columns
+    }
+    return {**row, **ends, "warnings": [remark_on_crossings(case, columns, ok)]}
+
+
+def remark_on_crossings(case: Case, columns: Mapping[str, np.ndarray], ok: np.ndarray) -> str:
+    """How many members of a sweep cross, how often and when, of those that ended well."""
+    if "crossings" not in columns:
+        return case.system.no_axis_reason or '"crossings", their number, is not stored'
+    counts = columns["crossings"]
+    crossing = ok & (counts > 0)
+    remark = f"{crossing.sum()} of {ok.sum()} members cross"
+    if (most := counts[ok].max(initial=0)) > 1:
+        remark += f", up to {most} times"
+    if "crossing_time" in columns and crossing.any():
+        first, median, last = np.quantile(columns["crossing_time"][crossing], (0, 0.5, 1))
         unit = "" if case.time.unit == "1" else f" {case.time.unit}"
-        remarks += f", first at {first:.6g} to {last:.6g}, median {median:.6g}{unit}"
-    return {**row, "warnings": [remarks]}
+        remark += f", first at {first:.6g} to {last:.6g}, median {median:.6g}{unit}"
+    return remark
 
 
 def _shares(labels: np.ndarray) -> str:

@@ -195,25 +195,31 @@ def read(text: str, mistakes: Mistakes, override: str = "") -> Any:
     try:
         return reader.document()
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
-        place = reader.place(mark) if mark else Place(1, 1, override)
-        if place.line > 1 and getattr(error, "problem", "") == NO_MAPPING_HERE:
-            above, below = text.split("\n")[place.line - 2 : place.line]
-            # The scanner has taken a line without a colon for text that goes on below it.
-            if ":" not in below[: place.column - 1] and above.strip() and ":" not in above:
-                place = Place(place.line - 1, len(above) - len(above.lstrip()) + 1, override)
-                raise mistakes.fatal(place, "not YAML: no ': ' between key and value") from None
-        raise mistakes.fatal(place, f"not YAML: {_reason(error, mark, text, override)}") from None
+        place, reason = _syntax_mistake(error, text, override)
+        raise mistakes.fatal(place, f"not YAML: {reason}") from None
+
+
+def _syntax_mistake(error: Any, text: str, override: str) -> tuple[Place, str]:
+    """Where and why PyYAML refuses a text."""
+    mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+    if mark is None:
+        return Place(1, 1, override), str(error)
+    if mark.line and error.problem == NO_MAPPING_HERE:
+        above, below = text.split("\n")[mark.line - 1 : mark.line + 1]
+        # The scanner has taken a line without a colon for text that goes on below it.
+        if ":" not in below[: mark.column] and above.strip() and ":" not in above:
+            place = Place(mark.line, len(above) - len(above.lstrip()) + 1, override)
+            return place, "no ': ' between key and value"
+    place = Place(mark.line + 1, mark.column + 1, override)
+    return place, _reason(error, mark, text, override)
 
 
 NO_MAPPING_HERE = "mapping values are not allowed in this context"
 """What PyYAML says of a second colon in one value."""
 
 
-def _reason(error: Any, mark: yaml.Mark | None, text: str, override: str) -> str:
+def _reason(error: Any, mark: yaml.Mark, text: str, override: str) -> str:
     """Why PyYAML refuses a text; the usual mistakes in plainer words than its own."""
-    if mark is None:
-        return str(error)
     # The end of a text may be a line beyond its last.
     lines = text.split("\n")[mark.line : mark.line + 1]
     bracket, opening = OPENED.get(error.context, ""), error.context_mark
