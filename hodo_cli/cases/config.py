@@ -298,26 +298,39 @@ def _figure_mistakes(
 
 def drawable(case: Case) -> Drawable:
     """The properties of a case on which figures rest."""
-    labels = {name: "".join(x.dims[1:]) for name, x in case.system.variables.items()}
-    if case.sweep:
-        asked = [name for name in case.store if name != "trajectory"]
-        # Of the variables of a trajectory a member has no single value.
-        without = {"trajectory", *(labels if "trajectory" in case.store else ())}
-        stored = [name for name in asked or storable(type(case.system)) if name not in without]
-        labels["share"] = "axis"
-    else:
-        # Labels are stored by `classify`, whatever the model.
-        stored = list(dict.fromkeys([*(case.store or labels), "enclosed_axis", "time"]))
-        labels = {name: quantity.dim for name, quantity in DERIVED.items()} | labels
-    variables = {name: labels.get(name, "") for name in stored}
-    if "omega" in variables and not case.sweep:
-        variables["G"] = "axis"
     axes = axes_of(case.sweep or {})
     sphere = next((axis.name for axis in axes if axis.sphere is not None), "")
     lengths = {axis.name: len(axis) for axis in axes}
     times = case.time.start, case.time.end
     units = {"time": case.time.unit, "moments of inertia": case.inertia_unit}
+    variables = _columns_drawn(case) if case.sweep else _variables_drawn(case)
     return Drawable(case.name, case, variables, times, units, lengths, sphere)
+
+
+def _own_dims(case: Case) -> dict[str, str]:
+    """The variables of a case's model, each with the dimension of its components."""
+    return {name: "".join(label.dims[1:]) for name, label in case.system.variables.items()}
+
+
+def _variables_drawn(case: Case) -> dict[str, str]:
+    """The variables that figures of a motion may draw, each with the dimension of its components."""
+    own = _own_dims(case)
+    dims = {name: quantity.dim for name, quantity in DERIVED.items()} | own
+    # Labels are stored by `classify`, whatever the model.
+    names = [*(case.store or own), "enclosed_axis", "time"]
+    variables = {name: dims.get(name, "") for name in names}
+    # As a vector, too, of which `G` alone is the length.
+    return variables | ({"G": "axis"} if "omega" in variables else {})
+
+
+def _columns_drawn(case: Case) -> dict[str, str]:
+    """The columns that figures of a sweep may draw, each with the dimension of its components."""
+    own = _own_dims(case)
+    # Of the variables of a trajectory a member has no single value.
+    without = {"trajectory", *(own if "trajectory" in case.store else ())}
+    names = [x for x in case.store if x != "trajectory"] or storable(type(case.system))
+    dims = own | {"share": "axis"}
+    return {name: dims.get(name, "") for name in names if name not in without}
 
 
 def _figures(

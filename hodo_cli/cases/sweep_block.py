@@ -253,28 +253,24 @@ def check_axes(
     or no numbers, values that the keys do not take, zipped ranges of unequal lengths, too many
     members."""
     axes = axes_of(sweep)
-    reserved = [axis.name for axis in axes if axis.name in RESERVED]
-    message = "is a dimension of every result; call the axis otherwise"
-    yield from ((("sweep", name), f"{name} {message}") for name in reserved)
     spheres = [axis.name for axis in axes if axis.sphere is not None]
-    lacks_direction = "only the start of a body-frame model has a direction"
-    message = "one axis may be a sphere" if model.starts_with_omega else lacks_direction
-    yield from (
-        (("sweep", name, "sphere"), message)
-        for name in (spheres[1:] if model.starts_with_omega else spheres)
-    )
     swept: dict[KeyPath, str] = {}
     for axis in axes:
-        axis_path: KeyPath = ("sweep", axis.name)
-        zipped = "zip" in sweep[axis.name]
+        path: KeyPath = ("sweep", axis.name)
+        if axis.name in RESERVED:
+            yield path, f"{axis.name} is a dimension of every result; call the axis otherwise"
+        if axis.name in spheres and not model.starts_with_omega:
+            yield (*path, "sphere"), "only the start of a body-frame model has a direction"
+        elif axis.name in spheres[1:]:
+            yield (*path, "sphere"), "one axis may be a sphere"
         if len(lengths := {_length(value_range) for _, value_range in axis.ranges}) > 1:
             counts = " and ".join(map(str, sorted(lengths)))
-            yield (*axis_path, "zip"), f"ranges of {counts} values cannot be zipped"
-        for key, (path, value_range) in zip(axis.keys, axis.ranges, strict=True):
-            range_path = (*axis_path, "zip", key) if zipped else axis_path
-            if path in swept:
-                yield range_path, f"{key} varies along {swept[path]} already"
-            swept[path] = axis.name
+            yield (*path, "zip"), f"ranges of {counts} values cannot be zipped"
+        for key, (key_path, value_range) in zip(axis.keys, axis.ranges, strict=True):
+            range_path = (*path, "zip", key) if "zip" in sweep[axis.name] else path
+            if key_path in swept:
+                yield range_path, f"{key} varies along {swept[key_path]} already"
+            swept[key_path] = axis.name
             yield from within(range_path, _check_range(value_range, key, keys_of_form(model), data))
     if math.prod(map(len, axes)) > MOST_SWEEP_MEMBERS:
         yield ("sweep",), f"more than {MOST_SWEEP_MEMBERS:.0e} members"

@@ -98,24 +98,28 @@ def try_cases(cases: Sequence[Case], settings: Mapping[str, Any], jobs: int, qui
     with Pool(Processes(jobs), jobs) as pool, Progress(len(cases), quiet) as progress:
         tasks = progress.starting(cases, attrgetter("name"))
         for case, outcome in pool.map(partial(trials_of, **settings), tasks):
-            problem = str(outcome) if isinstance(outcome, HodoError) else ""
-            if problem:
+            if isinstance(outcome, HodoError):
                 # The process died with the case: all of its trials are lost, not only the one that
                 # ended it.
-                failed = Trial(status="failed with a message", message=problem)
+                failed = Trial(status="failed with a message", message=str(outcome))
                 trials[case.name] = [failed] * (len(methods) * len(tols))
+                progress.done(case.name, str(outcome))
             elif isinstance(outcome, Exception):
                 raise outcome
             else:
                 trials[case.name], spent = outcome
-                counts = Counter(trial.status for trial in trials[case.name])
-                words = [f"{counts[word]} {word}" for word in TRIAL_VERDICTS if counts[word]]
-                progress.say(f"{case.name}: {', '.join(words)} ({seconds(spent)})")
+                progress.say(f"{case.name}: {counted(trials[case.name])} ({seconds(spent)})")
                 for line in messages_of_trials(trials[case.name], product(methods, tols)):
                     progress.say(line)
-            progress.done(case.name, problem)
+                progress.done(case.name)
     names = [case.name for case in cases]
     return table_of_trials(names, methods, tols, chain(*(trials[name] for name in names)))
+
+
+def counted(trials: Iterable[Trial]) -> str:
+    """How many trials have which verdict."""
+    counts = Counter(trial.status for trial in trials)
+    return ", ".join(f"{counts[word]} {word}" for word in TRIAL_VERDICTS if counts[word])
 
 
 def messages_of_trials(
