@@ -313,7 +313,7 @@ def _own_dims(case: Case) -> dict[str, str]:
 
 
 def _variables_drawn(case: Case) -> dict[str, str]:
-    """The variables that figures of a motion may draw, each with the dimension of its components."""
+    """The variables that a figure of a motion may draw, each with the dimension of its parts."""
     own = _own_dims(case)
     dims = {name: quantity.dim for name, quantity in DERIVED.items()} | own
     # Labels are stored by `classify`, whatever the model.
@@ -324,7 +324,7 @@ def _variables_drawn(case: Case) -> dict[str, str]:
 
 
 def _columns_drawn(case: Case) -> dict[str, str]:
-    """The columns that figures of a sweep may draw, each with the dimension of its components."""
+    """The columns that a figure of a sweep may draw, each with the dimension of its parts."""
     own = _own_dims(case)
     # Of the variables of a trajectory a member has no single value.
     without = {"trajectory", *(own if "trajectory" in case.store else ())}

@@ -108,7 +108,7 @@ def try_cases(cases: Sequence[Case], settings: Mapping[str, Any], jobs: int, qui
                 raise outcome
             else:
                 trials[case.name], spent = outcome
-                progress.say(f"{case.name}: {counted(trials[case.name])} ({seconds(spent)})")
+                progress.say(f"{case.name}: {verdict_counts(trials[case.name])} ({seconds(spent)})")
                 for line in messages_of_trials(trials[case.name], product(methods, tols)):
                     progress.say(line)
                 progress.done(case.name)
@@ -116,7 +116,7 @@ def try_cases(cases: Sequence[Case], settings: Mapping[str, Any], jobs: int, qui
     return table_of_trials(names, methods, tols, chain(*(trials[name] for name in names)))
 
 
-def counted(trials: Iterable[Trial]) -> str:
+def verdict_counts(trials: Iterable[Trial]) -> str:
     """How many trials have which verdict."""
     counts = Counter(trial.status for trial in trials)
     return ", ".join(f"{counts[word]} {word}" for word in TRIAL_VERDICTS if counts[word])
