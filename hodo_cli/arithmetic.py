@@ -116,9 +116,8 @@ def _function(name: str) -> Callable[[Any], Any]:
                 return of_number(x)
             except ValueError:  # as of an array: a motion that comes there fails, and no other one
                 return math.nan
-        if type(x) in SYMBOLS:
-            return getattr(SYMBOLS[type(x)], name)(x)
-        return getattr(x, name)()
+        functions = SYMBOLS.get(type(x))
+        return getattr(functions, name)(x) if functions else getattr(x, name)()
 
     return applied
 

@@ -28,6 +28,7 @@ from ..schema.kinds import (
     WrongKey,
     check_keys,
     expected,
+    mistakes_where,
     other_word,
     shown,
     unknown,
@@ -375,17 +376,24 @@ def _data_mistakes(
 
 def _method_mistakes(system: Model, values: Mapping[str, Any]) -> Iterator[Mistake]:
     """Why a case cannot be integrated, as far as its keys and its equations tell."""
-    method, takes_steps = values["method"], values["time"]["steps"]
-    if message := models.mistake_in(system):
-        yield ("model",), message
-    if message := wrong_precision(method, values["precision"]):
-        yield ("precision",), message
-    if method == "exact" and not system.has_closed_form:
-        yield ("method",), NO_CLOSED_FORM
-    if method == "exact" and takes_steps:
-        yield ("time", "steps"), "the closed form takes no steps: name samples, or a method"
-    if values["sweep"] and takes_steps:
-        yield ("time", "steps"), "the members of a sweep have one list of times"
+    is_exact, takes_steps = values["method"] == "exact", values["time"]["steps"]
+    of_equations = models.mistake_in(system)
+    of_precision = wrong_precision(values["method"], values["precision"])
+    return mistakes_where(
+        (of_equations, ("model",), of_equations),
+        (of_precision, ("precision",), of_precision),
+        (is_exact and not system.has_closed_form, ("method",), NO_CLOSED_FORM),
+        (
+            is_exact and takes_steps,
+            ("time", "steps"),
+            "the closed form takes no steps: name samples, or a method",
+        ),
+        (
+            values["sweep"] and takes_steps,
+            ("time", "steps"),
+            "the members of a sweep have one list of times",
+        ),
+    )
 
 
 def _store_mistakes(

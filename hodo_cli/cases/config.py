@@ -67,8 +67,9 @@ class Config:
 
     def matching(self, globs: Sequence[str]) -> list[str]:
         """The names of the cases that match one of some globs; all if none is given."""
-        some = globs or ["*"]
-        return [name for name in self.cases if any(fnmatchcase(name, glob) for glob in some)]
+        return [
+            name for name in self.cases if any(fnmatchcase(name, glob) for glob in globs or ("*",))
+        ]
 
 
 HERE = Path(__file__).parent

@@ -121,8 +121,9 @@ def derivable(sources: Collection[str]) -> list[str]:
 
 def derivable_numbers(sources: Collection[str]) -> list[str]:
     """These quantities by their components."""
-    names = derivable(sources)
-    return [x for x in COMPONENTS if x.partition(".")[0] in names]
+    return [
+        part for name in derivable(sources) for part in component_names(name, DERIVED[name].dim)
+    ]
 
 
 class LeftOut(str):

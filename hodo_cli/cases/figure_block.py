@@ -638,8 +638,7 @@ def _lack_of_starts(case: Drawable) -> str:
     if not case.sphere or len(case.axes) > 2:
         shape = "a sphere of starts, and one other axis at most"
         return f"sweep {case.name} has the axes {', '.join(case.axes)}: a share needs {shape}"
-    stored = {*case.variables}
-    return lack_of(case.case, "crossing_time", stored, "share")
+    return lack_of(case.case, "crossing_time", {*case.variables}, "share")
 
 
 def _wrong_swept_variable(values: Mapping[str, Any], case: Drawable) -> str:

@@ -154,9 +154,7 @@ class Axis:
     sphere: Mapping[str, int] | None = None
 
     def __len__(self) -> int:
-        if self.sphere is not None:
-            return self.sphere["count"]
-        return _length(self.ranges[0][1])
+        return self.sphere["count"] if self.sphere is not None else _length(self.ranges[0][1])
 
     @property
     def keys(self) -> list[str]:

@@ -127,16 +127,14 @@ def check_keys(
     values, mistakes = check_parts(
         (name, key.kind, entries[name]) for name, key in keys.items() if name in entries
     )
-    mistakes += [
-        ((WrongKey(name),), unknown("key", name, keys)) for name in entries if name not in keys
-    ]
-    absent = {name: key.default for name, key in keys.items() if name not in entries}
+    strange = [name for name in entries if name not in keys]
+    mistakes += [((WrongKey(name),), unknown("key", name, keys)) for name in strange]
+    required = [name for name, key in keys.items() if key.default is REQUIRED]
     # One that is misspelt is not missing as well.
-    meant = {near(name, keys) for name in entries if name not in keys}
-    missing = [name for name, default in absent.items() if default is REQUIRED]
-    if missing := [name for name in missing if name not in meant]:
-        mistakes.append(((), f"missing {', '.join(map(repr, missing))}"))
-    values |= {name: default for name, default in absent.items() if default is not REQUIRED}
+    present = {*entries, *(near(name, keys) for name in strange)}
+    if missing := [repr(name) for name in required if name not in present]:
+        mistakes.append(((), f"missing {', '.join(missing)}"))
+    values |= {name: keys[name].default for name in keys.keys() - {*entries, *required}}
     # In the order in which the keys are declared, which is that in a stored case.
     return {name: values[name] for name in keys if name in values}, mistakes
 
@@ -339,16 +337,11 @@ class Integer(Number):
         return int(value)
 
 
-@dataclass(frozen=True, init=False)
 class Choice(Kind):
     """One of a few words; a title stands for a list of them that is too long to read."""
 
-    names: tuple[str, ...]
-    title: str
-
     def __init__(self, *names: str, title: str = "") -> None:
-        object.__setattr__(self, "names", names)
-        object.__setattr__(self, "title", title)
+        self.names, self.title = names, title
 
     def check(self, value: Any) -> Any:
         if isinstance(value, str) and value in self.names:
@@ -585,17 +578,14 @@ class OneOf(Table):
         return f"one of {', '.join(self.keys)}"
 
 
-@dataclass(frozen=True, init=False)
 class Either(Kind):
     """One of several kinds, chosen by the shape of the value, so that messages stay precise.
 
     Where several kinds take the shape, the first without a mistake counts.
     """
 
-    kinds: tuple[Kind, ...]
-
     def __init__(self, *kinds: Kind) -> None:
-        object.__setattr__(self, "kinds", kinds)
+        self.kinds = kinds
 
     def check(self, value: Any) -> Any:
         problems = []
