@@ -79,7 +79,7 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     if case.time.steps:
         case = replace(case, time=case.time.listed(group.variables["time"].data))
     motion = Motion(case, group.variables, label=name)
-    labelled = labels_of(motion, recorded)
+    labelled = classification_of(motion, recorded)
     row = row_of_motion(motion, labelled) | {"events": events_of(motion, labelled)}
     if (status := group.attributes.get("status")) != Status.OK:
         # The last label of a motion that was broken off is not the one that it ends with.
@@ -87,7 +87,7 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     return label_group(labelled, case), row
 
 
-def labels_of(motion: Motion, recorded: Mapping[str, Any]) -> Classification:
+def classification_of(motion: Motion, recorded: Mapping[str, Any]) -> Classification:
     """The labels and crossings of a stored motion, which is integrated again as is `recorded`.
     Raises HodoError as `classify` does, or if its samples are no vectors."""
     omega = motion.data["omega"].data
