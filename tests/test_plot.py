@@ -27,7 +27,6 @@ import hodo_cli as api
 from hodo_cli import HodoError, figures
 from hodo_cli.cases.config import load, parse
 from hodo_cli.cli import main
-from hodo_cli.figures import geometry
 from hodo_cli.figures.artists import SEPARATRIX
 
 PAPERS = ("paper1", "paper2", "paper3")
@@ -441,16 +440,22 @@ def test_a_sketch_has_a_below_the_line_and_symmetric_bodies_one_region(
 
 
 def test_names_of_curves_stand_on_the_sphere(runs: Path) -> None:
-    axes = Drawings.of(runs / "paper1.h5").draw("fig1").figure.axes[0]
-    places = {text.get_text(): np.hypot(*text.get_position()) for text in axes.texts}
-    assert all(places[name] < 0.95 for name in ("1", "2", "3", "3′", "4"))
+    figure = Drawings.of(runs / "paper1.h5").draw("fig1").figure
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    boxes = {text.get_text(): text.get_window_extent().get_points() for text in axes.texts}
+    for name in ("1", "2", "3", "3′", "4"):
+        middle = axes.transData.inverted().transform(boxes[name]).mean(axis=0)
+        assert np.hypot(*middle) < 0.97
 
 
-def test_names_of_curves_that_meet_stand_apart() -> None:
-    turn = np.linspace(0, 2 * np.pi, 500)
-    circle = 0.5 * np.stack([np.cos(turn), np.sin(turn), np.ones(500)], axis=-1)
-    first, second = geometry.places_beside([circle, circle], [])
-    assert np.linalg.norm(first - second) > 0.05
+def test_names_of_curves_that_meet_stand_apart(several: Drawings) -> None:
+    """Two cases of one motion."""
+    figure = several.draw("ball", cases=("brief", "brief"), labels=("first", "second")).figure
+    figure.draw_without_rendering()
+    texts = figure.axes[0].texts
+    first, second = (x.get_window_extent() for x in texts if x.get_text() in ("first", "second"))
+    assert not first.overlaps(second)
 
 
 def test_a_figure_is_named_and_its_axes_are_those_of_the_momentum(runs: Path) -> None:
@@ -659,10 +664,13 @@ def test_a_style_that_cannot_be_had_is_one_line(
 
 def test_the_name_of_a_region_keeps_clear_of_the_curve(runs: Path) -> None:
     for name in ("fig9", "fig13-all-entries", "fig19"):
-        axes = Drawings.of(runs / "paper1.h5").draw(name).figure.axes[0]
-        curve = np.concatenate(axes.collections[0].get_segments()) / axes.get_xlim()[1]
+        figure = Drawings.of(runs / "paper1.h5").draw(name).figure
+        figure.draw_without_rendering()
+        axes = figure.axes[0]
+        curve = axes.transData.transform(np.concatenate(axes.collections[0].get_segments()))
         for text in axes.texts[:2]:
-            assert np.hypot(*(curve - np.array(text.xy)).T).min() > 0.03
+            box = text.get_window_extent()
+            assert not ((curve > box.min) & (curve < box.max)).all(axis=1).any()
 
 
 def test_an_enlargement_that_shows_nothing_is_refused(several: Drawings) -> None:
@@ -1080,6 +1088,7 @@ def test_words_beside_a_mark_stay_at_it_where_the_panel_has_no_room(height: int)
     motion = api.run(body | {"initial": {"p": 0.3, "q": 0.7, "r": -0.9}, "time": {"end": 1000}})
     variables = ["p", "q", "r", "G", "T", "D"]
     drawn = api.plot(motion, "series", variables=variables, style={"height": height})
+    drawn.draw_without_rendering()
     for axes in drawn.axes:
         (words,) = axes.texts
         # Within two lines of the mark, whose panel may be lower than the words.

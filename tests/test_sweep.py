@@ -30,7 +30,7 @@ from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import classify, run
 from hodo_cli.engines import protocol
-from hodo_cli.figures import geometry, maps
+from hodo_cli.figures import maps
 from hodo_cli.integration import choice, cross, integrate, solve
 from hodo_cli.models import constants as flat
 from hodo_cli.models import rigid_body
@@ -1303,8 +1303,8 @@ def test_a_curve_that_leaves_the_map_comes_back_without_a_line_across() -> None:
 
 
 def test_edges_lie_between() -> None:
-    assert geometry.edges(np.array([1.0, 2.0, 4.0]), False).tolist() == [0.5, 1.5, 3.0, 5.0]
-    assert geometry.edges(np.array([1.0, 4.0, 16.0]), True) == pytest.approx([0.5, 2.0, 8.0, 32.0])
+    assert maps.edges(np.array([1.0, 2.0, 4.0]), False).tolist() == [0.5, 1.5, 3.0, 5.0]
+    assert maps.edges(np.array([1.0, 4.0, 16.0]), True) == pytest.approx([0.5, 2.0, 8.0, 32.0])
 
 
 def test_the_separation_is_relative_to_the_terms_of_the_separatrix() -> None:

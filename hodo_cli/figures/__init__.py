@@ -28,18 +28,9 @@ from .costs import cost, error_order, share
 from .files import save
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
-from .sheet import (
-    FILMS,
-    SHEET_STYLE,
-    Drawing,
-    Layout,
-    Sheet,
-    lighten,
-    slanted,
-    text_size,
-    text_width,
-)
+from .sheet import FILMS, SHEET_STYLE, Drawing, Layout, Sheet
 from .space import axis_trace, herpolhode, hodograph, sphere
+from .words import lighten, slanted, text_size, text_width
 
 if TYPE_CHECKING:
     import xarray as xr

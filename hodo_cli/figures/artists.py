@@ -12,7 +12,6 @@ from typing import Any
 
 import matplotlib.style
 import numpy as np
-from matplotlib import patheffects
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -21,15 +20,14 @@ from matplotlib.colors import ListedColormap, Normalize, to_rgb
 from matplotlib.font_manager import FontProperties, findfont, get_font_names
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.transforms import Bbox
 
 from .. import HodoError
 from ..cases.figure_block import COLOUR_NAMES, LINE_NAMES
 from ..results.motion import Motion
 from ..schema.kinds import unknown
 from ..text import abridged
-from .geometry import places_beside, stretches, windings
-from .sheet import Look, Sheet, text_lines, text_size, text_width
+from .sheet import Look, Sheet
+from .words import Words, text_lines, text_size, text_width
 
 COLUMN, PAGE = 84 / 25.4, 174 / 25.4
 """Widths of a journal's column and page, inches."""
@@ -80,7 +78,6 @@ END: Look = {"ls": "", "marker": "s", "ms": 2.8, "mfc": BLACK, "mec": BLACK, "me
 CROSSING: Look = {"ls": "", "marker": "D", "ms": 3.6, "mfc": YELLOW, "mec": BLACK, "mew": 0.6}
 LAW_LOOK: Look = {"color": BLACK, "lw": 1.0, "ls": (0, (5, 1.5)), "zorder": 4}
 SEPARATRIX: Look = {"color": BLACK, "lw": 0.7, "ls": (0, (3.2, 2.1))}
-HALO = [patheffects.withStroke(linewidth=1.5, foreground="white")]
 
 
 # Drawn by several kinds
@@ -270,7 +267,8 @@ def mark_points(
 ) -> None:
     """Mark start and end (2, 2) and crossings (m, 2) of each of some curves, where they lie in a
     frame (2, 2) if there is one."""
-    number_marks(axes, crossings, frame)
+    size = axes.dataLim.size if frame is None else np.ptp(frame, axis=1)
+    number_marks(axes, crossings, np.asarray(size))
     starts, stops = np.stack(ends, axis=1)
     for style, points in ((START, starts), (END, stops), (CROSSING, np.concatenate(crossings))):
         shown = points[in_frame(frame, points)]
@@ -283,27 +281,22 @@ NUMBER_ROOM = 0.04
 """The part of a panel that a number takes, about 8 points of 200."""
 
 
-def number_marks(
-    axes: Axes, crossings: Sequence[np.ndarray], frame: np.ndarray | None = None
-) -> None:
-    """Give each of several crossings (m, 2) of a curve its number in time; the numbers of those
-    that lie too close together for it stand beside the outermost of them, where they hide no
-    mark."""
-    size = np.asarray(axes.dataLim.size if frame is None else np.ptp(frame, axis=1))
+def number_marks(axes: Axes, crossings: Sequence[np.ndarray], size: np.ndarray) -> None:
+    """Give each of several crossings (m, 2) of a curve its number in time, in a panel of a size
+    (2,); those that lie too close together for it have their numbers beside the outermost."""
     numbered = (enumerate(points, 1) for points in crossings if len(points) > 1)
     together: dict[tuple[float, ...], list[tuple[int, np.ndarray]]] = {}
     for number, point in chain.from_iterable(numbered):
+        if not np.isfinite(point).all():  # it is not in the panel
+            continue
         near = (place for place in together if math.dist(point, place) < NUMBER_ROOM * max(size))
         together.setdefault(next(near, tuple(point)), []).append((number, point))
-    look: Look = {"textcoords": "offset points", "size": "x-small", "path_effects": HALO}
     for marks in together.values():
-        # Upper right, as the numbers stand of it; a variable that is constant puts none there.
+        # Upper right, where numbers stand; a variable that is constant puts none there.
         scale = np.where(size > 0, size, np.inf)
         point = max((point for _, point in marks), key=lambda place: float(sum(place / scale)))
-        if in_frame(frame, point):
-            text = ", ".join(abridged([*map(str, sorted({number for number, _ in marks}))], 6))
-            note = axes.annotate(text, pair(point), (3, 3), zorder=7, **look)
-            note.set_in_layout(False)
+        text = ", ".join(abridged([*map(str, sorted({number for number, _ in marks}))], 6))
+        Words(axes, text, point[None], toward=(1, 1), size="x-small")
 
 
 def in_frame(frame: np.ndarray | None, points: np.ndarray) -> np.ndarray:
@@ -385,6 +378,31 @@ def colour_handles(
     return []
 
 
+def stretches(*keys: np.ndarray) -> list[slice]:
+    """The stretches of a curve on which all keys (n,) are constant, each reaching to the next one's
+    first sample."""
+    # Each stretch reaches the next, or a line would have gaps where its colour changes.
+    table = np.stack(keys, axis=-1)
+    cuts = (np.flatnonzero((table[1:] != table[:-1]).any(axis=-1)) + 1).tolist()
+    return [slice(a, b + 1) for a, b in zip([0, *cuts], [*cuts, len(table)], strict=True)]
+
+
+def windings(curve: np.ndarray) -> float:
+    """The length of a curve (n, 3) in units of its size: about 2 pi for one turn."""
+    size = max(float(np.abs(curve).max()), math.ulp(0))
+    return float(np.linalg.norm(np.diff(curve / size, axis=0), axis=-1).sum())
+
+
+def check_zoom(zoom: float, nearest: float) -> None:
+    """Raise HodoError if curves that come no nearer to the origin than `nearest` are not in a panel
+    that ends at `zoom`."""
+    if nearest >= zoom:
+        raise HodoError(
+            f"zoom: {zoom:g} shows nothing: the curves come no nearer to the origin than "
+            f"{nearest:.4g}"
+        )
+
+
 def crossings_on(motions: Sequence[Motion], curves: Sequence[np.ndarray]) -> list[np.ndarray]:
     """The crossings (m, k) on the curves (n, k) of motions."""
     pairs = zip(motions, curves, strict=True)
@@ -448,35 +466,28 @@ def pair(point: np.ndarray) -> tuple[float, float]:
     return float(point[0]), float(point[1])
 
 
+def names_beside(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[str]:
+    """The names of several motions, where the colours of their curves show something else; else
+    none."""
+    is_named = len(motions) > 1 and spec["colour"] != "case"
+    return [motion.label for motion in motions] if is_named else []
+
+
 def name_curves(
     axes: Axes,
     curves: Sequence[np.ndarray],
-    motions: Sequence[Motion],
-    spec: Mapping[str, Any],
-    frame: np.ndarray | None = None,
-    taken: Sequence[np.ndarray] = (),
+    names: Sequence[str],
+    colours: Sequence[Any] = (),
 ) -> None:
-    """Name the curves (n, 2 or 3) of several motions beside them, within a frame (2, 2) or their
-    panel, where their colours show something else than which motion they are of; the names keep
-    clear of points (m, 2) that are taken, and stay in the region of their curve."""
-    if len(motions) < 2 or spec.get("colour", "axis") == "case":
-        return
-    ends = np.array([axes.get_xlim(), axes.get_ylim()]) if frame is None else frame
-    middle, half = ends.mean(axis=1), np.ptp(ends, axis=1) / 2
-    flat, others = (
-        [np.pad((points[:, :2] - middle) / half, ((0, 0), (0, 1))) for points in lines]
-        for lines in (curves, taken)
-    )
-    shown = [curve[(np.abs(curve) <= 1).all(axis=1)] for curve in flat]
-    named = [i for i, curve in enumerate(shown) if len(curve)]
-    places = places_beside([shown[i] for i in named], others, norm=math.inf)
-    for i, place in zip(named, places, strict=True):
-        look: Look = {"ha": "center", "va": "center", "path_effects": HALO, "zorder": 8}
-        # Half the width of a long name is more than its distance from the edge.
-        width = text_width(motions[i].label, text_size("font.size"))
-        room = max(0.0, 1 - width / room_across(axes))
-        place[0] = np.clip(place[0], -room, room)
-        axes.text(*pair(middle + half * place), motions[i].label, **look)
+    """Name curves (n, 2), in black or in some colours, where each is far from the others."""
+    visible = [curve[np.isfinite(curve).all(axis=1)] for curve in curves]
+    thinned = [curve[:: max(1, len(curve) // 200)] for curve in visible]
+    for i, (curve, name) in enumerate(zip(thinned, names, strict=False)):
+        others = np.concatenate([*thinned[:i], *thinned[i + 1 :], np.full((1, 2), 1e9)])
+        apart = np.hypot(*(curve[:, None] - others).T).min(axis=0)
+        if len(curve):
+            free = curve[apart >= np.quantile(apart, 0.75)]
+            Words(axes, name, free, toward=(0, 1), color=colours[i] if colours else BLACK)
 
 
 def room_across(axes: Axes) -> float:
@@ -611,7 +622,6 @@ def finish_figure(sheet: Sheet, title: str, style: Mapping[str, Any]) -> None:
         sheet.figure.suptitle("\n".join(lines))
     fill_labels(sheet)
     place_legend(sheet, panels, style.get("legend", "below"))
-    set_apart(sheet)
 
 
 def fill_labels(sheet: Sheet) -> None:
@@ -625,30 +635,6 @@ def fill_labels(sheet: Sheet) -> None:
         for axis, length in ((axes.xaxis, across), (axes.yaxis, up)):
             if text := axis.label.get_text():
                 axis.label.set_text(filled(text, length))
-
-
-def set_apart(sheet: Sheet) -> None:
-    """Raise or lower the words beside marks that would be on others or leave their panels, where
-    these are to stand; those that fit nowhere stay at their marks."""
-    if not sheet.notes:
-        return
-    sheet.figure.get_layout_engine().execute(sheet.figure)  # type: ignore[union-attr]
-    taken: list[Bbox] = []
-    for note in sheet.notes:
-        across, up = note.xyann
-        panel = note.axes.bbox  # type: ignore[union-attr]
-        box = note.get_window_extent()
-        inwards = max(panel.x0 - box.x0, min(panel.x1 - box.x1, 0))
-        across += inwards * 72 / sheet.figure.dpi
-        # A panel of any height has fewer lines; 0, 1, -1, 2, -2 and so on.
-        for step in (n // 2 * (-1) ** n for n in range(1, 40)):
-            note.xyann = across, up + step * text_size("legend.fontsize")
-            box = note.get_window_extent()
-            if panel.y0 <= box.y0 and box.y1 <= panel.y1 and not box.count_overlaps(taken):
-                break
-        else:
-            note.xyann = across, up
-        taken.append(note.get_window_extent())
 
 
 def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:

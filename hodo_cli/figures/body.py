@@ -7,10 +7,9 @@ here and the script of the page (`film.js`) know no more than faces, trails and 
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
-from itertools import count as counting
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +26,11 @@ from .. import HodoError
 from ..cases.derived import SPACE_AXES, component_names
 from ..results.in_space import rotations
 from ..results.motion import Motion
-from .artists import AXIS_COLOUR, BLACK, GREY, HALO, PAGE, PURPLE, RED, arrow, pair
+from .artists import AXIS_COLOUR, BLACK, GREY, PAGE, PURPLE, RED, arrow
 from .files import own_page
-from .geometry import View
 from .plane import within_span
-from .sheet import SHEET_STYLE, FormulaCanvas, Look, Sheet, without_tex
+from .sheet import SHEET_STYLE, Look, Sheet, View
+from .words import FormulaCanvas, Words, place_words, without_tex
 
 MOST_SAMPLES = 3000
 """The samples of a film: with 65 bytes each in a page, it has less than 300 kB."""
@@ -191,8 +190,6 @@ def faces(A: np.ndarray, axes: np.ndarray) -> Iterator[MovingPart]:
 def draw_moment(axes: Axes, film: Film, i: int) -> None:
     """Draw the film's sample i into a panel."""
     view = View(film.view)
-    tips: list[np.ndarray] = []
-    arrows: list[MovingPart] = []
     for part in film.parts:
         seen = view(part.points @ film.matrices[i].T if part.of_body else part.points)
         x, y, near = seen.T
@@ -205,13 +202,10 @@ def draw_moment(axes: Axes, film: Film, i: int) -> None:
             axes.plot(x, y, color=part.colour, lw=0.5, alpha=0.3, zorder=2)
             axes.plot(x[: i + 1], y[: i + 1], color=part.colour, lw=0.9, zorder=3)
         else:
-            tips.append(seen[min(i, len(seen) - 1), :2])
-            arrows.append(part)
-            arrow(axes, np.zeros(2), tips[-1], part.colour, zorder=2 if part.role == "axis" else 5)
-    for part, place in zip(arrows, places_of_names(tips), strict=True):
-        look = {"color": part.colour, "ha": "center", "va": "center", "path_effects": HALO}
-        name = re.sub(r"(\d)", r"_\1", part.name)
-        axes.text(*pair(place), f"${name}$", **look, zorder=6)
+            tip = seen[min(i, len(seen) - 1), :2]
+            arrow(axes, np.zeros(2), tip, part.colour, zorder=2 if part.role == "axis" else 5)
+            name = re.sub(r"(\d)", r"_\1", part.name)
+            Words(axes, f"${name}$", tip[None], toward=tip, color=part.colour)
     frame_space(axes)
     symbol, unit = film.words
     axes.set_title(f"${symbol}{film.time[i]:.6g}${unit}", color=BLACK)
@@ -223,26 +217,6 @@ def frame_space(axes: Axes) -> None:
         xlim=(-PICTURE_REACH, PICTURE_REACH), ylim=(-PICTURE_REACH, PICTURE_REACH), aspect="equal"
     )
     axes.set_axis_off()
-
-
-def places_of_names(tips: Iterable[np.ndarray]) -> list[np.ndarray]:
-    """Places (2,) beyond the tips (2,) of arrows, each so far across its arrow, on either side,
-    that it is clear of those before it."""
-    places: list[np.ndarray] = []
-    for tip in tips:
-        ahead = tip / max(float(np.hypot(*tip)), math.ulp(0))
-        beyond, across = tip + 0.08 * ahead, np.array([ahead[1] or 1.0, -ahead[0]])
-        # 0, 1, -1, 2, -2 and so on.
-        steps = (n // 2 * (-1) ** n for n in counting(1))
-        candidates = (beyond + NAME_ROOM * step * across for step in steps)
-        places.append(next(place for place in candidates if is_clear(place, places)))
-    return places
-
-
-def is_clear(place: np.ndarray, others: Sequence[np.ndarray]) -> bool:
-    """Whether a name at a place (2,) is on no other."""
-    # Less than a step across, which is beside a name whose arrow points almost the same way.
-    return all(np.hypot(*(place - other)) > 0.9 * NAME_ROOM for other in others)
 
 
 def key_handles() -> list[Line2D]:
@@ -268,6 +242,7 @@ def moving_artists(film: Film, axes: Axes, count: int) -> Iterator[Sequence[Arti
     lasting = {*axes.get_children()}
     for moment in np.linspace(film.time[0], film.time[-1], count):
         draw_moment(axes, film, int(np.searchsorted(film.time, moment)))
+        place_words(axes.figure, hiding=True)
         moving = [artist for artist in axes.get_children() if artist not in lasting]
         yield [*sorted(moving, key=Artist.get_zorder), axes.title]
         for artist in moving:

@@ -21,7 +21,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
 from ..storage import replacing
-from .sheet import FILMS, FormulaCanvas, Sheet, every_panel, without_tex
+from .sheet import FILMS, Sheet
+from .words import FormulaCanvas, every_panel, without_tex
 
 # Without dates and versions, so that the same results give the same bytes.
 UNDATED: dict[str, dict[str, Any]] = {

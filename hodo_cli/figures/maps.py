@@ -18,6 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from .. import HodoError
 from ..cases.derived import PARTS
 from ..cases.figure_block import AXIS_KEYS, averaged
+from ..models import rigid_body
 from ..models.rigid_body import LABELS, BodyFrame
 from ..models.theory.gyrostat import separatrix_curves
 from ..models.theory.possible_crossings import turning_momenta
@@ -30,7 +31,6 @@ from .artists import (
     BLACK,
     COLUMN,
     GREY,
-    HALO,
     PAGE,
     PURPLE,
     RED,
@@ -41,8 +41,8 @@ from .artists import (
     symbol,
     with_superscripts,
 )
-from .geometry import View, edges, within_separatrix
-from .sheet import Look, Sheet
+from .sheet import Look, Sheet, View
+from .words import HALO
 
 NO_VALUE_COLOUR = "#E4E4E4"
 """The colour of members without a value: a grey that the colour map does not contain."""
@@ -248,6 +248,20 @@ def map_image(
     return {axis_column(swept, spec["x"]): across, axis_column(swept, spec["y"]): up}
 
 
+def edges(values: np.ndarray, ratios: bool) -> np.ndarray:
+    """The edges (n + 1,) of cells about values (n,), half way between them, in even ratios or
+    not."""
+    x = np.log(values) if ratios else values
+    if len(x) == 1:
+        x = np.array([x[0] - 0.5, x[0] + 0.5])
+    else:
+        # The outer edges mirror the inner ones, so that the first and last cell are as wide as
+        # their neighbours.
+        middle = (x[1:] + x[:-1]) / 2
+        x = np.concatenate([[2 * x[0] - middle[0]], middle, [2 * x[-1] - middle[-1]]])
+    return np.asarray(np.exp(x) if ratios else x)
+
+
 def balance(swept: SweepView, x: str, y: str) -> tuple[list[np.ndarray], np.ndarray]:
     """Places along two axes of a sweep, a few of many, and there |G| at the start over that at
     which the sense of crossings turns on the mean; not a number where it does not.
@@ -368,6 +382,16 @@ def sphere_cells(
         nearest = cKDTree(directions[starts]).query(cells[cell_sides == side])[1]
         shown[cell_sides == side] = values[starts][nearest]
     return longitude, latitude, shown
+
+
+def within_separatrix(directions: np.ndarray, A: np.ndarray | None) -> np.ndarray:
+    """Whether D > 0 for directions (..., 3) of G of a body with moments A (3,); False without a
+    body."""
+    if A is None:
+        return np.zeros(directions.shape[:-1], dtype=bool)
+    omega = np.moveaxis(directions / A, -1, 0)
+    outer, inner = rigid_body.separatrix_terms(A, omega, rigid_body.inertia_order(A))
+    return np.asarray(outer > inner)
 
 
 def unbroken(curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,8 +1,7 @@
 """Plane figures: quadrants, series over time, one variable against another, invariants."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from typing import Any
 
@@ -10,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Wedge
-from matplotlib.text import Annotation
 
 from .. import HodoError
 from ..engines.protocol import EPS
@@ -27,19 +25,18 @@ from .artists import (
     CROSSING,
     END,
     GREY,
-    HALO,
     LAW_LOOK,
     PAGE,
     SEPARATRIX,
     axis_handles,
     axis_label,
     case_handles,
+    check_zoom,
     crossings_on,
     formula_in_tex,
     labelled_styles,
     mark_handles,
     mark_points,
-    pair,
     plane_curves,
     room_across,
     styles,
@@ -48,8 +45,8 @@ from .artists import (
     unit,
     unit_after,
 )
-from .geometry import check_zoom, clearest
-from .sheet import Look, Sheet, text_size, text_width
+from .sheet import Look, Sheet
+from .words import Words, text_lines, text_size, text_width
 
 
 def check_one_body(motions: Sequence[Motion]) -> None:
@@ -82,7 +79,7 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     panels = sheet.panels(*size, len(limits), len(limits))
     for axes, limit in zip(panels, limits, strict=True):
         frame = np.array([[0, limit], [0, limit]])
-        regions(axes, motions[0], limit, np.concatenate(curves), axes is not panels[0])
+        regions(axes, motions[0], limit, axes is not panels[0])
         plane_curves(axes, spec, motions, curves, crossings, frame)
     if zoom is not None:
         panels[1].set(title="enlarged")
@@ -95,36 +92,24 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     sheet.legend += axis_handles(motions) + lines + marks
 
 
-def regions(
-    axes: Axes, motion: Motion, limit: float, points: np.ndarray, is_enlarged: bool
-) -> None:
-    """The regions A and B below and above the diagonal, shaded and named, up to a limit; the names
-    keep clear of the points (n, 2) that are drawn."""
-    width = room_across(axes)
-    words_half = text_width("A (about $x_1$)", text_size("font.size")) / 2 / width
+def regions(axes: Axes, motion: Motion, limit: float, is_enlarged: bool) -> None:
+    """The regions A and B below and above the diagonal, shaded and named, up to a limit."""
     # In a narrow panel, or an enlarged one, whose curves lie wide apart, a letter finds its place.
-    is_short = is_enlarged or words_half > 0.25
-    form, half = ("{}", 0.04) if is_short else ("{} (about $x_{}$)", max(0.17, words_half))
-    half = max(half, text_width("A", text_size("font.size")) / width)
+    width = text_width("A (about $x_1$)", text_size("font.size"))
+    is_short = is_enlarged or width > 0.5 * room_across(axes)
+    places = np.stack(np.meshgrid(*2 * [np.linspace(0, limit, 12)]), axis=-1).reshape(-1, 2)
+    below = places[:, 0] - places[:, 1]
+    farthest = np.argsort(-np.abs(below), kind="stable")
     largest, _, smallest = motion.order
-    axes.add_patch(
-        Polygon([(0, 0), (limit, limit), (limit, 0)], fc=AXIS_COLOUR[largest + 1], alpha=0.1, lw=0)
-    )
-    axes.add_patch(
-        Polygon([(0, 0), (limit, limit), (0, limit)], fc=AXIS_COLOUR[smallest + 1], alpha=0.1, lw=0)
-    )
+    for name, axis, corner, inside in (
+        ("A", largest, (limit, 0), below > 0),
+        ("B", smallest, (0, limit), below < 0),
+    ):
+        triangle = [(0, 0), (limit, limit), corner]
+        axes.add_patch(Polygon(triangle, fc=AXIS_COLOUR[axis + 1], alpha=0.1, lw=0))
+        words = name if is_short else f"{name} (about $x_{axis + 1}$)"
+        Words(axes, words, places[farthest[inside[farthest]]], size="medium")
     axes.plot([0, limit], [0, limit], color=BLACK, lw=0.7)
-    look: Look = {"xycoords": "axes fraction", "size": "medium", "path_effects": HALO, "zorder": 7}
-    across, up = np.linspace(half, 1 - half, 25), np.linspace(0.05, 0.95, 25)
-    candidates = np.stack(np.meshgrid(across, up), -1).reshape(-1, 2)
-    # The ends of a name must be inside its region too.
-    side, room = candidates[:, 0] - candidates[:, 1], half + 0.05
-    # The farther from the diagonal the better, if the name has some room beside the curves.
-    farthest = np.argsort(-np.abs(side), kind="stable")
-    for name, axis, sign in (("A", largest, 1), ("B", smallest, -1)):
-        inside = candidates[farthest][sign * side[farthest] > room]
-        centre = inside[clearest(points / limit, inside, half + 0.06)]
-        axes.annotate(form.format(name, axis + 1), pair(centre), ha="center", va="center", **look)
     p, r = "pqr"[largest], "pqr"[smallest]
     axes.set(
         xlabel=f"${p}^2$ {unit(motion, 'omega', 2)}", ylabel=f"$K{r}^2$ {unit(motion, 'omega', 2)}"
@@ -208,7 +193,7 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]
         for axes, curves in zip(panels, groups.values(), strict=True):
             for motion in {motion.name: motion for motion, _ in curves}.values():
                 names_of = [name for other, name in curves if other is motion]
-                sheet.notes += event_marks(axes, motion, names_of, spec)
+                event_marks(axes, motion, names_of, spec)
     handles = passage_handles(motions) if spec["passages"] else []
     for name, law in spec["formula"].items():
         words = f"${symbol(name)} = {formula_in_tex(law, spec['time'])}$"
@@ -329,16 +314,15 @@ def passage_handles(motions: Sequence[Motion]) -> list[Line2D]:
     ]
 
 
-def event_marks(
-    axes: Axes, motion: Motion, names: Sequence[str], spec: Mapping[str, Any]
-) -> Iterator[Annotation]:
+def event_marks(axes: Axes, motion: Motion, names: Sequence[str], spec: Mapping[str, Any]) -> None:
     """Mark the events of a motion on its curves in a panel: with the value there, or with the time
-    for all that are nearly zero. Yields these words."""
+    for all that are nearly zero."""
     first, last = spec["span"] or (motion.time[0], motion.time[-1])
     for kind, when in ((kind, when) for kind, when in motion.events if first <= when <= last):
         values = {name: float(np.interp(when, motion.time, motion[name])) for name in names}
-        peaks = {name: np.abs(motion[name]).max() for name in names}
-        vanishing = [name for name in names if abs(values[name]) <= 1e-3 * peaks[name]]
+        vanishing = [
+            name for name in names if abs(values[name]) <= 1e-3 * np.abs(motion[name]).max()
+        ]
         others = [name for name in names if name not in vanishing]
         words = {name: f"${symbol(name)} = {values[name]:#.4g}$" for name in others}
         if vanishing:
@@ -348,28 +332,11 @@ def event_marks(
         # One colour, or the legend would have the marks of each case.
         marks: Look = {**END, "color": BLACK, "clip_on": False, "zorder": 5}
         axes.plot([when] * len(names), [*values.values()], **marks, label=kind.replace("_", " "))
-        # Behind the curve's end, which no curve of the same shape passes, if the panel has room.
-        width_of = partial(text_width, size=text_size("legend.fontsize"))
-        left, right = axes.get_xlim()
-        width = axes.bbox.width * 72 / axes.figure.dpi
-        room = width * (right - when) / (right - left)
         for name, line in words.items():
-            fits = width_of(line) < max(room, width - room)
-            text = line if fits else line.replace(" at ", "\nat ")
-            early = max(map(width_of, text.splitlines())) < room
-            below = values[name] > 0.9 * peaks[name]
-            yield axes.annotate(
-                text,
-                (when, values[name]),
-                (3 if early else -3, -4 if below else 4),
-                textcoords="offset points",
-                size="small",
-                ha="left" if early else "right",
-                va="top" if below else "bottom",
-                path_effects=HALO,
-                zorder=7,
-                in_layout=False,
-            )
+            lines = text_lines(line, 0.6 / 72 * room_across(axes), text_size("legend.fontsize"))
+            # Behind the curve's end, which no curve of the same shape passes.
+            point = np.array([[when, values[name]]])
+            Words(axes, "\n".join(lines), point, toward=(1, 1), size="small")
 
 
 def inset(
@@ -455,17 +422,9 @@ def shade_sides(axes: Axes, motion: Motion) -> None:
     for axis in (motion.order[0], motion.order[2]):
         end = motion.inertia[axis] - middle
         axes.axhspan(*sorted((0, end)), fc=AXIS_COLOUR[axis + 1], alpha=0.1, lw=0)
-        # Beside the upper or the lower edge, in the corner that the curve is farther from.
-        late = abs(motion["D/2T"][-1] - end) > abs(motion["D/2T"][0] - end)
-        axes.annotate(
-            f"about $x_{axis + 1}$",
-            (0.97 if late else 0.03, end),
-            (0, -4 if end > 0 else 4),
-            xycoords=("axes fraction", "data"),
-            textcoords="offset points",
-            ha="right" if late else "left",
-            va="top" if end > 0 else "bottom",
-        )
+        places = np.linspace(motion.time[0], motion.time[-1], 40)
+        edge = np.stack([places, np.full(40, end)], axis=-1)
+        Words(axes, f"about $x_{axis + 1}$", edge, toward=(0, -1 if end > 0 else 1))
 
 
 def energy_bounds(energy: Axes, square: Axes, motion: Motion) -> None:

@@ -2,34 +2,27 @@
 
 import csv
 import io
-import re
+import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any
-from unicodedata import normalize
 
 import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cbook import is_math_text
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
-from matplotlib.mathtext import MathTextParser
 from matplotlib.patches import Patch
-from matplotlib.text import Annotation
-from matplotlib.ticker import LogFormatterSciNotation, ScalarFormatter
 
 from .. import HodoError
 from ..results.motion import Motion
-from .geometry import View
+from .words import place_words, without_tex
 
 Look = dict[str, Any]
 
@@ -60,6 +53,27 @@ class DrawnCurve:
 
     curve: str
     values: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class View:
+    """An orthographic view, so that all axes have one scale, from an elevation above the x1 x2
+    plane and an azimuth from x1, degrees."""
+
+    angles: tuple[float, float]
+
+    @cached_property
+    def matrix(self) -> np.ndarray:
+        """The directions right, up and toward the reader (3, 3), in body axes."""
+        e, a = map(math.radians, self.angles)
+        right = (-math.sin(a), math.cos(a), 0)
+        up = (-math.sin(e) * math.cos(a), -math.sin(e) * math.sin(a), math.cos(e))
+        near = (math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e))
+        return np.array([right, up, near])
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 3) in body axes as (right, up, toward the reader)."""
+        return np.asarray(points @ self.matrix.T)
 
 
 @dataclass(frozen=True)
@@ -142,7 +156,8 @@ NARROWEST = 40 / 25.4
 
 
 class Layout(ConstrainedLayoutEngine):
-    """The layout of matplotlib; where it finds no room, it refuses the figure."""
+    """The layout of matplotlib, after which words find their places; where it finds no room for the
+    panels, it refuses the figure."""
 
     def execute(self, fig: Figure) -> None:
         with warnings.catch_warnings():
@@ -156,6 +171,7 @@ class Layout(ConstrainedLayoutEngine):
                     f"style: {width:.0f} mm by {height:.0f} mm have no room for the panels beside "
                     "their words: a larger width or height has, or a smaller font_size"
                 ) from None
+        place_words(fig)
 
 
 @dataclass
@@ -173,8 +189,6 @@ class Sheet:
     legend: list[Line2D | Patch] = field(default_factory=list)
     """The entries of the legend, which is placed when all panels are drawn, besides the labelled
     lines of the panels."""
-    notes: list[Annotation] = field(default_factory=list)
-    """The words beside marks, which are set apart when all panels have their places."""
     units: Callable[[str], str] = field(default=lambda column: "1")
     """The units of a column of values, by its name."""
     time: str = "t"
@@ -240,190 +254,7 @@ class Sheet:
         return text.getvalue()
 
 
-GREEK = (
-    *("alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda"),
-    *("mu", "nu", "xi", "rho", "sigma", "tau", "phi", "chi", "psi", "omega", "infty"),
-)
-TEX_LETTERS = {
-    rf"\{name}": letter for name, letter in zip(GREEK, "αβγδεζηθκλμνξρστφχψω∞", strict=True)
-}
-"""The letters of the literature in texts that are not set."""
-
-
-def without_tex(text: str) -> str:
-    """A label as plain text: for tables, and for pages, where a script that sets formulas would
-    have to be fetched."""
-
-    def letters(formula: re.Match[str]) -> str:
-        plain = formula[1].replace(r"\var", "\\")
-        for tex, letter in TEX_LETTERS.items():
-            plain = plain.replace(tex, letter)
-        return re.sub(r"[_{}\\]", "", plain)
-
-    return re.sub(r"\$([^$]*)\$", letters, text)
-
-
-RAISED, LOWERED = "⁰¹²³⁴-⁹⁺⁻", "₀-₉₊₋"
-"""Digits in texts that the fonts of formulas lack."""
-
-
-def slanted(text: str) -> str:
-    """A text whose Greek letters, and whose raised and lowered digits, are set as in formulas."""
-    if text.count("$") % 2:  # a sum of money, and no formula
-        return text
-    pieces = rf"(\$[^$]*\$)|([α-ω{RAISED}{LOWERED}]+)"
-    text = re.sub(pieces, lambda piece: piece[1] or f"${piece[2]}$", text)
-    return re.sub(f"[{RAISED}]+|[{LOWERED}]+", in_tex, text)
-
-
-def in_tex(digits: re.Match[str]) -> str:
-    """Raised or lowered digits in TeX."""
-    return f"{'_' if digits[0] >= '₀' else '^'}{{{normalize('NFKC', digits[0])}}}"
-
-
 def _cell(value: object) -> object:
     """A cell of a table; a text that a spreadsheet would compute is quoted."""
     is_formula = isinstance(value, str) and value.startswith(("=", "+", "-", "@"))
     return f"'{value}" if is_formula else value
-
-
-# Before matplotlib 3.11 they set formulas as images, which their parsers call otherwise.
-SET_FOR: Any = "path" if matplotlib.__version_info__ >= (3, 11) else "agg"
-"""What a canvas of pixels takes of a formula."""
-
-
-@lru_cache(maxsize=1024)
-def _formula(text: str, dpi: float, font: FontProperties | None, fonts: str) -> Any:
-    return MathTextParser(SET_FOR).parse(text, dpi, font)
-
-
-class CachedMathText(MathTextParser):  # type: ignore[type-arg]
-    """Sets formulas, and keeps them: figures share most of their labels, to set one takes some
-    milliseconds, and matplotlib's own parser forgets with every figure."""
-
-    def parse(
-        self,
-        s: str,
-        dpi: float = 72,
-        prop: FontProperties | None = None,
-        *,
-        antialiased: bool | None = None,
-    ) -> Any:
-        """What is drawn of a text with formulas; `antialiased` is for images of single formulas."""
-        # A copy, because a text may change its font later.
-        # The letters of formulas may come from other fonts in another figure.
-        return _formula(s, dpi, prop and prop.copy(), matplotlib.rcParams["mathtext.it"])
-
-
-FORMULAS = CachedMathText(SET_FOR)
-
-
-class FormulaCanvas(FigureCanvasAgg):
-    """A canvas of pixels that sets formulas by `FORMULAS`."""
-
-    def get_renderer(self) -> Any:
-        """The renderer of the figure."""
-        renderer = super().get_renderer()  # type: ignore[no-untyped-call]
-        renderer.mathtext_parser = FORMULAS
-        return renderer
-
-
-def text_width(text: str, size: float) -> float:
-    """The width in points of a text of a size. Raises HodoError if its formulas, between dollar
-    signs, cannot be set within the parameters of its figure."""
-    dpi: float = matplotlib.rcParams["savefig.dpi"]
-    # Dollars that are no pair are sums of money.
-    formula = text if is_math_text(text) else text.replace("$", r"\$")
-    try:
-        # Before drawing: matplotlib would find a mistake only when it saves, and not say which text
-        # is meant. Set as it will be drawn, a formula is set only once.
-        parsed = FORMULAS.parse(formula, dpi, FontProperties(size=size))
-    except ValueError as error:
-        what = str(error).strip().splitlines()[-1]
-        raise HodoError(f"{text!r} is not TeX that matplotlib knows ({what})") from None
-    return 72 / dpi * float(parsed.width)
-
-
-def text_lines(text: str, width: float, size: float) -> list[str]:
-    """A text of a size in lines that fit into a width in inches, with no formula broken. Raises
-    HodoError as `text_width` does."""
-    # The whole first: a line that fits is set only once.
-    if text_width(text, size) <= 72 * width:
-        return [text]
-    lines: list[str] = []
-    # matplotlib's own wrapping breaks lines at the spaces inside formulas too.
-    for word in re.findall(r"(?:\$[^$]*\$|\S)+", text):
-        if lines and text_width(longer := f"{lines[-1]} {word}", size) <= 72 * width:
-            lines[-1] = longer
-        else:
-            lines.append(word)
-    return lines
-
-
-def text_size(name: str) -> float:
-    """The size in points of a text, by the name of matplotlib's parameter."""
-    parameters: Any = matplotlib.rcParams
-    return float(FontProperties(size=parameters[name]).get_size_in_points())
-
-
-class TickText(ScalarFormatter):
-    """Numbers at ticks as plain text, and as a formula only the factor that is common to all: to
-    set a formula takes ten times as long, and a number looks the same."""
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        return super().__call__(x, pos).removeprefix(r"$\mathdefault{").removesuffix("}$")
-
-
-class PowerText(LogFormatterSciNotation):
-    """Numbers at the ticks of a logarithmic axis, as many as have room; matplotlib counts decades,
-    however small their panel is."""
-
-    def format_ticks(self, values: Any) -> list[str]:
-        axis: Any = self.axis
-        texts, taken = super().format_ticks(values), []
-        # The powers of ten come first: those between them keep clear of them.
-        if (powers := axis.get_major_formatter()) is not self:
-            places = axis.get_majorticklocs()
-            named = zip(places, powers.format_ticks(places), strict=True)
-            taken = [tick_room(axis, *tick) for tick in named if tick[1]]
-        for i, tick in enumerate(zip(values, texts, strict=True)):
-            low, high = tick_room(axis, *tick)
-            if all(high <= start or end <= low for start, end in taken):
-                taken += [(low, high)] if tick[1] else []
-            else:
-                texts[i] = ""
-        return texts
-
-
-def tick_room(axis: Any, value: float, text: str) -> tuple[float, float]:
-    """The ends of the room that the number at a tick takes along its axis, points."""
-    size = text_size(f"{axis.axis_name}tick.labelsize")
-    is_across = axis.axis_name == "x"
-    transform = getattr(axis.axes, f"get_{axis.axis_name}axis_transform")()
-    across, up = transform.transform((value, 0) if is_across else (0, value))
-    middle = 72 / axis.axes.get_figure().dpi * float(across if is_across else up)
-    half = text_width(text, size) / 2 + 0.2 * size if is_across else 0.6 * size
-    return middle - half, middle + half
-
-
-def lighten(figure: Figure) -> None:
-    """Give every axis whose ticks are plain numbers their `TickText`, every logarithmic one its
-    `PowerText`, and spare the layout what takes no room."""
-    for axes in every_panel(figure.axes):
-        for axis in (axes.xaxis, axes.yaxis):
-            if type(axis.get_major_formatter()) is ScalarFormatter:
-                axis.set_major_formatter(TickText())
-            if type(minor := axis.get_minor_formatter()) is LogFormatterSciNotation:
-                axis.set_major_formatter(PowerText())
-                axis.set_minor_formatter(PowerText(labelOnlyBase=minor.labelOnlyBase))
-        # They lie on the edge of their panel, and are slow to measure.
-        for spine in axes.spines.values():
-            spine.set_in_layout(False)
-
-
-def every_panel(panels: Iterable[Any]) -> Iterator[Axes]:
-    """Panels, and the insets in them."""
-    # Not by `findobj`, which would make the ticks of a scale that is not final yet.
-    for axes in panels:
-        yield axes
-        yield from every_panel(axes.child_axes)

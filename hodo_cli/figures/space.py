@@ -22,13 +22,13 @@ from .artists import (
     CROSSING,
     END,
     GREY,
-    HALO,
     PAGE,
     SEPARATRIX,
     START,
     arrow,
     axis_label,
     case_handles,
+    check_zoom,
     colour_handles,
     crossings_on,
     heading,
@@ -36,24 +36,18 @@ from .artists import (
     mark_handles,
     mark_points,
     name_curves,
+    names_beside,
     number_marks,
     pair,
     palettes,
     plane_curves,
+    stretches,
     styles,
     unit,
-)
-from .geometry import (
-    View,
-    check_zoom,
-    clearest,
-    graticule,
-    places_beside,
-    round_step,
-    stretches,
     windings,
 )
-from .sheet import Look, Scene, Sheet
+from .sheet import Look, Scene, Sheet, View
+from .words import HALO, Words
 
 
 def hodograph(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
@@ -69,7 +63,6 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     size = float(np.maximum(up, down).max()) or 1.0
     reach = np.stack([np.maximum(1.15 * up, 0.45 * size), np.maximum(1.05 * down, 0.12 * size)])
     seen = np.concatenate([view(motion.G)[:, :2] for motion in motions])
-    reach[0] = clear_lengths(view, reach[0], seen, float(np.ptp(seen, axis=0).max()))
     frame = extent(np.concatenate([seen, *(view(arms)[:, :2] for arms in tips(reach))]))
     main, *others = hodograph_panels(sheet, frame, 1 + (zoom is not None) + len(planes))
     names = [axis_label(f"G.x{i}", motions[0]) for i in (1, 2, 3)]
@@ -77,35 +70,13 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     if zoom is not None:
         check_zoom(zoom, min(float(np.abs(motion.G).max(axis=1).min()) for motion in motions))
         window = np.array([[-1.25, 1.25], [-1.25, 1.25]]) * zoom
-        near = np.full((2, 3), zoom)
-        near[0] = clear_lengths(view, near[0], seen, 2.5 * zoom)
         scene = sheet.scene(others[0], view, names, reach=zoom)
-        space(others[0], scene, motions, spec, near, window)
+        space(others[0], scene, motions, spec, np.full((2, 3), zoom), window)
         others[0].set(title=f"enlarged, to $|G_i| = {zoom:g}$")
     for axes, plane in zip(others[zoom is not None :], planes, strict=True):
         projection(axes, motions, spec, plane)
     handles = colour_handles(sheet, [main, *others], motions, spec)
     sheet.legend += handles + mark_handles(motions, spec["time"], wide=bool(others))
-
-
-ARM_STRETCHES = np.linspace(1, 1.25, 6)
-"""By how much an arm of the body axes may be longer, so that its name is on no curve; more would
-leave an enlarged panel."""
-
-
-def clear_lengths(view: View, lengths: np.ndarray, seen: np.ndarray, width: float) -> np.ndarray:
-    """Lengths (3,) of the positive body axes, each a little longer if its name would be on the
-    curves in view (n, 2), in a panel of some width.
-    """
-    # A name stands a thirtieth of a panel beyond its arm, and is half as large.
-    beyond, room = 0.03 * width, 0.025 * width
-    cleared = []
-    for along, length in zip(view(np.eye(3))[:, :2], lengths, strict=True):
-        # An axis that points at the reader has no direction on the page.
-        outward = along / max(float(np.hypot(*along)), math.ulp(0))
-        ends = ARM_STRETCHES[:, None] * length * along + beyond * outward
-        cleared.append(length * ARM_STRETCHES[clearest(seen, ends, room)])
-    return np.array(cleared)
 
 
 def tips(reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -116,7 +87,7 @@ def tips(reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def extent(seen: np.ndarray) -> np.ndarray:
     """((left, right), (bottom, top)) of points (n, 2) in view, with a margin."""
     lo, hi = seen.min(axis=0), seen.max(axis=0)
-    margin = 0.05 * (hi - lo).max()
+    margin = 0.07 * (hi - lo).max()
     return np.stack([lo - margin, hi + margin], axis=-1)
 
 
@@ -159,15 +130,14 @@ def space(
             scene.add(motion.G[[i]], **look)
         times = [f"crossing at {time:.12g}" for time in motion.crossing_time]
         scene.add(marked[place][2:], texts=times, **CROSSING)
-        views[place] = np.where((shown >= 0)[:, None], seen, np.nan)
+        views[place] = np.where((shown >= 0)[:, None], seen[:, :2], np.nan)
         if not cut:
             heading(axes, seen[:, :2], colours[code[0]], 0.12 * near)
     places = [
         np.where(boxed(x, scene.reach)[:, None], scene.view(x)[:, :2], np.nan) for x in marked
     ]
     mark_points(axes, [x[:2] for x in places], [x[2:] for x in places], frame)
-    arms = scene.view(tips(reach)[0])
-    name_curves(axes, [views[i] for i in range(len(motions))], motions, spec, frame, [arms])
+    name_curves(axes, [views[i] for i in range(len(motions))], names_beside(motions, spec))
     axes.set(xlim=frame[0], ylim=frame[1], aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set(visible=cut, color="#BBBBBB")
 
@@ -200,8 +170,7 @@ def space_curve(
 def body_axes(axes: Axes, scene: Scene, reach: np.ndarray) -> None:
     """The axes of G1, G2, G3 through the origin, of lengths `reach` (2, 3), named, with round
     values marked."""
-    # Some are longer only for their names.
-    step = round_step(float(reach.max()) / ARM_STRETCHES[-1])
+    step = round_step(float(reach.max()))
     for i, (tip, tail) in enumerate(zip(*tips(reach), strict=True)):
         arm(axes, scene, tail, tip, f"G_{i + 1}")
         counts = np.arange(-int(reach[1, i] / step), int(0.87 * reach[0, i] / step) + 1)
@@ -225,6 +194,12 @@ def body_axes(axes: Axes, scene: Scene, reach: np.ndarray) -> None:
             )
 
 
+def round_step(size: float) -> float:
+    """A round spacing, 1, 2 or 5 times a power of ten, of two to five marks up to `size` > 0."""
+    power = 10.0 ** math.floor(math.log10(size / 2))
+    return max(m * power for m in (1, 2, 5) if m * power <= size / 2)
+
+
 def arm(
     axes: Axes, scene: Scene, tail: np.ndarray, tip: np.ndarray, name: str, zorder: float = 1
 ) -> None:
@@ -232,17 +207,7 @@ def arm(
     texts = ["", f"${name}$"]
     begin, end = scene.add(np.stack([tail, tip]), texts=texts, color=GREY, lw=0.5)[:, :2]
     arrow(axes, begin, end, GREY, zorder)
-    beyond = 6 * end / max(float(np.hypot(*end)), math.ulp(0))
-    axes.annotate(
-        f"${name}$",
-        pair(end),
-        pair(beyond),
-        textcoords="offset points",
-        ha="center",
-        va="center",
-        zorder=7,
-        path_effects=HALO,
-    )
+    Words(axes, f"${name}$", end[None], toward=end)
 
 
 def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], plane: str) -> None:
@@ -250,7 +215,7 @@ def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], p
     i, j = int(plane[1]) - 1, int(plane[3]) - 1
     curves = [motion.G[:, [i, j]] for motion in motions]
     plane_curves(axes, spec, motions, curves, crossings_on(motions, curves))
-    name_curves(axes, curves, motions, spec)
+    name_curves(axes, curves, names_beside(motions, spec))
     axes.set(
         xlabel=axis_label(f"G.x{i + 1}", motions[0]),
         ylabel=axis_label(f"G.x{j + 1}", motions[0]),
@@ -328,11 +293,8 @@ def draw_sphere(
     axes.add_patch(Circle((0, 0), 1, fc="#F8F8F8", ec=GREY, lw=0.6, zorder=1.1))
     for line in graticule():
         on_sphere(axes, scene.add(line, **GRATICULE), **GRATICULE)
-    drawn = [view(curve.directions) for curve in curves]
-    seen = np.concatenate([curve[:, :2] for curve in drawn])
-    lengths = clear_lengths(view, np.full(3, 1.2), seen[np.isfinite(seen).all(axis=-1)], 2.2)
-    for foot, length, name in zip(np.eye(3), lengths, arms, strict=True):
-        arm(axes, scene, foot, length * foot, name, zorder=5 if view(foot)[2] > 0 else 1)
+    for foot, name in zip(np.eye(3), arms, strict=True):
+        arm(axes, scene, foot, 1.2 * foot, name, zorder=5 if view(foot)[2] > 0 else 1)
     motions = [curve.motion for curve in curves]
     is_trace, by_case = spec["kind"] == "axis-trace", spec["colour"] == "case"
     shades = styles(len(curves), spec["styles"])
@@ -345,7 +307,7 @@ def draw_sphere(
     # A single motion is named by its title.
     named = curves if len(curves) > 1 or is_trace else []
     crossings = crossings_on(motions, [curve.directions for curve in curves])
-    number_marks(axes, [view(crossed)[:, :2] for crossed in crossings])
+    number_marks(axes, [view(crossed)[:, :2] for crossed in crossings], np.full(2, 2.0))
     drawn_curves = zip(curves, crossings, palettes(motions, spec), strict=True)
     for curve, crossed, (colours, code) in drawn_curves:
         components = dict(zip(curve.columns, curve.directions.T, strict=True))
@@ -355,26 +317,48 @@ def draw_sphere(
         for piece in stretches(code):
             on_sphere(axes, points[piece], color=colours[code[piece.start]], lw=1.1)
         heading(axes, points[:, :2], colours[code[0]], 0.15)
-        ends = [(START, curve.directions[:1]), (END, curve.directions[-1:])]
-        for look, places in ((CROSSING, crossed), *(ends if is_trace else ends[:1])):
+        moving = curve.directions[np.isfinite(curve.directions).all(axis=1)]
+        for look, places in ((CROSSING, crossed), (START, moving[:1]), (END, moving[-1:])):
             for x, y, near in scene.add(places, **look):
                 axes.plot(x, y, **look, alpha=1 if near > 0 else 0.4, zorder=6)
         if named:
             # In space it stands beside the start, where it is on no side of the page.
             scene.add(1.08 * curve.directions[:1], texts=[curve.label], lw=0)
-    for curve, shade, free in zip(named, shades, places_beside(drawn, lines), strict=False):
-        look = {"ha": "center", "va": "center", "path_effects": HALO}
-        colour = shade["color"] if by_case else BLACK
-        axes.text(*pair(free), curve.label, color=colour, zorder=8, **look)
+    shown = [within_globe(view(curve.directions)) for curve in named]
+    tints = [shade["color"] for shade in shades] if by_case else []
+    name_curves(axes, shown, [curve.label for curve in named], tints)
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
     axes.set_axis_off()
     # The curves of a sphere have their names beside them alone.
     handles = [] if by_case else colour_handles(sheet, [axes], motions, spec)
     if by_case and is_trace:
         handles = case_handles([curve.label for curve in curves], spec["styles"], solid=True)
-    start, end, *crossing = mark_handles(motions, spec["time"])
     handles += [Line2D([], [], **look, label=words) for words, look, _ in bodies]
-    sheet.legend += [*handles, start, *([end] if is_trace else []), *crossing]
+    sheet.legend += handles + mark_handles(motions, spec["time"])
+
+
+def graticule() -> list[np.ndarray]:
+    """Parallels and meridians of the unit sphere about x3, 30 degrees apart, (181, 3) each."""
+    turn = np.linspace(0, 2 * np.pi, 181)
+    c, s = np.cos(turn), np.sin(turn)
+    latitudes, longitudes = np.radians(np.arange(-60, 90, 30)), np.radians(np.arange(0, 180, 30))
+    parallels = [
+        np.stack([math.cos(b) * c, math.cos(b) * s, math.sin(b) + 0 * c], axis=-1)
+        for b in latitudes
+    ]
+    meridians = [np.stack([math.cos(a) * c, math.sin(a) * c, s], axis=-1) for a in longitudes]
+    return parallels + meridians
+
+
+NAMES_WITHIN = 0.85
+"""How far from the middle of a globe a curve is named."""
+
+
+def within_globe(seen: np.ndarray) -> np.ndarray:
+    """The points (m, 2) of a curve in view (n, 3) on the reader's side and not near its edge; all
+    if there is none."""
+    is_within = (seen[:, 2] > 0) & (np.hypot(*seen.T[:2]) < NAMES_WITHIN)
+    return seen[is_within if is_within.any() else slice(None), :2]
 
 
 GRATICULE: Look = {"color": "#C8C8C8", "lw": 0.35}
@@ -394,7 +378,7 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion])
         sheet.record(motion.label, {"time": motion.time, **values})
     plane_curves(axes, spec, motions, curves, crossings_on(motions, curves))
     axes.plot(0, 0, marker="+", ms=6, color=BLACK, ls="")
-    name_curves(axes, curves, motions, spec)
+    name_curves(axes, curves, names_beside(motions, spec))
     along_z = np.abs(np.array(planes) - np.eye(2, 3)).max() < ALONG_ANGLE
     prime = "" if along_z else "'"
     labels = [f"$\\omega_{{{letter}{prime}}}$ {unit(motions[0], 'omega')}" for letter in "xy"]

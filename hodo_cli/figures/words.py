@@ -1,0 +1,303 @@
+"""Words in figures: formulas, the room that texts take, numbers at ticks, and places of words."""
+
+import math
+import re
+from collections.abc import Iterable, Iterator
+from functools import lru_cache
+from operator import itemgetter
+from typing import Any
+from unicodedata import normalize
+
+import matplotlib.style
+import numpy as np
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
+from matplotlib.cbook import is_math_text
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.mathtext import MathTextParser
+from matplotlib.text import Annotation
+from matplotlib.ticker import LogFormatterSciNotation, ScalarFormatter
+
+from .. import HodoError
+
+GREEK = (
+    *("alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda"),
+    *("mu", "nu", "xi", "rho", "sigma", "tau", "phi", "chi", "psi", "omega", "infty"),
+)
+TEX_LETTERS = {
+    rf"\{name}": letter for name, letter in zip(GREEK, "αβγδεζηθκλμνξρστφχψω∞", strict=True)
+}
+"""The letters of the literature in texts that are not set."""
+
+
+def without_tex(text: str) -> str:
+    """A label as plain text: for tables, and for pages, where a script that sets formulas would
+    have to be fetched."""
+
+    def letters(formula: re.Match[str]) -> str:
+        plain = formula[1].replace(r"\var", "\\")
+        for tex, letter in TEX_LETTERS.items():
+            plain = plain.replace(tex, letter)
+        return re.sub(r"[_{}\\]", "", plain)
+
+    return re.sub(r"\$([^$]*)\$", letters, text)
+
+
+RAISED, LOWERED = "⁰¹²³⁴-⁹⁺⁻", "₀-₉₊₋"
+"""Digits in texts that the fonts of formulas lack."""
+
+
+def slanted(text: str) -> str:
+    """A text whose Greek letters, and whose raised and lowered digits, are set as in formulas."""
+    if text.count("$") % 2:  # a sum of money, and no formula
+        return text
+    pieces = rf"(\$[^$]*\$)|([α-ω{RAISED}{LOWERED}]+)"
+    text = re.sub(pieces, lambda piece: piece[1] or f"${piece[2]}$", text)
+    return re.sub(f"[{RAISED}]+|[{LOWERED}]+", in_tex, text)
+
+
+def in_tex(digits: re.Match[str]) -> str:
+    """Raised or lowered digits in TeX."""
+    return f"{'_' if digits[0] >= '₀' else '^'}{{{normalize('NFKC', digits[0])}}}"
+
+
+# Before matplotlib 3.11 they set formulas as images, which their parsers call otherwise.
+SET_FOR: Any = "path" if matplotlib.__version_info__ >= (3, 11) else "agg"
+"""What a canvas of pixels takes of a formula."""
+
+
+@lru_cache(maxsize=1024)
+def _formula(text: str, dpi: float, font: FontProperties | None, fonts: str) -> Any:
+    return MathTextParser(SET_FOR).parse(text, dpi, font)
+
+
+class CachedMathText(MathTextParser):  # type: ignore[type-arg]
+    """Sets formulas, and keeps them: figures share most of their labels, to set one takes some
+    milliseconds, and matplotlib's own parser forgets with every figure."""
+
+    def parse(
+        self,
+        s: str,
+        dpi: float = 72,
+        prop: FontProperties | None = None,
+        *,
+        antialiased: bool | None = None,
+    ) -> Any:
+        """What is drawn of a text with formulas; `antialiased` is for images of single formulas."""
+        # A copy, because a text may change its font later.
+        # The letters of formulas may come from other fonts in another figure.
+        return _formula(s, dpi, prop and prop.copy(), matplotlib.rcParams["mathtext.it"])
+
+
+FORMULAS = CachedMathText(SET_FOR)
+
+
+class FormulaCanvas(FigureCanvasAgg):
+    """A canvas of pixels that sets formulas by `FORMULAS`."""
+
+    def get_renderer(self) -> Any:
+        """The renderer of the figure."""
+        renderer = super().get_renderer()  # type: ignore[no-untyped-call]
+        renderer.mathtext_parser = FORMULAS
+        return renderer
+
+
+def text_width(text: str, size: float) -> float:
+    """The width in points of a text of a size. Raises HodoError if its formulas, between dollar
+    signs, cannot be set within the parameters of its figure."""
+    dpi: float = matplotlib.rcParams["savefig.dpi"]
+    # Dollars that are no pair are sums of money.
+    formula = text if is_math_text(text) else text.replace("$", r"\$")
+    try:
+        # Before drawing: matplotlib would find a mistake only when it saves, and not say which text
+        # is meant. Set as it will be drawn, a formula is set only once.
+        parsed = FORMULAS.parse(formula, dpi, FontProperties(size=size))
+    except ValueError as error:
+        what = str(error).strip().splitlines()[-1]
+        raise HodoError(f"{text!r} is not TeX that matplotlib knows ({what})") from None
+    return 72 / dpi * float(parsed.width)
+
+
+def text_lines(text: str, width: float, size: float) -> list[str]:
+    """A text of a size in lines that fit into a width in inches, with no formula broken. Raises
+    HodoError as `text_width` does."""
+    # The whole first: a line that fits is set only once.
+    if text_width(text, size) <= 72 * width:
+        return [text]
+    lines: list[str] = []
+    # matplotlib's own wrapping breaks lines at the spaces inside formulas too.
+    for word in re.findall(r"(?:\$[^$]*\$|\S)+", text):
+        if lines and text_width(longer := f"{lines[-1]} {word}", size) <= 72 * width:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return lines
+
+
+def text_size(name: str) -> float:
+    """The size in points of a text, by the name of matplotlib's parameter."""
+    parameters: Any = matplotlib.rcParams
+    return float(FontProperties(size=parameters[name]).get_size_in_points())
+
+
+class TickText(ScalarFormatter):
+    """Numbers at ticks as plain text, and as a formula only the factor that is common to all: to
+    set a formula takes ten times as long, and a number looks the same."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return super().__call__(x, pos).removeprefix(r"$\mathdefault{").removesuffix("}$")
+
+
+class PowerText(LogFormatterSciNotation):
+    """Numbers at the ticks of a logarithmic axis, as many as have room; matplotlib counts decades,
+    however small their panel is."""
+
+    def format_ticks(self, values: Any) -> list[str]:
+        axis: Any = self.axis
+        texts, taken = super().format_ticks(values), []
+        # The powers of ten come first: those between them keep clear of them.
+        if (powers := axis.get_major_formatter()) is not self:
+            places = axis.get_majorticklocs()
+            named = zip(places, powers.format_ticks(places), strict=True)
+            taken = [tick_room(axis, *tick) for tick in named if tick[1]]
+        for i, tick in enumerate(zip(values, texts, strict=True)):
+            low, high = tick_room(axis, *tick)
+            if all(high <= start or end <= low for start, end in taken):
+                taken += [(low, high)] if tick[1] else []
+            else:
+                texts[i] = ""
+        return texts
+
+
+def tick_room(axis: Any, value: float, text: str) -> tuple[float, float]:
+    """The ends of the room that the number at a tick takes along its axis, points."""
+    size = text_size(f"{axis.axis_name}tick.labelsize")
+    is_across = axis.axis_name == "x"
+    transform = getattr(axis.axes, f"get_{axis.axis_name}axis_transform")()
+    across, up = transform.transform((value, 0) if is_across else (0, value))
+    middle = 72 / axis.axes.get_figure().dpi * float(across if is_across else up)
+    half = text_width(text, size) / 2 + 0.2 * size if is_across else 0.6 * size
+    return middle - half, middle + half
+
+
+def lighten(figure: Figure) -> None:
+    """Give every axis whose ticks are plain numbers their `TickText`, every logarithmic one its
+    `PowerText`, and spare the layout what takes no room."""
+    for axes in every_panel(figure.axes):
+        for axis in (axes.xaxis, axes.yaxis):
+            if type(axis.get_major_formatter()) is ScalarFormatter:
+                axis.set_major_formatter(TickText())
+            if type(minor := axis.get_minor_formatter()) is LogFormatterSciNotation:
+                axis.set_major_formatter(PowerText())
+                axis.set_minor_formatter(PowerText(labelOnlyBase=minor.labelOnlyBase))
+        # They lie on the edge of their panel, and are slow to measure.
+        for spine in axes.spines.values():
+            spine.set_in_layout(False)
+
+
+def every_panel(panels: Iterable[Any]) -> Iterator[Axes]:
+    """Panels, and the insets in them."""
+    # Not by `findobj`, which would make the ticks of a scale that is not final yet.
+    for axes in panels:
+        yield axes
+        yield from every_panel(axes.child_axes)
+
+
+# Words that find their places
+
+HALO = [patheffects.withStroke(linewidth=1.5, foreground="white")]
+
+BESIDE, AROUND = 3.0, 10
+"""Points between words and what they stand beside, and around words that should be empty."""
+
+FULL = 10
+"""How dark words are where others would be on them."""
+
+LINES_AWAY = 4
+"""How many lines away from its point a text may stand, where there is no room nearer."""
+
+COMPASS = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)])
+
+
+class Words(Annotation):
+    """Words in a panel beside one of some points (n, 2), first of all `toward` a direction.
+
+    Words of a single point stay as near to it as they can; of several points they take the one with
+    the most room, or the first of those with as much.
+    """
+
+    def __init__(
+        self, axes: Axes, text: str, points: np.ndarray, toward: Any = (0, 1), **look: Any
+    ) -> None:
+        self.points, self.toward = points, toward
+        # Outside of the layout, which would make room for them where they stand first.
+        usual: dict[str, Any] = {"in_layout": False, "clip_on": False, "path_effects": HALO}
+        usual |= {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 8}
+        super().__init__(text, points[0], (0, 0), **usual | look)
+        axes.add_artist(self)
+
+    def find_place(self, ink: np.ndarray) -> None:
+        """Stand where least is hidden of a picture of the figure (height, width), a pixel a point;
+        it is dark there from then on."""
+        axes: Any = self.axes
+        size: Any = self.get_fontsize()
+        lines, several = self.get_text().splitlines(), len(self.points) > 1
+        half = np.array([max(text_width(x, size) for x in lines), 1.2 * size * len(lines)]) / 2
+        panel = axes.bbox.padded(-BESIDE)
+        (left, bottom), (right, top) = panel.min + half, panel.max - half
+        seen = axes.transData.transform(self.points)
+        best: Any = math.inf, self.points[0], (0, 0), seen[0]
+        for rank, offset in enumerate(self.offsets(half, 1 if several else LINES_AWAY)):
+            for point, middle in zip(self.points, seen + offset, strict=True):
+                if not (left <= middle[0] <= right and bottom <= middle[1] <= top):
+                    continue
+                around = area_about(ink, middle, half + AROUND).sum() / 20 if several else rank
+                cost = area_about(ink, middle, half + 1).sum() + around
+                best = min(best, (cost, point, offset, middle), key=itemgetter(0))
+            if not several and best[0] <= rank:
+                break  # what follows costs as much, whatever it hides
+        _, self.xy, self.xyann, middle = best
+        area_about(ink, middle, half)[...] = FULL
+
+    def offsets(self, half: np.ndarray, lines: int) -> Iterator[np.ndarray]:
+        """Offsets (2,), in points, of the middle of the words from one of their points, up to some
+        lines away, the best first; `half` is half their size (2,)."""
+        size: Any = self.get_fontsize()
+        likeness = (COMPASS @ self.toward) / np.hypot(*COMPASS.T)
+        directions = COMPASS[np.argsort(-likeness, kind="stable")]
+        for line in range(lines):
+            yield from (half + BESIDE + line * size) * directions
+
+
+def area_about(picture: np.ndarray, middle: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """The part of a picture (height, width) about its middle (2,), of half a size (2,)."""
+    (left, low), (right, high) = np.rint([middle - half, middle + half]).clip(0).astype(int)
+    return picture[low:high, left:right]
+
+
+def place_words(figure: Any, hiding: bool = False) -> None:
+    """Put the words of each panel, in the order in which they were made, where they hide least; or,
+    where what they hide moves on, on no other words."""
+    dpi = figure.dpi
+    for axes in figure.axes:
+        if waiting := [text for text in axes.texts if isinstance(text, Words)]:
+            figure.set_dpi(72)  # now all is measured in points
+            axes.apply_aspect()
+            ink = np.zeros(np.ceil(figure.bbox.size[::-1]).astype(int)) if hiding else ink_of(axes)
+            for words in waiting:
+                words.find_place(ink)
+            figure.set_dpi(dpi)
+
+
+def ink_of(axes: Any) -> np.ndarray:
+    """How dark a figure is by what is in one of its panels (height, width), a pixel a point, from
+    0 to 1."""
+    width, height = np.ceil(axes.figure.bbox.size)
+    renderer: Any = RendererAgg(width, height, 72)  # type: ignore[no-untyped-call]
+    for artist in (*axes.patches, *axes.collections, *axes.lines, *axes.texts):
+        if not isinstance(artist, Words):
+            artist.draw(renderer)
+    *colours, opacity = np.moveaxis(np.asarray(renderer.buffer_rgba())[::-1] / 255, -1, 0)
+    return np.asarray(opacity * (1 - np.mean(colours, axis=0)))
