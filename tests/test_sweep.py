@@ -338,10 +338,10 @@ def test_members_are_prepared_at_once_as_one_by_one(
     calls, described = [], members.described
     monkeypatch.setattr(members, "described", lambda *given: calls.append(1) or described(*given))
     found = members.prepare(case, every)
-    at = np.concatenate([positions for positions, _ in found])
+    at = np.concatenate([some.members for some in found])
     assert sorted(at) == ready
-    for positions, some in found:
-        for i, *numbers in zip(positions, some.constants.T, some.start.T, strict=True):
+    for some in found:
+        for i, *numbers in zip(some.members, some.constants.T, some.start.T, strict=True):
             system = singles[i].system
             assert some.structure == flat.structure(system.constants)
             assert some.events == (*system.run_events, *system.class_events)

@@ -155,7 +155,7 @@ def test_a_touch_of_a_body_with_two_equal_moments_is_no_crossing() -> None:
     sign, for whatever motion of such a body; no member has to be looked at alone."""
     case = one(f"{CAVITY}, torque: [0, 0, -0.1], initial: {{p: 1e-3, q: 0, r: 0.1}}, "
                "time: {end: 60}, sweep: {initial.r: {values: [0.1, 0.5]}}")  # fmt: skip
-    ((_, e),) = members.prepare(case, np.arange(2))
+    (e,) = members.prepare(case, np.arange(2))
     outcome = advance.advance(e)
     assert outcome.accepted.all()
     assert not outcome.passages.motion.size

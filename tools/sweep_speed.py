@@ -330,7 +330,7 @@ def peak(folder: Path, members: int) -> None:
     for model in ("linear-diag", "tensor"):
         text = f"title: t\ncases:\n  a: {{{FORMS[model] % COLUMNS}}}\n"
         case = parse(text, "sweep.yaml").cases["a"]
-        ((_, some),) = prepare(case, np.arange(COLUMNS))
+        (some,) = prepare(case, np.arange(COLUMNS))
         (event,) = some.events
         step = taylor_batch.build(type(case.system), some.structure, (event,))
         columns, after = np.zeros((6, COLUMNS)), np.empty((step.rows, COLUMNS))

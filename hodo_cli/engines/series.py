@@ -58,17 +58,13 @@ class Series:
         A function that takes many operations, an elliptic integral say, takes them once and not
         for each coefficient.
         """
-        rates: list[Series] = []
-
-        def coefficient(j: int, k: int) -> Any:
-            return rates[j][k - 1] * (1 / k) if k else start[j]
-
-        start = values(self[0])
-        solution = [self._new(partial(coefficient, j)) for j in range(len(start))]
         # Where x is 0, and stays so, nothing grows.
         growth = self._new(lambda k: (k + 1) * self[k + 1]) / (self + TINY_DIVISOR)
-        rates += [growth * slope for slope in slopes(self, solution)]
-        return solution
+        return integrals(
+            values(self[0]),
+            lambda solution: [growth * slope for slope in slopes(self, solution)],
+            self._new,
+        )
 
     def __neg__(self) -> "Series":
         return self._new(lambda k: -self[k])
@@ -272,18 +268,30 @@ def motion(
 ) -> tuple[Series, list[Series]]:
     """The time and the state as series in the time from `t`, where the state is `y`; the time of
     the series runs in a `unit` of its own."""
-    rates: list[Any] = []
-
-    def coefficient(j: int, i: int) -> Any:
-        return rates[j][i - 1] * (1 / i) if i else y[j]
-
     time = Series(lambda i: (t, unit)[i] if i < 2 else 0.0)
-    state = [Series(partial(coefficient, j)) for j in range(len(y))]
-    rates += [
-        rate if isinstance(rate, Series) else Series(partial(constant, rate))
-        for rate in rhs(time, [Combination((1.0, series)) for series in state], k)
-    ]
-    return time, state
+
+    def rates(state: list[Series]) -> list[Series]:
+        of_state = rhs(time, [Combination((1.0, series)) for series in state], k)
+        return [r if isinstance(r, Series) else Series(partial(constant, r)) for r in of_state]
+
+    return time, integrals(y, rates, Series)
+
+
+def integrals(
+    start: Sequence[Any],
+    rates: Callable[[list[Series]], list[Series]],
+    new: Callable[[CoefficientRule], Series],
+) -> list[Series]:
+    """The series, made by `new`, that begin with `start` and whose derivatives are `rates` of
+    themselves."""
+    derivatives: list[Series] = []
+
+    def coefficient(j: int, k: int) -> Any:
+        return derivatives[j][k - 1] * (1 / k) if k else start[j]
+
+    solution = [new(partial(coefficient, j)) for j in range(len(start))]
+    derivatives += rates(solution)
+    return solution
 
 
 def constant(c: Any, i: int) -> Any:

@@ -159,9 +159,10 @@ def compute(chunk: Chunk) -> Group:
 
 
 def lost_chunk(chunk: Chunk) -> Group:
-    """The columns of a chunk whose worker failed."""
+    """The columns of a chunk whose worker failed, with those of an earlier result."""
     values = blank_columns(chunk.case, chunk.last - chunk.first, Status.FAILED)
-    return group_of_members(chunk.case, values, 0.0, np.zeros(len(Rejection), dtype=int), "")
+    none = np.zeros(len(Rejection), dtype=int)
+    return chunk.completed(group_of_members(chunk.case, values, 0.0, none, ""))
 
 
 def group_of_members(
@@ -188,8 +189,8 @@ def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nd
     case, rejection = chunk.case, np.zeros(chunk.last - chunk.first, dtype=np.int64)
     times = sample_times(case) if "trajectory" in case.store else np.empty(0)
     computed = np.flatnonzero(~chunk.taken)
-    for own, group in prepare(case, chunk.first + computed) if computed.size else ():
-        positions = computed[own]
+    for group in prepare(case, chunk.first + computed) if computed.size else ():
+        positions = computed[group.members]
         # One compiled step watches one event of each kind; of more, single cases keep the order.
         kinds = [event.interrupts for event in group.events if event.sign is None]
         if len(kinds) > len(set(kinds)):

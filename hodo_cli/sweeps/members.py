@@ -24,19 +24,15 @@ FEWEST_COLUMN = 16
 """Members below which each by itself takes less time to prepare than all at once."""
 
 
-PreparedMembers = tuple[np.ndarray, Ensemble]
-"""The positions (n,) of members that can share a compiled step, and their motions."""
-
-
-def ensemble_of(case: Case, system: Model, n: int, start: Iterable[Any]) -> Ensemble:
-    """The motions of n members that a system describes, with starts of their own."""
+def ensemble_of(case: Case, system: Model, members: np.ndarray, start: Iterable[Any]) -> Ensemble:
+    """The motions of members (n,) that a system describes, with starts of their own."""
     model, k, events = type(system), system.constants, (*system.run_events, *system.class_events)
     form, numbers = structure(k), [*flatten(k)]
     if model.degree and contains_time(model, form, events) and (UNIT, 0) not in form:
         form, numbers = (*form, (UNIT, 0)), [*numbers, 1.0]
-    constants, starts = (rows(values, n) for values in (numbers, tuple(start)))
-    times = case.time.start, case.time.end
-    return Ensemble(model, form, constants, starts, times, events, system.levels, case.tol or EPS)
+    constants, starts = (rows(values, len(members)) for values in (numbers, tuple(start)))
+    times, tol = (case.time.start, case.time.end), case.tol or EPS
+    return Ensemble(members, model, form, constants, starts, times, events, system.levels, tol)
 
 
 def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
@@ -89,8 +85,9 @@ def combinations(
     return paths, values, combination, sphere[0].directions(sphere[1]) if sphere else None
 
 
-def prepare(case: Case, members: np.ndarray) -> list[PreparedMembers]:
-    """Members (n,) as their motions begin; those without a body or a start are left out."""
+def prepare(case: Case, members: np.ndarray) -> list[Ensemble]:
+    """The motions of members (n,), by their positions there; those without a body or a start are
+    left out."""
     paths, values, combination, direction = combinations(case, members)
     if direction is None:
         every = np.arange(len(members))
@@ -98,7 +95,7 @@ def prepare(case: Case, members: np.ndarray) -> list[PreparedMembers]:
     sets = [described(case, paths, row) for row in values.T.tolist()]
     omega = velocities(sets, combination, direction)
     return alike(
-        (own, ensemble_of(case, system, len(own), system.starts(omega[own])))
+        ensemble_of(case, system, own, system.starts(omega[own]))
         for i, (_, system) in enumerate(sets)
         for own in [np.flatnonzero(combination == i)]
         if system is not None
@@ -107,7 +104,7 @@ def prepare(case: Case, members: np.ndarray) -> list[PreparedMembers]:
 
 def prepared_by_branch(
     case: Case, paths: Sequence[KeyPath], values: np.ndarray, positions: np.ndarray
-) -> Iterator[PreparedMembers]:
+) -> Iterator[Ensemble]:
     """The members at some positions, with values (p, n) at paths: those at once for which their
     model takes the same branches; one by one if they are few, refused, or their model takes plain
     numbers only."""
@@ -117,7 +114,7 @@ def prepared_by_branch(
                 data, system = described(case, paths, [*map(Column, values[:, positions])])
             if system is not None:
                 start = members_start(data, system, len(positions))
-                yield positions, ensemble_of(case, system, len(positions), start)
+                yield ensemble_of(case, system, positions, start)
                 return
         except BranchDivergence as branches:
             for branch in (branches.where, ~branches.where):
@@ -128,7 +125,7 @@ def prepared_by_branch(
     for position, row in zip(positions[:, None], values[:, positions].T.tolist(), strict=True):
         data, system = described(case, paths, row)
         if system is not None:
-            yield position, ensemble_of(case, system, 1, members_start(data, system, 1))
+            yield ensemble_of(case, system, position, members_start(data, system, 1))
 
 
 def members_start(data: Mapping[str, Any], system: Model, n: int) -> Iterable[Any]:
@@ -138,20 +135,17 @@ def members_start(data: Mapping[str, Any], system: Model, n: int) -> Iterable[An
     return system.starts(rows(system.velocity(data["inertia"], data["initial"]), n).T)
 
 
-def alike(groups: Iterable[PreparedMembers]) -> list[PreparedMembers]:
-    """Groups of members, joined where they can share a compiled step."""
-    kinds = grouped(
-        ((group[1].structure, group[1].events, group[1].levels), group) for group in groups
-    )
+def alike(ensembles: Iterable[Ensemble]) -> list[Ensemble]:
+    """Ensembles, joined where they can share a compiled step."""
+    kinds = grouped(((e.structure, e.events, e.levels), e) for e in ensembles)
     return [joined(kind) for kind in kinds.values()]
 
 
-def joined(kind: Sequence[PreparedMembers]) -> PreparedMembers:
-    """Members of one structure as one."""
-    constants = np.concatenate([e.constants for _, e in kind], axis=1)
-    start = np.concatenate([e.start for _, e in kind], axis=1)
-    positions = np.concatenate([positions for positions, _ in kind])
-    return positions, replace(kind[0][1], constants=constants, start=start)
+def joined(kind: Sequence[Ensemble]) -> Ensemble:
+    """Ensembles of one structure as one."""
+    arrays = zip(*((e.members, e.constants, e.start) for e in kind), strict=True)
+    members, constants, start = (np.concatenate(parts, axis=-1) for parts in arrays)
+    return replace(kind[0], members=members, constants=constants, start=start)
 
 
 def velocities(

@@ -24,10 +24,10 @@ def side_by_side(cases: Sequence[Case]) -> list[CrossedMotion | None]:
     """The motions of single cases, integrated side by side where there are enough of one kind; None
     for a case that is left to `classify`."""
     motions: list[CrossedMotion | None] = [None] * len(cases)
-    for positions, e in ensembles_of(cases):
-        times = sample_times(cases[positions[0]])
+    for e in ensembles_of(cases):
+        times = sample_times(cases[e.members[0]])
         outcome = advance(replace(e, times=times))
-        crossings: list[list[Crossing]] = [[] for _ in positions]
+        crossings: list[list[Crossing]] = [[] for _ in e.members]
         columns = crossing_columns(e, outcome.accepted_passages).values()
         rows = zip(*(column.tolist() for column in columns), strict=True)
         for n, (time, error, start, end, momentum) in zip(
@@ -35,27 +35,26 @@ def side_by_side(cases: Sequence[Case]) -> list[CrossedMotion | None]:
         ):
             crossings[n].append(Crossing(time, start, end, momentum, error))
         for n in np.flatnonzero(outcome.accepted):
-            case, state = cases[positions[n]], outcome.samples[:, n].T
+            case, state = cases[e.members[n]], outcome.samples[:, n].T
             motion = Trajectory(
                 case, case.system, "taylor", e.tol, times, state, outcome.sample_exponent[n]
             )
-            motions[positions[n]] = motion, tuple(crossings[n])
+            motions[e.members[n]] = motion, tuple(crossings[n])
     return motions
 
 
-def ensembles_of(cases: Sequence[Case]) -> Iterator[tuple[np.ndarray, Ensemble]]:
-    """The ensembles that single cases make, where there are enough of one kind, with the
-    positions (n,) of their motions among the cases."""
+def ensembles_of(cases: Sequence[Case]) -> Iterator[Ensemble]:
+    """The ensembles that single cases make, where there are enough of one kind."""
     kinds = grouped(
         (
             (type(case.system), case.time, case.tol),
-            (np.array([i]), ensemble_of(case, case.system, 1, case.system.start)),
+            ensemble_of(case, case.system, np.array([i]), case.system.start),
         )
         for i, case in enumerate(cases)
         if watches_separatrix(case)
     )
     for singles in kinds.values():
-        yield from (group for group in alike(singles) if len(group[0]) >= FEWEST_CASES)
+        yield from (e for e in alike(singles) if len(e.members) >= FEWEST_CASES)
 
 
 def watches_separatrix(case: Case) -> bool:

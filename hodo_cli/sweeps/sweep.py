@@ -50,29 +50,30 @@ def run_sweep(
         progress.detail(f"{case.name}: {len(stored)} of {len(tasks)} chunks are kept")
 
     def finished(chunk: Chunk) -> Group:
-        if chunk.first in lost:
-            return chunk.completed(lost_chunk(chunk))
-        return writer.chunk(sweep_id, chunk.first)
+        return lost_chunk(chunk) if chunk.first in lost else writer.chunk(sweep_id, chunk.first)
+
+    def groups() -> Iterator[tuple[Chunk, Group]]:
+        """The chunks that are stored, and then the others as they finish."""
+        yield from ((chunk, finished(chunk)) for chunk in tasks if chunk.first in stored)
+        missing = [chunk for chunk in tasks if chunk.first not in stored]
+        for chunk, outcome in pool.map_brief(compute, missing):
+            if isinstance(outcome, Exception):
+                # A chunk that fails costs its own members; the sweep goes on and says how many.
+                problems[str(outcome)] += int(np.count_nonzero(~chunk.taken))
+                lost.add(chunk.first)
+                yield chunk, lost_chunk(chunk)
+            else:
+                group = chunk.completed(outcome)
+                writer.add_chunk(sweep_id, chunk.first, group)
+                yield chunk, group
 
     summary = Summary(case, tasks[-1].last, earlier.attributes if earlier else {})
-    kept = [chunk for chunk in tasks if chunk.first in stored]
-    for chunk in kept:
-        summary.add(chunk, finished(chunk))
     # A chunk and a task of measuring errors take about as long as each other.
     members = len(tasks) / (len(tasks) + (ERROR_TASKS if case.error else 0))
-    progress.report(case.name, members * len(kept) / len(tasks))
-    missing = [chunk for chunk in tasks if chunk.first not in stored]
-    for i, (chunk, outcome) in enumerate(pool.map_brief(compute, missing), len(kept) + 1):
+    progress.report(case.name, 0.0)
+    for i, (chunk, group) in enumerate(groups(), 1):
+        summary.add(chunk, group)
         progress.report(case.name, members * i / len(tasks))
-        if isinstance(outcome, Exception):
-            # A chunk that fails costs its own members; the sweep goes on and says how many.
-            problems[str(outcome)] += int(np.count_nonzero(~chunk.taken))
-            lost.add(chunk.first)
-            outcome = chunk.completed(lost_chunk(chunk))
-        else:
-            outcome = chunk.completed(outcome)
-            writer.add_chunk(sweep_id, chunk.first, outcome)
-        summary.add(chunk, outcome)
 
     def report(share: float) -> None:
         progress.report(case.name, members + (1 - members) * share)

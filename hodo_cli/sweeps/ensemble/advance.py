@@ -171,8 +171,8 @@ def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
         return
     motion, time = passed.motion[first], passed.time[first]
     again = replace(
-        e, start=e.start[:, motion], constants=e.constants[:, motion], span=(e.span[0], time),
-        times=np.empty(0), looser=LOOSER_TOLS, searches=False,
+        e, members=e.members[motion], start=e.start[:, motion], constants=e.constants[:, motion],
+        span=(e.span[0], time), times=np.empty(0), looser=LOOSER_TOLS, searches=False,
     )  # fmt: skip
     end, k = advance(again), vars(again.named())
     if e.event is not None:

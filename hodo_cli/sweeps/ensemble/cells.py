@@ -13,21 +13,25 @@ import numpy as np
 from ...models.theory.gyrostat import SaddleCurves
 from .motions import Ensemble
 
-WIDTHS = 0.6, 0.1, 0.0
-"""How far G^2 may go from where a cell is made, as a part of it; tried by turns."""
+CELL_WIDTHS, LARGEST_WIDTH = (0.6, 0.1, 0.0), 0.99
+"""The widths of cells, by turns: how far G^2 may go on from where a cell is made, as a part of it.
+It may go STEPS_WITHIN times as far as in the step, up to LARGEST_WIDTH."""
 
-NARROWEST, MOST, BACK = 2.0, 0.99, 1 / 8
-"""How many times what the step changes of G^2 it may go at least, but at most which part of it, and
-the part of the width by which it may go the other way."""
+STEPS_WITHIN = 2.0
+"""How many steps such as the one for which it is made a cell has room for, in G^2."""
 
-APPROACHES = 3
-"""Of the place on a curve where G^2 is so and so: what is left of it makes a cell smaller only."""
+BACKWARD_PART = 1 / 8
+"""The part of its width by which a cell has room the other way."""
+
+NEWTON_STEPS = 3
+"""Steps towards the point on a curve with a given G^2: what they leave makes a cell smaller
+only."""
 
 LEVEL_ROWS = 6
 """What a step puts out of 2T and of G^2."""
 
 OFF_CURVE = 1e-6
-"""The part of its terms by which 2T - s G^2 stays away from the curve of a saddle in a cell, and
+"""The part of its terms by which 2T - s G^2 keeps away from the curve of a saddle in a cell, and
 G^2 from where a saddle appears: far above the errors of motions."""
 
 
@@ -39,42 +43,43 @@ class RegionCells:
     def __init__(self, e: Ensemble, n: int) -> None:
         self.e, self.bounds = e, np.full((3, 3, n), np.nan)
 
-    def left(self, levels: np.ndarray, number: np.ndarray, is_under_way: np.ndarray) -> np.ndarray:
-        """The columns (k,) of motions `number` (n,) under way (n,) whose label may have changed in
-        a step with levels (LEVEL_ROWS, n), see `stays_within`; cells that are left are renewed."""
-        open_ = np.flatnonzero(~stays_within(self.bounds, levels) & is_under_way)
-        for width in WIDTHS:
-            if not open_.size:
+    def left(self, levels: np.ndarray, motion: np.ndarray, is_under_way: np.ndarray) -> np.ndarray:
+        """The columns (k,), of motions (n,) of the ensemble that are under way (n,), whose label
+        may have changed in a step with levels (LEVEL_ROWS, n), see `stays_within`; cells that the
+        step leaves are made anew."""
+        columns = np.flatnonzero(~stays_within(self.bounds, levels) & is_under_way)
+        for width in CELL_WIDTHS:
+            if not columns.size:
                 break
-            curves = self.e.saddle_curves.of_bodies(number[open_])
-            some = cells_about(curves, levels[:, open_], width)
-            held = stays_within(some, levels[:, open_])
-            self.bounds[..., open_] = np.where(held, some, np.nan)
-            open_ = open_[~held]
-        return open_
+            curves = self.e.saddle_curves.of_bodies(motion[columns])
+            cells = cells_about(curves, levels[:, columns], width)
+            is_within = stays_within(cells, levels[:, columns])
+            self.bounds[..., columns] = np.where(is_within, cells, np.nan)
+            columns = columns[~is_within]
+        return columns
 
 
 def stays_within(cells: np.ndarray, levels: np.ndarray) -> np.ndarray:
     """Whether (n,) steps stay within cells (3, 3, n): by 2T, how much it changes at its slope, and
     at most besides, and the same of G^2 (LEVEL_ROWS, n)."""
-    factor, least, most = cells
+    factor, lower, upper = cells
     energy, square = levels.reshape(2, 3, -1)
     # Both mostly fall together, and their difference changes much less.
     value, change, rest = factor * square[0], factor * square[1], np.abs(factor) * square[2]
     for bounded, part in zip((value, change, rest), energy, strict=True):
         bounded[1:] += part
     middle, reach = value + change / 2, np.abs(change) / 2 + rest
-    return np.asarray(((middle - reach > least) & (middle + reach < most)).all(0))
+    return np.asarray(((middle - reach > lower) & (middle + reach < upper)).all(0))
 
 
-def places_near(curves: SaddleCurves, squares: np.ndarray) -> np.ndarray:
-    """s, 2T and G^2 (3, p, 2, n) at places on the curves of saddles where this is a little larger
+def points_near(curves: SaddleCurves, squares: np.ndarray) -> np.ndarray:
+    """s, 2T and G^2 (3, p, 2, n) at points on the curves of saddles where G^2 is a little larger
     than `squares` (p, n), or where the curves begin."""
     curves = curves.chosen(np.tile(np.arange(len(curves.limit)), len(squares)))
     square = np.repeat(squares, 2, axis=0).ravel()
     momentum = np.sqrt(square)
     u = curves.nearest(momentum)
-    for _ in range(APPROACHES):
+    for _ in range(NEWTON_STEPS):
         u = np.fmin(np.maximum(curves.ahead(u, momentum), u), curves.limit)
     # At the pole itself a saddle leaves G^2 open.
     square = np.maximum(curves.square(u), square)
@@ -86,10 +91,10 @@ def places_near(curves: SaddleCurves, squares: np.ndarray) -> np.ndarray:
 def cells_about(curves: SaddleCurves, levels: np.ndarray, width: float) -> np.ndarray:
     """Cells (3, 3, n) about the beginning of steps with levels (LEVEL_ROWS, n), in which G^2 may go
     on by a part `width` of it. Not all hold the step, or its beginning."""
-    energy, square, loss = levels[0], levels[3], levels[4]
-    part = np.clip(NARROWEST * (np.abs(loss) + levels[5]) / square, width, MOST)
-    ahead = np.copysign(part * square, loss)
-    s, T, G = places_near(curves, np.stack([square + ahead, square - BACK * ahead]))
+    (energy, _, _), (square, change, rest) = levels.reshape(2, 3, -1)
+    part = np.clip(STEPS_WITHIN * (np.abs(change) + rest) / square, width, LARGEST_WIDTH)
+    ahead = np.copysign(part * square, change)
+    s, T, G = points_near(curves, np.stack([square + ahead, square - BACKWARD_PART * ahead]))
     margin = OFF_CURVE * (energy + np.abs(s[0]) * square)
     begins, side = (x.reshape(2, -1) for x in (curves.least_squares(), curves.side))
     exists, tangent = square > begins, T[0] + s[0] * (square - G[0])
@@ -98,14 +103,14 @@ def cells_about(curves: SaddleCurves, levels: np.ndarray, width: float) -> np.nd
     bounds = exists & ~decides[::-1]
     slope = np.where(bounds, np.where(decides, s[0], (T[1] - T[0]) / (G[1] - G[0])), 0)
     line, is_below = T[0] - slope * G[0], decides == (side > 0)
-    least = np.maximum(np.where(decides, 0, G.min(0)), (1 + OFF_CURVE) * begins)
-    most = np.where(exists, G.max(0), (1 - OFF_CURVE) * begins)
+    lowest = np.maximum(np.where(decides, 0, G.min(0)), (1 + OFF_CURVE) * begins)
+    highest = np.where(exists, G.max(0), (1 - OFF_CURVE) * begins)
     rows = (
         np.ones_like(square),
         *-slope,
-        np.where(bounds, least, -np.inf).max(0),
+        np.where(bounds, lowest, -np.inf).max(0),
         *np.where(bounds & ~is_below, line + margin, -np.inf),
-        np.where(decides.any(0), np.inf, most).min(0),
+        np.where(decides.any(0), np.inf, highest).min(0),
         *np.where(bounds & is_below, line - margin, np.inf),
     )
     return np.array(rows).reshape(3, 3, -1)

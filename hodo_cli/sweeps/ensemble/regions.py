@@ -15,8 +15,9 @@ from .steps import TakenSteps
 ROUNDS = 60
 """Of the search for one change: more than a double has digits."""
 
-PLACE_TOL, PLACED_AT_WORST = 4 * 2.0**-52, 4 * 2.0**-42
-"""The part of a step to which the place of a change is found, and where rounding hides more."""
+FINEST_PART, COARSEST_PART = 4 * 2.0**-52, 4 * 2.0**-42
+"""The part of a step to within which a change is found, and the same where rounding hides more: it
+is allowed four times as much with every look."""
 
 STEPS_PER_BLOCK = 256
 """Steps that are searched at once: the numbers of their places fit a processor's cache."""
@@ -131,30 +132,31 @@ def change_between(
     e: Ensemble, look: Viewing, row: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The labels (k,) before and behind a change in intervals of the steps in `row` (k,), its
-    place, and how far off this may be: by Newton's method for what passes 0 there, kept between
-    places of either label, else by halving."""
+    position x, and how far off this may be: by Newton's method for what passes 0 there, bracketed
+    by positions of either label, else by halving."""
     first, last = look(row, low), look(row, high)
     values = (differences(e, at.motion, at.omega, at.region)[0] for at in (first, last))
     passing = (np.multiply(*values) < 0).argmax(1)
-    x, open_, low, high = (low + high) / 2, np.arange(len(row)), low.copy(), high.copy()
-    place = x.copy()
+    x, low, high = (low + high) / 2, low.copy(), high.copy()
+    probe, wide = x.copy(), np.arange(len(row))  # where to look next, and whose brackets are wide
     for turn in range(ROUNDS):
-        if not open_.size:
+        if not wide.size:
             break
-        at = look(row[open_], place[open_])
-        same = at.region.label == first.region.label[open_]
-        low[open_[same]], high[open_[~same]] = place[open_[same]], place[open_[~same]]
-        least, most = low[open_], high[open_]
+        at = look(row[wide], probe[wide])
+        is_before = at.region.label == first.region.label[wide]
+        low[wide[is_before]] = probe[wide[is_before]]
+        high[wide[~is_before]] = probe[wide[~is_before]]
+        begin, end, middle = low[wide], high[wide], (low[wide] + high[wide]) / 2
         of_all = differences(e, at.motion, at.omega, at.region)
-        value, gradient = (of[np.arange(len(open_)), passing[open_]] for of in of_all)
-        root = place[open_] - value / ((gradient * at.change).sum(-1) * at.length)
-        noise = min(PLACE_TOL * 4**turn, PLACED_AT_WORST)
-        is_near = (root > least - 8 * noise) & (root < most + 8 * noise)
-        # A little beyond, so that the other limit comes near as well.
-        beyond = (root + np.where(same, noise, -noise)).clip(least + noise, most - noise)
-        x[open_] = np.where(is_near, root.clip(least, most), (least + most) / 2)
-        place[open_] = np.where(is_near, beyond, (least + most) / 2)
-        open_ = open_[most - least > 4 * noise]
+        value, gradient = (of[np.arange(len(wide)), passing[wide]] for of in of_all)
+        root = probe[wide] - value / ((gradient * at.change).sum(-1) * at.length)
+        noise = min(FINEST_PART * 4**turn, COARSEST_PART)
+        is_near = (root > begin - 8 * noise) & (root < end + 8 * noise)
+        # A little beyond, so that the other end of the bracket comes near as well.
+        beyond = (root + np.where(is_before, noise, -noise)).clip(begin + noise, end - noise)
+        x[wide] = np.where(is_near, root.clip(begin, end), middle)
+        probe[wide] = np.where(is_near, beyond, middle)
+        wide = wide[end - begin > 4 * noise]
     return first.region.label, last.region.label, x, high - low
 
 
