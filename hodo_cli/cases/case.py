@@ -95,7 +95,8 @@ class Time:
     @property
     def entries(self) -> dict[str, Any]:
         """The keys of a case file that state it."""
-        span = ("values",) if self.values else ("end", "steps" if self.steps else "samples")
+        sampling = "steps" if self.steps else "samples"
+        span = ("values",) if self.values else ("end", sampling)
         return {key: getattr(self, key) for key in ("start", *span, "unit")}
 
     def listed(self, times: Iterable[float]) -> "Time":
@@ -333,7 +334,7 @@ def smooth_samples(system: Model, span: float) -> int:
     return max(FEWEST_SAMPLES, math.ceil(min(span * turns, MOST_SAMPLES - 1)) + 1)
 
 
-KEY_BY_KEY = ("time", "assumes")
+MERGED_KEYS = ("time", "assumes")
 """The keys of which a case changes single entries, and takes the others over."""
 
 
@@ -348,7 +349,7 @@ def merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> Block:
     """A case's own entries over those of `defaults` or of another case, which are marked as
     inherited."""
     block = Block(own).over(common)
-    for key in KEY_BY_KEY:
+    for key in MERGED_KEYS:
         ours, theirs = own.get(key), common.get(key)
         if isinstance(ours, Mapping) and isinstance(theirs, Mapping):
             block[key] = Block(ours).over(theirs)

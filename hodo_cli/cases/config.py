@@ -194,7 +194,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
         )
     }
     figures, figure_faults = _figures(sections.get("figures") or {}, named, sections.get("style"))
-    figure_faults += _figure_mistakes(figures, cases, steady=not overrides)
+    figure_faults += _figure_mistakes(figures, cases, with_sizes=not overrides)
     faults += [*case_faults, *figure_faults]
     if "cases" in sections and not named:
         faults.append((("cases",), "there is no case"))
@@ -287,14 +287,14 @@ def _default_mistakes(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mist
 
 
 def _figure_mistakes(
-    figures: Mapping[str, Mapping[str, Any]], cases: Mapping[str, Case], steady: bool
+    figures: Mapping[str, Mapping[str, Any]], cases: Mapping[str, Case], with_sizes: bool
 ) -> Iterator[Mistake]:
     """The mistakes that keep figures from drawing their cases; none where a case is itself
     wrong."""
     known = {name: drawable(case) for name, case in cases.items()}
     for name, values in figures.items():
         if all(case in cases for case in values.get("cases", ())):
-            yield from within(("figures", name), check_drawn(values, known, steady))
+            yield from within(("figures", name), check_drawn(values, known, with_sizes))
 
 
 def drawable(case: Case) -> Drawable:

@@ -501,13 +501,13 @@ KINDS_IN_SPACE = {"herpolhode": "G_space", "axis-trace": "x1_space", "body": "G_
 
 
 def check_drawn(
-    values: Mapping[str, Any], cases: Mapping[str, Drawable], steady: bool
+    values: Mapping[str, Any], cases: Mapping[str, Drawable], with_sizes: bool
 ) -> Iterator[Mistake]:
     """The mistakes that keep a figure from drawing its cases: one set of rules, for a case file as
     it is read and for datasets as they are drawn.
 
-    Unless `steady`, the times of cases and the lengths of axes may be others for a single run, and
-    no figure is wrong by them.
+    Without `with_sizes` no figure is wrong by the times of cases and the lengths of axes, which are
+    others in a run with `--set`.
     """
     kind, drawn = values.get("kind"), [cases[name] for name in values.get("cases", ())]
     unfit: list[Mistake] = [
@@ -523,11 +523,11 @@ def check_drawn(
                 yield ("cases", i), f"{message} {case.name}: one axis has one unit"
     if kind in SWEPT_KINDS:
         for case in drawn:
-            yield from _swept_mistakes(values, case, steady)
+            yield from _swept_mistakes(values, case, with_sizes)
         return
     yield from _variable_mistakes(values, drawn)
     yield from _inset_mistakes(values)
-    if steady:
+    if with_sizes:
         yield from _span_mistakes(values, cases)
 
 
@@ -612,7 +612,9 @@ def _span_mistakes(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> 
                 yield ("moments", i), f"{moment:g} is no time of {case_words(name)}, {shown}"
 
 
-def _swept_mistakes(values: Mapping[str, Any], case: Drawable, steady: bool) -> Iterator[Mistake]:
+def _swept_mistakes(
+    values: Mapping[str, Any], case: Drawable, with_sizes: bool
+) -> Iterator[Mistake]:
     """A mistake for each variable, axis and position that a sweep does not have."""
     if message := _wrong_swept_variable(values, case):
         yield ("variable",), message
@@ -626,7 +628,7 @@ def _swept_mistakes(values: Mapping[str, Any], case: Drawable, steady: bool) -> 
     if _is_map_of_sphere(values) and not case.sphere:
         yield (), f"sweep {case.name} has no sphere: name the axes x and y"
     counted = values.get(_axis_of_positions(values))
-    if steady and counted is not None and counted in case.axes:
+    if with_sizes and counted is not None and counted in case.axes:
         for i, position in enumerate(values.get("at", ())):
             if position >= (n := case.axes[counted]):
                 message = f"axis {counted} of sweep {case.name} has positions 0 to {n - 1}"

@@ -12,7 +12,15 @@ import numpy as np
 
 from ..models import rigid_body
 from ..results.motion import Motion, formula_values
-from .finding import PLOTTING_ACCURACY, ROUNDING, Finding, beyond, if_true, listed, part_of
+from .finding import (
+    PLOTTING_ACCURACY,
+    ROUNDING,
+    Finding,
+    deviation_beyond,
+    deviation_unless,
+    in_percent,
+    listed,
+)
 from .quantities import number, quantity, quantity_from_start, turns_at
 
 if TYPE_CHECKING:
@@ -39,7 +47,7 @@ def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
     if check["turns"]:
         contrary.append(f"fewer turns about it than {check['turns']:g}")
     return Finding(
-        if_true(complying == len(motions)),
+        deviation_unless(complying == len(motions)),
         float(complying),
         ", ".join(words),
         " or ".join(contrary),
@@ -62,7 +70,7 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
             ", ".join(f"{time:.4g} ({a} to {b})" for time, a, b in passages) or "no crossing"
         )
     largest = float(max(len(m.crossings) for m in motions))
-    return Finding(if_true(holds), largest, "; ".join(words), contrary_crossings(check))
+    return Finding(deviation_unless(holds), largest, "; ".join(words), contrary_crossings(check))
 
 
 def contrary_crossings(check: Keys) -> str:
@@ -87,7 +95,8 @@ def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
             scale = range_of(m, name)
             # Half a unit of the last digit is itself a rounded number, hence the one more rounding.
             worst = max(
-                worst, beyond(differences[-1] / scale, check["within"] * (1 + ROUNDING) / scale)
+                worst,
+                deviation_beyond(differences[-1] / scale, check["within"] * (1 + ROUNDING) / scale),
             )
     return Finding(
         worst,
@@ -127,7 +136,7 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     bounds = (("above", most), ("below", least))
     return Finding(
         # A bound that is met is met at any scale: a time that is infinite has none.
-        0.0 if violation <= 0 else beyond(violation / scale, ROUNDING),
+        0.0 if violation <= 0 else deviation_beyond(violation / scale, ROUNDING),
         high if most is not None else low,
         words,
         " or ".join(f"a value {side} {limit:g}" for side, limit in bounds if limit is not None),
@@ -144,11 +153,11 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
         # How far each value is above the least before it: a slow climb counts, not only a single
         # step.
         climb = values - np.minimum.accumulate(values)
-        if violation := beyond(float(climb.max()) / range_of(m, name), ROUNDING):
+        if violation := deviation_beyond(float(climb.max()) / range_of(m, name), ROUNDING):
             largest = violation, float(m.time[climb.argmax()])
             violations[name] = max(violations.get(name, largest), largest)
     words = "; ".join(
-        f"{name} goes back by {part_of(violation)} of its range at {time:.4g}"
+        f"{name} goes back by {in_percent(violation)} of its range at {time:.4g}"
         for name, (violation, time) in violations.items()
     )
     worst = max((violation for violation, _ in violations.values()), default=0.0)
@@ -169,11 +178,13 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
     words = f"{check['of']}: {'; '.join(listed(group) for group in groups)}"
     if check["sense"] == "equal":
         apart = float(np.max(np.ptp(groups, axis=1)) / max(np.max(np.abs(groups)), math.ulp(0)))
-        return Finding(beyond(apart, ROUNDING), apart, words, "two values that differ")
+        return Finding(deviation_beyond(apart, ROUNDING), apart, words, "two values that differ")
     steps = [b - a for group in groups for a, b in itertools.pairwise(group)]
     # The smallest step is the number that would decide otherwise first.
     return Finding(
-        if_true(all(step < 0 if check["sense"] == "falls" else step > 0 for step in steps)),
+        deviation_unless(
+            all(step < 0 if check["sense"] == "falls" else step > 0 for step in steps)
+        ),
         min(map(abs, steps)),
         words,
         f"a value that {'rises' if check['sense'] == 'falls' else 'falls'} or stays",
@@ -189,7 +200,7 @@ def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
     ]
     worst = float(np.max(changes))
     return Finding(
-        beyond(worst, check["within"]),
+        deviation_beyond(worst, check["within"]),
         worst,
         f"{', '.join(check['of'])}: relative change at most {worst:.2g}",
         f"a relative change above {max(check['within'], PLOTTING_ACCURACY):g}",
@@ -205,7 +216,7 @@ def formula(check: Keys, motions: Sequence[Motion]) -> Finding:
         differences.append(difference / m.largest(name))
     worst = float(np.max(differences))
     return Finding(
-        beyond(worst, check["within"]),
+        deviation_beyond(worst, check["within"]),
         worst,
         f"{name} and {law}: at most {worst:.2g} apart, relative to the largest {name}",
         f"a relative difference above {max(check['within'], PLOTTING_ACCURACY):g}",
@@ -253,7 +264,7 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
         else f"{name} = {listed(means, 4)}"
     )
     return Finding(
-        beyond(max(violations, default=0.0) / scale, ROUNDING),
+        deviation_beyond(max(violations, default=0.0) / scale, ROUNDING),
         means[-1],
         words,
         "an average beyond its bounds, or a step the other way",

@@ -53,14 +53,14 @@ class Verdict:
     readings: Mapping[str, "Verdict"] = field(default_factory=dict)
 
 
-def beyond(violation: float, allowed: float) -> float:
+def deviation_beyond(violation: float, allowed: float) -> float:
     """The deviation that a violation makes; infinite for one that is not a number."""
     if violation <= allowed:
         return 0.0
     return math.inf if math.isnan(violation) else violation
 
 
-def if_true(holds: bool) -> float:
+def deviation_unless(holds: bool) -> float:
     """The deviation of a yes/no statement."""
     return 0.0 if holds else math.inf
 
@@ -72,7 +72,7 @@ def listed(values: Iterable[float], digits: int = 4) -> str:
     return ", ".join(f"{0 if abs(x) <= least else x:.{digits}g}" for x in numbers)
 
 
-def part_of(ratio: float) -> str:
+def in_percent(ratio: float) -> str:
     """A part of some whole in words, in percent."""
     return f"{100 * ratio:.3g} %"
 
@@ -97,7 +97,7 @@ def agreement(pairs: Sequence[ValuePair], within: float) -> Finding:
     """A formula beside motions; decided by the largest relative difference."""
     worst = difference(pairs)
     return Finding(
-        beyond(worst, within),
+        deviation_beyond(worst, within),
         worst,
         f"differs by {worst:.2g}",
         f"a relative difference above {max(within, PLOTTING_ACCURACY):g}",

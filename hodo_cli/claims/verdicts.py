@@ -38,7 +38,7 @@ from ..results.motion import Motion, case_of, motion_of
 from ..storage import ResultFile
 from ..text import grouped
 from .checks import MOTION_CHECKS, averages
-from .finding import Finding, Verdict, part_of
+from .finding import Finding, Verdict, in_percent
 from .quantities import NoNumber
 from .variations import Motions, changed_case, members
 
@@ -244,7 +244,9 @@ def over_members(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> V
         return Verdict(word, Finding(math.nan, complying, evidence, contrary))
     evidence = f"holds on {holds} of {len(findings)} members{spread}"
     if finding.deviation:
-        size = f"{part_of(finding.deviation)} of the range " if finding.deviation < math.inf else ""
+        size = (
+            f"{in_percent(finding.deviation)} of the range " if finding.deviation < math.inf else ""
+        )
         evidence += f"; largest violation {size}at {worst} ({finding.evidence})"
     contrary = f"{finding.contradicted_by}, for {'a' if claim['theorem'] else 'every'} member"
     word = UNDERDETERMINED if 0 < holds < len(findings) else finding.degree

@@ -50,7 +50,7 @@ from .resume import (
 if TYPE_CHECKING:
     from ..sweeps.growth import Earlier
 
-LEFT_AND_KEPT = "is kept, though it is no longer in the config (--prune drops it)"
+CASE_KEPT = "is kept, though it is no longer in the config (--prune drops it)"
 CASE_DROPPED = "is dropped: it is no longer in the config"
 
 LONGEST_OVERRIDES = 150
@@ -75,7 +75,7 @@ class Plan:
     prune: bool = False
 
     @cached_property
-    def old(self) -> dict[str, FinishedCase]:
+    def outdated(self) -> dict[str, FinishedCase]:
         """The stored results of cases to be rerun."""
         return {name: item for name, item in self.stored.items() if name in self.reasons}
 
@@ -90,16 +90,16 @@ class Plan:
         """For each case that is asked for, why it runs or not; and for each stored one that has
         left the config, whether it stays."""
         plans = {
-            name: f"will run: {self.reasons[name]}{self._kept_of_sweep(name)}"
+            name: f"will run: {self.reasons[name]}{self._parts_kept(name)}"
             if name in self.reasons
             else "is kept: nothing that it depends on has changed"
             for name in self.asked
         }
         left = (name for name in self.stored if name not in self.config.cases)
-        plans |= {name: CASE_DROPPED if name in self.dropped else LEFT_AND_KEPT for name in left}
+        plans |= {name: CASE_DROPPED if name in self.dropped else CASE_KEPT for name in left}
         return [{"run": str(self.path), "case": name, "plan": plans[name]} for name in plans]
 
-    def _kept_of_sweep(self, name: str) -> str:
+    def _parts_kept(self, name: str) -> str:
         """The chunks of a sweep that an interrupted run has left, or the members that its stored
         result holds, counted in words; "" for none."""
         sweep_ids = () if self.reasons[name] == FORCED else self._sweep_ids([name])
@@ -135,7 +135,7 @@ class Plan:
         result cannot be written.
         """
         self._announce(progress)
-        labelled_before = labelled(self.path, self.old)
+        labelled_before = labelled(self.path, self.outdated)
         attributes = attributes_by(f"run {self.config.path}", self.config)
         attributes[CONFIG_PATH] = path_from(self.config, self.path)
         rows: dict[str, dict[str, Any]] = {}
@@ -148,8 +148,8 @@ class Plan:
                 if fail_fast and group.attributes["status"] != "ok":
                     break
             # Cases that the batch has not reached keep the results that they had.
-            for name in self.old.keys() - rows.keys():
-                writer.keep(self.old[name])
+            for name in self.outdated.keys() - rows.keys():
+                writer.keep(self.outdated[name])
         labelled_now = labelled(self.path, labelled_before)
         if lost := [name for name in labelled_before if name not in labelled_now]:
             progress.say(
@@ -163,7 +163,7 @@ class Plan:
     ) -> None:
         """Store a case that has ended; in its place an earlier result that is as good, or that
         ended well where this one has a problem."""
-        done, old = partial(progress.done, name), self.old.get(name)
+        done, old = partial(progress.done, name), self.outdated.get(name)
         if problem and old and old.attributes.get("status") == "ok":
             writer.keep(old)
             done(f"{problem}; its earlier result is kept")

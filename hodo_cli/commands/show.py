@@ -102,14 +102,14 @@ def methods_of(path: Path) -> dict[str, str]:
         others = [name for name in run.cases() if name not in names]
         cited = filter(None, (f"{run.attributes.get('source')}", run.attributes.get("references")))
         sentences = (
-            computed_by(run, ended_well),
-            measured(ended_well),
+            sentence_on_methods(run, ended_well),
+            sentence_on_errors(ended_well),
             f"The equations of {own_models} are our own; the result holds their text."
             if own_models
             else "",
             f"Left out, since they did not end well: {few(others)}." if others else "",
-            f"All computations used Python {version(run, 'python')} "
-            f"and NumPy {version(run, 'numpy')}.",
+            f"All computations used Python {stored_version(run, 'python')} "
+            f"and NumPy {stored_version(run, 'numpy')}.",
             f"To be cited: {'; '.join(cited)}.",
         )
     return {"run": str(path), "methods": " ".join(filter(None, sentences))}
@@ -135,14 +135,14 @@ def methods_paragraphs(rows: Iterable[Mapping[str, str]]) -> str:
     return "\n\n".join(fill(row["methods"], 100, break_on_hyphens=False) for row in rows)
 
 
-def version(run: ResultFile, library: str) -> str:
+def stored_version(run: ResultFile, library: str) -> str:
     """The version of a library by which a result was made."""
     return str(run.attributes.get(f"{library}_version", "of unknown version"))
 
 
-def computed_by(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> str:
+def sentence_on_methods(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> str:
     """The sentence on methods and tolerances: how many motions were computed by which."""
-    libraries = {name: version(run, name) for name in ("heyoka", "scipy")}
+    libraries = {name: stored_version(run, name) for name in ("heyoka", "scipy")}
     methods = Counter[tuple[str, float]]()
     for row in rows:
         methods[row["method"], row["tol"]] += row["motions"]
@@ -161,7 +161,7 @@ def computed_by(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> str:
     return f"With {program}, {subject} of {models} {verb} computed: {'; '.join(phrases)}."
 
 
-def measured(rows: Sequence[Mapping[str, Any]]) -> str:
+def sentence_on_errors(rows: Sequence[Mapping[str, Any]]) -> str:
     """The sentence on measured errors, by what they were measured against; a sweep has them of a
     sample of its members."""
     phrases = []

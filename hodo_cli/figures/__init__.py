@@ -142,7 +142,7 @@ def check(spec: Mapping[str, Any], cases: Cases, others: Sequence[str]) -> None:
             owner = getattr(cases, "path", "the data")
             raise HodoError(f"{owner} has no result of case {name} yet: run it first")
     drawables = {name: drawable_of(name, cases[name]) for name in spec.get("cases", ())}
-    for mistake in check_drawn(spec, drawables, steady=True):
+    for mistake in check_drawn(spec, drawables, with_sizes=True):
         raise HodoError(str(Wrong(mistake)))
 
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..claims.finding import Finding, beyond, if_true, in_groups, listed
+from ..claims.finding import Finding, deviation_beyond, deviation_unless, in_groups, listed
 from ..results.motion import Motion, forms_apart
 
 NEAR_CROSSING = 0.05
@@ -37,7 +37,7 @@ def order_finding(motions: Sequence[Motion], expected: float, margin: float = 0.
     # Errors at one time scatter with the phase; the largest over a motion follow the power law.
     slope = float(np.polyfit(np.log(small), np.log(errors), 1)[0])
     return Finding(
-        beyond(expected - ORDER_WITHIN - slope, 0.0),
+        deviation_beyond(expected - ORDER_WITHIN - slope, 0.0),
         slope,
         f"order {slope:.3f}, from distances {listed(errors)}",
         f"an order below {expected - ORDER_WITHIN:g}",
@@ -48,7 +48,7 @@ def first_order(motions: Sequence[Motion]) -> Finding:
     """Averaged motions are as near to the full ones as the first order makes them, and no
     nearer."""
     order = order_finding(motions, 1)
-    no_nearer = if_true(order.number < 1 + ORDER_WITHIN)
+    no_nearer = deviation_unless(order.number < 1 + ORDER_WITHIN)
     return Finding(
         max(order.deviation, no_nearer),
         order.number,
@@ -80,7 +80,7 @@ def predicted_crossing(motions: Sequence[Motion]) -> Finding:
     holds = all(b < a for a, b in itertools.pairwise(missed))
     holds &= all(a < b for a, b in zip(missed, averaged_missed, strict=True))
     return Finding(
-        if_true(holds),
+        deviation_unless(holds),
         missed[-1],
         f"n |t - predicted| {listed(missed)}, n |t - t*| {listed(averaged_missed)}",
         "an error that does not fall, or is not below that of the averaged crossing",
@@ -95,7 +95,7 @@ def predicted_sense(motions: Sequence[Motion]) -> Finding:
         for averaged, full in pairs
     )
     return Finding(
-        if_true(complying == len(pairs)),
+        deviation_unless(complying == len(pairs)),
         float(complying),
         f"{complying} of {len(pairs)} as predicted",
         "a sense that is not predicted",
@@ -106,7 +106,7 @@ def steps_do_not_grow(motions: Sequence[Motion]) -> Finding:
     """The steps of motions are the same to a tenth, whatever the size of their resistance."""
     steps = [int(m.attrs["steps"]) for m in motions]
     return Finding(
-        if_true(max(steps) <= 1.1 * min(steps)),
+        deviation_unless(max(steps) <= 1.1 * min(steps)),
         float(max(steps)),
         f"steps {listed(steps)}",
         "steps that differ by more than a tenth",

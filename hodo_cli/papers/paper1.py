@@ -12,11 +12,11 @@ import numpy as np
 from ..claims.finding import (
     Finding,
     agreement,
-    beyond,
-    if_true,
+    deviation_beyond,
+    deviation_unless,
     in_groups,
+    in_percent,
     listed,
-    part_of,
 )
 from ..claims.quantities import first_time, largest_in_region, number, swept_angle, zero_times
 from ..engines import have_taylor
@@ -48,7 +48,7 @@ def no_closed_form(motions: Sequence[Motion]) -> Finding:
     """There is no closed form: holds where that of `free_rotation` fails."""
     free = free_rotation(motions)
     return Finding(
-        if_true(free.deviation > 0),
+        deviation_unless(free.deviation > 0),
         free.number,
         f"the closed form {free.evidence}",
         "a closed form that agrees",
@@ -90,7 +90,7 @@ def turning_axis(motions: Sequence[Motion]) -> Finding:
         enclosed = np.array(m.order)[[0, 2]][of_one_sign] + 1
         complying += enclosed.tolist() == [m.labels[0]]
     return Finding(
-        if_true(complying == len(motions)),
+        deviation_unless(complying == len(motions)),
         float(complying),
         f"{complying} of {len(motions)} as the criterion says",
         "a motion about another axis than the criterion says",
@@ -121,7 +121,7 @@ def turns_about_one_axis(motions: Sequence[Motion], axis: int) -> Finding:
     others = [abs(swept_angle(m, i)) for m in motions for i in range(3) if i != axis]
     turns = [abs(swept_angle(m, axis)) for m in motions]
     return Finding(
-        if_true(max(others) < 1),
+        deviation_unless(max(others) < 1),
         max(others),
         f"{listed(turns)} turns about x{axis + 1}, at most {max(others):.3g} about another axis",
         "a full turn about another axis",
@@ -142,7 +142,7 @@ def inequality_7(motions: Sequence[Motion]) -> Finding:
         K = A3 * (A2 - A3) / (A1 * (A1 - A2))
         mismatches += int(((h * A2 < G2) != (w[:, 0] ** 2 > K * w[:, 2] ** 2))[clear].sum())
     return Finding(
-        if_true(mismatches == 0),
+        deviation_unless(mismatches == 0),
         float(mismatches),
         f"{mismatches} samples on the other side",
         "a sample on the other side",
@@ -173,7 +173,7 @@ def larger_effect(measure: str, values: Sequence[float], entries: str, others: s
     ratio = effects[entries] / effects[others]
     sizes = (f"{size:.3g} of the {name} entries" for name, size in effects.items())
     return Finding(
-        if_true(ratio > 1),
+        deviation_unless(ratio > 1),
         ratio,
         f"effects on the {measure}: {', '.join(sizes)}",
         f"a larger effect of the {others} entries",
@@ -193,7 +193,7 @@ def criterion_predicts(motions: Sequence[Motion]) -> Finding:
         words.append(listed(times))
     # Without a crossing a step is no number, which is not above 0.
     return Finding(
-        if_true(all(step > 0 for step in steps)),
+        deviation_unless(all(step > 0 for step in steps)),
         min(steps),
         f"last zero of r, crossing, first zero of p: {'; '.join(words)}",
         "no crossing, a zero of p before it, or one of r after it",
@@ -228,7 +228,7 @@ def compared_by_difference(
 def all_in_order(in_order: Sequence[bool], contrary: str) -> Finding:
     """The finding of a statement on pairs; decided by the share of those that are in its order."""
     return Finding(
-        if_true(all(in_order)),
+        deviation_unless(all(in_order)),
         sum(in_order) / len(in_order),
         f"{sum(in_order)} of {len(in_order)} pairs in this order",
         contrary,
@@ -248,9 +248,9 @@ def larger_difference_sooner_as_a_trend(members: Sequence[Sequence[Motion]]) -> 
     share = sum(reversed_) / len(reversed_)
     # A trend, and no law: the middle coefficient matters too, so pairs may be reversed.
     return Finding(
-        if_true(share < 0.5),
+        deviation_unless(share < 0.5),
         share,
-        f"{part_of(share)} of {len(reversed_)} pairs reversed",
+        f"{in_percent(share)} of {len(reversed_)} pairs reversed",
         "half of the pairs in the other order",
     )
 
@@ -280,7 +280,7 @@ def equations_6_meet_the_start(motions: Sequence[Motion]) -> Finding:
     (m,) = motions
     missed = abs(float(as_in_equation_6(m, 1, 1)[0, 1] - m.omega[0, 1]))
     return Finding(
-        beyond(missed, 1e-12),
+        deviation_beyond(missed, 1e-12),
         missed,
         f"|q1(0) - q0| is {missed:.3g}",
         "a difference above 0.01",

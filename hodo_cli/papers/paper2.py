@@ -14,7 +14,7 @@ from ..cases.case import Case
 from ..claims.finding import (
     Finding,
     agreement,
-    if_true,
+    deviation_unless,
     in_groups,
     listed,
 )
@@ -57,7 +57,9 @@ def transverse_torque_vanishes(motions: Sequence[Motion]) -> Finding:
     )
     # Within a tenth of 1/2, and falling throughout.
     return Finding(
-        if_true(abs(power - 0.5) < 0.1 and all(b < a for a, b in itertools.pairwise(apart))),
+        deviation_unless(
+            abs(power - 0.5) < 0.1 and all(b < a for a, b in itertools.pairwise(apart))
+        ),
         power,
         f"power {power:.3g}; {words}",
         "a power outside 0.4 to 0.6",
@@ -90,7 +92,7 @@ def small_Reynolds_number(motions: Sequence[Motion]) -> Finding:
     """The Reynolds number of the flow at the start is a SMALL_NUMBER; decided by the largest."""
     numbers = [reynolds(m.case.data["cavity"], m.omega[0]) for m in motions]
     return Finding(
-        if_true(max(numbers) <= SMALL_NUMBER),
+        deviation_unless(max(numbers) <= SMALL_NUMBER),
         max(numbers),
         f"Re = {listed(numbers)}",
         f"a number above {SMALL_NUMBER:g}",
@@ -117,7 +119,7 @@ def slow_x_and_y(motions: Sequence[Motion]) -> Finding:
     changed_by = "; ".join(words)
     # x and y are 1 at the start; the second order still bends the power at these factors.
     return Finding(
-        if_true(power >= 0.9),
+        deviation_unless(power >= 0.9),
         power,
         f"x or y changes by {changed_by} at factors {listed(SMALLER)}: power {power:.3g}",
         "a power below 0.9",

@@ -14,9 +14,9 @@ from ..claims.finding import (
     Finding,
     ValuePair,
     agreement,
-    beyond,
+    deviation_beyond,
+    deviation_unless,
     difference,
-    if_true,
     in_groups,
     listed,
 )
@@ -97,7 +97,7 @@ def ordering(motions: Sequence[Motion]) -> Finding:
         u1, u2, u3 = (quantity(m, name) for name in ROOTS)
         least = min(least, float(np.min([u1 + 1, u2 - u1, 1 - u2, u3 - 1])))
     return Finding(
-        beyond(-least, 1e-12),
+        deviation_beyond(-least, 1e-12),
         least,
         f"the least distance is {least:.2g}",
         "a distance below -0.01",
@@ -156,7 +156,7 @@ def signs_change(motions: Sequence[Motion]) -> Finding:
         f"{max(before):.1g} until then, and by {listed(after, 1)} after it"
     )
     return Finding(
-        if_true(max(before) < HALF_THE_DIGITS < min(after) and max(times) < math.inf),
+        deviation_unless(max(before) < HALF_THE_DIGITS < min(after) and max(times) < math.inf),
         min(times),
         words,
         f"no change of sign, or a difference above {HALF_THE_DIGITS:g} before it",
@@ -236,7 +236,7 @@ def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
     least = min(powers)
     # The second order still bends the power at these epsilons.
     return Finding(
-        if_true(least >= 0.9),
+        deviation_unless(least >= 0.9),
         least,
         f"off, for epsilon = {listed(epsilons)}: {'; '.join(words)}: power {least:.3g}",
         "a power below 0.9",
@@ -274,7 +274,7 @@ def sooner(motions: Sequence[Motion], name: str, limit: float, for_good: bool = 
         stays = np.logical_and.accumulate(near[::-1])[::-1] if for_good else near
         times.append(float(m.time[np.argmax(stays)]) if stays.any() else math.inf)
     return Finding(
-        if_true(times[0] < min(times[1:])),
+        deviation_unless(times[0] < min(times[1:])),
         times[0],
         f"within {NEAR_LIMIT:.0%} of {limit:g}{' for good' if for_good else ''} at {listed(times)}",
         "an earlier time in another case",
@@ -302,7 +302,7 @@ def smoothing(motions: Sequence[Motion]) -> Finding:
     pairs = [(roughness(a), roughness(b)) for a, b in in_groups(motions, 2)]
     steps = [growing - constant for constant, growing in pairs]
     return Finding(
-        if_true(max(steps) < 0),
+        deviation_unless(max(steps) < 0),
         min(map(abs, steps)),
         f"roughness {'; '.join(map(listed, pairs))}",
         "a rougher motion with coefficients that grow",
