@@ -532,7 +532,7 @@ def test_the_estimate_of_memory_is_right_to_a_factor_of_two(tmp_path: Path) -> N
         text=True,
         check=True,
     )
-    estimate = memory.need(parse(text, "x").cases["large"])
+    estimate = memory.bytes_needed(parse(text, "x").cases["large"])
     assert estimate / 2 < int(done.stdout) < estimate
 
 

@@ -57,7 +57,7 @@ def test_one_ulp_moves_every_number_that_is_not_zero() -> None:
 
 def test_a_trial_that_has_no_time_for_a_sample_is_named() -> None:
     case = CASES["b"]
-    tried = trials.trial(case, trials.truth(case), "exact", None, 1, 1e-9)
+    tried = trials.trial(case, trials.reference_motion(case), "exact", None, 1, 1e-9)
     assert (tried.status, np.isnan(tried.drift)) == ("timeout", True)
 
 
@@ -71,16 +71,18 @@ def test_a_symmetric_body_stays_symmetric_when_its_numbers_are_moved() -> None:
 
 def test_the_floor_is_that_of_the_phase() -> None:
     # An ulp in the data turns the motion by about its angle of 10 times 1e-16.
-    assert 1e-16 < trials.truth(CASES["b"]).floor < 1e-14
+    assert 1e-16 < trials.reference_motion(CASES["b"]).floor < 1e-14
 
 
 def test_a_trial_measures_the_true_error_and_the_drift() -> None:
-    tried = trials.trial(CASES["b"], trials.truth(CASES["b"]), "DOP853", 1e-6, 3, 10.0)
+    tried = trials.trial(CASES["b"], trials.reference_motion(CASES["b"]), "DOP853", 1e-6, 3, 10.0)
     assert 1e-7 < tried.error < 1e-4
     assert 1e-9 < tried.drift < tried.error
     assert tried.rhs_evaluations >= 12 * tried.steps
     # It crosses the separatrix once, and is damped.
-    crossing = trials.trial(CASES["a"], trials.truth(CASES["a"]), "DOP853", 1e-6, 1, 10.0)
+    crossing = trials.trial(
+        CASES["a"], trials.reference_motion(CASES["a"]), "DOP853", 1e-6, 1, 10.0
+    )
     assert 0 < crossing.crossing_error < 1e-3
     assert np.isnan(tried.crossing_error)
     assert np.isnan(crossing.drift)
@@ -106,7 +108,7 @@ def test_a_time_is_the_least_of_the_repeats_and_the_processor_s() -> None:
 def test_an_averaged_motion_is_tried_too() -> None:
     text = CONFIG.replace("damping: [0.05, 0.04, 0.03],", "damping: 0.001, form: averaged,")
     averaged = parse(text, "x.yaml").cases["a"]
-    tried = trials.trial(averaged, trials.truth(averaged), "DOP853", 1e-6, 1, 10.0)
+    tried = trials.trial(averaged, trials.reference_motion(averaged), "DOP853", 1e-6, 1, 10.0)
     assert tried.error < 1e-4
     assert np.isnan(tried.drift)
 

@@ -46,7 +46,7 @@ class Dask(Executor):
                 "--scheduler needs dask, which is not installed: "
                 "pip install dask distributed cryptography"
             ) from None
-        # It logs with tracebacks what ends up as one line of ours.
+        # It logs with tracebacks what ends up as one line here.
         for name in [name for name in logging.root.manager.loggerDict if "distributed" in name]:
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         self._killed = distributed.KilledWorker
@@ -74,24 +74,24 @@ class Dask(Executor):
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Schedule a call. Raises BatchError if the scheduler is gone."""
         try:
-            theirs = self._inner.submit(function, *args, **kwargs)
+            of_dask = self._inner.submit(function, *args, **kwargs)
         except Exception as error:
             raise self._gone(error) from None
-        ours: Future[Any] = Future()
-        theirs.add_done_callback(lambda done: self._pass_on(done, ours))
-        return ours
+        future: Future[Any] = Future()
+        of_dask.add_done_callback(lambda done: self._pass_on(done, future))
+        return future
 
-    def _pass_on(self, theirs: Future[Any], ours: Future[Any]) -> None:
+    def _pass_on(self, of_dask: Future[Any], future: Future[Any]) -> None:
         """The outcome of a task; dask's own errors by what they mean for a batch."""
         try:
-            ours.set_result(theirs.result())
+            future.set_result(of_dask.result())
         except CancelledError:
-            ours.set_exception(self._gone("it has dropped a task"))
+            future.set_exception(self._gone("it has dropped a task"))
         except self._killed:
-            ours.set_exception(WorkerLost())
+            future.set_exception(WorkerLost())
         except Exception as error:
             is_theirs = type(error).__module__.startswith("distributed")
-            ours.set_exception(self._gone(error) if is_theirs else error)
+            future.set_exception(self._gone(error) if is_theirs else error)
 
     def _gone(self, error: object) -> BatchError:
         reason = str(error).partition("\n")[0]

@@ -14,7 +14,7 @@ from what cases of every model took: 10 to 30 when they were integrated, 67 when
 classified."""
 
 
-def need(case: Case) -> int:
+def bytes_needed(case: Case) -> int:
     """About how many bytes the samples of a case take at most while it is integrated or
     classified."""
     # Reduced members are computed and written chunk by chunk.
@@ -28,9 +28,11 @@ def need(case: Case) -> int:
 def lack_of_memory(case: Case, processes: int = 1) -> str:
     """Why the samples of a case do not fit into the memory of one of so many processes; an empty
     string if they do."""
-    if need(case) <= (have := memory_limit() // processes):
+    if bytes_needed(case) <= (have := memory_limit() // processes):
         return ""
-    needs = f"{case.time.samples:,} samples would take about {in_bytes(need(case))} of memory"
+    needs = (
+        f"{case.time.samples:,} samples would take about {in_bytes(bytes_needed(case))} of memory"
+    )
     share = f" for each of {processes} processes" if processes > 1 else ""
     return f"{needs}, and there are {in_bytes(have)}{share}"
 

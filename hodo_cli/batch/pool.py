@@ -133,8 +133,8 @@ def _outcome(future: Future[tuple[str, Any]]) -> Any:
         raise error
     if isinstance(error, Exception):
         return error
-    theirs, result = future.result()
-    if theirs != process_digest():
+    worker_digest, result = future.result()
+    if worker_digest != process_digest():
         raise BatchError(
             "a worker computes with other code or libraries (hodo, heyoka, numpy, scipy) than this "
             "process: start both anew"

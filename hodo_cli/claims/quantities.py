@@ -35,7 +35,7 @@ def integrated_motion(case: Case) -> Motion:
         if case.system.no_axis_reason
         else cross(case, method, case.precision, case.tol)
     )
-    if not trajectory.whole:
+    if not trajectory.succeeded:
         raise HodoError(
             f"a variation of case {case.name} {trajectory.status}: {trajectory.message}"
         )

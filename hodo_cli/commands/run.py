@@ -222,7 +222,7 @@ class Plan:
         """Whether an earlier result of a case has the numbers, the hash and the config of a new
         one."""
         is_same_case = old.attributes.get("hash") == group.attributes["hash"]
-        if old.damage or group.late or not is_same_case:
+        if old.damage or group.streamed or not is_same_case:
             return False
         with suppress(HodoError), open_run(old.file) as run:
             is_ours = run.attributes.get(CONFIG_PATH) == path_from(self.config, self.path)

@@ -65,7 +65,7 @@ def stiffness(case: Case) -> str:
         tried = replace(case, max_steps=int(most), max_seconds=None)
         trial = solve(tried, "collocation", tol=TRIAL_TOL, times=times)
         least = max(MIN_STIFF_STEPS, COLLOCATION_COST * trial.steps)
-        if trial.whole and (steps := taylor_steps(case, trial)) > least:
+        if trial.succeeded and (steps := taylor_steps(case, trial)) > least:
             needs = f"where a Taylor series needs some {steps:.0e}"
             return f"stiff: {trial.steps} steps in a trial, {needs}"
     return ""
@@ -78,7 +78,9 @@ def taylor_steps(case: Case, path: Trajectory | None = None) -> float:
     span = end - case.time.start if is_timed(system) else None
     if path is None:
         moment = None if span is None else TimeWindow(case.time.start, span)
-        rates = [rate(system, end, np.array(system.start), 0, units_at_start(system, moment))]
+        rates = [
+            fastest_rate(system, end, np.array(system.start), 0, units_at_start(system, moment))
+        ]
     else:
         end, rates = float(path.time[-1]), []
         for t, state, size in zip(
@@ -86,13 +88,13 @@ def taylor_steps(case: Case, path: Trajectory | None = None) -> float:
         ):
             moment = None if span is None else TimeWindow(t, span)
             units = Units.fit(type(system), system.constants, state, size, moment)
-            rates.append(rate(system, t, state, size, units))
+            rates.append(fastest_rate(system, t, state, size, units))
     # A Taylor step at full precision covers some 8 units of the fastest rate: right to 25 % for a
     # stiff motion, for which it decides, and a third of the steps that others take.
     return float(np.mean(rates) * (end - case.time.start)) / 8
 
 
-def rate(system: Model, t: float, state: np.ndarray, size: int, units: Units) -> float:
+def fastest_rate(system: Model, t: float, state: np.ndarray, size: int, units: Units) -> float:
     """The fastest rate in a state (m,), in units of omega of 2**size, by the units that fit it."""
     model, k = type(system), attributes(units.constants(type(system), system.constants))
     y = rescaled(model, state, size - units.size)

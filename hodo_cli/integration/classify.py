@@ -85,7 +85,7 @@ def classify(
     errors, reference = against_reference(dense, assumed)
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
     labels[: len(samples)] = sample_labels(motion.at(samples), errors[samples])
-    labels = completed(labels, case.system.absorbing_axes(case.time.start, case.time.end))
+    labels = with_hidden_labels(labels, case.system.absorbing_axes(case.time.start, case.time.end))
     listed = crossings_of(dense, errors)
     crossings, warnings = (
         resolve_conflicts(listed, reference)
@@ -187,7 +187,7 @@ def check_stored(motion: Trajectory, rows: np.ndarray, omega: np.ndarray, expect
     """Raise HodoError where these rows of a motion are not the stored omega (n, 3)."""
     apart = relative_distance(motion.variables["omega"][rows], omega[: len(rows)])
     allowed = 1e-12 + 4 * expected
-    if apart > allowed or (len(rows) < len(omega) and motion.whole):
+    if apart > allowed or (len(rows) < len(omega) and motion.succeeded):
         raise HodoError(
             f"{motion.case.name}: the stored motion differs from its case by {apart:.1e}, "
             f"and its error allows {allowed:.1e}; run it again with --force"
@@ -208,17 +208,19 @@ def against_reference(
         # Also where the equations tell the axes: a time needs an error.
         if not crossings_of(dense, assumed, absorbing=frozenset()).undecided:
             return assumed, None
-    end = math.inf if motion.whole else float(motion.time[-1])
+    end = math.inf if motion.succeeded else float(motion.time[-1])
     for by in references(case, motion.method, motion.tol):
         limited = with_step_limit(motion, by.method)
         reference = searched(limited, by.method, by.precision, by.tol, until=end)
-        if (motion.whole and not reference.motion.whole) or (
+        if (motion.succeeded and not reference.motion.succeeded) or (
             by.tol is not None and reference.motion.tol == motion.tol
         ):
             continue
         errors = distances(motion, reference.motion)
         reference_errors = (
-            own_errors(motion, reference.motion, by.precision) if by.tol is None else errors
+            errors_of_reference(motion, reference.motion, by.precision)
+            if by.tol is None
+            else errors
         )
         reference_errors[:1] = errors[:1] = start_error(case)
         name = f"{by.method} in {by.precision} precision"
@@ -262,7 +264,7 @@ def start_error(case: Case) -> float:
     return EPS * math.sqrt(float(rigid_body.near_middle_axis(A, omega)))
 
 
-def own_errors(motion: Trajectory, reference: Trajectory, precision: str) -> np.ndarray:
+def errors_of_reference(motion: Trajectory, reference: Trajectory, precision: str) -> np.ndarray:
     """The errors (n,) of a reference of higher precision at its own times.
 
     They are those of a motion that is at the limit of its precision, in the ratio of the two
@@ -336,7 +338,7 @@ def sample_sides(motion: Trajectory) -> SignChanges:
     return SignChanges(motion.time[turning], margins, none_vanishes, no_rates, momentum, sides)
 
 
-def completed(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndarray:
+def with_hidden_labels(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndarray:
     """Labels (n,) with those that the error of a motion hides, where its equations tell them: it
     never leaves the axes that are `absorbing`, and before that it enclosed the other axis."""
     sample, is_absorbing = np.arange(len(labels)), np.isin(labels, [*absorbing])

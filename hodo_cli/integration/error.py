@@ -36,7 +36,7 @@ def with_measured_error(motion: Trajectory) -> Trajectory:
     there is one: the largest over the samples, or over some SAMPLES_COMPARED of them where there
     are more."""
     case, times, n = motion.case, motion.time, len(motion.time)
-    if motion.whole and any(event.terminal for event in case.system.run_events):
+    if motion.succeeded and any(event.terminal for event in case.system.run_events):
         times = sample_times(case)
     positions = thinned(len(times))
     times = times[positions]
@@ -51,7 +51,7 @@ def with_measured_error(motion: Trajectory) -> Trajectory:
         if by.tol is not None and reference.tol == motion.tol:
             continue
         # A reference that stops early still judges a motion that stopped as well.
-        if reference.whole or not motion.whole:
+        if reference.succeeded or not motion.succeeded:
             return replace(
                 motion,
                 errors=errors_against(case, thin_motion, reference),

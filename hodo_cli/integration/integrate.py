@@ -99,7 +99,7 @@ def timed(motion: Trajectory) -> Trajectory:
     """A motion; with its second run time if it is short and the first of its kind in this process,
     which pays for what all later ones find ready."""
     case, kind = motion.case, (motion.case.system.__class__, motion.method)
-    if kind not in _TIMED_KINDS and motion.run_time < SHORT_SECONDS and motion.whole:
+    if kind not in _TIMED_KINDS and motion.run_time < SHORT_SECONDS and motion.succeeded:
         again = solve(case, motion.method, case.precision, case.tol)
         motion = replace(motion, run_time=min(motion.run_time, again.run_time))
     _TIMED_KINDS.add(kind)
@@ -118,6 +118,6 @@ def solved(case: Case, method: str, reason: str) -> Trajectory:
         and case.precision != "quadruple"
     ):
         other = solve(case, "collocation", case.precision, case.tol)
-        if other.whole:
+        if other.succeeded:
             return replace(other, method_reason=f"the Taylor series failed: {motion.message}")
     return replace(motion, method_reason=reason)

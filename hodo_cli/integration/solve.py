@@ -118,12 +118,12 @@ def accurate_motion(
     the tolerance, or as far as they can be; it is of the case with these data."""
     motion, is_accurate = attempted(case, method, precision, tol, times)
     for _ in range(REFINEMENTS.get(method, OTHER_REFINEMENTS)):
-        if is_accurate or not motion.whole:
+        if is_accurate or not motion.succeeded:
             break
         # As many steps as before, unless it is a singularity that ever finer data show the clearer.
         finer = refined(case, motion.system, max(100, 4 * motion.steps))
         better, is_accurate = attempted(finer, method, precision, tol, times)
-        if not better.whole:
+        if not better.succeeded:
             break
         motion = better
     return motion

@@ -65,7 +65,7 @@ class Trajectory:
         )  # fmt: skip
 
     @property
-    def whole(self) -> bool:
+    def succeeded(self) -> bool:
         """Whether the motion was not given up."""
         return self.status is Status.OK
 

@@ -135,7 +135,7 @@ class Motion:
             raise HodoError(f"{self.words} has no component {axis} of {name}, only {has}")
         return self.vectors[name][:, self.axes.index(axis)]
 
-    def whole(self, name: str) -> np.ndarray:
+    def vector(self, name: str) -> np.ndarray:
         """A stored vector (n, 3). Raises as `component` does, if it lacks one."""
         for axis in BODY_AXES:
             self.component(name, axis)
@@ -260,7 +260,7 @@ class Motion:
     @property
     def omega(self) -> np.ndarray:
         """Angular velocity (n, 3) in body axes. Raises KeyError for a case without it."""
-        return self.whole("omega")
+        return self.vector("omega")
 
     @cached_property
     def inertia(self) -> np.ndarray:
@@ -285,7 +285,7 @@ class Motion:
                 f"{self.words} ({self.case.model}, {self.case.form}) has no angular momentum "
                 "in body axes"
             )
-        return self.whole("G")
+        return self.vector("G")
 
     @property
     def classified(self) -> bool:
@@ -500,7 +500,7 @@ def _separatrix_ratio(m: Motion) -> np.ndarray:
 
 def _first_integral(m: Motion, name: str) -> np.ndarray:
     """Gz or H of a top that stores its angular velocity."""
-    vertical = [*m.whole("gamma").T]
+    vertical = [*m.vector("gamma").T]
     k = with_mu(attributes(m.case.system.constants), m.time)
     return np.asarray(first_integrals([*m.omega.T], vertical, k)[("Gz", "H").index(name)])
 

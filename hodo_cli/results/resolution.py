@@ -64,7 +64,7 @@ def longer_intervals(motion: Motion) -> np.ndarray:
     return np.asarray(np.maximum(steps[:-1], steps[1:]) * time_factor(motion))
 
 
-def coarse(motion: Motion, drawn: slice, limit: float, in_space: bool) -> str:
+def turn_remark(motion: Motion, drawn: slice, limit: float, in_space: bool) -> str:
     """The remark on a motion whose samples are too few for a curve of G, or for one in space; an
     empty text if they are enough."""
     if len(motion.time[drawn]) < 3:
@@ -81,7 +81,7 @@ def coarse(motion: Motion, drawn: slice, limit: float, in_space: bool) -> str:
     )
 
 
-def bent(motion: Motion, name: str, drawn: slice) -> str:
+def bend_remark(motion: Motion, name: str, drawn: slice) -> str:
     """The remark on a quantity that a line through its samples leaves between them by more than the
     eye sees, as a parabola through three neighbours does; an empty text without."""
     time, values = motion.time[drawn], motion[name][drawn]
@@ -122,14 +122,14 @@ def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[st
     names = [spec["x"], spec["y"]] if kind == "phase" else spec.get("variables", ())
     slow = [name for name in names if kind == "series" and not oscillates(name)]
     drawn = [(motion, samples_within(motion, spec.get("span"))) for motion in motions]
-    bends = [bent(motion, name, samples) for motion, samples in drawn for name in slow]
+    bends = [bend_remark(motion, name, samples) for motion, samples in drawn for name in slow]
     if kind not in CURVES and not any(map(oscillates, names)):
         return [*filter(None, bends)]
     limit = OSCILLATION_ANGLE if kind == "series" else LARGEST_TURN
     # The angles count the turns of the body in space, of which few samples lose whole ones.
     in_space = kind in KINDS_IN_SPACE or any(name in EULER_ANGLES for name in names)
     remarks = [
-        coarse(motion, samples, limit, in_space)
+        turn_remark(motion, samples, limit, in_space)
         for motion, samples in drawn
         if "omega" in motion.vectors and len(motion.axes) == 3
     ]

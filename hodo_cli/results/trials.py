@@ -104,7 +104,7 @@ class Trial:
     message: str = ""
 
 
-def truth(case: Case) -> ReferenceMotion:
+def reference_motion(case: Case) -> ReferenceMotion:
     """The best that can be computed of a case: in quadruple precision unless that takes too
     long."""
     every = sample_times(case)
@@ -175,7 +175,7 @@ def drifts(motion: Trajectory) -> list[float]:
 
 def trial(
     case: Case,
-    sure: ReferenceMotion,
+    reference: ReferenceMotion,
     method: str,
     tol: float | None,
     repeats: int,
@@ -189,23 +189,23 @@ def trial(
         motion = solved(case, *choose(case))
         first = thread_time() - began
     except HodoError as mistake:
-        return Trial(method, "failed with a message", message=str(mistake), floor=sure.floor)
+        return Trial(method, "failed with a message", message=str(mistake), floor=reference.floor)
     run_time = least_time(case, motion, repeats)
     thin = compared(motion)
-    error = worst(errors_against(case, thin, sure.motion)) if motion.whole else math.nan
+    error = worst(errors_against(case, thin, reference.motion)) if motion.succeeded else math.nan
     changes = drifts(thin)
     return Trial(
         method=motion.method,
-        status=verdict(motion, error, sure.floor),
+        status=verdict(motion, error, reference.floor),
         error=error,
-        crossing_error=error_of_crossings(motion, sure),
+        crossing_error=error_of_crossings(motion, reference),
         run_time=run_time,
         compile_time=max(first - run_time, 0.0),
         steps=motion.steps,
         rhs_evaluations=motion.evaluations or math.nan,
         # One that ran out of time before its first sample has none.
-        drift=max((changes[i] for i in sure.conserved if changes), default=math.nan),
-        floor=sure.floor,
+        drift=max((changes[i] for i in reference.conserved if changes), default=math.nan),
+        floor=reference.floor,
         message=motion.message,
     )
 
@@ -228,7 +228,7 @@ def compared(motion: Trajectory) -> Trajectory:
 
 def verdict(motion: Trajectory, error: float, floor: float) -> str:
     """The verdict on a result; SILENT if it is wrong and does not say so."""
-    if not motion.whole:
+    if not motion.succeeded:
         return "timeout" if motion.status is Status.TIMEOUT else "failed with a message"
     if error <= ERROR_SLACK * max(motion.tol, ERROR_LIMIT_ASKED):
         return "accurate"
@@ -239,17 +239,18 @@ def verdict(motion: Trajectory, error: float, floor: float) -> str:
     return "inaccurate, as stated" if any(remarks) else "SILENT"
 
 
-def error_of_crossings(motion: Trajectory, sure: ReferenceMotion) -> float:
+def error_of_crossings(motion: Trajectory, reference: ReferenceMotion) -> float:
     """The largest relative error of a crossing's time; infinite if the crossings are not the true
     ones."""
-    if not (sure.crossings and motion.whole):
+    if not (reference.crossings and motion.succeeded):
         return math.nan
     crossings = cross(motion.case, motion.method, motion.case.precision, motion.tol)[1]
-    if [(c.start, c.end) for c in crossings] != [(c.start, c.end) for c in sure.crossings]:
+    if [(c.start, c.end) for c in crossings] != [(c.start, c.end) for c in reference.crossings]:
         # Times of crossings that are not the true ones cannot be compared.
         return math.inf
     return max(
-        abs(a.time - b.time) / abs(b.time) for a, b in zip(crossings, sure.crossings, strict=True)
+        abs(a.time - b.time) / abs(b.time)
+        for a, b in zip(crossings, reference.crossings, strict=True)
     )
 
 
@@ -261,10 +262,10 @@ def trials_of(
     began = perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of SciPy's solvers and overflows: the verdicts count them
-        sure = truth(case)
+        reference = reference_motion(case)
         patience = dict.fromkeys(methods, max_seconds) | {"auto": PATIENCE_OF_TRIALS}
         trials = [
-            trial(case, sure, method, tol, repeats, patience[method])
+            trial(case, reference, method, tol, repeats, patience[method])
             for method, tol in product(methods, tols or (None,))
         ]
     return trials, perf_counter() - began

@@ -25,7 +25,7 @@ def units_of_case(stated: str, case: Case) -> str:
     for word, power in powers.items():
         for unit, of_unit in factors(case_units.get(word, word)).items():
             total[unit] += power * of_unit
-    return written(total)
+    return product_text(total)
 
 
 STATED_UNITS = re.compile(rf" \[((?:{INERTIA}|{TIME_WORD})[^\]]*)\]")
@@ -56,15 +56,15 @@ def factors(text: str) -> dict[str, int]:
     return powers
 
 
-def written(powers: dict[str, int]) -> str:
+def product_text(powers: dict[str, int]) -> str:
     """A product of units as UDUNITS reads it, with a single divisor at the most: "kg m^2/s"."""
-    above = [raised(unit, power) for unit, power in powers.items() if power > 0]
+    above = [power_text(unit, power) for unit, power in powers.items() if power > 0]
     below = [(unit, -power) for unit, power in powers.items() if power < 0]
     if len(below) == 1:
-        return f"{' '.join(above) or '1'}/{raised(*below[0])}"
-    return " ".join([*above, *(raised(unit, -power) for unit, power in below)]) or "1"
+        return f"{' '.join(above) or '1'}/{power_text(*below[0])}"
+    return " ".join([*above, *(power_text(unit, -power) for unit, power in below)]) or "1"
 
 
-def raised(unit: str, power: int) -> str:
+def power_text(unit: str, power: int) -> str:
     """A unit to a power."""
     return unit if power == 1 else f"{unit}^{power}"

@@ -44,7 +44,7 @@ class Group:
 
     attributes: Mapping[str, Attribute]
     variables: Mapping[str, Variable]
-    late: StreamedVariables | None = None
+    streamed: StreamedVariables | None = None
     report: Report | None = None
 
     def with_addition(self, addition: "Group") -> "Group":

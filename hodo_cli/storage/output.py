@@ -48,9 +48,11 @@ class Output:
             del self._file[name]
         target = h5g.create(self._file.id, name.encode(), LINK, GROUP_CREATION)
         _set_attributes(target, group.attributes)
-        streamed = {key: ValuesChecksum() for key in (group.late.names if group.late else ())}
+        checksums = {
+            key: ValuesChecksum() for key in (group.streamed.names if group.streamed else ())
+        }
         items = {
-            key: _stored(target, key, variable, has_values=key not in streamed)
+            key: _stored(target, key, variable, has_values=key not in checksums)
             for key, variable in group.variables.items()
         }
         for dim, size in sizes.items():
@@ -63,11 +65,11 @@ class Output:
                 h5ds.set_scale(items[dim], NO_VARIABLE + b"%10d" % size)
         _attach(items, {key: variable.dims for key, variable in group.variables.items()})
         # Last, so that memory holds one block at a time.
-        for key, where, block in group.late.blocks() if group.late else ():
+        for key, where, block in group.streamed.blocks() if group.streamed else ():
             item = h5py.Dataset(items[key])
             item[where] = block
-            streamed[key].add(np.asarray(block, dtype=item.dtype))
-        checksum = checksum_of(group, streamed)
+            checksums[key].add(np.asarray(block, dtype=item.dtype))
+        checksum = checksum_of(group, checksums)
         _set_attributes(
             target, {"checksum": checksum, SHORT_ATTRIBUTES: short_attributes(group.attributes)}
         )

@@ -88,7 +88,7 @@ def member_error(case: Case, single: Case, end: MemberEnd) -> MemberError:
     times = np.array([case.time.start, *crossings, case.time.end])
     for by in references(single, method, tol):
         reference = replace(solve(finer, by.method, by.precision, by.tol, times), case=single)
-        if reference.whole:
+        if reference.succeeded:
             shift = crossing_error(reference) if crossings else math.nan
             return MemberError(final_error(end.final, reference), shift, by.kind)
     return MemberError(problem="no better computation reached their end")
