@@ -85,7 +85,7 @@ class Writer:
         self._order = order
         self._cases: dict[str, FinishedCase] = {}
         self._texts: dict[str, str] = {}
-        self._chunks: dict[str, Path] = {}
+        self._chunks: dict[tuple[str, int], Path] = {}
         self._count = 0
         self._waiting: dict[str, tuple[Group, Callable[[], object]]] = {}
         self._stored_at = monotonic()
@@ -100,7 +100,7 @@ class Writer:
         with self._open as failed:
             failed.enter_context(self._staging)
             for folder in self._staging.dead:
-                self._chunks |= {chunk.name: chunk for chunk in chunks_in(folder)}
+                self._chunks |= {_chunk_key(file): file for file in chunks_in(folder)}
             self._identity = identity(self.path)
             if self._identity:
                 self._old = failed.enter_context(open_run(self.path))
@@ -168,22 +168,22 @@ class Writer:
         """The numbers of a sweep's chunks that this run and dead ones have finished. `sweep_id` is
         the digest of what the sweep depends on."""
         return {
-            int(name.removesuffix(".h5").split("-")[2])
-            for name, chunk in self._chunks.items()
-            if _sweep_id(name) == sweep_id and _is_sound(chunk)
+            number
+            for (of_sweep, number), file in self._chunks.items()
+            if of_sweep == sweep_id and _is_sound(file)
         }
 
     def add_chunk(self, sweep_id: str, number: int, group: Group) -> None:
         """Write a finished chunk of a sweep; it survives the death of this process. Raises
         HodoError if it cannot be written."""
         with os_errors_as(self.path, CASES_KEPT):
-            chunk = self._staging / _chunk_name(sweep_id, number)
-        self._put(chunk, {"part": group})
-        self._chunks[chunk.name] = chunk
+            file = self._staging / f"part-{sweep_id}-{number}.h5"
+        self._put(file, {"part": group})
+        self._chunks[sweep_id, number] = file
 
     def keep_all_chunks(self) -> None:
         """Leave the chunks of dead runs for the next Writer."""
-        self.unfinished |= {_sweep_id(name) for name in self._chunks}
+        self.unfinished |= {sweep_id for sweep_id, _ in self._chunks}
 
     def leave_dead(self) -> None:
         """Leave all that dead runs have finished for the next Writer."""
@@ -191,7 +191,7 @@ class Writer:
 
     def chunk(self, sweep_id: str, number: int) -> Group:
         """The members of a chunk, which is among `chunks`."""
-        with open_run(self._chunks[_chunk_name(sweep_id, number)]) as run:
+        with open_run(self._chunks[sweep_id, number]) as run:
             return run.read("part")
 
     def keep(self, case: FinishedCase, text: str = "") -> bool:
@@ -231,7 +231,10 @@ class Writer:
                 draft = self._staging / "whole.h5"
                 self._join(draft, sources, longer(latest_result, self._attributes.get("history")))
                 publish(draft, self._staging.path)
-        self._staging.clear({name for name in self._chunks if _sweep_id(name) in self.unfinished})
+        unfinished = {
+            file.name for (sweep_id, _), file in self._chunks.items() if sweep_id in self.unfinished
+        }
+        self._staging.clear(unfinished)
 
     def _adds_nothing(self, result: ResultFile, sources: Mapping[str, ResultFile | Path]) -> bool:
         """Whether a result has these cases already, in this order, with the same texts and
@@ -280,12 +283,10 @@ class Writer:
                             output.copy(run, name)
 
 
-def _chunk_name(sweep_id: str, number: int) -> str:
-    return f"part-{sweep_id}-{number}.h5"
-
-
-def _sweep_id(chunk_name: str) -> str:
-    return chunk_name.split("-")[1]
+def _chunk_key(file: Path) -> tuple[str, int]:
+    """The id of the sweep of a chunk, and its number."""
+    _, sweep_id, number = file.stem.split("-")
+    return sweep_id, int(number)
 
 
 def _is_sound(file: Path) -> bool:
