@@ -29,14 +29,14 @@ CODE_CHANGED = "the code of hodo has changed since this process began: start it 
 def _states() -> dict[str, tuple[int, int]]:
     """When each source file that decides numbers was last written, in ns since 1970, and its size,
     by its path within the package."""
+    # A part is a module, or a folder of modules.
     files = [
         file for part in SWEEP_SOURCES for file in [PACKAGE / part, *(PACKAGE / part).rglob("*.py")]
     ]
+    states = {file: file.stat() for file in sorted(files) if file.suffix == ".py"}
     return {
         str(file.relative_to(PACKAGE)): (state.st_mtime_ns, state.st_size)
-        for file in sorted(files)
-        if file.suffix == ".py"
-        for state in [file.stat()]
+        for file, state in states.items()
     }
 
 

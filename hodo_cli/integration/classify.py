@@ -342,6 +342,7 @@ def with_hidden_labels(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndar
     """Labels (n,) with those that the error of a motion hides, where its equations tell them: it
     never leaves the axes that are `absorbing`, and before that it enclosed the other axis."""
     sample, is_absorbing = np.arange(len(labels)), np.isin(labels, [*absorbing])
+    # The first sample about an absorbing axis, and the last one about another: one each, or none.
     first, last = sample[is_absorbing][:1], sample[(labels > 0) & ~is_absorbing][-1:]
     if not absorbing or (last > first).any():  # its error is larger than stated
         return labels
