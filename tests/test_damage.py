@@ -12,6 +12,7 @@ import time
 import zlib
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from threading import Timer
 
@@ -165,9 +166,9 @@ def test_a_reader_that_hangs_or_dies_costs_its_case_and_a_limited_time() -> None
             os.kill(os.getpid(), signal.SIGKILL)
         return "wrong" if name == "bad\n" else ""
 
-    found = disk.inspect_in_child(
-        lambda: ["good", "hangs", "bad\n", "dies", "fine"], look_at, 0.3, 1 << 30
-    )
+    names = ["good", "hangs", "bad\n", "dies", "fine"]
+    parts = {name: partial(look_at, name) for name in names}
+    found = disk.inspect_in_child(lambda: parts, 0.3, 1 << 30)
     assert found == {
         "hangs": disk.READER_SILENT, "bad\n": "wrong", "dies": disk.READER_SILENT,
     }  # fmt: skip
@@ -469,7 +470,7 @@ def test_a_signal_ends_a_reading_that_hangs(tmp_path: Path) -> None:
 
     before = signal.signal(signal.SIGUSR1, end)
     with pytest.raises(InterruptedError):
-        disk.inspect_in_child(lambda: ["a"], hang, 100, 1 << 30)
+        disk.inspect_in_child(lambda: {"a": partial(hang, "a")}, 100, 1 << 30)
     signal.signal(signal.SIGUSR1, before)
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "a").read_text()), 0)

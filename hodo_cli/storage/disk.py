@@ -16,7 +16,7 @@ import json
 import os
 import re
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
@@ -145,29 +145,27 @@ MAX_HANGS = 3
 
 
 def inspect_in_child(
-    list_parts: Callable[[], list[str]],
-    problem_of: Callable[[str], str],
-    patience: float,
-    memory: int,
+    open_parts: Callable[[], Mapping[str, Callable[[], str]]], patience: float, memory: int
 ) -> dict[str, str]:
     """What is wrong with the parts of a file, by their names, as another process finds it.
 
-    `list_parts` opens the file and names its parts, `problem_of` says what is wrong with one, or
-    "". A part at which that process dies, takes more than `patience` seconds or so many bytes of
-    memory, is reported as such; the name "" stands for the whole file. Signals are heard meanwhile.
+    `open_parts` opens the file and gives its parts by name, each as the function that says what is
+    wrong with it, or "". A part at which that process dies, takes more than `patience` seconds or
+    so many bytes of memory, is reported as such; the name "" stands for the whole file. Signals are
+    heard meanwhile.
     """
     problems = {"": READER_SILENT}  # until the other process comes to its end
 
     def named_problems() -> Iterator[tuple[str, str]]:
         """Each part by its name with what is wrong, as far as the process gets: the last that came
         for a name counts."""
-        names: list[str] = []
+        parts: Mapping[str, Callable[[], str]] = {}
         with suppress(Exception):  # it cannot be opened: so this process will find, and say why
-            names = list_parts()
-        for name in names:
+            parts = open_parts()
+        for name, find_problem in parts.items():
             if name not in problems:
                 yield name, READER_SILENT  # stands if nothing more comes
-                yield name, problem_of(name)
+                yield name, find_problem()
         yield "", ""
 
     for _ in range(MAX_HANGS):

@@ -4,9 +4,9 @@ import json
 import os
 import stat
 import warnings
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -348,19 +348,13 @@ def _inspected(path: Path, inode: int, changed: int, size: int) -> Mapping[str, 
     """As `_damage`; to read a file again that has not changed would show nothing new."""
     if checksum_fits(path):
         return None
-    files: list[ResultFile] = []
 
-    def list_groups() -> list[str]:
-        files.append(ResultFile(path, _opened(path), {}))
-        return [ROOT, *files[0].groups]
+    def checks() -> dict[str, Callable[[], str]]:
+        run = ResultFile(path, _opened(path), {})
+        return {name: partial(run.check, name) for name in [ROOT, *run.groups]}
 
     patience = PATIENCE_OF_READER + size / SLOWEST_DISK
-    return inspect_in_child(
-        list_groups,
-        lambda name: files[0].check(name),
-        patience,
-        CHECKSUM_COPIES * bytes_allowed(size),
-    )
+    return inspect_in_child(checks, patience, CHECKSUM_COPIES * bytes_allowed(size))
 
 
 CHECKSUM_COPIES = 4
