@@ -254,20 +254,23 @@ class Writer:
             for name, case in self._cases.items()
         }
         if latest_result and latest_result is not old:
-            for name in latest_result.cases():
-                if name in latest_result.damaged:
-                    continue
-                ours = self._cases.get(name)
-                if ours and ours.file != self.path:
-                    # Its run has ended since, or theirs may have labels.
-                    theirs = resume_attributes(latest_result, name).get("hash")
-                    is_taken = theirs == ours.attributes.get("hash") or not ours.file.exists()
-                else:
-                    # A case that was left out of this run is left out of theirs too.
-                    is_taken = ours is not None or old is None or name not in old
-                if is_taken:
-                    sources[name] = latest_result
+            sources |= {
+                name: latest_result
+                for name in latest_result.cases()
+                if name not in latest_result.damaged and self._takes(latest_result, name)
+            }
         return {name: sources[name] for name in in_order(sources, self._order)}
+
+    def _takes(self, latest_result: ResultFile, name: str) -> bool:
+        """Whether a case is taken from a result that another process has put in the old one's
+        place."""
+        ours = self._cases.get(name)
+        if ours and ours.file != self.path:
+            # Its run has ended since, or theirs may have labels.
+            theirs = resume_attributes(latest_result, name).get("hash")
+            return theirs == ours.attributes.get("hash") or not ours.file.exists()
+        # A case that was left out of this run is left out of theirs too.
+        return ours is not None or self._old is None or name not in self._old
 
     def _join(self, draft: Path, sources: Mapping[str, ResultFile | Path], history: str) -> None:
         with create(draft, {**self._attributes, "history": history}) as output:
