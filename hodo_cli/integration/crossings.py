@@ -394,6 +394,21 @@ class RegionSearch(CrossingSearch):
 
     def _search_steps(self, b: np.ndarray, times: np.ndarray) -> None:
         """Note the places of steps, the extrema between them, and where the label changes."""
+        row, x = self._places_and_extrema(b)
+        label = self._view(b, row, x).label
+        change = np.flatnonzero((label[1:] != label[:-1]) & (row[1:] == row[:-1]))
+
+        def unchanged(i: np.ndarray, x: np.ndarray) -> np.ndarray:
+            return np.asarray(self._view(b, row[change[i]], x).label == label[change[i]])
+
+        places = end_of(unchanged, x[change], x[change + 1], ROUNDS)
+        vanishes = np.repeat((False, True), (len(x), len(places)))
+        row, x = np.concatenate((row, row[change])), np.concatenate((x, places))
+        self._note(row, x, vanishes, b, times)
+
+    def _places_and_extrema(self, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The row and x of the places at which steps are looked at, and of the extrema of the
+        distances between them, in order."""
         row, x = places_in(n := len(b), b.dtype.type)
         turns = np.argwhere(self._turned(self._view(b, row, x), n))
 
@@ -405,17 +420,7 @@ class RegionSearch(CrossingSearch):
         extrema = end_of(nearing, x[turns[:, 1]], x[turns[:, 1] + 1], EXTREMUM_ROUNDS)
         row, x = np.concatenate((row, turns[:, 0])), np.concatenate((x, extrema))
         order = np.lexsort((x, row))
-        row, x = row[order], x[order]
-        label = self._view(b, row, x).label
-        change = np.flatnonzero((label[1:] != label[:-1]) & (row[1:] == row[:-1]))
-
-        def unchanged(i: np.ndarray, x: np.ndarray) -> np.ndarray:
-            return np.asarray(self._view(b, row[change[i]], x).label == label[change[i]])
-
-        places = end_of(unchanged, x[change], x[change + 1], ROUNDS)
-        vanishes = np.repeat((False, True), (len(x), len(places)))
-        row, x = np.concatenate((row, row[change])), np.concatenate((x, places))
-        self._note(row, x, vanishes, b, times)
+        return row[order], x[order]
 
     def _view(self, b: np.ndarray, row: np.ndarray, x: np.ndarray) -> StepView:
         """The motion at places x (k,) in steps with Bernstein coefficients b (n, 3, degree + 1)."""

@@ -195,22 +195,29 @@ def closed_form(case: Case, times: np.ndarray, precision: str) -> Trajectory:
         np.empty((len(times), len(case.system.state)), dtype=fp),
         np.empty(len(times), dtype=np.int64),
     )
-    # In blocks, for the memory: the closed form makes a dozen arrays of its times.
-    for i in range(0, len(times), SAMPLES_AT_ONCE):
-        if perf_counter() > control.deadline:
-            control.give_up(Status.TIMEOUT, f"max_seconds: stopped after {case.max_seconds:g} s")
-            break
-        block: np.ndarray = times[i : i + SAMPLES_AT_ONCE].astype(fp)
-        samples.add(*case.system.exact_states(block - case.time.start))
+    take_exact_samples(case, samples, control)
     if end := case.system.exact_end:
         kind, outcome = end
         time = case.time.start + outcome.time
         if time <= case.time.end:
             samples.events.append(Occurrence(kind, time, outcome.details or {}))
+    return trajectory(case, "exact", float(np.finfo(fp).eps), samples, control, began)
+
+
+def take_exact_samples(case: Case, samples: SampleBuffer, control: StepControl) -> None:
+    """Enter the exact states of a case at the times of its samples, until they exceed the largest
+    number, or its seconds are over."""
+    times = samples.time
+    # In blocks, for the memory: the closed form makes a dozen arrays of its times.
+    for i in range(0, len(times), SAMPLES_AT_ONCE):
+        if perf_counter() > control.deadline:
+            control.give_up(Status.TIMEOUT, f"max_seconds: stopped after {case.max_seconds:g} s")
+            break
+        block: np.ndarray = times[i : i + SAMPLES_AT_ONCE].astype(samples.state.dtype)
+        samples.add(*case.system.exact_states(block - case.time.start))
     known = slice(samples.done)
     outgrown = samples.exponent[known] > LARGEST_EXPONENT
     lost = np.flatnonzero(outgrown | ~np.isfinite(samples.state[known]).all(axis=1))
     if len(lost):
         samples.done = int(lost[0])
         control.give_up(Status.FAILED, f"{OVERFLOW_MESSAGE} at {times[lost[0]]:.6g}")
-    return trajectory(case, "exact", float(np.finfo(fp).eps), samples, control, began)
