@@ -230,7 +230,7 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
         final["event_time"][member] = passed.time  # of several, the last one counts
         return final
     else:
-        labels = enclosed(e, outcome.first[accepted]), enclosed(e, outcome.last[accepted])
+        labels = enclosed(e, outcome.start_side[accepted]), enclosed(e, outcome.end_side[accepted])
         labels[0][e.at_rest[accepted]] = rigid_body.UNDETERMINED
         crossings = crossing_columns(e, passed)
         final["separation"] = least_separation(e, outcome, accepted)

@@ -68,10 +68,13 @@ def combinations(
     axes = axes_of(case.sweep)
     index = np.unravel_index(members, shape(case))
     plain = [(axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is None]
+    directions = [
+        axis.directions(i) for axis, i in zip(axes, index, strict=True) if axis.sphere is not None
+    ]
     sizes = [len(axis) for axis, _ in plain] or [1]
-    place = np.ravel_multi_index([i for _, i in plain] or [np.zeros_like(members)], sizes)
+    number = np.ravel_multi_index([i for _, i in plain] or [np.zeros_like(members)], sizes)
     # The members of a sphere have their data in common.
-    occurring, combination = np.unique(place, return_inverse=True)
+    occurring, combination = np.unique(number, return_inverse=True)
     varying = [
         (path, axis.values(j, along))
         for (axis, _), along in zip(plain, np.unravel_index(occurring, sizes), strict=bool(plain))
@@ -79,10 +82,7 @@ def combinations(
     ]
     paths = [path for path, _ in varying]
     values = np.array([numbers for _, numbers in varying]).reshape(len(paths), len(occurring))
-    sphere = next(
-        ((axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is not None), None
-    )
-    return paths, values, combination, sphere[0].directions(sphere[1]) if sphere else None
+    return paths, values, combination, directions[0] if directions else None
 
 
 def prepare(case: Case, members: np.ndarray) -> list[Ensemble]:
@@ -95,9 +95,9 @@ def prepare(case: Case, members: np.ndarray) -> list[Ensemble]:
     sets = [described(case, paths, row) for row in values.T.tolist()]
     omega = velocities(sets, combination, direction)
     return alike(
-        ensemble_of(case, system, own, system.starts(omega[own]))
+        ensemble_of(case, system, positions, system.starts(omega[positions]))
         for i, (_, system) in enumerate(sets)
-        for own in [np.flatnonzero(combination == i)]
+        for positions in [np.flatnonzero(combination == i)]
         if system is not None
     )
 
@@ -157,17 +157,17 @@ def velocities(
     for i, (data, system) in enumerate(sets):
         if system is None:
             continue
-        own, A = combination == i, np.array(data["inertia"])
+        is_own, A = combination == i, np.array(data["inertia"])
         start = np.array(system.velocity(data["inertia"], data["initial"]))
         if isinstance(system, BodyFrame) and not system.is_plain:
             # G, which is not A omega along the axes of the case, is linear in omega.
             zero, unit = system.momentum(np.zeros(3)), system.momentum(np.eye(3))
-            G = np.linalg.norm(system.momentum(start)) * direction[own] - zero
+            G = np.linalg.norm(system.momentum(start)) * direction[is_own] - zero
             # Not by a product of matrices, whose last digits hang on their number of columns.
             inverse = np.linalg.inv((unit - zero).T).ravel().tolist()
-            omega[own] = np.stack(times(inverse, G.T), axis=-1)
+            omega[is_own] = np.stack(times(inverse, G.T), axis=-1)
         else:
-            omega[own] = np.linalg.norm(A * start, axis=-1) * direction[own] / A
+            omega[is_own] = np.linalg.norm(A * start, axis=-1) * direction[is_own] / A
     return omega
 
 
@@ -202,12 +202,12 @@ def warnings_of_ends(case: Case) -> list[str]:
     warning of any member is one of these two.
     """
     total = math.prod(shape(case))
-    ends = {0: "first", total - 1: "last"}
-    places: dict[str, list[str]] = {}
-    for number, place in ends.items():
-        single = member(case, number)
-        if not any(type(case.system).check(single.data)):
-            for warning in single.system.warnings:
-                places.setdefault(warning, []).append(place)
+    given = grouped(
+        (warning, end)
+        for number, end in {0: "first", total - 1: "last"}.items()
+        for single in [member(case, number)]
+        if not any(type(case.system).check(single.data))
+        for warning in single.system.warnings
+    )
     whose = f"of {total} members (only the first and the last are checked)"
-    return [f"{' and '.join(at)} {whose}: {text}" for text, at in places.items()]
+    return [f"{' and '.join(by)} {whose}: {warning}" for warning, by in given.items()]

@@ -60,7 +60,7 @@ def stop_at_rest(outcome: Outcome) -> None:
             state[:3, resting], exponent[resting] = 0, -REST_BITS
     passed = outcome.passages
     outcome.passages = passed.chosen(~at_rest(passed.state[:3].T, passed.exponent))
-    outcome.last[(outcome.state[:3] == 0).all(axis=0)] = 0
+    outcome.end_side[(outcome.state[:3] == 0).all(axis=0)] = 0
 
 
 def decide_passages(
@@ -71,12 +71,12 @@ def decide_passages(
     A motion is accepted if its zeros lead, by turns, from the sign at its start to that at its end,
     and none of these is uncertain.
     """
-    outcome.first = e.side(event, e.span[0], e.onset)
-    outcome.last = e.side(event, e.span[1], outcome.state)
+    outcome.start_side = e.side(event, e.span[0], e.onset)
+    outcome.end_side = e.side(event, e.span[1], outcome.state)
     # A brake has brought these to rest, where no sign is left.
     resting = (outcome.state[:3] == 0).all(axis=0)
     # With an uncertain sign a motion is not accepted, whatever zeros it has.
-    certain = (outcome.first != 0) & (event.terminal | resting | (outcome.last != 0))
+    certain = (outcome.start_side != 0) & (event.terminal | resting | (outcome.end_side != 0))
     steps = steps_of(candidates, certain & ~e.is_one_sided(event))
     if steps is not None:
         zeros, undecided = zeros_within(e, event, steps)
@@ -86,7 +86,7 @@ def decide_passages(
             outcome.exponent[zeros.motion] = zeros.exponent
             for motion, time in zip(zeros.motion, zeros.time, strict=True):
                 outcome.samples[:, motion, e.times > time] = np.nan
-            outcome.last[zeros.motion] = zeros.after
+            outcome.end_side[zeros.motion] = zeros.after
         outcome.passages = zeros
         outcome.reject(undecided, Rejection.UNCERTAIN)
     reject_contradicted(outcome, resting)
@@ -95,11 +95,11 @@ def decide_passages(
 def decide_regions(e: Ensemble, candidates: list[TakenSteps], outcome: Outcome) -> None:
     """The same for bodies with a rotor: find the changes of the label in steps that may have
     some."""
-    outcome.first, outcome.last = (
+    outcome.start_side, outcome.end_side = (
         label_at(e, *state) for state in ((e.start, 0), (outcome.state, outcome.exponent))
     )
-    resting = outcome.last == UNDETERMINED
-    certain = (outcome.first != SEPARATRIX) & (outcome.last != SEPARATRIX)
+    resting = outcome.end_side == UNDETERMINED
+    certain = (outcome.start_side != SEPARATRIX) & (outcome.end_side != SEPARATRIX)
     steps = steps_of(candidates, certain)
     if steps is not None:
         changes, undecided = changes_within(e, steps)
@@ -114,12 +114,12 @@ def reject_contradicted(outcome: Outcome, resting: np.ndarray) -> None:
     """Reject motions whose passages do not lead, by turns, from the side at their start to that at
     their end, unless they are at rest (n,) there; and those that start on none."""
     passed = outcome.passages
-    before = np.where(passed.is_first, outcome.first[passed.motion], np.roll(passed.after, 1))
+    before = np.where(passed.is_first, outcome.start_side[passed.motion], np.roll(passed.after, 1))
     outcome.reject(passed.motion[passed.before != before], Rejection.UNCERTAIN)
-    side = outcome.first.copy()
+    side = outcome.start_side.copy()
     side[passed.motion] = passed.after  # of several, the last one counts
-    contradicted = (side != outcome.last) & ~resting
-    outcome.reject(contradicted | (outcome.first == 0), Rejection.UNCERTAIN)
+    contradicted = (side != outcome.end_side) & ~resting
+    outcome.reject(contradicted | (outcome.start_side == 0), Rejection.UNCERTAIN)
 
 
 def steps_of(candidates: list[TakenSteps], certain: np.ndarray) -> TakenSteps | None:

@@ -24,7 +24,8 @@ STEP_LIMIT = int(4 * MIN_STIFF_STEPS)
 """Steps after which a motion is left to the driver of single cases."""
 
 HOPELESS_STEPS = 100 * MIN_STIFF_STEPS
-"""Steps that a motion would need at the pace of its first ones, beyond which it is left at once."""
+"""Steps that a motion would need if all were as long as its first ones, beyond which it is left to
+single cases at once."""
 
 STEPS_PER_PAUSE = 6
 """Steps from one look for motions that are at their end or have outgrown their units to the next:
@@ -106,12 +107,12 @@ class BatchState:
         past = Columns(history, *columns[1:])
         remaining, lost, _ = past.clock
         lost[remaining <= 0] = 0
-        time, rest = past.time_and_rest
-        step, sample = times_within(e.times, time + rest)
+        time, correction = past.time_and_correction
+        step, sample = times_within(e.times, time + correction)
         rows = history[:, :-1].reshape(len(history), -1).take(step, axis=1)
         column = step % len(columns.motion)
         start = Columns(rows, *(values.take(column, axis=-1) for values in columns[1:]))
-        elapsed = (e.times[sample] - time.ravel()[step]) - rest.ravel()[step]
+        elapsed = (e.times[sample] - time.ravel()[step]) - correction.ravel()[step]
         sampled = states_after(e.step, start, np.ldexp(elapsed, start.rate))
         entry = start.motion * len(e.times) + sample
         # Row by row, which is four times as fast as all rows at once.
@@ -156,16 +157,16 @@ class BatchState:
     def cut_at_zero(self, event: Event, steps: TakenSteps, columns: np.ndarray) -> np.ndarray:
         """Let the steps just taken in some columns end at the first zero of an event's function;
         returns those of the columns where there is one."""
-        step, some = self.ensemble.step, steps.chosen(columns)
-        powers = some.powers(step, event)
+        step, cut = self.ensemble.step, steps.chosen(columns)
+        powers = cut.powers(step, event)
         zeros = zeros_of(powers, rounding(powers, TAYLOR))
         row, first = np.unique(zeros.row, return_index=True)
         x, is_sure = zeros.x[first], zeros.sure[first]
-        columns, some = columns[row], some.chosen(row)
-        self.columns.state[:, columns] = some.states_at(step, x)
-        steps.length[columns] = x * some.length
-        remaining, lost, _ = some.start.clock
-        self.columns.clock[:2, columns] = exact_difference(remaining, x * some.length)
+        columns, cut = columns[row], cut.chosen(row)
+        self.columns.state[:, columns] = cut.states_at(step, x)
+        steps.length[columns] = x * cut.length
+        remaining, lost, _ = cut.start.clock
+        self.columns.clock[:2, columns] = exact_difference(remaining, x * cut.length)
         self.columns.clock[1, columns] += lost
         self.columns.clock[0, columns[~is_sure]] = np.nan
         return np.asarray(columns[is_sure])

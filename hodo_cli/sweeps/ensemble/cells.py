@@ -65,10 +65,10 @@ def stays_within(cells: np.ndarray, levels: np.ndarray) -> np.ndarray:
     factor, lower, upper = cells
     energy, square = levels.reshape(2, 3, -1)
     # Both mostly fall together, and their difference changes much less.
-    value, change, rest = factor * square[0], factor * square[1], np.abs(factor) * square[2]
-    for bounded, part in zip((value, change, rest), energy, strict=True):
-        bounded[1:] += part
-    middle, reach = value + change / 2, np.abs(change) / 2 + rest
+    value, change, bound = factor * square[0], factor * square[1], np.abs(factor) * square[2]
+    for of_square, of_energy in zip((value, change, bound), energy, strict=True):
+        of_square[1:] += of_energy
+    middle, reach = value + change / 2, np.abs(change) / 2 + bound
     return np.asarray(((middle - reach > lower) & (middle + reach < upper)).all(0))
 
 
@@ -91,15 +91,15 @@ def points_near(curves: SaddleCurves, squares: np.ndarray) -> np.ndarray:
 def cells_about(curves: SaddleCurves, levels: np.ndarray, width: float) -> np.ndarray:
     """Cells (3, 3, n) about the beginning of steps with levels (LEVEL_ROWS, n), in which G^2 may go
     on by a part `width` of it. Not all hold the step, or its beginning."""
-    (energy, _, _), (square, change, rest) = levels.reshape(2, 3, -1)
-    part = np.clip(STEPS_WITHIN * (np.abs(change) + rest) / square, width, LARGEST_WIDTH)
+    (energy, _, _), (square, change, bound) = levels.reshape(2, 3, -1)
+    part = np.clip(STEPS_WITHIN * (np.abs(change) + bound) / square, width, LARGEST_WIDTH)
     ahead = np.copysign(part * square, change)
     s, T, G = points_near(curves, np.stack([square + ahead, square - BACKWARD_PART * ahead]))
-    margin = OFF_CURVE * (energy + np.abs(s[0]) * square)
+    distance = OFF_CURVE * (energy + np.abs(s[0]) * square)
     begins, side = (x.reshape(2, -1) for x in (curves.least_squares(), curves.side))
     exists, tangent = square > begins, T[0] + s[0] * (square - G[0])
     # Beyond a tangent of its curve a saddle decides alone: the other one is farther off.
-    decides = exists & (side * (energy - tangent) < -margin)
+    decides = exists & (side * (energy - tangent) < -distance)
     bounds = exists & ~decides[::-1]
     slope = np.where(bounds, np.where(decides, s[0], (T[1] - T[0]) / (G[1] - G[0])), 0)
     line, is_below = T[0] - slope * G[0], decides == (side > 0)
@@ -109,8 +109,8 @@ def cells_about(curves: SaddleCurves, levels: np.ndarray, width: float) -> np.nd
         np.ones_like(square),
         *-slope,
         np.where(bounds, lowest, -np.inf).max(0),
-        *np.where(bounds & ~is_below, line + margin, -np.inf),
+        *np.where(bounds & ~is_below, line + distance, -np.inf),
         np.where(decides.any(0), np.inf, highest).min(0),
-        *np.where(bounds & is_below, line - margin, np.inf),
+        *np.where(bounds & is_below, line - distance, np.inf),
     )
     return np.array(rows).reshape(3, 3, -1)

@@ -226,7 +226,7 @@ class Outcome:
     def __init__(self, m: int, n: int, s: int) -> None:
         """Nothing known of n motions."""
         self.state, self.samples = np.full((m, n), np.nan), np.full((m, n, s), np.nan)
-        self.exponent, self.steps, self.first, self.last = np.zeros((4, n), dtype=np.intc)
+        self.exponent, self.steps, self.start_side, self.end_side = np.zeros((4, n), dtype=np.intc)
         self.sample_exponent = np.zeros((n, s), dtype=np.intc)
         self.rejection = np.full(n, Rejection.AT_REST.code, dtype=np.int8)
         none, empty = np.empty(0, dtype=np.int64), np.empty(0)

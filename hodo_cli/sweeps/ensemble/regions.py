@@ -20,13 +20,13 @@ FINEST_PART, COARSEST_PART = 4 * 2.0**-52, 4 * 2.0**-42
 is allowed four times as much with every look."""
 
 STEPS_PER_BLOCK = 256
-"""Steps that are searched at once: the numbers of their places fit a processor's cache."""
+"""Steps that are searched at once: the numbers of their PLACES_VIEWED fit a processor's cache."""
 
 
 class MotionView(NamedTuple):
-    """Motions at places (k,) in steps: their numbers, times, and how long the steps are, states (m,
-    k) in units of 2**size, and in true size the angular velocities (k, 3), how fast they change,
-    and the regions in which they stand."""
+    """Motions (k,) at moments in steps: their positions in the ensemble, times, and how long the
+    steps are, states (m, k) in units of 2**size, and in true size the angular velocities (k, 3),
+    how fast they change, and the regions in which they stand."""
 
     motion: np.ndarray
     time: np.ndarray
@@ -45,7 +45,7 @@ class MotionView(NamedTuple):
 
 
 Viewing = Callable[[np.ndarray, np.ndarray], MotionView]
-"""`view` of an ensemble's steps, by step and place."""
+"""`view` of an ensemble's steps, by their rows (k,) and the parts x (k,) of them."""
 
 
 def true_omega(e: Ensemble, motion: np.ndarray, state: np.ndarray, size: Any) -> np.ndarray:
@@ -55,11 +55,11 @@ def true_omega(e: Ensemble, motion: np.ndarray, state: np.ndarray, size: Any) ->
 
 
 def region_at(
-    e: Ensemble, motion: np.ndarray, omega: np.ndarray, band: float = 0.0
+    e: Ensemble, motion: np.ndarray, omega: np.ndarray, uncertainty: float = 0.0
 ) -> HodographRegion:
     """The regions of some motions (k,) with angular velocities (k, 3) along the principal axes."""
     with np.errstate(all="ignore"):
-        return region_of(e.inertia[:, motion].T, e.rotor[:, motion].T, omega, band)
+        return region_of(e.inertia[:, motion].T, e.rotor[:, motion].T, omega, uncertainty)
 
 
 def label_at(e: Ensemble, state: np.ndarray, size: Any) -> np.ndarray:
@@ -76,7 +76,7 @@ def changes_of(e: Ensemble, motion: np.ndarray, t: Any, state: np.ndarray, k: An
 
 
 def view(e: Ensemble, steps: TakenSteps, row: np.ndarray, x: np.ndarray) -> MotionView:
-    """Motions at places x (k,), from 0 to 1, of the steps in `row` (k,)."""
+    """Motions at parts x (k,), from 0 to 1, of the steps in `row` (k,)."""
     steps = steps.chosen(row)
     (_, _, motion, size, rate), time = steps.start, steps.times_at(x)
     state = steps.states_at(e.step, x)
@@ -91,17 +91,17 @@ def view(e: Ensemble, steps: TakenSteps, row: np.ndarray, x: np.ndarray) -> Moti
 def changes_within(e: Ensemble, steps: TakenSteps) -> tuple[Passages | None, np.ndarray]:
     """The changes of the label in steps that may have some, and the motions of which they are
     undecided."""
-    look, count = partial(view, e, steps), len(steps.length)
+    view_at, count = partial(view, e, steps), len(steps.length)
     blocks = (
         np.arange(i, min(i + STEPS_PER_BLOCK, count)) for i in range(0, count, STEPS_PER_BLOCK)
     )
-    seen = [changes_seen(look, row, e.error_bound) for row in blocks]
-    row, low, unclear = (np.concatenate(parts) for parts in zip(*seen, strict=True))
+    viewed = [changes_seen(view_at, row, e.error_bound) for row in blocks]
+    row, low, unclear = (np.concatenate(arrays) for arrays in zip(*viewed, strict=True))
     uncertain = steps.start.motion[unclear]
     if not row.size:
         return None, uncertain
-    before, after, x, width = change_between(e, look, row, low, low + 1 / (PLACES_VIEWED - 1))
-    at, taken = look(row, x), steps.start.clock[-1, row] + 2
+    before, after, x, width = change_between(e, view_at, row, low, low + 1 / (PLACES_VIEWED - 1))
+    at, taken = view_at(row, x), steps.start.clock[-1, row] + 2
     gradient = passing_gradient(e, at.motion, at.omega, at.region)
     # The error of a state is a part of omega, in whatever direction.
     off = np.linalg.norm(gradient, axis=-1) * np.linalg.norm(at.omega, axis=-1)
@@ -113,28 +113,31 @@ def changes_within(e: Ensemble, steps: TakenSteps) -> tuple[Passages | None, np.
 
 
 def changes_seen(
-    look: Viewing, row: np.ndarray, band: float
+    view_at: Viewing, row: np.ndarray, uncertainty: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The step (k,) of each change of the label between neighbouring places in the steps `row`
-    (n,), and the first of the two places; and those of the steps in which there may be others."""
-    places = np.linspace(0, 1, PLACES_VIEWED)
-    seen = look(np.repeat(row, PLACES_VIEWED), np.tile(places, len(row)))
-    label, near, value, slope = (
+    """The step (k,) of each change of the label between two neighbours of PLACES_VIEWED parts of
+    the steps `row` (n,), and the first of the two; and the steps in which there may be others."""
+    x = np.linspace(0, 1, PLACES_VIEWED)
+    motions = view_at(np.repeat(row, PLACES_VIEWED), np.tile(x, len(row)))
+    region = motions.region
+    label, nearest, value, slope = (
         values.reshape(len(row), PLACES_VIEWED, *values.shape[1:])
-        for values in (seen.region.label, seen.region.nearest, seen.region.value, seen.slope)
+        for values in (region.label, region.nearest, region.value, motions.slope)
     )
-    unclear = has_turned(value, slope).any((1, 2)) | (near <= band).any(1) | (label <= 0).any(1)
-    change, place = np.nonzero(label[:, 1:] != label[:, :-1])
-    return row[change], places[place], row[unclear]
+    unclear = (
+        has_turned(value, slope).any((1, 2)) | (nearest <= uncertainty).any(1) | (label <= 0).any(1)
+    )
+    step, first = np.nonzero(label[:, 1:] != label[:, :-1])
+    return row[step], x[first], row[unclear]
 
 
 def change_between(
-    e: Ensemble, look: Viewing, row: np.ndarray, low: np.ndarray, high: np.ndarray
+    e: Ensemble, view_at: Viewing, row: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The labels (k,) before and behind a change in intervals of the steps in `row` (k,), its
     position x, and how far off this may be: by Newton's method for what passes 0 there, bracketed
     by positions of either label, else by halving."""
-    first, last = look(row, low), look(row, high)
+    first, last = view_at(row, low), view_at(row, high)
     values = (differences(e, at.motion, at.omega, at.region)[0] for at in (first, last))
     passing = (np.multiply(*values) < 0).argmax(1)
     x, low, high = (low + high) / 2, low.copy(), high.copy()
@@ -142,7 +145,7 @@ def change_between(
     for turn in range(ROUNDS):
         if not wide.size:
             break
-        at = look(row[wide], probe[wide])
+        at = view_at(row[wide], probe[wide])
         is_before = at.region.label == first.region.label[wide]
         low[wide[is_before]] = probe[wide[is_before]]
         high[wide[~is_before]] = probe[wide[~is_before]]

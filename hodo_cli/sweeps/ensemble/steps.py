@@ -54,17 +54,17 @@ class Columns(NamedTuple):
         return namespace(structure, [*self.constants])
 
     @property
-    def time_and_rest(self) -> tuple[np.ndarray, np.ndarray]:
+    def time_and_correction(self) -> tuple[np.ndarray, np.ndarray]:
         """The case's own times (n,), as sums of two numbers: early in a long span the time left has
         fewer digits than the time itself."""
         remaining, lost, _ = self.clock
-        time, rest = exact_difference(self.params[0], np.ldexp(remaining, -self.rate))
-        return time, rest - np.ldexp(lost, -self.rate)
+        time, correction = exact_difference(self.params[0], np.ldexp(remaining, -self.rate))
+        return time, correction - np.ldexp(lost, -self.rate)
 
     @property
     def time(self) -> np.ndarray:
         """The case's own times (n,)."""
-        return np.asarray(sum(self.time_and_rest))
+        return np.asarray(sum(self.time_and_correction))
 
     def chosen(self, index: np.ndarray) -> "Columns":
         """Copies of some columns, by position."""
@@ -90,8 +90,8 @@ class TakenSteps(NamedTuple):
 
     def times_at(self, x: np.ndarray) -> np.ndarray:
         """The case's own times (k,) at parts x (k,) of the steps."""
-        time, rest = self.start.time_and_rest
-        return np.asarray(time + (rest + np.ldexp(x * self.length, -self.start.rate)))
+        time, correction = self.start.time_and_correction
+        return np.asarray(time + (correction + np.ldexp(x * self.length, -self.start.rate)))
 
     def states_at(self, step: "TaylorStep", x: np.ndarray) -> np.ndarray:
         """The states (m, k) at parts x (k,) of the steps."""
