@@ -22,7 +22,7 @@ from hodo_cli.cases.config import parse
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration import Trajectory, integrate, solve
 from hodo_cli.models.averaging import crossing_times, free_turn, means, passage
-from hodo_cli.models.averaging.forms import either
+from hodo_cli.models.averaging.free_turn import either
 from hodo_cli.models.constants import attributes
 
 pytestmark = pytest.mark.engines

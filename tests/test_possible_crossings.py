@@ -158,7 +158,10 @@ def test_no_motion_crosses_otherwise(name: str) -> None:
         assert senses in expected.get(allowed, [senses])
         # An axis that is kept is entered, if at all, by the last crossing.
         for side, axis in zip((1, -1), outer_axes(A[n]), strict=True):
-            assert axis + 1 not in theory.axes_kept([member(terms, n)]) or side not in senses[:-1]
+            assert (
+                axis + 1 not in theory.axes_never_left([member(terms, n)])
+                or side not in senses[:-1]
+            )
         if allowed == theory.CrossingPattern.THERE_AND_BACK:
             fast = [s for s, _, after in passed if after > turning.fluid]
             slow = [s for s, before, _ in passed if before < turning.damping]
@@ -194,7 +197,7 @@ def test_the_numbers_of_the_papers_body() -> None:
     strengths = [0.002 / 0.03 / float(G) ** 2 for G in turning]
     assert strengths == pytest.approx([0.9722222222, 1.1111111111, 115 / 108], rel=1e-10)
     assert theory.possible_crossings(terms) == theory.CrossingPattern.THERE_AND_BACK
-    assert theory.axes_kept([terms]) == frozenset()
+    assert theory.axes_never_left([terms]) == frozenset()
 
 
 @pytest.mark.parametrize("order", [*itertools.permutations(range(3))])
@@ -208,14 +211,14 @@ def test_the_axes_are_those_of_the_body_in_any_order(order: tuple[int, ...]) -> 
     A = given(P1)
     to_smallest = theory.Dissipation(A, given((0.005, 0.004, 0.003)), given((0.01, 0.008, 0.006)))
     assert theory.possible_crossings(to_smallest) == theory.CrossingPattern.TO_SMALLEST
-    assert theory.axes_kept([to_smallest]) == places(A == 0.6)
+    assert theory.axes_never_left([to_smallest]) == places(A == 0.6)
     to_largest = theory.Dissipation(A, given((0.003, 0.004, 0.005)), kappa=0.01)
-    assert theory.axes_kept([to_largest]) == places(A == 1)
+    assert theory.axes_never_left([to_largest]) == places(A == 1)
     # Equal coefficients of a drag by axes cross, too; of all others they do not.
     by_axes = theory.Dissipation(A, quadratic_axes=(0.01, 0.01, 0.01))
     assert theory.possible_crossings(by_axes) == theory.CrossingPattern.TO_LARGEST
     equal = theory.Dissipation(A, (0.01,) * 3, (0.02,) * 3)
-    assert theory.axes_kept([equal]) == places(A != 0.8)
+    assert theory.axes_never_left([equal]) == places(A != 0.8)
 
 
 @pytest.mark.parametrize(

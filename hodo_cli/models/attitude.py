@@ -229,21 +229,22 @@ class Oriented(Model, LookedUp):
 
     @property
     def start(self) -> tuple[Any, ...]:
-        plain_start = super().start[: len(self.plain.state)]
-        if not self.plain.fixed_in_space:
-            return (*plain_start, *self._turned(plain_start))
-        return tuple(self.starts(np.array(plain_start[:3])).tolist())
+        return tuple(self._with_attitude(np.array(super().start)).tolist())
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
-        plain_starts = super().starts(omega)[: len(self.plain.state)]
-        turned = [self._turned(y) for y in plain_starts.reshape(len(plain_starts), -1).T.tolist()]
-        quaternions = np.array(turned).T.reshape(4, *plain_starts.shape[1:])
-        if self.plain.fixed_in_space:
-            rows = [self.plain.state.index(name) for name in self.plain.fixed_in_space]
-            plain_starts[rows] = turned_back(quaternions, plain_starts[rows])
-        return np.concatenate((plain_starts, quaternions))
+        return self._with_attitude(super().starts(omega))
 
-    def _turned(self, start: Sequence[Any]) -> tuple[Any, ...]:
+    def _with_attitude(self, starts: np.ndarray) -> np.ndarray:
+        """Starts (m + 4, ...) from the model's own, what is fixed in space in the body's axes."""
+        starts = starts[: len(self.plain.state)]
+        attitudes = [self._attitude_at(y) for y in starts.reshape(len(starts), -1).T.tolist()]
+        Q = np.array(attitudes).T.reshape(4, *starts.shape[1:])
+        rows = [self.plain.state.index(name) for name in self.plain.fixed_in_space]
+        if rows:
+            starts[rows] = turned_back(Q, starts[rows])
+        return np.concatenate((starts, Q))
+
+    def _attitude_at(self, start: Sequence[Any]) -> tuple[Any, ...]:
         if self.plain.start_attitude is not None:
             return tuple(self.plain.start_attitude(start))
         momentum = self.momentum  # type: ignore[attr-defined]
@@ -308,8 +309,7 @@ def attitude_warnings(attitude: Any) -> list[str]:
     if initial is not None and abs(math.hypot(*initial) - 1) > UNIT_LENGTH_TOL:
         return [f"the attitude at the start has length {math.hypot(*initial):.9g}: it is made 1"]
     if euler is not None and abs(angle := max(euler, key=abs)) > 2 * math.pi:
-        words = f"{angle:.9g} is more than a turn: degrees are written as '{angle:.9g} deg'"
-        return [f"euler: {words}"]
+        return [f"euler: {angle:.9g} is more than a turn: degrees are written as '{angle:.9g} deg'"]
     if euler is not None:
         pole = math.sin(euler[1]) if sequence[0] == sequence[2] else math.cos(euler[1])
         if abs(pole) <= UNIT_LENGTH_TOL:

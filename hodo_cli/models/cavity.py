@@ -20,7 +20,7 @@ from .base import Constants, Event, EventOutcome, Label, Model, mistake_of
 from .constants import attributes
 from .rigid_body import INERTIA, INITIAL, complete
 from .terms.body import BodyUnderTorques
-from .terms.fluid import CAVITY, coefficient, kappa_instead_of
+from .terms.fluid import CAVITY, coefficient
 from .terms.torques import CONSTANT, FLUID, rates_under
 
 CAVITY_INITIAL = Key(
@@ -53,7 +53,12 @@ class Cavity(BodyUnderTorques):
     keys = {
         "inertia": INERTIA,
         "cavity": CAVITY,
-        "kappa": kappa_instead_of("`cavity`"),
+        "kappa": Key(
+            Number(least=0),
+            "rho P0/nu, instead of `cavity`",
+            "moment of inertia * time",
+            default=None,
+        ),
         "torque": Key(
             vector(3),
             "constant torque M1, M2, M3",

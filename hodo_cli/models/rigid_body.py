@@ -1,4 +1,5 @@
-"""A rigid body by its principal moments of inertia: pure functions of (A, omega)."""
+"""A rigid body by its principal moments of inertia: functions of (A, omega), and what the models
+share whose state begins with omega."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +15,7 @@ from .. import HodoError
 from ..schema.kinds import Key, Mistake, Number, Table, vector
 from .base import Constants, Event, Label, Model, mistake_of
 from .inertia import along_principal_axes
-from .theory.possible_crossings import Dissipation, axes_kept
+from .theory.possible_crossings import Dissipation, axes_never_left
 from .theory.steady_spin import tilt_growth_by_equations, tilt_growth_rates
 
 UNDETERMINED, SEPARATRIX, BOTH, UNSEPARATED = -1, 0, 4, 5
@@ -71,15 +72,15 @@ def separatrix_forms(A: Any, omega: Any, order: tuple[int, int, int]) -> Any:
 
 
 def scaled_separatrix(A: Any, w: Any, order: tuple[int, int, int]) -> tuple[Any, Any, Any]:
-    """D, the sum of its two terms, and what that sum is at most, for omega (3, ...) brought to a
-    size near 1."""
+    """D, the sum of its two terms, and a bound of that sum, for omega (3, ...) brought to a size
+    near 1."""
     # By a power of two, which changes no digit: of 1e-170 the squares would be 0. Along an axis of
     # three, numpy is slow unless the rest is what lies together.
     w = np.ascontiguousarray(np.ldexp(w, -np.frexp(np.abs(w).max(axis=0))[1]))
     a, b = separatrix_roots(A, order)
     minus, plus = separatrix_forms(A, w, order)
-    most = (a * a + b * b) * (w * w).sum(axis=0)
-    return minus * plus, (minus * minus + plus * plus) / 2, most
+    bound = (a * a + b * b) * (w * w).sum(axis=0)
+    return minus * plus, (minus * minus + plus * plus) / 2, bound
 
 
 def share_of(total: Any, part: Any, of_nothing: float = 0.0) -> np.ndarray:
@@ -118,8 +119,8 @@ def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray
 
 def _margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
     """`margin`, in the arithmetic of its arguments."""
-    D, total, most = scaled_separatrix(A, np.moveaxis(omega, -1, 0), order)
-    return share_of(np.sqrt(most) * np.sqrt(total), D)  # moments to the fourth leave the doubles
+    D, total, bound = scaled_separatrix(A, np.moveaxis(omega, -1, 0), order)
+    return share_of(np.sqrt(bound) * np.sqrt(total), D)  # moments to the fourth leave the doubles
 
 
 def near_middle_axis(A: Any, omega: np.ndarray) -> np.ndarray:
@@ -128,8 +129,8 @@ def near_middle_axis(A: Any, omega: np.ndarray) -> np.ndarray:
 
     Its root is, roughly, the angle between the rotation and the middle axis of a triaxial body.
     """
-    _, total, most = scaled_separatrix(A, np.moveaxis(omega, -1, 0), inertia_order(A))
-    return share_of(most, total, of_nothing=1.0)
+    _, total, bound = scaled_separatrix(A, np.moveaxis(omega, -1, 0), inertia_order(A))
+    return share_of(bound, total, of_nothing=1.0)
 
 
 def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
@@ -356,7 +357,7 @@ class BodyFrame(Model):
         return ()
 
     def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
-        return axes_kept(self.dissipations(start, end))
+        return axes_never_left(self.dissipations(start, end))
 
     def tilt_growth(self, t: float) -> np.ndarray | None:
         if not (dissipations := self.dissipations(t, t)):

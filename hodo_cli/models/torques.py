@@ -53,7 +53,7 @@ from .theory.gyrostat import region_of
 from .theory.possible_crossings import (
     CrossingPattern,
     Dissipation,
-    axes_kept,
+    axes_never_left,
     outer_axes,
     possible_crossings,
     turning_momenta,
@@ -403,19 +403,21 @@ class Torques(BodyUnderTorques, LookedUp):
         return "stopped", EventOutcome(along.stop, details, ())
 
     def predictions(self, start: float, end: float) -> list[str]:
-        moments, named = self.dissipations(start, end), terms_named(vars(self))
-        terms = None if self.changing_terms or not moments else moments[0]
-        crossings = crossings_foretold(moments)
+        dissipations, named = self.dissipations(start, end), terms_named(vars(self))
+        terms = None if self.changing_terms or not dissipations else dissipations[0]
+        crossings = crossing_predictions(dissipations)
         # Neither fluid nor a rotor changes |G|; but a fluid beside a rotor does.
         if named == ("brake", "rotor") and isinstance(self.brake, float):
             terms = Dissipation(self.moments)
         if terms is None:
             return crossings
         if any(terms.torque):
-            return [*crossings, *rotation_held(terms)] if self.brake is None else crossings
-        return [*crossings, *self.stop_foretold(terms)]
+            return (
+                [*crossings, *driven_spin_predictions(terms)] if self.brake is None else crossings
+            )
+        return [*crossings, *self.stop_predictions(terms)]
 
-    def stop_foretold(self, terms: Dissipation) -> list[str]:
+    def stop_predictions(self, terms: Dissipation) -> list[str]:
         """When the brake stops the body, or between which times: fluid does not change |G|."""
         if not self.brake or not terms.covered or self.quadratic or self.quadratic_axes:
             return []
@@ -509,7 +511,7 @@ def braked_leg(leg: int, others: Sequence[str], t: Any, y: Sequence[Any], k: Any
     if not force > 0:
         return onward
     details = stop_details(np.array(G, float), label_at_stop(np.array(y[:3], float), k))
-    state[:3], state[leg] = (0 * size + x for x in resting(k)), 0 * size
+    state[:3], state[leg] = (0 * size + x for x in omega_at_rest(k)), 0 * size
     return EventOutcome(float(t + size / force), details, state, math.inf)
 
 
@@ -525,19 +527,19 @@ def label_at_stop(omega: np.ndarray, k: Any) -> Any:
 
 def torque_at_rest(others: Sequence[str], t: Any, extra: Sequence[Any], k: Any) -> float:
     """The size of a sum of torques, by name, where G is 0."""
-    rates = rates_under([TERMS[name] for name in others], t, [*resting(k), *extra], k)[:3]
+    rates = rates_under([TERMS[name] for name in others], t, [*omega_at_rest(k), *extra], k)[:3]
     # A omega', since -omega x G is 0 there.
     still = angular_momentum_of((0.0, 0.0, 0.0), k)
     return float(np.linalg.norm(np.subtract(angular_momentum_of(rates, k), still).astype(float)))
 
 
-def resting(k: Any) -> Sequence[Any]:
+def omega_at_rest(k: Any) -> Sequence[Any]:
     """omega (3,) where G is 0."""
     rotor = rotor_of(k)
     return (0.0, 0.0, 0.0) if rotor is None else accelerations([-x for x in rotor], k)
 
 
-def crossings_foretold(moments: Sequence[Dissipation]) -> list[str]:
+def crossing_predictions(moments: Sequence[Dissipation]) -> list[str]:
     """Which crossings are possible, in a sentence, by what a sum of torques is at all decisive
     moments."""
     if not moments:
@@ -549,8 +551,8 @@ def crossings_foretold(moments: Sequence[Dissipation]) -> list[str]:
         frozenset({smallest + 1}): f"one crossing at most, {down}",
         frozenset({largest + 1}): f"one crossing at most, {up}",
     }
-    if kept := axes_kept(moments):
-        return [at_most_one[kept]]
+    if never_left := axes_never_left(moments):
+        return [at_most_one[never_left]]
     terms, *others = moments
     if others or possible_crossings(terms) is not CrossingPattern.THERE_AND_BACK:
         return []
@@ -562,7 +564,7 @@ def crossings_foretold(moments: Sequence[Dissipation]) -> list[str]:
     ]
 
 
-def rotation_held(terms: Dissipation) -> list[str]:
+def driven_spin_predictions(terms: Dissipation) -> list[str]:
     """The rotation that a torque along one axis holds against damping alone, in a sentence."""
     axis, *more = np.flatnonzero(terms.torque).tolist()
     others = (*more, *terms.quadratic, *terms.quadratic_axes, terms.kappa)

@@ -12,8 +12,15 @@ import numpy as np
 from ...schema.kinds import Integer, Key, Mistake
 from ..base import LookedUp
 from ..rigid_body import BodyFrame
-from .forms import MEAN_START, AveragedTurns, Turn, either
-from .free_turn import LANDEN, Body, SlowVariables, free_motion_by_phase, turning_body
+from .forms import MEAN_START, AveragedTurns, Turn
+from .free_turn import (
+    LANDEN,
+    Body,
+    SlowVariables,
+    exchanged,
+    free_motion_by_phase,
+    turning_body,
+)
 from .means import NODES, Torque, nodes_for, periodic_part, rates_over_turn, turn_means
 from .passage import AT_SEPARATRIX, REGIONS, Pair, RatesByRegion, Region, SeparatrixRates
 
@@ -26,7 +33,7 @@ EVEN_TOL = 1e-9
 PHASES_SEEN = 16
 """Phases of a turn at which the size of a torque is looked at, for a warning."""
 
-AT_ONCE = 2048
+ROWS_AT_ONCE = 2048
 """Samples whose periodic parts are computed at once: each takes a row of nodes."""
 
 NODES_KEY = Key(
@@ -103,11 +110,13 @@ def about_axes(full: Rhs, t: Any, w: Sequence[Any], k: Any, side: Any) -> tuple[
     """omega' about the enclosed, the middle and the other axis, for omega about these: the torque's
     part, since in `k` the gyroscopic terms have the factor g = 0."""
     body = turning_body(k)
-    about, second, across = w
-    sorted_w = either(side, about, across), second, either(side, across, about)
+    about, middle, across = w
+    about_a, about_c = exchanged(side, about, across)
+    sorted_w = about_a, middle, about_c
     rates = full(t, [body.parity * sorted_w[body.order.index(axis)] for axis in range(3)], k)
-    large, middle, small = (body.parity * rates[axis] for axis in body.order)
-    return either(side, large, small), middle, either(side, small, large)
+    rate_a, rate_b, rate_c = (body.parity * rates[axis] for axis in body.order)
+    rate_e, rate_o = exchanged(side, rate_a, rate_c)
+    return rate_e, rate_b, rate_o
 
 
 def torque_of(full: Rhs, t: Any, k: Any) -> Torque:
@@ -126,7 +135,7 @@ def torque_of(full: Rhs, t: Any, k: Any) -> Torque:
 def beside(body: Body, region: Region, root_e: float, m1: float) -> SlowVariables:
     """The slow variables of a motion at 1 - m beside the separatrix, with this sqrt(X_e)."""
     side, sense = region
-    w_e, w_o = body.weight(side)
+    w_e, w_o = body.weights(side)
     X_o = (1 - m1) * float(w_e / w_o) * root_e**2
     return SlowVariables(root_e**2, X_o, np.asarray(side), np.asarray(m1), np.asarray(sense), 0.0)
 
@@ -138,7 +147,7 @@ def rates_beside(body: Body, torque: Torque, region: Region, root_e: float) -> S
         slow = beside(body, region, root_e, m1)
         changes = rates_over_turn(body, torque, slow, nodes_for(m1)).mean(-1)
         # <dn> is pi/(2 K)
-        inverse = 2 / math.pi * turn_means(1 - m1, m1, LANDEN).pace
+        inverse = 2 / math.pi * turn_means(1 - m1, m1, LANDEN).dn
         rates.append((*(changes / slow[:2]), inverse))
     (e1, o1, inverse), (e2, o2, nearer) = rates
     by_e, by_o = (e1 - e2) / (inverse - nearer), (o1 - o2) / (inverse - nearer)
@@ -158,7 +167,7 @@ class QuadratureTurns(AveragedTurns):
     why_one_by_one = "averages by quadrature are too large to be compiled for many motions"
     # The transverse velocities, e^-600 of the other, add nothing to it, and their own rates are no
     # 0/0.
-    steady = 1200.0
+    steady_offset = 1200.0
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -174,10 +183,8 @@ class QuadratureTurns(AveragedTurns):
     def rates(cls, t: Any, turn: Turn, k: Any) -> Pair:
         body, side, sense, root_e, root_o, m, _ = turn
         a, b, c = body[:3]
-        w_e, w_o = either(side, a - b, b - c), either(side, b - c, a - b)
-        outer, inner = either(side, a, c), either(side, c, a)
-        about, middle = (outer * (a - c)) ** 0.5, (b * w_e) ** 0.5
-        across = (inner * (a - c)) ** 0.5
+        (w_e, w_o), (A_e, A_o) = body.weights(side), exchanged(side, a, c)
+        about, middle, across = (A_e * (a - c)) ** 0.5, (b * w_e) ** 0.5, (A_o * (a - c)) ** 0.5
         sum_e = sum_o = 0
         nodes = whole_turn(1 - m, int(k.turning_nodes))
         for sn, cn, dn in nodes:
@@ -217,8 +224,8 @@ class QuadratureTurns(AveragedTurns):
     def part(cls, t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
         flat = SlowVariables(*(np.ravel(value) for value in np.broadcast_arrays(*slow)))
         times, parts = np.broadcast_to(t, flat.X_e.shape), np.zeros((2, len(flat.X_e)))
-        for i in range(0, len(flat.X_e), AT_ONCE):
-            rows = slice(i, i + AT_ONCE)
+        for i in range(0, len(flat.X_e), ROWS_AT_ONCE):
+            rows = slice(i, i + ROWS_AT_ONCE)
             some = SlowVariables(*(column[rows] for column in flat))
             torque = torque_of(cls.full.rhs, times[rows], k)
             changes = periodic_part(turning_body(k), torque, some, int(k.turning_nodes))

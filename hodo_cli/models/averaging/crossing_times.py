@@ -44,12 +44,6 @@ def tanh_sinh() -> tuple[np.ndarray, np.ndarray]:
 FRACTIONS, WEIGHTS = tanh_sinh()
 
 
-def on_side(lam: Sequence[float], side: int) -> tuple[float, float, float]:
-    """(l_e, l_m, l_o) on a side, from lam = (l1, l2, l3) as sorted."""
-    l1, l2, l3 = lam
-    return (l1, l2, l3) if side > 0 else (l3, l2, l1)
-
-
 def steady_shape(lam: Sequence[float]) -> tuple[int, float] | None:
     """The side and the m of the shape that keeps itself, u' = 0 off the separatrix, or None; lam as
     sorted.
@@ -87,7 +81,7 @@ def crossing_time(lam: Sequence[float], side: int, u: Any) -> Any:
     nodes = u[..., None] * FRACTIONS
     mean = turn_means(np.exp(-nodes), -np.expm1(-nodes), LANDEN)
     with np.errstate(divide="ignore", invalid="ignore"):  # beyond the last u that crosses
-        seconds = u[..., None] * WEIGHTS / np.abs(shape_rate(on_side(lam, side), mean))
+        seconds = u[..., None] * WEIGHTS / np.abs(shape_rate(lam[::side], mean))
         return np.where(u < largest_crossing_u(lam, side), seconds.sum(-1), np.inf)
 
 
@@ -123,7 +117,7 @@ def share_beyond(body: Body, side: int, u: float) -> float:
     1 - (1/2 pi) times the integral of sqrt(B/(alpha + B)) over psi, the longitude about the
     enclosed axis.
     """
-    a, b, c = body[:3] if side > 0 else body[2::-1]
+    a, b, c = body[:3][::side]
     alpha = (a - b) * (a - c) / a
     if u > LARGEST_U or not alpha:
         return 0.0

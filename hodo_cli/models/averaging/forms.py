@@ -13,8 +13,16 @@ from ...arithmetic import exp
 from ...schema.kinds import Key, Mistake, Switch
 from ..base import Constants, Event, EventOutcome, Label
 from ..constants import attributes
-from ..rigid_body import BodyFrame, is_tensor
-from .free_turn import Body, SlowVariables, shape_distance, slow_elements, turning_body
+from ..rigid_body import BodyFrame, is_tensor, share_of
+from .free_turn import (
+    Body,
+    SlowVariables,
+    either,
+    exchanged,
+    shape_distance,
+    slow_elements,
+    turning_body,
+)
 from .means import Means, turn_means
 from .passage import EDGE_U, STOP, Arrival, Pair, RatesByRegion, pass_separatrix
 
@@ -68,29 +76,20 @@ class Turn(NamedTuple):
         return either(self.side, *k.turning_n) * self.root_e
 
 
-def either(side: Any, above: Any, below: Any) -> Any:
-    """`above` on side +1, `below` on side -1; for symbols too."""
-    # A choice would not pass through an engine's symbols; the side is +1 or -1 to the last digit.
-    # Both weights are then 0 or 1. A mean and half a difference would lose the smaller of two
-    # ratios that are each other's inverse, as of a nearly symmetric body.
-    return (1 + side) / 2 * above + (1 - side) / 2 * below
-
-
 def stored_elements(body: Body, squares: Any, side: Any, unit: Any) -> dict[str, np.ndarray]:
     """The variables of STORED from X_e and X_o (2, n) in units of unit**2 and the side (n,).
 
     The unit may be below the smallest double: J and k^2 do not know it.
     """
     a, b, c = body[:3]
-    X, Y = np.where(side > 0, squares, squares[::-1])
+    X, Y = exchanged(side, *squares)
     double_energy, square = (X + Y) / (a - c), (a * X + c * Y) / (a - c)
     outer, inner = (a - b) * X, (b - c) * Y
-    most = np.maximum(outer, inner)
     return {
         "kinetic_energy": double_energy * unit * unit / 2,
         "momentum": np.sqrt(square) * unit,
-        "J": np.divide(square, double_energy, out=np.full_like(square, np.nan), where=square > 0),
-        "k2": np.divide(np.minimum(outer, inner), most, out=np.zeros_like(most), where=most > 0),
+        "J": share_of(double_energy, square, of_nothing=np.nan),
+        "k2": share_of(np.maximum(outer, inner), np.minimum(outer, inner)),
         "enclosed_axis": body.label(side).astype(np.int8),
     }
 
@@ -156,7 +155,7 @@ class AveragedTurns(BodyFrame):
     state = ("ln_e", "ln_o", "scaled_phase", "side", "sense")
     # Its equations are of high powers of the moments, in the case's own units.
     smallest = 1e-30
-    steady: ClassVar[float] = 1e4
+    steady_offset: ClassVar[float] = 1e4
     """By how much ln X_o is below ln X_e for an exact rotation about the enclosed axis: it stays
     one, and X_o is 0 beside X_e."""
     no_axis_reason = "averaged over the hodograph's turns: run stores its axis and its passages"
@@ -223,7 +222,7 @@ class AveragedTurns(BodyFrame):
     @classmethod
     def rhs(cls, t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         turn = Turn.of(y, k)
-        turning = k.turning_scale * turn.frequency(k) * turn.mean.pace
+        turning = k.turning_scale * turn.frequency(k) * turn.mean.dn
         return *cls.rates(t, turn, k), turning, 0 * turn.side, 0 * turn.sense
 
     @classmethod
@@ -301,10 +300,10 @@ class AveragedTurns(BodyFrame):
 
     @classmethod
     def logarithms(cls, slow: SlowVariables) -> Pair:
-        """ln X_e and ln X_o; of an exact rotation about the enclosed axis, `steady` apart."""
+        """ln X_e and ln X_o: `steady_offset` apart in an exact rotation about the enclosed axis."""
         with np.errstate(divide="ignore", invalid="ignore"):
             ln_e, ln_o = np.log(slow.X_e), np.log(slow.X_o)
-            return ln_e, np.where(slow.X_o > 0, ln_o, ln_e - cls.steady)
+            return ln_e, np.where(slow.X_o > 0, ln_o, ln_e - cls.steady_offset)
 
     @property
     def extended_start(self) -> np.ndarray:
@@ -333,7 +332,7 @@ class AveragedTurns(BodyFrame):
         turn = Turn.of([*y.T], k)
         # K is pi/(2 <dn>)
         rate = self.torque_rate(t, turn, k)
-        return np.asarray(rate * np.pi / 2 / (turn.frequency(k) * turn.mean.pace))
+        return np.asarray(rate * np.pi / 2 / (turn.frequency(k) * turn.mean.dn))
 
     def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
         with np.errstate(all="ignore"):  # where nothing turns any more the ratio is infinite
@@ -385,7 +384,7 @@ def shifted(body: Body, slow: SlowVariables, part: np.ndarray) -> tuple[SlowVari
     It is no correction any more where it takes the motion halfway to the separatrix.
     """
     X_e, X_o = (value * (1 - share) for value, share in zip(slow[:2], part, strict=True))
-    w_e, w_o = body.weight(slow.side)
+    w_e, w_o = body.weights(slow.side)
     with np.errstate(all="ignore"):  # of what is not turning there is no mean
         m1 = 1 - w_o * X_o / (w_e * X_e)
         # Halfway: nearer, the mean element would hang on terms that the first order leaves

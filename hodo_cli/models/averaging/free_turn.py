@@ -44,20 +44,26 @@ SAME_MOMENTS = 1e-15
 region between them would be narrower than 1e-7 of a motion, and at a place that rounding tells."""
 
 
-def parity_of(order: tuple[int, int, int]) -> int:
-    """1 where sorted axes make a right-handed system, -1 where a left-handed one."""
-    return 1 if order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1
+def either(side: Any, above: Any, below: Any) -> Any:
+    """`above` on side +1, `below` on side -1; for symbols too."""
+    # A choice would not pass through an engine's symbols; the side is +1 or -1 to the last digit.
+    # Both weights are then 0 or 1. A mean and half a difference would lose the smaller of two
+    # ratios that are each other's inverse, as of a nearly symmetric body.
+    return (1 + side) / 2 * above + (1 - side) / 2 * below
+
+
+def exchanged(side: Any, above: Any, below: Any) -> tuple[Any, Any]:
+    """Two quantities, of axis a and of axis c, in the order of the enclosed and the other axis."""
+    return either(side, above, below), either(side, below, above)
 
 
 class Body(NamedTuple):
-    """Principal moments in falling order, the axes (from 0) that they belong to, and whether that
-    order is even."""
+    """Principal moments in falling order, and the axes (from 0) that they belong to."""
 
     a: float
     b: float
     c: float
     order: tuple[int, int, int]
-    parity: int
 
     @classmethod
     def of(cls, inertia: Sequence[float]) -> Self:
@@ -70,14 +76,16 @@ class Body(NamedTuple):
             )
         if min(a - b, b - c) <= SAME_MOMENTS * b:
             b = a if a - b < b - c else c
-        return cls(a, b, c, order, parity_of(order))
+        return cls(a, b, c, order)
 
-    def weight(self, side: Any) -> tuple[Any, Any]:
-        """(w_e, w_o) with m = w_o X_o/(w_e X_e): a - b and b - c on side +1, exchanged on side -1;
-        side of any shape."""
-        above = np.asarray(side) > 0
-        outer, inner = self.a - self.b, self.b - self.c
-        return np.where(above, outer, inner), np.where(above, inner, outer)
+    @property
+    def parity(self) -> int:
+        """1 where the sorted axes make a right-handed system, -1 where a left-handed one."""
+        return 1 if self.order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1
+
+    def weights(self, side: Any) -> tuple[Any, Any]:
+        """(w_e, w_o) with m = w_o X_o/(w_e X_e): a - b and b - c on side +1."""
+        return exchanged(side, self.a - self.b, self.b - self.c)
 
     def label(self, side: Any) -> Any:
         """The label of the axis, as given, that motions on a side go round; side of any shape."""
@@ -99,7 +107,7 @@ def turning_body(k: Any) -> Body:
     """The body with its axes sorted, from the constants of a form; for symbols too."""
     l, m, s = map(int, k.turning_axes)
     A = k.A1, k.A2, k.A3
-    return Body(A[l], A[m], A[s], (l, m, s), parity_of((l, m, s)))
+    return Body(A[l], A[m], A[s], (l, m, s))
 
 
 class SlowVariables(NamedTuple):
@@ -129,7 +137,7 @@ def slow_elements(body: Body, omega: Any) -> SlowVariables:
     above = D > 0
     side, (X_e, X_o) = np.where(above, 1, -1), np.where(above, (X, Y), (Y, X))
     about, across = np.where(above, p, r), np.where(above, r, p)
-    scale = body.weight(side)[0] * X_e
+    scale = body.weights(side)[0] * X_e
     # A body at rest has no scale; any m serves it.
     m1 = np.divide((a - c) * np.abs(D), scale, out=np.ones_like(scale), where=scale != 0)
     sense = np.where(about < 0, -1, 1)
@@ -147,7 +155,7 @@ def shape_distance(m1: Any) -> Any:
 def turn_frequency(body: Body, X_e: Any, side: Any) -> Any:
     """n = sqrt(w_e X_e/(a b c)), the factor of t in sn, cn, dn; a turn takes 4 K/n. X_e and side
     of any shape."""
-    return np.sqrt(body.weight(side)[0] * X_e / (body.a * body.b * body.c))
+    return np.sqrt(body.weights(side)[0] * X_e / (body.a * body.b * body.c))
 
 
 def landen(m1: Any) -> list[tuple[Any, Any, Any]]:
@@ -207,12 +215,12 @@ def free_motion_by_phase(body: Body, slow: SlowVariables, phase: Any) -> np.ndar
     sn, cn = np.sin(am), np.cos(am)
     # A sum of squares: 1 - m sn^2 would cancel at the separatrix.
     dn = np.sqrt(cn * cn + slow.m1 * sn * sn)
-    above = np.asarray(slow.side) > 0
-    outer, inner = np.where(above, a, c), np.where(above, c, a)
+    A_e, A_o = exchanged(slow.side, a, c)
     with np.errstate(divide="ignore", invalid="ignore"):
         # For two equal moments the other side, with its division by 0, is not there.
-        across = np.sqrt(slow.X_o / (b * body.weight(slow.side)[0]))
-    w_e = slow.sense * np.sqrt(slow.X_e / (outer * (a - c))) * dn
+        across = np.sqrt(slow.X_o / (b * body.weights(slow.side)[0]))
+    w_e = slow.sense * np.sqrt(slow.X_e / (A_e * (a - c))) * dn
     w_m = -slow.sense * across * sn
-    w_o = np.sqrt(slow.X_o / (inner * (a - c))) * cn
-    return np.stack((np.where(above, w_e, w_o), w_m, np.where(above, w_o, w_e)), axis=-1)
+    w_o = np.sqrt(slow.X_o / (A_o * (a - c))) * cn
+    p, r = exchanged(slow.side, w_e, w_o)
+    return np.stack((p, w_m, r), axis=-1)

@@ -27,13 +27,14 @@ AGM = 8
 
 
 class Means(NamedTuple):
-    """<sn^2>, <sn^4>, C = <cn^2>, Dn = <dn^2> = E/K, and <dn> = pi/(2K), the pace of the phase."""
+    """<sn^2>, <sn^4>, C = <cn^2>, Dn = <dn^2> = E/K, and <dn> = pi/(2K), at which the phase
+    grows."""
 
     ss: Any
     ssss: Any
     cc: Any
     dd: Any
-    pace: Any
+    dn: Any
 
 
 def turn_means(m: Any, m1: Any, steps: int = AGM) -> Means:
@@ -46,13 +47,13 @@ def turn_means(m: Any, m1: Any, steps: int = AGM) -> Means:
     """
     # A power series of an engine has some twenty coefficients, of which only the first needs all
     # these steps.
-    total, pace = (
-        m.functions(lambda first: by_steps(first, 1 - first, steps), slopes)
+    total, dn = (
+        m.functions(lambda first: sums_of_mean(first, 1 - first, steps), slopes)
         if hasattr(m, "functions")
-        else by_steps(m, m1, steps)
+        else sums_of_mean(m, m1, steps)
     )
     ss = 0.5 + m * total
-    return Means(ss, (1 + 2 * (1 + m) * total) / 3, 0.5 - m * total, 1 - m * ss, pace)
+    return Means(ss, (1 + 2 * (1 + m) * total) / 3, 0.5 - m * total, 1 - m * ss, dn)
 
 
 def slopes(m: Any, functions: Sequence[Any]) -> tuple[Any, Any]:
@@ -61,13 +62,13 @@ def slopes(m: Any, functions: Sequence[Any]) -> tuple[Any, Any]:
 
     Source: the derivatives of K and E, M. Abramowitz and I. A. Stegun, 17.3, in these variables.
     """
-    total, pace = functions
+    total, dn = functions
     cc = 0.5 - m * total
     ratio = cc / (2 * (1 - m))
-    return cc * ratio - 2 * total, -m * ratio * pace
+    return cc * ratio - 2 * total, -m * ratio * dn
 
 
-def by_steps(m: Any, m1: Any, steps: int) -> tuple[Any, Any]:
+def sums_of_mean(m: Any, m1: Any, steps: int) -> tuple[Any, Any]:
     """S = (<sn^2> - 1/2)/m and <dn>, by the arithmetic-geometric mean."""
     root = m1**0.5
     a, b = (1 + root) / 2, root**0.5
@@ -145,7 +146,7 @@ def nodes_for(m1: float) -> int:
     K'/(2 K))."""
     m1 = min(max(m1, SMALLEST_M1), 1 - SMALLEST_M1)
     K, other = (
-        math.pi / 2 / turn_means(1 - x, x, LANDEN).pace for x in (m1, max(1 - m1, SMALLEST_M1))
+        math.pi / 2 / turn_means(1 - x, x, LANDEN).dn for x in (m1, max(1 - m1, SMALLEST_M1))
     )
     # From exp(-pi N K'/(2 K)) = 1e-16, that is N = 23.4 K/K'; whole quarters of a turn, so that the
     # nodes share the symmetry of sn and cn.
@@ -171,8 +172,8 @@ def periodic_part(body: Body, torque: Torque, slow: SlowVariables, nodes: int) -
     They are the integrals, of zero mean, of the rates less their means: a Fourier coefficient of
     the rates, divided by i times its frequency, each.
     """
-    pace = turn_means(1 - slow.m1, np.maximum(slow.m1, SMALLEST_M1), LANDEN).pace
-    turning = turn_frequency(body, slow.X_e, slow.side) * pace
+    mean = turn_means(1 - slow.m1, np.maximum(slow.m1, SMALLEST_M1), LANDEN)
+    turning = turn_frequency(body, slow.X_e, slow.side) * mean.dn
     # Without the constant, which averaging keeps, and the last frequency, whose phase the nodes
     # cannot tell.
     k = np.arange(1, nodes // 2)

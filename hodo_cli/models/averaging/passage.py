@@ -120,14 +120,14 @@ class CrossingPrediction(NamedTuple):
 
 
 def foreseen_crossing(
-    speed: float, n: float, phase: float, time: float, small: float
+    speed: float, n: float, phase: float, time: float, rate: float
 ) -> CrossingPrediction:
     """The prediction of a passage at `time` t* with frequency n and phase there.
 
-    `small` is the rate of the perturbation, whose ratio to n is the parameter of averaging. Where
-    that is not below 1 there is nothing to foresee: nan, and no lag.
+    The ratio of the perturbation's `rate` to n is the parameter of averaging. Where that is not
+    below 1 there is nothing to foresee: nan, and no lag.
     """
-    if not small < n:  # the motion stops before it has turned: the half turns are not there
+    if not rate < n:  # the motion stops before it has turned: the half turns are not there
         return CrossingPrediction()
     place = (phase / math.pi - 0.5) % 1.0
     reach = math.log(8 * n / speed)
@@ -137,9 +137,9 @@ def foreseen_crossing(
     shift = (0.5 - place) * reach + math.lgamma(place) - math.log(2 * math.pi) / 2
     shift += math.log(place / (1 - place)) / 2
     half_turns = round(phase / math.pi - place + 0.5)
-    # The measured error of s is a fifth of small/n. Nearer to 0 or 1 than that, the motion may
+    # The measured error of s is a fifth of rate/n. Nearer to 0 or 1 than that, the motion may
     # cross a half turn sooner or later; the lag, which is even about s = 1/2, hardly changes.
-    is_sure = min(place, 1 - place) > small / n
+    is_sure = min(place, 1 - place) > rate / n
     sense, predicted = ((-1) ** half_turns, time + shift / n) if is_sure else (0, math.nan)
     lag = -math.log(2 * math.sin(math.pi * place)) / n
     return CrossingPrediction(place, sense, predicted, scatter, lag)

@@ -11,8 +11,16 @@ import numpy as np
 from ..base import Event
 from ..terms import torques as terms
 from ..terms.laws import coefficient_at
-from .forms import AveragedTurns, Turn, either
-from .free_turn import Body, SlowVariables, amplitude, turn_frequency, turning_body
+from .forms import AveragedTurns, Turn
+from .free_turn import (
+    Body,
+    SlowVariables,
+    amplitude,
+    either,
+    exchanged,
+    turn_frequency,
+    turning_body,
+)
 from .means import Means, fluid_loss, fluid_weights, linear_rates
 from .passage import REGIONS, Pair, RatesByRegion, Region, SeparatrixRates
 
@@ -39,7 +47,8 @@ def linear_mean(rates: Callable[[Any, Any], Sequence[Any]], t: Any, turn: Turn, 
     """(ln X_e)' and (ln X_o)' under linear resistance at rates about the body axes."""
     lam = rates(t, k)
     l1, l2, l3 = (lam[axis] for axis in turn.body.order)
-    return linear_rates((either(turn.side, l1, l3), l2, either(turn.side, l3, l1)), turn.mean)
+    l_e, l_o = exchanged(turn.side, l1, l3)
+    return linear_rates((l_e, l2, l_o), turn.mean)
 
 
 def linear_part(
@@ -52,21 +61,20 @@ def linear_part(
     """
     body, lam = turning_body(k), rates(t, k)
     l1, l2, l3 = (lam[axis] for axis in body.order)
-    above = np.asarray(slow.side) > 0
+    l_e, l_o = exchanged(slow.side, l1, l3)
     _, zeta = amplitude(slow.phase, slow.m1)
-    e, o = np.where(above, l1, l3) - l2, np.where(above, l3, l1) - l2
     swing = -2 * zeta / turn_frequency(body, slow.X_e, slow.side)
-    return np.array((e * (1 - slow.m1) * swing, o * swing))
+    return np.array(((l_e - l2) * (1 - slow.m1) * swing, (l_o - l2) * swing))
 
 
 def fluid_mean(t: Any, turn: Turn, k: Any) -> Pair:
     """(ln X_e)' and (ln X_o)' under the torque of a fluid, which keeps G."""
     a, _, c = turn.body[:3]
     cd, above, below = k.turning_weights
-    weights = cd, either(turn.side, above, below), either(turn.side, below, above)
+    weights = cd, *exchanged(turn.side, above, below)
     loss = coefficient_at(k, "kappa", t) * fluid_loss(weights, turn.m, turn.mean)
-    by_e, by_o = loss * turn.root_o * turn.root_o, loss * turn.root_e * turn.root_e
-    return either(turn.side, c, -a) * by_e, either(turn.side, -a, c) * by_o
+    to_e, to_o = exchanged(turn.side, c, -a)
+    return to_e * (loss * turn.root_o * turn.root_o), to_o * (loss * turn.root_e * turn.root_e)
 
 
 def fluid_part(t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
@@ -79,11 +87,11 @@ def fluid_part(t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
     am, zeta = amplitude(slow.phase, slow.m1)
     sn, cn = np.sin(am), np.cos(am)
     fourth = (sn * cn * np.sqrt(cn * cn + slow.m1 * sn * sn) - 2 * (1 + m) * zeta) / 3
-    side, (cd, above, below) = np.asarray(slow.side), k.turning_weights
-    sd, sc = np.where(side > 0, above, below), np.where(side > 0, below, above)
+    cd, above, below = k.turning_weights
+    sd, sc = exchanged(slow.side, above, below)
     total = cd * ((1 + m) * zeta + fourth) - sd * (zeta + fourth) - sc * (fourth + m * zeta)
-    change = coefficient_at(k, "kappa", t) * total / turn_frequency(body, X_e, side)
-    to_e, to_o = np.where(side > 0, body.c, -body.a), np.where(side > 0, -body.a, body.c)
+    change = coefficient_at(k, "kappa", t) * total / turn_frequency(body, X_e, slow.side)
+    to_e, to_o = exchanged(slow.side, body.c, -body.a)
     return np.array((to_e * change * X_o, to_o * change * X_e))
 
 
@@ -102,7 +110,7 @@ def constant_mean(t: Any, turn: Turn, k: Any) -> Pair:
     enclosed axis acts."""
     above, _, below = constant_torque(t, k)
     about = either(turn.side, above, below)
-    return 2 * turn.sense * about * turn.mean.pace / turn.root_e, 0 * turn.m
+    return 2 * turn.sense * about * turn.mean.dn / turn.root_e, 0 * turn.m
 
 
 def constant_part(t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
@@ -114,12 +122,12 @@ def constant_part(t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
     am, _ = amplitude(slow.phase, slow.m1)
     sn, cn = np.sin(am), np.cos(am)
     # A modulus of 0 is as good as one whose square is lost beside 1.
-    modulus, above = np.sqrt(np.maximum(1 - slow.m1, 1e-30)), np.asarray(slow.side) > 0
+    modulus = np.sqrt(np.maximum(1 - slow.m1, 1e-30))
     dn = np.sqrt(cn * cn + slow.m1 * sn * sn)
     N_a, N_b, N_c = constant_torque(t, k)
-    about, across = np.where(above, N_a, N_c), np.where(above, N_c, N_a)
+    about, across = exchanged(slow.side, N_a, N_c)
     swing = np.arctanh(modulus * cn / dn) / modulus * slow.sense * N_b
-    root_e, root_o, (w_e, w_o) = np.sqrt(X_e), np.sqrt(X_o), body.weight(slow.side)
+    root_e, root_o, (w_e, w_o) = np.sqrt(X_e), np.sqrt(X_o), body.weights(slow.side)
     root = np.sqrt(w_e)
     part_e = slow.sense * about * (am - slow.phase) / root_e + w_o / root * root_o / X_e * swing
     aside = root * swing + across * np.arcsin(modulus * sn) / modulus
@@ -130,8 +138,8 @@ def constant_part(t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
 def brake_mean(t: Any, turn: Turn, k: Any) -> Pair:
     """(ln X_e)' and (ln X_o)' under a brake."""
     a, _, c = turn.body[:3]
-    outer, inner = either(turn.side, a, c), either(turn.side, c, a)
-    square = outer * turn.root_e * turn.root_e + inner * turn.root_o * turn.root_o
+    A_e, A_o = exchanged(turn.side, a, c)
+    square = A_e * turn.root_e * turn.root_e + A_o * turn.root_o * turn.root_o
     rate = -2 * coefficient_at(k, "brake", t) / (square / (a - c)) ** 0.5
     return rate, rate
 
@@ -189,7 +197,7 @@ class ClosedMeans(AveragedTurns):
             return rate
         # About the other two axes a constant torque has no mean, and averaging needs it weak too.
         above, middle, below = constant_torque(t, k)
-        _, w_o = self.body.weight(turn.side)
+        _, w_o = self.body.weights(turn.side)
         others = np.sqrt(w_o) * middle, either(turn.side, below, above)
         sizes = (np.abs(component) / turn.root_e for component in others)
         return np.maximum.reduce(np.broadcast_arrays(rate, *sizes))

@@ -23,19 +23,20 @@ OF_THE_CAVITY = {
 """The keys of a cavity that are given together: meaning and unit."""
 
 
-def kappa_instead_of(others: str) -> Key:
-    """The key of the coefficient rho P0/nu, by which others are left out."""
-    meaning = f"rho P0/nu, instead of {others}"
-    return Key(Number(least=0), meaning, "moment of inertia * time", default=None)
-
-
 CAVITY = Key(
     Table(
         {
             name: Key(Number(above=0), *meaning, default=None)
             for name, meaning in OF_THE_CAVITY.items()
         }
-        | {"kappa": kappa_instead_of("the other keys")}
+        | {
+            "kappa": Key(
+                Number(least=0),
+                "rho P0/nu, instead of the other keys",
+                "moment of inertia * time",
+                default=None,
+            )
+        }
     ),
     "density, viscosity and P0 or radius; or kappa alone",
     default=None,
@@ -115,13 +116,14 @@ def cavity_warnings(
     mass = 4 / 3 * math.pi * b**3 * cavity["density"]
     moment, messages = 0.4 * mass * b * b, []
     if number > NOT_SMALL:
-        size = f"b = {b:.3g}, |omega| = {speed:.3g}, nu = {cavity['viscosity']:.3g}"
-        flow = f"its Reynolds number b^2 |omega|/nu is {number:.3g} ({size})"
-        messages.append(f"the flow is not slow: {flow}")
-    if moment > A.min():
-        fluid = f"a mass of {mass:.5g} and a moment of inertia of {moment:.5g}"
         messages.append(
-            f"no body: a sphere with this P0 has b = {b:.3g}, and its fluid {fluid}, more than the "
-            f"{A.min():g} of body and fluid together"
+            f"the flow is not slow: its Reynolds number b^2 |omega|/nu is {number:.3g} (b = "
+            f"{b:.3g}, |omega| = {speed:.3g}, nu = {cavity['viscosity']:.3g})"
+        )
+    if moment > A.min():
+        messages.append(
+            f"no body: a sphere with this P0 has b = {b:.3g}, and its fluid a mass of {mass:.5g} "
+            f"and a moment of inertia of {moment:.5g}, more than the {A.min():g} of body and fluid "
+            "together"
         )
     return messages

@@ -147,8 +147,8 @@ def slope_at(k: Any, name: str, t: Any) -> Any:
     if kind == "polynomial":
         terms = [i * values[i] for i in range(1, len(values))]
         return polynomial_law(terms, (), t) if terms else 0 * t
-    value, (rate, last) = coefficient_at(k, name, t), getattr(k, f"{name}_shape")
-    return -rate * value if kind == "exponential" else last * rate * value / (1 + rate * t)
+    a, s = relative_slope((kind, values, getattr(k, f"{name}_shape")))
+    return a * coefficient_at(k, name, t) / (1 + s * t)
 
 
 def value_at(coefficient: Any, t: float) -> Any:

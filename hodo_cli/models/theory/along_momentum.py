@@ -48,15 +48,15 @@ class AlongMomentum(NamedTuple):
         with np.errstate(over="ignore", invalid="ignore"):  # of what grows beyond all doubles
             a = free_time(self.damping, t)
             g = np.where(stopped, 0, np.exp(-self.damping * t) - self.brake * a)
-            return g, a - self.brake * _second(self.damping * t) * t * t
+            return g, a - self.brake * _phi_2(self.damping * t) * t * t
 
 
-def _second(z: Any) -> Any:
+def _phi_2(z: Any) -> Any:
     """(exp(-z) - 1 + z)/z^2, 1/2 at z = 0; for |z| < 1, where it cancels, by its series."""
-    brief = np.abs(z) < 1
-    near, far = np.where(brief, z, 0), np.where(brief, 1, z)
-    term = total = 0.5 + 0 * near
+    is_small = np.abs(z) < 1
+    small, large = np.where(is_small, z, 0), np.where(is_small, 1, z)
+    term = total = 0.5 + 0 * small
     for n in range(3, SERIES_TERMS + 3):
-        term = -term * near / n
+        term = -term * small / n
         total = total + term
-    return np.where(brief, total, (far + np.expm1(-far)) / far**2)
+    return np.where(is_small, total, (large + np.expm1(-large)) / large**2)

@@ -134,7 +134,7 @@ def possible_crossings(terms: Dissipation) -> CrossingPattern:
     return CrossingPattern.THERE_AND_BACK if turns else CrossingPattern.UNKNOWN
 
 
-def axes_kept(moments: Sequence[Dissipation]) -> frozenset[int]:
+def axes_never_left(moments: Sequence[Dissipation]) -> frozenset[int]:
     """The body axes, 1 to 3, each of which is enclosed for ever once it is; by what a sum of
     torques is at all decisive moments."""
     patterns = [possible_crossings(terms) for terms in moments]

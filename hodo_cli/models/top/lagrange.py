@@ -21,6 +21,7 @@ from ..terms.laws import (
     laws_begun_too_soon,
     least_value,
     slope_at,
+    value_at,
 )
 from .nutation import (
     Nutation,
@@ -32,10 +33,10 @@ from .nutation import (
 )
 from .torques import LAW, PERTURBATION, PERTURBATIONS, axial_torque, with_mu
 
-NEAR_LIMITS, TOO_NEAR = 1e-8, 1e-14
+ROUGH_M1, UNRESOLVED_M1 = 1e-8, 1e-14
 """The 1 - k^2 below which the averaged forms have lost half their digits, and all."""
 
-MOST_NODES, UNRESOLVED = 1000, 1e-12
+MOST_NODES, NOTABLE_ERROR = 1000, 1e-12
 """The nodes beyond which no quadrature is refined, and the error of one that is worth a word."""
 
 LAW_KEYS = ("mu", "m", "a", "b")
@@ -134,7 +135,7 @@ class Top(Model):
     @property
     def mu_at_start(self) -> Any:
         """mu at tau = 0."""
-        return coefficient_at(attributes(law_constants("mu", self.mu)), "mu", 0.0)
+        return value_at(self.mu, 0.0)
 
     @cached_property
     def nutation(self) -> Nutation:
@@ -172,25 +173,25 @@ class Nutating(Top):
     }
 
     def refuse_start(self) -> None:
-        if not self.separation > TOO_NEAR:
+        if not self.m1 > UNRESOLVED_M1:
             raise ValueError(
                 "u2 = u3: the top is at, or tends to, an unstable equilibrium and has no period; "
                 "form full takes it"
             )
 
     @property
-    def separation(self) -> float:
+    def m1(self) -> float:
         """1 - k^2 = (u3 - u2)/(u3 - u1) at the start; not a number where no digit of it is left."""
         e, w = self.nutation.e, self.nutation.w
         return (w - e) / (w + e) if w + e else math.nan
 
     @property
     def warnings(self) -> list[str]:
-        if not self.separation < NEAR_LIMITS:
+        if not self.m1 < ROUGH_M1:
             return super().warnings
         return [
             *super().warnings,
-            f"1 - k^2 = {self.separation:.1e} at the start: "
+            f"1 - k^2 = {self.m1:.1e} at the start: "
             "so near u2 = u3 the mean over a nutation loses digits",
         ]
 
@@ -239,9 +240,9 @@ class AveragedTop(Nutating):
         X, w = nutation(y, now)
         a, M3 = coefficient_at(k, "a", t), axial_torque(t, y[2], k)
         mean = mean_cosine(y[3], w)
-        towards_u2 = y[3] * mean
+        mean_cos = -y[3] * mean
         by_mu = None if now is k else (slope_at(k, "mu", t) / now.mu, mean)
-        return drift(y, now, (-a, a * towards_u2, M3, -M3 * towards_u2), (X, w), by_mu)
+        return drift(y, now, (-a, -a * mean_cos, M3, M3 * mean_cos), (X, w), by_mu)
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
@@ -520,7 +521,7 @@ class AveragedQuadrature(AveragedTop):
     def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
         remainder = quadrature_remainder(y.T, attributes(self.constants))
         worst = int(np.argmax(remainder))
-        if remainder[worst] <= max(tol, UNRESOLVED):
+        if remainder[worst] <= max(tol, NOTABLE_ERROR):
             return []
         return [
             f"near u2 = u3, at tau = {t[worst]:.6g}, even {self.nodes} nodes are right to "
