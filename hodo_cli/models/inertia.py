@@ -23,6 +23,11 @@ def vector_product(a: Sequence[Any], b: Sequence[Any]) -> Components:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
+def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    """The scalar product a.b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
 def vector_sum(a: Sequence[Any], b: Sequence[Any]) -> Components:
     """The sum of two vectors."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]

@@ -21,6 +21,7 @@ from .inertia import (
     accelerations,
     along_principal_axes,
     angular_momentum_of,
+    dot,
     principal_rotor_of,
     rotor_of,
 )
@@ -65,9 +66,9 @@ AVERAGED = frozenset(TERMS) - {"quadratic_axes", "space_torque", "rotor"}
 """The terms that the quadrature over a turn takes: functions of omega and the time without a
 corner."""
 
-LEGS, LEGS_WITH_ROTOR, LEG_FALL = 14, 8, 8
-"""How often |G| falls by a factor before a brake has all but stopped the body: to 2e-13 of it, with
-a rotor, whose h hides what is left of G, to 6e-8."""
+STAGES, STAGES_WITH_ROTOR, STAGE_RATIO = 14, 8, 8
+"""How often |G| falls by a ratio, a stage of braking each time, before a brake has all but stopped
+the body: to 2e-13 of it, with a rotor, whose h hides what is left of G, to 6e-8."""
 
 WEAK_ROTOR = 1e-8
 """The part of |G| below which a rotor counts as none."""
@@ -334,15 +335,15 @@ class Torques(BodyUnderTorques, LookedUp):
     def run_events(self) -> tuple[Event, ...]:
         events = []
         for axis, entry in enumerate(self.quadratic_axes or ()):
-            sign_row = self.state.index(f"s{axis + 1}")
             if any(dimensional_values(entry)):
-                zero, turn = (Bound(f, (axis, sign_row)) for f in (component, turned_over))
-                events.append(Event("turned", zero, True, turn, sign_row))
+                first = self.state.index("s1")
+                zero, turn = (Bound(f, (axis, first)) for f in (component_size, turned_over))
+                events.append(Event("turned", zero, True, turn, first + axis))
         if self.brake is not None:
-            leg = self.state.index("leg")
+            row = self.state.index("stage_momentum")
             others = tuple(name for name in terms_named(vars(self)) if name != "brake")
-            stop = Bound(braked_leg, (leg, others))
-            events.append(Event("stopped", Bound(leg_end, (leg,)), True, stop))
+            stop = Bound(braked_stage, (row, others))
+            events.append(Event("stopped", Bound(stage_end, (row,)), True, stop))
         return tuple(events)
 
     @property
@@ -444,19 +445,20 @@ def twice_energy(kind: tuple[Any, ...], t: Any, y: Sequence[Any], k: Any) -> Any
 def square_of_momentum(kind: tuple[Any, ...], t: Any, y: Sequence[Any], k: Any) -> Any:
     """|G|^2, with the rotor's part, of bodies of a kind."""
     G = angular_momentum_of(y[:3], k)
-    return G[0] * G[0] + G[1] * G[1] + G[2] * G[2]
+    return dot(G, G)
 
 
-def component(axis: int, sign: int, t: Any, y: Sequence[Any], k: Any) -> Any:
-    """|omega_i|, by its sign in the state, as an event."""
-    return y[sign] * y[axis]
+def component_size(axis: int, first: int, t: Any, y: Sequence[Any], k: Any) -> Any:
+    """|omega_i|, by its sign in the state, as an event; the signs stand from row `first` on."""
+    return y[first + axis] * y[axis]
 
 
-def turned_over(axis: int, sign: int, t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
+def turned_over(axis: int, first: int, t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
     """The passage of omega_i through 0, behind which its sign is the other one, and so are those of
     components that vanish at the same moment, as where a body passes through rest."""
     state, size = [*y], abs(y[0]) + abs(y[1]) + abs(y[2])
-    for i, s in enumerate(range(sign - axis, sign - axis + 3)):
+    for i in range(3):
+        s = first + i
         if i == axis or y[s] * y[i] <= 0:
             state[s] = -y[s]
             if i == axis or y[i] == 0:
@@ -472,7 +474,7 @@ def stop_details(G: np.ndarray, label: Any) -> dict[str, float]:
 
 def amplitude_at_stop(t: Any, y: Sequence[Any], k: Any) -> Any:
     """ln X_e of an averaged motion, less what it is when a brake has all but stopped the body."""
-    return y[0] - 2 * (log(k.momentum_at_start) - LEGS * math.log(LEG_FALL))
+    return y[0] - 2 * (log(k.momentum_at_start) - STAGES * math.log(STAGE_RATIO))
 
 
 def averaged_stop(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
@@ -482,37 +484,36 @@ def averaged_stop(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
     return EventOutcome(float(t) + time_left, {"from": float(mean["enclosed_axis"][0])}, y)
 
 
-def leg_end(leg: int, t: Any, y: Sequence[Any], k: Any) -> Any:
-    """|G|^2 less what it is where a leg of braking ends, in units of A1^2.
+def stage_end(row: int, t: Any, y: Sequence[Any], k: Any) -> Any:
+    """|G|^2 less what it is where a stage of braking ends, in units of A1^2.
 
-    The state holds |G|/A1 as the leg began: an engine's tolerance is a part of the largest variable
-    or event, and |G| itself would be the largest by far of a heavy body.
+    A row of the state holds |G|/A1 as the stage began: an engine's tolerance is a part of the
+    largest variable or event, and |G| itself would be the largest by far of a heavy body.
     """
     G = [x / k.A1 for x in angular_momentum_of(y[:3], k)]
-    return G[0] * G[0] + G[1] * G[1] + G[2] * G[2] - y[leg] * y[leg] / LEG_FALL**2
+    return dot(G, G) - y[row] * y[row] / STAGE_RATIO**2
 
 
-def braked_leg(leg: int, others: Sequence[str], t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
-    """The passage at the end of a leg of braking, beside other torques: to another leg, or to rest.
+def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
+    """The passage at the end of a stage of braking, beside other torques: to another one, or to
+    rest.
 
     With a brake the equations have no solution at rest, and an integrator that does not know of it
-    goes on behind it. After the last leg the time left is |G|/(b - |N0|), with N0 the other torques
-    at rest.
+    goes on behind it. After the last stage the time left is |G|/(b - |N0|), with N0 the other
+    torques at rest.
     """
     G, state = angular_momentum_of(y[:3], k), [*y]
-    size = (G[0] * G[0] + G[1] * G[1] + G[2] * G[2]) ** 0.5
-    state[leg] = size / k.A1
-    onward = EventOutcome(float(t), None, state, t)
-    last = 2 * k.momentum_at_start / LEG_FALL ** (LEGS_WITH_ROTOR if hasattr(k, "h1") else LEGS)
-    if not size < last:
-        return onward
-    extra = [*y[3:leg], *y[leg + 1 :]]
-    force = coefficient_at(k, "brake", t) - torque_at_rest(others, t, extra, k)
-    if not force > 0:
-        return onward
+    size, stages = dot(G, G) ** 0.5, STAGES_WITH_ROTOR if hasattr(k, "h1") else STAGES
+    excess = 0.0  # of the brake over the other torques at rest, which count in the last stage
+    if size < 2 * k.momentum_at_start / STAGE_RATIO**stages:
+        extra = [*y[3:row], *y[row + 1 :]]
+        excess = coefficient_at(k, "brake", t) - torque_at_rest(others, t, extra, k)
+    if not excess > 0:
+        state[row] = size / k.A1
+        return EventOutcome(float(t), None, state, t)
     details = stop_details(np.array(G, float), label_at_stop(np.array(y[:3], float), k))
-    state[:3], state[leg] = (0 * size + x for x in omega_at_rest(k)), 0 * size
-    return EventOutcome(float(t + size / force), details, state, math.inf)
+    state[:3], state[row] = (0 * size + x for x in omega_at_rest(k)), 0 * size
+    return EventOutcome(float(t + size / excess), details, state, math.inf)
 
 
 def label_at_stop(omega: np.ndarray, k: Any) -> Any:

@@ -206,9 +206,9 @@ class BodyUnderTorques(BodyFrame):
             slowed, exponent = np.frexp(g)
             state = slowed[:, np.newaxis] * free_motion(A, omega, s)
             exponent = np.where(slowed > 0, exponent, AT_REST)
-        # The size of G at the start of a leg of braking: there are no legs here.
-        legs = np.zeros((len(t), int("brake" in self.term_coefficients)), dtype=state.dtype)
-        return np.hstack((self.from_principal(state), legs)), exponent
+        # The variable of a brake: there are no stages of braking here.
+        braked = np.zeros((len(t), int("brake" in self.term_coefficients)), dtype=state.dtype)
+        return np.hstack((self.from_principal(state), braked)), exponent
 
     def free_times(self, t: np.ndarray) -> np.ndarray:
         assert self.along_momentum is not None

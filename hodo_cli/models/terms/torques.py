@@ -15,6 +15,7 @@ from ..inertia import (
     accelerations,
     along_principal_axes,
     angular_momentum_of,
+    dot,
     from_principal_axes,
     times,
     vector_product,
@@ -108,7 +109,7 @@ def quadratic_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Components:
     """-c_i |omega| omega_i."""
-    size = (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) ** 0.5
+    size = dot(w, w) ** 0.5
     return -(c[0] * size * w[0]), -(c[1] * size * w[1]), -(c[2] * size * w[2])
 
 
@@ -171,7 +172,7 @@ def brake_torque(
 ) -> Components:
     """-b G/|G|, which brings a free body to rest in the shortest time."""
     G = angular_momentum_of(w, k)
-    rate = c[0] / (G[0] * G[0] + G[1] * G[1] + G[2] * G[2]) ** 0.5
+    rate = c[0] / dot(G, G) ** 0.5
     return -(rate * G[0]), -(rate * G[1]), -(rate * G[2])
 
 
@@ -222,7 +223,7 @@ QUADRATIC_AXES = Term(
     by_momentum=True,
     extra=dict.fromkeys(("s1", "s2", "s3"), 0),
 )
-BRAKE = Term(brake_torque, {"brake": 0}, extra={"leg": 1}, coefficients=alone)
+BRAKE = Term(brake_torque, {"brake": 0}, extra={"stage_momentum": 1}, coefficients=alone)
 SPACE = Term(
     space_torque,
     {"F": 0},
