@@ -1022,7 +1022,9 @@ def test_a_case_is_a_key_and_cannot_be_changed() -> None:
     with pytest.raises(TypeError, match="the data of a case do not change"):
         data["initial"].update(p=1)
     assert case.system is case.system
-    assert pickle.loads(pickle.dumps(case.system)) == case.system
+    turned = one_case(f"{BODY}, {SPAN}, attitude: yes")
+    for each in (case, turned):
+        assert pickle.loads(pickle.dumps(each)).system == each.system
 
 
 @pytest.mark.parametrize(

@@ -153,6 +153,10 @@ class Case:
             # The way into a frozen dataclass.
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
+    def __getstate__(self) -> dict[str, Any]:
+        # Another process makes its own: some classes of models exist only where a case is.
+        return {name: value for name, value in vars(self).items() if name != "system"}
+
     @classmethod
     def of(cls, entries: Mapping[str, Any], name: str = "case") -> "Case":
         """The case that these keys of a case file describe, with every default filled in.

@@ -258,7 +258,7 @@ def start_error(case: Case) -> float:
     to that rounding stands on neither side, in every precision.
     """
     body = body_of(case)
-    A, omega = body.moments, body.to_principal(np.array(body.start[:3]))
+    A, omega = body.moments, body.to_principal(body.omega_at_start)
     if body.rotor_momentum is not None:
         return EPS
     return EPS * math.sqrt(float(rigid_body.near_middle_axis(A, omega)))

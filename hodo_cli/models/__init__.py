@@ -212,7 +212,7 @@ def find(name: str, form: str) -> type[Model]:
         raise HodoError(f"there is no model {name!r} with the form {form!r}") from None
 
 
-# At once, because a worker that is sent an object of such a class imports this package for it.
+# At once, so that a file with a mistake is refused before anything runs.
 _own_modules = [
     _load(path, f"own{i}")
     for i, path in enumerate(

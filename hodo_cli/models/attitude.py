@@ -24,7 +24,7 @@ from ..schema.kinds import (
     Text,
     vector,
 )
-from .base import Bound, Event, EventOutcome, Label, Level, LookedUp, Model, Passage
+from .base import Bound, Event, EventOutcome, Label, Level, Model, Passage
 from .rigid_body import BodyFrame
 from .theory.attitude import HodographTurn, composed, free_attitude, product, turn_of_hodograph
 
@@ -215,7 +215,7 @@ def beside_attitude(event: Event) -> Event:
     return event._replace(function=Bound(without_attitude, (event.function,)), passage=passage)
 
 
-class Oriented(Model, LookedUp):
+class Oriented(Model):
     """The class before a form's own where its cases name an attitude."""
 
     attitude: Any
@@ -279,7 +279,7 @@ class Oriented(Model, LookedUp):
         if along is None or any(along):
             return None
         body = cast(BodyFrame, self)
-        return turn_of_hodograph(body.moments, body.to_principal(np.array(self.start[:3])))
+        return turn_of_hodograph(body.moments, body.to_principal(body.omega_at_start))
 
     def predictions(self, start: float, end: float) -> list[str]:
         predicted = super().predictions(start, end)

@@ -2,9 +2,8 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -304,25 +303,6 @@ class Model:
     def levels(self) -> tuple[Level, ...]:
         """Functions that tell which axis is enclosed, where the zeros of `class_events` do not."""
         return ()
-
-
-class LookedUp:
-    """A form whose class is made where it is looked up: other processes look it up again.
-
-    It stands last among the bases of a class: as the first one it would bring a full form before
-    the averaged one that is made of it.
-    """
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        named = fields(self)  # type: ignore[arg-type]
-        data = {field.name: getattr(self, field.name) for field in named}
-        return rebuilt, (self.name, self.form, data)  # type: ignore[attr-defined]
-
-
-def rebuilt(name: str, form: str, data: Mapping[str, Any]) -> Model:
-    """The object of a form of a model with these data, an attitude among them or not."""
-    models, attitude = import_module(__package__), import_module(f"{__package__}.attitude")
-    return attitude.system_of(models.find(name, form), data)  # type: ignore[no-any-return]
 
 
 def mistake_of(at: KeyPath, function: Callable[..., object], *arguments: Any) -> Iterator[Mistake]:

@@ -121,17 +121,17 @@ def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
     return y[1]
 
 
-NEARLY_STOPPED = 2 * math.log(1e-8)
-"""By how much ln X_e has fallen when a constant torque has all but stopped a rotation, whose speed
-then falls evenly."""
+LN_AT_END = 2 * math.log(1e-8)
+"""ln X_e, less that of the start, where a constant torque has all but stopped a rotation, whose
+speed then falls evenly: at the end of spin."""
 
-BEHIND = {"continue": 2.0, "stop": -100.0}
-"""By how much ln X_e differs from that of a motion NEARLY_STOPPED where it goes on in the other
-sense, and where it has stopped."""
+LN_BEHIND_END = {"continue": 2.0, "stop": -100.0}
+"""ln X_e, less that at the end of spin, of a motion that goes on in the other sense, and of one
+that has stopped."""
 
 
 def distance_to_rest(t: Any, y: Sequence[Any], k: Any) -> Any:
-    """ln X_e less what it is of a motion NEARLY_STOPPED, as an event."""
+    """ln X_e less that at the end of spin, as an event."""
     return y[0] - k.ln_at_end
 
 
@@ -146,14 +146,15 @@ def turned_round(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
     ln_e, ln_o, scaled_phase, side, sense = y
     # The mean speed at which sqrt(X_e) falls to 0 is that at half of it.
     half = [float(ln_e) - 2 * math.log(2), *map(float, y[1:])]
-    by_e, *_ = AveragedTriaxial.rhs(float(t), half, attributes(vars(k)))
-    left, behind = -4 / by_e, k.ln_at_end + BEHIND[k.spin_reversal]
-    onward = t + left * (1 + math.exp(float(behind - ln_e) / 2))
+    ln_rate, *_ = AveragedTriaxial.rhs(float(t), half, attributes(vars(k)))
+    time_left, ln_behind = -4 / ln_rate, k.ln_at_end + LN_BEHIND_END[k.spin_reversal]
     # The angle is turned round too, so that the other components go on as they did.
-    state = 0 * ln_e + behind, ln_o, -scaled_phase, side, -sense
-    return EventOutcome(
-        float(t + left), {}, state, onward if k.spin_reversal == "continue" else None
+    stopped = EventOutcome(
+        float(t + time_left), {}, (0 * ln_e + ln_behind, ln_o, -scaled_phase, side, -sense)
     )
+    if k.spin_reversal == "stop":
+        return stopped
+    return stopped._replace(onward=t + time_left * (1 + math.exp(float(ln_behind - ln_e) / 2)))
 
 
 def through_or_stopped(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
@@ -342,7 +343,7 @@ class AveragedTriaxial(ClosedTurns, Cavity):
 
     @cached_property
     def constants(self) -> Constants:
-        ln_at_end = math.log(self.slow_start.X_e) + NEARLY_STOPPED
+        ln_at_end = math.log(self.slow_start.X_e) + LN_AT_END
         return {"spin_reversal": self.spin_reversal, "ln_at_end": ln_at_end, **super().constants}
 
     @property

@@ -289,6 +289,11 @@ class BodyFrame(Model):
     def start(self) -> tuple[float, ...]:
         return self.velocity(self.inertia, self.initial)
 
+    @property
+    def omega_at_start(self) -> np.ndarray:
+        """The angular velocity (3,) at the start, as the data give it."""
+        return np.array(self.velocity(self.inertia, self.initial))
+
     def starts(self, omega: np.ndarray) -> np.ndarray:
         w = np.moveaxis(omega, -1, 0)
         # What else the state holds starts as it does for the data themselves.
@@ -363,7 +368,7 @@ class BodyFrame(Model):
         if not (dissipations := self.dissipations(t, t)):
             # About which axes a body with a rotor is in steady rotation, `theory.gyrostat` says.
             return tilt_growth_by_equations(self) if self.is_plain else None
-        omega = self.to_principal(np.array(self.velocity(self.inertia, self.initial)))
+        omega = self.to_principal(self.omega_at_start)
         speeds = np.copysign(np.linalg.norm(omega), omega)
         rates = tilt_growth_rates(dissipations[0], speeds)
         return rates if np.isfinite(rates).any() else None

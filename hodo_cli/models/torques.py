@@ -15,7 +15,7 @@ from ..schema.kinds import Either, Key, ListOf, Mistake, Number, Table, vector
 from .averaging.any_torque import QuadratureTurns, averaged_form
 from .averaging.forms import mean_elements
 from .averaging.sums import CLOSED, ClosedMeans, ClosedTurns
-from .base import Bound, Constants, Event, EventOutcome, Level, LookedUp, Model, mistake_of
+from .base import Bound, Constants, Event, EventOutcome, Level, Model, mistake_of
 from .constants import attributes
 from .inertia import (
     accelerations,
@@ -88,7 +88,7 @@ NEGATIVE_COEFFICIENT = "a negative coefficient drives the body: write that as an
 
 
 @dataclass(frozen=True)
-class Torques(BodyUnderTorques, LookedUp):
+class Torques(BodyUnderTorques):
     """A rigid body under any sum of torques.
 
     A omega' + omega x G = N, the sum of what the case names:
@@ -264,8 +264,8 @@ class Torques(BodyUnderTorques, LookedUp):
             texts = {f"expression{i}": text for i, text in enumerate(self.expression, 1)}
             constants |= {**texts, "velocity_unit": 1.0, "time_unit": 1.0}
         if self.brake is not None:
-            omega = np.array(self.velocity(self.inertia, self.initial))
-            constants["momentum_at_start"] = float(np.linalg.norm(self.momentum(omega)))
+            G = self.momentum(self.omega_at_start)
+            constants["momentum_at_start"] = float(np.linalg.norm(G))
         constants |= super().constants
         if self.frame is None:
             return constants
@@ -398,7 +398,7 @@ class Torques(BodyUnderTorques, LookedUp):
         if along is None or math.isinf(along.stop):
             return None
         _, s = along.clock(np.array([along.stop]))
-        omega = free_motion(self.moments, self.to_principal(np.array(self.start[:3])), s)
+        omega = free_motion(self.moments, self.to_principal(self.omega_at_start), s)
         momentum = self.momentum(self.from_principal(omega))
         details = stop_details(momentum[0], self.enclosed(omega)[0])
         return "stopped", EventOutcome(along.stop, details, ())
@@ -422,7 +422,7 @@ class Torques(BodyUnderTorques, LookedUp):
         """When the brake stops the body, or between which times: fluid does not change |G|."""
         if not self.brake or not terms.covered or self.quadratic or self.quadratic_axes:
             return []
-        rate = self.brake / float(np.linalg.norm(self.momentum(np.array(self.start[:3]))))
+        rate = self.brake / float(np.linalg.norm(self.momentum(self.omega_at_start)))
         first, last = (AlongMomentum(of(terms.damping), rate).stop for of in (max, min))
         if first == last:
             return [f"stops after {first:.15g} [time]"] if math.isfinite(first) else []
@@ -430,7 +430,7 @@ class Torques(BodyUnderTorques, LookedUp):
 
     @property
     def warnings(self) -> list[str]:
-        G = np.linalg.norm(self.momentum(np.array(self.velocity(self.inertia, self.initial))))
+        G = np.linalg.norm(self.momentum(self.omega_at_start))
         if self.rotor is None or np.linalg.norm(self.rotor) >= WEAK_ROTOR * G:
             return super().warnings
         return [*super().warnings, f"no rotor: its momentum is less than {WEAK_ROTOR:g} of |G|"]

@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...schema.kinds import Integer, Key, Mistake
-from ..base import LookedUp
 from ..rigid_body import BodyFrame
 from .forms import MEAN_START, AveragedTurns, Turn
 from .free_turn import (
@@ -254,5 +253,5 @@ def averaged_form(
         "keys": full.keys
         | {"mean_start": MEAN_START, "at_separatrix": AT_SEPARATRIX, "nodes": NODES_KEY},
     }
-    classes = (*(bases or (QuadratureTurns,)), full, LookedUp)
+    classes = *(bases or (QuadratureTurns,)), full
     return dataclass(frozen=True)(type(f"{full.__name__}Averaged", classes, attributes_of))

@@ -244,7 +244,7 @@ class AveragedTurns(BodyFrame):
     @cached_property
     def slow_start(self) -> SlowVariables:
         """The slow variables of the start as it is given."""
-        return slow_elements(self.body, self.velocity(self.inertia, self.initial))
+        return slow_elements(self.body, self.omega_at_start)
 
     @cached_property
     def constants(self) -> Constants:

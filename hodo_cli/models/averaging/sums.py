@@ -25,8 +25,9 @@ from .means import Means, fluid_loss, fluid_weights, linear_rates
 from .passage import REGIONS, Pair, RatesByRegion, Region, SeparatrixRates
 
 BESIDE_SEPARATRIX = Means(1 - 1j, 1 - 4j / 3, 1j, 1j, math.pi / 2 * 1j)
-"""The means beside the separatrix, each x + y/K, as complex numbers x + iy: there K <cn^2> = K
-<dn^2> = 1, K <sn^2 cn^2> = 1/3 and K <dn> = pi/2."""
+"""The means beside the separatrix, where K <cn^2> = K <dn^2> = 1, K <sn^2 cn^2> = 1/3 and K <dn> =
+pi/2. Each is x + y/K, written as the complex number x + iy: the rates are sums of means by real
+factors, so that theirs come out in the same form."""
 
 UNEVEN = (*terms.CONSTANT.degree, "I12", "I13", "I21", "I23", "I31", "I32")
 """The constants of torques that are not even; see `AveragedTurns.is_even`."""

@@ -14,11 +14,11 @@ from ..theory.closed_form import free_motion, scaled_motion
 from ..theory.possible_crossings import Dissipation, axis_weights, outer_axes
 from .fluid import cavity_warnings, coefficient, weak
 from .laws import (
-    decisive_times,
     dimensional_values,
     is_law,
     law_constants,
     scaled,
+    times_of_all_signs,
     value_at,
 )
 from .torques import TERMS
@@ -150,7 +150,7 @@ class BodyUnderTorques(BodyFrame):
             entries = given[name][::4] if name == "resistance" else given[name]
             first, last = (scaled(entries[i], weights[name][i]) for i in outer_axes(self.moments))
             pairs.append((first, last))
-        return {t for pair in pairs for t in decisive_times(*pair, start, end)}
+        return {t for pair in pairs for t in times_of_all_signs(*pair, start, end)}
 
     @property
     def warnings(self) -> list[str]:
@@ -159,7 +159,7 @@ class BodyUnderTorques(BodyFrame):
             term: entries if term not in self.changing_terms else (0.0,) * len(entries)
             for term, entries in self.term_coefficients.items()
         }
-        omega = self.to_principal(np.array(self.velocity(self.inertia, self.initial)))
+        omega = self.to_principal(self.omega_at_start)
         (kappa,), torque = given.get("kappa", (0.0,)), given.get("torque", ZEROS)
         return [
             *damping_warnings(self.term_coefficients.get("damping", ())),
@@ -188,7 +188,7 @@ class BodyUnderTorques(BodyFrame):
             return None
         if "brake" not in given:
             return AlongMomentum(damping[0], 0.0)
-        momentum = float(np.linalg.norm(self.momentum(np.array(self.start[:3]))))
+        momentum = float(np.linalg.norm(self.momentum(self.omega_at_start)))
         return AlongMomentum(damping[0], brake[0] / momentum) if momentum else None
 
     @property
@@ -196,7 +196,7 @@ class BodyUnderTorques(BodyFrame):
         return self.form == "full" and self.along_momentum is not None
 
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        A, omega = self.moments, self.to_principal(np.array(self.start[:3]))
+        A, omega = self.moments, self.to_principal(self.omega_at_start)
         along = self.along_momentum
         assert along is not None
         if not along.brake:

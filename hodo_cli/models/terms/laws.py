@@ -167,18 +167,18 @@ def least_value(coefficient: Any, start: float, end: float) -> float:
     return min(float(value_at(coefficient, t)) for t in times)
 
 
-def decisive_times(first: Any, second: Any, start: float, end: float) -> list[float]:
+def times_of_all_signs(first: Any, second: Any, start: float, end: float) -> list[float]:
     """Times between two at which the difference of two coefficients has every sign that it has
     there; not a number where no formula tells them."""
     if first == second:
         return [start]
     laws = law(first), law(second)
-    named = {kind or "polynomial" for kind, _, _ in laws}
-    if named == {"polynomial"}:
+    are_polynomials = [kind in ("", "polynomial") for kind, _, _ in laws]
+    if all(are_polynomials):
         one, other = (np.polynomial.Polynomial(values) for _, values, _ in laws)
         turns = (one - other).deriv().roots().real.tolist()
-    elif named > {"polynomial"} and any(len(values) > 1 for _, values, _ in laws):
-        return [math.nan]
+    elif any(are_polynomials) and any(len(values) > 1 for _, values, _ in laws):
+        return [math.nan]  # no formula for a polynomial that changes beside another law
     else:
         # Both keep their signs, and with c' = a c/(1 + s t) their ratio turns once at most.
         (a, s), (b, u) = map(relative_slope, laws)

@@ -48,17 +48,17 @@ class SaddleCurves(NamedTuple):
     A saddle stands at a distance u = `side` (1 - s A_i) from the pole of the middle axis i, since
     near it s itself has no digits of G_i left; the side is 1 for the lower saddle, else -1. There
     1 - s A_j = `offset` + u `ratio`. The distance is less than `limit`, that of the outer axis: 0
-    for a saddle that never exists. Of `rotor` the part along the middle axis is `own`, `moment` its
-    moment of inertia.
+    for a saddle that never exists. Of `rotor` the part along the middle axis is `middle_rotor`, and
+    `middle_moment` that axis' moment of inertia.
     """
 
     rotor: np.ndarray
     offset: np.ndarray
     ratio: np.ndarray
-    own: np.ndarray
+    middle_rotor: np.ndarray
     limit: np.ndarray
     side: np.ndarray
-    moment: np.ndarray
+    middle_moment: np.ndarray
 
     @classmethod
     def of(cls, A: np.ndarray, h: np.ndarray) -> "SaddleCurves":
@@ -67,12 +67,12 @@ class SaddleCurves(NamedTuple):
         A, h = A.T, h.T
         side, outer = np.array([[1], [-1]]), A[[largest, smallest]]
         same = A[middle] == A
-        own = np.sqrt(_total(np.where(same, h * h, 0)))
+        middle_rotor = np.sqrt(_total(np.where(same, h * h, 0)))
         # Without a pole, steady rotations of two equal moments are a circle.
-        alone = (own > 0) | (same.sum(0) == 1)
-        limit = np.where(alone, side * (outer - A[middle]) / outer, 0)
+        has_saddles = (middle_rotor > 0) | (same.sum(0) == 1)
+        limit = np.where(has_saddles, side * (outer - A[middle]) / outer, 0)
         ratio = side * (A / A[middle])[:, None]
-        parts = h[:, None], ((A[middle] - A) / A[middle])[:, None], ratio, own, limit, side
+        parts = h[:, None], ((A[middle] - A) / A[middle])[:, None], ratio, middle_rotor, limit, side
         return cls(*(_columns(part, limit.shape) for part in (*parts, A[middle])))
 
     def chosen(self, columns: np.ndarray) -> "SaddleCurves":
@@ -85,7 +85,7 @@ class SaddleCurves(NamedTuple):
 
     def s(self, u: np.ndarray) -> np.ndarray:
         """s (k,) at distances u (k,)."""
-        return np.asarray((1 - self.side * u) / self.moment)
+        return np.asarray((1 - self.side * u) / self.middle_moment)
 
     def factors(self, u: np.ndarray) -> np.ndarray:
         """1 - s A_j (3, k) at distances u (k,)."""
@@ -109,7 +109,7 @@ class SaddleCurves(NamedTuple):
     def nearest(self, momentum: Any) -> np.ndarray:
         """Distances (k,) that are less than where |G| = momentum (k,), or stand for the pole."""
         # There the part of G along the middle axis is `momentum`, to the rounding.
-        beside = (1 - 2.0**-50) * self.own / momentum
+        beside = (1 - 2.0**-50) * self.middle_rotor / momentum
         return np.asarray(np.maximum(beside, AT_POLE * self.limit))
 
     def ahead(self, u: np.ndarray, momentum: Any) -> np.ndarray:
@@ -131,7 +131,9 @@ class SaddleCurves(NamedTuple):
         some = self.chosen(moving)
         while moving.size:
             ahead = some.ahead(u[moving], momentum)
-            accuracy = 4 * np.finfo(u.dtype).eps * np.where(some.own > 0, ahead, some.limit)
+            accuracy = (
+                4 * np.finfo(u.dtype).eps * np.where(some.middle_rotor > 0, ahead, some.limit)
+            )
             # Five steps suffice but where steady rotations meet; steps back are made of rounding.
             going = np.flatnonzero(ahead - u[moving] > accuracy)
             u[moving] = ahead
