@@ -1023,8 +1023,8 @@ def test_a_case_is_a_key_and_cannot_be_changed() -> None:
         data["initial"].update(p=1)
     assert case.system is case.system
     turned = one_case(f"{BODY}, {SPAN}, attitude: yes")
-    for each in (case, turned):
-        assert pickle.loads(pickle.dumps(each)).system == each.system
+    for stored in (case, turned):
+        assert pickle.loads(pickle.dumps(stored)).system == stored.system
 
 
 @pytest.mark.parametrize(

@@ -343,8 +343,11 @@ class AveragedTriaxial(ClosedTurns, Cavity):
 
     @cached_property
     def constants(self) -> Constants:
-        ln_at_end = math.log(self.slow_start.X_e) + LN_AT_END
-        return {"spin_reversal": self.spin_reversal, "ln_at_end": ln_at_end, **super().constants}
+        return {
+            "spin_reversal": self.spin_reversal,
+            "ln_at_end": math.log(self.slow_start.X_e) + LN_AT_END,
+            **super().constants,
+        }
 
     @property
     def run_events(self) -> tuple[Event, ...]:

@@ -85,8 +85,7 @@ def scaled_separatrix(A: Any, w: Any, order: tuple[int, int, int]) -> tuple[Any,
 
 def share_of(total: Any, part: Any, of_nothing: float = 0.0) -> np.ndarray:
     """part/total, something else where the total is 0."""
-    otherwise = np.full_like(total, of_nothing)
-    return np.asarray(np.divide(part, total, out=otherwise, where=total > 0))
+    return np.asarray(np.divide(part, total, out=np.full_like(total, of_nothing), where=total > 0))
 
 
 def separation(A: Any, omega: Any, order: tuple[int, int, int]) -> np.ndarray:
@@ -369,8 +368,7 @@ class BodyFrame(Model):
             # About which axes a body with a rotor is in steady rotation, `theory.gyrostat` says.
             return tilt_growth_by_equations(self) if self.is_plain else None
         omega = self.to_principal(self.omega_at_start)
-        speeds = np.copysign(np.linalg.norm(omega), omega)
-        rates = tilt_growth_rates(dissipations[0], speeds)
+        rates = tilt_growth_rates(dissipations[0], np.copysign(np.linalg.norm(omega), omega))
         return rates if np.isfinite(rates).any() else None
 
     @property

@@ -293,8 +293,12 @@ class AveragedTurns(BodyFrame):
     def states(self, given: SlowVariables) -> np.ndarray:
         """The states (5, ...) of motions with starts (...)."""
         (slow, _), k = self.elements(given), self.numbers
-        scaled_phase = k.turning_scale * slow.phase
-        y = [*self.logarithms(slow), scaled_phase, slow.side + 0.0, slow.sense + 0.0]
+        y = [
+            *self.logarithms(slow),
+            k.turning_scale * slow.phase,
+            slow.side + 0.0,
+            slow.sense + 0.0,
+        ]
         # A start on the separatrix does not turn; `check` says so of a case.
         return np.where(slow.m1 < 2 * k.turning_edge, np.nan, np.stack(y))
 
@@ -349,8 +353,8 @@ class AveragedTurns(BodyFrame):
     def run_events(self) -> tuple[Event, ...]:
         if len(set(self.body[:3])) < 3:
             return self.averaged_events
-        passage = Event("separatrix", distance_to_edge, terminal=True, passage=self.passage)
-        return *self.averaged_events, passage
+        event = Event("separatrix", distance_to_edge, terminal=True, passage=self.passage)
+        return *self.averaged_events, event
 
     @classmethod
     def passage(cls, t: Any, y: Sequence[Any], k: Any) -> EventOutcome:

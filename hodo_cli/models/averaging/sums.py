@@ -137,7 +137,7 @@ def constant_part(t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
 
 
 def brake_mean(t: Any, turn: Turn, k: Any) -> Pair:
-    """(ln X_e)' and (ln X_o)' under a brake."""
+    """(ln X_e)' and (ln X_o)' under a brake, which keeps the shape of the hodograph."""
     a, _, c = turn.body[:3]
     A_e, A_o = exchanged(turn.side, a, c)
     square = A_e * turn.root_e * turn.root_e + A_o * turn.root_o * turn.root_o

@@ -84,8 +84,11 @@ class Repeated(ListOf):
 
 def coefficient_kind(unit: str, t: str = "t", above: float | None = None) -> Either:
     """The kind of one coefficient: a number, which may have a bound, or a law of t."""
-    polynomial = ListOf(Number(), title=f"a polynomial in {t}: [a0, a1, ...]")
-    return Either(Number(above=above), polynomial, law_mapping(unit, t))
+    return Either(
+        Number(above=above),
+        ListOf(Number(), title=f"a polynomial in {t}: [a0, a1, ...]"),
+        law_mapping(unit, t),
+    )
 
 
 def coefficients_kind(unit: str) -> Either:

@@ -129,8 +129,7 @@ def possible_crossings(terms: Dissipation) -> CrossingPattern:
     if not has_fluid and min(media) >= 0:
         return CrossingPattern.TO_SMALLEST
     # |G| alone tells which of fluid and damping is the stronger, and it falls.
-    is_two_sided = has_fluid and damping > 0 and not quadratic and not across
-    turns = is_two_sided and min(terms.damping) >= 0
+    turns = has_fluid and damping > 0 and not quadratic and not across and min(terms.damping) >= 0
     return CrossingPattern.THERE_AND_BACK if turns else CrossingPattern.UNKNOWN
 
 

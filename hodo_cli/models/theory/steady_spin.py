@@ -35,8 +35,7 @@ def tilt_growth_rates(terms: Dissipation, omega: Any) -> np.ndarray:
     growth = _above_others(damping) + _above_others(quadratic) * w + by_axes * w
     growth = growth - driven - kappa * fluid * w * w / 2
     # For an axis whose moment is the middle one too, a symmetric body has no such turn.
-    middle = np.sort(A, axis=-1)[..., 1:2]
-    return np.where(middle == A, np.nan, growth)
+    return np.where(np.sort(A, axis=-1)[..., 1:2] == A, np.nan, growth)
 
 
 def tilt_growth_by_equations(system: Model) -> np.ndarray | None:
