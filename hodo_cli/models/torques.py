@@ -52,7 +52,6 @@ from .theory.along_momentum import AlongMomentum
 from .theory.closed_form import free_motion
 from .theory.gyrostat import region_of
 from .theory.possible_crossings import (
-    CrossingPattern,
     Dissipation,
     axes_never_left,
     outer_axes,
@@ -555,7 +554,7 @@ def crossing_predictions(moments: Sequence[Dissipation]) -> list[str]:
     if never_left := axes_never_left(moments):
         return [at_most_one[never_left]]
     terms, *others = moments
-    if others or possible_crossings(terms) is not CrossingPattern.THERE_AND_BACK:
+    if others or possible_crossings(terms) != frozenset({1, -1}):
         return []
     turning = turning_momenta(terms)
     fluid, damping, mean = (f"{G:.6g} [moment of inertia / time]" for G in turning)

@@ -99,8 +99,12 @@ def coefficients_kind(unit: str) -> Either:
     return Either(one_each, Repeated(Either(number, mapping), length=3))
 
 
-def law(coefficient: Any) -> tuple[str, tuple[Any, ...], tuple[Any, ...]]:
-    """The name, the values and the shape of a law as given in a case; no name for a number."""
+Law = tuple[str, tuple[Any, ...], tuple[Any, ...]]
+"""The name of a law, its values, and its shape."""
+
+
+def law(coefficient: Any) -> Law:
+    """The law of a coefficient as given in a case; a number is a polynomial of one term."""
     match coefficient:
         case {"law": "exponential", "value": value, "rate": rate}:
             return "exponential", (value,), (rate, math.e)
@@ -108,7 +112,7 @@ def law(coefficient: Any) -> tuple[str, tuple[Any, ...], tuple[Any, ...]]:
             return "power", (value,), (rate, exponent)
         case tuple(values) | {"law": "polynomial", "coefficients": values}:
             return "polynomial", tuple(values), ()
-    return "", (coefficient,), ()
+    return "polynomial", (coefficient,), ()
 
 
 def is_law(coefficient: Any) -> bool:
@@ -130,9 +134,9 @@ def scaled(coefficient: Any, factor: Any) -> Any:
 
 def law_constants(name: str, coefficient: Any) -> dict[str, Any]:
     """The constants of a coefficient as given in a case."""
-    kind, values, shape = law(coefficient)
-    if not kind:
+    if not is_law(coefficient):
         return {name: coefficient}
+    kind, values, shape = law(coefficient)
     return {name: values, f"{name}_law": kind} | ({f"{name}_shape": shape} if shape else {})
 
 
@@ -176,7 +180,7 @@ def times_of_all_signs(first: Any, second: Any, start: float, end: float) -> lis
     if first == second:
         return [start]
     laws = law(first), law(second)
-    are_polynomials = [kind in ("", "polynomial") for kind, _, _ in laws]
+    are_polynomials = [kind == "polynomial" for kind, _, _ in laws]
     if all(are_polynomials):
         one, other = (np.polynomial.Polynomial(values) for _, values, _ in laws)
         turns = (one - other).deriv().roots().real.tolist()
@@ -189,7 +193,7 @@ def times_of_all_signs(first: Any, second: Any, start: float, end: float) -> lis
     return [start, *(t for t in turns if start < t < end), end]
 
 
-def relative_slope(of: tuple[str, tuple[Any, ...], tuple[Any, ...]]) -> tuple[float, float]:
+def relative_slope(of: Law) -> tuple[float, float]:
     """a and s of a law c(t), but a polynomial, with c' = a c/(1 + s t)."""
     match of:
         case "exponential", _, (rate, _):

@@ -26,24 +26,9 @@ with two equal moments never crosses.
 """
 
 from collections.abc import Sequence
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
-
-
-class CrossingPattern(IntEnum):
-    """The crossings that are possible, by the axes of largest and smallest inertia."""
-
-    UNKNOWN = -1
-    NONE = 0
-    TO_SMALLEST = 1
-    """One at most, from the axis of largest inertia to that of smallest."""
-    TO_LARGEST = 2
-    """One at most, the other way."""
-    THERE_AND_BACK = 3
-    """To the axis of largest inertia, and back: two at most, but for what happens between the two
-    sizes of G at which the sense may turn."""
 
 
 class Dissipation(NamedTuple):
@@ -107,41 +92,41 @@ def turning_momenta(terms: Dissipation) -> SenseReversal:
         return SenseReversal(*np.where(valid, np.sqrt(squares), np.nan).tolist())
 
 
-def possible_crossings(terms: Dissipation) -> CrossingPattern:
-    """The crossings that a motion can have.
+def possible_crossings(terms: Dissipation) -> frozenset[int] | None:
+    """The senses of the crossings that a motion can have: 1 to the axis of largest inertia, -1 to
+    that of smallest; None where nothing is known.
 
-    kappa and the quadratic coefficients are at least 0; for negative damping beside fluid less is
-    known.
+    Of one sense there is one crossing at most. With both, the motion may go to the axis of largest
+    inertia, and back: two at most, but for what happens between the two sizes of G at which the
+    sense may turn. kappa and the quadratic coefficients are at least 0; for negative damping beside
+    fluid less is known.
     """
     c, b, a = np.sort(np.asarray(terms.inertia, float))
     if a == b or b == c:
-        return CrossingPattern.NONE
+        return frozenset()
     if not terms.covered or np.any(terms.torque):
-        return CrossingPattern.UNKNOWN
+        return None
     largest, smallest = outer_axes(terms.inertia)
     by_axes = np.multiply(terms.quadratic_axes, axis_weights(terms.inertia)["quadratic_axes"])
     media = [x[largest] - x[smallest] for x in (terms.damping, terms.quadratic, by_axes)]
     damping, quadratic, across = media
     has_fluid = terms.kappa > 0
     if max(media) <= 0:
-        turns_up = has_fluid or min(media) < 0
-        return CrossingPattern.TO_LARGEST if turns_up else CrossingPattern.NONE
+        return frozenset({1} if has_fluid or min(media) < 0 else ())
     if not has_fluid and min(media) >= 0:
-        return CrossingPattern.TO_SMALLEST
+        return frozenset({-1})
     # |G| alone tells which of fluid and damping is the stronger, and it falls.
     turns = has_fluid and damping > 0 and not quadratic and not across and min(terms.damping) >= 0
-    return CrossingPattern.THERE_AND_BACK if turns else CrossingPattern.UNKNOWN
+    return frozenset({1, -1}) if turns else None
 
 
 def axes_never_left(moments: Sequence[Dissipation]) -> frozenset[int]:
     """The body axes, 1 to 3, each of which is enclosed for ever once it is; by what a sum of
     torques is at all decisive moments."""
-    patterns = [possible_crossings(terms) for terms in moments]
-    if not patterns:
+    known = [senses for terms in moments if (senses := possible_crossings(terms)) is not None]
+    if not known or len(known) < len(moments):
         return frozenset()
     largest, smallest = outer_axes(moments[0].inertia)
-    never_left = {
-        largest + 1: {CrossingPattern.NONE, CrossingPattern.TO_LARGEST},
-        smallest + 1: {CrossingPattern.NONE, CrossingPattern.TO_SMALLEST},
-    }
-    return frozenset(axis for axis, among in never_left.items() if among.issuperset(patterns))
+    possible = frozenset().union(*known)
+    leaving = {largest + 1: -1, smallest + 1: 1}
+    return frozenset(axis for axis, sense in leaving.items() if sense not in possible)

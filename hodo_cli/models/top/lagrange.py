@@ -16,7 +16,7 @@ from ..terms.laws import (
     coefficient_at,
     coefficient_kind,
     dimensional_values,
-    law,
+    is_law,
     law_constants,
     laws_begun_too_soon,
     least_value,
@@ -109,7 +109,7 @@ class Top(Model):
                 ("inertia", "C"),
                 f"no body has C = {inertia['C']:g} larger than 2 A = {2 * inertia['A']:g}",
             )
-        if law(data.get("mu"))[0] and not cls.has_changing_mu:
+        if is_law(data.get("mu")) and not cls.has_changing_mu:
             yield ("mu",), f"form {cls.form} takes a constant mu; forms averaged and full take laws"
         if data.get("m") is not None and not cls.has_axial_torque:
             yield ("m",), f"form {cls.form} has no m, which all other forms have"
@@ -121,7 +121,7 @@ class Top(Model):
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
         yield from laws_begun_too_soon({name: [data[name]] for name in LAW_KEYS}, start, "tau")
-        if not law(data["mu"])[0]:
+        if not is_law(data["mu"]):
             return
         if start:
             yield ("mu",), "a law of mu begins with the initial data: take time.start 0"
