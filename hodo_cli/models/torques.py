@@ -1,7 +1,7 @@
 """A body under any sum of torques."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
@@ -224,7 +224,7 @@ class Torques(BodyUnderTorques):
         yield from mistakes_of_tensor(data) if is_tensor(inertia) else super().check(data)
         if not named and data.keys() >= TERMS.keys():
             yield (), f"no torque is named ({', '.join(TERMS)}); damping: 0 is free motion"
-        yield from negative_coefficients(data)
+        yield from negative_coefficients(data, lambda x: 0.0 if is_law(x) else x)
         if data.get("cavity") is not None:
             yield from mistake_of(("cavity",), coefficient, data["cavity"], data.get("kappa"))
         if (space := data.get("space_torque")) and not any(space["direction"]):
@@ -249,7 +249,9 @@ class Torques(BodyUnderTorques):
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
         yield from laws_begun_too_soon(coefficients_of(data), start)
-        yield from negative_coefficients(data, (start, end))
+        yield from negative_coefficients(
+            data, lambda x: is_law(x) and start > zero_of_base(x) and least_value(x, start, end)
+        )
         omega = [(data.get("initial") or {}).get(name) for name in "pqr"]
         if None not in omega:  # else given by G
             for i, text in enumerate(data.get("expression") or ()):
@@ -266,9 +268,8 @@ class Torques(BodyUnderTorques):
             G = self.momentum(self.omega_at_start)
             constants["momentum_at_start"] = float(np.linalg.norm(G))
         constants |= super().constants
-        if self.frame is None:
+        if (frame := self.frame) is None:
             return constants
-        frame = self.frame
         matrices = {"principal_axes": frame.axes, "tensor": frame.tensor, "inverse": frame.inverse}
         return (
             constants
@@ -593,16 +594,13 @@ def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def negative_coefficients(
-    data: Mapping[str, Any], span: tuple[float, float] | None = None
+    data: Mapping[str, Any], least: Callable[[Any], float]
 ) -> Iterator[Mistake]:
-    """The mistakes of coefficients of which only positive ones resist: of numbers, or of laws
-    between two times."""
-    start, end = span or (0.0, 0.0)
+    """The mistakes of coefficients of which only positive ones resist, by their least values."""
     for name in ("quadratic", "quadratic_axes", "kappa", "brake"):
         value = data.get(name)
         for i, entry in enumerate(() if value is None else TERMS[name].coefficients(value)):
-            is_meant = is_law(entry) == (span is not None) and start > zero_of_base(entry)
-            if is_meant and least_value(entry, start, end) < 0:
+            if least(entry) < 0:
                 yield (name, i) if len(TERMS[name].degree) > 1 else (name,), NEGATIVE_COEFFICIENT
 
 

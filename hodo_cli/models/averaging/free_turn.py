@@ -67,13 +67,9 @@ class Body(NamedTuple):
 
     @classmethod
     def of(cls, inertia: Sequence[float]) -> Self:
-        """The body with these moments. Raises ValueError for a sphere, which has no fast motion."""
+        """The body with these moments, which are not all equal: a sphere has no fast motion."""
         order = inertia_order(inertia)
         a, b, c = (inertia[i] for i in order)
-        if a == c:
-            raise ValueError(
-                "with three equal moments of inertia nothing turns: nothing to average over"
-            )
         if min(a - b, b - c) <= SAME_MOMENTS * b:
             b = a if a - b < b - c else c
         return cls(a, b, c, order)
