@@ -174,23 +174,10 @@ class Steps:
         sizes = [float(self._size(rows)) or 1.0 for rows in self.kinds]
         z = self._expected(h)
         for _ in range(ITERATIONS):
-            y = self.y[:, None] + z
-            rates = stacked(self.model.rhs(times, list(y), self.k), y)
-            self.nfev += STAGES
-            slopes = jacobian(self.model, self.k, times.astype(float), y.astype(float))
-            # The Jacobian at every stage and iteration, unlike RADAU5's one for several steps:
-            # Newton then converges quadratically, to the last digits.
-            coupling = np.einsum("ji,abj->aibj", float(h) * self.integrals.astype(float), slopes)
-            residual = (z - h * (rates @ self.integrals)).astype(float)
-            if not (np.isfinite(coupling).all() and np.isfinite(residual).all()):
-                return None
             try:
-                change = np.linalg.solve(
-                    np.eye(z.size) - coupling.reshape(z.size, z.size), residual.ravel()
-                )
+                change = self._correction(times, h, z)
             except np.linalg.LinAlgError:
                 return None
-            change = change.reshape(z.shape)
             z = z - change
             now = max(
                 float(np.abs(change[rows]).max()) / size
@@ -199,9 +186,28 @@ class Steps:
             # Either well below tolerance, or no longer falling: what is left is the rounding of the
             # residual.
             if now <= self.tol / 10 or before / 4 <= now <= 10 * self.tol:
-                return z
+                return np.asarray(z)
             before = now
         return None
+
+    def _correction(self, times: np.ndarray, h: Any, z: np.ndarray) -> np.ndarray:
+        """What Newton's method takes from changes z (m, STAGES) of the state up to the collocation
+        points, at these times of a step of length h.
+
+        Raises LinAlgError where its equations have no finite numbers or no solution.
+        """
+        y = self.y[:, None] + z
+        rates = stacked(self.model.rhs(times, list(y), self.k), y)
+        self.nfev += STAGES
+        slopes = jacobian(self.model, self.k, times.astype(float), y.astype(float))
+        # The Jacobian at every stage and iteration, unlike RADAU5's one for several steps: Newton
+        # then converges quadratically, to the last digits.
+        coupling = np.einsum("ji,abj->aibj", float(h) * self.integrals.astype(float), slopes)
+        residual = (z - h * (rates @ self.integrals)).astype(float)
+        if not (np.isfinite(coupling).all() and np.isfinite(residual).all()):
+            raise np.linalg.LinAlgError
+        matrix = np.eye(z.size) - coupling.reshape(z.size, z.size)
+        return np.linalg.solve(matrix, residual.ravel()).reshape(z.shape)
 
 
 def legendre(x: np.ndarray, degree: int) -> np.ndarray:

@@ -20,23 +20,23 @@ class Earlier:
     """An earlier result of a sweep that has grown since: its file, its name there, its attributes,
     and the lengths of the axes now.
 
-    `places` are the positions (n,) that the values along each axis have in the earlier result, -1
-    for new ones; of a sphere, how many directions that has, which are the first ones.
+    `indices` are those (n,) that the values along each axis have in the earlier result, -1 for new
+    ones; of a sphere, how many directions that has, which are the first ones.
     """
 
     file: Path
     name: str
     attributes: Mapping[str, Any]
     sizes: tuple[int, ...]
-    places: tuple[np.ndarray | int, ...]
+    indices: tuple[np.ndarray | int, ...]
 
     def positions(self, first: int, last: int) -> np.ndarray:
         """Where the members `first` to `last` - 1 stand in the earlier result (axes, n), -1 along
         an axis that has no such value there."""
         index = np.unravel_index(np.arange(first, last), self.sizes)
         return np.array([
-            np.where(i < place, i, -1) if isinstance(place, int) else place[i]
-            for place, i in zip(self.places, index, strict=True)
+            np.where(i < before, i, -1) if isinstance(before, int) else before[i]
+            for before, i in zip(self.indices, index, strict=True)
         ])  # fmt: skip
 
     def holds(self, first: int, last: int) -> np.ndarray:
@@ -54,7 +54,7 @@ class Earlier:
         box = tuple(map(slice, corner, positions.max(axis=1) + 1))
         variables = dict(group.variables)
         with open_run(self.file) as run:
-            # Another run may have grown it too: its members then stand in other places.
+            # Another run may have grown it too: its members then have other positions.
             if run.summary(self.name, ("hash",))["hash"] != self.attributes["hash"]:
                 raise HodoError(f"{self.file}: another run has replaced {self.name}: run it again")
             for name, values in run.blocks(self.name, stored_columns(case), box):
@@ -79,18 +79,18 @@ def earlier_result(case: Case, case_digest: str, stored: FinishedCase | None) ->
     if not is_same or list(before.sweep) != list(case.sweep):
         return None
     pairs = zip(axes_of(case.sweep), axes_of(before.sweep), strict=True)
-    places = [places_of(*axes) for axes in pairs]
-    known = tuple(place for place in places if place is not None)
-    if len(known) < len(places):
+    indices = [earlier_indices(*axes) for axes in pairs]
+    known = tuple(of_axis for of_axis in indices if of_axis is not None)
+    if len(known) < len(indices):
         return None
     with open_run(stored.file) as run:
         attributes = run.summary(stored.name)
     return Earlier(stored.file, stored.name, attributes, shape(case), known)
 
 
-def places_of(axis: Axis, before: Axis) -> np.ndarray | int | None:
-    """The entry of `Earlier.places` for an axis; None if the earlier one has other keys, or a value
-    that is not on it any more."""
+def earlier_indices(axis: Axis, before: Axis) -> np.ndarray | int | None:
+    """The entry of `Earlier.indices` for an axis; None if the earlier one has other keys, or a
+    value that is not on it any more."""
     if axis.sphere is not None and before.sphere is not None:
         is_prefix = axis.sphere["seed"] == before.sphere["seed"] and len(before) <= len(axis)
         return len(before) if is_prefix else None
@@ -98,8 +98,8 @@ def places_of(axis: Axis, before: Axis) -> np.ndarray | int | None:
         return None
     # To the last bit: half the step of a linspace has the values of the whole one.
     positions = {values: i for i, values in enumerate(values_along(before))}
-    places = np.array([positions.get(values, -1) for values in values_along(axis)])
-    return places if len({*places.tolist()} - {-1}) == len(before) else None
+    indices = np.array([positions.get(values, -1) for values in values_along(axis)])
+    return indices if len({*indices.tolist()} - {-1}) == len(before) else None
 
 
 def values_along(axis: Axis) -> Iterator[tuple[float, ...]]:

@@ -139,19 +139,11 @@ def sweep_attributes(
     endings = {"failed": failed, "ran out of time": timeout}
     messages = [f"{count} of {total} members: {message}" for message, count in problems.items()]
     messages += [f"{n} of {total} members {outcome}" for outcome, n in endings.items() if n]
-    alone = summary.alone[1:].sum()
-    named = zip(summary.alone.tolist(), Rejection, strict=True)
-    why = "; ".join(f"{count}: {rejection}" for count, rejection in named if rejection and count)
-    reason = f"side by side, {alone} of {total} members by themselves" + f" ({why})" * bool(why)
-    if not_together := reason_alone(case):
-        reason = f"each by itself: {not_together}"
-    if taken := summary.earlier.get("members", 0):
-        reason = f"{taken} of {total} members from an earlier run, the others {reason}"
     return case_attributes(
         case,
         case_digest,
         method=", ".join(sorted(summary.methods)) or case.method,
-        method_reason=reason,
+        method_reason=method_reason(case, summary),
         members=total,
         tol=tol,
         steps=summary.steps,
@@ -161,6 +153,19 @@ def sweep_attributes(
         warnings="\n".join(warnings),
         **errors,
     )
+
+
+def method_reason(case: Case, summary: Summary) -> str:
+    """Which members of a sweep were integrated side by side and which by themselves, and why."""
+    total, alone = summary.status.sum(), summary.alone[1:].sum()
+    named = zip(summary.alone.tolist(), Rejection, strict=True)
+    why = "; ".join(f"{count}: {rejection}" for count, rejection in named if rejection and count)
+    reason = f"side by side, {alone} of {total} members by themselves" + f" ({why})" * bool(why)
+    if not_together := reason_alone(case):
+        reason = f"each by itself: {not_together}"
+    if taken := summary.earlier.get("members", 0):
+        reason = f"{taken} of {total} members from an earlier run, the others {reason}"
+    return reason
 
 
 def coordinates(case: Case) -> dict[str, Variable]:

@@ -203,7 +203,7 @@ class BatchState:
 
     def pause(self) -> None:
         """Drop the motions that are at their end, and renew units that no longer fit."""
-        e, columns = self.ensemble, self.columns
+        columns = self.columns
         self.pauses += 1
         if self.history:
             self.sample()
@@ -214,16 +214,20 @@ class BatchState:
         lost += remaining - restored
         np.copyto(remaining, restored, where=going)
         # An averaged motion is slow at the separatrix only, where its steps are the shorter.
-        if self.pauses == 1 and e.passing is None:
-            span = np.ldexp(e.lengths[0, columns.motion], columns.rate)
+        if self.pauses == 1 and self.ensemble.passing is None:
+            span = np.ldexp(self.ensemble.lengths[0, columns.motion], columns.rate)
             going &= STEPS_PER_PAUSE * span < HOPELESS_STEPS * (span - remaining)
         if np.count_nonzero(going) < FULL_ENOUGH * len(going):
             self.drop(~going)
-        if e.model.degree:
-            largest = np.abs(self.columns.state[moving(e.model)]).max(axis=0)
-            low, high = STILL_FITTING if self.pauses % PAUSES_PER_RENEWAL else FITTING
-            outgrown = (largest < low) | (largest > high)
-            self.renew(np.flatnonzero(outgrown & (self.columns.clock[0] > 0)))
+        if self.ensemble.model.degree:
+            self.renew(self.outgrown())
+
+    def outgrown(self) -> np.ndarray:
+        """The columns (k,) whose units are to be renewed at this pause."""
+        largest = np.abs(self.columns.state[moving(self.ensemble.model)]).max(axis=0)
+        low, high = STILL_FITTING if self.pauses % PAUSES_PER_RENEWAL else FITTING
+        outgrown = (largest < low) | (largest > high)
+        return np.flatnonzero(outgrown & (self.columns.clock[0] > 0))
 
     def drop(self, done: np.ndarray) -> None:
         """Drop the columns that are done, and keep the others."""
