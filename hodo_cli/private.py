@@ -44,13 +44,13 @@ def secret() -> bytes:
     """
     with suppress(OSError, RuntimeError):
         try:
-            return _kept_secret()
+            return _stored_secret()
         except ValueError as error:
             warnings.warn(str(error), stacklevel=2)
     return os.urandom(SECRET_SIZE)
 
 
-def _kept_secret() -> bytes:
+def _stored_secret() -> bytes:
     """The content of the user's file, which is made when first asked for. Raises ValueError if it
     has another size, and as `private_folder`."""
     file = private_folder(*STATE_FOLDER) / "secret"
@@ -112,7 +112,7 @@ MOST_CODE = 256 << 20
 SEAL_BYTES = 32
 
 
-def kept_code(key: str, compiled: Callable[[], Any]) -> Any:
+def cached_code(key: str, compiled: Callable[[], Any]) -> Any:
     """What `compiled` returns, from the disk if a process of this user has stored it under this
     key.
 

@@ -13,7 +13,7 @@ from conftest import Hodo
 
 from hodo_cli import private
 
-COMPILE = "from hodo_cli.private import kept_code; print(kept_code('key', lambda: [1, 2]))"
+COMPILE = "from hodo_cli.private import cached_code; print(cached_code('key', lambda: [1, 2]))"
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def test_processes_that_begin_together_store_one_code_of_the_users_own(folder: P
         for _ in range(4)
     ]
     assert {process.communicate()[0] for process in processes} == {"[1, 2]\n"}
-    assert private.kept_code("key", lambda: "anew") == [1, 2]
+    assert private.cached_code("key", lambda: "anew") == [1, 2]
     assert os.listdir(folder) == ["key.code"]
     assert folder.stat().st_mode & 0o777 == 0o700
     assert (folder / "key.code").stat().st_mode & 0o777 == 0o600
@@ -47,31 +47,31 @@ def test_code_that_this_user_has_not_stored_is_not_run(
     folder: Path, damage: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder.parent)
-    assert private.kept_code("key", lambda: "sound") == "sound"
+    assert private.cached_code("key", lambda: "sound") == "sound"
     file = folder / "key.code"
     sound = file.read_bytes()
     forged = sound[: private.SEAL_BYTES] + pickle.dumps(Runs())
     file.write_bytes({"forged": forged, "cut": sound[:-1], "empty": b""}[damage])
-    assert private.kept_code("key", lambda: "new") == "new"
-    assert private.kept_code("key", lambda: "other") == "new"
+    assert private.cached_code("key", lambda: "new") == "new"
+    assert private.cached_code("key", lambda: "other") == "new"
     assert not Path("run").exists()
 
 
 def test_a_folder_that_others_can_reach_is_not_used(folder: Path) -> None:
-    assert private.kept_code("key", lambda: 1) == 1
+    assert private.cached_code("key", lambda: 1) == 1
     folder.chmod(0o755)
-    assert private.kept_code("key", lambda: 2) == 2
+    assert private.cached_code("key", lambda: 2) == 2
     folder.chmod(0o700)
-    assert private.kept_code("key", lambda: 3) == 1
+    assert private.cached_code("key", lambda: 3) == 1
 
 
 def test_the_code_that_was_used_last_stays(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(private, "MOST_CODE", 25_000)
     for name in "ab":
-        private.kept_code(name, lambda: bytes(10_000))
+        private.cached_code(name, lambda: bytes(10_000))
         os.utime(folder / f"{name}.code", (1, 1 + ord(name)))
-    private.kept_code("a", bytes)  # is used, so that b is the oldest
-    private.kept_code("c", lambda: bytes(10_000))
+    private.cached_code("a", bytes)  # is used, so that b is the oldest
+    private.cached_code("c", lambda: bytes(10_000))
     assert sorted(os.listdir(folder)) == ["a.code", "c.code"]
 
 

@@ -110,8 +110,9 @@ def missing(name: str, sources: Collection[str], known: Collection[str] = ()) ->
     constants; an empty list where it follows from them. Of several sets that would do it names the
     first that lacks `known` variables only."""
     sets = DERIVED[name].needs if name in DERIVED else ((name,),)
-    every = ([need for need in needs if need not in sources] for needs in sets)
-    return min(every, key=lambda lacks: (bool(lacks), not {*lacks} <= {*known}))
+    lacks_by_set = [[need for need in needs if need not in sources] for needs in sets]
+    # First one that lacks nothing, then one that lacks known variables only.
+    return min(lacks_by_set, key=lambda lacks: (bool(lacks), not {*lacks} <= {*known}))
 
 
 def derivable(sources: Collection[str]) -> list[str]:

@@ -54,7 +54,7 @@ itself."""
 
 RESERVED = ("time", "axis", "quaternion", "space", "member")
 
-REDUCED = (
+MEMBER_COLUMNS = (
     "crossing_time",
     "crossing_error",
     "crossing_from",
@@ -69,13 +69,13 @@ REDUCED = (
 """The columns to which a member of a sweep is reduced, besides its final state, where a hodograph
 encloses an axis."""
 
-STOPPED = ("event_time", "event_from")
+STOP_COLUMNS = ("event_time", "event_from")
 """The columns of a member that may come to rest."""
 
 AXIS_LABELS = ("crossing_from", "crossing_to", "start_axis", "end_axis", "event_from")
 """The reduced columns that are labels of axes, whose mean would mean nothing."""
 
-PASSED = (
+PASSAGE_COLUMNS = (
     *("crossing_time", "crossing_from", "crossing_to", "crossing_G", "crossings"),
     *("start_axis", "end_axis"),
     *("event_predicted", "event_scatter", "event_sense", "event_probability"),
@@ -161,17 +161,17 @@ class Axis:
         """The keys that vary along it, such as damping.2; none for a sphere."""
         return [".".join(map(str, path)) for path, _ in self.ranges]
 
-    def values(self, of: int = 0, index: np.ndarray | None = None) -> np.ndarray:
+    def values(self, key: int = 0, index: np.ndarray | None = None) -> np.ndarray:
         """The values of one of its keys at positions (n,), or all of them; none for a sphere."""
         index = np.arange(len(self)) if index is None else index
-        value_range = self.ranges[of][1]
+        value_range = self.ranges[key][1]
         if "linspace" in value_range:
             first, last, number = value_range["linspace"]
             # Some of numpy's linspace, to the last bit: all of 1e9 values would take 8 GB.
             step = (last - first) / max(number - 1, 1)
             is_last = (index == number - 1) & (number > 1)
             return np.asarray(np.where(is_last, last, index * step + first))
-        return np.asarray(self._listed[of][index])
+        return np.asarray(self._listed[key][index])
 
     @cached_property
     def _listed(self) -> list[np.ndarray]:
@@ -206,10 +206,13 @@ def _listed(value_range: Mapping[str, Any]) -> np.ndarray:
 
 def storable(model: type[Model]) -> list[str]:
     """The variables that `store:` may name in a sweep of a model."""
-    reduced: tuple[str, ...] = (*REDUCED, *STOPPED) if model.may_stop else REDUCED
+    columns: tuple[str, ...] = MEMBER_COLUMNS
+    if model.may_stop:
+        columns += STOP_COLUMNS
     if model.no_axis_reason:
-        reduced = (*PASSED, "event_time") if "enclosed_axis" in model.variables else ("event_time",)
-    return [*model.variables, *reduced, "steps", "status", "trajectory"]
+        stored_by_itself = PASSAGE_COLUMNS if "enclosed_axis" in model.variables else ()
+        columns = (*stored_by_itself, "event_time")
+    return [*model.variables, *columns, "steps", "status", "trajectory"]
 
 
 def axes_of(sweep: Mapping[str, Any]) -> list[Axis]:
@@ -236,11 +239,12 @@ def first_values(
     ranges = [ranged for axis in axes_of(sweep) for ranged in axis.ranges]
     if attitude := start_to_vary(model, data.get(ATTITUDE_KEY), [path for path, _ in ranges]):
         values[ATTITUDE_KEY] = attitude
-    for (key, *inside), value_range in ranges:
+    # A key that may be left out, and is, has the value None.
+    absent = {(name,): key.kind for name, key in model.keys.items() if data.get(name, "") is None}
+    for path, value_range in ranges:
         ((_, (first, *_)),) = value_range.items()
-        missing = not inside and data.get(name := str(key), "") is None
-        if missing and (kind := model.keys[name].kind).takes(first):
-            values[name] = kind.check(first)
+        if path in absent and absent[path].takes(first):
+            values[str(path[0])] = absent[path].check(first)
     return values
 
 
@@ -279,37 +283,42 @@ def _check_range(
 ) -> Iterator[Mistake]:
     """The mistakes of one range: its key is not there or takes no number, or does not take some of
     the values."""
-    declared: Kind | None = Table(keys)
-    whole = data
-    for step in path_of(key):
-        declared, data = _within(declared, step, data) if declared else (None, None)
+    declared, value = _declared(key, keys, data)
     if declared is None:
-        head = key.partition(".")[0]
-        message = unknown(f"key {key!r}", head, [] if head in keys else list(keys))
-        lacks = f"{message}: its case has no such number{_with_position(key, whole)}"
-        yield (), lacks if head in keys else message
+        yield (), _no_such_number(key, keys, data)
         return
-    inner = _of_shape(declared, data)
+    inner = _of_shape(declared, value)
     of_numbers = isinstance(inner, ListOf) and inner.length is not None
     if not (isinstance(inner, Number | Angle) or of_numbers) or not declared.takes(0.0):
         yield (), "is not a number, so it cannot be swept"
         return
-    ((word, value),) = value_range.items()
-    values = value if word == "values" else value[:2]  # a span ends with the number of values
+    ((word, span),) = value_range.items()
+    values = span if word == "values" else span[:2]  # a span ends with the number of values
     if not isinstance(inner, Angle) and any(isinstance(item, InDegrees) for item in values):
         yield (word,), "expected numbers, got an angle in degrees"
     _, mistakes = check_parts((i, declared, item) for i, item in enumerate(values))
     yield from within((word,), mistakes)
 
 
-def _with_position(key: str, data: Any) -> str:
-    """The spelling of a key of a law (`damping.rate`) that stands in a list of laws, as words
-    behind a message; an empty string where there is none."""
+def _declared(key: str, keys: Mapping[str, Key], data: Any) -> tuple[Kind | None, Any]:
+    """The kind and the value of a swept key in the data of a case; no kind if it is not there."""
+    kind: Kind | None = Table(keys)
+    for step in path_of(key):
+        kind, data = _within(kind, step, data) if kind else (None, None)
+    return kind, data
+
+
+def _no_such_number(key: str, keys: Mapping[str, Key], data: Any) -> str:
+    """What is wrong with a swept key that is not there. One of a law (`damping.rate`) needs the
+    position of the law where there is a list of them."""
     head, _, name = key.partition(".")
+    if head not in keys:
+        return unknown(f"key {key!r}", head, list(keys))
     laws = data.get(head) if isinstance(data, Mapping) else None
     entries = laws if isinstance(laws, tuple) else ()
     right = [i for i, law in enumerate(entries) if isinstance(law, Mapping) and name in law]
-    return f"; did you mean '{head}.{right[0]}.{name}'?" if right else ""
+    hint = f"; did you mean '{head}.{right[0]}.{name}'?" if right else ""
+    return f"{unknown(f'key {key!r}', head, [])}: its case has no such number{hint}"
 
 
 def _within(kind: Kind, step: str | int, data: Any) -> tuple[Kind | None, Any]:

@@ -121,8 +121,11 @@ def differing_computation(cases: Sequence[Case], a: Group, b: Group) -> Iterator
     for key in ("method", "tol"):
         asked = [getattr(case, key) for case in cases]
         if len({*asked}) > 1:
-            got = (group.attributes.get(key) for group in (a, b))
-            ours, theirs = (g if a is None else a for a, g in zip(asked, got, strict=True))
+            # Of a case that asks for none, the one that was taken.
+            ours, theirs = (
+                group.attributes.get(key) if value is None else value
+                for value, group in zip(asked, (a, b), strict=True)
+            )
             yield key, math.inf, f"{ours}, not {theirs}"
 
 

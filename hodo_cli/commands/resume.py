@@ -173,11 +173,11 @@ def _config_of(run: ResultFile) -> Config | None:
 
 @cache
 def package_digest() -> str:
-    """The digest of all sources of hodo, its pages and scripts too, of models that are not its own,
-    and of the libraries that compute."""
+    """The digest of all sources of hodo, its pages, scripts and lists too, of models that are not
+    its own, and of the libraries that compute."""
     sources = hashlib.sha256((library_digest() + models.added_models_digest()).encode())
     for file in sorted(PACKAGE.rglob("*.*")):
-        if file.suffix in (".py", ".html", ".css", ".js"):
+        if file.suffix in (".py", ".html", ".css", ".js", ".yaml"):
             sources.update(file.read_bytes())
     return sources.hexdigest()
 

@@ -20,7 +20,7 @@ import numpy as np
 from ..machine import processor
 from ..models.base import Event, Level, Model
 from ..models.constants import UNIT, Structure, count, moving, namespace
-from ..private import kept_code
+from ..private import cached_code
 from . import series as series_module
 from .series import TINY_DIVISOR, Series, constant, motion, total, value
 from .taylor import OPTIMISED_NODES
@@ -130,7 +130,7 @@ class TaylorStep:
         self.corners = {event.sign: event.function for event in events if event.sign is not None}
         self.events = tuple(event for event in events if event.sign is None)
         self._key, self._series = self._digest(), dict[int, Any]()
-        self._step = kept_code(f"{self._key}-step", self._compiled_step)
+        self._step = cached_code(f"{self._key}-step", self._compiled_step)
         self.rows: int = self._step.nouts
 
     def __call__(self, columns: np.ndarray, k: np.ndarray, out: np.ndarray) -> None:
@@ -148,7 +148,7 @@ class TaylorStep:
         index = [known.function for known in self.events].index(event.function)
         if index not in self._series:
             compiled_series = partial(self._compiled_series, self.events[index])
-            self._series[index] = kept_code(f"{self._key}-event{index}", compiled_series)
+            self._series[index] = cached_code(f"{self._key}-event{index}", compiled_series)
         series = self._series[index]
         k = k[: series.nparams]  # the last ones do not occur in it
         return np.asarray(series(columns, pars=k, batch_parallel=False))

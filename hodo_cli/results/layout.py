@@ -16,7 +16,7 @@ import numpy as np
 from .. import models
 from ..cases.case import Case, dump
 from ..cases.derived import BODY_AXES, MOMENTUM, PARTS, SPACE_AXES
-from ..cases.sweep_block import PASSED
+from ..cases.sweep_block import PASSAGE_COLUMNS
 from ..engines.protocol import Status
 from ..integration import Crossing, Occurrence
 from ..models import rigid_body
@@ -200,7 +200,7 @@ dimensions."""
 MEMBER_PASSED = {
     name: MEMBER_CLASSIFIED.get(name)
     or EVENT_DETAILS[name.removeprefix("event_")]._replace(dims=())
-    for name in PASSED
+    for name in PASSAGE_COLUMNS
 }
 """The columns of a sweep's members where the motion stores its axis and its passages; `event_NAME`
 belongs to the last event."""
