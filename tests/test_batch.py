@@ -351,7 +351,7 @@ def test_a_case_that_has_left_the_config_stays_until_it_is_pruned(config: Path) 
         before = file["d/omega"][()]
     config.write_text("".join(CONFIG.splitlines(keepends=True)[:-1]))
     for options in ([], ["--force"], ["--case", "a"]):
-        assert f"d: {run_command.LEFT_AND_KEPT}" in run(config, *options, "-v").stderr
+        assert f"d: {run_command.CASE_KEPT}" in run(config, *options, "-v").stderr
         with h5py.File(result) as file:
             assert set(file) == {*"abcd"}
             np.testing.assert_array_equal(file["d/omega"], before)

@@ -1056,17 +1056,17 @@ def test_the_line_of_a_sweep_counts_members_that_ended_well() -> None:
     }
     body = {"inertia": [1, 0.8, 0.6], "initial": {"p": 0.8, "q": 0.5, "r": 0.74}}
     case = Case.of({"model": "linear-diag", **body, "time": {"end": 1}}, "a")
-    row = classify.tabulated(case, Group({}, variables))
+    row = classify.row_of_sweep(case, Group({}, variables))
     assert row["start"] == "x1 66.7 %, x3 33.3 %"
     assert row["end"] == "x3 66.7 %, separatrix 33.3 %"
     (line,) = row["warnings"]
     assert line == "2 of 3 members cross, up to 2 times, first at 4 to 6, median 5"
     del variables["crossings"]
-    (line,) = classify.tabulated(case, Group({}, variables))["warnings"]
+    (line,) = classify.row_of_sweep(case, Group({}, variables))["warnings"]
     assert line == '"crossings", their number, is not stored'
     top = {"inertia": {"A": 1.5, "C": 1}, "mu": 0.5, "a": 0.1, "b": 1}
     start = {"initial": {"theta": "60 deg", "r": 2}, "time": {"end": 1}}
-    (line,) = classify.tabulated(
+    (line,) = classify.row_of_sweep(
         Case.of({"model": "Lagrange-averaged", **top, **start}), Group({}, variables)
     )["warnings"]
     assert line == models.find("Lagrange-averaged", "averaged").no_axis_reason != ""
@@ -1521,7 +1521,7 @@ def test_the_errors_of_a_sweep_are_measured_at_every_scale(size: float, tmp_path
 
 def test_a_sweep_that_failed_as_a_whole_is_a_line_of_the_table() -> None:
     case = one(f"{FIG4}, {RANDOM}")
-    _, row = classify.classified(case.name, run.failure(case, RuntimeError("no memory")))
+    _, row = classify.classified(case.name, run.failed_group(case, RuntimeError("no memory")))
     assert row["warnings"] == ["failed: RuntimeError: no memory"]
 
 
