@@ -16,6 +16,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import ListedColormap, Normalize, to_rgb
 from matplotlib.font_manager import FontProperties, findfont, get_font_names
 from matplotlib.lines import Line2D
@@ -371,11 +372,18 @@ def colour_handles(
         return case_handles([motion.label for motion in motions], spec["styles"], solid=True)
     if spec["colour"] == "axis":
         return axis_handles(motions)
-    span = Normalize(*time_span(motions))
-    place: Look = {"location": "bottom", "fraction": 0.03, "pad": 0.02, "shrink": 0.6, "aspect": 50}
-    bar = sheet.figure.colorbar(ScalarMappable(span, hues(end=CURVE_END)), ax=panels, **place)
-    bar.set_label(time_label(spec, motions[0]))
+    scale = ScalarMappable(Normalize(*time_span(motions)), hues(end=CURVE_END))
+    colour_bar(sheet, scale, panels, time_label(spec, motions[0]))
     return []
+
+
+def colour_bar(sheet: Sheet, scale: ScalarMappable, panels: Sequence[Axes], label: str) -> Colorbar:
+    """The scale of the colours of some panels below them."""
+    place: Look = {"location": "bottom", "fraction": 0.04, "pad": 0.02, "shrink": 0.7, "aspect": 45}
+    # The panels keep their anchors: a map of a sphere is at the top of its room.
+    bar = sheet.figure.colorbar(scale, ax=panels, panchor=False, **place)
+    bar.set_label(label)
+    return bar
 
 
 def stretches(*keys: np.ndarray) -> list[slice]:

@@ -32,7 +32,7 @@ from .plane import within_span
 from .sheet import SHEET_STYLE, Look, Sheet, View
 from .words import FormulaCanvas, Words, place_words, without_tex
 
-MOST_SAMPLES = 3000
+FILM_SAMPLES = 3000
 """The samples of a film: with 65 bytes each in a page, it has less than 300 kB."""
 
 FRAMES_A_SECOND = 20
@@ -141,7 +141,7 @@ def film_of(motion: Motion, spec: Mapping[str, Any]) -> Film:
     span = within_span(motion, spec["span"])
     within = np.arange(len(motion.time))[span]
     # The last one too: a film and its printed moments end with the motion.
-    places = np.linspace(0, len(within) - 1, min(len(within), MOST_SAMPLES))
+    places = np.linspace(0, len(within) - 1, min(len(within), FILM_SAMPLES))
     index = within[places.round().astype(int)]
     turned = rotations(motion)[index]
     # Whatever the units; of two lengths, since both often point the same way.

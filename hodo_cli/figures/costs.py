@@ -95,12 +95,7 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     names = share_names(swept, curves, [damping_alone(member) for member in members])
     looks = styles(len(names), spec["styles"])
     for at, label, foreseen, style in zip(curves, names, averaged, looks, strict=True):
-        times = swept.values("crossing_time", [swept.sphere], at)
-        # Neither a member that failed nor one that never crosses has a time.
-        times = times[np.isfinite(swept.values("status", [swept.sphere], at))]
-        if not len(times):
-            raise HodoError(f"sweep {swept.name} has no motion to count for {label}")
-        counted = np.array([np.mean(times <= t) for t in points])
+        counted = counted_share(swept, at, points, label)
         circles = {"mec": style["color"], **MONTE_CARLO}
         if foreseen is not None:
             axes.plot(line, foreseen, **style, label=label)
@@ -116,6 +111,19 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     sheet.legend.append(Line2D([], [], mec=BLACK, **MONTE_CARLO, label=words))
     if any(foreseen is None for foreseen in averaged):
         sheet.legend.append(Line2D([], [], ls="", label=NO_LINE))
+
+
+def counted_share(
+    swept: SweepView, at: Mapping[str, int], points: np.ndarray, label: str
+) -> np.ndarray:
+    """The share (n,) of the starts of a sweep, at a position on its other axis, that have crossed
+    by some times. Raises HodoError if no member counts."""
+    times = swept.values("crossing_time", [swept.sphere], at)
+    # Neither a member that failed nor one that never crosses has a time.
+    times = times[np.isfinite(swept.values("status", [swept.sphere], at))]
+    if not len(times):
+        raise HodoError(f"sweep {swept.name} has no motion to count for {label}")
+    return np.array([np.mean(times <= t) for t in points])
 
 
 NO_LINE = "no line unless constant linear damping acts alone"
@@ -156,7 +164,7 @@ def share_names(
     return [name or swept.name for name in names]
 
 
-LEAST_ERROR = 1e-17
+MIN_ERROR = 1e-17
 """Errors below this, zero too, stand at the bottom of a panel."""
 
 VERDICT_COLOUR = (GREEN, SKY, YELLOW, "#BBBBBB", GREY, RED)
@@ -187,11 +195,11 @@ def work_precision(sheet: Sheet, trials: Group) -> None:
     for i, (axes, case) in enumerate(zip(panels, cases, strict=True)):
         for j, style in enumerate(labelled_styles(methods.tolist(), alone=True)):
             done = np.isfinite(error[i, j]) & (status[i, j] != "timeout")
-            x, y = time[i, j][done], np.maximum(error[i, j][done], LEAST_ERROR)
+            x, y = time[i, j][done], np.maximum(error[i, j][done], MIN_ERROR)
             # A mark a point would make most of the file; a method with one point needs it.
             axes.loglog(x, y, marker="o" if len(x) == 1 else "", ms=2, **style)
-        axes.axhline(max(floor[i].max(), LEAST_ERROR), **SEPARATRIX)
-        axes.set(title=case, ylim=(LEAST_ERROR, 10))
+        axes.axhline(max(floor[i].max(), MIN_ERROR), **SEPARATRIX)
+        axes.set(title=case, ylim=(MIN_ERROR, 10))
         axes.tick_params(which="minor", left=False, right=False, bottom=False, top=False)
         axes.tick_params(right=False, top=False)
     for axes in panels[-columns:]:

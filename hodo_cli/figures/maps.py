@@ -35,6 +35,7 @@ from .artists import (
     PURPLE,
     RED,
     SEPARATRIX,
+    colour_bar,
     hues,
     pair,
     styles,
@@ -85,17 +86,20 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     # Panels behind those that `labels` names are named by their positions.
     labels = chain(spec["labels"], repeat(""))
     for axes, (swept, indices), value, label in zip(panels, cells, values, labels, strict=False):
-        axes.set_title(shown_name(swept, indices, label, len(sweeps)))
+        shown_name, plain_name = names_of(swept, indices, label, len(sweeps))
+        axes.set_title(shown_name)
         draw_panel = map_sphere if of_sphere else map_image
         places = draw_panel(sheet, axes, swept, spec, value, look)
-        values_drawn = {**places, name: value.ravel()}
-        sheet.record(plain_name(swept, indices, label, len(sweeps)), values_drawn)
+        sheet.record(plain_name, {**places, name: value.ravel()})
     if np.isnan(all_values).any():
         sheet.legend.append(Patch(fc=NO_VALUE_COLOUR, ec=GREY, lw=0.4, label=absence(name)))
     words = words_of_values(meaning, labelled, all_values)
     sheet.legend += [Patch(fc=colours(scale(value)), label=word) for value, word in words.items()]
     if not words:
-        colour_bar(sheet, ScalarMappable(scale, colours), meaning)
+        bar = colour_bar(sheet, ScalarMappable(scale, colours), panels, meaning)
+        if colours.N <= MAX_COUNTS + 1:
+            first, behind = bar.mappable.get_clim()
+            bar.set_ticks(np.arange(math.ceil(first), behind).tolist())
 
 
 def in_degrees(sheet: Sheet, sweeps: Sequence[SweepView], spec: Mapping[str, Any]) -> bool:
@@ -129,7 +133,7 @@ def sweeps_of(cases: Cases, spec: Mapping[str, Any], *across: str) -> list[Sweep
     return sweeps
 
 
-MOST_COUNTS = 8
+MAX_COUNTS = 8
 """The largest difference of counts that have a colour each: of more, colours are too alike."""
 
 
@@ -146,7 +150,7 @@ def colour_scale_of(
         labels = range(int(low), int(high) + 1)
         colours = ListedColormap([AXIS_COLOUR.get(label, PURPLE) for label in labels])
         return Normalize(low - 0.5, high + 0.5), colours
-    if spec["range"] is None and high - low <= MOST_COUNTS and (values % 1 == 0).all():
+    if spec["range"] is None and high - low <= MAX_COUNTS and (values % 1 == 0).all():
         # The colours of a continuous scale would show counts that no member has.
         return Normalize(low - 0.5, high + 0.5), hues().resampled(int(high - low) + 1)
     scale = Normalize(*(spec["range"] or (low, high)))
@@ -169,24 +173,6 @@ def words_of_values(
     if meaning.startswith(SHARE_WORDS) and yes_or_no.all():
         return {1: meaning.removeprefix(SHARE_WORDS), 0: "otherwise"}
     return {}
-
-
-def colour_bar(sheet: Sheet, scale: ScalarMappable, label: str) -> None:
-    """The scale of all panels below them."""
-    bar = sheet.figure.colorbar(
-        scale,
-        ax=sheet.figure.axes,
-        location="bottom",
-        fraction=0.04,
-        pad=0.02,
-        shrink=0.7,
-        aspect=45,
-        panchor=False,  # where `map_sphere` has it
-    )
-    bar.set_label(label)
-    if scale.cmap.N <= MOST_COUNTS + 1:
-        first, behind = scale.get_clim()
-        bar.set_ticks(np.arange(math.ceil(first), behind).tolist())
 
 
 def map_panels(sheet: Sheet, rows: Sequence[int], of_sphere: bool) -> list[Axes]:
@@ -420,8 +406,7 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     for (swept, indices), given_label, style in zip(
         curves, labels, styles(len(curves)), strict=False
     ):
-        known = swept, indices, given_label, len(sweeps)
-        names = shown_name(*known), plain_name(*known)
+        names = names_of(swept, indices, given_label, len(sweeps))
         row = 0.02 + spacing * lacking
         lacking += curve_of(sheet, axes, swept, spec, indices, names, style, row)
     if all(not np.isfinite(line.get_ydata()).any() for line in axes.lines):
@@ -558,23 +543,20 @@ def position(swept: SweepView, name: str, i: int) -> str:
     return f"${key_symbol(swept.key(name))} = {swept.ticks(name)[0][i]:.4g}${unit}"
 
 
-def shown_name(swept: SweepView, indices: Mapping[str, int], label: str, sweep_count: int) -> str:
-    """The name of a curve or panel in its picture: the label that it is given, or what tells it
-    from the others."""
+def names_of(
+    swept: SweepView, indices: Mapping[str, int], label: str, sweep_count: int
+) -> tuple[str, str]:
+    """The names of a curve or panel in its picture, and in tables and pages: the label that it is
+    given, or its sweep and the positions that tell it from the others."""
+    if label:
+        return label, label
     sweep_name = [swept.name] if sweep_count > 1 else []
-    return label or ", ".join(
-        [*sweep_name, *(position(swept, *place) for place in indices.items())]
-    )
-
-
-def plain_name(swept: SweepView, indices: Mapping[str, int], label: str, sweep_count: int) -> str:
-    """The name of a curve or panel in tables and pages: the label that it is given, or its sweep
-    and the keys that tell it from the others."""
+    shown = [position(swept, *place) for place in indices.items()]
     keys = [
         f"{name} = {swept.ticks(name)[0][i]:.4g} {swept.unit(name)}" for name, i in indices.items()
     ]
-    sweep_name = [swept.name] if sweep_count > 1 or not indices else []
-    return label or ", ".join([*sweep_name, *map(str.rstrip, keys)])
+    plain = [swept.name] if not indices else [*sweep_name, *map(str.rstrip, keys)]
+    return ", ".join([*sweep_name, *shown]), ", ".join(plain)
 
 
 KEY_SYMBOLS = {

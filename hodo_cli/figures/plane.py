@@ -173,14 +173,18 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]
         for (motion, name), style in zip(curves, looks, strict=True):
             series_curve(sheet, axes, spec, motion, name, style)
         axes.margins(x=0.02, y=0.08)
-        if by_case:
+        if not by_case:
+            axes.set_ylabel(axis_label(group, motions[0]))
+            widen_constant(axes, curves)
+        else:
             axes.set_title(curves[0][0].label)
             # They share the vertical axis: one label on the left.
             if axes.get_subplotspec().is_first_col():  # type: ignore[union-attr]
                 axes.set_ylabel(f"{', '.join(names)} {unit(*curves[0])}")
-        else:
-            axes.set_ylabel(axis_label(group, motions[0]))
-            widen_constant(axes, curves)
+        if not spec["passages"]:
+            marked = [(curves[0][0], variables)] if by_case else [(m, [name]) for m, name in curves]
+            for motion, together in marked:
+                event_marks(axes, motion, together, spec)
         if spec["level"] is not None:
             axes.axhline(spec["level"], **SEPARATRIX)
         for inset_spec in spec["insets"]:
@@ -189,16 +193,11 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]
                 inset(sheet, axes, inset_spec, motion, dict(zip(keys, looks, strict=True)))
     # Panels share their time: its end is known when all are drawn.
     panels[0].set_xlim(*(spec["span"] or (min(motion.time[0] for motion in motions), None)))
-    if not spec["passages"]:
-        for axes, curves in zip(panels, groups.values(), strict=True):
-            for motion in {motion.name: motion for motion, _ in curves}.values():
-                names_of = [name for other, name in curves if other is motion]
-                event_marks(axes, motion, names_of, spec)
-    handles = passage_handles(motions) if spec["passages"] else []
+    if spec["passages"]:
+        sheet.legend += passage_handles(motions)
     for name, law in spec["formula"].items():
         words = f"${symbol(name)} = {formula_in_tex(law, spec['time'])}$"
-        handles.append(Line2D([], [], **LAW_LOOK, label=words))
-    sheet.legend += handles
+        sheet.legend.append(Line2D([], [], **LAW_LOOK, label=words))
 
 
 CONSTANT_WITHIN = 1000
@@ -315,28 +314,37 @@ def passage_handles(motions: Sequence[Motion]) -> list[Line2D]:
 
 
 def event_marks(axes: Axes, motion: Motion, names: Sequence[str], spec: Mapping[str, Any]) -> None:
-    """Mark the events of a motion on its curves in a panel: with the value there, or with the time
-    for all that are nearly zero."""
+    """Mark the events of a motion on its curves in a panel, with words."""
     first, last = spec["span"] or (motion.time[0], motion.time[-1])
     for kind, when in ((kind, when) for kind, when in motion.events if first <= when <= last):
         values = {name: float(np.interp(when, motion.time, motion[name])) for name in names}
-        vanishing = [
-            name for name in names if abs(values[name]) <= 1e-3 * np.abs(motion[name]).max()
-        ]
-        others = [name for name in names if name not in vanishing]
-        words = {name: f"${symbol(name)} = {values[name]:#.4g}$" for name in others}
-        if vanishing:
-            zero = " = ".join([*map(symbol, vanishing), "0"])
-            of_time = f"${spec['time']} = {when:#.4g}${unit_after(motion, 'time')}"
-            words[vanishing[0]] = f"${zero}$ at {of_time}"
         # One colour, or the legend would have the marks of each case.
         marks: Look = {**END, "color": BLACK, "clip_on": False, "zorder": 5}
         axes.plot([when] * len(names), [*values.values()], **marks, label=kind.replace("_", " "))
-        for name, line in words.items():
-            lines = text_lines(line, 0.6 / 72 * room_across(axes), text_size("legend.fontsize"))
+        for name, words in words_at_event(motion, when, values, spec["time"]).items():
+            lines = text_lines(words, 0.6 / 72 * room_across(axes), text_size("legend.fontsize"))
             # Behind the curve's end, which no curve of the same shape passes.
             point = np.array([[when, values[name]]])
             Words(axes, "\n".join(lines), point, toward=(1, 1), size="small")
+
+
+def words_at_event(
+    motion: Motion, when: float, values: Mapping[str, float], time: str
+) -> dict[str, str]:
+    """The words beside the curves of a motion at an event, by variable: its value there, or the
+    time, once for all that are nearly zero."""
+    vanishing = [
+        name for name, value in values.items() if abs(value) <= 1e-3 * np.abs(motion[name]).max()
+    ]
+    words = {
+        name: f"${symbol(name)} = {value:#.4g}$"
+        for name, value in values.items()
+        if name not in vanishing
+    }
+    if vanishing:
+        zero = " = ".join([*map(symbol, vanishing), "0"])
+        words[vanishing[0]] = f"${zero}$ at ${time} = {when:#.4g}${unit_after(motion, 'time')}"
+    return words
 
 
 def inset(

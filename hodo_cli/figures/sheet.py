@@ -82,6 +82,7 @@ class Scene:
     reader can turn it. It has the names of its coordinates; `reach` is where the panel ends on each
     axis, None if it shows all; a globe hides its far side."""
 
+    axes: Axes
     view: View
     names: Sequence[str] = ()
     reach: float | None = None
@@ -109,6 +110,14 @@ class Scene:
         known = {"texts": texts, "name": name, "time": time, "look": look}
         self.strokes.append({"points": points, "colours": colours, "code": code, **known})
         return self.view(points)
+
+    def shows(self, points: np.ndarray) -> np.ndarray:
+        """Which points (n, 3) are within its reach, not before it or behind."""
+        return np.asarray(np.abs(points).max(axis=-1) <= (self.reach or math.inf))
+
+    def flat(self, points: np.ndarray) -> np.ndarray:
+        """Points (n, 3) as places (n, 2) in the panel, nan for those that it does not show."""
+        return np.where(self.shows(points)[:, None], self.view(points)[:, :2], np.nan)
 
 
 FILMS = (".gif", ".mp4")
@@ -151,7 +160,7 @@ class Drawing(Figure):
         return image.getvalue()
 
 
-NARROWEST = 40 / 25.4
+MIN_PANEL_WIDTH = 40 / 25.4
 """The least width of a panel with its words, inches: four stand in a page, two in a column."""
 
 
@@ -196,10 +205,10 @@ class Sheet:
     remarks: Sequence[str] = ()
     """What the caption has to say of the curves, besides what the case file says."""
 
-    def columns(self, width: float, most: int) -> int:
-        """How many panels, `most` at the most, have room side by side in the figure, which has a
+    def columns(self, width: float, limit: int) -> int:
+        """How many panels, up to a limit, have room side by side in the figure, which has a
         width in inches where its style sets none."""
-        return max(1, min(most, int((self.width or width) / NARROWEST)))
+        return max(1, min(limit, int((self.width or width) / MIN_PANEL_WIDTH)))
 
     def panels(
         self, width: float, height: float, count: int = 1, columns: int = 1, **grid: Any
@@ -232,7 +241,7 @@ class Sheet:
 
     def scene(self, axes: Axes, view: View, names: Sequence[str], **kind: Any) -> Scene:
         """A panel that shows space in a view, with the names of its coordinates; see `Scene`."""
-        return self.scenes.setdefault(axes, Scene(view, names, **kind))
+        return self.scenes.setdefault(axes, Scene(axes, view, names, **kind))
 
     def csv(self) -> str:
         """What the figure shows: a row for each sample of each curve, a column for each quantity,

@@ -13,7 +13,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-from ..cases.derived import SPACE_AXES
+from ..cases.derived import SPACE_AXES, component_names
 from ..models.theory.gyrostat import separatrix_curves
 from ..results.motion import Motion
 from .artists import (
@@ -55,8 +55,8 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     projections."""
     view, planes, zoom = View(spec["view"]), spec["projections"], spec["zoom"]
     for motion in motions:
-        G1, G2, G3 = motion.G.T
-        sheet.record(motion.label, {"time": motion.time, "G.x1": G1, "G.x2": G2, "G.x3": G3})
+        components = dict(zip(component_names("G", "axis"), motion.G.T, strict=True))
+        sheet.record(motion.label, {"time": motion.time, **components})
     up, down = (
         np.max([(sign * motion.G).max(axis=0) for motion in motions], axis=0) for sign in (1, -1)
     )
@@ -66,12 +66,12 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     frame = extent(np.concatenate([seen, *(view(arms)[:, :2] for arms in tips(reach))]))
     main, *others = hodograph_panels(sheet, frame, 1 + (zoom is not None) + len(planes))
     names = [axis_label(f"G.x{i}", motions[0]) for i in (1, 2, 3)]
-    space(main, sheet.scene(main, view, names), motions, spec, reach, frame)
+    space(sheet.scene(main, view, names), motions, spec, reach, frame)
     if zoom is not None:
         check_zoom(zoom, min(float(np.abs(motion.G).max(axis=1).min()) for motion in motions))
         window = np.array([[-1.25, 1.25], [-1.25, 1.25]]) * zoom
-        scene = sheet.scene(others[0], view, names, reach=zoom)
-        space(others[0], scene, motions, spec, np.full((2, 3), zoom), window)
+        enlarged = sheet.scene(others[0], view, names, reach=zoom)
+        space(enlarged, motions, spec, np.full((2, 3), zoom), window)
         others[0].set(title=f"enlarged, to $|G_i| = {zoom:g}$")
     for axes, plane in zip(others[zoom is not None :], planes, strict=True):
         projection(axes, motions, spec, plane)
@@ -103,7 +103,6 @@ def hodograph_panels(sheet: Sheet, frame: np.ndarray, n: int) -> list[Axes]:
 
 
 def space(
-    axes: Axes,
     scene: Scene,
     motions: Sequence[Motion],
     spec: Mapping[str, Any],
@@ -112,76 +111,65 @@ def space(
 ) -> None:
     """Hodographs in a view, with body axes of lengths `reach` (2, 3), within a frame (2, 2) of the
     page."""
-    cut = scene.reach is not None
-    body_axes(axes, scene, reach)
-    near, views = float(np.ptp(frame)) / 2, dict[int, np.ndarray]()
-    marked = [
-        np.concatenate([motion.G[[0, -1]], motion.at_crossings(motion.G)]) for motion in motions
-    ]
-    shades = palettes(motions, spec)
+    axes, is_enlarged, depth = scene.axes, scene.reach is not None, float(np.ptp(frame)) / 2
+    body_axes(scene, reach)
+    coloured = zip(motions, palettes(motions, spec), strict=True)
     # The longest curve first, so that it does not bury the short ones.
-    for place, motion in sorted(enumerate(motions), key=lambda item: -windings(item[1].G)):
-        colours, code = shades[place]
-        samples: Look = {"name": motion.label, "time": motion.time, "lw": line_width(motion)}
-        seen = scene.add(motion.G, colours, code, **samples)
-        shown = np.where(boxed(motion.G, scene.reach), code, -1)
-        space_curve(axes, seen, colours, shown, line_width(motion), near)
-        for i, look in ((0, START), (-1, END)):
-            scene.add(motion.G[[i]], **look)
-        times = [f"crossing at {time:.12g}" for time in motion.crossing_time]
-        scene.add(marked[place][2:], texts=times, **CROSSING)
-        views[place] = np.where((shown >= 0)[:, None], seen[:, :2], np.nan)
-        if not cut:
-            heading(axes, seen[:, :2], colours[code[0]], 0.12 * near)
-    places = [
-        np.where(boxed(x, scene.reach)[:, None], scene.view(x)[:, :2], np.nan) for x in marked
-    ]
-    mark_points(axes, [x[:2] for x in places], [x[2:] for x in places], frame)
-    name_curves(axes, [views[i] for i in range(len(motions))], names_beside(motions, spec))
+    for motion, (colours, code) in sorted(coloured, key=lambda item: -windings(item[0].G)):
+        seen = space_curve(scene, motion, colours, code, depth)
+        if not is_enlarged:
+            heading(axes, seen[:, :2], colours[code[0]], 0.12 * depth)
+    ends = [scene.flat(motion.G[[0, -1]]) for motion in motions]
+    crossings = [scene.flat(motion.at_crossings(motion.G)) for motion in motions]
+    mark_points(axes, ends, crossings, frame)
+    name_curves(axes, [scene.flat(motion.G) for motion in motions], names_beside(motions, spec))
     axes.set(xlim=frame[0], ylim=frame[1], aspect="equal", xticks=[], yticks=[])
-    axes.spines[:].set(visible=cut, color="#BBBBBB")
-
-
-def boxed(points: np.ndarray, reach: float | None) -> np.ndarray:
-    """Which points (n, 3) an enlarged panel shows: those in its box, not before it or behind."""
-    return np.asarray(np.abs(points).max(axis=-1) <= (reach or math.inf))
+    axes.spines[:].set(visible=is_enlarged, color="#BBBBBB")
 
 
 def space_curve(
-    axes: Axes, seen: np.ndarray, colours: np.ndarray, code: np.ndarray, width: float, near: float
-) -> None:
-    """A curve in view (n, 3), in colours[code], with gaps where the code is -1; what is farther
-    from the reader is paler, and behind."""
+    scene: Scene, motion: Motion, colours: np.ndarray, code: np.ndarray, depth: float
+) -> np.ndarray:
+    """A hodograph in colours[code], paler the farther it is from the reader, where `depth` is far;
+    returns it as it is seen (n, 3)."""
+    width = line_width(motion)
+    seen = scene.add(motion.G, colours, code, name=motion.label, time=motion.time, lw=width)
+    scene.add(motion.G[[0]], **START)
+    scene.add(motion.G[[-1]], **END)
+    times = [f"crossing at {time:.12g}" for time in motion.crossing_time]
+    scene.add(motion.at_crossings(motion.G), texts=times, **CROSSING)
     # Thirteen layers: enough to show depth, and few enough pieces of line.
-    layer = np.clip((seen[:, 2] / near * 6).round(), -6, 6).astype(int)
-    pieces = [piece for piece in stretches(code, layer) if code[piece.start] >= 0]
+    layer = np.clip((seen[:, 2] / depth * 6).round(), -6, 6).astype(int)
+    shown = scene.shows(motion.G)
+    pieces = [piece for piece in stretches(code, layer, shown) if shown[piece.start]]
     pieces.sort(key=lambda piece: int(layer[piece.start]))
-    pale = [0.5 * (6 - layer[piece.start]) / 12 for piece in pieces]
+    whiteness = [0.5 * (6 - layer[piece.start]) / 12 for piece in pieces]
     shades = [
         colours[code[piece.start]] * (1 - white) + white
-        for piece, white in zip(pieces, pale, strict=True)
+        for piece, white in zip(pieces, whiteness, strict=True)
     ]
     lines = LineCollection(
         [seen[piece, :2] for piece in pieces], colors=shades, linewidths=width, capstyle="round"
     )
-    axes.add_collection(lines, autolim=False)
+    scene.axes.add_collection(lines, autolim=False)
+    return seen
 
 
-def body_axes(axes: Axes, scene: Scene, reach: np.ndarray) -> None:
+def body_axes(scene: Scene, reach: np.ndarray) -> None:
     """The axes of G1, G2, G3 through the origin, of lengths `reach` (2, 3), named, with round
     values marked."""
     step = round_step(float(reach.max()))
     for i, (tip, tail) in enumerate(zip(*tips(reach), strict=True)):
-        arm(axes, scene, tail, tip, f"G_{i + 1}")
+        arm(scene, tail, tip, f"G_{i + 1}")
         counts = np.arange(-int(reach[1, i] / step), int(0.87 * reach[0, i] / step) + 1)
         places = counts[counts != 0]
         texts = [f"{count * step:.10g}" if count > 0 else "" for count in places]
         dots: Look = {"marker": ".", "ms": 2, "color": GREY}
         at = scene.add(places[:, None] * step * np.eye(3)[i], texts=texts, lw=0, size=6, **dots)
-        axes.plot(at[:, 0], at[:, 1], ls="", **dots, zorder=1)
+        scene.axes.plot(at[:, 0], at[:, 1], ls="", **dots, zorder=1)
         for count in range(1, counts[-1] + 1):
             # The upright axis has its values to the right, the others below.
-            axes.annotate(
+            scene.axes.annotate(
                 f"{count * step:.10g}",
                 pair(scene.view(count * step * np.eye(3)[i])),
                 (4, 0) if i == 2 else (1, -6),
@@ -200,14 +188,12 @@ def round_step(size: float) -> float:
     return max(m * power for m in (1, 2, 5) if m * power <= size / 2)
 
 
-def arm(
-    axes: Axes, scene: Scene, tail: np.ndarray, tip: np.ndarray, name: str, zorder: float = 1
-) -> None:
+def arm(scene: Scene, tail: np.ndarray, tip: np.ndarray, name: str, zorder: float = 1) -> None:
     """An arrow along an axis from tail to tip (3,), with its name."""
     texts = ["", f"${name}$"]
     begin, end = scene.add(np.stack([tail, tip]), texts=texts, color=GREY, lw=0.5)[:, :2]
-    arrow(axes, begin, end, GREY, zorder)
-    Words(axes, f"${name}$", end[None], toward=end)
+    arrow(scene.axes, begin, end, GREY, zorder)
+    Words(scene.axes, f"${name}$", end[None], toward=end)
 
 
 def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], plane: str) -> None:
@@ -290,51 +276,62 @@ def draw_sphere(
     """Curves on the unit sphere, with the names of its three arms, and separatrices."""
     (axes,), view = sheet.panels(COLUMN, 1.08 * COLUMN), View(spec["view"])
     scene = sheet.scene(axes, view, arms, globe=True)
-    axes.add_patch(Circle((0, 0), 1, fc="#F8F8F8", ec=GREY, lw=0.6, zorder=1.1))
-    for line in graticule():
-        on_sphere(axes, scene.add(line, **GRATICULE), **GRATICULE)
-    for foot, name in zip(np.eye(3), arms, strict=True):
-        arm(axes, scene, foot, 1.2 * foot, name, zorder=5 if view(foot)[2] > 0 else 1)
+    # Under the curves, which may run on the separatrices.
+    globe_below(scene, bodies)
     motions = [curve.motion for curve in curves]
     is_trace, by_case = spec["kind"] == "axis-trace", spec["colour"] == "case"
-    shades = styles(len(curves), spec["styles"])
-    # Under the curves, which may run on it.
-    lines = []
-    for _, look, circles in bodies:
-        for line in [scene.add(circle, **look) for circle in circles]:
-            on_sphere(axes, line, **look)
-            lines.append(line)
-    # A single motion is named by its title.
-    named = curves if len(curves) > 1 or is_trace else []
     crossings = crossings_on(motions, [curve.directions for curve in curves])
     number_marks(axes, [view(crossed)[:, :2] for crossed in crossings], np.full(2, 2.0))
-    drawn_curves = zip(curves, crossings, palettes(motions, spec), strict=True)
-    for curve, crossed, (colours, code) in drawn_curves:
+    for curve, crossed, colours in zip(curves, crossings, palettes(motions, spec), strict=True):
         components = dict(zip(curve.columns, curve.directions.T, strict=True))
         sheet.record(curve.label, {"time": curve.motion.time, **components})
-        samples: Look = {"name": curve.label, "time": curve.motion.time, "lw": 1.1}
-        points = scene.add(curve.directions, colours, code, **samples)
-        for piece in stretches(code):
-            on_sphere(axes, points[piece], color=colours[code[piece.start]], lw=1.1)
-        heading(axes, points[:, :2], colours[code[0]], 0.15)
-        moving = curve.directions[np.isfinite(curve.directions).all(axis=1)]
-        for look, places in ((CROSSING, crossed), (START, moving[:1]), (END, moving[-1:])):
-            for x, y, near in scene.add(places, **look):
-                axes.plot(x, y, **look, alpha=1 if near > 0 else 0.4, zorder=6)
-        if named:
-            # In space it stands beside the start, where it is on no side of the page.
-            scene.add(1.08 * curve.directions[:1], texts=[curve.label], lw=0)
-    shown = [within_globe(view(curve.directions)) for curve in named]
-    tints = [shade["color"] for shade in shades] if by_case else []
-    name_curves(axes, shown, [curve.label for curve in named], tints)
-    axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
-    axes.set_axis_off()
-    # The curves of a sphere have their names beside them alone.
+        sphere_curve(scene, curve, crossed, *colours)
     handles = [] if by_case else colour_handles(sheet, [axes], motions, spec)
-    if by_case and is_trace:
-        handles = case_handles([curve.label for curve in curves], spec["styles"], solid=True)
+    if len(curves) > 1 or is_trace:  # a single motion is named by its title
+        entries = case_handles([curve.label for curve in curves], spec["styles"], solid=True)
+        name_on_sphere(scene, curves, [entry.get_color() for entry in entries] if by_case else [])
+        # The curves of G have their names beside them alone.
+        handles += entries if by_case and is_trace else []
+    axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.32), aspect="equal")
+    axes.set_axis_off()
     handles += [Line2D([], [], **look, label=words) for words, look, _ in bodies]
     sheet.legend += handles + mark_handles(motions, spec["time"])
+
+
+def globe_below(scene: Scene, bodies: Sequence[BodySeparatrix]) -> None:
+    """A globe with its graticule, its three arms, named, and the separatrices of bodies."""
+    scene.axes.add_patch(Circle((0, 0), 1, fc="#F8F8F8", ec=GREY, lw=0.6, zorder=1.1))
+    for line in graticule():
+        on_sphere(scene.axes, scene.add(line, **GRATICULE), **GRATICULE)
+    for foot, name in zip(np.eye(3), scene.names, strict=True):
+        arm(scene, foot, 1.2 * foot, name, zorder=5 if scene.view(foot)[2] > 0 else 1)
+    for _, look, circles in bodies:
+        for circle in circles:
+            on_sphere(scene.axes, scene.add(circle, **look), **look)
+
+
+def sphere_curve(
+    scene: Scene, curve: SphereCurve, crossed: np.ndarray, colours: np.ndarray, code: np.ndarray
+) -> None:
+    """A curve on a globe in colours[code], with its direction, ends and crossings (m, 3)."""
+    axes, time = scene.axes, curve.motion.time
+    seen = scene.add(curve.directions, colours, code, name=curve.label, time=time, lw=1.1)
+    for piece in stretches(code):
+        on_sphere(axes, seen[piece], color=colours[code[piece.start]], lw=1.1)
+    heading(axes, seen[:, :2], colours[code[0]], 0.15)
+    moving = curve.directions[np.isfinite(curve.directions).all(axis=1)]
+    for look, places in ((CROSSING, crossed), (START, moving[:1]), (END, moving[-1:])):
+        for x, y, near in scene.add(places, **look):
+            axes.plot(x, y, **look, alpha=1 if near > 0 else 0.4, zorder=6)
+
+
+def name_on_sphere(scene: Scene, curves: Sequence[SphereCurve], colours: Sequence[Any]) -> None:
+    """Name curves on a globe, in black or in colours."""
+    for curve in curves:
+        # In space the name is beside the start, where it is on no side of the page.
+        scene.add(1.08 * curve.directions[:1], texts=[curve.label], lw=0)
+    shown = [within_globe(scene.view(curve.directions)) for curve in curves]
+    name_curves(scene.axes, shown, [curve.label for curve in curves], colours)
 
 
 def graticule() -> list[np.ndarray]:
