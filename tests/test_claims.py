@@ -682,6 +682,92 @@ def test_a_case_with_other_values_is_integrated_for_the_statement_alone(stored: 
         assert run.cases() == [*parse(MOTIONS, "c.yaml").cases]
 
 
+# 11 samples at which the motion is the same but for its size: p = 0.3 cos(t) exp(-c t).
+PERIODS = "model: linear-diag, inertia: [1, 1, 0.5], initial: {p: 0.3, q: 0, r: 2}"
+STEADY = PERIODS.replace("p: 0.3", "p: 0")
+MISSED = f"""
+defaults: {{time: {{end: {20 * math.pi!r}, samples: 11}}}}
+cases:
+  same: {{{PERIODS}, damping: 0}}
+  falling: {{{PERIODS}, damping: 1.0e-4}}
+  posed: {{{STEADY}, damping: 0, attitude: yes}}
+  mean: {{{TURN.replace("101", "2")}, damping: [0.05, 0.04, 0.03], form: averaged}}
+  # DOP853 knows its crossing to 1e-4.
+  rough: {{model: cavity+constant, inertia: [1, 0.8, 0.6], kappa: 0.05, epsilon: 0.01,
+           torque: [-1, 0.5, 0.7], initial: {{p: 0.5, q: 0.25, r: 1.4}},
+           method: DOP853, tol: 1.0e-5, time: {{end: 40, samples: 401}}}}
+"""
+UNDECIDED = [
+    ("same", "{kind: conserved, of: [p]}", "not tested"),
+    ("same", "{kind: bound, of: p, at: always, least: 0.2}", "not tested"),
+    ("same", "{kind: bound, of: p, at: end, least: 0.2}", "reproduced"),
+    ("same", "{kind: formula, of: p, formula: 0.3*(1 + 0*t)}", "not tested"),
+    ("same", "{kind: axis, start: x3, turns: 3}", "not tested"),
+    ("falling", "{kind: monotone, of: [p], sense: falls}", "not tested"),
+    ("falling", "{kind: monotone, of: [G, T], sense: falls}", "not tested"),
+    # What its samples show contradicts it, however few they are.
+    ("falling", "{kind: monotone, of: [p], sense: rises}", "contradicted"),
+    ("{case: falling, time: {samples: 1001}}", "{kind: monotone, of: [G, T], sense: falls}",
+     "reproduced"),
+    # G stands still in the body, which turns in space.
+    ("posed", "{kind: conserved, of: [p]}", "reproduced"),
+    ("posed", "{kind: conserved, of: [x1_space.x], within: 0.5}", "not tested"),
+    ("mean", "{kind: monotone, of: [T], sense: falls}", "not tested"),
+    ("{case: mean, time: {samples: 101}}", "{kind: monotone, of: [T], sense: falls}", "reproduced"),
+    # The crossing is at 28.000912709.
+    ("rough", "{kind: value, values: {first_crossing: [28.00079149]}, within: 1.0e-6}",
+     "not tested"),
+    ("rough", "{kind: bound, of: first_crossing, most: 28.00085}", "not tested"),
+    ("rough", "{kind: bound, of: first_crossing, most: 28.1}", "reproduced"),
+    ("rough", "{kind: value, values: {first_crossing: [28.001]}, within: 1.0e-3}", "reproduced"),
+]  # fmt: skip
+
+
+@pytest.mark.engines
+def test_samples_and_errors_that_do_not_decide_leave_a_statement_untested(tmp_path: Path) -> None:
+    claims = [f"cases: [{case}], check: {check}, expect: x" for case, check, _ in UNDECIDED]
+    block = claims_block(*claims).replace("expect: x", "expect: reproduced")
+    (tmp_path / "c.yaml").write_text(MISSED + block, encoding="utf-8")
+    assert call(tmp_path, "run", "c.yaml").returncode == 0
+    assert call(tmp_path, "classify", "c.yaml").returncode == 0
+    rows = json.loads(call(tmp_path, "claims", "c.yaml", "--json").stdout)["statements"]
+    assert [row["verdict"] for row in rows] == [verdict for *_, verdict in UNDECIDED]
+    assert rows[0]["evidence"].endswith("time: {samples: 361} draws it")
+    assert "has an error of 0.00012" in rows[13]["evidence"]
+
+
+def test_a_bound_of_0_is_about_a_sign_where_a_quantity_has_both(stored: Path) -> None:
+    """r of `returning` ends at -0.075, and begins at 1; x is never negative."""
+    back = "cases: [returning], check: {kind: bound, at: always, "
+    claims = [
+        f"{back}of: r, least: 0}}, expect: contradicted",
+        "cases: {case: returning, time: {end: 40.1}}, "
+        "check: {kind: bound, of: r, at: always, least: 0}, expect: contradicted",
+        "cases: {case: returning, time: {end: 40.1}}, "
+        "check: {kind: bound, of: r, at: always, least: 1.0e-9}, expect: contradicted",
+        "cases: {case: slow, time: {end: 50}}, check: {kind: bound, of: r, most: 0}, expect: x",
+    ]
+    rows = judged_by(stored, claims_block(*claims).replace(": x}", ": contradicted}"))
+    found = [row["verdict"] for row in rows["statements"]]
+    plotting = "reproduced to plotting accuracy"
+    assert found == ["contradicted", "contradicted", plotting, plotting]
+
+
+@pytest.mark.engines
+def test_evidence_shows_the_digits_that_decide(stored: Path) -> None:
+    claims = [
+        "cases: [slow], check: {kind: value, values: {r: [0.367881]}, within: 5.0e-7}",
+        "cases: [slow], check: {kind: bound, of: r, most: 0.36788}",
+        "cases: [slow], check: {kind: value, values: {r: [0.37]}, within: 0.005}",
+    ]
+    rows = judged_by(stored, claims_block(*(f"{c}, expect: reproduced" for c in claims)))
+    assert [row["evidence"] for row in rows["statements"]] == [
+        "r = 0.367879 (printed: 0.367881)",
+        "r = 0.367879",
+        "r = 0.3679 (printed: 0.37)",
+    ]
+
+
 # What the command stores, shows and wants.
 
 TURNING = f"""

@@ -18,10 +18,19 @@ from .finding import (
     Finding,
     deviation_beyond,
     deviation_unless,
+    digits_to_show,
     in_percent,
     listed,
 )
-from .quantities import number, quantity, quantity_from_start, turns_at
+from .quantities import (
+    check_course,
+    check_margin,
+    number,
+    quantity,
+    quantity_from_start,
+    range_of,
+    turns_at,
+)
 
 if TYPE_CHECKING:
     from ..sweeps.view import SweepView
@@ -89,9 +98,12 @@ def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
     worst, differences, words = 0.0, [0.0], []
     for name, printed in check["values"].items():
         values = [number(m, name, check["at"]) for m in motions]
-        words.append(f"{name} = {listed(values)} (printed: {listed(printed)})")
+        digits = max(digits_to_show(value, check["within"]) for value in values)
+        words.append(f"{name} = {listed(values, digits)} (printed: {listed(printed, digits)})")
         for m, measured, expected in zip(motions, values, printed, strict=True):
             differences.append(abs(measured - expected))
+            if check["at"] == "end":
+                check_margin(m, name, differences[-1] - check["within"])
             scale = range_of(m, name)
             # Half a unit of the last digit is itself a rounded number, hence the one more rounding.
             worst = max(
@@ -106,14 +118,6 @@ def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
     )
 
 
-def range_of(m: Motion, name: str) -> float:
-    """The range of a quantity; of a single number its size."""
-    values = quantity(m, name)
-    size = abs(float(values[0])) if len(values) == 1 else float(np.ptp(values))
-    # The smallest double, so that a quantity that is 0 throughout can be divided by.
-    return max(size, math.ulp(0))
-
-
 def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     """A quantity against a bound; decided by its value nearest to the bound, or farthest beyond."""
     name, least, most = check["of"], check["least"], check["most"]
@@ -126,21 +130,37 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     violations = [high - most] if most is not None else []
     violations += [least - low] if least is not None else []
     violation = float(np.max(violations))
-    # As the axis of a figure would reach, which shows both the values and the bound.
-    scale = max(max(range_of(m, name) for m in motions), abs(most or 0), abs(least or 0))
-    words = (
-        f"{name} from {low:.4g} to {high:.4g}"
-        if everywhere
-        else f"{name} = {listed(x[0] for x in values)}"
-    )
     bounds = (("above", most), ("below", least))
+    limits = [limit for _, limit in bounds if limit is not None]
+    if check["at"] == "end":
+        for m, limit in itertools.product(motions, limits):
+            check_margin(m, name, number(m, name) - limit)
+    # As the axis of a figure would reach, which shows both the values and the bound.
+    scale = max(max(range_of(m, name) for m in motions), *map(abs, limits))
+    # A bound that is met is met at any scale: a time that is infinite has none.
+    deviation = 0.0 if violation <= 0 else deviation_beyond(violation / scale, ROUNDING)
+    if deviation and 0 in limits and any(changes_sign(m, name) for m in motions):
+        deviation = math.inf
+    ends = [(high, most), (low, least)]
+    digits = max(digits_to_show(x, x - limit) for x, limit in ends if limit is not None)
+    words = (
+        f"{name} from {low:.{digits}g} to {high:.{digits}g}"
+        if everywhere
+        else f"{name} = {listed((x[0] for x in values), digits)}"
+    )
     return Finding(
-        # A bound that is met is met at any scale: a time that is infinite has none.
-        0.0 if violation <= 0 else deviation_beyond(violation / scale, ROUNDING),
+        deviation,
         high if most is not None else low,
         words,
         " or ".join(f"a value {side} {limit:g}" for side, limit in bounds if limit is not None),
     )
+
+
+def changes_sign(m: Motion, name: str) -> bool:
+    """Whether a quantity has both signs in a motion: a bound of 0 is then about its sign, whose
+    size does not matter."""
+    values = quantity(m, name)
+    return float(values.min()) < 0 < float(values.max())
 
 
 def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -234,6 +254,20 @@ MOTION_CHECKS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
     "formula": formula,
 }
 """The kinds of `claim_block.CHECK_KINDS` that take motions."""
+
+
+def motion_finding(check: Keys, motions: Sequence[Motion]) -> Finding:
+    """The finding of a check of motions.
+
+    Raises Undecidable where a statement about the course of quantities holds at samples that are
+    too few to show it; what contradicts it at samples contradicts it.
+    """
+    finding = MOTION_CHECKS[check["kind"]](check, motions)
+    of_course = check["kind"] in ("monotone", "conserved", "formula")
+    if finding.holds and (of_course or check.get("at") == "always"):
+        for m in motions:
+            check_course(m, [check["of"]] if isinstance(check["of"], str) else check["of"])
+    return finding
 
 
 def averages(check: Keys, swept: "SweepView") -> Finding:

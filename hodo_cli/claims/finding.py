@@ -72,6 +72,19 @@ def listed(values: Iterable[float], digits: int = 4) -> str:
     return ", ".join(f"{0 if abs(x) <= least else x:.{digits}g}" for x in numbers)
 
 
+def digits_to_show(number: float, difference: float) -> int:
+    """How many digits of a number show a difference, give or take half of the last one; 4 at
+    least."""
+    if not (ROUNDING * abs(number) < abs(difference) < abs(number)):
+        return 4
+    return max(4, 1 + place_of_first_digit(number) - place_of_first_digit(2 * difference))
+
+
+def place_of_first_digit(number: float) -> int:
+    """The power of ten of a number's first digit."""
+    return math.floor(math.log10(abs(number)))
+
+
 def in_percent(ratio: float) -> str:
     """A part of some whole in words, in percent."""
     return f"{100 * ratio:.3g} %"

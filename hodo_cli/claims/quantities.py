@@ -8,6 +8,7 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
+from ..cases.claim_block import OVER_TIME
 from ..engines.protocol import EPS
 from ..integration import (
     CERTAIN_ERRORS,
@@ -22,6 +23,8 @@ from ..integration import (
 )
 from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion
+from ..results.resolution import SMALLEST_CHORD, course_remark, turn_remark
+from .finding import ROUNDING
 
 
 def integrated_motion(case: Case) -> Motion:
@@ -56,19 +59,20 @@ def sampled_motion(trajectory: Trajectory, passed: Sequence[Crossing] | None) ->
     return Motion(case, variables, label=case.name)
 
 
-class NoNumber(HodoError):
-    """A quantity that is no number somewhere, about which nothing can be decided."""
+class Undecidable(HodoError):
+    """Why a motion decides nothing: a quantity is no number somewhere, or is not known well
+    enough."""
 
 
 def quantity(m: Motion, name: str) -> np.ndarray:
     """A quantity over time (n,); of one that is a single number that number (1,).
 
-    Raises HodoError if the motion does not have it, NoNumber if it is no number somewhere.
+    Raises HodoError if the motion does not have it, Undecidable if it is no number somewhere.
     """
     if name not in NUMBERS:
         values = m[name]
         if (missing := np.isnan(values)).any():
-            raise NoNumber(f"{name} of {m.words} is no number at {m.time[missing.argmax()]:.6g}")
+            raise Undecidable(f"{name} of {m.words} is no number at {m.time[missing.argmax()]:.6g}")
         return values
     if name in READ_OFF_SAMPLES:
         check_start(m)
@@ -86,20 +90,64 @@ def number(m: Motion, name: str, at: str = "end") -> float:
 
 def quantity_from_start(m: Motion, name: str) -> np.ndarray:
     """A quantity over time (n,) from the start of the motion on. Raises as `quantity` does, and
-    NoNumber where the samples begin later."""
+    Undecidable where the samples begin later."""
     if name not in NUMBERS:
         check_start(m)
     return quantity(m, name)
 
 
 def check_start(m: Motion) -> None:
-    """Raises NoNumber where the samples of a motion begin after its start."""
+    """Raises Undecidable where the samples of a motion begin after its start."""
     if m.time[0] > m.case.time.start:
-        raise NoNumber(f"the samples of {m.words} begin after its start, at {m.time[0]:.6g}")
+        raise Undecidable(f"the samples of {m.words} begin after its start, at {m.time[0]:.6g}")
+
+
+def check_course(m: Motion, names: Sequence[str]) -> None:
+    """Raises Undecidable where the samples of a motion are too few to show the course of
+    quantities."""
+    if remark := course_remark(m, names):
+        raise Undecidable(remark)
+
+
+def check_margin(m: Motion, name: str, margin: float) -> None:
+    """Raises Undecidable where a quantity is nearer to what decides than its error, and this is
+    more than any result may have."""
+    error = error_of(m, name)
+    if abs(margin) < error and error > ROUNDING * range_of(m, name):
+        raise Undecidable(
+            f"{name} of {m.words} has an error of {error:.2g}, more than the difference that "
+            "decides"
+        )
+
+
+def error_of(m: Motion, name: str) -> float:
+    """The measured error of a quantity, as far as it is known; else 0."""
+    errors = [0.0]
+    if name == "first_crossing":
+        errors = [crossing.error for crossing in m.crossings]
+    elif name == "end_of_spin" and "event_error" in m.data:
+        of_events = np.atleast_1d(m.stored("event_error")).tolist()
+        errors = [e for (kind, _), e in zip(m.events, of_events, strict=True) if kind == name]
+    elif name in OVER_TIME:
+        errors = [float(m.attrs.get("error", 0)) * m.largest(name)]
+    return float(np.nan_to_num(errors[0])) if errors else 0.0
+
+
+def range_of(m: Motion, name: str) -> float:
+    """The range of a quantity; of a single number its size."""
+    values = quantity(m, name)
+    size = abs(float(values[0])) if len(values) == 1 else float(np.ptp(values))
+    # The smallest double, so that a quantity that is 0 throughout can be divided by.
+    return max(size, math.ulp(0))
 
 
 VISIBLE_MOMENTUM = 0.1
 """The |G|, of about 1 at the start, above which a turn can be seen in a figure of the motion."""
+
+
+FOLLOWED_ANGLE = math.pi / 2
+"""The angle by which a hodograph may turn between samples that count turns: half of what would lose
+one."""
 
 
 def stretches_about(m: Motion, axis: int, least: float = 0.0) -> list[slice]:
@@ -120,7 +168,7 @@ def most_turns(m: Motion, axis: int, least: float) -> float:
 
 def turns_at(m: Motion, moment: str) -> float:
     """The turns that G makes in the stretch of "start" or "end" about the axis that it encloses
-    there; 0 where it goes round no single axis. Raises NoNumber as `check_start` does."""
+    there; 0 where it goes round no single axis. Raises Undecidable as `check_start` does."""
     if moment == "start":
         check_start(m)
     i = 0 if moment == "start" else -1
@@ -130,8 +178,10 @@ def turns_at(m: Motion, moment: str) -> float:
 
 def swept_angle(m: Motion, about: int, samples: slice = slice(None)) -> float:
     """The turns that G makes about axis `about` (0, 1, 2) over some samples, with their sign."""
+    if remark := turn_remark(m, samples, FOLLOWED_ANGLE, False, SMALLEST_CHORD):
+        raise Undecidable(remark)
     first_axis, second_axis = (m.principal_G[samples, i] for i in range(3) if i != about)
-    # Right while G turns by less than half a turn between two samples, as it does in every figure.
+    # Right while G turns by less than half a turn between two samples.
     angle = np.unwrap(np.arctan2(second_axis, first_axis))
     return float((angle[-1] - angle[0]) / (2 * math.pi)) if len(angle) else 0.0
 

@@ -37,9 +37,9 @@ from ..cases.claim_block import (
 from ..results.motion import Motion, case_of, motion_of
 from ..storage import ResultFile
 from ..text import grouped
-from .checks import MOTION_CHECKS, averages
+from .checks import averages, motion_finding
 from .finding import Finding, Verdict, in_percent
-from .quantities import NoNumber
+from .quantities import Undecidable
 from .variations import Motions, changed_case, members
 
 
@@ -96,7 +96,7 @@ class Judge:
             return by_finding(of_sweep(claim, self.run))
         try:
             verdict = self._measured(claim)
-        except NoNumber as error:
+        except Undecidable as error:
             return undecided(NOT_TESTED, str(error))
         if not claim["theorem"]:
             return verdict
@@ -145,7 +145,7 @@ class Judge:
         """The finding of one check on one set of motions, or of a trend on the motions of each
         member. Raises HodoError for motions that it is not for."""
         if check["kind"] != "paper":
-            return MOTION_CHECKS[check["kind"]](check, motions)
+            return motion_finding(check, motions)
         name = check["name"]
         try:
             return self.paper_check(name, motions)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..cases.figure_block import KINDS_IN_SPACE
-from .in_space import EULER_ANGLES, time_factor
+from .in_space import EULER_ANGLES, OF_ATTITUDE, time_factor
 from .motion import Motion
 
 # A polygon of 24 sides is a circle to within 0.9 % of its radius, some widths of a line.
@@ -23,6 +23,9 @@ VISIBLE_CHORD = 0.02
 LARGEST_LOSS = 0.03
 """The part of its height that a line between samples may leave out, as that of an
 OSCILLATION_ANGLE."""
+
+SMALLEST_CHORD = 1e-6
+"""The shortest chord that counts where numbers decide and not the eye."""
 
 STEADY_CHANGE = 1e-6
 """The part of a quantity by which it changes where it is constant for the eye."""
@@ -64,13 +67,13 @@ def longer_intervals(motion: Motion) -> np.ndarray:
     return np.asarray(np.maximum(steps[:-1], steps[1:]) * time_factor(motion))
 
 
-def turn_remark(motion: Motion, drawn: slice, limit: float, in_space: bool) -> str:
-    """The remark on a motion whose samples are too few for a curve of G, or for one in space; an
-    empty text if they are enough."""
-    if len(motion.time[drawn]) < 3:
-        return ""
+def turn_remark(
+    motion: Motion, drawn: slice, limit: float, in_space: bool, chord: float = VISIBLE_CHORD
+) -> str:
+    """The remark on a motion whose samples are too few for a curve of G, or for one in space, of
+    whose chords those above a part `chord` of its size count; an empty text if they are enough."""
     angle, distance = turns_in_space(motion) if in_space else turns(motion)
-    is_seen = distance[drawn] > VISIBLE_CHORD * np.abs(motion.G[drawn]).max(initial=0)
+    is_seen = distance[drawn] > chord * np.abs(motion.G[drawn]).max(initial=0)
     worst = float(angle[drawn][is_seen].max(initial=0))
     if worst <= limit:
         return ""
@@ -131,9 +134,30 @@ def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[st
     remarks = [
         turn_remark(motion, samples, limit, in_space)
         for motion, samples in drawn
-        if "omega" in motion.vectors and len(motion.axes) == 3
+        if turns_in_body(motion) and len(motion.time[samples]) > 2
     ]
     return list(dict.fromkeys(filter(None, [*remarks, *bends])))
+
+
+def turns_in_body(motion: Motion) -> bool:
+    """Whether its samples are of the turns themselves, and not of an average over them."""
+    return "omega" in motion.vectors and len(motion.axes) == 3
+
+
+def course_remark(motion: Motion, names: Sequence[str]) -> str:
+    """Why the samples of a motion do not show the course of quantities, which between them may do
+    anything, also where they are equal; an empty text if they do."""
+    everywhere = slice(None)
+    if turns_in_body(motion):
+        in_space = {False, any(name.partition(".")[0] in OF_ATTITUDE for name in names)}
+        remarks = [
+            turn_remark(motion, everywhere, OSCILLATION_ANGLE, seen, SMALLEST_CHORD)
+            for seen in sorted(in_space)
+        ]
+    else:
+        few = f"{motion.name} has fewer than 3 samples" if len(motion.time) < 3 else ""
+        remarks = [few, *(bend_remark(motion, name, everywhere) for name in names)]
+    return next(filter(None, remarks), "")
 
 
 def samples_within(motion: Motion, span: tuple[float, float] | None) -> slice:
