@@ -24,13 +24,14 @@ from ..integration import (
 from ..models import rigid_body
 from ..models.constants import flatten, rescaled
 from ..results.layout import passages_as_crossings
-from ..storage import Group, Variable
+from ..storage import Attribute, Group, Variable
 from .columns import (
-    blank_columns,
+    blank_array,
     columns,
     crossing_arrays,
     event_columns,
     label_columns,
+    lengths,
     passage_columns,
     shape,
 )
@@ -143,7 +144,8 @@ def compute(chunk: Chunk) -> Group:
     `Rejection` has left to be integrated alone: the task of a pool."""
     began = thread_time()
     case, taken = chunk.case, chunk.taken
-    values = blank_columns(case, len(taken), Status.INVALID)
+    group = blank_group(case, len(taken), Status.INVALID)
+    values = {name: variable.data for name, variable in group.variables.items()}
     # Where all go alone for a reason of the case, no `Rejection` tells more.
     rejection = np.where(taken, 0, 1) if reason_alone(case) else integrated_together(chunk, values)
     methods = {"taylor"} if (values["status"] == Status.OK.code).any() else set()
@@ -153,28 +155,30 @@ def compute(chunk: Chunk) -> Group:
         values["status"][i] = status.code
         methods.add(method)
         enter(values, [i], reduced)
-    rejections = np.bincount(rejection[alone], minlength=len(Rejection))
-    names = " ".join(sorted(methods - {""}))
-    return group_of_members(case, values, thread_time() - began, rejections, names)
+    attributes: dict[str, Attribute] = {
+        "run_time": thread_time() - began,
+        "rejections": np.bincount(rejection[alone], minlength=len(Rejection)),
+        "methods": " ".join(sorted(methods - {""})),
+    }
+    return replace(group, attributes=attributes)
 
 
 def lost_chunk(chunk: Chunk) -> Group:
     """The columns of a chunk whose worker failed, with those of an earlier result."""
-    values = blank_columns(chunk.case, chunk.last - chunk.first, Status.FAILED)
-    none = np.zeros(len(Rejection), dtype=int)
-    return chunk.completed(group_of_members(chunk.case, values, 0.0, none, ""))
+    return chunk.completed(blank_group(chunk.case, chunk.last - chunk.first, Status.FAILED))
 
 
-def group_of_members(
-    case: Case, values: Mapping[str, np.ndarray], run_time: float, rejections: np.ndarray,
-    methods: str,
-) -> Group:  # fmt: skip
-    """The columns of some members as they are stored."""
+def blank_group(case: Case, n: int, status: Status) -> Group:
+    """The columns of n members that have ended in one way, and of which nothing else is known."""
     variables = {
-        name: Variable(("member", *column.dims), values[name])
+        name: Variable(
+            ("member", *column.dims), blank_array((n, *lengths(case, column)), column.dtype)
+        )
         for name, column in columns(case).items()
     }
-    return Group({"run_time": run_time, "rejections": rejections, "methods": methods}, variables)
+    variables["status"].data[:] = status.code
+    none = np.zeros(len(Rejection), dtype=int)
+    return Group({"run_time": 0.0, "rejections": none, "methods": ""}, variables)
 
 
 def enter(values: Mapping[str, np.ndarray], rows: Any, reduced: Mapping[str, np.ndarray]) -> None:
@@ -350,7 +354,6 @@ def sampled(motion: Trajectory) -> dict[str, np.ndarray]:
     reached, asked = np.isin(times, motion.time), np.isin(motion.time, times)
     filled = {}
     for name, values in motion.variables.items():
-        missing = 0 if values.dtype.kind == "i" else np.nan
-        filled[name] = np.full((1, len(times), *values.shape[1:]), missing, values.dtype)
+        filled[name] = blank_array((1, len(times), *values.shape[1:]), values.dtype)
         filled[name][0, reached] = values[asked]
     return filled

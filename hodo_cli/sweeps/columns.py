@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from ..cases.case import Case, Time
 from ..cases.sweep_block import axes_of
-from ..engines.protocol import Status
 from ..integration import Crossing, Occurrence
 from ..models.base import LENGTHS
 from ..models.rigid_body import UNDETERMINED
@@ -58,15 +58,9 @@ def lengths(case: Case, column: Stored) -> tuple[int, ...]:
     return tuple(case.time.samples if dim == "time" else LENGTHS[dim] for dim in column.dims)
 
 
-def blank_columns(case: Case, n: int, status: Status) -> dict[str, np.ndarray]:
-    """All columns of n members that have ended in one way, and of which nothing else is known."""
-    blank = {"i": 0, "f": np.nan}
-    values = {
-        name: np.full((n, *lengths(case, column)), blank[column.dtype[0]], column.dtype)
-        for name, column in columns(case).items()
-    }
-    values["status"][:] = status.code
-    return values
+def blank_array(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
+    """An array without a value: nan, or 0 where numbers are whole."""
+    return np.full(shape, 0 if np.dtype(dtype).kind == "i" else np.nan, dtype)
 
 
 def shape(case: Case) -> tuple[int, ...]:
@@ -137,7 +131,7 @@ def label_columns(
     }
     crossing, first = np.unique(member, return_index=True)
     for name, values in crossings.items():
-        filled[name] = np.full(n, 0 if values.dtype.kind == "i" else np.nan, dtype=values.dtype)
+        filled[name] = blank_array((n,), values.dtype)
         filled[name][crossing] = values[first]
     return filled
 
