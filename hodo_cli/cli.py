@@ -8,7 +8,7 @@ import sys
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -48,7 +48,9 @@ class Hodo(click.Group):
             _refuse(ctx, misused(error))
 
     def invoke(self, ctx: click.Context) -> Any:
-        with _ended_by_signals():
+        with ExitStack() as afterwards:
+            for number in (signal.SIGINT, signal.SIGTERM):
+                afterwards.callback(signal.signal, number, signal.signal(number, _end))
             try:
                 with warnings.catch_warnings():
                     say_once = cache(_say)  # a command may open a file twice
@@ -62,17 +64,6 @@ class Hodo(click.Group):
                 if ctx.params["traceback"]:
                     traceback.print_exc()
                 _refuse(ctx, line)
-
-
-@contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """The time in which SIGINT and SIGTERM end the process as `_end` does."""
-    before = {number: signal.signal(number, _end) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager

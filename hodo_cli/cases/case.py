@@ -164,7 +164,9 @@ class Case:
         Raises HodoError, one line for each mistake: the key, and what is right.
         """
         try:
-            return checked_case(name, block_of(entries))
+            if not isinstance(entries, Mapping):
+                raise expected("a Case or a mapping of its keys to values", entries)
+            return checked_case(name, Block(plain(entries)))
         except Wrong as error:
             raise HodoError(str(error)) from None
 
@@ -263,13 +265,6 @@ def case_unless_mistaken(
     return None
 
 
-def block_of(entries: Any) -> Block:
-    """The keys of a case as a program gives them. Raises Wrong if they are no mapping."""
-    if not isinstance(entries, Mapping):
-        raise expected("a Case or a mapping of its keys to values", entries)
-    return Block(plain(entries))
-
-
 def checked_case(name: Any, block: Block) -> Case:
     """The case that a merged block describes. Raises Wrong with all that is wrong with it."""
     if not isinstance(name, str) or not NAME.fullmatch(name):
@@ -342,13 +337,6 @@ MERGED_KEYS = ("time", "assumes")
 """The keys of which a case changes single entries, and takes the others over."""
 
 
-def replaced_entries(key: str, changes: Mapping[str, Any]) -> set[str]:
-    """The common entries of a key that do not count beside a case's own."""
-    times = REPLACED_TIMES if key == "time" else {}
-    changed = (name for name, value in changes.items() if value not in ("no", False, None))
-    return set().union(*(times.get(name, set()) for name in changed)) - changes.keys()
-
-
 def merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> Block:
     """A case's own entries over those of `defaults` or of another case, which are marked as
     inherited."""
@@ -357,7 +345,9 @@ def merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> Block:
         ours, theirs = own.get(key), common.get(key)
         if isinstance(ours, Mapping) and isinstance(theirs, Mapping):
             block[key] = Block(ours).over(theirs)
-            for name in replaced_entries(key, ours):
+            given = [name for name, value in ours.items() if value not in ("no", False, None)]
+            replaced = [REPLACED_TIMES.get(name, set()) for name in given if key == "time"]
+            for name in set().union(*replaced) - ours.keys():
                 block[key].pop(name, None)
     return block
 

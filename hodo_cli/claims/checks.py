@@ -279,15 +279,17 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
     for along in check["along"]:
         values = swept.values(name, (along,), {})
         means.append(float(np.nanmax(values) - np.nanmin(values)))
-    violations = [check["least"] - x for x in means if check["least"] is not None]
-    violations += [x - check["most"] for x in means if check["most"] is not None]
-    steps = [b - a for a, b in itertools.pairwise(means)]
-    senses = {
+    least, most, steps = check["least"], check["most"], np.diff(means)
+    violations_by_sense = {
         "falls": steps,
-        "rises": [-x for x in steps],
-        "equal": [abs(x) - check["within"] for x in steps],
+        "rises": -steps,
+        "equal": np.abs(steps) - check["within"],
     }
-    violations += senses.get(check["sense"], [])
+    violations = [
+        *(least - x for x in means if least is not None),
+        *(x - most for x in means if most is not None),
+        *violations_by_sense.get(check["sense"], ()),
+    ]
     scale = max(map(abs, means)) or 1.0
     words = (
         ", ".join(
@@ -298,7 +300,7 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
         else f"{name} = {listed(means, 4)}"
     )
     return Finding(
-        deviation_beyond(max(violations, default=0.0) / scale, ROUNDING),
+        deviation_beyond(float(max(violations, default=0.0)) / scale, ROUNDING),
         means[-1],
         words,
         "an average beyond its bounds, or a step the other way",
