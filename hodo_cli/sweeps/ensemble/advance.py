@@ -82,14 +82,19 @@ def decide_passages(
         zeros, undecided = zeros_within(e, event, steps)
         if event.terminal:
             zeros = zeros.chosen(zeros.is_first)
-            outcome.state[:, zeros.motion] = zeros.state
-            outcome.exponent[zeros.motion] = zeros.exponent
-            for motion, time in zip(zeros.motion, zeros.time, strict=True):
-                outcome.samples[:, motion, e.times > time] = np.nan
-            outcome.end_side[zeros.motion] = zeros.after
+            stop_at(zeros, e.times, outcome)
         outcome.passages = zeros
         outcome.reject(undecided, Rejection.UNCERTAIN)
     reject_contradicted(outcome, resting)
+
+
+def stop_at(zeros: Passages, times: np.ndarray, outcome: Outcome) -> None:
+    """Let motions end at zeros (k,) of an event's function, with samples at `times` up to there."""
+    outcome.state[:, zeros.motion] = zeros.state
+    outcome.exponent[zeros.motion] = zeros.exponent
+    outcome.end_side[zeros.motion] = zeros.after
+    for motion, time in zip(zeros.motion, zeros.time, strict=True):
+        outcome.samples[:, motion, times > time] = np.nan
 
 
 def decide_regions(e: Ensemble, candidates: list[TakenSteps], outcome: Outcome) -> None:

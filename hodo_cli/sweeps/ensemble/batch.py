@@ -173,33 +173,40 @@ class BatchState:
 
     def restart(self, columns: np.ndarray) -> None:
         """Put motions behind their passage of an event, in the case's own units."""
-        e, event, at_end = self.ensemble, self.ensemble.passing, []
-        assert event is not None
-        assert event.passage is not None
-        before = self.columns.chosen(columns)
+        e, before = self.ensemble, self.columns.chosen(columns)
         states = rescaled(e.model, before.state.T, before.size)
         constants = e.constants[:, before.motion]
         # A passage is one of numbers: only what is done for all takes arrays.
         rows = before.motion, before.params[0], before.time, states, constants.T
-        for column, motion, end, time, state, numbers in zip(
-            columns.tolist(), *(row.tolist() for row in rows), strict=True
-        ):
-            try:
-                passage = event.passage(time, state, namespace(e.structure, numbers))
-            except (ValueError, ArithmeticError):  # a step has led beyond the passage itself
-                self.columns.clock[0, column] = np.nan
-                continue
-            if passage.details is not None:
-                occurrence = Occurrence(event.kind, passage.time, passage.details)
-                self.outcome.events.setdefault(motion, []).append(occurrence)
-            onward = end if passage.onward is None else min(float(passage.onward), end)
-            self.columns.state[:, column] = passage.state
-            self.columns.clock[:2, column] = exact_difference(end, onward)
-            if onward == end:  # a step in the state of an end may lead anywhere
+        at_end = []
+        for column, *of_motion in zip(columns.tolist(), *map(np.ndarray.tolist, rows), strict=True):
+            if self.pass_event(column, *of_motion):
                 at_end.append(column)
         self.columns.constants[:, columns] = constants
         self.columns.size[columns] = self.columns.rate[columns] = 0
+        # A step in the state of an end may lead anywhere.
         self.enter(np.array(at_end, dtype=np.int64))
+
+    def pass_event(
+        self, column: int, motion: int, end: float, time: float, state: list[float],
+        numbers: list[float],
+    ) -> bool:  # fmt: skip
+        """Put one motion behind its passage of an event; returns whether it is at its end there."""
+        event, columns = self.ensemble.passing, self.columns
+        assert event is not None
+        assert event.passage is not None
+        try:
+            passage = event.passage(time, state, namespace(self.ensemble.structure, numbers))
+        except (ValueError, ArithmeticError):  # a step has led beyond the passage itself
+            columns.clock[0, column] = np.nan
+            return False
+        if passage.details is not None:
+            occurrence = Occurrence(event.kind, passage.time, passage.details)
+            self.outcome.events.setdefault(motion, []).append(occurrence)
+        onward = end if passage.onward is None else min(float(passage.onward), end)
+        columns.state[:, column] = passage.state
+        columns.clock[:2, column] = exact_difference(end, onward)
+        return onward == end
 
     def pause(self) -> None:
         """Drop the motions that are at their end, and renew units that no longer fit."""
