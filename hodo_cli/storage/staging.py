@@ -79,8 +79,8 @@ class Staging:
     @contextmanager
     def publishing(self) -> Iterator[None]:
         """The time in which no other process publishes beside `path`."""
-        with ExitStack() as held:
-            _lock(self.path.parent, held, wait=True)
+        with ExitStack() as locks:
+            _lock(self.path.parent, locks, wait=True)
             yield
 
 
@@ -195,22 +195,22 @@ def publish(draft: Path, path: Path) -> None:
     synced(path.parent)
 
 
-def _lock(path: Path, held: ExitStack, wait: bool = False) -> bool:
-    """Lock a folder until `held` is closed. False if another process has it, or locks do
+def _lock(path: Path, locks: ExitStack, wait: bool = False) -> bool:
+    """Lock a folder until `locks` is closed. False if another process has it, or locks do
     not work there."""
     if not HAVE_FLOCK:
-        return _lock_beside(path, held, wait)
+        return _lock_beside(path, locks, wait)
     descriptor = os.open(path, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except OSError:
         os.close(descriptor)
         return False
-    held.callback(os.close, descriptor)
+    locks.callback(os.close, descriptor)
     return True
 
 
-def _lock_beside(path: Path, held: ExitStack, wait: bool) -> bool:
+def _lock_beside(path: Path, locks: ExitStack, wait: bool) -> bool:
     """`_lock` by a file that `filelock` locks, and removes when it gives it up: for a staging
     folder beside it, for the folder of results in it."""
     import filelock
@@ -222,5 +222,5 @@ def _lock_beside(path: Path, held: ExitStack, wait: bool) -> bool:
         lock.acquire(timeout=-1 if wait else 0)
     except (OSError, filelock.Timeout):
         return False
-    held.callback(lock.release)
+    locks.callback(lock.release)
     return True
