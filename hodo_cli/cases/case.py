@@ -8,7 +8,7 @@ are raised together, as one HodoError with a line for each.
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Never
@@ -275,10 +275,26 @@ def checked_case(name: Any, block: Block) -> Case:
     mistakes += more
     if model is None:
         raise Wrong(*mistakes)
+    data = _data_of(model, values)
+    system = _sound_system(model, data, values, mistakes)
+    common = {key: values[key] for key in COMMON} | {"time": _sampled_time(system, values)}
+    return Case(name=name, model=model.name, form=model.form, data=data, **common)
+
+
+def _data_of(model: type[Model], values: Mapping[str, Any]) -> dict[str, Any]:
+    """The data of a case of a model, among its values; those of the first member of a sweep."""
     # A case without an attitude is the same whether it says so or not.
     without = set() if values.get(ATTITUDE_KEY) else {ATTITUDE_KEY}
     data = {key: values[key] for key in keys_of_form(model) if key in values.keys() - without}
-    data |= first_values(values.get("sweep") or {}, model, data)
+    return data | first_values(values.get("sweep") or {}, model, data)
+
+
+def _sound_system(
+    model: type[Model], data: Mapping[str, Any], values: Mapping[str, Any], known: Sequence[Mistake]
+) -> Model:
+    """The model with the data of a case. Raises Wrong with the mistakes that are known, and all
+    that is wrong with the case as a whole."""
+    mistakes = [*known]
     # What the case as a whole seems to lack may stand under a key that is misspelt or wrong.
     of_data = [*_data_mistakes(model, data, None if mistakes else values["time"])]
     mistakes += [mistake for mistake in of_data if mistake[0] or not mistakes]
@@ -290,12 +306,16 @@ def checked_case(name: Any, block: Block) -> Case:
         mistakes += check_axes(values["sweep"], type(system), data)
     if mistakes or system is None:
         raise Wrong(*mistakes)
+    return system
+
+
+def _sampled_time(system: Model, values: Mapping[str, Any]) -> Time:
+    """The time of a case, with the number of samples that it does not name."""
     time = {**values["time"]}
     if time["samples"] is None:
         span = time["end"] - time["start"]
         time["samples"] = FEWEST_SAMPLES if values["sweep"] else smooth_samples(system, span)
-    common = {key: values[key] for key in COMMON} | {"time": Time(**time)}
-    return Case(name=name, model=model.name, form=model.form, data=data, **common)
+    return Time(**time)
 
 
 FEWEST_SAMPLES, MOST_SAMPLES = 1001, 50_001
