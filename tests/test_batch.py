@@ -27,7 +27,7 @@ from hodo_cli.cases.config import parse
 from hodo_cli.cli import main
 from hodo_cli.commands import run as run_command
 from hodo_cli.storage.group import Group
-from hodo_cli.storage.writer import Writer
+from hodo_cli.storage.writer import compose
 
 pytestmark = pytest.mark.process
 
@@ -363,7 +363,7 @@ def test_a_case_that_has_left_the_config_stays_until_it_is_pruned(config: Path) 
 def test_what_an_interrupted_batch_has_finished_is_taken_in_at_once(config: Path) -> None:
     """By the name of a finished case: none of the others has to run first."""
     cases, result = parse(CONFIG, "x").cases, config.with_suffix(".h5")
-    with suppress(KeyboardInterrupt), Writer(result, {}) as writer:
+    with suppress(KeyboardInterrupt), compose(result, {}) as writer:
         for name in "ab":
             writer.add(name, run_command.finished_case(cases[name]))
         raise KeyboardInterrupt

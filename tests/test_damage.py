@@ -28,7 +28,7 @@ from hodo_cli.storage import disk, hdf5, staging, writer
 from hodo_cli.storage.finished_cases import finished_cases
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import open_run
-from hodo_cli.storage.writer import Writer, update
+from hodo_cli.storage.writer import compose, update
 
 
 @pytest.fixture(scope="module")
@@ -176,7 +176,7 @@ def test_a_reader_that_hangs_or_dies_costs_its_case_and_a_limited_time() -> None
 
 def test_a_damaged_piece_is_run_anew(tmp_path: Path) -> None:
     path = tmp_path / "x.h5"
-    with pytest.raises(KeyboardInterrupt), Writer(path, {}) as first:  # noqa: PT012
+    with pytest.raises(KeyboardInterrupt), compose(path, {}) as first:  # noqa: PT012
         for name in "ab":
             first.add(name, Group({"status": "ok"}, {"v": Variable(("t",), np.arange(999.0))}))
             first.store()
@@ -208,7 +208,7 @@ def test_what_a_dead_run_has_finished_is_used_where_it_lies_until_it_is_publishe
     """A run that dies as well leaves it to the next one."""
     group = Group({"status": "ok"}, {"v": Variable(("t",), np.arange(9.0))})
     path = tmp_path / "x.h5"
-    with pytest.raises(KeyboardInterrupt), Writer(path, {}) as first:  # noqa: PT012
+    with pytest.raises(KeyboardInterrupt), compose(path, {}) as first:  # noqa: PT012
         first.add("a", group)
         for number in (0, 1):
             first.add_chunk("stamp", number, group)
@@ -216,7 +216,7 @@ def test_what_a_dead_run_has_finished_is_used_where_it_lies_until_it_is_publishe
     (folder,) = staging.staging_folders(path)
     faults.zeroed(folder / "part-stamp-1.h5", random.Random(1), 4096)
     for ends_well in (False, True):
-        with suppress(KeyboardInterrupt), Writer(path, {}) as second:
+        with suppress(KeyboardInterrupt), compose(path, {}) as second:
             assert second.keep(finished_cases(path)["a"][0])
             assert second.chunks("stamp") == {0}
             if not ends_well:
@@ -229,13 +229,14 @@ def test_what_a_dead_run_has_finished_is_used_where_it_lies_until_it_is_publishe
 def test_a_case_of_another_run_that_has_ended_meanwhile_is_in_its_result(tmp_path: Path) -> None:
     path = tmp_path / "x.h5"
     group = Group({"hash": "1", "status": "ok"}, {"v": Variable(("t",), np.arange(9.0))})
-    first = Writer(path, {}).__enter__()
+    composed = compose(path, {})
+    first = composed.__enter__()
     first.add("a", group)
     first.store()
-    with Writer(path, {}) as second:
+    with compose(path, {}) as second:
         assert second.keep(finished_cases(path)["a"][0])
         second.add("b", group)
-        first.__exit__(None)
+        composed.__exit__(None, None, None)
     with open_run(path) as run:
         assert run.cases() == ["a", "b"]
 
@@ -256,14 +257,14 @@ def test_the_parts_of_a_sweep_that_has_not_ended_stay(
     """Also when other cases are run meanwhile."""
     config = tmp_path / "x.yaml"
     config.write_text(CONFIG)
-    add, count = Writer.add_chunk, iter(range(100))
+    add, count = writer.Writer.add_chunk, iter(range(100))
 
     def full(*arguments: object) -> None:
         if next(count):
             raise BatchError("cannot write x.h5: no space left on device")
         add(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(Writer, "add_chunk", full)
+    monkeypatch.setattr(writer.Writer, "add_chunk", full)
     done = hodo("run", config, "--out", tmp_path)
     assert done.exit_code == 2
     assert "no space left" in done.stderr

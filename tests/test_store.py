@@ -29,7 +29,7 @@ from hodo_cli.storage import writer as writing
 from hodo_cli.storage.finished_cases import finished_cases
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import ResultFile, open_run
-from hodo_cli.storage.writer import Writer, update
+from hodo_cli.storage.writer import compose, update
 
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "tests" / "data" / "format1.h5"
@@ -90,7 +90,7 @@ def labels(n: int = 5, crossings: int = 1, label: int = 1) -> Group:
 
 def write(path: Path, groups: dict[str, Group]) -> None:
     """A result that holds these groups."""
-    with Writer(path, ROOT_ATTRIBUTES, list(groups)) as writer:
+    with compose(path, ROOT_ATTRIBUTES, list(groups)) as writer:
         for name, item in groups.items():
             writer.add(name, item)
 
@@ -239,7 +239,7 @@ READERS["h5netcdf"] = READERS["netcdf4"]
 def test_other_readers(path: Path, reader: str) -> None:
     """A file whose groups were written, copied from pieces, copied from a file, and changed."""
     write(path, {"kept": group(message="", error=float("nan"))})
-    with Writer(path, ROOT_ATTRIBUTES) as writer:
+    with compose(path, ROOT_ATTRIBUTES) as writer:
         writer.keep(finished_cases(path)["kept"][0])
         writer.add("new", group(3, 1))
     with update(path) as changes:
@@ -396,7 +396,7 @@ def test_bad_files_give_one_line_and_stay_as_they_are(path: Path, name: str) -> 
         lambda: update(path).__enter__(),
     ]
     if name != "missing":
-        actions += [lambda: finished_cases(path), lambda: Writer(path, {}).__enter__()]
+        actions += [lambda: finished_cases(path), lambda: compose(path, {}).__enter__()]
     for action in actions:
         with pytest.raises(HodoError, match=message) as caught:
             action()
@@ -457,7 +457,7 @@ def test_unknown_case(path: Path) -> None:
 
 
 def test_order_is_that_asked_for(path: Path) -> None:
-    with Writer(path, ROOT_ATTRIBUTES, ["a", "b", "c", "d"]) as writer:
+    with compose(path, ROOT_ATTRIBUTES, ["a", "b", "c", "d"]) as writer:
         for name in ("x", "c", "a", "b"):
             writer.add(name, group())
     with open_run(path) as run:
@@ -467,7 +467,7 @@ def test_order_is_that_asked_for(path: Path) -> None:
 def test_after_an_exception_the_old_file_stays_and_finished_cases_are_found(path: Path) -> None:
     write(path, {"a": group()})
     before = path.read_bytes()
-    with suppress(KeyboardInterrupt), Writer(path, ROOT_ATTRIBUTES) as writer:
+    with suppress(KeyboardInterrupt), compose(path, ROOT_ATTRIBUTES) as writer:
         writer.add("b", group(seed=1))
         raise KeyboardInterrupt
     assert path.read_bytes() == before
@@ -475,7 +475,7 @@ def test_after_an_exception_the_old_file_stays_and_finished_cases_are_found(path
             items in finished_cases(path).items()} == {
         "a": ["hash 0"], "b": ["hash 1"],
     }  # fmt: skip
-    with Writer(path, ROOT_ATTRIBUTES) as writer:
+    with compose(path, ROOT_ATTRIBUTES) as writer:
         assert all(writer.keep(items[0]) for items in finished_cases(path).values())
         writer.add("c", group(seed=2))
     with open_run(path) as run:
@@ -489,11 +489,11 @@ def test_nothing_new_leaves_the_file_alone(path: Path) -> None:
     write(path, {"a": group(), "b": group()})
     before = path.stat()[:7], path.stat().st_mtime_ns  # reading may change the time of access
     for _ in range(2):
-        with Writer(path, {**ROOT_ATTRIBUTES, "history": "again"}, ["a", "b"]) as writer:
+        with compose(path, {**ROOT_ATTRIBUTES, "history": "again"}, ["a", "b"]) as writer:
             for items in finished_cases(path).values():
                 writer.keep(items[0])
     assert (path.stat()[:7], path.stat().st_mtime_ns) == before
-    with Writer(
+    with compose(
         path, {**ROOT_ATTRIBUTES, "config": "other", "history": "again"}, ["a", "b"]
     ) as writer:
         writer.keep(finished_cases(path)["b"][0])
@@ -512,7 +512,7 @@ def test_labels_and_claims_when_cases_are_kept(path: Path) -> None:
     with update(path) as changes:
         changes.write("a", labels())
         changes.write("_claims", labels())
-    with Writer(path, ROOT_ATTRIBUTES) as writer:
+    with compose(path, ROOT_ATTRIBUTES) as writer:
         writer.keep(finished_cases(path)["a"][0])
         writer.add("b", group())
     with open_run(path) as run:
@@ -522,11 +522,11 @@ def test_labels_and_claims_when_cases_are_kept(path: Path) -> None:
 
 def test_what_another_process_wrote_meanwhile_is_kept(path: Path) -> None:
     write(path, {"a": group(), "b": group(seed=1), "gone": group()})
-    with Writer(path, ROOT_ATTRIBUTES, ["a", "b", "c"]) as writer:
+    with compose(path, ROOT_ATTRIBUTES, ["a", "b", "c"]) as writer:
         writer.keep(finished_cases(path)["a"][0])
         writer.add("b", group(seed=1, steps=5))
         writer.add("c", group(seed=2))
-        with Writer(path, ROOT_ATTRIBUTES) as other:
+        with compose(path, ROOT_ATTRIBUTES) as other:
             for name in ("a", "b", "gone"):
                 other.keep(finished_cases(path)[name][0])
             other.add("c", group(seed=3))
@@ -544,10 +544,10 @@ def test_what_another_process_wrote_meanwhile_is_kept(path: Path) -> None:
 
 def test_a_shard_that_vanished_is_not_kept(path: Path) -> None:
     write(path, {"a": group()})
-    with suppress(KeyboardInterrupt), Writer(path, ROOT_ATTRIBUTES) as writer:
+    with suppress(KeyboardInterrupt), compose(path, ROOT_ATTRIBUTES) as writer:
         writer.add("b", group())
         raise KeyboardInterrupt
-    with Writer(path, ROOT_ATTRIBUTES) as writer:
+    with compose(path, ROOT_ATTRIBUTES) as writer:
         (lost,) = finished_cases(path)["b"]
         lost.file.unlink()
         assert not writer.keep(lost)
@@ -577,7 +577,7 @@ def test_two_runs_at_once(path: Path) -> None:
     names = [f"c{i}" for i in range(30)]
 
     def run(order: list[str]) -> None:
-        with Writer(path, ROOT_ATTRIBUTES, names) as writer:
+        with compose(path, ROOT_ATTRIBUTES, names) as writer:
             for name in order:
                 writer.add(name, group(seed=int(name[1:])))
 
@@ -596,7 +596,7 @@ def test_short_cases_share_pieces(path: Path, monkeypatch: pytest.MonkeyPatch) -
     told = path.parent / "told"
 
     def run() -> None:
-        with Writer(path, ROOT_ATTRIBUTES) as writer, told.open("a") as report:
+        with compose(path, ROOT_ATTRIBUTES) as writer, told.open("a") as report:
             for i in range(5):
                 took = 1001.0 if i in (1, 3) else 0.0
                 then = partial(print, f"c{i}", file=report, flush=True)
@@ -616,7 +616,7 @@ def test_a_case_does_not_wait_if_it_was_long_or_nothing_was_stored_for_long(
 ) -> None:
     monkeypatch.setattr(writing, "SHARD_SECONDS", 1000)
     told: list[str] = []
-    with Writer(path, ROOT_ATTRIBUTES) as writer:
+    with compose(path, ROOT_ATTRIBUTES) as writer:
         writer.add("short", group(run_time=1.0), lambda: told.append("short"))
         assert not told
         writer.add("long", group(run_time=1001.0), lambda: told.append("long"))
@@ -634,7 +634,7 @@ def test_parts_are_written_while_cases_are_stored(
 ) -> None:
     monkeypatch.setattr(writing, "SHARD_SECONDS", 0.0)
     many = 10
-    with Writer(path, ROOT_ATTRIBUTES) as writer:
+    with compose(path, ROOT_ATTRIBUTES) as writer:
         for i in range(many):
             writer.add(f"c{i}", group(seed=i))
             writer.add_chunk("stamp", i, group(200, i))
@@ -648,7 +648,7 @@ def test_parts_are_written_while_cases_are_stored(
 def test_a_case_that_cannot_be_stored_takes_no_other_along(path: Path) -> None:
     wrong = Group({}, {"x": Variable(("n",), np.zeros(2, dtype=bool))})
     with pytest.raises(TypeError, match="netCDF"):  # noqa: PT012, SIM117
-        with Writer(path, ROOT_ATTRIBUTES) as writer:
+        with compose(path, ROOT_ATTRIBUTES) as writer:
             for name, item in {"a": group(), "wrong": wrong, "b": group(seed=1)}.items():
                 writer.add(name, item)
     assert sorted(finished_cases(path)) == ["a", "b"]
@@ -664,7 +664,7 @@ def test_killed_at_any_moment_while_running(path: Path, tmp_path: Path) -> None:
             report.write(f"{name}\n")
             report.flush()
 
-        with log.open("a") as report, Writer(path, ROOT_ATTRIBUTES, names) as writer:
+        with log.open("a") as report, compose(path, ROOT_ATTRIBUTES, names) as writer:
             finished = finished_cases(path)
             for i, name in enumerate(names):
                 if name not in finished or not writer.keep(finished[name][0]):
@@ -723,10 +723,10 @@ def test_killed_at_any_moment_while_changing(path: Path) -> None:
 
 
 def test_the_folder_of_a_living_run_is_left_alone(path: Path) -> None:
-    with Writer(path, ROOT_ATTRIBUTES) as first:
+    with compose(path, ROOT_ATTRIBUTES) as first:
         first.add("a", group())
         first.store()
-        with Writer(path, ROOT_ATTRIBUTES) as second:
+        with compose(path, ROOT_ATTRIBUTES) as second:
             assert second.keep(finished_cases(path)["a"][0])
         first.add("b", group())
     with open_run(path) as run:
@@ -746,7 +746,7 @@ from test_store import *
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]),) * 2)
 try:
-    with Writer(Path(sys.argv[1]), ROOT_ATTRIBUTES) as writer:
+    with compose(Path(sys.argv[1]), ROOT_ATTRIBUTES) as writer:
         for seed in range(30):
             writer.add(f"c{seed}", group(seed=seed))
 except BatchError as error:
@@ -765,7 +765,7 @@ except BatchError as error:
 def test_read_only_folder(path: Path) -> None:
     write(path, {"a": group()})
     path.parent.chmod(0o555)
-    with Writer(path, ROOT_ATTRIBUTES) as writer:
+    with compose(path, ROOT_ATTRIBUTES) as writer:
         writer.keep(finished_cases(path)["a"][0])
         with pytest.raises(BatchError, match="permission denied"):
             writer.add("b", group())

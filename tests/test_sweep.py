@@ -38,7 +38,7 @@ from hodo_cli.progress import Progress
 from hodo_cli.results import layout
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import open_run
-from hodo_cli.storage.writer import Writer
+from hodo_cli.storage.writer import compose
 from hodo_cli.sweeps import chunk, columns, members, summary, sweep
 from hodo_cli.sweeps.single_cases import side_by_side
 from hodo_cli.sweeps.view import SweepView
@@ -1577,7 +1577,7 @@ def test_the_error_of_the_top_is_measured(tmp_path: Path) -> None:
 
 
 def sweep_of(case: Case, folder: Path) -> Group:
-    with Writer(folder / "a.h5", {}) as writer:
+    with compose(folder / "a.h5", {}) as writer:
         return sweep.run_sweep(case, "mark", pool(1), writer, False, Progress(1, quiet=True))
 
 

@@ -15,7 +15,7 @@ from hodo_cli.storage import staging
 from hodo_cli.storage.finished_cases import finished_cases, open_batch
 from hodo_cli.storage.group import Group
 from hodo_cli.storage.hdf5 import open_run
-from hodo_cli.storage.writer import Writer, update
+from hodo_cli.storage.writer import Writer, compose, update
 
 CONFIG = """\
 defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}, time: {end: 9}}
@@ -38,7 +38,7 @@ def path(tmp_path: Path) -> Path:
 def run_of(path: Path, groups: Mapping[str, Group], text: str = CONFIG) -> Iterator[Writer]:
     """A run that has finished these cases."""
     attributes = {"config": text, "history": "hodo run a.yaml"}
-    with Writer(path, attributes, ["first", "second", "third"]) as writer:
+    with compose(path, attributes, ["first", "second", "third"]) as writer:
         for name, group in groups.items():
             writer.add(name, group)
         writer.store()
@@ -83,7 +83,7 @@ def test_the_case_file_is_stored_once_for_all_pieces(path: Path) -> None:
     # Those of a dead run are shown with the case file of the run that has taken them over.
     other = path.with_name("b.h5")
     interrupted(other, {"first": stored(1)})
-    with Writer(other, {"config": text}) as writer:
+    with compose(other, {"config": text}) as writer:
         assert writer.keep(finished_cases(path)["first"][0])
         texts = set()
         for file in path.parent.glob(".b.h5.*/head.h5"):
@@ -187,7 +187,7 @@ def test_chunks_of_a_sweep_wait_for_the_next_run(path: Path) -> None:
     published(path)
     with open_run(path) as run:
         assert run.cases() == ["first"]
-    with Writer(path, {}) as writer:
+    with compose(path, {}) as writer:
         assert writer.chunks("stamp") == {0}
         writer.keep(finished_cases(path)["first"][0])
         assert [*path.parent.glob(".*/part-*.h5")]

@@ -11,7 +11,7 @@ from .. import HodoError
 from ..cases.case import Case, dump, parse_case, read_mapping
 from ..cases.config import composed_text, parse
 from ..schema.document import Mistakes
-from ..storage import FinishedCase, ResultFile, Writer, finished_cases, open_run
+from ..storage import FinishedCase, ResultFile, compose, finished_cases, open_run
 from .plot import with_sheet
 from .resume import attributes_by, has_all_of, result_named, stored_config
 
@@ -35,7 +35,7 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
         text = merged_text(runs, stored, out)
     config = parse(text, str(out))
     attributes = attributes_by(f"merge {' '.join(map(str, results))}", config)
-    with Writer(out, attributes, tuple(config.cases)) as writer:
+    with compose(out, attributes, tuple(config.cases)) as writer:
         for item in stored.values():
             if not writer.keep(item):
                 raise HodoError(f"{item.file}: {item.name} is damaged ({item.damage or 'gone'})")

@@ -30,6 +30,7 @@ from ..storage import (
     Writer,
     check_writable,
     chunks_in,
+    compose,
     finished_cases,
     open_run,
     staging_folders,
@@ -139,7 +140,7 @@ class Plan:
         attributes = attributes_by(f"run {self.config.path}", self.config)
         attributes[CONFIG_PATH] = path_from(self.config, self.path)
         rows: dict[str, dict[str, Any]] = {}
-        with Writer(self.path, attributes, tuple(self.config.cases)) as writer:
+        with compose(self.path, attributes, tuple(self.config.cases)) as writer:
             cases = [self.config.cases[name] for name in self._take_over(writer)]
             for case, outcome in outcomes(cases, pool, writer, self, progress):
                 group = failed_group(case, outcome) if isinstance(outcome, Exception) else outcome

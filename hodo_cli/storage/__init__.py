@@ -18,7 +18,7 @@ from .hdf5 import ResultFile, open_run
 from .output import create
 from .provenance import OWN_MODELS, history_line, result_of, root_attributes, typed
 from .staging import check_writable, chunks_in, replacing, staging_folders
-from .writer import Update, Writer, holds, update
+from .writer import Update, Writer, compose, holds, update
 
 __all__ = [
     "OWN_MODELS",
@@ -33,6 +33,7 @@ __all__ = [
     "Writer",
     "check_writable",
     "chunks_in",
+    "compose",
     "create",
     "finished_cases",
     "history_line",

@@ -20,7 +20,7 @@ from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from time import monotonic
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -51,7 +51,7 @@ def publish_finished(path: Path) -> None:
     """Add to a result the cases that it lacks and runs have finished which have not ended.
 
     Those that it holds from before a change stay: they may be wanted again. So does what dead runs
-    have left, for the next run. Raises HodoError as `Writer` does.
+    have left, for the next run. Raises HodoError as `compose` does.
     """
     if not (shards := unpublished(path)):
         return
@@ -61,64 +61,67 @@ def publish_finished(path: Path) -> None:
             shards = {} if run.damaged else {n: f for n, f in shards.items() if n not in run}
     if shards:
         attributes, order = latest(shards)
-        with Writer(path, attributes, order) as writer:
+        with compose(path, attributes, order) as writer:
             writer.leave_dead()
             for name, items in finished_cases(path).items():
                 writer.keep(shards.get(name, items[0]))
 
 
-class Writer:
-    """Makes a result out of new cases and finished ones. A context manager.
+@contextmanager
+def compose(
+    path: Path | str, attributes: Mapping[str, Attribute], order: Collection[str] = ()
+) -> Iterator["Writer"]:
+    """Make a result out of new cases and finished ones.
 
     On leaving, the cases that were added or kept, and no others, are joined in the given order
     under the result's name; if nothing is new, the file is left alone. After an exception the old
-    file stays as it is, and what was added stays where the next Writer finds it. Another process
+    file stays as it is, and what was added stays where the next writer finds it. Another process
     may replace the result meanwhile: what it has added is taken in, and so are its labels of equal
-    cases.
+    cases. Raises HodoError as `open_run` does, or if a first result cannot be written there.
     """
+    path = Path(path)
+    before = identity(path)
+    with Staging(path) as staging, open_run(path) if before else nullcontext() as old:
+        writer = Writer(path, attributes, order, staging, old, before)
+        if not old:
+            # A folder that cannot be written should show before hours of integration, not after.
+            writer.next_shard()
+        try:
+            yield writer
+        except BaseException:
+            # The user should see the exception at hand, and no other that it leads to.
+            with suppress(Exception):
+                writer.store()
+            raise
+        writer.store()
+        with os_errors_as(path, CASES_KEPT):
+            writer.finish()
+
+
+class Writer:
+    """A result on its way; made by `compose`, where it had the identity `before`."""
 
     def __init__(
-        self, path: Path | str, attributes: Mapping[str, Attribute], order: Collection[str] = ()
+        self,
+        path: Path,
+        attributes: Mapping[str, Attribute],
+        order: Collection[str],
+        staging: Staging,
+        old: ResultFile | None,
+        before: tuple[int, int] | None,
     ) -> None:
-        self.path = Path(path)
-        self._attributes = attributes
-        self._order = order
+        self.path, self._attributes, self._order = path, attributes, order
+        self._staging, self._old, self._before = staging, old, before
         self._cases: dict[str, FinishedCase] = {}
         self._texts: dict[str, str] = {}
-        self._chunks: dict[tuple[str, int], Path] = {}
+        self._chunks = {
+            _chunk_key(file): file for folder in staging.dead for file in chunks_in(folder)
+        }
         self._count = 0
         self._waiting: dict[str, tuple[Group, Callable[[], object]]] = {}
         self._stored_at = monotonic()
-        self._old: ResultFile | None = None
-        self._staging = Staging(self.path)
-        self._open = ExitStack()
         self.unfinished: set[str] = set()
-        """The ids of the sweeps whose chunks stay when this Writer leaves, for the next one."""
-
-    def __enter__(self) -> Self:
-        """Raises HodoError as `open_run` does, or if a first result cannot be written there."""
-        with self._open as failed:
-            failed.enter_context(self._staging)
-            for folder in self._staging.dead:
-                self._chunks |= {_chunk_key(file): file for file in chunks_in(folder)}
-            self._identity = identity(self.path)
-            if self._identity:
-                self._old = failed.enter_context(open_run(self.path))
-            else:
-                # A folder that cannot be written should show before hours of integration, not
-                # after.
-                self._next_shard()
-            self._open = failed.pop_all()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        with self._open:
-            # The user should see the exception at hand, and no other that it leads to.
-            with nullcontext() if kind is None else suppress(Exception):
-                self.store()
-            if kind is None:
-                with os_errors_as(self.path, CASES_KEPT):
-                    self._finish()
+        """The ids of the sweeps whose chunks stay for the next writer."""
 
     def add(self, name: str, group: Group, then: Callable[[], object] = lambda: None) -> None:
         """Take a finished case. `then` is called as soon as the case survives the death of this
@@ -146,7 +149,7 @@ class Writer:
     def _store(self, names: Sequence[str]) -> None:
         if not names:
             return
-        shard = self._next_shard()
+        shard = self.next_shard()
         self._put(shard, {name: self._waiting[name][0] for name in names})
         for name in names:
             group, then = self._waiting.pop(name)
@@ -182,11 +185,11 @@ class Writer:
         self._chunks[sweep_id, number] = file
 
     def keep_all_chunks(self) -> None:
-        """Leave the chunks of dead runs for the next Writer."""
+        """Leave the chunks of dead runs for the next writer."""
         self.unfinished |= {sweep_id for sweep_id, _ in self._chunks}
 
     def leave_dead(self) -> None:
-        """Leave all that dead runs have finished for the next Writer."""
+        """Leave all that dead runs have finished for the next writer."""
         self._staging.dead.clear()
 
     def chunk(self, sweep_id: str, number: int) -> Group:
@@ -207,7 +210,8 @@ class Writer:
         self._cases[case.name] = case
         return True
 
-    def _next_shard(self) -> Path:
+    def next_shard(self) -> Path:
+        """The name of a new shard. Raises BatchError if it cannot be made."""
         with os_errors_as(self.path, CASES_KEPT):
             if not self._count:
                 # Before any shard: until the result is made, they are shown in its place.
@@ -218,10 +222,11 @@ class Writer:
             self._count += 1
             return self._staging / f"{self._count}.h5"
 
-    def _finish(self) -> None:
+    def finish(self) -> None:
+        """Join the cases under the result's name, if there is anything new."""
         with self._staging.publishing(), ExitStack() as stack:
             latest_result = self._old
-            if identity(self.path) != self._identity:
+            if identity(self.path) != self._before:
                 # Another process has replaced the result since this one began; what it has added is
                 # not lost.
                 is_there = self.path.exists()
