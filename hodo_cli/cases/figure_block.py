@@ -569,6 +569,7 @@ def _wrong_variable(name: str, case: Drawable) -> str:
     """Why a name stands for no number that a case stores, or that is derived from it; an empty
     string if it does. A vector needs a component, and a number has none."""
     base, _, component = name.partition(".")
+    # As it is stored, and as it is derived: `G` is a vector and a number.
     dims = [case.variables[base]] if base in case.variables else []
     if base in DERIVED and not missing(base, case.sources):
         dims.append(DERIVED[base].dim)

@@ -193,8 +193,9 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
     """How values follow each other from case to case; decided by the smallest step or, for equal
     ones, by how far they are apart.
     """
-    values, by = [number(m, check["of"], check["at"]) for m in motions], check["by"] or len(motions)
-    groups = [values[i : i + by] for i in range(0, len(values), by)]
+    values = [number(m, check["of"], check["at"]) for m in motions]
+    size = check["by"] or len(values)
+    groups = [values[i : i + size] for i in range(0, len(values), size)]
     words = f"{check['of']}: {'; '.join(listed(group) for group in groups)}"
     if check["sense"] == "equal":
         apart = float(np.max(np.ptp(groups, axis=1)) / max(np.max(np.abs(groups)), math.ulp(0)))

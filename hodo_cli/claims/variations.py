@@ -67,12 +67,13 @@ def member_name(axes: Sequence[Axis], index: Sequence[Any]) -> str:
 def starting_axes(cases: Sequence[Case]) -> list[str]:
     """The axes that the hodographs of body-frame cases enclose at the start."""
     names = [""] * len(cases)
-    bodies = [(case.data["inertia"], case.data.get("rotor")) for case in cases]
-    for places in grouped(zip(bodies, range(len(cases)), strict=True)).values():
-        body = body_of(cases[places[0]])
-        omega = np.array([cases[i].system.start[:3] for i in places])
+    bodies = ((case.data["inertia"], case.data.get("rotor")) for case in cases)
+    # All cases of one body at once.
+    for of_body in grouped((body, i) for i, body in enumerate(bodies)).values():
+        body = body_of(cases[of_body[0]])
+        omega = np.array([cases[i].system.start[:3] for i in of_body])
         labels = body.enclosed(body.to_principal(omega), ROUNDING)
-        for i, label in zip(places, labels.tolist(), strict=True):
+        for i, label in zip(of_body, labels.tolist(), strict=True):
             names[i] = rigid_body.LABELS[label]
     return names
 

@@ -288,11 +288,12 @@ class FigureFolder:
         files = {*self._files(drawn.name)}
         if drawn.problem:
             self.problems[drawn.name] = drawn.problem
+            # Its files may be of an earlier time.
             self.current -= {*files, *self._other_files(drawn.name)}
         else:
             self.current |= files
         for file in files:
-            # What could not be drawn is tried again: its file may be of an earlier time.
+            # What could not be drawn is tried again.
             digest = "" if drawn.problem else self._digest(drawn.name, drawn.cases, file)
             entry = {"digest": digest, "cases": drawn.cases, "warnings": drawn.warnings}
             self.record[file] = entry

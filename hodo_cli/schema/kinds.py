@@ -430,10 +430,12 @@ class ListOf(Kind):
     def check(self, value: Any) -> tuple[Any, ...]:
         if self.alone and self.kind.takes(value):
             return (self.kind.check(value),) * (self.length or 1)
-        if not is_list(value) or not self.least <= len(value) == (self.length or len(value)):
+        if not is_list(value):
+            raise expected(self, value)
+        length = self.length or len(value)
+        if not self.least <= len(value) == length:
             # YAML takes [0,005, 0,004, 0,003] for six numbers, and [1, 0,8, 0,6] for five.
-            is_numbers = isinstance(self.kind, Number) and is_list(value) and 0 in value
-            is_split = is_numbers and len(value) > (self.length or len(value))
+            is_split = isinstance(self.kind, Number) and 0 in value and len(value) > length
             raise expected(self, value, DECIMAL_HINT if is_split else "")
         if self.length == 3 and isinstance(self.kind, Number) and all(map(is_list, value)):
             raise Wrong(((), f"expected {self}; a tensor is a key of other models, as torques"))
