@@ -50,6 +50,9 @@ from .sweep_block import AXIS_LABELS
 PAGE_DATA = "page.json"
 """The data of a result for the page, in the folder of its figures."""
 
+FILM_FORMATS = ("gif", "mp4")
+"""The formats of a figure that moves."""
+
 
 @dataclass(frozen=True)
 class DrawnFigure:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from .. import HodoError
 from ..batch.pool import pool
 from ..cases.config import Config, load
-from ..cases.figure_block import PAGE_DATA, DrawnFigure, merged_style
+from ..cases.figure_block import FILM_FORMATS, PAGE_DATA, DrawnFigure, merged_style
 from ..machine import library_version
 from ..progress import Progress
 from ..schema.document import YAML_SUFFIXES
@@ -96,9 +96,6 @@ def _is_config(name: str) -> bool:
     return False
 
 
-FILM_FORMATS = {"gif", "mp4"}
-
-
 def draw_results(
     paths: Sequence[Path],
     names: Sequence[str],
@@ -151,7 +148,7 @@ def check_films(
 ) -> None:
     """Raise HodoError where films alone are asked for, of a figure that does not move, or where
     none moves."""
-    if not {*formats} <= FILM_FORMATS:
+    if not {*formats} <= {*FILM_FORMATS}:
         return
     kinds = {
         name: folder.config.figure(name)["kind"] for folder in folders for name in folder.names

@@ -16,7 +16,7 @@ import numpy as np
 
 from .. import NOT_OF_A_CASE, HodoError
 from ..cases.derived import PARTS
-from ..cases.figure_block import Drawable, DrawnFigure, check_drawn, merged_style
+from ..cases.figure_block import FILM_FORMATS, Drawable, DrawnFigure, check_drawn, merged_style
 from ..results.dataset import MOTION_DIMS, Cases, case_in, motions_of, sweep_axes
 from ..results.motion import Motion
 from ..results.resolution import OF_SAMPLES, coarse_curves
@@ -28,7 +28,7 @@ from .costs import cost, error_order, share
 from .files import save
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
-from .sheet import FILMS, SHEET_STYLE, Drawing, Layout, Sheet
+from .sheet import SHEET_STYLE, Drawing, Layout, Sheet
 from .space import axis_trace, herpolhode, hodograph, sphere
 from .words import lighten, slanted, text_size, text_width
 
@@ -181,8 +181,8 @@ def render(
     its own problem."""
     try:
         sheet = draw(figures[name], cases, figures)
-        files = [out / f"{name}.{suffix}" for suffix in formats]
-        files = [file for file in files if sheet.figure.film or file.suffix not in FILMS]
+        drawn = [x for x in formats if sheet.figure.film or x not in FILM_FORMATS]
+        files = [out / f"{name}.{suffix}" for suffix in drawn]
         about = " ".join(filter(None, [figures[name]["caption"], *sheet.remarks]))
         for file in files:
             save(sheet, file, about)

@@ -212,11 +212,11 @@ def styles(n: int, style_names: Sequence[str] = ()) -> list[dict[str, Any]]:
 
 
 def labelled_styles(
-    names: Sequence[str], style_names: Sequence[str] = (), alone: bool = False
+    names: Sequence[str], style_names: Sequence[str] = (), even_one: bool = False
 ) -> list[dict[str, Any]]:
     """The styles of curves with these names, by which the legend has them where they are several,
-    or also where one is `alone`."""
-    labels = names if alone or len(names) > 1 else [""]
+    and also `even_one`."""
+    labels = names if even_one or len(names) > 1 else [""]
     looks = zip(styles(len(names), style_names), labels, strict=True)
     return [{**look, "label": label} for look, label in looks]
 

@@ -68,12 +68,12 @@ class MovingPart:
 
 @dataclass(frozen=True)
 class Film:
-    """A motion as a moving picture: times (n,), attitudes (n, 4), parts, the angles of view in
-    degrees, the seconds that it lasts, and the words before and after a time."""
+    """A motion as a moving picture: times (n,), SciPy's rotations (n,) from the body to space,
+    parts, the angles of view in degrees, the seconds that it lasts, and the words before and after
+    a time."""
 
     time: np.ndarray
-    attitude: np.ndarray
-    matrices: np.ndarray
+    rotations: Any
     parts: Sequence[MovingPart]
     view: tuple[float, float]
     seconds: float
@@ -88,7 +88,8 @@ class Film:
         """The film in a page that plays, pauses, scrubs and turns it, and needs no other file."""
         data = {
             "time": self.time - self.time[0], "start": float(self.time[0]),
-            "attitude": self.attitude, "parts": [*map(asdict, self.parts)],
+            "attitude": np.roll(self.rotations.as_quat(), 1, axis=1),
+            "parts": [*map(asdict, self.parts)],
             "view": self.view, "seconds": self.seconds, "words": self.words, "reach": PICTURE_REACH,
             "room": NAME_ROOM,
         }  # fmt: skip
@@ -132,6 +133,7 @@ def body(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> No
     rows, width = -(-len(moments) // across), sheet.width or PAGE
     panels = sheet.panels(width, rows * (width / across + 0.2), len(moments), across)
     for axes, moment in zip(panels, moments, strict=True):
+        frame_space(axes)
         draw_moment(axes, film, int(np.abs(film.time - moment).argmin()))
     sheet.legend += key_handles()
 
@@ -143,34 +145,31 @@ def film_of(motion: Motion, spec: Mapping[str, Any]) -> Film:
     # The last one too: a film and its printed moments end with the motion.
     places = np.linspace(0, len(within) - 1, min(len(within), FILM_SAMPLES))
     index = within[places.round().astype(int)]
+    symbol, of = without_tex(f"${spec['time']}$"), motion.units("time")
+    words = (f"{symbol} = ", "" if of == "1" else f" {of}")
+    turned, parts = rotations(motion)[index], moving_parts(motion, index)
+    return Film(motion.time[index], turned, parts, tuple(spec["view"]), spec["seconds"], words)
+
+
+def moving_parts(motion: Motion, index: np.ndarray) -> list[MovingPart]:
+    """What is seen of a motion in a film of some of its samples."""
     turned = rotations(motion)[index]
     # Whatever the units; of two lengths, since both often point the same way.
     G, omega = (
         length * values / max(float(np.hypot.reduce(values, axis=-1).max()), math.ulp(0))
         for length, values in ((1, motion.G[index]), (0.8, motion.omega[index]))
     )
-    parts = [
+    body_axes = zip(0.7 * np.eye(3), ("x1", "x2", "x3"), range(1, 4), strict=True)
+    space_axes = zip(SPACE_AXIS * np.eye(3), SPACE_AXES, strict=True)
+    return [
         *faces(motion.inertia, motion.principal_axes),
-        *(
-            MovingPart("arrow", True, 0.7 * np.eye(3)[[i]], AXIS_COLOUR[i + 1], f"x{i + 1}")
-            for i in range(3)
-        ),
+        *(MovingPart("arrow", True, tip[None], AXIS_COLOUR[i], name) for tip, name, i in body_axes),
         MovingPart("trail", True, G, RED),
         MovingPart("trail", False, turned.apply(omega), PURPLE),
         MovingPart("arrow", False, turned.apply(omega), PURPLE, "ω"),
         MovingPart("arrow", False, turned.apply(G), RED, "G"),
-        *(
-            MovingPart("axis", False, SPACE_AXIS * axis[None], GREY, name)
-            for axis, name in zip(np.eye(3), SPACE_AXES, strict=True)
-        ),
+        *(MovingPart("axis", False, tip[None], GREY, name) for tip, name in space_axes),
     ]
-    symbol, of = without_tex(f"${spec['time']}$"), motion.units("time")
-    words = (f"{symbol} = ", "" if of == "1" else f" {of}")
-    attitude = motion.stored("attitude")[index]
-    times = motion.time[index]
-    return Film(
-        times, attitude, turned.as_matrix(), parts, tuple(spec["view"]), spec["seconds"], words
-    )
 
 
 def faces(A: np.ndarray, axes: np.ndarray) -> Iterator[MovingPart]:
@@ -191,7 +190,7 @@ def draw_moment(axes: Axes, film: Film, i: int) -> None:
     """Draw the film's sample i into a panel."""
     view = View(film.view)
     for part in film.parts:
-        seen = view(part.points @ film.matrices[i].T if part.of_body else part.points)
+        seen = view(film.rotations[i].apply(part.points) if part.of_body else part.points)
         x, y, near = seen.T
         if part.role == "face":
             # The front is a veil over what is behind it.
@@ -206,7 +205,6 @@ def draw_moment(axes: Axes, film: Film, i: int) -> None:
             arrow(axes, np.zeros(2), tip, part.colour, zorder=2 if part.role == "axis" else 5)
             name = re.sub(r"(\d)", r"_\1", part.name)
             Words(axes, f"${name}$", tip[None], toward=tip, color=part.colour)
-    frame_space(axes)
     symbol, unit = film.words
     axes.set_title(f"${symbol}{film.time[i]:.6g}${unit}", color=BLACK)
 

@@ -94,22 +94,22 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     averaged = [averaged_share(member, line) for member in members]
     names = share_names(swept, curves, [damping_alone(member) for member in members])
     looks = styles(len(names), spec["styles"])
-    for at, label, foreseen, style in zip(curves, names, averaged, looks, strict=True):
+    for at, label, calculated, style in zip(curves, names, averaged, looks, strict=True):
         counted = counted_share(swept, at, points, label)
         circles = {"mec": style["color"], **MONTE_CARLO}
-        if foreseen is not None:
-            axes.plot(line, foreseen, **style, label=label)
-            sheet.record(label, {"time": line, "averaged": foreseen})
-        alone = label if foreseen is None else ""
-        axes.plot(points, counted, **circles, clip_on=False, zorder=4, label=alone)
+        if calculated is not None:
+            axes.plot(line, calculated, **style, label=label)
+            sheet.record(label, {"time": line, "averaged": calculated})
+        own_label = label if calculated is None else ""
+        axes.plot(points, counted, **circles, clip_on=False, zorder=4, label=own_label)
         sheet.record(label, {"time": points, f"counted, {form}": counted})
     axes.set(xlabel=f"${spec['time']}$", ylabel="share of starts that have crossed")
     axes.margins(x=0)
-    if any(foreseen is not None for foreseen in averaged):
+    if any(calculated is not None for calculated in averaged):
         sheet.legend.append(Line2D([], [], color=BLACK, label="averaged, in closed form"))
     words = f"counted, {form} motions"
     sheet.legend.append(Line2D([], [], mec=BLACK, **MONTE_CARLO, label=words))
-    if any(foreseen is None for foreseen in averaged):
+    if any(calculated is None for calculated in averaged):
         sheet.legend.append(Line2D([], [], ls="", label=NO_LINE))
 
 
@@ -193,7 +193,7 @@ def work_precision(sheet: Sheet, trials: Group) -> None:
     names = ("error", "run_time", "status", "floor")
     error, time, status, floor = (trials.variables[name].data for name in names)
     for i, (axes, case) in enumerate(zip(panels, cases, strict=True)):
-        for j, style in enumerate(labelled_styles(methods.tolist(), alone=True)):
+        for j, style in enumerate(labelled_styles(methods.tolist(), even_one=True)):
             done = np.isfinite(error[i, j]) & (status[i, j] != "timeout")
             x, y = time[i, j][done], np.maximum(error[i, j][done], MIN_ERROR)
             # A mark a point would make most of the file; a method with one point needs it.

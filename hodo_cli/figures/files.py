@@ -20,8 +20,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
+from ..cases.figure_block import FILM_FORMATS
 from ..storage import replacing
-from .sheet import FILMS, Sheet
+from .sheet import Sheet
 from .words import FormulaCanvas, every_panel, without_tex
 
 # Without dates and versions, so that the same results give the same bytes.
@@ -40,7 +41,7 @@ def save(sheet: Sheet, path: Path, about: str = "") -> None:
     """
     suffix, film = path.suffix[1:], sheet.figure.film
     with replacing(path) as draft:
-        if path.suffix in FILMS:
+        if suffix in FILM_FORMATS:
             film.write(draft, suffix)
         elif suffix == "html":
             back = f"../index.html#{quote(path.parent.name)}-{quote(path.stem)}"

@@ -295,19 +295,20 @@ def map_sphere(
     for circle in circles:
         axes.plot(*unbroken(circle), **SEPARATRIX, zorder=3, path_effects=HALO)
     globe(sheet, axes, directions, values, circles, look)
-    for i, direction in (
-        (1, (1, 0, 0)),
-        (2, (0, 1, 0)),
-        (3, (0, 0, 1)),
-        (2, (0, -1, 0)),
-        (3, (0, 0, -1)),
-    ):
-        point = np.stack(angles(np.array(direction, dtype=float)))
-        sign = "" if sum(direction) > 0 else "-"
-        axes.plot(*point, "k.", ms=2.5, zorder=4, clip_on=False)
+    name_axes(axes)
+    sheet.legend += [Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$")] if circles else []
+    return dict(zip(("G.x1/|G|", "G.x2/|G|", "G.x3/|G|"), directions.T, strict=True))
+
+
+def name_axes(axes: Axes) -> None:
+    """Mark and name the directions of the axes of the body on a map of the sphere; -x1 is on both
+    of its edges."""
+    for i, sign in ((1, 1), (2, 1), (3, 1), (2, -1), (3, -1)):
+        direction = sign * np.eye(3)[i - 1]
+        axes.plot(*angles(direction), "k.", ms=2.5, zorder=4, clip_on=False)
         axes.annotate(
-            f"${sign}x_{i}$",
-            pair(point),
+            f"${'-' if sign < 0 else ''}x_{i}$",
+            pair(np.array(angles(direction))),
             # Above the upper pole is the title.
             (3, -9 if direction[2] > 0 else 3),
             textcoords="offset points",
@@ -315,8 +316,6 @@ def map_sphere(
             path_effects=HALO,
             zorder=5,
         )
-    sheet.legend += [Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$")] if circles else []
-    return dict(zip(("G.x1/|G|", "G.x2/|G|", "G.x3/|G|"), directions.T, strict=True))
 
 
 def angles(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -465,18 +464,22 @@ def curve_of(
     shown |= {
         axis_column(swept, of): np.full(len(x), swept.ticks(of)[0][i]) for of, i in indices.items()
     }
+    sheet.record(name, shown)
     missing = ~np.isfinite(values)
     if (values[~missing] % 1 == 0).all():
         axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     # Many stand side by side, and not on one another.
-    size = float(np.clip(CROSSES_ACROSS / len(x), 1, 4))
-    look = {"ls": "", "marker": "x", "ms": size, "color": style["color"], "clip_on": False}
-    height = np.full(int(missing.sum()), row)
-    (crosses,) = axes.plot(x[missing], height, transform=axes.get_xaxis_transform(), **look)
+    cross_out(axes, x[missing], row, style["color"], float(np.clip(CROSSES_ACROSS / len(x), 1, 4)))
+    return bool(missing.any())
+
+
+def cross_out(axes: Axes, x: np.ndarray, row: float, colour: Any, size: float) -> None:
+    """Crosses of a size in points at places (n,) along a panel, in a row of it."""
+    look: Look = {"ls": "", "marker": "x", "ms": size, "color": colour, "clip_on": False}
+    heights = np.full(len(x), row)
+    (crosses,) = axes.plot(x, heights, transform=axes.get_xaxis_transform(), **look)
     # Whole at the ends of the axis too; without a cross they would take room as if at the origin.
     crosses.set_in_layout(False)
-    sheet.record(name, shown)
-    return bool(missing.any())
 
 
 SHARE_WORDS = "share of members: "

@@ -167,7 +167,7 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]
         groups = {name: [(motion, name) for motion in motions] for name in variables}
         keys, names = [motion.name for motion in motions], [motion.label for motion in motions]
         style_names = spec["styles"]
-    looks = labelled_styles(names, style_names, alone=bool(spec["formula"]))
+    looks = labelled_styles(names, style_names, even_one=bool(spec["formula"]))
     panels = series_panels(sheet, spec, len(groups), time_label(spec, motions[0]))
     for axes, (group, curves) in zip(panels, groups.items(), strict=True):
         for (motion, name), style in zip(curves, looks, strict=True):

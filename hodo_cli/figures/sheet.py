@@ -21,6 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from .. import HodoError
+from ..cases.figure_block import FILM_FORMATS
 from ..results.motion import Motion
 from .words import place_words, without_tex
 
@@ -120,10 +121,6 @@ class Scene:
         return np.where(self.shows(points)[:, None], self.view(points)[:, :2], np.nan)
 
 
-FILMS = (".gif", ".mp4")
-"""The suffixes of files of what moves."""
-
-
 class Drawing(Figure):
     """A figure with parameters of matplotlib of its own, in which it is drawn and saved wherever
     that is. A notebook shows it by itself, whatever backend it has: as an image, or moving."""
@@ -148,8 +145,8 @@ class Drawing(Figure):
         """As matplotlib does; to a name that ends with .gif or .mp4, what moves as a film."""
         path = Path(fname) if isinstance(fname, str | Path) else Path()
         with self.styled():
-            if self.film and path.suffix in FILMS:
-                self.film.write(path, path.suffix[1:])
+            if self.film and (suffix := path.suffix[1:]) in FILM_FORMATS:
+                self.film.write(path, suffix)
             else:
                 super().savefig(fname, **keys)
 
