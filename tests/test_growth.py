@@ -1,6 +1,8 @@
 """The growth of a small tilt, and the axis in the end: what `classify` says of a medium."""
 
 import json
+from collections.abc import Sequence
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +106,35 @@ def test_the_axis_in_the_end_is_that_of_the_slowest_eigenvector() -> None:
         case = damped("tensor", start, 20000.0, resistance=tuple(map(tuple, resistance.tolist())))
         _, found = classified(case)
         assert found.labels[-1] == found.final
+
+
+@pytest.mark.parametrize("order", list(permutations(range(3))))
+@pytest.mark.parametrize(
+    ("rates", "final"),
+    [
+        ((0.005, 0.005, 0.005), None),  # D = D(0) exp(-2 lambda t): the start decides
+        ((0.003, 0.010, 0.003), None),
+        ((0.003, 0.010, 0.003 * (1 + 1e-15)), None),
+        ((0.005, 0.001, 0.004), 2),  # the slowest axis is the middle one
+        ((0.002, 0.001, 0.004), 0),
+        ((0.003, 0.003, 0.005), 0),
+        ((0.005, 0.004, 0.003), 2),
+    ],
+)
+def test_of_a_diagonal_tensor_the_outer_rates_decide(
+    rates: Sequence[float], final: int | None, order: Sequence[int]
+) -> None:
+    A = np.array((1.0, 0.8, 0.6))[[*order]]
+    data = {"inertia": A.tolist(), "resistance": np.diag(np.array(rates)[[*order]] * A).tolist()}
+    both = {"model": "tensor", "time": {"end": 1.0}, **data}
+    case = Case.of({**both, "initial": {"p": 0.8, "q": 0.5, "r": 0.74}})
+    assert case.system.final_axis == (None if final is None else [*order].index(final) + 1)
+    assert Case.of({**both, "initial": dict.fromkeys("pqr", 0.0)}).system.final_axis is None
+    # A rotation about an outer axis stays there, whatever is slower.
+    for axis in (0, 2):
+        start = np.eye(3)[[*order].index(axis)]
+        case = Case.of({**both, "initial": dict(zip("pqr", start.tolist(), strict=True))})
+        assert case.system.final_axis == [*order].index(axis) + 1
 
 
 @pytest.mark.parametrize("unit", [1e-14, 1, 1e14])

@@ -1,5 +1,6 @@
 """Linear resistance by a constant tensor."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -29,6 +30,11 @@ def resistance_key(entry: Kind, **more: Any) -> Key:
         else ListOf(row, length=3, title="3 rows of 3 numbers or laws")
     )
     return Key(Either(rows, Table(two)), "tensor I of -I omega", unit=unit, **more)
+
+
+EQUAL_RATES = 1e-12
+"""Rates of decay whose ratio differs from 1, or from 0, by no more are taken to be equal, or 0:
+rounding may have made the difference."""
 
 
 @dataclass(frozen=True)
@@ -69,17 +75,48 @@ class Tensor(BodyUnderTorques):
     def final_axis(self) -> int | None:
         """The axis that is enclosed in the end, when the rotation has become slower than its
         damping: A omega' = -I omega then, and omega turns to the eigenvector of A^-1 I that decays
-        most slowly. None unless I is symmetric and takes energy out of every motion.
+        most slowly.
+
+        None unless I is symmetric and takes energy out of every motion; none either at rest, and
+        where that eigenvector is not known from others, or lies on the separatrix, as the middle
+        axis does.
         """
         A, I = np.array(self.inertia), self.matrix
         values = np.linalg.eigvalsh(I)
         # A kernel, or an eigenvalue that is rounding, stops no motion: omega x A omega decides.
-        if (I != I.T).any() or values[0] <= 1e-12 * values[-1]:
+        if not any(self.start) or (I != I.T).any() or values[0] <= EQUAL_RATES * values[-1]:
             return None
-        # A^-1 I has the eigenvalues of this symmetric matrix, and its eigenvectors times A^(1/2).
-        root = np.sqrt(A)
-        _, vectors = np.linalg.eigh(I / np.outer(root, root))
-        return int(rigid_body.enclosed_axis(A, vectors[:, 0] / root, 1e-12))
+        if self.spins_steadily:
+            direction, error = self.start, 0.0
+        else:
+            direction, error = slowest_direction(A, I)
+        label = int(rigid_body.enclosed_axis(A, np.array(direction), error))
+        if label != rigid_body.SEPARATRIX or not is_diagonal(I):
+            return label if label > 0 else None
+        # D' = -2 lambda D for each of the two outer axes: what is about one decays more slowly.
+        largest, _, smallest = rigid_body.inertia_order(A)
+        rate = np.diag(I) / A
+        if math.isclose(rate[largest], rate[smallest], rel_tol=EQUAL_RATES):
+            return None
+        return 1 + (largest if rate[largest] < rate[smallest] else smallest)
+
+    @property
+    def spins_steadily(self) -> bool:
+        """Whether the start is a rotation about a body axis that I leaves alone: it lasts for ever,
+        whatever the other rotations come to."""
+        turning = np.flatnonzero(self.start)
+        others = np.delete(self.matrix, turning, axis=0)[:, turning]
+        return len(turning) == 1 and not others.any()
+
+
+def slowest_direction(A: np.ndarray, I: np.ndarray) -> tuple[np.ndarray, float]:
+    """The direction (3,) of the solution of A omega' = -I omega that decays most slowly, with what
+    rounding may turn it by; I is symmetric."""
+    # A^-1 I has the eigenvalues of this symmetric matrix, and its eigenvectors times A^(1/2).
+    root = np.sqrt(A)
+    rates, vectors = np.linalg.eigh(I / np.outer(root, root))
+    gap = max(rates[1] - rates[0], EQUAL_RATES * rates[0])
+    return vectors[:, 0] / root, EQUAL_RATES * rates[2] / gap
 
 
 @dataclass(frozen=True)
