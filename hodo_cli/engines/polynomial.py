@@ -96,6 +96,32 @@ def weights(x: np.ndarray, degree: int) -> np.ndarray:
     return np.asarray(_binomials(degree, x.dtype) * up * down[:, ::-1])
 
 
+def bernstein_coefficients(c: np.ndarray, length: np.ndarray, basis: str) -> np.ndarray:
+    """The Bernstein coefficients (n, m, degree + 1) of steps with these coefficients in the basis
+    of their engine, which are overwritten, and these lengths (n,)."""
+    order = c.shape[2] - 1
+    if basis == TAYLOR:
+        # Powers of the time since the start of the step become powers of x = (t - start)/length.
+        c[:, :, 1:] *= np.cumprod(np.repeat(length[:, None], order, axis=1), axis=1)[:, None]
+    return np.asarray(c @ to_bernstein(basis, order, c.dtype))
+
+
+def value_and_slope(b: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The values (k, m) of polynomials at places x (k,), by Bernstein coefficients b (k, m,
+    degree + 1), and their derivatives by x."""
+    degree = b.shape[2] - 1
+    value = np.matmul(b, weights(x, degree)[:, :, None])
+    slope = np.matmul(np.diff(b, axis=2), weights(x, degree - 1)[:, :, None])
+    return value[:, :, 0], degree * slope[:, :, 0]
+
+
+def values_and_slopes(b: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The values (n, m, k) of polynomials at the same places x (k,), by Bernstein coefficients
+    b (n, m, degree + 1), and their derivatives by x."""
+    degree = b.shape[2] - 1
+    return b @ weights(x, degree).T, degree * np.diff(b, axis=2) @ weights(x, degree - 1).T
+
+
 def rounding(c: np.ndarray, basis: str) -> np.ndarray:
     """What rounding may change the values of polynomials by (...,), from their coefficients
     (..., degree + 1).

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..engines import extended
-from ..engines.polynomial import TAYLOR, isolate, rounding, to_bernstein, weights
+from ..engines.polynomial import bernstein_coefficients, isolate, rounding, value_and_slope
 from ..engines.protocol import Engine
 from ..models import rigid_body
 from ..models.base import Event, Model
@@ -157,15 +157,10 @@ class CrossingSearch(StepObserver):
 
         `c` is overwritten.
         """
-        order = c.shape[2] - 1
-        if self.engine.basis == TAYLOR:
-            # Powers of the time since the start of the step become powers of x = (t - start)/span.
-            span = times[:, 1] - times[:, 0]
-            c[:, :, 1:] *= np.cumprod(np.repeat(span[:, None], order, axis=1), axis=1)[:, None]
-        a, b = rigid_body.separatrix_roots(self.A.astype(c.dtype), self.order)
+        b = bernstein_coefficients(c, times[:, 1] - times[:, 0], self.engine.basis)
+        outer, inner = rigid_body.separatrix_roots(self.A.astype(c.dtype), self.order)
         noise = rounding(c, self.engine.basis)
-        form_noise = a * noise[:, self.order[0]] + b * noise[:, self.order[2]]
-        return c @ to_bernstein(self.engine.basis, order, c.dtype), form_noise
+        return b, outer * noise[:, self.order[0]] + inner * noise[:, self.order[2]]
 
     def _near(self, c: np.ndarray, times: np.ndarray) -> np.ndarray:
         """The steps (k,) in which |margin| may be `uncertainty` or less."""
@@ -222,7 +217,7 @@ class CrossingSearch(StepObserver):
 
     def _view(self, b: np.ndarray, row: np.ndarray, x: np.ndarray) -> StepView:
         """The motion at places x (k,) in steps with Bernstein coefficients b (n, 3, degree + 1)."""
-        A, (omega, slope) = self.A.astype(b.dtype), omega_and_slope(b[row], x)
+        A, (omega, slope) = self.A.astype(b.dtype), value_and_slope(b[row], x)
         values, changes = (
             np.abs(rigid_body.separatrix_forms(A, w.T, self.order)) for w in (omega, slope)
         )
@@ -235,15 +230,6 @@ class CrossingSearch(StepObserver):
         momentum = np.ldexp(momentum.astype(float), self.units.size)
         margin, label = sides_of(self.body, omega)
         return StepView(label, margin, momentum, rate)
-
-
-def omega_and_slope(b: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The angular velocities (k, 3) at places x (k,) in steps with Bernstein coefficients b (k, 3,
-    degree + 1), and their derivatives by x."""
-    degree = b.shape[2] - 1
-    omega = np.matmul(b, weights(x, degree)[:, :, None])
-    slope = np.matmul(np.diff(b, axis=2), weights(x, degree - 1)[:, :, None])
-    return omega[:, :, 0], degree * slope[:, :, 0]
 
 
 @np.errstate(all="ignore")
@@ -425,7 +411,7 @@ class RegionSearch(CrossingSearch):
     def _view(self, b: np.ndarray, row: np.ndarray, x: np.ndarray) -> StepView:
         """The motion at places x (k,) in steps with Bernstein coefficients b (n, 3, degree + 1)."""
         # A rotor has a momentum of its own, so that nothing is homogeneous in omega.
-        w, change = (np.ldexp(values, self.units.size) for values in omega_and_slope(b[row], x))
+        w, change = (np.ldexp(values, self.units.size) for values in value_and_slope(b[row], x))
         A, h = self.A.astype(b.dtype), np.asarray(self.body.rotor_momentum, dtype=b.dtype)
         region = region_of(A, h, w)
         slope = (region.gradient * change[:, None]).sum(-1)

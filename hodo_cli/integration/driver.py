@@ -9,7 +9,7 @@ import numpy as np
 
 from ..engines.protocol import Engine, EventRoot, Status, StepControl, uneven
 from ..models.base import Event, EventOutcome, Model
-from ..models.constants import attributes, moving, rescaled, state_powers
+from ..models.constants import attributes, moving, rescaled, stacked, state_powers
 from .trajectory import Occurrence
 from .units import (
     AbsoluteClock,
@@ -93,7 +93,8 @@ class StepObserver:
 
 class Propagation:
     """A motion on its way through sample times: its state `y`, in `units` that fit it, at the time
-    of the `clock`."""
+    of the `clock`; straight on over each of the `restarts` (k, 3), the times before, at and behind
+    a sudden change of the rates."""
 
     def __init__(
         self,
@@ -104,8 +105,10 @@ class Propagation:
         control: StepControl,
         observer: StepObserver | None,
         events: tuple[Event, ...],
+        restarts: np.ndarray,
     ) -> None:
         model, fp = type(system), engine.dtype
+        self.restarts = in_precision(restarts, fp)
         self.engine, self.system, self.model, self.events = engine, system, model, events
         self.is_timed, self.moving = is_timed(system, events), moving(model)
         self.span = float(times[-1]) - start if len(times) else 0.0
@@ -139,15 +142,42 @@ class Propagation:
         control says so.
         """
         while not self.samples.is_complete and self.control.status is Status.OK:
-            self.change_units(self.integrate())
+            self.clock.factor = float(np.ldexp(1.0, self.units.rate))
+            self.restarts = self.restarts[self.clock.until(self.restarts[:, 1]) > 0]
+            if (self.clock.until(self.restarts[:1, 0]) <= 0).any():
+                self.go_straight_on(*self.restarts[0, 1:])
+            else:
+                self.change_units(self.integrate())
         return self.samples
+
+    def go_straight_on(self, at: Any, end: Any) -> None:
+        """Go on to the time `end` by the rates of the present, and from the time `at` of a sudden
+        change by those of the end."""
+        clock, y, fp = self.clock, self.y, self.engine.dtype
+        k = attributes(self.units.constants(self.model, self.system.constants), fp)
+        before, behind = (
+            stacked(self.system.rhs(t, [*y], k), y) * fp(clock.factor)
+            for t in (clock.exact(fp(0)), end)
+        )
+        ahead = self.samples.time[self.samples.done :]
+        left = clock.until(np.append(ahead[ahead <= float(end)].astype(fp), end))
+        first = np.where(left < clock.until(at), left, clock.until(at))
+        states = y + np.outer(first, before) + np.outer(left - first, behind)
+        self.samples.add(states[:-1], self.units.size)
+        self.y = states[-1]
+        clock.restart(end)
 
     def integrate(self) -> int:
         """Integrate in the present units, through as many samples as these serve; the exponent of
         the unit of omega in which the state is then."""
         samples, units, clock = self.samples, self.units, self.clock
-        clock.factor = float(np.ldexp(1.0, units.rate))
-        grid = clock.grid(samples.time[samples.done :][:SAMPLES_AT_ONCE].astype(self.engine.dtype))
+        block = samples.time[samples.done :][:SAMPLES_AT_ONCE].astype(self.engine.dtype)
+        stop = self.restarts[:1, 0]
+        if (stop < block[-1]).any():
+            block = block[block < stop]
+        else:
+            stop = block[:0]
+        grid = clock.grid(np.append(block, stop))
         if not math.isfinite(float(grid[-1])):
             raise OverflowError
         k = units.constants(self.model, self.system.constants)
@@ -166,7 +196,8 @@ class Propagation:
             Occurrence(self.events[root.event].kind, clock.true(root.time))
             for root in stretch.roots
         ]
-        samples.add(stretch.rows[1:], units.size)  # the first row is where it began
+        # The first row is where it began, and one behind the samples is at a restart.
+        samples.add(stretch.rows[1 : len(block) + 1], units.size)
         if stretch.stop:
             return self.pass_event(stretch.stop)
         clock.advance(stretch.time)
@@ -210,6 +241,12 @@ class Propagation:
             time = self.clock.true(self.engine.dtype(0))
             self.control.give_up(Status.FAILED, f"{OVERFLOW_MESSAGE} at {time:.6g}")
         self.y = scaled_by(self.model, self.y, size - self.units.size)
+
+
+def in_precision(values: np.ndarray, fp: Any) -> np.ndarray:
+    """Long doubles or doubles in any precision; to a quadruple there is no way but by doubles."""
+    high = values.astype(float)
+    return np.asarray(high.astype(fp) + (values - high).astype(float).astype(fp))
 
 
 def scaled_by(model: type[Model], y: np.ndarray, size: int) -> np.ndarray:

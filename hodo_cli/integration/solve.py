@@ -1,7 +1,8 @@
 """Case -> Trajectory: the motion of a case by one method."""
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 from time import perf_counter, thread_time
 from typing import Any
 
@@ -10,10 +11,15 @@ import numpy as np
 from .. import HodoError, engines
 from ..cases.case import Case
 from ..cases.keys import NO_CLOSED_FORM, wrong_precision
-from ..engines.polynomial import TAYLOR
-from ..engines.protocol import EPS, LAST_STEP, Status, StepControl
+from ..engines.polynomial import (
+    TAYLOR,
+    bernstein_coefficients,
+    value_and_slope,
+    values_and_slopes,
+)
+from ..engines.protocol import EPS, LAST_STEP, Engine, Status, StepControl
 from ..models.base import Model
-from ..models.constants import attributes
+from ..models.constants import attributes, stacked
 from .driver import (
     LARGEST_EXPONENT,
     OVERFLOW_MESSAGE,
@@ -57,6 +63,110 @@ class AccuracyMonitor(StepObserver):
         state = engines.extended(series).astype(float) @ at_start
         k = attributes(self.system.constants)
         self.everywhere &= bool(self.system.is_accurate(state[:, np.newaxis], k, self.tol).all())
+
+
+POINTS_CHECKED, POINTS_AT_ONCE = 1 << 15, 1 << 13
+"""Places of a span, evenly spaced, at which steps are compared with formulas, since what is shorter
+may be overlooked; and those that are compared together."""
+
+DEFECT = 1e-11
+"""By how much a step may miss its equations at least, relative to the size of the state: far above
+the rounding of the comparison, far below what a pulse of a formula makes of a motion."""
+
+HALVINGS = 70
+"""Halvings of a step after which a place in it is known to the digits of a long double."""
+
+ASIDE, LEAST_ULPS = 1e-9, 4
+"""How far from a change steps end and begin: in the time in which a motion changes by its own size,
+so that its square is below the rounding of a double, and in rounding errors of the time."""
+
+MOST_ATTEMPTS, MOST_CHANGES = 64, 10_000
+"""How often a motion is begun anew because of changes of its formulas, most of which are seen at
+once, and how many of them it may have."""
+
+
+@dataclass
+class StepCheck(StepObserver):
+    """Compares the polynomials of steps with their equations all along, and notes where they begin
+    to differ.
+
+    A series knows a formula by its derivatives at the start of a step, and other methods by its
+    values at some points: they pass a short pulse, and a series a corner too, without a trace.
+    `changes` are the times of such places, each with one before and one behind it, between which
+    the motion is to go straight on: begun anew there, it misses nothing.
+    """
+
+    system: Model
+    span: float
+    tol: float
+    ends: list[tuple[Any, Any]] = field(default_factory=list)
+    series: list[np.ndarray] = field(default_factory=list)
+    longest: float = 0.0
+    changes: list[tuple[Any, Any, Any]] = field(default_factory=list)
+
+    def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
+        """See `Observer`."""
+        self.ends.append((start, end))
+        self.series.append(series.copy())
+        self.longest = max(self.longest, float(end - start))
+        if len(self.ends) * self.points >= POINTS_AT_ONCE:
+            self.flush()
+
+    @property
+    def points(self) -> int:
+        """The number of places at which each of the steps noted is compared."""
+        return 8 + int(POINTS_CHECKED * self.longest / self.clock.factor / self.span)
+
+    def flush(self) -> None:
+        """Compare the steps noted."""
+        if not self.ends:
+            return
+        ends, series = (engines.extended(np.array(x)) for x in (self.ends, self.series))
+        # Nearer to each other towards the ends, where collocation has no points of its own.
+        x = (1 - np.cos(np.pi * np.arange(self.points + 1) / self.points)) / 2
+        b = self._bernstein(series.astype(float), ends.astype(float))
+        missed = self._misses(ends.astype(float), x, b, values_and_slopes(b, x))
+        steps = np.flatnonzero(missed.any(axis=1))
+        first = missed[steps].argmax(axis=1)
+        if self.engine.dtype is np.float64:
+            ends, series = ends.astype(float), series.astype(float)
+        if steps.size:
+            self._note(ends[steps], series[steps], x[np.maximum(first - 1, 0)], x[first])
+        self.ends, self.series, self.longest = [], [], 0.0
+
+    def _note(
+        self, ends: np.ndarray, series: np.ndarray, low: np.ndarray, high: np.ndarray
+    ) -> None:
+        """Note where steps begin to miss their equations, between these places (n,)."""
+        b = self._bernstein(series, ends)
+        low, high = low.astype(b.dtype), high.astype(b.dtype)
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            values = [part[:, :, None] for part in value_and_slope(b, middle)]
+            missed = self._misses(ends, middle[:, None], b, values)[:, 0]
+            low, high = np.where(missed, low, middle), np.where(missed, middle, high)
+        at = self.clock.exact_times(ends[:, 0] + low * (ends[:, 1] - ends[:, 0]))
+        # A series that begins at a corner overflows, and the formula may be no number there.
+        aside = np.maximum(ASIDE / self.clock.factor, LEAST_ULPS * np.spacing(at.astype(float)))
+        self.changes += [*zip(at - aside, at, at + aside, strict=True)]
+
+    def _bernstein(self, series: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        return bernstein_coefficients(series.copy(), ends[:, 1] - ends[:, 0], self.engine.basis)
+
+    def _misses(
+        self, ends: np.ndarray, x: np.ndarray, b: np.ndarray, values: Iterable[np.ndarray]
+    ) -> np.ndarray:
+        """Whether steps miss their equations (n, k) at places x, (k,) or (n, 1), where their
+        polynomials and the derivatives of these by x have such values (n, m, k)."""
+        length = ends[:, 1:] - ends[:, :1]
+        t = self.clock.exact_times(ends[:, :1] + x * length).astype(b.dtype)
+        state, slope = (part.swapaxes(0, 1) for part in values)
+        k = attributes(self.units.constants(type(self.system), self.system.constants), b.dtype.type)
+        rates = stacked(self.system.rhs(t, [*state], k), state)
+        # Between the ends of a step its polynomial has half of the digits at worst.
+        allowed = max(DEFECT, self.tol**0.5) * np.abs(b).max(axis=(1, 2))
+        is_met = np.abs(slope - length * rates).max(axis=0) <= allowed[:, None]
+        return np.asarray(~is_met)
 
 
 @dataclass
@@ -156,17 +266,49 @@ def attempted(
     # Both times from here on, since compiling and imports are paid once for all cases of a model: a
     # case must not run into its limit for being the first. `began` is of this thread's processor,
     # since the clock counts what else the machine does.
-    control = StepControl(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
     began = thread_time()
     monitor = AccuracyMonitor(system, max(engine.tol, EPS)) if system.refined_data else None
+
+    def integrated(
+        by: StepObserver | None, changes: np.ndarray
+    ) -> tuple[SampleBuffer, StepControl]:
+        control = StepControl(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
+        path = Propagation(engine, system, case.time.start, times, control, by, events, changes)
+        return path.run(), control
+
     try:
-        samples = Propagation(
-            engine, system, case.time.start, times, control, observer or monitor, events
-        ).run()
+        changes, are_all = np.empty((0, 3)), True
+        if system.has_formulas and not monitor:
+            changes, are_all = changes_of_formulas(case, engine, times, integrated)
+        samples, control = integrated(observer or monitor, changes)
     except ArithmeticError as error:
         raise HodoError(f"{case.name}: its numbers exceed the range of doubles") from error
+    if not are_all:
+        control.give_up(Status.FAILED, "its formulas change within its steps, wherever these begin")
     motion = trajectory(case, method, engine.tol, samples, control, began)
+    motion = replace(motion, restarts=len(changes))
     return motion, monitor is None or monitor.everywhere
+
+
+def changes_of_formulas(
+    case: Case,
+    engine: Engine,
+    times: np.ndarray,
+    integrated: Callable[[StepObserver, np.ndarray], tuple[SampleBuffer, StepControl]],
+) -> tuple[np.ndarray, bool]:
+    """The times (n, 3) before, at and behind each place where the formulas of a case change so that
+    its steps are to be begun anew, found by integrating it until they meet its equations
+    everywhere; and whether they do in the end."""
+    changes, span = np.empty((0, 3)), float(times[-1]) - case.time.start if len(times) else 0.0
+    for _ in range(MOST_ATTEMPTS if span > 0 else 0):
+        check = StepCheck(case.system, span, engine.tol)
+        integrated(check, changes)
+        if not check.changes:
+            return changes, True
+        if len(changes) > MOST_CHANGES:
+            break
+        changes = np.unique([*changes, *check.changes], axis=0)
+    return changes, span <= 0
 
 
 def trajectory(

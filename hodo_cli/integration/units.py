@@ -257,11 +257,14 @@ class Clock:
     low: Any
     factor: float = 1.0
 
+    def until(self, times: Any) -> Any:
+        """How long it is until some of the case's times."""
+        return (times - self.high) - self.low
+
     def grid(self, times: np.ndarray) -> np.ndarray:
         """The present, then `times`, in the engine's time."""
-        return np.concatenate(
-            ([self.high * 0], ((times - self.high) - self.low) * type(self.high)(self.factor))
-        )
+        later = self.until(times) * type(self.high)(self.factor)
+        return np.concatenate(([self.high * 0], later))
 
     def true(self, s: Any) -> float:
         """The case's time at the time s of the engine."""
@@ -275,10 +278,14 @@ class Clock:
         """Go on from another time."""
         self.high, self.low = time, time * 0
 
-    def true_times(self, s: np.ndarray) -> np.ndarray:
-        """`true` of many moments (n,), in double or extended precision."""
+    def exact_times(self, s: np.ndarray) -> np.ndarray:
+        """The case's times at many times (...) of the engine, as long doubles."""
         high, low = extended(np.array([self.high, self.low]))
-        return np.asarray(high + (low + s / np.longdouble(self.factor))).astype(float)
+        return np.asarray(high + (low + s / np.longdouble(self.factor)))
+
+    def true_times(self, s: np.ndarray) -> np.ndarray:
+        """`true` of many times (...) of the engine."""
+        return self.exact_times(s).astype(float)
 
     @property
     def constants(self) -> dict[str, Any]:
@@ -306,8 +313,8 @@ class AbsoluteClock(Clock):
     def exact(self, s: Any) -> Any:
         return s
 
-    def true_times(self, s: np.ndarray) -> np.ndarray:
-        return s.astype(float)
+    def exact_times(self, s: np.ndarray) -> np.ndarray:
+        return extended(s)
 
     def advance(self, elapsed: tuple[Any, Any]) -> None:
         self.high = elapsed[0]

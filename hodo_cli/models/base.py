@@ -279,6 +279,14 @@ class Model:
         return []
 
     @property
+    def has_formulas(self) -> bool:
+        """Whether its equations hold formulas of a user's own, in which anything may happen within
+        a step: those of a model from outside the package do."""
+        package = __name__.partition(".")[0]
+        outside = (cls.__module__.partition(".")[0] != package for cls in type(self).__mro__[:-1])
+        return any(outside)
+
+    @property
     def refined_data(self) -> dict[str, Any]:
         """The data of this model that approximate its equations, as a reference takes them."""
         return {}

@@ -87,10 +87,10 @@ class Tensor(BodyUnderTorques):
         if not any(self.start) or (I != I.T).any() or values[0] <= EQUAL_RATES * values[-1]:
             return None
         if self.spins_steadily:
-            direction, error = self.start, 0.0
+            direction, error = np.array(self.start), 0.0
         else:
             direction, error = slowest_direction(A, I)
-        label = int(rigid_body.enclosed_axis(A, np.array(direction), error))
+        label = int(rigid_body.enclosed_axis(A, direction, error))
         if label != rigid_body.SEPARATRIX or not is_diagonal(I):
             return label if label > 0 else None
         # D' = -2 lambda D for each of the two outer axes: what is about one decays more slowly.

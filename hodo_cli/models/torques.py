@@ -258,6 +258,10 @@ class Torques(BodyUnderTorques):
                 if not is_finite_at(text, [*omega, start]):
                     yield ("expression", i), "is no number at the start of the motion"
 
+    @property
+    def has_formulas(self) -> bool:
+        return self.expression is not None or super().has_formulas
+
     @cached_property
     def constants(self) -> Constants:
         constants: dict[str, Any] = {}
