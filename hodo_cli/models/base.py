@@ -1,9 +1,11 @@
 """What every model states, and what the body-frame models share."""
 
 import math
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -282,9 +284,9 @@ class Model:
     def has_formulas(self) -> bool:
         """Whether its equations hold formulas of a user's own, in which anything may happen within
         a step: those of a model from outside the package do."""
-        package = __name__.partition(".")[0]
-        outside = (cls.__module__.partition(".")[0] != package for cls in type(self).__mro__[:-1])
-        return any(outside)
+        package = str(Path(__file__).parents[1])
+        modules = (sys.modules[cls.__module__] for cls in type(self).__mro__[:-1])
+        return any(not str(module.__file__).startswith(package) for module in modules)
 
     @property
     def refined_data(self) -> dict[str, Any]:

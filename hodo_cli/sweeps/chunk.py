@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import thread_time
@@ -20,6 +21,7 @@ from ..integration import (
     integrate,
     label_at_start,
     sample_times,
+    solve,
 )
 from ..models import rigid_body
 from ..models.constants import flatten, rescaled
@@ -193,6 +195,9 @@ def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nd
     case, rejection = chunk.case, np.zeros(chunk.last - chunk.first, dtype=np.int64)
     times = sample_times(case) if "trajectory" in case.store else np.empty(0)
     computed = np.flatnonzero(~chunk.taken)
+    if computed.size and changes_within_steps(case, chunk.first):
+        rejection[computed] = Rejection.FORMULA.code
+        return rejection
     for group in prepare(case, chunk.first + computed) if computed.size else ():
         positions = computed[group.members]
         # One compiled step watches one event of each kind; of more, single cases keep the order.
@@ -210,6 +215,14 @@ def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nd
             enter(values, accepted, reduced_ensemble(e, outcome, case.time))
         rejection[positions] = outcome.rejection
     return rejection
+
+
+def changes_within_steps(case: Case, number: int) -> bool:
+    """Whether a member has formulas that change within its steps, which ensembles do not see."""
+    with suppress(HodoError):
+        single = member(case, number, 2)
+        return single.system.has_formulas and solve(single, "taylor").restarts > 0
+    return False
 
 
 def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.ndarray]:

@@ -44,6 +44,7 @@ class Rejection(Coded):
     COARSE = "equations that need finer data"
     UNCERTAIN = "the sign of an event's function is uncertain"
     PASSAGE = "a step beyond the passage of an event"
+    FORMULA = "formulas that change within a step"
 
 
 class Passages(NamedTuple):

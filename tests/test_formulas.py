@@ -1,0 +1,171 @@
+"""Torques by formulas that jump, have corners or short pulses, against pieces between these."""
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import run_hodo
+from scipy.integrate import solve_ivp
+
+import hodo_cli as hodo
+
+pytestmark = pytest.mark.engines
+
+A = (2.0, 1.4, 3.0)
+START, END = (0.09, 0.062, 0.031), 100.0
+METHODS = [pytest.param("auto", marks=pytest.mark.heyoka), "collocation", "DOP853"]
+
+
+def switched(first: float, last: float) -> str:
+    """0.05 between two times, else 0."""
+    return f"0.05*((t-{first})/sqrt((t-{first})**2)-(t-{last})/sqrt((t-{last})**2))/2"
+
+
+Torque = Callable[[float, np.ndarray], Sequence[float]]
+
+# Each with the torque itself, and the times between which a series is right.
+FORMULAS: dict[str, tuple[list[str], Torque, list[float]]] = {
+    "thruster": (
+        ["0", "0", switched(40.5, 41.25)],
+        lambda t, w: (0, 0, 0.05 * (40.5 < t < 41.25)),
+        [40.5, 41.25],
+    ),
+    "at a sample": (
+        ["0", "0", switched(40, 41)],
+        lambda t, w: (0, 0, 0.05 * (40 < t < 41)),
+        [40.0, 41.0],
+    ),
+    "pulse": (
+        ["0", "0.5*exp(-((t-60.3)/0.03)**2)", "0"],
+        lambda t, w: (0, 0.5 * math.exp(-(((t - 60.3) / 0.03) ** 2)), 0),
+        [60.0, 60.6],
+    ),
+    "ramp": (
+        ["0", "0.001*((t-50)+sqrt((t-50)**2))/2", "0"],
+        lambda t, w: (0, 0.001 * max(0, t - 50), 0),
+        [50.0],
+    ),
+}
+
+
+def pieces(torque: Torque, ends: list[float], end: float = END) -> np.ndarray:
+    """omega (3,) at the end, by steps of another method from one change to the next."""
+
+    def rates(t: float, w: np.ndarray) -> np.ndarray:
+        N, (A1, A2, A3) = torque(t, w), A
+        gyroscopic = (A2 - A3) * w[1] * w[2], (A3 - A1) * w[2] * w[0], (A1 - A2) * w[0] * w[1]
+        return np.array([(g + n) / a for g, n, a in zip(gyroscopic, N, A, strict=True)])
+
+    w = np.array(START)
+    for first, last in pairwise([0.0, *ends, end]):
+        inside = np.nextafter(first, last), np.nextafter(last, first)
+        step = (last - first) / 50
+        w = solve_ivp(rates, inside, w, "DOP853", rtol=1e-13, atol=1e-16, max_step=step).y[:, -1]
+    return w
+
+
+def motion(formula: list[str], **others: Any) -> Any:
+    return hodo.run(
+        {
+            "model": "torques", "inertia": A, "expression": formula,
+            "initial": dict(zip("pqr", START, strict=True)), "time": {"end": END, "samples": 101},
+            **others,
+        }
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", FORMULAS)
+def test_what_is_short_is_not_stepped_over(name: str, method: str) -> None:
+    formula, torque, ends = FORMULAS[name]
+    ds, true = motion(formula, method=method), pieces(torque, ends)
+    error = np.linalg.norm(ds.omega[-1] - true) / np.linalg.norm(true)
+    assert ds.attrs["status"] == "ok"
+    assert error < (1e-9 if method != "DOP853" else 1e-6)
+    # The pieces themselves are right to some 1e-12.
+    assert error < 2 * ds.attrs["error"] + 5e-12
+    # Without the torque the motion is another one.
+    assert np.linalg.norm(pieces(lambda t, w: (0, 0, 0), []) - true) > 0.01
+
+
+@pytest.mark.heyoka
+def test_a_sample_beside_a_jump_is_of_its_own_time() -> None:
+    formula, torque, _ = FORMULAS["at a sample"]
+    times = [40.0, 40 + 1e-9, 40 + 1e-8, 41 - 1e-9, 41.0, 50.0]
+    ds = motion(formula, time={"values": times})
+    for time, omega in zip(times, ds.omega.values, strict=True):
+        ends = [change for change in (40.0, 41.0) if change < time]
+        assert omega == pytest.approx(pieces(torque, ends, time), rel=1e-11, abs=1e-13)
+
+
+@pytest.mark.heyoka
+def test_a_corner_in_the_motion_itself_is_met_each_time() -> None:
+    # As `quadratic_axes`, which knows its corners.
+    by_formula = motion([f"-0.02*{x}*sqrt({x}**2)*{a}" for x, a in zip("pqr", A, strict=True)])
+    known = hodo.run(
+        {
+            "model": "torques", "inertia": A, "quadratic_axes": 0.02,
+            "initial": dict(zip("pqr", START, strict=True)), "time": {"end": END, "samples": 101},
+        }
+    )  # fmt: skip
+    assert by_formula.omega.values == pytest.approx(known.omega.values, rel=1e-10, abs=1e-11)
+
+
+@pytest.mark.heyoka
+def test_the_members_of_a_sweep_see_it(tmp_path: Path) -> None:
+    case = {
+        "model": "torques", "inertia": A, "expression": FORMULAS["thruster"][0],
+        "initial": dict(zip("pqr", START, strict=True)), "time": {"end": END},
+    }  # fmt: skip
+    ds = hodo.sweep({**case, "sweep": {"initial.p": {"values": [0.08, 0.09]}}})
+    assert ds.omega[1].values == pytest.approx(motion(case["expression"]).omega[-1], rel=1e-12)
+    assert "formulas that change within a step" in ds.attrs["method_reason"]
+
+
+OWN = """
+from dataclasses import dataclass
+from hodo_cli import functions as f
+from hodo_cli.models.rigid_body import INERTIA, INITIAL, BodyFrame
+from hodo_cli.schema.kinds import Key, Number
+
+@dataclass(frozen=True)
+class Pulsed(BodyFrame):
+    "A short pulse about x2."
+    size: float
+    name, form = "pulsed", "full"
+    keys = {"inertia": INERTIA, "size": Key(Number(), "torque"), "initial": INITIAL}
+    degree = {"g": 2, "n": 0}
+
+    @property
+    def constants(self):
+        return {**super().constants, "n": self.size}
+
+    @staticmethod
+    def rhs(t, y, k):
+        p, q, r = y
+        pulse = k.n * f.exp(-((t - 60.3) / 0.03) * ((t - 60.3) / 0.03))
+        return (
+            k.g * (k.A2 - k.A3) / k.A1 * q * r,
+            (k.g * (k.A3 - k.A1) * p * r + pulse) / k.A2,
+            k.g * (k.A1 - k.A2) / k.A3 * p * q,
+        )
+"""
+
+
+@pytest.mark.parametrize("method", METHODS[:2])
+def test_an_own_model_sees_it(tmp_path: Path, method: str) -> None:
+    (tmp_path / "own.py").write_text(OWN, encoding="utf-8")
+    (tmp_path / "a.yaml").write_text(
+        f"cases: {{a: {{model: pulsed, inertia: {[*A]}, size: 0.5, method: {method},"
+        f" initial: {{p: {START[0]}, q: {START[1]}, r: {START[2]}}},"
+        f" time: {{end: {END}, samples: 101}}}}}}",
+        encoding="utf-8",
+    )
+    assert run_hodo(tmp_path, "--models", "own.py", "run", "a.yaml", "--quiet").returncode == 0
+    omega = hodo.open(tmp_path / "runs" / "a.h5")["a"].omega[-1].values
+    _, torque, ends = FORMULAS["pulse"]
+    assert omega == pytest.approx(pieces(torque, ends), rel=1e-10)
