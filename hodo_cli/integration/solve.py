@@ -12,6 +12,7 @@ from .. import HodoError, engines
 from ..cases.case import Case
 from ..cases.keys import NO_CLOSED_FORM, wrong_precision
 from ..engines.polynomial import (
+    HALVINGS,
     TAYLOR,
     bernstein_coefficients,
     value_and_slope,
@@ -73,10 +74,7 @@ DEFECT = 1e-11
 """By how much a step may miss its equations at least, relative to the size of the state: far above
 the rounding of the comparison, far below what a pulse of a formula makes of a motion."""
 
-HALVINGS = 70
-"""Halvings of a step after which a place in it is known to the digits of a long double."""
-
-ASIDE, LEAST_ULPS = 1e-9, 4
+MIN_GAP, MIN_ULPS = 1e-9, 4
 """How far from a change steps end and begin: in the time in which a motion changes by its own size,
 so that its square is below the rounding of a double, and in rounding errors of the time."""
 
@@ -147,7 +145,7 @@ class StepCheck(StepObserver):
             low, high = np.where(missed, low, middle), np.where(missed, middle, high)
         at = self.clock.exact_times(ends[:, 0] + low * (ends[:, 1] - ends[:, 0]))
         # A series that begins at a corner overflows, and the formula may be no number there.
-        aside = np.maximum(ASIDE / self.clock.factor, LEAST_ULPS * np.spacing(at.astype(float)))
+        aside = np.maximum(MIN_GAP / self.clock.factor, MIN_ULPS * np.spacing(at.astype(float)))
         self.changes += [*zip(at - aside, at, at + aside, strict=True)]
 
     def _bernstein(self, series: np.ndarray, ends: np.ndarray) -> np.ndarray:
