@@ -122,12 +122,12 @@ COINCIDING = {"initial": (1.0, 0.0, 0.0, 0.0), "euler": (0.0, 0.0, 0.0)}
 
 
 def start_to_vary(form: type[Model], attitude: Any, paths: Iterable[KeyPath]) -> Any:
-    """What the key says where a sweep varies numbers of it at some paths: where it gives none,
-    those of body and space axes that coincide."""
+    """The value of `attitude` of which a sweep varies numbers at some paths: where a case gives
+    none, that of body and space axes that coincide."""
     below = (path for path in paths if path[0] == ATTITUDE_KEY and len(path) > 1)
     varied = {str(path[1]) for path in below} & {*COINCIDING}
-    free = attitude in (None, True) and takes_attitude(form) and form.start_attitude is None
-    if not free or len(varied) != 1:
+    is_open = attitude in (None, True) and takes_attitude(form) and form.start_attitude is None
+    if not is_open or len(varied) != 1:
         return attitude
     return ATTITUDE.kind.check({name: COINCIDING[name] for name in varied})
 
@@ -283,13 +283,13 @@ class Oriented(Model):
 
     def predictions(self, start: float, end: float) -> list[str]:
         predicted = super().predictions(start, end)
-        if turn := self.turn:
-            predicted = [
-                *predicted,
-                f"a turn takes {turn.period:.9g} [time] and leaves the body turned by "
-                f"{turn.angle:.9g} rad about G",
-            ]
-        return predicted
+        if (turn := self.turn) is None:
+            return predicted
+        return [
+            *predicted,
+            f"a turn takes {turn.period:.9g} [time] and leaves the body turned by "
+            f"{turn.angle:.9g} rad about G",
+        ]
 
     @property
     def warnings(self) -> list[str]:

@@ -43,9 +43,9 @@ def free_attitude(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarra
     if turn is None:
         speed = np.hypot.reduce(omega0)
         return _rotation(omega0 / (speed or 1), speed * t)
-    course = _course(A, turn, omega0, np.concatenate([t[:1] * 0, t]))
-    longitude, tilt, area = course[:, 1:]
-    longitude0, tilt0, area0 = course[:, 0]
+    columns = _angles_and_area(A, turn, omega0, np.concatenate([t[:1] * 0, t]))
+    longitude, tilt, area = columns[:, 1:]
+    longitude0, tilt0, area0 = columns[:, 0]
     # The right-handed system of o, m or its opposite, and e.
     frame = np.array([turn.o, turn.m, turn.e])
     signs = np.array([1, _parity(turn), 1])
@@ -124,21 +124,38 @@ def _rotation(axis: np.ndarray, angle: Any) -> np.ndarray:
     return np.concatenate([np.cos(half), np.sin(half) * axis], axis=-1)
 
 
-def _course(A: np.ndarray, turn: FreeTurn, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
+def _angles_and_area(
+    A: np.ndarray, turn: FreeTurn, omega0: np.ndarray, t: np.ndarray
+) -> np.ndarray:
     """The longitude of g about e, its angle from e, and J (3, n) at times t (n,), the first of them
-    0; continuous in t.
-
-    In one of four mirror images the phase u = n t + u0 grows with the longitude, and cn is positive
-    at the start. There u and J are 0 where cn = 1; they are computed in the half turn about that
-    place, to which the half turns in between are added.
-    """
+    0; continuous in t."""
     e, m, o = turn[:3]
     # Doubles, as the moments and the start were given.
     omega = free_motion(A.astype(float), omega0.astype(float), t)
+    # In one of four mirror images the phase grows with the longitude, and cn is positive at the
+    # start.
     sense = np.sign(omega0[e] * turn.gyroscopic[m])
     mirror = -1 if omega0[o] < 0 else 1
     # A component -0.0 becomes 0.0: half a turn is pi for arctan2 then, and never -pi.
     wm, wo = mirror * sense * omega[:, m] + 0.0, mirror * omega[:, o] + 0.0
+    whole_turns, area = _turns_and_area(A, turn, wm, wo, t)
+    pi = 4 * np.arctan(t.dtype.type(1))
+    angle = np.arctan2(A[m] * wm, A[o] * wo) + 2 * pi * whole_turns
+    longitude = _parity(turn) * sense * angle + (pi if mirror < 0 else 0)
+    tilt = np.arctan2(np.hypot(A[m] * wm, A[o] * wo), A[e] * omega[:, e])
+    return np.stack([longitude, tilt, area])
+
+
+def _turns_and_area(
+    A: np.ndarray, turn: FreeTurn, wm: np.ndarray, wo: np.ndarray, t: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The whole turns since the phase u = n t + u0 was 0, and J, at times t (n,), the first of them
+    0, from w_m and w_o then.
+
+    u and J are 0 where cn = 1; they are computed in the half turn about that place, to which the
+    half turns in between are added.
+    """
+    e, m, o = turn[:3]
     half_turns = np.where(wo < 0, np.where(wm < 0, -1, 1), 0)
     whole_turns = np.zeros_like(half_turns)
     sn, cn = np.sqrt(A[m] * abs(A[m] - A[e])) * wm, np.sqrt(A[o] * abs(A[o] - A[e])) * wo
@@ -150,11 +167,7 @@ def _course(A: np.ndarray, turn: FreeTurn, omega0: np.ndarray, t: np.ndarray) ->
         u = u + 2 * quarter * half_turns
         whole_turns = np.rint((u[0] + turn.n * t - u) / (4 * quarter))
         area = area + 2 * area_of_quarter * (half_turns + 2 * whole_turns)
-    pi = 4 * np.arctan(t.dtype.type(1))
-    angle = np.arctan2(A[m] * wm, A[o] * wo) + 2 * pi * whole_turns
-    longitude = _parity(turn) * sense * angle + (pi if mirror < 0 else 0)
-    tilt = np.arctan2(np.hypot(A[m] * wm, A[o] * wo), A[e] * omega[:, e])
-    return np.stack([longitude, tilt, area])
+    return whole_turns, area
 
 
 def _characteristic(A: np.ndarray, turn: FreeTurn) -> Any:

@@ -65,12 +65,12 @@ def outer_axes(inertia: Any) -> tuple[int, int]:
 
 
 def axis_weights(inertia: Any) -> dict[str, list[float]]:
-    """By what the coefficients (3,) of terms are multiplied where those of two axes are compared,
-    by the key of the term."""
+    """The factors (3,) of the coefficients of a term, by its key, with which those of the outer
+    axes are compared in D'."""
     A = np.asarray(inertia, float)
     c, b, a = np.sort(A)
     largest, smallest = outer_axes(A)
-    # |p| and |r| on the separatrix are as these.
+    # |p| and |r| on the separatrix are proportional to these.
     speeds = np.zeros(3)
     speeds[largest], speeds[smallest] = np.sqrt(c * (b - c)), np.sqrt(a * (a - b))
     weights = {"damping": 1 + 0 * A, "quadratic": 1 + 0 * A, "resistance": 1 / A}

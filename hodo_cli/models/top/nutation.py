@@ -165,9 +165,11 @@ def root_spread(T1: Any, T2: Any, T3: Any) -> Any:
     # Cauchy's bound. From above, Newton's method falls to the largest root and stops where rounding
     # stops the fall.
     y = 1 + max(abs(T1), abs(T2), T3)
-    while (slope := (3 * y + 2 * T1) * y + T2) > 0 and (
-        lower := y - (((y + T1) * y + T2) * y - T3) / slope
-    ) < y:
+    while True:
+        slope = (3 * y + 2 * T1) * y + T2
+        lower = y - (((y + T1) * y + T2) * y - T3) / slope if slope > 0 else y
+        if not lower < y:
+            break
         y = lower
     # x1 x2 and x1 + x2: by a division where y is large, without one where it is small.
     product = T3 / y if y > 1 else T2 + (T1 + y) * y
