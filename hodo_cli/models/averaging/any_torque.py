@@ -113,9 +113,7 @@ def about_axes(full: Rhs, t: Any, w: Sequence[Any], k: Any, side: Any) -> tuple[
     about_a, about_c = exchanged(side, about, across)
     sorted_w = about_a, middle, about_c
     rates = full(t, [body.parity * sorted_w[body.order.index(axis)] for axis in range(3)], k)
-    rate_a, rate_b, rate_c = (body.parity * rates[axis] for axis in body.order)
-    rate_e, rate_o = exchanged(side, rate_a, rate_c)
-    return rate_e, rate_b, rate_o
+    return body.enclosed_first(side, [body.parity * rate for rate in rates[:3]])
 
 
 def torque_of(full: Rhs, t: Any, k: Any) -> Torque:

@@ -83,6 +83,12 @@ class Body(NamedTuple):
         """(w_e, w_o) with m = w_o X_o/(w_e X_e): a - b and b - c on side +1."""
         return exchanged(side, self.a - self.b, self.b - self.c)
 
+    def enclosed_first(self, side: Any, values: Sequence[Any]) -> tuple[Any, Any, Any]:
+        """Values (3,) of the axes as given for the enclosed, the middle and the other axis."""
+        of_a, of_b, of_c = (values[axis] for axis in self.order)
+        of_e, of_o = exchanged(side, of_a, of_c)
+        return of_e, of_b, of_o
+
     def label(self, side: Any) -> Any:
         """The label of the axis, as given, that motions on a side go round; side of any shape."""
         return np.where(np.asarray(side) > 0, self.order[0] + 1, self.order[2] + 1)

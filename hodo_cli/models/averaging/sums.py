@@ -46,10 +46,7 @@ def resistance_rates(t: Any, k: Any) -> Sequence[Any]:
 
 def linear_mean(rates: Callable[[Any, Any], Sequence[Any]], t: Any, turn: Turn, k: Any) -> Pair:
     """(ln X_e)' and (ln X_o)' under linear resistance at rates about the body axes."""
-    lam = rates(t, k)
-    l1, l2, l3 = (lam[axis] for axis in turn.body.order)
-    l_e, l_o = exchanged(turn.side, l1, l3)
-    return linear_rates((l_e, l2, l_o), turn.mean)
+    return linear_rates(turn.body.enclosed_first(turn.side, rates(t, k)), turn.mean)
 
 
 def linear_part(
@@ -60,12 +57,11 @@ def linear_part(
     (X_e - mean X_e)/X_e = -2 (l_e - l_m) Z/n,  (X_o - mean X_o)/X_o = -2 (l_o - l_m) Z/(m n), Z
     Jacobi's zeta at the phase.
     """
-    body, lam = turning_body(k), rates(t, k)
-    l1, l2, l3 = (lam[axis] for axis in body.order)
-    l_e, l_o = exchanged(slow.side, l1, l3)
+    body = turning_body(k)
+    l_e, l_m, l_o = body.enclosed_first(slow.side, rates(t, k))
     _, zeta = amplitude(slow.phase, slow.m1)
     swing = -2 * zeta / turn_frequency(body, slow.X_e, slow.side)
-    return np.array(((l_e - l2) * (1 - slow.m1) * swing, (l_o - l2) * swing))
+    return np.array(((l_e - l_m) * (1 - slow.m1) * swing, (l_o - l_m) * swing))
 
 
 def fluid_mean(t: Any, turn: Turn, k: Any) -> Pair:
