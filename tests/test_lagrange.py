@@ -414,6 +414,17 @@ def test_a_constant_is_a_polynomial_of_one_coefficient() -> None:
         ({"inertia": "{A: 1, C: 2.5}"}, r"inertia\.C: no body has C = 2.5 larger than 2 A"),
         ({"mu": "0"}, "mu: expected a positive number"),
         ({"initial": "{theta: 1}"}, "missing 'r'"),
+        ({"initial": "{theta: 60, r: 1}"}, "degrees are written as '60 deg'"),
+        ({"initial": "{theta: 190 deg, r: 1}"}, "expected an angle from 0 to pi"),
+        ({"initial": "{theta: -0.1, r: 1}"}, "expected an angle from 0 to pi"),
+        (
+            {"sweep": "{initial.theta: {values: [1, 60]}}"},
+            r"values\.1: expected an angle from 0 to pi .* degrees are written as '60 deg'",
+        ),
+        (
+            {"sweep": "{initial.theta: {linspace: [0 deg, 181 deg, 9]}}"},
+            r"linspace\.1: expected an angle from 0 to pi",
+        ),
         ({"initial": "{theta: 1, r: 1, H: 1}"}, "give theta and r, or Gz, H and r"),
         ({"initial": "{r: 1, H: 1}"}, "give theta and r, or Gz, H and r"),
         ({"initial": "{r: 2, Gz: 1, H: 1.9}"}, "no motion has these"),

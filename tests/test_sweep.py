@@ -109,6 +109,10 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
             "damping.2 varies along damping.2 already",
         ),
         (
+            "{d: {zip: {damping.2: {values: [1]}}}, damping: {values: [1, 2]}}",
+            "damping.2 varies along d already; an axis of all of damping goes before it",
+        ),
+        (
             "{d: {sphere: {count: 1e6}}, damping.2: {linspace: [0, 1, 1e4]}}",
             "more than 1e+09 members",
         ),
@@ -122,6 +126,13 @@ def test_a_mistake_in_a_sweep_is_named_with_its_place(block: str, message: str) 
     assert len(lines) == 1
     assert lines[0].startswith("x.yaml:5:")
     assert message in lines[0]
+
+
+def test_a_key_of_what_the_case_does_not_give_is_refused() -> None:
+    """A cavity is given by `kappa` or by `cavity`, whose keys are there all the same."""
+    with pytest.raises(HodoError, match=r"unknown key 'cavity.kappa': its case has no such number"):
+        one(f"{HEAD}, {BALL}, model: torques, kappa: 0.1, "
+            "sweep: {cavity.kappa: {values: [0.3]}}")  # fmt: skip
 
 
 def test_a_sphere_needs_a_model_with_directions() -> None:
@@ -146,9 +157,9 @@ def test_store_names_what_a_sweep_has() -> None:
 def test_the_values_of_a_range() -> None:
     case = one(
         f"{FIG4}, {BALL}, sweep: "
-        f"{{damping.2: {{logspace: [1e-4, 1e-2, 3]}}, damping: {{linspace: [0, 1, 5]}}}}"
+        f"{{damping: {{linspace: [0, 1, 5]}}, damping.2: {{logspace: [1e-4, 1e-2, 3]}}}}"
     )
-    ratio, even = sweep_block.axes_of(case.sweep or {})
+    even, ratio = sweep_block.axes_of(case.sweep or {})
     assert ratio.values() == pytest.approx([1e-4, 1e-3, 1e-2], rel=1e-14)
     assert even.values().tolist() == [0, 0.25, 0.5, 0.75, 1]
 

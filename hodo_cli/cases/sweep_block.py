@@ -23,7 +23,6 @@ import numpy as np
 from ..models.attitude import ATTITUDE_KEY, keys_of_form, start_to_vary
 from ..models.base import Model
 from ..schema.kinds import (
-    REQUIRED,
     Angle,
     Each,
     Either,
@@ -270,8 +269,10 @@ def check_axes(
             yield (*path, "zip"), f"ranges of {counts} values cannot be zipped"
         for key, (key_path, value_range) in zip(axis.keys, axis.ranges, strict=True):
             range_path = (*path, "zip", key) if "zip" in sweep[axis.name] else path
-            if key_path in swept:
-                yield range_path, f"{key} varies along {swept[key_path]} already"
+            for known in (known for known in swept if known[: len(key_path)] == key_path):
+                hint = "" if known == key_path else f"; an axis of all of {key} goes before it"
+                name = ".".join(map(str, known))
+                yield range_path, f"{name} varies along {swept[known]} already{hint}"
             swept[key_path] = axis.name
             yield from within(range_path, _check_range(value_range, key, keys_of_form(model), data))
     if math.prod(map(len, axes)) > MOST_SWEEP_MEMBERS:
@@ -328,11 +329,8 @@ def _within(kind: Kind, step: str | int, data: Any) -> tuple[Kind | None, Any]:
         kind = Table(kind.tables[data[kind.tag]])
     if isinstance(kind, ListOf) and isinstance(step, int) and step < len(data or ()):
         return kind.kind, data[step]
-    if isinstance(kind, Table) and step in kind.keys:
-        key = kind.keys[str(step)]
-        value = data.get(step) if isinstance(data, Mapping) else None
-        if isinstance(data, Mapping) or key.default is not REQUIRED:
-            return key.kind, value
+    if isinstance(kind, Table) and isinstance(data, Mapping) and step in kind.keys:
+        return kind.keys[str(step)].kind, data.get(step)
     return None, None
 
 

@@ -400,20 +400,28 @@ ANGLE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)([eE][-+]?\d+)?) ?(deg|rad)", re.A
 @dataclass(frozen=True)
 class Angle(Kind):
     """An angle in radians, or text such as "60 deg"; resolved to radians, degrees by
-    `math.radians`."""
+    `math.radians`. A `polar` angle is one from 0 to pi."""
+
+    polar: bool = False
 
     def check(self, value: Any) -> float:
         text = ANGLE.fullmatch(value) if isinstance(value, str) else None
         number = as_finite(float(text[1]) if text else value)
         if number is None:
             raise expected(self, value)
-        return math.radians(number) if text and text[3] == "deg" else number
+        angle = math.radians(number) if text and text[3] == "deg" else number
+        if self.polar and not 0 <= angle <= math.pi:
+            advice = "" if text else f"; degrees are written as '{number:.9g} deg'"
+            raise expected(self, value, advice if 0 <= number <= 180 else "")
+        return angle
 
     def schema(self) -> dict[str, Any]:
-        return {"anyOf": [{"type": "number"}, {"type": "string", "pattern": f"^{ANGLE.pattern}$"}]}
+        bounds = {"minimum": 0, "maximum": math.pi} if self.polar else {}
+        text = {"type": "string", "pattern": f"^{ANGLE.pattern}$"}
+        return {"anyOf": [{"type": "number"} | bounds, text]}
 
     def __str__(self) -> str:
-        return "an angle in radians, or such as '60 deg'"
+        return f"an angle{' from 0 to pi' if self.polar else ''} in radians, or such as '60 deg'"
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,9 @@ class Top(Model):
         "initial": Key(
             Table(
                 {
-                    "theta": Key(Angle(), "angle of nutation, with p = q = 0", "rad", None),
+                    "theta": Key(
+                        Angle(polar=True), "angle of nutation, with p = q = 0", "rad", None
+                    ),
                     "r": Key(Number(), "angular velocity about the axis of symmetry", "1/time"),
                     "Gz": Key(
                         Number(), "vertical angular momentum", "moment of inertia / time", None
