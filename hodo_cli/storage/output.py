@@ -55,14 +55,7 @@ class Output:
             key: _stored(target, key, variable, has_values=key not in checksums)
             for key, variable in group.variables.items()
         }
-        for dim, size in sizes.items():
-            if dim in items:
-                h5ds.set_scale(items[dim], dim.encode())
-            else:
-                # A big-endian float that is never written, as netCDF-4 makes it: it takes no room
-                # in the file.
-                items[dim] = _new_dataset(target, dim, np.dtype(">f4"), (size,))
-                h5ds.set_scale(items[dim], NO_VARIABLE + b"%10d" % size)
+        _make_scales(target, items, sizes)
         _attach(items, {key: variable.dims for key, variable in group.variables.items()})
         # Last, so that memory holds one block at a time.
         for key, where, block in group.streamed.blocks() if group.streamed else ():
@@ -133,6 +126,21 @@ def _delete_attributes(item: H5Object, *names: str) -> None:
     for name in names:
         if h5a.exists(item, name.encode()):
             h5a.delete(item, name.encode())
+
+
+def _make_scales(
+    parent: H5Object, items: dict[str, h5d.DatasetID], sizes: Mapping[str, int]
+) -> None:
+    """Make the datasets of coordinates the scales of their dimensions; a dimension without one gets
+    a dataset that stands for it."""
+    for dim, size in sizes.items():
+        if dim in items:
+            h5ds.set_scale(items[dim], dim.encode())
+        else:
+            # A big-endian float that is never written, as netCDF-4 makes it: it takes no room in
+            # the file.
+            items[dim] = _new_dataset(parent, dim, np.dtype(">f4"), (size,))
+            h5ds.set_scale(items[dim], NO_VARIABLE + b"%10d" % size)
 
 
 def _attach(items: Mapping[str, h5d.DatasetID], dims: Mapping[str, tuple[str, ...]]) -> None:
