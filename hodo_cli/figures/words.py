@@ -241,34 +241,44 @@ class Words(Annotation):
     def find_place(self, ink: np.ndarray) -> None:
         """Stand where least is hidden of a picture of the figure (height, width), a pixel a point;
         it is dark there from then on."""
-        axes: Any = self.axes
-        size: Any = self.get_fontsize()
-        lines, several = self.get_text().splitlines(), len(self.points) > 1
-        half = np.array([max(text_width(x, size) for x in lines), 1.2 * size * len(lines)]) / 2
-        panel = axes.bbox.padded(-BESIDE)
-        (left, bottom), (right, top) = panel.min + half, panel.max - half
-        seen = axes.transData.transform(self.points)
-        best: Any = math.inf, self.points[0], (0, 0), seen[0]
-        for rank, offset in enumerate(self.offsets(half, 1 if several else LINES_AWAY)):
-            for point, middle in zip(self.points, seen + offset, strict=True):
-                if not (left <= middle[0] <= right and bottom <= middle[1] <= top):
-                    continue
-                around = area_about(ink, middle, half + AROUND).sum() / 20 if several else rank
-                cost = area_about(ink, middle, half + 1).sum() + around
-                best = min(best, (cost, point, offset, middle), key=itemgetter(0))
+        half, several = self.half_size(), len(self.points) > 1
+        seen = self.axes.transData.transform(self.points)  # type: ignore[union-attr]
+        beside = half + BESIDE
+        # Where no place is within the panel, to the upper right.
+        best: Any = math.inf, self.points[0], beside, seen[0] + beside
+        for rank, place in enumerate(self.places(half, seen)):
+            middle = place[-1]
+            around = area_about(ink, middle, half + AROUND).sum() / 20 if several else rank
+            cost = area_about(ink, middle, half + 1).sum() + around
+            best = min(best, (cost, *place), key=itemgetter(0))
             if not several and best[0] <= rank:
                 break  # what follows costs as much, whatever it hides
         _, self.xy, self.xyann, middle = best
         area_about(ink, middle, half)[...] = FULL
 
-    def offsets(self, half: np.ndarray, lines: int) -> Iterator[np.ndarray]:
-        """Offsets (2,), in points, of the middle of the words from one of their points, up to some
-        lines away, the best first; `half` is half their size (2,)."""
+    def half_size(self) -> np.ndarray:
+        """Half the width and height (2,), points."""
         size: Any = self.get_fontsize()
+        lines = self.get_text().splitlines()
+        width = max(text_width(line, size) for line in lines)
+        return np.array([width, 1.2 * size * len(lines)]) / 2
+
+    def places(self, half: np.ndarray, seen: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
+        """The places within the panel, the best first: the point there, and the offset from it and
+        the middle of the words (2,), in points; `half` is half their size (2,), and the points are
+        `seen` (n, 2) on the page."""
+        size: Any = self.get_fontsize()
+        panel = self.axes.bbox.padded(-BESIDE)  # type: ignore[union-attr]
+        (left, low), (right, high) = panel.min + half, panel.max - half
         likeness = (COMPASS @ self.toward) / np.hypot(*COMPASS.T)
         directions = COMPASS[np.argsort(-likeness, kind="stable")]
-        for line in range(lines):
-            yield from (half + BESIDE + line * size) * directions
+        away = BESIDE + size * np.arange(LINES_AWAY if len(self.points) == 1 else 1)
+        for offset in (
+            (half + distance) * direction for distance in away for direction in directions
+        ):
+            for point, middle in zip(self.points, seen + offset, strict=True):
+                if left <= middle[0] <= right and low <= middle[1] <= high:
+                    yield point, offset, middle
 
 
 def area_about(picture: np.ndarray, middle: np.ndarray, half: np.ndarray) -> np.ndarray:
