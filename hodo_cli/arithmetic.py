@@ -116,6 +116,8 @@ def _function(name: str) -> Callable[[Any], Any]:
                 return of_number(x)
             except ValueError:  # as of an array: a motion that comes there fails, and no other one
                 return math.nan
+            except OverflowError:  # of exp: 1/(1 + exp(x)) has its limit there
+                return math.inf
         functions = SYMBOLS.get(type(x))
         return getattr(functions, name)(x) if functions else getattr(x, name)()
 

@@ -498,6 +498,14 @@ MISTAKEN = [
     (f"readings: {{a: {{cases: slow}}}}, cases: slow, {FALLS}",
      "cases: each reading has its own cases, so leave these out"),
     (f"{FALLS}", "cases: names no case"),
+    ("cases: slow, check: {kind: bound, of: u1, most: 1}",
+     "check: case slow (linear-diag, full) has no u1"),
+    ("cases: slow, check: {kind: value, values: {rebound_u3: [1]}, within: 0.1}",
+     "check: case slow has no gamma, which rebound_u3 needs"),
+    ("cases: stopping, check: {kind: bound, of: area_largest, least: 1}",
+     "check: case stopping (cavity+constant, averaged) has no area_largest"),
+    ("cases: {case: free, form: averaged}, check: {kind: axis, start: x3, turns: 1}",
+     "check: case free (linear-diag, averaged) has no turns"),
 ]  # fmt: skip
 """Claims as a case file may not give them, and why."""
 

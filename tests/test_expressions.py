@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from conftest import Hodo
 
+import hodo_cli
 from hodo_cli import HodoError, arithmetic
 from hodo_cli.arithmetic import evaluate
 from hodo_cli.engines import series as power_series
@@ -340,15 +341,30 @@ def test_the_size_of_a_number_is_given_and_a_corner_is_refused() -> None:
         arithmetic.abs(Series(rule([1.0])))
 
 
-def test_a_float64_has_infinite_results_where_a_float_overflows() -> None:
+def test_results_of_numbers_are_infinite_where_they_overflow() -> None:
     with np.errstate(all="ignore"):
         assert np.isnan(arithmetic.sqrt(np.float64(-1)))
         assert np.isinf(arithmetic.exp(np.float64(1000)))
         assert np.isneginf(arithmetic.log(np.float64(0)))
     # A motion that comes where a root has no value fails by itself, whatever its numbers are.
     assert np.isnan(arithmetic.sqrt(-1.0))
-    with pytest.raises(OverflowError):
-        arithmetic.exp(1000.0)
+    # A switch, 1/(1 + exp((t0 - t)/rise)), has its limit there.
+    assert arithmetic.exp(1000.0) == np.inf
+
+
+def test_a_switch_that_is_far_off_at_the_start_is_met() -> None:
+    """0.06/A3 = 0.1 from t = 20 to 30; its exponent is 1000 at first, beyond the largest double."""
+    motion = hodo_cli.run(
+        {
+            "model": "torques",
+            "inertia": [1, 0.8, 0.6],
+            "expression": [0, 0, "0.06/(1+exp((20-t)/0.02))"],
+            "initial": {"p": 0, "q": 0, "r": 1},
+            "time": {"end": 30, "samples": 31},
+        }
+    )
+    assert motion.attrs["status"] == "ok"
+    assert motion.omega.values[-1] == pytest.approx([0, 0, 2], rel=1e-12)
 
 
 def test_a_formula_is_a_curve_of_its_own(hodo: Hodo, tmp_path: Path) -> None:

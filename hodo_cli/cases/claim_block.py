@@ -72,6 +72,11 @@ SINGLE_NUMBERS = {
 }
 """The quantities that are one number of a motion; `claims.quantities` computes them."""
 
+NEEDED_BY_NUMBER = {"rebound_u3": "Gz"} | dict.fromkeys(
+    ("turns", "visible_turns_x1", "visible_turns_x3", "area_largest", "area_smallest"), "omega"
+)
+"""The variable or quantity over time from which a number is computed that not every model has."""
+
 QUANTITY_NAMES = {**OVER_TIME, **SINGLE_NUMBERS}
 
 
@@ -478,12 +483,15 @@ def _check_quantities(
     the variables of the model for cases that no result stores."""
     named = check.get("of", ())
     names = [named] if isinstance(named, str) else [*named, *check.get("values", ())]
+    names += ["turns"] if check.get("turns") else []
     for case, name in product(cases, names):
         variables = (case.store if is_stored else ()) or case.system.variables
         sources = {*variables, *constants_of(case.system, case.data)}
-        base = name.partition(".")[0]
-        follows = base in DERIVED and base not in sources
-        if follows and (message := lack_of(case, base, sources, name)):
+        base = NEEDED_BY_NUMBER.get(name, name.partition(".")[0])
+        if base in sources or base in SINGLE_NUMBERS:
+            continue
+        of_model = f"case {case.name} ({case.model}, {case.form}) has no {name}"
+        if message := lack_of(case, base, sources, name) if base in DERIVED else of_model:
             yield (), message
             return
 
