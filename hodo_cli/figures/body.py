@@ -188,9 +188,9 @@ def faces(A: np.ndarray, axes: np.ndarray) -> Iterator[MovingPart]:
 
 def draw_moment(axes: Axes, film: Film, i: int) -> None:
     """Draw the film's sample i into a panel."""
-    view = View(film.view)
+    view, turn = View(film.view), film.rotations[i].as_matrix()
     for part in film.parts:
-        seen = view(film.rotations[i].apply(part.points) if part.of_body else part.points)
+        seen = view(part.points @ turn.T if part.of_body else part.points)
         x, y, near = seen.T
         if part.role == "face":
             # The front is a veil over what is behind it.
@@ -254,10 +254,11 @@ def pictures(film: Film, count: int) -> Iterator[Image.Image]:
     canvas: Any = FormulaCanvas(figure)
     canvas.draw()
     background = canvas.copy_from_bbox(figure.bbox)
+    renderer = canvas.get_renderer()
     for artists in moving_artists(film, axes, count):
         canvas.restore_region(background)
         for artist in artists:
-            artist.draw(canvas.get_renderer())
+            artist.draw(renderer)
         yield Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
 
 
