@@ -229,7 +229,7 @@ def test_the_ways_to_give_the_start_agree() -> None:
         ({"inertia": "[3, 1, 1]"}, "larger than the sum"),
         (
             {"inertia": "[1.3, 1.2, 1]", "form": "averaged-as-printed"},
-            "inertia: form averaged-as-printed needs A1 = A2",
+            "inertia: form averaged-as-printed needs A1 = A2, not 1.3 and 1.2;",
         ),
         ({"spin_reversal": "stop"}, "spin_reversal"),
     ],

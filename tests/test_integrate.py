@@ -387,3 +387,28 @@ def test_a_motion_beyond_the_root_of_the_largest_number_ends_with_its_last_sampl
     assert (motion.status, len(motion.time)) == ("ok", 3)
     grown = [1e140 * math.exp(0.999 * t) for t in (0, 20, 40)]
     assert motion.variables["omega"][:, 2] == pytest.approx(grown, rel=1e-13)
+
+
+FREE = {
+    "model": "linear-diag",
+    "inertia": [1, 0.8, 0.6],
+    "damping": 0,
+    "initial": {"p": 0.1, "q": 1, "r": 0.1},
+    "time": {"end": 30, "samples": 3},
+}
+
+
+@pytest.mark.parametrize("method", ["auto", "DOP853"])
+def test_a_start_alone_has_no_measured_error(method: str) -> None:
+    motion = integrate(Case.of({**FREE, "damping": [1, 2, 3], "method": method, "max_steps": 1}))
+    assert motion.status == "timeout"
+    assert len(motion.time) == 1
+    assert not motion.errors
+    assert "the error could not be measured" in motion.warnings
+
+
+def test_an_error_beyond_a_tolerance_that_rounding_does_not_allow_is_not_called_asked_for() -> None:
+    case = {**FREE, "method": "DOP853", "tol": 1e-15, "time": {"end": 2000}}
+    words = "".join(integrate(Case.of(case)).warnings)
+    assert "exceeds ten times 1e-12, about as little as rounding allows" in words
+    assert "asked for" not in words

@@ -40,7 +40,8 @@ def integrate(case: Case) -> Trajectory:
     if case.time.steps:
         sampled = replace(case, time=case.time.listed(step_times(case, method)))
     motion = timed(solved(sampled, method, reason))
-    if case.error:
+    # The start alone, which a motion that fails at once is left with, has no error to measure.
+    if case.error and (motion.succeeded or (motion.time > case.time.start).any()):
         motion = with_measured_error(motion)
     return motion.with_remarks(
         case=case,
@@ -91,8 +92,10 @@ def excess_remark(case: Case, error: float, tol: float) -> Iterator[str]:
     asked = max(tol, ERROR_LIMIT_ASKED)
     # Ten times, because a tolerance bounds the error of a step and not that of the motion.
     if error > 10 * asked:
-        bound = f"the {asked:.0e} asked for" if case.tol else f"the default, {asked:.0e}"
-        yield f"the measured error {error:.1e} exceeds ten times {bound}"
+        words = f"the {asked:.0e} asked for" if case.tol else f"the default, {asked:.0e}"
+        if case.tol and case.tol < asked:
+            words = f"{asked:.0e}, about as little as rounding allows"
+        yield f"the measured error {error:.1e} exceeds ten times {words}"
 
 
 def timed(motion: Trajectory) -> Trajectory:

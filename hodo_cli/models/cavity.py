@@ -197,8 +197,7 @@ class SymmetricCavity(Cavity):
         if A is not None and A[0] != A[1]:
             yield (
                 ("inertia",),
-                f"form {cls.form} needs A1 = A2, not {A[0]:.17g} and {A[1]:.17g}; form full does "
-                "not",
+                f"form {cls.form} needs A1 = A2, not {A[0]} and {A[1]}; form full does not",
             )
 
     @property
