@@ -288,23 +288,24 @@ def test_angles_are_no_numbers_from_where_samples_lose_whole_turns() -> None:
 
 
 @pytest.mark.parametrize(
-    ("check", "verdict"),
+    ("check", "samples", "verdict"),
     [
         # Two components of G, which lies along z, are rounding.
-        ("kind: conserved, of: [G_space.x, G_space.y, G_space.z]", "reproduced"),
-        ("kind: formula, of: G_space.x, formula: '0'", "reproduced"),
+        ("kind: conserved, of: [G_space.x, G_space.y, G_space.z]", 601, "reproduced"),
+        ("kind: formula, of: G_space.x, formula: '0'", 601, "reproduced"),
+        ("kind: formula, of: G_space.x, formula: '0'", 12, "not tested"),
         # Whole turns are lost: a number would be wrong by them.
-        ("kind: bound, of: phi, least: 0", "not tested"),
-        ("kind: monotone, of: [phi], sense: rises", "not tested"),
+        ("kind: bound, of: phi, least: 0", 12, "not tested"),
+        ("kind: monotone, of: [phi], sense: rises", 12, "not tested"),
     ],
 )
 def test_statements_take_no_rounding_for_a_change_and_no_gap_for_a_number(
-    tmp_path: Path, check: str, verdict: str, hodo: Hodo
+    tmp_path: Path, check: str, samples: int, verdict: str, hodo: Hodo
 ) -> None:
     body = "model: linear-diag, inertia: [3, 2.2, 1], initial: {p: .3, q: .2, r: .9}"
     claim = f"{{id: a, where: x, statement: s, cases: [a], check: {{{check}}}, expect: {verdict}}}"
     text = (
-        f"cases: {{a: {{{body}, attitude: {{align: G}}, time: {{end: 60, samples: 12}}}}}}\n"
+        f"cases: {{a: {{{body}, attitude: {{align: G}}, time: {{end: 60, samples: {samples}}}}}}}\n"
         f"claims: [{claim}]\n"
     )
     (tmp_path / "m.yaml").write_text(text, encoding="utf-8")
