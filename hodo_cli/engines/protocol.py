@@ -134,6 +134,10 @@ class StepControl:
     status: Status = Status.OK
     message: str = ""
 
+    def afresh(self) -> "StepControl":
+        """One with the same limits."""
+        return StepControl(self.max_steps, self.max_seconds)
+
     def __post_init__(self) -> None:
         self.deadline = perf_counter() + self.max_seconds
         self._next_check = 1.0
@@ -155,6 +159,8 @@ class StepControl:
     def _goes_on(self) -> bool:
         """Whether there are steps and seconds left. Not asked at each step: the time of day alone
         takes about a tenth of a fast one."""
+        if self.status is not Status.OK:  # an observer may have given up
+            return False
         if self.steps >= self.max_steps:
             return self.give_up(
                 Status.TIMEOUT,

@@ -18,7 +18,7 @@ from ..engines.polynomial import (
     value_and_slope,
     values_and_slopes,
 )
-from ..engines.protocol import EPS, LAST_STEP, Engine, Status, StepControl
+from ..engines.protocol import EPS, LAST_STEP, Status, StepControl
 from ..models.base import Model
 from ..models.constants import attributes, stacked
 from .driver import (
@@ -80,7 +80,7 @@ so that its square is below the rounding of a double, and in rounding errors of 
 
 MOST_ATTEMPTS, MOST_CHANGES = 64, 10_000
 """How often a motion is begun anew because of changes of its formulas, most of which are seen at
-once, and how many of them it may have."""
+once, and how many it may have."""
 
 
 @dataclass
@@ -97,6 +97,7 @@ class StepCheck(StepObserver):
     system: Model
     span: float
     tol: float
+    control: StepControl
     ends: list[tuple[Any, Any]] = field(default_factory=list)
     series: list[np.ndarray] = field(default_factory=list)
     longest: float = 0.0
@@ -119,17 +120,20 @@ class StepCheck(StepObserver):
         """Compare the steps noted."""
         if not self.ends:
             return
-        ends, series = (engines.extended(np.array(x)) for x in (self.ends, self.series))
+        ends, series = np.array(self.ends), np.array(self.series)
+        if self.engine.dtype is not np.float64:
+            ends, series = engines.extended(ends), engines.extended(series)
         # Nearer to each other towards the ends, where collocation has no points of its own.
         x = (1 - np.cos(np.pi * np.arange(self.points + 1) / self.points)) / 2
         b = self._bernstein(series.astype(float), ends.astype(float))
         missed = self._misses(ends.astype(float), x, b, values_and_slopes(b, x))
         steps = np.flatnonzero(missed.any(axis=1))
         first = missed[steps].argmax(axis=1)
-        if self.engine.dtype is np.float64:
-            ends, series = ends.astype(float), series.astype(float)
         if steps.size:
             self._note(ends[steps], series[steps], x[np.maximum(first - 1, 0)], x[first])
+        if len(self.changes) > MOST_CHANGES:
+            message = f"stopped: its formulas change more than {MOST_CHANGES} times"
+            self.control.give_up(Status.TIMEOUT, message)
         self.ends, self.series, self.longest = [], [], 0.0
 
     def _note(
@@ -268,45 +272,48 @@ def attempted(
     monitor = AccuracyMonitor(system, max(engine.tol, EPS)) if system.refined_data else None
 
     def integrated(
-        by: StepObserver | None, changes: np.ndarray
-    ) -> tuple[SampleBuffer, StepControl]:
-        control = StepControl(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
-        path = Propagation(engine, system, case.time.start, times, control, by, events, changes)
-        return path.run(), control
+        by: StepObserver | None, changes: np.ndarray, control: StepControl
+    ) -> SampleBuffer:
+        start = case.time.start
+        return Propagation(engine, system, start, times, control, by, events, changes).run()
 
+    control = StepControl(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
+    # What begins and ends at one time has no steps.
+    is_checked = system.has_formulas and not monitor and bool((times > case.time.start).any())
     try:
-        changes, are_all = np.empty((0, 3)), True
-        if system.has_formulas and not monitor:
-            changes, are_all = changes_of_formulas(case, engine, times, integrated)
-        samples, control = integrated(observer or monitor, changes)
+        changes = np.empty((0, 3))
+        if is_checked:
+            span = float(times[-1]) - case.time.start
+            check = StepCheck(system, span, engine.tol, control)
+            samples, changes = begun_anew_at_changes(check, integrated)
+            control = check.control
+        if observer or not is_checked:
+            control = control.afresh()
+            samples = integrated(observer or monitor, changes, control)
     except ArithmeticError as error:
         raise HodoError(f"{case.name}: its numbers exceed the range of doubles") from error
-    if not are_all:
-        control.give_up(Status.FAILED, "its formulas change within its steps, wherever these begin")
     motion = trajectory(case, method, engine.tol, samples, control, began)
     motion = replace(motion, restarts=len(changes))
     return motion, monitor is None or monitor.everywhere
 
 
-def changes_of_formulas(
-    case: Case,
-    engine: Engine,
-    times: np.ndarray,
-    integrated: Callable[[StepObserver, np.ndarray], tuple[SampleBuffer, StepControl]],
-) -> tuple[np.ndarray, bool]:
-    """The times (n, 3) before, at and behind each place where the formulas of a case change so that
-    its steps are to be begun anew, found by integrating it until they meet its equations
-    everywhere; and whether they do in the end."""
-    changes, span = np.empty((0, 3)), float(times[-1]) - case.time.start if len(times) else 0.0
-    for _ in range(MOST_ATTEMPTS if span > 0 else 0):
-        check = StepCheck(case.system, span, engine.tol)
-        integrated(check, changes)
-        if not check.changes:
-            return changes, True
-        if len(changes) > MOST_CHANGES:
+def begun_anew_at_changes(
+    check: StepCheck,
+    integrated: Callable[[StepObserver, np.ndarray, StepControl], SampleBuffer],
+) -> tuple[SampleBuffer, np.ndarray]:
+    """A motion whose steps meet its equations everywhere, and the times (n, 3) before, at and
+    behind each place where its formulas change so that it is begun anew there. It ends early if
+    there is no end of such places, as of dry friction."""
+    changes = np.empty((0, 3))
+    for _ in range(MOST_ATTEMPTS):
+        samples = integrated(check, changes, check.control)
+        if not check.changes or check.control.status is Status.TIMEOUT:
             break
         changes = np.unique([*changes, *check.changes], axis=0)
-    return changes, span <= 0
+        check.changes, check.control = [], check.control.afresh()
+    else:
+        check.control.give_up(Status.FAILED, "its formulas change ever again within its steps")
+    return samples, changes
 
 
 def trajectory(
