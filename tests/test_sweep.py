@@ -330,7 +330,7 @@ PREPARED = (
     f"{FLUID}, inertia: [8, 7, 4], {BODY_MOVES}, sweep: {{kappa: {{linspace: [0, 1, 999]}}}}",
     f"{FLUID}, inertia: [8, 8, 4], form: averaged, initial: {{x: 1, y: 1}}, "
     "sweep: {initial.y: {linspace: [0, 1, 999]}}",
-    f"{FULL}, {RELEASED}, sweep: {{initial.theta: {{linspace: [-3, 3, 999]}}}}",
+    f"{FULL}, {RELEASED}, sweep: {{initial.theta: {{linspace: [0, 3.14, 999]}}}}",
     f"{FULL}, {THROWN}, sweep: {{initial.Gz: {{linspace: [1, 2, 999]}}}}",
     f"{TOP}, form: averaged, {RELEASED}, sweep: {{inertia.C: {{linspace: [0.1, 4, 999]}}}}",
     f"{TOP}, form: averaged-u, {RELEASED}, sweep: {{initial.r: {{linspace: [-2, 2, 999]}}}}",
