@@ -71,7 +71,8 @@ def broad_handlers(tree: ast.AST) -> int:
     """The handlers of every exception that follow none for `NOT_OF_A_CASE`."""
 
     def is_broad(kind: ast.expr | None) -> bool:
-        return kind is None or (isinstance(kind, ast.Name) and "Exception" in kind.id)
+        name = kind.id if isinstance(kind, ast.Name) else ""
+        return kind is None or "Exception" in name or name == "MISTAKES"
 
     count = 0
     for node in ast.walk(tree):

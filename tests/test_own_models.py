@@ -270,6 +270,7 @@ def test_labels_and_steps_are_those_of_the_refined_equations(
         (None, ": no such file or directory"),
         ("x = 1\ny = (\n", ":2: '(' was never closed"),
         ("x = 1\nraise ValueError('no\\nno')\n", ":2: ValueError: no"),
+        ("x = 1\nexit(0)\n", ":2: exit(0) would end hodo: raise an error instead"),
         ("x = 1\n", ": there is no model in it (a class with `name` and `form`)"),
         ("from hodo_cli.models.tensor import Tensor\n", ": there is no model in it (a class with"),
         (
@@ -394,6 +395,14 @@ def refusal_of(hodo: Hodo, folder: Path, right: str, wrong: str) -> list[str]:
         ("return (\n", "return (\n0,", ": rhs gives 4 rates for 3 variables of the state"),
         ("w = (p**2", "w = __import__('math').sqrt(p**2", ":29: TypeError: must be real number"),
         ("w = (p**2", "w = __import__('numpy').exp(p**2", ":29: TypeError: operand 'Symbol'"),
+        ("w = (p**2", "exit(0)\n        w = (p**2", ":29: exit(0) would end hodo: raise an error"),
+        (
+            "w = (p**2",
+            "return 1, q, 1j\n        w = (p**2",
+            ": rhs gives complex rates at the start",
+        ),
+        ("k.c * w * q", "1j * w * q", ":32: TypeError: a complex number is no coefficient"),
+        ("self.drag}", "self.drag * 1j}", ": `constants` gives a complex 'c'"),
         ("w = (p**2", "w = abs(p**2", ":29: TypeError: bad operand type for abs()"),
         ("w = (p**2", "w = p if p > 0 else q\n        w = (p**2", ":29: TypeError: which of two"),
         (

@@ -117,6 +117,8 @@ def _with_digest(function: Callable[[Task], Result], task: Task) -> tuple[str, R
         result = function(task)
     except ModuleNotFoundError:
         raise
+    except SystemExit as error:  # of a model that is not hodo's
+        raise HodoError(f"its model calls exit({error})") from error
     except ImportError as error:  # too large for a limit on memory, say
         raise BatchError(f"a library cannot be loaded: {error}") from None
     except OSError as error:

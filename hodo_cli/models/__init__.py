@@ -18,7 +18,7 @@ from .. import HodoError
 from ..machine import may_have_entry_points
 from ..private import keep_model
 from ..text import grouped
-from .added.mistakes import equations_mistake, with_source_line
+from .added.mistakes import MISTAKES, equations_mistake, with_source_line
 from .added.sources import AddedModule, texts_of
 from .base import Model
 
@@ -133,7 +133,7 @@ def _added_modules() -> tuple[AddedModule, ...]:
             module = import_module(point.module)
             path = Path(str(module.__file__))
             texts = texts_of(path, path.read_bytes(), point.module)
-        except Exception as error:
+        except MISTAKES as error:
             raise HodoError(f"{source}: {type(error).__name__}: {error}") from error
         added.append(AddedModule(source, module, texts))
     for source, module, _ in added:
@@ -189,7 +189,7 @@ def _load(path: str, name: str) -> AddedModule:
         exec(compile(text, path, "exec"), vars(module))
     except OSError as error:
         raise HodoError(f"{path}: {str(error.strerror).lower()}") from None
-    except Exception as error:
+    except MISTAKES as error:
         raise HodoError(with_source_line(error, path)) from error
     return AddedModule(path, module, texts_of(Path(path), text))
 

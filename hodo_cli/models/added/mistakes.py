@@ -13,11 +13,15 @@ from ...arithmetic import SYMBOLS
 from ..base import LENGTHS, Model
 from ..constants import UNIT, VELOCITY, attributes, in_unit, moving, rescaled, state_powers
 
+MISTAKES = (Exception, SystemExit)
+"""What running a file of models may raise: one that calls `exit(0)` would end hodo as if all had
+gone well."""
+
 HODO = Path(__file__).parents[2]
 """The package, which may stand in the folder of a model."""
 
 
-def with_source_line(error: Exception, path: str) -> str:
+def with_source_line(error: BaseException, path: str) -> str:
     """An error that a file of models raises, after the line of it, or of a file that it imports
     from its own folder, where it did."""
     if isinstance(error, SyntaxError):
@@ -30,6 +34,8 @@ def with_source_line(error: Exception, path: str) -> str:
     ]
     kind = "" if isinstance(error, HodoError) else f"{type(error).__name__}: "
     message = f"{kind}{error}".partition("\n")[0]
+    if isinstance(error, SystemExit):
+        message = f"exit({error}) would end hodo: raise an error instead"
     if isinstance(error, AttributeError) and isinstance(error.obj, SimpleNamespace):
         names = ", ".join(vars(error.obj))
         message = f"there is no constant {error.name!r} (`constants` has: {names})"
@@ -37,9 +43,10 @@ def with_source_line(error: Exception, path: str) -> str:
 
 
 def _is_beside(file: Path, folder: Path) -> bool:
-    """Whether a file lies in the folder of a model, and is no library's."""
+    """Whether a file lies in the folder of a model, and is no library's or frozen in Python."""
     return (
-        file.is_relative_to(folder)
+        file.is_file()
+        and file.is_relative_to(folder)
         and not file.is_relative_to(HODO)
         and "site-packages" not in file.parts
     )
@@ -55,7 +62,7 @@ def equations_mistake(system: Model, path: str) -> str:
         return ""  # that is for the numbers of a case to answer, not for its equations
     except NotImplementedError:
         message = f"the model {system.name} states no rhs"
-    except Exception as error:
+    except MISTAKES as error:
         return with_source_line(error, path)
     return f"{path}: {message}" if message else ""
 
@@ -67,7 +74,9 @@ class Symbol:
     __array_ufunc__ = None
     __hash__ = None  # type: ignore[assignment]
 
-    def _result(self, *_: Any) -> "Symbol":
+    def _result(self, *others: Any) -> "Symbol":
+        if any(isinstance(other, complex) for other in others):
+            raise TypeError("a complex number is no coefficient of a motion")
         return self
 
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = _result
@@ -108,12 +117,16 @@ def _misfit(system: Model) -> str:
             return f"`{word}` names {strange[0]!r}, but `{holder}` has: {', '.join(known)}"
     if strange := [name for name, d in system.state_degree.items() if d not in range(100)]:
         return f"`state_degree` of {strange[0]!r} is no whole number from 0 on"
+    if strange := [name for name, value in k.items() if np.iscomplexobj(value)]:
+        return f"`constants` gives a complex {strange[0]!r}"
     start, variables = np.array(system.start), f"{len(system.state)} variables of the state"
     if len(start) != len(system.state):
         return f"start gives {len(start)} numbers for {variables}"
     rates = system.rhs(0.0, start.tolist(), attributes(k))
     if len(rates) != len(start):
         return f"rhs gives {len(rates)} rates for {variables}"
+    if np.iscomplexobj(rates):
+        return f"rhs gives complex rates at the start of a motion: {', '.join(map(str, rates))}"
     if system.degree and not _fits_degree(system, start):
         return "`degree` does not fit rhs: with the constants of other units it gives other rates"
     return _misfit_of_output(system, start)
