@@ -661,6 +661,13 @@ def test_a_share_is_averaged_only_where_linear_damping_acts_alone(
         assert line.get_ydata()[::10] == pytest.approx(points.get_ydata(), abs=0.1)
 
 
+@pytest.mark.parametrize(("unit", "label"), [("day", "$t$ [day]"), ("1", r"$\tau$")])
+def test_a_share_names_the_unit_of_time(unit: str, label: str) -> None:
+    given = STARTS | {"damping": 0.01, "time": {"end": 20, "unit": unit}}
+    made = hodo_cli.sweep({**given, "sweep": {"direction": {"sphere": {"count": 20, "seed": 1}}}})
+    assert hodo_cli.plot(made, kind="share").axes[0].get_xlabel() == label
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

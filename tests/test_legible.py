@@ -145,7 +145,14 @@ def test_crossings_of_two_cases_that_lie_together_are_numbered_once(drawn: Drawi
 
 
 def test_the_level_of_a_map_has_its_unit(drawn: Drawings) -> None:
-    assert legend(drawn.draw("angles", level=0.8))[0] == "0.8 deg"
+    middle = float(np.degrees(derive(drawn.cases["tilted"], "theta").theta.mean()))
+    assert legend(drawn.draw("angles", level=middle))[0] == f"{middle:g} deg"
+
+
+def test_a_level_that_no_value_reaches_has_no_line_in_the_legend(drawn: Drawings) -> None:
+    for level in (-1, 1e9):
+        words = legend(drawn.draw("angles", level=level))[0]
+        assert words == f"no line where {level:g} deg is not reached"
 
 
 def test_numbers_at_logarithmic_ticks_have_room_in_narrow_panels(drawn: Drawings) -> None:
@@ -181,8 +188,8 @@ def test_bodies_on_a_sphere_have_their_separatrices_in_their_colours(drawn: Draw
     names = {text.get_text(): text.get_color() for text in sheet.figure.axes[0].texts}
     lines = {str(line.get_label()): line.get_color() for line in sheet.legend}
     assert lines[words[0]] == names["crossing"] != lines[words[1]] == names["rotor"]
-    by_axis = drawn.draw("ball", colour="axis")
-    assert not [text for text in legend(by_axis) if "separatrix" in text]
+    by_axis = legend(drawn.draw("ball", colour="axis"))
+    assert {text for text in by_axis if "separatrix" in text} == {*words}
     assert "separatrix, $D = 0$" in legend(drawn.draw("ball", cases=("crossing", "round-x1")))
     assert "separatrix at the start" in legend(drawn.draw("ball", cases=("rotor",)))
 

@@ -977,6 +977,19 @@ def test_no_body_is_shown_in_the_regions_of_another(several: Drawings) -> None:
     several.draw("ball")  # whose separatrices have the colours of their bodies
 
 
+@pytest.mark.parametrize("colour", ["case", "axis", "time"])
+def test_the_separatrices_of_several_bodies_are_all_drawn_and_told_apart(
+    colour: str, several: Drawings
+) -> None:
+    lines = [entry for entry in several.draw("ball", colour=colour).legend if entry.get_label()]
+    looks = {
+        (line.get_color(), str(line.__dict__["_unscaled_dash_pattern"]))
+        for line in lines
+        if str(line.get_label()).startswith("separatrix of ")
+    }
+    assert len(looks) == 2
+
+
 def test_numbers_of_passages_have_a_scale_even_if_they_are_0_and_1() -> None:
     body = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [5e-3, 4e-3, 3e-3]}
     axes = {"damping.0": {"values": [1e-3, 5e-3]}, "damping.2": {"values": [1e-3, 5e-3]}}

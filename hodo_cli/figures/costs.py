@@ -32,7 +32,7 @@ from .artists import (
     labelled_styles,
     styles,
 )
-from .maps import position, positions
+from .maps import position, positions, value_unit
 from .sheet import SHEET_STYLE, Drawing, Look, Sheet
 
 MONTE_CARLO: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.5, "mfc": "white", "mew": 0.7}
@@ -103,7 +103,9 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         own_label = label if calculated is None else ""
         axes.plot(points, counted, **circles, clip_on=False, zorder=4, label=own_label)
         sheet.record(label, {"time": points, f"counted, {form}": counted})
-    axes.set(xlabel=f"${spec['time']}$", ylabel="share of starts that have crossed")
+    unit = value_unit(swept, "crossing_time", sheet.units)
+    words = f"${spec['time']}$" + (f" [{unit}]" if unit else "")
+    axes.set(xlabel=words, ylabel="share of starts that have crossed")
     axes.margins(x=0)
     if any(calculated is not None for calculated in averaged):
         sheet.legend.append(Line2D([], [], color=BLACK, label="averaged, in closed form"))

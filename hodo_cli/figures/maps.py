@@ -219,19 +219,33 @@ def map_image(
     image.set_cmap(image.get_cmap().with_extremes(bad=NO_VALUE_COLOUR))
     if spec["theory"] is not None:
         (i, j), ratio = balance(swept, spec["x"], spec["y"])
-        lines = axes.contour(x[i], y[j], ratio.T, [1.0], colors=THEORY["color"])
-        lines.set(linewidth=THEORY["lw"], linestyle=[THEORY["ls"]])
-        sheet.legend.append(Line2D([], [], **THEORY, label="fluid and damping balance"))
+        words = "fluid and damping balance"
+        missing = "no line where fluid and damping do not balance"
+        sheet.legend.append(contour(axes, x[i], y[j], ratio, 1.0, THEORY, (words, missing)))
     if spec["level"] is not None and min(values.shape) > 1:
-        lines = axes.contour(x, y, values.T, [spec["level"]], colors=LEVEL["color"])
-        lines.set(linewidth=LEVEL["lw"], path_effects=LEVEL["path_effects"])
         unit = value_unit(swept, spec["variable"].partition(".")[0], sheet.units)
-        sheet.legend.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g} {unit}".rstrip()))
+        words = f"{spec['level']:g} {unit}".rstrip()
+        missing = f"no line where {words} is not reached"
+        sheet.legend.append(contour(axes, x, y, values, spec["level"], LEVEL, (words, missing)))
     axes.set(xscale="log" if even_x else "linear", yscale="log" if even_y else "linear")
     axes.set(xlabel=axis_name(swept, spec["x"]), ylabel=axis_name(swept, spec["y"]))
     axes.label_outer()
     across, up = (grid.ravel() for grid in np.meshgrid(x, y, indexing="ij"))
     return {axis_column(swept, spec["x"]): across, axis_column(swept, spec["y"]): up}
+
+
+def contour(
+    axes: Axes, x: np.ndarray, y: np.ndarray, values: np.ndarray, level: float, look: Look,
+    words: tuple[str, str],
+) -> Line2D:  # fmt: skip
+    """Draw the contour of values (n, m) at a level; returns its entry of the legend, the second of
+    the words without a line where no value is on its other side."""
+    if not np.nanmin(values) <= level < np.nanmax(values):
+        return Line2D([], [], ls="", label=words[1])
+    lines = axes.contour(x, y, values.T, [level], colors=look["color"])
+    lines.set(linewidth=look["lw"], linestyle=[look.get("ls", "-")])
+    lines.set(path_effects=look.get("path_effects"))
+    return Line2D([], [], **look, label=words[0])
 
 
 def edges(values: np.ndarray, ratios: bool) -> np.ndarray:

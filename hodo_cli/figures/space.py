@@ -209,20 +209,25 @@ def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], p
     )
 
 
+DASHES = (SEPARATRIX["ls"], (0, (0.8, 1.6)), (0, (7, 1.5, 1, 1.5)), (0, (1, 4)))
+"""The lines of the separatrices of several bodies where colours do not tell the cases apart."""
+
 BodySeparatrix = tuple[str, Look, Sequence[np.ndarray]]
 """The separatrix of a body on the unit sphere: its words, its look, and its curves (n, 3)."""
 
 
 def separatrices(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[BodySeparatrix]:
     """The separatrix of each body that has one: two great circles, or with a rotor those through
-    its saddles, for |G| at the start. Those of several bodies have the colours of their cases;
-    where these have none, there is no telling them apart, and they are left out."""
+    its saddles, for |G| at the start. Those of several bodies have the colours of their cases or,
+    where these have none, lines of their own."""
     firsts = {motion.body: i for i, motion in reversed([*enumerate(motions)])}
     drawn: list[BodySeparatrix] = []
-    for i in sorted(firsts.values()) if len(firsts) == 1 or spec["colour"] == "case" else ():
+    for k, i in enumerate(sorted(firsts.values())):
         motion, look = motions[i], SEPARATRIX
         words = f"separatrix of {motion.label}" if len(firsts) > 1 else "separatrix"
-        if len(firsts) > 1:
+        if spec["colour"] != "case":
+            look = look | {"ls": DASHES[k % len(DASHES)]}
+        elif len(firsts) > 1:
             look = look | {"color": styles(i + 1, spec["styles"])[i]["color"]}
         rotor, G = (np.zeros(3), 1.0) if motion.rotor is None else (motion.rotor, motion["G"][0])
         if motion.rotor is not None:  # it changes with |G|, and is no zero of D
