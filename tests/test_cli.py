@@ -133,6 +133,16 @@ def test_a_change_from_the_command_line(hodo: Hodo, config: Path) -> None:
     assert [(c["from"], c["to"]) for c in row["crossings"]] == [("x1", "x3")]
 
 
+def test_formulas_that_differ_in_signs_have_files_of_their_own(hodo: Hodo, tmp_path: Path) -> None:
+    case = {"model": "torques", "inertia": [1, 0.8, 0.6], "initial": {"p": 1, "q": 0.1, "r": 0}}
+    text = json.dumps({"cases": {"a": {**case, "time": {"end": 1}}}})
+    (tmp_path / "f.yaml").write_text(text, encoding="utf-8")
+    for sign in ("*", "/"):
+        change = f'a.expression=["p{sign}2", "0", "0"]'
+        assert hodo("run", "f.yaml", "--quiet", "--set", change).returncode == 0
+    assert len([*(tmp_path / "runs").glob("f,a.expression=*.h5")]) == 2
+
+
 def test_a_change_leaves_the_result_of_the_config_alone(
     hodo: Hodo, config: Path, tmp_path: Path
 ) -> None:

@@ -182,3 +182,20 @@ def test_default_samples_follow_a_body_in_space() -> None:
     speed = np.linalg.norm(motion.omega, axis=-1).max()
     assert np.degrees(speed * np.diff(motion.time).max()) < 6
     assert Case.of(case).time.samples < motion.sizes["time"]
+
+
+@pytest.mark.parametrize("pairs", [False, True])
+def test_a_slow_quantity_that_bends_between_samples_is_said_to(pairs: bool) -> None:
+    # T falls like exp(-t) from one sample to the next, wherever another one stands beside each.
+    times = np.linspace(0, 40, 9)
+    if pairs:
+        times = np.sort(np.concatenate((times, times[:-1] + 1e-3)))
+    case = {
+        "model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [0.1, 0.08, 0.06],
+        "initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"values": times.tolist()},
+    }  # fmt: skip
+    with pytest.warns(UserWarning, match="T of case bends between its samples"):
+        hodo_cli.plot(hodo_cli.run(case), kind="series", variables=["T", "enclosed_axis"])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hodo_cli.plot(hodo_cli.run(case), kind="series", variables=["enclosed_axis"])

@@ -482,7 +482,8 @@ def _check_quantities(
     """The mistakes of a check of quantities that do not follow from what its cases store, or from
     the variables of the model for cases that no result stores."""
     named = check.get("of", ())
-    names = [named] if isinstance(named, str) else [*named, *check.get("values", ())]
+    names = [named] if isinstance(named, str) else [*named]
+    names += [name for name in check.get("values", ()) if name in QUANTITY_NAMES]
     names += ["turns"] if check.get("turns") else []
     for case, name in product(cases, names):
         variables = (case.store if is_stored else ()) or case.system.variables

@@ -198,7 +198,8 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
     groups = [values[i : i + size] for i in range(0, len(values), size)]
     words = f"{check['of']}: {'; '.join(listed(group) for group in groups)}"
     if check["sense"] == "equal":
-        apart = float(np.max(np.ptp(groups, axis=1)) / max(np.max(np.abs(groups)), math.ulp(0)))
+        sizes = np.maximum(np.abs(groups).max(axis=1), math.ulp(0))
+        apart = float(np.max(np.ptp(groups, axis=1) / sizes))
         return Finding(deviation_beyond(apart, ROUNDING), apart, words, "two values that differ")
     steps = [b - a for group in groups for a, b in itertools.pairwise(group)]
     # The smallest step is the number that would decide otherwise first.

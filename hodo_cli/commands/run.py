@@ -322,11 +322,13 @@ def result_name(config: Config, overrides: Sequence[str]) -> str:
     trial does not replace the results of the config as it is."""
     # Of two for one key the last counts.
     last = {text.partition("=")[0]: text for text in overrides}.values()
-    changes = ",".join(sorted(re.sub(r"[^\w.,=+()\[\]{}-]", "_", text) for text in last))
-    if len(changes.encode()) > LONGEST_OVERRIDES:
-        changes = (
-            f"{changes.encode()[:LONGEST_OVERRIDES].decode(errors='ignore')}-{digest(changes)[:8]}"
-        )
+    exact = ",".join(sorted(last))
+    changes = re.sub(r"[^\w.,=+()\[\]{}-]", "_", exact)
+    # Two formulas may differ in signs alone that no name of a file has.
+    has_signs = any(re.search(r"[^\w.,:+()\[\]{}\s'\"-]", text.partition("=")[2]) for text in last)
+    if has_signs or len(changes.encode()) > LONGEST_OVERRIDES:
+        beginning = changes.encode()[:LONGEST_OVERRIDES].decode(errors="ignore")
+        changes = f"{beginning}-{digest(exact)[:8]}"
     return ",".join(filter(None, [Path(config.path).stem, changes])) + ".h5"
 
 

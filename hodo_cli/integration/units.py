@@ -227,8 +227,8 @@ def clock_rates(model: type[Model], k: SimpleNamespace, y: np.ndarray) -> np.nda
     """
     with np.errstate(all="ignore"):
         rates = np.array(np.broadcast_arrays(*model.rhs(0.0, [*y], k)), dtype=float)
-        fastest, order = np.frexp(np.abs(rates).max(axis=0))
-    return np.where(np.isfinite(fastest) & (np.abs(order) > MODERATE_BITS), order, 0)
+        mantissa, order = np.frexp(np.abs(rates).max(axis=0))
+    return np.where(np.isfinite(mantissa) & (np.abs(order) > MODERATE_BITS), order, 0)
 
 
 def is_timed(system: Model, events: tuple[Event, ...] = ()) -> bool:

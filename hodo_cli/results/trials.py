@@ -241,7 +241,7 @@ def verdict(motion: Trajectory, error: float, floor: float) -> str:
 
 def error_of_crossings(motion: Trajectory, reference: ReferenceMotion) -> float:
     """The largest relative error of a crossing's time; infinite if the crossings are not the true
-    ones."""
+    ones, and no number where there are none to compare."""
     if not (reference.crossings and motion.succeeded):
         return math.nan
     crossings = cross(motion.case, motion.method, motion.case.precision, motion.tol)[1]

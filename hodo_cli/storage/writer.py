@@ -211,7 +211,8 @@ class Writer:
         return True
 
     def next_shard(self) -> Path:
-        """The name of a new shard. Raises BatchError if it cannot be made."""
+        """The name of a new shard, beside the attributes of the result to be, which the first one
+        writes. Raises BatchError if these cannot be written."""
         with os_errors_as(self.path, CASES_KEPT):
             if not self._count:
                 # Before any shard: until the result is made, they are shown in its place.

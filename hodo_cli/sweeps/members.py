@@ -198,13 +198,13 @@ def members_as_cases(case: Case, numbers: np.ndarray, samples: int | None) -> It
 def warnings_of_ends(case: Case) -> list[str]:
     """The warnings that the models of the first and of the last member give of their data.
 
-    The data of the case itself may never be run. Values on an axis mostly rise or fall, so that a
-    warning of any member is one of these two.
+    The data of the case itself may never be run. Values on an axis mostly rise or fall, so that of
+    one axis a warning of any member is mostly one of these two.
     """
     total = math.prod(shape(case))
     given = grouped(
         (warning, end)
-        for number, end in {0: "first", total - 1: "last"}.items()
+        for number, end in ({0: "first", total - 1: "last"} if total > 1 else {0: "first"}).items()
         for single in [member(case, number)]
         if not any(type(case.system).check(single.data))
         for warning in single.system.warnings
