@@ -169,6 +169,21 @@ def test_wrong_lists_of_cases_are_one_line(cases: Any, options: Any, words: str)
     assert str(raised.value).startswith(words)
 
 
+@pytest.mark.parametrize("dtype", [np.longdouble, np.float32, np.float16, np.int8])
+def test_numbers_of_all_precisions_are_numbers(dtype: type) -> None:
+    moments = np.array([3, 2.5, 2], dtype=dtype)
+    case = Case.of(FIG4 | {"inertia": moments, "damping": dtype(1)})
+    assert case == Case.of(FIG4 | {"inertia": moments.astype(float).tolist(), "damping": 1.0})
+    with pytest.raises(HodoError, match="expected a finite number"):
+        Case.of(FIG4 | {"damping": np.clongdouble(1)})
+
+
+def test_a_range_stands_where_a_file_has_a_list() -> None:
+    ranges = [{"sweep": {"damping.0": {"values": values}}} for values in (range(3), [0, 1, 2])]
+    first, second = (Case.of(FIG4 | sweep) for sweep in ranges)
+    assert first == second
+
+
 def test_numbers_of_numpy_are_numbers() -> None:
     made = api.run({**FIG4, "damping": np.array([0.005, 0.004, 0.003])}, classify=False)
     assert made.identical(made)

@@ -399,6 +399,8 @@ MESSAGES: list[tuple[str, list[str]]] = [
     ("a: 1\n--- 2", ["2:1: a second document starts here; one is allowed"]),
     ("a: [1, 2\n",
      ["2:1: not YAML: the [ of line 1 is not closed, or lacks a comma"]),
+    ("a: {b: 1,, c: 2}", ["1:10: not YAML: the [ or { of line 1 has a comma too many"]),
+    ("a: [1,, 2]", ["1:7: not YAML: the [ or { of line 1 has a comma too many"]),
     ("a:\n\tb: 1",
      ["2:1: not YAML: a tab; indent with spaces"]),
     ("a: b\n c\0d", ["2:3: the character U+0000 is not allowed"]),
@@ -459,6 +461,12 @@ MESSAGES: list[tuple[str, list[str]]] = [
       "figures, style, bench, claims, errata)"]),
     (f"{ONE}figures: {{f: {{kind: sphere, cases: [a], styles: [bleu]}}}}",
      ["4:50: figures.f.styles.0: unknown colour or line 'bleu'; did you mean 'blue'? ..."]),
+    (f"{ONE}figures: {{f: {{kind: sphere, cases: [a], styles: [red, blue, green]}}}}",
+     ["4:49: figures.f.styles: expected 1 at most, one for each line, got 3"]),
+    (f"{ONE}figures: {{f: {{kind: axis-trace, cases: [a], axes: [x1, x3], "
+     "styles: [red, blue, green]}}",
+     ["4:41: figures.f.cases.0: case a has no attitude, which axis-trace needs ...",
+      "4:69: figures.f.styles: expected 2 at most, one for each line, got 3"]),
     (f"{ONE}figures: {{f: {{kind: series, cases: [a], variables: [T, Q, omega.x1]}}}}",
      ["4:56: figures.f.variables.1: unknown variable 'Q' ..."]),
     (f"{ONE}claims: [{{id: c, where: w, statement: s, cases: [a], expect: reproduced, "
@@ -497,6 +505,17 @@ def test_a_key_of_another_form_says_which() -> None:
         "x.yaml:2:48: cases.a.spin_reversal: is a key of form averaged or averaged-as-printed, "
         "and this is form full"
     ) in lines
+
+
+def test_names_that_are_true_and_false_are_to_be_quoted() -> None:
+    known = (
+        "where: w, statement: s, cases: [a], expect: reproduced, check: {kind: crossings, least: 1}"
+    )
+    claims = f"claims: [{{id: true, {known}}}, {{id: false, {known}}}]"
+    assert mistakes(ONE + claims) == [
+        "x.yaml:4:15: claims.0.id: expected text, got true; put it in quotes",
+        "x.yaml:4:119: claims.1.id: expected text, got false; put it in quotes",
+    ]
 
 
 def test_a_models_own_check_goes_as_far_as_the_values_that_are_right() -> None:

@@ -98,6 +98,18 @@ def test_who_takes_a_mistake_of_the_user_takes_nothing_else() -> None:
     assert not [kind for kind in NOT_OF_A_CASE if issubclass(HodoError, kind)]
 
 
+@pytest.mark.parametrize("command", ["run", "plot", "merge"])
+@pytest.mark.parametrize("out", ["file", "file/deeper"])
+def test_a_file_is_no_folder_to_write_into(folder: Path, command: str, out: str) -> None:
+    (folder / "file").write_text("mine")
+    of = "x.yaml" if command == "run" else "x.h5"
+    done = hodo(command, of, "--out", f"{out}/new.h5" if command == "merge" else out)
+    assert done.exit_code == 2
+    assert done.stderr.startswith("cannot write file/")
+    assert done.stderr.endswith(": file is a file, not a folder\n")
+    assert (folder / "file").read_text() == "mine"
+
+
 def test_labels_that_cannot_be_stored_are_one_line(folder: Path) -> None:
     little = partial(limit, resource.RLIMIT_FSIZE, 4000)
     full = call_apart(folder, "classify", "x.h5", preexec_fn=little)

@@ -78,6 +78,10 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
             "cases.a.sweep.damping.2: expected one of linspace, logspace, values, zip, sphere, "
             "got 3",
         ),
+        (
+            "{damping.2: {values: [1, 2], linspace: [1, 2, 3]}}",
+            "got a mapping, of 2 keys: 'values, linspace'",
+        ),
         ("{damping.2: {linspce: [1, 2, 3]}}", "did you mean 'linspace'?"),
         (
             "{damping.2: {linspace: [1, 2]}}",

@@ -110,12 +110,13 @@ class Time:
 
 
 def plain(value: Any) -> Any:
-    """Arrays of numpy and tuples as lists, its numbers as Python's: what a YAML file can say."""
+    """Arrays of numpy, tuples and ranges as lists, its numbers as Python's, those of extended
+    precision rounded to doubles as the numbers of a file are: what a YAML file can say."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
+        return (value.astype(float) if value.dtype.kind == "f" else value).tolist()
+    return [plain(item) for item in value] if isinstance(value, list | tuple | range) else value
 
 
 @dataclass(frozen=True)

@@ -350,7 +350,8 @@ def cross_check(claims: Any, errata: Any, case_of: CaseOf) -> Iterator[Mistake]:
                 continue
             entry, _ = check_keys(keys, item)  # what is wrong with a single key has been noted
             mistakes = [*_check_entry(section, entry, case_of)]
-            if (name := entry.get("id", "")) in ids[section]:
+            name = entry.get("id", "")
+            if name and name in ids[section]:
                 mistakes.append((("id",), f"a second entry {name!r}"))
             ids[section].append(name)
             if name := entry.get("erratum", ""):

@@ -423,13 +423,25 @@ def _count_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
     kind = values.get("kind")
     named = "bodies" if kind == "quadrant-sketch" else "cases"
     count, labels = len(values.get(named, ())), values.get("labels", ())
-    total = sum(values.get("groups", ()))
+    total, styles = sum(values.get("groups", ())), values.get("styles", ())
+    # The lines of a share are as many as the other axis of its sweep has values.
+    curves = {
+        "axis-trace": count * len(values.get("axes", ())),
+        "share": 0,
+        "order": len(values.get("groups", ())),
+        "cost": len(values.get("groups", ())),
+    }.get(str(kind), count)
     yield from mistakes_where(
         # The labels of a sweep name panels or curves, whose number its axes decide.
         (
             kind not in ("map", "curve") and len(labels) > count,
             ("labels",),
             f"expected one for each of {count} {named}, got {len(labels)}",
+        ),
+        (
+            0 < curves < len(styles),
+            ("styles",),
+            f"expected {curves} at most, one for each line, got {len(styles)}",
         ),
         (
             kind == "body" and count > 1,

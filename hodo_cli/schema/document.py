@@ -231,6 +231,10 @@ def _reason(error: Any, mark: yaml.Mark, text: str, override: str) -> str:
             error.problem == NO_MAPPING_HERE,
             "a second ': ' on one line: indent a new key, or put the text in quotes",
         ),
+        (
+            bracket and any(line[mark.column : mark.column + 1] == "," for line in lines),
+            f"{bracket}{where} has a comma too many",
+        ),
         (bracket and opening, f"{bracket}{where} is not closed, or lacks a comma"),
         (True, ", ".join(filter(None, (error.context, error.problem)))),
     )

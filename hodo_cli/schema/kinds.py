@@ -384,7 +384,8 @@ class Text(Kind):
     def check(self, value: Any) -> str:
         if isinstance(value, str) and len(value) >= self.least:
             return str(value)
-        raise expected(self, value, "; put it in quotes" if as_finite(value) is not None else "")
+        is_plain = isinstance(value, bool) or as_finite(value) is not None
+        raise expected(self, value, "; put it in quotes" if is_plain else "")
 
     def schema(self) -> dict[str, Any]:
         return {"type": "string"} | ({"minLength": self.least} if self.least else {})
@@ -576,7 +577,8 @@ class OneOf(Table):
 
     def check(self, value: Any) -> dict[str, Any]:
         if isinstance(value, Mapping) and len(value) != 1:
-            raise expected(self, value)
+            given = f", of {len(value)} keys: {shown(', '.join(value))}" if value else ""
+            raise expected(self, value, given)
         values = super().check(value)
         return {name: values[name] for name in value}
 

@@ -104,6 +104,8 @@ def os_errors_as(path: Path, remark: str = "") -> Iterator[None]:
     except (OSError, RuntimeError) as error:
         if not (reason := refusal(error)):
             raise
+        if file := next(filter(os.path.isfile, path.parents), None):
+            reason, remark = f"{file} is a file, not a folder", ""
         raise BatchError(f"cannot write {path}: {reason}{remark}") from error
 
 
