@@ -92,6 +92,7 @@ def run(
         return []
     if path is None and is_one:
         return _integrated(cases[0], classify)
+    # Several are run as `hodo run` does, which makes a file.
     with TemporaryDirectory(prefix="hodo-") as folder:
         datasets = _stored(cases, path or Path(folder) / "cases.h5", jobs, classify)
     return datasets[0] if is_one else datasets

@@ -112,7 +112,10 @@ def _is_lost(future: Future[Any]) -> bool:
 
 
 def _with_digest(function: Callable[[Task], Result], task: Task) -> tuple[str, Result]:
-    """What a worker does: the result, with the digest of what has computed it."""
+    """What a worker does: the result, with the digest of what has computed it.
+
+    Raises BatchError for what this machine refuses; a package that is missing is the caller's.
+    """
     try:
         result = function(task)
     except ModuleNotFoundError:

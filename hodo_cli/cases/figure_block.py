@@ -675,7 +675,8 @@ def _wrong_swept_variable(values: Mapping[str, Any], case: Drawable) -> str:
 
 
 def averaged(values: Mapping[str, Any], axes: Iterable[str], sphere: str) -> list[str]:
-    """The axes of a sweep over which a figure averages: those that it does not draw."""
+    """The axes of a sweep over which a figure averages: those that it does not draw. A map without
+    x draws `sphere`, the axis of directions."""
     drawn = {values.get(key) for key in AXIS_KEYS}
     if values.get("kind") == "map" and values.get("x") is None:
         drawn.add(sphere)

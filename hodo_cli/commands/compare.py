@@ -130,7 +130,10 @@ def differing_computation(cases: Sequence[Case], a: Group, b: Group) -> Iterator
 
 
 def differing_settings(cases: Sequence[Case], a: Group, b: Group) -> Iterator[Line]:
-    """The parameters in which two stored cases differ, and a method that a case does not allow."""
+    """The parameters in which two stored cases differ, and a method that a case does not allow.
+
+    `cases` is empty where the text of one of them cannot be read.
+    """
     if not cases:
         if a.attributes.get("case") != b.attributes.get("case"):
             yield "case", math.inf, "damaged, or of another version of hodo"

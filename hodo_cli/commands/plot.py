@@ -327,6 +327,7 @@ def renewed_page(out: Path, folders: Sequence[FigureFolder], force: bool) -> Seq
     entry = record.get(PAGE_FILE, NEVER_DRAWN)
     if force or entry["digest"] != page_digest(out, folders):
         messages = page_written(out, folders)
+        # Anew, since it covers the page as it is written now.
         entry = {"digest": page_digest(out, folders), "cases": (), "warnings": messages}
         record[PAGE_FILE] = entry
         save_record(out, record)

@@ -165,6 +165,7 @@ class Taylor:
         values = self._values(last, state, numbers)
 
         def after_step(ta: Any) -> bool:
+            """Record events that heyoka has lost, and show the step; whether to go on."""
             nonlocal last, values
             stop = None
             if self.events:

@@ -352,7 +352,8 @@ def radius(y: Sequence[Sequence[Any]]) -> Any:
         reduce(larger, [size(c[i]) for c in y])
         for i in (0, ROOT_ORDER - 1, ROOT_ORDER, ROOT_ORDER + 1)
     )
-    # A steady rotation has coefficients of 0.
+    # A steady rotation has coefficients of 0. ROOT_ORDER is a power of 2, whose root is a row of
+    # square roots: heyoka's symbols have no other one.
     coefficient = larger(highest, hy.sqrt(lower * higher)) + TINY_DIVISOR
     power = larger(norm, hy.expression(1.0)) / coefficient
     return reduce(lambda x, _: hy.sqrt(x), range(int(math.log2(ROOT_ORDER))), power)

@@ -316,7 +316,8 @@ def passage_handles(motions: Sequence[Motion]) -> list[Line2D]:
 def event_marks(axes: Axes, motion: Motion, names: Sequence[str], spec: Mapping[str, Any]) -> None:
     """Mark the events of a motion on its curves in a panel, with words."""
     first, last = spec["span"] or (motion.time[0], motion.time[-1])
-    for kind, when in ((kind, when) for kind, when in motion.events if first <= when <= last):
+    within = [(kind, when) for kind, when in motion.events if first <= when <= last]
+    for kind, when in within:
         values = {name: float(np.interp(when, motion.time, motion[name])) for name in names}
         # One colour, or the legend would have the marks of each case.
         marks: Look = {**END, "color": BLACK, "clip_on": False, "zorder": 5}

@@ -328,7 +328,8 @@ def sample_sides(motion: Trajectory) -> SignChanges:
     G = body.moments * omega.astype(float) + (0 if rotor is None else rotor)
     # Behind a stop there is no side; with a rotor, G is what rounding leaves of two vectors there.
     least = 0 if rotor is None else CANCELLED_PART * np.abs(rotor).max()
-    turning = slice(len(G) - int(np.argmax(np.abs(G).max(1)[::-1] > least)))
+    is_turning = np.abs(G).max(axis=1) > least
+    turning = slice(np.flatnonzero(is_turning)[-1] + 1 if is_turning.any() else len(G))
     with np.errstate(over="ignore"):
         margins, sides = sides_of(body, omega[turning])
         momentum = np.sqrt(np.vecdot(G, G))

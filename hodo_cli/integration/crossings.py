@@ -449,8 +449,9 @@ def places_in(n: int, fp: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def end_of(holds: Any, low: np.ndarray, high: np.ndarray, rounds: int) -> np.ndarray:
-    """Where a property ends within intervals (k,) at whose first end it holds: `holds` tells of
-    intervals, by their numbers (n,), whether it does at places (n,)."""
+    """Where a property ends within intervals (k,) at whose first end it holds, by dividing each in
+    PARTS_AT_ONCE again and again. `holds(i, x)` says whether (n,) it holds at places x (n,) of the
+    intervals i (n,)."""
     number, parts = np.arange(len(low)), np.arange(PARTS_AT_ONCE + 1) / PARTS_AT_ONCE
     for _ in range(rounds if len(low) else 0):
         ends = low[:, None] + (high - low)[:, None] * parts

@@ -56,7 +56,7 @@ class AccuracyMonitor(StepObserver):
     everywhere: bool = True
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
-        """See `Observer`."""
+        """Check the state at the start of a step; see `Observer`."""
         order = np.arange(self.engine.degree + 1)
         # At the start of a step only the first power is left, and polynomials of Legendre or
         # Chebyshev are 1 and -1 by turns.
@@ -104,7 +104,7 @@ class StepCheck(StepObserver):
     changes: list[tuple[Any, Any, Any]] = field(default_factory=list)
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
-        """See `Observer`."""
+        """Keep a step, and compare those kept when they are enough; see `Observer`."""
         self.ends.append((start, end))
         self.series.append(series.copy())
         self.longest = max(self.longest, float(end - start))

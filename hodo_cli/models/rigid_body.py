@@ -368,6 +368,7 @@ class BodyFrame(Model):
             # About which axes a body with a rotor is in steady rotation, `theory.gyrostat` says.
             return tilt_growth_by_equations(self) if self.is_plain else None
         omega = self.to_principal(self.omega_at_start)
+        # As fast as at the start about each axis in turn, in the sense of the component there.
         rates = tilt_growth_rates(dissipations[0], np.copysign(np.linalg.norm(omega), omega))
         return rates if np.isfinite(rates).any() else None
 

@@ -372,8 +372,9 @@ class Torques(BodyUnderTorques):
         return () if self.brake is None else (stop,)
 
     def off_corners(self, y: np.ndarray) -> np.ndarray:
-        """Starts (m, ...) whose components that are 0 stand on the side that they enter, with its
-        sign; one that stays 0 has the sign 0."""
+        """Starts (m, ...) for drag with a corner at omega_i = 0, where no sign of omega_i is known:
+        each such component stands on the side that it enters, with its sign in the state; one that
+        stays 0 has the sign 0."""
         # Several short steps: the first slopes are 0 where only other components drive this one, or
         # where a law of time begins with 0. What turns with the body goes ahead with it.
         w, ahead, t = y[:3], y.copy(), np.zeros(y.shape[1:])
@@ -400,6 +401,7 @@ class Torques(BodyUnderTorques):
 
     @property
     def exact_end(self) -> tuple[str, EventOutcome] | None:
+        """When and how a brake stops a body of closed form; None without a stop."""
         along = self.along_momentum
         if along is None or math.isinf(along.stop):
             return None
@@ -630,7 +632,8 @@ def averaged_sum(full: type[Torques], names: tuple[str, ...]) -> type[BodyFrame]
 
 @cache
 def sum_of(names: tuple[str, ...]) -> type[Torques]:
-    """The form of `Torques` whose equations have the terms of these names only."""
+    """The form of `Torques` whose equations have the terms of these names only: a class for each
+    sum, since an engine compiles the equations of a class once for all its cases."""
     chosen = tuple(TERMS[name] for name in names)
     extra = {name: power for term in chosen for name, power in term.extra.items()}
     attributes_of = {

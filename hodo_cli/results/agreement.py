@@ -103,7 +103,8 @@ def input_agreement(b: ReferenceValues) -> np.ndarray:
 
 
 def located_difference(b: ReferenceValues) -> np.ndarray:
-    """A time may be off by the error of the state, magnified, and by its own stated error."""
+    """A time may be off by the error of the state, magnified, and by its own stated error; where
+    the user or the variable names a tolerance, by that, magnified."""
     if b.tolerance.rtol is not None or "rtol" in b.variable.attrs:
         return b.of_size(b.size, EVENT_CONDITION)
     error = float(b.group.attributes.get("error", math.nan))

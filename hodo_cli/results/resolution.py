@@ -70,8 +70,9 @@ def longer_intervals(motion: Motion) -> np.ndarray:
 def turn_remark(
     motion: Motion, drawn: slice, limit: float, in_space: bool, chord: float = VISIBLE_CHORD
 ) -> str:
-    """The remark on a motion whose samples are too few for a curve of G, or for one in space, of
-    whose chords those above a part `chord` of its size count; an empty text if they are enough."""
+    """The remark on a motion whose samples are too few for a curve of G, or for one in space; an
+    empty text if they are enough. Chords shorter than `chord` times the largest |G| do not
+    count."""
     angle, distance = turns_in_space(motion) if in_space else turns(motion)
     is_seen = distance[drawn] > chord * np.abs(motion.G[drawn]).max(initial=0)
     worst = float(angle[drawn][is_seen].max(initial=0))

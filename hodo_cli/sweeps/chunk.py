@@ -114,15 +114,17 @@ def boxes(sizes: tuple[int, ...], most: int) -> Iterator[tuple[int, int]]:
 
 
 def reason_alone(case: Case) -> str:
-    """Why the members of a sweep go each by itself; an empty string where they go side by side:
-    they may, and they are worth the compilation of their step."""
+    """Why the members of a sweep go each by itself: their method or their model asks for it, or
+    they are too few to be worth the compilation of a step. An empty string where they go side by
+    side."""
     if other := other_method(case):
         return other
     passes = any(event.interrupts for event in case.system.run_events)
     if passes and "trajectory" in case.store:
         return "samples of motions that go on through an event"
     fewest = 0 if case.system.degree else WORTH_COMPILING * len(flatten(case.system.constants))
-    fewest //= TURNING_FACTOR if passes else 1
+    if passes:
+        fewest //= TURNING_FACTOR
     too_few = math.prod(shape(case)) < fewest
     return f"fewer than {fewest} members are not worth compiling their step" if too_few else ""
 

@@ -87,6 +87,7 @@ def member_error(case: Case, single: Case, end: MemberEnd) -> MemberError:
     crossings = [crossing] if crossing < case.time.end and single.system.class_events else []
     times = np.array([case.time.start, *crossings, case.time.end])
     for by in references(single, method, tol):
+        # By the equations of the finer data, as a motion of the member, whose variables it has.
         reference = replace(solve(finer, by.method, by.precision, by.tol, times), case=single)
         if reference.succeeded:
             shift = crossing_error(reference) if crossings else math.nan

@@ -227,6 +227,7 @@ class AveragedTurns(BodyFrame):
 
     @classmethod
     def output(cls, t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
+        """The mean elements, with their periodic part where they are to have one; see `Model`."""
         (squares, unit), side = squares_and_unit(y), y.T[3]
         # A capture by chance forgets the phase.
         if k.turning_mean == "yes" and k.turning_branch == STOP:
@@ -351,6 +352,7 @@ class AveragedTurns(BodyFrame):
 
     @property
     def run_events(self) -> tuple[Event, ...]:
+        # A body with two equal moments has no separatrix to pass.
         if len(set(self.body[:3])) < 3:
             return self.averaged_events
         event = Event("separatrix", distance_to_edge, terminal=True, passage=self.passage)

@@ -442,6 +442,7 @@ class FullTop(Top):
     @property
     def extended_start(self) -> np.ndarray:
         y = super().extended_start
+        # The sine and cosine of theta have lost digits as doubles.
         if self.initial["theta"] is not None:
             theta = np.longdouble(self.initial["theta"])
             y[4:6] = np.sin(theta), np.cos(theta)
