@@ -86,12 +86,10 @@ class Tensor(BodyUnderTorques):
         # A kernel, or an eigenvalue that is rounding, stops no motion: omega x A omega decides.
         if not any(self.start) or (I != I.T).any() or values[0] <= EQUAL_RATES * values[-1]:
             return None
-        if self.spins_steadily:
-            direction, error = np.array(self.start), 0.0
-        else:
-            direction, error = slowest_direction(A, I)
+        is_steady = self.spins_steadily
+        direction, error = (np.array(self.start), 0.0) if is_steady else slowest_direction(A, I)
         label = int(rigid_body.enclosed_axis(A, direction, error))
-        if label != rigid_body.SEPARATRIX or not is_diagonal(I):
+        if is_steady or label != rigid_body.SEPARATRIX or not is_diagonal(I):
             return label if label > 0 else None
         # D' = -2 lambda D for each of the two outer axes: what is about one decays more slowly.
         largest, _, smallest = rigid_body.inertia_order(A)
