@@ -143,8 +143,9 @@ class Propagation:
         """
         while not self.samples.is_complete and self.control.status is Status.OK:
             self.clock.factor = float(np.ldexp(1.0, self.units.rate))
-            self.restarts = self.restarts[self.clock.until(self.restarts[:, 1]) > 0]
-            if (self.clock.until(self.restarts[:1, 0]) <= 0).any():
+            while len(self.restarts) and self.clock.until(self.restarts[0, 1]) <= 0:
+                self.restarts = self.restarts[1:]
+            if len(self.restarts) and self.clock.until(self.restarts[0, 0]) <= 0:
                 self.go_straight_on(*self.restarts[0, 1:])
             else:
                 self.change_units(self.integrate())
@@ -172,12 +173,11 @@ class Propagation:
         the unit of omega in which the state is then."""
         samples, units, clock = self.samples, self.units, self.clock
         block = samples.time[samples.done :][:SAMPLES_AT_ONCE].astype(self.engine.dtype)
-        stop = self.restarts[:1, 0]
-        if (stop < block[-1]).any():
+        times = block
+        if len(self.restarts) and (stop := self.restarts[0, 0]) < block[-1]:
             block = block[block < stop]
-        else:
-            stop = block[:0]
-        grid = clock.grid(np.append(block, stop))
+            times = np.append(block, stop)
+        grid = clock.grid(times)
         if not math.isfinite(float(grid[-1])):
             raise OverflowError
         k = units.constants(self.model, self.system.constants)

@@ -221,9 +221,9 @@ def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nd
 
 def changes_within_steps(case: Case, number: int) -> bool:
     """Whether a member has formulas that change within its steps, which ensembles do not see."""
-    with suppress(HodoError):
-        single = member(case, number, 2)
-        return single.system.has_formulas and solve(single, "taylor").restarts > 0
+    if case.system.has_formulas:
+        with suppress(HodoError):
+            return solve(member(case, number, 2), "taylor").restarts > 0
     return False
 
 
