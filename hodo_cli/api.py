@@ -24,7 +24,7 @@ from .commands.classify import classified, classify_results
 from .commands.merge import extended_text
 from .commands.run import execute, finished_case, plans
 from .figures import draw
-from .figures.artists import user_parameters
+from .figures.style import user_parameters
 from .results.dataset import (
     StoredCases,
     cases_of_file,

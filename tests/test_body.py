@@ -19,7 +19,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 import hodo_cli as hodo
-from hodo_cli.figures.body import (
+from hodo_cli.figures.kinds.body import (
     draw_moment,
     film_panel,
     pictures,

@@ -75,7 +75,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Copy:
         ("progress.py", set()),
         ("results/layout.py", set()),
         ("claims/checks.py", set()),
-        ("figures/maps.py", set()),
+        ("figures/kinds/maps.py", set()),
         ("text.py", set()),
         ("cli.py", set()),
     ],

@@ -30,7 +30,7 @@ from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import classify, run
 from hodo_cli.engines import protocol
-from hodo_cli.figures import maps
+from hodo_cli.figures.kinds import maps
 from hodo_cli.integration import choice, cross, integrate, solve
 from hodo_cli.models import constants as flat
 from hodo_cli.models import rigid_body

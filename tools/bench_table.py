@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import xarray
 
-from hodo_cli.figures.costs import draw_bench
 from hodo_cli.figures.files import save
+from hodo_cli.figures.kinds.costs import draw_bench
 from hodo_cli.figures.sheet import SHEET_STYLE
 from hodo_cli.results.trials import TRIAL_VERDICTS
 from hodo_cli.text import magnitude, seconds

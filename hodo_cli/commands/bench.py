@@ -17,8 +17,8 @@ from ..batch.pool import Pool
 from ..batch.processes import Processes
 from ..cases.case import Case
 from ..cases.config import Config, no_case
-from ..figures.costs import draw_bench
 from ..figures.files import save
+from ..figures.kinds.costs import draw_bench
 from ..integration import ERROR_LIMIT_ASKED
 from ..progress import Progress
 from ..results.trials import ERROR_SLACK, TRIAL_VERDICTS, ULP_EFFECTS, Trial, trials_of

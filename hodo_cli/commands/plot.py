@@ -187,7 +187,7 @@ def check_styles(folders: Sequence["FigureFolder"]) -> None:
             if not {"font", "sheet"} & style.keys():
                 continue
             load_what_draws()
-            from ..figures.artists import matplotlib_parameters
+            from ..figures.style import matplotlib_parameters
 
             try:
                 matplotlib_parameters(style)

@@ -1,8 +1,9 @@
 """Drawings of motions and sweeps, and the page that shows them. They read datasets and know no
 command, no engine and no claim; matplotlib is loaded nowhere else.
 
-A kind of figure is a function that draws an entry of a `figures:` block on a sheet. `DRAW` and
-`DRAW_SWEEPS` list them all; `cases.figure_block` declares the keys that each takes.
+`kinds` holds what draws each kind of figure. What they share: `sheet` is a figure under
+construction, `artists` has its colours, marks and legend entries, `symbols` and `words` its texts;
+`style` finishes it, and `files` saves it.
 """
 
 import math
@@ -22,14 +23,10 @@ from ..results.motion import Motion
 from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..schema.kinds import Wrong, unknown
 from ..text import case_words
-from .artists import finish_figure, matplotlib_parameters, wanted_width
-from .body import body
-from .costs import cost, error_order, share
 from .files import save
-from .maps import sweep_curve, sweep_map
-from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
+from .kinds import DRAW, DRAW_SWEEPS
 from .sheet import SHEET_STYLE, Drawing, Layout, Sheet
-from .space import axis_trace, herpolhode, hodograph, sphere
+from .style import finish_figure, matplotlib_parameters, wanted_width
 from .words import lighten, slanted, text_size, text_width
 
 if TYPE_CHECKING:
@@ -37,29 +34,6 @@ if TYPE_CHECKING:
 
 NO_OTHERS: Mapping[str, Mapping[str, Any]] = {}
 """The figures with which a figure of datasets at hand may share its scale."""
-
-DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Sequence[Motion]], None]] = {
-    "hodograph": hodograph,
-    "sphere": sphere,
-    "herpolhode": herpolhode,
-    "axis-trace": axis_trace,
-    "body": body,
-    "quadrants": quadrants,
-    "quadrant-sketch": quadrant_sketch,
-    "series": time_series,
-    "phase": phase,
-    "invariants": invariants,
-    "order": error_order,
-    "cost": cost,
-}
-"""The kinds of figures of motions."""
-
-DRAW_SWEEPS: dict[str, Callable[[Sheet, Mapping[str, Any], Cases], None]] = {
-    "map": sweep_map,
-    "curve": sweep_curve,
-    "share": share,
-}
-"""The kinds of figures of sweeps."""
 
 
 def draw(

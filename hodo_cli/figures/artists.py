@@ -1,37 +1,27 @@
-"""Colours, marks and labels that every kind of figure shares, and the style that figures are given:
-the parameters of matplotlib, and the size, scales, legend and letters of drawn panels."""
+"""Colours, marks and legend entries that several kinds of figures share."""
 
 import math
-import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from itertools import chain, repeat
-from pathlib import Path
-from string import ascii_lowercase
 from typing import Any
 
 import matplotlib.style
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import ListedColormap, Normalize, to_rgb
-from matplotlib.font_manager import FontProperties, findfont, get_font_names
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from .. import HodoError
 from ..cases.figure_block import COLOUR_NAMES, LINE_NAMES
 from ..results.motion import Motion
-from ..schema.kinds import unknown
 from ..text import abridged
 from .sheet import Look, Sheet
-from .words import Words, text_lines, text_size, text_width
-
-COLUMN, PAGE = 84 / 25.4, 174 / 25.4
-"""Widths of a journal's column and page, inches."""
+from .symbols import time_label, unit_after
+from .words import Words
 
 BLUE, ORANGE, GREEN, SKY, RED, PURPLE, BLACK = (
     "#0072B2", "#BF8200", "#009E73", "#2E8FCB", "#D55E00", "#CC79A7", "#000000")  # fmt: skip
@@ -42,6 +32,7 @@ YELLOW = "#F0E442"
 """The palette's own, too pale for a curve: it fills marks."""
 
 GREY, PALE_GREY = "#666666", "#8A8A8A"
+
 NOT_CLASSIFIED = -2
 """Stands for the label of a motion that has none yet."""
 
@@ -61,6 +52,7 @@ CYCLE = (
     (BLACK, (0, (6, 1.5, 1, 1.5, 1, 1.5))),
     (GREY, (0, (1, 2.4))),
 )
+
 DEFAULT_CYCLE = matplotlib.rcParamsDefault["axes.prop_cycle"]
 
 COLOUR_MAP = "plasma"
@@ -75,13 +67,14 @@ TIME_COLOURS = 64
 """Colours along a curve that is coloured by time; more cannot be told apart."""
 
 START: Look = {"ls": "", "marker": "o", "ms": 4, "mfc": "white", "mec": BLACK, "mew": 0.6}
+
 END: Look = {"ls": "", "marker": "s", "ms": 2.8, "mfc": BLACK, "mec": BLACK, "mew": 0.6}
+
 CROSSING: Look = {"ls": "", "marker": "D", "ms": 3.6, "mfc": YELLOW, "mec": BLACK, "mew": 0.6}
+
 LAW_LOOK: Look = {"color": BLACK, "lw": 1.0, "ls": (0, (5, 1.5)), "zorder": 4}
+
 SEPARATRIX: Look = {"color": BLACK, "lw": 0.7, "ls": (0, (3.2, 2.1))}
-
-
-# Drawn by several kinds
 
 
 def hues(n: int = 256, end: float = AREA_END) -> ListedColormap:
@@ -89,104 +82,10 @@ def hues(n: int = 256, end: float = AREA_END) -> ListedColormap:
     return ListedColormap(matplotlib.colormaps[COLOUR_MAP](np.linspace(0, end, n)))
 
 
-def unit(motion: Motion, variable: str, power: int = 1) -> str:
-    """The units of a variable, in brackets, those of a rate, as 1/s, raised to a power; a dash
-    where the case has none, and nothing where only its time has units."""
-    stored = motion.units(variable)
-    if stored == "1" or motion.lacks_unit(variable):
-        # With time in seconds T and G are no bare numbers, and no file says what units A has.
-        return "[–]" if motion.units("time") == "1" else ""
-    return f"[{with_superscripts(stored if power == 1 else f'{stored}^{power}')}]"
-
-
-def with_superscripts(units: str) -> str:
-    """Units with their powers set as such: m^2 as m$^{2}$."""
-    return re.sub(r"\^(-?\d+)", r"$^{\1}$", units)
-
-
-VECTORS = {
-    "gamma": r"\gamma",
-    "omega": r"\omega",
-    "total": r"(G-\kappa\dot\omega)",
-    "rotation": r"\mathrm{rotation}",
-}
-"""The symbols of stored vectors whose name is not theirs."""
-
-
-def symbol(name: str) -> str:
-    """A variable's name in TeX: Gz as G_z, u1 as u_1, G.x2 as G_2."""
-    special = {
-        "G": "|G|",
-        "G2": "G^2",
-        "J": "J = G^2/2T",
-        "omega.x1": "p",
-        "omega.x2": "q",
-        "omega.x3": "r",
-        "gamma.x3": r"\cos\theta",
-        "psi": r"\psi",
-        "theta": r"\theta",
-        "phi": r"\phi",
-    }
-    if name in special:
-        return special[name]
-    base, _, axis = name.partition(".")
-    if base == "attitude":
-        return axis
-    if base.endswith("_space"):
-        vector = base.removesuffix("_space")
-        index = f"{vector[1]},{axis}" if vector[1:].isdigit() else axis
-        return rf"{{{VECTORS.get(vector, vector[0])}}}_{{{index}}}"
-    if axis:
-        return f"{VECTORS.get(base, base)}_{axis.removeprefix('x') or axis}"
-    if re.fullmatch(r"[A-Za-z]\w{2,}", name):
-        # A word, not a product of letters, nor an index.
-        return rf"\mathrm{{{name}}}".replace("_", r"\ ")
-    return f"{name[0]}_{{{name[1:]}}}" if re.fullmatch("[A-Za-z][a-z0-9]", name) else name
-
-
-FORMULA_WORDS = {"sqrt": r"\mathrm{sqrt}", "sin": r"\sin", "cos": r"\cos", "exp": r"\exp"}
-FORMULA_SIGNS = (
-    (r"\*\*\s*\(([-+\d\s]+)\)", r"**\1"),
-    (r"\*\*\s*([-+]?\d+)", r"^{\1}"),
-    (r"(?<=[\d.])[eE]([-+]?\d+)", r"\\cdot 10^{\1}"),
-    (r"\*", r"\\cdot "),
-)
-"""The functions of a formula in a case file, and its powers, numbers and products, in TeX."""
-
-
-def formula_in_tex(text: str, time: str) -> str:
-    """A formula of a case file in TeX, with a symbol of time."""
-    words = FORMULA_WORDS | {"t": time}
-
-    def word(name: re.Match[str]) -> str:
-        # Of J = G^2/2T the letter alone.
-        return words.get(name[0], f"{{{symbol(name[0]).partition(' = ')[0]}}}")
-
-    text = re.sub(r"(?<![\w.])[A-Za-z]\w*", word, text)
-    for sign, tex in FORMULA_SIGNS:
-        text = re.sub(sign, tex, text)
-    return text
-
-
-def axis_label(name: str, motion: Motion) -> str:
-    """A variable's symbol and units."""
-    return f"${symbol(name)}$ {unit(motion, name)}".rstrip()
-
-
-def unit_after(motion: Motion, variable: str) -> str:
-    """The units of a variable as they stand after a number; nothing where it has none."""
-    stored = "1" if motion.lacks_unit(variable) else motion.units(variable)
-    return "" if stored == "1" else f" {with_superscripts(stored)}"
-
-
-def time_label(spec: Mapping[str, Any], motion: Motion) -> str:
-    """The symbol of time and its units."""
-    return f"${spec['time']}$ {unit(motion, 'time')}"
-
-
 COLOURS = dict(
     zip(COLOUR_NAMES, (BLUE, ORANGE, GREEN, SKY, RED, PURPLE, BLACK, PALE_GREY), strict=True)
 )
+
 LINES = dict(zip(LINE_NAMES, ("-", (0, (5, 1.5)), (0, (1, 1))), strict=True))
 
 
@@ -446,11 +345,6 @@ def plane_curves(
         axes.autoscale_view()
 
 
-def filled(label: str, length: float) -> str:
-    """The label of an axis in lines of a length in inches."""
-    return "\n".join(text_lines(label, length, text_size("axes.labelsize")))
-
-
 def line_width(motion: Motion) -> float:
     """A line width, the thinner the longer the hodograph winds."""
     thinner = float(np.interp(windings(motion.G), [15, 120], [1.1, 0.5]))
@@ -516,194 +410,3 @@ def heading(axes: Axes, points: np.ndarray, colour: Any, size: float) -> None:
             colour,
             zorder=5,
         )
-
-
-# The style of a figure
-
-LOOKS = (
-    *("axes", "errorbar", "font", "grid", "legend", "lines", "markers", "mathtext", "patch"),
-    *("pdf", "savefig", "svg", "text", "xtick", "ytick"),
-)
-"""The groups of matplotlib's parameters that a user may set for a figure; the others are those of
-windows and files."""
-
-GENERIC_FONTS = ("serif", "sans-serif", "monospace")
-
-LEGEND_PLACES = {
-    "below": "outside lower center",
-    "right": "outside right upper",
-    "inside": "best",
-}
-"""matplotlib's words for places of a legend; a corner of the first panel has its own name."""
-
-
-def user_parameters() -> Look:
-    """The parameters of matplotlib that the user has set, by rc_context, a style or a file."""
-    current: Any = matplotlib.rcParams
-    default: Any = matplotlib.rcParamsDefault
-    # To ask for another, such as the backend, may load it.
-    names: list[Any] = [name for name in default if name.partition(".")[0] in LOOKS]
-    return {name: current[name] for name in names if current[name] != default[name]}
-
-
-def matplotlib_parameters(style: Mapping[str, Any]) -> Look:
-    """The parameters of matplotlib that a style sets. Raises HodoError for a style sheet or a
-    family of fonts that is not there."""
-    given = {
-        "font.size": style.get("font_size"),
-        "lines.linewidth": style.get("line_width"),
-        "svg.fonttype": "none" if style.get("svg_text") else None,
-    }
-    sheet = sheet_parameters(style["sheet"]) if "sheet" in style else {}
-    font = font_parameters(style["font"]) if "font" in style else {}
-    return sheet | font | {name: value for name, value in given.items() if value is not None}
-
-
-def sheet_parameters(name: str) -> Look:
-    """The parameters in a style sheet of matplotlib, by its name or path. Raises HodoError for one
-    that is not there, or for the first mistake in it."""
-    sheets: Any = matplotlib.style.library
-    if name.endswith(".mplstyle"):
-        sheets = {name: sheet_in_file(name)}
-    elif name not in sheets:
-        raise HodoError(f"style.sheet: {unknown(f'style sheet {name!r}', name, sheets)}")
-    return {key: value for key, value in sheets[name].items() if key.partition(".")[0] in LOOKS}
-
-
-def sheet_in_file(path: str) -> Mapping[str, Any]:
-    """The parameters in a file. Raises HodoError as `sheet_parameters` does."""
-    try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
-        sheet: Any = matplotlib.rc_params_from_file(path, True, use_default_template=False)
-    except (OSError, ValueError) as error:
-        reason = str(getattr(error, "strerror", None) or error).lower()
-        raise HodoError(f"style.sheet: {path}: {reason}") from None
-    for line in lines:
-        # matplotlib logs a key that it does not know, and goes on without the line.
-        key = re.split("[:#]", line)[0].strip()
-        if key and key not in sheet:
-            message = unknown(f"parameter {key!r}", key, matplotlib.rcParamsDefault)
-            raise HodoError(f"style.sheet: {path}: {message}")
-    return dict(sheet)
-
-
-def font_parameters(family: str) -> Look:
-    """The parameters that set letters and formulas in a family of fonts. Raises HodoError if it is
-    not installed."""
-    try:
-        findfont(FontProperties(family=[family]), fallback_to_default=False)
-    except ValueError:
-        fonts = [*GENERIC_FONTS, *sorted(get_font_names())]
-        raise HodoError(f"style.font: {unknown(f'font {family!r}', family, fonts)}") from None
-    formulas = {"mathtext.rm": family, "mathtext.it": f"{family}:italic"}
-    formulas |= {"mathtext.bf": f"{family}:bold", "mathtext.cal": family}
-    letters_alone = {"font.family": [family], "mathtext.fontset": "custom"}
-    return letters_alone | formulas | {"mathtext.fallback": "stix"}
-
-
-def wanted_width(style: Mapping[str, Any]) -> float | None:
-    """The width of a figure in inches that a style sets, if it does."""
-    width: Any = style.get("width")
-    known = {"column": COLUMN, "page": PAGE, None: None}
-    return known[width] if width in known else width / 25.4
-
-
-def finish_figure(sheet: Sheet, title: str, style: Mapping[str, Any]) -> None:
-    """Give a drawn figure its size, title, scales, letters and legend.
-
-    Raises HodoError for a text that is not TeX, or a logarithmic axis with values below zero.
-    """
-    panels = [axes for axes in sheet.figure.axes if axes.get_subplotspec() is not None]
-    for axes in panels:
-        set_scales(axes, style)
-    if style.get("letters") and len(panels) > 1:
-        for axes, letter in zip(panels, ascii_lowercase, strict=False):
-            axes.set_title(f"({letter})", loc="left")
-    width, height = sheet.figure.get_size_inches()
-    new_width = sheet.width or width
-    size = text_size("figure.titlesize")
-    lines = text_lines(title, 0.97 * new_width, size) if title else []
-    # The panels keep their shape: a line of the title is 1.7 times as high as its letters.
-    new_height = height * new_width / width + 1.7 / 72 * size * len(lines)
-    sheet.figure.set_size_inches(new_width, style.get("height", 25.4 * new_height) / 25.4)
-    if lines:
-        sheet.figure.suptitle("\n".join(lines))
-    fill_labels(sheet)
-    place_legend(sheet, panels, style.get("legend", "below"))
-
-
-def fill_labels(sheet: Sheet) -> None:
-    """Break the labels of axes that are longer than there is room for them."""
-    width, height = sheet.figure.get_size_inches()
-    for axes in sheet.figure.axes:
-        place = axes.get_subplotspec()
-        rows, columns = place.get_gridspec().get_geometry() if place is not None else (1, 1)
-        # A panel has its numbers to the left, a title above and a legend below it.
-        across, up = 0.8 * width / columns, 0.55 * height / rows
-        for axis, length in ((axes.xaxis, across), (axes.yaxis, up)):
-            if text := axis.label.get_text():
-                axis.label.set_text(filled(text, length))
-
-
-def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:
-    """The scales, ends and labels of a panel as a style has them."""
-    for axis, lowest in (("x", axes.dataLim.x0), ("y", axes.dataLim.y0)):
-        if axis in style.get("log", ()):
-            if lowest < 0:
-                name = getattr(axes, f"get_{axis}label")() or axes.get_title()
-                raise HodoError(
-                    f"style.log: the {axis} axis of {name} has values below zero, "
-                    f"down to {lowest:.4g}"
-                )
-            axes.set(**{f"{axis}scale": "log"})
-            if getattr(axes, f"get_{axis}lim")()[0] <= 0:
-                # The end of a linear scale; zero lies nowhere on this one.
-                lowest = getattr(axes.dataLim, f"minpos{axis}")
-                getattr(axes, f"set_{axis}lim")(lowest, None)
-        if label := style.get(f"{axis}label"):
-            text_width(label, text_size("axes.labelsize"))  # which finds mistakes in its TeX
-            if getattr(axes, f"get_{axis}label")():
-                axes.set(**{f"{axis}label": label})
-    axes.set(**{name: style[name] for name in ("xlim", "ylim") if name in style})
-
-
-def place_legend(sheet: Sheet, panels: Sequence[Axes], place: str) -> None:
-    """The legend of a figure, of its labelled lines and the other entries of its sheet; it is read
-    row by row, at a place of `LEGEND_PLACES`, in a corner of the first panel, or nowhere."""
-    lines = (line for axes in panels for line in axes.get_lines())
-    # Those of several panels once; two cases may have one label.
-    entries = {(entry.get_label(), shade(entry)): entry for entry in chain(lines, sheet.legend)}
-    labels = ((str(label), entry) for (label, _), entry in entries.items())
-    handles = [entry for label, entry in labels if label and not label.startswith("_")]
-    if not handles or place == "none":
-        return
-    beside = LEGEND_PLACES.get(place, place).startswith("outside")
-    columns = legend_columns(sheet, handles) if place == "below" else 1
-    # matplotlib fills column after column.
-    rowwise = [handle for column in range(columns) for handle in handles[column::columns]]
-    owner: Any = sheet.figure if beside else panels[0]
-    owner.legend(
-        handles=rowwise, loc=LEGEND_PLACES.get(place, place), ncols=columns, columnspacing=1.2
-    )
-
-
-def shade(entry: Line2D | Patch) -> str:
-    """The colour of an entry of a legend."""
-    return str(entry.get_color() if isinstance(entry, Line2D) else entry.get_facecolor())
-
-
-def legend_columns(sheet: Sheet, handles: Sequence[Artist]) -> int:
-    """The most columns of a legend that fit into the width of its figure, with rows as full as each
-    other."""
-    size = text_size("legend.fontsize")
-    labels = (str(handle.get_label()).splitlines() for handle in handles)
-    # A line with its gaps is 4.2 times as wide as the size of the letters.
-    widths = [4.2 * size + max(text_width(line, size) for line in lines) for lines in labels]
-    room = 72 * sheet.figure.get_figwidth()
-    fitting = (
-        n
-        for n in range(len(widths), 0, -1)
-        if n == 1 or sum(max(widths[column::n]) for column in range(n)) <= room
-    )
-    rows = -(-len(widths) // next(fitting))
-    return -(-len(widths) // rows)

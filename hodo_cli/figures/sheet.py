@@ -44,6 +44,9 @@ SHEET_STYLE: Look = {
     "axes.titley": 1.0,
 }  # fmt: skip
 
+COLUMN, PAGE = 84 / 25.4, 174 / 25.4
+"""Widths of a journal's column and page, inches."""
+
 SCREEN = 150
 """Dots per inch in a notebook: half of print's, which is as sharp on a screen."""
 

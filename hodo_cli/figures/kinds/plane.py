@@ -10,43 +10,36 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Wedge
 
-from .. import HodoError
-from ..engines.protocol import EPS
-from ..models import rigid_body
-from ..models.rigid_body import slope
-from ..models.terms.body import BodyUnderTorques
-from ..results.motion import Motion, formula_values
-from ..results.resolution import samples_within
-from ..text import magnitude
-from .artists import (
+from ... import HodoError
+from ...engines.protocol import EPS
+from ...models import rigid_body
+from ...models.rigid_body import slope
+from ...models.terms.body import BodyUnderTorques
+from ...results.motion import Motion, formula_values
+from ...results.resolution import samples_within
+from ...text import magnitude
+from ..artists import (
     AXIS_COLOUR,
     BLACK,
-    COLUMN,
     CROSSING,
     END,
     GREY,
     LAW_LOOK,
-    PAGE,
     SEPARATRIX,
     axis_handles,
-    axis_label,
     case_handles,
     check_zoom,
     crossings_on,
-    formula_in_tex,
     labelled_styles,
     mark_handles,
     mark_points,
     plane_curves,
     room_across,
     styles,
-    symbol,
-    time_label,
-    unit,
-    unit_after,
 )
-from .sheet import Look, Sheet
-from .words import Words, text_lines, text_size, text_width
+from ..sheet import COLUMN, PAGE, Look, Sheet
+from ..symbols import axis_label, formula_in_tex, symbol, time_label, unit, unit_after
+from ..words import Words, text_lines, text_size, text_width
 
 
 def check_one_body(motions: Sequence[Motion]) -> None:

@@ -13,20 +13,17 @@ from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-from ..cases.derived import SPACE_AXES, component_names
-from ..models.theory.gyrostat import separatrix_curves
-from ..results.motion import Motion
-from .artists import (
+from ...cases.derived import SPACE_AXES, component_names
+from ...models.theory.gyrostat import separatrix_curves
+from ...results.motion import Motion
+from ..artists import (
     BLACK,
-    COLUMN,
     CROSSING,
     END,
     GREY,
-    PAGE,
     SEPARATRIX,
     START,
     arrow,
-    axis_label,
     case_handles,
     check_zoom,
     colour_handles,
@@ -43,11 +40,11 @@ from .artists import (
     plane_curves,
     stretches,
     styles,
-    unit,
     windings,
 )
-from .sheet import Look, Scene, Sheet, View
-from .words import HALO, Words
+from ..sheet import COLUMN, PAGE, Look, Scene, Sheet, View
+from ..symbols import axis_label, unit
+from ..words import HALO, Words
 
 
 def hodograph(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:

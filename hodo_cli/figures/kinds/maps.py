@@ -1,7 +1,6 @@
 """Figures of sweeps: one variable over one axis, over two, or over the directions of a sphere."""
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from itertools import chain, repeat
 from typing import Any
@@ -15,23 +14,19 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
-from .. import HodoError
-from ..cases.derived import PARTS
-from ..cases.figure_block import AXIS_KEYS, averaged
-from ..models import rigid_body
-from ..models.rigid_body import LABELS, BodyFrame
-from ..models.theory.gyrostat import separatrix_curves
-from ..models.theory.possible_crossings import turning_momenta
-from ..results.dataset import Cases
-from ..results.in_space import OF_ATTITUDE
-from ..results.motion import Motion
-from ..sweeps.view import SweepView
-from .artists import (
+from ... import HodoError
+from ...cases.figure_block import AXIS_KEYS, averaged
+from ...models import rigid_body
+from ...models.rigid_body import LABELS, BodyFrame
+from ...models.theory.gyrostat import separatrix_curves
+from ...models.theory.possible_crossings import turning_momenta
+from ...results.dataset import Cases
+from ...results.in_space import OF_ATTITUDE
+from ...sweeps.view import SweepView
+from ..artists import (
     AXIS_COLOUR,
     BLACK,
-    COLUMN,
     GREY,
-    PAGE,
     PURPLE,
     RED,
     SEPARATRIX,
@@ -39,11 +34,10 @@ from .artists import (
     hues,
     pair,
     styles,
-    symbol,
-    with_superscripts,
 )
-from .sheet import Look, Sheet, View
-from .words import HALO
+from ..sheet import COLUMN, PAGE, Look, Sheet, View
+from ..symbols import axis_column, axis_name, axis_words, position, symbol, value_unit
+from ..words import HALO
 
 NO_VALUE_COLOUR = "#E4E4E4"
 """The colour of members without a value: a grey that the colour map does not contain."""
@@ -523,41 +517,11 @@ def map_label(
     return f"{words} [{unit}]" if unit else words
 
 
-def value_unit(swept: SweepView, name: str, units_of: Callable[[str], str]) -> str:
-    """The units of a variable of a sweep in TeX; an empty text where it has none."""
-    units, motion = units_of(name), Motion(swept.case, swept.data.variables)
-    is_bare = units == "1" or motion.lacks_unit(name.removeprefix("crossing_"))
-    return "" if is_bare else with_superscripts(units)
-
-
-def axis_words(component: str) -> str:
-    """A component or label in words: x1 as $x_1$."""
-    return re.sub(r"^x([123])$", r"$x_\1$", component)
-
-
 def meanings(swept: SweepView, variable: str) -> dict[int, str]:
     """The meanings of a label's values; an empty dict for a variable that is no label."""
     attributes = swept.data[variable].attrs if variable in swept.data else {}
     values = np.atleast_1d(attributes.get("flag_values", ())).tolist()
     return dict(zip(values, str(attributes.get("flag_meanings", "")).split(), strict=True))
-
-
-def axis_name(swept: SweepView, name: str) -> str:
-    """The text along an axis of a sweep: the symbol of its first key, and its unit."""
-    unit = with_superscripts(swept.unit(name))
-    return f"${key_symbol(swept.key(name))}$" + (f" [{unit}]" if unit else "")
-
-
-def axis_column(swept: SweepView, name: str) -> str:
-    """The name of an axis in tables and pages, with its unit where the result has another."""
-    unit = swept.unit(name)
-    return name if unit in ("", "rad") else f"{name} [{unit}]"
-
-
-def position(swept: SweepView, name: str, i: int) -> str:
-    """A position on an axis: symbol = value."""
-    unit = "°" if swept.unit(name) == "deg" else f" {with_superscripts(swept.unit(name))}".rstrip()
-    return f"${key_symbol(swept.key(name))} = {swept.ticks(name)[0][i]:.4g}${unit}"
 
 
 def names_of(
@@ -574,54 +538,3 @@ def names_of(
     ]
     plain = [swept.name] if not indices else [*sweep_name, *map(str.rstrip, keys)]
     return ", ".join([*sweep_name, *shown]), ", ".join(plain)
-
-
-KEY_SYMBOLS = {
-    "initial.theta": r"\theta",
-    "resistance": "I",
-    "resistance.diagonal": "I_{ii}",
-    "resistance.off_diagonal": "I_{ij}",
-    "epsilon": r"\varepsilon",
-    "kappa": r"\kappa",
-    "cavity.kappa": r"\kappa",
-    "mu": r"\mu",
-    "damping": r"\lambda",
-    "inertia": "A",
-    "torque": "M",
-    "quadratic": "c",
-    "quadratic_axes": "c",
-    "brake": "b",
-    "rotor": "h",
-    "space_torque.size": "F",
-    "space_torque.direction": "e",
-    "attitude.euler": r"\mathrm{Euler\ angle}",
-    **{f"attitude.initial.{i}": f"{name}_0" for i, name in enumerate(PARTS["quaternion"])},
-}
-
-FROM_ONE = {
-    "damping", "inertia", "torque", "quadratic", "quadratic_axes", "rotor",
-    "space_torque.direction", "attitude.euler",
-}  # fmt: skip
-"""The keys of lists of one entry an axis or a turn, whose symbols count from one."""
-
-PARTS_OF_LAWS = frozenset(("value", "rate", "exponent"))
-
-
-def key_symbol(key: str) -> str:
-    """The symbol of a key in TeX: damping.2 is lambda_3, resistance.0.1 is I_12; of a number of a
-    law or of another list that of the whole, and which number it is."""
-    if key in KEY_SYMBOLS:
-        return KEY_SYMBOLS[key]
-    head, _, last = key.rpartition(".")
-    if head in FROM_ONE and last.isdecimal():
-        return f"{KEY_SYMBOLS[head]}_{int(last) + 1}"
-    if place := re.fullmatch(r"(resistance|inertia)\.(\d)\.(\d)", key):
-        matrix, row, column = place.groups()
-        return f"{KEY_SYMBOLS[matrix]}_{{{int(row) + 1}{int(column) + 1}}}"
-    if head and (last.isdecimal() or last in PARTS_OF_LAWS):
-        # a.1 is a_1, the coefficient of t; the symbol of an entry has its own index already.
-        whole, is_index = key_symbol(head), last.isdecimal()
-        return (
-            f"{whole}_{last}" if is_index and "_" not in whole else rf"{whole}\,[\mathrm{{{last}}}]"
-        )
-    return last if re.fullmatch(r"[A-Za-z]\w?", last) else rf"\mathrm{{{last}}}".replace("_", r"\_")

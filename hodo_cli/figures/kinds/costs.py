@@ -8,32 +8,30 @@ import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.lines import Line2D
 
-from .. import HodoError
-from ..cases.case import Case
-from ..models.averaging.crossing_times import share_that_crosses
-from ..models.averaging.free_turn import SAME_MOMENTS, Body
-from ..models.terms.body import BodyUnderTorques
-from ..results.dataset import Cases
-from ..results.motion import Motion, forms_apart
-from ..storage import Group
-from ..sweeps.view import SweepView
-from .artists import (
+from ... import HodoError
+from ...cases.case import Case
+from ...models.averaging.crossing_times import share_that_crosses
+from ...models.averaging.free_turn import SAME_MOMENTS, Body
+from ...models.terms.body import BodyUnderTorques
+from ...results.dataset import Cases
+from ...results.motion import Motion, forms_apart
+from ...storage import Group
+from ...sweeps.view import SweepView
+from ..artists import (
     BLACK,
-    COLUMN,
     GREEN,
     GREY,
-    PAGE,
     RED,
     SEPARATRIX,
     SKY,
     YELLOW,
-    filled,
-    finish_figure,
     labelled_styles,
     styles,
 )
-from .maps import position, positions, value_unit
-from .sheet import SHEET_STYLE, Drawing, Look, Sheet
+from ..sheet import COLUMN, PAGE, SHEET_STYLE, Drawing, Look, Sheet
+from ..style import filled, finish_figure
+from ..symbols import position, value_unit
+from .maps import positions
 
 MONTE_CARLO: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.5, "mfc": "white", "mew": 0.7}
 """The look of counted shares, on the line of the calculated ones."""

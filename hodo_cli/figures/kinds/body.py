@@ -22,15 +22,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
 
-from .. import HodoError
-from ..cases.derived import SPACE_AXES, component_names
-from ..results.in_space import rotations
-from ..results.motion import Motion
-from .artists import AXIS_COLOUR, BLACK, GREY, PAGE, PURPLE, RED, arrow
-from .files import own_page
+from ... import HodoError
+from ...cases.derived import SPACE_AXES, component_names
+from ...results.in_space import rotations
+from ...results.motion import Motion
+from ..artists import AXIS_COLOUR, BLACK, GREY, PURPLE, RED, arrow
+from ..files import own_page
+from ..sheet import PAGE, SHEET_STYLE, Look, Sheet, View
+from ..words import FormulaCanvas, Words, place_words, without_tex
 from .plane import within_span
-from .sheet import SHEET_STYLE, Look, Sheet, View
-from .words import FormulaCanvas, Words, place_words, without_tex
 
 FILM_SAMPLES = 3000
 """The samples of a film: with 65 bytes each in a page, it has less than 300 kB."""
