@@ -426,7 +426,7 @@ def test_the_probability_of_capture_is_that_of_full_motions(kappa: float, ratio:
 def drift_at_separatrix(**given: Any) -> dict[passage.Region, float]:
     """How D of a cavity's motion with sqrt(X_e) = sqrt(X_o) = 1 drifts in each region."""
     system = cavity(**given).system
-    rates = system.separatrix_rates(0.0, BODY, (1.0, 1.0), attributes(system.constants))
+    rates = system.separatrix_rates(0.0, (1.0, 1.0), attributes(system.constants))
     return passage.drift_by_region(rates)
 
 

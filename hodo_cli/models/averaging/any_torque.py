@@ -21,7 +21,7 @@ from .free_turn import (
     turning_body,
 )
 from .means import NODES, Torque, nodes_for, periodic_part, rates_over_turn, turn_means
-from .passage import AT_SEPARATRIX, REGIONS, Pair, RatesByRegion, Region, SeparatrixRates
+from .passage import AT_SEPARATRIX, Pair, Region, SeparatrixRates
 
 NEAR_SEPARATRIX, NEARER_SEPARATRIX = 1e-9, 1e-13
 """Two values of 1 - m whose mean rates tell those at the separatrix: both are r0 + r1/K there."""
@@ -60,37 +60,44 @@ no. 3, 5."""
 
 
 def quarter_turn(m1: Any, halvings: int) -> list[tuple[Any, Any, Any]]:
-    """sn, cn and dn at 0, K/2^halvings, ... K for m1 = 1 - m; with + - * / and ** only.
-
-    By half arguments from those at K, in forms without a difference. Source: M. Abramowitz and I.
-    A. Stegun, 16.18.
-    """
+    """sn, cn and dn at 0, K/2^halvings, ... K for m1 = 1 - m; with + - * / and ** only."""
     unity = 1 + 0 * m1
     nodes = [(0 * m1, unity, unity), (unity, 0 * m1, m1**0.5)]
     for _ in range(halvings):
         last = len(nodes) - 1
-        between = []
-        for i in range(last):
-            # Half of an odd place, which is known; beyond K by its mirror image, where cn < 0.
-            odd = 2 * i + 1
-            sn, cn, dn = nodes[min(odd, 2 * last - odd)]
-            if odd <= last:
-                both = cn + dn
-                half = (
-                    sn / ((1 + cn) * (1 + dn)) ** 0.5,
-                    (both / (1 + dn)) ** 0.5,
-                    (both / (1 + cn)) ** 0.5,
-                )
-            else:
-                ratio = m1 / (cn + dn)
-                half = (
-                    ((1 + cn) / (1 + dn)) ** 0.5,
-                    sn * (ratio / (1 + dn)) ** 0.5,
-                    (ratio * (1 + cn)) ** 0.5,
-                )
-            between.append(half)
+        # Between two nodes u is half of an odd place from 0 to 2 K, which beyond K has a mirror
+        # image at a node.
+        between = [
+            half_argument(*nodes[odd])
+            if odd <= last
+            else half_of_mirrored(m1, *nodes[2 * last - odd])
+            for odd in range(1, 2 * last, 2)
+        ]
         nodes = [node for pair in zip(nodes, between, strict=False) for node in pair] + nodes[-1:]
     return nodes
+
+
+def half_argument(sn: Any, cn: Any, dn: Any) -> tuple[Any, Any, Any]:
+    """sn, cn and dn at u/2 from those at u, between 0 and K; nothing cancels.
+
+    Source: M. Abramowitz and I. A. Stegun, 16.18.
+    """
+    both = cn + dn
+    return (
+        sn / ((1 + cn) * (1 + dn)) ** 0.5,
+        (both / (1 + dn)) ** 0.5,
+        (both / (1 + cn)) ** 0.5,
+    )
+
+
+def half_of_mirrored(m1: Any, sn: Any, cn: Any, dn: Any) -> tuple[Any, Any, Any]:
+    """The same at (2 K - u)/2 from those at u: 2 K - u has -cn in place of cn."""
+    ratio = m1 / (cn + dn)
+    return (
+        ((1 + cn) / (1 + dn)) ** 0.5,
+        sn * (ratio / (1 + dn)) ** 0.5,
+        (ratio * (1 + cn)) ** 0.5,
+    )
 
 
 def whole_turn(m1: Any, count: int) -> list[tuple[Any, Any, Any]]:
@@ -135,20 +142,6 @@ def beside(body: Body, region: Region, root_e: float, m1: float) -> SlowVariable
     w_e, w_o = body.weights(side)
     X_o = (1 - m1) * float(w_e / w_o) * root_e**2
     return SlowVariables(root_e**2, X_o, np.asarray(side), np.asarray(m1), np.asarray(sense), 0.0)
-
-
-def rates_beside(body: Body, torque: Torque, region: Region, root_e: float) -> SeparatrixRates:
-    """The mean rates beside the separatrix at this sqrt(X_e), by the means at two moduli."""
-    rates = []
-    for m1 in (NEAR_SEPARATRIX, NEARER_SEPARATRIX):
-        slow = beside(body, region, root_e, m1)
-        changes = rates_over_turn(body, torque, slow, nodes_for(m1)).mean(-1)
-        # <dn> is pi/(2 K)
-        inverse = 2 / math.pi * turn_means(1 - m1, m1, LANDEN).dn
-        rates.append((*(changes / slow[:2]), inverse))
-    (e1, o1, inverse), (e2, o2, nearer) = rates
-    by_e, by_o = (e1 - e2) / (inverse - nearer), (o1 - o2) / (inverse - nearer)
-    return SeparatrixRates(float(e1 - by_e * inverse), float(by_e), float(by_o))
 
 
 class QuadratureTurns(AveragedTurns):
@@ -202,31 +195,35 @@ class QuadratureTurns(AveragedTurns):
         return np.abs(rates).max(axis=(0, -1)) / (2 * X_e)
 
     @classmethod
-    def separatrix_rates(cls, t: float, body: Body, roots: Pair, k: Any) -> RatesByRegion:
-        torque = torque_of(cls.full.rhs, t, k)
-        return {
-            (side, sense): rates_beside(body, torque, (side, sense), roots[::side][0])
-            for side, sense in REGIONS
-        }
+    def rates_beside(cls, t: float, region: Region, roots: Pair, k: Any) -> SeparatrixRates:
+        body, torque, rates = turning_body(k), torque_of(cls.full.rhs, t, k), []
+        for m1 in (NEAR_SEPARATRIX, NEARER_SEPARATRIX):
+            slow = beside(body, region, roots[0], m1)
+            changes = rates_over_turn(body, torque, slow, nodes_for(m1)).mean(-1)
+            # <dn> is pi/(2 K)
+            inverse = 2 / math.pi * turn_means(1 - m1, m1, LANDEN).dn
+            rates.append((*(changes / slow[:2]), inverse))
+        (e1, o1, inverse), (e2, o2, nearer) = rates
+        by_e, by_o = (e1 - e2) / (inverse - nearer), (o1 - o2) / (inverse - nearer)
+        return SeparatrixRates(float(e1 - by_e * inverse), float(by_e), float(by_o))
 
     @classmethod
-    def is_even(cls, t: float, body: Body, roots: Pair, k: Any) -> bool:
-        torque = torque_of(cls.full.rhs, t, k)
-        slow = beside(body, (1, 1), roots[0], NEARER_SEPARATRIX)
+    def is_even(cls, t: float, root_x: float, k: Any) -> bool:
+        body, torque = turning_body(k), torque_of(cls.full.rhs, t, k)
+        slow = beside(body, (1, 1), root_x, NEARER_SEPARATRIX)
         omega = free_motion_by_phase(body, slow, np.linspace(0, 2 * np.pi, 17))
         mirror, N = np.array([1.0, -1.0, 1.0]), torque(omega)
         return bool(np.abs(mirror * torque(mirror * omega) - N).max() <= EVEN_TOL * np.abs(N).max())
 
     @classmethod
     def part(cls, t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
-        flat = SlowVariables(*(np.ravel(value) for value in np.broadcast_arrays(*slow)))
-        times, parts = np.broadcast_to(t, flat.X_e.shape), np.zeros((2, len(flat.X_e)))
-        for i in range(0, len(flat.X_e), ROWS_AT_ONCE):
+        times, *columns = (np.ravel(value) for value in np.broadcast_arrays(t, *slow))
+        parts = np.zeros((2, len(times)))
+        for i in range(0, len(times), ROWS_AT_ONCE):
             rows = slice(i, i + ROWS_AT_ONCE)
-            some = SlowVariables(*(column[rows] for column in flat))
-            torque = torque_of(cls.full.rhs, times[rows], k)
+            some = SlowVariables(*(column[rows] for column in columns))
+            torque, squares = torque_of(cls.full.rhs, times[rows], k), np.array(some[:2])
             changes = periodic_part(turning_body(k), torque, some, int(k.turning_nodes))
-            squares = np.array(some[:2])
             np.divide(changes, squares, out=parts[:, rows], where=squares > 0)
         return parts.reshape(2, *np.shape(slow.X_e))
 

@@ -4,7 +4,7 @@ pass the separatrix. What the torque does over a turn is a method of each form."
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -24,7 +24,18 @@ from .free_turn import (
     turning_body,
 )
 from .means import Means, turn_means
-from .passage import EDGE_U, STOP, Arrival, Pair, RatesByRegion, pass_separatrix
+from .passage import (
+    EDGE_U,
+    REGIONS,
+    STOP,
+    Arrival,
+    Pair,
+    RatesByRegion,
+    Region,
+    SeparatrixRates,
+    pass_separatrix,
+    sorted_roots,
+)
 
 LARGE_RATIO = 0.1
 """Where averaging's small parameter is no longer small: errors are of some per cent from there
@@ -194,14 +205,19 @@ class AveragedTurns(BodyFrame):
         raise NotImplementedError
 
     @classmethod
-    def separatrix_rates(cls, t: float, body: Body, roots: Pair, k: Any) -> RatesByRegion:
-        """The mean rates beside the separatrix, at these sqrt(X) and sqrt(Y)."""
+    def separatrix_rates(cls, t: float, roots: Pair, k: Any) -> RatesByRegion:
+        """The mean rates beside the separatrix in all regions, at these sqrt(X) and sqrt(Y)."""
+        return {region: cls.rates_beside(t, region, roots[:: region[0]], k) for region in REGIONS}
+
+    @classmethod
+    def rates_beside(cls, t: float, region: Region, roots: Pair, k: Any) -> SeparatrixRates:
+        """The mean rates beside the separatrix in a region, at these sqrt(X_e) and sqrt(X_o)."""
         raise NotImplementedError
 
     @classmethod
-    def is_even(cls, t: float, body: Body, roots: Pair, k: Any) -> bool:
-        """Whether R N(R omega) = N(omega), R = diag(1, -1, 1), beside the separatrix: then the
-        second order of averaging vanishes, and the phase at the separatrix is known."""
+    def is_even(cls, t: float, root_x: float, k: Any) -> bool:
+        """Whether R N(R omega) = N(omega), R = diag(1, -1, 1), beside the separatrix, at this
+        sqrt(X): then the second order of averaging vanishes, and the phase there is known."""
         raise NotImplementedError
 
     @classmethod
@@ -285,23 +301,15 @@ class AveragedTurns(BodyFrame):
         return shifted(self.body, slow, self.part(0.0, slow, self.numbers))
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
-        return self.states(slow_elements(self.body, omega))
+        (slow, _), k = self.elements(slow_elements(self.body, omega)), self.numbers
+        scaled_phase = k.turning_scale * slow.phase
+        y = np.stack([*self.logarithms(slow), scaled_phase, slow.side + 0.0, slow.sense + 0.0])
+        # A start on the separatrix does not turn; `check` says so of a case.
+        return np.where(slow.m1 < 2 * k.turning_edge, np.nan, y)
 
     @property
     def start(self) -> tuple[float, ...]:
-        return tuple(self.states(self.slow_start).tolist())
-
-    def states(self, given: SlowVariables) -> np.ndarray:
-        """The states (5, ...) of motions with starts (...)."""
-        (slow, _), k = self.elements(given), self.numbers
-        y = [
-            *self.logarithms(slow),
-            k.turning_scale * slow.phase,
-            slow.side + 0.0,
-            slow.sense + 0.0,
-        ]
-        # A start on the separatrix does not turn; `check` says so of a case.
-        return np.where(slow.m1 < 2 * k.turning_edge, np.nan, np.stack(y))
+        return tuple(self.starts(self.omega_at_start).tolist())
 
     @classmethod
     def logarithms(cls, slow: SlowVariables) -> Pair:
@@ -352,8 +360,7 @@ class AveragedTurns(BodyFrame):
 
     @property
     def run_events(self) -> tuple[Event, ...]:
-        # A body with two equal moments has no separatrix to pass.
-        if len(set(self.body[:3])) < 3:
+        if self.body.is_symmetric:
             return self.averaged_events
         event = Event("separatrix", distance_to_edge, terminal=True, passage=self.passage)
         return *self.averaged_events, event
@@ -366,18 +373,11 @@ class AveragedTurns(BodyFrame):
         side, sense = (1 if value > 0 else -1 for value in y[3:])
         u = float(ln_e - ln_o + side * k.turning_offset)
         arrival = Arrival(t, (side, sense), u, (ln_e, ln_o), scaled_phase / k.turning_scale)
-        time, numbers = float(t), k if isinstance(t, float) else attributes(vars(k))
-        body, beyond = turning_body(numbers), 2 * numbers.turning_edge
-
-        def roots(logarithms: Pair) -> Pair:
-            root_x, root_y = (math.exp(float(ln) / 2) for ln in logarithms[::side])
-            return root_x, root_y
-
-        def rates_at(logarithms: Pair) -> RatesByRegion:
-            return cls.separatrix_rates(time, body, roots(logarithms), numbers)
-
-        is_even = k.turning_mean == "yes" and cls.is_even(time, body, roots((ln_e, ln_o)), numbers)
-        outcome = pass_separatrix(body, arrival, rates_at, k.turning_branch, is_even, beyond)
+        time, numbers = float(t), attributes(vars(k))
+        root_x, _ = sorted_roots(arrival.logarithms, side)
+        is_even = k.turning_mean == "yes" and cls.is_even(time, root_x, numbers)
+        rates_at = partial(cls.separatrix_rates, time, k=numbers)
+        outcome = pass_separatrix(numbers, arrival, rates_at, is_even)
         ln_e, ln_o, phase, *region = outcome.state
         others = (0 * scaled_phase + x for x in (k.turning_scale * phase, *region))
         return outcome._replace(state=[ln_e, ln_o, *others])

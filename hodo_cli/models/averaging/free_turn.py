@@ -79,6 +79,11 @@ class Body(NamedTuple):
         """1 where the sorted axes make a right-handed system, -1 where a left-handed one."""
         return 1 if self.order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1
 
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether two moments are equal: no separatrix divides the hodographs then."""
+        return self.a == self.b or self.b == self.c
+
     def weights(self, side: Any) -> tuple[Any, Any]:
         """(w_e, w_o) with m = w_o X_o/(w_e X_e): a - b and b - c on side +1."""
         return exchanged(side, self.a - self.b, self.b - self.c)

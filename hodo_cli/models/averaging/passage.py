@@ -29,14 +29,14 @@ Physica D 36 (1989) 287, for Hamiltonian systems.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from itertools import product
 from typing import Any, NamedTuple
 
 from ... import HodoError
 from ...schema.kinds import Choice, Key
 from ..base import EventOutcome
-from .free_turn import Body
+from .free_turn import Body, either, turning_body
 
 EDGE_U = 1e-10
 """The u at which a motion is taken through the separatrix by formula: their error is of the size of
@@ -162,31 +162,24 @@ class Arrival(NamedTuple):
 
 
 def pass_separatrix(
-    body: Body,
-    arrival: Arrival,
-    rates_at: Callable[[Pair], RatesByRegion],
-    branch: str,
-    predictable: bool,
-    beyond: float,
+    k: Any, arrival: Arrival, rates_at: Callable[[Pair], RatesByRegion], predictable: bool
 ) -> EventOutcome:
-    """The passage, from a small u on one side to u = `beyond` on the other, by the formulas above;
-    its state is ln X_e and ln X_o, the phase, the side and the sense.
+    """The passage, from a small u on one side to u = 2 turning_edge on the other, by the formulas
+    above; its state is ln X_e and ln X_o, the phase, the side and the sense. The constants are
+    doubles.
 
-    `rates_at` gives the rates at ln X_e and ln X_o of the arrival's side. A torque that drives D
-    alike in all regions lets the motion change its axis; where that is `predictable` from its
-    phase, its sense, place and lag are those predicted. Else the region is a matter of chance: the
-    motion ends here or takes the `branch`. Regions have the sense about sorted axes, what is stored
-    that about the axes as given: an odd order makes a left-handed system, in which every rotation
-    is turned round.
-
-    At u = `beyond` the event that has found the separatrix cannot find it again. What is added to
-    the state needs no more digits than a double has.
+    `rates_at` gives the rates at sqrt(X) and sqrt(Y). A torque that drives D alike in all regions
+    lets the motion change its axis; where that is `predictable` from its phase, its sense, place
+    and lag are those predicted. Else the region is a matter of chance: the motion ends here or
+    takes the branch of its case. Regions have the sense about sorted axes, what is stored that
+    about the axes as given: an odd order makes a left-handed system, in which every rotation is
+    turned round.
 
     Raises HodoError for a motion that comes back to the separatrix all the same, as a loose
     tolerance lets it.
     """
-    side, _ = arrival.region
-    rates = rates_at(arrival.logarithms)
+    body, side = turning_body(k), arrival.region[0]
+    rates = rates_at(sorted_roots(arrival.logarithms, side))
     here = rates[arrival.region]
     speed = -here.drift
     if not speed > 0:
@@ -195,32 +188,33 @@ def pass_separatrix(
         )
     seconds = time_to_separatrix(arrival.u, speed)
     edge = added(arrival.logarithms, here.changes(seconds, -arrival.u))
-    amplitudes = tuple(math.exp(float(logarithm) / 2) for logarithm in edge)
-    a, b, c = body[:3]
-    n = math.sqrt((a - b if side > 0 else b - c) / (a * b * c)) * amplitudes[0]
+    roots = sorted_roots(edge, side)
+    n = either(side, *k.turning_n) * roots[::side][0]
     time = float(arrival.time) + seconds
     phase = arrival.phase + math.pi / 2 * n * arrival.u / speed
-    details = {"momentum": momentum(body, amplitudes[::side]), "frequency": n}
-    prediction, region = CrossingPrediction(), None
+    details, prediction = {"momentum": momentum(body, roots), "frequency": n}, CrossingPrediction()
+    region: Region | None
     if drives_alike(rates):
         foreseen = foreseen_crossing(speed, n, float(phase), time, here.rate)
         prediction = foreseen if predictable else CrossingPrediction(scatter=foreseen.scatter)
         details |= prediction._asdict() | {"sense": float(body.parity * prediction.sense)}
         region = -side, prediction.sense or 1
     else:
-        drift = drift_by_region(rates := rates_at(edge))
-        shares = capture_shares(drift, arrival.region)
-        error = PROBABILITY_ERROR * max(map(abs, drift.values())) / n
-        details["probability"] = shares[-side, 1] + shares[-side, -1]
+        rates = rates_at(roots)
+        region, chance = region_by_chance(drift_by_region(rates), arrival.region, k.turning_branch)
+        details["probability"] = chance
+        error = PROBABILITY_ERROR * max(abs(beside.drift) for beside in rates.values()) / n
         details["probability_error"] = min(1.0, error)
-        region = chosen_region(branch, shares, arrival.region)
     details["from"] = float(body.label(side))
     details["to"] = float(body.label(region[0])) if region else 0.0
     if region is None:
         return EventOutcome(time, details, (*edge, phase, *arrival.region))
     there = rates[region]
+    # Behind the edge the event that has found the separatrix cannot find it again.
+    beyond = 2 * k.turning_edge
     onward = time_to_separatrix(beyond, there.drift)
-    # The lag is spent near the middle axis, at the rate there.
+    # The lag is spent near the middle axis, at the rate there. What is added to the state needs no
+    # more digits than a double has.
     changes = there.changes(onward + prediction.lag, beyond)
     logarithms = added(edge if region[0] == side else edge[::-1], changes)
     place = prediction.place if math.isfinite(prediction.place) else 0.0
@@ -234,10 +228,16 @@ def added(logarithms: Pair, changes: Pair) -> Pair:
     return logarithms[0] + changes[0], logarithms[1] + changes[1]
 
 
-def momentum(body: Body, amplitudes: Sequence[float]) -> float:
+def sorted_roots(logarithms: Pair, side: int) -> Pair:
+    """sqrt(X) and sqrt(Y) from ln X_e and ln X_o."""
+    root_x, root_y = (math.exp(float(ln) / 2) for ln in logarithms[::side])
+    return root_x, root_y
+
+
+def momentum(body: Body, roots: Pair) -> float:
     """|G| of a motion with these sqrt(X) and sqrt(Y): G^2 = (a X + c Y)/(a - c)."""
     a, _, c = body[:3]
-    x, y = amplitudes
+    x, y = roots
     return math.hypot(math.sqrt(a) * x, math.sqrt(c) * y) / math.sqrt(a - c)
 
 
@@ -300,10 +300,15 @@ def capture_shares(drift: Mapping[Region, float], start: Region) -> dict[Region,
     return shares
 
 
-def chosen_region(branch: str, shares: Mapping[Region, float], start: Region) -> Region | None:
-    """The region that a case's word means, or None if the motion is to stop or cannot go there."""
-    side, sense = start
-    onto = {OTHER: [(-side, 1), (-side, -1)], REVERSED: [(side, -sense)]}.get(branch, [])
+def region_by_chance(
+    drift: Mapping[Region, float], start: Region, branch: str
+) -> tuple[Region | None, float]:
+    """The region that a motion out of the region `start` enters on the branch of its case, None
+    where it stops or cannot go there, and the probability that it goes to the other axis."""
+    shares, (side, sense) = capture_shares(drift, start), start
+    others = [(-side, 1), (-side, -1)]
+    onto = {OTHER: others, REVERSED: [(side, -sense)]}.get(branch, [])
     # Of two senses of rotation about the other axis, the one that keeps more phases.
     likely = max(onto, key=shares.__getitem__, default=start)
-    return likely if likely != start and shares[likely] > 0 else None
+    region = likely if likely != start and shares[likely] > 0 else None
+    return region, sum(shares[other] for other in others)

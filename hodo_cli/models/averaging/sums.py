@@ -13,7 +13,6 @@ from ..terms import torques as terms
 from ..terms.laws import coefficient_at
 from .forms import AveragedTurns, Turn
 from .free_turn import (
-    Body,
     SlowVariables,
     amplitude,
     either,
@@ -22,7 +21,7 @@ from .free_turn import (
     turning_body,
 )
 from .means import Means, fluid_loss, fluid_weights, linear_rates
-from .passage import REGIONS, Pair, RatesByRegion, Region, SeparatrixRates
+from .passage import Pair, Region, SeparatrixRates
 
 BESIDE_SEPARATRIX = Means(1 - 1j, 1 - 4j / 3, 1j, 1j, math.pi / 2 * 1j)
 """The means beside the separatrix, where K <cn^2> = K <dn^2> = 1, K <sn^2 cn^2> = 1/3 and K <dn> =
@@ -204,20 +203,13 @@ class ClosedTurns(ClosedMeans):
     """An averaged form in closed form throughout."""
 
     @classmethod
-    def separatrix_rates(cls, t: float, body: Body, roots: Pair, k: Any) -> RatesByRegion:
-        rates: dict[Region, SeparatrixRates] = {}
-        for side, sense in REGIONS:
-            if sense < 0 and "torque" not in cls.averaged_terms:
-                rates[side, -1] = rates[side, 1]  # only a constant torque knows the sense
-                continue
-            root_e, root_o = roots[::side]
-            turn = Turn(body, side, sense, root_e, root_o, 1.0, BESIDE_SEPARATRIX)
-            by_e, by_o = cls.rates(t, turn, k)
-            rates[side, sense] = SeparatrixRates(by_e.real, by_e.imag, by_o.imag)
-        return rates
+    def rates_beside(cls, t: float, region: Region, roots: Pair, k: Any) -> SeparatrixRates:
+        turn = Turn(turning_body(k), *region, *roots, m=1.0, mean=BESIDE_SEPARATRIX)
+        by_e, by_o = cls.rates(t, turn, k)
+        return SeparatrixRates(by_e.real, by_e.imag, by_o.imag)
 
     @classmethod
-    def is_even(cls, t: float, body: Body, roots: Pair, k: Any) -> bool:
+    def is_even(cls, t: float, root_x: float, k: Any) -> bool:
         return all(getattr(k, name, 0.0) == 0.0 for name in UNEVEN)
 
     @classmethod
