@@ -42,54 +42,6 @@ CAVITY_INITIAL = Key(
 
 @dataclass(frozen=True)
 class Cavity(BodyUnderTorques):
-    """The part that the forms share: the keys and their checks."""
-
-    cavity: Mapping[str, float | None] | None
-    kappa: float | None
-    torque: tuple[float, float, float]
-    epsilon: float
-
-    name = "cavity+constant"
-    keys = {
-        "inertia": INERTIA,
-        "cavity": CAVITY,
-        "kappa": Key(
-            Number(least=0),
-            "rho P0/nu, instead of `cavity`",
-            "moment of inertia * time",
-            default=None,
-        ),
-        "torque": Key(
-            vector(3),
-            "constant torque M1, M2, M3",
-            unit="moment of inertia / time^2",
-            default=(0.0, 0.0, 0.0),
-        ),
-        "epsilon": Key(Number(), "small parameter, the factor of the torque", default=1.0),
-        "initial": CAVITY_INITIAL,
-    }
-
-    @classmethod
-    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        yield from super().check(data)
-        if {"cavity", "kappa"} <= set(data):
-            cavity = data["cavity"]
-            yield from mistake_of(("cavity",) if cavity else (), coefficient, cavity, data["kappa"])
-
-    @staticmethod
-    def velocity(
-        inertia: Sequence[float], initial: Mapping[str, float | None]
-    ) -> tuple[float, ...]:
-        x, y = initial.get("x"), initial.get("y")
-        if x is None and y is None:
-            return complete(inertia, initial)
-        if x is None or y is None or any(initial.get(name) is not None for name in "pqrG"):
-            raise ValueError("give x and y alone, or p, q and r")
-        return sqrt(x), 0.0, sqrt(y)
-
-
-@dataclass(frozen=True)
-class FullCavity(Cavity):
     """A rigid body with a cavity full of a very viscous fluid, under a torque constant in body
     axes.
 
@@ -108,12 +60,54 @@ class FullCavity(Cavity):
     (2) epsilon.
     """
 
+    cavity: Mapping[str, float | None] | None
+    kappa: float | None
+    torque: tuple[float, float, float]
+    epsilon: float
+
+    name = "cavity+constant"
     form = "full"
+    keys = {
+        "inertia": INERTIA,
+        "cavity": CAVITY,
+        "kappa": Key(
+            Number(least=0),
+            "rho P0/nu, instead of `cavity`",
+            "moment of inertia * time",
+            default=None,
+        ),
+        "torque": Key(
+            vector(3),
+            "constant torque M1, M2, M3",
+            unit="moment of inertia / time^2",
+            default=(0.0, 0.0, 0.0),
+        ),
+        "epsilon": Key(Number(), "small parameter, the factor of the torque", default=1.0),
+        "initial": CAVITY_INITIAL,
+    }
     degree = {"g": 2} | FLUID.degree | CONSTANT.degree
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         return rates_under((FLUID, CONSTANT), t, y, k)
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        yield from super().check(data)
+        if {"cavity", "kappa"} <= set(data):
+            cavity = data["cavity"]
+            yield from mistake_of(("cavity",) if cavity else (), coefficient, cavity, data["kappa"])
+
+    @staticmethod
+    def velocity(
+        inertia: Sequence[float], initial: Mapping[str, float | None]
+    ) -> tuple[float, ...]:
+        x, y = initial.get("x"), initial.get("y")
+        if x is None and y is None:
+            return complete(inertia, initial)
+        if x is None or y is None or any(initial.get(name) is not None for name in "pqrG"):
+            raise ValueError("give x and y alone, or p, q and r")
+        return sqrt(x), 0.0, sqrt(y)
 
 
 def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
@@ -317,8 +311,7 @@ class AveragedAsPrinted(SymmetricCavity):
 
 @dataclass(frozen=True)
 class AveragedTriaxial(ClosedTurns, Cavity):
-    """The motion of a body with three different moments of inertia, averaged over the turns of its
-    hodograph.
+    """The motion of a body with A1 and A2 different, averaged over the turns of its hodograph.
 
     (2T)' = -(2 kappa/(a b c)) [(a-c)^2 (a+c-b) <p^2 r^2> + (a-b)^2 (a+b-c) <p^2 q^2>
                                 + (b-c)^2 (b+c-a) <q^2 r^2>] + 2 epsilon M.<omega>
@@ -350,7 +343,7 @@ class AveragedTriaxial(ClosedTurns, Cavity):
 
     @property
     def run_events(self) -> tuple[Event, ...]:
-        if len(set(self.body[:3])) < 3:
+        if self.body.is_symmetric:
             # Only a symmetric body can lose its spin before it comes to a separatrix.
             return (Event("end_of_spin", distance_to_rest, terminal=True, passage=turned_round),)
         if not any(self.term_coefficients["torque"]):

@@ -13,10 +13,9 @@ import numpy as np
 
 from .. import HodoError
 from ..schema.kinds import Key, Mistake, Number, Table, vector
-from .base import Constants, Event, Label, Model, mistake_of
+from .base import Bound, Constants, Event, Label, Model, mistake_of
+from .constants import attributes, contains_time, jacobian, structure
 from .inertia import along_principal_axes
-from .theory.possible_crossings import Dissipation, axes_never_left
-from .theory.steady_spin import tilt_growth_by_equations, tilt_growth_rates
 
 UNDETERMINED, SEPARATRIX, BOTH, UNSEPARATED = -1, 0, 4, 5
 PLAIN_LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
@@ -354,23 +353,30 @@ class BodyFrame(Model):
         A = self.moments
         return separation(A[:, None], self.to_principal(omega).T, inertia_order(A))
 
-    def dissipations(self, start: float, end: float) -> tuple[Dissipation, ...]:
-        """The torques as the theorems on crossings and tilts take them, at such times between two
-        that what excludes a crossing at these excludes it always: one time where they are
-        constant. Empty where the theorems do not cover them."""
-        return ()
-
-    def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
-        return axes_never_left(self.dissipations(start, end))
-
     def tilt_growth(self, t: float) -> np.ndarray | None:
-        if not (dissipations := self.dissipations(t, t)):
-            # About which axes a body with a rotor is in steady rotation, `theory.gyrostat` says.
-            return tilt_growth_by_equations(self) if self.is_plain else None
-        omega = self.to_principal(self.omega_at_start)
-        # As fast as at the start about each axis in turn, in the sense of the component there.
-        rates = tilt_growth_rates(dissipations[0], np.copysign(np.linalg.norm(omega), omega))
-        return rates if np.isfinite(rates).any() else None
+        """From the equations alone, at the speed of the start; not a number for an axis that a
+        torque drives rotation away from. None where rotation about an axis lets no rate be told: at
+        rest, where the equations contain the time, and where the state holds more than omega.
+
+        With w_i' the rate of the speed w, and J the Jacobian of the equations there, it is
+        (J_jj + J_kk)/2 - w_i'/w: a tilt turns, and the mean of its growth is half the trace.
+        """
+        model, form = type(self), structure(self.constants)
+        speed = float(np.linalg.norm(self.start))
+        # About which axes a body with a rotor is in steady rotation, `theory.gyrostat` says.
+        is_steady = self.is_plain and speed and not contains_time(model, form)
+        if len(self.state) != 3 or not is_steady:
+            return None
+        k, omega = attributes(self.constants), speed * np.eye(3)
+        along = np.diagonal(jacobian(model, k, 0.0, omega)).T  # J_ii (i, axis)
+        rates = np.array(np.broadcast_arrays(*model.rhs(0.0, [*omega], k))) / speed
+        along_axis = np.diag(rates)
+        growth = (along.sum(axis=0) - np.diag(along)) / 2 - along_axis
+        scale = np.maximum(np.abs(along).max(axis=0), np.abs(along_axis))
+        growth = np.where(np.abs(growth) <= 4 * np.finfo(float).eps * scale, 0, growth)
+        across = np.abs(rates - np.diag(along_axis)).max(axis=0)
+        steady = (across == 0) & (np.sort(self.moments)[1] != self.moments)
+        return np.where(steady, growth, np.nan) if steady.any() else None
 
     @property
     def class_events(self) -> tuple[Event, ...]:
@@ -378,17 +384,11 @@ class BodyFrame(Model):
         if self.rotor_momentum is not None:
             return ()
         moments = self.inertia if self.principal_axes is None else self.moments
-        return (Event("separatrix", Separatrix(inertia_order(moments))),)
+        return (Event("separatrix", Bound(separatrix_function, (inertia_order(moments),))),)
 
 
-@dataclass(frozen=True)
-class Separatrix:
-    """D as an event; its order of axes is part of its identity, so that one compilation serves one
-    order."""
-
-    order: tuple[int, int, int]
-
-    def __call__(self, t: Any, y: Sequence[Any], k: Any) -> Any:
-        omega = along_principal_axes(y[:3], k)
-        outer, inner = separatrix_terms((k.A1, k.A2, k.A3), omega, self.order)
-        return outer - inner
+def separatrix_function(order: tuple[int, int, int], t: Any, y: Sequence[Any], k: Any) -> Any:
+    """D of bodies with one order of the moments, as an event."""
+    omega = along_principal_axes(y[:3], k)
+    outer, inner = separatrix_terms((k.A1, k.A2, k.A3), omega, order)
+    return outer - inner

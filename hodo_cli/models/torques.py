@@ -54,7 +54,6 @@ from .theory.gyrostat import region_of
 from .theory.possible_crossings import (
     Dissipation,
     axes_never_left,
-    outer_axes,
     possible_crossings,
     turning_momenta,
 )
@@ -553,7 +552,7 @@ def crossing_predictions(moments: Sequence[Dissipation]) -> list[str]:
     moments."""
     if not moments:
         return []
-    largest, smallest = outer_axes(moments[0].inertia)
+    largest, _, smallest = inertia_order(moments[0].inertia)
     up, down = f"x{smallest + 1} to x{largest + 1}", f"x{largest + 1} to x{smallest + 1}"
     at_most_one = {
         frozenset({largest + 1, smallest + 1}): "no crossing is possible",

@@ -17,7 +17,8 @@ from matplotlib.ticker import MaxNLocator
 from ... import HodoError
 from ...cases.figure_block import AXIS_KEYS, averaged
 from ...models import rigid_body
-from ...models.rigid_body import LABELS, BodyFrame
+from ...models.rigid_body import LABELS
+from ...models.terms.body import BodyUnderTorques
 from ...models.theory.gyrostat import separatrix_curves
 from ...models.theory.possible_crossings import turning_momenta
 from ...results.dataset import Cases
@@ -272,7 +273,7 @@ def balance(swept: SweepView, x: str, y: str) -> tuple[list[np.ndarray], np.ndar
             case = swept.at({x: int(i), y: int(j)})
             body, time = case.system, case.time
             if (
-                not isinstance(body, BodyFrame)
+                not isinstance(body, BodyUnderTorques)
                 or len(terms := body.dissipations(time.start, time.end)) != 1
             ):
                 raise HodoError(f"no theorem predicts the sense of crossings of sweep {swept.name}")

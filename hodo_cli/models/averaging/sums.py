@@ -10,6 +10,7 @@ import numpy as np
 
 from ..base import Event
 from ..terms import torques as terms
+from ..terms.body import BodyUnderTorques
 from ..terms.laws import coefficient_at
 from .forms import AveragedTurns, Turn
 from .free_turn import (
@@ -167,7 +168,7 @@ CLOSED: Mapping[str, ClosedAverage] = {
 """The terms of a sum whose averages are known in closed form."""
 
 
-class ClosedMeans(AveragedTurns):
+class ClosedMeans(AveragedTurns, BodyUnderTorques):
     """An averaged form whose mean rates are those of a sum of terms of CLOSED."""
 
     averaged_terms: ClassVar[tuple[str, ...]]

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from ..base import Constants
-from ..rigid_body import BodyFrame, body_constants
+from ..rigid_body import BodyFrame, body_constants, inertia_order
 from ..theory.along_momentum import AlongMomentum
 from ..theory.closed_form import free_motion, scaled_motion
-from ..theory.possible_crossings import Dissipation, axis_weights, outer_axes
+from ..theory.possible_crossings import Dissipation, axes_never_left, axis_weights
+from ..theory.steady_spin import tilt_growth_rates
 from .fluid import cavity_warnings, coefficient, weak
 from .laws import (
     dimensional_values,
@@ -110,10 +111,24 @@ class BodyUnderTorques(BodyFrame):
         return frozenset(term for term, entries in given if any(map(is_law, entries)))
 
     def dissipations(self, start: float, end: float) -> tuple[Dissipation, ...]:
+        """The torques as the theorems on crossings and tilts take them, at such times between two
+        that what excludes a crossing at these excludes it always: one time where they are
+        constant. Empty where the theorems do not cover them."""
         times = self.decisive_times(start, end)
         if self.term_coefficients.keys() & NOT_COVERED or any(map(math.isnan, times)):
             return ()
         return tuple(map(self.dissipation_at, times))
+
+    def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
+        return axes_never_left(self.dissipations(start, end))
+
+    def tilt_growth(self, t: float) -> np.ndarray | None:
+        if not (dissipations := self.dissipations(t, t)):
+            return super().tilt_growth(t)
+        omega = self.to_principal(self.omega_at_start)
+        # As fast as at the start about each axis in turn, in the sense of the component there.
+        rates = tilt_growth_rates(dissipations[0], np.copysign(np.linalg.norm(omega), omega))
+        return rates if np.isfinite(rates).any() else None
 
     def dissipation_at(self, t: float) -> Dissipation:
         """The torques at a time, all of them covered by the theorems."""
@@ -144,11 +159,11 @@ class BodyUnderTorques(BodyFrame):
         is_summed = {"damping", "resistance"} <= given.keys()
         if is_turned or is_summed or "torque" in changing or any(map(is_law, across)):
             return {math.nan}
-        weights = axis_weights(self.moments)
+        order, weights = inertia_order(self.moments), axis_weights(self.moments)
         pairs = [(given["kappa"][0], 0.0)] if "kappa" in given else []
         for name in given.keys() & weights.keys():
             entries = given[name][::4] if name == "resistance" else given[name]
-            first, last = (scaled(entries[i], weights[name][i]) for i in outer_axes(self.moments))
+            first, _, last = (scaled(entries[i], weights[name][i]) for i in order)
             pairs.append((first, last))
         return {t for pair in pairs for t in times_of_all_signs(*pair, start, end)}
 

@@ -30,6 +30,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..rigid_body import inertia_order
+
 
 class Dissipation(NamedTuple):
     """The coefficients of a sum of torques by body axis (3,), but for kappa; `torque` is constant
@@ -57,19 +59,12 @@ class SenseReversal(NamedTuple):
     mean: float
 
 
-def outer_axes(inertia: Any) -> tuple[int, int]:
-    """The positions of the axes of largest and smallest inertia; ties keep the order given."""
-    # A stable sort, as that of a single body.
-    largest, _, smallest = np.argsort(-np.asarray(inertia), kind="stable").tolist()
-    return largest, smallest
-
-
 def axis_weights(inertia: Any) -> dict[str, list[float]]:
     """The factors (3,) of the coefficients of a term, by its key, with which those of the outer
     axes are compared in D'."""
     A = np.asarray(inertia, float)
     c, b, a = np.sort(A)
-    largest, smallest = outer_axes(A)
+    largest, _, smallest = inertia_order(A)
     # |p| and |r| on the separatrix are proportional to these.
     speeds = np.zeros(3)
     speeds[largest], speeds[smallest] = np.sqrt(c * (b - c)), np.sqrt(a * (a - b))
@@ -83,7 +78,7 @@ def turning_momenta(terms: Dissipation) -> SenseReversal:
     # In ratios, since (a b c)^2 may have no double.
     scale, narrow = (a - c) / a / (a * b * c), (a + c - b) / c
     alpha, beta = scale * narrow, scale * (2 * a / b - narrow)
-    largest, smallest = outer_axes(terms.inertia)
+    largest, _, smallest = inertia_order(terms.inertia)
     excess = np.float64(terms.damping[largest] - terms.damping[smallest])
     strengths = np.array([min(alpha, beta), max(alpha, beta), (2 * alpha + beta) / 3])
     with np.errstate(all="ignore"):
@@ -106,7 +101,7 @@ def possible_crossings(terms: Dissipation) -> frozenset[int] | None:
         return frozenset()
     if not terms.covered or np.any(terms.torque):
         return None
-    largest, smallest = outer_axes(terms.inertia)
+    largest, _, smallest = inertia_order(terms.inertia)
     by_axes = np.multiply(terms.quadratic_axes, axis_weights(terms.inertia)["quadratic_axes"])
     media = [x[largest] - x[smallest] for x in (terms.damping, terms.quadratic, by_axes)]
     damping, quadratic, across = media
@@ -126,7 +121,7 @@ def axes_never_left(moments: Sequence[Dissipation]) -> frozenset[int]:
     known = [senses for terms in moments if (senses := possible_crossings(terms)) is not None]
     if not known or len(known) < len(moments):
         return frozenset()
-    largest, smallest = outer_axes(moments[0].inertia)
+    largest, _, smallest = inertia_order(moments[0].inertia)
     possible = frozenset().union(*known)
     leaving = {largest + 1: -1, smallest + 1: 1}
     return frozenset(axis for axis, sense in leaving.items() if sense not in possible)

@@ -4,8 +4,6 @@ from typing import Any
 
 import numpy as np
 
-from ..base import Model
-from ..constants import attributes, contains_time, jacobian, structure
 from .possible_crossings import Dissipation
 
 
@@ -36,32 +34,6 @@ def tilt_growth_rates(terms: Dissipation, omega: Any) -> np.ndarray:
     growth = growth - driven - kappa * fluid * w * w / 2
     # For an axis whose moment is the middle one too, a symmetric body has no such turn.
     return np.where(np.sort(A, axis=-1)[..., 1:2] == A, np.nan, growth)
-
-
-def tilt_growth_by_equations(system: Model) -> np.ndarray | None:
-    """The same rate (3,), at the speed at which a motion starts, from the equations of its model
-    alone; not a number for an axis that a torque drives rotation away from. None where rotation
-    about an axis lets no rate be told: at rest, where the equations contain the time, and where the
-    state holds more than omega.
-
-    With w_i' the rate of the speed w, and J the Jacobian of the equations there, it is
-    (J_jj + J_kk)/2 - w_i'/w: a tilt turns, and the mean of its growth is half the trace.
-    """
-    model, form = type(system), structure(system.constants)
-    speed = float(np.linalg.norm(system.start))
-    if len(system.state) != 3 or not speed or contains_time(model, form):
-        return None
-    k, omega = attributes(system.constants), speed * np.eye(3)
-    along = np.diagonal(jacobian(model, k, 0.0, omega)).T  # J_ii (i, axis)
-    rates = np.array(np.broadcast_arrays(*model.rhs(0.0, [*omega], k))) / speed
-    along_axis = np.diag(rates)
-    growth = (along.sum(axis=0) - np.diag(along)) / 2 - along_axis
-    scale = np.maximum(np.abs(along).max(axis=0), np.abs(along_axis))
-    growth = np.where(np.abs(growth) <= 4 * np.finfo(float).eps * scale, 0, growth)
-    across = np.abs(rates - np.diag(along_axis)).max(axis=0)
-    A = np.array([system.constants[name] for name in ("A1", "A2", "A3")])
-    steady = (across == 0) & (np.sort(A)[1] != A)
-    return np.where(steady, growth, np.nan) if steady.any() else None
 
 
 def _above_others(rates: np.ndarray) -> np.ndarray:
