@@ -7,10 +7,12 @@ every result is an `xarray.Dataset`.
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from numbers import Integral
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, overload
 
+import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
@@ -79,7 +81,7 @@ def run(
     `attrs["status"]` other than "ok".
     """
     _check_jobs(jobs)
-    if not isinstance(classify, int):
+    if not isinstance(classify, bool | np.bool_):
         raise _wrong("classify: expected True or False", classify)
     path = None if to is None else _path("to: expected a name that ends with .h5", to)
     if is_one := isinstance(case, Case | Mapping | str) or not isinstance(case, Iterable):
@@ -126,8 +128,8 @@ def _wrong(what_is_right: str, value: object) -> HodoError:
     return HodoError(f"{what_is_right}, got {shown(value)}")
 
 
-def _check_jobs(jobs: int) -> None:
-    if not isinstance(jobs, int) or jobs < 1:
+def _check_jobs(jobs: object) -> None:
+    if isinstance(jobs, bool) or not isinstance(jobs, Integral) or jobs < 1:
         raise _wrong("jobs: expected a whole number >= 1", jobs)
 
 

@@ -477,7 +477,20 @@ def test_an_argument_of_a_wrong_type_is_one_error(function: str, tmp_path: Path)
                     call(**{**given, name: value})
 
 
-@pytest.mark.parametrize("jobs", [0, -1, "2", 1.5])
+@pytest.mark.parametrize("given", [7, "no", None, np.float64(1)])
+def test_classify_is_true_or_false(given: object) -> None:
+    with pytest.raises(HodoError, match="classify: expected True or False, got"):
+        api.run(FIG4, classify=given)  # type: ignore[call-overload]
+
+
+def test_switches_and_numbers_of_numpy_are_taken() -> None:
+    case = {**FIG4, "time": {"end": 5, "samples": 3}}
+    assert "enclosed_axis" in api.run(case, classify=np.True_)  # type: ignore[call-overload]
+    (plain,) = api.run([case], classify=np.False_, jobs=np.int64(1))  # type: ignore[call-overload]
+    assert "enclosed_axis" not in plain
+
+
+@pytest.mark.parametrize("jobs", [0, -1, "2", 1.5, True])
 def test_a_number_of_processes_is_a_whole_one(jobs: object) -> None:
     ranges = {"damping.2": {"values": [0.1, 0.2]}}
     with pytest.raises(HodoError, match="jobs: expected a whole number >= 1, got"):

@@ -674,6 +674,12 @@ def test_overrides_are_applied_in_their_order_over_defaults() -> None:
     assert cases["a"].data["inertia"] == (1.1, 0.8, 0.7)
 
 
+def test_an_override_adds_an_assumption_to_a_case_without_any() -> None:
+    cases = overridden("*.assumes.r0=G(0) = 1", "a.assumes.T=2 s")
+    assert cases["a"].assumes == {"r0": "G(0) = 1", "T": "2 s"}
+    assert cases["a.b"].assumes == {"r0": "G(0) = 1"}
+
+
 def test_an_override_leaves_an_alias_of_its_value_alone() -> None:
     text = f"cases:\n  a: &a {{{BODY}, time: &t {{end: 5}}}}\n  b: *a\n  c: {{{BODY}, time: *t}}\n"
     cases = overridden("a.time.end=7", "a.initial.p=9", "a.inertia.0=1.1", text=text)

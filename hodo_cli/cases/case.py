@@ -22,7 +22,6 @@ from ..models.rigid_body import BodyFrame
 from ..schema.document import Block, Mistakes, Place, locate, read, write
 from ..schema.kinds import (
     Key,
-    KeyPath,
     Mistake,
     Wrong,
     WrongKey,
@@ -38,9 +37,9 @@ from .keys import (
     COMMON,
     NO_CLOSED_FORM,
     REMARKS,
-    REPLACED_TIMES,
     all_keys,
     keys_in,
+    replaced_times,
     wrong_precision,
 )
 from .sweep_block import check_axes, first_values, storable
@@ -95,8 +94,7 @@ class Time:
     @property
     def entries(self) -> dict[str, Any]:
         """The keys of a case file that state it."""
-        sampling = "steps" if self.steps else "samples"
-        span = ("values",) if self.values else ("end", sampling)
+        span = ("values",) if self.values else ("end", "steps" if self.steps else "samples")
         return {key: getattr(self, key) for key in ("start", *span, "unit")}
 
     def listed(self, times: Iterable[float]) -> "Time":
@@ -217,10 +215,12 @@ def parse_case(text: str) -> Case:
     """The case in a text written by `dump`. Raises HodoError, one line for each mistake."""
     mistakes = Mistakes("case")
     block = read_mapping(text, mistakes)
-    case = case_unless_mistaken(block.pop("name", None), block, (), Place(1, 1), mistakes)
     mistakes.raise_any()
-    assert case is not None
-    return case
+    try:
+        return checked_case(block.pop("name", None), block)
+    except Wrong as error:
+        add_mistakes(error.mistakes, block, mistakes)
+        raise mistakes.error() from None
 
 
 def read_mapping(text: str, mistakes: Mistakes) -> Block:
@@ -243,27 +243,14 @@ def _written(data: Any) -> Any:
     return {key: _written(value) for key, value in data.items() if value is not None}
 
 
-def add_mistakes(
-    faults: Iterable[Mistake], root: Block, label: KeyPath, place: Place, mistakes: Mistakes
-) -> None:
-    """Add the faults within `root`, which stands at `place` and is called `label`."""
+def add_mistakes(faults: Iterable[Mistake], document: Block, mistakes: Mistakes) -> None:
+    """Add the faults within a document, with their places. What a case has inherited is called by
+    its path in `defaults`."""
     for path, sentence in faults:
-        where, inherited = locate(root, path, place)
+        place, inherited = locate(document, path)
         if isinstance(sentence, LeftOut):
-            where, _ = locate(root, ("cases", sentence.case, "store"), place)
-        mistakes.add(where, sentence, ("defaults", *path) if inherited else (*label, *path))
-
-
-def case_unless_mistaken(
-    name: Any, block: Block, label: KeyPath, place: Place, mistakes: Mistakes
-) -> Case | None:
-    """The case that a merged block describes, which stands at `place` and is called `label`; None,
-    and its mistakes are noted, if it has any."""
-    try:
-        return checked_case(name, block)
-    except Wrong as error:
-        add_mistakes(error.mistakes, block, label, place, mistakes)
-    return None
+            place, _ = locate(document, ("cases", sentence.case, "store"))
+        mistakes.add(place, sentence, ("defaults", *path[2:]) if inherited else path)
 
 
 def checked_case(name: Any, block: Block) -> Case:
@@ -366,9 +353,7 @@ def merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> Block:
         ours, theirs = own.get(key), common.get(key)
         if isinstance(ours, Mapping) and isinstance(theirs, Mapping):
             block[key] = Block(ours).over(theirs)
-            given = [name for name, value in ours.items() if value not in ("no", False, None)]
-            replaced = [REPLACED_TIMES.get(name, set()) for name in given if key == "time"]
-            for name in set().union(*replaced) - ours.keys():
+            for name in replaced_times(ours) - ours.keys() if key == "time" else ():
                 block[key].pop(name, None)
     return block
 

@@ -2,6 +2,7 @@
 Config."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import partial
@@ -12,6 +13,7 @@ from .. import HodoError
 from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Block, Items, Mistakes, Place, read, write
 from ..schema.kinds import (
     REQUIRED,
+    Key,
     KeyPath,
     Kind,
     ListOf,
@@ -34,7 +36,7 @@ from .case import (
     NAME_RULE,
     Case,
     add_mistakes,
-    case_unless_mistaken,
+    checked_case,
     merged,
     read_mapping,
     variation,
@@ -177,22 +179,20 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
     sections, faults = check_keys(SECTIONS, present)
     if "cases" not in present:
         # Every name of a case would be a mistake besides, and hide this one.
-        add_mistakes(faults, document, (), Place(1, 1), mistakes)
+        add_mistakes(faults, document, mistakes)
         raise mistakes.error()
     named = sections.get("cases", Block())
-    defaults = sections.get("defaults") or Block()
-    blocks, case_faults = _case_blocks(named, defaults, overrides, mistakes)
+    blocks, case_faults = _case_blocks(
+        named, sections.get("defaults") or Block(), overrides, mistakes
+    )
     # A mistake may stand in what a case inherits or an override changes.
     named.update(blocks)
-    cases = {
-        case: made
-        for case, block in blocks.items()
-        if (
-            made := case_unless_mistaken(
-                case, block, ("cases", case), named.places[case][1], mistakes
-            )
-        )
-    }
+    cases: dict[str, Case] = {}
+    for case, block in blocks.items():
+        try:
+            cases[case] = checked_case(case, block)
+        except Wrong as error:
+            add_mistakes(within(("cases", case), error.mistakes), document, mistakes)
     figures, figure_faults = _figures(sections.get("figures") or {}, named, sections.get("style"))
     figure_faults += _figure_mistakes(figures, cases, with_sizes=not overrides)
     faults += [*case_faults, *figure_faults]
@@ -201,7 +201,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
     if not stored:
         case_named = partial(_case_named, cases, named)
         faults += claim_block.cross_check(present.get("claims"), present.get("errata"), case_named)
-    add_mistakes(faults, document, (), Place(1, 1), mistakes)
+    add_mistakes(faults, document, mistakes)
     mistakes.raise_any()
     as_checked = ("title", "references", "claims", "errata", "bench")
     return Config(name, text, cases, figures, **{key: sections[key] for key in as_checked})
@@ -210,7 +210,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
 def located(config: Config, path: KeyPath, message: str) -> HodoError:
     """The error for a mistake in a config that only a result shows, with file, line and column."""
     mistakes = Mistakes(config.path)
-    add_mistakes([(path, message)], read_mapping(config.text, mistakes), (), Place(1, 1), mistakes)
+    add_mistakes([(path, message)], read_mapping(config.text, mistakes), mistakes)
     return mistakes.error()
 
 
@@ -281,8 +281,8 @@ def _default_mistakes(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mist
         key for _, model, keys in models_of_blocks for key in (keys if model else all_keys())
     }
     for key in defaults.keys() - accepted:
-        known = key in all_keys()
-        message = "no case here takes this key" if known else unknown("key", key, sorted(accepted))
+        is_key = key in all_keys()
+        message = "no case here takes this key" if is_key else unknown("key", key, sorted(accepted))
         yield ("defaults", WrongKey(key)), message
 
 
@@ -301,36 +301,34 @@ def drawable(case: Case) -> Drawable:
     """The properties of a case on which figures rest."""
     axes = axes_of(case.sweep or {})
     sphere = next((axis.name for axis in axes if axis.sphere is not None), "")
-    lengths = {axis.name: len(axis) for axis in axes}
-    times = case.time.start, case.time.end
-    units = {"time": case.time.unit, "moments of inertia": case.inertia_unit}
-    variables = _columns_drawn(case) if case.sweep else _variables_drawn(case)
-    return Drawable(case.name, case, variables, times, units, lengths, sphere)
+    own = {name: "".join(label.dims[1:]) for name, label in case.system.variables.items()}
+    return Drawable(
+        case.name,
+        case,
+        variables=_columns_drawn(case, own) if case.sweep else _variables_drawn(case, own),
+        times=(case.time.start, case.time.end),
+        units={"time": case.time.unit, "moments of inertia": case.inertia_unit},
+        axes={axis.name: len(axis) for axis in axes},
+        sphere=sphere,
+    )
 
 
-def _own_dims(case: Case) -> dict[str, str]:
-    """The variables of a case's model, each with the dimension of its components."""
-    return {name: "".join(label.dims[1:]) for name, label in case.system.variables.items()}
-
-
-def _variables_drawn(case: Case) -> dict[str, str]:
-    """The variables that a figure of a motion may draw, each with the dimension of its parts."""
-    own = _own_dims(case)
-    dims = {name: quantity.dim for name, quantity in DERIVED.items()} | own
+def _variables_drawn(case: Case, own: Mapping[str, str]) -> dict[str, str]:
+    """The variables that a figure of a motion may draw, each with the dimension of its parts, which
+    is known of the model's `own`."""
+    dims = {**{name: quantity.dim for name, quantity in DERIVED.items()}, **own}
     # Labels are stored by `classify`, whatever the model.
-    names = [*(case.store or own), "enclosed_axis", "time"]
-    variables = {name: dims.get(name, "") for name in names}
+    variables = {x: dims.get(x, "") for x in (*(case.store or own), "enclosed_axis", "time")}
     # As a vector, too, of which `G` alone is the length.
     return variables | ({"G": "axis"} if "omega" in variables else {})
 
 
-def _columns_drawn(case: Case) -> dict[str, str]:
-    """The columns that a figure of a sweep may draw, each with the dimension of its parts."""
-    own = _own_dims(case)
+def _columns_drawn(case: Case, own: Mapping[str, str]) -> dict[str, str]:
+    """As `_variables_drawn`, for the columns of a sweep."""
     # Of the variables of a trajectory a member has no single value.
     without = {"trajectory", *(own if "trajectory" in case.store else ())}
     names = [x for x in case.store if x != "trajectory"] or storable(type(case.system))
-    dims = own | {"share": "axis"}
+    dims = {**own, "share": "axis"}
     return {name: dims.get(name, "") for name in names if name not in without}
 
 
@@ -369,28 +367,29 @@ def _apply_override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> 
     names, path = next(named, ([], []))
     if not names:
         mistakes.add(place, unknown(f"case {parts[0]!r}", parts[0], blocks))
-    try:
+    with suppress(HodoError):  # what is wrong with the text of a value is noted
         new = read(value, mistakes, text)
-    except HodoError:
-        return
-    for name in names:
-        try:
-            blocks[name] = _with_value(
-                blocks[name], Table(keys_in(blocks[name])[1]), path, new, place
-            )
-        except ValueError as error:
-            mistakes.add(place, str(error.args[0]), ("cases", name, *path))
+        for name in names:
+            kind = Table(keys_in(blocks[name])[1])
+            try:
+                blocks[name] = _with_value(blocks[name], kind, path, new, place)
+            except ValueError as error:
+                mistakes.add(place, str(error), ("cases", name, *path))
 
 
 def _blocks_named(pattern: str, blocks: Mapping[str, Block]) -> list[str]:
-    return (
-        [pattern] if pattern in blocks else [name for name in blocks if fnmatchcase(name, pattern)]
-    )
+    """The cases of a name or, if there is none, those that match it."""
+    matching = [name for name in blocks if fnmatchcase(name, pattern)]
+    return [pattern] if pattern in blocks else matching
 
 
-def _with_value(node: Any, kind: Kind | None, path: Sequence[str], new: Any, place: Place) -> Any:
-    """A copy of a value with `new` at a path within it. Raises ValueError, with a sentence, if
-    there is no such path.
+ANYTHING = Key(Kind(), "", default=None)
+"""A key of which nothing is known but where it stands."""
+
+
+def _with_value(node: Any, kind: Kind, path: Sequence[str], new: Any, place: Place) -> Any:
+    """A copy of a value of some kind with `new` at a path within it. Raises ValueError, with a
+    sentence, if there is no such path.
 
     A number that stands for a vector of equal ones is written out where the path names one of them.
     """
@@ -401,19 +400,24 @@ def _with_value(node: Any, kind: Kind | None, path: Sequence[str], new: Any, pla
         # `damping: 0.004` has no component 2 until it is written out.
         node = (node,) * (kind.length or 1)
     if is_list(node):
-        if not head.isdecimal() or int(head) >= len(node):
-            raise ValueError(
-                f"there is no {head!r} in a list whose positions are 0 to {len(node) - 1}"
-            )
-        items, i = Items(node, getattr(node, "places", [place] * len(node))), int(head)
-        items[i], items.places[i] = _with_value(node[i], None, tail, new, place), place
-        return items
-    if not isinstance(node, Block) and node not in (None, REQUIRED):
+        return _with_item(node, head, tail, new, place)
+    if node not in (None, REQUIRED) and not isinstance(node, Mapping):
         raise ValueError(f"there is no {head!r} in {shown(node)}")
-    block = Block(node) if isinstance(node, Block) else Block()
-    key = kind.keys.get(head) if isinstance(kind, Table) else None
-    old = block.get(head, key.default if key else None)
-    value = _with_value(old, key.kind if key else None, tail, new, place)
-    places = block.places[head] if tail and head in block else (place, place)
-    block.put(head, value, *places)
+    block = Block(node if isinstance(node, Mapping) else {})
+    key = kind.keys.get(head, ANYTHING) if isinstance(kind, Table) else ANYTHING
+    value = _with_value(block.get(head, key.default), key.kind, tail, new, place)
+    block.put(head, value, *(block.places.get(head, (place, place)) if tail else (place, place)))
     return block
+
+
+def _with_item(
+    items: Sequence[Any], head: str, tail: Sequence[str], new: Any, place: Place
+) -> Items:
+    """`_with_value` in a list, at the position `head`."""
+    if not head.isdecimal() or int(head) >= len(items):
+        positions = f"whose positions are 0 to {len(items) - 1}"
+        raise ValueError(f"there is no {head!r} in a list {positions}")
+    changed = Items(items, getattr(items, "places", [place] * len(items)))
+    i = int(head)
+    changed[i], changed.places[i] = _with_value(items[i], ANYTHING.kind, tail, new, place), place
+    return changed

@@ -58,6 +58,12 @@ REPLACED_TIMES = {
 evenly spaced, or the steps of the method."""
 
 
+def replaced_times(time: Mapping[str, Any]) -> set[str]:
+    """The keys that do not count beside those that a case gives of `time:`."""
+    given = [name for name, value in time.items() if value not in ("no", False, None)]
+    return set().union(*(REPLACED_TIMES.get(name, ()) for name in given))
+
+
 class TimeSpan(Table):
     """The keys of `time:`. Times that are listed set `end` and `samples`."""
 
@@ -234,8 +240,7 @@ def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, di
     head = {"model": Key(ModelName(*catalogue), "equations of motion")}
     if forms:
         head["form"] = Key(Choice(*forms), "form of the equations", default=next(iter(forms)))
-    named = next(iter(forms), "") if form is None else form
-    form_class = forms.get(named)
+    form_class = forms.get(next(iter(forms), "") if form is None else form)
     return form_class, head | (keys_of_form(form_class) if form_class else {}) | COMMON
 
 

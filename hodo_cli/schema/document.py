@@ -160,10 +160,10 @@ class Items(list[Any]):
         self.places = [*places]
 
 
-def locate(root: Any, path: KeyPath, place: Place) -> tuple[Place, bool]:
+def locate(root: Any, path: KeyPath) -> tuple[Place, bool]:
     """The place of the value at a path, or of its nearest ancestor, and whether `defaults` gave
     it."""
-    node, inherited = root, False
+    node, place, inherited = root, Place(1, 1), False
     for part in path:
         if isinstance(node, Block) and isinstance(part, str) and part in node:
             inherited = inherited or part in node.inherited

@@ -105,5 +105,5 @@ def checksum_of(group: Group, streamed: Mapping[str, ValuesChecksum] | None = No
 
 def _described(attributes: Mapping[str, Attribute]) -> str:
     """Attributes in a form that is the same before they are written and after they are read."""
-    stored = as_stored(attributes)
-    return "\n".join(f"{name}={np.asarray(value).tolist()!r}" for name, value in stored.items())
+    items = as_stored(attributes).items()
+    return "\n".join(f"{name}={np.asarray(value).tolist()!r}" for name, value in items)

@@ -409,23 +409,33 @@ def _attributes(item: h5py.HLObject, only: Collection[str] = ()) -> dict[str, An
 
 def _attribute(item: h5py.HLObject, name: str) -> Any:
     """The value of one attribute, as a plain one where it is one."""
-    stored = h5a.open(item.id, encoded(name))
-    kind = stored.get_type()
-    # `attrs` takes four times as long, and most are one text or one number. The shape is asked for
-    # first: HDF5 writes as many values as there are, whatever room they are given.
-    if stored.shape == ():
-        if isinstance(kind, h5t.TypeStringID) and kind.is_variable_str():
-            text = np.empty((), STRING)
-            stored.read(text, mtype=TEXT_IN_MEMORY)
-            return text.item().decode("utf-8", "surrogateescape")
-        if isinstance(kind, h5t.TypeIntegerID | h5t.TypeFloatID) and is_number(kind.dtype):
-            number = np.empty((), kind.dtype)
-            stored.read(number)
-            return number.item()
+    value = _one_value(h5a.open(item.id, encoded(name)))
+    return _plain_value(item, name) if value is None else value
+
+
+def _one_value(stored: h5a.AttrID) -> Any:
+    """The value of an attribute that is one text or one number, as most are; None of another.
+    `attrs` takes four times as long."""
+    # The shape is asked for first: HDF5 writes as many values as there are, whatever room they are
+    # given.
+    kind = stored.get_type() if stored.shape == () else None
+    if isinstance(kind, h5t.TypeStringID) and kind.is_variable_str():
+        text = np.empty((), STRING)
+        stored.read(text, mtype=TEXT_IN_MEMORY)
+        return text.item().decode("utf-8", "surrogateescape")
+    if isinstance(kind, h5t.TypeIntegerID | h5t.TypeFloatID) and is_number(kind.dtype):
+        number = np.empty((), kind.dtype)
+        stored.read(number)
+        return number.item()
+    return None
+
+
+def _plain_value(item: h5py.HLObject, name: str) -> Any:
+    """The value of any attribute, with what other programs store as hodo stores it. Raises
+    ValueError if it holds neither numbers nor texts."""
     value = item.attrs[name]
-    # Other programs store an empty text so.
-    value = "" if isinstance(value, h5py.Empty) else value
-    value = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+    if isinstance(value, h5py.Empty | bytes):
+        value = value.decode("utf-8", "replace") if isinstance(value, bytes) else ""
     array = np.asarray(value, dtype=object if isinstance(value, str) else None)
     if array.dtype == bool:  # which netCDF has not
         value = array = array.astype(np.int8)

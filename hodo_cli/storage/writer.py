@@ -15,8 +15,8 @@ A result that is there is changed by a new file in its place.
 
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
-from dataclasses import replace
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
 from time import monotonic
@@ -225,22 +225,21 @@ class Writer:
 
     def finish(self) -> None:
         """Join the cases under the result's name, if there is anything new."""
-        with self._staging.publishing(), ExitStack() as stack:
-            latest_result = self._old
-            if identity(self.path) != self._before:
-                # Another process has replaced the result since this one began; what it has added is
-                # not lost.
-                is_there = self.path.exists()
-                latest_result = stack.enter_context(open_run(self.path)) if is_there else None
-            sources = self._sources(latest_result)
-            if not (latest_result and self._adds_nothing(latest_result, sources)):
+        with self._staging.publishing(), self._latest_result() as result:
+            sources = self._sources(result)
+            if not (result and self._adds_nothing(result, sources)):
                 draft = self._staging / "whole.h5"
-                self._join(draft, sources, longer(latest_result, self._attributes.get("history")))
+                self._join(draft, sources, longer(result, self._attributes.get("history")))
                 publish(draft, self._staging.path)
-        unfinished = {
-            file.name for (sweep_id, _), file in self._chunks.items() if sweep_id in self.unfinished
-        }
-        self._staging.clear(unfinished)
+        chunks = self._chunks.items()
+        self._staging.clear({file.name for (id, _), file in chunks if id in self.unfinished})
+
+    def _latest_result(self) -> AbstractContextManager[ResultFile | None]:
+        """The result as it is now. Another process may have replaced it since this one began, and
+        what that has added is not lost."""
+        if identity(self.path) == self._before:
+            return nullcontext(self._old)
+        return open_run(self.path) if self.path.exists() else nullcontext()
 
     def _adds_nothing(self, result: ResultFile, sources: Mapping[str, ResultFile | Path]) -> bool:
         """Whether a result has these cases already, in this order, with the same texts and
@@ -254,12 +253,11 @@ class Writer:
 
     def _sources(self, latest_result: ResultFile | None) -> dict[str, ResultFile | Path]:
         """Where each case comes from, in the order of the new file."""
-        old = self._old
         sources: dict[str, ResultFile | Path] = {
-            name: old if old and case.file == self.path else case.file
+            name: self._old if self._old and case.file == self.path else case.file
             for name, case in self._cases.items()
         }
-        if latest_result and latest_result is not old:
+        if latest_result and latest_result is not self._old:
             sources |= {
                 name: latest_result
                 for name in latest_result.cases()
@@ -267,16 +265,17 @@ class Writer:
             }
         return {name: sources[name] for name in in_order(sources, self._order)}
 
-    def _takes(self, latest_result: ResultFile, name: str) -> bool:
-        """Whether a case is taken from a result that another process has put in the old one's
+    def _takes(self, theirs: ResultFile, name: str) -> bool:
+        """Whether a case is taken from the result that another process has put in the old one's
         place."""
         ours = self._cases.get(name)
-        if ours and ours.file != self.path:
-            # Its run has ended since, or theirs may have labels.
-            theirs = resume_attributes(latest_result, name).get("hash")
-            return theirs == ours.attributes.get("hash") or not ours.file.exists()
-        # A case that was left out of this run is left out of theirs too.
-        return ours is not None or self._old is None or name not in self._old
+        if ours is None:  # new there, unless this run has left it out
+            return not (self._old and name in self._old)
+        if ours.file == self.path:  # of the old result, which theirs replaces
+            return True
+        # An equal one may have labels there; a shard that is gone is part of theirs.
+        is_equal = resume_attributes(theirs, name).get("hash") == ours.attributes.get("hash")
+        return is_equal or not ours.file.exists()
 
     def _join(self, draft: Path, sources: Mapping[str, ResultFile | Path], history: str) -> None:
         with create(draft, {**self._attributes, "history": history}) as output:
@@ -320,19 +319,22 @@ def longer(run: ResultFile | None, line: Attribute | None) -> str:
 
 
 CACHED_BYTES = 64 << 20
-"""Bytes of cases that stay in memory, to be written once more with what is added to them: to read a
-short case again takes as long as to integrate it."""
+"""Bytes of cases that stay in memory, to be written once more with what is added to them."""
 
 
+@dataclass
 class Update:
-    """Changes to a result, whose file had this identity before it was opened; made by `update`."""
+    """Changes to a result, whose file had this identity before it was opened; made by `update`.
 
-    def __init__(self, run: ResultFile, file_identity: tuple[int, int] | None) -> None:
-        self.run = run
-        self.additions: dict[str, Group] = {}
-        self.cached: dict[str, Group] = {}
-        self.file_identity = file_identity
-        self._bytes_left = CACHED_BYTES
+    `cached` are cases as they were before: to read a short case again takes as long as to integrate
+    it.
+    """
+
+    run: ResultFile
+    file_identity: tuple[int, int] | None
+    additions: dict[str, Group] = field(default_factory=dict)
+    cached: dict[str, Group] = field(default_factory=dict)
+    bytes_left: int = CACHED_BYTES
 
     def write(self, name: str, addition: Group, old: Group | None = None) -> None:
         """Add attributes and variables to a case, or replace them; a group that begins with `_` is
@@ -343,8 +345,8 @@ class Update:
             old = self.run.read(name)
         if old is None or not holds(old, addition, is_complete=name.startswith("_")):
             self.additions[name] = addition
-            if old and (size := size_of(old)) < self._bytes_left:
-                self._bytes_left -= size
+            if old and (size := size_of(old)) < self.bytes_left:
+                self.bytes_left -= size
                 self.cached[name] = old
 
 
@@ -360,8 +362,7 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
     publish_finished(path)
     before = identity(path)
     with open_run(path) as run, Staging(path) as staging:
-        changes = Update(run, before)
-        yield changes
+        yield (changes := Update(run, before))
         if changes.additions:
             with os_errors_as(path, CASES_KEPT):
                 check_writable(path)
@@ -413,14 +414,11 @@ def _applicable(changes: Update, result: ResultFile) -> dict[str, Group]:
 
 def holds(old: Group, addition: Group, is_complete: bool = False) -> bool:
     """Whether a group has all of an addition already and, if that `is_complete`, nothing else."""
-    if is_complete and (
-        set(old.attributes) != set(addition.attributes)
-        or set(old.variables) != set(addition.variables)
-    ):
+    names = (old.attributes.keys(), old.variables.keys())
+    if is_complete and names != (addition.attributes.keys(), addition.variables.keys()):
         return False
-    if old.report != addition.report or not _same(old.attributes, addition.attributes):
-        return False
-    return all(
+    is_same = old.report == addition.report and _same(old.attributes, addition.attributes)
+    return is_same and all(
         name in old.variables
         and old.variables[name].dims == new.dims
         and _equal(old.variables[name].data, new.data)
