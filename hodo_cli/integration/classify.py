@@ -21,6 +21,7 @@ from .crossings import (
     CrossingSearch,
     RegionSearch,
     SignChanges,
+    has_sides,
     read_sign_changes,
     sides_of,
 )
@@ -306,8 +307,7 @@ def crossings_of(
     """
     motion, case = dense.motion, dense.motion.case
     body, time = body_of(case), motion.time
-    two_sided = body.rotor_momentum is not None or len(set(body.moments.tolist())) == 3
-    if not (two_sided and len(time)):
+    if not (has_sides(body) and len(time)):
         return CrossingList([], [], [])
     signs = SignChanges.joined([*dense.signs, sample_sides(motion)])
     after = np.searchsorted(time, signs.time).clip(max=len(time) - 1)

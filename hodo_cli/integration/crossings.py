@@ -18,17 +18,13 @@ import numpy as np
 
 from ..engines import extended
 from ..engines.polynomial import bernstein_coefficients, isolate, rounding, value_and_slope
-from ..engines.protocol import Engine
 from ..models import rigid_body
 from ..models.base import Event, Model
 from ..models.constants import rescaled
 from ..models.rigid_body import UNSEPARATED, BodyFrame, inertia_order, margin
 from ..models.theory.gyrostat import region_of
-from .driver import StepObserver
-from .units import Clock, Units
-
-STEPS_SEARCHED = 512
-"""Steps that are searched together: numpy's overhead, some 0.1 ms, is then 0.2 us a step."""
+from .driver import StepBuffer
+from .units import Units
 
 CERTAIN_ERRORS = 8.0
 """D counts where its margin is so many times the error of the state. The error can shift the margin
@@ -101,7 +97,7 @@ class StepView(NamedTuple):
 
 
 @dataclass
-class CrossingSearch(StepObserver):
+class CrossingSearch(StepBuffer):
     """Searches the steps of a motion for zeros of D.
 
     It notes no moment of a step in which |margin| stays above `uncertainty` all along.
@@ -110,47 +106,26 @@ class CrossingSearch(StepObserver):
     body: BodyFrame
     uncertainty: float
     parts: list[SignChanges] = field(default_factory=list)
-    filled: int = 0
 
     def __post_init__(self) -> None:
         self.A = self.body.moments
         self.order = inertia_order(self.A)
-        # Of a body with two equal moments D has one sign: a or b is 0.
-        self.two_sided = len(set(self.A.tolist())) == 3
 
-    def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
-        super().begin(engine, clock, units)
-        self.series = np.empty((STEPS_SEARCHED, 3, engine.degree + 1), dtype=engine.dtype)
-        self.times = np.empty((STEPS_SEARCHED, 2), dtype=engine.dtype)
-
-    def __call__(self, start: float, end: float, series: np.ndarray) -> None:
-        """Note a step; see `Observer`."""
-        i = self.filled
-        self.series[i], self.times[i, 0], self.times[i, 1] = series[:3], start, end
-        self.filled = i + 1
-        if self.filled == STEPS_SEARCHED:
-            self.flush()
-
-    def flush(self) -> None:
-        """Search the steps noted: all in double precision, and in their own the few where D may
-        vanish. Quadruple ones are searched in long double."""
-        n, self.filled = self.filled, 0
-        if not n or not self.two_sided:
+    def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
+        """Search steps: all in double precision, and in their own the few where D may vanish."""
+        if not has_sides(self.body):
             return
         # In double for all: few steps come near D = 0, and long double is several times slower.
-        series = self.along_axes(self.series[:n].astype(float))
-        near = self._near(series, self.times[:n].astype(float))
+        near = self._near(self.along_axes(series.astype(float)), ends.astype(float))
         if near.size:
-            series, times = self.series[near], self.times[near]
-            if series.dtype != np.float64:
-                series, times = extended(series), extended(times)
-            series = self.along_axes(series)
-            self._search(*self._bernstein(series, times), times)
+            b, noise = self._bernstein(self.along_axes(series[near]), ends[near])
+            self._search(b, noise, ends[near])
 
     def along_axes(self, series: np.ndarray) -> np.ndarray:
-        """The coefficients (n, 3, degree + 1) of the components along the principal axes."""
-        axes = self.body.principal_axes
-        return series if axes is None else np.asarray(axes.astype(series.dtype) @ series)
+        """The coefficients (n, 3, degree + 1) of the components along the principal axes, from
+        those of states (n, m, degree + 1)."""
+        axes, omega = self.body.principal_axes, series[:, :3]
+        return omega if axes is None else np.asarray(axes.astype(series.dtype) @ omega)
 
     def _bernstein(self, c: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The Bernstein coefficients (n, 3, degree + 1) of steps, and the rounding (n,) of a form.
@@ -340,6 +315,12 @@ ROUNDS, EXTREMUM_ROUNDS = 16, 9
 it a value changes by the square of the distance."""
 
 
+def has_sides(body: BodyFrame) -> bool:
+    """Whether the hodographs of a body may go round different axes: D of two equal moments has one
+    sign, since a or b is 0."""
+    return body.rotor_momentum is not None or len(set(body.moments.tolist())) == 3
+
+
 def sides_of(body: BodyFrame, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The margin (n,) of angular velocities (n, 3) along the principal axes, and the label (n,) of
     the side on which they stand."""
@@ -360,13 +341,10 @@ class RegionSearch(CrossingSearch):
     two places it is no less than half of theirs but where it may vanish (`has_turned`).
     """
 
-    def flush(self) -> None:
-        """Search the steps noted, in double precision or in long double."""
-        n, self.filled = self.filled, 0
-        if not n:
-            return
-        series, times = extended(self.series[:n]), extended(self.times[:n])
-        b, _ = self._bernstein(self.along_axes(series), times)
+    def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
+        """Search steps, in double precision or in long double."""
+        n, times = len(ends), extended(ends)
+        b, _ = self._bernstein(self.along_axes(extended(series)), times)
         # In double for all: long double is ten times slower.
         view = self._view(b.astype(float), *places_in(n, np.float64))
         clear = (view.margin > 2 * self.uncertainty).reshape(n, PLACES_VIEWED).all(1)

@@ -27,6 +27,7 @@ from .driver import (
     SAMPLES_AT_ONCE,
     Propagation,
     SampleBuffer,
+    StepBuffer,
     StepObserver,
 )
 from .trajectory import Occurrence, Trajectory
@@ -84,7 +85,7 @@ once, and how many it may have."""
 
 
 @dataclass
-class StepCheck(StepObserver):
+class StepCheck(StepBuffer):
     """Compares the polynomials of steps with their equations all along, and notes where they begin
     to differ.
 
@@ -98,31 +99,24 @@ class StepCheck(StepObserver):
     span: float
     tol: float
     control: StepControl
-    ends: list[tuple[Any, Any]] = field(default_factory=list)
-    series: list[np.ndarray] = field(default_factory=list)
     longest: float = 0.0
     changes: list[tuple[Any, Any, Any]] = field(default_factory=list)
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
-        """Keep a step, and compare those kept when they are enough; see `Observer`."""
-        self.ends.append((start, end))
-        self.series.append(series.copy())
         self.longest = max(self.longest, float(end - start))
-        if len(self.ends) * self.points >= POINTS_AT_ONCE:
-            self.flush()
+        super().__call__(start, end, series)
+
+    @property
+    def is_full(self) -> bool:
+        return len(self.ends) * self.points >= POINTS_AT_ONCE
 
     @property
     def points(self) -> int:
         """The number of places at which each of the steps noted is compared."""
         return 8 + int(POINTS_CHECKED * self.longest / self.clock.factor / self.span)
 
-    def flush(self) -> None:
-        """Compare the steps noted."""
-        if not self.ends:
-            return
-        ends, series = np.array(self.ends), np.array(self.series)
-        if self.engine.dtype is not np.float64:
-            ends, series = engines.extended(ends), engines.extended(series)
+    def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
+        """Compare steps."""
         # Nearer to each other towards the ends, where collocation has no points of its own.
         x = (1 - np.cos(np.pi * np.arange(self.points + 1) / self.points)) / 2
         b = self._bernstein(series.astype(float), ends.astype(float))
@@ -134,7 +128,7 @@ class StepCheck(StepObserver):
         if len(self.changes) > MOST_CHANGES:
             message = f"stopped: its formulas change more than {MOST_CHANGES} times"
             self.control.give_up(Status.TIMEOUT, message)
-        self.ends, self.series, self.longest = [], [], 0.0
+        self.longest = 0.0
 
     def _note(
         self, ends: np.ndarray, series: np.ndarray, low: np.ndarray, high: np.ndarray
