@@ -91,9 +91,9 @@ def _binomials(degree: int, dtype: np.dtype[Any]) -> np.ndarray:
 
 
 def weights(x: np.ndarray, degree: int) -> np.ndarray:
-    """Bernstein's polynomials (k, degree + 1) at places (k,); their sum is 1."""
-    up, down = (np.vander(y, degree + 1, increasing=True) for y in (x, 1 - x))
-    return np.asarray(_binomials(degree, x.dtype) * up * down[:, ::-1])
+    """Bernstein's polynomials (..., degree + 1) at places (...); their sum is 1."""
+    up, down = (np.vander(y.ravel(), degree + 1, increasing=True) for y in (x, 1 - x))
+    return np.reshape(_binomials(degree, x.dtype) * up * down[:, ::-1], (*x.shape, degree + 1))
 
 
 def bernstein_coefficients(c: np.ndarray, length: np.ndarray, basis: str) -> np.ndarray:
@@ -106,20 +106,12 @@ def bernstein_coefficients(c: np.ndarray, length: np.ndarray, basis: str) -> np.
     return np.asarray(c @ to_bernstein(basis, order, c.dtype))
 
 
-def value_and_slope(b: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The values (k, m) of polynomials at places x (k,), by Bernstein coefficients b (k, m,
-    degree + 1), and their derivatives by x."""
-    degree = b.shape[2] - 1
-    value = np.matmul(b, weights(x, degree)[:, :, None])
-    slope = np.matmul(np.diff(b, axis=2), weights(x, degree - 1)[:, :, None])
-    return value[:, :, 0], degree * slope[:, :, 0]
-
-
 def values_and_slopes(b: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The values (n, m, k) of polynomials at the same places x (k,), by Bernstein coefficients
-    b (n, m, degree + 1), and their derivatives by x."""
+    """The values (n, m, k) of polynomials with Bernstein coefficients b (n, m, degree + 1), and
+    their derivatives by x, at places x: of their own (n, k), or the same (1, k) for all."""
     degree = b.shape[2] - 1
-    return b @ weights(x, degree).T, degree * np.diff(b, axis=2) @ weights(x, degree - 1).T
+    places, of_slope = (weights(x, n).swapaxes(1, 2) for n in (degree, degree - 1))
+    return b @ places, degree * (np.diff(b, axis=2) @ of_slope)
 
 
 def rounding(c: np.ndarray, basis: str) -> np.ndarray:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..engines import extended
-from ..engines.polynomial import bernstein_coefficients, isolate, rounding, value_and_slope
+from ..engines.polynomial import bernstein_coefficients, isolate, rounding, values_and_slopes
 from ..models import rigid_body
 from ..models.base import Event, Model
 from ..models.constants import rescaled
@@ -192,7 +192,8 @@ class CrossingSearch(StepBuffer):
 
     def _view(self, b: np.ndarray, row: np.ndarray, x: np.ndarray) -> StepView:
         """The motion at places x (k,) in steps with Bernstein coefficients b (n, 3, degree + 1)."""
-        A, (omega, slope) = self.A.astype(b.dtype), value_and_slope(b[row], x)
+        A, motion = self.A.astype(b.dtype), values_and_slopes(b[row], x[:, None])
+        omega, slope = (values[:, :, 0] for values in motion)
         values, changes = (
             np.abs(rigid_body.separatrix_forms(A, w.T, self.order)) for w in (omega, slope)
         )
@@ -389,7 +390,8 @@ class RegionSearch(CrossingSearch):
     def _view(self, b: np.ndarray, row: np.ndarray, x: np.ndarray) -> StepView:
         """The motion at places x (k,) in steps with Bernstein coefficients b (n, 3, degree + 1)."""
         # A rotor has a momentum of its own, so that nothing is homogeneous in omega.
-        w, change = (np.ldexp(values, self.units.size) for values in value_and_slope(b[row], x))
+        motion = values_and_slopes(b[row], x[:, None])
+        w, change = (np.ldexp(values[:, :, 0], self.units.size) for values in motion)
         A, h = self.A.astype(b.dtype), np.asarray(self.body.rotor_momentum, dtype=b.dtype)
         region = region_of(A, h, w)
         slope = (region.gradient * change[:, None]).sum(-1)

@@ -1,7 +1,7 @@
 """Case -> Trajectory: the motion of a case by one method."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from time import perf_counter, thread_time
 from typing import Any
@@ -15,7 +15,6 @@ from ..engines.polynomial import (
     HALVINGS,
     TAYLOR,
     bernstein_coefficients,
-    value_and_slope,
     values_and_slopes,
 )
 from ..engines.protocol import EPS, LAST_STEP, Status, StepControl
@@ -120,7 +119,7 @@ class StepCheck(StepBuffer):
         # Nearer to each other towards the ends, where collocation has no points of its own.
         x = (1 - np.cos(np.pi * np.arange(self.points + 1) / self.points)) / 2
         b = self._bernstein(series.astype(float), ends.astype(float))
-        missed = self._misses(ends.astype(float), x, b, values_and_slopes(b, x))
+        missed = self._misses(ends.astype(float), x[None], b)
         steps = np.flatnonzero(missed.any(axis=1))
         first = missed[steps].argmax(axis=1)
         if steps.size:
@@ -138,8 +137,7 @@ class StepCheck(StepBuffer):
         low, high = low.astype(b.dtype), high.astype(b.dtype)
         for _ in range(HALVINGS):
             middle = (low + high) / 2
-            values = [part[:, :, None] for part in value_and_slope(b, middle)]
-            missed = self._misses(ends, middle[:, None], b, values)[:, 0]
+            missed = self._misses(ends, middle[:, None], b)[:, 0]
             low, high = np.where(missed, low, middle), np.where(missed, middle, high)
         at = self.clock.exact_times(ends[:, 0] + low * (ends[:, 1] - ends[:, 0]))
         # A series that begins at a corner overflows, and the formula may be no number there.
@@ -149,14 +147,11 @@ class StepCheck(StepBuffer):
     def _bernstein(self, series: np.ndarray, ends: np.ndarray) -> np.ndarray:
         return bernstein_coefficients(series.copy(), ends[:, 1] - ends[:, 0], self.engine.basis)
 
-    def _misses(
-        self, ends: np.ndarray, x: np.ndarray, b: np.ndarray, values: Iterable[np.ndarray]
-    ) -> np.ndarray:
-        """Whether steps miss their equations (n, k) at places x, (k,) or (n, 1), where their
-        polynomials and the derivatives of these by x have such values (n, m, k)."""
+    def _misses(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Whether steps miss their equations (n, k) at places x, (n, k) or (1, k)."""
         length = ends[:, 1:] - ends[:, :1]
         t = self.clock.exact_times(ends[:, :1] + x * length).astype(b.dtype)
-        state, slope = (part.swapaxes(0, 1) for part in values)
+        state, slope = (part.swapaxes(0, 1) for part in values_and_slopes(b, x))
         k = attributes(self.units.constants(type(self.system), self.system.constants), b.dtype.type)
         rates = stacked(self.system.rhs(t, [*state], k), state)
         # Between the ends of a step its polynomial has half of the digits at worst.
