@@ -9,7 +9,7 @@ from ...engines.series import value
 from ...integration import REST_BITS, at_rest, clock_rates, time_to_zero
 from ...models.base import Event
 from ...models.constants import moving
-from ...models.rigid_body import SEPARATRIX, UNDETERMINED
+from ...models.rigid_body import UNDETERMINED
 from .batch import STEPS_PER_PAUSE, BatchState
 from .motions import Ensemble, Outcome, Passages, Rejection
 from .regions import changes_within, label_at, time_between
@@ -35,10 +35,11 @@ def advance(e: Ensemble) -> Outcome:
             for _ in range(STEPS_PER_PAUSE):
                 batch.advance()
             batch.pause()
-        if e.event is not None:
-            decide_passages(e, e.event, batch.candidates, outcome)
-        elif e.searches and e.levels:
-            decide_regions(e, batch.candidates, outcome)
+        if e.event or (e.searches and e.levels):
+            decide_passages(e, batch.candidates, outcome)
+        if e.searches and e.levels:
+            # Of what is too slow to be followed only a single case knows the rotor's part.
+            outcome.reject(outcome.exponent < -REST_BITS, Rejection.UNCERTAIN)
     if e.model.degree and e.model.starts_with_omega:
         stop_at_rest(outcome)
     if not e.model.degree:
@@ -63,29 +64,37 @@ def stop_at_rest(outcome: Outcome) -> None:
     outcome.end_side[(outcome.state[:3] == 0).all(axis=0)] = 0
 
 
-def decide_passages(
-    e: Ensemble, event: Event, candidates: list[TakenSteps], outcome: Outcome
-) -> None:
-    """Find the zeros of an event's function in the steps that may have some.
+def decide_passages(e: Ensemble, candidates: list[TakenSteps], outcome: Outcome) -> None:
+    """Find where motions pass from one side to another, in the steps in which they may.
 
-    A motion is accepted if its zeros lead, by turns, from the sign at its start to that at its end,
-    and none of these is uncertain.
+    A motion is accepted if its passages lead, by turns, from the side at its start to that at its
+    end, and none of these is uncertain.
     """
-    outcome.start_side = e.side(event, e.span[0], e.onset)
-    outcome.end_side = e.side(event, e.span[1], outcome.state)
-    # A brake has brought these to rest, where no sign is left.
-    resting = (outcome.state[:3] == 0).all(axis=0)
-    # With an uncertain sign a motion is not accepted, whatever zeros it has.
-    certain = (outcome.start_side != 0) & (event.terminal | resting | (outcome.end_side != 0))
-    steps = steps_of(candidates, certain & ~e.is_one_sided(event))
+    event, resting = e.event, enter_sides(e, outcome)
+    is_terminal = event is not None and event.terminal
+    # With an uncertain side a motion is not accepted, whatever passages it has.
+    certain = (outcome.start_side != 0) & (is_terminal | resting | (outcome.end_side != 0))
+    steps = steps_of(candidates, certain & ~e.is_one_sided)
     if steps is not None:
-        zeros, undecided = zeros_within(e, event, steps)
-        if event.terminal:
-            zeros = zeros.chosen(zeros.is_first)
-            stop_at(zeros, e.times, outcome)
-        outcome.passages = zeros
+        passages, undecided = zeros_within(e, event, steps) if event else changes_within(e, steps)
+        if is_terminal:
+            passages = passages.chosen(passages.is_first)
+            stop_at(passages, e.times, outcome)
+        outcome.passages = passages
         outcome.reject(undecided, Rejection.UNCERTAIN)
     reject_contradicted(outcome, resting)
+
+
+def enter_sides(e: Ensemble, outcome: Outcome) -> np.ndarray:
+    """Enter the sides on which motions begin and end, 0 where they are uncertain; returns which
+    (n,) a brake has brought to rest, where no side is left."""
+    if e.event is None:
+        outcome.start_side = label_at(e, e.start, 0)
+        outcome.end_side = label_at(e, outcome.state, outcome.exponent)
+        return np.asarray(outcome.end_side == UNDETERMINED)
+    outcome.start_side = e.side(e.event, e.span[0], e.onset)
+    outcome.end_side = e.side(e.event, e.span[1], outcome.state)
+    return np.asarray((outcome.state[:3] == 0).all(axis=0))
 
 
 def stop_at(zeros: Passages, times: np.ndarray, outcome: Outcome) -> None:
@@ -95,24 +104,6 @@ def stop_at(zeros: Passages, times: np.ndarray, outcome: Outcome) -> None:
     outcome.end_side[zeros.motion] = zeros.after
     for motion, time in zip(zeros.motion, zeros.time, strict=True):
         outcome.samples[:, motion, times > time] = np.nan
-
-
-def decide_regions(e: Ensemble, candidates: list[TakenSteps], outcome: Outcome) -> None:
-    """The same for bodies with a rotor: find the changes of the label in steps that may have
-    some."""
-    outcome.start_side, outcome.end_side = (
-        label_at(e, *state) for state in ((e.start, 0), (outcome.state, outcome.exponent))
-    )
-    resting = outcome.end_side == UNDETERMINED
-    certain = (outcome.start_side != SEPARATRIX) & (outcome.end_side != SEPARATRIX)
-    steps = steps_of(candidates, certain)
-    if steps is not None:
-        changes, undecided = changes_within(e, steps)
-        outcome.passages = changes or outcome.passages
-        outcome.reject(undecided, Rejection.UNCERTAIN)
-    reject_contradicted(outcome, resting)
-    # Of what is too slow to be followed only a single case knows the rotor's part.
-    outcome.reject(outcome.exponent < -REST_BITS, Rejection.UNCERTAIN)
 
 
 def reject_contradicted(outcome: Outcome, resting: np.ndarray) -> None:

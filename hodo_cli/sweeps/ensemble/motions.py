@@ -48,10 +48,10 @@ class Rejection(Coded):
 
 
 class Passages(NamedTuple):
-    """Zeros (k,) of an event's function, in order of motion and time: the error that the time may
-    have, how long about it the side is uncertain, the sides before and behind it, and the state (m,
-    k) there in units of 2**exponent. A side is the function's sign or, of a body with a rotor, a
-    label."""
+    """Where (k,) motions pass from one side to another, in order of motion and time: the error that
+    the time may have, how long about it the side is uncertain, the sides before and behind it, and
+    the state (m, k) there in units of 2**exponent. A side is the sign of an event's function or, of
+    a body with a rotor, a label."""
 
     motion: np.ndarray
     time: np.ndarray
@@ -65,6 +65,12 @@ class Passages(NamedTuple):
     def chosen(self, index: np.ndarray) -> "Passages":
         """Some of them, by position or by a mask."""
         return Passages(*(column[..., index] for column in self))
+
+    @classmethod
+    def none(cls, m: int) -> "Passages":
+        """None, of motions with states (m,)."""
+        whole, empty = np.empty(0, dtype=np.int64), np.empty(0)
+        return cls(whole, empty, empty, empty, whole, whole, np.empty((m, 0)), whole)
 
     @property
     def is_first(self) -> np.ndarray:
@@ -167,10 +173,11 @@ class Ensemble:
         """Whether (n,) the motions call for units of their state alone; see `is_falling`."""
         return is_falling(self.model, vars(self.named()), self.start)
 
-    def is_one_sided(self, event: Event) -> np.ndarray:
-        """Whether (n,) an event is that of the separatrix of a body with two equal moments: D is
+    @property
+    def is_one_sided(self) -> np.ndarray:
+        """Whether (n,) the event is that of the separatrix of a body with two equal moments: D is
         then a single square, which touches 0 but changes no sign."""
-        if event.kind != "separatrix":
+        if self.event is None or self.event.kind != "separatrix":
             return np.zeros(self.start.shape[1], dtype=bool)
         smallest, middle, largest = np.sort(self.inertia, axis=0)
         return np.asarray((smallest == middle) | (middle == largest))
@@ -230,8 +237,7 @@ class Outcome:
         self.exponent, self.steps, self.start_side, self.end_side = np.zeros((4, n), dtype=np.intc)
         self.sample_exponent = np.zeros((n, s), dtype=np.intc)
         self.rejection = np.full(n, Rejection.AT_REST.code, dtype=np.int8)
-        none, empty = np.empty(0, dtype=np.int64), np.empty(0)
-        self.passages = Passages(none, empty, empty, empty, none, none, np.empty((m, 0)), none)
+        self.passages = Passages.none(m)
         self.events: dict[int, list[Occurrence]] = {}
 
     @property

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...integration import PLACES_VIEWED, has_turned
-from ...models.constants import rescaled
+from ...models.constants import rescaled, stacked
 from ...models.theory.gyrostat import HodographRegion, region_of
 from .motions import Ensemble, Passages
 from .steps import TakenSteps
@@ -45,7 +45,7 @@ class MotionView(NamedTuple):
 
 
 Viewing = Callable[[np.ndarray, np.ndarray], MotionView]
-"""`view` of an ensemble's steps, by their rows (k,) and the parts x (k,) of them."""
+"""`view_within` an ensemble's steps, by their rows (k,) and the parts x (k,) of them."""
 
 
 def true_omega(e: Ensemble, motion: np.ndarray, state: np.ndarray, size: Any) -> np.ndarray:
@@ -69,29 +69,36 @@ def label_at(e: Ensemble, state: np.ndarray, size: Any) -> np.ndarray:
     return region_at(e, motion, true_omega(e, motion, state, size), e.error_bound).label
 
 
-def changes_of(e: Ensemble, motion: np.ndarray, t: Any, state: np.ndarray, k: Any) -> np.ndarray:
-    """The rates (3, k) of omega along the principal axes, of motions in states (m, k) at times."""
-    rates = np.array(np.broadcast_arrays(*e.model.rhs(t, [*state], k), state[0])[:3])
-    return e.principal_omega(rates, motion)
+def view(
+    e: Ensemble,
+    motion: np.ndarray,
+    time: np.ndarray,
+    state: np.ndarray,
+    k: Any,
+    size: Any = 0,
+    rate: Any = 0,
+    length: Any = 1.0,
+) -> MotionView:
+    """Motions in states (m, k) and with constants of the equations in units of 2**size and of time
+    of 2**-rate, in steps of a length in that unit."""
+    rates = e.principal_omega(stacked(e.model.rhs(time, [*state], k), state), motion)
+    omega, change = true_omega(e, motion, state, size), np.ldexp(rates, size + rate).T
+    region, length = region_at(e, motion, omega), np.ldexp(length, -rate)
+    return MotionView(motion, time, length, state, size, omega, change, region)
 
 
-def view(e: Ensemble, steps: TakenSteps, row: np.ndarray, x: np.ndarray) -> MotionView:
+def view_within(e: Ensemble, steps: TakenSteps, row: np.ndarray, x: np.ndarray) -> MotionView:
     """Motions at parts x (k,), from 0 to 1, of the steps in `row` (k,)."""
     steps = steps.chosen(row)
-    (_, _, motion, size, rate), time = steps.start, steps.times_at(x)
-    state = steps.states_at(e.step, x)
-    rates = changes_of(e, motion, time, state, steps.start.named(e.structure))
-    omega = true_omega(e, motion, state, size)
-    return MotionView(
-        motion, time, np.ldexp(steps.length, -rate), state, size, omega,
-        np.ldexp(rates, size + rate).T, region_at(e, motion, omega),
-    )  # fmt: skip
+    _, _, motion, size, rate = steps.start
+    state, k = steps.states_at(e.step, x), steps.start.named(e.structure)
+    return view(e, motion, steps.times_at(x), state, k, size, rate, steps.length)
 
 
-def changes_within(e: Ensemble, steps: TakenSteps) -> tuple[Passages | None, np.ndarray]:
+def changes_within(e: Ensemble, steps: TakenSteps) -> tuple[Passages, np.ndarray]:
     """The changes of the label in steps that may have some, and the motions of which they are
     undecided."""
-    view_at, count = partial(view, e, steps), len(steps.length)
+    view_at, count = partial(view_within, e, steps), len(steps.length)
     blocks = (
         np.arange(i, min(i + STEPS_PER_BLOCK, count)) for i in range(0, count, STEPS_PER_BLOCK)
     )
@@ -99,10 +106,10 @@ def changes_within(e: Ensemble, steps: TakenSteps) -> tuple[Passages | None, np.
     row, low, unclear = (np.concatenate(arrays) for arrays in zip(*viewed, strict=True))
     uncertain = steps.start.motion[unclear]
     if not row.size:
-        return None, uncertain
+        return Passages.none(len(steps.start.state)), uncertain
     before, after, x, width = change_between(e, view_at, row, low, low + 1 / (PLACES_VIEWED - 1))
     at, taken = view_at(row, x), steps.start.clock[-1, row] + 2
-    gradient = passing_gradient(e, at.motion, at.omega, at.region)
+    gradient = passing_gradient(e, at)
     # The error of a state is a part of omega, in whatever direction.
     off = np.linalg.norm(gradient, axis=-1) * np.linalg.norm(at.omega, axis=-1)
     with np.errstate(all="ignore"):
@@ -138,7 +145,7 @@ def change_between(
     position x, and how far off this may be: by Newton's method for what passes 0 there, bracketed
     by positions of either label, else by halving."""
     first, last = view_at(row, low), view_at(row, high)
-    values = (differences(e, at.motion, at.omega, at.region)[0] for at in (first, last))
+    values = (differences(e, at)[0] for at in (first, last))
     passing = (np.multiply(*values) < 0).argmax(1)
     x, low, high = (low + high) / 2, low.copy(), high.copy()
     probe, wide = x.copy(), np.arange(len(row))  # where to look next, and whose brackets are wide
@@ -150,9 +157,7 @@ def change_between(
         low[wide[is_before]] = probe[wide[is_before]]
         high[wide[~is_before]] = probe[wide[~is_before]]
         begin, end, middle = low[wide], high[wide], (low[wide] + high[wide]) / 2
-        of_all = differences(e, at.motion, at.omega, at.region)
-        value, gradient = (of[np.arange(len(wide)), passing[wide]] for of in of_all)
-        root = probe[wide] - value / ((gradient * at.change).sum(-1) * at.length)
+        root = probe[wide] - newton_step(e, at, passing[wide])
         noise = min(FINEST_PART * 4**turn, COARSEST_PART)
         is_near = (root > begin - 8 * noise) & (root < end + 8 * noise)
         # A little beyond, so that the other end of the bracket comes near as well.
@@ -163,23 +168,26 @@ def change_between(
     return first.region.label, last.region.label, x, high - low
 
 
-def differences(
-    e: Ensemble, motion: np.ndarray, omega: np.ndarray, region: HodographRegion
-) -> tuple[np.ndarray, np.ndarray]:
+def newton_step(e: Ensemble, at: MotionView, passing: np.ndarray) -> np.ndarray:
+    """How far (k,), in parts of a step, motions are behind the zero of one of `differences`, which
+    is `passing` (k,), by its slope."""
+    value, gradient = (of[np.arange(len(passing)), passing] for of in differences(e, at))
+    return np.asarray(value / ((gradient * at.change).sum(-1) * at.length))
+
+
+def differences(e: Ensemble, at: MotionView) -> tuple[np.ndarray, np.ndarray]:
     """What passes 0 where a label changes (k, 4), and its derivatives by omega (k, 4, 3): 2T less
     that of either saddle, and |G|^2 less that at which it appears."""
-    A, h = e.inertia[:, motion].T, e.rotor[:, motion].T
-    G = A * omega + h
-    least = e.saddle_curves.of_bodies(motion).least_squares().reshape(2, -1).T
-    value = np.column_stack([region.value, (G * G).sum(-1)[:, None] - least])
-    return value, np.concatenate([region.gradient, np.stack([2 * A * G] * 2, 1)], axis=1)
+    A, h = e.inertia[:, at.motion].T, e.rotor[:, at.motion].T
+    G = A * at.omega + h
+    least = e.saddle_curves.of_bodies(at.motion).least_squares().reshape(2, -1).T
+    value = np.column_stack([at.region.value, (G * G).sum(-1)[:, None] - least])
+    return value, np.concatenate([at.region.gradient, np.stack([2 * A * G] * 2, 1)], axis=1)
 
 
-def passing_gradient(
-    e: Ensemble, motion: np.ndarray, omega: np.ndarray, region: HodographRegion
-) -> np.ndarray:
+def passing_gradient(e: Ensemble, at: MotionView) -> np.ndarray:
     """The derivatives (k, 3) by omega of what is 0 there of `differences`."""
-    value, gradient = differences(e, motion, omega, region)
+    value, gradient = differences(e, at)
     with np.errstate(all="ignore"):
         distance = np.abs(value) / np.linalg.norm(gradient, axis=-1)
     nearest = np.where(np.isnan(distance), np.inf, distance).argmin(1)
@@ -189,11 +197,8 @@ def passing_gradient(
 def time_between(e: Ensemble, passed: Passages, state: np.ndarray, size: np.ndarray) -> np.ndarray:
     """How far in time (k,) passages are from those of another integration, by its states (m, k), in
     units of 2**size, at the times of the passages."""
-    motion, k = passed.motion, e.named(passed.motion)
-    omega = true_omega(e, motion, passed.state, passed.exponent)
-    gradient = passing_gradient(e, motion, omega, region_at(e, motion, omega))
     y = rescaled(e.model, passed.state.T, passed.exponent).T
-    change = changes_of(e, motion, passed.time, y, k).T
-    off = true_omega(e, motion, state, size) - omega
+    at = view(e, passed.motion, passed.time, y, e.named(passed.motion))
+    gradient, off = passing_gradient(e, at), true_omega(e, at.motion, state, size) - at.omega
     with np.errstate(all="ignore"):
-        return np.asarray(np.abs((gradient * off).sum(-1) / (gradient * change).sum(-1)))
+        return np.asarray(np.abs((gradient * off).sum(-1) / (gradient * at.change).sum(-1)))
