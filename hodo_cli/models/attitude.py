@@ -26,7 +26,9 @@ from ..schema.kinds import (
 )
 from .base import Bound, Event, EventOutcome, Label, Level, Model, Passage
 from .rigid_body import BodyFrame
+from .terms.body import BodyUnderTorques
 from .theory.attitude import HodographTurn, composed, free_attitude, product, turn_of_hodograph
+from .theory.closed_form import AlongMomentum
 
 ATTITUDE_KEY = "attitude"
 
@@ -247,8 +249,8 @@ class Oriented(Model):
     def _attitude_at(self, start: Sequence[Any]) -> tuple[Any, ...]:
         if self.plain.start_attitude is not None:
             return tuple(self.plain.start_attitude(start))
-        momentum = self.momentum  # type: ignore[attr-defined]
-        return quaternion_at_start(self.attitude, momentum(np.array(start[:3])).tolist())
+        G = cast(BodyFrame, self).momentum(np.array(start[:3]))
+        return quaternion_at_start(self.attitude, G.tolist())
 
     @property
     def run_events(self) -> tuple[Event, ...]:
@@ -265,9 +267,9 @@ class Oriented(Model):
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The attitude too: that of the free body at the time of its clock."""
         states, exponent = super().exact_states(t)
-        body, start = cast(BodyFrame, self), np.array(self.start)
-        omega = body.to_principal(start[:3])
-        free = free_attitude(body.moments, omega, self.free_times(t))
+        body, start = cast(BodyUnderTorques, self), np.array(self.start)
+        _, free_times = cast(AlongMomentum, body.along_momentum).clock(t)
+        free = free_attitude(body.moments, body.to_principal(start[:3]), free_times)
         free[:, 1:] = body.from_principal(free[:, 1:])
         Q = product(start[-4:].astype(free.dtype), free)
         return np.concatenate((states, Q), axis=1), exponent
@@ -275,10 +277,9 @@ class Oriented(Model):
     @property
     def turn(self) -> HodographTurn | None:
         """The turn of the hodograph of a free body; None of any other."""
-        along = getattr(self, "along_momentum", None)
+        body, along = cast(BodyFrame, self), getattr(self, "along_momentum", None)
         if along is None or any(along):
             return None
-        body = cast(BodyFrame, self)
         return turn_of_hodograph(body.moments, body.to_principal(body.omega_at_start))
 
     def predictions(self, start: float, end: float) -> list[str]:
@@ -293,12 +294,11 @@ class Oriented(Model):
 
     @property
     def warnings(self) -> list[str]:
-        found = [*super().warnings, *attitude_warnings(self.attitude)]
-        if isinstance(self.attitude, Mapping) and self.attitude["align"]:
-            momentum = self.momentum(np.array(self.start[:3]))  # type: ignore[attr-defined]
-            if not momentum.any():
-                found.append("without a G at the start, z lies along x3 there")
-        return found
+        warnings = [*super().warnings, *attitude_warnings(self.attitude)]
+        is_aligned = isinstance(self.attitude, Mapping) and self.attitude["align"]
+        if is_aligned and not cast(BodyFrame, self).momentum(np.array(self.start[:3])).any():
+            warnings.append("without a G at the start, z lies along x3 there")
+        return warnings
 
 
 def attitude_warnings(attitude: Any) -> list[str]:

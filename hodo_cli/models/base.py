@@ -250,11 +250,6 @@ class Model:
         and the exponents (n,) of their units."""
         raise NotImplementedError
 
-    def free_times(self, t: np.ndarray) -> np.ndarray:
-        """The times (n,) at which the free body is, in space, where this one of closed form is at
-        times t (n,) from the start; in the precision of t."""
-        raise NotImplementedError
-
     @property
     def exact_end(self) -> tuple[str, EventOutcome] | None:
         """The event that ends a motion in closed form, at its time from the start, and its kind."""

@@ -12,8 +12,9 @@ from . import rigid_body
 from .averaging.forms import MEAN_START, Turn
 from .averaging.sums import ClosedTurns
 from .rigid_body import INERTIA, INITIAL
-from .terms.body import BodyUnderTorques, is_diagonal
+from .terms.body import BodyUnderTorques
 from .terms.torques import RESISTANCE, rates_under, tensor_entries
+from .theory.principal_axes import is_diagonal
 
 
 def resistance_key(entry: Kind, **more: Any) -> Key:

@@ -48,8 +48,7 @@ from .terms.laws import (
     zero_of_base,
 )
 from .terms.torques import BRAKE, SPACE, TERMS, VARIABLES, Term, rates_under
-from .theory.along_momentum import AlongMomentum
-from .theory.closed_form import free_motion
+from .theory.closed_form import AlongMomentum, free_motion
 from .theory.gyrostat import region_of
 from .theory.possible_crossings import (
     Dissipation,
@@ -214,10 +213,9 @@ class Torques(BodyUnderTorques):
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Model:
-        form = sum_of(terms_named(data))
-        if cls.form == "full":
-            return form(**data)
-        return averaged_sum(form, terms_named(data))(**data)
+        named = terms_named(data)
+        form = sum_of(named) if cls.form == "full" else averaged_sum(sum_of(named), named)
+        return form(**data)
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -267,11 +265,10 @@ class Torques(BodyUnderTorques):
     def constants(self) -> Constants:
         constants: dict[str, Any] = {}
         if self.expression is not None:
-            texts = {f"expression{i}": text for i, text in enumerate(self.expression, 1)}
-            constants |= {**texts, "velocity_unit": 1.0, "time_unit": 1.0}
+            constants |= {f"expression{i}": text for i, text in enumerate(self.expression, 1)}
+            constants |= {"velocity_unit": 1.0, "time_unit": 1.0}
         if self.brake is not None:
-            G = self.momentum(self.omega_at_start)
-            constants["momentum_at_start"] = float(np.linalg.norm(G))
+            constants["momentum_at_start"] = self.momentum_at_start
         constants |= super().constants
         if (frame := self.frame) is None:
             return constants
@@ -411,25 +408,36 @@ class Torques(BodyUnderTorques):
         return "stopped", EventOutcome(along.stop, details, ())
 
     def predictions(self, start: float, end: float) -> list[str]:
-        dissipations, named = self.dissipations(start, end), terms_named(vars(self))
-        terms = None if self.changing_terms or not dissipations else dissipations[0]
-        crossings = crossing_predictions(dissipations)
-        # Neither fluid nor a rotor changes |G|; but a fluid beside a rotor does.
-        if named == ("brake", "rotor") and isinstance(self.brake, float):
-            terms = Dissipation(self.moments)
-        if terms is None:
-            return crossings
-        if any(terms.torque):
-            return (
-                [*crossings, *driven_spin_predictions(terms)] if self.brake is None else crossings
-            )
-        return [*crossings, *self.stop_predictions(terms)]
+        dissipations = self.dissipations(start, end)
+        predictions = crossing_predictions(dissipations)
+        if terms_named(vars(self)) == ("brake", "rotor"):
+            # Neither fluid nor a rotor changes |G|; but a fluid beside a rotor does.
+            dissipations = (Dissipation(self.moments),)
+        if dissipations and not self.changing_terms:
+            of_which = self.spin_predictions if self.brake is None else self.stop_predictions
+            predictions += of_which(dissipations[0])
+        return predictions
+
+    def spin_predictions(self, terms: Dissipation) -> list[str]:
+        """The rotation that a torque along one axis holds against damping alone."""
+        others = *terms.quadratic, *terms.quadratic_axes, terms.kappa
+        if any(others) or not terms.covered or np.count_nonzero(terms.torque) != 1:
+            return []
+        axis = int(np.flatnonzero(terms.torque)[0])
+        if not terms.damping[axis] > 0:
+            return []
+        omega, stable = driven_spin(terms, axis)
+        return [
+            f"the torque holds a rotation about x{axis + 1} at {omega:.6g} [time^-1]: "
+            f"{'stable' if stable else 'unstable'}"
+        ]
 
     def stop_predictions(self, terms: Dissipation) -> list[str]:
         """When the brake stops the body, or between which times: fluid does not change |G|."""
-        if not self.brake or not terms.covered or self.quadratic or self.quadratic_axes:
+        others = self.quadratic, self.quadratic_axes, any(terms.torque)
+        if not self.brake or not terms.covered or any(others):
             return []
-        rate = self.brake / float(np.linalg.norm(self.momentum(self.omega_at_start)))
+        rate = self.brake / self.momentum_at_start
         first, last = (AlongMomentum(of(terms.damping), rate).stop for of in (max, min))
         if first == last:
             return [f"stops after {first:.15g} [time]"] if math.isfinite(first) else []
@@ -437,10 +445,10 @@ class Torques(BodyUnderTorques):
 
     @property
     def warnings(self) -> list[str]:
-        G = np.linalg.norm(self.momentum(self.omega_at_start))
-        if self.rotor is None or np.linalg.norm(self.rotor) >= WEAK_ROTOR * G:
-            return super().warnings
-        return [*super().warnings, f"no rotor: its momentum is less than {WEAK_ROTOR:g} of |G|"]
+        warnings, weak = super().warnings, WEAK_ROTOR * self.momentum_at_start
+        if self.rotor is not None and np.linalg.norm(self.rotor) < weak:
+            warnings.append(f"no rotor: its momentum is less than {WEAK_ROTOR:g} of |G|")
+        return warnings
 
 
 def twice_energy(kind: tuple[Any, ...], t: Any, y: Sequence[Any], k: Any) -> Any:
@@ -475,8 +483,8 @@ def turned_over(axis: int, first: int, t: Any, y: Sequence[Any], k: Any) -> Even
 
 def stop_details(G: np.ndarray, label: Any) -> dict[str, float]:
     """The details of a stop as they are stored: the direction of G (3,), and the label."""
-    direction = {f"G{i}": float(x) for i, x in enumerate(G / np.linalg.norm(G), 1)}
-    return direction | {"from": float(label)}
+    direction = G / np.linalg.norm(G)
+    return dict(zip(("G1", "G2", "G3", "from"), map(float, (*direction, label)), strict=True))
 
 
 def amplitude_at_stop(t: Any, y: Sequence[Any], k: Any) -> Any:
@@ -564,24 +572,10 @@ def crossing_predictions(moments: Sequence[Dissipation]) -> list[str]:
     terms, *others = moments
     if others or possible_crossings(terms) != frozenset({1, -1}):
         return []
-    turning = turning_momenta(terms)
-    fluid, damping, mean = (f"{G:.6g} [moment of inertia / time]" for G in turning)
+    fluid, damping, mean = (f"{G:.6g} [moment of inertia / time]" for G in turning_momenta(terms))
     return [
         f"only {up} above |G| = {fluid}, only {down} below {damping}; on the mean the sense turns "
         f"at {mean}"
-    ]
-
-
-def driven_spin_predictions(terms: Dissipation) -> list[str]:
-    """The rotation that a torque along one axis holds against damping alone, in a sentence."""
-    axis, *more = np.flatnonzero(terms.torque).tolist()
-    others = (*more, *terms.quadratic, *terms.quadratic_axes, terms.kappa)
-    if any(others) or not terms.covered or not terms.damping[axis] > 0:
-        return []
-    omega, stable = driven_spin(terms, axis)
-    return [
-        f"the torque holds a rotation about x{axis + 1} at {omega:.6g} [time^-1]: "
-        f"{'stable' if stable else 'unstable'}"
     ]
 
 

@@ -132,27 +132,34 @@ def _misfit(system: Model) -> str:
     return _misfit_of_output(system, start)
 
 
+VELOCITY_SIZE, TIME_SIZE = 2, -3
+"""The units in which equations are tried again, as powers of two: any two that no degrees make
+equal."""
+
+
 def _fits_degree(system: Model, start: np.ndarray) -> bool:
-    """Whether rhs gives the rates of the same motion in a unit of velocity that is four times as
-    large, 2**2, and a unit of time that is an eighth, 2**-3: `t` stays the case's own."""
-    k: dict[str, Any] = {**system.constants}
+    """Whether rhs gives the rates of the same motion in other units of velocity and time, with the
+    constants that `degree` says there; `t` stays the case's own."""
+    model, k = type(system), {**system.constants}
     other = k | {
-        name: in_unit(k[name], 2 * (degree - 1) - 3) for name, degree in system.degree.items()
+        name: in_unit(k[name], VELOCITY_SIZE * (degree - 1) + TIME_SIZE)
+        for name, degree in system.degree.items()
     }
-    other |= {name: unit for name, unit in ((VELOCITY, 4.0), (UNIT, 1 / 8)) if name in k}
+    units = {VELOCITY: 2.0**VELOCITY_SIZE, UNIT: 2.0**TIME_SIZE}
+    other |= {name: unit for name, unit in units.items() if name in k}
     # Each variable by its own unit: a direction does not grow with omega, and numbers stay finite.
-    size = (np.abs(start[moving(type(system))]).max() or 1.0) ** state_powers(type(system))
+    size = (np.abs(start[moving(model)]).max() or 1.0) ** state_powers(model)
     # At other times and states too: a term may be 0 at the start, as sin t, or q where q begins.
     for t, moved in product((0.0, 0.618, 2.399), (0.0, 0.0817)):
         y = start + moved * size * np.cos(1 + np.arange(len(start)))
-        scaled = rescaled(type(system), y, -2)
         try:
             rates = np.array(system.rhs(t, y.tolist(), attributes(k)))
-            again = np.array(system.rhs(t, scaled.tolist(), attributes(other)))
+            y = rescaled(model, y, -VELOCITY_SIZE)
+            again = np.array(system.rhs(t, y.tolist(), attributes(other)))
         except (ArithmeticError, ValueError):  # no motion need come there
             continue
-        # No number is above another that is none.
-        again = 8 * rescaled(type(system), again, 2)
+        # Of the other units back to these. No number is above another that is none.
+        again = np.ldexp(rescaled(model, again, VELOCITY_SIZE), -TIME_SIZE)
         if np.abs(rates - again).max() > 1e-9 * np.abs(rates).max():
             return False
     return True

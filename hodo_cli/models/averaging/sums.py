@@ -196,8 +196,7 @@ class ClosedMeans(AveragedTurns, BodyUnderTorques):
         above, middle, below = constant_torque(t, k)
         _, w_o = self.body.weights(turn.side)
         others = np.sqrt(w_o) * middle, either(turn.side, below, above)
-        sizes = (np.abs(component) / turn.root_e for component in others)
-        return np.maximum.reduce(np.broadcast_arrays(rate, *sizes))
+        return np.maximum.reduce(np.broadcast_arrays(rate, *(np.abs(others) / turn.root_e)))
 
 
 class ClosedTurns(ClosedMeans):

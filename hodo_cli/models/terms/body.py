@@ -9,9 +9,9 @@ import numpy as np
 
 from ..base import Constants
 from ..rigid_body import BodyFrame, body_constants, inertia_order
-from ..theory.along_momentum import AlongMomentum
-from ..theory.closed_form import free_motion, scaled_motion
+from ..theory.closed_form import AlongMomentum, free_motion, scaled_motion
 from ..theory.possible_crossings import Dissipation, axes_never_left, axis_weights
+from ..theory.principal_axes import is_diagonal
 from ..theory.steady_spin import tilt_growth_rates
 from .fluid import cavity_warnings, coefficient, weak
 from .laws import (
@@ -51,11 +51,6 @@ def coefficients_of(data: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
     if "torque" in given:
         given["torque"] = tuple(scaled(x, data.get("epsilon", 1.0)) for x in given["torque"])
     return given
-
-
-def is_diagonal(I: np.ndarray) -> bool:
-    """Whether a tensor has no entries besides those of its diagonal."""
-    return not (I - np.diag(np.diag(I))).any()
 
 
 def damping_warnings(damping: Sequence[Any]) -> list[str]:
@@ -107,8 +102,14 @@ class BodyUnderTorques(BodyFrame):
     @property
     def changing_terms(self) -> frozenset[str]:
         """The terms that have a coefficient under a law of time."""
-        given = self.term_coefficients.items()
-        return frozenset(term for term, entries in given if any(map(is_law, entries)))
+        return frozenset(
+            term for term, entries in self.term_coefficients.items() if any(map(is_law, entries))
+        )
+
+    @property
+    def momentum_at_start(self) -> float:
+        """|G| at the start."""
+        return float(np.linalg.norm(self.momentum(self.omega_at_start)))
 
     def dissipations(self, start: float, end: float) -> tuple[Dissipation, ...]:
         """The torques as the theorems on crossings and tilts take them, at such times between two
@@ -203,7 +204,7 @@ class BodyUnderTorques(BodyFrame):
             return None
         if "brake" not in given:
             return AlongMomentum(damping[0], 0.0)
-        momentum = float(np.linalg.norm(self.momentum(self.omega_at_start)))
+        momentum = self.momentum_at_start
         return AlongMomentum(damping[0], brake[0] / momentum) if momentum else None
 
     @property
@@ -224,8 +225,3 @@ class BodyUnderTorques(BodyFrame):
         # The variable of a brake: there are no stages of braking here.
         braked = np.zeros((len(t), int("brake" in self.term_coefficients)), dtype=state.dtype)
         return np.hstack((self.from_principal(state), braked)), exponent
-
-    def free_times(self, t: np.ndarray) -> np.ndarray:
-        assert self.along_momentum is not None
-        _, s = self.along_momentum.clock(t)
-        return np.asarray(s)

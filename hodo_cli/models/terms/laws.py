@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...schema.kinds import Either, Key, Kind, ListOf, Mistake, Number, Variant
+from ...schema.kinds import Either, Key, ListOf, Mistake, Number, Variant
 
 Numbers = Sequence[Any]
 
@@ -93,10 +93,11 @@ def coefficient_kind(unit: str, t: str = "t", above: float | None = None) -> Eit
 
 def coefficients_kind(unit: str) -> Either:
     """The kind of three coefficients, one an axis, or of one for all."""
-    number, mapping = Number(), law_mapping(unit, "t")
     title = "3 numbers, polynomials in t or laws"
-    one_each: Kind = ListOf(coefficient_kind(unit), length=3, title=title)
-    return Either(one_each, Repeated(Either(number, mapping), length=3))
+    return Either(
+        ListOf(coefficient_kind(unit), length=3, title=title),
+        Repeated(Either(Number(), law_mapping(unit, "t")), length=3),
+    )
 
 
 Law = tuple[str, tuple[Any, ...], tuple[Any, ...]]

@@ -216,13 +216,6 @@ DAMPING = Term(damping_torque, dict.fromkeys(("lam1", "lam2", "lam3"), 1), by_mo
 RESISTANCE = Term(resistance_torque, dict.fromkeys(ENTRIES, 1), coefficients=tensor_entries)
 FLUID = Term(cavity_torque, {"kappa": 3}, coefficients=alone)
 CONSTANT = Term(body_torque, dict.fromkeys(("N1", "N2", "N3"), 0))
-QUADRATIC = Term(quadratic_torque, dict.fromkeys(("c1", "c2", "c3"), 2), by_momentum=True)
-QUADRATIC_AXES = Term(
-    quadratic_axes_torque,
-    dict.fromkeys(("e1", "e2", "e3"), 2),
-    by_momentum=True,
-    extra=dict.fromkeys(("s1", "s2", "s3"), 0),
-)
 BRAKE = Term(brake_torque, {"brake": 0}, extra={"stage_momentum": 1}, coefficients=alone)
 SPACE = Term(
     space_torque,
@@ -231,19 +224,22 @@ SPACE = Term(
     rates=direction_rates,
     coefficients=lambda space: (space["size"],),
 )
-ROTOR = Term(rotor_torque, dict.fromkeys(("h1", "h2", "h3"), 1))
-EXPRESSION = Term(expression_torque, {}, coefficients=lambda texts: ())
 
 TERMS: Mapping[str, Term] = {
     "damping": DAMPING,
     "resistance": RESISTANCE,
-    "quadratic": QUADRATIC,
-    "quadratic_axes": QUADRATIC_AXES,
+    "quadratic": Term(quadratic_torque, dict.fromkeys(("c1", "c2", "c3"), 2), by_momentum=True),
+    "quadratic_axes": Term(
+        quadratic_axes_torque,
+        dict.fromkeys(("e1", "e2", "e3"), 2),
+        by_momentum=True,
+        extra=dict.fromkeys(("s1", "s2", "s3"), 0),
+    ),
     "kappa": FLUID,
     "torque": CONSTANT,
     "brake": BRAKE,
-    "rotor": ROTOR,
+    "rotor": Term(rotor_torque, dict.fromkeys(("h1", "h2", "h3"), 1)),
     "space_torque": SPACE,
-    "expression": EXPRESSION,
+    "expression": Term(expression_torque, {}, coefficients=lambda texts: ()),
 }
 """The terms by the keys of cases; a `cavity` is a kappa."""

@@ -1,4 +1,4 @@
-"""Closed forms: the free rotation of a rigid body, and its rotation under equal damping.
+"""Closed forms: the free rotation of a rigid body, and its rotation under torques along G.
 
 Free motion (Euler, Poinsot, Jacobi). Let e be the enclosed axis (that of the largest moment of
 inertia where D = G^2 - 2 T A_m is positive, else that of the smallest), m the axis of the middle
@@ -24,6 +24,22 @@ rounded once, so a start at a relative distance of 1e-15 from the separatrix cos
 data AS GIVEN. What remains is the phase: relative to |omega(t)|, errors stay below 1e-15 (1 +
 |omega0| |t|), which is about what one ulp in omega0 or in t does too. Where |omega0| t = 1e8, seven
 digits of the phase are left; T and G keep all of theirs.
+
+Torques along G change the clock of a motion, not its path. Under N = -phi G, with
+phi any function of the time and the state, the motion is omega(t) = g(t) Omega(s(t)), with Omega
+the free motion from the same start and
+
+    g' = -phi g,    s' = g,    g(0) = 1,    s(0) = 0.
+
+In A omega' + omega x A omega = N the gyroscopic terms are of degree 2, so that g^2 drops out.
+G^2/2T and D/G^2 are constant, no such motion crosses the separatrix, and its attitude at t is that
+of the free motion at s(t).
+
+For phi = lambda + b/|G| (damping, a brake) let beta = b/|G(0)|. Then g' = -(beta + lambda g), and
+
+    a = int_0^t exp(-lambda t),    g = exp(-lambda t) - beta a,    s = a - beta int_0^t a.
+
+The body stops at the zero of g.
 """
 
 import math
@@ -37,6 +53,10 @@ from .. import rigid_body
 LN2_HEAD, LN2_TAIL = float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33")
 """ln 2 in two parts; the first has so few bits that its product with a whole number below 2**21 is
 exact."""
+
+
+SERIES_TERMS = 20
+"""Terms of the series of int a: of 2/n! the last one is below the rounding of long double."""
 
 
 def free_motion(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -192,3 +212,38 @@ def sn_cn_dn(u: np.ndarray, complementary: Any) -> tuple[np.ndarray, np.ndarray,
         cn, dn = cn * dn, (ab * ss + cc) / (aa * ss + cc)
     length = np.hypot(sn, cn)
     return sn / length, cn / length, dn
+
+
+class AlongMomentum(NamedTuple):
+    """The rates lambda and beta of a torque along G at the start, 1/time, beta at least 0."""
+
+    damping: float
+    brake: float
+
+    @property
+    def stop(self) -> float:
+        """The time at which the body comes to rest; infinite where it does not."""
+        if not self.brake or self.damping <= -self.brake:
+            return math.inf
+        if not self.damping:
+            return 1 / self.brake
+        return math.log1p(self.damping / self.brake) / self.damping
+
+    def clock(self, t: Any) -> tuple[Any, Any]:
+        """g and s (...) at times t >= 0 (...); at rest g is 0 and s stands still."""
+        t, stopped = np.minimum(t, self.stop), np.asarray(t) >= self.stop
+        with np.errstate(over="ignore", invalid="ignore"):  # of what grows beyond all doubles
+            a = free_time(self.damping, t)
+            g = np.where(stopped, 0, np.exp(-self.damping * t) - self.brake * a)
+            return g, a - self.brake * _phi_2(self.damping * t) * t * t
+
+
+def _phi_2(z: Any) -> Any:
+    """(exp(-z) - 1 + z)/z^2, 1/2 at z = 0; for |z| < 1, where it cancels, by its series."""
+    is_small = np.abs(z) < 1
+    small, large = np.where(is_small, z, 0), np.where(is_small, 1, z)
+    term = total = 0.5 + 0 * small
+    for n in range(3, SERIES_TERMS + 3):
+        term = -term * small / n
+        total = total + term
+    return np.where(is_small, total, (large + np.expm1(-large)) / large**2)

@@ -28,6 +28,11 @@ class PrincipalAxes(NamedTuple):
         return np.asarray(self.axes.T / self.moments @ self.axes)
 
 
+def is_diagonal(tensor: np.ndarray) -> bool:
+    """Whether a tensor has no entries besides those of its diagonal."""
+    return not (tensor - np.diag(np.diag(tensor))).any()
+
+
 @lru_cache(maxsize=256)
 def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
     """The principal axes of a tensor of inertia, each numbered as that of the given axes which it
@@ -43,8 +48,8 @@ def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
             f"column {j + 1}, and {J[j, i]:g} in the transpose"
         )
     J = (J + J.T) / 2
-    diagonal = not (J - np.diag(np.diag(J))).any()
-    J, axes = J.astype(np.longdouble), np.eye(3) if diagonal else _numbered(np.linalg.eigh(J)[1])
+    axes = np.eye(3) if is_diagonal(J) else _numbered(np.linalg.eigh(J)[1])
+    J = J.astype(np.longdouble)
     moments, axes = _refined(J, axes)
     named = ", ".join(f"{moment:.6g}" for moment in moments)
     if not moments.min() > 0:

@@ -269,8 +269,8 @@ class AveragedTop(Nutating):
     def run_events(self) -> tuple[Event, ...]:
         """For a top that starts upright: it stays so, and the averages end where it becomes
         unstable."""
-        event = Event("upright_unstable", upright_stability, terminal=True)
-        return (event,) if self.nutation.Z == self.nutation.e == 0 else ()
+        is_upright = self.nutation.Z == self.nutation.e == 0
+        return (Event("upright_unstable", upright_stability, True),) if is_upright else ()
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,8 @@ def axial_torque(tau: Any, r: Any, k: Any, factor: Any = 1) -> Any:
 
 def with_mu(k: Any, tau: Any) -> Any:
     """The constants of a top with mu as it is at tau."""
-    if not hasattr(k, "mu_law"):
-        return k
-    return SimpleNamespace(**{**vars(k), "mu": coefficient_at(k, "mu", tau)})
+    changes = hasattr(k, "mu_law")
+    return SimpleNamespace(**vars(k) | {"mu": coefficient_at(k, "mu", tau)}) if changes else k
 
 
 def linear_dissipation(tau: Any, Gz: Any, H: Any, r: Any, u: Any, k: Any) -> tuple[Any, Any]:
