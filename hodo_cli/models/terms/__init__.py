@@ -1,2 +1,3 @@
 """The torques that models are sums of, one small function each, the laws of time that their
-coefficients follow, and a body under any sum. Imports the rigid body and its theory, no model."""
+coefficients follow, their events, and a body under any sum. Imports the rigid body and its theory,
+no model."""

@@ -1,0 +1,137 @@
+"""The events of a body under torques: the corners of drag where omega_i = 0, and the stages of
+braking, the last of which ends at rest."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..base import EventOutcome
+from ..inertia import (
+    accelerations,
+    along_principal_axes,
+    angular_momentum_of,
+    dot,
+    principal_rotor_of,
+    rotor_of,
+)
+from ..rigid_body import enclosed_axis
+from ..theory.gyrostat import region_of
+from .laws import coefficient_at
+from .torques import TERMS, Term, rates_under
+
+STAGES, STAGES_WITH_ROTOR, STAGE_RATIO = 14, 8, 8
+"""How often |G| falls by a ratio, a stage of braking each time, before a brake has all but stopped
+the body: to 2e-13 of it, with a rotor, whose h hides what is left of G, to 6e-8."""
+
+BEHIND_ZERO, BEHIND_REST = 1e-30, 1e-300
+"""The part of |omega| at which a component goes on behind its zero: on the side that it enters, so
+that the same zero is not met again; and what is added, since |omega| may be 0 there as well."""
+
+PROBE_STEP = 1e-4
+"""The length of a step, in units of the rotation or of what starts it, that shows where a component
+goes which begins at 0."""
+
+STARTING_STEPS = 16
+"""How many such steps: a torque that begins with 0 turns one component, that another, and so on."""
+
+
+def component_size(axis: int, first: int, t: Any, y: Sequence[Any], k: Any) -> Any:
+    """|omega_i|, by its sign in the state, as an event; the signs stand from row `first` on."""
+    return y[first + axis] * y[axis]
+
+
+def turned_over(axis: int, first: int, t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
+    """The passage of omega_i through 0, behind which its sign is the other one, and so are those of
+    components that vanish at the same moment, as where a body passes through rest."""
+    state, size = [*y], abs(y[0]) + abs(y[1]) + abs(y[2])
+    for i in range(3):
+        s = first + i
+        if i == axis or y[s] * y[i] <= 0:
+            state[s] = -y[s]
+            if i == axis or y[i] == 0:
+                state[i] = state[s] * (size * BEHIND_ZERO + BEHIND_REST)
+    return EventOutcome(float(t), None, state, t)
+
+
+def beside_corners(terms: Iterable[Term], k: Any, first: int, y: np.ndarray) -> np.ndarray:
+    """Starts (m, ...) for drag with a corner at omega_i = 0, where no sign of omega_i is known:
+    each such component stands on the side that it enters, with its sign in the state, from row
+    `first` on; one that stays 0 has the sign 0."""
+    # Several short steps: the first slopes are 0 where only other components drive this one, or
+    # where a law of time begins with 0. What turns with the body goes ahead with it.
+    w, ahead, t = y[:3], y.copy(), np.zeros(y.shape[1:])
+    moved = w
+    for _ in range(STARTING_STEPS):
+        rates = np.array(np.broadcast_arrays(*rates_under(terms, t, [*ahead], k)))
+        fastest = np.maximum(np.abs(w).max(0), np.sqrt(np.abs(rates[:3]).max(0)))
+        step = PROBE_STEP / np.where(fastest > 0, fastest, 1)
+        ahead, t = ahead + step * rates, t + step
+        moved = np.where(moved == 0, ahead[:3], moved)
+    y[first : first + 3] = np.sign(moved)
+    # In the direction in which it goes: of another one D may have the other sign.
+    y[:3] = np.where(w == 0, BEHIND_ZERO * moved, w)
+    return y
+
+
+def stop_details(G: np.ndarray, label: Any) -> dict[str, float]:
+    """The details of a stop as they are stored: the direction of G (3,), and the label."""
+    direction = G / np.linalg.norm(G)
+    return dict(zip(("G1", "G2", "G3", "from"), map(float, (*direction, label)), strict=True))
+
+
+def stage_end(row: int, t: Any, y: Sequence[Any], k: Any) -> Any:
+    """|G|^2 less what it is where a stage of braking ends, in units of A1^2.
+
+    A row of the state holds |G|/A1 as the stage began: an engine's tolerance is a part of the
+    largest variable or event, and |G| itself would be the largest by far of a heavy body.
+    """
+    G = [x / k.A1 for x in angular_momentum_of(y[:3], k)]
+    return dot(G, G) - y[row] * y[row] / STAGE_RATIO**2
+
+
+def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
+    """The passage at the end of a stage of braking, beside other torques: to another one, or to
+    rest.
+
+    With a brake the equations have no solution at rest, and an integrator that does not know of it
+    goes on behind it. After the last stage the time left is |G|/(b - |N0|), with N0 the other
+    torques at rest.
+    """
+    G, state = angular_momentum_of(y[:3], k), [*y]
+    size, stages = dot(G, G) ** 0.5, STAGES_WITH_ROTOR if hasattr(k, "h1") else STAGES
+    excess = 0.0  # of the brake over the other torques at rest, which count in the last stage
+    if size < 2 * k.momentum_at_start / STAGE_RATIO**stages:
+        extra = [*y[3:row], *y[row + 1 :]]
+        excess = coefficient_at(k, "brake", t) - torque_at_rest(others, t, extra, k)
+    if not excess > 0:
+        state[row] = size / k.A1
+        return EventOutcome(float(t), None, state, t)
+    details = stop_details(np.array(G, float), label_at_stop(np.array(y[:3], float), k))
+    state[:3], state[row] = (0 * size + x for x in omega_at_rest(k)), 0 * size
+    return EventOutcome(float(t + size / excess), details, state, math.inf)
+
+
+def label_at_stop(omega: np.ndarray, k: Any) -> Any:
+    """The label of the direction of G at a stop, by the constants of the motion: one event serves
+    many bodies."""
+    A, rotor = np.array([k.A1, k.A2, k.A3], float), principal_rotor_of(k)
+    omega = np.array(along_principal_axes([*omega], k))
+    if rotor is None:
+        return enclosed_axis(A, omega, 0.0)
+    return region_of(A, np.array(rotor, float), omega[None]).label[0]
+
+
+def torque_at_rest(others: Sequence[str], t: Any, extra: Sequence[Any], k: Any) -> float:
+    """The size of a sum of torques, by name, where G is 0."""
+    rates = rates_under([TERMS[name] for name in others], t, [*omega_at_rest(k), *extra], k)[:3]
+    # A omega', since -omega x G is 0 there.
+    still = angular_momentum_of((0.0, 0.0, 0.0), k)
+    return float(np.linalg.norm(np.subtract(angular_momentum_of(rates, k), still).astype(float)))
+
+
+def omega_at_rest(k: Any) -> Sequence[Any]:
+    """omega (3,) where G is 0."""
+    rotor = rotor_of(k)
+    return (0.0, 0.0, 0.0) if rotor is None else accelerations([-x for x in rotor], k)
