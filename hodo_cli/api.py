@@ -104,7 +104,7 @@ def _integrated(made: Case, classify: bool) -> xr.Dataset:
     """The dataset of a case, without a file."""
     check_memory(made)
     group = finished_case(made)
-    labels = classified(made.name, group)[0] if classify else None
+    labels = classified(made.name, group, made)[0] if classify else None
     return dataset(group if labels is None else group.with_addition(labels))
 
 

@@ -514,9 +514,12 @@ cases = load(sys.argv[1]).cases
 def peak():
     return int(re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1])
 
-classify.classified("small", run.finished_case(cases["small"]))
+def integrated_and_classified(case):
+    classify.classified(case.name, run.finished_case(case), case)
+
+integrated_and_classified(cases["small"])
 before = peak()
-classify.classified("large", run.finished_case(cases["large"]))
+integrated_and_classified(cases["large"])
 print((peak() - before) * 1024)
 """
 

@@ -1536,7 +1536,8 @@ def test_the_errors_of_a_sweep_are_measured_at_every_scale(size: float, tmp_path
 
 def test_a_sweep_that_failed_as_a_whole_is_a_line_of_the_table() -> None:
     case = one(f"{FIG4}, {RANDOM}")
-    _, row = classify.classified(case.name, run.failed_group(case, RuntimeError("no memory")))
+    failed = run.failed_group(case, RuntimeError("no memory"))
+    _, row = classify.classified(case.name, failed, case)
     assert row["warnings"] == ["failed: RuntimeError: no memory"]
 
 

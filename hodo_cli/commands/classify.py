@@ -44,7 +44,7 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
                     row = changes.run.report(name, package_digest())
                     if row is None:
                         group = changes.run.read(name)
-                        labels, row = classified(name, group)
+                        labels, row = classified(name, group, case_of(name, group))
                         report = Report(package_digest(), json.dumps(row))
                         labels = replace(labels or Group({}, {}), report=report)
                         changes.write(name, labels, old=group)
@@ -56,14 +56,18 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
     return rows, problems
 
 
-def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
+def case_of(name: str, group: Group) -> Case:
+    """The case that is stored under a name. Raises HodoError if there is none."""
+    return parse_case(typed(group.attributes, {"case": str}, name)["case"])
+
+
+def classified(name: str, group: Group, case: Case) -> tuple[Group | None, dict[str, Any]]:
     """The group that `classify` adds to a stored case (None if labels do not apply to it), and the
     line of the table.
 
     Raises HodoError as `classify` does.
     """
     recorded = typed(group.attributes, RECORDED, name)
-    case = parse_case(recorded["case"])
     if case.sweep:
         return None, row_of_sweep(case, group)
     if "enclosed_axis" in case.system.variables:  # labelled by its own integration

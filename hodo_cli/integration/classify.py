@@ -83,11 +83,12 @@ def classify(
     dense = searched(case, method, case.precision, tol, CERTAIN_ERRORS * assumed)
     motion, samples = dense.motion, dense.rows[: len(omega)]
     check_stored(motion, samples, omega, expected)
-    errors, reference = against_reference(dense, assumed)
+    absorbing = case.system.absorbing_axes(case.time.start, case.time.end)
+    errors, reference = against_reference(dense, assumed, absorbing)
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
     labels[: len(samples)] = sample_labels(motion.at(samples), errors[samples])
-    labels = with_hidden_labels(labels, case.system.absorbing_axes(case.time.start, case.time.end))
-    listed = crossings_of(dense, errors)
+    labels = with_hidden_labels(labels, absorbing)
+    listed = crossings_of(dense, errors, absorbing)
     crossings, warnings = (
         resolve_conflicts(listed, reference)
         if reference
@@ -196,7 +197,7 @@ def check_stored(motion: Trajectory, rows: np.ndarray, omega: np.ndarray, expect
 
 
 def against_reference(
-    dense: DenseSolution, expected: float
+    dense: DenseSolution, expected: float, absorbing: frozenset[int]
 ) -> tuple[np.ndarray, BetterSolution | None]:
     """The error of a motion at each of its times (n,), and its reference.
 
@@ -207,7 +208,7 @@ def against_reference(
     if not case.error:
         assumed = assumed_errors(motion, expected)
         # Also where the equations tell the axes: a time needs an error.
-        if not crossings_of(dense, assumed, absorbing=frozenset()).undecided:
+        if not crossings_of(dense, assumed, frozenset()).undecided:
             return assumed, None
     end = math.inf if motion.succeeded else float(motion.time[-1])
     for by in references(case, motion.method, motion.tol):
@@ -225,7 +226,7 @@ def against_reference(
         )
         reference_errors[:1] = errors[:1] = start_error(case)
         name = f"{by.method} in {by.precision} precision"
-        listed = crossings_of(reference, reference_errors)
+        listed = crossings_of(reference, reference_errors, absorbing)
         return errors, BetterSolution(reference.motion, listed, name)
     return assumed_errors(motion, expected), None
 
@@ -296,11 +297,11 @@ def distances(motion: Trajectory, reference: Trajectory) -> np.ndarray:
 
 
 def crossings_of(
-    dense: DenseSolution, errors: np.ndarray, absorbing: frozenset[int] | None = None
+    dense: DenseSolution, errors: np.ndarray, absorbing: frozenset[int]
 ) -> CrossingList:
     """The crossings of a motion with the error (n,) at each of its times.
 
-    `absorbing` are the axes that it never leaves, by default those of its equations.
+    `absorbing` are the axes that it never leaves.
 
     The times themselves are sign changes too, so that labels and crossings tell the same. A moment
     between two of them has the larger of their errors.
@@ -313,8 +314,6 @@ def crossings_of(
     after = np.searchsorted(time, signs.time).clip(max=len(time) - 1)
     before = np.where(time[after] == signs.time, after, np.maximum(after - 1, 0))
     uncertainty = CERTAIN_ERRORS * np.maximum(errors[before], errors[after])
-    if absorbing is None:
-        absorbing = case.system.absorbing_axes(case.time.start, case.time.end)
     listed = read_sign_changes(signs, uncertainty, absorbing)
     # A body set going from rest stands on a side as soon as the time differs from the start.
     started = case.time.start + 1e-12 * (case.time.end - case.time.start)
@@ -406,7 +405,8 @@ def cross(
 ) -> tuple[Trajectory, list[Crossing]]:
     """A case integrated through its samples, and its crossings: those that are beyond rounding."""
     dense = searched(case, method, precision, tol, CERTAIN_ERRORS * EPS)
-    listed = crossings_of(dense, np.full(len(dense.motion.time), EPS))
+    absorbing = case.system.absorbing_axes(case.time.start, case.time.end)
+    listed = crossings_of(dense, np.full(len(dense.motion.time), EPS), absorbing)
     return dense.motion.at(dense.rows), listed.crossings
 
 

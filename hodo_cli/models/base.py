@@ -12,6 +12,9 @@ import numpy as np
 
 from ..schema.kinds import Key, KeyPath, Mistake
 
+PACKAGE = str(Path(__file__).parents[1])
+"""The folder of the models that the package has itself, and of all else."""
+
 Constants = Mapping[str, float | tuple[float, ...] | str]
 """Numbers and tuples of numbers by name; a string is structure, which chooses between equations."""
 
@@ -279,9 +282,8 @@ class Model:
     def has_formulas(self) -> bool:
         """Whether its equations hold formulas of a user's own, in which anything may happen within
         a step: those of a model from outside the package do."""
-        package = str(Path(__file__).parents[1])
         modules = (sys.modules[cls.__module__] for cls in type(self).__mro__[:-1])
-        return any(not str(module.__file__).startswith(package) for module in modules)
+        return any(not str(module.__file__).startswith(PACKAGE) for module in modules)
 
     @property
     def refined_data(self) -> dict[str, Any]:

@@ -109,13 +109,14 @@ class ResultFile:
         Raises HodoError if there is no such group or it is damaged.
         """
         with self.open_group(name) as group:
-            # Whoever may write the file may have written another copy.
-            if only and self.intact and h5a.exists(group.id, SHORT_ATTRIBUTES.encode()):
-                listed = json.loads(str(_attribute(group, SHORT_ATTRIBUTES)))
-                if others := [key for key in only if key not in listed]:
-                    listed |= _attributes(group, others)
-                return {key: listed[key] for key in only if key in listed}
-            return _attributes(group, only)
+            return _attributes(group, only, self._short_attributes(group))
+
+    def _short_attributes(self, group: h5py.Group) -> dict[str, Any]:
+        """The short attributes of a group, where they are stored as one."""
+        # Whoever may write the file may have written another copy.
+        if self.intact and h5a.exists(group.id, SHORT_ATTRIBUTES.encode()):
+            return dict(json.loads(str(_attribute(group, SHORT_ATTRIBUTES))))
+        return {}
 
     def row(self, name: str, kinds: Mapping[str, type]) -> dict[str, Any]:
         """Some attributes of a group. Raises HodoError as `summary` does, and as `typed` does."""
@@ -125,7 +126,12 @@ class ResultFile:
         """A group whole. Raises HodoError if there is no such group, or it is damaged or too
         large."""
         with self.open_group(name) as group:
-            items = _datasets(group)
+            # What this user's hodo has written is nothing else.
+            items = (
+                {key: h5py.Dataset(h5d.open(group.id, encoded(key))) for key in group}
+                if self.intact
+                else _datasets(group)
+            )
             named = dimensions({key: item.id for key, item in items.items()})
             variables, size = {}, 0
             for key, item in items.items():
@@ -144,7 +150,8 @@ class ResultFile:
                 variables[key] = Variable(dims, data, _attributes(item))
             # Whoever may write the file may have written any report.
             report = _report(group) if self.intact else None
-            return Group(_attributes(group), variables, report=report)
+            attributes = _attributes(group, known=self._short_attributes(group))
+            return Group(attributes, variables, report=report)
 
     def blocks(
         self, name: str, variables: Iterable[str], box: tuple[slice, ...]
@@ -397,14 +404,24 @@ def _first_line(error: BaseException) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
-def _attributes(item: h5py.HLObject, only: Collection[str] = ()) -> dict[str, Any]:
-    """Attributes as plain values, in their order, or those of `only`, in its order. Raises
-    ValueError if they are too many."""
+def _attributes(
+    item: h5py.HLObject, only: Collection[str] = (), known: Mapping[str, Any] = {}
+) -> dict[str, Any]:
+    """Attributes as plain values, in their order, or those of `only`, in its order; without reading
+    those that are `known`. Raises ValueError if they are too many."""
     if (count := h5a.get_num_attrs(item.id)) > MAX_ITEMS:
         raise ValueError(f"it has {count} attributes")
     # To ask for a few takes less time than to list all.
-    names = [name for name in only if h5a.exists(item.id, encoded(name))] if only else [*item.attrs]
-    return {name: _attribute(item, name) for name in names if name not in HIDDEN}
+    names = (
+        [name for name in only if name in known or h5a.exists(item.id, encoded(name))]
+        if only
+        else [*item.attrs]
+    )
+    return {
+        name: known[name] if name in known else _attribute(item, name)
+        for name in names
+        if name not in HIDDEN
+    }
 
 
 def _attribute(item: h5py.HLObject, name: str) -> Any:
