@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import HodoError
 from ..batch.memory import check_memory
-from ..cases.case import Case, parse_case
+from ..cases.case import Case
 from ..cases.derived import MOMENTUM
 from ..cases.keys import METHODS
 from ..engines.protocol import Status
@@ -20,7 +20,7 @@ from ..models import rigid_body
 from ..progress import Progress
 from ..results.groups import label_group
 from ..results.layout import RECORDED
-from ..results.motion import Motion, motion_of
+from ..results.motion import Motion, case_of, motion_of
 from ..results.units import sentence_of_case, units_of_case
 from ..storage import Group, Report, history_line, typed, update
 from ..text import abridged, few, grouped, magnitude, table, to_error
@@ -44,7 +44,7 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
                     row = changes.run.report(name, package_digest())
                     if row is None:
                         group = changes.run.read(name)
-                        labels, row = classified(name, group, case_of(name, group))
+                        labels, row = classified(name, group, case_of(group.attributes, name))
                         report = Report(package_digest(), json.dumps(row))
                         labels = replace(labels or Group({}, {}), report=report)
                         changes.write(name, labels, old=group)
@@ -54,11 +54,6 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
                     continue
                 rows.append({"run": str(path), **row})
     return rows, problems
-
-
-def case_of(name: str, group: Group) -> Case:
-    """The case that is stored under a name. Raises HodoError if there is none."""
-    return parse_case(typed(group.attributes, {"case": str}, name)["case"])
 
 
 def classified(name: str, group: Group, case: Case) -> tuple[Group | None, dict[str, Any]]:

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..schema.kinds import Key, KeyPath, Mistake
 
-PACKAGE = str(Path(__file__).parents[1])
-"""The folder of the models that the package has itself, and of all else."""
+OWN_FOLDER = str(Path(__file__).parents[1])
+"""The folder of the package, with the models that are its own."""
 
 Constants = Mapping[str, float | tuple[float, ...] | str]
 """Numbers and tuples of numbers by name; a string is structure, which chooses between equations."""
@@ -283,7 +283,7 @@ class Model:
         """Whether its equations hold formulas of a user's own, in which anything may happen within
         a step: those of a model from outside the package do."""
         modules = (sys.modules[cls.__module__] for cls in type(self).__mro__[:-1])
-        return any(not str(module.__file__).startswith(PACKAGE) for module in modules)
+        return any(not str(module.__file__).startswith(OWN_FOLDER) for module in modules)
 
     @property
     def refined_data(self) -> dict[str, Any]:
