@@ -46,40 +46,45 @@ def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
     for m in motions:
         axes = [rigid_body.LABELS[label] for label in m.labels_at_ends]
         words.append(" to ".join(dict.fromkeys(axes)))
-        turns = [turns_at(m, moment) for moment in wanted] if check["turns"] else [0.0]
-        if check["turns"]:
+        turns = [turns_at(m, moment) for moment in wanted] if check["turns"] else []
+        if turns:
             words[-1] += f" ({listed(dict.fromkeys(turns), 3)} turns)"
         complies = wanted.items() <= dict(zip(("start", "end"), axes, strict=True)).items()
-        complying += complies and min(turns) >= check["turns"]
+        complying += complies and all(turn >= check["turns"] for turn in turns)
     others = [f"an axis other than {label} at the {moment}" for moment, label in wanted.items()]
     contrary = [f"an axis other than {check['start']}"] if len({*wanted.values()}) == 1 else others
-    if check["turns"]:
-        contrary.append(f"fewer turns about it than {check['turns']:g}")
+    contrary += [f"fewer turns about it than {check['turns']:g}"] if check["turns"] else []
     return Finding(
         deviation_unless(complying == len(motions)),
-        float(complying),
-        ", ".join(words),
-        " or ".join(contrary),
+        number=float(complying),
+        evidence=", ".join(words),
+        contradicted_by=" or ".join(contrary),
     )
 
 
 def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Number and direction of the crossings of each case; decided by the largest number."""
     least, most = check["least"] or 0, math.inf if check["most"] is None else check["most"]
-    holds, words = True, []
-    for m in motions:
-        passages = [
-            (c.time, rigid_body.LABELS[c.start], rigid_body.LABELS[c.end]) for c in m.crossings
-        ]
-        holds &= least <= len(passages) <= most
-        holds &= all(
-            check["from"] in (None, a) and check["to"] in (None, b) for _, a, b in passages
-        )
-        words.append(
-            ", ".join(f"{time:.4g} ({a} to {b})" for time, a, b in passages) or "no crossing"
-        )
-    largest = float(max(len(m.crossings) for m in motions))
-    return Finding(deviation_unless(holds), largest, "; ".join(words), contrary_crossings(check))
+    of_motions = [
+        [(c.time, rigid_body.LABELS[c.start], rigid_body.LABELS[c.end]) for c in m.crossings]
+        for m in motions
+    ]
+    holds = all(
+        least <= len(passages) <= most
+        and all(check["from"] in (None, a) and check["to"] in (None, b) for _, a, b in passages)
+        for passages in of_motions
+    )
+    words = [
+        ", ".join(f"{time:.4g} ({a} to {b})" for time, a, b in passages) or "no crossing"
+        for passages in of_motions
+    ]
+    largest = float(max(map(len, of_motions)))
+    return Finding(
+        deviation_unless(holds),
+        number=largest,
+        evidence="; ".join(words),
+        contradicted_by=contrary_crossings(check),
+    )
 
 
 def contrary_crossings(check: Keys) -> str:
@@ -95,7 +100,9 @@ def contrary_crossings(check: Keys) -> str:
 
 def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Values at start or end against those of the text; decided by the largest difference."""
-    worst, differences, words = 0.0, [0.0], []
+    deviations, differences, words = [0.0], [0.0], []
+    # Half a unit of the last digit is itself a rounded number, hence the one more rounding.
+    allowed = check["within"] * (1 + ROUNDING)
     for name, printed in check["values"].items():
         values = [number(m, name, check["at"]) for m in motions]
         digits = max(digits_to_show(value, check["within"]) for value in values)
@@ -105,16 +112,13 @@ def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
             if check["at"] == "end":
                 check_margin(m, name, differences[-1] - check["within"])
             scale = range_of(m, name)
-            # Half a unit of the last digit is itself a rounded number, hence the one more rounding.
-            worst = max(
-                worst,
-                deviation_beyond(differences[-1] / scale, check["within"] * (1 + ROUNDING) / scale),
-            )
+            deviations.append(deviation_beyond(differences[-1] / scale, allowed / scale))
     return Finding(
-        worst,
-        float(np.max(differences)),
-        "; ".join(words),
-        f"a difference above {check['within']:g} that is more than 1 % of the range",
+        max(deviations),
+        number=float(np.max(differences)),
+        evidence="; ".join(words),
+        contradicted_by=f"a difference above {check['within']:g}"
+        " that is more than 1 % of the range",
     )
 
 
@@ -127,11 +131,11 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
         for m in motions
     ]
     low, high = (float(extreme(np.concatenate(values))) for extreme in (np.min, np.max))
-    violations = [high - most] if most is not None else []
-    violations += [least - low] if least is not None else []
-    violation = float(np.max(violations))
-    bounds = (("above", most), ("below", least))
-    limits = [limit for _, limit in bounds if limit is not None]
+    # For each bound the value that is farthest beyond it, and by how much.
+    sides = [("above", high, most, high - most)] if most is not None else []
+    sides += [("below", low, least, least - low)] if least is not None else []
+    violation = float(np.max([beyond for *_, beyond in sides]))
+    limits = [limit for _, _, limit, _ in sides]
     if check["at"] == "end":
         for m, limit in itertools.product(motions, limits):
             check_margin(m, name, number(m, name) - limit)
@@ -141,8 +145,7 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     deviation = 0.0 if violation <= 0 else deviation_beyond(violation / scale, ROUNDING)
     if deviation and 0 in limits and any(changes_sign(m, name) for m in motions):
         deviation = math.inf
-    ends = [(high, most), (low, least)]
-    digits = max(digits_to_show(x, x - limit) for x, limit in ends if limit is not None)
+    digits = max(digits_to_show(value, beyond) for _, value, _, beyond in sides)
     words = (
         f"{name} from {low:.{digits}g} to {high:.{digits}g}"
         if everywhere
@@ -150,9 +153,9 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     )
     return Finding(
         deviation,
-        high if most is not None else low,
-        words,
-        " or ".join(f"a value {side} {limit:g}" for side, limit in bounds if limit is not None),
+        number=sides[0][1],
+        evidence=words,
+        contradicted_by=" or ".join(f"a value {side} {limit:g}" for side, _, limit, _ in sides),
     )
 
 
@@ -183,9 +186,9 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
     worst = max((violation for violation, _ in violations.values()), default=0.0)
     return Finding(
         worst,
-        worst,
-        words or f"{', '.join(check['of'])}: no step back",
-        f"a step back above {PLOTTING_ACCURACY:.0%} of the range",
+        number=worst,
+        evidence=words or f"{', '.join(check['of'])}: no step back",
+        contradicted_by=f"a step back above {PLOTTING_ACCURACY:.0%} of the range",
     )
 
 
@@ -200,16 +203,20 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
     if check["sense"] == "equal":
         sizes = np.maximum(np.abs(groups).max(axis=1), math.ulp(0))
         apart = float(np.max(np.ptp(groups, axis=1) / sizes))
-        return Finding(deviation_beyond(apart, ROUNDING), apart, words, "two values that differ")
+        return Finding(
+            deviation_beyond(apart, ROUNDING),
+            number=apart,
+            evidence=words,
+            contradicted_by="two values that differ",
+        )
+    sign, contrary = (-1, "rises") if check["sense"] == "falls" else (1, "falls")
     steps = [b - a for group in groups for a, b in itertools.pairwise(group)]
     # The smallest step is the number that would decide otherwise first.
     return Finding(
-        deviation_unless(
-            all(step < 0 if check["sense"] == "falls" else step > 0 for step in steps)
-        ),
-        min(map(abs, steps)),
-        words,
-        f"a value that {'rises' if check['sense'] == 'falls' else 'falls'} or stays",
+        deviation_unless(all(sign * step > 0 for step in steps)),
+        number=min(map(abs, steps)),
+        evidence=words,
+        contradicted_by=f"a value that {contrary} or stays",
     )
 
 
@@ -223,25 +230,24 @@ def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
     worst = float(np.max(changes))
     return Finding(
         deviation_beyond(worst, check["within"]),
-        worst,
-        f"{', '.join(check['of'])}: relative change at most {worst:.2g}",
-        f"a relative change above {max(check['within'], PLOTTING_ACCURACY):g}",
+        number=worst,
+        evidence=f"{', '.join(check['of'])}: relative change at most {worst:.2g}",
+        contradicted_by=f"a relative change above {max(check['within'], PLOTTING_ACCURACY):g}",
     )
 
 
 def formula(check: Keys, motions: Sequence[Motion]) -> Finding:
     """A quantity against a law; decided by the largest difference over its largest value."""
-    name, law, differences = check["of"], check["formula"], []
-    for m in motions:
-        values = quantity(m, name)
-        difference = float(np.abs(values - formula_values(m, law)).max())
-        differences.append(difference / m.largest(name))
+    name, law = check["of"], check["formula"]
+    differences = [
+        np.abs(quantity(m, name) - formula_values(m, law)).max() / m.largest(name) for m in motions
+    ]
     worst = float(np.max(differences))
     return Finding(
         deviation_beyond(worst, check["within"]),
-        worst,
-        f"{name} and {law}: at most {worst:.2g} apart, relative to the largest {name}",
-        f"a relative difference above {max(check['within'], PLOTTING_ACCURACY):g}",
+        number=worst,
+        evidence=f"{name} and {law}: at most {worst:.2g} apart, relative to the largest {name}",
+        contradicted_by=f"a relative difference above {max(check['within'], PLOTTING_ACCURACY):g}",
     )
 
 
@@ -303,7 +309,7 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
     )
     return Finding(
         deviation_beyond(float(max(violations, default=0.0)) / scale, ROUNDING),
-        means[-1],
-        words,
-        "an average beyond its bounds, or a step the other way",
+        number=means[-1],
+        evidence=words,
+        contradicted_by="an average beyond its bounds, or a step the other way",
     )

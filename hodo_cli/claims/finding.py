@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 
 import numpy as np
 
@@ -26,6 +26,7 @@ class Finding:
     """
 
     deviation: float
+    _: KW_ONLY
     number: float
     evidence: str
     contradicted_by: str = ""
@@ -111,9 +112,9 @@ def agreement(pairs: Sequence[ValuePair], within: float) -> Finding:
     worst = difference(pairs)
     return Finding(
         deviation_beyond(worst, within),
-        worst,
-        f"differs by {worst:.2g}",
-        f"a relative difference above {max(within, PLOTTING_ACCURACY):g}",
+        number=worst,
+        evidence=f"differs by {worst:.2g}",
+        contradicted_by=f"a relative difference above {max(within, PLOTTING_ACCURACY):g}",
     )
 
 

@@ -122,7 +122,7 @@ def check_margin(m: Motion, name: str, margin: float) -> None:
 
 def error_of(m: Motion, name: str) -> float:
     """The measured error of a quantity, as far as it is known; else 0."""
-    errors = [0.0]
+    errors: list[float] = []
     if name == "first_crossing":
         errors = [crossing.error for crossing in m.crossings]
     elif name == "end_of_spin" and "event_error" in m.data:
@@ -130,7 +130,7 @@ def error_of(m: Motion, name: str) -> float:
         errors = [e for (kind, _), e in zip(m.events, of_events, strict=True) if kind == name]
     elif name in OVER_TIME:
         errors = [float(m.attrs.get("error", 0)) * m.largest(name)]
-    return float(np.nan_to_num(errors[0])) if errors else 0.0
+    return float(np.nan_to_num([*errors, 0.0][0]))
 
 
 def range_of(m: Motion, name: str) -> float:

@@ -66,7 +66,9 @@ class Judge:
             "every reading: ",
         )
         contrary = by_reading({name: v.finding.contradicted_by for name, v in verdicts.items()}, "")
-        finding = Finding(math.nan, first.finding.number, evidence, contrary)
+        finding = Finding(
+            math.nan, number=first.finding.number, evidence=evidence, contradicted_by=contrary
+        )
         return Verdict(over_readings(verdicts), finding, verdicts)
 
     def erratum(self, erratum: Mapping[str, Any]) -> Verdict:
@@ -76,12 +78,12 @@ class Judge:
         verdict = self.claim(erratum)
         if verdict.word == NOT_TESTED:
             return verdict
-        is_shown, finding = verdict.word in COMPLYING, verdict.finding
+        finding, is_shown = verdict.finding, verdict.word in COMPLYING
         if erratum["readings"]:
-            is_shown = verdict.word == ONCE_CORRECTED
             corrected = verdict.readings[READ_CORRECTED].finding.contradicted_by
             contrary = f"a corrected form with {corrected}, or a printed one without"
             finding = replace(finding, contradicted_by=contrary)
+            is_shown = verdict.word == ONCE_CORRECTED
         return replace(verdict, word=CONFIRMED if is_shown else NOT_CONFIRMED, finding=finding)
 
     def _reading(self, claim: Mapping[str, Any]) -> Verdict:
@@ -135,11 +137,8 @@ class Judge:
         # A trend is about all members at once, so no single member can decide it.
         if check["kind"] == "paper" and checks_of_papers()[check["name"]].is_trend:
             return by_finding(self._decide(check, [*by_member]))
-        findings = {
-            name: self._decide(check, of_member)
-            for name, of_member in zip(varied, by_member, strict=True)
-        }
-        return over_members(claim, findings)
+        findings = (self._decide(check, of_member) for of_member in by_member)
+        return over_members(claim, dict(zip(varied, findings, strict=True)))
 
     def _decide(self, check: Mapping[str, Any], motions: Sequence[Any]) -> Finding:
         """The finding of one check on one set of motions, or of a trend on the motions of each
@@ -166,19 +165,18 @@ def by_reading(words: Mapping[str, str], of_all: str) -> str:
 
 def over_readings(by_reading: Mapping[str, Verdict]) -> str:
     """The verdict over the readings of a claim or an erratum."""
-    verdicts = [reading.word for reading in by_reading.values()]
-    holds = {name: reading.word in COMPLYING for name, reading in by_reading.items()}
-    if NOT_TESTED in verdicts:
+    words = {reading.word for reading in by_reading.values()}
+    if NOT_TESTED in words:
         return NOT_TESTED
-    if all(holds.values()):
-        weakest = (PLOTTING, REPRODUCED, THEOREM)
-        return next(verdict for verdict in weakest if verdict in verdicts)
+    if words <= {*COMPLYING}:
+        return next(word for word in (PLOTTING, REPRODUCED, THEOREM) if word in words)
     # Contradicted only under every reading: the text may have meant the one under which it holds.
-    if not any(holds.values()):
-        return CONTRADICTED if set(verdicts) == {CONTRADICTED} else UNDERDETERMINED
-    if holds.keys() != {READ_AS_PRINTED, READ_CORRECTED}:
+    if words == {CONTRADICTED}:
+        return CONTRADICTED
+    holding = [name for name, reading in by_reading.items() if reading.word in COMPLYING]
+    if not holding or by_reading.keys() != {READ_AS_PRINTED, READ_CORRECTED}:
         return UNDERDETERMINED
-    return AS_PRINTED if holds[READ_AS_PRINTED] else ONCE_CORRECTED
+    return AS_PRINTED if holding == [READ_AS_PRINTED] else ONCE_CORRECTED
 
 
 def by_finding(finding: Finding) -> Verdict:
@@ -188,7 +186,7 @@ def by_finding(finding: Finding) -> Verdict:
 
 def undecided(word: str, evidence: str = "") -> Verdict:
     """A verdict that no finding decides, and why."""
-    return Verdict(word, Finding(math.nan, math.nan, evidence))
+    return Verdict(word, Finding(math.nan, number=math.nan, evidence=evidence))
 
 
 def unusable(cases: Sequence[Any], run: ResultFile) -> str:
@@ -227,9 +225,8 @@ def stored_motion(run: ResultFile, name: str) -> Motion:
 def over_members(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdict:
     """The verdict over the members of `over`: a grid of the values that the text does not print
     or, with `share`, a sample of the motions that the statement is about."""
-    worst = max(findings, key=lambda member: findings[member].deviation)
-    finding, share = findings[worst], claim["share"]
-    holds = sum(f.holds for f in findings.values())
+    worst, finding = max(findings.items(), key=lambda member: member[1].deviation)
+    share, holds = claim["share"], sum(f.holds for f in findings.values())
     numbers = [f.number for f in findings.values()]
     spread = f", {min(numbers):.3g} to {max(numbers):.3g}" if min(numbers) < max(numbers) else ""
     if share is not None:
@@ -241,12 +238,13 @@ def over_members(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> V
         fewest = f"more than {100 * (1 - share):.3g} % of the members" if share < 1 else "a member"
         contrary = f"{finding.contradicted_by}, for {fewest}"
         word = REPRODUCED if complying >= share else CONTRADICTED
-        return Verdict(word, Finding(math.nan, complying, evidence, contrary))
+        return Verdict(
+            word, Finding(math.nan, number=complying, evidence=evidence, contradicted_by=contrary)
+        )
     evidence = f"holds on {holds} of {len(findings)} members{spread}"
     if finding.deviation:
-        size = (
-            f"{in_percent(finding.deviation)} of the range " if finding.deviation < math.inf else ""
-        )
+        is_sized = finding.deviation < math.inf
+        size = f"{in_percent(finding.deviation)} of the range " if is_sized else ""
         evidence += f"; largest violation {size}at {worst} ({finding.evidence})"
     contrary = f"{finding.contradicted_by}, for {'a' if claim['theorem'] else 'every'} member"
     word = UNDERDETERMINED if 0 < holds < len(findings) else finding.degree

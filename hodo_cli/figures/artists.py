@@ -116,8 +116,10 @@ def labelled_styles(
     """The styles of curves with these names, by which the legend has them where they are several,
     and also `even_one`."""
     labels = names if even_one or len(names) > 1 else [""]
-    looks = zip(styles(len(names), style_names), labels, strict=True)
-    return [{**look, "label": label} for look, label in looks]
+    return [
+        {**look, "label": label}
+        for look, label in zip(styles(len(names), style_names), labels, strict=True)
+    ]
 
 
 def style(text: str) -> dict[str, Any]:
@@ -147,10 +149,9 @@ def palettes(
         labels = sorted(AXIS_COLOUR)
         colours = np.array([to_rgb(AXIS_COLOUR[label]) for label in labels])
         return [(colours, np.searchsorted(labels, labels_of(motion))) for motion in motions]
-    looks = zip(motions, styles(len(motions), spec["styles"]), strict=True)
     return [
         (np.array([to_rgb(look["color"])]), np.zeros(len(motion.time), dtype=int))
-        for motion, look in looks
+        for motion, look in zip(motions, styles(len(motions), spec["styles"]), strict=True)
     ]
 
 
@@ -161,17 +162,18 @@ def labels_of(motion: Motion) -> np.ndarray:
 
 def mark_points(
     axes: Axes,
-    ends: Sequence[np.ndarray],
+    curves: Sequence[np.ndarray],
     crossings: Sequence[np.ndarray],
     frame: np.ndarray | None = None,
 ) -> None:
-    """Mark start and end (2, 2) and crossings (m, 2) of each of some curves, where they lie in a
-    frame (2, 2) if there is one."""
+    """Mark start, end and crossings (m, 2) of each of some curves (n, 2), where they lie in a frame
+    (2, 2) if there is one."""
     size = axes.dataLim.size if frame is None else np.ptp(frame, axis=1)
     number_marks(axes, crossings, np.asarray(size))
-    starts, stops = np.stack(ends, axis=1)
+    low, high = (-np.inf, np.inf) if frame is None else frame.T
+    starts, stops = np.stack([curve[[0, -1]] for curve in curves], axis=1)
     for style, points in ((START, starts), (END, stops), (CROSSING, np.concatenate(crossings))):
-        shown = points[in_frame(frame, points)]
+        shown = points[((points >= low) & (points <= high)).all(axis=-1)]
         (marks,) = axes.plot(shown[:, 0], shown[:, 1], **style, zorder=6, clip_on=False)
         # They may stick out of their panel; the layout would make room for them.
         marks.set_in_layout(False)
@@ -187,22 +189,15 @@ def number_marks(axes: Axes, crossings: Sequence[np.ndarray], size: np.ndarray) 
     numbered = (enumerate(points, 1) for points in crossings if len(points) > 1)
     together: dict[tuple[float, ...], list[tuple[int, np.ndarray]]] = {}
     for number, point in chain.from_iterable(numbered):
-        if not np.isfinite(point).all():  # it is not in the panel
-            continue
         near = (place for place in together if math.dist(point, place) < NUMBER_ROOM * max(size))
-        together.setdefault(next(near, tuple(point)), []).append((number, point))
+        if np.isfinite(point).all():  # else it is not in the panel
+            together.setdefault(next(near, tuple(point)), []).append((number, point))
     for marks in together.values():
         # Upper right, where numbers stand; a variable that is constant puts none there.
         scale = np.where(size > 0, size, np.inf)
         point = max((point for _, point in marks), key=lambda place: float(sum(place / scale)))
         text = ", ".join(abridged([*map(str, sorted({number for number, _ in marks}))], 6))
         Words(axes, text, point[None], toward=(1, 1), size="x-small")
-
-
-def in_frame(frame: np.ndarray | None, points: np.ndarray) -> np.ndarray:
-    """Which points (..., 2) lie in a frame (2, 2); all without one."""
-    low, high = (-np.inf, np.inf) if frame is None else frame.T
-    return np.asarray(((points >= low) & (points <= high)).all(axis=-1))
 
 
 CROSSINGS_NAMED = 12
@@ -212,7 +207,6 @@ CROSSINGS_NAMED = 12
 def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> list[Line2D]:
     """Legend entries of start, end and crossings; the time of the end where all end together, those
     of crossings where there is one motion only."""
-    of_time = unit_after(motions[0], "time")
     # With its last zeros, which tell how exact a printed number is.
     times = [f"{when:#.6g}" for motion in motions for when in motion.crossing_time]
     if len(times) > 1 == len(motions):
@@ -220,22 +214,22 @@ def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> li
         times = [f"{time}\N{NO-BREAK SPACE}({i})" for i, time in enumerate(times, 1)]
     crossings = abridged(times, CROSSINGS_NAMED)
     # With a rotor the separatrix is no zero of D.
-    end, crossing = "end", "crossing" if any(m.rotor is not None for m in motions) else "$D = 0$"
-    if len(ends := {ending(motion) for motion in motions}) == 1:
-        (end, when), *_ = ends
-        end += f", ${time} = {when}${of_time}"
+    crossing = "crossing" if any(m.rotor is not None for m in motions) else "$D = 0$"
+    ends = {ending(motion, time) for motion in motions}
+    end = ends.pop() if len(ends) == 1 else "end"
     if len(motions) == 1:
-        words = f"{crossing} at ${time}$ = {', '.join(crossings)}{of_time}"
+        words = f"{crossing} at ${time}$ = {', '.join(crossings)}{unit_after(motions[0], 'time')}"
         lines = textwrap.wrap(words, 80 if wide else 46)
         crossing = "\n".join(lines).replace("\N{NO-BREAK SPACE}", " ")
     entries = [Line2D([], [], **START, label="start"), Line2D([], [], **END, label=end)]
     return entries + ([Line2D([], [], **CROSSING, label=crossing)] if crossings else [])
 
 
-def ending(motion: Motion) -> tuple[str, str]:
+def ending(motion: Motion, time: str) -> str:
     """How a motion ends, and when: it stops, or its samples end."""
-    is_stopped = math.isfinite(motion.stop)
-    return "stop" if is_stopped else "end", f"{motion.stop if is_stopped else motion.time[-1]:.6g}"
+    stops = math.isfinite(motion.stop)
+    kind, when = ("stop", motion.stop) if stops else ("end", motion.time[-1])
+    return f"{kind}, ${time} = {when:.6g}${unit_after(motion, 'time')}"
 
 
 def axis_handles(motions: Sequence[Motion]) -> list[Line2D]:
@@ -251,15 +245,10 @@ def axis_handles(motions: Sequence[Motion]) -> list[Line2D]:
     ]
 
 
-def case_handles(
-    names: Sequence[str], style_names: Sequence[str] = (), solid: bool = False
-) -> list[Line2D]:
-    """Legend entries of the colours and line styles by case, or of the colours alone."""
-    looks = styles(len(names), style_names)
-    return [
-        Line2D([], [], **look | ({"ls": "-"} if solid else {}), label=name)
-        for name, look in zip(names, looks, strict=True)
-    ]
+def case_handles(names: Sequence[str], style_names: Sequence[str]) -> list[Line2D]:
+    """Legend entries of the colours by case."""
+    looks = labelled_styles(names, style_names, even_one=True)
+    return [Line2D([], [], **{**look, "ls": "-"}) for look in looks]
 
 
 def colour_handles(
@@ -268,7 +257,7 @@ def colour_handles(
     """Legend entries of the colours of curves; of colours by time, a bar below the panels, and no
     entries."""
     if spec["colour"] == "case":
-        return case_handles([motion.label for motion in motions], spec["styles"], solid=True)
+        return case_handles([motion.label for motion in motions], spec["styles"])
     if spec["colour"] == "axis":
         return axis_handles(motions)
     scale = ScalarMappable(Normalize(*time_span(motions)), hues(end=CURVE_END))
@@ -312,8 +301,7 @@ def check_zoom(zoom: float, nearest: float) -> None:
 
 def crossings_on(motions: Sequence[Motion], curves: Sequence[np.ndarray]) -> list[np.ndarray]:
     """The crossings (m, k) on the curves (n, k) of motions."""
-    pairs = zip(motions, curves, strict=True)
-    return [motion.at_crossings(curve) for motion, curve in pairs]
+    return [motion.at_crossings(curve) for motion, curve in zip(motions, curves, strict=True)]
 
 
 def plane_curves(
@@ -340,7 +328,7 @@ def plane_curves(
                 alpha=0.85,
             )
         )
-    mark_points(axes, [points[[0, -1]] for points in curves], crossings, frame)
+    mark_points(axes, curves, crossings, frame)
     if frame is None:
         axes.autoscale_view()
 
@@ -360,12 +348,7 @@ def arrow(axes: Axes, tail: np.ndarray, tip: np.ndarray, colour: Any, zorder: fl
         "shrinkA": 0,
         "shrinkB": 0,
     }
-    axes.annotate("", pair(tip), pair(tail), arrowprops=looks, zorder=zorder)
-
-
-def pair(point: np.ndarray) -> tuple[float, float]:
-    """A point (2,) as matplotlib's types want it."""
-    return float(point[0]), float(point[1])
+    axes.annotate("", tip.tolist(), tail.tolist(), arrowprops=looks, zorder=zorder)
 
 
 def names_beside(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[str]:

@@ -239,6 +239,14 @@ class Sheet:
                 return
         self.shown.append(DrawnCurve(curve, arrays))
 
+    def record_path(
+        self, motion: Motion, names: Sequence[str], points: np.ndarray, curve: str = ""
+    ) -> None:
+        """Note the values (n, k) of a motion over its time, by k names; `curve` is the name where
+        it is not that of the motion."""
+        values = dict(zip(names, points.T, strict=True))
+        self.record(curve or motion.label, {"time": motion.time, **values})
+
     def scene(self, axes: Axes, view: View, names: Sequence[str], **kind: Any) -> Scene:
         """A panel that shows space in a view, with the names of its coordinates; see `Scene`."""
         return self.scenes.setdefault(axes, Scene(axes, view, names, **kind))

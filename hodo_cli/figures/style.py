@@ -1,6 +1,7 @@
 """The style that a figure is given: the parameters of matplotlib, and the size, scales, legend and
 letters of its drawn panels."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from itertools import chain
@@ -178,9 +179,12 @@ def place_legend(sheet: Sheet, panels: Sequence[Axes], place: str) -> None:
     row by row, at a place of `LEGEND_PLACES`, in a corner of the first panel, or nowhere."""
     lines = (line for axes in panels for line in axes.get_lines())
     # Those of several panels once; two cases may have one label.
-    entries = {(entry.get_label(), shade(entry)): entry for entry in chain(lines, sheet.legend)}
-    labels = ((str(label), entry) for (label, _), entry in entries.items())
-    handles = [entry for label, entry in labels if label and not label.startswith("_")]
+    entries = {
+        (label, shade(entry)): entry
+        for entry in chain(lines, sheet.legend)
+        if (label := str(entry.get_label())) and not label.startswith("_")
+    }
+    handles = [*entries.values()]
     if not handles or place == "none":
         return
     beside = LEGEND_PLACES.get(place, place).startswith("outside")
@@ -205,11 +209,11 @@ def legend_columns(sheet: Sheet, handles: Sequence[Artist]) -> int:
     labels = (str(handle.get_label()).splitlines() for handle in handles)
     # A line with its gaps is 4.2 times as wide as the size of the letters.
     widths = [4.2 * size + max(text_width(line, size) for line in lines) for lines in labels]
+
+    def total_width(columns: int) -> float:
+        return sum(max(widths[column::columns]) for column in range(columns))
+
     room = 72 * sheet.figure.get_figwidth()
-    fitting = (
-        n
-        for n in range(len(widths), 0, -1)
-        if n == 1 or sum(max(widths[column::n]) for column in range(n)) <= room
-    )
-    rows = -(-len(widths) // next(fitting))
-    return -(-len(widths) // rows)
+    most = next((n for n in range(len(widths), 1, -1) if total_width(n) <= room), 1)
+    rows = math.ceil(len(widths) / most)
+    return math.ceil(len(widths) / rows)

@@ -6,6 +6,7 @@ the later.
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,28 +33,27 @@ def distance(averaged: Motion, full: Motion, margin: float = 0.0) -> float:
 
 def order_finding(motions: Sequence[Motion], expected: float, margin: float = 0.0) -> Finding:
     """The order of the distance in the size of the resistance, against one expected at least."""
-    small = [max(full.case.data["damping"]) for _, full in in_groups(motions, 2)]
-    errors = [distance(averaged, full, margin) for averaged, full in in_groups(motions, 2)]
+    pairs = in_groups(motions, 2)
+    small = [max(full.case.data["damping"]) for _, full in pairs]
+    errors = [distance(averaged, full, margin) for averaged, full in pairs]
     # Errors at one time scatter with the phase; the largest over a motion follow the power law.
     slope = float(np.polyfit(np.log(small), np.log(errors), 1)[0])
     return Finding(
         deviation_beyond(expected - ORDER_WITHIN - slope, 0.0),
-        slope,
-        f"order {slope:.3f}, from distances {listed(errors)}",
-        f"an order below {expected - ORDER_WITHIN:g}",
+        number=slope,
+        evidence=f"order {slope:.3f}, from distances {listed(errors)}",
+        contradicted_by=f"an order below {expected - ORDER_WITHIN:g}",
     )
 
 
 def first_order(motions: Sequence[Motion]) -> Finding:
     """Averaged motions are as near to the full ones as the first order makes them, and no
     nearer."""
-    order = order_finding(motions, 1)
-    no_nearer = deviation_unless(order.number < 1 + ORDER_WITHIN)
-    return Finding(
-        max(order.deviation, no_nearer),
-        order.number,
-        order.evidence,
-        f"{order.contradicted_by} or above {1 + ORDER_WITHIN:g}",
+    order, most = order_finding(motions, 1), 1 + ORDER_WITHIN
+    return replace(
+        order,
+        deviation=max(order.deviation, deviation_unless(order.number < most)),
+        contradicted_by=f"{order.contradicted_by} or above {most:g}",
     )
 
 
@@ -81,9 +81,10 @@ def predicted_crossing(motions: Sequence[Motion]) -> Finding:
     holds &= all(a < b for a, b in zip(missed, averaged_missed, strict=True))
     return Finding(
         deviation_unless(holds),
-        missed[-1],
-        f"n |t - predicted| {listed(missed)}, n |t - t*| {listed(averaged_missed)}",
-        "an error that does not fall, or is not below that of the averaged crossing",
+        number=missed[-1],
+        evidence=f"n |t - predicted| {listed(missed)}, n |t - t*| {listed(averaged_missed)}",
+        contradicted_by="an error that does not fall, "
+        "or is not below that of the averaged crossing",
     )
 
 
@@ -96,9 +97,9 @@ def predicted_sense(motions: Sequence[Motion]) -> Finding:
     )
     return Finding(
         deviation_unless(complying == len(pairs)),
-        float(complying),
-        f"{complying} of {len(pairs)} as predicted",
-        "a sense that is not predicted",
+        number=float(complying),
+        evidence=f"{complying} of {len(pairs)} as predicted",
+        contradicted_by="a sense that is not predicted",
     )
 
 
@@ -107,7 +108,7 @@ def steps_do_not_grow(motions: Sequence[Motion]) -> Finding:
     steps = [int(m.attrs["steps"]) for m in motions]
     return Finding(
         deviation_unless(max(steps) <= 1.1 * min(steps)),
-        float(max(steps)),
-        f"steps {listed(steps)}",
-        "steps that differ by more than a tenth",
+        number=float(max(steps)),
+        evidence=f"steps {listed(steps)}",
+        contradicted_by="steps that differ by more than a tenth",
     )

@@ -49,9 +49,9 @@ def no_closed_form(motions: Sequence[Motion]) -> Finding:
     free = free_rotation(motions)
     return Finding(
         deviation_unless(free.deviation > 0),
-        free.number,
-        f"the closed form {free.evidence}",
-        "a closed form that agrees",
+        number=free.number,
+        evidence=f"the closed form {free.evidence}",
+        contradicted_by="a closed form that agrees",
     )
 
 
@@ -84,16 +84,14 @@ def turning_axis(motions: Sequence[Motion]) -> Finding:
     """
     complying = 0
     for m in motions:
-        of_one_sign = (np.abs(np.sign(m.omega).sum(axis=0)) == len(m.time))[
-            [m.order[0], m.order[2]]
-        ]
-        enclosed = np.array(m.order)[[0, 2]][of_one_sign] + 1
-        complying += enclosed.tolist() == [m.labels[0]]
+        of_one_sign = np.abs(np.sign(m.omega).sum(axis=0)) == len(m.time)
+        enclosed = [axis + 1 for axis in (m.order[0], m.order[2]) if of_one_sign[axis]]
+        complying += enclosed == [m.labels[0]]
     return Finding(
         deviation_unless(complying == len(motions)),
-        float(complying),
-        f"{complying} of {len(motions)} as the criterion says",
-        "a motion about another axis than the criterion says",
+        number=float(complying),
+        evidence=f"{complying} of {len(motions)} as the criterion says",
+        contradicted_by="a motion about another axis than the criterion says",
     )
 
 
@@ -122,9 +120,10 @@ def turns_about_one_axis(motions: Sequence[Motion], axis: int) -> Finding:
     turns = [abs(swept_angle(m, axis)) for m in motions]
     return Finding(
         deviation_unless(max(others) < 1),
-        max(others),
-        f"{listed(turns)} turns about x{axis + 1}, at most {max(others):.3g} about another axis",
-        "a full turn about another axis",
+        number=max(others),
+        evidence=f"{listed(turns)} turns about x{axis + 1}, "
+        f"at most {max(others):.3g} about another axis",
+        contradicted_by="a full turn about another axis",
     )
 
 
@@ -143,9 +142,9 @@ def inequality_7(motions: Sequence[Motion]) -> Finding:
         mismatches += int(((h * A2 < G2) != (w[:, 0] ** 2 > K * w[:, 2] ** 2))[clear].sum())
     return Finding(
         deviation_unless(mismatches == 0),
-        float(mismatches),
-        f"{mismatches} samples on the other side",
-        "a sample on the other side",
+        number=float(mismatches),
+        evidence=f"{mismatches} samples on the other side",
+        contradicted_by="a sample on the other side",
     )
 
 
@@ -174,9 +173,9 @@ def larger_effect(measure: str, values: Sequence[float], entries: str, others: s
     sizes = (f"{size:.3g} of the {name} entries" for name, size in effects.items())
     return Finding(
         deviation_unless(ratio > 1),
-        ratio,
-        f"effects on the {measure}: {', '.join(sizes)}",
-        f"a larger effect of the {others} entries",
+        number=ratio,
+        evidence=f"effects on the {measure}: {', '.join(sizes)}",
+        contradicted_by=f"a larger effect of the {others} entries",
     )
 
 
@@ -194,9 +193,9 @@ def criterion_predicts(motions: Sequence[Motion]) -> Finding:
     # Without a crossing a step is no number, which is not above 0.
     return Finding(
         deviation_unless(all(step > 0 for step in steps)),
-        min(steps),
-        f"last zero of r, crossing, first zero of p: {'; '.join(words)}",
-        "no crossing, a zero of p before it, or one of r after it",
+        number=min(steps),
+        evidence=f"last zero of r, crossing, first zero of p: {'; '.join(words)}",
+        contradicted_by="no crossing, a zero of p before it, or one of r after it",
     )
 
 
@@ -229,9 +228,9 @@ def all_in_order(in_order: Sequence[bool], contrary: str) -> Finding:
     """The finding of a statement on pairs; decided by the share of those that are in its order."""
     return Finding(
         deviation_unless(all(in_order)),
-        sum(in_order) / len(in_order),
-        f"{sum(in_order)} of {len(in_order)} pairs in this order",
-        contrary,
+        number=sum(in_order) / len(in_order),
+        evidence=f"{sum(in_order)} of {len(in_order)} pairs in this order",
+        contradicted_by=contrary,
     )
 
 
@@ -249,9 +248,9 @@ def larger_difference_sooner_as_a_trend(members: Sequence[Sequence[Motion]]) -> 
     # A trend, and no law: the middle coefficient matters too, so pairs may be reversed.
     return Finding(
         deviation_unless(share < 0.5),
-        share,
-        f"{in_percent(share)} of {len(reversed_)} pairs reversed",
-        "half of the pairs in the other order",
+        number=share,
+        evidence=f"{in_percent(share)} of {len(reversed_)} pairs reversed",
+        contradicted_by="half of the pairs in the other order",
     )
 
 
@@ -281,9 +280,9 @@ def equations_6_meet_the_start(motions: Sequence[Motion]) -> Finding:
     missed = abs(float(as_in_equation_6(m, 1, 1)[0, 1] - m.omega[0, 1]))
     return Finding(
         deviation_beyond(missed, 1e-12),
-        missed,
-        f"|q1(0) - q0| is {missed:.3g}",
-        "a difference above 0.01",
+        number=missed,
+        evidence=f"|q1(0) - q0| is {missed:.3g}",
+        contradicted_by="a difference above 0.01",
     )
 
 

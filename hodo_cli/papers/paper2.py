@@ -60,9 +60,9 @@ def transverse_torque_vanishes(motions: Sequence[Motion]) -> Finding:
         deviation_unless(
             abs(power - 0.5) < 0.1 and all(b < a for a, b in itertools.pairwise(apart))
         ),
-        power,
-        f"power {power:.3g}; {words}",
-        "a power outside 0.4 to 0.6",
+        number=power,
+        evidence=f"power {power:.3g}; {words}",
+        contradicted_by="a power outside 0.4 to 0.6",
     )
 
 
@@ -93,9 +93,9 @@ def small_Reynolds_number(motions: Sequence[Motion]) -> Finding:
     numbers = [reynolds(m.case.data["cavity"], m.omega[0]) for m in motions]
     return Finding(
         deviation_unless(max(numbers) <= SMALL_NUMBER),
-        max(numbers),
-        f"Re = {listed(numbers)}",
-        f"a number above {SMALL_NUMBER:g}",
+        number=max(numbers),
+        evidence=f"Re = {listed(numbers)}",
+        contradicted_by=f"a number above {SMALL_NUMBER:g}",
     )
 
 
@@ -120,9 +120,9 @@ def slow_x_and_y(motions: Sequence[Motion]) -> Finding:
     # x and y are 1 at the start; the second order still bends the power at these factors.
     return Finding(
         deviation_unless(power >= 0.9),
-        power,
-        f"x or y changes by {changed_by} at factors {listed(SMALLER)}: power {power:.3g}",
-        "a power below 0.9",
+        number=power,
+        evidence=f"x or y changes by {changed_by} at factors {listed(SMALLER)}: power {power:.3g}",
+        contradicted_by="a power below 0.9",
     )
 
 

@@ -98,9 +98,9 @@ def ordering(motions: Sequence[Motion]) -> Finding:
         least = min(least, float(np.min([u1 + 1, u2 - u1, 1 - u2, u3 - 1])))
     return Finding(
         deviation_beyond(-least, 1e-12),
-        least,
-        f"the least distance is {least:.2g}",
-        "a distance below -0.01",
+        number=least,
+        evidence=f"the least distance is {least:.2g}",
+        contradicted_by="a distance below -0.01",
     )
 
 
@@ -157,9 +157,9 @@ def signs_change(motions: Sequence[Motion]) -> Finding:
     )
     return Finding(
         deviation_unless(max(before) < HALF_THE_DIGITS < min(after) and max(times) < math.inf),
-        min(times),
-        words,
-        f"no change of sign, or a difference above {HALF_THE_DIGITS:g} before it",
+        number=min(times),
+        evidence=words,
+        contradicted_by=f"no change of sign, or a difference above {HALF_THE_DIGITS:g} before it",
     )
 
 
@@ -237,9 +237,9 @@ def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
     # The second order still bends the power at these epsilons.
     return Finding(
         deviation_unless(least >= 0.9),
-        least,
-        f"off, for epsilon = {listed(epsilons)}: {'; '.join(words)}: power {least:.3g}",
-        "a power below 0.9",
+        number=least,
+        evidence=f"off, for epsilon = {listed(epsilons)}: {'; '.join(words)}: power {least:.3g}",
+        contradicted_by="a power below 0.9",
     )
 
 
@@ -268,16 +268,16 @@ NEAR_LIMIT = 0.01
 def sooner(motions: Sequence[Motion], name: str, limit: float, for_good: bool = False) -> Finding:
     """Whether a quantity comes within NEAR_LIMIT of a limit, first or for good, sooner in the first
     motion."""
-    times = []
+    times, good = [], " for good" if for_good else ""
     for m in motions:
         near = np.abs(quantity(m, name) - limit) <= NEAR_LIMIT * abs(limit)
         stays = np.logical_and.accumulate(near[::-1])[::-1] if for_good else near
         times.append(float(m.time[np.argmax(stays)]) if stays.any() else math.inf)
     return Finding(
         deviation_unless(times[0] < min(times[1:])),
-        times[0],
-        f"within {NEAR_LIMIT:.0%} of {limit:g}{' for good' if for_good else ''} at {listed(times)}",
-        "an earlier time in another case",
+        number=times[0],
+        evidence=f"within {NEAR_LIMIT:.0%} of {limit:g}{good} at {listed(times)}",
+        contradicted_by="an earlier time in another case",
     )
 
 
@@ -303,9 +303,9 @@ def smoothing(motions: Sequence[Motion]) -> Finding:
     steps = [growing - constant for constant, growing in pairs]
     return Finding(
         deviation_unless(max(steps) < 0),
-        min(map(abs, steps)),
-        f"roughness {'; '.join(map(listed, pairs))}",
-        "a rougher motion with coefficients that grow",
+        number=min(map(abs, steps)),
+        evidence=f"roughness {'; '.join(map(listed, pairs))}",
+        contradicted_by="a rougher motion with coefficients that grow",
     )
 
 

@@ -1,5 +1,6 @@
 """Errors, costs and shares: the figure of `hodo bench`, and the figures of averaging."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -66,16 +67,16 @@ def groups(spec: Mapping[str, Any], motions: Sequence[Motion]) -> Iterator[tuple
 
 def cost(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
     """Steps and run time of groups of cases against the small parameter."""
-    steps, seconds = sheet.panels(PAGE, 0.42 * PAGE, 2, 2)
-    columns = {name: np.array([m.attrs[name] for m in motions]) for name in ("steps", "run_time")}
-    for label, members, style in groups(spec, motions):
-        small = np.array(spec["small"][members])
-        costs = {name: values[members] for name, values in columns.items()}
-        for axes, values in zip((steps, seconds), costs.values(), strict=True):
+    panels = sheet.panels(PAGE, 0.42 * PAGE, 2, 2)
+    for axes, name, words in zip(
+        panels, ("steps", "run_time"), ("steps", "run time [s]"), strict=True
+    ):
+        axes.set(xlabel=f"${spec['parameter']}$", ylabel=words)
+        for label, members, style in groups(spec, motions):
+            small = np.array(spec["small"][members])
+            values = np.array([motion.attrs[name] for motion in motions[members]])
             axes.loglog(small, values, marker="o", ms=3, **style, label=label)
-        sheet.record(label, {"small": small, **costs})
-    for axes, name in ((steps, "steps"), (seconds, "run time [s]")):
-        axes.set(xlabel=f"${spec['parameter']}$", ylabel=name)
+            sheet.record(label, {"small": small, name: values})
 
 
 def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
@@ -88,29 +89,26 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     time, form = swept.case.time, swept.case.form
     line, points = np.linspace(time.start, time.end, 101), np.linspace(time.start, time.end, 11)
     curves = positions(swept, axis, ())
-    members = [swept.at(at) for at in curves]
-    averaged = [averaged_share(member, line) for member in members]
-    names = share_names(swept, curves, [damping_alone(member) for member in members])
-    looks = styles(len(names), spec["styles"])
-    for at, label, calculated, style in zip(curves, names, averaged, looks, strict=True):
+    cases_shown = [swept.at(at) for at in curves]
+    damping = [damping_alone(case) for case in cases_shown]
+    names, looks = share_names(swept, curves, damping), styles(len(curves), spec["styles"])
+    for at, case, lam, label, style in zip(curves, cases_shown, damping, names, looks, strict=True):
         counted = counted_share(swept, at, points, label)
-        circles = {"mec": style["color"], **MONTE_CARLO}
-        if calculated is not None:
+        if lam is not None:
+            calculated = averaged_share(case, lam, line)
             axes.plot(line, calculated, **style, label=label)
             sheet.record(label, {"time": line, "averaged": calculated})
-        own_label = label if calculated is None else ""
-        axes.plot(points, counted, **circles, clip_on=False, zorder=4, label=own_label)
+        circles = {"mec": style["color"], **MONTE_CARLO, "label": label if lam is None else ""}
+        axes.plot(points, counted, **circles, clip_on=False, zorder=4)
         sheet.record(label, {"time": points, f"counted, {form}": counted})
     unit = value_unit(swept, "crossing_time", sheet.units)
     words = f"${spec['time']}$" + (f" [{unit}]" if unit else "")
     axes.set(xlabel=words, ylabel="share of starts that have crossed")
     axes.margins(x=0)
-    if any(calculated is not None for calculated in averaged):
-        sheet.legend.append(Line2D([], [], color=BLACK, label="averaged, in closed form"))
-    words = f"counted, {form} motions"
-    sheet.legend.append(Line2D([], [], mec=BLACK, **MONTE_CARLO, label=words))
-    if any(calculated is None for calculated in averaged):
-        sheet.legend.append(Line2D([], [], ls="", label=NO_LINE))
+    entries = [Line2D([], [], mec=BLACK, **MONTE_CARLO, label=f"counted, {form} motions")]
+    if {*damping} != {None}:
+        entries.insert(0, Line2D([], [], color=BLACK, label="averaged, in closed form"))
+    sheet.legend += [*entries, Line2D([], [], ls="", label=NO_LINE if None in damping else "")]
 
 
 def counted_share(
@@ -141,11 +139,9 @@ def damping_alone(case: Case) -> tuple[float, ...] | None:
     return system.constant_damping() if (np.diff(A) > SAME_MOMENTS * A[1]).all() else None
 
 
-def averaged_share(case: Case, times: np.ndarray) -> np.ndarray | None:
-    """The share (n,) of all starts that cross by some times, averaged over the turns in closed
-    form; None where there is none."""
-    if (lam := damping_alone(case)) is None:
-        return None
+def averaged_share(case: Case, lam: Sequence[float], times: np.ndarray) -> np.ndarray:
+    """The share (n,) of all starts that cross by some times under damping of rates (3,) alone,
+    averaged over the turns in closed form."""
     body = Body.of(case.data["inertia"])
     return share_that_crosses(body, [lam[i] for i in body.order], times - case.time.start)
 
@@ -187,7 +183,7 @@ def work_precision(sheet: Sheet, trials: Group) -> None:
     """Error against run time, a panel per case and a line per method; each point is a tolerance."""
     cases, methods = (trials.variables[name].data for name in ("case", "method"))
     columns = min(3, len(cases))
-    rows = -(-len(cases) // columns)
+    rows = math.ceil(len(cases) / columns)
     shared = {"sharex": True, "sharey": True}
     panels = sheet.panels(PAGE, 1.8 * rows + 0.4, len(cases), columns, **shared)
     names = ("error", "run_time", "status", "floor")

@@ -33,7 +33,6 @@ from ..artists import (
     SEPARATRIX,
     colour_bar,
     hues,
-    pair,
     styles,
 )
 from ..sheet import COLUMN, PAGE, Look, Sheet, View
@@ -68,9 +67,8 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     sweeps = sweeps_of(cases, spec, *across)
     rows = [positions(swept, spec["panels"], spec["at"]) for swept in sweeps]
     cells = [(swept, at) for swept, row in zip(sweeps, rows, strict=True) for at in row]
-    values = [map_values(swept, spec, indices) for swept, indices in cells]
-    if in_degrees(sheet, sweeps, spec):
-        values = [*map(np.degrees, values)]
+    show_degrees(sheet, sweeps, spec)
+    values = [map_values(sheet, swept, spec, indices) for swept, indices in cells]
     # One scale for all panels, or equal colours would mean different values.
     all_values = np.concatenate([value.ravel() for value in values])
     labelled, meaning = meanings(sweeps[0], name), map_label(sweeps, spec, sheet.units)
@@ -78,12 +76,12 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     # Rasterized: a million cells as vectors make a file that no reader opens.
     look: Look = {"norm": scale, "cmap": colours, "rasterized": True}
     panels = map_panels(sheet, [len(row) for row in rows], of_sphere)
+    draw_panel = map_sphere if of_sphere else map_image
     # Panels behind those that `labels` names are named by their positions.
     labels = chain(spec["labels"], repeat(""))
     for axes, (swept, indices), value, label in zip(panels, cells, values, labels, strict=False):
         shown_name, plain_name = names_of(swept, indices, label, len(sweeps))
         axes.set_title(shown_name)
-        draw_panel = map_sphere if of_sphere else map_image
         places = draw_panel(sheet, axes, swept, spec, value, look)
         sheet.record(plain_name, {**places, name: value.ravel()})
     if np.isnan(all_values).any():
@@ -93,20 +91,26 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     if not words:
         bar = colour_bar(sheet, ScalarMappable(scale, colours), panels, meaning)
         if colours.N <= MAX_COUNTS + 1:
-            first, behind = bar.mappable.get_clim()
-            bar.set_ticks(np.arange(math.ceil(first), behind).tolist())
+            low, high = bar.mappable.get_clim()
+            bar.set_ticks(np.arange(math.ceil(low), high).tolist())
 
 
-def in_degrees(sheet: Sheet, sweeps: Sequence[SweepView], spec: Mapping[str, Any]) -> bool:
-    """Whether the variable of a figure is an angle and drawn in degrees, as an angle along an axis
-    is that was given so; tables then name that unit."""
+def show_degrees(sheet: Sheet, sweeps: Sequence[SweepView], spec: Mapping[str, Any]) -> None:
+    """Let a sheet have the variable of its figure in degrees, if that is an angle and one along an
+    axis was given so."""
     units, name = sheet.units, spec["variable"]
     along = [spec.get(key) for key in AXIS_KEYS]
     degrees = any(swept.unit(axis) == "deg" for swept in sweeps for axis in along if axis)
-    if not degrees or units(name) != "rad":
-        return False
-    sheet.units = lambda column: "deg" if column == name else units(column)
-    return True
+    if degrees and units(name) == "rad":
+        sheet.units = lambda column: "deg" if column == name else units(column)
+
+
+def shown_values(
+    sheet: Sheet, swept: SweepView, variable: str, keep: Sequence[str], indices: Mapping[str, int]
+) -> np.ndarray:
+    """The values of a variable over the axes to `keep`, in the units of the sheet."""
+    values = swept.values(variable, keep, indices)
+    return np.degrees(values) if sheet.units(variable) == "deg" else values
 
 
 def sweeps_of(cases: Cases, spec: Mapping[str, Any], *across: str) -> list[SweepView]:
@@ -190,13 +194,15 @@ def positions(swept: SweepView, axis: str | None, at: Sequence[int]) -> list[dic
     return [{}] if axis is None else [{axis: i} for i in at or range(swept.axes[axis])]
 
 
-def map_values(swept: SweepView, spec: Mapping[str, Any], indices: Mapping[str, int]) -> np.ndarray:
+def map_values(
+    sheet: Sheet, swept: SweepView, spec: Mapping[str, Any], indices: Mapping[str, int]
+) -> np.ndarray:
     """The values of one panel: (x, y), or (directions,).
 
     Raises HodoError if there is nothing but gaps.
     """
     keep = [swept.sphere] if spec["x"] is None else [spec["x"], spec["y"]]
-    values = swept.values(spec["variable"], keep, indices)
+    values = shown_values(sheet, swept, spec["variable"], keep, indices)
     if not np.isfinite(values).any():
         raise HodoError(f"sweep {swept.name} has no value of {spec['variable']} to draw")
     return values
@@ -317,7 +323,7 @@ def name_axes(axes: Axes) -> None:
         axes.plot(*angles(direction), "k.", ms=2.5, zorder=4, clip_on=False)
         axes.annotate(
             f"${'-' if sign < 0 else ''}x_{i}$",
-            pair(np.array(angles(direction))),
+            np.array(angles(direction)).tolist(),
             # Above the upper pole is the title.
             (3, -9 if direction[2] > 0 else 3),
             textcoords="offset points",
@@ -396,10 +402,6 @@ def unbroken(curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.insert(longitude, jumps, np.nan), np.insert(latitude, jumps, np.nan)
 
 
-STORED_ERRORS = {"crossing_time": "crossing_error"}
-"""The variables of a sweep whose errors may be stored, and under which name."""
-
-
 def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """A variable of sweeps over one axis: a curve a sweep, or a curve an entry of another axis."""
     sweeps = sweeps_of(cases, spec, spec["x"])
@@ -407,14 +409,13 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         (swept, indices) for swept in sweeps for indices in positions(swept, spec["by"], spec["at"])
     ]
     (axes,) = sheet.panels(COLUMN, 0.85 * COLUMN)
+    show_degrees(sheet, sweeps, spec)
+    lacking, spacing = 0, min(ROW_OF_CROSSES, ROWS_OF_CROSSES / len(curves))
     # Curves behind those that `labels` names are named by what they are.
     labels = chain(spec["labels"], repeat(""))
-    in_degrees(sheet, sweeps, spec)
-    lacking, spacing = 0, min(ROW_OF_CROSSES, ROWS_OF_CROSSES / len(curves))
-    for (swept, indices), given_label, style in zip(
-        curves, labels, styles(len(curves)), strict=False
-    ):
-        names = names_of(swept, indices, given_label, len(sweeps))
+    looks = styles(len(curves))
+    for (swept, indices), label, style in zip(curves, labels, looks, strict=False):
+        names = names_of(swept, indices, label, len(sweeps))
         row = 0.02 + spacing * lacking
         lacking += curve_of(sheet, axes, swept, spec, indices, names, style, row)
     if all(not np.isfinite(line.get_ydata()).any() for line in axes.lines):
@@ -459,14 +460,12 @@ def curve_of(
     a value is absent; whether one is. `names` are its names in the legend and in tables."""
     label, name = names
     x, _ = swept.ticks(spec["x"])
-    values = swept.values(spec["variable"], [spec["x"]], indices)
-    if sheet.units(spec["variable"]) == "deg":
-        values = np.degrees(values)
+    values = shown_values(sheet, swept, spec["variable"], [spec["x"]], indices)
     shown = {axis_column(swept, spec["x"]): x, spec["variable"]: values}
     # A line between few values would pass for a result.
     width = {"lw": 0.4, "ms": 5} if len(x) < FEW_VALUES else {"ms": 3}
     axes.plot(x, values, **style, **width, marker=".", label=label)
-    if (error := STORED_ERRORS.get(spec["variable"], "")) in swept.data:
+    if spec["variable"] == "crossing_time" and (error := "crossing_error") in swept.data:
         shown[error] = swept.values(error, [spec["x"]], indices)
         axes.errorbar(x, values, shown[error], fmt="none", ecolor=style["color"])
     # The numbers that tell this curve from the others, in each of its rows.
@@ -508,14 +507,16 @@ def map_label(
     if name in OF_ATTITUDE:
         # Its meaning takes a sentence, which is longer than an axis.
         shown = f"${symbol(spec['variable'])}$"
+    unit = value_unit(sweeps[0], name, units_of)
+    in_units = f" [{unit}]" if unit else ""
     over = dict.fromkeys(
         axis for swept in sweeps for axis in averaged(spec, swept.axes, swept.sphere)
     )
-    words = f"{shown}, mean over {', '.join(over)}" if over else shown
-    if over and any(bool(swept.variable(name).isnull().any()) for swept in sweeps):
-        words += " of the members that have one"
-    unit = value_unit(sweeps[0], name, units_of)
-    return f"{words} [{unit}]" if unit else words
+    if not over:
+        return f"{shown}{in_units}"
+    lacking = any(bool(swept.variable(name).isnull().any()) for swept in sweeps)
+    of_some = " of the members that have one" if lacking else ""
+    return f"{shown}, mean over {', '.join(over)}{of_some}{in_units}"
 
 
 def meanings(swept: SweepView, variable: str) -> dict[int, str]:

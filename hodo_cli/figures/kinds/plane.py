@@ -27,7 +27,6 @@ from ..artists import (
     LAW_LOOK,
     SEPARATRIX,
     axis_handles,
-    case_handles,
     check_zoom,
     crossings_on,
     labelled_styles,
@@ -56,18 +55,16 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     zoom = spec["zoom"]
     curves = [motion.quadrants for motion in motions]
     p, r = "pqr"[motions[0].order[0]], "pqr"[motions[0].order[2]]
-    for motion, (across, up) in zip(motions, (curve.T for curve in curves), strict=True):
-        sheet.record(motion.label, {"time": motion.time, f"{p}^2": across, f"K {r}^2": up})
+    for motion, curve in zip(motions, curves, strict=True):
+        sheet.record_path(motion, (f"{p}^2", f"K {r}^2"), curve)
     shown = [*curves, *(motion.quadrants for motion in sheet.others)]
-    limits = [1.05 * max(float(curve.max()) for curve in shown) or 1.0]
+    whole = 1.05 * max(float(curve.max()) for curve in shown) or 1.0
+    limits = [whole] if zoom is None else [whole, zoom]
     # They lie on the diagonal; interpolation between samples may leave it a little.
     crossings = [
         np.repeat(crossed.mean(axis=-1, keepdims=True), 2, axis=-1)
         for crossed in crossings_on(motions, curves)
     ]
-    if zoom is not None:
-        check_zoom(zoom, min(float(curve.max(axis=1).min()) for curve in curves))
-        limits.append(zoom)
     size = (COLUMN, 1.1 * COLUMN) if zoom is None else (PAGE, 0.55 * PAGE)
     panels = sheet.panels(*size, len(limits), len(limits))
     for axes, limit in zip(panels, limits, strict=True):
@@ -75,12 +72,13 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
         regions(axes, motions[0], limit, axes is not panels[0])
         plane_curves(axes, spec, motions, curves, crossings, frame)
     if zoom is not None:
+        check_zoom(zoom, min(float(curve.max(axis=1).min()) for curve in curves))
         panels[1].set(title="enlarged")
         # Its small values are long words, for which there is little room side by side.
         panels[1].locator_params(nbins=max(2, min(5, int(room_across(panels[1]) / 25))))
-    lines = case_handles([motion.label for motion in motions]) if len(motions) > 1 else []
-    for line in lines:  # their colours are those of the axes
-        line.set_color(GREY)
+    looks = labelled_styles([motion.label for motion in motions])
+    # Grey, since the colours of curves are those of the axes.
+    lines = [Line2D([], [], **{**look, "color": GREY}) for look in looks]
     marks = mark_handles(motions, spec["time"], zoom is not None)
     sheet.legend += axis_handles(motions) + lines + marks
 
@@ -135,18 +133,21 @@ def sketch(axes: Axes, body: Sequence[float]) -> None:
     largest, _, smallest = rigid_body.inertia_order(body)
     # The angle of the line above the horizontal axis, on which p^2 = K r^2 grows.
     angle = math.degrees(math.atan2(1, slope(body)))
-    for name, axis, *ends in (("A", largest, 0, angle), ("B", smallest, angle, 90)):
-        axes.add_patch(Wedge((0, 0), 2, *ends, fc=AXIS_COLOUR[axis + 1], alpha=0.12, lw=0))
-        if ends[0] < ends[1]:
-            middle = math.radians(sum(ends) / 2)
-            centre = 0.6 * math.cos(middle), 0.6 * math.sin(middle)
+    for name, axis, low, high in (("A", largest, 0, angle), ("B", smallest, angle, 90)):
+        axes.add_patch(Wedge((0, 0), 2, low, high, fc=AXIS_COLOUR[axis + 1], alpha=0.12, lw=0))
+        if low < high:
+            centre = at_angle((low + high) / 2, 0.6)
             axes.text(*centre, f"{name}\nabout $x_{axis + 1}$", ha="center", va="center")
-    end = math.cos(math.radians(angle)), math.sin(math.radians(angle))
-    axes.plot([0, 2 * end[0]], [0, 2 * end[1]], color=BLACK, lw=1.4)
+    axes.plot(*np.transpose([(0, 0), at_angle(angle, 2)]), color=BLACK, lw=1.4)
     axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal", xticks=[], yticks=[])
     axes.set_xlabel(f"${'pqr'[largest]}^2$", loc="right")
     axes.set_ylabel(f"${'pqr'[smallest]}^2$", loc="top", rotation=0)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def at_angle(angle: float, distance: float) -> tuple[float, float]:
+    """The point at an angle in degrees above the horizontal axis, as far from the origin."""
+    return distance * math.cos(math.radians(angle)), distance * math.sin(math.radians(angle))
 
 
 def time_series(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
@@ -166,31 +167,30 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]
         for (motion, name), style in zip(curves, looks, strict=True):
             series_curve(sheet, axes, spec, motion, name, style)
         axes.margins(x=0.02, y=0.08)
-        if not by_case:
-            axes.set_ylabel(axis_label(group, motions[0]))
-            widen_constant(axes, curves)
-        else:
+        if by_case:
             axes.set_title(curves[0][0].label)
             # They share the vertical axis: one label on the left.
             if axes.get_subplotspec().is_first_col():  # type: ignore[union-attr]
                 axes.set_ylabel(f"{', '.join(names)} {unit(*curves[0])}")
-        if not spec["passages"]:
-            marked = [(curves[0][0], variables)] if by_case else [(m, [name]) for m, name in curves]
-            for motion, together in marked:
-                event_marks(axes, motion, together, spec)
+        else:
+            axes.set_ylabel(axis_label(group, motions[0]))
+            widen_constant(axes, curves)
+        marked = [(curves[0][0], variables)] if by_case else [(m, [name]) for m, name in curves]
+        for motion, together in () if spec["passages"] else marked:
+            event_marks(axes, motion, together, spec)
         if spec["level"] is not None:
             axes.axhline(spec["level"], **SEPARATRIX)
-        for inset_spec in spec["insets"]:
-            if inset_spec["panel"] == group:
-                motion = next(motion for motion in motions if motion.name == inset_spec["case"])
-                inset(sheet, axes, inset_spec, motion, dict(zip(keys, looks, strict=True)))
+        for enlarged in (enlarged for enlarged in spec["insets"] if enlarged["panel"] == group):
+            motion = next(motion for motion in motions if motion.name == enlarged["case"])
+            inset(sheet, axes, enlarged, motion, dict(zip(keys, looks, strict=True)))
     # Panels share their time: its end is known when all are drawn.
     panels[0].set_xlim(*(spec["span"] or (min(motion.time[0] for motion in motions), None)))
-    if spec["passages"]:
-        sheet.legend += passage_handles(motions)
-    for name, law in spec["formula"].items():
-        words = f"${symbol(name)} = {formula_in_tex(law, spec['time'])}$"
-        sheet.legend.append(Line2D([], [], **LAW_LOOK, label=words))
+    sheet.legend += passage_handles(motions) if spec["passages"] else []
+    laws = (
+        f"${symbol(name)} = {formula_in_tex(law, spec['time'])}$"
+        for name, law in spec["formula"].items()
+    )
+    sheet.legend += [Line2D([], [], **LAW_LOOK, label=words) for words in laws]
 
 
 CONSTANT_WITHIN = 1000
@@ -290,18 +290,16 @@ def passage_marks(axes: Axes, motion: Motion, name: str, style: Mapping[str, Any
 
 def passage_handles(motions: Sequence[Motion]) -> list[Line2D]:
     """Legend entries of the marks of `passage_marks` that there are."""
-    foreseen = [m.stored("event_predicted") for m in motions if "event_predicted" in m.data]
     of_D = "" if any(m.rotor is not None for m in motions) else ", $D = 0$"
-    marks: dict[str, tuple[Look, Sequence[np.ndarray]]] = {
-        f"crossing of each curve{of_D}": (
-            {**CROSSING, "mfc": "white"},
-            [m.crossing_time for m in motions],
-        ),
-        "predicted, with the scatter of the averaged crossing": (PREDICTED, foreseen),
-    }
+    crossed = [m.crossing_time for m in motions]
+    foreseen = [m.stored("event_predicted") for m in motions if "event_predicted" in m.data]
+    marks = (
+        (f"crossing of each curve{of_D}", CROSSING | {"mfc": "white"}, crossed),
+        ("predicted, with the scatter of the averaged crossing", PREDICTED, foreseen),
+    )
     return [
         Line2D([], [], **look, label=label)
-        for label, (look, times) in marks.items()
+        for label, look, times in marks
         if any(np.isfinite(when).any() for when in times)
     ]
 
@@ -309,8 +307,7 @@ def passage_handles(motions: Sequence[Motion]) -> list[Line2D]:
 def event_marks(axes: Axes, motion: Motion, names: Sequence[str], spec: Mapping[str, Any]) -> None:
     """Mark the events of a motion on its curves in a panel, with words."""
     first, last = spec["span"] or (motion.time[0], motion.time[-1])
-    within = [(kind, when) for kind, when in motion.events if first <= when <= last]
-    for kind, when in within:
+    for kind, when in ((kind, when) for kind, when in motion.events if first <= when <= last):
         values = {name: float(np.interp(when, motion.time, motion[name])) for name in names}
         # One colour, or the legend would have the marks of each case.
         marks: Look = {**END, "color": BLACK, "clip_on": False, "zorder": 5}
@@ -327,18 +324,12 @@ def words_at_event(
 ) -> dict[str, str]:
     """The words beside the curves of a motion at an event, by variable: its value there, or the
     time, once for all that are nearly zero."""
-    vanishing = [
-        name for name, value in values.items() if abs(value) <= 1e-3 * np.abs(motion[name]).max()
-    ]
-    words = {
-        name: f"${symbol(name)} = {value:#.4g}$"
-        for name, value in values.items()
-        if name not in vanishing
-    }
-    if vanishing:
-        zero = " = ".join([*map(symbol, vanishing), "0"])
-        words[vanishing[0]] = f"${zero}$ at ${time} = {when:#.4g}${unit_after(motion, 'time')}"
-    return words
+    vanishing = [x for x in values if abs(values[x]) <= 1e-3 * np.abs(motion[x]).max()]
+    zero = " = ".join([*map(symbol, vanishing), "0"])
+    at_time = f"${zero}$ at ${time} = {when:#.4g}${unit_after(motion, 'time')}"
+    others = (name for name in values if name not in vanishing)
+    words = {name: f"${symbol(name)} = {values[name]:#.4g}$" for name in others}
+    return words | dict.fromkeys(vanishing[:1], at_time)
 
 
 def inset(
@@ -371,12 +362,12 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> N
     curves = [np.stack([motion[x], motion[y]], axis=-1) for motion in motions]
     looks = labelled_styles([motion.label for motion in motions], spec["styles"])
     for motion, curve, look in zip(motions, curves, looks, strict=True):
-        sheet.record(motion.label, {"time": motion.time, x: curve[:, 0], y: curve[:, 1]})
+        sheet.record_path(motion, (x, y), curve)
         axes.plot(*curve.T, **look)
-    mark_points(axes, [curve[[0, -1]] for curve in curves], crossings_on(motions, curves))
+    mark_points(axes, curves, crossings_on(motions, curves))
     axes.set(xlabel=axis_label(x, motions[0]), ylabel=axis_label(y, motions[0]))
     axes.margins(0.06)
-    if vector_of(x) and vector_of(x) == vector_of(y):
+    if vector_of(x) == vector_of(y) != "":
         axes.set(aspect="equal", adjustable="datalim")
     sheet.legend += mark_handles(motions, spec["time"])
 
@@ -399,8 +390,7 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion])
         for axes, values in zip((energy, square, ratio), shown.values(), strict=True):
             axes.plot(motion.time, values, **style, zorder=3)
         energy_bounds(energy, square, motion)
-        crossings = np.stack([motion.crossing_time, 0 * motion.crossing_time], axis=-1)
-        ratio.plot(*crossings.T, **CROSSING, zorder=4)
+        ratio.plot(motion.crossing_time, 0 * motion.crossing_time, **CROSSING, zorder=4)
     ratio.axhline(0, **SEPARATRIX)
     for axes, name in ((energy, "T"), (square, "G2"), (ratio, "D/2T")):
         axes.set(ylabel=axis_label(name, motions[0]))

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import cycle, product
 from typing import Any
 
 import numpy as np
@@ -35,7 +35,6 @@ from ..artists import (
     name_curves,
     names_beside,
     number_marks,
-    pair,
     palettes,
     plane_curves,
     stretches,
@@ -52,8 +51,7 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     projections."""
     view, planes, zoom = View(spec["view"]), spec["projections"], spec["zoom"]
     for motion in motions:
-        components = dict(zip(component_names("G", "axis"), motion.G.T, strict=True))
-        sheet.record(motion.label, {"time": motion.time, **components})
+        sheet.record_path(motion, component_names("G", "axis"), motion.G)
     up, down = (
         np.max([(sign * motion.G).max(axis=0) for motion in motions], axis=0) for sign in (1, -1)
     )
@@ -116,10 +114,10 @@ def space(
         seen = space_curve(scene, motion, colours, code, depth)
         if not is_enlarged:
             heading(axes, seen[:, :2], colours[code[0]], 0.12 * depth)
-    ends = [scene.flat(motion.G[[0, -1]]) for motion in motions]
+    curves = [scene.flat(motion.G) for motion in motions]
     crossings = [scene.flat(motion.at_crossings(motion.G)) for motion in motions]
-    mark_points(axes, ends, crossings, frame)
-    name_curves(axes, [scene.flat(motion.G) for motion in motions], names_beside(motions, spec))
+    mark_points(axes, curves, crossings, frame)
+    name_curves(axes, curves, names_beside(motions, spec))
     axes.set(xlim=frame[0], ylim=frame[1], aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set(visible=is_enlarged, color="#BBBBBB")
 
@@ -137,16 +135,16 @@ def space_curve(
     scene.add(motion.at_crossings(motion.G), texts=times, **CROSSING)
     # Thirteen layers: enough to show depth, and few enough pieces of line.
     layer = np.clip((seen[:, 2] / depth * 6).round(), -6, 6).astype(int)
+    white = 0.5 * (6 - layer[:, None]) / 12
+    shades = colours[code] * (1 - white) + white
     shown = scene.shows(motion.G)
     pieces = [piece for piece in stretches(code, layer, shown) if shown[piece.start]]
     pieces.sort(key=lambda piece: int(layer[piece.start]))
-    whiteness = [0.5 * (6 - layer[piece.start]) / 12 for piece in pieces]
-    shades = [
-        colours[code[piece.start]] * (1 - white) + white
-        for piece, white in zip(pieces, whiteness, strict=True)
-    ]
     lines = LineCollection(
-        [seen[piece, :2] for piece in pieces], colors=shades, linewidths=width, capstyle="round"
+        [seen[piece, :2] for piece in pieces],
+        colors=[shades[piece.start] for piece in pieces],
+        linewidths=width,
+        capstyle="round",
     )
     scene.axes.add_collection(lines, autolim=False)
     return seen
@@ -168,7 +166,7 @@ def body_axes(scene: Scene, reach: np.ndarray) -> None:
             # The upright axis has its values to the right, the others below.
             scene.axes.annotate(
                 f"{count * step:.10g}",
-                pair(scene.view(count * step * np.eye(3)[i])),
+                scene.view(count * step * np.eye(3)[i])[:2].tolist(),
                 (4, 0) if i == 2 else (1, -6),
                 size="x-small",
                 color=GREY,
@@ -217,24 +215,28 @@ def separatrices(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[Bod
     """The separatrix of each body that has one: two great circles, or with a rotor those through
     its saddles, for |G| at the start. Those of several bodies have the colours of their cases or,
     where these have none, lines of their own."""
-    firsts = {motion.body: i for i, motion in reversed([*enumerate(motions)])}
+    first_of_body: dict[Any, tuple[Motion, Look]] = {}
+    for motion, style in zip(motions, styles(len(motions), spec["styles"]), strict=True):
+        first_of_body.setdefault(motion.body, (motion, {"color": style["color"]}))
+    are_several = len(first_of_body) > 1
     drawn: list[BodySeparatrix] = []
-    for k, i in enumerate(sorted(firsts.values())):
-        motion, look = motions[i], SEPARATRIX
-        words = f"separatrix of {motion.label}" if len(firsts) > 1 else "separatrix"
-        if spec["colour"] != "case":
-            look = look | {"ls": DASHES[k % len(DASHES)]}
-        elif len(firsts) > 1:
-            look = look | {"color": styles(i + 1, spec["styles"])[i]["color"]}
-        rotor, G = (np.zeros(3), 1.0) if motion.rotor is None else (motion.rotor, motion["G"][0])
+    for (motion, colour), line in zip(first_of_body.values(), cycle(DASHES), strict=False):
+        own_look = colour if spec["colour"] == "case" else {"ls": line}
+        words = f"separatrix of {motion.label}" if are_several else "separatrix"
         if motion.rotor is not None:  # it changes with |G|, and is no zero of D
             words += " at the start"
-        elif len(firsts) == 1:
+        elif not are_several:
             words += ", $D = 0$"
-        circles = separatrix_curves(motion.inertia, rotor, G)
-        if circles:
-            drawn.append((words, look, [circle @ motion.principal_axes for circle in circles]))
+        if circles := separatrix_of(motion):
+            drawn.append((words, SEPARATRIX | (own_look if are_several else {}), circles))
     return drawn
+
+
+def separatrix_of(motion: Motion) -> list[np.ndarray]:
+    """The curves (n, 3) of the separatrix of a motion's body in its axes; none without one."""
+    rotor, G = (np.zeros(3), 1.0) if motion.rotor is None else (motion.rotor, motion["G"][0])
+    curves = separatrix_curves(motion.inertia, rotor, G)
+    return [curve @ motion.principal_axes for curve in curves]
 
 
 @dataclass(frozen=True)
@@ -261,10 +263,10 @@ def axis_trace(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion])
     """Where axes of the body point in space, on the unit sphere of directions."""
     curves = []
     for motion, axis in product(motions, spec["axes"]):
-        columns = [f"{axis}_space.{letter}" for letter in SPACE_AXES]
-        # Without a case's name where there is one case only.
-        words = [f"${axis[0]}_{axis[1]}$", *[motion.label] * (len(motions) > 1)]
-        curves.append(SphereCurve(motion, space_vector(motion, axis), ", ".join(words), columns))
+        case_name = f", {motion.label}" if len(motions) > 1 else ""
+        label = f"${axis[0]}_{axis[1]}${case_name}"
+        columns = component_names(f"{axis}_space", "space")
+        curves.append(SphereCurve(motion, space_vector(motion, axis), label, columns))
     draw_sphere(sheet, spec, curves, SPACE_AXES, [])
 
 
@@ -285,19 +287,21 @@ def draw_sphere(
     crossings = crossings_on(motions, [curve.directions for curve in curves])
     number_marks(axes, [view(crossed)[:, :2] for crossed in crossings], np.full(2, 2.0))
     for curve, crossed, colours in zip(curves, crossings, palettes(motions, spec), strict=True):
-        components = dict(zip(curve.columns, curve.directions.T, strict=True))
-        sheet.record(curve.label, {"time": curve.motion.time, **components})
+        sheet.record_path(curve.motion, curve.columns, curve.directions, curve.label)
         sphere_curve(scene, curve, crossed, *colours)
-    handles = [] if by_case else colour_handles(sheet, [axes], motions, spec)
+    entries = (
+        case_handles([curve.label for curve in curves], spec["styles"])
+        if by_case
+        else colour_handles(sheet, [axes], motions, spec)
+    )
     if len(curves) > 1 or is_trace:  # a single motion is named by its title
-        entries = case_handles([curve.label for curve in curves], spec["styles"], solid=True)
         name_on_sphere(scene, curves, [entry.get_color() for entry in entries] if by_case else [])
-        # The curves of G have their names beside them alone.
-        handles += entries if by_case and is_trace else []
+    # The curves of G have their names beside them alone.
+    sheet.legend += entries if is_trace or not by_case else []
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.32), aspect="equal")
     axes.set_axis_off()
-    handles += [Line2D([], [], **look, label=words) for words, look, _ in bodies]
-    sheet.legend += handles + mark_handles(motions, spec["time"])
+    sheet.legend += [Line2D([], [], **look, label=words) for words, look, _ in bodies]
+    sheet.legend += mark_handles(motions, spec["time"])
 
 
 def globe_below(scene: Scene, bodies: Sequence[BodySeparatrix]) -> None:
@@ -373,22 +377,19 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion])
         for motion, plane in zip(motions, planes, strict=True)
     ]
     for motion, points in zip(motions, curves, strict=True):
-        values = dict(zip(PLANE, points.T, strict=True))
-        sheet.record(motion.label, {"time": motion.time, **values})
+        sheet.record_path(motion, PLANE, points)
     plane_curves(axes, spec, motions, curves, crossings_on(motions, curves))
-    axes.plot(0, 0, marker="+", ms=6, color=BLACK, ls="")
+    cross: Look = {"marker": "+", "ms": 6, "color": BLACK, "ls": ""}
+    axes.plot(0, 0, **cross)
     name_curves(axes, curves, names_beside(motions, spec))
     along_z = np.abs(np.array(planes) - np.eye(2, 3)).max() < ALONG_ANGLE
     prime = "" if along_z else "'"
     labels = [f"$\\omega_{{{letter}{prime}}}$ {unit(motions[0], 'omega')}" for letter in "xy"]
     axes.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
     handles = colour_handles(sheet, [axes], motions, spec)
-    words, its = (
-        ("$G$ at the start", "") if len(motions) == 1 else ("each $G$ at the start", "its ")
-    )
-    if not along_z:
-        words += f", along {its}$z'$"
-    handles.append(Line2D([], [], marker="+", ms=6, color=BLACK, ls="", label=words))
+    each, its = ("", "") if len(motions) == 1 else ("each ", "its ")
+    along = "" if along_z else f", along {its}$z'$"
+    handles.append(Line2D([], [], **cross, label=f"{each}$G$ at the start{along}"))
     sheet.legend += handles + mark_handles(motions, spec["time"])
 
 
@@ -401,7 +402,7 @@ PLANE = ("omega across G, 1", "omega across G, 2")
 
 def space_vector(motion: Motion, name: str) -> np.ndarray:
     """A vector (n, 3) of a motion along the axes of space."""
-    return np.stack([motion[f"{name}_space.{axis}"] for axis in SPACE_AXES], axis=-1)
+    return np.stack([motion[part] for part in component_names(f"{name}_space", "space")], axis=-1)
 
 
 def across(vector: np.ndarray) -> np.ndarray:
