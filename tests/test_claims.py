@@ -76,6 +76,9 @@ cases:
   passing: {{{SPUN}, torque: [0, 0, -0.1], initial: {{p: 0, q: 0, r: 1}}, time: {{end: 50}}}}
   stopping: {{{SPUN}, torque: [0, 0, -0.1], initial: {{x: 0, y: 1}}, form: averaged,
               time: {{end: 50}}}}
+  # r = 1 + sin(20 pi t)/2, of which each sample meets the same phase.
+  swinging: {{model: torques, inertia: [2, 1.5, 1], initial: {{p: 0, q: 0, r: 1}},
+              expression: ["0", "0", "31.41592653589793*cos(62.83185307179586*t)"]}}
   # r falls to -0.075, so that y = r^2 comes back to 0.0056.
   returning: {{{SPUN}, torque: [0, 0, -0.1], initial: {{p: 0, q: 0, r: 1}}, time: {{end: 43}}}}
   spinning: {{{SPUN}, torque: [0, 0, 0], initial: {{x: 0, y: 1}}, form: averaged}}
@@ -112,6 +115,16 @@ CHECKS = [
     ("slow, fast", "{kind: bound, of: r, most: 0.3}", "contradicted", E1),
     ("staying", "{kind: bound, of: first_crossing, least: 50}", "reproduced", math.inf),
     ("staying", "{kind: bound, of: first_crossing, most: 50}", "contradicted", math.inf),
+    # Its motion ends at 100.
+    ("staying", "{kind: bound, of: first_crossing, least: 100.1}", "not tested", None),
+    ("staying", "{kind: bound, of: first_crossing, most: 100.1}", "not tested", None),
+    ("staying", "{kind: value, values: {first_crossing: [101]}, within: 1}", "not tested", None),
+    ("swinging", "{kind: conserved, of: [r, T, G], within: 0.2}", "contradicted", None),
+    ("swinging", "{kind: bound, of: r, at: always, most: 1.2}", "contradicted", None),
+    ("swinging", "{kind: bound, of: r, at: always, most: 1.5}", "reproduced", None),
+    ("swinging", "{kind: formula, of: r, formula: '1'}", "contradicted", None),
+    ("swinging", "{kind: formula, of: r, formula: 1 + sin(62.83185307179586*t)/2}", "reproduced",
+     0),
     ("slow, fast", "{kind: order, of: r, sense: falls}", "reproduced", E1 - E2),
     ("slow, fast", "{kind: order, of: r, sense: rises}", "contradicted", E1 - E2),
     ("slow, slow", "{kind: order, of: r, sense: falls}", "contradicted", 0),
@@ -151,6 +164,9 @@ CHECKS = [
     ("turning", "{kind: axis, start: x1, end: x3, turns: 1}", "contradicted", 0),
     ("turning", "{kind: crossings, least: 1, most: 1, from: x1, to: x3}", "reproduced", 1),
     ("turning", "{kind: crossings, from: x3}", "contradicted", 1),
+    # Without a crossing there is none to have a direction.
+    ("staying", "{kind: crossings, from: x3}", "contradicted", 0),
+    ("staying", "{kind: crossings, from: x3, most: 1}", "reproduced", 0),
     ("turning", "{kind: crossings, most: 0}", "contradicted", 1),
     ("turning", "{kind: crossings, least: 2}", "contradicted", 1),
     ("given-up", "{kind: crossings, most: 0}", "not tested", None),
@@ -159,7 +175,8 @@ CHECKS = [
     ("passing, stopping", "{kind: value, values: {end_of_spin: [40, 40]}, within: 1.0e-9}",
      "reproduced", 0),
     ("passing, stopping", "{kind: bound, of: end_of_spin, least: 60}", "contradicted", 40),
-    ("spinning", "{kind: bound, of: end_of_spin, least: 60}", "reproduced", math.inf),
+    ("spinning", "{kind: bound, of: end_of_spin, least: 10}", "reproduced", math.inf),
+    ("spinning", "{kind: bound, of: end_of_spin, least: 60}", "not tested", None),
     # tests/data/crossings.csv; the interpolation between samples costs the rest.
     ("top", "{kind: value, values: {rebound_u3: [0.40076030988]}, within: 1.0e-6}",
      "reproduced", None),

@@ -105,7 +105,9 @@ CHECK_KINDS: dict[str, dict[str, Key]] = {
         ),
     },
     "crossings": {
-        "least": Key(Integer(least=1), "the fewest crossings", default=None),
+        "least": Key(
+            Integer(least=1), "the fewest crossings (default: 1 without `most`)", default=None
+        ),
         "most": Key(Integer(least=0), "the most crossings", default=None),
         "from": Key(AXIS, "axis that every crossing leaves", default=None),
         "to": Key(AXIS, "axis that every crossing goes to", default=None),

@@ -23,8 +23,10 @@ from .finding import (
     listed,
 )
 from .quantities import (
+    between_samples,
     check_course,
     check_margin,
+    check_reached,
     number,
     quantity,
     quantity_from_start,
@@ -64,7 +66,8 @@ def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Number and direction of the crossings of each case; decided by the largest number."""
-    least, most = check["least"] or 0, math.inf if check["most"] is None else check["most"]
+    least = least_crossings(check)
+    most = math.inf if check["most"] is None else check["most"]
     of_motions = [
         [(c.time, rigid_body.LABELS[c.start], rigid_body.LABELS[c.end]) for c in m.crossings]
         for m in motions
@@ -87,9 +90,15 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
     )
 
 
+def least_crossings(check: Keys) -> int:
+    """The fewest crossings that a check of crossings allows: the direction of crossings, unless it
+    is that of so many at most, is none without a crossing."""
+    return check["least"] or int(check["most"] is None)
+
+
 def contrary_crossings(check: Keys) -> str:
     """The crossings that a check of crossings does not allow, in words."""
-    least, most = check["least"], check["most"]
+    least, most = least_crossings(check), check["most"]
     words = ["no crossing" if least == 1 else f"fewer crossings than {least}"] if least else []
     if most is not None:
         words.append(f"more crossings than {most}" if most else "a crossing")
@@ -110,6 +119,7 @@ def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
         for m, measured, expected in zip(motions, values, printed, strict=True):
             differences.append(abs(measured - expected))
             if check["at"] == "end":
+                check_reached(m, name, expected)
                 check_margin(m, name, differences[-1] - check["within"])
             scale = range_of(m, name)
             deviations.append(deviation_beyond(differences[-1] / scale, allowed / scale))
@@ -138,6 +148,7 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     limits = [limit for _, _, limit, _ in sides]
     if check["at"] == "end":
         for m, limit in itertools.product(motions, limits):
+            check_reached(m, name, limit)
             check_margin(m, name, number(m, name) - limit)
     # As the axis of a figure would reach, which shows both the values and the bound.
     scale = max(max(range_of(m, name) for m in motions), *map(abs, limits))
@@ -267,15 +278,22 @@ MOTION_CHECKS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
 def motion_finding(check: Keys, motions: Sequence[Motion]) -> Finding:
     """The finding of a check of motions.
 
-    Raises Undecidable where a statement about the course of quantities holds at samples that are
-    too few to show it; what contradicts it at samples contradicts it.
+    A statement about the course of quantities that holds at samples has to hold between them too:
+    there a torque that changes with time may do anything. Raises Undecidable where samples are too
+    few to show the course; what contradicts it at samples contradicts it.
     """
-    finding = MOTION_CHECKS[check["kind"]](check, motions)
+    find = MOTION_CHECKS[check["kind"]]
+    finding = find(check, motions)
     of_course = check["kind"] in ("monotone", "conserved", "formula")
-    if finding.holds and (of_course or check.get("at") == "always"):
-        for m in motions:
-            check_course(m, [check["of"]] if isinstance(check["of"], str) else check["of"])
-    return finding
+    if not finding.holds or not (of_course or check.get("at") == "always"):
+        return finding
+    for m in motions:
+        check_course(m, [check["of"]] if isinstance(check["of"], str) else check["of"])
+    finer = [between_samples(m) for m in motions]
+    if not any(finer):
+        return finding
+    between = find(check, [more or m for more, m in zip(finer, motions, strict=True)])
+    return max(finding, between, key=lambda found: found.deviation)
 
 
 def averages(check: Keys, swept: "SweepView") -> Finding:

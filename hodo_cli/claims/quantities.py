@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from ..integration import (
     principal_omega,
     solve,
 )
+from ..models.constants import contains_time, structure
 from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion
 from ..results.resolution import SMALLEST_CHORD, course_remark, turn_remark
@@ -57,6 +59,27 @@ def sampled_motion(trajectory: Trajectory, passed: Sequence[Crossing] | None) ->
         axes = body_of(case).enclosed(principal_omega(trajectory), CERTAIN_ERRORS * EPS)
         variables |= label_variables(axes, passed)
     return Motion(case, variables, label=case.name)
+
+
+BETWEEN_SAMPLES = ((3 - math.sqrt(5)) / 2, math.sqrt(3) - 1)
+"""Places within an interval between samples: irrational, so that an oscillation of which each
+sample meets the same phase shows itself."""
+
+
+def between_samples(m: Motion) -> Motion | None:
+    """The same motion with samples at places within each interval as well; None where no formula of
+    the time is part of its equations: laws do not oscillate, and without the time what happens
+    between two samples follows from these.
+
+    Raises HodoError if it stops before its end.
+    """
+    system, is_course = m.case.system, len(m.time) > 1
+    form = structure(system.constants)
+    if not (is_course and system.has_formulas and contains_time(type(system), form)):
+        return None
+    within = [m.time[:-1] + place * np.diff(m.time) for place in BETWEEN_SAMPLES]
+    times = np.unique(np.concatenate([m.time, *within]))
+    return integrated_motion(replace(m.case, time=m.case.time.listed(times)))
 
 
 class Undecidable(HodoError):
@@ -118,6 +141,13 @@ def check_margin(m: Motion, name: str, margin: float) -> None:
             f"{name} of {m.words} has an error of {error:.2g}, more than the difference that "
             "decides"
         )
+
+
+def check_reached(m: Motion, name: str, limit: float) -> None:
+    """Raises Undecidable where a motion ends before the time with which that of something is
+    compared that has not happened until then."""
+    if limit > m.time[-1] and math.isinf(number(m, name)):
+        raise Undecidable(f"{m.words} ends at {m.time[-1]:.6g}, where {name} is still to come")
 
 
 def error_of(m: Motion, name: str) -> float:
