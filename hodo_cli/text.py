@@ -83,6 +83,11 @@ def to_error(value: float, error: float, digits: int) -> str:
     return f"{value:.{digits}g}"
 
 
+def first_line(error: BaseException) -> str:
+    """What an error of a library says first, or its kind where it says nothing."""
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
 def case_words(name: str) -> str:
     """A case in a message: without a name of its own, in Python, it is called `case`."""
     return "the case" if name == "case" else f"case {name}"

@@ -11,6 +11,7 @@ from threading import Thread
 from typing import Any
 
 from .. import BatchError
+from ..text import first_line
 from . import WorkerLost
 
 MAX_WAIT_SECONDS = 60.0
@@ -68,15 +69,15 @@ class Dask(Executor):
         try:
             return answer.result(timeout=MAX_WAIT_SECONDS)
         except Exception as error:
-            reason = str(error).partition("\n")[0] or type(error).__name__
-            raise BatchError(f"no dask scheduler answers at {self._address}: {reason}") from None
+            reason = f"no dask scheduler answers at {self._address}: {first_line(error)}"
+            raise BatchError(reason) from None
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Schedule a call. Raises BatchError if the scheduler is gone."""
         try:
             of_dask = self._inner.submit(function, *args, **kwargs)
         except Exception as error:
-            raise self._gone(error) from None
+            raise self._gone(first_line(error)) from None
         future: Future[Any] = Future()
         of_dask.add_done_callback(lambda done: self._pass_on(done, future))
         return future
@@ -91,10 +92,9 @@ class Dask(Executor):
             future.set_exception(WorkerLost())
         except Exception as error:
             is_theirs = type(error).__module__.startswith("distributed")
-            future.set_exception(self._gone(error) if is_theirs else error)
+            future.set_exception(self._gone(first_line(error)) if is_theirs else error)
 
-    def _gone(self, error: object) -> BatchError:
-        reason = str(error).partition("\n")[0]
+    def _gone(self, reason: str) -> BatchError:
         return BatchError(
             f"the dask scheduler at {self._address} has failed: {reason}; finished work is kept"
         )

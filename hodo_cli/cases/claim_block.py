@@ -505,7 +505,6 @@ def _check_members(reading: Mapping[str, Any], over: Any) -> Iterator[Mistake]:
     name, has_share = reading["check"].get("name", ""), reading.get("share") is not None
     is_trend = name in checks_of_papers() and checks_of_papers()[name].is_trend
     no_members = "the members of `over`, which is not there"
-    is_average = reading["check"]["kind"] == "average"
     return mistakes_where(
         (reading.get("start") and not over, ("start",), f"is about {no_members}"),
         (has_share and not over, ("share",), f"is about {no_members}"),
@@ -516,7 +515,7 @@ def _check_members(reading: Mapping[str, Any], over: Any) -> Iterator[Mistake]:
             f"{name!r} compares all members, and is decided by no share",
         ),
         (
-            is_average and over,
+            reading["check"]["kind"] == "average" and over,
             ("over",),
             "a check of kind average takes the members of its cases' own sweeps",
         ),

@@ -187,12 +187,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
     )
     # A mistake may stand in what a case inherits or an override changes.
     named.update(blocks)
-    cases: dict[str, Case] = {}
-    for case, block in blocks.items():
-        try:
-            cases[case] = checked_case(case, block)
-        except Wrong as error:
-            add_mistakes(within(("cases", case), error.mistakes), document, mistakes)
+    cases = _cases(blocks, document, mistakes)
     figures, figure_faults = _figures(sections.get("figures") or {}, named, sections.get("style"))
     figure_faults += _figure_mistakes(figures, cases, with_sizes=not overrides)
     faults += [*case_faults, *figure_faults]
@@ -269,6 +264,17 @@ def _case_blocks(
     for override in overrides:
         _apply_override(override, blocks, mistakes)
     return blocks, [*faults, *_default_mistakes(defaults, blocks.values())]
+
+
+def _cases(blocks: Mapping[str, Block], document: Block, mistakes: Mistakes) -> dict[str, Case]:
+    """The cases without a mistake; the mistakes in the others are added."""
+    cases = {}
+    for name, block in blocks.items():
+        try:
+            cases[name] = checked_case(name, block)
+        except Wrong as error:
+            add_mistakes(within(("cases", name), error.mistakes), document, mistakes)
+    return cases
 
 
 def _default_mistakes(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:

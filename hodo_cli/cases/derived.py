@@ -106,13 +106,15 @@ def constants_of(system: Model, data: Mapping[str, Any]) -> set[str]:
 
 
 def missing(name: str, sources: Collection[str], known: Collection[str] = ()) -> list[str]:
-    """All that a quantity needs, or that a variable is, besides these stored variables and
-    constants; an empty list where it follows from them. Of several sets that would do it names the
-    first that lacks `known` variables only."""
+    """What a quantity needs besides these stored variables and constants; an empty list where it
+    follows from them. A variable needs itself.
+
+    A quantity may follow from any of several sets: what is lacking is of a set that lacks nothing
+    or, if there is none, of the first that lacks `known` variables only.
+    """
     sets = DERIVED[name].needs if name in DERIVED else ((name,),)
-    lacks_by_set = [[need for need in needs if need not in sources] for needs in sets]
-    # First one that lacks nothing, then one that lacks known variables only.
-    return min(lacks_by_set, key=lambda lacks: (bool(lacks), not {*lacks} <= {*known}))
+    lacks_of_sets = [[need for need in needs if need not in sources] for needs in sets]
+    return min(lacks_of_sets, key=lambda lacks: (bool(lacks), not {*lacks} <= {*known}))
 
 
 def derivable(sources: Collection[str]) -> list[str]:

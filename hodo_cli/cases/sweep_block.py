@@ -305,7 +305,7 @@ def _declared(key: str, keys: Mapping[str, Key], data: Any) -> tuple[Kind | None
     """The kind and the value of a swept key in the data of a case; no kind if it is not there."""
     kind: Kind | None = Table(keys)
     for step in path_of(key):
-        kind, data = _within(kind, step, data) if kind else (None, None)
+        kind, data = _part(_of_shape(kind, data), step, data)
     return kind, data
 
 
@@ -322,22 +322,22 @@ def _no_such_number(key: str, keys: Mapping[str, Key], data: Any) -> str:
     return f"{unknown(f'key {key!r}', head, [])}: its case has no such number{hint}"
 
 
-def _within(kind: Kind, step: str | int, data: Any) -> tuple[Kind | None, Any]:
-    """The kind and value of one part of a value; no kind where there is no such part."""
-    kind = _of_shape(kind, data)
+def _part(kind: Kind | None, step: str | int, value: Any) -> tuple[Kind | None, Any]:
+    """The kind and the value of what stands at a key or position of a value; no kind where nothing
+    does."""
     if isinstance(kind, Variant):
-        kind = Table(kind.tables[data[kind.tag]])
-    if isinstance(kind, ListOf) and isinstance(step, int) and step < len(data or ()):
-        return kind.kind, data[step]
-    if isinstance(kind, Table) and isinstance(data, Mapping) and step in kind.keys:
-        return kind.keys[str(step)].kind, data.get(step)
+        kind = Table(kind.tables[value[kind.tag]])
+    if isinstance(kind, ListOf) and isinstance(step, int) and step < len(value or ()):
+        return kind.kind, value[step]
+    if isinstance(kind, Table) and isinstance(value, Mapping) and step in kind.keys:
+        return kind.keys[str(step)].kind, value.get(step)
     return None, None
 
 
-def _of_shape(kind: Kind, data: Any) -> Kind:
-    """The kind of a value, of several the first one that has its shape."""
-    options = kind.kinds if isinstance(kind, Either) else (kind,)
-    return next((option for option in options if option.takes(data)), kind)
+def _of_shape(kind: Kind | None, value: Any) -> Kind | None:
+    """Of several kinds that a value may have, the first one that has its shape."""
+    kinds = kind.kinds if isinstance(kind, Either) else ()
+    return next((option for option in kinds if option.takes(value)), kind)
 
 
 def put(value: Any, path: Sequence[str | int], new: float) -> Any:

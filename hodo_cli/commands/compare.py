@@ -100,8 +100,11 @@ def compared_case(a: Group, b: Group, tolerance: Tolerance) -> list[Line]:
     cases = []
     unlabelled = "classify_warnings" in b.attributes.keys() - a.attributes.keys()
     if unlabelled:
-        attributes = without_labels(b.attributes, a.attributes)
-        b = replace(b, attributes=attributes, variables=without_labels(b.variables, a.variables))
+        b = replace(
+            b,
+            attributes=without_labels(b.attributes, a.attributes),
+            variables=without_labels(b.variables, a.variables),
+        )
     with suppress(HodoError):
         cases = [parse_case(str(group.attributes.get("case", ""))) for group in (a, b)]
     lines = [

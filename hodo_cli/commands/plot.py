@@ -118,8 +118,7 @@ def draw_results(
     folders = []
     for path in paths:
         with opened_to_draw(path) as (run, config):
-            folder = out / run.path.stem
-            folders.append(FigureFolder(folder, run, config, names, formats, force))
+            folders.append(FigureFolder(out, run, config, names, formats, force))
     check_films(folders, names, formats)
     check_styles(folders)
     draw_missing(folders, formats, jobs)
@@ -150,13 +149,11 @@ def check_films(
     none moves."""
     if not {*formats} <= {*FILM_FORMATS}:
         return
-    kinds = {
-        name: folder.config.figure(name)["kind"] for folder in folders for name in folder.names
-    }
-    still = [name for name, kind in kinds.items() if kind != "body"]
+    drawn = [(name, folder.config.figure(name)) for folder in folders for name in folder.names]
+    still = [name for name, figure in drawn if figure["kind"] != "body"]
     if names and still:
         raise HodoError(f"figure {still[0]} does not move: only a figure of kind body makes a film")
-    if len(still) == len(kinds):
+    if len(still) == len(drawn):
         raise HodoError("no figure moves: only one of kind body makes a film")
 
 
@@ -248,30 +245,30 @@ class FigureFolder:
     is known of their files there: how they were made, and which are as they would be drawn now."""
 
     def __init__(
-        self, path: Path, run: ResultFile, config: Config,
+        self, out: Path, run: ResultFile, config: Config,
         names: Sequence[str], formats: Sequence[str], force: bool,
     ) -> None:  # fmt: skip
         """Raises HodoError if there is no figure of one of the names."""
-        self.path, self.result, self.config = path, run.path, config
-        self.names = [*dict.fromkeys(names or config.figures)]
-        self.formats = dict.fromkeys(formats)
+        self.path, self.result, self.config = out / run.path.stem, run.path, config
+        self.names, self.formats = [*dict.fromkeys(names or config.figures)], formats
         self.checksums = {
             name: "" if name in run.damaged else run.checksum(name) for name in run.groups
         }
-        self.record = read_record(path)
+        self.record = read_record(self.path)
         self.problems: dict[str, str] = {}
-        known = {name: [*self._files(name), *self._other_files(name)] for name in self.names}
         self.current = {
-            file for name, files in known.items() for file in files if self._is_current(name, file)
+            file
+            for name in self.names
+            for file in self._files(name, others=True)
+            if self._is_current(name, file)
         }
-        self.to_draw = [x for x in self.names if force or not {*self._files(x)} <= self.current]
+        self.to_draw = [x for x in self.names if force or not self._files(x).keys() <= self.current]
 
     def figure(self, name: str, others: bool = False) -> DrawnFigure:
         """A figure that was asked for, once it is drawn: its files of the formats that were asked
         for and, with `others`, of those before."""
-        files = [*self._files(name), *(self._other_files(name) if others else ())]
         # A kind that does not move has no film, and what could not be drawn has no file.
-        paths = (self.path / file for file in files if file in self.current)
+        paths = (self.path / x for x in self._files(name, others) if x in self.current)
         lines = [line for file in self._files(name) for line in self.record[file]["warnings"]]
         messages, problem = tuple(dict.fromkeys(lines)), self.problems.get(name, "")
         return DrawnFigure(name, tuple(x for x in paths if x.exists()), problem, (), messages)
@@ -282,27 +279,25 @@ class FigureFolder:
 
     def add(self, drawn: DrawnFigure) -> None:
         """Take in a figure that has just been drawn."""
-        files = {*self._files(drawn.name)}
+        files = self._files(drawn.name)
         if drawn.problem:
             self.problems[drawn.name] = drawn.problem
             # Its files may be of an earlier time.
-            self.current -= {*files, *self._other_files(drawn.name)}
+            self.current.difference_update(self._files(drawn.name, others=True))
         else:
-            self.current |= files
+            self.current.update(files)
         for file in files:
             # What could not be drawn is tried again.
             digest = "" if drawn.problem else self._digest(drawn.name, drawn.cases, file)
             entry = {"digest": digest, "cases": drawn.cases, "warnings": drawn.warnings}
             self.record[file] = entry
 
-    def _files(self, name: str) -> list[str]:
-        """The files of a figure in the formats that were asked for."""
-        return [f"{name}.{suffix}" for suffix in self.formats]
-
-    def _other_files(self, name: str) -> list[str]:
-        """The files of a figure in formats that were asked for before."""
-        files = [file for file in self.record if Path(file).stem == name]
-        return [file for file in files if file not in self._files(name)]
+    def _files(self, name: str, others: bool = False) -> dict[str, None]:
+        """The files of a figure in the formats that were asked for and, with `others`, of those
+        before."""
+        asked = [f"{name}.{suffix}" for suffix in self.formats]
+        recorded = [file for file in self.record if Path(file).stem == name] if others else []
+        return dict.fromkeys([*asked, *recorded])
 
     def _is_current(self, name: str, file: str) -> bool:
         """Whether a file of a figure is as it would be drawn."""
@@ -329,8 +324,7 @@ def renewed_page(out: Path, folders: Sequence[FigureFolder], force: bool) -> Seq
         messages = page_written(out, folders)
         # Anew, since it covers the page as it is written now.
         entry = {"digest": page_digest(out, folders), "cases": (), "warnings": messages}
-        record[PAGE_FILE] = entry
-        save_record(out, record)
+        save_record(out, {**record, PAGE_FILE: entry})
     return list(entry["warnings"])
 
 

@@ -80,9 +80,8 @@ MEASURED_OR_REMARKED = ("run_time", "case")
 def has_all_of(stored: Group, other: Group) -> bool:
     """Whether a stored case has all that another result of the same case has; it may be labelled
     besides."""
-    kept = other.attributes.keys() - MEASURED_OR_REMARKED
-    attributes = {key: other.attributes[key] for key in kept}
-    return holds(stored, replace(other, attributes=attributes, report=stored.report))
+    kept = {k: v for k, v in other.attributes.items() if k not in MEASURED_OR_REMARKED}
+    return holds(stored, replace(other, attributes=kept, report=stored.report))
 
 
 def result_named(name: Path) -> tuple[Path, Config | None]:

@@ -203,9 +203,10 @@ class Plan:
         """How the cases asked for have ended: now, or when they were stored."""
         rows = {name: item.attributes for name, item in self.stored.items() if not item.damage}
         rows |= reached
-        named = [name for name in self.asked if name in rows]
         return [
-            {"case": name, **typed(rows[name], SUMMARY, f"{self.path}: {name}")} for name in named
+            {"case": name, **typed(rows[name], SUMMARY, f"{self.path}: {name}")}
+            for name in self.asked
+            if name in rows
         ]
 
     def _keep(self, writer: Writer, done: FinishedCase) -> bool:
@@ -225,8 +226,7 @@ class Plan:
     def _equals(self, old: FinishedCase, group: Group) -> bool:
         """Whether an earlier result of a case has the numbers, the hash and the config of a new
         one."""
-        is_same_case = old.attributes.get("hash") == group.attributes["hash"]
-        if old.damage or group.streamed or not is_same_case:
+        if old.damage or group.streamed or old.attributes.get("hash") != group.attributes["hash"]:
             return False
         with suppress(HodoError), open_run(old.file) as run:
             is_ours = run.attributes.get(CONFIG_PATH) == path_from(self.config, self.path)
@@ -291,7 +291,7 @@ def plans(
         for config, path in zip(configs, paths, strict=True)
     ]
     if not any(plan.asked for plan in made):
-        raise no_case(globs, [name for plan in made for name in plan.config.cases])
+        raise no_case(globs, [name for config in configs for name in config.cases])
     for plan in made:
         check_resources(plan, jobs)
         if (plan.reasons or plan.dropped) and not force:

@@ -260,13 +260,13 @@ def as_finite(value: Any) -> float | None:
 
 
 Holds = Callable[[float, float], bool]
-BOUNDS: tuple[tuple[str, str, str, Holds], ...] = (
-    ("above", ">", "exclusiveMinimum", operator.gt),
-    ("least", ">=", "minimum", operator.ge),
-    ("below", "<", "exclusiveMaximum", operator.lt),
-    ("most", "<=", "maximum", operator.le),
-)
-"""The bounds that a number can have: name, sign, JSON Schema's word, and when it holds."""
+BOUNDS: dict[str, tuple[str, str, Holds]] = {
+    "above": (">", "exclusiveMinimum", operator.gt),
+    "least": (">=", "minimum", operator.ge),
+    "below": ("<", "exclusiveMaximum", operator.lt),
+    "most": ("<=", "maximum", operator.le),
+}
+"""The bounds that a number can have: sign, JSON Schema's word, and when it holds."""
 
 
 @dataclass(frozen=True)
@@ -282,8 +282,8 @@ class Number(Kind):
     @cached_property
     def bounds(self) -> list[tuple[float, str, str, Holds]]:
         """The bounds that are set: value, sign, JSON Schema's word, and when it holds."""
-        bounds = ((getattr(self, name), *details) for name, *details in BOUNDS)
-        return [bound for bound in bounds if bound[0] is not None]
+        given = {name: getattr(self, name) for name in BOUNDS}
+        return [(x, *BOUNDS[name]) for name, x in given.items() if x is not None]
 
     def allows(self, number: float) -> bool:
         """Whether a number is within the bounds."""

@@ -17,7 +17,7 @@ from h5py import h5a, h5d, h5ds, h5g, h5l, h5o, h5t
 
 from .. import BatchError, HodoError
 from ..machine import RESOURCES, memory_limit
-from ..text import in_bytes
+from ..text import first_line, in_bytes
 from .disk import (
     PATIENCE_OF_READER,
     SLOWEST_DISK,
@@ -186,7 +186,7 @@ class ResultFile:
         except DAMAGE as error:
             if reason := refusal(error):
                 raise _error_class(error)(f"{self.path} cannot be read: {reason}") from error
-            raise HodoError(f"{self.path}: {name} is damaged ({_first_line(error)})") from error
+            raise HodoError(f"{self.path}: {name} is damaged ({first_line(error)})") from error
         raise HodoError(f"{self.path}: there is no case {name!r}")
 
     def check(self, name: str) -> str:
@@ -300,7 +300,7 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
         try:
             run = ResultFile(path, file, damaged)
         except DAMAGE as error:
-            raise HodoError(f"{path} is damaged ({_first_line(error)})") from None
+            raise HodoError(f"{path} is damaged ({first_line(error)})") from None
         _check_head(run, file)
         yield run
 
@@ -389,7 +389,7 @@ def _why_closed(path: Path, error: Exception) -> str:
         if words in str(error):
             return reason
     number = getattr(error, "errno", None)
-    return os.strerror(number).lower() if number else f"damaged ({_first_line(error)})"
+    return os.strerror(number).lower() if number else f"damaged ({first_line(error)})"
 
 
 REASONS = {
@@ -398,10 +398,6 @@ REASONS = {
     "truncated file": "truncated: its end is missing; restore it, or move it away and run again",
 }
 """Why HDF5 does not open a file, by what it says: its errors have one class for everything."""
-
-
-def _first_line(error: BaseException) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def _attributes(
