@@ -680,6 +680,41 @@ def test_an_override_adds_an_assumption_to_a_case_without_any() -> None:
     assert cases["a.b"].assumes == {"r0": "G(0) = 1"}
 
 
+@pytest.mark.parametrize(
+    ("model", "key"),
+    [("linear-diag", "damping"), *(("torques", x) for x in ("damping", "quadratic", "torque"))],
+)
+def test_an_override_writes_out_what_stands_for_equal_ones(model: str, key: str) -> None:
+    body = BODY.replace("linear-diag", model)
+    text = f"cases:\n  a: {{{body}, {SPAN}, {key}: 0.004}}\n"
+    assert overridden(f"a.{key}.2=0.5", text=text)["a"].data[key] == (0.004, 0.004, 0.5)
+
+
+def test_an_override_of_one_axis_leaves_a_law_to_the_others() -> None:
+    law = {"law": "exponential", "value": 0.004, "rate": 1.0}
+    body = BODY.replace("linear-diag", "torques")
+    text = f"cases:\n  a: {{{body}, {SPAN}, damping: {write(law)}}}\n"
+    changed = overridden("a.damping.1=0.5", "a.damping.2.rate=2", text=text)["a"]
+    assert changed.data["damping"] == (law, 0.5, {**law, "rate": 2.0})
+    assert overridden("a.damping.rate=2", text=text)["a"].data["damping"][2]["rate"] == 2.0
+
+
+@pytest.mark.parametrize(
+    ("override", "time"),
+    [
+        ("values=[1, 2]", {"values": (1.0, 2.0)}),
+        ("steps=yes", {"end": 9.0, "steps": True}),
+        ("samples=4", {"end": 9.0, "samples": 4}),
+    ],
+)
+def test_an_override_of_times_replaces_those_that_do_not_count(
+    override: str, time: dict[str, Any]
+) -> None:
+    text = f"defaults: {{time: {{end: 9, samples: 3}}}}\ncases:\n  a: {{{BODY}}}\n"
+    found = overridden(f"a.time.{override}", text=text)["a"].time.entries
+    assert found == {"start": 0.0, "unit": "1", **time}
+
+
 def test_an_override_leaves_an_alias_of_its_value_alone() -> None:
     text = f"cases:\n  a: &a {{{BODY}, time: &t {{end: 5}}}}\n  b: *a\n  c: {{{BODY}, time: *t}}\n"
     cases = overridden("a.time.end=7", "a.initial.p=9", "a.inertia.0=1.1", text=text)
@@ -708,6 +743,7 @@ def test_an_override_leaves_an_alias_of_its_value_alone() -> None:
             "cases.a.damping.x: there is no 'x' in a list whose positions are 0 to 2",
         ),
         ("a.damping.1=x", "cases.a.damping.1: expected a finite number, got 'x'"),
+        ("a.store.0=omega", "cases.a.store.0: there is no '0' in an empty list"),
         ("a.time.end.0=1", "cases.a.time.end.0: there is no '0' in 10"),
         ("a.tol=2", "cases.a.tol: expected a positive number < 1, got 2"),
         ("a.tol=", "cases.a.tol: expected a finite positive number < 1, got an empty value"),

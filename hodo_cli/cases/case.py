@@ -38,8 +38,8 @@ from .keys import (
     NO_CLOSED_FORM,
     REMARKS,
     all_keys,
+    drop_replaced_times,
     keys_in,
-    replaced_times,
     wrong_precision,
 )
 from .sweep_block import check_axes, first_values, storable
@@ -353,8 +353,8 @@ def merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> Block:
         ours, theirs = own.get(key), common.get(key)
         if isinstance(ours, Mapping) and isinstance(theirs, Mapping):
             block[key] = Block(ours).over(theirs)
-            for name in replaced_times(ours) - ours.keys() if key == "time" else ():
-                block[key].pop(name, None)
+            if key == "time":
+                drop_replaced_times(block[key], ours)
     return block
 
 

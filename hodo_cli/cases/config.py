@@ -13,6 +13,7 @@ from .. import HodoError
 from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Block, Items, Mistakes, Place, read, write
 from ..schema.kinds import (
     REQUIRED,
+    Either,
     Key,
     KeyPath,
     Kind,
@@ -43,7 +44,7 @@ from .case import (
 )
 from .derived import DERIVED
 from .figure_block import FIGURE, Drawable, check_drawn, check_figure, merged_style
-from .keys import SECTIONS, all_keys, keys_in
+from .keys import SECTIONS, all_keys, drop_replaced_times, keys_in
 from .sweep_block import axes_of, storable
 
 
@@ -379,6 +380,8 @@ def _apply_override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> 
             kind = Table(keys_in(blocks[name])[1])
             try:
                 blocks[name] = _with_value(blocks[name], kind, path, new, place)
+                if path[0] == "time" and isinstance(time := blocks[name]["time"], Block):
+                    drop_replaced_times(time, dict.fromkeys(path[1:2], new))
             except ValueError as error:
                 mistakes.add(place, str(error), ("cases", name, *path))
 
@@ -395,16 +398,11 @@ ANYTHING = Key(Kind(), "", default=None)
 
 def _with_value(node: Any, kind: Kind, path: Sequence[str], new: Any, place: Place) -> Any:
     """A copy of a value of some kind with `new` at a path within it. Raises ValueError, with a
-    sentence, if there is no such path.
-
-    A number that stands for a vector of equal ones is written out where the path names one of them.
-    """
+    sentence, if there is no such path."""
     if not path:
         return new
     head, *tail = path
-    if isinstance(node, int | float) and isinstance(kind, ListOf) and kind.takes(node):
-        # `damping: 0.004` has no component 2 until it is written out.
-        node = (node,) * (kind.length or 1)
+    node = _written_out(node, kind, head)
     if is_list(node):
         return _with_item(node, head, tail, new, place)
     if node not in (None, REQUIRED) and not isinstance(node, Mapping):
@@ -416,13 +414,24 @@ def _with_value(node: Any, kind: Kind, path: Sequence[str], new: Any, place: Pla
     return block
 
 
+def _written_out(node: Any, kind: Kind, head: str) -> Any:
+    """A value, as a list if it stands for one of equal ones and `head` is a position there:
+    `damping: 0.004` has no component 2 until it is written out."""
+    kinds = kind.kinds if isinstance(kind, Either) else (kind,)
+    lists = [option for option in kinds if isinstance(option, ListOf) and option.takes(node)]
+    is_key = isinstance(node, Mapping) and not head.isdecimal()
+    if node in (None, REQUIRED) or is_list(node) or is_key or not lists:
+        return node
+    return [node] * (lists[0].length or 1)
+
+
 def _with_item(
     items: Sequence[Any], head: str, tail: Sequence[str], new: Any, place: Place
 ) -> Items:
     """`_with_value` in a list, at the position `head`."""
     if not head.isdecimal() or int(head) >= len(items):
-        positions = f"whose positions are 0 to {len(items) - 1}"
-        raise ValueError(f"there is no {head!r} in a list {positions}")
+        positions = f"a list whose positions are 0 to {len(items) - 1}"
+        raise ValueError(f"there is no {head!r} in {positions if items else 'an empty list'}")
     changed = Items(items, getattr(items, "places", [place] * len(items)))
     i = int(head)
     changed[i], changed.places[i] = _with_value(items[i], ANYTHING.kind, tail, new, place), place

@@ -58,10 +58,11 @@ REPLACED_TIMES = {
 evenly spaced, or the steps of the method."""
 
 
-def replaced_times(time: Mapping[str, Any]) -> set[str]:
-    """The keys that do not count beside those that a case gives of `time:`."""
-    given = [name for name, value in time.items() if value not in ("no", False, None)]
-    return set().union(*(REPLACED_TIMES.get(name, ()) for name in given))
+def drop_replaced_times(time: dict[str, Any], given: Mapping[str, Any]) -> None:
+    """Remove from the keys of `time:` those that do not count beside some that are given now."""
+    told = [name for name, value in given.items() if value not in ("no", False, None)]
+    for key in set().union(*(REPLACED_TIMES.get(name, ()) for name in told)) - given.keys():
+        time.pop(key, None)
 
 
 class TimeSpan(Table):
