@@ -569,12 +569,11 @@ def _variable_mistakes(values: Mapping[str, Any], cases: Sequence[Drawable]) -> 
     ]
     if values.get("kind") == "phase":
         drawn += [((key,), values[key], cases) for key in ("x", "y") if key in values]
-    for i, inset in enumerate(values.get("insets", ())):
-        enlarged = [case for case in cases if case.name == inset["case"]]
-        drawn += [
-            (("insets", i, "variables", j), name, enlarged)
-            for j, name in enumerate(inset["variables"])
-        ]
+    drawn += [
+        (("insets", i, "variables", j), name, [x for x in cases if x.name == inset["case"]])
+        for i, inset in enumerate(values.get("insets", ()))
+        for j, name in enumerate(inset["variables"])
+    ]
     for path, name, owners in drawn:
         faults = filter(None, (_wrong_variable(name, case) for case in owners))
         yield from ((path, message) for message in islice(faults, 1))
@@ -613,19 +612,22 @@ def _inset_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
 def _span_mistakes(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> Iterator[Mistake]:
     """A mistake for each span or moment that lies outside the times of a case drawn over it."""
     spans: list[tuple[KeyPath, Any, str]] = [
-        (("span",), values.get("span"), name) for name in values.get("cases", ())
+        *((("span",), values.get("span"), name) for name in values.get("cases", ())),
+        *(
+            (("insets", i, "span"), inset["span"], inset["case"])
+            for i, inset in enumerate(values.get("insets", ()))
+        ),
     ]
-    for i, inset in enumerate(values.get("insets", ())):
-        spans.append((("insets", i, "span"), inset["span"], inset["case"]))
     for path, span, name in spans:
         start, end = cases[name].times if name in cases else (-math.inf, math.inf)
-        if span and (span[1] < start or span[0] > end):
+        low, high = span or (-math.inf, math.inf)
+        first, last = max(start, low), min(end, high)
+        if first > last:
             yield path, f"holds no time of {case_words(name)}, which goes from {start:g} to {end:g}"
-        first, last = max(start, span[0]) if span else start, min(end, span[1]) if span else end
         for i, moment in enumerate(values.get("moments", ())):
             if not first <= moment <= last:
-                shown = f"shown from {first:g} to {last:g}"
-                yield ("moments", i), f"{moment:g} is no time of {case_words(name)}, {shown}"
+                message = f"{moment:g} is no time of {case_words(name)}, shown"
+                yield ("moments", i), f"{message} from {first:g} to {last:g}"
 
 
 def _swept_mistakes(
@@ -643,12 +645,12 @@ def _swept_mistakes(
             yield (key,), unknown(f"axis {name!r} of sweep {case.name}", name, list(case.axes))
     if _is_map_of_sphere(values) and not case.sphere:
         yield (), f"sweep {case.name} has no sphere: name the axes x and y"
-    counted = values.get(_axis_of_positions(values))
-    if with_sizes and counted is not None and counted in case.axes:
-        for i, position in enumerate(values.get("at", ())):
-            if position >= (n := case.axes[counted]):
-                message = f"axis {counted} of sweep {case.name} has positions 0 to {n - 1}"
-                yield ("at", i), f"{message}, not {position}"
+    counted = values.get(_axis_of_positions(values)) or ""
+    size = case.axes.get(counted, math.inf) if with_sizes else math.inf
+    for i, position in enumerate(values.get("at", ())):
+        if position >= size:
+            message = f"axis {counted} of sweep {case.name} has positions 0 to {size - 1}"
+            yield ("at", i), f"{message}, not {position}"
 
 
 def _lack_of_starts(case: Drawable) -> str:

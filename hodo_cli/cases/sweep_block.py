@@ -40,6 +40,7 @@ from ..schema.kinds import (
     all_right,
     check_parts,
     expected,
+    mistakes_where,
     unknown,
     within,
 )
@@ -254,29 +255,48 @@ def check_axes(
     or no numbers, values that the keys do not take, zipped ranges of unequal lengths, too many
     members."""
     axes = axes_of(sweep)
-    spheres = [axis.name for axis in axes if axis.sphere is not None]
     swept: dict[KeyPath, str] = {}
     for axis in axes:
-        path: KeyPath = ("sweep", axis.name)
-        if axis.name in RESERVED:
-            yield path, f"{axis.name} is a dimension of every result; call the axis otherwise"
-        if axis.name in spheres and not model.starts_with_omega:
-            yield (*path, "sphere"), "only the start of a body-frame model has a direction"
-        elif axis.name in spheres[1:]:
-            yield (*path, "sphere"), "one axis may be a sphere"
-        if len(lengths := {_length(value_range) for _, value_range in axis.ranges}) > 1:
-            counts = " and ".join(map(str, sorted(lengths)))
-            yield (*path, "zip"), f"ranges of {counts} values cannot be zipped"
+        yield from within(("sweep", axis.name), _check_axis(axis, axes, model))
         for key, (key_path, value_range) in zip(axis.keys, axis.ranges, strict=True):
-            range_path = (*path, "zip", key) if "zip" in sweep[axis.name] else path
+            zipped = ("zip", key) if "zip" in sweep[axis.name] else ()
+            mistakes = [*_check_range(value_range, key, keys_of_form(model), data)]
             for known in (known for known in swept if known[: len(key_path)] == key_path):
                 hint = "" if known == key_path else f"; an axis of all of {key} goes before it"
                 name = ".".join(map(str, known))
-                yield range_path, f"{name} varies along {swept[known]} already{hint}"
+                mistakes.append(((), f"{name} varies along {swept[known]} already{hint}"))
             swept[key_path] = axis.name
-            yield from within(range_path, _check_range(value_range, key, keys_of_form(model), data))
+            yield from within(("sweep", axis.name, *zipped), mistakes)
     if math.prod(map(len, axes)) > MOST_SWEEP_MEMBERS:
         yield ("sweep",), f"more than {MOST_SWEEP_MEMBERS:.0e} members"
+
+
+def _check_axis(axis: Axis, axes: Sequence[Axis], model: type[Model]) -> Iterator[Mistake]:
+    """The mistakes of one of some axes, but for those of its ranges."""
+    spheres = [other.name for other in axes if other.sphere is not None]
+    counts = sorted({_length(value_range) for _, value_range in axis.ranges})
+    return mistakes_where(
+        (
+            axis.name in RESERVED,
+            (),
+            f"{axis.name} is a dimension of every result; call the axis otherwise",
+        ),
+        (
+            axis.name in spheres and not model.starts_with_omega,
+            ("sphere",),
+            "only the start of a body-frame model has a direction",
+        ),
+        (
+            axis.name in spheres[1:] and model.starts_with_omega,
+            ("sphere",),
+            "one axis may be a sphere",
+        ),
+        (
+            len(counts) > 1,
+            ("zip",),
+            f"ranges of {' and '.join(map(str, counts))} values cannot be zipped",
+        ),
+    )
 
 
 def _check_range(
