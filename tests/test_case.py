@@ -1009,6 +1009,14 @@ KNOWN_WORDS = set(
 )
 
 
+def loads(text: str) -> bool:
+    try:
+        parse(text, "mine.yaml")
+    except HodoError:
+        return False
+    return True
+
+
 def obeys_schema(text: str) -> bool:
     return conforms(document.read(text, Mistakes("x")), RULES, RULES)
 
@@ -1028,6 +1036,23 @@ def test_the_schema_finds_the_mistakes_that_a_schema_can(entry: str) -> None:
     rest = [line for line in LINES if line.split(":")[0] != entry.split(":")[0]]
     assert obeys_schema("\n    ".join(["cases:\n  a:", *LINES]))
     assert not obeys_schema("\n    ".join(["cases:\n  a:", entry, *rest]))
+
+
+BODY_UNDER_TORQUES = BODY.replace("linear-diag", "torques")
+
+
+@pytest.mark.parametrize("key", ["damping", "quadratic", "quadratic_axes", "torque"])
+@pytest.mark.parametrize(
+    "coefficient", ["0.1", "{law: exponential, value: 0.1, rate: 1}", "[0, 1]"]
+)
+def test_the_schema_takes_one_coefficient_for_all_axes_as_the_loader_does(
+    key: str, coefficient: str
+) -> None:
+    alone, for_each = coefficient, f"[{coefficient}, 0.1, {coefficient}]"
+    for value, is_right in ((alone, not alone.startswith("[")), (for_each, True)):
+        case = f"{{{BODY_UNDER_TORQUES}, {key}: {value}, time: {{end: 1}}}}"
+        assert obeys_schema(f"cases: {{a: {case}}}") == is_right
+        assert loads(f"cases: {{a: {case}}}") == is_right
 
 
 def test_the_key_tables_have_every_key_of_each_group() -> None:

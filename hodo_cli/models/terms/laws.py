@@ -78,6 +78,9 @@ class Repeated(ListOf):
     def takes(self, value: Any) -> bool:
         return self.kind.takes(value)
 
+    def schema(self) -> dict[str, Any]:
+        return self.kind.schema()
+
     def __str__(self) -> str:
         return f"{self.kind}, for all axes"
 
