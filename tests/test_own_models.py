@@ -54,6 +54,10 @@ def test_a_model_of_ones_own_runs_in_processes_and_is_hashed(hodo: Hodo, folder:
     lines = hodo("--models", "drag.py", "run", "a.yaml", "--dry-run").stdout.splitlines()
     changed = [line for line in lines if "the code that computes it has changed" in line]
     assert [line.split(":")[0] for line in changed] == ["one", "two", "swept"]
+    # What is stored is shown, with a word that it is of the file as it was.
+    for command in ("show", "plot", "claims", "classify"):
+        assert "changed since its run: drag.py" in hodo("--models", "drag.py", command, "a").stderr
+        assert "since" not in hodo(command, "a").stderr
 
 
 def test_a_result_is_shown_and_drawn_without_naming_its_model_again(

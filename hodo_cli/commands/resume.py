@@ -133,11 +133,13 @@ def check_origin(config: Config, run: ResultFile, remedy: str = "") -> None:
 
 
 def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -> None:
-    """Warn of what has changed in the config of a result since: its cases and, where it was the
-    result that a `command` was asked about, the figures or claims which that goes through.
+    """Warn of what has changed since a result was made: the user's own files of models and, in its
+    config, its cases and, where it was the result that a `command` was asked about, the figures or
+    claims which that goes through.
 
     Raises HodoError as `check_origin` does.
     """
+    warn_of_models(run)
     if config:
         check_origin(config, run)
     section = "" if config else {"plot": "figures", "claims": "claims"}.get(command, "")
@@ -158,6 +160,21 @@ def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -
     if changed:
         message = f"changed in {config.path} since: {', '.join(changed)}"
         warnings.warn(f"{run.path}: {message}: hodo run {config.path}", stacklevel=2)
+
+
+def warn_of_models(run: ResultFile) -> None:
+    """Warn of the user's own files of models that have changed since a result was made with
+    them."""
+    now, then = (
+        {file: digest for digest, _, file in (line.partition("/") for line in names.splitlines())}
+        for names in (models.kept_own_models(), str(run.attributes.get(OWN_MODELS, "")))
+    )
+    if changed := [file for file, digest in now.items() if then.get(file, digest) != digest]:
+        warnings.warn(
+            f"{run.path}: changed since its run: {', '.join(changed)}: hodo run computes with what "
+            "they say now",
+            stacklevel=2,
+        )
 
 
 def _config_of(run: ResultFile) -> Config | None:
