@@ -478,11 +478,14 @@ def test_figures_of_one_name_carry_the_names_of_their_results(two_results: Path)
 
 
 def test_what_cannot_be_merged_is_one_line_and_writes_nothing(two_results: Path) -> None:
-    text = MERGED["b"].replace("0.03]", "0.02]")
-    (two_results / "c.yaml").write_text(text, encoding="utf-8")
-    assert call(two_results, "run", "c.yaml").returncode == 0
+    other_cases = MERGED["b"].replace("0.03]", "0.02]")
+    other_statement = MERGED["a"].replace("It turns.", "It goes on.")
+    for name, text in (("c", other_cases), ("d", other_statement)):
+        (two_results / f"{name}.yaml").write_text(text, encoding="utf-8")
+        assert call(two_results, "run", f"{name}.yaml").returncode == 0
     for names, words in (
         (("a.yaml", "c.yaml"), "turns is in runs/a.h5 and runs/c.h5 with different results"),
+        (("a.yaml", "d.yaml"), "claims: two results have different ones called t: rename one"),
         (("a.yaml", "runs/e.h5"), "runs/e.h5: no such file or directory"),
     ):
         done = call(two_results, "merge", *names, "--out", "new.h5")

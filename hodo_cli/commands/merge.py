@@ -62,7 +62,8 @@ def labelled_one(first: FinishedCase, second: FinishedCase) -> FinishedCase:
 def merged_text(runs: Sequence[ResultFile], stored: Mapping[str, FinishedCase], out: Path) -> str:
     """The case file of a merged result, with the stored cases as they were run.
 
-    Raises HodoError if cases of one name differ, or figures of one name in results of one name.
+    Raises HodoError if cases or statements of one name differ, or figures of one name in results of
+    one name.
     """
     configs = [parse(run.text, str(run.path)) for run in runs]
     documents = [read_mapping(run.text, Mistakes(str(run.path))) for run in runs]
@@ -76,10 +77,14 @@ def merged_text(runs: Sequence[ResultFile], stored: Mapping[str, FinishedCase], 
                 raise HodoError(f"{config.path}: its case {name} differs from the stored one")
         entries = document.get("figures") or {}
         figures |= added_figures(figures, run, entries, config.figures, out)
-    statements = {
-        section: unique([entry for document in documents for entry in document.get(section) or ()])
-        for section in ("claims", "errata")
-    }
+    statements = {}
+    for section in ("claims", "errata"):
+        entries = [entry for document in documents for entry in document.get(section) or ()]
+        statements[section] = unique(entries)
+        ids = [entry["id"] for entry in statements[section]]
+        if again := [name for i, name in enumerate(ids) if name in ids[:i]]:
+            differ = f"two results have different ones called {again[0]}"
+            raise HodoError(f"{section}: {differ}: rename one")
     title = ", ".join(unique([config.title for config in configs if config.title]))
     references = "; ".join(unique([config.references for config in configs if config.references]))
     return composed_text(cases, title=title, references=references, figures=figures, **statements)
