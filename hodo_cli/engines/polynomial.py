@@ -137,8 +137,7 @@ def isolate(b: np.ndarray, noise: np.ndarray) -> Zeros:
     Source: R. T. Farouki and V. T. Rajan, Computer Aided Geometric Design 4 (1987) 191.
     """
     n, degree = len(b), b.shape[1] - 1
-    row, low, width = np.arange(n), np.zeros(n, dtype=b.dtype), b.dtype.type(1)
-    zeros = [_zeros_at(row[:0], low[:0], width, False)]
+    row, low, width, zeros = np.arange(n), np.zeros(n, dtype=b.dtype), b.dtype.type(1), []
     for halving in range(HALVINGS + 1):
         bound = noise[row][:, None]
         # Beyond the bound of its rounding a coefficient has the sign that it shows.
@@ -148,11 +147,11 @@ def isolate(b: np.ndarray, noise: np.ndarray) -> Zeros:
         single = monotone & ((above[:, 0] & below[:, -1]) | (below[:, 0] & above[:, -1]))
         undecided = ~(above.all(axis=1) | below.all(axis=1) | single)
         lost = undecided & ((halving == HALVINGS) | ~(above | below).any(axis=1))
+        # A zero is at its place, and what is uncertain begins there.
+        x, length, found = low.copy(), np.where(single, 0, width), single | lost
         if single.any():
-            zeros.append(
-                _zeros_at(row[single], low[single] + width * _refined(b[single]), width, True)
-            )
-        zeros.append(_zeros_at(row[lost], low[lost], width, False))
+            x[single] += width * _refined(b[single])
+        zeros.append([values[found] for values in (row, x, length, single)])
         split = undecided & ~lost
         if not split.any():
             break
@@ -160,12 +159,6 @@ def isolate(b: np.ndarray, noise: np.ndarray) -> Zeros:
         low[1::2] += width
         b = np.matmul(b[split][:, None, None, :], _halves(degree, b.dtype)).reshape(-1, degree + 1)
     return _merged(Zeros(*(np.concatenate(column) for column in zip(*zeros, strict=True))))
-
-
-def _zeros_at(row: np.ndarray, x: np.ndarray, width: Any, sure: bool) -> Zeros:
-    """Zeros at x, or uncertain intervals that begin there."""
-    length = x.dtype.type(0) if sure else width
-    return Zeros(row, x, np.full(len(x), length), np.full(len(x), sure))
 
 
 def _merged(zeros: Zeros) -> Zeros:

@@ -20,9 +20,6 @@ from ..text import grouped
 from .columns import shape
 from .ensemble.motions import Ensemble
 
-FEWEST_COLUMN = 16
-"""Members below which each by itself takes less time to prepare than all at once."""
-
 
 def ensemble_of(case: Case, system: Model, members: np.ndarray, start: Iterable[Any]) -> Ensemble:
     """The motions of members (n,) that a system describes, with starts of their own."""
@@ -106,22 +103,21 @@ def prepared_by_branch(
     case: Case, paths: Sequence[KeyPath], values: np.ndarray, positions: np.ndarray
 ) -> Iterator[Ensemble]:
     """The members at some positions, with values (p, n) at paths: those at once for which their
-    model takes the same branches; one by one if they are few, refused, or their model takes plain
+    model takes the same branches; one by one if they are refused, or their model takes plain
     numbers only."""
-    if len(positions) >= FEWEST_COLUMN:
-        try:
-            with np.errstate(all="ignore"):  # columns refuse what is not finite
-                data, system = described(case, paths, [*map(Column, values[:, positions])])
-            if system is not None:
-                start = members_start(data, system, len(positions))
-                yield ensemble_of(case, system, positions, start)
-                return
-        except BranchDivergence as branches:
-            for branch in (branches.where, ~branches.where):
-                yield from prepared_by_branch(case, paths, values, positions[branch])
+    try:
+        with np.errstate(all="ignore"):  # columns refuse what is not finite
+            data, system = described(case, paths, [*map(Column, values[:, positions])])
+        if system is not None:
+            start = members_start(data, system, len(positions))
+            yield ensemble_of(case, system, positions, start)
             return
-        except TypeError:
-            pass
+    except BranchDivergence as branches:
+        for branch in (branches.where, ~branches.where):
+            yield from prepared_by_branch(case, paths, values, positions[branch])
+        return
+    except TypeError:
+        pass
     for position, row in zip(positions[:, None], values[:, positions].T.tolist(), strict=True):
         data, system = described(case, paths, row)
         if system is not None:

@@ -4,6 +4,7 @@ which motions they leave uncertain."""
 from dataclasses import replace
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder
 
 from ...engines.series import value
 from ...integration import REST_BITS, at_rest, clock_rates, time_to_zero
@@ -13,7 +14,7 @@ from ...models.rigid_body import UNDETERMINED
 from .batch import STEPS_PER_PAUSE, BatchState
 from .motions import Ensemble, Outcome, Passages, Rejection
 from .regions import changes_within, label_at, time_between
-from .steps import TakenSteps, zeros_of
+from .steps import Columns, TakenSteps, zeros_of
 
 LOOSER_TOLS, GROWN_ERRORS = 16, 32
 """The tolerances that a step takes where the growth of errors is looked for, and the error that a
@@ -131,16 +132,11 @@ def zeros_within(e: Ensemble, event: Event, steps: TakenSteps) -> tuple[Passages
     """The zeros in steps that may have some, and the motions that are undecided."""
     start, powers = steps.start, steps.powers(e.step, event)
     noise = e.uncertainty(event, start.time, start.state, start.named(e.structure))
-    # Of a body set going from rest D begins with the square of the time: that zero is no passage.
-    begun = np.asarray(start.state[moving(e.model)].any(axis=0))
-    later = np.pad(powers[:, 2:], ((0, 0), (0, 2)))
-    of_later = np.where(begun, noise, e.error_bound * np.abs(powers).sum(axis=1))
-    zeros = zeros_of(np.where(begun[:, None], powers, later), of_later)
+    zeros = zeros_of(*without_start(e, start, powers, noise))
     undecided = start.motion[zeros.row[~zeros.sure]]
     row, x = zeros.row[zeros.sure], zeros.x[zeros.sure]
     steps = steps.chosen(row)
-    rise = powers[row, 1:].T * np.arange(1, powers.shape[1])[:, None]
-    slope = value(rise, x) / steps.length
+    slope = value(polyder(powers[row].T), x) / steps.length
     start, times = steps.start, steps.times_at(x)
     uncertainty = np.ldexp(noise[row] / np.abs(slope), -start.rate)
     errors = e.errors_of_times(uncertainty, times, start.clock[-1] + 2)
@@ -150,6 +146,18 @@ def zeros_within(e: Ensemble, event: Event, steps: TakenSteps) -> tuple[Passages
         steps.states_at(e.step, x), start.size,
     )  # fmt: skip
     return unordered.chosen(np.lexsort((times, start.motion))), undecided
+
+
+def without_start(
+    e: Ensemble, start: Columns, powers: np.ndarray, noise: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The series (k, order + 1) of D in steps, of those that begin at rest by its square: of a body
+    set going from rest D begins with the square of the time, and that zero is no passage. And the
+    bounds (k,) of their rounding."""
+    begun = np.asarray(start.state[moving(e.model)].any(axis=0))
+    later = np.pad(powers[:, 2:], ((0, 0), (0, 2)))
+    of_later = e.error_bound * np.abs(powers).sum(axis=1)
+    return np.where(begun[:, None], powers, later), np.where(begun, noise, of_later)
 
 
 def measure_crossings(e: Ensemble, outcome: Outcome) -> None:

@@ -105,12 +105,10 @@ def cells_about(curves: SaddleCurves, levels: np.ndarray, width: float) -> np.nd
     line, is_below = T[0] - slope * G[0], decides == (side > 0)
     lowest = np.maximum(np.where(decides, 0, G.min(0)), (1 + OFF_CURVE) * begins)
     highest = np.where(exists, G.max(0), (1 - OFF_CURVE) * begins)
-    rows = (
-        np.ones_like(square),
-        *-slope,
-        np.where(bounds, lowest, -np.inf).max(0),
-        *np.where(bounds & ~is_below, line + distance, -np.inf),
-        np.where(decides.any(0), np.inf, highest).min(0),
-        *np.where(bounds & is_below, line - distance, np.inf),
-    )
-    return np.array(rows).reshape(3, 3, -1)
+    lower = np.where(bounds & ~is_below, line + distance, -np.inf)
+    upper = np.where(bounds & is_below, line - distance, np.inf)
+    return np.array([
+        [np.ones_like(square), *-slope],
+        [np.where(bounds, lowest, -np.inf).max(0), *lower],
+        [np.where(decides.any(0), np.inf, highest).min(0), *upper],
+    ])  # fmt: skip
