@@ -99,10 +99,15 @@ def classify(
         warnings += (f"no labels after {len(samples)} samples: {motion.message}",)
     system, time = case.system, case.time
     return Classification(
-        labels, tuple(crossings), warnings, system.tilt_growth(time.start), system.final_axis,
-        hidden, tuple(system.predictions(time.start, time.end)),
-        judged_events(motion, reference.motion) if reference else motion.events,
-    )  # fmt: skip
+        labels=labels,
+        crossings=tuple(crossings),
+        warnings=warnings,
+        growth=system.tilt_growth(time.start),
+        final=system.final_axis,
+        hidden=hidden,
+        predictions=tuple(system.predictions(time.start, time.end)),
+        events=judged_events(motion, reference.motion) if reference else motion.events,
+    )
 
 
 def sample_labels(motion: Trajectory, errors: np.ndarray) -> np.ndarray:

@@ -151,7 +151,7 @@ def compute(chunk: Chunk) -> Group:
     group = blank_group(case, len(taken), Status.INVALID)
     values = {name: variable.data for name, variable in group.variables.items()}
     # Where all go alone for a reason of the case, no `Rejection` tells more.
-    rejection = np.where(taken, 0, 1) if reason_alone(case) else integrated_together(chunk, values)
+    rejection = np.where(taken, 0, 1) if reason_alone(case) else integrate_together(chunk, values)
     methods = {"taylor"} if (values["status"] == Status.OK.code).any() else set()
     alone = np.flatnonzero(rejection)
     for i in alone.tolist():
@@ -191,26 +191,22 @@ def enter(values: Mapping[str, np.ndarray], rows: Any, reduced: Mapping[str, np.
         values[name][rows] = reduced[name]
 
 
-def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.ndarray:
+def integrate_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.ndarray:
     """Fill in the members whose motions an ensemble accepts; returns the codes (n,) of why it
     rejects others, 0 for those without a body or a start too."""
     case, rejection = chunk.case, np.zeros(chunk.last - chunk.first, dtype=np.int64)
-    times = sample_times(case) if "trajectory" in case.store else np.empty(0)
     computed = np.flatnonzero(~chunk.taken)
-    if computed.size and changes_within_steps(case, chunk.first):
+    if not computed.size:
+        return rejection
+    if changes_within_steps(case, chunk.first):
         rejection[computed] = Rejection.FORMULA.code
         return rejection
-    for group in prepare(case, chunk.first + computed) if computed.size else ():
-        positions = computed[group.members]
-        # One compiled step watches one event of each kind; of more, single cases keep the order.
-        kinds = [event.interrupts for event in group.events if event.sign is None]
-        if len(kinds) > len(set(kinds)):
-            rejection[positions] = Rejection.EVENTS.code
-            continue
+    times = sample_times(case) if "trajectory" in case.store else np.empty(0)
+    for group in prepare(case, chunk.first + computed):
         e = replace(group, times=times)
         outcome = advance(e)
-        if (e.event or e.levels) and not (e.model.no_axis_reason or e.model.always_absorbing):
-            measure_crossings(e, outcome)
+        measure_crossings(e, outcome)
+        positions = computed[e.members]
         accepted = positions[outcome.accepted]
         values["status"][accepted] = Status.OK.code
         if accepted.size:

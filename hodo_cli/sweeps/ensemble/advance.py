@@ -29,6 +29,11 @@ def advance(e: Ensemble) -> Outcome:
     """All motions of an ensemble through their span."""
     m, n = e.start.shape
     outcome = Outcome(m, n, len(e.times))
+    # One compiled step watches one event of each kind; of more, single cases keep the order.
+    kinds = [event.interrupts for event in e.events if event.sign is None]
+    if len(kinds) > len(set(kinds)):
+        outcome.rejection[:] = Rejection.EVENTS.code
+        return outcome
     if e.onset.any():
         batch = BatchState(e, outcome)
         while batch.columns.motion.size:
@@ -171,7 +176,8 @@ def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
     """
     passed = outcome.passages
     first = np.flatnonzero(passed.is_first & outcome.accepted[passed.motion])
-    if not first.size:
+    # Where no motion crosses twice, errors do not grow beside the separatrix.
+    if not first.size or e.model.no_axis_reason or e.model.always_absorbing:
         return
     motion, time = passed.motion[first], passed.time[first]
     again = replace(

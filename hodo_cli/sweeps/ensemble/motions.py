@@ -82,9 +82,9 @@ class Passages(NamedTuple):
 class Ensemble:
     """n motions: whose they are among the cases or members asked for, by position (n,), the
     constants of their equations (c, n), flat as `structure` says, their states at the start (m, n),
-    the times at which they begin and end, each one or (n,), their events, at most one of each kind,
-    the levels that tell their axes, and the tolerance, of which each step takes `looser`.
-    `searches` says whether zeros of events and changes of axes are looked for."""
+    the times at which they begin and end, each one or (n,), their events, the levels that tell
+    their axes, and the tolerance, of which each step takes `looser`. `searches` says whether zeros
+    of events and changes of axes are looked for."""
 
     members: np.ndarray
     model: type[Model]
