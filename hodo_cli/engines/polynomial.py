@@ -181,20 +181,15 @@ def _refined(b: np.ndarray) -> np.ndarray:
     Newton's method from the secant's zero, within the bracket that the signs leave. It bisects
     where a step leaves the bracket, and every fourth time as long as this has not become small.
     """
-    degree, eps = b.shape[1] - 1, np.finfo(b.dtype).eps
+    degree = b.shape[1] - 1
     # The first and the last coefficient are the values at the ends.
     zeros = b[:, 0] / (b[:, 0] - b[:, -1])
     x, low, high = zeros.copy(), np.zeros_like(zeros), np.ones_like(zeros)
     unconverged, rising = np.arange(len(b)), b[:, -1] > 0
-    # With t = x/(1 - x), p = (1 - x)^n sum c_j t^j and p' = n (1 - x)^(n - 1) sum d_j t^j: Horner's
-    # scheme on whole columns, at an eighth of the cost of Bernstein's polynomials.
     c = (b * _binomials(degree, b.dtype)).T
     d = (np.diff(b, axis=1) * _binomials(degree - 1, b.dtype)).T
     for iteration in range(MOST_ITERATIONS):
-        with np.errstate(all="ignore"):  # next to x = 1 powers of t overflow: then it bisects
-            rest = np.maximum(1 - x, eps / 2)
-            value, slope = horner(c, x / rest), horner(d, x / rest)
-            new = x - rest * value / (degree * slope)
+        value, new = _newton(c, d, x)
         beyond = (value > 0) == rising
         low, high = np.where(beyond, low, x), np.where(beyond, x, high)
         inside = (new >= low) & (new <= high)
@@ -205,10 +200,22 @@ def _refined(b: np.ndarray) -> np.ndarray:
         new = np.where(value == 0, x, np.where(inside, new, (low + high) / 2))
         zeros[unconverged] = new
         # Zeros that have converged stay as they are: no last bit hangs on other polynomials.
-        moving = np.abs(new - x) > 2 * eps * new
+        moving = np.abs(new - x) > 2 * np.finfo(b.dtype).eps * new
         if not moving.any():
             break
         unconverged, x = unconverged[moving], new[moving]
         low, high = low[moving], high[moving]
         c, d, rising = c[:, moving], d[:, moving], rising[moving]
     return np.asarray(zeros)
+
+
+@np.errstate(all="ignore")  # next to x = 1 powers of t overflow: then it bisects
+def _newton(c: np.ndarray, d: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What has the sign of polynomials at x (n,), and the next places of Newton's method.
+
+    With t = x/(1 - x), p = (1 - x)^n sum c_j t^j and p' = n (1 - x)^(n - 1) sum d_j t^j: Horner's
+    scheme on whole columns, at an eighth of the cost of Bernstein's polynomials.
+    """
+    rest = np.maximum(1 - x, np.finfo(x.dtype).eps / 2)
+    value, slope = horner(c, x / rest), horner(d, x / rest)
+    return value, x - rest * value / (len(d) * slope)

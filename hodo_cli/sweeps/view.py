@@ -203,33 +203,33 @@ class SweepView:
             if any(path_of(key)[0] not in KEYS_OF_MOTION for key in self.keys(axis))
         ]
         others = [axis for axis in self.axes if axis not in bodies]
-        pieces = []
-        for index in np.ndindex(*(self.axes[axis] for axis in bodies)):
-            at = dict(zip(bodies, index, strict=True))
-            # The members of one body, as the samples of a motion.
-            of_body = self.data[self.ends].isel(at)
-            flat = (
-                of_body.stack(time=others, create_index=False)
-                if others
-                else of_body.expand_dims("time")
-            )
-            pieces.append(self._quantity(name, self.at(at), flat.transpose("time", ...)))
+        positions = (
+            dict(zip(bodies, index, strict=True))
+            for index in np.ndindex(*(self.axes[axis] for axis in bodies))
+        )
+        pieces = [self._quantity(name, at, others) for at in positions]
         sizes = [self.axes[axis] for axis in (*bodies, *others)]
         values = np.array(pieces).reshape(*sizes, *pieces[0].shape[1:])
         return quantity_array(name, values, (*bodies, *others), self.case).transpose(
             *self.axes, ...
         )
 
-    def _quantity(self, name: str, body: Case, members: "xr.Dataset") -> np.ndarray:
-        """A quantity of `DERIVED` of the members (n,) of one body; no number for one that has come
-        to nothing."""
+    def _quantity(self, name: str, at: Mapping[str, int], others: Sequence[str]) -> np.ndarray:
+        """A quantity of `DERIVED` of the members (n,) of one body, which stands at these positions,
+        along all other axes; no number for one that has come to nothing."""
+        # As the samples of a motion.
+        members = self.data[self.ends].isel(at)
+        if others:
+            members = members.stack(time=others, create_index=False).transpose("time", ...)
+        else:
+            members = members.expand_dims("time")
         needed = {x for needs in DERIVED[name].needs for x in needs} & {*members}
         stored = (members[x].data.reshape(members.sizes["time"], -1) for x in needed)
         known = np.isfinite(np.concatenate([*stored], axis=1)).all(1)
         parts = [len(PARTS[dim]) for dim in DERIVED[name].dims[1:]]
         values = np.full((len(known), *parts), np.nan)
         if known.any():
-            motion = Motion(body, members.isel(time=np.flatnonzero(known)).variables)
+            motion = Motion(self.at(at), members.isel(time=np.flatnonzero(known)).variables)
             values[known] = QUANTITIES[name](motion)
         return values
 

@@ -145,8 +145,8 @@ def change_between(
     position x, and how far off this may be: by Newton's method for what passes 0 there, bracketed
     by positions of either label, else by halving."""
     first, last = view_at(row, low), view_at(row, high)
-    values = (differences(e, at)[0] for at in (first, last))
-    passing = (np.multiply(*values) < 0).argmax(1)
+    begin, end = (differences(e, at)[0] for at in (first, last))
+    passing = (begin * end < 0).argmax(1)
     x, low, high = (low + high) / 2, low.copy(), high.copy()
     probe, wide = x.copy(), np.arange(len(row))  # where to look next, and whose brackets are wide
     for turn in range(ROUNDS):
@@ -154,18 +154,24 @@ def change_between(
             break
         at = view_at(row[wide], probe[wide])
         is_before = at.region.label == first.region.label[wide]
-        low[wide[is_before]] = probe[wide[is_before]]
-        high[wide[~is_before]] = probe[wide[~is_before]]
-        begin, end, middle = low[wide], high[wide], (low[wide] + high[wide]) / 2
+        low[wide] = np.where(is_before, probe[wide], low[wide])
+        high[wide] = np.where(is_before, high[wide], probe[wide])
         root = probe[wide] - newton_step(e, at, passing[wide])
         noise = min(FINEST_PART * 4**turn, COARSEST_PART)
-        is_near = (root > begin - 8 * noise) & (root < end + 8 * noise)
-        # A little beyond, so that the other end of the bracket comes near as well.
-        beyond = (root + np.where(is_before, noise, -noise)).clip(begin + noise, end - noise)
-        x[wide] = np.where(is_near, root.clip(begin, end), middle)
-        probe[wide] = np.where(is_near, beyond, middle)
-        wide = wide[end - begin > 4 * noise]
+        x[wide], probe[wide] = next_places(root, low[wide], high[wide], is_before, noise)
+        wide = wide[high[wide] - low[wide] > 4 * noise]
     return first.region.label, last.region.label, x, high - low
+
+
+def next_places(
+    root: np.ndarray, low: np.ndarray, high: np.ndarray, is_before: np.ndarray, noise: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where changes are (k,), as far as brackets of them and roots by Newton's method from one end
+    tell, and where to look next: in the middle where the root is no help."""
+    middle, is_near = (low + high) / 2, (root > low - 8 * noise) & (root < high + 8 * noise)
+    # A little beyond, so that the other end of the bracket comes near as well.
+    beyond = (root + np.where(is_before, noise, -noise)).clip(low + noise, high - noise)
+    return np.where(is_near, root.clip(low, high), middle), np.where(is_near, beyond, middle)
 
 
 def newton_step(e: Ensemble, at: MotionView, passing: np.ndarray) -> np.ndarray:
