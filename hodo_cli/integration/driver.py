@@ -131,9 +131,8 @@ class StepBuffer(StepObserver):
 
 
 class Propagation:
-    """A motion on its way through sample times: its state `y`, in `units` that fit it, at the time
-    of the `clock`; straight on over each of the `restarts` (k, 3), the times before, at and behind
-    a sudden change of the rates."""
+    """A motion from a start through sample times: its state `y`, in `units` that fit it, at the
+    time of the `clock`."""
 
     def __init__(
         self,
@@ -141,45 +140,53 @@ class Propagation:
         system: Model,
         start: float,
         times: np.ndarray,
-        control: StepControl,
-        observer: StepObserver | None,
         events: tuple[Event, ...],
-        restarts: np.ndarray,
     ) -> None:
-        model, fp = type(system), engine.dtype
-        self.restarts = in_precision(restarts, fp)
+        model = type(system)
         self.engine, self.system, self.model, self.events = engine, system, model, events
-        self.is_timed, self.moving = is_timed(system, events), moving(model)
+        self.start, self.times = start, times
         self.span = float(times[-1]) - start if len(times) else 0.0
-        kind = Clock if model.degree or self.is_timed else AbsoluteClock
-        self.clock = kind(fp(start), fp(0))
-        self.units = units_at_start(system, self.window)
+        self.is_timed, self.moving = is_timed(system, events), moving(model)
         y0 = np.array(system.start)
-        exact = system.extended_start if fp is np.longdouble else y0
-        self.y = rescaled(model, exact, -self.units.size).astype(fp)
+        self.is_falling = bool(model.degree) and bool(is_falling(model, system.constants, y0))
+
+    def begin(self) -> None:
+        """Put the motion at its start, where the first samples may lie."""
+        system, times, fp = self.system, self.times, self.engine.dtype
+        kind = Clock if self.model.degree or self.is_timed else AbsoluteClock
+        self.clock = kind(fp(self.start), fp(0))
+        self.units = units_at_start(system, self.window)
+        exact = system.extended_start if fp is np.longdouble else np.array(system.start)
+        self.y = rescaled(self.model, exact, -self.units.size).astype(fp)
         # Of C's int, because ldexp takes four times as long by a wider one.
         exponent = np.empty(len(times), dtype=np.intc)
-        self.samples = SampleBuffer(times, np.empty((len(times), len(y0)), dtype=fp), exponent)
-        self.samples.fill(start, self.y, self.units.size)
+        self.samples = SampleBuffer(times, np.empty((len(times), len(exact)), dtype=fp), exponent)
+        self.samples.fill(self.start, self.y, self.units.size)
         # Whether small components may need shorter steps, see `longest_step`: not those of a model
         # without degrees on a clock of its own, whose phase is far smaller than all else.
-        self.is_uneven = bool(model.degree) or not self.is_timed
-        self.is_falling = bool(model.degree) and bool(is_falling(model, system.constants, y0))
-        self.control, self.observer = control, observer or StepObserver()
-        control.band, control.observer = norm_band(engine, system, self.is_falling), observer
-        control.rows = None if isinstance(self.moving, slice) else self.moving
+        self.is_uneven = bool(self.model.degree) or not self.is_timed
 
     @property
     def window(self) -> TimeWindow | None:
         """The time of the motion, and how long it lasts, where its equations contain the time."""
         return TimeWindow(float(self.clock.high), self.span) if self.is_timed else None
 
-    def run(self) -> SampleBuffer:
-        """Integrate through the sample times, with new units whenever the motion has outgrown them.
+    def run(
+        self, control: StepControl, observer: StepObserver | None, restarts: np.ndarray
+    ) -> SampleBuffer:
+        """Integrate through the sample times, with new units whenever the motion has outgrown them;
+        straight on over each of the `restarts` (k, 3), the times before, at and behind a sudden
+        change of the rates.
 
         Ends early at a terminal event, whose time and state are then the last ones, or when the
         control says so.
         """
+        self.begin()
+        self.restarts = in_precision(restarts, self.engine.dtype)
+        self.control, self.observer = control, observer or StepObserver()
+        control.band = norm_band(self.engine, self.system, self.is_falling)
+        control.rows = None if isinstance(self.moving, slice) else self.moving
+        control.observer = observer
         while not self.samples.is_complete and self.control.status is Status.OK:
             self.clock.factor = float(np.ldexp(1.0, self.units.rate))
             while len(self.restarts) and self.clock.until(self.restarts[0, 1]) <= 0:

@@ -1,7 +1,6 @@
 """Case -> Trajectory: the motion of a case by one method."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from time import perf_counter, thread_time
 from typing import Any
@@ -259,26 +258,19 @@ def attempted(
     # since the clock counts what else the machine does.
     began = thread_time()
     monitor = AccuracyMonitor(system, max(engine.tol, EPS)) if system.refined_data else None
-
-    def integrated(
-        by: StepObserver | None, changes: np.ndarray, control: StepControl
-    ) -> SampleBuffer:
-        start = case.time.start
-        return Propagation(engine, system, start, times, control, by, events, changes).run()
-
     control = StepControl(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
     # What begins and ends at one time has no steps.
     is_checked = system.has_formulas and not monitor and bool((times > case.time.start).any())
     try:
+        propagation = Propagation(engine, system, case.time.start, times, events)
         changes = np.empty((0, 3))
         if is_checked:
-            span = float(times[-1]) - case.time.start
-            check = StepCheck(system, span, engine.tol, control)
-            samples, changes = begun_anew_at_changes(check, integrated)
+            check = StepCheck(system, propagation.span, engine.tol, control)
+            samples, changes = begun_anew_at_changes(check, propagation)
             control = check.control
         if observer or not is_checked:
             control = control.afresh()
-            samples = integrated(observer or monitor, changes, control)
+            samples = propagation.run(control, observer or monitor, changes)
     except ArithmeticError as error:
         raise HodoError(f"{case.name}: its numbers exceed the range of doubles") from error
     motion = trajectory(case, method, engine.tol, samples, control, began)
@@ -287,15 +279,14 @@ def attempted(
 
 
 def begun_anew_at_changes(
-    check: StepCheck,
-    integrated: Callable[[StepObserver, np.ndarray, StepControl], SampleBuffer],
+    check: StepCheck, propagation: Propagation
 ) -> tuple[SampleBuffer, np.ndarray]:
     """A motion whose steps meet its equations everywhere, and the times (n, 3) before, at and
     behind each place where its formulas change so that it is begun anew there. It ends early if
     there is no end of such places, as of dry friction."""
     changes = np.empty((0, 3))
     for _ in range(MOST_ATTEMPTS):
-        samples = integrated(check, changes, check.control)
+        samples = propagation.run(check.control, check, changes)
         if not check.changes or check.control.status is Status.TIMEOUT:
             break
         changes = np.unique([*changes, *check.changes], axis=0)
