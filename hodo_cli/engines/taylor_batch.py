@@ -207,7 +207,7 @@ def on_one_side(
     time, state = motion(model.rhs, t, positive, k, unit)
     for row, function in corners.items():
         g, least = function(time, state, k), CORNER * size_within(model, state, 0.0)
-        side = hy.select(hy.gt(magnitude(g[0]), least), g[0], g[1])
+        side = hy.select(hy.gt(absolute(g[0]), least), g[0], g[1])
         signed[row] = hy.select(hy.lt(side, 0.0), -one, one)
     return signed
 
@@ -215,7 +215,7 @@ def on_one_side(
 def size_within(model: type[Model], y: Sequence[Any], step: Any) -> Any:
     """About how large a motion, its series given, is within a step."""
     rows = np.arange(len(y))[moving(model)].tolist()
-    return total([magnitude(y[i][0]) + step * magnitude(y[i][1]) for i in rows])
+    return total([absolute(y[i][0]) + step * absolute(y[i][1]) for i in rows])
 
 
 def time_to_corner(g: Sequence[Any], step: Any, slack: Any) -> Any:
@@ -306,7 +306,7 @@ def radius(y: Sequence[Sequence[Any]]) -> Any:
     504 (2021) 2614.
     """
     norm, lower, highest, higher = (
-        reduce(larger, [magnitude(c[i]) for c in y])
+        reduce(larger, [absolute(c[i]) for c in y])
         for i in (0, ROOT_ORDER - 1, ROOT_ORDER, ROOT_ORDER + 1)
     )
     # A steady rotation has coefficients of 0. ROOT_ORDER is a power of 2, whose root is a row of
@@ -325,7 +325,7 @@ def least_distance(function: Level, at: SymbolicMotion, step: Any) -> Any:
     D = coefficients(function(at.time, at.state, at.k))
     towards_0 = hy.select(hy.lt(D[0], 0.0), -D[1], D[1])
     beyond = step * step * curvature(D, step)
-    return magnitude(D[0]) + step * smaller(towards_0, hy.expression(0.0)) - beyond
+    return absolute(D[0]) + step * smaller(towards_0, hy.expression(0.0)) - beyond
 
 
 def level_rows(level: Level, at: SymbolicMotion, step: Any) -> list[Any]:
@@ -338,10 +338,10 @@ def level_rows(level: Level, at: SymbolicMotion, step: Any) -> list[Any]:
 def curvature(c: Sequence[Any], step: Any) -> Any:
     """The sum of |c_k| step^(k - 2) from k = 2 on, of a series: times s^2 it is a bound on these
     terms at s up to `step`."""
-    return total_of_powers([magnitude(x) for x in c[2:]], step)
+    return total_of_powers([absolute(x) for x in c[2:]], step)
 
 
-def magnitude(x: Any) -> Any:
+def absolute(x: Any) -> Any:
     """|x| of an expression or a number."""
     return hy.select(hy.lt(x, 0.0), -x, x) if isinstance(x, hy.expression) else abs(x)
 
