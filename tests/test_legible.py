@@ -8,7 +8,7 @@ import pytest
 from drawings import Drawings, drawings_of
 from matplotlib.collections import LineCollection
 
-from hodo_cli import HodoError, derive
+from hodo_cli import HodoError, derive, plot
 
 CASES = """
 defaults:
@@ -31,6 +31,8 @@ cases:
          initial: {p: 0.5, q: 0.25, G: 1}, time: {end: 500, samples: 5001}}
   again: {model: tensor, resistance: {diagonal: 0.005, off_diagonal: 0.005}, attitude: yes,
           initial: {p: 0.5, q: 0.2501, G: 1}, time: {end: 500, samples: 5001}}
+  late: {model: linear-diag, damping: [0.005, 0.004, 0.003],
+         time: {values: [7.1, 8.3, 20, 90, 400]}}
   kicked: {model: torques, damping: 0.003, brake: 0.02, attitude: yes,
            time: {end: 100, unit: s}}
 figures:
@@ -42,6 +44,8 @@ figures:
   stops: {kind: series, cases: [slow, fast], variables: [G], style: {log: [y]}}
   narrow: {kind: series, cases: [round-x1], variables: [G, T],
            columns: 2, style: {log: [x, y], width: column}}
+  laws: {kind: series, cases: [round-x1, late], variables: [G, T],
+         formula: {G: "exp(-0.004*t)", T: "G2/1.7"}}
   law: {kind: series, cases: [round-x1], variables: [G, T], formula: {G: "exp(-0.004*t)"}}
   ball: {kind: sphere, cases: [crossing, rotor]}
   ends: {kind: hodograph, cases: [round-x1, crossing], zoom: 0.9, projections: [x1x2]}
@@ -173,6 +177,44 @@ def test_a_law_and_its_curve_are_in_the_legend_with_the_time_of_the_axis(drawn: 
     factors = r"-2.5\cdot 10^{-3}\cdot \mathrm{sqrt}(1 + \tau^{2})/{G^2}^{-2}"
     words = legend(drawn.draw("law", formula={"G": law}))[1]
     assert words == rf"$|G| = {factors} + \sin({{p}})\cdot {{J}}$"
+
+
+def test_a_law_of_the_time_is_drawn_once_and_hides_no_curve(drawn: Drawings) -> None:
+    """Dashes of two lines that are one law fill each other's gaps."""
+    figure = drawn.draw("laws").figure
+    in_time, of_each = (
+        # Behind the curves of the two cases.
+        [np.array(line.get_data()) for line in axes.lines[2:]]
+        for axes in figure.axes
+    )
+    ((t, law),) = in_time
+    assert (t[0], t[-1]) == (0, 400)
+    assert np.diff(t).max() < 0.5  # smooth where the samples of `late` are few
+    np.testing.assert_allclose(law, np.exp(-0.004 * t), rtol=1e-12)
+    # A law of other quantities is one of each motion.
+    assert [len(t) for t, _ in of_each] == [3001, 5]
+
+
+@pytest.mark.parametrize("gap", [(0, 1), (1, 3), (2, 3), (0, 3)])
+def test_one_curve_without_fractions_takes_no_ticks_from_others(
+    drawn: Drawings, gap: tuple[int, int]
+) -> None:
+    """Whether it is missing or whole numbers: the axis is that of all curves."""
+    swept = drawn.cases["grown"]
+    values = 0.1 + 0.8 * np.arange(90).reshape(30, 3) / 90
+    for no_fractions in (np.nan, 1.0):
+        values[:, slice(*gap)] = no_fractions
+        shown = swept.assign(mine=(("damping.0", "initial.q"), values))
+        if np.isnan(values).all():
+            with pytest.raises(HodoError, match=r"has no value of mine to draw"):
+                plot(shown, "curve", variable="mine", x="damping.0", by="initial.q")
+            continue
+        figure = plot(shown, "curve", variable="mine", x="damping.0", by="initial.q")
+        figure.draw_without_rendering()
+        (axes,) = figure.axes
+        low, high = axes.get_ylim()
+        ticks = [tick for tick in axes.get_yticks() if low <= tick <= high]
+        assert (len(ticks) >= 2) == (gap != (0, 3))
 
 
 def test_cases_of_one_label_and_curves_of_several_panels_are_in_the_legend(drawn: Drawings) -> None:

@@ -199,3 +199,34 @@ def test_a_slow_quantity_that_bends_between_samples_is_said_to(pairs: bool) -> N
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         hodo_cli.plot(hodo_cli.run(case), kind="series", variables=["enclosed_axis"])
+
+
+@pytest.mark.parametrize("known", ["late", "early", "ends", "none", "finite"])
+def test_what_is_no_number_is_a_gap_in_a_curve_over_time(
+    drawn: tuple[Path, dict[str, str]], known: str
+) -> None:
+    data = hodo_cli.open(drawn[0] / "runs" / "m.h5")["fine"]
+    time, p = data.time, data.omega[:, 0]
+    kept = {"late": time > 500, "early": time < 800, "ends": abs(time - 500) > 10}
+    mine = p.where(kept.get(known, time < 0), np.inf if known == "finite" else np.nan)
+    data = data.assign(mine=mine, flat=0 * mine + 1)
+    for kind, keys in (
+        ("series", {"variables": ["mine", "flat"]}),
+        ("phase", {"x": "mine", "y": "q"}),
+        ("phase", {"x": "time", "y": "flat"}),
+    ):
+        assert not is_polygon(data, kind, **keys)
+
+
+@pytest.mark.parametrize("kind", ["hodograph", "sphere", "quadrants", "invariants"])
+def test_a_sample_that_is_no_number_has_no_place_on_a_hodograph(
+    drawn: tuple[Path, dict[str, str]], kind: str
+) -> None:
+    data = hodo_cli.open(drawn[0] / "runs" / "m.h5")["slow"]
+    for missing in (data.time < 3, data.time > 997, data.time == 500, data.time >= 0):
+        gaps = data.assign(omega=data.omega.where(~missing))
+        first = f"{float(data.time[missing][0]):g}"
+        with pytest.raises(hodo_cli.HodoError, match=rf"omega of .* is no number at {first}: "):
+            hodo_cli.plot(gaps, kind)
+        if (~missing).any():
+            hodo_cli.plot(gaps.dropna("time"), kind)

@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 NO_OTHERS: Mapping[str, Mapping[str, Any]] = {}
 """The figures with which a figure of datasets at hand may share its scale."""
 
+WITH_GAPS = ("series", "phase")
+"""The kinds of figures of motions that leave a gap where a quantity is no number."""
+
 
 def draw(
     spec: Mapping[str, Any],
@@ -71,11 +74,26 @@ def draw(
         else:
             motions = motions_of(cases, spec.get("cases", ()), spec["labels"])
             sheet.others = motions_of(cases, others)
+            if spec["kind"] not in WITH_GAPS:
+                check_numbers([*motions, *sheet.others])
             DRAW[spec["kind"]](sheet, spec, motions)
             sheet.remarks = remarks_on(spec, motions)
         finish_figure(sheet, spec["title"], style)
         lighten(drawing)
     return sheet
+
+
+def check_numbers(motions: Sequence[Motion]) -> None:
+    """Raise HodoError for a motion whose omega is no number at some time, where it has no place on
+    a hodograph."""
+    for motion in motions:
+        omega = motion.stored("omega") if "omega" in motion.data else np.zeros((1, 1))
+        if (missing := ~np.isfinite(omega).all(axis=-1)).any():
+            when = f"{motion.time[missing.argmax()]:.6g}"
+            raise HodoError(
+                f"omega of {motion.words} is no number at {when}: draw the samples that have one, "
+                "as data.dropna('time') selects them"
+            )
 
 
 def with_time_symbol(spec: Mapping[str, Any], cases: Cases) -> Mapping[str, Any]:

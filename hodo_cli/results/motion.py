@@ -91,14 +91,16 @@ class Motion:
         return values[:, PARTS[DERIVED[name].dim].index(part)] if part else values
 
     def largest(self, variable: str) -> float:
-        """The largest size of a variable or quantity; of a component, the length of its vector. It
-        is no less than the smallest double, so that one that is 0 throughout can be divided by."""
+        """The largest size of a variable or quantity where it is a number; of a component, the
+        length of its vector. It is no less than the smallest double, so that one that is 0
+        throughout can be divided by."""
         name, dot, part = variable.rpartition(".")
         # Of body axes those that a selection has left.
         axes = self.axes if part in BODY_AXES else SPACE_AXES
         of_vector = axes if dot and part in axes else ()
         parts = [self[f"{name}.{part}"] for part in of_vector] or [self[variable]]
-        return max(float(np.sqrt(np.square(parts).sum(axis=0)).max()), math.ulp(0))
+        sizes = np.sqrt(np.square(parts).sum(axis=0))
+        return max(float(sizes[np.isfinite(sizes)].max(initial=0)), math.ulp(0))
 
     def quantity(self, name: str) -> np.ndarray:
         """A quantity of `DERIVED` (n,), or (n, 3) where it has components, from what is stored;
@@ -382,6 +384,11 @@ def formula_values(motion: Motion, text: str) -> np.ndarray:
     tree = parse_expression(text, FORMULA.names)
     values = {name: motion.time if name == "t" else motion[name] for name in names_in(tree)}
     return np.broadcast_to(np.asarray(evaluate(tree, values), float), motion.time.shape)
+
+
+def is_of_time(text: str) -> bool:
+    """Whether a formula is one in the time alone."""
+    return names_in(parse_expression(text, FORMULA.names)) <= {"t"}
 
 
 def names_in(tree: Tree) -> set[str]:

@@ -89,17 +89,19 @@ def bend_remark(motion: Motion, name: str, drawn: slice) -> str:
     """The remark on a quantity that a line through its samples leaves between them by more than the
     eye sees, as a parabola through three neighbours does; an empty text without."""
     time, values = motion.time[drawn], motion[name][drawn]
-    height = float(np.ptp(values)) if len(time) > 2 and np.isfinite(values).all() else 0.0
     if values.dtype.kind == "i":  # a label has no values between
         return ""
+    values = np.where(np.isfinite(values), values, np.nan)  # no number is a gap in the line
+    known = values[~np.isnan(values)]
+    height = float(np.ptp(known)) if len(known) > 2 else 0.0
     # Of what is constant the rounding alone would be seen.
-    if height <= STEADY_CHANGE * np.abs(values).max(initial=0):
+    if height <= STEADY_CHANGE * np.abs(known).max(initial=0):
         return ""
     before, after = np.diff(time)[:-1], np.diff(time)[1:]
     chord = (after * values[:-2] + before * values[2:]) / (before + after)
     # A parabola is that far from its chord in the middle of the longer interval.
     apart = np.abs(values[1:-1] - chord) * np.maximum(before, after) / np.minimum(before, after) / 4
-    apart = float(apart.max()) / height
+    apart = float(np.fmax.reduce(apart, initial=0)) / height
     if apart <= LARGEST_LOSS:
         return ""
     samples = math.ceil((len(motion.time) - 1) * math.sqrt(4 * apart / LARGEST_LOSS)) + 1

@@ -410,6 +410,7 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     ]
     (axes,) = sheet.panels(COLUMN, 0.85 * COLUMN)
     show_degrees(sheet, sweeps, spec)
+    known: list[float] = []
     lacking, spacing = 0, min(ROW_OF_CROSSES, ROWS_OF_CROSSES / len(curves))
     # Curves behind those that `labels` names are named by what they are.
     labels = chain(spec["labels"], repeat(""))
@@ -417,9 +418,13 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     for (swept, indices), label, style in zip(curves, labels, looks, strict=False):
         names = names_of(swept, indices, label, len(sweeps))
         row = 0.02 + spacing * lacking
-        lacking += curve_of(sheet, axes, swept, spec, indices, names, style, row)
-    if all(not np.isfinite(line.get_ydata()).any() for line in axes.lines):
+        values = curve_of(sheet, axes, swept, spec, indices, names, style, row)
+        known += values[np.isfinite(values)].tolist()
+        lacking += not np.isfinite(values).all()
+    if not known:
         raise HodoError(f"sweep {sweeps[0].name} has no value of {spec['variable']} to draw")
+    if all(value.is_integer() for value in known):
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     if spec["level"] is not None:
         axes.axhline(spec["level"], **SEPARATRIX)
     ticks = [swept.ticks(spec["x"]) for swept in sweeps]
@@ -455,9 +460,10 @@ def curve_of(
     names: tuple[str, str],
     style: Mapping[str, Any],
     row: float,
-) -> bool:
+) -> np.ndarray:
     """Draw one curve, with the stored errors of its values, and crosses in a row of the panel where
-    a value is absent; whether one is. `names` are its names in the legend and in tables."""
+    a value is absent; returns its values (n,). `names` are its names in the legend and in
+    tables."""
     label, name = names
     x, _ = swept.ticks(spec["x"])
     values = shown_values(sheet, swept, spec["variable"], [spec["x"]], indices)
@@ -474,11 +480,9 @@ def curve_of(
     }
     sheet.record(name, shown)
     missing = ~np.isfinite(values)
-    if (values[~missing] % 1 == 0).all():
-        axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     # Many stand side by side, and not on one another.
     cross_out(axes, x[missing], row, style["color"], float(np.clip(CROSSES_ACROSS / len(x), 1, 4)))
-    return bool(missing.any())
+    return values
 
 
 def cross_out(axes: Axes, x: np.ndarray, row: float, colour: Any, size: float) -> None:

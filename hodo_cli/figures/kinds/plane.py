@@ -15,8 +15,9 @@ from ...engines.protocol import EPS
 from ...models import rigid_body
 from ...models.rigid_body import slope
 from ...models.terms.body import BodyUnderTorques
-from ...results.motion import Motion, formula_values
+from ...results.motion import Motion, formula_values, is_of_time
 from ...results.resolution import samples_within
+from ...storage import Variable
 from ...text import magnitude
 from ..artists import (
     AXIS_COLOUR,
@@ -166,6 +167,8 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]
     for axes, (group, curves) in zip(panels, groups.items(), strict=True):
         for (motion, name), style in zip(curves, looks, strict=True):
             series_curve(sheet, axes, spec, motion, name, style)
+        for name, law in spec["formula"].items():
+            draw_law(axes, law, [motion for motion, drawn in curves if drawn == name], spec["span"])
         axes.margins(x=0.02, y=0.08)
         if by_case:
             axes.set_title(curves[0][0].label)
@@ -206,10 +209,12 @@ def widen_constant(axes: Axes, curves: Sequence[tuple[Motion, str]]) -> None:
     """Give a panel of constant quantities a scale on which they look so, and say it: on that of
     their rounding errors they would look like noise."""
     values = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.lines])
+    values = values[np.isfinite(values)]
     size = max(motion.largest(name) for motion, name in curves)
     # A motion whose error is not measured has some rounding.
     error = max(np.fmax(motion.attrs.get("error", 0.0), EPS) for motion, _ in curves)
-    if not np.ptp(values) <= min(CONSTANT_WITHIN * error, LARGEST_ROUNDING) * size:
+    smallest_change = min(CONSTANT_WITHIN * error, LARGEST_ROUNDING) * size
+    if not len(values) or np.ptp(values) > smallest_change:
         return
     middle, half = values.mean(), 0.1 * size or 1.0
     axes.set_ylim(middle - half, middle + half)
@@ -234,9 +239,28 @@ def series_curve(
     if law := spec["formula"].get(variable):
         values = formula_values(motion, law)[samples]
         sheet.record(f"{motion.label}, {law}", {"time": times, variable: values})
-        axes.plot(times, values, **LAW_LOOK)
     if spec["passages"]:
         passage_marks(axes, motion, variable, style)
+
+
+PLACES_OF_LAW = 1001
+"""Times between the ends of a panel at which a law is known besides those of its samples: it is
+smooth where there are none."""
+
+
+def draw_law(
+    axes: Axes, law: str, motions: Sequence[Motion], span: tuple[float, float] | None
+) -> None:
+    """Draw a law of motions in a panel: one of the time alone once, since the dashes of one line
+    would fill the gaps of another, and the curve would be hidden."""
+    if motions and is_of_time(law):
+        times = [motion.time[within_span(motion, span)] for motion in motions]
+        ends = min(t[0] for t in times), max(t[-1] for t in times)
+        places = np.unique(np.concatenate([*times, np.linspace(*ends, PLACES_OF_LAW)]))
+        motions = [Motion(motions[0].case, {"time": Variable(("time",), places)})]
+    for motion in motions:
+        samples = within_span(motion, span)
+        axes.plot(motion.time[samples], formula_values(motion, law)[samples], **LAW_LOOK)
 
 
 def within_span(motion: Motion, span: tuple[float, float] | None) -> slice:
