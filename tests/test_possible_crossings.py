@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853
 
-from hodo_cli.models.theory import possible_crossings as theory
-from hodo_cli.models.theory import steady_spin
+from hodo_cli.models.theory import dissipation as theory
 
 MEMBERS = int(os.environ.get("HODO_SUMS", "300"))
 P1 = (1.0, 0.8, 0.6)
@@ -291,16 +290,14 @@ def test_a_tilt_grows_at_the_rate_of_the_sum(outer: int) -> None:
     measured = np.log(distance(w) / distance(first)) / (h * steps)
     # The speed changes by some per cent meanwhile: that of the middle stands for all.
     speeds = np.broadcast_to(((first + w) / 2)[at, axis][:, None], (n, 3))
-    assert np.abs(measured - steady_spin.tilt_growth_rates(terms, speeds)[at, axis]).max() < 5e-6
+    assert np.abs(measured - theory.tilt_growth_rates(terms, speeds)[at, axis]).max() < 5e-6
 
 
 def test_equal_rates_cancel_and_the_middle_axis_has_none() -> None:
-    growth = steady_spin.tilt_growth_rates(
-        theory.Dissipation(P1, (0.1 + 0.2, 0.3, 0.3)), np.ones(3)
-    )
+    growth = theory.tilt_growth_rates(theory.Dissipation(P1, (0.1 + 0.2, 0.3, 0.3)), np.ones(3))
     assert growth[[0, 2]].tolist() == [-0.15 + 0.15, 0]
     assert np.isnan(growth[1])
-    symmetric = steady_spin.tilt_growth_rates(theory.Dissipation((1, 1, 0.6)), np.ones(3))
+    symmetric = theory.tilt_growth_rates(theory.Dissipation((1, 1, 0.6)), np.ones(3))
     assert np.isnan(symmetric).tolist() == [True, True, False]
 
 
@@ -315,7 +312,7 @@ def test_a_driven_rotation_is_stable_where_its_eigenvalues_say_so() -> None:
         for body, rates, N in zip(A, damping, torque, strict=True)
     ]
     omega, stable = np.array(
-        [[steady_spin.driven_spin(terms, i) for i in range(3)] for terms in sums]
+        [[theory.driven_spin(terms, i) for i in range(3)] for terms in sums]
     ).transpose(2, 0, 1)
     for axis in range(3):
         w = np.zeros((n, 3))

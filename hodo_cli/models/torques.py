@@ -55,15 +55,9 @@ from .terms.laws import (
 )
 from .terms.torques import BRAKE, SPACE, TERMS, VARIABLES, Term, rates_under
 from .theory.closed_form import AlongMomentum, free_motion
+from .theory.dissipation import Dissipation, crossing_predictions, spin_predictions
 from .theory.gyrostat import region_of
-from .theory.possible_crossings import (
-    Dissipation,
-    axes_never_left,
-    possible_crossings,
-    turning_momenta,
-)
 from .theory.principal_axes import PrincipalAxes, principal_axes
-from .theory.steady_spin import driven_spin
 
 AVERAGED = frozenset(TERMS) - {"quadratic_axes", "space_torque", "rotor"}
 """The terms that the quadrature over a turn takes: functions of omega and the time without a
@@ -388,23 +382,9 @@ class Torques(BodyUnderTorques):
             # Neither fluid nor a rotor changes |G|; but a fluid beside a rotor does.
             dissipations = (Dissipation(self.moments),)
         if dissipations and not self.changing_terms:
-            of_which = self.spin_predictions if self.brake is None else self.stop_predictions
+            of_which = spin_predictions if self.brake is None else self.stop_predictions
             predictions += of_which(dissipations[0])
         return predictions
-
-    def spin_predictions(self, terms: Dissipation) -> list[str]:
-        """The rotation that a torque along one axis holds against damping alone."""
-        others = *terms.quadratic, *terms.quadratic_axes, terms.kappa
-        if any(others) or not terms.covered or np.count_nonzero(terms.torque) != 1:
-            return []
-        axis = int(np.flatnonzero(terms.torque)[0])
-        if not terms.damping[axis] > 0:
-            return []
-        omega, stable = driven_spin(terms, axis)
-        return [
-            f"the torque holds a rotation about x{axis + 1} at {omega:.6g} [time^-1]: "
-            f"{'stable' if stable else 'unstable'}"
-        ]
 
     def stop_predictions(self, terms: Dissipation) -> list[str]:
         """When the brake stops the body, or between which times: fluid does not change |G|."""
@@ -447,30 +427,6 @@ def averaged_stop(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
     mean = mean_elements(np.array([y]), k)
     time_left = float(mean["momentum"][0]) / float(coefficient_at(k, "brake", t))
     return EventOutcome(float(t) + time_left, {"from": float(mean["enclosed_axis"][0])}, y)
-
-
-def crossing_predictions(moments: Sequence[Dissipation]) -> list[str]:
-    """Which crossings are possible, in a sentence, by what a sum of torques is at all decisive
-    moments."""
-    if not moments:
-        return []
-    largest, _, smallest = inertia_order(moments[0].inertia)
-    up, down = f"x{smallest + 1} to x{largest + 1}", f"x{largest + 1} to x{smallest + 1}"
-    at_most_one = {
-        frozenset({largest + 1, smallest + 1}): "no crossing is possible",
-        frozenset({smallest + 1}): f"one crossing at most, {down}",
-        frozenset({largest + 1}): f"one crossing at most, {up}",
-    }
-    if never_left := axes_never_left(moments):
-        return [at_most_one[never_left]]
-    terms, *others = moments
-    if others or possible_crossings(terms) != frozenset({1, -1}):
-        return []
-    fluid, damping, mean = (f"{G:.6g} [moment of inertia / time]" for G in turning_momenta(terms))
-    return [
-        f"only {up} above |G| = {fluid}, only {down} below {damping}; on the mean the sense turns "
-        f"at {mean}"
-    ]
 
 
 def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:

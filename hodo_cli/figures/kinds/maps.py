@@ -19,8 +19,8 @@ from ...cases.figure_block import AXIS_KEYS, averaged
 from ...models import rigid_body
 from ...models.rigid_body import LABELS
 from ...models.terms.body import BodyUnderTorques
+from ...models.theory.dissipation import turning_momenta
 from ...models.theory.gyrostat import separatrix_curves
-from ...models.theory.possible_crossings import turning_momenta
 from ...results.dataset import Cases
 from ...results.in_space import OF_ATTITUDE
 from ...sweeps.view import SweepView

@@ -10,9 +10,13 @@ import numpy as np
 from ..base import Constants
 from ..rigid_body import BodyFrame, body_constants, inertia_order
 from ..theory.closed_form import AlongMomentum, free_motion, scaled_motion
-from ..theory.possible_crossings import Dissipation, axes_never_left, axis_weights
+from ..theory.dissipation import (
+    Dissipation,
+    axes_never_left,
+    axis_weights,
+    tilt_growth_rates,
+)
 from ..theory.principal_axes import is_diagonal
-from ..theory.steady_spin import tilt_growth_rates
 from .fluid import cavity_warnings, coefficient, weak
 from .laws import (
     dimensional_values,

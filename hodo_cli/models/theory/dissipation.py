@@ -1,4 +1,5 @@
-"""Which way a sum of torques crosses the separatrix: what follows from the data alone.
+"""What follows from a sum of torques alone: which way a motion crosses the separatrix, whether a
+small tilt away from a steady rotation grows, and which rotation a torque holds.
 
 With a > b > c the moments of inertia and 1, 2, 3 their axes, let D = 0 at a given |G|. One number
 is left, sigma in 0 to 1:
@@ -125,3 +126,91 @@ def axes_never_left(moments: Sequence[Dissipation]) -> frozenset[int]:
     possible = frozenset().union(*known)
     leaving = {largest + 1: -1, smallest + 1: 1}
     return frozenset(axis for axis, sense in leaving.items() if sense not in possible)
+
+
+def crossing_predictions(moments: Sequence[Dissipation]) -> list[str]:
+    """Which crossings are possible, in a sentence, by what a sum of torques is at all decisive
+    moments."""
+    if not moments:
+        return []
+    largest, _, smallest = inertia_order(moments[0].inertia)
+    up, down = f"x{smallest + 1} to x{largest + 1}", f"x{largest + 1} to x{smallest + 1}"
+    at_most_one = {
+        frozenset({largest + 1, smallest + 1}): "no crossing is possible",
+        frozenset({smallest + 1}): f"one crossing at most, {down}",
+        frozenset({largest + 1}): f"one crossing at most, {up}",
+    }
+    if never_left := axes_never_left(moments):
+        return [at_most_one[never_left]]
+    terms, *others = moments
+    if others or possible_crossings(terms) != frozenset({1, -1}):
+        return []
+    fluid, damping, mean = (f"{G:.6g} [moment of inertia / time]" for G in turning_momenta(terms))
+    return [
+        f"only {up} above |G| = {fluid}, only {down} below {damping}; on the mean the sense turns "
+        f"at {mean}"
+    ]
+
+
+def tilt_growth_rates(terms: Dissipation, omega: Any) -> np.ndarray:
+    """The rate (..., 3) at which a small tilt away from rotation about each body axis, at the speed
+    omega (..., 3), grows on the mean over a turn; not a number for the middle axis, about which
+    free rotation is unstable.
+
+    With i the axis, j and k the others, w = |omega_i|, and M a torque fixed in the body it is
+
+        lambda_i - (lambda_j + lambda_k)/2 + [c_i - (c_j + c_k)/2] w + e_i w - M_i/(A_i omega_i)
+            - (F_j + F_k) w^2/2,    F_j = kappa (A_i - A_j)(A_i + A_j - A_k)/(A_j^2 A_k),
+
+    the other letters as above, to first order in the torques. A torque along G
+    adds nothing: it slows rotation and tilt alike. Where the rate is positive the motion leaves the
+    axis, though not always for the other one: it may end as an oscillation of constant shape on the
+    same side.
+    """
+    A, damping, quadratic, by_axes, torque, omega = (
+        np.asarray(x, float) for x in (*terms[:4], terms.torque, omega)
+    )
+    w, kappa = np.abs(omega), np.asarray(terms.kappa, float)[..., None]
+    j, k = np.roll(A, -1, -1), np.roll(A, -2, -1)
+    fluid = (A - j) * (A + j - k) / (j * j * k) + (A - k) * (A + k - j) / (k * k * j)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        driven = np.where(torque == 0, 0, torque / (A * omega))
+    growth = _above_others(damping) + _above_others(quadratic) * w + by_axes * w
+    growth = growth - driven - kappa * fluid * w * w / 2
+    # For an axis whose moment is the middle one too, a symmetric body has no such turn.
+    return np.where(np.sort(A, axis=-1)[..., 1:2] == A, np.nan, growth)
+
+
+def _above_others(rates: np.ndarray) -> np.ndarray:
+    """Each rate (..., 3) less the mean of the other two; 0 where it is their rounding."""
+    others = (np.roll(rates, -1, -1) + np.roll(rates, -2, -1)) / 2
+    rounding = 4 * np.finfo(float).eps * np.abs(rates).max(-1, keepdims=True)
+    return np.where(np.abs(rates - others) <= rounding, 0, rates - others)
+
+
+def driven_spin(terms: Dissipation, i: int) -> tuple[float, bool]:
+    """The rotation omega_i = M_i/(lambda_i A_i) that a torque M along body axis i alone holds
+    against damping, and whether it is stable.
+
+    A tilt (w_j, w_k) has the eigenvalues x of (x + lambda_j)(x + lambda_k) = (A_k - A_i)(A_i - A_j)
+    omega_i^2/(A_j A_k), which is negative but for the middle axis.
+    """
+    A, damping, j, k = terms.inertia, terms.damping, (i + 1) % 3, (i + 2) % 3
+    omega = terms.torque[i] / (damping[i] * A[i])
+    product = (A[k] - A[i]) * (A[i] - A[j]) / (A[j] * A[k]) * omega * omega
+    return omega, damping[j] + damping[k] > 0 and damping[j] * damping[k] > product
+
+
+def spin_predictions(terms: Dissipation) -> list[str]:
+    """The rotation that a torque along one axis holds against damping alone, in a sentence."""
+    others = *terms.quadratic, *terms.quadratic_axes, terms.kappa
+    if any(others) or not terms.covered or np.count_nonzero(terms.torque) != 1:
+        return []
+    axis = int(np.flatnonzero(terms.torque)[0])
+    if not terms.damping[axis] > 0:
+        return []
+    omega, stable = driven_spin(terms, axis)
+    return [
+        f"the torque holds a rotation about x{axis + 1} at {omega:.6g} [time^-1]: "
+        f"{'stable' if stable else 'unstable'}"
+    ]
