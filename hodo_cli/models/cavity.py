@@ -230,9 +230,8 @@ class SymmetricCavity(Cavity):
 
     @property
     def run_events(self) -> tuple[Event, ...]:
-        if not (self.start[1] or self.constants["N3"]):
-            return ()
-        return (Event("end_of_spin", axial_spin, terminal=self.spin_reversal == "stop"),)
+        event = Event("end_of_spin", axial_spin, terminal=self.spin_reversal == "stop")
+        return (event,) if self.start[1] or self.constants["N3"] else ()
 
 
 @dataclass(frozen=True)
@@ -276,14 +275,13 @@ class Averaged(SymmetricCavity):
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        inertia = data.get("inertia", (1.0, 1.0, 1.0))
-        symmetric = inertia[0] == inertia[1]
-        yield from super().check(data) if symmetric else AveragedTriaxial.check(data)
+        A, B, _ = data.get("inertia", (1.0, 1.0, 1.0))
+        yield from super().check(data) if A == B else AveragedTriaxial.check(data)
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Model:
-        symmetric = data["inertia"][0] == data["inertia"][1]
-        return cls(**data) if symmetric else AveragedTriaxial(**data)
+        A, B, _ = data["inertia"]
+        return cls(**data) if A == B else AveragedTriaxial(**data)
 
 
 @dataclass(frozen=True)

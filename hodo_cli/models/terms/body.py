@@ -137,20 +137,24 @@ class BodyUnderTorques(BodyFrame):
 
     def dissipation_at(self, t: float) -> Dissipation:
         """The torques at a time, all of them covered by the theorems."""
-        axes, coefficients = self.principal_axes, self.term_coefficients.items()
+        coefficients = self.term_coefficients.items()
         given = {term: tuple(value_at(x, t) for x in entries) for term, entries in coefficients}
-        damping, covered = given.get("damping", ZEROS), True
-        if "resistance" in given:
-            I = np.reshape(given["resistance"], (3, 3))
-            if axes is not None:
-                I = axes @ I @ axes.T
-                I = np.where(np.abs(I) > TENSOR_ROUNDING * np.abs(I).max(), I, 0)
-            damping = tuple((np.array(damping) + np.diag(I) / self.moments).tolist())
-            covered = is_diagonal(I)
-        quadratic, by_axes = (given.get(name, ZEROS) for name in ("quadratic", "quadratic_axes"))
-        torque = self.to_principal(np.array(given.get("torque", ZEROS)))
-        (kappa,) = given.get("kappa", (0.0,))
-        return Dissipation(self.moments, damping, quadratic, by_axes, kappa, torque, covered)
+        terms = Dissipation(
+            self.moments,
+            damping=given.get("damping", ZEROS),
+            quadratic=given.get("quadratic", ZEROS),
+            quadratic_axes=given.get("quadratic_axes", ZEROS),
+            kappa=given.get("kappa", ZEROS)[0],
+            torque=self.to_principal(np.array(given.get("torque", ZEROS))),
+        )
+        if "resistance" not in given:
+            return terms
+        I, axes = np.reshape(given["resistance"], (3, 3)), self.principal_axes
+        if axes is not None:
+            I = axes @ I @ axes.T
+            I = np.where(np.abs(I) > TENSOR_ROUNDING * np.abs(I).max(), I, 0)
+        damping = tuple((np.array(terms.damping) + np.diag(I) / self.moments).tolist())
+        return terms._replace(damping=damping, covered=is_diagonal(I))
 
     def decisive_times(self, start: float, end: float) -> set[float]:
         """Times between two at which the coefficients that the theorems compare have every order
@@ -175,10 +179,8 @@ class BodyUnderTorques(BodyFrame):
     @property
     def warnings(self) -> list[str]:
         # Of what changes with time only the damping is judged, coefficient by coefficient.
-        given = {
-            term: entries if term not in self.changing_terms else (0.0,) * len(entries)
-            for term, entries in self.term_coefficients.items()
-        }
+        coefficients, changing = self.term_coefficients.items(), self.changing_terms
+        given = {term: entries for term, entries in coefficients if term not in changing}
         omega = self.to_principal(self.omega_at_start)
         (kappa,), torque = given.get("kappa", (0.0,)), given.get("torque", ZEROS)
         return [
@@ -194,8 +196,8 @@ class BodyUnderTorques(BodyFrame):
         given = self.term_coefficients
         acting = {term for term, entries in given.items() if term in NOT_COVERED or any(entries)}
         damping = given.get("damping", ZEROS)
-        is_constant = not any(map(is_law, damping))
-        return damping if is_constant and acting <= {"damping", *others} else None
+        is_alone = acting <= {"damping", *others} and not any(map(is_law, damping))
+        return damping if is_alone else None
 
     @property
     def along_momentum(self) -> AlongMomentum | None:
