@@ -373,7 +373,7 @@ class AveragedTurns(BodyFrame):
         side, sense = (1 if value > 0 else -1 for value in y[3:])
         u = float(ln_e - ln_o + side * k.turning_offset)
         arrival = Arrival(t, (side, sense), u, (ln_e, ln_o), scaled_phase / k.turning_scale)
-        time, numbers = float(t), attributes(vars(k))
+        time, numbers = float(t), k if isinstance(t, float) else attributes(vars(k))
         root_x, _ = sorted_roots(arrival.logarithms, side)
         is_even = k.turning_mean == "yes" and cls.is_even(time, root_x, numbers)
         rates_at = partial(cls.separatrix_rates, time, k=numbers)

@@ -22,7 +22,7 @@ from .free_turn import (
     turning_body,
 )
 from .means import Means, fluid_loss, fluid_weights, linear_rates
-from .passage import Pair, Region, SeparatrixRates
+from .passage import REGIONS, Pair, RatesByRegion, Region, SeparatrixRates
 
 BESIDE_SEPARATRIX = Means(1 - 1j, 1 - 4j / 3, 1j, 1j, math.pi / 2 * 1j)
 """The means beside the separatrix, where K <cn^2> = K <dn^2> = 1, K <sn^2 cn^2> = 1/3 and K <dn> =
@@ -201,6 +201,14 @@ class ClosedMeans(AveragedTurns, BodyUnderTorques):
 
 class ClosedTurns(ClosedMeans):
     """An averaged form in closed form throughout."""
+
+    @classmethod
+    def separatrix_rates(cls, t: float, roots: Pair, k: Any) -> RatesByRegion:
+        if "torque" in cls.averaged_terms:
+            return super().separatrix_rates(t, roots, k)
+        # Only a constant torque knows the sense.
+        by_side = {side: cls.rates_beside(t, (side, 1), roots[::side], k) for side in (1, -1)}
+        return {(side, sense): by_side[side] for side, sense in REGIONS}
 
     @classmethod
     def rates_beside(cls, t: float, region: Region, roots: Pair, k: Any) -> SeparatrixRates:
