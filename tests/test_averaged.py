@@ -642,7 +642,8 @@ def test_a_share_is_averaged_only_where_linear_damping_acts_alone(
 ) -> None:
     axes = {key: {"values": values} for key, values in vary.items()}
     direction = {"direction": {"sphere": {"count": 200, "seed": 1}}}
-    given = {**STARTS, "damping": [0.005, 0.004, 0.003], **torques, "sweep": {**axes, **direction}}
+    given = {**STARTS, "damping": [0.005, 0.004, 0.003], "error": "off", **torques}
+    given["sweep"] = axes | direction
     if "rotor" in torques:
         given["initial"] = {"p": 0.3, "q": 0.7, "r": 0.9}
     figure = hodo_cli.plot(hodo_cli.sweep(given), kind="share")

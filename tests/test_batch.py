@@ -242,7 +242,6 @@ def everything(path: Path) -> dict[str, object]:
     return found
 
 
-@pytest.mark.engines
 def test_processes_give_what_one_gives(config: Path, hodo: Hodo) -> None:
     config.write_text(FAILING)
     outcomes = [hodo("run", config, "--out", f"j{jobs}", "-j", jobs) for jobs in (1, 2)]

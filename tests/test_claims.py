@@ -64,7 +64,7 @@ cases:
   by-itself: {{{TURN}, damping: [0.05, 0.04, 0.03], max_seconds: 60}}
   staying: {{{TURN}, damping: [0.03, 0.04, 0.05]}}
   ball: {{{TURN}, damping: [0.05, 0.04, 0.03],
-          sweep: {{from: {{sphere: {{count: 40, seed: 1}}}}, damping.0: {{values: [0.05, 0.03]}}}}}}
+          sweep: {{from: {{sphere: {{count: 40, seed: 1}}}}, damping.0: {{values: [0.05]}}}}}}
   by-0-and-2: {{{TURN}, damping: [0.05, 0.04, 0.03],
                 sweep: {{damping.0: {{values: [0.05, 0.01]}},
                         damping.2: {{values: [0.03, 0.01]}}}}}}

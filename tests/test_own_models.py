@@ -248,7 +248,7 @@ cases:
 
 
 @pytest.mark.engines
-@pytest.mark.parametrize("method", ["auto", "DOP853"])
+@pytest.mark.parametrize("method", ["auto", pytest.param("DOP853", marks=pytest.mark.heyoka)])
 def test_labels_and_steps_are_those_of_the_refined_equations(
     hodo: Hodo, folder: Path, method: str
 ) -> None:

@@ -126,7 +126,8 @@ def test_the_reference_is_right() -> None:
     assert exactly(body, [100])[0, :3] == pytest.approx(known, rel=1e-15)
 
 
-SIZES = [0, 7, -20, 500, -500]
+# Without heyoka the same methods run, of which only the measured error comes another way.
+SIZES = [0, 7, -20, 500, -500] if have_taylor() else [-500]
 BOUNDS = {
     ("taylor", "double"): 3e-13,
     ("taylor", "extended"): 1e-15,

@@ -186,6 +186,7 @@ def test_directions_are_uniform_and_any_part_of_them_can_be_drawn() -> None:
 LATE = {"values": [900, 950, 1000]}, {"values": [900, 1000]}, {"end": 1000, "samples": 1}
 
 
+@pytest.mark.heyoka  # without it, collocation would be compared with itself
 @pytest.mark.parametrize("time", LATE, ids=str)
 @pytest.mark.parametrize("form", ["full", "averaged"])
 @pytest.mark.parametrize("store", [[], ["trajectory"]], ids=["ends", "trajectory"])
@@ -558,7 +559,9 @@ def test_the_end_of_spin_of_members() -> None:
     assert values["x"] == pytest.approx([1.2371, 1.2157], abs=1e-4)
 
 
-@pytest.mark.parametrize("alone", ["", ", max_steps: 100000"])
+@pytest.mark.parametrize(
+    "alone", [pytest.param("", marks=pytest.mark.heyoka), ", max_steps: 100000"]
+)
 @pytest.mark.parametrize(
     ("torques", "axes"),
     [
@@ -582,7 +585,7 @@ def test_members_stop_as_their_single_cases(torques: str, axes: set[int], alone:
     assert found["event_from"][3] == rigid_body.UNDETERMINED
     assert {*found["event_from"][:3]} == axes
     for i in range(3):
-        motion = integrate(members.member(case, i))
+        motion = integrate(replace(members.member(case, i), error=False))
         assert found["event_time"][i] == pytest.approx(motion.events[0].time, rel=1e-13)
         assert found["event_from"][i] == motion.events[0].details["from"]
         assert found["end_axis"][i] == rigid_body.UNDETERMINED
@@ -736,23 +739,29 @@ TORQUES = {
 }
 
 
+def assert_first_members_are_single_cases(case: Case, group: Group) -> None:
+    """Sixteen of the members, which differ by their start or their torque only; a limit of steps
+    has each integrated by itself."""
+    alone = computed(replace(case, max_steps=10**6), 0, 16)
+    together = {name: group.variables[name].data[:16] for name in alone}
+    for name in ("status", "start_axis", "end_axis", "crossings", "crossing_to", "crossing_from"):
+        assert np.array_equal(together[name], alone[name]), name
+    for name in ("omega", "crossing_time", "share"):
+        known = pytest.approx(alone[name], rel=1e-10, abs=1e-12, nan_ok=True)
+        assert together[name] == known, name
+
+
 @pytest.mark.heyoka
 @pytest.mark.parametrize("torque", TORQUES)
 def test_members_with_more_than_omega_along_principal_axes_go_side_by_side(torque: str) -> None:
     """The direction of a torque, the leg of a brake, the signs of drag by axes and an attitude are
-    part of the state, and the axes of the data may be others than the principal ones; a limit of
-    steps has each member integrated by itself."""
+    part of the state, and the axes of the data may be others than the principal ones."""
     text = f"model: torques, time: {{end: 100}}, error: off, {BALL.replace('G: 1', 'r: 1')}"
     case = one(f"{text}, {TORQUES[torque]}, sweep: {{d: {{sphere: {{count: 40, seed: 3}}}}}}")
     group = chunk.compute(chunk.Chunk(case, 0, 40))
     assert group.attributes["rejections"].sum() <= 1
-    alone = computed(replace(case, max_steps=10**6))
-    for name in ("status", "start_axis", "end_axis", "crossings", "crossing_to", "crossing_from"):
-        assert np.array_equal(group.variables[name].data, alone[name]), name
-    for name in ("omega", "crossing_time", "share"):
-        known = pytest.approx(alone[name], rel=1e-10, abs=1e-12, nan_ok=True)
-        assert group.variables[name].data == known, name
-    stopped = (alone["omega"] == 0).all(axis=1)
+    assert_first_members_are_single_cases(case, group)
+    stopped = (group.variables["omega"].data == 0).all(axis=1)
     assert stopped.any() == ("stops" in torque)
     assert stopped.all() == ("all" in torque)
 
@@ -776,14 +785,9 @@ def test_members_that_a_torque_sets_going_from_rest_go_side_by_side(others: str)
     )
     group = chunk.compute(chunk.Chunk(case, 0, 40))
     assert group.attributes["rejections"].sum() <= 2
-    alone = computed(replace(case, max_steps=10**6))
-    for name in ("status", "start_axis", "end_axis", "crossings", "crossing_to", "crossing_from"):
-        assert np.array_equal(group.variables[name].data, alone[name]), name
-    assert (alone["start_axis"] == rigid_body.UNDETERMINED).all()
-    assert alone["crossings"].any()
-    for name in ("omega", "crossing_time", "share"):
-        known = pytest.approx(alone[name], rel=1e-10, abs=1e-12, nan_ok=True)
-        assert group.variables[name].data == known, name
+    assert_first_members_are_single_cases(case, group)
+    assert (group.variables["start_axis"].data == rigid_body.UNDETERMINED).all()
+    assert group.variables["crossings"].data.any()
 
 
 KEPT = "time: {end: 30, samples: 31}, error: off, store: [trajectory]"
@@ -1453,7 +1457,7 @@ def test_the_time_of_a_crossing_is_right_to_the_error_that_the_member_states(kin
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("end", [1e-2, 1.0, 1e2, 1e4, 1e6])
+@pytest.mark.parametrize("end", [1e-2, 1e6])
 def test_an_early_crossing_in_a_long_span_has_its_digits(end: float) -> None:
     """The time that is left has none of them: it was 5e-12 off where 6e-15 was stated."""
     unit = 1e-5 * end
@@ -1471,7 +1475,7 @@ def test_an_early_crossing_in_a_long_span_has_its_digits(end: float) -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("end", [5e3, 1e4, 1e5])
+@pytest.mark.parametrize("end", [5e3, 1e4])
 def test_a_decayed_member_has_the_labels_of_its_case(end: float) -> None:
     """Below 1e-1233 a motion is at rest, and has no label."""
     case = one(
@@ -1509,13 +1513,14 @@ def test_a_motion_has_a_label_until_it_is_at_rest() -> None:
 def test_early_samples_in_a_long_span_have_their_digits() -> None:
     """Steps count the time that is left, whose digits are those of the span."""
     body = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [0.5, 0.4, 0.3]}
-    body |= {"time": {"values": [3.1, 7.7, 12.9, 1e5]}}
+    early = [3.1, 7.7, 12.9]
     starts = [{"p": p, "q": 0.5, "r": 0.99} for p in (0.77, 0.8, 0.83)]
     axis = {"initial.p": {"values": [start["p"] for start in starts]}}
-    swept = hodo_cli.sweep(body | {"initial": starts[0], "store": ["trajectory"], "sweep": axis})
+    spanning = body | {"time": {"values": [*early, 1e5]}, "store": ["trajectory"], "sweep": axis}
+    swept = hodo_cli.sweep(spanning | {"initial": starts[0]})
     for start, seen in zip(starts, swept["omega"].values, strict=True):
-        known = hodo_cli.run(body | {"initial": start})["omega"].values
-        assert seen[:3] == pytest.approx(known[:3], rel=0, abs=1e-14)
+        known = hodo_cli.run(body | {"initial": start, "time": {"values": early}})["omega"].values
+        assert seen[:3] == pytest.approx(known, rel=0, abs=1e-14)
 
 
 @pytest.mark.heyoka

@@ -37,10 +37,12 @@ def tangents() -> list[Tangent]:
         ("auto", None, 1e-5),
         ("collocation", None, 1e-5),
         ("DOP853", None, 1e-3),
-        ("LSODA", 1e-10, 1e-2),
+        # Without heyoka one of the looser methods stands for all: what they know of the steps of a
+        # reference is the same.
+        pytest.param("LSODA", 1e-10, 1e-2, marks=pytest.mark.heyoka),
         ("RK45", 1e-8, 1.0),
-        ("Radau", 1e-5, 1.0),
-        ("BDF", 1e-5, 1.0),
+        pytest.param("Radau", 1e-5, 1.0, marks=pytest.mark.heyoka),
+        pytest.param("BDF", 1e-5, 1.0, marks=pytest.mark.heyoka),
     ],
 )
 def test_a_pair_of_crossings_is_found_or_undecided(
