@@ -620,6 +620,7 @@ def run_top(end: float, **keys: Any) -> Any:
             "inertia": {"A": 1.5, "C": 1},
             "initial": {"theta": "60 deg", "r": math.sqrt(3)},
             "time": {"end": end, "samples": 5},
+            "error": "off",
             **keys,
         }
     )
