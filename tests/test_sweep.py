@@ -1663,13 +1663,22 @@ def test_crossings_that_no_bound_decides_are_left_to_the_single_case() -> None:
     assert group.variables["crossing_error"].data[0] == pytest.approx(off, rel=0.01)
 
 
-def test_a_key_of_one_law_for_all_axes_is_named_with_its_position() -> None:
-    text = """\
+@pytest.mark.heyoka
+def test_a_key_of_one_law_for_all_axes_varies_in_all_of_them() -> None:
+    law = "{law: power, value: 0.02, rate: 0.1, exponent: -1.5}"
+    text = f"""\
 cases:
-  a: {model: torques, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}, time: {end: 1},
-      damping: {law: power, value: 0.02, rate: 0.1, exponent: -1.5},
-      sweep: {damping.rate: {values: [0.1, 0.2]}}}
+  a: {{model: torques, inertia: [1, 0.8, 0.6], initial: {{p: 1, q: 1, r: 1}}, time: {{end: 9}},
+      damping: {law}, sweep: {{damping.rate: {{values: [0.1, 0.2]}}}}}}
 """
-    with pytest.raises(HodoError, match=r"no such number; did you mean 'damping\.0\.rate'\?$"):
+    case = parse(text, "a.yaml").cases["a"]
+    swept = hodo_cli.sweep(case)
+    for rate, omega in zip((0.1, 0.2), swept.omega.data, strict=True):
+        damping = ({**case.data["damping"][0], "rate": rate},) * 3
+        alone = hodo_cli.run(replace(case, sweep=None, data=case.data | {"damping": damping}))
+        np.testing.assert_allclose(omega, alone.omega[-1], rtol=1e-13)
+    # Of laws that differ one is named with its position.
+    text = text.replace(law, f"[0.1, {law}, 0]")
+    with pytest.raises(HodoError, match=r"no such number; did you mean 'damping\.1\.rate'\?$"):
         parse(text, "a.yaml")
-    assert parse(text.replace("damping.rate", "damping.0.rate"), "a.yaml").cases["a"].sweep
+    assert parse(text.replace("damping.rate", "damping.1.rate"), "a.yaml").cases["a"].sweep

@@ -349,6 +349,9 @@ def _part(kind: Kind | None, step: str | int, value: Any) -> tuple[Kind | None, 
         kind = Table(kind.tables[value[kind.tag]])
     if isinstance(kind, ListOf) and isinstance(step, int) and step < len(value or ()):
         return kind.kind, value[step]
+    # One law that is given for all axes.
+    if isinstance(kind, ListOf) and value and value.count(value[0]) == len(value):
+        return _part(_of_shape(kind.kind, value[0]), step, value[0])
     if isinstance(kind, Table) and isinstance(value, Mapping) and step in kind.keys:
         return kind.keys[str(step)].kind, value.get(step)
     return None, None
@@ -361,8 +364,8 @@ def _of_shape(kind: Kind | None, value: Any) -> Kind | None:
 
 
 def put(value: Any, path: Sequence[str | int], new: float) -> Any:
-    """A copy of resolved case data with `new` at a path; where a vector stands, all of its
-    components."""
+    """A copy of resolved case data with `new` at a path; where a vector or one law for all axes
+    stands, in all of its components."""
     if not path:
         # A scalar key given for a vector (`damping`) means that all are equal.
         return (new,) * len(value) if isinstance(value, tuple) else new
@@ -370,5 +373,6 @@ def put(value: Any, path: Sequence[str | int], new: float) -> Any:
     if isinstance(value, Mapping):
         return {**value, head: put(value[head], tail, new)}
     assert isinstance(value, tuple)
-    assert isinstance(head, int)
+    if isinstance(head, str):
+        return tuple(put(item, path, new) for item in value)
     return (*value[:head], put(value[head], tail, new), *value[head + 1 :])
