@@ -80,7 +80,7 @@ def run(
     that is not installed, or if the file cannot be written. A case that fails has an
     `attrs["status"]` other than "ok".
     """
-    _check_jobs(jobs)
+    jobs = _checked_jobs(jobs)
     if not isinstance(classify, bool | np.bool_):
         raise _wrong("classify: expected True or False", classify)
     path = None if to is None else _path("to: expected a name that ends with .h5", to)
@@ -128,9 +128,10 @@ def _wrong(what_is_right: str, value: object) -> HodoError:
     return HodoError(f"{what_is_right}, got {shown(value)}")
 
 
-def _check_jobs(jobs: object) -> None:
+def _checked_jobs(jobs: object) -> int:
     if isinstance(jobs, bool) or not isinstance(jobs, Integral) or jobs < 1:
         raise _wrong("jobs: expected a whole number >= 1", jobs)
+    return int(jobs)  # a number of numpy's may be too small for the bytes of a memory
 
 
 def _path(what_is_right: str, name: str | Path) -> Path:
@@ -154,7 +155,7 @@ def sweep(case: Given, *, name: str = "sweep", jobs: int = 1) -> xr.Dataset:
     made = _case(case, name)
     if not made.sweep:
         raise HodoError("sweep: missing: use hodo.run for a single case")
-    _check_jobs(jobs)
+    jobs = _checked_jobs(jobs)
     # Members are reduced chunk by chunk in files, so that no sweep has to fit into memory at once.
     with TemporaryDirectory(prefix="hodo-") as folder:
         (swept,) = _stored([made], Path(folder) / "sweep.h5", jobs, classify=False)

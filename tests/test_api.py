@@ -488,6 +488,15 @@ def test_switches_and_numbers_of_numpy_are_taken() -> None:
     assert "enclosed_axis" in api.run(case, classify=np.True_)  # type: ignore[call-overload]
     (plain,) = api.run([case], classify=np.False_, jobs=np.int64(1))  # type: ignore[call-overload]
     assert "enclosed_axis" not in plain
+    swept = {**case, "sweep": {"damping.2": {"values": [0.1, 0.2]}}}
+    made = api.sweep(swept, jobs=np.int8(1))  # type: ignore[arg-type]
+    assert made.sizes["damping.2"] == 2
+
+
+def test_a_dataset_without_its_attributes_is_called_the_case() -> None:
+    made = api.run({**FIG4, "time": {"end": 5, "samples": 3}})
+    with pytest.raises(HodoError, match=r"^the case: its attributes hold no case"):
+        api.derive(made.drop_attrs(), "T")
 
 
 @pytest.mark.parametrize("jobs", [0, -1, "2", 1.5, True])

@@ -21,6 +21,7 @@ from ..cases.derived import BODY_AXES, DERIVED, PARTS
 from ..cases.sweep_block import axes_of, path_of, put
 from ..schema.kinds import unknown
 from ..storage import Group, ResultFile, open_batch, typed
+from ..text import case_words
 from .layout import SHOWN_ATTRIBUTES
 from .motion import Motion, case_of, damage, wrong_labels
 from .units import units_of_case
@@ -143,7 +144,7 @@ def motion_from(data: xr.Dataset, name: str, label: str = "") -> Motion:
     """
     source = str(data.encoding.get("source", ""))
     stored = source.endswith(".h5")
-    owner = f"{source}: {name}" if stored else f"case {name}"
+    owner = f"{source}: {name}" if stored else case_words(name)
     case = replace(case_in(data, owner), name=name)
     typed(data.attrs, SHOWN_ATTRIBUTES, owner)
     data = ordered(data, owner)
