@@ -347,18 +347,18 @@ def cross_check(claims: Any, errata: Any, case_of: CaseOf) -> Iterator[Mistake]:
     make."""
     ids: dict[str, list[str]] = {"errata": [], "claims": []}
     for section, items, keys in (("errata", errata, ERRATUM_KEYS), ("claims", claims, CLAIM)):
-        for i, item in enumerate(items if isinstance(items, list) else ()):
-            if not isinstance(item, Mapping):
-                continue
+        numbered = enumerate(items if isinstance(items, list) else ())
+        for i, item in ((i, item) for i, item in numbered if isinstance(item, Mapping)):
             entry, _ = check_keys(keys, item)  # what is wrong with a single key has been noted
-            mistakes = [*_check_entry(section, entry, case_of)]
-            name = entry.get("id", "")
-            if name and name in ids[section]:
-                mistakes.append((("id",), f"a second entry {name!r}"))
+            name, erratum = entry.get("id", ""), entry.get("erratum", "")
+            is_second = name and name in ids[section]
+            mistakes = (
+                _check_entry(section, entry, case_of),
+                mistakes_where((is_second, ("id",), f"a second entry {name!r}")),
+                unknown_names("erratum", {("erratum",): erratum} if erratum else {}, ids["errata"]),
+            )
+            yield from within((section, i), chain.from_iterable(mistakes))
             ids[section].append(name)
-            if name := entry.get("erratum", ""):
-                mistakes += unknown_names("erratum", {("erratum",): name}, ids["errata"])
-            yield from within((section, i), mistakes)
 
 
 def _check_entry(section: str, entry: Mapping[str, Any], case_of: CaseOf) -> Iterator[Mistake]:
@@ -418,9 +418,11 @@ def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
     """The mistakes of a check of so many cases: it needs a key, contradicts itself, or takes
     another number of cases."""
     kind, least, most = check["kind"], check.get("least"), check.get("most")
-    for keys in NEEDED.get(kind, ()):
-        if all(check[key] in (None, ()) for key in keys):
-            yield (), f"needs {' or '.join(keys)}: without, every motion meets it"
+    yield from (
+        ((), f"needs {' or '.join(keys)}: without, every motion meets it")
+        for keys in NEEDED.get(kind, ())
+        if all(check[key] in (None, ()) for key in keys)
+    )
     if least is not None and most is not None and least > most:
         yield ("most",), f"expected at least {least:g}, which is the lower bound, got {most:g}"
     if kind == "value":
@@ -485,9 +487,11 @@ def _check_quantities(
     """The mistakes of a check of quantities that do not follow from what its cases store, or from
     the variables of the model for cases that no result stores."""
     named = check.get("of", ())
-    names = [named] if isinstance(named, str) else [*named]
-    names += [name for name in check.get("values", ()) if name in QUANTITY_NAMES]
-    names += ["turns"] if check.get("turns") else []
+    names = [
+        *([named] if isinstance(named, str) else named),
+        *(name for name in check.get("values", ()) if name in QUANTITY_NAMES),
+        *(["turns"] if check.get("turns") else []),
+    ]
     for case, name in product(cases, names):
         variables = (case.store if is_stored else ()) or case.system.variables
         sources = {*variables, *constants_of(case.system, case.data)}

@@ -473,12 +473,15 @@ def _scale_mistakes(
     kind: str | None, style: Mapping[str, Any], has_scales: bool
 ) -> Iterator[Mistake]:
     """The mistakes in the style of the scales of a figure's panels."""
-    for key in SCALES:
-        if style.get(key) is not None and not has_scales:
-            yield ("style", key), f"the panels of a {kind} have no scales"
-    for axis in style.get("log") or ():
-        if (ends := style.get(f"{axis}lim")) and ends[0] <= 0:
-            yield ("style", f"{axis}lim"), "expected positive ends of a logarithmic axis"
+    if not has_scales:
+        given = (key for key in SCALES if style.get(key) is not None)
+        yield from ((("style", key), f"the panels of a {kind} have no scales") for key in given)
+    logarithmic = [f"{axis}lim" for axis in style.get("log") or ()]
+    yield from (
+        (("style", key), "expected positive ends of a logarithmic axis")
+        for key in logarithmic
+        if (ends := style.get(key)) and ends[0] <= 0
+    )
 
 
 @dataclass(frozen=True)
@@ -624,10 +627,12 @@ def _span_mistakes(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> 
         first, last = max(start, low), min(end, high)
         if first > last:
             yield path, f"holds no time of {case_words(name)}, which goes from {start:g} to {end:g}"
-        for i, moment in enumerate(values.get("moments", ())):
-            if not first <= moment <= last:
-                message = f"{moment:g} is no time of {case_words(name)}, shown"
-                yield ("moments", i), f"{message} from {first:g} to {last:g}"
+        shown = f"{case_words(name)}, shown from {first:g} to {last:g}"
+        yield from (
+            (("moments", i), f"{moment:g} is no time of {shown}")
+            for i, moment in enumerate(values.get("moments", ()))
+            if not first <= moment <= last
+        )
 
 
 def _swept_mistakes(
@@ -647,10 +652,12 @@ def _swept_mistakes(
         yield (), f"sweep {case.name} has no sphere: name the axes x and y"
     counted = values.get(_axis_of_positions(values)) or ""
     size = case.axes.get(counted, math.inf) if with_sizes else math.inf
-    for i, position in enumerate(values.get("at", ())):
-        if position >= size:
-            message = f"axis {counted} of sweep {case.name} has positions 0 to {size - 1}"
-            yield ("at", i), f"{message}, not {position}"
+    message = f"axis {counted} of sweep {case.name} has positions 0 to {size - 1}"
+    yield from (
+        (("at", i), f"{message}, not {position}")
+        for i, position in enumerate(values.get("at", ()))
+        if position >= size
+    )
 
 
 def _lack_of_starts(case: Drawable) -> str:

@@ -85,9 +85,11 @@ def _time_mistakes(time: Mapping[str, Any]) -> Iterator[Mistake]:
         others = [name for name in ("end", "samples", "values") if name in REPLACED_TIMES[key]]
         if time[key] and (idle := [other for other in others if time[other] is not None]):
             yield (idle[0],), f"leave it out where {words} gives the times"
-    for i, (before, after) in enumerate(pairwise(values)):
-        if not before < after:
-            yield ("values", i + 1), f"expected a time after {before:g}, got {after:g}"
+    yield from (
+        (("values", i), f"expected a time after {before:g}, got {after:g}")
+        for i, (before, after) in enumerate(pairwise(values), 1)
+        if not before < after
+    )
     if values and values[0] < start:
         yield ("values", 0), f"expected no time before start, {start:g}, got {values[0]:g}"
     if not values and end is None:
