@@ -99,12 +99,11 @@ def least_crossings(check: Keys) -> int:
 def contrary_crossings(check: Keys) -> str:
     """The crossings that a check of crossings does not allow, in words."""
     least, most = least_crossings(check), check["most"]
-    words = ["no crossing" if least == 1 else f"fewer crossings than {least}"] if least else []
-    if most is not None:
-        words.append(f"more crossings than {most}" if most else "a crossing")
-    ends = [f"{side} {check[side]}" for side in ("from", "to") if check[side]]
-    words += [f"a crossing that is not {' '.join(ends)}"] if ends else []
-    return " or ".join(words)
+    fewer = "no crossing" if least == 1 else f"fewer crossings than {least}"
+    more = f"more crossings than {most}" if most else "a crossing"
+    ends = " ".join(f"{side} {check[side]}" for side in ("from", "to") if check[side])
+    contrary = ((fewer, least), (more, most is not None), (f"a crossing that is not {ends}", ends))
+    return " or ".join(words for words, is_contrary in contrary if is_contrary)
 
 
 def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:

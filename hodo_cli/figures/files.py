@@ -109,8 +109,8 @@ def figure_page(sheet: Sheet, title: str, caption: str, back: str) -> str:
         "height": height,
         "time": [without_tex(f"${sheet.time}$"), "" if unit == "1" else f" {unit}"],
     }
-    globe = any(axes.name == "hammer" for axes in sheet.scenes)
-    how_to = HOW_TO["globe" if globe else "space" if sheet.scenes else "plane"]
+    in_space = "globe" if any(axes.name == "hammer" for axes in sheet.scenes) else "space"
+    how_to = HOW_TO[in_space if sheet.scenes else "plane"]
     svg = printed.getvalue()
     return own_page(
         "figure", data, title, caption, back, figure=svg[svg.index("<svg") :], how_to=how_to

@@ -59,14 +59,14 @@ def figure_entry(
     assumed = [f"{key}: {text}" for motion in shown for key, text in motion.case.assumes.items()]
     singles = [motion for motion in shown if motion.sampled and not motion.case.sweep]
     remarks = coarse_curves(spec, singles) if spec["kind"] in OF_SAMPLES else []
-    sizes = [picture_size(file) for file in figure.files if file.suffix == ".png"]
+    pictures = [file for file in figure.files if file.suffix == ".png"]
     return {
         "name": figure.name,
         "caption": " ".join(filter(None, [spec["caption"], *remarks])),
         "about": described_by_kind(spec, shown),
         "problem": figure.problem,
         "files": [os.path.relpath(file, folder) for file in figure.files],
-        "size": sizes[0] if sizes else (),
+        "size": picture_size(pictures[0]) if pictures else (),
         "assumed": [*dict.fromkeys(assumed)],
         "cases": [*spec.get("cases", ())],
     }
@@ -109,13 +109,12 @@ def described_by_kind(spec: Mapping[str, Any], shown: Sequence[Motion]) -> str:
         parts.append(f"{spec['y']} over {spec['x']}")
     if spec.get("cases"):
         parts.append(f"case{'s' * (len(spec['cases']) > 1)} {', '.join(spec['cases'])}")
-    for motion in shown if len(shown) == 1 else ():
-        if ends := end_axes(motion):
-            count = len(motion.crossings)
-            parts.append(
-                f"encloses {ends[0]} first and {ends[1]} last, with {count} "
-                f"crossing{'s' * (count != 1)} of the separatrix"
-            )
+    if len(shown) == 1 and (ends := end_axes(shown[0])):
+        count = len(shown[0].crossings)
+        parts.append(
+            f"encloses {ends[0]} first and {ends[1]} last, with {count} "
+            f"crossing{'s' * (count != 1)} of the separatrix"
+        )
     return "; ".join(parts)
 
 

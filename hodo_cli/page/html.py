@@ -11,7 +11,7 @@ from pathlib import Path
 from string import Template
 from urllib.parse import quote, unquote
 
-from ..text import magnitude, seconds
+from ..text import grouped, magnitude, seconds
 from .stored import Section
 
 PICTURES = (".png", ".svg")
@@ -37,8 +37,7 @@ def page_of(sections: Sequence[Section]) -> str:
         script=template("page.js").template,
         summary=escape(index_totals(entries)),
         contents="".join(
-            f'<li><a href="#{anchor(section["name"])}">{escape(section["title"])}</a></li>'
-            for section in sections
+            f"<li>{local_link(section['title'], section['name'])}</li>" for section in sections
         ),
         rows="".join(map(index_row, entries)),
         sections="".join(map(section_html, sections)),
@@ -55,6 +54,11 @@ def anchor(*names: str) -> str:
     return "-".join(escape(quote(name)) for name in names)
 
 
+def local_link(text: str, *names: str) -> str:
+    """A link within the page, to the place with these names."""
+    return f'<a href="#{anchor(*names)}">{escape(text)}</a>'
+
+
 def address(file: str) -> str:
     """A relative link to a file; neither a scheme nor a host begins it."""
     return quote(file.lstrip("/"))
@@ -65,9 +69,9 @@ def index_entries(section: Section) -> list[dict[str, str]]:
     run = section["name"]
     figures = [
         {
+            "run": run,
             "kind": "figure",
-            "name": figure["name"],
-            "link": anchor(run, figure["name"]),
+            "link": local_link(figure["name"], run, figure["name"]),
             "verdict": "not drawn" if figure["problem"] else "",
             "text": figure["caption"],
         }
@@ -75,16 +79,16 @@ def index_entries(section: Section) -> list[dict[str, str]]:
     ]
     judged = [
         {
+            "run": run,
             "kind": kind,
-            "name": entry["name"],
-            "link": anchor(run, kind, entry["name"]),
+            "link": local_link(entry["name"], run, kind, entry["name"]),
             "verdict": entry["verdict"],
             "text": entry["text"],
         }
         for kind, entries in judged_by_kind(section).items()
         for entry in entries
     ]
-    return [{**entry, "run": run} for entry in [*figures, *judged]]
+    return figures + judged
 
 
 def judged_by_kind(section: Section) -> dict[str, list[Section]]:
@@ -94,22 +98,19 @@ def judged_by_kind(section: Section) -> dict[str, list[Section]]:
 
 def index_totals(entries: Iterable[dict[str, str]]) -> str:
     """How many figures, statements and errata there are, and with which verdicts."""
-    kinds: dict[str, Counter[str]] = {}
-    for entry in entries:
-        kinds.setdefault(entry["kind"], Counter())[entry["verdict"]] += 1
     parts = []
-    for kind, verdicts in kinds.items():
-        named = ", ".join(f"{n} {verdict}" for verdict, n in verdicts.most_common() if verdict)
+    for kind, verdicts in grouped((entry["kind"], entry["verdict"]) for entry in entries).items():
+        counts = Counter(filter(None, verdicts)).most_common()
+        named = ", ".join(f"{n} {verdict}" for verdict, n in counts)
         plural = {"erratum": "errata"}.get(kind, f"{kind}s")
-        count = verdicts.total()
-        parts.append(f"{count} {kind if count == 1 else plural}{f' ({named})' if named else ''}")
+        words = kind if len(verdicts) == 1 else plural
+        parts.append(f"{len(verdicts)} {words}{f' ({named})' if named else ''}")
     return "; ".join(parts)
 
 
 def index_row(entry: dict[str, str]) -> str:
     """A line of the index."""
-    link = f'<a href="#{entry["link"]}">{escape(entry["name"])}</a>'
-    cells = [cell(entry["kind"]), f'<td class="n">{link}</td>', cell(entry["run"], "n")]
+    cells = [cell(entry["kind"]), f'<td class="n">{entry["link"]}</td>', cell(entry["run"], "n")]
     cells += [cell(entry["verdict"], "n"), cell(entry["text"], "text")]
     return f'<tr data-kind="{entry["kind"]}">{"".join(cells)}</tr>'
 
@@ -187,9 +188,8 @@ def numbers_of_cases(section: Section, figure: Section) -> str:
     summary = f"{case_count(shown)}: error {magnitude(error)}, run time {total}"
     rows = []
     for case in shown:
-        name = escape(case["name"])
-        if case["crossings"]:
-            name = f'<a href="#{anchor(section["name"], "crossings", case["name"])}">{name}</a>'
+        to_crossings = local_link(case["name"], section["name"], "crossings", case["name"])
+        name = to_crossings if case["crossings"] else escape(case["name"])
         rows.append([f"<td>{name}</td>", cell(case["parameters"], "text"), *accuracy(case)])
     header = ("case", "parameters", "error", "run time")
     # What the summary says is the caption of this table.
@@ -204,15 +204,18 @@ def accuracy(case: Section) -> Cells:
 
 def links_to_figures(section: Section, cases: Sequence[str]) -> str:
     """A cell with links to the figures that show one of the cases."""
-    names = [f["name"] for f in section["figures"] if not {*cases}.isdisjoint(f["cases"])]
-    links = (f'<a href="#{anchor(section["name"], name)}">{escape(name)}</a>' for name in names)
+    links = (
+        local_link(figure["name"], section["name"], figure["name"])
+        for figure in section["figures"]
+        if not {*cases}.isdisjoint(figure["cases"])
+    )
     return f"<td>{' '.join(links)}</td>"
 
 
 def links_to_statements(section: Section, cases: Sequence[str]) -> str:
     """Links to the statements and errata about one of the cases."""
     return " ".join(
-        f'<a href="#{anchor(section["name"], kind, entry["name"])}">{escape(entry["name"])}</a>'
+        local_link(entry["name"], section["name"], kind, entry["name"])
         for kind, entries in judged_by_kind(section).items()
         for entry in entries
         if not {*cases}.isdisjoint(entry["cases"])
@@ -272,11 +275,10 @@ def crossing_rows(section: Section) -> Iterable[Cells]:
 
 def case_row(case: Section) -> Cells:
     """A case with its model, method, accuracy, parameters and notes."""
-    words = (case["method"], case["steps"])
-    notes = cell("; ".join(case["notes"]), "text")
     return [
-        *(cell(case["name"], "n"), cell(case["model"], "n"), *map(cell, words), *accuracy(case)),
-        *(cell(case["parameters"], "text"), notes),
+        *(cell(case["name"], "n"), cell(case["model"], "n")),
+        *(cell(case["method"]), cell(case["steps"]), *accuracy(case)),
+        *(cell(case["parameters"], "text"), cell("; ".join(case["notes"]), "text")),
     ]
 
 

@@ -22,8 +22,7 @@ from ..claims.quantities import first_time, largest_in_region, number, swept_ang
 from ..engines import have_taylor
 from ..engines.protocol import EPS
 from ..integration import solve
-from ..models.theory import closed_form
-from ..models.theory.closed_form import free_motion, sn_cn_dn
+from ..models.theory.closed_form import damped_motion, free_motion, sn_cn_dn
 from ..results.motion import Motion
 
 
@@ -288,9 +287,7 @@ def equations_6_meet_the_start(motions: Sequence[Motion]) -> Finding:
 
 def damped_from(m: Motion, start: np.ndarray) -> np.ndarray:
     """omega (n, 3) of a motion under equal damping from another start."""
-    return closed_form.damped_motion(
-        m.inertia, start, m.case.data["damping"][0], m.time - m.time[0]
-    )
+    return damped_motion(m.inertia, start, m.case.data["damping"][0], m.time - m.time[0])
 
 
 def as_in_equation_6(m: Motion, oscillating: int, middle: int) -> np.ndarray:

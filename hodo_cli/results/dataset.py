@@ -23,7 +23,7 @@ from ..schema.kinds import unknown
 from ..storage import Group, ResultFile, open_batch, typed
 from ..text import case_words
 from .layout import SHOWN_ATTRIBUTES
-from .motion import Motion, case_of, damage, wrong_labels
+from .motion import Motion, case_of, check_whole
 from .units import units_of_case
 
 Cases = Mapping[str, xr.Dataset]
@@ -82,9 +82,8 @@ def ordered(data: xr.Dataset, owner: str) -> xr.Dataset:
             data = data.assign_coords(axis=np.array(names, dtype=object))
         data = sorted_along(data, "axis", places, owner)
     if "crossing" in data.dims and "crossing_time" in data:
-        times = data.variables["crossing_time"].data
-        if (np.diff(times) < 0).any():
-            data = data.isel(crossing=np.argsort(times, kind="stable"))
+        order = np.argsort(data.variables["crossing_time"].data, kind="stable")
+        data = data.isel(crossing=order) if (np.diff(order) != 1).any() else data
     transposed = any(v.dims[1:] == ("time",) for v in data.variables.values())
     return data.transpose(..., "time", *PARTS, missing_dims="ignore") if transposed else data
 
@@ -148,8 +147,7 @@ def motion_from(data: xr.Dataset, name: str, label: str = "") -> Motion:
     case = replace(case_in(data, owner), name=name)
     typed(data.attrs, SHOWN_ATTRIBUTES, owner)
     data = ordered(data, owner)
-    if problem := wrong_labels(data.variables) if sweep_axes(data) else damage(data.variables):
-        raise HodoError(f"{owner} is damaged ({problem})")
+    check_whole(data.variables, owner, is_sweep=bool(sweep_axes(data)))
     motion = Motion(case, data.variables, data.attrs, label or name, source if stored else "")
     if (status := data.attrs["status"]) != "ok" and motion.sampled:
         warnings.warn(
@@ -222,11 +220,10 @@ class StoredCases(Mapping[str, xr.Dataset]):
         """
         if name not in self:
             raise NoSuchCase(f"{self.path}: {unknown(f'case {name!r}', str(name), self._names)}")
-        if self.cache is None:
-            return self._read(name)
-        if name not in self.cache:
-            self.cache[name] = self._read(name)
-        return self.cache[name]
+        read = {} if self.cache is None else self.cache
+        if name not in read:
+            read[name] = self._read(name)
+        return read[name]
 
     def _read(self, name: str) -> xr.Dataset:
         with self._reader() as run:

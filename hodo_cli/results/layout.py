@@ -19,10 +19,9 @@ from ..cases.derived import BODY_AXES, MOMENTUM, PARTS, SPACE_AXES
 from ..cases.sweep_block import PASSAGE_COLUMNS
 from ..engines.protocol import Status
 from ..integration import Crossing, Occurrence
-from ..models import rigid_body
 from ..models.attitude import CONVENTION, VARIABLE
 from ..models.base import Label
-from ..models.rigid_body import BodyFrame
+from ..models.rigid_body import LABELS, PLAIN_LABELS, BodyFrame
 from ..storage import Attribute, Variable
 from .units import units_of_case
 
@@ -117,8 +116,8 @@ def flags(meanings: Mapping[int, str]) -> dict[str, Attribute]:
     }
 
 
-AXIS_FLAGS = flags(rigid_body.PLAIN_LABELS)
-ROTOR_FLAGS = flags(rigid_body.LABELS)
+AXIS_FLAGS = flags(PLAIN_LABELS)
+ROTOR_FLAGS = flags(LABELS)
 """The meanings of labels, and of those of a body with a rotor."""
 
 INNER_COORDINATES = {

@@ -31,7 +31,6 @@ from ..cases.sweep_block import AXIS_LABELS
 from ..integration import Crossing, label_at_start
 from ..models import rigid_body
 from ..models.constants import attributes
-from ..models.rigid_body import BodyFrame
 from ..models.top.nutation import first_integrals
 from ..models.top.torques import with_mu
 from ..schema.expression import Tree, parse_expression
@@ -133,8 +132,9 @@ class Motion:
         if name not in self.vectors:
             raise KeyError(name)
         if axis not in self.axes:
-            has = ", ".join(self.axes)
-            raise HodoError(f"{self.words} has no component {axis} of {name}, only {has}")
+            raise HodoError(
+                f"{self.words} has no component {axis} of {name}, only {', '.join(self.axes)}"
+            )
         return self.vectors[name][:, self.axes.index(axis)]
 
     def vector(self, name: str) -> np.ndarray:
@@ -186,9 +186,9 @@ class Motion:
         return vectors | {"G": rigid_body.angular_momentum(moments, vectors["omega"])}
 
     @property
-    def frame(self) -> BodyFrame | None:
+    def frame(self) -> rigid_body.BodyFrame | None:
         """The body, where its model is one of a body that turns freely in its own axes."""
-        return self.case.system if isinstance(self.case.system, BodyFrame) else None
+        return self.case.system if isinstance(self.case.system, rigid_body.BodyFrame) else None
 
     @property
     def body(self) -> tuple[Any, ...]:
@@ -227,8 +227,9 @@ class Motion:
             raise HodoError(f"{self.words} has a rotor: its hodographs have no quadrants")
         K = rigid_body.slope(self.inertia)
         if math.isinf(K):
-            why = "its two larger moments of inertia are equal"
-            raise HodoError(f"{self.words} has no quadrants: {why}")
+            raise HodoError(
+                f"{self.words} has no quadrants: its two larger moments of inertia are equal"
+            )
         largest, _, smallest = self.order
         return np.asarray(self.principal_omega[:, [largest, smallest]] ** 2 * [1, K])
 
@@ -418,9 +419,15 @@ def motion_of(data: Variables, attrs: Mapping[str, Any], owner: str, path: str =
     Raises HodoError, which begins with `owner`, if what is stored does not fit together.
     """
     case = case_of(attrs, owner)
-    if problem := wrong_labels(data) if case.sweep else damage(data):
-        raise HodoError(f"{owner} is damaged ({problem})")
+    check_whole(data, owner, is_sweep=bool(case.sweep))
     return Motion(case, data, attrs, case.name, path)
+
+
+def check_whole(data: Variables, owner: str, is_sweep: bool) -> None:
+    """Raise HodoError, which begins with `owner`, if the variables of a motion or of a sweep are
+    damaged."""
+    if problem := wrong_labels(data) if is_sweep else damage(data):
+        raise HodoError(f"{owner} is damaged ({problem})")
 
 
 def case_of(attrs: Mapping[str, Any], owner: str) -> Case:
@@ -464,10 +471,12 @@ def damage(data: Variables) -> str:
 def wrong_labels(data: Variables) -> str:
     """Which variable of a case or of a sweep holds numbers that are labels of no axis; an empty
     string if none does."""
-    labelled = [name for name in ("enclosed_axis", *AXIS_LABELS) if name in data]
-    wrong = [x for x in labelled if not np.isin(data[x].data, list(rigid_body.LABELS)).all()]
-    reason = "holds labels that are none, as after arithmetic with a whole dataset"
-    return f"its {wrong[0]} {reason}" if wrong else ""
+    for name in ("enclosed_axis", *AXIS_LABELS):
+        if name in data and not np.isin(data[name].data, list(rigid_body.LABELS)).all():
+            return (
+                f"its {name} holds labels that are none, as after arithmetic with a whole dataset"
+            )
+    return ""
 
 
 # What follows from the samples

@@ -22,7 +22,7 @@ from ..results.dataset import (
     sweep_axes,
     swept_names,
 )
-from ..results.motion import QUANTITIES, Motion, wrong_labels
+from ..results.motion import QUANTITIES, Motion, check_whole
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -76,8 +76,7 @@ class SweepView:
         """The sweep in a dataset. Raises HodoError if what it holds does not fit together."""
         owner = f"case {name}"
         case, data = case_in(data, owner), ordered(data, owner)
-        if problem := wrong_labels(data.variables):
-            raise HodoError(f"{owner} is damaged ({problem})")
+        check_whole(data.variables, owner, is_sweep=True)
         return cls(name, case, data)
 
     @cached_property

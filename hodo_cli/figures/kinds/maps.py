@@ -16,8 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ... import HodoError
 from ...cases.figure_block import AXIS_KEYS, averaged
-from ...models import rigid_body
-from ...models.rigid_body import LABELS
+from ...models.rigid_body import LABELS, inertia_order, separatrix_terms
 from ...models.terms.body import BodyUnderTorques
 from ...models.theory.dissipation import turning_momenta
 from ...models.theory.gyrostat import separatrix_curves
@@ -390,7 +389,7 @@ def within_separatrix(directions: np.ndarray, A: np.ndarray | None) -> np.ndarra
     if A is None:
         return np.zeros(directions.shape[:-1], dtype=bool)
     omega = np.moveaxis(directions / A, -1, 0)
-    outer, inner = rigid_body.separatrix_terms(A, omega, rigid_body.inertia_order(A))
+    outer, inner = separatrix_terms(A, omega, inertia_order(A))
     return np.asarray(outer > inner)
 
 

@@ -12,8 +12,7 @@ from matplotlib.patches import Polygon, Wedge
 
 from ... import HodoError
 from ...engines.protocol import EPS
-from ...models import rigid_body
-from ...models.rigid_body import slope
+from ...models.rigid_body import inertia_order, slope
 from ...models.terms.body import BodyUnderTorques
 from ...results.motion import Motion, formula_values, is_of_time
 from ...results.resolution import samples_within
@@ -131,7 +130,7 @@ def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Mot
 
 def sketch(axes: Axes, body: Sequence[float]) -> None:
     """The quadrants of one body."""
-    largest, _, smallest = rigid_body.inertia_order(body)
+    largest, _, smallest = inertia_order(body)
     # The angle of the line above the horizontal axis, on which p^2 = K r^2 grows.
     angle = math.degrees(math.atan2(1, slope(body)))
     for name, axis, low, high in (("A", largest, 0, angle), ("B", smallest, angle, 90)):
