@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
-from operator import itemgetter
+from itertools import product
 from typing import Any
 from unicodedata import normalize
 
@@ -246,11 +246,11 @@ class Words(Annotation):
         beside = half + BESIDE
         # Where no place is within the panel, to the upper right.
         best: Any = math.inf, self.points[0], beside, seen[0] + beside
-        for rank, place in enumerate(self.places(half, seen)):
-            middle = place[-1]
+        for rank, (point, offset, middle) in enumerate(self.places(half, seen)):
             around = area_about(ink, middle, half + AROUND).sum() / 20 if several else rank
             cost = area_about(ink, middle, half + 1).sum() + around
-            best = min(best, (cost, *place), key=itemgetter(0))
+            if cost < best[0]:
+                best = cost, point, offset, middle
             if not several and best[0] <= rank:
                 break  # what follows costs as much, whatever it hides
         _, self.xy, self.xyann, middle = best
@@ -273,9 +273,8 @@ class Words(Annotation):
         likeness = (COMPASS @ self.toward) / np.hypot(*COMPASS.T)
         directions = COMPASS[np.argsort(-likeness, kind="stable")]
         away = BESIDE + size * np.arange(LINES_AWAY if len(self.points) == 1 else 1)
-        for offset in (
-            (half + distance) * direction for distance in away for direction in directions
-        ):
+        for distance, direction in product(away, directions):
+            offset = (half + distance) * direction
             for point, middle in zip(self.points, seen + offset, strict=True):
                 if left <= middle[0] <= right and low <= middle[1] <= high:
                     yield point, offset, middle

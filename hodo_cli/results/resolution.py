@@ -133,15 +133,14 @@ def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[st
     slow = [name for name in names if kind == "series" and not oscillates(name)]
     drawn = [(motion, samples_within(motion, spec.get("span"))) for motion in motions]
     bends = [bend_remark(motion, name, samples) for motion, samples in drawn for name in slow]
-    if kind not in CURVES and not any(map(oscillates, names)):
-        return [*filter(None, bends)]
+    turning = kind in CURVES or any(map(oscillates, names))
     limit = OSCILLATION_ANGLE if kind == "series" else LARGEST_TURN
     # The angles count the turns of the body in space, of which few samples lose whole ones.
     in_space = kind in KINDS_IN_SPACE or any(name in EULER_ANGLES for name in names)
     remarks = [
         turn_remark(motion, samples, limit, in_space)
         for motion, samples in drawn
-        if turns_in_body(motion) and len(motion.time[samples]) > 2
+        if turning and turns_in_body(motion) and len(motion.time[samples]) > 2
     ]
     return list(dict.fromkeys(filter(None, [*remarks, *bends])))
 

@@ -31,6 +31,7 @@ from ..files import own_page
 from ..sheet import PAGE, SHEET_STYLE, Look, Sheet, View
 from ..words import FormulaCanvas, Words, place_words, without_tex
 from .plane import within_span
+from .space import space_vector
 
 FILM_SAMPLES = 3000
 """The samples of a film: with 65 bytes each in a page, it has less than 300 kB."""
@@ -126,9 +127,9 @@ def body(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> No
     film = film_of(motion, spec)
     sheet.figure.film = film
     moments = spec["moments"] or film.time[[0, len(film.time) // 2, -1]].tolist()
-    for vector in ("omega_space", "G_space", *(f"x{i}_space" for i in (1, 2, 3))):
-        columns = {name: motion[name] for name in component_names(vector, "space")}
-        sheet.record(motion.label, {"time": motion.time, **columns})
+    for vector in ("omega", "G", "x1", "x2", "x3"):
+        names = component_names(f"{vector}_space", "space")
+        sheet.record_path(motion, names, space_vector(motion, vector))
     across = sheet.columns(PAGE, min(4, len(moments)))
     rows, width = -(-len(moments) // across), sheet.width or PAGE
     panels = sheet.panels(width, rows * (width / across + 0.2), len(moments), across)
@@ -140,20 +141,24 @@ def body(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> No
 
 def film_of(motion: Motion, spec: Mapping[str, Any]) -> Film:
     """The film of a motion, within the span of its figure."""
-    span = within_span(motion, spec["span"])
-    within = np.arange(len(motion.time))[span]
+    within = np.arange(len(motion.time))[within_span(motion, spec["span"])]
     # The last one too: a film and its printed moments end with the motion.
     places = np.linspace(0, len(within) - 1, min(len(within), FILM_SAMPLES))
     index = within[places.round().astype(int)]
     symbol, of = without_tex(f"${spec['time']}$"), motion.units("time")
-    words = (f"{symbol} = ", "" if of == "1" else f" {of}")
-    turned, parts = rotations(motion)[index], moving_parts(motion, index)
-    return Film(motion.time[index], turned, parts, tuple(spec["view"]), spec["seconds"], words)
-
-
-def moving_parts(motion: Motion, index: np.ndarray) -> list[MovingPart]:
-    """What is seen of a motion in a film of some of its samples."""
     turned = rotations(motion)[index]
+    return Film(
+        time=motion.time[index],
+        rotations=turned,
+        parts=moving_parts(motion, index, turned),
+        view=tuple(spec["view"]),
+        seconds=spec["seconds"],
+        words=(f"{symbol} = ", "" if of == "1" else f" {of}"),
+    )
+
+
+def moving_parts(motion: Motion, index: np.ndarray, turned: Any) -> list[MovingPart]:
+    """What is seen of a motion in a film of some of its samples, at which it is turned so."""
     # Whatever the units; of two lengths, since both often point the same way.
     G, omega = (
         length * values / max(float(np.hypot.reduce(values, axis=-1).max()), math.ulp(0))
