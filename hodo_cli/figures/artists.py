@@ -247,8 +247,10 @@ def axis_handles(motions: Sequence[Motion]) -> list[Line2D]:
 
 def case_handles(names: Sequence[str], style_names: Sequence[str]) -> list[Line2D]:
     """Legend entries of the colours by case."""
-    looks = labelled_styles(names, style_names, even_one=True)
-    return [Line2D([], [], **{**look, "ls": "-"}) for look in looks]
+    return [
+        Line2D([], [], **{**look, "ls": "-"})
+        for look in labelled_styles(names, style_names, even_one=True)
+    ]
 
 
 def colour_handles(
@@ -341,14 +343,9 @@ def line_width(motion: Motion) -> float:
 
 def arrow(axes: Axes, tail: np.ndarray, tip: np.ndarray, colour: Any, zorder: float) -> None:
     """An arrow from tail to tip (2,)."""
-    looks = {
-        "arrowstyle": "-|>,head_width=0.14,head_length=0.35",
-        "lw": 0.5,
-        "color": colour,
-        "shrinkA": 0,
-        "shrinkB": 0,
-    }
-    axes.annotate("", tip.tolist(), tail.tolist(), arrowprops=looks, zorder=zorder)
+    head = "-|>,head_width=0.14,head_length=0.35"
+    look = {"arrowstyle": head, "lw": 0.5, "color": colour, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", tip.tolist(), tail.tolist(), arrowprops=look, zorder=zorder)
 
 
 def names_beside(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[str]:

@@ -89,8 +89,8 @@ def sheet_in_file(path: str) -> Mapping[str, Any]:
         # matplotlib logs a key that it does not know, and goes on without the line.
         key = re.split("[:#]", line)[0].strip()
         if key and key not in sheet:
-            message = unknown(f"parameter {key!r}", key, matplotlib.rcParamsDefault)
-            raise HodoError(f"style.sheet: {path}: {message}")
+            mistake = unknown(f"parameter {key!r}", key, matplotlib.rcParamsDefault)
+            raise HodoError(f"style.sheet: {path}: {mistake}")
     return dict(sheet)
 
 
@@ -102,10 +102,15 @@ def font_parameters(family: str) -> Look:
     except ValueError:
         fonts = [*GENERIC_FONTS, *sorted(get_font_names())]
         raise HodoError(f"style.font: {unknown(f'font {family!r}', family, fonts)}") from None
-    formulas = {"mathtext.rm": family, "mathtext.it": f"{family}:italic"}
-    formulas |= {"mathtext.bf": f"{family}:bold", "mathtext.cal": family}
-    letters_alone = {"font.family": [family], "mathtext.fontset": "custom"}
-    return letters_alone | formulas | {"mathtext.fallback": "stix"}
+    return {
+        "font.family": [family],
+        "mathtext.fontset": "custom",
+        "mathtext.rm": family,
+        "mathtext.it": f"{family}:italic",
+        "mathtext.bf": f"{family}:bold",
+        "mathtext.cal": family,
+        "mathtext.fallback": "stix",
+    }
 
 
 def wanted_width(style: Mapping[str, Any]) -> float | None:

@@ -201,15 +201,17 @@ def criterion_predicts(motions: Sequence[Motion]) -> Finding:
 def larger_difference_sooner(members: Sequence[Sequence[Motion]]) -> Finding:
     """With lambda1 and lambda2 held, the larger lambda1 - lambda3, the sooner the crossing."""
     pairs = compared_by_difference(members, "first_crossing", without=math.inf)
-    in_order = [large < small for small, large in pairs]
-    return all_in_order(in_order, "a later crossing at a larger difference")
+    return all_in_order(
+        [large < small for small, large in pairs], "a later crossing at a larger difference"
+    )
 
 
 def larger_difference_larger_area(members: Sequence[Sequence[Motion]]) -> Finding:
     """With lambda1 and lambda2 held, the larger lambda1 - lambda3, the more of B is filled."""
     pairs = compared_by_difference(members, "area_smallest", without=0.0)
-    in_order = [large > small for small, large in pairs]
-    return all_in_order(in_order, "a smaller area at a larger difference")
+    return all_in_order(
+        [large > small for small, large in pairs], "a smaller area at a larger difference"
+    )
 
 
 def compared_by_difference(
@@ -267,10 +269,10 @@ def solved_by_6(motions: Sequence[Motion], sign: int) -> Finding:
     """(5)-(6), with a sign of the sine relative to that of the cosine, beside the motion that
     starts where they start; the better of two choices of both signs."""
     (m,) = motions
-    shapes = [as_in_equation_6(m, both, sign * both) for both in (1, -1)]
-    pairs = [(damped_from(m, shape[0]), shape) for shape in shapes]
+    shapes = (as_in_equation_6(m, both, sign * both) for both in (1, -1))
     # The argument is some hundred turns at the start, which the functions reduce.
-    return min((agreement([pair], 1e-9) for pair in pairs), key=lambda finding: finding.number)
+    findings = (agreement([(damped_from(m, shape[0]), shape)], 1e-9) for shape in shapes)
+    return min(findings, key=lambda finding: finding.number)
 
 
 def equations_6_meet_the_start(motions: Sequence[Motion]) -> Finding:

@@ -73,8 +73,7 @@ def roots_of_1_5(m: Motion, integrals: np.ndarray) -> np.ndarray:
     Gz, H, r = integrals
     total = H / mu - C * r**2 / (2 * mu) + C**2 * r**2 / (2 * A * mu)
     product = -H / mu + C * r**2 / (2 * mu) + Gz**2 / (2 * A * mu)
-    roots = np.roots([1.0, -total, Gz * C * r / (A * mu) - 1, -product])
-    return np.asarray(np.sort(roots.real))
+    return np.asarray(np.sort(np.roots([1.0, -total, Gz * C * r / (A * mu) - 1, -product]).real))
 
 
 def coefficients_2_7(m: Motion, integrals: np.ndarray) -> np.ndarray:
@@ -92,10 +91,8 @@ def ordering(motions: Sequence[Motion]) -> Finding:
     """-1 <= u1 <= u2 <= 1 <= u3 throughout, to rounding; decided by the least of the four
     distances.
     """
-    least = np.inf
-    for m in motions:
-        u1, u2, u3 = (quantity(m, name) for name in ROOTS)
-        least = min(least, float(np.min([u1 + 1, u2 - u1, 1 - u2, u3 - 1])))
+    of_motions = ([quantity(m, name) for name in ROOTS] for m in motions)
+    least = min(float(np.min([u1 + 1, u2 - u1, 1 - u2, u3 - 1])) for u1, u2, u3 in of_motions)
     return Finding(
         deviation_beyond(-least, 1e-12),
         number=least,

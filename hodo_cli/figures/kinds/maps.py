@@ -180,12 +180,12 @@ def map_panels(sheet: Sheet, rows: Sequence[int], of_sphere: bool) -> list[Axes]
     columns = longest if len(rows) > 1 and longest > 1 else min(n, 3)
     if len(rows) == 1 and n == 4:
         columns = 2  # two by two, rather than three and one
-    lines = -(-n // columns)
+    lines = math.ceil(n / columns)
     width = COLUMN if columns == 1 else PAGE
     height = lines * width / columns * (0.6 if of_sphere else 0.85) + 0.55
     look = {"projection": "hammer"} if of_sphere else {}
-    shared = {"sharex": not of_sphere, "sharey": not of_sphere}
-    return sheet.panels(width, height, n, columns, **shared, subplot_kw=look)
+    shared = not of_sphere
+    return sheet.panels(width, height, n, columns, sharex=shared, sharey=shared, subplot_kw=look)
 
 
 def positions(swept: SweepView, axis: str | None, at: Sequence[int]) -> list[dict[str, int]]:

@@ -77,10 +77,10 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
         # Its small values are long words, for which there is little room side by side.
         panels[1].locator_params(nbins=max(2, min(5, int(room_across(panels[1]) / 25))))
     looks = labelled_styles([motion.label for motion in motions])
+    sheet.legend += axis_handles(motions)
     # Grey, since the colours of curves are those of the axes.
-    lines = [Line2D([], [], **{**look, "color": GREY}) for look in looks]
-    marks = mark_handles(motions, spec["time"], zoom is not None)
-    sheet.legend += axis_handles(motions) + lines + marks
+    sheet.legend += [Line2D([], [], **{**look, "color": GREY}) for look in looks]
+    sheet.legend += mark_handles(motions, spec["time"], zoom is not None)
 
 
 def regions(axes: Axes, motion: Motion, limit: float, is_enlarged: bool) -> None:
@@ -280,11 +280,10 @@ def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int, label: str) -> 
     """n panels in rows of `columns`, with a label below the lowest of each column; panels of cases
     share both scales."""
     columns = sheet.columns(PAGE, min(n, spec["columns"]))
-    rows = -(-n // columns)
+    rows = math.ceil(n / columns)
     width = sheet.width or (COLUMN if columns == 1 else PAGE)
     height = rows * max(0.62 * width / columns, 1.4) + 0.3
-    shared = {"sharex": True, "sharey": spec["panels"] == "case"}
-    panels = sheet.panels(width, height, n, columns, **shared)
+    panels = sheet.panels(width, height, n, columns, sharex=True, sharey=spec["panels"] == "case")
     for axes in panels[-columns:]:
         axes.set_xlabel(label)
     return panels
@@ -427,8 +426,8 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion])
         else:
             axes.set_ylim(0, 1.15 * high or 1.0)
     ratio.set_xlabel(time_label(spec, motions[0]))
-    bound = Line2D([], [], color=GREY, lw=0.5, label="bounds")
-    sheet.legend += [bound, *mark_handles(motions, spec["time"])[2:]]
+    sheet.legend.append(Line2D([], [], color=GREY, lw=0.5, label="bounds"))
+    sheet.legend += mark_handles(motions, spec["time"])[2:]
 
 
 def shade_sides(axes: Axes, motion: Motion) -> None:
