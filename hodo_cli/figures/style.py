@@ -159,23 +159,21 @@ def fill_labels(sheet: Sheet) -> None:
 
 def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:
     """The scales, ends and labels of a panel as a style has them."""
-    for axis, lowest in (("x", axes.dataLim.x0), ("y", axes.dataLim.y0)):
-        if axis in style.get("log", ()):
+    data = axes.dataLim
+    for name, axis, lowest in (("x", axes.xaxis, data.x0), ("y", axes.yaxis, data.y0)):
+        if name in style.get("log", ()):
             if lowest < 0:
-                name = getattr(axes, f"get_{axis}label")() or axes.get_title()
                 raise HodoError(
-                    f"style.log: the {axis} axis of {name} has values below zero, "
-                    f"down to {lowest:.4g}"
+                    f"style.log: the {name} axis of {axis.get_label_text() or axes.get_title()} "
+                    f"has values below zero, down to {lowest:.4g}"
                 )
-            axes.set(**{f"{axis}scale": "log"})
-            if getattr(axes, f"get_{axis}lim")()[0] <= 0:
+            axes.set(**{f"{name}scale": "log"})
+            if axis.get_view_interval()[0] <= 0:
                 # The end of a linear scale; zero lies nowhere on this one.
-                lowest = getattr(axes.dataLim, f"minpos{axis}")
-                getattr(axes, f"set_{axis}lim")(lowest, None)
-        if label := style.get(f"{axis}label"):
+                axes.set(**{f"{name}lim": (axis.get_minpos(), None)})
+        if label := style.get(f"{name}label"):
             text_width(label, text_size("axes.labelsize"))  # which finds mistakes in its TeX
-            if getattr(axes, f"get_{axis}label")():
-                axes.set(**{f"{axis}label": label})
+            axis.set_label_text(label if axis.get_label_text() else "")
     axes.set(**{name: style[name] for name in ("xlim", "ylim") if name in style})
 
 

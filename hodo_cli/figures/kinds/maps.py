@@ -219,16 +219,19 @@ def map_image(
     image.set_cmap(image.get_cmap().with_extremes(bad=NO_VALUE_COLOUR))
     if spec["theory"] is not None:
         (i, j), ratio = balance(swept, spec["x"], spec["y"])
-        words = "fluid and damping balance"
-        missing = "no line where fluid and damping do not balance"
-        sheet.legend.append(contour(axes, x[i], y[j], ratio, 1.0, THEORY, (words, missing)))
+        words = "fluid and damping balance", "no line where fluid and damping do not balance"
+        sheet.legend.append(contour(axes, x[i], y[j], ratio, 1.0, THEORY, words))
     if spec["level"] is not None and min(values.shape) > 1:
         unit = value_unit(swept, spec["variable"].partition(".")[0], sheet.units)
-        words = f"{spec['level']:g} {unit}".rstrip()
-        missing = f"no line where {words} is not reached"
-        sheet.legend.append(contour(axes, x, y, values, spec["level"], LEVEL, (words, missing)))
-    axes.set(xscale="log" if even_x else "linear", yscale="log" if even_y else "linear")
-    axes.set(xlabel=axis_name(swept, spec["x"]), ylabel=axis_name(swept, spec["y"]))
+        level = f"{spec['level']:g} {unit}".rstrip()
+        words = level, f"no line where {level} is not reached"
+        sheet.legend.append(contour(axes, x, y, values, spec["level"], LEVEL, words))
+    axes.set(
+        xscale="log" if even_x else "linear",
+        yscale="log" if even_y else "linear",
+        xlabel=axis_name(swept, spec["x"]),
+        ylabel=axis_name(swept, spec["y"]),
+    )
     axes.label_outer()
     across, up = (grid.ravel() for grid in np.meshgrid(x, y, indexing="ij"))
     return {axis_column(swept, spec["x"]): across, axis_column(swept, spec["y"]): up}
@@ -243,8 +246,11 @@ def contour(
     if not np.nanmin(values) <= level < np.nanmax(values):
         return Line2D([], [], ls="", label=words[1])
     lines = axes.contour(x, y, values.T, [level], colors=look["color"])
-    lines.set(linewidth=look["lw"], linestyle=[look.get("ls", "-")])
-    lines.set(path_effects=look.get("path_effects"))
+    lines.set(
+        linewidth=look["lw"],
+        linestyle=[look.get("ls", "-")],
+        path_effects=look.get("path_effects"),
+    )
     return Line2D([], [], **look, label=words[0])
 
 

@@ -103,9 +103,12 @@ def regions(axes: Axes, motion: Motion, limit: float, is_enlarged: bool) -> None
     axes.plot([0, limit], [0, limit], color=BLACK, lw=0.7)
     p, r = "pqr"[largest], "pqr"[smallest]
     axes.set(
-        xlabel=f"${p}^2$ {unit(motion, 'omega', 2)}", ylabel=f"$K{r}^2$ {unit(motion, 'omega', 2)}"
+        xlabel=f"${p}^2$ {unit(motion, 'omega', 2)}",
+        ylabel=f"$K{r}^2$ {unit(motion, 'omega', 2)}",
+        xlim=(0, limit),
+        ylim=(0, limit),
+        aspect="equal",
     )
-    axes.set(xlim=(0, limit), ylim=(0, limit), aspect="equal")
 
 
 def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
@@ -116,14 +119,10 @@ def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Mot
     size = (COLUMN, COLUMN) if n == 1 else (PAGE, PAGE / n + 0.35)
     panels = sheet.panels(*size, n, n)
     for axes, body, label in zip_longest(panels, bodies, spec["labels"][:n]):
-        title = label or "$A_i$ = {:g}, {:g}, {:g}".format(*body)
-        sheet.record(
-            title,
-            {f"A{i + 1}": np.array([A]) for i, A in enumerate(body)}
-            | {"K": np.array([slope(body)])},
-        )
+        title, K = label or "$A_i$ = {:g}, {:g}, {:g}".format(*body), slope(body)
+        numbers = dict(zip(("A1", "A2", "A3", "K"), (*body, K), strict=True))
+        sheet.record(title, {name: np.array([number]) for name, number in numbers.items()})
         sketch(axes, body)
-        K = slope(body)
         value = r"\infty" if math.isinf(K) else f"{K:.3g}"
         axes.set_title(f"{title}\n$K = {value}$")
 
