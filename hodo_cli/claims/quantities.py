@@ -160,7 +160,7 @@ def error_of(m: Motion, name: str) -> float:
         errors = [e for (kind, _), e in zip(m.events, of_events, strict=True) if kind == name]
     elif name in OVER_TIME:
         errors = [float(m.attrs.get("error", 0)) * m.largest(name)]
-    return float(np.nan_to_num([*errors, 0.0][0]))
+    return float(np.nan_to_num(next(iter(errors), 0.0)))
 
 
 def range_of(m: Motion, name: str) -> float:

@@ -1,4 +1,4 @@
-"""Drawings of motions and sweeps, and the page that shows them. They read datasets and know no
+"""Drawings of motions and sweeps, as files and pages of their own. They read datasets and know no
 command, no engine and no claim; matplotlib is loaded nowhere else.
 
 `kinds` holds what draws each kind of figure. What they share: `sheet` is a figure under

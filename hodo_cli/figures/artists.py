@@ -102,7 +102,7 @@ def styles(n: int, style_names: Sequence[str] = ()) -> list[dict[str, Any]]:
             for i, look in enumerate(chosen)
         ]
     )
-    looks = [*map(style, style_names)]
+    looks = [*map(look_named, style_names)]
     for i in range(len(looks), n):
         lap, (colour, line) = i // len(cycle), cycle[i % len(cycle)]
         # Each round of the colours has other lines, or its curves would look like those before.
@@ -122,7 +122,7 @@ def labelled_styles(
     ]
 
 
-def style(text: str) -> dict[str, Any]:
+def look_named(text: str) -> dict[str, Any]:
     """The colour and line that a text such as "blue dashed" names; solid if it names no line."""
     colour, _, line = text.partition(" ")
     return {"color": COLOURS[colour], "ls": LINES[line or "solid"]}
