@@ -37,14 +37,21 @@ def equation_1_3(motions: Sequence[Motion]) -> Finding:
     """
     pairs = []
     for m in motions:
-        u1, u2, u3 = roots_of_1_5(m, integrals_at_start(m))
-        alpha = math.sqrt(m.case.data["mu"] * (u3 - u1) / (2 * m.inertia[0]))
-        modulus1 = math.sqrt((u3 - u2) / (u3 - u1))
+        (u1, u2, _), alpha, modulus1 = nutation_of_1_3(m)
         _, cn, dn = sn_cn_dn(alpha * (m.time - m.time[0]), modulus1)
         # sn(v + K) = cn v/dn v.
         pairs.append((m.stored("gamma")[:, 2], u1 + (u2 - u1) * (cn / dn) ** 2))
     # sn^2 runs through several periods, which carry the rounding of the roots along.
     return agreement(pairs, 1e-9)
+
+
+def nutation_of_1_3(m: Motion) -> tuple[np.ndarray, float, float]:
+    """The roots u1, u2, u3 (3,) at the start of a motion, and alpha and the complementary modulus
+    k' of (1.3)."""
+    roots = roots_of_1_5(m, integrals_at_start(m))
+    u1, u2, u3 = roots
+    alpha = math.sqrt(m.case.data["mu"] * (u3 - u1) / (2 * m.inertia[0]))
+    return roots, alpha, math.sqrt((u3 - u2) / (u3 - u1))
 
 
 def equation_2_7(motions: Sequence[Motion]) -> Finding:
@@ -331,9 +338,9 @@ def comes_back(motions: Sequence[Motion], multiple: int) -> Finding:
 
 def half_period(m: Motion) -> float:
     """K(k)/alpha by (1.3) at the start of a motion."""
-    u1, u2, u3 = roots_of_1_5(m, integrals_at_start(m))
-    a, b = 1.0, math.sqrt((u3 - u2) / (u3 - u1))
+    _, alpha, modulus1 = nutation_of_1_3(m)
+    # K by the arithmetic-geometric mean.
+    a, b = 1.0, modulus1
     while abs(a - b) > 1e-15:
         a, b = (a + b) / 2, math.sqrt(a * b)
-    alpha = math.sqrt(m.case.data["mu"] * (u3 - u1) / (2 * m.inertia[0]))
     return float(math.pi / (2 * a * alpha))

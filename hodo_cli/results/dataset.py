@@ -113,10 +113,10 @@ def case_in(data: xr.Dataset, owner: str) -> Case:
             "arithmetic with a dataset drops them without keep_attrs=True"
         )
     case = case_of(data.attrs, owner)
+    keys = (key for axis in axes_of(case.sweep or {}) for key in axis.keys)
     case_data = case.data
-    for name in [key for axis in axes_of(case.sweep or {}) for key in axis.keys]:
-        if name in data.variables and not data.variables[name].dims:
-            case_data = put(case_data, path_of(name), float(data.variables[name].data))
+    for key in (key for key in keys if key in data.variables and not data.variables[key].dims):
+        case_data = put(case_data, path_of(key), float(data.variables[key].data))
     return case if case_data is case.data else replace(case, data=case_data)
 
 
