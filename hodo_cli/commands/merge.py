@@ -44,11 +44,8 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
 def labelled_one(first: FinishedCase, second: FinishedCase) -> FinishedCase:
     """Of two equal results of a case the one that is labelled, if only one is. Raises HodoError if
     they are not equal."""
-    groups = []
-    for item in (first, second):
-        with open_run(item.file) as run:
-            groups.append(run.read(item.name))
-    a, b = groups
+    with open_run(first.file) as run, open_run(second.file) as other:
+        a, b = run.read(first.name), other.read(second.name)
     if has_all_of(a, b):
         return first
     if has_all_of(b, a):
