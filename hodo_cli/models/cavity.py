@@ -93,6 +93,7 @@ class Cavity(BodyUnderTorques):
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Besides: the fluid is given in one way."""
         yield from super().check(data)
         if {"cavity", "kappa"} <= set(data):
             cavity = data["cavity"]
@@ -102,6 +103,7 @@ class Cavity(BodyUnderTorques):
     def velocity(
         inertia: Sequence[float], initial: Mapping[str, float | None]
     ) -> tuple[float, ...]:
+        """Besides: from x and y alone, p = sqrt(x), q = 0 and r = sqrt(y)."""
         x, y = initial.get("x"), initial.get("y")
         if x is None and y is None:
             return complete(inertia, initial)
@@ -186,6 +188,7 @@ class SymmetricCavity(Cavity):
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Besides: A1 = A2."""
         yield from super().check(data)
         A = data.get("inertia")
         if A is not None and A[0] != A[1]:
@@ -214,6 +217,7 @@ class SymmetricCavity(Cavity):
 
     @property
     def warnings(self) -> list[str]:
+        """Besides: M1 and M2 where the turns do not average them away."""
         A, _, C = self.inertia
         a, r = self.start
         dropped = abs(self.epsilon) * math.hypot(*self.torque[:2])
@@ -230,6 +234,7 @@ class SymmetricCavity(Cavity):
 
     @property
     def run_events(self) -> tuple[Event, ...]:
+        """The end of spin of a body that spins, or begins to."""
         event = Event("end_of_spin", axial_spin, terminal=self.spin_reversal == "stop")
         return (event,) if self.start[1] or self.constants["N3"] else ()
 
@@ -275,11 +280,13 @@ class Averaged(SymmetricCavity):
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Of a body with A1 and A2 different as `AveragedTriaxial` has it."""
         A, B, _ = data.get("inertia", (1.0, 1.0, 1.0))
         yield from super().check(data) if A == B else AveragedTriaxial.check(data)
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Model:
+        """Of a body with A1 and A2 different one of `AveragedTriaxial`."""
         A, B, _ = data["inertia"]
         return cls(**data) if A == B else AveragedTriaxial(**data)
 
@@ -341,6 +348,7 @@ class AveragedTriaxial(ClosedTurns, Cavity):
 
     @property
     def run_events(self) -> tuple[Event, ...]:
+        """The end of spin too, alone or beside the passage, whichever comes first."""
         if self.body.is_symmetric:
             # Only a symmetric body can lose its spin before it comes to a separatrix.
             return (Event("end_of_spin", distance_to_rest, terminal=True, passage=turned_round),)

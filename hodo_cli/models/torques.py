@@ -192,18 +192,21 @@ class Torques(BodyUnderTorques):
 
     @staticmethod
     def velocity(inertia: Sequence[Any], initial: Mapping[str, float | None]) -> tuple[float, ...]:
+        """As of any body; G stands for no component beside a full tensor."""
         if is_tensor(inertia) and initial.get("G") is not None:
             raise ValueError("with a full tensor of inertia G stands for no component: give all")
         return complete(inertia, initial)
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Model:
+        """The object of the form whose equations have just the terms that the data name."""
         named = terms_named(data)
         form = sum_of(named) if cls.form == "full" else averaged_sum(sum_of(named), named)
         return form(**data)
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Besides: what the terms ask of each other, of the body and of the start."""
         named, inertia = terms_named(data), data.get("inertia")
         yield from mistakes_of_tensor(data) if is_tensor(inertia) else super().check(data)
         if not named and data.keys() >= TERMS.keys():
@@ -232,6 +235,7 @@ class Torques(BodyUnderTorques):
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
+        """Besides: laws with values, no drive and no poles from the start on."""
         yield from laws_begun_too_soon(coefficients_of(data), start)
         yield from negative_coefficients(
             data, lambda x: is_law(x) and start > zero_of_base(x) and least_value(x, start, end)
@@ -300,6 +304,7 @@ class Torques(BodyUnderTorques):
         return region_of(self.moments, self.rotor_momentum, omega, band).label
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
+        """With the terms' own variables behind omega."""
         w = np.moveaxis(omega, -1, 0)
         extra = {
             "brake": [np.linalg.norm(self.momentum(omega), axis=-1) / self.moments[0]],
@@ -311,6 +316,7 @@ class Torques(BodyUnderTorques):
 
     @cached_property
     def start(self) -> tuple[float, ...]:
+        """Beside the corners of drag, if there are any."""
         omega = super().start
         # An averaged form has variables of its own.
         if self.form != "full" or not any(term.extra for term in self.terms):
@@ -324,6 +330,7 @@ class Torques(BodyUnderTorques):
 
     @property
     def run_events(self) -> tuple[Event, ...]:
+        """The corners of drag by axes, and the stages of braking."""
         events = []
         for axis, entry in enumerate(self.quadratic_axes or ()):
             if any(dimensional_values(entry)):
@@ -339,6 +346,7 @@ class Torques(BodyUnderTorques):
 
     @property
     def levels(self) -> tuple[Level, ...]:
+        """2T and |G|^2 of a body with a rotor, whose saddles they are compared with."""
         if self.rotor is None:
             return ()
         # As given, if it can be: many members at once are columns, which no array takes.
@@ -376,6 +384,7 @@ class Torques(BodyUnderTorques):
         return "stopped", EventOutcome(along.stop, details, ())
 
     def predictions(self, start: float, end: float) -> list[str]:
+        """Which crossings are possible, which rotation is held, and when a brake stops the body."""
         dissipations = self.dissipations(start, end)
         predictions = crossing_predictions(dissipations)
         if terms_named(vars(self)) == ("brake", "rotor"):

@@ -161,6 +161,7 @@ class QuadratureTurns(AveragedTurns):
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Besides: the nodes are a power of two."""
         yield from super().check(data)
         nodes = data.get("nodes", NODES)
         if nodes & (nodes - 1):
@@ -171,6 +172,7 @@ class QuadratureTurns(AveragedTurns):
 
     @classmethod
     def rates(cls, t: Any, turn: Turn, k: Any) -> Pair:
+        """The means over `nodes` even steps of a turn; for symbols too."""
         body, side, sense, root_e, root_o, m, _ = turn
         a, b, c = body[:3]
         (w_e, w_o), (A_e, A_o) = body.weights(side), exchanged(side, a, c)
@@ -188,7 +190,7 @@ class QuadratureTurns(AveragedTurns):
         return weight * sum_e / root_e, weight * sum_o / root_o
 
     def torque_rate(self, t: Any, turn: Turn, k: Any) -> Any:
-        # What has no mean has to be weak too.
+        """That of the torque itself at some phases: what has no mean has to be weak too."""
         X_e, X_o = turn.root_e**2, turn.root_o**2
         slow = SlowVariables(X_e, X_o, turn.side, 1 - turn.m, turn.sense, 0 * turn.side)
         rates = rates_over_turn(turning_body(k), torque_of(self.full.rhs, t, k), slow, PHASES_SEEN)
@@ -196,6 +198,7 @@ class QuadratureTurns(AveragedTurns):
 
     @classmethod
     def rates_beside(cls, t: float, region: Region, roots: Pair, k: Any) -> SeparatrixRates:
+        """By the means at two moduli near 1, since the rates are r0 + r1/K there."""
         body, torque, rates = turning_body(k), torque_of(cls.full.rhs, t, k), []
         for m1 in (NEAR_SEPARATRIX, NEARER_SEPARATRIX):
             slow = beside(body, region, roots[0], m1)
@@ -209,6 +212,7 @@ class QuadratureTurns(AveragedTurns):
 
     @classmethod
     def is_even(cls, t: float, root_x: float, k: Any) -> bool:
+        """By trying, at the phases of a turn."""
         body, torque = turning_body(k), torque_of(cls.full.rhs, t, k)
         slow = beside(body, (1, 1), root_x, NEARER_SEPARATRIX)
         omega = free_motion_by_phase(body, slow, np.linspace(0, 2 * np.pi, 17))

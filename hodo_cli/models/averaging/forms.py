@@ -174,6 +174,7 @@ class AveragedTurns(BodyFrame):
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Besides: the start is one that turns, away from the separatrix."""
         yield from super().check(data)
         if not {"inertia", "initial"} <= set(data) or is_tensor(data["inertia"]):
             return
@@ -237,6 +238,7 @@ class AveragedTurns(BodyFrame):
 
     @classmethod
     def rhs(cls, t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        """The mean rates, and that of the phase, n <dn>; side and sense stay."""
         turn = Turn.of(y, k)
         turning = k.turning_scale * turn.frequency(k) * turn.mean.dn
         return *cls.rates(t, turn, k), turning, 0 * turn.side, 0 * turn.sense
@@ -265,6 +267,7 @@ class AveragedTurns(BodyFrame):
 
     @cached_property
     def constants(self) -> Constants:
+        """Those of the full form, with g = 0, and those of the turns."""
         body, slow = self.body, self.slow_start
         a, b, c = body[:3]
         constants = {
@@ -360,6 +363,7 @@ class AveragedTurns(BodyFrame):
 
     @property
     def run_events(self) -> tuple[Event, ...]:
+        """Those of the full form's terms, and the passage of a body that has a separatrix."""
         if self.body.is_symmetric:
             return self.averaged_events
         event = Event("separatrix", distance_to_edge, terminal=True, passage=self.passage)

@@ -189,6 +189,7 @@ class ClosedMeans(AveragedTurns, BodyUnderTorques):
         return by_e, by_o
 
     def torque_rate(self, t: Any, turn: Turn, k: Any) -> Any:
+        """That of the means, and under a constant torque that of its components without a mean."""
         rate = super().torque_rate(t, turn, k)
         if "torque" not in self.averaged_terms:
             return rate
@@ -212,6 +213,7 @@ class ClosedTurns(ClosedMeans):
 
     @classmethod
     def rates_beside(cls, t: float, region: Region, roots: Pair, k: Any) -> SeparatrixRates:
+        """From the means at m = 1, in the form x + y/K."""
         turn = Turn(turning_body(k), *region, *roots, m=1.0, mean=BESIDE_SEPARATRIX)
         by_e, by_o = cls.rates(t, turn, k)
         return SeparatrixRates(by_e.real, by_e.imag, by_o.imag)
@@ -226,6 +228,7 @@ class ClosedTurns(ClosedMeans):
 
     @property
     def run_events(self) -> tuple[Event, ...]:
+        """No passage where the torques never change the side of a motion."""
         largest, _, smallest = self.body.order
         # Motions keep their side where nothing distinguishes the two outer axes, and a passage
         # would divide by the difference. Laws of time that agree in any span agree always.

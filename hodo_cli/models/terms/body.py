@@ -128,6 +128,7 @@ class BodyUnderTorques(BodyFrame):
         return axes_never_left(self.dissipations(start, end))
 
     def tilt_growth(self, t: float) -> np.ndarray | None:
+        """By the theorem where it covers the torques, else by the equations alone."""
         if not (dissipations := self.dissipations(t, t)):
             return super().tilt_growth(t)
         omega = self.to_principal(self.omega_at_start)
@@ -178,6 +179,7 @@ class BodyUnderTorques(BodyFrame):
 
     @property
     def warnings(self) -> list[str]:
+        """What no medium has, and torques for which a theory does not hold."""
         # Of what changes with time only the damping is judged, coefficient by coefficient.
         coefficients, changing = self.term_coefficients.items(), self.changing_terms
         given = {term: entries for term, entries in coefficients if term not in changing}

@@ -105,6 +105,7 @@ class Top(Model):
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        """What no body and no start of a form can be, and laws that a form does not take."""
         inertia = data.get("inertia")
         if inertia and inertia["C"] > 2 * inertia["A"]:
             yield (
@@ -337,7 +338,7 @@ class AveragedU(Nutating):
 
     @property
     def extended_start(self) -> np.ndarray:
-        # Gz and H come from sums of the roots that nearly cancel, as those of a fast or a slow top.
+        """In long double: of a fast or a slow top Gz and H are sums of roots that cancel."""
         y = np.array(self.nutation[:4], dtype=np.longdouble)
         X, w = nutation([*y], attributes(self.constants, np.longdouble))
         return np.array([1 - X - y[3], 1 - X + y[3], 1 - X + w, y[2]])
@@ -428,6 +429,7 @@ class FullTop(Top):
 
     @property
     def start(self) -> tuple[float, ...]:
+        """At phi = 0, where theta is given or cos theta = (u1 + u2)/2 and theta grows."""
         theta, r = self.initial["theta"], self.nutation.r
         if theta is not None:
             return 0.0, 0.0, r, 0.0, sin(theta), cos(theta)
