@@ -87,11 +87,11 @@ def keep_model(digest: str, texts: Mapping[str, bytes]) -> str:
     them by."""
     with suppress(OSError, RuntimeError, ValueError):
         folder = private_folder(*STATE_FOLDER) / "models" / digest
-        draft = folder.with_name(f"{digest}.{os.urandom(4).hex()}")
-        for name, text in {} if folder.exists() else texts.items():
-            (draft / name).parent.mkdir(parents=True, exist_ok=True)
-            (draft / name).write_bytes(text)
-        with suppress(FileNotFoundError):
+        if not folder.exists():
+            draft = folder.with_name(f"{digest}.{os.urandom(4).hex()}")
+            for name, text in texts.items():
+                (draft / name).parent.mkdir(parents=True, exist_ok=True)
+                (draft / name).write_bytes(text)
             draft.rename(folder)
     return f"{digest}/{next(iter(texts))}"
 
