@@ -199,6 +199,7 @@ def test_a_member_starts_about_the_axis_of_its_start_whenever_its_samples_begin(
         **{"model": "linear-diag", "inertia": [1, 0.8, 0.6], "form": form, "time": time},
         **{"damping": [0.005, 0.004, 0.003], "initial": {"p": 0.8, "q": 0.5, "r": 0.74}},
         **{"sweep": {"damping.1": {"values": [0.004, 0.0041]}}, "store": [*store, *wanted]},
+        "error": "off",
     }
     together = hodo_cli.sweep(common)
     alone = hodo_cli.sweep({**common, "method": "collocation"})
@@ -1513,6 +1514,7 @@ def test_a_motion_has_a_label_until_it_is_at_rest() -> None:
 def test_early_samples_in_a_long_span_have_their_digits() -> None:
     """Steps count the time that is left, whose digits are those of the span."""
     body = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [0.5, 0.4, 0.3]}
+    body["error"] = "off"
     early = [3.1, 7.7, 12.9]
     starts = [{"p": p, "q": 0.5, "r": 0.99} for p in (0.77, 0.8, 0.83)]
     axis = {"initial.p": {"values": [start["p"] for start in starts]}}

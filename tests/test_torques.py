@@ -810,6 +810,7 @@ def test_members_that_all_but_touch_a_corner_are_right() -> None:
             "model": "torques", "inertia": [1, 0.8, 0.8], "quadratic_axes": [0.5, 0, 0],
             "expression": ["0.3*(t - 2)", "0", "0"], "initial": {"p": 0, "q": 0, "r": 0},
             "time": {"end": 5}, "sweep": {"initial.p": {"values": starts.tolist()}},
+            "error": "off",
         }
     )  # fmt: skip
     assert ds.attrs["method_reason"] == "side by side, 0 of 48 members by themselves"
