@@ -230,3 +230,34 @@ def test_a_sample_that_is_no_number_has_no_place_on_a_hodograph(
             hodo_cli.plot(gaps, kind)
         if (~missing).any():
             hodo_cli.plot(gaps.dropna("time"), kind)
+
+
+FAST = "20*3.14159265358979*0.5*cos(20*3.14159265358979*t)"
+
+
+@pytest.mark.parametrize(
+    ("formula", "end", "samples", "variables", "coarse"),
+    [
+        # r oscillates between 0.5 and 1.5, with a sample in each period, at one phase or another.
+        (FAST, 10, 101, ["r"], True),
+        (FAST, 10, 101, ["T", "G"], True),
+        (FAST, 10, 138, ["omega.x3"], True),
+        (FAST, 10, 3601, ["r", "G"], False),
+        # A component that no torque turns is a line between its samples.
+        (FAST, 10, 101, ["p"], False),
+        ("0.02*cos(0.2*t)", 10, 101, ["r", "T"], False),
+        # A pulse is a jump for the eye, also between two samples.
+        ("0.5*exp(-900*(t - 4.71)**2)", 10, 201, ["r"], False),
+        ("-0.01*r", 10, 101, ["r"], False),
+    ],
+)
+def test_a_torque_that_changes_between_the_samples_is_seen(
+    formula: str, end: float, samples: int, variables: list[str], coarse: bool
+) -> None:
+    case = {"model": "torques", "inertia": [2, 1.5, 1], "expression": ["0", "0", formula],
+            "initial": {"p": 0, "q": 0, "r": 1}, "error": "off"}  # fmt: skip
+    data = hodo_cli.run({**case, "time": {"end": end, "samples": samples}})
+    assert is_polygon(data, "series", variables=variables) is coarse
+    if variables == ["r"]:
+        assert is_polygon(data, "hodograph", colour="case") is coarse
+        assert is_polygon(data, "series", variables=["r"], span=[2, 8]) is coarse

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from ..cases.derived import BODY_AXES
 from ..cases.figure_block import KINDS_IN_SPACE
+from ..models.constants import attributes, contains_time, stacked, structure
 from .in_space import EULER_ANGLES, OF_ATTITUDE, time_factor
 from .motion import Motion
 
@@ -111,6 +113,70 @@ def bend_remark(motion: Motion, name: str, drawn: slice) -> str:
     )
 
 
+TIMES_ASKED, LEAST_TIMES = 2**16, 16
+"""The times at which a torque is asked between the samples of a motion, and in an interval at
+least."""
+
+JUMPS = 2
+"""Intervals that may each hold a jump of omega, which the eye sees whatever the samples are."""
+
+
+def path_beside_samples(motion: Motion, drawn: slice) -> np.ndarray:
+    """How far omega leaves the line through its samples by formulas of the time in its equations,
+    (3, times, intervals), at times within each interval; without any, 0.
+
+    Their rates are compared with those at both ends for one and the same omega, so that what a
+    body does by itself, which `turns` shows, does not count.
+    """
+    system, time, omega = motion.case.system, motion.time[drawn], motion.omega[drawn]
+    form = structure(system.constants)
+    if not (motion.frame and system.has_formulas and contains_time(type(system), form)):
+        return np.zeros((3, 1, len(time) - 1))
+    n = max(TIMES_ASKED // len(time), LEAST_TIMES)
+    part = ((np.arange(n) + 0.5) / n)[:, None]
+    y = system.starts(omega[:-1] + part[..., None] * np.diff(omega, axis=0))
+
+    def rates(t: np.ndarray) -> np.ndarray:
+        times = np.broadcast_to(t, y.shape[1:])
+        return stacked(system.rhs(times, [*y], attributes(system.constants)), y)[:3]
+
+    with np.errstate(all="ignore"):
+        by_line = (1 - part) * rates(time[:-1]) + part * rates(time[1:])
+        beside = rates(time[:-1] + part * np.diff(time)) - by_line
+    path = np.cumsum(np.nan_to_num(beside), axis=1) * np.diff(time) / n
+    # The line goes through the samples at both ends.
+    return np.asarray(path - (part + 0.5 / n) * path[:, -1:])
+
+
+def torque_remark(motion: Motion, names: Sequence[str], drawn: slice) -> str:
+    """The remark on a motion whose torque changes with the time between the samples by so much that
+    the eye would see it, in the components of omega among `names`, or in all; an empty text
+    without."""
+    omega = motion.omega[drawn]
+    if len(omega) < 2:
+        return ""
+    path = path_beside_samples(motion, drawn)
+    away = np.abs(path).max(axis=1)
+    height = np.ptp(omega, axis=0) + away.max(axis=1)
+    named = [i for i in range(3) if {"pqr"[i], f"omega.{BODY_AXES[i]}"} & {*names}]
+    if not named:
+        named, height = [0, 1, 2], np.full(3, height.max())
+    height = np.maximum(height, STEADY_CHANGE * np.abs(omega).max() / LARGEST_LOSS)
+    bent = (away > LARGEST_LOSS * height[:, None])[named]
+    intervals = len(omega) - 1
+    if bent.any(axis=0).sum() <= min(JUMPS, intervals - 1):
+        return ""
+    # Of each oscillation two changes of sign: the samples that a turn of the body would have.
+    signs = np.sign(path[named, :-1].transpose(0, 2, 1).reshape(len(named), -1))
+    changes = int((np.diff(signs, axis=1) != 0).sum(axis=1).max())
+    finer = max(2.0, changes * math.pi / PROPOSED_ANGLE / intervals)
+    samples = math.ceil((len(motion.time) - 1) * finer) + 1
+    return (
+        f"a torque of {motion.name} changes with the time between its samples, so that its curve "
+        f"is a polygon: time: {{samples: {samples}}} draws it"
+    )
+
+
 CURVES = ("hodograph", "sphere", "quadrants", *KINDS_IN_SPACE)
 """The kinds of figures that draw curves of G or omega, whatever they name."""
 
@@ -137,12 +203,14 @@ def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[st
     limit = OSCILLATION_ANGLE if kind == "series" else LARGEST_TURN
     # The angles count the turns of the body in space, of which few samples lose whole ones.
     in_space = kind in KINDS_IN_SPACE or any(name in EULER_ANGLES for name in names)
+    with_turns = [pair for pair in drawn if turns_in_body(pair[0])]
     remarks = [
         turn_remark(motion, samples, limit, in_space)
-        for motion, samples in drawn
-        if turning and turns_in_body(motion) and len(motion.time[samples]) > 2
+        for motion, samples in with_turns
+        if turning and len(motion.time[samples]) > 2
     ]
-    return list(dict.fromkeys(filter(None, [*remarks, *bends])))
+    torques = [torque_remark(motion, names, samples) for motion, samples in with_turns]
+    return list(dict.fromkeys(filter(None, [*remarks, *bends, *torques])))
 
 
 def turns_in_body(motion: Motion) -> bool:
