@@ -480,6 +480,8 @@ MISTAKEN = [
      "cases.0: unknown case 'turnin'; did you mean 'turning'? (valid: slow, fast, "),
     (f"cases: turning, {TURNS}, over: {{damping.3: {{values: [1]}}}}",
      "over.damping.3: unknown key 'damping.3'"),
+    (f"cases: turning, {TURNS}, over: {{tol: {{values: [1e-9]}}}}",
+     "over.tol: is no number of the model, so it cannot be swept"),
     (f"cases: [turning, turning], {TURNS}, over: {{damping.0: {{values: [-.inf]}}}}",
      "over.damping.0.values.0: expected a finite number, got -inf"),
     (f"cases: turning, {TURNS}, over: {{damping.0: {{values: []}}}}",

@@ -12,6 +12,8 @@ import pytest
 from conftest import ROOT, Hodo, call_apart
 from test_docs import snippets
 
+import hodo_cli
+
 EXAMPLE = next(text for text in snippets("docs/models.md", "python") if "class " in text)
 CONFIG = """\
 defaults: {inertia: [1, 0.8, 0.6], time: {end: 10, samples: 3},
@@ -45,6 +47,12 @@ def test_a_model_of_ones_own_runs_in_processes_and_is_hashed(hodo: Hodo, folder:
         speeds = [sum(file[name]["omega"][-1] ** 2) for name in ("known", "one", "two")]
         assert speeds[0] > speeds[1] > speeds[2] > 0
         assert list(file["swept/status"]) == [0, 0]
+    stored = hodo_cli.open(folder / "runs" / "a.h5")
+    assert stored["swept"]["drag"].values.tolist() == [0, 0.1]
+    assert {name: [*stored[name].coords] for name in ("one", "swept")} == {
+        "one": ["time", "axis"],
+        "swept": ["drag", "axis"],
+    }
     # To run it, the file has to be named; what is stored can be shown without.
     assert hodo("show", "runs/a.h5").returncode == 0
     assert "got 'quadratic-drag' (from a file of your own: hodo --models" in hodo("run", "a").stderr

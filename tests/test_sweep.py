@@ -93,6 +93,8 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
         ),
         ("{damping.3: {values: [1]}}", "cases.a.sweep.damping.3: unknown key 'damping.3'"),
         ("{dampng: {values: [1]}}", "did you mean 'damping'?"),
+        ("{time.end: {values: [1]}}", "sweep.time.end: is no number of the model, so it cannot be"),
+        ("{tol: {values: [1]}}", "sweep.tol: is no number of the model, so it cannot be swept"),
         (
             "{inertia.0: {values: [1, -1]}}",
             "sweep.inertia.0.values.1: expected a positive number, got -1",

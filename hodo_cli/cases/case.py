@@ -8,10 +8,10 @@ are raised together, as one HodoError with a line for each.
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Never
+from typing import Any, Never, TypeVar
 
 import numpy as np
 
@@ -42,7 +42,7 @@ from .keys import (
     keys_in,
     wrong_precision,
 )
-from .sweep_block import check_axes, first_values, storable
+from .sweep_block import SWEEP, Axis, axes_of, check_axes, first_values, storable
 
 # Safe as a group of HDF5 (no slash), as a file, and in a shell; `_` in front is kept for groups
 # that are no cases.
@@ -213,11 +213,25 @@ def dump(case: Case, remarks: bool = True) -> str:
 
 def parse_case(text: str) -> Case:
     """The case in a text written by `dump`. Raises HodoError, one line for each mistake."""
+    return _read_as(text, lambda block: checked_case(block.pop("name", None), block))
+
+
+def parse_axes(text: str) -> list[Axis]:
+    """The axes of the case in such a text, none without a sweep; its model need not be there.
+    Raises HodoError as `parse_case` does."""
+    return _read_as(text, lambda block: axes_of(SWEEP.check(block.get("sweep", {}))))
+
+
+_Taken = TypeVar("_Taken")
+
+
+def _read_as(text: str, taken: Callable[[Block], _Taken]) -> _Taken:
+    """What is taken of the mapping that a text holds. Raises HodoError as `parse_case` does."""
     mistakes = Mistakes("case")
     block = read_mapping(text, mistakes)
     mistakes.raise_any()
     try:
-        return checked_case(block.pop("name", None), block)
+        return taken(block)
     except Wrong as error:
         add_mistakes(error.mistakes, block, mistakes)
         raise mistakes.error() from None
@@ -291,7 +305,7 @@ def _sound_system(
     if system:
         mistakes += _method_mistakes(system, values)
     if system and values["sweep"] and not mistakes:
-        mistakes += check_axes(values["sweep"], type(system), data)
+        mistakes += check_axes(values["sweep"], type(system), {**values, **data})
     if mistakes or system is None:
         raise Wrong(*mistakes)
     return system

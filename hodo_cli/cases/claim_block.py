@@ -559,8 +559,8 @@ def _check_over(ranges: Mapping[str, Any], cases: Iterable[Any]) -> Iterator[Mis
         yield (), f"more than {MOST_MEMBERS:,} members, each of which is integrated by itself"
     elif ranges:
         mistakes = (
-            check_axes(ranges, model, {**data, **first_values(ranges, model, data)})
-            for model, data in ((type(case.system), case.data) for case in cases)
+            check_axes(ranges, model, {**vars(case), **data, **first_values(ranges, model, data)})
+            for case, model, data in ((case, type(case.system), case.data) for case in cases)
         )
         by_path = dict(chain.from_iterable(mistakes))
         # A case's own sweep stands at `sweep`, a claim's at `over`.

@@ -251,9 +251,9 @@ def first_values(
 def check_axes(
     sweep: Mapping[str, Any], model: type[Model], data: Mapping[str, Any]
 ) -> Iterator[Mistake]:
-    """The mistakes of a checked `sweep:` block in a case with these data: keys that are not there
-    or no numbers, values that the keys do not take, zipped ranges of unequal lengths, too many
-    members."""
+    """The mistakes of a checked `sweep:` block in a case with these data and other keys: keys that
+    are not there or no numbers of the model, values that the keys do not take, zipped ranges of
+    unequal lengths, too many members."""
     axes = axes_of(sweep)
     swept: dict[KeyPath, str] = {}
     for axis in axes:
@@ -330,9 +330,11 @@ def _declared(key: str, keys: Mapping[str, Key], data: Any) -> tuple[Kind | None
 
 
 def _no_such_number(key: str, keys: Mapping[str, Key], data: Any) -> str:
-    """What is wrong with a swept key that is not there. One of a law (`damping.rate`) needs the
-    position of the law where there is a list of them."""
+    """What is wrong with a swept key that the model does not have. One of a law (`damping.rate`)
+    needs the position of the law where there is a list of them."""
     head, _, name = key.partition(".")
+    if head not in keys and head in data:
+        return "is no number of the model, so it cannot be swept"
     if head not in keys:
         return unknown(f"key {key!r}", head, list(keys))
     laws = data.get(head) if isinstance(data, Mapping) else None

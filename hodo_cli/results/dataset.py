@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from .. import HodoError
-from ..cases.case import Case
+from ..cases.case import Case, parse_axes
 from ..cases.derived import BODY_AXES, DERIVED, PARTS
 from ..cases.sweep_block import axes_of, path_of, put
 from ..schema.kinds import unknown
@@ -55,7 +55,7 @@ def swept_names(data: xr.Dataset) -> list[str]:
     """The variables of a sweep that say what varies along its axes, in the case's order."""
     names = [
         name
-        for axis in axes_of(case_of(data.attrs, "the sweep").sweep or {})
+        for axis in parse_axes(typed(data.attrs, {"case": str}, "the sweep")["case"])
         for name in [*axis.keys, f"{axis.name}_vector"]
     ]
     return [name for name in names if name in data]
