@@ -49,6 +49,12 @@ FORMULAS: dict[str, tuple[list[str], Torque, list[float]]] = {
         lambda t, w: (0, 0.001 * max(0, t - 50), 0),
         [50.0],
     ),
+    # At its start the series is no number.
+    "rectified from the start": (
+        ["0", "0.002*sqrt(sin(0.3*t)**2)", "0"],
+        lambda t, w: (0, 0.002 * abs(math.sin(0.3 * t)), 0),
+        [n * math.pi / 0.3 for n in range(1, 10)],
+    ),
 }
 
 
@@ -113,6 +119,21 @@ def test_a_corner_in_the_motion_itself_is_met_each_time() -> None:
         }
     )  # fmt: skip
     assert by_formula.omega.values == pytest.approx(known.omega.values, rel=1e-10, abs=1e-11)
+
+
+@pytest.mark.heyoka
+def test_corners_of_time_and_state_are_met_alike_by_each_method() -> None:
+    """|p|, max(0, r) and max(0, sin t): a method that goes over a corner by some points misses the
+    equations all along the step, and has to find the corner in it."""
+    formula = ["-0.1*sqrt(p**2)", "0.3*(r+sqrt(r**2))/2-0.1*q", "-0.2*(sin(t)+sqrt(sin(t)**2))*p"]
+    case = {
+        "model": "torques", "inertia": [1, 0.8, 0.6], "expression": formula,
+        "initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 20, "samples": 21},
+    }  # fmt: skip
+    by_series, by_points = (hodo.run({**case, "method": x}) for x in ("auto", "collocation"))
+    assert by_series.attrs["method"] == "taylor"
+    assert {ds.attrs["status"] for ds in (by_series, by_points)} == {"ok"}
+    assert by_points.omega.values == pytest.approx(by_series.omega.values, rel=1e-10, abs=1e-11)
 
 
 @pytest.mark.heyoka

@@ -189,7 +189,7 @@ class Propagation:
         control.observer = observer
         while not self.samples.is_complete and self.control.status is Status.OK:
             self.clock.factor = float(np.ldexp(1.0, self.units.rate))
-            while len(self.restarts) and self.clock.until(self.restarts[0, 1]) <= 0:
+            while len(self.restarts) and self.clock.until(self.restarts[0, 2]) <= 0:
                 self.restarts = self.restarts[1:]
             if len(self.restarts) and self.clock.until(self.restarts[0, 0]) <= 0:
                 self.go_straight_on(*self.restarts[0, 1:])
@@ -202,13 +202,15 @@ class Propagation:
         change by those of the end."""
         clock, y, fp = self.clock, self.y, self.engine.dtype
         k = attributes(self.units.constants(self.model, self.system.constants), fp)
+        # At the change itself, as a motion may begin, its formula may be no number.
         before, behind = (
             stacked(self.system.rhs(t, [*y], k), y) * fp(clock.factor)
-            for t in (clock.exact(fp(0)), end)
+            for t in (clock.exact(fp(0)) if clock.until(at) > 0 else end, end)
         )
         ahead = self.samples.time[self.samples.done :]
         left = clock.until(np.append(ahead[ahead <= float(end)].astype(fp), end))
-        first = np.where(left < clock.until(at), left, clock.until(at))
+        until = max(clock.until(at), fp(0))
+        first = np.where(left < until, left, until)
         states = y + np.outer(first, before) + np.outer(left - first, behind)
         self.samples.add(states[:-1], self.units.size)
         self.y = states[-1]

@@ -77,6 +77,10 @@ MIN_GAP, MIN_ULPS = 1e-9, 4
 """How far from a change steps end and begin: in the time in which a motion changes by its own size,
 so that its square is below the rounding of a double, and in rounding errors of the time."""
 
+BEND_PARTS, BEND_ROUNDS = 32, 12
+"""Parts of an interval in search of a corner, and how often two of them are divided again: to the
+rounding of a double."""
+
 MOST_ATTEMPTS, MOST_CHANGES = 64, 10_000
 """How often a motion is begun anew because of changes of its formulas, most of which are seen at
 once, and how many it may have."""
@@ -120,43 +124,63 @@ class StepCheck(StepBuffer):
         b = self._bernstein(series.astype(float), ends.astype(float))
         missed = self._misses(ends.astype(float), x[None], b)
         steps = np.flatnonzero(missed.any(axis=1))
-        first = missed[steps].argmax(axis=1)
         if steps.size:
-            self._note(ends[steps], series[steps], x[np.maximum(first - 1, 0)], x[first])
+            first = missed[steps].argmax(axis=1)
+            ends, b = ends[steps], self._bernstein(series[steps], ends[steps])
+            onset = self._onset(ends, b, x[np.maximum(first - 1, 0)], x[first])
+            # A series is right up to a corner; what goes over it by some points is wrong all along.
+            place = np.where(first > 0, onset, self._corner(ends, b))
+            self.note(self.clock.exact_times(ends[:, 0] + place * (ends[:, 1] - ends[:, 0])))
         if len(self.changes) > MOST_CHANGES:
             message = f"stopped: its formulas change more than {MOST_CHANGES} times"
             self.control.give_up(Status.TIMEOUT, message)
         self.longest = 0.0
 
-    def _note(
-        self, ends: np.ndarray, series: np.ndarray, low: np.ndarray, high: np.ndarray
-    ) -> None:
-        """Note where steps begin to miss their equations, between these places (n,)."""
-        b = self._bernstein(series, ends)
+    def note(self, at: np.ndarray) -> None:
+        """Note changes at some times (n,), long doubles."""
+        # A series that begins at a corner overflows, and the formula may be no number there.
+        aside = np.maximum(MIN_GAP / self.clock.factor, MIN_ULPS * np.spacing(at.astype(float)))
+        self.changes += [*zip(at - aside, at, at + aside, strict=True)]
+
+    def _onset(
+        self, ends: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray
+    ) -> np.ndarray:
+        """Where (n,) steps begin to miss their equations, between these places (n,)."""
         low, high = low.astype(b.dtype), high.astype(b.dtype)
         for _ in range(HALVINGS):
             middle = (low + high) / 2
             missed = self._misses(ends, middle[:, None], b)[:, 0]
             low, high = np.where(missed, low, middle), np.where(missed, middle, high)
-        at = self.clock.exact_times(ends[:, 0] + low * (ends[:, 1] - ends[:, 0]))
-        # A series that begins at a corner overflows, and the formula may be no number there.
-        aside = np.maximum(MIN_GAP / self.clock.factor, MIN_ULPS * np.spacing(at.astype(float)))
-        self.changes += [*zip(at - aside, at, at + aside, strict=True)]
+        return low
+
+    def _corner(self, ends: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Where (n,) along steps the rates have their sharpest bend."""
+        low, width = np.zeros((len(ends), 1), b.dtype), 1.0
+        for _ in range(BEND_ROUNDS):
+            places = low + width * np.linspace(0, 1, BEND_PARTS + 1)
+            bend = np.abs(np.diff(self._slopes(ends, places, b)[1], 2)).max(axis=0)
+            low = np.take_along_axis(places, bend.argmax(axis=1)[:, None], axis=1)
+            width *= 2 / BEND_PARTS
+        return np.asarray(low[:, 0] + width / 2)
 
     def _bernstein(self, series: np.ndarray, ends: np.ndarray) -> np.ndarray:
         return bernstein_coefficients(series.copy(), ends[:, 1] - ends[:, 0], self.engine.basis)
 
-    def _misses(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Whether steps miss their equations (n, k) at places x, (n, k) or (1, k)."""
+    def _slopes(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> tuple[Any, Any]:
+        """The slopes of steps by x, and those of their equations, each (m, n, k), at places x,
+        (n, k) or (1, k)."""
         length = ends[:, 1:] - ends[:, :1]
         t = self.clock.exact_times(ends[:, :1] + x * length).astype(b.dtype)
         state, slope = (part.swapaxes(0, 1) for part in values_and_slopes(b, x))
         k = attributes(self.units.constants(type(self.system), self.system.constants), b.dtype.type)
-        rates = stacked(self.system.rhs(t, [*state], k), state)
+        return slope, length * stacked(self.system.rhs(t, [*state], k), state)
+
+    def _misses(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Whether steps miss their equations (n, k) at places x, (n, k) or (1, k)."""
+        slope, rates = self._slopes(ends, x, b)
         # Between the ends of a step its polynomial has half of the digits at worst.
         allowed = max(DEFECT, self.tol**0.5) * np.abs(b).max(axis=(1, 2))
-        is_met = np.abs(slope - length * rates).max(axis=0) <= allowed[:, None]
-        return np.asarray(~is_met)
+        return np.asarray(~(np.abs(slope - rates).max(axis=0) <= allowed[:, None]))
 
 
 @dataclass
@@ -287,12 +311,16 @@ def begun_anew_at_changes(
     changes = np.empty((0, 3))
     for _ in range(MOST_ATTEMPTS):
         samples = propagation.run(check.control, check, changes)
+        if check.control.status is Status.FAILED and check.control.steps == len(changes) == 0:
+            # A series that begins at a corner has no number.
+            check.note(np.array([propagation.start], dtype=np.longdouble))
         if not check.changes or check.control.status is Status.TIMEOUT:
+            return samples, changes
+        known, changes = len(changes), np.unique([*changes, *check.changes], axis=0)
+        if len(changes) == known:  # begun anew there, it misses its equations there again
             break
-        changes = np.unique([*changes, *check.changes], axis=0)
         check.changes, check.control = [], check.control.afresh()
-    else:
-        check.control.give_up(Status.FAILED, "its formulas change ever again within its steps")
+    check.control.give_up(Status.FAILED, "its formulas change ever again within its steps")
     return samples, changes
 
 
