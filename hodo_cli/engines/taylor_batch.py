@@ -143,13 +143,13 @@ class TaylorStep:
     def _compiled_step(self) -> Any:
         at = self._motion()
         *_, remaining, lost, steps = at.inputs
-        y = [coefficients(series) for series in at.state]
+        y = [coefficients(series, SERIES_ORDER) for series in at.state]
         # The last parameter is the `stride`, so that the code serves every tolerance.
         longest = hy.par[count(self.structure) + 1] * radius(y)
         step = smaller(longest, remaining)
         for function in self.corners.values():
             # By `longest`, so that it ends at the same time whatever time is left.
-            g = coefficients(function(at.time, at.state, at.k))
+            g = coefficients(function(at.time, at.state, at.k), SERIES_ORDER)
             slack = CORNER * size_within(self.model, y, longest)
             step = smaller(time_to_corner(g, longest, slack), step)
         # The last step takes exactly the time left, so that it leaves 0 and no rounding.
@@ -175,7 +175,7 @@ class TaylorStep:
 
     def _compiled_series(self, event: Event) -> Any:
         at = self._motion()
-        rows = coefficients(event.function(at.time, at.state, at.k))
+        rows = coefficients(event.function(at.time, at.state, at.k), SERIES_ORDER)
         # Few steps need it: not worth the optimiser's time.
         return compiled_function(at.inputs, rows, 1)
 
@@ -280,9 +280,9 @@ def stride(tol: float, passing: Event | None) -> float:
     return min(longest, PASSAGE_STRIDE) if passing is not None else longest
 
 
-def coefficients(series: Series) -> list[Any]:
-    """The coefficients of a series, up to the order of a step."""
-    return [series[i] for i in range(SERIES_ORDER + 1)]
+def coefficients(series: Series, order: int) -> list[Any]:
+    """The coefficients of a series up to an order."""
+    return [series[i] for i in range(order + 1)]
 
 
 def total_of_powers(c: Sequence[Any], s: Any) -> Any:
@@ -322,7 +322,7 @@ def least_distance(function: Level, at: SymbolicMotion, step: Any) -> Any:
 
     |D| is at least |D_0| + min(0, s sign(D_0) D_1), less the sum of |D_k| s^k from k = 2.
     """
-    D = coefficients(function(at.time, at.state, at.k))
+    D = coefficients(function(at.time, at.state, at.k), SERIES_ORDER)
     towards_0 = hy.select(hy.lt(D[0], 0.0), -D[1], D[1])
     beyond = step * step * curvature(D, step)
     return absolute(D[0]) + step * smaller(towards_0, hy.expression(0.0)) - beyond
@@ -331,7 +331,7 @@ def least_distance(function: Level, at: SymbolicMotion, step: Any) -> Any:
 def level_rows(level: Level, at: SymbolicMotion, step: Any) -> list[Any]:
     """The rows of a level: its value, how much it changes at its slope, and a bound on what it does
     besides."""
-    D = coefficients(level(at.time, at.state, at.k))
+    D = coefficients(level(at.time, at.state, at.k), SERIES_ORDER)
     return [D[0], step * D[1], step * step * curvature(D, step)]
 
 
