@@ -174,10 +174,36 @@ def test_zeros_are_found_however_near_two_of_them_are() -> None:
     assert computed(case)["crossings"].tolist() == [1, 1, 3, 3, 3]
 
 
+def signed(t: Any, y: Any, k: Any) -> Any:
+    """An event with every sign that a majorant must turn."""
+    return 2 - (3 - t) * y[0] * y[1] / (-4) - (-y[2] * y[2]) * (-1.5)
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("which", ["separatrix", "signed"])
+def test_the_rest_of_an_events_series_is_bounded(which: str) -> None:
+    """By no less than its terms beyond the order, and by no more than a few times as much."""
+    from hodo_cli.engines import taylor_batch
+
+    case = one(FORMS["tensor"])
+    k = flat.namespace(flat.structure(case.system.constants), flat.flatten(case.system.constants))
+    event = case.system.class_events[0] if which == "separatrix" else Event(which, signed)
+    step, order = 1.5, taylor_batch.EVENT_ORDER
+    for start in np.random.default_rng(4).standard_normal((50, 3)).tolist():
+        time, state = power_series.motion(type(case.system).rhs, 0.5, start, k)
+        series = event.function(time, state, k)
+        rest = sum(abs(series[i]) * step**i for i in range(order + 1, taylor_batch.SERIES_ORDER))
+        at = taylor_batch.SymbolicMotion([], time, state, k)
+        bound = taylor_batch.majorant_beyond(order, event.function, at, step)
+        assert rest <= bound
+        powers = [max(abs(s[i]) * step**i for s in state) for i in range(order + 1)]
+        assert bound < 100 * max(powers) ** 2
+
+
 @pytest.mark.heyoka
 def test_a_step_clears_no_event_that_it_meets() -> None:
     """Its bound is below |D| wherever one looks within the step, and far from 0 it is nearly |D|:
-    also for an event that divides."""
+    also for an event that divides, which has no majorant."""
     from hodo_cli.engines import taylor_batch
 
     case = one(FORMS["tensor"])

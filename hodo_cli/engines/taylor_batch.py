@@ -22,7 +22,7 @@ from ..models.base import Event, Level, Model
 from ..models.constants import UNIT, Structure, count, moving, namespace
 from ..private import cached_code
 from . import series as series_module
-from .series import TINY_DIVISOR, Series, motion, total, value
+from .series import TINY_DIVISOR, Series, constant, motion, total, value
 from .taylor import OPTIMISED_NODES
 
 
@@ -52,6 +52,11 @@ PASSAGE_STRIDE = 0.1
 approaches a logarithm, which fewer coefficients show, and a step must not lead beyond: at 0.135 two
 of five did."""
 
+EVENT_ORDER = 6
+"""The order up to which the series of an event is computed; its rest is bounded by the series of
+the state. At 20 the event took a third of a step, at 4 five times as many steps would be
+suspected."""
+
 SUM_CHAINS = 4
 """Parts of a polynomial that are summed side by side: in one chain a processor waits for each
 product, which took a third of a step."""
@@ -60,6 +65,44 @@ CORNER = 2.0**-30
 """The part of a motion below which a component may go beyond a corner of the equations before its
 sign turns over. Terms with its square are then wrong by 2**-60 of their size, less than rounding,
 so that no touch has to be told from a passage."""
+
+BOUND_ROUNDING = 2.0**-40
+"""The part of a bound on the rest of an event's series that covers its rounding."""
+
+
+class Majorant(Series):
+    """A series whose coefficients are at least as large as those of another are in size.
+
+    Raises NotImplementedError where a series is a divisor or has an exponent.
+    """
+
+    def __neg__(self) -> "Majorant":
+        return self
+
+    def __add__(self, other: Any) -> Series:
+        return super().__add__(absolute(other))
+
+    __radd__ = __sub__ = __rsub__ = __add__
+
+    def __mul__(self, other: Any) -> Series:
+        return super().__mul__(absolute(other))
+
+    __rmul__ = __mul__
+
+    def __rtruediv__(self, other: Any) -> Series:
+        raise NotImplementedError
+
+    __pow__ = __rpow__ = __rtruediv__
+
+    def exp(self) -> Series:
+        raise NotImplementedError
+
+    log = sin = cos = exp
+
+    def __truediv__(self, other: Any) -> Series:
+        if isinstance(other, Series):
+            raise NotImplementedError
+        return super().__truediv__(other)
 
 
 class TaylorStep:
@@ -222,7 +265,7 @@ def time_to_corner(g: Sequence[Any], step: Any, slack: Any) -> Any:
     """A time up to which a series g keeps above -slack, where g_0 does, within a step: the zero of
     slack + g_0 + g_1 s - s^2 (sum of |g_k| step^(k - 2) from k = 2), which lies below."""
     room, slope = slack + g[0], g[1]
-    curved = curvature(g, step)
+    curved = total_of_powers([absolute(c) for c in g[2:]], step)
     root = hy.sqrt(slope * slope + 4.0 * curved * room)
     # The form of its formula that does not cancel.
     falls = hy.lt(slope, 0.0)
@@ -322,27 +365,54 @@ def least_distance(function: Level, at: SymbolicMotion, step: Any) -> Any:
 
     |D| is at least |D_0| + min(0, s sign(D_0) D_1), less the sum of |D_k| s^k from k = 2.
     """
-    D = coefficients(function(at.time, at.state, at.k), SERIES_ORDER)
+    D, curved = slope_and_rest(function, at, step)
     towards_0 = hy.select(hy.lt(D[0], 0.0), -D[1], D[1])
-    beyond = step * step * curvature(D, step)
-    return absolute(D[0]) + step * smaller(towards_0, hy.expression(0.0)) - beyond
+    return absolute(D[0]) + step * smaller(towards_0, hy.expression(0.0)) - curved
 
 
 def level_rows(level: Level, at: SymbolicMotion, step: Any) -> list[Any]:
     """The rows of a level: its value, how much it changes at its slope, and a bound on what it does
     besides."""
-    D = coefficients(level(at.time, at.state, at.k), SERIES_ORDER)
-    return [D[0], step * D[1], step * step * curvature(D, step)]
+    D, curved = slope_and_rest(level, at, step)
+    return [D[0], step * D[1], curved]
 
 
-def curvature(c: Sequence[Any], step: Any) -> Any:
-    """The sum of |c_k| step^(k - 2) from k = 2 on, of a series: times s^2 it is a bound on these
-    terms at s up to `step`."""
-    return total_of_powers([absolute(x) for x in c[2:]], step)
+def slope_and_rest(function: Level, at: SymbolicMotion, step: Any) -> tuple[list[Any], Any]:
+    """The coefficients of a function of a motion, and a bound on its terms within a step from the
+    square on. Beyond EVENT_ORDER these are less than the same function of majorants is, as a whole
+    less its terms up to there."""
+    order = EVENT_ORDER
+    try:
+        rest = majorant_beyond(order, function, at, step)
+    except NotImplementedError:
+        order, rest = SERIES_ORDER, hy.expression(0.0)
+    D = coefficients(function(at.time, at.state, at.k), order)
+    return D, rest + step * step * total_of_powers([absolute(c) for c in D[2:]], step)
+
+
+def majorant_beyond(order: int, function: Level, at: SymbolicMotion, step: Any) -> Any:
+    """A bound on the terms beyond an order of a function of a motion within a step.
+
+    Raises NotImplementedError where the function has no majorant.
+    """
+    inputs = [Majorant(partial(term_size, series)) for series in (at.time, *at.state)]
+    sums = [total_of_powers(coefficients(series, SERIES_ORDER), step) for series in inputs]
+    whole = [Majorant(partial(constant, total)) for total in sums]
+    of_series, of_sums = (function(y[0], y[1:], at.k) for y in (inputs, whole))
+    # Both are rounded.
+    own = total_of_powers(coefficients(of_series, order), step)
+    return (1 + BOUND_ROUNDING) * of_sums[0] - own
+
+
+def term_size(series: Series, k: int) -> Any:
+    """|c_k| of a series."""
+    return absolute(series[k])
 
 
 def absolute(x: Any) -> Any:
-    """|x| of an expression or a number."""
+    """|x| of an expression or a number; a series as it is."""
+    if isinstance(x, Series):
+        return x
     return hy.select(hy.lt(x, 0.0), -x, x) if isinstance(x, hy.expression) else abs(x)
 
 
