@@ -5,6 +5,7 @@ import json
 import math
 from dataclasses import replace
 from fractions import Fraction
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from conftest import Hodo, classified
 from hypothesis import given
 from hypothesis import strategies as st
 
+import hodo_cli
 from hodo_cli import Case, HodoError, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.commands.classify import crossings_line
@@ -374,3 +376,31 @@ def test_of_many_crossings_a_table_shows_the_first_ones_and_the_last() -> None:
         shown = ["more" if "more" in each else each.split()[0] for each in told]
         assert " ".join(shown) == expected
     assert told[4] == "25 more (--json lists them)"
+
+
+@pytest.mark.parametrize("order", [*permutations(range(3))])
+@pytest.mark.parametrize("start", ["rest", "cancelled rotor"])
+def test_what_begins_on_no_side_has_crossed_nothing_when_it_stands_on_one(
+    start: str, order: tuple[int, int, int]
+) -> None:
+    """D < 0 for all t > 0 as p grows with t^7 and r with t^2; and G = A omega + h is 0 at the start
+    alone."""
+    # The moments and velocities of the second have products that are doubles.
+    inertia = (1, 0.8, 0.6) if start == "rest" else (1, 0.75, 0.5)
+    omega = (0, 0, 0) if start == "rest" else (0.5, 0.25, 0.5)
+    torque, momentum = ("0", "0.1*t**3", "0.01*t"), np.multiply(inertia, omega)
+    driven = {
+        "rest": {"expression": [torque[i] for i in order]},
+        "cancelled rotor": {"damping": 0.1, "rotor": [-momentum[i] for i in order]},
+    }
+    ds = hodo_cli.run(
+        {
+            "model": "torques", "inertia": [inertia[i] for i in order], **driven[start],
+            "initial": {name: omega[i] for name, i in zip("pqr", order, strict=True)},
+            "time": {"end": 50, "samples": 11},
+        }
+    )  # fmt: skip
+    assert ds.attrs["classify_warnings"] == ""
+    assert ds.crossing_time.size == 0
+    side = order.index(2) + 1 if start == "rest" else rigid_body.UNSEPARATED
+    assert ds.enclosed_axis[:2].values.tolist() == [rigid_body.UNDETERMINED, side]

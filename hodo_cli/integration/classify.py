@@ -315,10 +315,16 @@ def crossings_of(
     body, time = body_of(case), motion.time
     if not (has_sides(body) and len(time)):
         return CrossingList([], [], [])
-    signs = SignChanges.joined([*dense.signs, sample_sides(motion)])
+    sides = sample_sides(motion)
+    signs = SignChanges.joined([*dense.signs, sides])
     after = np.searchsorted(time, signs.time).clip(max=len(time) - 1)
     before = np.where(time[after] == signs.time, after, np.maximum(after - 1, 0))
     uncertainty = CERTAIN_ERRORS * np.maximum(errors[before], errors[after])
+    if len(sides.time) > 1:
+        # From rest an error is a part of what the motion gains in a step, not of what it has.
+        early = signs.time < sides.time[1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            uncertainty[early] *= np.maximum(1, sides.momentum[1] / signs.momentum[early])
     listed = read_sign_changes(signs, uncertainty, absorbing)
     # A body set going from rest stands on a side as soon as the time differs from the start.
     started = case.time.start + 1e-12 * (case.time.end - case.time.start)

@@ -21,7 +21,7 @@ from ..engines.polynomial import bernstein_coefficients, isolate, rounding, valu
 from ..models import rigid_body
 from ..models.base import Event, Model
 from ..models.constants import rescaled
-from ..models.rigid_body import UNSEPARATED, BodyFrame, inertia_order, margin
+from ..models.rigid_body import UNDETERMINED, UNSEPARATED, BodyFrame, inertia_order, margin
 from ..models.theory.gyrostat import region_of
 from .driver import StepBuffer
 from .units import Units
@@ -249,8 +249,10 @@ def read_sign_changes(
     the list. Where the margin becomes uncertain and is certain again on the side from which it
     came, or does not become certain any more, it is undecided whether the motion has crossed.
     """
-    # A zero is on neither side, so only the moments between zeros can tell that a side has changed.
-    sure = np.flatnonzero(~signs.vanishes & (np.abs(signs.margin) > uncertainty))
+    # A zero is on neither side, so only the moments between zeros can tell that a side has changed;
+    # where G vanishes there is no side.
+    is_sure = ~signs.vanishes & (np.abs(signs.margin) > uncertainty)
+    sure = np.flatnonzero(is_sure & (signs.axis != UNDETERMINED))
     sure, certain = deciding_moments(sure, signs.axis[sure], absorbing)
     axes = signs.axis[sure].tolist()
     verdict = CrossingList([], [], [])
