@@ -172,6 +172,11 @@ CHECKS = [
     ("given-up", "{kind: crossings, most: 0}", "not tested", None),
     ("ball", "{kind: average, variable: start_axis.x1, at: [{damping.0: 0}], most: 1}",
      "reproduced", None),
+    # Without a position or an axis it is one average over all members.
+    ("ball", "{kind: average, variable: start_axis.x1, most: 1}", "reproduced", None),
+    ("ball", "{kind: average, variable: start_axis.x1, least: 1}", "contradicted", None),
+    ("ball", "{kind: average, variable: start_axis.x1, at: [{damping.0: 0}], along: [damping.0], "
+     "most: 1}", "reproduced", None),
     ("passing, stopping", "{kind: value, values: {end_of_spin: [40, 40]}, within: 1.0e-9}",
      "reproduced", 0),
     ("passing, stopping", "{kind: bound, of: end_of_spin, least: 60}", "contradicted", 40),
@@ -588,7 +593,7 @@ IDLE = {
     ],
     "average": [
         (", variable: error, at: [{damping.0: 0}]", "needs least or most or sense"),
-        (", variable: error, most: 1", "needs at or along"),
+        (", variable: error, sense: falls", "compares two averages or more"),
         (", variable: error, at: [{damping.0: 0}], sense: falls", "compares two averages or more"),
     ],
     "paper": [

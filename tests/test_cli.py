@@ -605,3 +605,15 @@ def test_an_interruption_promises_what_its_command_keeps(command: str, line: str
         [sys.executable, "-c", END.format(command)], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stderr) == (143, line)
+
+
+def test_a_command_that_a_message_names_can_be_typed(tmp_path: Path) -> None:
+    body = "{model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0, initial: {p: 1, q: 1, r: 1}"
+    text = f"references: |\n  one\n  two\ncases: {{a: {body}, time: {{end: 1, samples: 3}}}}}}\n"
+    (tmp_path / "my study.yaml").write_text(text, encoding="utf-8")
+    assert "hodo run 'my study.yaml' makes it" in call(tmp_path, "show", "my study.yaml").stderr
+    assert call(tmp_path, "run", "my study.yaml", "--quiet").returncode == 0
+    said = call(tmp_path, "show", "my study.yaml", "--methods").stdout
+    assert " two." in " ".join(said.split())
+    (tmp_path / "my study.yaml").write_text(text.replace("p: 1", "p: 2"), encoding="utf-8")
+    assert "hodo run 'my study.yaml'" in call(tmp_path, "show", "my study.yaml").stderr

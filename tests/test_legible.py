@@ -23,6 +23,12 @@ cases:
     model: linear-diag
     damping: [0.015, 0.004, 0.003]
     sweep: {damping.0: {linspace: [0.005, 0.015, 30]}, initial.q: {values: [0.5, 0.3, 0.4]}}
+  zipped:
+    model: linear-diag
+    damping: [0.015, 0.004, 0.003]
+    sweep:
+      damping.1: {values: [0.003, 0.004, 0.005]}
+      z: {zip: {damping.0: {values: [0.001, 0.005]}, damping.2: {values: [0.005, 0.001]}}}
   tilted:
     {model: Lagrange-averaged, form: full, inertia: {A: 1.5, C: 1}, epsilon: 0.1, mu: 0.5,
      a: [0.1, 1], b: [0.1, 1], attitude: yes, initial: {theta: 60 deg, r: 1.7}, time: {end: 1},
@@ -55,6 +61,7 @@ figures:
   alone: {kind: hodograph, cases: [crossing]}
   times: {kind: map, cases: [grown], variable: crossing_time, x: damping.0, y: initial.q}
   lines: {kind: curve, cases: [grown], variable: crossing_time, x: damping.0, by: initial.q}
+  together: {kind: curve, cases: [zipped], variable: T, x: damping.1, by: z}
   listed: {kind: curve, cases: [grown], variable: crossing_time, x: damping.0,
            by: initial.q, at: [0, 1]}
 """
@@ -281,6 +288,18 @@ def test_curves_over_a_grown_axis_are_listed_in_order(drawn: Drawings) -> None:
     assert legend(drawn.draw("listed"))[:2] == ["$q = 0.5$", "$q = 0.3$"]
     labelled = drawn.draw("lines", labels=("first",))
     assert legend(labelled)[:3] == ["first", "$q = 0.3$", "$q = 0.4$"]
+
+
+def test_keys_that_vary_together_are_all_named(drawn: Drawings) -> None:
+    keys = {"kind": "curve", "variable": "T", "x": "damping.1", "by": "z"}
+    figure = plot(drawn.cases["zipped"], **keys)
+    values = ((0.001, 0.005), (0.005, 0.001))
+    named = [text.get_text() for box in figure.legends for text in box.get_texts()]
+    assert named == [rf"$\lambda_1 = {a}$, $\lambda_3 = {b}$" for a, b in values]
+    across = plot(drawn.cases["zipped"], **keys | {"x": "z", "by": "damping.1"}).axes[0]
+    assert across.get_xlabel() == r"$\lambda_1$, with $\lambda_3$"
+    rows = drawn.draw("together").csv().splitlines()
+    assert rows[1].startswith('"damping.0 = 0.001, damping.2 = 0.005",')
 
 
 def test_crosses_of_members_without_a_value_are_on_no_others(drawn: Drawings) -> None:

@@ -439,6 +439,22 @@ def test_a_sketch_has_a_below_the_line_and_symmetric_bodies_one_region(
     assert axes.get_xlabel() == ("$r^2$" if body[0] < body[2] else "$p^2$")
 
 
+def test_words_of_a_sketch_are_on_no_line(several: Drawings) -> None:
+    bodies = [[3, 2, 1.1], [1, 0.8, 0.6], [1, 0.95, 0.3]]
+    figure = api.plot(several.cases["brief"], kind="quadrant-sketch", bodies=bodies)
+    figure.draw_without_rendering()
+    words = [[text.get_text().replace("\n", " ") for text in axes.texts] for axes in figure.axes]
+    assert words[0] == ["A about $x_1$", "B"]  # K = 0.33
+    assert words[1] == ["A about $x_1$", "B about $x_3$"]
+    assert words[2] == ["A", "B about $x_3$"]  # K = 3.9
+    for axes in figure.axes:
+        (line,) = axes.lines
+        for text in axes.texts:
+            box = text.get_window_extent().transformed(axes.transData.inverted())
+            assert not line.get_path().intersects_bbox(box)
+            assert min(box.x0, box.y0) > 0
+
+
 def test_names_of_curves_stand_on_the_sphere(runs: Path) -> None:
     figure = Drawings.of(runs / "paper1.h5").draw("fig1").figure
     figure.draw_without_rendering()

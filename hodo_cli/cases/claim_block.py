@@ -162,7 +162,8 @@ CHECK_KINDS: dict[str, dict[str, Key]] = {
         ),
         "at": Key(
             ListOf(Each(Integer(least=0), "axes to positions, from zero")),
-            "positions at which it is averaged over the other axes",
+            "positions at which it is averaged over the other axes (default, without `along`: one "
+            "average over all)",
             default=(),
         ),
         "along": Key(
@@ -191,7 +192,7 @@ NEEDED: dict[str, tuple[tuple[str, ...], ...]] = {
     "axis": (("start", "end"),),
     "crossings": (("least", "most", "from", "to"),),
     "bound": (("least", "most"),),
-    "average": (("at", "along"), ("least", "most", "sense")),
+    "average": (("least", "most", "sense"),),
 }
 """The keys of a check of which one must be there: without, every motion meets it."""
 

@@ -1,6 +1,7 @@
 """The keys of case files for readers, made from the keys themselves: the tables of
 docs/case-files.md, one a group of keys, and the JSON Schema for editors."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
 from typing import Any
@@ -10,7 +11,7 @@ from ..models.attitude import keys_of_form
 from ..models.base import Model
 from ..schema import kinds
 from ..schema.document import write
-from ..schema.kinds import Choice, Either, Key, Table, Variant
+from ..schema.kinds import Choice, Either, Key, ListOf, Table, Variant
 from ..text import grouped, markdown
 from . import claim_block, figure_block
 from .case import NAME
@@ -30,8 +31,9 @@ def _default(key: Key) -> str:
 def _within(key: Key) -> Iterator[tuple[str, Mapping[str, Key]]]:
     """The keys inside a key's value, each set with the words that choose it."""
     for kind in key.kind.kinds if isinstance(key.kind, Either) else (key.kind,):
-        if isinstance(kind, Table):
-            yield "", kind.keys
+        inner = kind.kind if isinstance(kind, ListOf) else kind
+        if isinstance(inner, Table):
+            yield "", inner.keys
         elif isinstance(kind, Variant):
             yield from ((f" ({kind.tag}: {name})", keys) for name, keys in kind.tables.items())
 
@@ -98,7 +100,9 @@ def _claims() -> Groups:
 def key_tables() -> str:
     """Every key of a case file, in Markdown: a heading and a table for each group."""
     header = ("key", "value", "unit", "default", "meaning")
-    groups = chain([("The file", _table(SECTIONS))], _cases(), _figures(), _claims())
+    # Statements have tables of their own.
+    sections = [row for row in _table(SECTIONS) if not re.match(r"`(claims|errata)\.", row[0])]
+    groups = chain([("The file", sections)], _cases(), _figures(), _claims())
     tables = [(heading, markdown(header, rows)) for heading, rows in groups]
     # The components of a vector have their meaning in common.
     named = grouped((meaning, f"`{x}`") for x, meaning in claim_block.QUANTITY_NAMES.items())

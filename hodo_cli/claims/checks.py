@@ -296,11 +296,12 @@ def motion_finding(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 
 def averages(check: Keys, swept: "SweepView") -> Finding:
-    """Averages over the members of a sweep, at positions, or how much they vary along axes, against
-    bounds, or how they follow each other; decided by the last average.
+    """Averages over the members of a sweep, all or those at positions, or how much they vary along
+    axes, against bounds, or how they follow each other; decided by the last average.
     """
     name = check["variable"]
-    means = [float(swept.values(name, (), position)) for position in check["at"]]
+    at: Sequence[Mapping[str, int]] = check["at"] or ([] if check["along"] else [{}])
+    means = [float(swept.values(name, (), position)) for position in at]
     for along in check["along"]:
         values = swept.values(name, (along,), {})
         means.append(float(np.nanmax(values) - np.nanmin(values)))
@@ -316,17 +317,12 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
         *violations_by_sense.get(check["sense"], ()),
     ]
     scale = max(map(abs, means)) or 1.0
-    words = (
-        ", ".join(
-            f"varies by {x:.3g} along {along}"
-            for x, along in zip(means, check["along"], strict=True)
-        )
-        if check["along"]
-        else f"{name} = {listed(means, 4)}"
-    )
+    spreads = zip(means[len(at) :], check["along"], strict=True)
+    words = [f"{name} = {listed(means[: len(at)], 4)}"] if at else []
+    words += [f"varies by {spread:.3g} along {along}" for spread, along in spreads]
     return Finding(
         deviation_beyond(float(max(violations, default=0.0)) / scale, ROUNDING),
         number=means[-1],
-        evidence=words,
+        evidence=", ".join(words),
         contradicted_by="an average beyond its bounds, or a step the other way",
     )

@@ -14,6 +14,7 @@ from dataclasses import replace
 from functools import cache, partial
 from hashlib import sha256
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from .. import HodoError
@@ -233,7 +234,8 @@ def warnings_of(
         str(item.message) for item in caught if not issubclass(item.category, DeprecationWarning)
     ]
     lines += [
-        f"{cases.path} is not classified: run `hodo classify {cases.path}` for labels and crossings"
+        f"{cases.path} is not classified: run `hodo classify {quote(str(cases.path))}` for "
+        "labels and crossings"
         for cases in results
         if any(map(lacks_labels, (cases.cache or {}).values()))
     ]

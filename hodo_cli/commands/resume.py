@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from shlex import quote
 
 from .. import HodoError, models
 from ..batch.digests import PACKAGE, code_digest, digest, library_digest
@@ -95,7 +96,8 @@ def result_named(name: Path) -> tuple[Path, Config | None]:
     config = load(name)
     path = result_of(config.path)
     if not os.path.lexists(path) and not staging_folders(path):
-        raise HodoError(f"{config.path} has no result {path}: hodo run {config.path} makes it")
+        how = f"hodo run {quote(str(config.path))}"
+        raise HodoError(f"{config.path} has no result {path}: {how} makes it")
     return path, config
 
 
@@ -146,11 +148,10 @@ def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -
     config = config or _config_of(run)
     if config is None:
         return
+    quoted = quote(str(config.path))
     if section and getattr(stored_config(run), section) != getattr(config, section):
         message = f"the {section} of {config.path} have changed since its run"
-        warnings.warn(
-            f"{run.path}: {message}: hodo {command} {config.path} takes them", stacklevel=2
-        )
+        warnings.warn(f"{run.path}: {message}: hodo {command} {quoted} takes them", stacklevel=2)
     changed = [
         name
         for name in run.cases()
@@ -159,7 +160,7 @@ def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -
     ]
     if changed:
         message = f"changed in {config.path} since: {', '.join(changed)}"
-        warnings.warn(f"{run.path}: {message}: hodo run {config.path}", stacklevel=2)
+        warnings.warn(f"{run.path}: {message}: hodo run {quoted}", stacklevel=2)
 
 
 def warn_of_models(run: ResultFile) -> None:

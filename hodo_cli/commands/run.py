@@ -12,6 +12,7 @@ from itertools import product
 from math import prod
 from operator import attrgetter
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from .. import NOT_OF_A_CASE, HodoError
@@ -155,7 +156,7 @@ class Plan:
         if lost := [name for name in labelled_before if name not in labelled_now]:
             progress.say(
                 f"the labels of {few(lost)} are gone with the old results: "
-                f"hodo classify {self.path}"
+                f"hodo classify {quote(str(self.path))}"
             )
         return self._rows(rows)
 

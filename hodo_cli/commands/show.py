@@ -110,7 +110,7 @@ def methods_of(path: Path) -> dict[str, str]:
             f"Left out, since they did not end well: {few(others)}." if others else "",
             f"All computations used Python {stored_version(run, 'python')} "
             f"and NumPy {stored_version(run, 'numpy')}.",
-            f"To be cited: {'; '.join(cited)}.",
+            f"To be cited: {'; '.join(map(str.strip, cited))}.",
         )
     return {"run": str(path), "methods": " ".join(filter(None, sentences))}
 

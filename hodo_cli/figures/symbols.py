@@ -118,9 +118,12 @@ def axis_words(component: str) -> str:
 
 
 def axis_name(swept: SweepView, name: str) -> str:
-    """The text along an axis of a sweep: the symbol of its first key, and its unit."""
+    """The text along an axis of a sweep: the symbol of its first key, and its unit; behind it the
+    symbols of the keys that vary with it."""
     unit = with_superscripts(swept.unit(name))
-    return f"${key_symbol(swept.key(name))}$" + (f" [{unit}]" if unit else "")
+    others = [f"${key_symbol(key)}$" for key in swept.numbers_along(name)[1:]]
+    with_others = f", with {', '.join(others)}" if others else ""
+    return f"${key_symbol(swept.key(name))}$" + (f" [{unit}]" if unit else "") + with_others
 
 
 def axis_column(swept: SweepView, name: str) -> str:
@@ -130,9 +133,13 @@ def axis_column(swept: SweepView, name: str) -> str:
 
 
 def position(swept: SweepView, name: str, i: int) -> str:
-    """A position on an axis: symbol = value."""
-    unit = "°" if swept.unit(name) == "deg" else f" {with_superscripts(swept.unit(name))}".rstrip()
-    return f"${key_symbol(swept.key(name))} = {swept.ticks(name)[0][i]:.4g}${unit}"
+    """A position on an axis: symbol = value of each of its keys."""
+    words = []
+    for key in swept.numbers_along(name):
+        unit = swept.unit(key)
+        shown_unit = "°" if unit == "deg" else f" {with_superscripts(unit)}".rstrip()
+        words.append(f"${key_symbol(swept.key(key))} = {swept.ticks(key)[0][i]:.4g}${shown_unit}")
+    return ", ".join(words)
 
 
 KEY_SYMBOLS = {

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from shlex import quote
 from typing import Any
 
 import numpy as np
@@ -311,7 +312,8 @@ class Motion:
         """The enclosed axis (n,). Raises HodoError if there is none, or if all that are far from
         the separatrix are those of another motion."""
         if not self.classified:
-            how = f"run `hodo classify {self.path}` first" if self.path else "classify it first"
+            command = f"hodo classify {quote(self.path)}"
+            how = f"run `{command}` first" if self.path else "classify it first"
             raise HodoError(f"{self.words} has no labels of the enclosed axis: {how}")
         labels = self.stored("enclosed_axis")
         if self.frame and "omega" in self.vectors:

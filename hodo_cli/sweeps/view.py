@@ -96,6 +96,13 @@ class SweepView:
         along = [key for key in named if self.data.variables[key].dims == (name,)]
         return list(dict.fromkeys(along))
 
+    def numbers_along(self, name: str) -> list[str]:
+        """The keys of a case that vary along an axis, together if they are several: numbers each;
+        the axis itself where no key does."""
+        variables, keys = self.data.variables, swept_names(self.data)
+        along = [key for key in keys if variables[key].dims == (name,)]
+        return [key for key in along if variables[key].dtype.kind in "fiu"] or [name]
+
     def body(self) -> np.ndarray | None:
         """A1, A2, A3 if all members have the same body."""
         varied = [key for axis in self.axes for key in self.keys(axis)]
@@ -266,13 +273,13 @@ class SweepView:
         return replace(self, data=data)
 
     def ticks(self, name: str) -> tuple[np.ndarray, bool]:
-        """The values (n,) along an axis, of the first of its keys and in its `unit`, and whether
-        they go in even ratios.
+        """The values (n,) along an axis, of the first of its keys and in its `unit`, or of a key,
+        and whether they go in even ratios.
 
         Raises HodoError if it has no finite numbers.
         """
-        keys = self.keys(name)
-        values = np.asarray(self.data.variables[keys[0]].data if keys else [math.nan])
+        key, variables = self.key(name), self.data.variables
+        values = np.asarray(variables[key].data if key in variables else [math.nan])
         if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
             message = "no coordinate of finite numbers, which a scale needs"
             raise HodoError(f"axis {name} of sweep {self.name} has {message}")

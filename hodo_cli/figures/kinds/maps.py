@@ -545,7 +545,9 @@ def names_of(
     sweep_name = [swept.name] if sweep_count > 1 else []
     shown = [position(swept, *place) for place in indices.items()]
     keys = [
-        f"{name} = {swept.ticks(name)[0][i]:.4g} {swept.unit(name)}" for name, i in indices.items()
+        f"{key} = {swept.ticks(key)[0][i]:.4g} {swept.unit(key)}"
+        for name, i in indices.items()
+        for key in swept.numbers_along(name)
     ]
     plain = [swept.name] if not indices else [*sweep_name, *map(str.rstrip, keys)]
     return ", ".join([*sweep_name, *shown]), ", ".join(plain)

@@ -118,25 +118,33 @@ def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Mot
     n = len(bodies)
     size = (COLUMN, COLUMN) if n == 1 else (PAGE, PAGE / n + 0.35)
     panels = sheet.panels(*size, n, n)
+    # No numbers stand beside them.
+    room = 0.85 * 72 * sheet.figure.get_figwidth() / n
     for axes, body, label in zip_longest(panels, bodies, spec["labels"][:n]):
         title, K = label or "$A_i$ = {:g}, {:g}, {:g}".format(*body), slope(body)
         numbers = dict(zip(("A1", "A2", "A3", "K"), (*body, K), strict=True))
         sheet.record(title, {name: np.array([number]) for name, number in numbers.items()})
-        sketch(axes, body)
+        sketch(axes, body, room)
         value = r"\infty" if math.isinf(K) else f"{K:.3g}"
         axes.set_title(f"{title}\n$K = {value}$")
 
 
-def sketch(axes: Axes, body: Sequence[float]) -> None:
-    """The quadrants of one body."""
+def sketch(axes: Axes, body: Sequence[float], room: float) -> None:
+    """The quadrants of one body, in a panel of a width in points."""
     largest, _, smallest = inertia_order(body)
     # The angle of the line above the horizontal axis, on which p^2 = K r^2 grows.
     angle = math.degrees(math.atan2(1, slope(body)))
     for name, axis, low, high in (("A", largest, 0, angle), ("B", smallest, angle, 90)):
         axes.add_patch(Wedge((0, 0), 2, low, high, fc=AXIS_COLOUR[axis + 1], alpha=0.12, lw=0))
         if low < high:
-            centre = at_angle((low + high) / 2, 0.6)
-            axes.text(*centre, f"{name}\nabout $x_{axis + 1}$", ha="center", va="center")
+            x, y = at_angle((low + high) / 2, 0.6)
+            words, size = f"about $x_{axis + 1}$", text_size("font.size")
+            # In a narrow region the letter alone has room.
+            box = np.array([text_width(words, size), 2.4 * size]) / 2 / room
+            corners = np.array([x, y]) + box * [(-1, -1), (-1, 1), (1, -1), (1, 1)]
+            at = np.degrees(np.arctan2(corners[:, 1], corners[:, 0]))
+            fits = low < at.min() and at.max() < high
+            axes.text(x, y, f"{name}\n{words}" if fits else name, ha="center", va="center")
     axes.plot(*np.transpose([(0, 0), at_angle(angle, 2)]), color=BLACK, lw=1.4)
     axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal", xticks=[], yticks=[])
     axes.set_xlabel(f"${'pqr'[largest]}^2$", loc="right")
