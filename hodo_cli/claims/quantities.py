@@ -22,7 +22,7 @@ from ..integration import (
     principal_omega,
     solve,
 )
-from ..models.constants import contains_time, structure
+from ..models.constants import has_formula_of_time
 from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion
 from ..results.resolution import SMALLEST_CHORD, course_remark, turn_remark
@@ -73,9 +73,7 @@ def between_samples(m: Motion) -> Motion | None:
 
     Raises HodoError if it stops before its end.
     """
-    system, is_course = m.case.system, len(m.time) > 1
-    form = structure(system.constants)
-    if not (is_course and system.has_formulas and contains_time(type(system), form)):
+    if len(m.time) < 2 or not has_formula_of_time(m.case.system):
         return None
     within = [m.time[:-1] + place * np.diff(m.time) for place in BETWEEN_SAMPLES]
     times = np.unique(np.concatenate([m.time, *within]))

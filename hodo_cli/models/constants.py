@@ -120,6 +120,12 @@ def contains_time(model: type[Model], form: Structure, events: tuple[Event, ...]
     return _contains_time(model, form, events)  # type: ignore[arg-type]
 
 
+def has_formula_of_time(system: Model) -> bool:
+    """Whether equations hold a formula of a user's own, and contain the time: between two times
+    they may then do anything."""
+    return system.has_formulas and contains_time(type(system), structure(system.constants))
+
+
 @lru_cache(maxsize=64)
 def _contains_time(model: type[Model], form: Structure, events: tuple[Event, ...]) -> bool:
     # Any numbers serve that no formula makes 0 or equal.

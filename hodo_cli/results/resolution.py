@@ -8,7 +8,7 @@ import numpy as np
 
 from ..cases.derived import BODY_AXES
 from ..cases.figure_block import KINDS_IN_SPACE
-from ..models.constants import attributes, contains_time, stacked, structure
+from ..models.constants import attributes, has_formula_of_time, stacked
 from .in_space import EULER_ANGLES, OF_ATTITUDE, time_factor
 from .motion import Motion
 
@@ -129,8 +129,7 @@ def path_beside_samples(motion: Motion, drawn: slice) -> np.ndarray:
     body does by itself, which `turns` shows, does not count.
     """
     system, time, omega = motion.case.system, motion.time[drawn], motion.omega[drawn]
-    form = structure(system.constants)
-    if not (motion.frame and system.has_formulas and contains_time(type(system), form)):
+    if not (motion.frame and has_formula_of_time(system)):
         return np.zeros((3, 1, len(time) - 1))
     n = max(TIMES_ASKED // len(time), LEAST_TIMES)
     part = ((np.arange(n) + 0.5) / n)[:, None]
