@@ -289,8 +289,8 @@ def test_the_key_of_an_axis_is_the_first_that_varies_along_it() -> None:
         "zip": {"damping.1": {"values": [0.003, 0.004]}, "damping.0": {"values": [0.001, 0.002]}}
     }
     data = hodo.sweep({**FIG4, "sweep": {"both": both}})
-    axes = hodo.plot(backward("both")(data), "curve", variable="crossing_G", x="both").axes[0]
-    assert axes.get_xlabel() == r"$\lambda_2$"
+    axes = hodo.plot(backward("both")(data), "curve", variable="omega.x1", x="both").axes[0]
+    assert axes.get_xlabel() == r"$\lambda_2$, with $\lambda_1$"
     assert axes.lines[0].get_xdata().tolist() == [0.004, 0.003]
 
 

@@ -126,12 +126,7 @@ class ResultFile:
         """A group whole. Raises HodoError if there is no such group, or it is damaged or too
         large."""
         with self.open_group(name) as group:
-            # What this user's hodo has written is nothing else.
-            items = (
-                {key: h5py.Dataset(h5d.open(group.id, encoded(key))) for key in group}
-                if self.intact
-                else _datasets(group)
-            )
+            items = _datasets(group)
             named = dimensions({key: item.id for key, item in items.items()})
             variables, size = {}, 0
             for key, item in items.items():
