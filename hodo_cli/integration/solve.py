@@ -311,7 +311,8 @@ def begun_anew_at_changes(
     changes = np.empty((0, 3))
     for _ in range(MOST_ATTEMPTS):
         samples = propagation.run(check.control, check, changes)
-        if check.control.status is Status.FAILED and check.control.steps == len(changes) == 0:
+        is_at_start = not (check.control.steps or len(changes))
+        if is_at_start and check.control.status is Status.FAILED:
             # A series that begins at a corner has no number.
             check.note(np.array([propagation.start], dtype=np.longdouble))
         if not check.changes or check.control.status is Status.TIMEOUT:
