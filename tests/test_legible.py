@@ -62,6 +62,7 @@ figures:
   times: {kind: map, cases: [grown], variable: crossing_time, x: damping.0, y: initial.q}
   lines: {kind: curve, cases: [grown], variable: crossing_time, x: damping.0, by: initial.q}
   together: {kind: curve, cases: [zipped], variable: T, x: damping.1, by: z}
+  squares: {kind: map, cases: [zipped], variable: T, x: z, y: damping.1}
   listed: {kind: curve, cases: [grown], variable: crossing_time, x: damping.0,
            by: initial.q, at: [0, 1]}
 """
@@ -109,6 +110,30 @@ def test_narrow_pictures_of_a_body_stand_below_each_other(drawn: Drawings) -> No
         sides = [axes.bbox.width / figure.dpi * 25.4 for axes in figure.axes]
         assert len(sides) == 3
         assert min(sides) > min(width, 40) - 8
+
+
+@pytest.mark.parametrize(
+    ("count", "style", "is_right"),
+    [
+        (2, {"width": "page"}, True),
+        (4, {"width": "page"}, False),
+        (4, {"width": 300.0}, True),
+        (1, {"width": "column"}, True),
+        (1, {"width": 50.0}, False),
+    ],
+)
+def test_a_legend_beside_panels_leaves_each_its_width(
+    drawn: Drawings, count: int, style: dict[str, Any], is_right: bool
+) -> None:
+    variables = ("omega.x1", "omega.x2", "omega.x3", "G")[:count]
+    spec = {"variables": variables, "columns": 4, "cases": ("round-x1", "crossing")}
+    figure = drawn.draw("narrow", **spec, style={**style, "legend": "right"}).figure
+    figure.draw_without_rendering()
+    (box,) = [words.get_window_extent() for words in figure.legends]
+    panels = [axes.bbox for axes in figure.axes]
+    assert (box.x0 > max(panel.x1 for panel in panels)) == is_right
+    assert is_right or box.y1 < min(panel.y0 for panel in panels)
+    assert min(panel.width for panel in panels) / figure.dpi * 25.4 > 24
 
 
 def test_a_figure_without_room_for_its_words_is_refused(drawn: Drawings) -> None:
@@ -299,7 +324,11 @@ def test_keys_that_vary_together_are_all_named(drawn: Drawings) -> None:
     across = plot(drawn.cases["zipped"], **keys | {"x": "z", "by": "damping.1"}).axes[0]
     assert across.get_xlabel() == r"$\lambda_1$, with $\lambda_3$"
     rows = drawn.draw("together").csv().splitlines()
+    assert rows[0] == "curve,damping.1,T,damping.0,damping.2"
     assert rows[1].startswith('"damping.0 = 0.001, damping.2 = 0.005",')
+    assert rows[1].endswith(",0.001,0.005")
+    rows = drawn.draw("squares").csv()
+    assert rows.startswith("curve,damping.0,damping.2,damping.1,T\nzipped,0.001,0.005,0.003,")
 
 
 def test_crosses_of_members_without_a_value_are_on_no_others(drawn: Drawings) -> None:

@@ -142,7 +142,8 @@ LOOK = {
             *("below", "right", "inside", "none"),
             *("upper left", "upper right", "lower left", "lower right"),
         ),
-        "where the legend stands: beside the panels, or within the first (default: below)",
+        "where the legend stands: below the panels, right of them where each keeps 40 mm, or "
+        "within the first (default: below)",
         default=None,
     ),
     "letters": Key(

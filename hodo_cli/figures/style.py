@@ -18,7 +18,7 @@ from matplotlib.patches import Patch
 
 from .. import HodoError
 from ..schema.kinds import unknown
-from .sheet import COLUMN, PAGE, Look, Sheet
+from .sheet import COLUMN, MIN_PANEL_WIDTH, PAGE, Look, Sheet
 from .words import text_lines, text_size, text_width
 
 
@@ -190,11 +190,12 @@ def place_legend(sheet: Sheet, panels: Sequence[Axes], place: str) -> None:
     handles = [*entries.values()]
     if not handles or place == "none":
         return
-    beside = LEGEND_PLACES.get(place, place).startswith("outside")
+    if place == "right" and panel_width(sheet, panels, handles) < MIN_PANEL_WIDTH:
+        place = "below"
     columns = legend_columns(sheet, handles) if place == "below" else 1
     # matplotlib fills column after column.
     rowwise = [handle for column in range(columns) for handle in handles[column::columns]]
-    owner: Any = sheet.figure if beside else panels[0]
+    owner: Any = sheet.figure if place in ("below", "right") else panels[0]
     owner.legend(
         handles=rowwise, loc=LEGEND_PLACES.get(place, place), ncols=columns, columnspacing=1.2
     )
@@ -205,13 +206,25 @@ def shade(entry: Line2D | Patch) -> str:
     return str(entry.get_color() if isinstance(entry, Line2D) else entry.get_facecolor())
 
 
-def legend_columns(sheet: Sheet, handles: Sequence[Artist]) -> int:
-    """The most columns of a legend that fit into the width of its figure, with rows as full as each
-    other."""
+def entry_widths(handles: Sequence[Artist]) -> list[float]:
+    """The widths of the entries of a legend in points."""
     size = text_size("legend.fontsize")
     labels = (str(handle.get_label()).splitlines() for handle in handles)
     # A line with its gaps is 4.2 times as wide as the size of the letters.
-    widths = [4.2 * size + max(text_width(line, size) for line in lines) for lines in labels]
+    return [4.2 * size + max(text_width(line, size) for line in lines) for lines in labels]
+
+
+def panel_width(sheet: Sheet, panels: Sequence[Axes], handles: Sequence[Artist]) -> float:
+    """The width of each panel with its words, in inches, beside a legend of one column."""
+    places = (axes.get_subplotspec() for axes in panels)
+    across = max(place.get_gridspec().ncols for place in places if place is not None)
+    return (sheet.figure.get_figwidth() - max(entry_widths(handles)) / 72) / across
+
+
+def legend_columns(sheet: Sheet, handles: Sequence[Artist]) -> int:
+    """The most columns of a legend that fit into the width of its figure, with rows as full as each
+    other."""
+    widths = entry_widths(handles)
 
     def total_width(columns: int) -> float:
         return sum(max(widths[column::columns]) for column in range(columns))

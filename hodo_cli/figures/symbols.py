@@ -4,6 +4,8 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
 from ..cases.derived import PARTS
 from ..results.motion import Motion
 from ..sweeps.view import SweepView
@@ -126,10 +128,15 @@ def axis_name(swept: SweepView, name: str) -> str:
     return f"${key_symbol(swept.key(name))}$" + (f" [{unit}]" if unit else "") + with_others
 
 
-def axis_column(swept: SweepView, name: str) -> str:
-    """The name of an axis in tables and pages, with its unit where the result has another."""
-    unit = swept.unit(name)
-    return name if unit in ("", "rad") else f"{name} [{unit}]"
+def axis_columns(swept: SweepView, name: str) -> dict[str, np.ndarray]:
+    """The values (n,) along an axis by their names in tables and pages, with a unit where the
+    result has another: those of each key where several vary along it."""
+    keys = swept.numbers_along(name)
+    units = {key: swept.unit(key) for key in (keys if len(keys) > 1 else [name])}
+    return {
+        key if unit in ("", "rad") else f"{key} [{unit}]": swept.ticks(key)[0]
+        for key, unit in units.items()
+    }
 
 
 def position(swept: SweepView, name: str, i: int) -> str:

@@ -35,7 +35,7 @@ from ..artists import (
     styles,
 )
 from ..sheet import COLUMN, PAGE, Look, Sheet, View
-from ..symbols import axis_column, axis_name, axis_words, position, symbol, value_unit
+from ..symbols import axis_columns, axis_name, axis_words, position, symbol, value_unit
 from ..words import HALO
 
 NO_VALUE_COLOUR = "#E4E4E4"
@@ -233,8 +233,8 @@ def map_image(
         ylabel=axis_name(swept, spec["y"]),
     )
     axes.label_outer()
-    across, up = (grid.ravel() for grid in np.meshgrid(x, y, indexing="ij"))
-    return {axis_column(swept, spec["x"]): across, axis_column(swept, spec["y"]): up}
+    across = {key: np.repeat(of, len(y)) for key, of in axis_columns(swept, spec["x"]).items()}
+    return across | {key: np.tile(of, len(x)) for key, of in axis_columns(swept, spec["y"]).items()}
 
 
 def contour(
@@ -472,7 +472,7 @@ def curve_of(
     label, name = names
     x, _ = swept.ticks(spec["x"])
     values = shown_values(sheet, swept, spec["variable"], [spec["x"]], indices)
-    shown = {axis_column(swept, spec["x"]): x, spec["variable"]: values}
+    shown = {**axis_columns(swept, spec["x"]), spec["variable"]: values}
     # A line between few values would pass for a result.
     width = {"lw": 0.4, "ms": 5} if len(x) < FEW_VALUES else {"ms": 3}
     axes.plot(x, values, **style, **width, marker=".", label=label)
@@ -480,9 +480,8 @@ def curve_of(
         shown[error] = swept.values(error, [spec["x"]], indices)
         axes.errorbar(x, values, shown[error], fmt="none", ecolor=style["color"])
     # The numbers that tell this curve from the others, in each of its rows.
-    shown |= {
-        axis_column(swept, of): np.full(len(x), swept.ticks(of)[0][i]) for of, i in indices.items()
-    }
+    for of, i in indices.items():
+        shown |= {key: np.full(len(x), along[i]) for key, along in axis_columns(swept, of).items()}
     sheet.record(name, shown)
     missing = ~np.isfinite(values)
     # Many stand side by side, and not on one another.
