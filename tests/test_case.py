@@ -3,10 +3,14 @@ files."""
 
 import dataclasses
 import math
+import operator
 import pickle
 import re
 import time
+from collections.abc import Iterator
+from functools import reduce
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
@@ -197,7 +201,7 @@ MODELS, METHODS, FIGURE_KINDS = (
     str(kinds.Choice(*names))
     for names in (
         CASE_KEYS["model"]["enum"],
-        CASE_KEYS["method"]["enum"],
+        filter(None, CASE_KEYS["method"]["enum"]),
         [
             figure["properties"]["kind"]["enum"][0]
             for figure in RULES["properties"]["figures"]["additionalProperties"]["oneOf"]
@@ -958,13 +962,16 @@ def conforms(value: Any, rule: Any, root: dict[str, Any]) -> bool:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     types = {
         "object": isinstance(value, dict), "array": isinstance(value, list),
-        "string": isinstance(value, str),
+        "string": isinstance(value, str), "null": value is None,
         "number": number, "integer": number and value == int(value),
     }  # fmt: skip
-    parts = [types[rule["type"]]] if "type" in rule else []
-    parts += [value in rule["enum"]] if "enum" in rule else []
+    allowed = rule["type"] if isinstance(rule.get("type"), list) else [rule.get("type")]
+    parts = [any(types.get(word, True) for word in allowed)]
+    # Python's True is 1, and JSON's is not.
+    parts += (
+        [(type(value), value) in [(type(x), x) for x in rule["enum"]]] if "enum" in rule else []
+    )
     parts += [value == rule["const"]] if "const" in rule else []
-    parts += [len(value) <= rule["maxLength"]] if "maxLength" in rule else []
     parts += [any(conforms(value, part, root) for part in rule["anyOf"])] if "anyOf" in rule else []
     parts += (
         [sum(conforms(value, part, root) for part in rule["oneOf"]) == 1] if "oneOf" in rule else []
@@ -980,7 +987,7 @@ def conforms(value: Any, rule: Any, root: dict[str, Any]) -> bool:
             value < rule.get("exclusiveMaximum", math.inf),
         ]
     if isinstance(value, str):
-        parts.append(len(value) >= rule.get("minLength", 0))
+        parts.append(rule.get("minLength", 0) <= len(value) <= rule.get("maxLength", math.inf))
     if isinstance(value, str) and "pattern" in rule:
         parts.append(bool(re.search(rule["pattern"], value)))
     if isinstance(value, list):
@@ -1037,6 +1044,63 @@ def test_the_schema_finds_the_mistakes_that_a_schema_can(entry: str) -> None:
     assert obeys_schema("\n    ".join(["cases:\n  a:", *LINES]))
     assert not obeys_schema("\n    ".join(["cases:\n  a:", entry, *rest]))
 
+
+@pytest.mark.parametrize(
+    ("default", "own"),
+    [("method: RK45", "method: null"), ("time: {samples: 5}", "time: {end: 10, samples: null}"),
+     ("time: null", "tol: 1e-9"), ("time: {samples: null}", "time: {end: 10, samples: 5}"),
+     ("assumes: {x: y, z: y}", "assumes: {x: null}"), ("assumes: {x: y}", "assumes: {}"),
+     ("assumes: {x: y}", "assumes: null"), ("form: averaged", "form: null"),
+     ("damping: 1", "damping: null"), ("model: null", "method: RK45")],
+)  # fmt: skip
+def test_the_schema_takes_empty_values_where_the_loader_does(default: str, own: str) -> None:
+    rest = SPAN if "time" not in own else "error: off"
+    text = f"defaults: {{{default}}}\ncases: {{a: {{{BODY}, {rest}, {own}}}}}\n"
+    assert loads(text)
+    assert obeys_schema(text)
+    sections = RULES["properties"].keys() - {"cases", "defaults"}
+    empty = "".join(f"{section}:\n" for section in sections)
+    assert loads(text + empty)
+    assert obeys_schema(text + empty)
+
+
+def test_the_schema_takes_what_the_loader_takes() -> None:
+    whole = plain(document.read((ROOT / "configs" / "attitude.yaml").read_text(), Mistakes("x")))
+    # What no case inherits of the defaults is not looked at by the loader.
+    for path in Random(1).sample([x for x in paths(whole) if x[0] != "defaults"], 20):
+        *above, key = path
+        parent = reduce(operator.getitem, above, whole)
+        known = parent[key]
+        for value in (None, {}, [], [known], True, "x1", 1.0):
+            parent[key] = value
+            text = write(whole)
+            assert obeys_schema(text) or not loads(text), path
+        parent[key] = known
+
+
+def plain(value: Any) -> Any:
+    """A value of a document as Python's own dictionaries and lists."""
+    if isinstance(value, dict):
+        return {key: plain(entry) for key, entry in value.items()}
+    return [plain(entry) for entry in value] if isinstance(value, list) else value
+
+
+def paths(value: Any) -> Iterator[tuple[Any, ...]]:
+    """Where the values within a value stand."""
+    is_list = isinstance(value, list)
+    for key, entry in enumerate(value) if is_list else dict.items(value or {}):
+        yield (key,)
+        yield from ((key, *path) for path in paths(entry)) if isinstance(entry, dict | list) else ()
+
+
+@pytest.mark.parametrize("entry", ["resistance: 1", "inertia: x", "damping: [1, 2]", "form: foo"])
+def test_the_schema_knows_the_keys_of_the_model_that_the_defaults_name(entry: str) -> None:
+    text = "defaults: {model: linear-diag, inertia: [3, 2, 1]}\ncases:\n  a: {%s}\n  b: {%s}\n"
+    assert obeys_schema(text % ("damping: 1", f"model: tensor, resistance: {DIAGONAL}"))
+    assert not obeys_schema(text % ("damping: 1", entry))
+
+
+DIAGONAL = "{diagonal: 0.1, off_diagonal: 0}"
 
 BODY_UNDER_TORQUES = BODY.replace("linear-diag", "torques")
 
@@ -1147,6 +1211,10 @@ def test_a_figure_may_name_every_derived_quantity() -> None:
          "figures.f.x: unknown axis 'dampng.2' of sweep grid; did you mean 'damping.2'?"),
         ("{kind: curve, cases: grid, variable: crossings, x: damping.2, by: damping.1}",
          "figures.f.by: unknown axis 'damping.1' of sweep grid"),
+        ("{kind: series, variables: [T], insets: [{panel: T, case: one, variables: [T]}]}",
+         "figures.f: missing 'cases'"),
+        ("{kind: series, cases: one, insets: [{panel: T, case: one, variables: [T]}]}",
+         "figures.f: missing 'variables'"),
         ("{kind: series, cases: one, variables: [T], insets: [{panel: D, case: one, "
          "variables: [T]}]}", "figures.f.insets.0.panel: unknown panel 'D' (valid: T)"),
         ("{kind: series, cases: one, variables: [T], insets: [{panel: T, case: two, "

@@ -607,10 +607,13 @@ def _wrong_variable(name: str, case: Drawable) -> str:
 
 def _inset_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
     """A mistake for each panel and case that an inset names and its figure does not have."""
+    panels = "cases" if values.get("panels") == "case" else "variables"
+    # Of a key that is missing or wrong, which is a mistake by itself, no name can be unknown.
+    known = {"panel": values.get(panels), "case": values.get("cases")}
     for i, inset in enumerate(values.get("insets", ())):
-        panels = values["cases" if values["panels"] == "case" else "variables"]
-        for key, valid in (("panel", panels), ("case", values["cases"])):
-            yield from unknown_names(key, {("insets", i, key): inset[key]}, valid)
+        for key, valid in known.items():
+            named: dict[KeyPath, str] = {("insets", i, key): inset[key]}
+            yield from () if valid is None else unknown_names(key, named, valid)
 
 
 def _span_mistakes(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> Iterator[Mistake]:

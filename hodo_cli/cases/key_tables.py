@@ -14,7 +14,7 @@ from ..schema.document import write
 from ..schema.kinds import Choice, Either, Key, ListOf, Table, Variant
 from ..text import grouped, markdown
 from . import claim_block, figure_block
-from .case import NAME
+from .case import MERGED_KEYS, NAME
 from .keys import COMMON, SECTIONS, keys_of
 
 Row = tuple[str, str, str, str, str]
@@ -111,40 +111,76 @@ def key_tables() -> str:
     return "\n".join(f"### {heading}\n\n{table}" for heading, table in tables)
 
 
+EMPTY = {"anyOf": {"type": "null"}, "oneOf": {"type": "null"}, "enum": None, "type": "null"}
+"""The entry for an empty value under each word of JSON Schema that lists what a value may be."""
+
+
+def _or_empty(rule: Mapping[str, Any]) -> dict[str, Any]:
+    """JSON Schema of a value that may be left empty."""
+    word = next(word for word in EMPTY if word in rule)
+    listed = rule[word] if isinstance(rule[word], list) else [rule[word]]
+    return {**rule, word: [*listed, EMPTY[word]]}
+
+
+def _of_case(name: str, rule: dict[str, Any]) -> dict[str, Any]:
+    """JSON Schema of a key of a case or of the defaults: an empty value takes a default back, also
+    of an entry of what is merged entry by entry."""
+    if name in MERGED_KEYS:
+        entries = {key: _or_empty(entry) for key, entry in rule.get("properties", {}).items()}
+        others = rule["additionalProperties"] and _or_empty(rule["additionalProperties"])
+        rule = rule | {"properties": entries, "additionalProperties": others, "minProperties": 0}
+    return _or_empty(rule)
+
+
 def _closed(form: dict[str, Any], classes: Iterable[type[Model]]) -> dict[str, Any]:
     """JSON Schema of a case of one of some forms of a model."""
     rules = {}
     keys = (item for form_class in classes for item in keys_of_form(form_class).items())
     for name, of_forms in grouped((name, key.schema()) for name, key in keys).items():
         distinct = [rule for i, rule in enumerate(of_forms) if rule not in of_forms[:i]]
-        rules[name] = distinct[0] if len(distinct) == 1 else {"anyOf": distinct}
+        rules[name] = _or_empty(distinct[0] if len(distinct) == 1 else {"anyOf": distinct})
     return {
         "properties": dict.fromkeys(("model", *COMMON), True) | form | rules,
         "additionalProperties": False,
     }
 
 
+def _of_model(forms: Mapping[str, type[Model]]) -> dict[str, Any]:
+    """JSON Schema of a case of a model, whose keys are those of its form if it names one."""
+    by_form = [
+        {
+            "if": {"properties": {"form": {"const": form}}, "required": ["form"]},
+            "then": _closed({"form": True}, [form_class]),
+        }
+        for form, form_class in forms.items()
+    ]
+    return _closed({"form": _or_empty({"enum": list(forms)})}, forms.values()) | {"allOf": by_form}
+
+
 def json_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of the case files.
 
     No key is required of a case, since `defaults:` may supply it; the keys of a model are closed
-    only where the case itself names the model. Conditions that join several keys (the triangle
-    inequality, say) are beyond a schema.
+    only where the case or the defaults name the model. Conditions that join several keys (the
+    triangle inequality, say) are beyond a schema. It takes all that `load` takes but for a wrong
+    value in `defaults:` that no case inherits.
     """
     catalogue = models.catalogue()
     head = {"model": {"enum": list(catalogue), "description": "equations of motion"}}
-    common = {name: key.schema() for name, key in COMMON.items()}
-    rules = []
-    for model, forms in catalogue.items():
+    common = {name: _of_case(name, key.schema()) for name, key in COMMON.items()}
+    defined = {f"model{i}": _of_model(forms) for i, forms in enumerate(catalogue.values())}
+    rules, defaults = [], []
+    for model, definition in zip(catalogue, defined, strict=True):
         named = {"properties": {"model": {"const": model}}, "required": ["model"]}
-        rules.append(
-            {"if": named, "then": _closed({"form": {"enum": list(forms)}}, forms.values())}
+        then = {"$ref": f"#/$defs/{definition}"}
+        rules.append({"if": named, "then": then})
+        inherited = {"if": {"properties": {"model": False}}, "then": then}
+        defaults.append(
+            {
+                "if": {"properties": {"defaults": named}, "required": ["defaults"]},
+                "then": {"properties": {"cases": {"additionalProperties": inherited}}},
+            }
         )
-        for form, form_class in forms.items():
-            this = {"properties": {"form": {"const": form}}, "required": ["form"]}
-            rules.append(
-                {"if": {"allOf": [named, this]}, "then": _closed({"form": True}, [form_class])}
-            )
     sections = {name: key.schema() for name, key in SECTIONS.items()}
     names = {"propertyNames": {"pattern": f"^{NAME.pattern}$"}}
     sections["cases"] |= names | {
@@ -152,13 +188,17 @@ def json_schema() -> dict[str, Any]:
         "minProperties": 1,
     }
     sections["figures"] |= names | {"additionalProperties": figure_block.FIGURE.schema()}
-    sections["defaults"] |= {"properties": head | common}
+    sections["defaults"] |= {"properties": {"model": _or_empty(head["model"])} | common}
+    # A section with nothing below it is one that is left out.
+    optional = {name: _or_empty(rule) for name, rule in sections.items() if name != "cases"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "hodo case file",
         "type": "object",
-        "properties": sections,
+        "properties": sections | optional,
         "required": ["cases"],
         "additionalProperties": False,
-        "$defs": {"case": {"type": "object", "properties": head | common, "allOf": rules}},
+        "allOf": defaults,
+        "$defs": defined
+        | {"case": {"type": "object", "properties": head | common, "allOf": rules}},
     }
