@@ -130,8 +130,9 @@ def torque_of(full: Rhs, t: Any, k: Any) -> Torque:
     def torque(omega: np.ndarray) -> np.ndarray:
         time = np.asarray(t)[..., None] if np.ndim(t) else t
         rates = full(time, [*np.moveaxis(body.unsort(omega), -1, 0)], k)
-        spread = np.stack(np.broadcast_arrays(*rates, omega[..., 0])[:3], axis=-1)
-        return np.asarray(body.sort(spread) * np.array(body[:3]))
+        # A rate may be one number for all omega.
+        arrays = np.broadcast_arrays(*rates[:3], omega[..., 0])[:3]
+        return np.asarray(body.sort(np.stack(arrays, axis=-1)) * np.array(body[:3]))
 
     return torque
 
@@ -172,20 +173,27 @@ class QuadratureTurns(AveragedTurns):
 
     @classmethod
     def rates(cls, t: Any, turn: Turn, k: Any) -> Pair:
-        """The means over `nodes` even steps of a turn; for symbols too."""
+        """The means over `nodes` even steps of a turn; for symbols too.
+
+        (ln X_e)' = 2 <A_e (a - c) omega_e omega_e' + b w_o omega_m omega_m'>/X_e
+        (ln X_o)' = 2 <A_o (a - c) omega_o omega_o' + b w_e omega_m omega_m'>/X_o
+        """
         body, side, sense, root_e, root_o, m, _ = turn
         a, b, c = body[:3]
         (w_e, w_o), (A_e, A_o) = body.weights(side), exchanged(side, a, c)
-        about, middle, across = (A_e * (a - c)) ** 0.5, (b * w_e) ** 0.5, (A_o * (a - c)) ** 0.5
+        about, middle, across = A_e * (a - c), b * w_e, A_o * (a - c)
+        # omega_e = unit_e sqrt(X_e) dn, and so on. No X_o divides: it may underflow.
+        unit_e, unit_m, unit_o = sense / about**0.5, -sense / middle**0.5, 1 / across**0.5
+        size_e, size_m, size_o = unit_e * root_e, unit_m * root_o, unit_o * root_o
+        e_by_e, e_by_m = about * unit_e, w_o * b * (root_o / root_e) * unit_m
+        o_by_o, o_by_m = across * unit_o, middle * unit_m
         sum_e = sum_o = 0
         nodes = whole_turn(1 - m, int(k.turning_nodes))
         for sn, cn, dn in nodes:
-            w = sense * root_e / about * dn, -sense * root_o / middle * sn, root_o / across * cn
-            rate = about_axes(cls.full.rhs, t, w, k, side)
-            sum_e += sense * (
-                about * dn * rate[0] - w_o * b / middle * root_o / root_e * sn * rate[1]
-            )
-            sum_o += across * cn * rate[2] - sense * middle * sn * rate[1]
+            omega = size_e * dn, size_m * sn, size_o * cn
+            rate_e, rate_m, rate_o = about_axes(cls.full.rhs, t, omega, k, side)
+            sum_e += e_by_e * dn * rate_e + e_by_m * sn * rate_m
+            sum_o += o_by_o * cn * rate_o + o_by_m * sn * rate_m
         weight = 2 / len(nodes)
         return weight * sum_e / root_e, weight * sum_o / root_o
 

@@ -121,8 +121,9 @@ def mean_elements(y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
 def slow_of(y: np.ndarray, k: Any) -> SlowVariables:
     """The slow variables of states (n, 5)."""
     ln_e, ln_o, scaled_phase, side, sense = y.T
+    u = ln_e - ln_o + side * k.turning_offset
     # A motion that has stopped at the separatrix is beside it by EDGE_U.
-    m1 = np.maximum(-np.expm1(ln_o - ln_e - side * k.turning_offset), EDGE_U / 2)
+    m1 = np.maximum(-np.expm1(-u), EDGE_U / 2)
     phase = scaled_phase / k.turning_scale
     return SlowVariables(np.exp(ln_e), np.exp(ln_o), side, m1, sense, phase)
 

@@ -169,11 +169,9 @@ def pass_separatrix(
     doubles.
 
     `rates_at` gives the rates at sqrt(X) and sqrt(Y). A torque that drives D alike in all regions
-    lets the motion change its axis; where that is `predictable` from its phase, its sense, place
-    and lag are those predicted. Else the region is a matter of chance: the motion ends here or
-    takes the branch of its case. Regions have the sense about sorted axes, what is stored that
-    about the axes as given: an odd order makes a left-handed system, in which every rotation is
-    turned round.
+    takes the motion to the other axis; its sense, place and lag are predicted where its phase makes
+    them `predictable`. Under any other torque the region is a matter of chance: the motion ends
+    here or takes the branch of its case.
 
     Raises HodoError for a motion that comes back to the separatrix all the same, as a loose
     tolerance lets it.
@@ -187,40 +185,48 @@ def pass_separatrix(
             "the averaged motion comes back to the separatrix that it leaves: its tol is too large"
         )
     seconds = time_to_separatrix(arrival.u, speed)
-    edge = added(arrival.logarithms, here.changes(seconds, -arrival.u))
-    roots = sorted_roots(edge, side)
-    n = either(side, *k.turning_n) * roots[::side][0]
     time = float(arrival.time) + seconds
+    logarithms = added(arrival.logarithms, here.changes(seconds, -arrival.u))
+    roots = sorted_roots(logarithms, side)
+    n = either(side, *k.turning_n) * roots[::side][0]
     phase = arrival.phase + math.pi / 2 * n * arrival.u / speed
     details, prediction = {"momentum": momentum(body, roots), "frequency": n}, CrossingPrediction()
     region: Region | None
     if drives_alike(rates):
         foreseen = foreseen_crossing(speed, n, float(phase), time, here.rate)
         prediction = foreseen if predictable else CrossingPrediction(scatter=foreseen.scatter)
-        details |= prediction._asdict() | {"sense": float(body.parity * prediction.sense)}
         region = -side, prediction.sense or 1
+        # Regions have the sense about the sorted axes, a result that about the axes as given: an
+        # odd order makes a left-handed system, in which every rotation is turned round.
+        details |= prediction._asdict() | {"sense": float(body.parity * prediction.sense)}
     else:
         rates = rates_at(roots)
-        region, chance = region_by_chance(drift_by_region(rates), arrival.region, k.turning_branch)
-        details["probability"] = chance
-        error = PROBABILITY_ERROR * max(abs(beside.drift) for beside in rates.values()) / n
-        details["probability_error"] = min(1.0, error)
+        region, chances = region_by_chance(rates, arrival.region, n, k.turning_branch)
+        details |= chances
     details["from"] = float(body.label(side))
     details["to"] = float(body.label(region[0])) if region else 0.0
     if region is None:
-        return EventOutcome(time, details, (*edge, phase, *arrival.region))
-    there = rates[region]
+        return EventOutcome(time, details, (*logarithms, phase, *arrival.region))
+    # Axes e and o change places with the side.
+    logarithms = logarithms[:: side * region[0]]
     # Behind the edge the event that has found the separatrix cannot find it again.
-    beyond = 2 * k.turning_edge
-    onward = time_to_separatrix(beyond, there.drift)
+    onward, *state = departure(rates[region], logarithms, n, prediction, 2 * k.turning_edge)
+    resumed = arrival.time + (seconds + prediction.lag + onward)
+    return EventOutcome(time, details, (*state, *region), resumed)
+
+
+def departure(
+    there: SeparatrixRates, logarithms: Pair, n: float, prediction: CrossingPrediction, u: float
+) -> tuple[float, Any, Any, float]:
+    """The time from the separatrix to `u` in a region with these rates, without the lag, and there
+    ln X_e, ln X_o and the phase; the logarithms are those at the separatrix."""
+    onward = time_to_separatrix(u, there.drift)
     # The lag is spent near the middle axis, at the rate there. What is added to the state needs no
     # more digits than a double has.
-    changes = there.changes(onward + prediction.lag, beyond)
-    logarithms = added(edge if region[0] == side else edge[::-1], changes)
+    changes = there.changes(onward + prediction.lag, u)
     place = prediction.place if math.isfinite(prediction.place) else 0.0
-    phase = math.pi * (place + 0.5) + math.pi / 2 * n * beyond / there.drift
-    resumed = arrival.time + (seconds + prediction.lag + onward)
-    return EventOutcome(time, details, (*logarithms, phase, *region), resumed)
+    phase = math.pi * (place + 0.5) + math.pi / 2 * n * u / there.drift
+    return onward, *added(logarithms, changes), phase
 
 
 def added(logarithms: Pair, changes: Pair) -> Pair:
@@ -270,45 +276,47 @@ def capture_shares(drift: Mapping[Region, float], start: Region) -> dict[Region,
     two, so the shares are exact. Phases whose end is not found in MOST_HALF_TURNS are in none of
     them.
     """
-    theta = arc_changes(drift)
+    change = arc_changes(drift)
     side, sense = start
     # Farther than two half turns can carry it, D keeps its sign until the drift of its region
     # brings it back.
-    beyond = 2 * max(map(abs, theta.values()))
+    beyond = 2 * max(map(abs, change.values()))
     # All phases of a motion that comes in: an interval as wide as one turn shifts D.
     turn = 2 * abs(drift[start])
     low = beyond if side > 0 else -beyond - turn
-    arc = (sense, 1) if side > 0 else (1, sense)
-    intervals, shares = [(low, low + turn, *arc)], dict.fromkeys(drift, 0.0)
+    intervals = [(low, low + turn, (sense, 1) if side > 0 else (1, sense))]
+    shares = dict.fromkeys(drift, 0.0)
     for _ in range(MOST_HALF_TURNS):
         if not intervals:
             break
-        low, high, s1, s3 = intervals.pop()
-        low, high = low + theta[s1, s3], high + theta[s1, s3]
+        low, high, (s1, s3) = intervals.pop()
+        low, high = low + change[s1, s3], high + change[s1, s3]
         # Above 0 the next arc lies about the same end of axis a, below about the same end of c.
-        for bottom, top, region, onward in (
-            (max(low, 0.0), high, (1, s1), (s1, -s3)),
-            (low, min(high, 0.0), (-1, s3), (-s1, s3)),
-        ):
+        above = max(low, 0.0), high, (1, s1), (s1, -s3)
+        below = low, min(high, 0.0), (-1, s3), (-s1, s3)
+        for bottom, top, region, next_arc in (above, below):
             if not top > bottom:
                 continue
-            away = bottom > beyond if region[0] > 0 else top < -beyond
-            if away and drift[region] * region[0] > 0:
+            is_far = bottom > beyond if region[0] > 0 else top < -beyond
+            if is_far and drift[region] * region[0] > 0:
                 shares[region] += (top - bottom) / turn
             else:
-                intervals.append((bottom, top, *onward))
+                intervals.append((bottom, top, next_arc))
     return shares
 
 
 def region_by_chance(
-    drift: Mapping[Region, float], start: Region, branch: str
-) -> tuple[Region | None, float]:
+    rates: RatesByRegion, start: Region, n: float, branch: str
+) -> tuple[Region | None, dict[str, float]]:
     """The region that a motion out of the region `start` enters on the branch of its case, None
-    where it stops or cannot go there, and the probability that it goes to the other axis."""
-    shares, (side, sense) = capture_shares(drift, start), start
+    where it stops or cannot go there; and the probability that it goes to the other axis, with its
+    error, by their names as details of the event."""
+    shares, (side, sense) = capture_shares(drift_by_region(rates), start), start
     others = [(-side, 1), (-side, -1)]
     onto = {OTHER: others, REVERSED: [(side, -sense)]}.get(branch, [])
     # Of two senses of rotation about the other axis, the one that keeps more phases.
     likely = max(onto, key=shares.__getitem__, default=start)
     region = likely if likely != start and shares[likely] > 0 else None
-    return region, sum(shares[other] for other in others)
+    error = PROBABILITY_ERROR * max(abs(beside.drift) for beside in rates.values()) / n
+    probability = sum(shares[other] for other in others)
+    return region, {"probability": probability, "probability_error": min(1.0, error)}
