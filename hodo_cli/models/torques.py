@@ -207,8 +207,9 @@ class Torques(BodyUnderTorques):
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
         """Besides: what the terms ask of each other, of the body and of the start."""
-        named, inertia = terms_named(data), data.get("inertia")
-        yield from mistakes_of_tensor(data) if is_tensor(inertia) else super().check(data)
+        named = terms_named(data)
+        is_given_as_tensor = is_tensor(data.get("inertia"))
+        yield from mistakes_of_tensor(data) if is_given_as_tensor else super().check(data)
         if not named and data.keys() >= TERMS.keys():
             yield (), f"no torque is named ({', '.join(TERMS)}); damping: 0 is free motion"
         yield from negative_coefficients(data, lambda x: 0.0 if is_law(x) else x)
@@ -216,18 +217,9 @@ class Torques(BodyUnderTorques):
             yield from mistake_of(("cavity",), coefficient, data["cavity"], data.get("kappa"))
         if (space := data.get("space_torque")) and not any(space["direction"]):
             yield ("space_torque", "direction"), "a direction has a length, and this one has none"
-        initial = data.get("initial")
-        if "rotor" in named and initial and initial.get("G") is not None:
-            yield (
-                ("initial",),
-                "with a rotor |G| does not determine the missing component: give p, q and r",
-            )
-        if "brake" in named and inertia and initial and not any(data.get("rotor") or ()):
-            with suppress(ValueError):  # said by the check above
-                if not any(cls.velocity(inertia, initial)):
-                    yield ("brake",), "a body at rest has no direction to brake in"
+        yield from mistakes_of_start(data)
         if cls.form != "full":
-            if is_tensor(inertia):
+            if is_given_as_tensor:
                 yield ("inertia",), "form averaged takes principal moments; form full a tensor too"
             for name in named:
                 if name not in AVERAGED:
@@ -451,6 +443,22 @@ def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
         entries = data.get(name) or (0.0,)
         if name == "quadratic_axes" and data.get(name) or any(x != entries[0] for x in entries):
             yield (name,), "needs principal axes where it is unequal: give resistance, or moments"
+
+
+def mistakes_of_start(data: Mapping[str, Any]) -> Iterator[Mistake]:
+    """The mistakes of a start with which a rotor or a brake has no meaning."""
+    named, inertia, initial = terms_named(data), data.get("inertia"), data.get("initial")
+    if not initial:
+        return
+    if "rotor" in named and initial.get("G") is not None:
+        yield (
+            ("initial",),
+            "with a rotor |G| does not determine the missing component: give p, q and r",
+        )
+    if "brake" in named and inertia and not any(data.get("rotor") or ()):
+        with suppress(ValueError):  # another check says so
+            if not any(Torques.velocity(inertia, initial)):
+                yield ("brake",), "a body at rest has no direction to brake in"
 
 
 def negative_coefficients(

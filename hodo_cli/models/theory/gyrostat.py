@@ -66,14 +66,20 @@ class SaddleCurves(NamedTuple):
         largest, middle, smallest = inertia_order(A[0])
         A, h = A.T, h.T
         side, outer = np.array([[1], [-1]]), A[[largest, smallest]]
-        same = A[middle] == A
-        middle_rotor = np.sqrt(_total(np.where(same, h * h, 0)))
+        is_middle = A[middle] == A
+        middle_rotor = np.sqrt(_total(np.where(is_middle, h * h, 0)))
         # Without a pole, steady rotations of two equal moments are a circle.
-        has_saddles = (middle_rotor > 0) | (same.sum(0) == 1)
-        limit = np.where(has_saddles, side * (outer - A[middle]) / outer, 0)
-        ratio = side * (A / A[middle])[:, None]
-        parts = h[:, None], ((A[middle] - A) / A[middle])[:, None], ratio, middle_rotor, limit, side
-        return cls(*(_columns(part, limit.shape) for part in (*parts, A[middle])))
+        has_saddles = (middle_rotor > 0) | (is_middle.sum(0) == 1)
+        curves = cls(
+            rotor=h[:, None],
+            offset=((A[middle] - A) / A[middle])[:, None],
+            ratio=side * (A / A[middle])[:, None],
+            middle_rotor=middle_rotor,
+            limit=np.where(has_saddles, side * (outer - A[middle]) / outer, 0),
+            side=side,
+            middle_moment=A[middle],
+        )
+        return cls(*(_columns(values, curves.limit.shape) for values in curves))
 
     def chosen(self, columns: np.ndarray) -> "SaddleCurves":
         """Some of the columns, by position."""
@@ -192,12 +198,13 @@ def saddles(A: Any, h: Any, momentum: Any) -> SteadyRotations:
         u = curves.distance(1.0)
         e = curves.factors(u)
         G = curves.rotor / e
+        # At the pole G_i is 0/0: it is what the other two leave of |G|, here 1.
         at_pole = u == AT_POLE * curves.limit
         rest = np.sqrt(1 - (_total(G * G) - G[middle] ** 2))
-        e[middle], G[middle] = np.where(at_pole, [np.zeros_like(u), rest], [e[middle], G[middle]])
-    rows = np.stack([curves.s(u), *e, *G]).reshape(7, 2, -1)
-    s, e, G = rows[0], rows[1:4] / A.T[:, None], rows[4:] * momentum
-    return SteadyRotations(s.T, G.T, e.T)
+        e[middle] = np.where(at_pole, 0, e[middle])
+        G[middle] = np.where(at_pole, rest, G[middle])
+    s, e, G = (values.reshape(*values.shape[:-1], 2, -1) for values in (curves.s(u), e, G))
+    return SteadyRotations(s.T, (G * momentum).T, (e / A.T[:, None]).T)
 
 
 class HodographRegion(NamedTuple):
@@ -267,27 +274,31 @@ def separatrix_curves(A: Any, h: Any, momentum: float) -> list[np.ndarray]:
     each meets the sphere once more: at G* - 2 (G*.d) d/(d.d).
     """
     near, curves = saddles(A, h, momentum), []
-    turn = np.linspace(0, 2 * np.pi, 721)[:, None]
-    for G, c in {tuple(map(tuple, pair)) for pair in zip(near.G[0], near.c[0], strict=True)}:
-        if np.isnan(G).any():
-            continue
-        scale = np.abs(c).max()
-        order = np.argsort(c)
-        low, middle, high = order if c[order[1]] >= 0 else order[::-1]
-        first, second = (np.eye(3)[i] / np.sqrt(max(abs(c[i]), 1e-12 * scale)) for i in (low, high))
-        # Of a flat cone, which is two planes, each cuts out a circle.
-        if abs(c[middle]) <= FLAT_CURVATURE * scale:
-            # Half a turn of the line is all of it.
-            half = turn / 2
-            ways = [
-                np.cos(half) * (first + sign * second) / np.linalg.norm(first + second)
-                + np.sin(half) * np.eye(3)[middle]
-                for sign in (1, -1)
-            ]
-        else:
-            third = np.eye(3)[middle] / np.sqrt(abs(c[middle]))
-            ways = [first + np.cos(turn) * second + np.sin(turn) * third]
-        for d in ways:
-            point = G - 2 * (d @ np.array(G))[:, None] * d / (d * d).sum(-1, keepdims=True)
-            curves.append(point / momentum)
+    # The lower and the upper saddle may be one.
+    pairs = dict.fromkeys((tuple(G), tuple(c)) for G, c in zip(near.G[0], near.c[0], strict=True))
+    for saddle, c in pairs:
+        if not np.isnan(saddle).any():
+            G = np.array(saddle)
+            for d in lines_of_cone(np.array(c)):
+                points = G - 2 * (d @ G)[:, None] * d / (d * d).sum(-1, keepdims=True)
+                curves.append(points / momentum)
     return curves
+
+
+def lines_of_cone(c: np.ndarray) -> list[np.ndarray]:
+    """The directions d (721, 3) of the lines of a cone, sum c_i d_i^2 = 0, once round it; of a flat
+    cone, which is two planes, those of either plane."""
+    scale = np.abs(c).max()
+    order = np.argsort(c)
+    # `low` is the coefficient that has a sign of its own.
+    low, middle, high = order if c[order[1]] >= 0 else order[::-1]
+    # The section of the cone across axis `low` is an ellipse about `first`, of half axes `second`
+    # and `third`.
+    first, second = (np.eye(3)[i] / np.sqrt(max(abs(c[i]), 1e-12 * scale)) for i in (low, high))
+    turn = np.linspace(0, 2 * np.pi, 721)[:, None]
+    if abs(c[middle]) > FLAT_CURVATURE * scale:
+        third = np.eye(3)[middle] / np.sqrt(abs(c[middle]))
+        return [first + np.cos(turn) * second + np.sin(turn) * third]
+    # A line of a plane comes back to itself after half a turn.
+    along = [(first + sign * second) / np.linalg.norm(first + second) for sign in (1, -1)]
+    return [np.cos(turn / 2) * line + np.sin(turn / 2) * np.eye(3)[middle] for line in along]
