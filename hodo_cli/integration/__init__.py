@@ -12,7 +12,15 @@ from .crossings import (
     time_to_zero,
 )
 from .driver import REST_BITS, at_rest
-from .error import errors_against, references, thinned, time_error, with_measured_error
+from .error import (
+    error_of_variable,
+    error_over_span,
+    errors_against,
+    references,
+    thinned,
+    time_error,
+    with_measured_error,
+)
 from .integrate import ERROR_LIMIT_ASKED, excess_remark, integrate, motion_remarks, solved
 from .solve import refined, sample_times, solve
 from .trajectory import Occurrence, Trajectory
@@ -38,6 +46,8 @@ __all__ = [
     "classify",
     "clock_rates",
     "cross",
+    "error_of_variable",
+    "error_over_span",
     "errors_against",
     "excess_remark",
     "has_turned",

@@ -128,8 +128,9 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
     """
     errors = {}
     if apart := events_apart(motion, reference):
-        start = case.time.start
-        errors["event_time"] = max(error / max(time - start, ulp(time)) for time, error in apart)
+        errors["event_time"] = max(
+            error_over_span(error, time, case.time.start) for time, error in apart
+        )
     judged, better, resting = outputs_compared(case.system, motion, reference)
     for name, variable in case.system.variables.items():
         if case.rests_on(name) and judged[name].dtype.kind != "i":  # a label has no error
@@ -160,20 +161,30 @@ def outputs_compared(
 
 
 def error_of_variable(
-    dims: Sequence[str], judged: np.ndarray, better: np.ndarray, resting: np.ndarray
+    dims: Sequence[str],
+    judged: np.ndarray,
+    better: np.ndarray,
+    resting: np.ndarray | slice = slice(0),
 ) -> float:
-    """The largest error of the doubles of a variable (n, ...) against long doubles, by the rules of
-    `errors_against`; `resting` (n,) tells where the motion is at rest."""
+    """The largest error of the doubles of a variable (n, ...) against better values, by the rules
+    of `errors_against`; `resting` are the rows in which the motion is at rest, by default
+    none."""
     distance, size = subtracted(judged, better), np.abs(better.astype(float))
     if "quaternion" in dims:
         distance, scale = angle_apart(distance, better.astype(float)), 1
     elif len(dims) > 1:
-        distance, scale = (np.sqrt(np.vecdot(x, x)) for x in (distance, size))
+        # hypot scales by itself; the square of 1e-170 is 0.
+        distance, scale = (np.hypot.reduce(x, axis=-1) for x in (distance, size))
         distance[resting] = 0
     else:
         distance, scale = np.abs(distance), np.max(size, initial=0)
     relative = np.divide(distance, scale, out=distance.copy(), where=scale > 0)
     return float(np.max(relative, initial=0))
+
+
+def error_over_span(error: float, time: float, start: float) -> float:
+    """The error of a time relative to the time since the start."""
+    return error / max(time - start, ulp(time))
 
 
 def events_apart(motion: Trajectory, reference: Trajectory) -> list[tuple[float, float]]:

@@ -14,8 +14,17 @@ from ..batch.pool import Pool
 from ..cases.case import Case
 from ..engines import extended
 from ..engines.protocol import PRECISION, Status
-from ..integration import Trajectory, choose, references, refined, solve, time_error, time_to_zero
-from ..models.attitude import angle_apart
+from ..integration import (
+    Trajectory,
+    choose,
+    error_of_variable,
+    error_over_span,
+    references,
+    refined,
+    solve,
+    time_error,
+    time_to_zero,
+)
 from ..storage import Group
 from .chunk import Chunk, reason_alone
 from .ensemble.motions import Rejection
@@ -97,23 +106,24 @@ def member_error(case: Case, single: Case, end: MemberEnd) -> MemberError:
 
 def final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> float:
     """The largest error of the stored variables of a member at its end, and of the time of its last
-    event; of a vector relative to its length there, of a number to its largest value at start and
-    end, since it may vanish, of the time to that since the start."""
+    event, by the rules of `errors_against`; of a number relative to its largest value at start and
+    end, since it may vanish."""
     errors = [0.0]
     if "event_time" in final:
-        time, start = float(final["event_time"]), reference.case.time.start
-        better = reference.events[-1].time if reference.events else None
-        errors.append(math.inf if better is None else time_error(time, better) / (better - start))
+        errors.append(error_of_last_event(float(final["event_time"]), reference))
     for name in reference.variables.keys() & final.keys():
-        values, off = reference.variables[name], final[name] - reference.variables[name][-1]
-        if name == "attitude":
-            errors.append(float(angle_apart(off, values[-1])))
-            continue
-        size = np.abs(values).max() if values.ndim == 1 else np.hypot.reduce(values[-1])
-        # hypot scales by itself; the square of 1e-170 is 0.
-        distance = np.hypot.reduce(np.atleast_1d(off))
-        errors.append(float(distance / size if size else distance))
+        better = reference.variables[name]
+        judged = np.concatenate((better[:-1], final[name][None]))
+        errors.append(error_of_variable(reference.system.variables[name].dims, judged, better))
     return max(errors)
+
+
+def error_of_last_event(time: float, reference: Trajectory) -> float:
+    """The error of the time of a member's last event; infinite where its reference has none."""
+    if not reference.events:
+        return math.inf
+    better = reference.events[-1].time
+    return error_over_span(time_error(time, better), better, reference.case.time.start)
 
 
 def crossing_error(reference: Trajectory) -> float:
