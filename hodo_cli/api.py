@@ -35,7 +35,8 @@ from .results.dataset import (
     quantity_array,
     sweep_axes,
 )
-from .schema.kinds import Wrong, nearest, shown
+from .schema.kinds import Wrong
+from .schema.spelling import nearest, shown
 from .sweeps.view import SweepView
 
 __all__ = ["Case", "derive", "open", "plot", "run", "sweep"]

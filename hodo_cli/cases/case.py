@@ -20,18 +20,8 @@ from ..models.attitude import ATTITUDE_KEY, check_attitude, keys_of_form, system
 from ..models.base import Model
 from ..models.rigid_body import BodyFrame
 from ..schema.document import Block, Mistakes, Place, locate, read, write
-from ..schema.kinds import (
-    Key,
-    Mistake,
-    Wrong,
-    WrongKey,
-    check_keys,
-    expected,
-    mistakes_where,
-    other_word,
-    shown,
-    unknown,
-)
+from ..schema.kinds import Key, Mistake, Wrong, WrongKey, check_keys, expected, mistakes_where
+from ..schema.spelling import other_word, shown, unknown
 from .derived import DERIVED, LeftOut, constants_of, derivable, missing, remedy_of
 from .keys import (
     COMMON,

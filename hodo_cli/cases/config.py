@@ -24,12 +24,10 @@ from ..schema.kinds import (
     WrongKey,
     check_keys,
     is_list,
-    nearest,
-    shown,
-    unknown,
     unknown_names,
     within,
 )
+from ..schema.spelling import nearest, shown, unknown
 from ..text import file_name_fault
 from . import claim_block
 from .case import (

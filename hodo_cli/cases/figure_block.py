@@ -30,10 +30,10 @@ from ..schema.kinds import (
     WrongKey,
     expected,
     mistakes_where,
-    unknown,
     unknown_names,
     vector,
 )
+from ..schema.spelling import unknown
 from ..text import case_words
 from .derived import (
     DERIVED,

@@ -25,8 +25,8 @@ from ..schema.kinds import (
     Text,
     Wrong,
     expected,
-    near,
 )
+from ..schema.spelling import near
 from . import claim_block, figure_block
 from .sweep_block import SWEEP
 

@@ -41,9 +41,9 @@ from ..schema.kinds import (
     check_parts,
     expected,
     mistakes_where,
-    unknown,
     within,
 )
+from ..schema.spelling import unknown
 
 MOST_SWEEP_MEMBERS = 10**9
 """Members that one sweep may have."""

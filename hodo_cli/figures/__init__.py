@@ -21,7 +21,8 @@ from ..cases.figure_block import FILM_FORMATS, Drawable, DrawnFigure, check_draw
 from ..results.dataset import MOTION_DIMS, Cases, case_in, motions_of, sweep_axes
 from ..results.motion import Motion
 from ..results.resolution import OF_SAMPLES, coarse_curves
-from ..schema.kinds import Wrong, unknown
+from ..schema.kinds import Wrong
+from ..schema.spelling import unknown
 from ..text import case_words
 from .files import save
 from .kinds import DRAW, DRAW_SWEEPS

@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from .. import HodoError
-from ..schema.kinds import unknown
+from ..schema.spelling import unknown
 from .sheet import COLUMN, MIN_PANEL_WIDTH, PAGE, Look, Sheet
 from .words import text_lines, text_size, text_width
 

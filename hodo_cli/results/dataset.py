@@ -19,7 +19,7 @@ from .. import HodoError
 from ..cases.case import Case, parse_axes
 from ..cases.derived import BODY_AXES, DERIVED, PARTS
 from ..cases.sweep_block import axes_of, path_of, put
-from ..schema.kinds import unknown
+from ..schema.spelling import unknown
 from ..storage import Group, ResultFile, open_batch, typed
 from ..text import case_words
 from .layout import SHOWN_ATTRIBUTES

@@ -19,7 +19,8 @@ from typing import Any, NamedTuple, NoReturn
 import yaml
 
 from .. import HodoError
-from .kinds import KeyPath, WrongKey, shown
+from .kinds import KeyPath, WrongKey
+from .spelling import shown
 
 YAML_SUFFIXES = (".yaml", ".yml")
 """The suffixes of YAML files."""

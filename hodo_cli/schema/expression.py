@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from .kinds import Kind, Wrong, as_finite, expected, unknown
+from .kinds import Kind, Wrong, as_finite, expected
+from .spelling import unknown
 
 LONGEST, MOST_NODES, DEEPEST, LARGEST_EXPONENT = 500, 200, 30, 16
 """Characters, nodes, levels of nesting, and the exponent: more than a torque takes, and few enough

@@ -10,9 +10,10 @@ import operator
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, ClassVar
+
+from .spelling import DECIMAL_HINT, near, nearest, number_advice, shown, unknown
 
 KeyPath = tuple[str | int, ...]
 """Where a value stands within another: keys and zero-based positions."""
@@ -139,107 +140,12 @@ def check_keys(
     return {name: values[name] for name in keys if name in values}, mistakes
 
 
-def unknown(what: str, name: str, valid: Iterable[str]) -> str:
-    """The sentence about a name that is not among the `valid` ones, with the nearest spelling."""
-    names = list(valid)
-    # A line of a terminal or two; beyond that a list hides the mistake.
-    listed = f" (valid: {', '.join(names)})" if 0 < len(names) <= 40 else ""
-    hint = DECIMAL_HINT if name.isdecimal() else nearest(name, names)
-    if colon := re.fullmatch(r"(\w+):(\S+)", name):  # YAML reads {p:0.8} as one word
-        hint = f"; put a space after the colon: {colon[1]}: {colon[2]}"
-    return f"unknown {what}{hint}{listed}"
-
-
 def unknown_names(
     what: str, named: Mapping[KeyPath, str], valid: Collection[str]
 ) -> Iterator[Mistake]:
     """A mistake for each of some names, by their paths, that is not among the `valid` ones."""
     strange = ((path, name) for path, name in named.items() if name not in valid)
     return ((path, unknown(f"{what} {name!r}", name, valid)) for path, name in strange)
-
-
-DECIMAL_HINT = "; decimals are written with a point, as 1.5"
-
-OTHER_WORDS: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys(
-        ("lambda", "lamda", "lambda1", "lambdas", "friction"), ("damping", "resistance")
-    ),
-    "damping": ("resistance",),
-    "resistance": ("damping",),
-    **dict.fromkeys(("i", "j", "a", "a1", "moments"), ("inertia",)),
-    **dict.fromkeys(("omega1", "omega_1", "omega_x", "w1", "wx"), ("p",)),
-    **dict.fromkeys(("omega2", "omega_2", "omega_y", "w2", "wy"), ("q",)),
-    **dict.fromkeys(("omega3", "omega_3", "omega_z", "w3", "wz"), ("r",)),
-    **dict.fromkeys(("formula", "formulas", "equations", "rhs", "moment"), ("expression",)),
-    **dict.fromkeys(("t", "t_end", "tmax", "t_max", "tspan", "t_span"), ("time", "end")),
-    **dict.fromkeys(("stop", "t1", "final"), ("end",)),
-    **dict.fromkeys(("n", "dt", "step", "points"), ("samples",)),
-    **dict.fromkeys(("tolerance", "rtol", "atol"), ("tol",)),
-    **dict.fromkeys(("solver", "integrator"), ("method",)),
-    **{"rho": ("density",), "nu": ("viscosity",), "eps": ("epsilon",), "m": ("torque",)},
-}
-"""Words, in lower case, that texts and other programs have for some keys."""
-
-
-LONGEST_SEARCHED = 40
-"""Names in a list that is searched by likeness, which takes some 20 us a name; a mistaken file can
-have a thousand names, each compared with another thousand."""
-
-
-def nearest(name: str, valid: Collection[str]) -> str:
-    """'; did you mean ...?', or nothing when no name is near."""
-    spelling = near(name, valid)
-    return "" if spelling is None else f"; did you mean {spelling!r}?"
-
-
-def near(name: str, valid: Collection[str]) -> str | None:
-    """The name that is nearest, or None if none is near: in a long list, one letter off."""
-    folded = {option.casefold(): option for option in valid}
-    name = name[:200].casefold()
-    if word := other_word(name, valid):
-        return word
-    if len(folded) <= LONGEST_SEARCHED:
-        close = get_close_matches(name, folded, n=1)
-    else:
-        names = _one_letter_less(tuple(folded))
-        close = [names[spelling] for spelling in _shortened(name) if spelling in names]
-    return folded[close[0]] if close else None
-
-
-def other_word(name: str, valid: Collection[str]) -> str:
-    """The valid name that a text or another program would call by this one, or ""."""
-    return next((word for word in OTHER_WORDS.get(name.lower(), ()) if word in valid), "")
-
-
-@lru_cache(maxsize=8)
-def _one_letter_less(names: tuple[str, ...]) -> dict[str, str]:
-    """Names by their own spelling, and by each spelling that lacks one of their letters."""
-    return {spelling: name for name in names for spelling in _shortened(name)}
-
-
-def _shortened(name: str) -> list[str]:
-    return [name, *(name[:i] + name[i + 1 :] for i in range(len(name)))]
-
-
-def shown(value: Any) -> str:
-    """A value as a message names it, in YAML's words and shortened."""
-    match value:
-        case None:
-            return "an empty value"
-        case bool():
-            return str(value).lower()
-        case str():
-            return repr(value if len(value) <= 60 else value[:57] + "...")
-        # A message of 300 digits hides what it says.
-        case int() if abs(value) >= 10**30:
-            return "a huge integer"
-        case int() | float():
-            return repr(value)
-        case list() | tuple():
-            return f"a list of {len(value)}"
-        case Mapping():
-            return "a mapping" if value else "an empty mapping"
-    return f"an object of type {type(value).__name__}"
 
 
 def expected(what: object, value: Any, hint: str = "") -> Wrong:
@@ -292,7 +198,7 @@ class Number(Kind):
     def check(self, value: Any) -> float:
         number = as_finite(value)
         if number is None:
-            raise expected(f"a finite {self}", value, _advice(value))
+            raise expected(f"a finite {self}", value, number_advice(value))
         if not self.allows(value):
             raise expected(f"a {self}", value)
         return number
@@ -304,24 +210,6 @@ class Number(Kind):
         signs = (f"{sign} {bound:g}" for bound, sign, _, _ in self.bounds)
         limits = ", ".join(sign for sign in signs if sign != "> 0")
         return f"{'positive ' if self.above == 0 else ''}{self.word} {limits}".rstrip()
-
-
-IN_DEGREES = re.compile(r"([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?) ?(?:deg|°)", re.ASCII)
-OTHER_SPELLING = re.compile(r"[-+]?\d+(?:_\d+)*(?:\.\d*|,\d+)?(?:[eEdD][-+]?\d+)?", re.ASCII)
-THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}(?!\d)", re.ASCII)
-"""How numbers are written elsewhere; a comma before three digits may separate thousands."""
-
-
-def _advice(value: Any) -> str:
-    """How to write a number that was given in degrees, with a decimal comma, with underscores or
-    with the exponent of Fortran; an empty string where it may mean another number."""
-    text = value if isinstance(value, str) else ""
-    if degrees := IN_DEGREES.fullmatch(text):
-        return f"; write {math.radians(float(degrees[1])):.17g}, in radians"
-    if not OTHER_SPELLING.fullmatch(text) or THOUSANDS.match(text):
-        return ""
-    number = re.sub("[dD]", "e", text.replace("_", "").replace(",", "."))
-    return f"; write {number}" if number != text else ""
 
 
 class Integer(Number):
@@ -412,8 +300,9 @@ class Angle(Kind):
             raise expected(self, value)
         angle = math.radians(number) if text and text[3] == "deg" else number
         if self.polar and not 0 <= angle <= math.pi:
-            advice = "" if text else f"; degrees are written as '{number:.9g} deg'"
-            raise expected(self, value, advice if 0 <= number <= 180 else "")
+            is_in_degrees = not text and 0 <= number <= 180
+            hint = f"; degrees are written as '{number:.9g} deg'" if is_in_degrees else ""
+            raise expected(self, value, hint)
         return angle
 
     def schema(self) -> dict[str, Any]:
