@@ -8,8 +8,10 @@ from itertools import product
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 from conftest import ROOT, Hodo, call_apart
+from scipy.spatial.transform import Rotation
 from test_docs import snippets
 
 import hodo_cli
@@ -253,6 +255,34 @@ cases:
   coarse-steps: {terms: 15, METHOD, time: {end: 400, steps: yes}}
   fine-steps: {terms: 60, METHOD, time: {end: 400, steps: yes}}
 """
+
+
+def test_the_heavy_body_of_the_documents_keeps_its_integrals(hodo: Hodo, tmp_path: Path) -> None:
+    """Of Kovalevskaya's body, T + L.z, G.z and her own; the vertical is where the quaternion has
+    it, and a member of a sweep over the tilt is the single case."""
+    source, config = (
+        next(text for text in snippets("docs/models.md", language) if word in text)
+        for language, word in (("python", "class Heavy"), ("yaml", "model: heavy"))
+    )
+    (tmp_path / "heavy.py").write_text(source, encoding="utf-8")
+    body = config.removeprefix("cases:\n")
+    tilts = "    sweep: {attitude.euler.1: {values: [0.3, 1.0471975511965976]}}\n"
+    swept = body.replace("kovalevskaya", "swept") + tilts
+    (tmp_path / "a.yaml").write_text(f"cases:\n{body}{swept}", encoding="utf-8")
+    done = hodo("--models", "heavy.py", "run", "a.yaml")
+    assert done.returncode == 0, done.stderr
+    data = hodo_cli.open(tmp_path / "runs" / "a.h5")
+    (p, q, r), z = data["kovalevskaya"].omega.values.T, data["kovalevskaya"].vertical.values.T
+    energy = p * p + q * q + r * r / 2 + z[0]
+    vertical_momentum = 2 * p * z[0] + 2 * q * z[1] + r * z[2]
+    fourth = (p * p - q * q - z[0]) ** 2 + (2 * p * q - z[1]) ** 2
+    for integral in (energy, vertical_momentum, fourth):
+        assert np.ptp(integral) < 1e-13
+        assert abs(integral[0]) > 0.01
+    turned = Rotation.from_quat(data["kovalevskaya"].attitude.values, scalar_first=True).apply(z.T)
+    assert np.abs(turned - [0, 0, 1]).max() < 1e-13
+    last = data["swept"].isel({"attitude.euler.1": 1})
+    assert np.abs(last.omega.values - [p[-1], q[-1], r[-1]]).max() < 1e-11
 
 
 @pytest.mark.engines
