@@ -465,7 +465,11 @@ def refusal_of(hodo: Hodo, folder: Path, right: str, wrong: str) -> list[str]:
             ": start gives 2 numbers for 3 variables of the state",
         ),
         ('"c": 2,', '"cc": 2,', ": `degree` names 'cc', but `constants` has: A1, A2, A3, g, c"),
-        ('"c": 2,', '"c": 1,', ": `degree` does not fit rhs: with the constants of other units"),
+        (
+            '"c": 2,',
+            '"c": 1,',
+            "with the constants of other units it gives other rates of p, q, r",
+        ),
         # A term that is 0 at the start shows its degree later.
         ("- k.c * w * r,", "- k.c * w * r + k.c * t * r,", ": `degree` does not fit rhs: with"),
         ("def rhs(t, y, k)", "def rates(t, y, k)", ": the model quadratic-drag states no rhs"),

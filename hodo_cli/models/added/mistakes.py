@@ -1,7 +1,7 @@
 """What is wrong with a file of models, or with their equations, as one line with its place."""
 
 import traceback
-from itertools import product
+from itertools import compress, product
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -127,8 +127,11 @@ def _misfit(system: Model) -> str:
         return f"rhs gives {len(rates)} rates for {variables}"
     if np.iscomplexobj(rates):
         return f"rhs gives complex rates at the start of a motion: {', '.join(map(str, rates))}"
-    if system.degree and not _fits_degree(system, start):
-        return "`degree` does not fit rhs: with the constants of other units it gives other rates"
+    if system.degree and (misfits := _rates_off_degree(system, start)):
+        return (
+            "`degree` does not fit rhs: with the constants of other units it gives other rates of "
+            f"{', '.join(misfits)}"
+        )
     return _misfit_of_output(system, start)
 
 
@@ -137,9 +140,9 @@ VELOCITY_SIZE, TIME_SIZE = 2, -3
 equal."""
 
 
-def _fits_degree(system: Model, start: np.ndarray) -> bool:
-    """Whether rhs gives the rates of the same motion in other units of velocity and time, with the
-    constants that `degree` says there; `t` stays the case's own."""
+def _rates_off_degree(system: Model, start: np.ndarray) -> list[str]:
+    """The variables of whose rates rhs gives others for the same motion in other units of velocity
+    and time, with the constants that `degree` says there; `t` stays the case's own."""
     model, k = type(system), {**system.constants}
     other = k | {
         name: in_unit(k[name], VELOCITY_SIZE * (degree - 1) + TIME_SIZE)
@@ -160,9 +163,9 @@ def _fits_degree(system: Model, start: np.ndarray) -> bool:
             continue
         # Of the other units back to these. No number is above another that is none.
         again = np.ldexp(rescaled(model, again, VELOCITY_SIZE), -TIME_SIZE)
-        if np.abs(rates - again).max() > 1e-9 * np.abs(rates).max():
-            return False
-    return True
+        if (off := np.abs(rates - again) > 1e-9 * np.abs(rates).max()).any():
+            return list(compress(system.state, off))
+    return []
 
 
 def _misfit_of_output(system: Model, start: np.ndarray) -> str:
