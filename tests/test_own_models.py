@@ -468,7 +468,8 @@ def refusal_of(hodo: Hodo, folder: Path, right: str, wrong: str) -> list[str]:
         (
             '"c": 2,',
             '"c": 1,',
-            "with the constants of other units it gives other rates of p, q, r",
+            ": `degree` does not fit rhs: with the constants of other units it gives other rates "
+            "of p, q, r",
         ),
         # A term that is 0 at the start shows its degree later.
         ("- k.c * w * r,", "- k.c * w * r + k.c * t * r,", ": `degree` does not fit rhs: with"),
