@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 NO_OTHERS: Mapping[str, Mapping[str, Any]] = {}
 """The figures with which a figure of datasets at hand may share its scale."""
 
+NO_TIMES = (math.nan, math.nan)
+"""The first and the last time of a sweep, or of a motion without samples."""
+
 WITH_GAPS = ("series", "phase")
 """The kinds of figures of motions that leave a gap where a quantity is no number."""
 
@@ -52,14 +55,9 @@ def draw(
     Raises HodoError if a case or variable is not there, the kind of figure has no meaning for it,
     or a text is not TeX as matplotlib knows it.
     """
-    if unknown_names := [name for name in spec.get("scale_with", ()) if name not in figures]:
-        raise HodoError(
-            f"scale_with: {unknown(f'figure {unknown_names[0]!r}', unknown_names[0], figures)}"
-        )
-    scale = [case for name in spec.get("scale_with", ()) for case in figures[name]["cases"]]
-    spec = {**with_time_symbol(spec, cases), "title": slanted(spec["title"])}
-    spec["labels"] = [*map(slanted, spec.get("labels", ()))]
-    others = [*spec.get("against", ()), *scale]
+    others = [*spec.get("against", ()), *cases_of_scale(spec, figures)]
+    words = {"title": slanted(spec["title"]), "labels": [*map(slanted, spec.get("labels", ()))]}
+    spec = {**with_time_symbol(spec, cases), **words}
     check(spec, cases, others)
     style = merged_style(spec["style"])
     look = {**SHEET_STYLE, **rc, **matplotlib_parameters(style)}
@@ -84,6 +82,16 @@ def draw(
     return sheet
 
 
+def cases_of_scale(spec: Mapping[str, Any], figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """The cases of the other figures whose scale a figure shares. Raises HodoError for a figure
+    that is not there."""
+    names = spec.get("scale_with", ())
+    for name in names:
+        if name not in figures:
+            raise HodoError(f"scale_with: {unknown(f'figure {name!r}', name, figures)}")
+    return [case for name in names for case in figures[name]["cases"]]
+
+
 def check_numbers(motions: Sequence[Motion]) -> None:
     """Raise HodoError for a motion whose omega is no number at some time, where it has no place on
     a hodograph."""
@@ -100,7 +108,7 @@ def check_numbers(motions: Sequence[Motion]) -> None:
 def with_time_symbol(spec: Mapping[str, Any], cases: Cases) -> Mapping[str, Any]:
     """A figure with the symbol of its time. The default is t for a time with a unit, and tau for
     the dimensionless time of the papers and for a slow one."""
-    if spec.get("time", "") is not None:
+    if "time" not in spec or spec["time"] is not None:  # a kind without a time, or a given symbol
         return spec
     first = cases.get(next(iter(spec["cases"]), ""))
     case = None if first is None or "case" not in first.attrs else case_in(first, "")
@@ -140,30 +148,39 @@ def check(spec: Mapping[str, Any], cases: Cases, others: Sequence[str]) -> None:
 
 
 def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
-    """The properties of a dataset that figures are checked by."""
+    """The properties of a dataset that figures are checked by. Raises HodoError for one of several
+    motions that is no sweep."""
     axes = {axis: data.sizes[axis] for axis in sweep_axes(data)}
-    outer = {*axes} if axes else {"time"}
-    variables = {
-        str(key): "".join(map(str, inner))
-        for key, variable in (data.data_vars if axes else data.variables).items()
-        if outer & {*variable.dims} and (inner := {*variable.dims} - outer) <= PARTS.keys()
-    }
     beyond = {str(dim) for v in data.variables.values() if "time" in v.dims for dim in v.dims}
     if not axes and (others := sorted(beyond - {*MOTION_DIMS})):
         along = " and ".join(others)
         raise HodoError(f"{case_words(name)} is several motions: select one along {along}")
     case = case_in(data, case_words(name))
-    if variables.get("omega") == "axis" and not axes:
+    units = {"time": case.time.unit, "moments of inertia": case.inertia_unit}
+    if axes:
+        sphere = next((axis for axis in axes if f"{axis}_vector" in data.variables), "")
+        variables = variables_over({*axes}, data.data_vars)
+        return Drawable(name, case, variables, NO_TIMES, units, axes, sphere)
+    variables, times = variables_over({"time"}, data.variables), NO_TIMES
+    if variables.get("omega") == "axis":
         variables["G"] = "axis"
-    times, unit = (math.nan, math.nan), case.time.unit
-    if not axes and "time" in data.variables:
+    if "time" in data.variables:
         time = data.variables["time"]
-        values, unit = np.asarray(time.data), str(time.attrs.get("units", "1"))
-        if values.size and values.dtype.kind in "fiu":
-            times = float(values.min()), float(values.max())
-    sphere = next((axis for axis in axes if f"{axis}_vector" in data.variables), "")
-    units = {"time": unit, "moments of inertia": case.inertia_unit}
-    return Drawable(name, case, variables, times, units, axes, sphere)
+        units["time"] = str(time.attrs.get("units", "1"))
+        if time.size and time.dtype.kind in "fiu":
+            times = float(time.data.min()), float(time.data.max())
+    return Drawable(name, case, variables, times, units, axes, sphere="")
+
+
+def variables_over(outer: set[str], variables: Mapping[Any, Any]) -> dict[str, str]:
+    """The variables along some dimensions, with the dimension of their components, empty for a
+    number; without those that have other dimensions too."""
+    inner = {
+        str(name): {*variable.dims} - outer
+        for name, variable in variables.items()
+        if outer & {*variable.dims}
+    }
+    return {name: "".join(dims) for name, dims in inner.items() if dims <= PARTS.keys()}
 
 
 def render(

@@ -174,12 +174,14 @@ class PowerText(LogFormatterSciNotation):
 def tick_room(axis: Any, value: float, text: str) -> tuple[float, float]:
     """The ends of the room that the number at a tick takes along its axis, points."""
     size = text_size(f"{axis.axis_name}tick.labelsize")
-    is_across = axis.axis_name == "x"
-    transform = getattr(axis.axes, f"get_{axis.axis_name}axis_transform")()
-    across, up = transform.transform((value, 0) if is_across else (0, value))
-    middle = 72 / axis.axes.get_figure().dpi * float(across if is_across else up)
-    half = text_width(text, size) / 2 + 0.2 * size if is_across else 0.6 * size
-    return middle - half, middle + half
+    if axis.axis_name == "x":
+        middle, _ = axis.axes.get_xaxis_transform().transform((value, 0))
+        half = text_width(text, size) / 2 + 0.2 * size
+    else:
+        _, middle = axis.axes.get_yaxis_transform().transform((0, value))
+        half = 0.6 * size
+    points = 72 / axis.axes.get_figure().dpi * float(middle)
+    return points - half, points + half
 
 
 def lighten(figure: Figure) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import matplotlib.style
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.lines import Line2D
 
@@ -86,29 +87,39 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     swept = SweepView.of(name, cases[name])
     axis = next((other for other in swept.axes if other != swept.sphere), None)
     (axes,) = sheet.panels(COLUMN, 0.95 * COLUMN)
-    time, form = swept.case.time, swept.case.form
-    line, points = np.linspace(time.start, time.end, 101), np.linspace(time.start, time.end, 11)
     curves = positions(swept, axis, ())
-    cases_shown = [swept.at(at) for at in curves]
-    damping = [damping_alone(case) for case in cases_shown]
+    damping = [damping_alone(swept.at(at)) for at in curves]
     names, looks = share_names(swept, curves, damping), styles(len(curves), spec["styles"])
-    for at, case, lam, label, style in zip(curves, cases_shown, damping, names, looks, strict=True):
-        counted = counted_share(swept, at, points, label)
-        if lam is not None:
-            calculated = averaged_share(case, lam, line)
-            axes.plot(line, calculated, **style, label=label)
-            sheet.record(label, {"time": line, "averaged": calculated})
-        circles = {"mec": style["color"], **MONTE_CARLO, "label": label if lam is None else ""}
-        axes.plot(points, counted, **circles, clip_on=False, zorder=4)
-        sheet.record(label, {"time": points, f"counted, {form}": counted})
+    for at, lam, label, look in zip(curves, damping, names, looks, strict=True):
+        draw_share(sheet, axes, swept, at, lam, label, look)
     unit = value_unit(swept, "crossing_time", sheet.units)
     words = f"${spec['time']}$" + (f" [{unit}]" if unit else "")
     axes.set(xlabel=words, ylabel="share of starts that have crossed")
     axes.margins(x=0)
-    entries = [Line2D([], [], mec=BLACK, **MONTE_CARLO, label=f"counted, {form} motions")]
+    counted = f"counted, {swept.case.form} motions"
     if {*damping} != {None}:
-        entries.insert(0, Line2D([], [], color=BLACK, label="averaged, in closed form"))
-    sheet.legend += [*entries, Line2D([], [], ls="", label=NO_LINE if None in damping else "")]
+        sheet.legend.append(Line2D([], [], color=BLACK, label="averaged, in closed form"))
+    sheet.legend.append(Line2D([], [], mec=BLACK, **MONTE_CARLO, label=counted))
+    sheet.legend.append(Line2D([], [], ls="", label=NO_LINE if None in damping else ""))
+
+
+def draw_share(
+    sheet: Sheet, axes: Axes, swept: SweepView, at: Mapping[str, int],
+    lam: tuple[float, ...] | None, label: str, look: Look,
+) -> None:  # fmt: skip
+    """Draw the counted shares of a sweep at a position on its other axis and, under damping of
+    rates (3,) alone, the averaged ones."""
+    time = swept.case.time
+    if lam is not None:
+        line = np.linspace(time.start, time.end, 101)
+        averaged = averaged_share(swept.at(at), lam, line)
+        axes.plot(line, averaged, **look, label=label)
+        sheet.record(label, {"time": line, "averaged": averaged})
+    points = np.linspace(time.start, time.end, 11)
+    counted = counted_share(swept, at, points, label)
+    circles = {"mec": look["color"], **MONTE_CARLO, "label": label if lam is None else ""}
+    axes.plot(points, counted, **circles, clip_on=False, zorder=4)
+    sheet.record(label, {"time": points, f"counted, {swept.case.form}": counted})
 
 
 def counted_share(
@@ -181,20 +192,19 @@ def draw_bench(trials: Group, verdicts: Sequence[str]) -> Sheet:
 
 def work_precision(sheet: Sheet, trials: Group) -> None:
     """Error against run time, a panel per case and a line per method; each point is a tolerance."""
-    cases, methods = (trials.variables[name].data for name in ("case", "method"))
+    stored = {name: variable.data for name, variable in trials.variables.items()}
+    cases, errors = stored["case"], np.maximum(stored["error"], MIN_ERROR)
+    # What ran out of time has an error too, of where it came to.
+    done = np.isfinite(stored["error"]) & (stored["status"] != "timeout")
     columns = min(3, len(cases))
     rows = math.ceil(len(cases) / columns)
-    shared = {"sharex": True, "sharey": True}
-    panels = sheet.panels(PAGE, 1.8 * rows + 0.4, len(cases), columns, **shared)
-    names = ("error", "run_time", "status", "floor")
-    error, time, status, floor = (trials.variables[name].data for name in names)
+    panels = sheet.panels(PAGE, 1.8 * rows + 0.4, len(cases), columns, sharex=True, sharey=True)
     for i, (axes, case) in enumerate(zip(panels, cases, strict=True)):
-        for j, style in enumerate(labelled_styles(methods.tolist(), even_one=True)):
-            done = np.isfinite(error[i, j]) & (status[i, j] != "timeout")
-            x, y = time[i, j][done], np.maximum(error[i, j][done], MIN_ERROR)
+        for j, style in enumerate(labelled_styles(stored["method"].tolist(), even_one=True)):
+            x, y = stored["run_time"][i, j][done[i, j]], errors[i, j][done[i, j]]
             # A mark a point would make most of the file; a method with one point needs it.
             axes.loglog(x, y, marker="o" if len(x) == 1 else "", ms=2, **style)
-        axes.axhline(max(floor[i].max(), MIN_ERROR), **SEPARATRIX)
+        axes.axhline(max(stored["floor"][i].max(), MIN_ERROR), **SEPARATRIX)
         axes.set(title=case, ylim=(MIN_ERROR, 10))
         axes.tick_params(which="minor", left=False, right=False, bottom=False, top=False)
         axes.tick_params(right=False, top=False)

@@ -416,16 +416,25 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     (axes,) = sheet.panels(COLUMN, 0.85 * COLUMN)
     show_degrees(sheet, sweeps, spec)
     known: list[float] = []
-    lacking, spacing = 0, min(ROW_OF_CROSSES, ROWS_OF_CROSSES / len(curves))
+    # Each curve that lacks values has a row of crosses.
+    rows, spacing = 0, min(ROW_OF_CROSSES, ROWS_OF_CROSSES / len(curves))
     # Curves behind those that `labels` names are named by what they are.
     labels = chain(spec["labels"], repeat(""))
     looks = styles(len(curves))
-    for (swept, indices), label, style in zip(curves, labels, looks, strict=False):
-        names = names_of(swept, indices, label, len(sweeps))
-        row = 0.02 + spacing * lacking
-        values = curve_of(sheet, axes, swept, spec, indices, names, style, row)
-        known += values[np.isfinite(values)].tolist()
-        lacking += not np.isfinite(values).all()
+    for (swept, indices), label, look in zip(curves, labels, looks, strict=False):
+        shown_name, plain_name = names_of(swept, indices, label, len(sweeps))
+        columns = curve_columns(sheet, swept, spec, indices)
+        sheet.record(plain_name, columns)
+        (x, _), values = swept.ticks(spec["x"]), columns[spec["variable"]]
+        errors = columns.get(ERROR_COLUMNS.get(spec["variable"], ""))
+        draw_curve(axes, x, values, errors, {**look, "label": shown_name})
+        is_known = np.isfinite(values)
+        known += values[is_known].tolist()
+        if not is_known.all():
+            # Many stand side by side, and not on one another.
+            size = float(np.clip(CROSSES_ACROSS / len(x), 1, 4))
+            cross_out(axes, x[~is_known], 0.02 + spacing * rows, look["color"], size)
+            rows += 1
     if not known:
         raise HodoError(f"sweep {sweeps[0].name} has no value of {spec['variable']} to draw")
     if all(value.is_integer() for value in known):
@@ -438,10 +447,13 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         xlabel=axis_name(sweeps[0], spec["x"]),
         ylabel=map_label(sweeps, spec, sheet.units),
     )
-    axes.margins(x=0.02, y=0.05 + spacing * lacking)
+    axes.margins(x=0.02, y=0.05 + spacing * rows)
     missing = Line2D([], [], ls="", marker="x", ms=4, color=GREY, label=absence(spec["variable"]))
-    sheet.legend += [missing] if lacking else []
+    sheet.legend += [missing] if rows else []
 
+
+ERROR_COLUMNS = {"crossing_time": "crossing_error"}
+"""The variables of members that are stored with their errors."""
 
 FEW_VALUES = 12
 """Values along a curve, below which its marks are drawn larger, and the line between them fine."""
@@ -456,45 +468,39 @@ def absence(variable: str) -> str:
     return "no crossing" if variable.startswith("crossing") else "no value"
 
 
-def curve_of(
-    sheet: Sheet,
-    axes: Axes,
-    swept: SweepView,
-    spec: Mapping[str, Any],
-    indices: Mapping[str, int],
-    names: tuple[str, str],
-    style: Mapping[str, Any],
-    row: float,
-) -> np.ndarray:
-    """Draw one curve, with the stored errors of its values, and crosses in a row of the panel where
-    a value is absent; returns its values (n,). `names` are its names in the legend and in
-    tables."""
-    label, name = names
-    x, _ = swept.ticks(spec["x"])
+def curve_columns(
+    sheet: Sheet, swept: SweepView, spec: Mapping[str, Any], indices: Mapping[str, int]
+) -> dict[str, np.ndarray]:
+    """What a curve shows, as columns (n,) of a table: the values along its axis, those of the
+    variable and their stored errors, and in each row the numbers that tell it from other curves."""
     values = shown_values(sheet, swept, spec["variable"], [spec["x"]], indices)
-    shown = {**axis_columns(swept, spec["x"]), spec["variable"]: values}
+    columns = {**axis_columns(swept, spec["x"]), spec["variable"]: values}
+    error = ERROR_COLUMNS.get(spec["variable"], "")
+    if error in swept.data:
+        columns[error] = swept.values(error, [spec["x"]], indices)
+    for axis, i in indices.items():
+        for key, along in axis_columns(swept, axis).items():
+            columns[key] = np.full(len(values), along[i])
+    return columns
+
+
+def draw_curve(
+    axes: Axes, x: np.ndarray, values: np.ndarray, errors: np.ndarray | None, look: Look
+) -> None:
+    """A curve through values (n,) at x (n,), with bars of their errors if there are any."""
     # A line between few values would pass for a result.
     width = {"lw": 0.4, "ms": 5} if len(x) < FEW_VALUES else {"ms": 3}
-    axes.plot(x, values, **style, **width, marker=".", label=label)
-    if spec["variable"] == "crossing_time" and (error := "crossing_error") in swept.data:
-        shown[error] = swept.values(error, [spec["x"]], indices)
-        axes.errorbar(x, values, shown[error], fmt="none", ecolor=style["color"])
-    # The numbers that tell this curve from the others, in each of its rows.
-    for of, i in indices.items():
-        shown |= {key: np.full(len(x), along[i]) for key, along in axis_columns(swept, of).items()}
-    sheet.record(name, shown)
-    missing = ~np.isfinite(values)
-    # Many stand side by side, and not on one another.
-    cross_out(axes, x[missing], row, style["color"], float(np.clip(CROSSES_ACROSS / len(x), 1, 4)))
-    return values
+    axes.plot(x, values, **look, **width, marker=".")
+    if errors is not None:
+        axes.errorbar(x, values, errors, fmt="none", ecolor=look["color"])
 
 
 def cross_out(axes: Axes, x: np.ndarray, row: float, colour: Any, size: float) -> None:
-    """Crosses of a size in points at places (n,) along a panel, in a row of it."""
+    """Crosses of a size in points at places (n,) along a panel, in a row of it; whole at its ends
+    too, without room made for them."""
     look: Look = {"ls": "", "marker": "x", "ms": size, "color": colour, "clip_on": False}
     heights = np.full(len(x), row)
     (crosses,) = axes.plot(x, heights, transform=axes.get_xaxis_transform(), **look)
-    # Whole at the ends of the axis too; without a cross they would take room as if at the origin.
     crosses.set_in_layout(False)
 
 
@@ -542,11 +548,11 @@ def names_of(
     if label:
         return label, label
     sweep_name = [swept.name] if sweep_count > 1 else []
-    shown = [position(swept, *place) for place in indices.items()]
-    keys = [
-        f"{key} = {swept.ticks(key)[0][i]:.4g} {swept.unit(key)}"
+    in_picture = [position(swept, *place) for place in indices.items()]
+    in_tables = [
+        f"{key} = {swept.ticks(key)[0][i]:.4g} {swept.unit(key)}".rstrip()
         for name, i in indices.items()
         for key in swept.numbers_along(name)
     ]
-    plain = [swept.name] if not indices else [*sweep_name, *map(str.rstrip, keys)]
-    return ", ".join([*sweep_name, *shown]), ", ".join(plain)
+    plain = ", ".join([*sweep_name, *in_tables])
+    return ", ".join([*sweep_name, *in_picture]), plain or swept.name

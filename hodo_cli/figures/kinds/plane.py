@@ -372,6 +372,7 @@ def inset(
     axes = panel.inset_axes(spec["box"])
     samples = within_span(motion, spec["span"])
     for name, look in zip(spec["variables"], styles(len(spec["variables"])), strict=True):
+        # As the panel draws the variable or, where all its curves are of one variable, the case.
         drawn = looks.get(name, looks.get(motion.name, look))
         times, values = motion.time[samples], motion[name][samples]
         axes.plot(times, values, **drawn, lw=0.9)
