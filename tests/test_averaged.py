@@ -231,6 +231,28 @@ def test_the_second_order_is_kept_through_the_separatrix() -> None:
 
 
 @pytest.mark.heyoka
+def test_the_mean_motion_goes_on_while_it_lags_behind_its_passage() -> None:
+    """Near the middle axis, where |G| falls on; a member of a sweep that ends there stands there too.
+    A step down at the passage would be 2 % here."""
+    damping = [1.13e-3 * weight for weight in (5, 4, 3)]
+    given = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": damping}
+    body = given | {"initial": FIG4, "error": "off"}
+    averaged = body | {"form": "averaged"}
+    passed = hodo_cli.run(averaged | {"time": {"end": 300}})
+    begin, lag = passed.event_time.item(), passed.event_lag.item()
+    assert lag > 4
+    there = {"time": {"values": [0, *(begin + lag * np.array([0.01, 0.5, 0.99]))]}}
+    mean, full = hodo_cli.run([averaged | there, body | there])
+    assert mean.momentum.values == pytest.approx(hodo_cli.derive(full, "G").G.values, rel=5e-4)
+    starts = {"initial.q": {"values": [0.5 + 1e-5 * i for i in range(200)]}}
+    members = hodo_cli.sweep(
+        averaged | {"time": {"end": there["time"]["values"][2]}, "sweep": starts}
+    )
+    assert "side by side" in members.attrs["method_reason"]
+    assert members.momentum.values[0] == pytest.approx(mean.momentum.values[2], rel=1e-13)
+
+
+@pytest.mark.heyoka
 def test_a_tensor_with_entries_off_its_diagonal_is_right_to_first_order_only() -> None:
     small = [1e-2, 3e-3, 1e-3]
 

@@ -2,6 +2,7 @@
 every moment."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -63,10 +64,14 @@ class SampleBuffer:
         """Whether all samples are known."""
         return self.done == len(self.time)
 
-    def fill(self, until: float, state: np.ndarray, size: int) -> None:
-        """Enter one state (m,) at all further times up to one, in units of 2**size."""
+    def fill(self, until: float, state: np.ndarray, size: int, rates: Sequence[float] = ()) -> None:
+        """Enter one state (m,) at all further times up to one, in units of 2**size; with rates
+        (m,), those states that they lead from to it."""
         last = max(int(np.searchsorted(self.time, until, side="right")), self.done)
-        self.add(np.broadcast_to(state, (last - self.done, len(state))), size)
+        states = np.broadcast_to(state, (last - self.done, len(state)))
+        if rates:
+            states = states + np.multiply.outer(self.time[self.done : last] - until, rates)
+        self.add(states, size)
 
     def end(self, time: float, state: np.ndarray, size: int) -> None:
         """Put the state (m,) in which the motion ends behind the known samples, as the last one."""
@@ -268,9 +273,10 @@ class Propagation:
             self.samples.end(outcome.time, self.y, size)
         else:
             self.clock.restart(fp(outcome.onward))
-            # Samples that the passage skips are taken behind it.
+            # The samples that the passage skips.
             is_moving = self.y[self.moving].any() or not self.model.degree
-            self.samples.fill(float(outcome.onward), self.y, 0 if is_moving else -REST_BITS)
+            onward, size_behind = float(outcome.onward), 0 if is_moving else -REST_BITS
+            self.samples.fill(onward, self.y, size_behind, outcome.rates)
         return size
 
     def change_units(self, size: int) -> None:

@@ -42,13 +42,15 @@ class EventOutcome(NamedTuple):
 
     `time` is what is stored as the event's time, with the numbers of `details`; nothing is stored
     of an event whose `details` are None. `onward` may lie before the time of the event: the motion
-    then goes on as if it had passed sooner. A state that lasts has `onward` infinite.
+    then goes on as if it had passed sooner. Where it lies behind, `rates` lead to the state there,
+    and none mean that it is the state all the time. A state that lasts has `onward` infinite.
     """
 
     time: float
     details: Mapping[str, float] | None
     state: Sequence[Any]
     onward: Any = None
+    rates: Sequence[float] = ()
 
 
 Passage = Callable[[Any, Sequence[Any], Any], EventOutcome]

@@ -212,7 +212,9 @@ def pass_separatrix(
     # Behind the edge the event that has found the separatrix cannot find it again.
     onward, *state = departure(rates[region], logarithms, n, prediction, 2 * k.turning_edge)
     resumed = arrival.time + (seconds + prediction.lag + onward)
-    return EventOutcome(time, details, (*state, *region), resumed)
+    # The samples in the lag are on the way, too.
+    lingering = rates[region].limit, rates[region].limit, 0.0, 0.0, 0.0
+    return EventOutcome(time, details, (*state, *region), resumed, lingering)
 
 
 def departure(

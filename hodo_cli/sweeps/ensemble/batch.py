@@ -203,10 +203,12 @@ class BatchState:
         if passage.details is not None:
             occurrence = Occurrence(event.kind, passage.time, passage.details)
             self.outcome.events.setdefault(motion, []).append(occurrence)
-        onward = end if passage.onward is None else min(float(passage.onward), end)
+        onward = end if passage.onward is None else float(passage.onward)
         columns.state[:, column] = passage.state
-        columns.clock[:2, column] = exact_difference(end, onward)
-        return onward == end
+        if passage.rates and onward > end:
+            columns.state[:, column] += np.multiply(passage.rates, end - onward)
+        columns.clock[:2, column] = exact_difference(end, min(onward, end))
+        return onward >= end
 
     def pause(self) -> None:
         """Drop the motions that are at their end, and renew units that no longer fit."""
