@@ -79,6 +79,9 @@ cases:
   # r = 1 + sin(20 pi t)/2, of which each sample meets the same phase.
   swinging: {{model: torques, inertia: [2, 1.5, 1], initial: {{p: 0, q: 0, r: 1}},
               expression: ["0", "0", "31.41592653589793*cos(62.83185307179586*t)"]}}
+  # p = cos(14 deg - t/2), whose largest sample is cos(14 deg) = 0.970.
+  humming: {{model: linear-diag, inertia: [2, 2, 1], time: {{end: 9.77384381116824, samples: 11}},
+             initial: {{p: 0.970295726275996, q: 0.241921895599668, r: 1}}}}
   # r falls to -0.075, so that y = r^2 comes back to 0.0056.
   returning: {{{SPUN}, torque: [0, 0, -0.1], initial: {{p: 0, q: 0, r: 1}}, time: {{end: 43}}}}
   spinning: {{{SPUN}, torque: [0, 0, 0], initial: {{x: 0, y: 1}}, form: averaged}}
@@ -122,6 +125,11 @@ CHECKS = [
     ("swinging", "{kind: conserved, of: [r, T, G], within: 0.2}", "contradicted", None),
     ("swinging", "{kind: bound, of: r, at: always, most: 1.2}", "contradicted", None),
     ("swinging", "{kind: bound, of: r, at: always, most: 1.5}", "reproduced", None),
+    ("humming", "{kind: bound, of: p, at: always, most: 0.971}", "contradicted", 1),
+    ("humming", "{kind: bound, of: p, at: always, most: 0.999999}", "plotting", 1),
+    ("humming", "{kind: bound, of: p, at: always, most: 1.000000000001}", "reproduced", 1),
+    ("humming", "{kind: bound, of: p, at: always, least: -0.999999}", "plotting", -1),
+    ("humming", "{kind: bound, of: p, at: always, most: 9}", "reproduced", None),
     ("swinging", "{kind: formula, of: r, formula: '1'}", "contradicted", None),
     ("swinging", "{kind: formula, of: r, formula: 1 + sin(62.83185307179586*t)/2}", "reproduced",
      0),
@@ -175,6 +183,8 @@ CHECKS = [
     # Without a position or an axis it is one average over all members.
     ("ball", "{kind: average, variable: start_axis.x1, most: 1}", "reproduced", None),
     ("ball", "{kind: average, variable: start_axis.x1, least: 1}", "contradicted", None),
+    ("ball", "{kind: average, variable: start_axis.x1, at: [{}, {damping.0: 0}], sense: equal, "
+     "along: [damping.0], within: 1}", "reproduced", None),
     ("ball", "{kind: average, variable: start_axis.x1, at: [{damping.0: 0}], along: [damping.0], "
      "most: 1}", "reproduced", None),
     ("passing, stopping", "{kind: value, values: {end_of_spin: [40, 40]}, within: 1.0e-9}",

@@ -161,9 +161,9 @@ CHECK_KINDS: dict[str, dict[str, Key]] = {
             default=None,
         ),
         "at": Key(
-            ListOf(Each(Integer(least=0), "axes to positions, from zero")),
-            "positions at which it is averaged over the other axes (default, without `along`: one "
-            "average over all)",
+            ListOf(Each(Integer(least=0), "axes to positions, from zero", least=0)),
+            "positions at which it is averaged over the other axes; `{}` averages over all "
+            "(default, without `along`: that alone)",
             default=(),
         ),
         "along": Key(

@@ -66,18 +66,59 @@ BETWEEN_SAMPLES = ((3 - math.sqrt(5)) / 2, math.sqrt(3) - 1)
 sample meets the same phase shows itself."""
 
 
-def between_samples(m: Motion) -> Motion | None:
-    """The same motion with samples at places within each interval as well; None where no formula of
-    the time is part of its equations: laws do not oscillate, and without the time what happens
+def between_samples(m: Motion) -> Motion:
+    """The same motion with samples at places within each interval as well; itself where no formula
+    of the time is part of its equations: laws do not oscillate, and without the time what happens
     between two samples follows from these.
 
     Raises HodoError if it stops before its end.
     """
     if len(m.time) < 2 or not has_formula_of_time(m.case.system):
-        return None
+        return m
     within = [m.time[:-1] + place * np.diff(m.time) for place in BETWEEN_SAMPLES]
-    times = np.unique(np.concatenate([m.time, *within]))
-    return integrated_motion(replace(m.case, time=m.case.time.listed(times)))
+    return with_times(m, within)
+
+
+def with_times(m: Motion, times: Sequence[np.ndarray]) -> Motion:
+    """The same motion with samples at more times. Raises HodoError if it stops before its end."""
+    listed = np.unique(np.concatenate([m.time, *times]))
+    return integrated_motion(replace(m.case, time=m.case.time.listed(listed)))
+
+
+MOST_PEAKS = 64
+"""Peaks of a quantity that are looked at more closely, the highest of all."""
+
+SAMPLES_OF_ALL, PARTS_OF_PEAK = 2**18, 200
+"""Samples of the motion in which its highest peaks are looked for, and parts of each interval
+beside one. Cut twice, an interval of 30 degrees leaves out 1e-12 of an oscillation at most."""
+
+
+def near_extremes(m: Motion, name: str) -> Motion:
+    """The same motion with samples close to the largest and the smallest values of a quantity over
+    time. Raises as `quantity` does, and HodoError if the motion stops before its end."""
+    parts = max(2, SAMPLES_OF_ALL // len(m.time))
+    finer = with_times(m, parts_of(m.time, np.arange(len(m.time) - 1), min(parts, PARTS_OF_PEAK)))
+    for _ in range(2):
+        intervals = beside_extremes(quantity(finer, name))
+        finer = with_times(finer, parts_of(finer.time, intervals, PARTS_OF_PEAK))
+    return finer
+
+
+def parts_of(time: np.ndarray, intervals: np.ndarray, parts: int) -> list[np.ndarray]:
+    """The times that cut some of the intervals between times (n,) into equal parts."""
+    steps = np.diff(time)[intervals]
+    return [time[intervals] + i / parts * steps for i in range(1, parts)]
+
+
+def beside_extremes(values: np.ndarray) -> np.ndarray:
+    """The intervals beside the highest peaks and the lowest troughs of values (n,)."""
+    found = []
+    for heights in (values, -values):
+        rise = np.diff(heights)
+        peaks = np.flatnonzero((rise[:-1] >= 0) & (rise[1:] <= 0)) + 1
+        highest = peaks[np.argsort(heights[peaks])[-MOST_PEAKS:]]
+        found += [highest - 1, highest]
+    return np.unique(np.concatenate(found))
 
 
 class Undecidable(HodoError):

@@ -443,18 +443,20 @@ class Variant(Mapped):
 
 @dataclass(frozen=True)
 class Each(Mapped):
-    """A mapping of any names, one or more, to values of one kind."""
+    """A mapping of any names, at least so many, to values of one kind."""
 
     kind: Kind
     title: str
+    least: int = 1
 
     def check(self, value: Any) -> dict[str, Any]:
-        if not super().check(value):
+        if len(super().check(value)) < self.least:
             raise expected(self, value)
         return all_right(*check_parts((name, self.kind, item) for name, item in value.items()))
 
     def schema(self) -> dict[str, Any]:
-        return {"type": "object", "additionalProperties": self.kind.schema(), "minProperties": 1}
+        bounds = {"minProperties": self.least} if self.least else {}
+        return {"type": "object", "additionalProperties": self.kind.schema()} | bounds
 
     def __str__(self) -> str:
         return f"a mapping of {self.title}"
