@@ -19,6 +19,7 @@ from .finding import (
     deviation_beyond,
     deviation_unless,
     digits_to_show,
+    in_groups,
     in_percent,
     listed,
 )
@@ -120,7 +121,7 @@ def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
             differences.append(abs(measured - expected))
             if check["at"] == "end":
                 check_reached(m, name, expected)
-                check_margin(m, name, differences[-1] - check["within"])
+                check_margin(name, differences[-1] - check["within"], m)
             scale = range_of(m, name)
             deviations.append(deviation_beyond(differences[-1] / scale, allowed / scale))
     return Finding(
@@ -149,13 +150,16 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     if check["at"] == "end":
         for m, limit in itertools.product(motions, limits):
             check_reached(m, name, limit)
-            check_margin(m, name, number(m, name) - limit)
+            check_margin(name, number(m, name) - limit, m)
     # As the axis of a figure would reach, which shows both the values and the bound.
     scale = max(max(range_of(m, name) for m in motions), *map(abs, limits))
     # A bound that is met is met at any scale: a time that is infinite has none.
     deviation = 0.0 if violation <= 0 else deviation_beyond(violation / scale, ROUNDING)
     if deviation and 0 in limits and any(changes_sign(m, name) for m in motions):
         deviation = math.inf
+    if everywhere and deviation > PLOTTING_ACCURACY:
+        farthest = next(m for m, x in zip(motions, values, strict=True) if {low, high} & {*x})
+        check_margin(name, violation, farthest)
     digits = max(digits_to_show(value, beyond) for _, value, _, beyond in sides)
     words = (
         f"{name} from {low:.{digits}g} to {high:.{digits}g}"
@@ -177,6 +181,17 @@ def changes_sign(m: Motion, name: str) -> bool:
     return float(values.min()) < 0 < float(values.max())
 
 
+def course_deviation(
+    m: Motion, name: str, difference: float, scale: float, allowed: float
+) -> float:
+    """The deviation that a difference in the course of a quantity makes, relative to a scale.
+    Raises Undecidable where one that contradicts is within the error of the quantity."""
+    deviation = deviation_beyond(difference / scale, allowed)
+    if deviation > PLOTTING_ACCURACY:
+        check_margin(name, difference - allowed * scale, m)
+    return deviation
+
+
 def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Quantities that only fall or only rise; decided by the largest violation relative to the
     range."""
@@ -187,7 +202,7 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
         # How far each value is above the least before it: a slow climb counts, not only a single
         # step.
         climb = values - np.minimum.accumulate(values)
-        if violation := deviation_beyond(float(climb.max()) / range_of(m, name), ROUNDING):
+        if violation := course_deviation(m, name, float(climb.max()), range_of(m, name), ROUNDING):
             largest = violation, float(m.time[climb.argmax()])
             violations[name] = max(violations.get(name, largest), largest)
     words = "; ".join(
@@ -207,13 +222,18 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
     """How values follow each other from case to case; decided by the smallest step or, for equal
     ones, by how far they are apart.
     """
-    values = [number(m, check["of"], check["at"]) for m in motions]
-    size = check["by"] or len(values)
-    groups = [values[i : i + size] for i in range(0, len(values), size)]
-    words = f"{check['of']}: {'; '.join(listed(group) for group in groups)}"
+    name = check["of"]
+    groups = in_groups(motions, check["by"] or len(motions))
+    values = np.array([[number(m, name, check["at"]) for m in group] for group in groups])
+    words = f"{name}: {'; '.join(map(listed, values.tolist()))}"
+    sizes = np.maximum(np.abs(values).max(axis=1, keepdims=True), math.ulp(0))
+    steps = np.diff(values)
+    is_decided = (check["sense"] == "equal") & (np.abs(steps) <= ROUNDING * sizes)
+    if check["at"] == "end":
+        for i, j in np.argwhere(~is_decided).tolist():
+            check_margin(name, steps[i, j], *groups[i][j : j + 2])
     if check["sense"] == "equal":
-        sizes = np.maximum(np.abs(groups).max(axis=1), math.ulp(0))
-        apart = float(np.max(np.ptp(groups, axis=1) / sizes))
+        apart = float(np.max(np.ptp(values, axis=1, keepdims=True) / sizes))
         return Finding(
             deviation_beyond(apart, ROUNDING),
             number=apart,
@@ -221,11 +241,10 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
             contradicted_by="two values that differ",
         )
     sign, contrary = (-1, "rises") if check["sense"] == "falls" else (1, "falls")
-    steps = [b - a for group in groups for a, b in itertools.pairwise(group)]
     # The smallest step is the number that would decide otherwise first.
     return Finding(
-        deviation_unless(all(sign * step > 0 for step in steps)),
-        number=min(map(abs, steps)),
+        deviation_unless(bool((sign * steps > 0).all())),
+        number=float(np.abs(steps).min()),
         evidence=words,
         contradicted_by=f"a value that {contrary} or stays",
     )
@@ -234,13 +253,12 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
 def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Constants of the motion; decided by the largest relative change."""
     changes = [
-        float(np.ptp(quantity_from_start(m, name)) / m.largest(name))
-        for m in motions
-        for name in check["of"]
+        (m, name, float(np.ptp(quantity_from_start(m, name))), m.largest(name))
+        for m, name in itertools.product(motions, check["of"])
     ]
-    worst = float(np.max(changes))
+    worst = float(np.max([change / size for *_, change, size in changes]))
     return Finding(
-        deviation_beyond(worst, check["within"]),
+        max(course_deviation(*change, check["within"]) for change in changes),
         number=worst,
         evidence=f"{', '.join(check['of'])}: relative change at most {worst:.2g}",
         contradicted_by=f"a relative change above {max(check['within'], PLOTTING_ACCURACY):g}",
@@ -251,11 +269,12 @@ def formula(check: Keys, motions: Sequence[Motion]) -> Finding:
     """A quantity against a law; decided by the largest difference over its largest value."""
     name, law = check["of"], check["formula"]
     differences = [
-        np.abs(quantity(m, name) - formula_values(m, law)).max() / m.largest(name) for m in motions
+        (m, name, float(np.abs(quantity(m, name) - formula_values(m, law)).max()), m.largest(name))
+        for m in motions
     ]
-    worst = float(np.max(differences))
+    worst = float(np.max([apart / size for *_, apart, size in differences]))
     return Finding(
-        deviation_beyond(worst, check["within"]),
+        max(course_deviation(*apart, check["within"]) for apart in differences),
         number=worst,
         evidence=f"{name} and {law}: at most {worst:.2g} apart, relative to the largest {name}",
         contradicted_by=f"a relative difference above {max(check['within'], PLOTTING_ACCURACY):g}",

@@ -171,14 +171,16 @@ def check_course(m: Motion, names: Sequence[str]) -> None:
         raise Undecidable(remark)
 
 
-def check_margin(m: Motion, name: str, margin: float) -> None:
-    """Raises Undecidable where a quantity is nearer to what decides than its error, and this is
-    more than any result may have."""
-    error = error_of(m, name)
-    if abs(margin) < error and error > ROUNDING * range_of(m, name):
+def check_margin(name: str, margin: float, *motions: Motion) -> None:
+    """Raises Undecidable where a quantity is nearer to what decides than its error, or the values
+    of several motions to each other than their errors, and this is more than any result may
+    have."""
+    error = sum(error_of(m, name) for m in motions)
+    if abs(margin) < error and error > ROUNDING * max(range_of(m, name) for m in motions):
+        owners = " and ".join(dict.fromkeys(m.words for m in motions))
         raise Undecidable(
-            f"{name} of {m.words} has an error of {error:.2g}, more than the difference that "
-            "decides"
+            f"{name} of {owners} is known to {error:.2g} only, and a difference of "
+            f"{abs(margin):.2g} decides"
         )
 
 
