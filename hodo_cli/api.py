@@ -116,7 +116,7 @@ def _stored(cases: Sequence[Case], path: Path, jobs: int, classify: bool) -> lis
     named = {case.name: case for case in cases}
     if len(named) < len(cases):
         raise HodoError("two of the cases have one name: make each a Case with its own")
-    config = parse(extended_text(path, named), str(path))
+    config = parse(extended_text(path, named), str(path), stored=True)
     execute(plans([config], path.parent, [*named], force=False, jobs=jobs), jobs, quiet=True)
     if classify and (problems := classify_results([path])[1]):
         raise HodoError("\n".join(problems))

@@ -19,6 +19,7 @@ import yaml
 from conftest import ROOT, Hodo, call, schema
 from scipy.spatial.transform import Rotation
 
+import hodo_cli
 from hodo_cli import HodoError
 from hodo_cli.cases import claim_block
 from hodo_cli.cases.config import load, parse
@@ -787,7 +788,7 @@ def test_samples_and_errors_that_do_not_decide_leave_a_statement_untested(tmp_pa
     rows = json.loads(call(tmp_path, "claims", "c.yaml", "--json").stdout)["statements"]
     assert [row["verdict"] for row in rows] == [verdict for *_, verdict in UNDECIDED]
     assert rows[0]["evidence"].endswith("time: {samples: 361} draws it")
-    assert "has an error of 0.00012" in rows[13]["evidence"]
+    assert "is known to 0.00012 only" in rows[13]["evidence"]
 
 
 def test_a_bound_of_0_is_about_a_sign_where_a_quantity_has_both(stored: Path) -> None:
@@ -932,6 +933,11 @@ errata:
             "turns": "reproduced",
             **dict.fromkeys(("lost", "foretold", "misprint"), "not tested"),
         }
+    # What joins results, or adds to one, keeps these statements too.
+    assert call(tmp_path, "merge", path, "--out", "merged.h5").returncode == 0
+    case = {"model": "linear-diag", "inertia": [3, 2, 1], "initial": dict.fromkeys("pqr", 1)}
+    hodo_cli.run({**case, "time": {"end": 1}}, to=tmp_path / "merged.h5")
+    assert "'of-another-version'" in call(tmp_path, "claims", "merged.h5").stderr
 
 
 def test_claims_and_errata_are_counted_together(

@@ -87,6 +87,12 @@ def test_a_result_is_shown_and_drawn_without_naming_its_model_again(
     done = hodo("plot", "runs/a.h5")
     assert done.returncode == 2
     assert "got 'quadratic-drag' (from a file of your own: hodo --models" in done.stderr
+    # In Python too it is read without; what computes with the model says how to name it.
+    swept = hodo_cli.open(folder / "b.h5")["swept"]
+    curve = {"kind": "curve", "variable": "crossings", "x": "drag"}
+    for use in (lambda: hodo_cli.derive(swept, "T"), lambda: hodo_cli.plot(swept, **curve)):
+        with pytest.raises(hodo_cli.HodoError, match=r"in Python HODO_MODELS=FILE\.py before it"):
+            use()
 
 
 def test_the_schema_has_it_and_the_environment_names_it(hodo: Hodo, folder: Path) -> None:

@@ -231,7 +231,8 @@ class ModelName(Choice):
 
     def check(self, value: Any) -> Any:
         if isinstance(value, str) and value not in self.names and near(value, self.names) is None:
-            raise expected(self, value, " (from a file of your own: hodo --models FILE.py ...)")
+            how = "hodo --models FILE.py ..., in Python HODO_MODELS=FILE.py before it starts"
+            raise expected(self, value, f" (from a file of your own: {how})")
         return super().check(value)
 
 

@@ -33,7 +33,7 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
             for name, (item, *_) in finished_cases(path).items():
                 stored[name] = labelled_one(stored[name], item) if name in stored else item
         text = merged_text(runs, stored, out)
-    config = parse(text, str(out))
+    config = parse(text, str(out), stored=True)
     attributes = attributes_by(f"merge {' '.join(map(str, results))}", config)
     with compose(out, attributes, tuple(config.cases)) as writer:
         for item in stored.values():
@@ -62,7 +62,7 @@ def merged_text(runs: Sequence[ResultFile], stored: Mapping[str, FinishedCase], 
     Raises HodoError if cases or statements of one name differ, or figures of one name in results of
     one name.
     """
-    configs = [parse(run.text, str(run.path)) for run in runs]
+    configs = [stored_config(run) for run in runs]
     documents = [read_mapping(run.text, Mistakes(str(run.path))) for run in runs]
     cases: dict[str, Case] = {
         name: parse_case(str(item.attributes["case"])) for name, item in stored.items()
