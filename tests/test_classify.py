@@ -397,7 +397,7 @@ def test_what_begins_on_no_side_has_crossed_nothing_when_it_stands_on_one(
         {
             "model": "torques", "inertia": [inertia[i] for i in order], **driven[start],
             "initial": {name: omega[i] for name, i in zip("pqr", order, strict=True)},
-            "time": {"end": 50, "samples": 11},
+            "time": {"end": 10, "samples": 11},
         }
     )  # fmt: skip
     assert ds.attrs["classify_warnings"] == ""

@@ -161,7 +161,9 @@ def _rates_off_degree(system: Model, start: np.ndarray) -> list[str]:
             again = np.array(system.rhs(t, y.tolist(), attributes(other)))
         except (ArithmeticError, ValueError):  # no motion need come there
             continue
-        # Of the other units back to these. No number is above another that is none.
+        if not np.isfinite([rates, again]).all():  # nor may one where a law of the time overflows
+            continue
+        # Of the other units back to these.
         again = np.ldexp(rescaled(model, again, VELOCITY_SIZE), -TIME_SIZE)
         if (off := np.abs(rates - again) > 1e-9 * np.abs(rates).max()).any():
             return list(compress(system.state, off))
