@@ -187,7 +187,7 @@ def test_types_that_netcdf_has_not(path: Path, dtype: type) -> None:
 
 def test_dimensions_must_agree(path: Path) -> None:
     wrong = {"x": Variable(("n",), np.zeros(2)), "y": Variable(("n",), np.zeros(3))}
-    with pytest.raises(ValueError, match="a/y: n has 3 values, elsewhere 2"):
+    with pytest.raises(ValueError, match="y has 3 values along n, elsewhere 2"):
         write(path, {"a": Group({}, wrong)})
 
 

@@ -1,6 +1,5 @@
 """The measures that claims take of a motion: quantities over time, and single numbers."""
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -227,8 +226,9 @@ def stretches_about(m: Motion, axis: int, least: float = 0.0) -> list[slice]:
     inside = m.labels == axis + 1
     if least:
         inside &= m["G"] > least
-    edges = np.flatnonzero(np.diff(np.r_[False, inside, False])).tolist()
-    return [slice(first, end) for first, end in itertools.pairwise(edges)][::2]
+    # Where they begin and where they end, by turns.
+    edges = np.flatnonzero(np.diff(np.r_[False, inside, False]))
+    return [slice(first, end) for first, end in edges.reshape(-1, 2).tolist()]
 
 
 def most_turns(m: Motion, axis: int, least: float) -> float:

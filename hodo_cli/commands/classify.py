@@ -28,7 +28,7 @@ from .resume import package_digest, result_named, warn_of_changes
 
 
 def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
-    """Label the cases of result files; the lines of the table, and what keeps cases from one.
+    """Label the cases of result files; the lines of the table, and why cases are missing there.
 
     A path may be that of a config. Raises HodoError if a file cannot be read or replaced.
     """

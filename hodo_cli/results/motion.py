@@ -35,7 +35,7 @@ from ..models.constants import attributes
 from ..models.top.nutation import first_integrals
 from ..models.top.torques import with_mu
 from ..schema.expression import Tree, parse_expression
-from ..storage import Attribute, Variable, typed
+from ..storage import Attribute, Variable, dimension_sizes, typed
 from ..text import case_words
 from .in_space import ANGLES_THAT_TURN, OF_ATTITUDE, continued
 from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
@@ -82,13 +82,16 @@ class Motion:
         name, _, part = variable.partition(".")
         if part in BODY_AXES and name in self.vectors:
             return self.component(name, part)
+        # The parts of a stored variable, such as an attitude, before those of a quantity.
         dims: Sequence[str] = self.data[name].dims if name in self.data else ()
-        if len(dims) == 2 and dims[0] == "time" and part in PARTS.get(dims[1], ()):
-            return self.stored(name)[:, PARTS[dims[1]].index(part)]
-        if variable not in COMPONENTS:
+        dim = dims[1] if len(dims) == 2 and dims[0] == "time" else ""
+        if part in PARTS.get(dim, ()):
+            values = self.stored(name)
+        elif variable in COMPONENTS:
+            values, dim = self.quantity(name), DERIVED[name].dim
+        else:
             raise HodoError(f"{self.words} has no variable {variable!r}: {self._hint(name)}")
-        values = self.quantity(name)
-        return values[:, PARTS[DERIVED[name].dim].index(part)] if part else values
+        return values[:, PARTS[dim].index(part)] if part else values
 
     def largest(self, variable: str) -> float:
         """The largest size of a variable or quantity where it is a number; of a component, the
@@ -443,14 +446,7 @@ parsed = lru_cache(maxsize=256)(parse_case)
 
 def damage(data: Variables) -> str:
     """The damage to the variables of a single motion; an empty string if there is none."""
-    required: dict[str, tuple[str, ...]] = {"time": ("time",)}
-    # A selection of one component leaves a number over time.
-    if "omega" in data and data["omega"].dims != ("time",):
-        required["omega"] = ("time", "axis")
-    if "enclosed_axis" in data:  # labels and crossings are stored together
-        required["enclosed_axis"] = ("time",)
-        columns = (name for name in CROSSING_COLUMNS if name not in LATER_COLUMNS or name in data)
-        required |= dict.fromkeys(columns, ("crossing",))
+    required = required_dims(data)
     for name, dims in required.items():
         if name not in data or data[name].data.dtype.kind not in "fi":
             return f"its {name} is no array of numbers"
@@ -462,12 +458,26 @@ def damage(data: Variables) -> str:
     axes = data["axis"].data.shape if "axis" in data else None
     if "omega" in required and data["omega"].data.shape[1:] != axes:
         return "its omega holds no vectors"
-    sizes: dict[str, int] = {}
-    for name in [*required, *(name for name in EVENT_COLUMNS if name in data)]:
-        for dim, size in zip(data[name].dims, data[name].data.shape, strict=True):
-            if sizes.setdefault(dim, size) != size:
-                return f"its {name} has {size} values along {dim}, elsewhere {sizes[dim]}"
+    names = [*required, *(name for name in EVENT_COLUMNS if name in data)]
+    try:
+        dimension_sizes({name: data[name] for name in names})
+    except ValueError as error:
+        return f"its {error}"
     return ""
+
+
+def required_dims(data: Variables) -> dict[str, tuple[str, ...]]:
+    """The dimensions that the variables of a single motion must have, those of the variables that
+    it lacks too."""
+    required: dict[str, tuple[str, ...]] = {"time": ("time",)}
+    # A selection of one component leaves a number over time.
+    if "omega" in data and data["omega"].dims != ("time",):
+        required["omega"] = ("time", "axis")
+    if "enclosed_axis" in data:  # labels and crossings are stored together
+        required["enclosed_axis"] = ("time",)
+        columns = (name for name in CROSSING_COLUMNS if name not in LATER_COLUMNS or name in data)
+        required |= dict.fromkeys(columns, ("crossing",))
+    return required
 
 
 def wrong_labels(data: Variables) -> str:

@@ -13,7 +13,7 @@ A *checksum* is the hash of what is stored: of a file's bytes, of a group, of a 
 """
 
 from .finished_cases import FinishedCase, finished_cases, open_batch
-from .group import Attribute, Group, Report, StreamedVariables, Variable
+from .group import Attribute, Group, Report, StreamedVariables, Variable, dimension_sizes
 from .hdf5 import ResultFile, open_run
 from .output import create
 from .provenance import OWN_MODELS, history_line, result_of, root_attributes, typed
@@ -35,6 +35,7 @@ __all__ = [
     "chunks_in",
     "compose",
     "create",
+    "dimension_sizes",
     "finished_cases",
     "history_line",
     "holds",

@@ -69,6 +69,16 @@ def is_number(dtype: np.dtype) -> bool:
     return dtype.kind in "iuf" and dtype.itemsize <= 8 and dtype != np.float16
 
 
+def dimension_sizes(variables: Mapping[str, Variable]) -> dict[str, int]:
+    """The sizes of the dimensions of variables. Raises ValueError for one that has two."""
+    sizes: dict[str, int] = {}
+    for name, variable in variables.items():
+        for dim, size in zip(variable.dims, variable.data.shape, strict=True):
+            if sizes.setdefault(dim, size) != size:
+                raise ValueError(f"{name} has {size} values along {dim}, elsewhere {sizes[dim]}")
+    return sizes
+
+
 class ValuesChecksum:
     """The checksum of an array's values, which may come block by block, in their order."""
 

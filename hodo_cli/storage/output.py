@@ -13,7 +13,16 @@ import numpy as np
 from h5py import h5a, h5d, h5ds, h5f, h5g, h5o, h5p, h5s, h5t
 
 from .disk import BufferedFile, append_checksum
-from .group import Attribute, Group, ValuesChecksum, Variable, as_stored, checksum_of, is_number
+from .group import (
+    Attribute,
+    Group,
+    ValuesChecksum,
+    Variable,
+    as_stored,
+    checksum_of,
+    dimension_sizes,
+    is_number,
+)
 from .hdf5 import (
     NO_VARIABLE,
     REPORT,
@@ -43,7 +52,7 @@ class Output:
         """Add a group, or replace it. Raises ValueError if its variables differ in the size of a
         dimension."""
         self._disk.check()
-        sizes = _sizes(name, group)
+        sizes = dimension_sizes(group.variables)
         if name in self._file:
             del self._file[name]
         target = h5g.create(self._file.id, name.encode(), LINK, GROUP_CREATION)
@@ -86,16 +95,6 @@ class Output:
             for item in items.values():
                 _delete_attributes(item, "REFERENCE_LIST", "DIMENSION_LIST")
             _attach(items, dimensions({key: h5d.open(old.id, encoded(key)) for key in old}))
-
-
-def _sizes(name: str, group: Group) -> dict[str, int]:
-    """The sizes of the dimensions of a group's variables."""
-    sizes: dict[str, int] = {}
-    for key, variable in group.variables.items():
-        for dim, size in zip(variable.dims, variable.data.shape, strict=True):
-            if sizes.setdefault(dim, size) != size:
-                raise ValueError(f"{name}/{key}: {dim} has {size} values, elsewhere {sizes[dim]}")
-    return sizes
 
 
 def _stored(parent: H5Object, name: str, variable: Variable, has_values: bool) -> h5d.DatasetID:
