@@ -232,8 +232,8 @@ def test_the_second_order_is_kept_through_the_separatrix() -> None:
 
 @pytest.mark.heyoka
 def test_the_mean_motion_goes_on_while_it_lags_behind_its_passage() -> None:
-    """Near the middle axis, where |G| falls on; a member of a sweep that ends there stands there too.
-    A step down at the passage would be 2 % here."""
+    """Near the middle axis, where |G| falls on; a member of a sweep that ends there stands there
+    too. A step down at the passage would be 2 % here."""
     damping = [1.13e-3 * weight for weight in (5, 4, 3)]
     given = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": damping}
     body = given | {"initial": FIG4, "error": "off"}
