@@ -1,6 +1,8 @@
 """Quantities that follow from what is stored: named in case files, asked of datasets, in
 statements and of sweeps."""
 
+import json
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -312,3 +314,62 @@ def test_statements_take_no_rounding_for_a_change_and_no_gap_for_a_number(
     for command in ("run", "classify", "claims"):
         done = hodo(command, "m.yaml" if command == "run" else "runs/m.h5")
         assert done.returncode == 0, done.stdout + done.stderr
+
+
+DIRECTIONS = ("tilt", "x1_direction", "J", "D/2T", "separatrix_distance")
+STOPPED = {
+    "model": "torques",
+    "inertia": [120, 100, 80],
+    "brake": 0.05,
+    "initial": {"p": 0.05, "q": 0.01, "r": 0.3},
+    "time": {"end": 600, "samples": 121},
+}
+
+
+def test_a_body_that_a_brake_has_stopped_has_no_direction_of_its_momentum() -> None:
+    """Nor has a figure a mark where there is nothing to mark."""
+    motion = hodo_cli.run(STOPPED)
+    found = hodo_cli.derive(motion, *DIRECTIONS, "G")
+    is_moving = motion.time.values < motion.event_time.item()
+    assert not found.G.values[~is_moving].any()
+    for name in DIRECTIONS:
+        assert np.isfinite(found[name].values).tolist() == is_moving.tolist(), name
+    figure = hodo_cli.plot(motion, kind="series", variables=[*DIRECTIONS])
+    figure.savefig(BytesIO(), format="png")
+    said = [words.get_text() for panel in figure.axes for words in panel.texts]
+    assert all(words.startswith("constant to") for words in said), said
+
+
+@pytest.mark.parametrize(
+    "check",
+    [
+        "kind: bound, of: tilt, at: end, most: 0.001",
+        "kind: average, variable: tilt, most: 0.001",
+        "kind: average, variable: J, at: [{brake: 0}, {brake: 1}], least: 0",
+    ],
+)
+def test_a_statement_on_the_direction_at_rest_is_not_tested(
+    tmp_path: Path, check: str, hodo: Hodo
+) -> None:
+    # The last average is over a member that turns, and one that has stopped.
+    sweep = {"sweep": {"brake": {"values": [0.05, 0.06] if "at" not in check else [0.05, 0.01]}}}
+    case = STOPPED | (sweep if "average" in check else {})
+    claim = f"{{id: a, where: x, statement: s, cases: [a], check: {{{check}}}, expect: not tested}}"
+    text = f"cases: {{a: {json.dumps(case)}}}\nclaims: [{claim}]\n"
+    (tmp_path / "m.yaml").write_text(text, encoding="utf-8")
+    for command in ("run", "classify", "claims"):
+        done = hodo(command, "m.yaml" if command == "run" else "runs/m.h5")
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_integrals_of_a_top_whose_moment_changes_are_those_at_the_end_of_a_member() -> None:
+    top = {
+        "model": "Lagrange-averaged", "form": "full", "inertia": {"A": 2.3, "C": 1.1}, "a": 0.1,
+        "b": 0.08, "mu": {"law": "exponential", "value": 2, "rate": 0.5}, "epsilon": 0.1,
+        "initial": {"theta": 0.5, "r": 6}, "time": {"end": 1},
+    }  # fmt: skip
+    members = hodo_cli.sweep(top | {"sweep": {"initial.r": {"values": [6, 10]}}})
+    single = hodo_cli.derive(hodo_cli.run(top), "H", "Gz")
+    found = hodo_cli.derive(members, "H", "Gz")
+    for name in ("H", "Gz"):
+        assert found[name].values[0] == pytest.approx(single[name].values[-1], rel=1e-12)

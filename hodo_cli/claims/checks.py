@@ -24,6 +24,7 @@ from .finding import (
     listed,
 )
 from .quantities import (
+    Undecidable,
     between_samples,
     check_course,
     check_margin,
@@ -346,6 +347,8 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
     for along in check["along"]:
         values = swept.values(name, (along,), {})
         means.append(float(np.nanmax(values) - np.nanmin(values)))
+    if np.isnan(means).any():
+        raise Undecidable(f"{name} has no average: {listed(means)}")
     least, most, steps = check["least"], check["most"], np.diff(means)
     violations_by_sense = {
         "falls": steps,

@@ -94,9 +94,9 @@ class Judge:
             missing = f"this version has no check {check['name']!r}"
         if missing:
             return undecided(NOT_TESTED, missing)
-        if check["kind"] == "average":
-            return by_finding(of_sweep(claim, self.run))
         try:
+            if check["kind"] == "average":
+                return by_finding(of_sweep(claim, self.run))
             verdict = self._measured(claim)
         except Undecidable as error:
             return undecided(NOT_TESTED, str(error))

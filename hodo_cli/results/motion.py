@@ -7,7 +7,7 @@ The quantities of `cases.derived`, as |G|, T and D, are computed here alone, whe
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from shlex import quote
 from typing import Any
 
@@ -519,11 +519,25 @@ def _separatrix(m: Motion) -> np.ndarray:
     return np.asarray(outer - inner)
 
 
+# A body at rest has no ratio, and its curve a gap.
+_ratio = partial(rigid_body.share_of, of_nothing=np.nan)
+
+
 def _separatrix_ratio(m: Motion) -> np.ndarray:
     if "omega" not in m.data:  # of an averaged form
-        return np.asarray(_momentum(m) ** 2 / (2 * _energy(m)) - m.inertia[m.order[1]])
-    with np.errstate(invalid="ignore"):  # a body at rest has no ratio, and its curve a gap
-        return np.asarray(_separatrix(m) / (2 * _energy(m)))
+        return np.asarray(_momentum_over_energy(m) - m.inertia[m.order[1]])
+    return _ratio(2 * _energy(m), _separatrix(m))
+
+
+def _momentum_over_energy(m: Motion) -> np.ndarray:
+    """J = G^2/2T."""
+    return _ratio(2 * _energy(m), _momentum(m) ** 2)
+
+
+def _tilt(m: Motion) -> np.ndarray:
+    """The angle between G and x3; none without a G."""
+    across, along = np.hypot(m.G[:, 0], m.G[:, 1]), m.G[:, 2]
+    return np.where(m.G.any(axis=1), np.arctan2(across, along), np.nan)
 
 
 def _first_integral(m: Motion, name: str) -> np.ndarray:
@@ -540,12 +554,12 @@ QUANTITIES: dict[str, Callable[[Motion], np.ndarray]] = {
     "G": _momentum,
     "G2": lambda m: np.asarray((m.G * m.G).sum(axis=-1)),
     "T": _energy,
-    "J": lambda m: np.asarray(_momentum(m) ** 2 / (2 * _energy(m))),
+    "J": _momentum_over_energy,
     "D": _separatrix,
     "D/2T": _separatrix_ratio,
-    "x1_direction": lambda m: np.abs(m.G[:, 0]) / _momentum(m),
-    "tilt": lambda m: np.arctan2(np.hypot(m.G[:, 0], m.G[:, 1]), m.G[:, 2]),
-    "separatrix_distance": lambda m: np.abs(_separatrix(m)) / _momentum(m) ** 2,
+    "x1_direction": lambda m: _ratio(_momentum(m), np.abs(m.G[:, 0])),
+    "tilt": _tilt,
+    "separatrix_distance": lambda m: _ratio(_momentum(m) ** 2, np.abs(_separatrix(m))),
     "speed": lambda m: np.hypot.reduce(m.omega, axis=-1),
     "x": lambda m: m.component("omega", "x1") ** 2 + m.component("omega", "x2") ** 2,
     "y": lambda m: m.component("omega", "x3") ** 2,

@@ -229,6 +229,9 @@ class SweepView:
             members = members.stack(time=others, create_index=False).transpose("time", ...)
         else:
             members = members.expand_dims("time")
+        members = members.assign_coords(
+            time=("time", np.full(members.sizes["time"], self.case.time.end))
+        )
         needed = {x for needs in DERIVED[name].needs for x in needs} & {*members}
         stored = (members[x].data.reshape(members.sizes["time"], -1) for x in needed)
         known = np.isfinite(np.concatenate([*stored], axis=1)).all(1)

@@ -337,10 +337,13 @@ def event_marks(axes: Axes, motion: Motion, names: Sequence[str], spec: Mapping[
     """Mark the events of a motion on its curves in a panel, with words."""
     first, last = spec["span"] or (motion.time[0], motion.time[-1])
     for kind, when in ((kind, when) for kind, when in motion.events if first <= when <= last):
-        values = {name: float(np.interp(when, motion.time, motion[name])) for name in names}
+        there = ((name, float(np.interp(when, motion.time, motion[name]))) for name in names)
+        # A direction of G, say, is none from the stop on.
+        if not (values := {name: value for name, value in there if math.isfinite(value)}):
+            continue
         # One colour, or the legend would have the marks of each case.
         marks: Look = {**END, "color": BLACK, "clip_on": False, "zorder": 5}
-        axes.plot([when] * len(names), [*values.values()], **marks, label=kind.replace("_", " "))
+        axes.plot([when] * len(values), [*values.values()], **marks, label=kind.replace("_", " "))
         for name, words in words_at_event(motion, when, values, spec["time"]).items():
             lines = text_lines(words, 0.6 / 72 * room_across(axes), text_size("legend.fontsize"))
             # Behind the curve's end, which no curve of the same shape passes.
@@ -353,7 +356,7 @@ def words_at_event(
 ) -> dict[str, str]:
     """The words beside the curves of a motion at an event, by variable: its value there, or the
     time, once for all that are nearly zero."""
-    vanishing = [x for x in values if abs(values[x]) <= 1e-3 * np.abs(motion[x]).max()]
+    vanishing = [x for x in values if abs(values[x]) <= 1e-3 * np.nanmax(np.abs(motion[x]))]
     zero = " = ".join([*map(symbol, vanishing), "0"])
     at_time = f"${zero}$ at ${time} = {when:#.4g}${unit_after(motion, 'time')}"
     others = (name for name in values if name not in vanishing)
