@@ -266,7 +266,7 @@ def output_of(
 
 def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
     """The axis (k,) that is enclosed on a side (k,), as of `Passages`."""
-    if e.levels:
+    if e.has_rotor:
         return side.astype(np.int8)
     order = rigid_body.inertia_order(e.inertia[:, 0])
     axes = np.array([order[2] + 1, rigid_body.UNDETERMINED, order[0] + 1], dtype=np.int8)
@@ -285,7 +285,7 @@ def separation_at(
     """The separation (k,) of some motions (k,) from the separatrix, in states (m, n) in units of
     2**exponent (n,)."""
     y = state[:, motions]
-    if e.levels:
+    if e.has_rotor:
         return region_at(e, motions, true_omega(e, motions, y, exponent[motions])).separation
     order = rigid_body.inertia_order(e.inertia[:, 0])
     return rigid_body.separation(e.inertia[:, motions], e.principal_omega(y, motions), order)
@@ -294,7 +294,7 @@ def separation_at(
 def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:
     """Passages (k,) through the separatrix, as CROSSING_COLUMNS."""
     G = e.inertia[:, passed.motion] * e.principal_omega(passed.state, passed.motion)
-    if e.levels:
+    if e.has_rotor:
         G += np.ldexp(e.rotor[:, passed.motion], -passed.exponent)
     return {
         "crossing_time": passed.time,

@@ -118,10 +118,12 @@ def label_columns(
     stop: np.ndarray,
     time: Time,
 ) -> dict[str, np.ndarray]:
-    """The columns of the labels of n members from the axes that they enclose at both ends (n,),
-    from their crossings (k,), those of one member together and in order of time, by the names under
-    which the first of each member is stored, and from the times (n,) at which they stop, nan where
-    they do not."""
+    """The columns of the labels of n members, with the first crossing of each.
+
+    `start` and `end` (n,) are the axes that they enclose at both ends, `crossings` (k,) by the
+    names of their columns those of the members `member` (k,), in order of time, and `stop` (n,) the
+    times at which members stop, nan where they do not.
+    """
     n = len(start)
     filled = {
         "start_axis": start,
@@ -148,18 +150,17 @@ def shares(
     times (n,); other arguments as `label_columns`."""
     n, (crossing, first) = len(start), np.unique(member, return_index=True)
     # A start on D = 0 leaves it at once, for the axis that the motion keeps until it crosses.
-    axis = np.where(start == 0, end, start)
-    axis[crossing] = np.where(
-        start[crossing] == 0, crossings["crossing_from"][first], axis[crossing]
-    )
-    member = np.concatenate((np.arange(n), member))
-    axis = np.concatenate((axis, crossings["crossing_to"]))
+    kept = end.copy()
+    kept[crossing] = crossings["crossing_from"][first]
+    # The stretches of one axis, of all members: each begins with the motion, or with a crossing.
+    owner = np.concatenate((np.arange(n), member))
+    axis = np.concatenate((np.where(start == 0, kept, start), crossings["crossing_to"]))
     begin = np.concatenate((np.full(n, time.start), crossings["crossing_time"]))
-    order = np.lexsort((begin, member))
-    member, axis, begin = member[order], axis[order], begin[order]
-    last = np.diff(member, append=n) != 0
-    until = np.where(last, turning_until[member], np.roll(begin, -1))
+    order = np.lexsort((begin, owner))
+    owner, axis, begin = owner[order], axis[order], begin[order]
+    is_last = np.diff(owner, append=n) != 0
+    until = np.where(is_last, turning_until[owner], np.roll(begin, -1))
     share = np.zeros((n, 3))
-    known = (axis > 0) & (axis <= 3) & (time.end > time.start)
-    np.add.at(share, (member[known], axis[known] - 1), (until - begin)[known])
+    is_one = (axis > 0) & (axis <= 3) & (time.end > time.start)
+    np.add.at(share, (owner[is_one], axis[is_one] - 1), (until - begin)[is_one])
     return share / max(time.end - time.start, math.ulp(0.0))

@@ -69,14 +69,16 @@ def earlier_result(case: Case, case_digest: str, stored: FinishedCase | None) ->
     ended well and was computed by the same code; else None."""
     if stored is None or stored.damage or stored.attributes.get("status") != "ok":
         return None
-    versions, stored_versions = (
+    # Of the digests of code, libraries and case, the first two.
+    code, stored_code = (
         digests.split("-")[:2] for digests in (case_digest, str(stored.attributes.get("hash")))
     )
-    before = parse_case(str(stored.attributes["case"])) if versions == stored_versions else None
-    if before is None or before.sweep is None or case.sweep is None:
+    if code != stored_code:
         return None
-    is_same = dump(replace(before, sweep=case.sweep), False) == dump(case, False)
-    if not is_same or list(before.sweep) != list(case.sweep):
+    before = parse_case(str(stored.attributes["case"]))
+    if before.sweep is None or case.sweep is None or [*before.sweep] != [*case.sweep]:
+        return None
+    if dump(replace(before, sweep=case.sweep), remarks=False) != dump(case, remarks=False):
         return None
     pairs = zip(axes_of(case.sweep), axes_of(before.sweep), strict=True)
     indices = [earlier_indices(*axes) for axes in pairs]

@@ -196,11 +196,12 @@ def directions(case: Case) -> Iterator[tuple[str, slice, np.ndarray]]:
 
 def stated_unit(case: Case, name: str) -> str:
     """The unit of a swept key, in words; radians of an angle, however it is given."""
-    keys, unit = keys_of(case.model, case.form)[1], "1"
-    for key in path_of(name):
-        if key in keys:
-            unit = keys[str(key)].unit
-            keys = getattr(keys[str(key)].kind, "keys", {})
+    _, keys = keys_of(case.model, case.form)
+    unit = "1"
+    # From key to key within, as long as these are named: an entry of a list has the list's unit.
+    for name_of_key in map(str, path_of(name)):
+        if key := keys.get(name_of_key):
+            unit, keys = key.unit, getattr(key.kind, "keys", {})
     return unit
 
 

@@ -203,22 +203,20 @@ class SweepView:
         """
         if message := lack_of(self.case, name, self.sources, name):
             raise HodoError(message)
-        bodies = [
+        # Along an axis that changes the body, one body after the other; along all others at once.
+        one_by_one = [
             axis
             for axis in self.axes
             if any(path_of(key)[0] not in KEYS_OF_MOTION for key in self.keys(axis))
         ]
-        others = [axis for axis in self.axes if axis not in bodies]
-        positions = (
-            dict(zip(bodies, index, strict=True))
-            for index in np.ndindex(*(self.axes[axis] for axis in bodies))
-        )
-        pieces = [self._quantity(name, at, others) for at in positions]
-        sizes = [self.axes[axis] for axis in (*bodies, *others)]
+        at_once = [axis for axis in self.axes if axis not in one_by_one]
+        indices = np.ndindex(*(self.axes[axis] for axis in one_by_one))
+        positions = (dict(zip(one_by_one, index, strict=True)) for index in indices)
+        pieces = [self._quantity(name, at, at_once) for at in positions]
+        order = [*one_by_one, *at_once]
+        sizes = [self.axes[axis] for axis in order]
         values = np.array(pieces).reshape(*sizes, *pieces[0].shape[1:])
-        return quantity_array(name, values, (*bodies, *others), self.case).transpose(
-            *self.axes, ...
-        )
+        return quantity_array(name, values, order, self.case).transpose(*self.axes, ...)
 
     def _quantity(self, name: str, at: Mapping[str, int], others: Sequence[str]) -> np.ndarray:
         """A quantity of `DERIVED` of the members (n,) of one body, which stands at these positions,

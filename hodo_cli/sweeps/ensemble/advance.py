@@ -41,9 +41,9 @@ def advance(e: Ensemble) -> Outcome:
             for _ in range(STEPS_PER_PAUSE):
                 batch.advance()
             batch.pause()
-        if e.event or (e.searches and e.levels):
+        if e.event or (e.searches and e.has_rotor):
             decide_passages(e, batch.candidates, outcome)
-        if e.searches and e.levels:
+        if e.searches and e.has_rotor:
             # Of what is too slow to be followed only a single case knows the rotor's part.
             outcome.reject(outcome.exponent < -REST_BITS, Rejection.UNCERTAIN)
     if e.model.degree and e.model.starts_with_omega:

@@ -84,7 +84,7 @@ class BatchState:
         self.step(before.rows, before.params, self.output)
         self.columns = Columns(self.output[:end], *before[1:])
         steps, passed = TakenSteps(before, self.output[end]), np.empty(0, dtype=np.int64)
-        if e.searches and e.levels:
+        if e.searches and e.has_rotor:
             self.note_left_cells(steps)
         for event, bound in zip(e.step.events, self.output[end + 1 :], strict=False):
             columns = np.flatnonzero(bound < 0)

@@ -121,6 +121,11 @@ class Ensemble:
         return next((event for event in self.events if event.interrupts), None)
 
     @property
+    def has_rotor(self) -> bool:
+        """Whether the axes of bodies follow from their levels, and not from the sign of D."""
+        return bool(self.levels)
+
+    @property
     def error_bound(self) -> float:
         """The part of a state that its error is taken to stay below."""
         return max(ERROR_BOUND, PER_TOLERANCE * self.tol)

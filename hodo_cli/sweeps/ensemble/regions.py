@@ -142,13 +142,17 @@ def change_between(
     e: Ensemble, view_at: Viewing, row: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The labels (k,) before and behind a change in intervals of the steps in `row` (k,), its
-    position x, and how far off this may be: by Newton's method for what passes 0 there, bracketed
-    by positions of either label, else by halving."""
+    position x, and how far off this may be.
+
+    Each interval is a bracket, whose ends have either label. Newton's method for what passes 0
+    there proposes where to look next, else the middle; the label found there moves one end. A
+    bracket is done when it is as narrow as the noise of the method, which grows by turns.
+    """
     first, last = view_at(row, low), view_at(row, high)
     begin, end = (differences(e, at)[0] for at in (first, last))
     passing = (begin * end < 0).argmax(1)
     x, low, high = (low + high) / 2, low.copy(), high.copy()
-    probe, wide = x.copy(), np.arange(len(row))  # where to look next, and whose brackets are wide
+    probe, wide = x.copy(), np.arange(len(row))  # where to look next, and which are not done
     for turn in range(ROUNDS):
         if not wide.size:
             break
