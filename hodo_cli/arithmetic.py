@@ -118,6 +118,7 @@ def _function(name: str) -> Callable[[Any], Any]:
                 return math.nan
             except OverflowError:  # of exp: 1/(1 + exp(x)) has its limit there
                 return math.inf
+        # An engine's symbol is taken by its library's functions; a power series has methods.
         functions = SYMBOLS.get(type(x))
         return getattr(functions, name)(x) if functions else getattr(x, name)()
 

@@ -37,21 +37,19 @@ class Dask(Executor):
         try:
             import distributed
 
-            connect = (
-                partial(distributed.Client, **_of_this_machine(workers, self._scratch.name))
-                if scheduler == "dask"
-                else partial(distributed.Client, scheduler, timeout=10)
-            )
+            arguments = {"address": scheduler, "timeout": 10}
+            if scheduler == "dask":
+                arguments = _of_this_machine(workers, self._scratch.name)
         except ImportError:
             raise BatchError(
                 "--scheduler needs dask, which is not installed: "
                 "pip install dask distributed cryptography"
             ) from None
-        # It logs with tracebacks what ends up as one line here.
+        # dask logs with tracebacks what ends up as one line here.
         for name in [name for name in logging.root.manager.loggerDict if "distributed" in name]:
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         self._killed = distributed.KilledWorker
-        self._client = self._connected(connect)
+        self._client = self._connected(partial(distributed.Client, **arguments))
         self._inner = self._client.get_executor(pure=False)
 
     def _connected(self, connect: Callable[[], Any]) -> Any:

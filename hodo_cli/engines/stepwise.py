@@ -43,20 +43,13 @@ class Stepwise:
         constants = attributes(k, self.dtype)
         solver = self.solver(constants, y, grid[0], grid[-1], control.longest)
         rows = np.empty((len(grid), len(y)), dtype=self.dtype)
-        rows[0], done, going, stop = y, 1, len(grid) > 1, None
+        rows[0], done = y, 1
+        going, stop = len(grid) > 1, None
         passed: list[EventRoot] = []
         while going and stop is None:
             before = solver.y.copy()
-            try:
-                message = solver.step()
-            except ValueError as error:  # SciPy's implicit methods, of a matrix that is not finite
-                control.give_up(Status.FAILED, str(error))
-                break
-            # LSODA returns success with nan where an equation is not Lipschitz.
-            if solver.status == "failed" or not np.isfinite(solver.y).all():
-                control.give_up(
-                    Status.FAILED, message or "the state became infinite or not a number"
-                )
+            if problem := problem_of_step(solver):
+                control.give_up(Status.FAILED, problem)
                 break
             dense = solver.dense_output()
             roots = self._roots(constants, solver.t_old, solver.t, dense, before)
@@ -105,6 +98,18 @@ class Stepwise:
             if signs[-1] == 0 and signs[-2] != 0:
                 roots.append(EventRoot(i, end, dense(end)))
         return sorted(roots, key=lambda root: root.time)
+
+
+def problem_of_step(solver: Any) -> str:
+    """Take a step; why there is none, or an empty string."""
+    try:
+        message = solver.step()
+    except ValueError as error:  # SciPy's implicit methods, of a matrix that is not finite
+        return str(error)
+    # LSODA returns success with nan where an equation is not Lipschitz.
+    if solver.status == "failed" or not np.isfinite(solver.y).all():
+        return message or "the state became infinite or not a number"
+    return ""
 
 
 def between(zeros: Zeros, row: int) -> np.ndarray:

@@ -145,13 +145,15 @@ class TaylorStep:
     def event_series(self, event: Event, columns: np.ndarray, k: np.ndarray) -> np.ndarray:
         """The coefficients (order + 1, n) of an event's function in powers of the time from the
         columns' own, for arguments as of a step."""
-        index = [known.function for known in self.events].index(event.function)
+        # By its function: the caller's event may end a motion, and those of the step end nothing.
+        index = [own.function for own in self.events].index(event.function)
         if index not in self._series:
             compiled_series = partial(self._compiled_series, self.events[index])
             self._series[index] = cached_code(f"{self._key}-event{index}", compiled_series)
         series = self._series[index]
-        k = k[: series.nparams]  # the last ones do not occur in it
-        return np.asarray(series(columns, pars=k, batch_parallel=False))
+        # The last parameters do not occur in it.
+        pars = k[: series.nparams]
+        return np.asarray(series(columns, pars=pars, batch_parallel=False))
 
     def _digest(self) -> str:
         """What the code depends on: the equations, what hodo makes of them, and what compiles them

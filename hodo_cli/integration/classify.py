@@ -274,8 +274,8 @@ def start_error(case: Case) -> float:
 def errors_of_reference(motion: Trajectory, reference: Trajectory, precision: str) -> np.ndarray:
     """The errors (n,) of a reference of higher precision at its own times.
 
-    They are those of a motion that is at the limit of its precision, in the ratio of the two
-    precisions; of its root, since past the middle axis an error comes out as its square root.
+    The errors of a motion that is at the limit of its own precision, times the root of the ratio of
+    the two precisions: past the middle axis an error comes out as its square root.
     """
     case = motion.case
     if motion.tol > ROUNDING_TOL:

@@ -213,10 +213,11 @@ class Propagation:
             for t in (clock.exact(fp(0)) if clock.until(at) > 0 else end, end)
         )
         ahead = self.samples.time[self.samples.done :]
-        left = clock.until(np.append(ahead[ahead <= float(end)].astype(fp), end))
-        until = max(clock.until(at), fp(0))
-        first = np.where(left < until, left, until)
-        states = y + np.outer(first, before) + np.outer(left - first, behind)
+        # From now to each sample on the way and to the end, and the part of it before the change.
+        elapsed = clock.until(np.append(ahead[ahead <= float(end)].astype(fp), end))
+        change = max(clock.until(at), fp(0))
+        earlier = np.minimum(elapsed, change)
+        states = y + np.outer(earlier, before) + np.outer(elapsed - earlier, behind)
         self.samples.add(states[:-1], self.units.size)
         self.y = states[-1]
         clock.restart(end)

@@ -295,26 +295,26 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Cells], section
     return f"<h3>{title}</h3>{bare_table(header, body, title, section)}" if body else ""
 
 
+def table_row(names: Sequence[str], row: Cells) -> str:
+    """A row of cells, with the names of their columns: on a narrow screen each cell stands on a
+    line of its own, behind the name."""
+    named = zip(names, row, strict=True)
+    cells = (html.replace("<td", f'<td data-of="{name}"', 1) for name, html in named)
+    return f"<tr>{''.join(cells)}</tr>"
+
+
 def bare_table(
     header: Sequence[str], rows: Iterable[Cells], title: str = "", section: str = ""
 ) -> str:
     """A table that scrolls by itself."""
     caption = f"<caption>{title}</caption>" if title else ""
-    head = "".join(f'<th scope="col">{escape(name)}</th>' for name in header)
-    # On a narrow screen each cell stands on a line of its own, behind the name of its column.
-    body = "".join(
-        "<tr>{}</tr>".format(
-            "".join(
-                html.replace("<td", f'<td data-of="{escape(name)}"', 1)
-                for name, html in zip(header, row, strict=True)
-            )
-        )
-        for row in rows
-    )
-    name = escape(f"{title}: {section}")
-    label = f' role="region" tabindex="0" aria-label="{name}"' if title else ""
+    names = [*map(escape, header)]
+    head = "".join(f'<th scope="col">{name}</th>' for name in names)
+    body = "".join(table_row(names, row) for row in rows)
+    label = escape(f"{title}: {section}")
+    region = f' role="region" tabindex="0" aria-label="{label}"' if title else ""
     inner = f"{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody>"
-    return f'<div class="scroll"{label}><table>{inner}</table></div>'
+    return f'<div class="scroll"{region}><table>{inner}</table></div>'
 
 
 KINDS_OF_IMAGES = {".png": "png", ".svg": "svg+xml"}

@@ -82,6 +82,8 @@ class BatchState:
             self.history.append(before.rows.copy())
         self.output, self.spare = self.spare, self.output
         self.step(before.rows, before.params, self.output)
+        # Rows of the output: the columns anew, the length of the step, for each event a number
+        # that is negative where it may have a zero in the step, and what tells the cells.
         self.columns = Columns(self.output[:end], *before[1:])
         steps, passed = TakenSteps(before, self.output[end]), np.empty(0, dtype=np.int64)
         if e.searches and e.has_rotor:
