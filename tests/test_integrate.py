@@ -5,6 +5,7 @@ import math
 import warnings
 from dataclasses import replace
 from importlib import import_module
+from itertools import count
 from time import perf_counter, sleep
 from typing import Any
 
@@ -14,6 +15,7 @@ from conftest import exact_motion
 
 from hodo_cli import Case, HodoError, engines
 from hodo_cli.cases.case import Time
+from hodo_cli.engines import protocol
 from hodo_cli.integration import Trajectory, choice, integrate, motion_remarks, solve
 from hodo_cli.integration.units import Clock
 from hodo_cli.models import constants
@@ -158,6 +160,18 @@ def test_limits_are_honoured_inside_one_integration(method: str) -> None:
     began = perf_counter()
     assert integrate(replace(case, method="DOP853", max_seconds=0.2)).status == "timeout"
     assert perf_counter() - began < 2
+
+
+def test_attempts_at_a_motion_share_its_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    torque = {"inertia": [1, 0.8, 0.6], "expression": ["0.1*sqrt(sin(t)**2)", "0", "0"]}
+    given = {"model": "torques", "initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "error": False}
+    case = Case.of(given | torque | {"time": {"end": 40, "samples": 11}, "method": "collocation"})
+    # Each look at the clock takes a second: a first attempt 7, and one with the corners 7 more.
+    clock = count()
+    monkeypatch.setattr(protocol, "perf_counter", lambda: next(clock))
+    motion = integrate(replace(case, max_seconds=20.0))
+    assert (motion.status, motion.restarts) == ("ok", 1)
+    assert integrate(replace(case, max_seconds=10.0)).status == "timeout"
 
 
 def test_samples_do_not_depend_on_their_number() -> None:

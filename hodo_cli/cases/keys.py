@@ -160,7 +160,7 @@ COMMON = {
     "max_seconds": Key(
         Number(above=0),
         "seconds of integration, without compilation, after which the case stops, unfinished; "
-        "each refinement of its equations, and each reference of its error, has as many again",
+        "the measurement of its error has as many again",
         "s",
         None,
     ),

@@ -16,7 +16,7 @@ from ..models.base import Model
 from ..models.constants import attributes, rescaled
 from .choice import AUTOMATIC, MIN_STIFF_STEPS, best
 from .driver import REST_BITS
-from .solve import refined, sample_times, solve
+from .solve import refined, sample_times, solve, with_seconds_left
 from .trajectory import Occurrence, Trajectory
 
 SAMPLES_COMPARED = 100_000
@@ -43,9 +43,11 @@ def with_measured_error(motion: Trajectory) -> Trajectory:
     # Both motions are thinned alike, and where an event ends one before the other, it counts too.
     rows = np.append(positions[positions < n - 1], n - 1) if n else positions[:0]
     thin_motion = motion.at(rows) if len(rows) < n else motion
+    left = case
     for by in references(case, motion.method, motion.tol):
-        limited = with_step_limit(motion, by.method)
+        limited = replace(with_step_limit(motion, by.method), max_seconds=left.max_seconds)
         reference = solve(limited, by.method, by.precision, by.tol, times, refine=False)
+        left = with_seconds_left(left, reference)
         # The engine has cut the tolerance at its limit: the same integration again would show no
         # error.
         if by.tol is not None and reference.tol == motion.tol:

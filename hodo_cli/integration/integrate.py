@@ -12,7 +12,7 @@ from ..models.base import Model
 from ..text import to_error
 from .choice import choose
 from .error import with_measured_error
-from .solve import solve, step_times
+from .solve import solve, step_times, with_seconds_left
 from .trajectory import Trajectory
 
 ERROR_LIMIT_ASKED = 1e-12
@@ -120,7 +120,9 @@ def solved(case: Case, method: str, reason: str) -> Trajectory:
         and motion.status is Status.FAILED
         and case.precision != "quadruple"
     ):
-        other = solve(case, "collocation", case.precision, case.tol)
+        rest = with_seconds_left(case, motion)
+        other = solve(rest, "collocation", case.precision, case.tol)
         if other.succeeded:
-            return replace(other, method_reason=f"the Taylor series failed: {motion.message}")
+            reason = f"the Taylor series failed: {motion.message}"
+            return replace(other, case=case, method_reason=reason)
     return replace(motion, method_reason=reason)

@@ -245,12 +245,20 @@ def accurate_motion(
         if is_accurate or not motion.succeeded:
             break
         # As many steps as before, unless it is a singularity that ever finer data show the clearer.
+        case = with_seconds_left(case, motion)
         finer = refined(case, motion.system, max(100, 4 * motion.steps))
         better, is_accurate = attempted(finer, method, precision, tol, times)
         if not better.succeeded:
             break
         motion = better
     return motion
+
+
+def with_seconds_left(case: Case, motion: Trajectory) -> Case:
+    """A case with what a motion has left of its seconds."""
+    if case.max_seconds is None:
+        return case
+    return replace(case, max_seconds=max(case.max_seconds - motion.run_time, math.ulp(0)))
 
 
 def refined(case: Case, system: Model, limit: int | None = None) -> Case:
@@ -282,7 +290,8 @@ def attempted(
     # since the clock counts what else the machine does.
     began = thread_time()
     monitor = AccuracyMonitor(system, max(engine.tol, EPS)) if system.refined_data else None
-    control = StepControl(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
+    limits = case.max_steps or LAST_STEP[method], case.max_seconds or math.inf
+    control = StepControl(*limits)
     # What begins and ends at one time has no steps.
     is_checked = system.has_formulas and not monitor and bool((times > case.time.start).any())
     try:
@@ -293,7 +302,7 @@ def attempted(
             samples, changes = begun_anew_at_changes(check, propagation)
             control = check.control
         if observer or not is_checked:
-            control = control.afresh()
+            control = StepControl(*limits)
             samples = propagation.run(control, observer or monitor, changes)
     except ArithmeticError as error:
         raise HodoError(f"{case.name}: its numbers exceed the range of doubles") from error
