@@ -99,7 +99,10 @@ def test_dump_is_complete_and_readable() -> None:
     [("end: 10, samples: 3", "values: [1, 2]", Time(end=2, samples=2, values=(1, 2))),
      ("start: -1, values: [1, 2]", "end: 3, samples: 5", Time(start=-1, end=3, samples=5)),
      ("end: 4, samples: 7", "steps: yes", Time(end=4, steps=True)),
-     ("end: 4, steps: yes", "samples: 7", Time(end=4, samples=7))],
+     ("end: 4, steps: yes", "samples: 7", Time(end=4, samples=7)),
+     ("end: 4, samples: 7", "start: 4", Time(start=4, end=4, samples=1)),
+     ("start: 4", "end: 4", Time(start=4, end=4, samples=1)),
+     ("end: 4, samples: 7", "end: 0", Time(samples=1, end=0))],
 )  # fmt: skip
 def test_listed_times_and_even_ones_replace_each_other(common: str, own: str, time: Time) -> None:
     body = "model: linear-diag, inertia: [1, 2, 2], damping: 0, initial: {p: 1, q: 0, r: 0}"
@@ -183,7 +186,7 @@ def test_an_alias_is_its_anchor() -> None:
     text += f"  c: {{{BODY}, time: {{end: &e 3, start: *e}}}}\n"
     cases = parse(text, "x").cases
     assert cases["a"].data == cases["b"].data
-    assert cases["c"].time == Time(start=3.0, end=3.0)
+    assert cases["c"].time == Time(start=3.0, end=3.0, samples=1)
 
 
 def test_a_config_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:

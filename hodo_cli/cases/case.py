@@ -70,9 +70,10 @@ def frozen(value: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Time:
-    """Span and number of samples of a case; a single sample is taken at the end. `values` are the
-    times of the samples where they are not evenly spaced; with `steps` the method's own
-    steps are the samples, and their number is not known here."""
+    """Span and number of samples of a case; a single sample is taken at the end, and there is no
+    other where the motion ends at its start. `values` are the times of the samples where they are
+    not evenly spaced; with `steps` the method's own steps are the samples, and their number is not
+    known here."""
 
     start: float = 0.0
     end: float
@@ -80,6 +81,10 @@ class Time:
     unit: str = "1"
     values: tuple[float, ...] | None = None
     steps: bool = False
+
+    def __post_init__(self) -> None:
+        if self.start == self.end:
+            object.__setattr__(self, "samples", 1)
 
     @property
     def entries(self) -> dict[str, Any]:

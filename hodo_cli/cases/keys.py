@@ -109,7 +109,8 @@ SPAN = TimeSpan(
         ),
         "samples": Key(
             Integer(least=1, most=10**15),
-            "number of stored times, evenly spaced from start to end; 1 stores the end alone "
+            "number of stored times, evenly spaced from start to end; 1 stores the end alone, and "
+            "so does an end at the start "
             "(default: so many that a figure of the motion is smooth, 1001 to 50001; they follow "
             "the turns of the body, not a torque that changes faster)",
             default=None,
