@@ -24,7 +24,7 @@ from .cases.derived import DERIVED, derivable
 from .cases.figure_block import FIGURE, FIGURE_KINDS, check_figure
 from .commands.classify import classified, classify_results
 from .commands.merge import extended_text
-from .commands.run import execute, finished_case, plans
+from .commands.run import finished_case, plans, run_plans
 from .figures import draw
 from .figures.style import user_parameters
 from .results.dataset import (
@@ -117,7 +117,7 @@ def _stored(cases: Sequence[Case], path: Path, jobs: int, classify: bool) -> lis
     if len(named) < len(cases):
         raise HodoError("two of the cases have one name: make each a Case with its own")
     config = parse(extended_text(path, named), str(path), stored=True)
-    execute(plans([config], path.parent, [*named], force=False, jobs=jobs), jobs, quiet=True)
+    run_plans(plans([config], path.parent, [*named], force=False, jobs=jobs), jobs, quiet=True)
     if classify and (problems := classify_results([path])[1]):
         raise HodoError("\n".join(problems))
     results = cases_of_file(path)

@@ -357,7 +357,7 @@ def _run(
     plans = run.plans(loaded, out, globs, force, jobs, prune, overrides)
     if dry_run:
         return _report([row for plan in plans for row in plan.planned()], run.plan_lines, as_json)
-    rows = run.execute(plans, jobs, scheduler, quiet, verbose, fail_fast)
+    rows = run.run_plans(plans, jobs, scheduler, quiet, verbose, fail_fast)
     failed = [f"{row['case']} ({row['status']})" for row in rows if row["status"] != "ok"]
     count = f"{len(failed)} of {len(rows)} cases did not end well"
     problems = [f"{count}: {', '.join(failed)}"] if failed else []

@@ -240,7 +240,7 @@ def plan_lines(rows: Iterable[Mapping[str, str]]) -> str:
     return "\n".join(f"{row['case']}: {row['plan']}" for row in rows)
 
 
-def execute(
+def run_plans(
     plans: Sequence[Plan],
     jobs: int,
     scheduler: str | None = None,

@@ -157,23 +157,31 @@ def torque_remark(motion: Motion, names: Sequence[str], drawn: slice) -> str:
     path = path_beside_samples(motion, drawn)
     away = np.abs(path).max(axis=1)
     height = np.ptp(omega, axis=0) + away.max(axis=1)
-    named = [i for i in range(3) if {"pqr"[i], f"omega.{BODY_AXES[i]}"} & {*names}]
-    if not named:
-        named, height = [0, 1, 2], np.full(3, height.max())
+    shown = [i for i in range(3) if {"pqr"[i], f"omega.{BODY_AXES[i]}"} & {*names}]
+    if not shown:
+        # A curve of all three has one scale.
+        shown, height = [0, 1, 2], np.full(3, height.max())
+    # What is constant for the eye is drawn as if it were this high.
     height = np.maximum(height, STEADY_CHANGE * np.abs(omega).max() / LARGEST_LOSS)
-    bent = (away > LARGEST_LOSS * height[:, None])[named]
+    is_bent = (away > LARGEST_LOSS * height[:, None])[shown].any(axis=0)
     intervals = len(omega) - 1
-    if bent.any(axis=0).sum() <= min(JUMPS, intervals - 1):
+    if is_bent.sum() <= min(JUMPS, intervals - 1):
         return ""
     # Of each oscillation two changes of sign: the samples that a turn of the body would have.
-    signs = np.sign(path[named, :-1].transpose(0, 2, 1).reshape(len(named), -1))
-    changes = int((np.diff(signs, axis=1) != 0).sum(axis=1).max())
-    finer = max(2.0, changes * math.pi / PROPOSED_ANGLE / intervals)
+    finer = max(2.0, sign_changes(path[shown]) * math.pi / PROPOSED_ANGLE / intervals)
     samples = math.ceil((len(motion.time) - 1) * finer) + 1
     return (
         f"a torque of {motion.name} changes with the time between its samples, so that its curve "
         f"is a polygon: time: {{samples: {samples}}} draws it"
     )
+
+
+def sign_changes(path: np.ndarray) -> int:
+    """How often paths (k, times, intervals) change sign from one interval through the next; of the
+    one that does so most."""
+    # At the end of each interval they are 0.
+    inner = path[:, :-1].transpose(0, 2, 1).reshape(len(path), -1)
+    return int((np.diff(np.sign(inner), axis=1) != 0).sum(axis=1).max())
 
 
 CURVES = ("hodograph", "sphere", "quadrants", *KINDS_IN_SPACE)
