@@ -203,19 +203,27 @@ def derive(data: xr.Dataset, *names: str) -> xr.Dataset:
         raise _wrong("expected a dataset, as run or sweep gives it", data)
     if strange := [name for name in names if not isinstance(name, str)]:
         raise _wrong("expected the name of a quantity", strange[0])
-    owner = SweepView.of("sweep", data) if sweep_axes(data) else motion_from(data, "case")
-    if strange := [name for name in names if name not in DERIVED]:
-        raise HodoError(
-            f"unknown quantity {strange[0]!r}{nearest(strange[0], DERIVED)} "
-            f"(it has {', '.join(derivable(owner.sources))})"
-        )
-    if isinstance(owner, SweepView):
-        return data.assign({name: owner.derived(name) for name in names})
+    if sweep_axes(data):
+        swept = SweepView.of("sweep", data)
+        _check_quantities(names, swept.sources)
+        return data.assign({name: swept.derived(name) for name in names})
+    motion = motion_from(data, "case")
+    _check_quantities(names, motion.sources)
     arrays = {
-        name: quantity_array(name, owner.quantity(name), ["time"], owner.case) for name in names
+        name: quantity_array(name, motion.quantity(name), ["time"], motion.case) for name in names
     }
     # By their times, whose order in a dataset may be another.
-    return data.assign({name: x.assign_coords(time=owner.time) for name, x in arrays.items()})
+    return data.assign({name: x.assign_coords(time=motion.time) for name, x in arrays.items()})
+
+
+def _check_quantities(names: Sequence[str], sources: set[str]) -> None:
+    """Raise HodoError for a name that is no quantity, with those that follow from these sources."""
+    for name in names:
+        if name not in DERIVED:
+            raise HodoError(
+                f"unknown quantity {name!r}{nearest(name, DERIVED)} "
+                f"(it has {', '.join(derivable(sources))})"
+            )
 
 
 def _case(case: Given, name: str) -> Case:

@@ -559,10 +559,10 @@ def _check_over(ranges: Mapping[str, Any], cases: Iterable[Any]) -> Iterator[Mis
     if math.prod(map(len, axes_of(ranges))) > MOST_MEMBERS:
         yield (), f"more than {MOST_MEMBERS:,} members, each of which is integrated by itself"
     elif ranges:
-        mistakes = (
-            check_axes(ranges, model, {**vars(case), **data, **first_values(ranges, model, data)})
-            for case, model, data in ((case, type(case.system), case.data) for case in cases)
-        )
-        by_path = dict(chain.from_iterable(mistakes))
+        by_path: dict[KeyPath, str] = {}
+        for case in cases:
+            model, data = type(case.system), case.data
+            entries = {**vars(case), **data, **first_values(ranges, model, data)}
+            by_path |= dict(check_axes(ranges, model, entries))
         # A case's own sweep stands at `sweep`, a claim's at `over`.
         yield from ((path[1:], message) for path, message in by_path.items())

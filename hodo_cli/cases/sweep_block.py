@@ -242,7 +242,8 @@ def first_values(
     # A key that may be left out, and is, has the value None.
     absent = {(name,): key.kind for name, key in model.keys.items() if data.get(name, "") is None}
     for path, value_range in ranges:
-        ((_, (first, *_)),) = value_range.items()
+        (span,) = value_range.values()
+        first = span[0]
         if path in absent and absent[path].takes(first):
             values[str(path[0])] = absent[path].check(first)
     return values

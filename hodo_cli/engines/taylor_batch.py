@@ -163,9 +163,9 @@ class TaylorStep:
         # Not their text, which is cut where it is long.
         equations = pickle.dumps([*self.model.rhs(t, y, k), *(of(t, y, k) for of in functions)])
         kinds = [*self.corners], [event.passage is None for event in self.events]
-        of_model = self.structure, kinds, self.model.always_absorbing
-        used = of_model, WIDTH, hy.__version__, processor(), STEP_SOURCES
-        return hashlib.sha256(equations + repr(used).encode()).hexdigest()[:32]
+        model = self.structure, kinds, self.model.always_absorbing
+        compiler = WIDTH, hy.__version__, processor(), STEP_SOURCES
+        return hashlib.sha256(equations + repr((model, *compiler)).encode()).hexdigest()[:32]
 
     def _symbols(self) -> tuple[Any, list[Any], Any]:
         """The time left, the state and the constants of the equations."""

@@ -413,14 +413,14 @@ def has_turned(value: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """Whether (n, PLACES_VIEWED - 1, 2) the value (n, PLACES_VIEWED, 2) of a saddle comes nearer
     to 0 after one place of a step, and goes away from it before the next, without a change of
     sign, and may lose half of its size in between at twice the steeper of the two slopes."""
-    nearing = value * slope
-    same_side = value[:, :-1] * value[:, 1:] > 0
-    smaller, steeper = (
-        choose(np.abs(x[:, :-1]), np.abs(x[:, 1:]))
-        for choose, x in ((np.minimum, value), (np.maximum, slope))
-    )
+    # Negative where the value comes nearer to 0.
+    going = value * slope
+    is_one_side = value[:, :-1] * value[:, 1:] > 0
+    size, steepness = np.abs(value), np.abs(slope)
+    smaller = np.minimum(size[:, :-1], size[:, 1:])
+    steeper = np.maximum(steepness[:, :-1], steepness[:, 1:])
     is_near = smaller * (PLACES_VIEWED - 1) < 4 * steeper
-    return np.asarray((nearing[:, :-1] < 0) & (nearing[:, 1:] > 0) & same_side & is_near)
+    return np.asarray((going[:, :-1] < 0) & (going[:, 1:] > 0) & is_one_side & is_near)
 
 
 def places_in(n: int, fp: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -35,18 +35,18 @@ def with_measured_error(motion: Trajectory) -> Trajectory:
     """A motion with the errors of its variables and events against a better computation, where
     there is one: the largest over the samples, or over some SAMPLES_COMPARED of them where there
     are more."""
-    case, times, n = motion.case, motion.time, len(motion.time)
-    if motion.succeeded and any(event.terminal for event in case.system.run_events):
-        times = sample_times(case)
+    case, n = motion.case, len(motion.time)
+    # Its reference may go on to later samples than a motion that an event ends.
+    may_end = motion.succeeded and any(event.terminal for event in case.system.run_events)
+    times = sample_times(case) if may_end else motion.time
     positions = thinned(len(times))
-    times = times[positions]
-    # Both motions are thinned alike, and where an event ends one before the other, it counts too.
+    # The same ones of the motion, and its last sample, which may be that of an event.
     rows = np.append(positions[positions < n - 1], n - 1) if n else positions[:0]
     thin_motion = motion.at(rows) if len(rows) < n else motion
     left = case
     for by in references(case, motion.method, motion.tol):
         limited = replace(with_step_limit(motion, by.method), max_seconds=left.max_seconds)
-        reference = solve(limited, by.method, by.precision, by.tol, times, refine=False)
+        reference = solve(limited, by.method, by.precision, by.tol, times[positions], refine=False)
         left = with_seconds_left(left, reference)
         # The engine has cut the tolerance at its limit: the same integration again would show no
         # error.
@@ -193,14 +193,11 @@ def events_apart(motion: Trajectory, reference: Trajectory) -> list[tuple[float,
     """The time of each event of two motions, and how far apart they meet it: of one that only one
     of them has, the other may meet it behind its end."""
     apart = []
-    for pair in zip_longest(motion.events, reference.events):
-        met = [event.kind for event in pair if event]
-        time, better = (
-            event.time if event else float(path.time[-1])
-            for event, path in zip(pair, (motion, reference), strict=True)
-        )
-        error = inf if len({*met}) > 1 else time_error(time, better)
-        apart.append((max(time, better), error))
+    for ours, theirs in zip_longest(motion.events, reference.events):
+        time = ours.time if ours else float(motion.time[-1])
+        better = theirs.time if theirs else float(reference.time[-1])
+        are_others = ours and theirs and ours.kind != theirs.kind
+        apart.append((max(time, better), inf if are_others else time_error(time, better)))
     return apart
 
 

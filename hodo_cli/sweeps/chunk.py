@@ -104,10 +104,12 @@ def chunks(case: Case, earlier: Earlier | None = None) -> Iterator[Chunk]:
 def boxes(sizes: tuple[int, ...], most: int) -> Iterator[tuple[int, int]]:
     """The first member of each box of an array of these sizes, and the one behind its last: boxes
     of at most so many members, which are whole rows or stretches of one."""
+    # The first axis of which one row or more fit into a box.
     axis = next(i for i in range(len(sizes)) if math.prod(sizes[i + 1 :]) <= most)
     row, length = math.prod(sizes[axis + 1 :]), sizes[axis]
     count = -(-length // (most // row))
-    edges = [length * i // count * row for i in range(count + 1)]  # boxes of equal size
+    # As even as whole rows allow.
+    edges = [length * i // count * row for i in range(count + 1)]
     for begin in range(0, math.prod(sizes), length * row):
         for low, high in pairwise(edges):
             yield begin + low, begin + high

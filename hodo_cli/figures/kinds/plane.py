@@ -139,11 +139,11 @@ def sketch(axes: Axes, body: Sequence[float], room: float) -> None:
         if low < high:
             x, y = at_angle((low + high) / 2, 0.6)
             words, size = f"about $x_{axis + 1}$", text_size("font.size")
-            # In a narrow region the letter alone has room.
+            # In a narrow region, beyond which corners of the words would lie, the letter alone.
             box = np.array([text_width(words, size), 2.4 * size]) / 2 / room
             corners = np.array([x, y]) + box * [(-1, -1), (-1, 1), (1, -1), (1, 1)]
-            at = np.degrees(np.arctan2(corners[:, 1], corners[:, 0]))
-            fits = low < at.min() and at.max() < high
+            of_corners = np.degrees(np.arctan2(corners[:, 1], corners[:, 0]))
+            fits = low < of_corners.min() and of_corners.max() < high
             axes.text(x, y, f"{name}\n{words}" if fits else name, ha="center", va="center")
     axes.plot(*np.transpose([(0, 0), at_angle(angle, 2)]), color=BLACK, lw=1.4)
     axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal", xticks=[], yticks=[])
