@@ -87,16 +87,15 @@ def with_times(m: Motion, times: Sequence[np.ndarray]) -> Motion:
 MOST_PEAKS = 64
 """Peaks of a quantity that are looked at more closely, the highest of all."""
 
-SAMPLES_OF_ALL, PARTS_OF_PEAK = 2**18, 200
-"""Samples of the motion in which its highest peaks are looked for, and parts of each interval
-beside one. Cut twice, an interval of 30 degrees leaves out 1e-12 of an oscillation at most."""
+PARTS_OF_ALL, PARTS_OF_PEAK = 8, 100
+"""Parts of each interval in search of the highest peaks, and of each of those beside one. Cut so
+and then twice, an interval of 30 degrees leaves out 1e-11 of an oscillation at most."""
 
 
 def near_extremes(m: Motion, name: str) -> Motion:
     """The same motion with samples close to the largest and the smallest values of a quantity over
     time. Raises as `quantity` does, and HodoError if the motion stops before its end."""
-    parts = max(2, SAMPLES_OF_ALL // len(m.time))
-    finer = with_times(m, parts_of(m.time, np.arange(len(m.time) - 1), min(parts, PARTS_OF_PEAK)))
+    finer = with_times(m, parts_of(m.time, np.arange(len(m.time) - 1), PARTS_OF_ALL))
     for _ in range(2):
         intervals = beside_extremes(quantity(finer, name))
         finer = with_times(finer, parts_of(finer.time, intervals, PARTS_OF_PEAK))
