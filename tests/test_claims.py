@@ -39,6 +39,7 @@ CHECK_KINDS = {
 LINEAR = "model: linear-diag, inertia: [1, 0.8, 0.6]"
 TURN = f"{LINEAR}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, time: {{end: 100, samples: 101}}"
 SPUN = "model: cavity+constant, inertia: [8, 8, 4], cavity: {kappa: 0.1}, epsilon: 1"
+ABOUT_X3 = "model: torques, inertia: [120, 100, 80], time: {end: 200, samples: 2}"
 TILT = Rotation.from_rotvec([0.2, -0.1, 0.3]).as_matrix()
 TURNED = (TILT @ np.diag([1, 0.8, 0.6]) @ TILT.T).tolist()
 START = dict(zip("pqr", (TILT @ [0.1, 0, 1]).tolist(), strict=True))
@@ -83,6 +84,15 @@ cases:
   # r = 1 + sin(20 pi t)/2, of which each sample meets the same phase.
   swinging: {{model: torques, inertia: [2, 1.5, 1], initial: {{p: 0, q: 0, r: 1}},
               expression: ["0", "0", "31.41592653589793*cos(62.83185307179586*t)"]}}
+  # r = 0.01 t - 1, r = 1 + 0.01 t - 5e-5 t^2 and r = exp(-0.02 t + 1e-4 t^2): equal at both ends.
+  turned-back: {{{ABOUT_X3}, torque: [0, 0, 0.8], initial: {{p: 0, q: 0, r: -1}}}}
+  turned-back-with-fluid: {{{ABOUT_X3.replace("torques", "cavity+constant")}, kappa: 0,
+                            torque: [0, 0, 0.8], initial: {{p: 0, q: 0, r: -1}}}}
+  arching: {{{ABOUT_X3}, torque: [0, 0, [0.8, -0.008]], initial: {{p: 0, q: 0, r: 1}}}}
+  sagging: {{{ABOUT_X3}, damping: [0, 0, [0.02, -0.0002]], initial: {{p: 0, q: 0, r: 1}}}}
+  # r = 0.001 + 0.02 t - 1e-3 t^2 rises to t = 10.
+  rising-first: {{{ABOUT_X3.replace("200", "60")}, torque: [0, 0, [1.6, -0.16]],
+                  initial: {{p: 0, q: 0, r: 0.001}}}}
   # p = cos(14 deg - t/2), whose largest sample is cos(14 deg) = 0.970.
   humming: {{model: linear-diag, inertia: [2, 2, 1], time: {{end: 9.77384381116824, samples: 11}},
              initial: {{p: 0.970295726275996, q: 0.241921895599668, r: 1}}}}
@@ -129,6 +139,15 @@ CHECKS = [
     ("swinging", "{kind: conserved, of: [r, T, G], within: 0.2}", "contradicted", None),
     ("swinging", "{kind: bound, of: r, at: always, most: 1.2}", "contradicted", None),
     ("swinging", "{kind: bound, of: r, at: always, most: 1.5}", "reproduced", None),
+    *((case, "{kind: conserved, of: [T, G], within: 1.0e-9}", "contradicted", None)
+      for case in ("turned-back", "turned-back-with-fluid", "arching", "sagging")),
+    ("arching", "{kind: bound, of: r, at: always, most: 1.0001}", "contradicted", 1.5),
+    ("arching", "{kind: formula, of: r, formula: '1'}", "contradicted", None),
+    ("arching", "{kind: formula, of: r, formula: 1 + 0.01*t - 5.0e-5*t**2}", "reproduced", 0),
+    ("sagging", "{kind: conserved, of: [r], within: 0.5}", "contradicted", None),
+    ("rising-first", "{kind: monotone, of: [r], sense: falls}", "contradicted", None),
+    ("{case: slow, time: {samples: 2}}",
+     "{kind: formula, of: r, formula: 1 - 0.06321*t, within: 1.0e-4}", "contradicted", None),
     ("humming", "{kind: bound, of: p, at: always, most: 0.971}", "contradicted", 1),
     ("humming", "{kind: bound, of: p, at: always, most: 0.999999}", "plotting", 1),
     ("humming", "{kind: bound, of: p, at: always, most: 1.000000000001}", "reproduced", 1),

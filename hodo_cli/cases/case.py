@@ -92,9 +92,9 @@ class Time:
         span = ("values",) if self.values else ("end", "steps" if self.steps else "samples")
         return {key: getattr(self, key) for key in ("start", *span, "unit")}
 
-    def listed(self, times: Iterable[float]) -> "Time":
-        """The same span with samples at just these times."""
-        values = tuple(map(float, times))
+    def listed(self, times: np.ndarray) -> "Time":
+        """The same span with samples at just these times (n,)."""
+        values = tuple(times.tolist())
         return replace(self, end=values[-1], samples=len(values), values=values, steps=False)
 
     def resampled(self, samples: int) -> "Time":

@@ -21,7 +21,6 @@ from ..integration import (
     principal_omega,
     solve,
 )
-from ..models.constants import has_formula_of_time
 from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion
 from ..results.resolution import SMALLEST_CHORD, course_remark, turn_remark
@@ -60,22 +59,25 @@ def sampled_motion(trajectory: Trajectory, passed: Sequence[Crossing] | None) ->
     return Motion(case, variables, label=case.name)
 
 
-BETWEEN_SAMPLES = ((3 - math.sqrt(5)) / 2, math.sqrt(3) - 1)
-"""Places within an interval between samples: irrational, so that an oscillation of which each
-sample meets the same phase shows itself."""
+LEAST_PLACES, LEAST_TIMES = 2, 200
+"""Places within each interval between samples, and within all intervals, at least."""
+
+GOLDEN_PART = (3 - math.sqrt(5)) / 2
 
 
 def between_samples(m: Motion) -> Motion:
-    """The same motion with samples at places within each interval as well; itself where no formula
-    of the time is part of its equations: laws do not oscillate, and without the time what happens
-    between two samples follows from these.
+    """The same motion with samples at places within each interval as well.
 
     Raises HodoError if it stops before its end.
     """
-    if len(m.time) < 2 or not has_formula_of_time(m.case.system):
+    steps = np.diff(m.time)
+    if not len(steps):
         return m
-    within = [m.time[:-1] + place * np.diff(m.time) for place in BETWEEN_SAMPLES]
-    return with_times(m, within)
+    places = max(LEAST_PLACES, math.ceil(LEAST_TIMES / len(steps)))
+    # Irrational parts, so that an oscillation of which each sample meets the same phase shows
+    # itself; those of the golden section lie apart, however many they are.
+    parts = np.arange(1, places + 1) * GOLDEN_PART % 1
+    return with_times(m, [m.time[:-1] + part * steps for part in parts])
 
 
 def with_times(m: Motion, times: Sequence[np.ndarray]) -> Motion:
