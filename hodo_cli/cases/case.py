@@ -329,9 +329,11 @@ turns, where corners of twice as many degrees are seen."""
 
 def smooth_samples(system: Model, span: float) -> int:
     """The number of samples of a span that makes the hodograph of a body which turns as at the
-    start a smooth line, and its curves in space where it has an attitude: the hodograph turns no
-    faster than about the axis of the largest moment, with all of the energy about the axis of the
-    smallest."""
+    start a smooth line, and its curves in space where it has an attitude.
+
+    The hodograph turns no faster than about the axis of the largest moment at the speed that all of
+    the energy has about the axis of the smallest.
+    """
     if system.no_axis_reason or not isinstance(system, BodyFrame):
         return FEWEST_SAMPLES
     A1, A2, A3 = sorted(system.moments.tolist(), reverse=True)

@@ -347,9 +347,11 @@ def cross_check(claims: Any, errata: Any, case_of: CaseOf) -> Iterator[Mistake]:
     cases that are not there, checks that every motion meets or none, sweeps that a case cannot
     make."""
     ids: dict[str, list[str]] = {"errata": [], "claims": []}
+    # Errata first, since claims name them.
     for section, items, keys in (("errata", errata, ERRATUM_KEYS), ("claims", claims, CLAIM)):
-        numbered = enumerate(items if isinstance(items, list) else ())
-        for i, item in ((i, item) for i, item in numbered if isinstance(item, Mapping)):
+        for i, item in enumerate(items if isinstance(items, list) else ()):
+            if not isinstance(item, Mapping):
+                continue
             entry, _ = check_keys(keys, item)  # what is wrong with a single key has been noted
             name, erratum = entry.get("id", ""), entry.get("erratum", "")
             is_second = name and name in ids[section]

@@ -225,22 +225,12 @@ def stored_motion(run: ResultFile, name: str) -> Motion:
 def over_members(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdict:
     """The verdict over the members of `over`: a grid of the values that the text does not print
     or, with `share`, a sample of the motions that the statement is about."""
-    worst, finding = max(findings.items(), key=lambda member: member[1].deviation)
-    share, holds = claim["share"], sum(f.holds for f in findings.values())
     numbers = [f.number for f in findings.values()]
     spread = f", {min(numbers):.3g} to {max(numbers):.3g}" if min(numbers) < max(numbers) else ""
-    if share is not None:
-        complying = holds / len(findings)
-        evidence = (
-            f"holds for {holds} of {len(findings)} members of a sample "
-            f"({100 * complying:.3g} %){spread}"
-        )
-        fewest = f"more than {100 * (1 - share):.3g} % of the members" if share < 1 else "a member"
-        contrary = f"{finding.contradicted_by}, for {fewest}"
-        word = REPRODUCED if complying >= share else CONTRADICTED
-        return Verdict(
-            word, Finding(math.nan, number=complying, evidence=evidence, contradicted_by=contrary)
-        )
+    if claim["share"] is not None:
+        return over_sample(claim["share"], [*findings.values()], spread)
+    worst, finding = max(findings.items(), key=lambda member: member[1].deviation)
+    holds = sum(f.holds for f in findings.values())
     evidence = f"holds on {holds} of {len(findings)} members{spread}"
     if finding.deviation:
         is_sized = finding.deviation < math.inf
@@ -249,3 +239,16 @@ def over_members(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> V
     contrary = f"{finding.contradicted_by}, for {'a' if claim['theorem'] else 'every'} member"
     word = UNDERDETERMINED if 0 < holds < len(findings) else finding.degree
     return Verdict(word, replace(finding, evidence=evidence, contradicted_by=contrary))
+
+
+def over_sample(share: float, findings: Sequence[Finding], spread: str) -> Verdict:
+    """The verdict over a sample of motions, of which this share has to comply."""
+    holds = sum(finding.holds for finding in findings)
+    complying = holds / len(findings)
+    percent = f"({100 * complying:.3g} %)"
+    evidence = f"holds for {holds} of {len(findings)} members of a sample {percent}{spread}"
+    fewest = f"more than {100 * (1 - share):.3g} % of the members" if share < 1 else "a member"
+    worst = max(findings, key=lambda finding: finding.deviation)
+    contrary = f"{worst.contradicted_by}, for {fewest}"
+    finding = Finding(math.nan, number=complying, evidence=evidence, contradicted_by=contrary)
+    return Verdict(REPRODUCED if complying >= share else CONTRADICTED, finding)

@@ -37,6 +37,23 @@ def have_quadruple() -> bool:
     return "quadruple" in taylor.DTYPES
 
 
+def check_heyoka(precision: str) -> None:
+    """Raise HodoError if heyoka is not installed, or lacks a precision."""
+    # Only heyoka's arithmetic is quadruple: no other method would do.
+    is_quadruple = precision == "quadruple"
+    if not have_taylor():
+        needs = "precision quadruple" if is_quadruple else "method taylor"
+        instead = "precision: extended" if is_quadruple else "method: auto"
+        raise HodoError(
+            f"{needs} needs heyoka, which is not installed: pip install heyoka, or {instead}"
+        )
+    if is_quadruple and not have_quadruple():
+        raise HodoError(
+            "precision quadruple needs heyoka with real128, which the installed one was built "
+            "without: pip install 'heyoka>=7.13' on Linux, or precision: extended"
+        )
+
+
 def engine_for(
     method: str,
     system: Model,
@@ -56,23 +73,9 @@ def engine_for(
         # The engine's time begins with each stretch, in units that fit the motion.
         model, form, events = of_engine_time(model, form, events)
     if method == "taylor":
-        if not have_taylor():
-            # Only heyoka's arithmetic is quadruple: no other method would do.
-            needs, instead = (
-                ("precision quadruple", "precision: extended")
-                if precision == "quadruple"
-                else ("method taylor", "method: auto")
-            )
-            raise HodoError(
-                f"{needs} needs heyoka, which is not installed: pip install heyoka, or {instead}"
-            )
+        check_heyoka(precision)
         from . import taylor
 
-        if precision not in taylor.DTYPES:
-            raise HodoError(
-                "precision quadruple needs heyoka with real128, which the installed one was built "
-                "without: pip install 'heyoka>=7.13' on Linux, or precision: extended"
-            )
         return taylor.compiled(model, form, events, tol, precision)  # type: ignore[arg-type]
     if method == "collocation":
         from .collocation import Collocation

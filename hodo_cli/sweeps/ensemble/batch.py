@@ -36,6 +36,16 @@ FULL_ENOUGH = 0.93
 columns costs about as much as one step."""
 
 
+def columns_at_start(e: Ensemble, motion: np.ndarray, longest: float) -> Columns:
+    """The columns of some motions (n,) at their start, in the units of the case, in steps of at
+    most `longest`."""
+    n = len(motion)
+    end = np.broadcast_to(e.span[1], e.start.shape[1])[motion]
+    rows = np.array([*e.start[:, motion], *e.lengths[:, motion], np.zeros(n)])
+    params = np.array([end, *e.constants[:, motion], np.full(n, longest)])
+    return Columns(rows, params, motion, *np.zeros((2, n), dtype=np.intc))
+
+
 class BatchState:
     """The motions of an ensemble that have not reached their end, in columns.
 
@@ -55,15 +65,7 @@ class BatchState:
         outcome.rejection[turning] = Rejection.UNEVEN.code
         begun = np.flatnonzero(turning & ~uneven(e.start[moving(e.model)]))
         motion = padded(begun)
-        clock = [*e.lengths[:, motion], np.zeros(len(motion))]
-        end = np.broadcast_to(e.span[1], e.start.shape[1])[motion]
-        longest = np.full(len(motion), stride(e.looser * e.tol, e.passing))
-        size, rate = np.zeros((2, len(motion)), dtype=np.intc)
-        self.columns = Columns(
-            np.array([*e.start[:, motion], *clock]),
-            np.array([end, *e.constants[:, motion], longest]),
-            *(motion, size, rate),
-        )
+        self.columns = columns_at_start(e, motion, stride(e.looser * e.tol, e.passing))
         self.output, self.spare = np.empty((2, e.step.rows, len(motion)))
         self.cells = RegionCells(e, len(motion))
         self.renew(np.arange(len(motion)))
