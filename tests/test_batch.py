@@ -46,7 +46,7 @@ cases:
   d: {damping: 0.01}
 """
 )
-HUGE = "model: torques, expression: ['1e306*t', 0, 0]"
+HUGE = "model: torques, expression: ['1e306*t', 0, 0], method: LSODA"
 FAILING = CONFIG.replace("damping: [0.003, 0.004, 0.005]", HUGE).replace(
     "c: {", "c: {max_steps: 2, "
 )

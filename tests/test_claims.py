@@ -372,7 +372,6 @@ def tables(stored: Path) -> dict[str, list[dict[str, Any]]]:
     return judged_by(stored, block)
 
 
-@pytest.mark.engines
 def test_a_check_gives_its_verdict_and_the_number_that_decides(tables: Verdicts) -> None:
     for row, (cases, check, words, number) in zip(tables["statements"], CHECKS, strict=False):
         assert row["verdict"] == verdict(words), (cases, check, row["evidence"])
@@ -386,7 +385,6 @@ def test_every_kind_of_check_is_tried() -> None:
     assert set(re.findall(r"kind: (\w+)", tried)) == CHECK_KINDS.keys()
 
 
-@pytest.mark.engines
 def test_every_quantity_is_computed(stored: Path) -> None:
     of_body = {"p", "q", "r", "G", "G2", "T", "J", "D", "D/2T", "x", "y",
                "x1_direction", "tilt", "separatrix_distance",
@@ -412,7 +410,6 @@ def follows_from_attitude(name: str) -> bool:
     return quantity is not None and "attitude" in quantity.needs[0]
 
 
-@pytest.mark.engines
 def test_members_give_one_verdict_whose_evidence_names_the_worst(tables: Verdicts) -> None:
     rows = tables["statements"][len(CHECKS) :]
     for row, (claim, words, evidence) in zip(rows, MEMBERS, strict=False):

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import series
-from conftest import classified
+from conftest import classified, few_without_heyoka
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -43,7 +43,13 @@ def axes(crossings):
     return [(crossing.start, crossing.end) for crossing in crossings]
 
 
-@pytest.mark.parametrize("name", PAPER1)
+EACH_MODEL = ["fig4", "fig12"]
+
+
+@pytest.mark.parametrize(
+    "name",
+    few_without_heyoka([*EACH_MODEL, *(name for name in PAPER1 if name not in EACH_MODEL)], 2),
+)
 def test_crossings_of_the_figures(name):
     case = PAPER1[name]
     A, start = case.data["inertia"], case.system.start

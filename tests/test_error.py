@@ -146,7 +146,14 @@ def true_stop(name: str) -> float:
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("name", STOPPING)
-@pytest.mark.parametrize(("method", "tol"), [("LSODA", 1e-3), ("RK45", 1e-6), ("auto", None)])
+@pytest.mark.parametrize(
+    ("method", "tol"),
+    [
+        pytest.param("LSODA", 1e-3, marks=pytest.mark.heyoka),
+        pytest.param("RK45", 1e-6, marks=pytest.mark.heyoka),
+        ("auto", None),
+    ],
+)
 def test_the_error_of_an_event_is_its_true_one(name: str, method: str, tol: float | None) -> None:
     data = {**BODY, **STOPPING[name]}
     true = true_stop(name)

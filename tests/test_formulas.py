@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import run_hodo
+from conftest import few_without_heyoka, run_hodo
 from scipy.integrate import solve_ivp
 
 import hodo_cli as hodo
@@ -85,7 +85,7 @@ def motion(formula: list[str], **others: Any) -> Any:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", FORMULAS)
+@pytest.mark.parametrize("name", few_without_heyoka(FORMULAS))
 def test_what_is_short_is_not_stepped_over(name: str, method: str) -> None:
     formula, torque, ends = FORMULAS[name]
     ds, true = motion(formula, method=method), pieces(torque, ends)

@@ -97,6 +97,7 @@ def test_equal_rates_cancel_without_their_rounding() -> None:
     assert found[[0, 2]].tolist() == [0, 0]
 
 
+@pytest.mark.heyoka
 def test_the_axis_in_the_end_is_that_of_the_slowest_eigenvector() -> None:
     generator = np.random.default_rng(3)
     for _ in range(12 if have_taylor() else 4):

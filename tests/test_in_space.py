@@ -107,8 +107,8 @@ ROWS = [
     [
         ("auto", 2e-14),
         pytest.param("taylor", 2e-14, marks=pytest.mark.heyoka),
-        ("collocation", 3e-14),
-        ("DOP853", 1e-10),
+        pytest.param("collocation", 3e-14, marks=pytest.mark.heyoka),
+        pytest.param("DOP853", 1e-10, marks=pytest.mark.heyoka),
     ],
 )
 @pytest.mark.parametrize(("given", "end", "Q", "G"), ROWS)

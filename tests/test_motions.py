@@ -1,6 +1,6 @@
 """Random motions of every kind against the independent series: crossings, labels, stated errors.
 
-HODO_FUZZ sets the number of motions of each kind (default 12, without heyoka 6).
+HODO_FUZZ sets the number of motions of each kind (default 9, without heyoka 2).
 """
 
 import math
@@ -24,9 +24,9 @@ from hodo_cli.integration import integrate
 
 pytestmark = pytest.mark.engines
 
-EVERY_RUN = 12
 # Without heyoka most draws go by the same methods, whose integration does not change.
-COUNT = int(os.environ.get("HODO_FUZZ", EVERY_RUN if have_taylor() else EVERY_RUN // 2))
+EVERY_RUN = 9 if have_taylor() else 2
+COUNT = int(os.environ.get("HODO_FUZZ", EVERY_RUN))
 LOOSE = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
 
 

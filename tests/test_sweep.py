@@ -562,9 +562,8 @@ def test_the_end_of_spin_of_members() -> None:
     assert values["x"] == pytest.approx([1.2371, 1.2157], abs=1e-4)
 
 
-@pytest.mark.parametrize(
-    "alone", [pytest.param("", marks=pytest.mark.heyoka), ", max_steps: 100000"]
-)
+@pytest.mark.heyoka
+@pytest.mark.parametrize("alone", ["", ", max_steps: 100000"])
 @pytest.mark.parametrize(
     ("torques", "axes"),
     [

@@ -35,8 +35,8 @@ def tangents() -> list[Tangent]:
     ("method", "tol", "certain"),
     [
         ("auto", None, 1e-5),
-        ("collocation", None, 1e-5),
-        ("DOP853", None, 1e-3),
+        pytest.param("collocation", None, 1e-5, marks=pytest.mark.heyoka),
+        pytest.param("DOP853", None, 1e-3, marks=pytest.mark.heyoka),
         # Without heyoka one of the looser methods stands for all: what they know of the steps of a
         # reference is the same.
         pytest.param("LSODA", 1e-10, 1e-2, marks=pytest.mark.heyoka),
