@@ -89,7 +89,7 @@ def test_the_example_of_the_documents_is_near_its_full_motion(hodo: Hodo, tmp_pa
     the first."""
     (tmp_path / "drag.py").write_text(EXAMPLE, encoding="utf-8")
     text = next(text for text in snippets("docs/models.md", "yaml") if "quadratic-drag" in text)
-    drags = {"a": 1e-2, "b": 1e-3, "c": 1e-4}
+    drags = {"a": 1e-2, "b": 1e-3}
     for name, drag in drags.items():
         given = text.replace("drag: 0.001", f"drag: {drag}").replace(
             "end: 2000", f"end: {2 / drag}, samples: 1001"

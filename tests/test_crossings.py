@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import series
 from conftest import classified, few_without_heyoka
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from hodo_cli import Case
@@ -75,6 +75,7 @@ dampings = st.tuples(*[st.integers(0, 200).map(lambda n: n / 10000)] * 3)
 
 
 @pytest.mark.heyoka
+@settings(max_examples=40)
 @given(A=bodies, lam=dampings, start=st.tuples(*[thousandths] * 3))
 def test_one_crossing_at_most_and_its_direction(A, lam, start):
     """Where D = 0, dD/dt = -2 (lambda_l - lambda_s) A_l (A_l - A_m) w_l^2, l and s of largest and

@@ -20,7 +20,8 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 import pytest
-from conftest import Hodo
+from conftest import Hodo, call
+from test_batch import plant
 
 from hodo_cli.batch.pool import pool
 
@@ -160,10 +161,13 @@ def test_a_worker_that_is_killed_costs_only_a_retry(
 
 @pytest.mark.heyoka
 def test_a_cluster_of_this_machine(tmp_path: Path, hodo: Hodo) -> None:
+    """Its workers import nothing from the current folder, which may be a stranger's."""
+    plant(tmp_path)
     (tmp_path / "a.yaml").write_text(SWEEP.replace("COUNT", "600"), encoding="utf-8")
     for out, options in (("far", ["--scheduler", "dask", "-j", "2"]), ("here", [])):
         done = hodo("run", "a.yaml", "--out", out, *options, timeout=120)
         assert done.returncode == 0, done.stderr
+    assert list(tmp_path.glob("*.imported")) == []
     equal(tmp_path / "far" / "a.h5", tmp_path / "here" / "a.h5")
 
 
@@ -228,10 +232,11 @@ def test_a_scheduler_with_certificates_takes_who_has_them(
 
 @pytest.mark.parametrize("wrong", ["nonsense", "tcp://127.0.0.1:1"])
 def test_a_scheduler_that_does_not_answer_is_bad_input(
-    tmp_path: Path, hodo: Hodo, wrong: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: str
 ) -> None:
+    monkeypatch.setattr("hodo_cli.batch.dask.CONNECT_SECONDS", 1)
     (tmp_path / "a.yaml").write_text(SWEEP.replace("COUNT", "6"), encoding="utf-8")
-    done = hodo("run", "a.yaml", "--scheduler", wrong, timeout=120)
+    done = call(tmp_path, "run", "a.yaml", "--scheduler", wrong)
     assert done.returncode == 2
     assert done.stderr.startswith(f"no dask scheduler answers at {wrong}: ")
     assert len(done.stderr.splitlines()) == 1

@@ -123,15 +123,14 @@ def test_labels_that_cannot_be_stored_are_one_line(folder: Path) -> None:
 
 def test_too_few_descriptors_are_one_line(folder: Path) -> None:
     said = set()
-    for most in range(3, 40):
+    # With each one more it comes further; from ten on, one writes as with any number below 40.
+    for most in range(3, 12):
 
         def few(most: int = most) -> None:
             os.closerange(3, 1000)  # those of the tests
             limit(resource.RLIMIT_NOFILE, most)
 
         done = call_apart(folder, "classify", "x.h5", preexec_fn=few)
-        if done.returncode == 0:
-            break
         if "site-packages" not in done.stderr and "importlib" not in done.stderr:
             said.add(done.stderr)
     assert said

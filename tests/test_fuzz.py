@@ -1,6 +1,6 @@
 """Hostile case files: whatever the text, the loader gives a Config or a HodoError, in time.
 
-HODO_FUZZ sets the number of inputs of each test (default 150).
+HODO_FUZZ sets the number of inputs of each test (default 60).
 """
 
 import os
@@ -17,7 +17,7 @@ from hodo_cli.cases.case import dump, parse_case
 from hodo_cli.cases.config import parse
 from hodo_cli.schema.document import write
 
-COUNT = settings(max_examples=int(os.environ.get("HODO_FUZZ", "150")))
+COUNT = settings(max_examples=int(os.environ.get("HODO_FUZZ", "60")))
 CONFIGS = [path.read_text(encoding="utf-8") for path in sorted((ROOT / "configs").glob("*.yaml"))]
 PIECES = st.sampled_from(
     ["[", "]", "{", "}", ":", ": ", "- ", "? ", "&a ", "*a", "!!int ", "!x ", "|\n", ">\n", "'",

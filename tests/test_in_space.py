@@ -29,7 +29,7 @@ from hodo_cli.integration import Trajectory, integrate, solve
 from hodo_cli.models.theory.attitude import free_attitude
 from hodo_cli.results.dataset import motion_from
 
-COUNT = int(os.environ.get("HODO_FUZZ", "200"))
+COUNT = int(os.environ.get("HODO_FUZZ", "60"))
 
 A = [1, 0.8, 0.6]
 B = {"p": 0.8, "q": 0.5, "r": 0.74}

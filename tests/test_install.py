@@ -17,7 +17,6 @@ from test_docs import snippets
 from hodo_cli.storage import staging
 
 
-@pytest.mark.process
 @pytest.mark.engines
 def test_a_new_case_file_runs_and_is_never_replaced(hodo: Hodo, tmp_path: Path) -> None:
     done = hodo("init", "mine")
@@ -112,8 +111,6 @@ def test_hodo_works_without_what_windows_lacks(hodo: Hodo, tmp_path: Path) -> No
         "classify runs/mine.h5",
         "plot runs/mine.h5",
         "show runs/mine.h5",
-        "compare runs/mine.h5 runs/mine.h5",
-        "schema",
     ):
         done = hodo(*line.split(), env=lacking)
         assert done.returncode == 0, done.stderr

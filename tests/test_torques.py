@@ -723,7 +723,6 @@ def held(t: float) -> float:
 
 REVERSING: dict[str, tuple[dict[str, Any], Callable[[float], float]]] = {
     "sine": ({"expression": "0.01*sin(t)"}, lambda t: 0.01 * math.sin(t)),
-    "line": ({"expression": "0.02 - 0.003*t"}, lambda t: 0.02 - 0.003 * t),
     "number": ({"expression": "0.05"}, held),
     "torque": ({"torque": 0.05}, held),
     "space": ({"space_torque": 0.05}, held),

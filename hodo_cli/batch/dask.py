@@ -14,6 +14,9 @@ from .. import BatchError
 from ..text import first_line
 from . import WorkerLost
 
+CONNECT_SECONDS = 10.0
+"""Seconds in which a scheduler must be reached."""
+
 MAX_WAIT_SECONDS = 60.0
 """Seconds in which a scheduler must answer, or one of this machine start its workers."""
 
@@ -37,7 +40,7 @@ class Dask(Executor):
         try:
             import distributed
 
-            arguments = {"address": scheduler, "timeout": 10}
+            arguments = {"address": scheduler, "timeout": CONNECT_SECONDS}
             if scheduler == "dask":
                 arguments = _of_this_machine(workers, self._scratch.name)
         except ImportError:
