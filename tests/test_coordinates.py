@@ -18,6 +18,9 @@ from matplotlib.figure import Figure
 import hodo_cli as hodo
 from hodo_cli import HodoError
 
+# What is drawn is compared, not looked at.
+pytestmark = pytest.mark.filterwarnings("ignore:.*so that its curve is a polygon:UserWarning")
+
 FIG4 = {
     "model": "linear-diag",
     "inertia": [1, 0.8, 0.6],

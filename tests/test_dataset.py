@@ -19,6 +19,7 @@ from hodo_cli.results.dataset import motion_from
 from hodo_cli.results.motion import QUANTITIES
 
 SAMPLE = ROOT / "tests" / "data" / "format1.h5"
+pytestmark = pytest.mark.filterwarnings("ignore:.*format1.h5 has no checksums:UserWarning")
 
 
 FIG4: dict[str, Any] = {

@@ -211,6 +211,7 @@ def test_a_law_and_its_curve_are_in_the_legend_with_the_time_of_the_axis(drawn: 
     assert words == rf"$|G| = {factors} + \sin({{p}})\cdot {{J}}$"
 
 
+@pytest.mark.filterwarnings("ignore:.*so that its curve is a polygon:UserWarning")
 def test_a_law_of_the_time_is_drawn_once_and_hides_no_curve(drawn: Drawings) -> None:
     """Dashes of two lines that are one law fill each other's gaps."""
     figure = drawn.draw("laws").figure

@@ -96,6 +96,7 @@ class Outflow:
         return (-(y[0] ** 0.5),)
 
 
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
 @pytest.mark.parametrize("method", [name for name in DRIVEN if name != "taylor"])
 def test_equations_that_leave_the_real_numbers_end_the_motion(method: str) -> None:
     # A root of a negative number is complex to Python, and a solver would go on with a part of it.

@@ -323,10 +323,10 @@ def test_csv_is_what_is_shown(runs: Path) -> None:
 def test_the_same_bytes_every_time(runs: Path, drawn: Path, tmp_path: Path) -> None:
     """Whatever the number of processes, the seed of hashes, the date, and what was drawn before."""
     hodo = Path(sysconfig.get_path("scripts")) / "hodo"
-    formats = ("png", "svg", "pdf", "csv", "gif", "mp4")
+    formats = ("png", "svg", "pdf", "csv")
     options = [word for name in formats for word in ("--format", name)]
     environment = os.environ | {"PYTHONHASHSEED": "1", "SOURCE_DATE_EPOCH": "1000000000"}
-    for paper, names in (("paper1", ["fig4", "fig13-all-entries"]), ("paper3", ["figure"])):
+    for paper, names in (("paper1", ["fig4"]), ("paper3", ["figure"])):
         subprocess.run(
             [hodo, "plot", runs / f"{paper}.h5", *names, *options, "--out", tmp_path],
             env=environment, check=True, capture_output=True,

@@ -342,6 +342,7 @@ def test_a_case_as_a_group(tmp_path: Path) -> None:
         assert 0 < stored.attrs["error"] < 1e-10
 
 
+@pytest.mark.filterwarnings("ignore:.*has no checksums:UserWarning")
 def test_sample_of_format_1() -> None:
     with open_run(SAMPLE) as run:
         assert (run.cases(), run.attributes["format_version"]) == (["fig4", "spin"], 1)

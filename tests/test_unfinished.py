@@ -73,6 +73,7 @@ def test_cases_come_in_the_order_of_their_config(path: Path) -> None:
         assert run.cases() == ["first", "third", "other"]
 
 
+@pytest.mark.filterwarnings("ignore:.*in a run that has not ended:UserWarning")
 def test_the_case_file_is_stored_once_for_all_pieces(path: Path) -> None:
     text = CONFIG + "# " + 100_000 * "x"
     with run_of(path, {"first": stored(1), "second": stored(2)}, text):
