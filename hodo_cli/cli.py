@@ -354,7 +354,9 @@ def _run(
     if jobs > 1 and scheduler not in (None, "dask"):
         raise HodoError(f"-j: leave it out, the workers are those of {scheduler}")
     loaded = [load(path, overrides) for path in configs]
-    plans = run.plans(loaded, out, globs, force, jobs, prune, overrides)
+    # A file that is named twice is run once.
+    once = {os.path.abspath(config.path): config for config in loaded}
+    plans = run.plans([*once.values()], out, globs, force, jobs, prune, overrides)
     if dry_run:
         return _report([row for plan in plans for row in plan.planned()], run.plan_lines, as_json)
     rows = run.run_plans(plans, jobs, scheduler, quiet, verbose, fail_fast)

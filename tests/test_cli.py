@@ -156,6 +156,12 @@ def test_a_change_leaves_the_result_of_the_config_alone(
     assert names == {"two.h5", "two,_.error=off,turns.max_steps=99999.h5"}
 
 
+def test_a_config_that_is_named_twice_is_run_once(hodo: Hodo, tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(CONFIG)
+    done = hodo("run", "a.yaml", "./a.yaml", tmp_path / "a.yaml", "a", "--dry-run")
+    assert (done.returncode, done.stdout) == (0, hodo("run", "a", "--dry-run").stdout), done.stderr
+
+
 def test_the_result_of_another_config_of_this_name_is_not_replaced(
     hodo: Hodo, config: Path, tmp_path: Path
 ) -> None:
