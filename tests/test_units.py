@@ -166,6 +166,28 @@ def test_keys_of_a_sweep_have_units_too() -> None:
     assert not (axes.get_yticks() % 1).any()
 
 
+@pytest.mark.parametrize(
+    ("key", "units"),
+    [
+        ("attitude.euler.1", "rad"),
+        ("damping.0", "1/s"),
+        ("damping.2.rate", "1/s"),
+        ("quadratic.value", "1"),
+        ("quadratic.rate", "1/s"),
+        ("torque.1.exponent", "1"),
+    ],
+)
+def test_keys_within_a_swept_key_have_their_own_units(key: str, units: str) -> None:
+    law = {"law": "power", "value": 0.1, "rate": 0.1, "exponent": -1}
+    swept = hodo_cli.sweep(
+        {"model": "torques", "inertia": [3, 2, 1], "initial": {"p": 1, "q": 1, "r": 1}}
+        | {"damping": [0.1, 0.1, law], "quadratic": law, "torque": [0, law, 0]}
+        | {"attitude": {"euler": [0.1, 0.2, 0.3]}, "inertia_unit": "kg m^2"}
+        | {"time": {"end": 1, "unit": "s"}, "sweep": {key: {"values": [0.1, 0.2]}}}
+    )
+    assert swept.coords[key].attrs["units"] == units
+
+
 def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
     body = (
         "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: .8, q: .5, r: .74}, "

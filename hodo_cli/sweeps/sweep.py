@@ -9,6 +9,7 @@ time.
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from ..engines.protocol import EPS, IVP, Status
 from ..integration import excess_remark, sample_times
 from ..progress import Progress
 from ..results.layout import TIME, Stored, case_attributes, inner_coordinates, with_units
+from ..schema.kinds import Key, Kind
 from ..storage import Attribute, Group, StreamedVariables, Variable, Writer
 from .chunk import LARGEST_CHUNK, Chunk, chunks, compute, lost_chunk, reason_alone
 from .columns import lengths, shape, stored_columns
@@ -201,8 +203,15 @@ def stated_unit(case: Case, name: str) -> str:
     # From key to key within, as long as these are named: an entry of a list has the list's unit.
     for name_of_key in map(str, path_of(name)):
         if key := keys.get(name_of_key):
-            unit, keys = key.unit, getattr(key.kind, "keys", {})
+            unit, keys = key.unit, keys_inside(key.kind)
     return unit
+
+
+def keys_inside(kind: Kind) -> dict[str, Key]:
+    """The keys of the mappings that a value of a kind may be, or be a list of."""
+    kinds = [*getattr(kind, "kinds", ()), *filter(None, [getattr(kind, "kind", None)])]
+    tables = [getattr(kind, "keys", {}), *getattr(kind, "tables", {}).values()]
+    return dict(chain.from_iterable(x.items() for x in (*tables, *map(keys_inside, kinds))))
 
 
 def box(sizes: tuple[int, ...], first: int, last: int) -> tuple[slice, ...]:

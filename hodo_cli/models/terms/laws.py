@@ -48,17 +48,18 @@ LAWS: Mapping[str, Callable[[Numbers, Numbers, Any], Any]] = {
 def law_mapping(unit: str, t: str) -> Variant:
     """The kind of a law that is given as a mapping, of a coefficient with a unit."""
     value = Key(Number(), f"value at {t} = 0", unit)
+    power = f"the law is value (1 + rate {t})^exponent"
     return Variant(
         "law",
         {
             "exponential": {
                 "value": value,
-                "rate": Key(Number(), f"the law is value exp(-rate {t})"),
+                "rate": Key(Number(), f"the law is value exp(-rate {t})", "1/time"),
             },
             "power": {
                 "value": value,
-                "rate": Key(Number(least=0), f"the law is value (1 + rate {t})^exponent"),
-                "exponent": Key(Number(), f"the law is value (1 + rate {t})^exponent"),
+                "rate": Key(Number(least=0), power, "1/time"),
+                "exponent": Key(Number(), power),
             },
             "polynomial": {
                 "coefficients": Key(ListOf(Number()), f"coefficients of 1, {t}, {t}^2, ...", unit),
