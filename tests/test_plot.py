@@ -659,6 +659,16 @@ def test_a_figure_takes_the_look_that_its_user_has_set(several: Drawings) -> Non
     assert api.plot(data, **keys).axes[0].xaxis.label.get_size() == pytest.approx(8.4)
 
 
+def test_a_figure_takes_the_lines_of_a_cycle(several: Drawings) -> None:
+    """Those that matplotlib knows and hodo has not; a second round has other lines."""
+    cycle = matplotlib.rcsetup.cycler(color=["r", "b"], linestyle=["--", "-."])
+    keys = {"kind": "series", "variables": ["p", "q", "r"], "panels": "case"}
+    with matplotlib.rc_context({"axes.prop_cycle": cycle}):
+        figure = api.plot(several.cases["brief"], **keys)
+    looks = [(line.get_color(), line.get_linestyle()) for line in figure.axes[0].lines[:3]]
+    assert looks == [("r", "--"), ("b", "-."), ("r", "-.")]
+
+
 @pytest.mark.parametrize(
     ("style", "message"),
     [

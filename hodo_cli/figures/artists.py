@@ -3,7 +3,7 @@
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
-from itertools import chain, repeat
+from itertools import chain, cycle, repeat
 from typing import Any
 
 import matplotlib.style
@@ -89,22 +89,25 @@ COLOURS = dict(
 LINES = dict(zip(LINE_NAMES, ("-", (0, (5, 1.5)), (0, (1, 1))), strict=True))
 
 
+def colour_cycle() -> Sequence[tuple[Any, Any]]:
+    """Colours with a line style each: ours, or those of the user's cycle, with our line styles
+    where it has colours only."""
+    chosen = matplotlib.rcParams["axes.prop_cycle"]
+    if chosen == DEFAULT_CYCLE:
+        return CYCLE
+    pairs = zip(chosen, cycle(line for _, line in CYCLE), strict=False)
+    return [(look.get("color", BLACK), look.get("linestyle", line)) for look, line in pairs]
+
+
 def styles(n: int, style_names: Sequence[str] = ()) -> list[dict[str, Any]]:
     """n colours with line styles: first the named ones, such as "blue dashed", then those of the
     user's cycle of colours, or of ours."""
-    lines = list(dict.fromkeys(line for _, line in CYCLE))
-    chosen = matplotlib.rcParams["axes.prop_cycle"]
-    cycle: Sequence[tuple[Any, Any]] = (
-        CYCLE
-        if chosen == DEFAULT_CYCLE
-        else [
-            (look.get("color", BLACK), look.get("linestyle", lines[i % len(lines)]))
-            for i, look in enumerate(chosen)
-        ]
-    )
+    pairs = colour_cycle()
+    # A user's cycle may have lines that ours has not.
+    lines = list(dict.fromkeys(line for _, line in (*pairs, *CYCLE)))
     looks = [*map(look_named, style_names)]
     for i in range(len(looks), n):
-        lap, (colour, line) = i // len(cycle), cycle[i % len(cycle)]
+        lap, (colour, line) = i // len(pairs), pairs[i % len(pairs)]
         # Each round of the colours has other lines, or its curves would look like those before.
         looks.append({"color": colour, "ls": lines[(lines.index(line) + lap) % len(lines)]})
     return looks[:n]
@@ -207,22 +210,28 @@ CROSSINGS_NAMED = 12
 def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> list[Line2D]:
     """Legend entries of start, end and crossings; the time of the end where all end together, those
     of crossings where there is one motion only."""
-    # With its last zeros, which tell how exact a printed number is.
-    times = [f"{when:#.6g}" for motion in motions for when in motion.crossing_time]
-    if len(times) > 1 == len(motions):
-        # A line is not broken between a time and its number.
-        times = [f"{time}\N{NO-BREAK SPACE}({i})" for i, time in enumerate(times, 1)]
-    crossings = abridged(times, CROSSINGS_NAMED)
     # With a rotor the separatrix is no zero of D.
     crossing = "crossing" if any(m.rotor is not None for m in motions) else "$D = 0$"
+    is_crossed = any(len(motion.crossing_time) for motion in motions)
+    if is_crossed and len(motions) == 1:
+        crossing = crossings_in_words(motions[0], crossing, time, 80 if wide else 46)
     ends = {ending(motion, time) for motion in motions}
     end = ends.pop() if len(ends) == 1 else "end"
-    if len(motions) == 1:
-        words = f"{crossing} at ${time}$ = {', '.join(crossings)}{unit_after(motions[0], 'time')}"
-        lines = textwrap.wrap(words, 80 if wide else 46)
-        crossing = "\n".join(lines).replace("\N{NO-BREAK SPACE}", " ")
     entries = [Line2D([], [], **START, label="start"), Line2D([], [], **END, label=end)]
-    return entries + ([Line2D([], [], **CROSSING, label=crossing)] if crossings else [])
+    return entries + ([Line2D([], [], **CROSSING, label=crossing)] if is_crossed else [])
+
+
+def crossings_in_words(motion: Motion, crossing: str, time: str, width: int) -> str:
+    """The times of a motion's crossings, numbered if they are several, in lines of a width in
+    characters."""
+    # With its last zeros, which tell how exact a printed number is.
+    times = [f"{when:#.6g}" for when in motion.crossing_time]
+    if len(times) > 1:
+        # A line is not broken between a time and its number.
+        times = [f"{time}\N{NO-BREAK SPACE}({i})" for i, time in enumerate(times, 1)]
+    named = ", ".join(abridged(times, CROSSINGS_NAMED))
+    words = f"{crossing} at ${time}$ = {named}{unit_after(motion, 'time')}"
+    return "\n".join(textwrap.wrap(words, width)).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def ending(motion: Motion, time: str) -> str:

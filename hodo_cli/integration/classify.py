@@ -186,8 +186,9 @@ def with_checks(samples: np.ndarray, start: float, end: float) -> np.ndarray:
         np.abs(samples[np.maximum(after - 1, 0)] - checks),
     )
     # Times a rounding apart would be one in an engine's own units.
+    apart = checks[nearest > 1e-9 * (end - start)]
     # Not `union1d`, which loads numpy's masked arrays: no two of these are equal.
-    return np.sort(np.concatenate((samples, checks[nearest > 1e-9 * (end - start)])))
+    return np.sort(np.concatenate((samples, apart)))
 
 
 def check_stored(motion: Trajectory, rows: np.ndarray, omega: np.ndarray, expected: float) -> None:
