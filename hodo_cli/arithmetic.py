@@ -7,7 +7,7 @@ precision, complex steps, power series and an engine's symbols all pass through 
 
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -197,3 +197,11 @@ def as_numpy_float(x: Any) -> Any:
 def as_float(x: Any) -> Any:
     """The same as a plain number again."""
     return x if isinstance(x, Column) else float(x)
+
+
+def horner(c: Sequence[Any] | np.ndarray, x: Any) -> Any:
+    """c[0] + c[1] x + ... by Horner's scheme."""
+    result = c[-1]
+    for coefficient in c[-2::-1]:
+        result = coefficient + x * result
+    return result

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from test_sweep import computed, one
 
+from hodo_cli.arithmetic import horner
 from hodo_cli.engines import series as power_series
 from hodo_cli.integration import integrate
 from hodo_cli.models import constants as flat
@@ -81,7 +82,7 @@ def test_a_motion_is_its_series() -> None:
 
     start = [t0 + c * np.cos(t0), 1 - c * np.sin(t0)]
     _, (position, _) = power_series.motion(rhs, t0, start, None)
-    there = power_series.value([position[k] for k in range(24)], 0.5)
+    there = horner([position[k] for k in range(24)], 0.5)
     assert there == pytest.approx(t0 + 0.5 + c * np.cos(t0 + 0.5), rel=1e-15)
 
 
@@ -221,7 +222,7 @@ def test_a_step_clears_no_event_that_it_meets() -> None:
         step(columns, constants, out)
         length, clear = out[-2:]
         D = step.event_series(event, columns, constants)
-        within = np.abs(power_series.value(D[:, :, None], length[:, None] * np.linspace(0, 1, 200)))
+        within = np.abs(horner(D[:, :, None], length[:, None] * np.linspace(0, 1, 200)))
         assert (clear <= within.min(axis=1) * (1 + 1e-12)).all()
         assert (clear > 0.9 * np.abs(D[0])).mean() > 0.8
         assert (clear < 0).any()

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .series import value as horner
+from ..arithmetic import horner
 
 TAYLOR, LEGENDRE, CHEBYSHEV = "taylor", "legendre", "chebyshev"
 """The bases in which engines hand over a step: powers of the time since its start, which become

@@ -6,8 +6,6 @@ from functools import partial, reduce
 from operator import add
 from typing import Any
 
-import numpy as np
-
 from .. import arithmetic
 
 TINY_DIVISOR = 1e-290
@@ -297,11 +295,3 @@ def integrals(
 def constant(c: Any, i: int) -> Any:
     """The rule of a series that is a constant."""
     return 0.0 if i else c
-
-
-def value(c: Sequence[Any] | np.ndarray, s: Any) -> Any:
-    """c[0] + c[1] s + ... by Horner's scheme."""
-    result = c[-1]
-    for coefficient in c[-2::-1]:
-        result = coefficient + s * result
-    return result

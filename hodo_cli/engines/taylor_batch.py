@@ -17,12 +17,14 @@ from typing import Any, NamedTuple
 import heyoka as hy
 import numpy as np
 
+from .. import arithmetic
+from ..arithmetic import horner
 from ..machine import processor
 from ..models.base import Event, Level, Model
 from ..models.constants import UNIT, Structure, count, moving, namespace
 from ..private import cached_code
 from . import series as series_module
-from .series import TINY_DIVISOR, Series, constant, motion, total, value
+from .series import TINY_DIVISOR, Series, constant, motion, total
 from .taylor import OPTIMISED_NODES
 
 
@@ -226,7 +228,8 @@ class TaylorStep:
 
 
 STEP_SOURCES = [
-    Path(str(module)).read_text("utf-8") for module in (__file__, series_module.__file__)
+    Path(str(module)).read_text("utf-8")
+    for module in (__file__, series_module.__file__, arithmetic.__file__)
 ]
 """The modules that make a step of equations."""
 
@@ -332,9 +335,9 @@ def coefficients(series: Series, order: int) -> list[Any]:
 
 def total_of_powers(c: Sequence[Any], s: Any) -> Any:
     """c[0] + c[1] s + ..., of more than SUM_CHAINS coefficients."""
-    chains = [value(c[1 + i :: SUM_CHAINS], (s * s) * (s * s)) for i in range(SUM_CHAINS)]
+    chains = [horner(c[1 + i :: SUM_CHAINS], (s * s) * (s * s)) for i in range(SUM_CHAINS)]
     # The largest term comes last, so that all roundings but one are of what a step changes.
-    return c[0] + s * value(chains, s)
+    return c[0] + s * horner(chains, s)
 
 
 def radius(y: Sequence[Sequence[Any]]) -> Any:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arithmetic import horner
 from ...schema.kinds import Either, Key, ListOf, Mistake, Number, Variant
 
 Numbers = Sequence[Any]
@@ -19,10 +20,7 @@ Numbers = Sequence[Any]
 
 def polynomial_law(c: Numbers, shape: Numbers, t: Any) -> Any:
     """c0 + c1 t + c2 t^2 + ..."""
-    total = c[-1]
-    for coefficient in c[-2::-1]:
-        total = coefficient + t * total
-    return total
+    return horner(c, t)
 
 
 def exponential_law(c: Numbers, shape: Numbers, t: Any) -> Any:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.polynomial.polynomial import polyder
 
-from ...engines.series import value
+from ...arithmetic import horner
 from ...integration import REST_BITS, at_rest, clock_rates, time_to_zero
 from ...models.base import Event
 from ...models.constants import moving
@@ -141,7 +141,7 @@ def zeros_within(e: Ensemble, event: Event, steps: TakenSteps) -> tuple[Passages
     undecided = start.motion[zeros.row[~zeros.sure]]
     row, x = zeros.row[zeros.sure], zeros.x[zeros.sure]
     steps = steps.chosen(row)
-    slope = value(polyder(powers[row].T), x) / steps.length
+    slope = horner(polyder(powers[row].T), x) / steps.length
     start, times = steps.start, steps.times_at(x)
     uncertainty = np.ldexp(noise[row] / np.abs(slope), -start.rate)
     errors = e.errors_of_times(uncertainty, times, start.clock[-1] + 2)
