@@ -24,7 +24,7 @@ OTHER_WORDS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("t", "t_end", "tmax", "t_max", "tspan", "t_span"), ("time", "end")),
     **dict.fromkeys(("stop", "t1", "final"), ("end",)),
     **dict.fromkeys(("n", "dt", "step", "points"), ("samples",)),
-    **dict.fromkeys(("tolerance", "rtol", "atol"), ("tol",)),
+    **dict.fromkeys(("tolerance", "tolerances", "rtol", "atol"), ("tol", "tols")),
     **dict.fromkeys(("solver", "integrator"), ("method",)),
     **{"rho": ("density",), "nu": ("viscosity",), "eps": ("epsilon",), "m": ("torque",)},
 }
