@@ -756,6 +756,9 @@ def test_a_case_with_other_values_is_integrated_for_the_statement_alone(stored: 
 # 11 samples at which the motion is the same but for its size: p = 0.3 cos(t) exp(-c t).
 PERIODS = "model: linear-diag, inertia: [1, 1, 0.5], initial: {p: 0.3, q: 0, r: 2}"
 STEADY = PERIODS.replace("p: 0.3", "p: 0")
+# It stops at the separatrix at 174.56.
+BY_CHANCE = """model: cavity+constant, form: averaged, inertia: [3, 2, 1], kappa: 0.05,
+               torque: [0.0004, 0, 0.0003], initial: {p: 0.1, q: 0.3, r: 0.9}, time: {end: 400}"""
 MISSED = f"""
 defaults: {{time: {{end: {20 * math.pi!r}, samples: 11}}}}
 cases:
@@ -767,8 +770,23 @@ cases:
   rough: {{model: cavity+constant, inertia: [1, 0.8, 0.6], kappa: 0.05, epsilon: 0.01,
            torque: [-1, 0.5, 0.7], initial: {{p: 0.5, q: 0.25, r: 1.4}},
            method: DOP853, tol: 1.0e-5, time: {{end: 40, samples: 401}}}}
+  # It ends at its crossing, as near as a double can.
+  near: {{{TURN.replace("end: 100, samples: 101", "end: 305.358955166711, samples: 2001")},
+          damping: [0.005, 0.004, 0.003]}}
+  by-chance: {{{BY_CHANCE}}}
+  chances: {{{BY_CHANCE}, sweep: {{kappa: {{values: [0.04, 0.05]}}}}}}
 """
 UNDECIDED = [
+    *((case, check, "not tested") for case in ("near", "by-chance") for check in (
+        "{kind: crossings, most: 0}", "{kind: crossings, least: 1}", "{kind: axis, end: x1}",
+        "{kind: axis, end: x3}", "{kind: bound, of: crossings, most: 0}")),
+    ("near", "{kind: axis, start: x1}", "reproduced"),
+    ("by-chance", "{kind: axis, start: x3}", "reproduced"),
+    *((f"{{case: by-chance, at_separatrix: {branch}}}", check, "reproduced")
+      for branch, check in (("other-axis", "{kind: axis, end: x1}"),
+                            ("other-axis", "{kind: crossings, least: 1, most: 1}"))),
+    ("chances", "{kind: average, variable: crossings, most: 0}", "not tested"),
+    ("chances", "{kind: average, variable: start_axis.x3, least: 1}", "reproduced"),
     ("same", "{kind: conserved, of: [p]}", "not tested"),
     ("same", "{kind: bound, of: p, at: always, least: 0.2}", "not tested"),
     ("same", "{kind: bound, of: p, at: end, least: 0.2}", "reproduced"),
@@ -803,8 +821,16 @@ def test_samples_and_errors_that_do_not_decide_leave_a_statement_untested(tmp_pa
     assert call(tmp_path, "classify", "c.yaml").returncode == 0
     rows = json.loads(call(tmp_path, "claims", "c.yaml", "--json").stdout)["statements"]
     assert [row["verdict"] for row in rows] == [verdict for *_, verdict in UNDECIDED]
-    assert rows[0]["evidence"].endswith("time: {samples: 361} draws it")
-    assert "is known to 0.00012 only" in rows[13]["evidence"]
+    said = "\n".join(row["evidence"] for row in rows)
+    assert "time: {samples: 361} draws it" in said
+    assert "is known to 0.00012 only" in said
+    assert "case near: it is undecided whether the motion crosses the separatrix" in said
+    assert (
+        "case by-chance stops at the separatrix at 174.562, which it leaves about the other" in said
+    )
+    assert "an axis other than x1" in {row["contradicted_by"] for row in rows}
+    table = call(tmp_path, "classify", "c.yaml").stdout
+    assert "0 of 2 members cross, 2 stop at the separatrix, where chance decides" in table
 
 
 def test_a_bound_of_0_is_about_a_sign_where_a_quantity_has_both(stored: Path) -> None:

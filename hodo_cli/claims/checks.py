@@ -29,6 +29,8 @@ from .quantities import (
     check_course,
     check_margin,
     check_reached,
+    enclosed_at,
+    known_crossings,
     near_extremes,
     number,
     quantity,
@@ -49,15 +51,16 @@ def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
     wanted = {moment: check[moment] for moment in ("start", "end") if check[moment]}
     complying, words = 0, []
     for m in motions:
-        axes = [rigid_body.LABELS[label] for label in m.labels_at_ends]
-        words.append(" to ".join(dict.fromkeys(axes)))
+        axes = {moment: enclosed_at(m, moment) for moment in wanted}
+        labels = dict.fromkeys(rigid_body.LABELS[label] for label in m.labels_at_ends)
+        words.append(" to ".join(labels))
         turns = [turns_at(m, moment) for moment in wanted] if check["turns"] else []
         if turns:
             words[-1] += f" ({listed(dict.fromkeys(turns), 3)} turns)"
-        complies = wanted.items() <= dict(zip(("start", "end"), axes, strict=True)).items()
-        complying += complies and all(turn >= check["turns"] for turn in turns)
-    others = [f"an axis other than {label} at the {moment}" for moment, label in wanted.items()]
-    contrary = [f"an axis other than {check['start']}"] if len({*wanted.values()}) == 1 else others
+        complying += wanted == axes and all(turn >= check["turns"] for turn in turns)
+    contrary = [f"an axis other than {axis} at the {moment}" for moment, axis in wanted.items()]
+    if len(named := {*wanted.values()}) == 1:
+        contrary = [f"an axis other than {next(iter(named))}"]
     contrary += [f"fewer turns about it than {check['turns']:g}"] if check["turns"] else []
     return Finding(
         deviation_unless(complying == len(motions)),
@@ -75,18 +78,23 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
         [(c.time, rigid_body.LABELS[c.start], rigid_body.LABELS[c.end]) for c in m.crossings]
         for m in motions
     ]
-    holds = all(
-        least <= len(passages) <= most
-        and all(check["from"] in (None, a) and check["to"] in (None, b) for _, a, b in passages)
-        for passages in of_motions
+    goes_astray = any(
+        check["from"] not in (None, a) or check["to"] not in (None, b)
+        for _, a, b in itertools.chain(*of_motions)
     )
+    fails = goes_astray or any(len(passages) > most for passages in of_motions)
+    lacks_some = any(len(passages) < least for passages in of_motions)
+    # A crossing that is not known may be the one that lacks, or one too many.
+    if not fails and (lacks_some or check["most"] is not None or check["from"] or check["to"]):
+        for m in motions:
+            known_crossings(m)
     words = [
         ", ".join(f"{time:.4g} ({a} to {b})" for time, a, b in passages) or "no crossing"
         for passages in of_motions
     ]
     largest = float(max(map(len, of_motions)))
     return Finding(
-        deviation_unless(holds),
+        deviation_unless(not (fails or lacks_some)),
         number=largest,
         evidence="; ".join(words),
         contradicted_by=contrary_crossings(check),
@@ -342,6 +350,11 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
     axes, against bounds, or how they follow each other; decided by the last average.
     """
     name = check["variable"]
+    is_of_end = name.partition(".")[0] in ("crossings", "crossing_time", "end_axis")
+    if is_of_end and "k2" in swept.data and (swept.data["k2"] == 1).any():
+        raise Undecidable(
+            f"members of sweep {swept.name} stop at the separatrix, where chance decides"
+        )
     at: Sequence[Mapping[str, int]] = check["at"] or ([] if check["along"] else [{}])
     means = [float(swept.values(name, (), position)) for position in at]
     for along in check["along"]:

@@ -12,6 +12,7 @@ from ..cases.claim_block import OVER_TIME
 from ..engines.protocol import EPS
 from ..integration import (
     CERTAIN_ERRORS,
+    UNDECIDED,
     Crossing,
     Occurrence,
     Trajectory,
@@ -21,6 +22,7 @@ from ..integration import (
     principal_omega,
     solve,
 )
+from ..models import rigid_body
 from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion
 from ..results.resolution import SMALLEST_CHORD, course_remark, turn_remark
@@ -33,8 +35,8 @@ def integrated_motion(case: Case) -> Motion:
     Raises HodoError if it stops before its end.
     """
     method, _ = choose(case)
-    trajectory, passed = (
-        (solve(case, method, case.precision, case.tol), None)
+    trajectory, passed, warnings = (
+        (solve(case, method, case.precision, case.tol), None, ())
         if case.system.no_axis_reason
         else cross(case, method, case.precision, case.tol)
     )
@@ -42,21 +44,23 @@ def integrated_motion(case: Case) -> Motion:
         raise HodoError(
             f"a variation of case {case.name} {trajectory.status}: {trajectory.message}"
         )
-    return sampled_motion(trajectory, passed)
+    return sampled_motion(trajectory, passed, warnings)
 
 
-def sampled_motion(trajectory: Trajectory, passed: Sequence[Crossing] | None) -> Motion:
-    """A trajectory with labels where its crossings are known."""
-    case = trajectory.case
-    # A crossing is an event too, of which the labels tell more.
-    events = [Occurrence(e.kind, e.time) for e in trajectory.events if e.kind != "separatrix"]
+def sampled_motion(
+    trajectory: Trajectory, passed: Sequence[Crossing] | None, warnings: Sequence[str] = ()
+) -> Motion:
+    """A trajectory with labels where its crossings are known, and the warnings about these."""
+    case, events = trajectory.case, trajectory.events
+    if passed is not None:  # a crossing is an event too, of which the labels tell more
+        events = tuple(Occurrence(e.kind, e.time) for e in events if e.kind != "separatrix")
     variables = case_variables(
         case.system.variables, trajectory.time, trajectory.variables, events, {}
     )
     if passed is not None:
         axes = body_of(case).enclosed(principal_omega(trajectory), CERTAIN_ERRORS * EPS)
         variables |= label_variables(axes, passed)
-    return Motion(case, variables, label=case.name)
+    return Motion(case, variables, {"classify_warnings": "\n".join(warnings)}, case.name)
 
 
 LEAST_PLACES, LEAST_TIMES = 2, 200
@@ -164,11 +168,53 @@ def check_start(m: Motion) -> None:
         raise Undecidable(f"the samples of {m.words} begin after its start, at {m.time[0]:.6g}")
 
 
+def stop_at_separatrix(m: Motion) -> str:
+    """That an averaged motion stops at the separatrix, where chance decides on its further course;
+    an empty text if it does not."""
+    entered = m.data["event_to"].data.tolist() if "event_to" in m.data else []
+    if entered[-1:] != [rigid_body.SEPARATRIX]:
+        return ""
+    words = f"{m.words} stops at the separatrix at {m.events[-1][1]:.6g}"
+    if "event_probability" not in m.data:
+        return words
+    share = m.stored("event_probability")[-1]
+    return f"{words}, which it leaves about the other axis with a probability of {share:.3g}"
+
+
+def undecided_crossings(m: Motion) -> str:
+    """Why it is open whether a motion crosses the separatrix; an empty text if it is known."""
+    warnings = str(m.attrs.get("classify_warnings", "")).splitlines()
+    remarks = [f"{m.words}: {warning}" for warning in warnings if UNDECIDED in warning]
+    return next(filter(None, [stop_at_separatrix(m), *remarks]), "")
+
+
+def known_crossings(m: Motion) -> tuple[Crossing, ...]:
+    """The crossings of a motion. Raises Undecidable where it is open whether these are all."""
+    decides_unless(undecided_crossings(m))
+    return m.crossings
+
+
+def enclosed_at(m: Motion, moment: str) -> str:
+    """The axis enclosed at "start" or "end". Raises Undecidable where it is open: a motion may
+    stand nearer to the separatrix than its error, or stop there."""
+    label = m.labels_at_ends[moment == "end"]
+    if label == rigid_body.SEPARATRIX:
+        decides_unless(undecided_crossings(m))
+    if moment == "end":
+        decides_unless(stop_at_separatrix(m))
+    return rigid_body.LABELS[label]
+
+
+def decides_unless(remark: str) -> None:
+    """Raises Undecidable with a remark, unless it is empty."""
+    if remark:
+        raise Undecidable(remark)
+
+
 def check_course(m: Motion, names: Sequence[str]) -> None:
     """Raises Undecidable where the samples of a motion are too few to show the course of
     quantities."""
-    if remark := course_remark(m, names):
-        raise Undecidable(remark)
+    decides_unless(course_remark(m, names))
 
 
 def check_margin(name: str, margin: float, *motions: Motion) -> None:
@@ -250,8 +296,7 @@ def turns_at(m: Motion, moment: str) -> float:
 
 def swept_angle(m: Motion, about: int, samples: slice = slice(None)) -> float:
     """The turns that G makes about axis `about` (0, 1, 2) over some samples, with their sign."""
-    if remark := turn_remark(m, samples, FOLLOWED_ANGLE, False, SMALLEST_CHORD):
-        raise Undecidable(remark)
+    decides_unless(turn_remark(m, samples, FOLLOWED_ANGLE, False, SMALLEST_CHORD))
     first_axis, second_axis = (m.principal_G[samples, i] for i in range(3) if i != about)
     # Right while G turns by less than half a turn between two samples.
     angle = np.unwrap(np.arctan2(second_axis, first_axis))
@@ -288,7 +333,7 @@ def zero_times(time: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.asarray(time[i] - values[i] * (time[i + 1] - time[i]) / (values[i + 1] - values[i]))
 
 
-def first_time(times: np.ndarray) -> float:
+def first_time(times: Sequence[float] | np.ndarray) -> float:
     """The first of some times; infinite if there is none."""
     return float(times[0]) if len(times) else math.inf
 
@@ -307,8 +352,8 @@ def rebound_time(m: Motion) -> float:
 
 
 NUMBERS: dict[str, Callable[[Motion], float]] = {
-    "crossings": lambda m: len(m.crossings),
-    "first_crossing": lambda m: m.crossings[0].time if m.crossings else math.inf,
+    "crossings": lambda m: len(known_crossings(m)),
+    "first_crossing": lambda m: first_time([c.time for c in known_crossings(m)]),
     "turns": lambda m: turns_at(m, "start"),
     "visible_turns_x1": lambda m: most_turns(m, 0, VISIBLE_MOMENTUM),
     "visible_turns_x3": lambda m: most_turns(m, 2, VISIBLE_MOMENTUM),

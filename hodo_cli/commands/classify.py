@@ -185,6 +185,8 @@ def remark_on_crossings(case: Case, columns: Mapping[str, np.ndarray], ok: np.nd
     counts = columns["crossings"]
     crossing = ok & (counts > 0)
     remark = f"{crossing.sum()} of {ok.sum()} members cross"
+    if stopped := np.count_nonzero(ok & (columns.get("k2", np.zeros(ok.shape)) == 1)):
+        remark += f", {stopped} stop at the separatrix, where chance decides"
     if (most := counts[ok].max(initial=0)) > 1:
         remark += f", up to {most} times"
     if "crossing_time" in columns and crossing.any():

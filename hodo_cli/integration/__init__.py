@@ -2,7 +2,7 @@
 Imports engines and what lies below."""
 
 from .choice import AUTOMATIC, MIN_STIFF_STEPS, best, choose, taylor_steps
-from .classify import Classification, body_of, classify, cross, principal_omega
+from .classify import UNDECIDED, Classification, body_of, classify, cross, principal_omega
 from .crossings import (
     CERTAIN_ERRORS,
     PLACES_VIEWED,
@@ -33,6 +33,7 @@ __all__ = [
     "MIN_STIFF_STEPS",
     "PLACES_VIEWED",
     "REST_BITS",
+    "UNDECIDED",
     "Classification",
     "Crossing",
     "Occurrence",

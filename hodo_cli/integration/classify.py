@@ -384,7 +384,7 @@ def resolve_conflicts(
     lists = f"{counts[0]} by the motion, {counts[1]} by {reference.name}"
     if better.undecided:
         undecided = undecided_warning(listed.undecided or better.undecided)
-        return listed.crossings, (*undecided, f"the crossings are undecided: {lists}")
+        return listed.crossings, (*undecided, f"the crossings are {UNDECIDED}: {lists}")
     crossings = [with_error(c, w) for c, w in zip(better.crossings, better.widths, strict=True)]
     return crossings, (
         f"the crossings depend on the integration error: {lists}; the latter are stored",
@@ -401,25 +401,31 @@ def with_error(crossing: Crossing, error: float) -> Crossing:
     return replace(crossing, error=error + math.ulp(crossing.time) / 2)
 
 
+UNDECIDED = "undecided"
+"""The word by which a warning tells that the crossings of a motion are not all known."""
+
+
 def undecided_warning(times: list[float]) -> tuple[str, ...]:
     """The warning that the error of a motion hides whether it crosses the separatrix."""
     if not times:
         return ()
     named = ", ".join(f"{time:.6g}" for time in times[:3]) + (", ..." if len(times) > 3 else "")
     return (
-        f"it is undecided whether the motion crosses the separatrix near {named}: "
+        f"it is {UNDECIDED} whether the motion crosses the separatrix near {named}: "
         "its error there is larger than its distance from the separatrix",
     )
 
 
 def cross(
     case: Case, method: str, precision: str, tol: float | None
-) -> tuple[Trajectory, list[Crossing]]:
-    """A case integrated through its samples, and its crossings: those that are beyond rounding."""
+) -> tuple[Trajectory, list[Crossing], tuple[str, ...]]:
+    """A case integrated through its samples, its crossings, as far as they are beyond rounding, and
+    the warning that some are not."""
     dense = searched(case, method, precision, tol, CERTAIN_ERRORS * EPS)
     absorbing = case.system.absorbing_axes(case.time.start, case.time.end)
     listed = crossings_of(dense, np.full(len(dense.motion.time), EPS), absorbing)
-    return dense.motion.at(dense.rows), listed.crossings
+    warnings = undecided_warning(listed.undecided)
+    return dense.motion.at(dense.rows), listed.crossings, warnings
 
 
 def relative_distance(a: np.ndarray, b: np.ndarray) -> float:
