@@ -66,6 +66,9 @@ cases:
   turning: {{{TURN}, damping: [0.05, 0.04, 0.03]}}
   late: {{{TURN.replace("end: 100, samples: 101", "values: [90, 100]")},
           damping: [0.05, 0.04, 0.03]}}
+  # A brake stops it at 632.5, before its first sample.
+  stopped: {{model: torques, inertia: [120, 100, 80], brake: 0.05,
+             initial: {{p: 0.05, q: 0.3, r: 0.1}}, time: {{values: [700, 800]}}}}
   by-itself: {{{TURN}, damping: [0.05, 0.04, 0.03], max_seconds: 60}}
   staying: {{{TURN}, damping: [0.03, 0.04, 0.05]}}
   ball: {{{TURN}, damping: [0.05, 0.04, 0.03],
@@ -188,6 +191,8 @@ CHECKS = [
     # Its samples begin behind the crossing.
     ("late", "{kind: axis, start: x1, end: x3}", "reproduced", 1),
     ("late", "{kind: axis, start: x3}", "contradicted", 0),
+    ("stopped", "{kind: axis, start: x3}", "reproduced", 1),
+    ("stopped", "{kind: axis, start: x1}", "contradicted", 0),
     ("late", "{kind: value, values: {turns: [9]}, within: 8}", "not tested", None),
     ("late", "{kind: value, values: {area_largest: [0.5]}, within: 0.4}", "not tested", None),
     ("late", "{kind: value, values: {crossings: [1]}, within: 0}", "reproduced", 0),

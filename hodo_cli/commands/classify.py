@@ -126,7 +126,8 @@ CROSSING_UNITS = {"time": "time", "G": MOMENTUM}
 
 def row_of_motion(motion: Motion, labelled: Classification) -> dict[str, Any]:
     """The line of a labelled motion in the table."""
-    case, start = motion.case, label_at_start(motion.time[0], labelled.labels, labelled.crossings)
+    case = motion.case
+    start = label_at_start(case, motion.time[0], labelled.labels, labelled.crossings)
     table = [
         {
             "time": c.time,

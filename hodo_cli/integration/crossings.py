@@ -16,8 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..cases.case import Case
 from ..engines import extended
 from ..engines.polynomial import bernstein_coefficients, isolate, rounding, values_and_slopes
+from ..engines.protocol import EPS
 from ..models import rigid_body
 from ..models.base import Event, Model
 from ..models.constants import rescaled
@@ -46,10 +48,18 @@ class Crossing:
     error: float = math.nan
 
 
-def label_at_start(first_sample: float, labels: np.ndarray, crossings: Sequence[Crossing]) -> int:
-    """The label with which a motion starts: that of the first sample, but for crossings before."""
-    early = crossings and crossings[0].time <= first_sample
-    return crossings[0].start if early else int(labels[0])
+def label_at_start(
+    case: Case, first_sample: float, labels: np.ndarray, crossings: Sequence[Crossing]
+) -> int:
+    """The label with which a motion starts: that of the first sample, but for crossings before, and
+    for a body that has stopped before."""
+    if crossings and crossings[0].time <= first_sample:
+        return crossings[0].start
+    body, label = case.system, int(labels[0])
+    if label != UNDETERMINED or first_sample == case.time.start or not isinstance(body, BodyFrame):
+        return label
+    omega = body.to_principal(np.array([body.start[:3]], dtype=float))
+    return int(body.enclosed(omega, CERTAIN_ERRORS * EPS)[0])
 
 
 class SignChanges(NamedTuple):

@@ -351,7 +351,8 @@ class Motion:
     @property
     def labels_at_ends(self) -> tuple[int, int]:
         """The labels with which it starts and ends. Raises as `labels` does."""
-        return label_at_start(self.time[0], self.labels, self.crossings), int(self.labels[-1])
+        start = label_at_start(self.case, self.time[0], self.labels, self.crossings)
+        return start, int(self.labels[-1])
 
     @property
     def crossing_time(self) -> np.ndarray:

@@ -344,7 +344,7 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
         columns["separation"] = least_separation_alone(motion)
         status = Status.UNDECIDED if found.hidden else Status.OK
     if labels is not None:
-        start = np.array([label_at_start(motion.time[0], labels, crossings)])
+        start = np.array([label_at_start(case, motion.time[0], labels, crossings)])
         member, arrays = np.zeros(len(crossings), dtype=np.int64), crossing_arrays(crossings)
         stop = columns["event_time"]
         columns |= label_columns(start, labels[-1:], member, arrays, stop, case.time)
