@@ -229,10 +229,11 @@ class Combination(Series):
         if other is self or min(len(self.terms), len(terms_of(other))) > 1:
             return super().__mul__(other)
         # The factor of the shorter one goes to the terms of the longer one, before the product.
-        (((factor, series),), terms) = sorted((self.terms, terms_of(other)), key=len)
+        short, terms = sorted((self.terms, terms_of(other)), key=len)
+        factor, series = short[0]
         if len(terms) == 1:
             return Combination((factor * terms[0][0], series * terms[0][1]))
-        longer = Combination(*((factor * other, term) for other, term in terms))
+        longer = Combination(*((factor * own, term) for own, term in terms))
         return Combination((1.0, series * Series(longer.__getitem__)))
 
     __rmul__ = __mul__

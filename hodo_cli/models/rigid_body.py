@@ -73,8 +73,8 @@ def separatrix_forms(A: Any, omega: Any, order: tuple[int, int, int]) -> Any:
 def scaled_separatrix(A: Any, w: Any, order: tuple[int, int, int]) -> tuple[Any, Any, Any]:
     """D, the sum of its two terms, and a bound of that sum, for omega (3, ...) brought to a size
     near 1."""
-    # By a power of two, which changes no digit: of 1e-170 the squares would be 0. Along an axis of
-    # three, numpy is slow unless the rest is what lies together.
+    # By a power of two, which changes no digit: of 1e-170 the squares would be 0. Contiguous, since
+    # numpy is slow along an axis of three whose numbers lie together.
     w = np.ascontiguousarray(np.ldexp(w, -np.frexp(np.abs(w).max(axis=0))[1]))
     a, b = separatrix_roots(A, order)
     minus, plus = separatrix_forms(A, w, order)

@@ -441,7 +441,9 @@ def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
         yield from mistake_of(("initial",), Torques.velocity, inertia, data["initial"])
     for name in ("damping", "quadratic", "quadratic_axes"):
         entries = data.get(name) or (0.0,)
-        if name == "quadratic_axes" and data.get(name) or any(x != entries[0] for x in entries):
+        is_unequal = any(x != entries[0] for x in entries)
+        # Drag by axes depends on the axes, however equal.
+        if is_unequal or (name == "quadratic_axes" and data.get(name)):
             yield (name,), "needs principal axes where it is unequal: give resistance, or moments"
 
 

@@ -264,11 +264,13 @@ def erratum_rows(section: Section) -> Iterable[Cells]:
 def crossing_rows(section: Section) -> Iterable[Cells]:
     """The separatrix crossings of the classified cases, with the enclosed axes at start and end."""
     for case in section["cases"]:
+        if not case["ends"]:
+            continue
         ends, name = [*map(cell, case["ends"])], case["name"]
+        figures = links_to_figures(section, [name])
         # The anchor is that of the first; an id may stand only once.
         place = anchor(section["name"], "crossings", name)
-        for crossing in (case["crossings"] or [["none", *[""] * 4]]) if ends else ():
-            figures = links_to_figures(section, [name])
+        for crossing in case["crossings"] or [["none", "", "", "", ""]]:
             yield [cell(name, "n", place), *ends, *(cell(text, "n") for text in crossing), figures]
             place = ""
 

@@ -295,7 +295,9 @@ class SweepView:
         variable = self.data.variables[self.key(name)]
         if (stored := str(variable.attrs.get("units", "1"))) not in ("1", "rad"):
             return stored
-        if not ({*self.key(name).split(".")[-2:]} & ANGLES and variable.size):
+        # An angle itself, or an entry of a list of angles.
+        is_angle = not ANGLES.isdisjoint(self.key(name).split(".")[-2:])
+        if not (is_angle and variable.size):
             return ""
         ends = float(variable.data.min()), float(variable.data.max())
         return "rad" if None in map(round_degrees, ends) else "deg"

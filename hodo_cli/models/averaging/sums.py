@@ -83,7 +83,9 @@ def fluid_part(t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
     body, X_e, X_o, m = turning_body(k), slow.X_e, slow.X_o, 1 - slow.m1
     am, zeta = amplitude(slow.phase, slow.m1)
     sn, cn = np.sin(am), np.cos(am)
+    # The integral of m sn^4.
     fourth = (sn * cn * np.sqrt(cn * cn + slow.m1 * sn * sn) - 2 * (1 + m) * zeta) / 3
+    # The weights of cn^2 dn^2, sn^2 dn^2 and sn^2 cn^2 in the loss of energy.
     cd, above, below = k.turning_weights
     sd, sc = exchanged(slow.side, above, below)
     total = cd * ((1 + m) * zeta + fourth) - sd * (zeta + fourth) - sc * (fourth + m * zeta)
