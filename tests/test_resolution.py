@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import ROOT, call
+from conftest import ROOT, call, call_apart
 
 import hodo_cli
 from hodo_cli import Case
@@ -261,3 +261,28 @@ def test_a_torque_that_changes_between_the_samples_is_seen(
     if variables == ["r"]:
         assert is_polygon(data, "hodograph", colour="case") is coarse
         assert is_polygon(data, "series", variables=["r"], span=[2, 8]) is coarse
+
+
+def test_what_changes_beside_or_without_a_body_is_seen(tmp_path: Path) -> None:
+    """With a sample in each period; of a model of one's own whose state is more, or is no body."""
+    law = "depth: 0.5, rate: 62.83185307179586, time: {end: 10, samples: 101}"
+    (tmp_path / "c.yaml").write_text(
+        f"""\
+cases:
+  driven: {{model: driven, inertia: [2, 1.5, 1], initial: {{p: 0, q: 0, r: 1}}, {law}}}
+  swing: {{model: swing, initial: 1, {law}}}
+figures:
+  driven-s: {{kind: series, cases: driven, variables: s}}
+  driven-r: {{kind: series, cases: driven, variables: r}}
+  swing-u: {{kind: series, cases: swing, variables: u}}
+  swing-v: {{kind: series, cases: swing, variables: v}}
+  swing-both: {{kind: phase, cases: swing, x: u, y: v}}
+"""
+    )
+    own = "--models", ROOT / "tests" / "own_models" / "waving.py"
+    assert call_apart(tmp_path, *own, "run", "c.yaml").returncode == 0
+    for figure, is_seen in {"driven-s": True, "driven-r": False, "swing-v": False,
+                            "swing-u": True, "swing-both": True}.items():  # fmt: skip
+        done = call_apart(tmp_path, *own, "plot", "c.yaml", figure, "--format", "csv")
+        assert done.returncode == 0, done.stderr
+        assert ("changes with the time between its samples" in done.stderr) is is_seen, figure

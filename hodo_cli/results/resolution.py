@@ -121,67 +121,83 @@ JUMPS = 2
 """Intervals that may each hold a jump of omega, which the eye sees whatever the samples are."""
 
 
-def path_beside_samples(motion: Motion, drawn: slice) -> np.ndarray:
-    """How far omega leaves the line through its samples by formulas of the time in its equations,
-    (3, times, intervals), at times within each interval; without any, 0.
+def sampled_states(motion: Motion, drawn: slice) -> dict[str, np.ndarray]:
+    """The variables of the state (n,) that a motion stores, by their names: omega, and what is
+    stored under a name of its own. Of an average over the turns there is none."""
+    names = motion.case.system.state
+    known = [name for name in names if getattr(motion.data.get(name), "dims", ()) == ("time",)]
+    if motion.frame and not turns_in_body(motion):
+        return {}
+    omega = motion.omega[drawn].T if motion.frame else ()
+    own = {name: motion.stored(name)[drawn] for name in known}
+    return dict(zip(names, omega, strict=False)) | own
 
-    Their rates are compared with those at both ends for one and the same omega, so that what a
+
+def path_beside_samples(motion: Motion, known: Mapping[str, np.ndarray], drawn: slice) -> Any:
+    """How far variables of the state leave the line through their samples by formulas of the time
+    in the equations, (m, times, intervals), at times within each interval.
+
+    Their rates are compared with those at both ends for one and the same state, so that what a
     body does by itself, which `turns` shows, does not count.
     """
-    system, time, omega = motion.case.system, motion.time[drawn], motion.omega[drawn]
-    if not (motion.frame and has_formula_of_time(system)):
-        return np.zeros((3, 1, len(time) - 1))
+    system, time = motion.case.system, motion.time[drawn]
     n = max(TIMES_ASKED // len(time), LEAST_TIMES)
     part = ((np.arange(n) + 0.5) / n)[:, None]
-    y = system.starts(omega[:-1] + part[..., None] * np.diff(omega, axis=0))
+    lines = {name: x[:-1] + part * np.diff(x) for name, x in known.items()}
+    if motion.frame:
+        y = system.starts(np.stack([*lines.values()][:3], axis=-1))
+    else:
+        y = np.array(system.start)[:, None, None] + 0 * next(iter(lines.values()))
+    rows = [system.state.index(name) for name in lines]
+    y[rows] = [*lines.values()]
 
     def rates(t: np.ndarray) -> np.ndarray:
         times = np.broadcast_to(t, y.shape[1:])
-        return stacked(system.rhs(times, [*y], attributes(system.constants)), y)[:3]
+        return stacked(system.rhs(times, [*y], attributes(system.constants)), y)[rows]
 
     with np.errstate(all="ignore"):
         by_line = (1 - part) * rates(time[:-1]) + part * rates(time[1:])
         beside = rates(time[:-1] + part * np.diff(time)) - by_line
     path = np.cumsum(np.nan_to_num(beside), axis=1) * np.diff(time) / n
     # The line goes through the samples at both ends.
-    return np.asarray(path - (part + 0.5 / n) * path[:, -1:])
+    return path - (part + 0.5 / n) * path[:, -1:]
 
 
 def torque_remark(motion: Motion, names: Sequence[str], drawn: slice) -> str:
-    """The remark on a motion whose torque changes with the time between the samples by so much that
-    the eye would see it, in the components of omega among `names`, or in all; an empty text
-    without."""
-    omega = motion.omega[drawn]
-    if len(omega) < 2:
+    """The remark on a motion whose rates change with the time between the samples by so much that
+    the eye would see it, in the variables of the state among `names`, or else in all; an empty
+    text without."""
+    intervals = len(motion.time[drawn]) - 1
+    if intervals < 1 or not has_formula_of_time(motion.case.system):
         return ""
-    path = path_beside_samples(motion, drawn)
+    if not (known := sampled_states(motion, drawn)):
+        return ""
+    path, values = path_beside_samples(motion, known, drawn), np.array([*known.values()])
     away = np.abs(path).max(axis=1)
-    height = np.ptp(omega, axis=0) + away.max(axis=1)
-    shown = [i for i in range(3) if {"pqr"[i], f"omega.{BODY_AXES[i]}"} & {*names}]
-    if not shown:
-        # A curve of all three has one scale.
-        shown, height = [0, 1, 2], np.full(3, height.max())
-    # What is constant for the eye is drawn as if it were this high.
-    height = np.maximum(height, STEADY_CHANGE * np.abs(omega).max() / LARGEST_LOSS)
-    is_bent = (away > LARGEST_LOSS * height[:, None])[shown].any(axis=0)
-    intervals = len(omega) - 1
-    if is_bent.sum() <= min(JUMPS, intervals - 1):
+    height = np.ptp(values, axis=1) + away.max(axis=1)
+    size = np.abs(values).max(axis=1)
+    vectors = {f"omega.{axis}": name for axis, name in zip(BODY_AXES, "pqr", strict=True)}
+    asked = {vectors.get(name, name) for name in names}
+    named = [i for i, name in enumerate(known) if name in asked]
+    if motion.frame:
+        size[:3] = size[:3].max()
+        if not named:
+            named, height[:3] = [0, 1, 2], height[:3].max()
+    named = named or [*range(len(known))]
+    height = np.maximum(height, STEADY_CHANGE * size / LARGEST_LOSS)
+    bent = (away > LARGEST_LOSS * height[:, None])[named]
+    if bent.any(axis=0).sum() <= min(JUMPS, intervals - 1):
         return ""
     # Of each oscillation two changes of sign: the samples that a turn of the body would have.
-    finer = max(2.0, sign_changes(path[shown]) * math.pi / PROPOSED_ANGLE / intervals)
+    signs = np.sign(path[named, :-1].transpose(0, 2, 1).reshape(len(named), -1))
+    changes = int((np.diff(signs, axis=1) != 0).sum(axis=1).max())
+    finer = max(2.0, changes * math.pi / PROPOSED_ANGLE / intervals)
     samples = math.ceil((len(motion.time) - 1) * finer) + 1
+    what = "a torque" if motion.frame else "a rate"
     return (
-        f"a torque of {motion.name} changes with the time between its samples, so that its curve "
+        f"{what} of {motion.name} changes with the time between its samples, so that its curve "
         f"is a polygon: time: {{samples: {samples}}} draws it"
     )
-
-
-def sign_changes(path: np.ndarray) -> int:
-    """How often paths (k, times, intervals) change sign from one interval through the next; of the
-    one that does so most."""
-    # At the end of each interval they are 0.
-    inner = path[:, :-1].transpose(0, 2, 1).reshape(len(path), -1)
-    return int((np.diff(np.sign(inner), axis=1) != 0).sum(axis=1).max())
 
 
 CURVES = ("hodograph", "sphere", "quadrants", *KINDS_IN_SPACE)
@@ -216,7 +232,7 @@ def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[st
         for motion, samples in with_turns
         if turning and len(motion.time[samples]) > 2
     ]
-    torques = [torque_remark(motion, names, samples) for motion, samples in with_turns]
+    torques = [torque_remark(motion, names, samples) for motion, samples in drawn]
     return list(dict.fromkeys(filter(None, [*remarks, *bends, *torques])))
 
 

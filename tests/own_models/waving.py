@@ -5,7 +5,7 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 from hodo_cli.functions import cos, exp, log, sin, sqrt
-from hodo_cli.models.base import Constants, Label
+from hodo_cli.models.base import Constants, Label, Model
 from hodo_cli.models.rigid_body import INERTIA, INITIAL, BodyFrame
 from hodo_cli.schema.kinds import Key, Number, vector
 
@@ -95,3 +95,55 @@ class Disguised(BodyFrame):
     @cached_property
     def constants(self) -> Constants:
         return {**super().constants, "lam": self.damping}
+
+
+@dataclass(frozen=True)
+class Driven(Waving):
+    """A free body, and s = a sin(b t) beside it."""
+
+    name = "driven"
+    form = "full"
+    state = ("p", "q", "r", "s")
+    state_degree: ClassVar[dict[str, int]] = {"s": 0}
+    variables: ClassVar[dict[str, Label]] = BodyFrame.variables | {"s": Label(("time",), "sine")}
+
+    @staticmethod
+    def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
+        return (*free(*y[:3], k), k.unit * k.a * k.b * cos(k.b * t))
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        return (*super().start, 0.0)
+
+
+@dataclass(frozen=True)
+class Swing(Model):
+    """No body: u = u0 + a sin(b t), and v, which falls beside it."""
+
+    depth: float
+    rate: float
+    initial: float
+
+    name = "swing"
+    form = "full"
+    keys: ClassVar[dict[str, Key]] = {
+        name: Key(Number(), name) for name in ("depth", "rate", "initial")
+    }
+    state = ("u", "v")
+    variables: ClassVar[dict[str, Label]] = {name: Label(("time",), name) for name in ("u", "v")}
+
+    @staticmethod
+    def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
+        return k.a * k.b * cos(k.b * t), -0.1 * y[1]
+
+    @staticmethod
+    def output(t: Any, y: Any, k: Any) -> dict[str, Any]:
+        return {"u": y[:, 0], "v": y[:, 1]}
+
+    @property
+    def constants(self) -> Constants:
+        return {"a": self.depth, "b": self.rate}
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        return self.initial, 1.0
