@@ -735,7 +735,6 @@ def test_a_case_with_other_values_is_checked_as_any_case(
     assert message.startswith(words.replace(CASE, start.get(entry, CASE)))
 
 
-@pytest.mark.engines
 def test_a_case_with_other_values_is_integrated_for_the_statement_alone(stored: Path) -> None:
     faster, checked = "{case: slow, damping: 0.2}", "check: {kind: value, values: {r: [%r]}, %s"
     claims = [
@@ -855,7 +854,6 @@ def test_a_bound_of_0_is_about_a_sign_where_a_quantity_has_both(stored: Path) ->
     assert found == ["contradicted", "contradicted", plotting, plotting]
 
 
-@pytest.mark.engines
 def test_evidence_shows_the_digits_that_decide(stored: Path) -> None:
     claims = [
         "cases: [slow], check: {kind: value, values: {r: [0.367881]}, within: 5.0e-7}",
@@ -1005,7 +1003,6 @@ def test_claims_and_errata_are_counted_together(
     assert counted == [3]
 
 
-@pytest.mark.engines
 def test_the_page_of_figures_shows_the_verdicts(hodo: Hodo, tmp_path: Path) -> None:
     write_case_file(tmp_path, more="figures: {a: {kind: hodograph, cases: turning}}\n")
     for command in ("run c.yaml", "classify c.yaml", "claims c.yaml", "plot c.yaml --out page"):
