@@ -161,7 +161,7 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]
     """Variables against time, a panel for each variable or for each case."""
     variables = spec["variables"]
     # In panels of variables the styles tell cases apart, in panels of cases variables.
-    if by_case := spec["panels"] == "case":
+    if spec["panels"] == "case":
         groups = {motion.name: [(motion, name) for name in variables] for motion in motions}
         keys, names, style_names = variables, [f"${symbol(name)}$" for name in variables], ()
     else:
@@ -176,17 +176,7 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]
         for name, law in spec["formula"].items():
             draw_law(axes, law, [motion for motion, drawn in curves if drawn == name], spec["span"])
         axes.margins(x=0.02, y=0.08)
-        if by_case:
-            axes.set_title(curves[0][0].label)
-            # They share the vertical axis: one label on the left.
-            if axes.get_subplotspec().is_first_col():  # type: ignore[union-attr]
-                axes.set_ylabel(f"{', '.join(names)} {unit(*curves[0])}")
-        else:
-            axes.set_ylabel(axis_label(group, motions[0]))
-            widen_constant(axes, curves)
-        marked = [(curves[0][0], variables)] if by_case else [(m, [name]) for m, name in curves]
-        for motion, together in () if spec["passages"] else marked:
-            event_marks(axes, motion, together, spec)
+        label_panel(axes, spec, curves)
         if spec["level"] is not None:
             axes.axhline(spec["level"], **SEPARATRIX)
         for enlarged in (enlarged for enlarged in spec["insets"] if enlarged["panel"] == group):
@@ -200,6 +190,25 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]
         for name, law in spec["formula"].items()
     )
     sheet.legend += [Line2D([], [], **LAW_LOOK, label=words) for words in laws]
+
+
+def label_panel(axes: Axes, spec: Mapping[str, Any], curves: Sequence[tuple[Motion, str]]) -> None:
+    """Name what a panel of one case, or of one variable, shows, and mark the events in it."""
+    motion, variable = curves[0]
+    if spec["panels"] == "case":
+        names = [name for _, name in curves]
+        axes.set_title(motion.label)
+        # They share the vertical axis: one label on the left.
+        if axes.get_subplotspec().is_first_col():  # type: ignore[union-attr]
+            symbols = ", ".join(f"${symbol(name)}$" for name in names)
+            axes.set_ylabel(f"{symbols} {unit(motion, variable)}")
+        marked = [(motion, names)]
+    else:
+        axes.set_ylabel(axis_label(variable, motion))
+        widen_constant(axes, curves)
+        marked = [(drawn, [variable]) for drawn, _ in curves]
+    for drawn, together in () if spec["passages"] else marked:
+        event_marks(axes, drawn, together, spec)
 
 
 CONSTANT_WITHIN = 1000
