@@ -318,10 +318,8 @@ def motion_finding(check: Keys, motions: Sequence[Motion]) -> Finding:
         return finding
     for m in motions:
         check_course(m, [check["of"]] if isinstance(check["of"], str) else check["of"])
-    finer = [finer_motion(check, m) for m in motions]
-    if all(more is m for more, m in zip(finer, motions, strict=True)):
-        return finding
-    return max(find(check, finer), finding, key=lambda found: found.deviation)
+    finer = find(check, [finer_motion(check, m) for m in motions])
+    return max(finer, finding, key=lambda found: found.deviation)
 
 
 BEYOND_SAMPLES = 0.5
@@ -331,7 +329,7 @@ component leave out 3 %, those of a product of three some 30 %."""
 
 def finer_motion(check: Keys, m: Motion) -> Motion:
     """A motion with samples where a statement about the course of a quantity that holds at samples
-    may fail between them; itself if nowhere."""
+    may fail between them."""
     finer = between_samples(m)
     if check["kind"] != "bound":
         return finer

@@ -74,20 +74,21 @@ def between_samples(m: Motion) -> Motion:
 
     Raises HodoError if it stops before its end.
     """
-    steps = np.diff(m.time)
-    if not len(steps):
+    intervals = np.arange(len(m.time) - 1)
+    if not len(intervals):
         return m
-    places = max(LEAST_PLACES, math.ceil(LEAST_TIMES / len(steps)))
+    places = max(LEAST_PLACES, math.ceil(LEAST_TIMES / len(intervals)))
     # Irrational parts, so that an oscillation of which each sample meets the same phase shows
     # itself; those of the golden section lie apart, however many they are.
-    parts = np.arange(1, places + 1) * GOLDEN_PART % 1
-    return with_times(m, [m.time[:-1] + part * steps for part in parts])
+    return cut(m, intervals, np.arange(1, places + 1) * GOLDEN_PART % 1)
 
 
-def with_times(m: Motion, times: Sequence[np.ndarray]) -> Motion:
-    """The same motion with samples at more times. Raises HodoError if it stops before its end."""
-    listed = np.unique(np.concatenate([m.time, *times]))
-    return integrated_motion(replace(m.case, time=m.case.time.listed(listed)))
+def cut(m: Motion, intervals: np.ndarray, places: np.ndarray) -> Motion:
+    """The same motion with samples at places, between 0 and 1, within some of its intervals too.
+    Raises HodoError if it stops before its end."""
+    within = m.time[intervals] + np.outer(places, np.diff(m.time)[intervals])
+    times = np.unique([*m.time, *within.ravel()])
+    return integrated_motion(replace(m.case, time=m.case.time.listed(times)))
 
 
 MOST_PEAKS = 64
@@ -101,17 +102,11 @@ and then twice, an interval of 30 degrees leaves out 1e-11 of an oscillation at 
 def near_extremes(m: Motion, name: str) -> Motion:
     """The same motion with samples close to the largest and the smallest values of a quantity over
     time. Raises as `quantity` does, and HodoError if the motion stops before its end."""
-    finer = with_times(m, parts_of(m.time, np.arange(len(m.time) - 1), PARTS_OF_ALL))
+    finer = cut(m, np.arange(len(m.time) - 1), np.arange(1, PARTS_OF_ALL) / PARTS_OF_ALL)
     for _ in range(2):
         intervals = beside_extremes(quantity(finer, name))
-        finer = with_times(finer, parts_of(finer.time, intervals, PARTS_OF_PEAK))
+        finer = cut(finer, intervals, np.arange(1, PARTS_OF_PEAK) / PARTS_OF_PEAK)
     return finer
-
-
-def parts_of(time: np.ndarray, intervals: np.ndarray, parts: int) -> list[np.ndarray]:
-    """The times that cut some of the intervals between times (n,) into equal parts."""
-    steps = np.diff(time)[intervals]
-    return [time[intervals] + i / parts * steps for i in range(1, parts)]
 
 
 def beside_extremes(values: np.ndarray) -> np.ndarray:

@@ -173,9 +173,8 @@ def torque_remark(motion: Motion, names: Sequence[str], drawn: slice) -> str:
     if not (known := sampled_states(motion, drawn)):
         return ""
     path, values = path_beside_samples(motion, known, drawn), np.array([*known.values()])
-    away = np.abs(path).max(axis=1)
+    away, size = np.abs(path).max(axis=1), np.abs(values).max(axis=1)
     height = np.ptp(values, axis=1) + away.max(axis=1)
-    size = np.abs(values).max(axis=1)
     vectors = {f"omega.{axis}": name for axis, name in zip(BODY_AXES, "pqr", strict=True)}
     asked = {vectors.get(name, name) for name in names}
     named = [i for i, name in enumerate(known) if name in asked]
@@ -188,16 +187,20 @@ def torque_remark(motion: Motion, names: Sequence[str], drawn: slice) -> str:
     bent = (away > LARGEST_LOSS * height[:, None])[named]
     if bent.any(axis=0).sum() <= min(JUMPS, intervals - 1):
         return ""
-    # Of each oscillation two changes of sign: the samples that a turn of the body would have.
-    signs = np.sign(path[named, :-1].transpose(0, 2, 1).reshape(len(named), -1))
-    changes = int((np.diff(signs, axis=1) != 0).sum(axis=1).max())
-    finer = max(2.0, changes * math.pi / PROPOSED_ANGLE / intervals)
-    samples = math.ceil((len(motion.time) - 1) * finer) + 1
+    samples = math.ceil((len(motion.time) - 1) * finer_by(path[named])) + 1
     what = "a torque" if motion.frame else "a rate"
     return (
         f"{what} of {motion.name} changes with the time between its samples, so that its curve "
         f"is a polygon: time: {{samples: {samples}}} draws it"
     )
+
+
+def finer_by(path: np.ndarray) -> float:
+    """How many times as many samples show what leaves the line through them by a path (m, times,
+    intervals): of each oscillation, which has two changes of sign, as many as of a turn."""
+    signs = np.sign(path[:, :-1].transpose(0, 2, 1).reshape(len(path), -1))
+    changes = int((np.diff(signs, axis=1) != 0).sum(axis=1).max())
+    return float(max(2.0, changes * math.pi / PROPOSED_ANGLE / path.shape[-1]))
 
 
 CURVES = ("hodograph", "sphere", "quadrants", *KINDS_IN_SPACE)
