@@ -121,6 +121,37 @@ def test_a_motion_that_is_called_at_rest_a_step_early_has_no_error() -> None:
     assert error.errors_against(FIG4, ours, moving_on) == {"omega": 1}
 
 
+TURNING_BACK = parse(
+    """\
+cases:
+  back: {model: torques, inertia: [120, 100, 80], torque: [0, 0, 0.8],
+         initial: {p: 0, q: 0, r: -1}, time: {end: 200}}
+""",
+    "back.yaml",
+).cases["back"]
+
+
+def test_what_rounding_leaves_of_a_motion_that_passes_through_rest_is_no_error() -> None:
+    """r = 0.01 t - 1 is 0 at the sample at 100."""
+    motion = integrate(TURNING_BACK)
+    assert abs(motion.variables["omega"][500, 2]) < 1e-15
+    assert motion.error < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("lengths", "error_of_second"),
+    [((1, 1e-14, 2), 1e-14), ((1, 1e-14, 1e-28), 1), ((1, 1e-5, 1), 1), ((1e-300, 1e-14, 1), 1)],
+)
+def test_only_a_motion_that_passes_through_rest_has_the_scale_of_its_neighbours(
+    lengths: tuple[float, ...], error_of_second: float
+) -> None:
+    """A sample that is off by all of itself: of a motion that decays, or that comes back from far
+    above rounding, the error is 1."""
+    better = np.outer(lengths, [1.0, 0, 0])
+    judged = better * [[1], [2], [1]]
+    assert error.error_of_variable(("time", "axis"), judged, better) == error_of_second
+
+
 BODY = {
     "inertia": [1.4, 3, 2], "initial": {"p": 0.9, "q": 0.05, "r": 1.1},
     "time": {"start": 5, "end": 125, "samples": 241},

@@ -13,6 +13,7 @@ from .crossings import (
 )
 from .driver import REST_BITS, at_rest
 from .error import (
+    comparable_lengths,
     error_of_variable,
     error_over_span,
     errors_against,
@@ -46,6 +47,7 @@ __all__ = [
     "choose",
     "classify",
     "clock_rates",
+    "comparable_lengths",
     "cross",
     "error_of_variable",
     "error_over_span",

@@ -26,7 +26,7 @@ from .crossings import (
     sides_of,
 )
 from .driver import at_rest
-from .error import judged_events, references, with_step_limit
+from .error import comparable_lengths, judged_events, references, with_step_limit
 from .solve import sample_times, solve
 from .trajectory import Occurrence, Trajectory
 
@@ -431,7 +431,7 @@ def cross(
 def relative_distance(a: np.ndarray, b: np.ndarray) -> float:
     """The largest |a - b| / |b| over the samples (n, 3); 0 where both are 0."""
     size = np.max(np.abs(b), axis=-1, initial=0, keepdims=True)
-    scale = np.where(size > 0, size, 1)
+    scale = np.where(size > 0, comparable_lengths(size), 1)
     with np.errstate(invalid="ignore"):  # infinite where both have outgrown the largest double
         apart = np.where(a == b, 0, a / scale - b / scale)
     return float(np.max(np.sqrt(np.vecdot(apart, apart)), initial=0))

@@ -123,10 +123,10 @@ def references(case: Case, method: str, tol: float) -> Iterator[Reference]:
 def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dict[str, float]:
     """The error of each stored variable, the largest over the samples that both motions have.
 
-    A vector is judged sample by sample, relative to its length; an attitude by the angle to turn it
-    into the other; a scalar relative to its largest value; the time of an event relative to the
-    time since the start. A motion at rest (REST_BITS) has no error. The values of the motion are
-    judged as they are stored, in double precision.
+    A vector is judged sample by sample, relative to its length (see `comparable_lengths`); an
+    attitude by the angle to turn it into the other; a scalar relative to its largest value; the
+    time of an event relative to the time since the start. A motion at rest (REST_BITS) has no
+    error. The values of the motion are judged as they are stored, in double precision.
     """
     errors = {}
     if apart := events_apart(motion, reference):
@@ -176,12 +176,26 @@ def error_of_variable(
         distance, scale = angle_apart(distance, better.astype(float)), 1
     elif len(dims) > 1:
         # hypot scales by itself; the square of 1e-170 is 0.
-        distance, scale = (np.hypot.reduce(x, axis=-1) for x in (distance, size))
+        distance, lengths = (np.hypot.reduce(x, axis=-1) for x in (distance, size))
+        scale = comparable_lengths(lengths)
         distance[resting] = 0
     else:
         distance, scale = np.abs(distance), np.max(size, initial=0)
     relative = np.divide(distance, scale, out=distance.copy(), where=scale > 0)
     return float(np.max(relative, initial=0))
+
+
+LARGEST_REMAINDER = 1e-12
+"""The part of both lengths beside it that a vector has left at most, where it passes through 0."""
+
+
+def comparable_lengths(lengths: np.ndarray) -> np.ndarray:
+    """The lengths (n, ...) of a vector over time to which its errors are relative: its own, down to
+    the last of a motion that decays. Where it passes through 0 what is left of it is rounding, and
+    the smaller of the two beside it counts."""
+    beside, scale = np.minimum(lengths[:-2], lengths[2:]), lengths.copy()
+    scale[1:-1] = np.where(lengths[1:-1] < LARGEST_REMAINDER * beside, beside, lengths[1:-1])
+    return scale
 
 
 def error_over_span(error: float, time: float, start: float) -> float:
