@@ -29,6 +29,12 @@ cases:
     sweep:
       damping.1: {values: [0.003, 0.004, 0.005]}
       z: {zip: {damping.0: {values: [0.001, 0.005]}, damping.2: {values: [0.005, 0.001]}}}
+  starts:
+    model: torques
+    inertia_unit: kg m^2
+    sweep: {kappa: {linspace: [0, 80, 5]}, direction: {sphere: {count: 10, seed: 3}}}
+    damping: [0.005, 0.004, 0.002]
+    initial: {p: 0, q: 0, G: 1}
   tilted:
     {model: Lagrange-averaged, form: full, inertia: {A: 1.5, C: 1}, epsilon: 0.1, mu: 0.5,
      a: [0.1, 1], b: [0.1, 1], attitude: yes, initial: {theta: 60 deg, r: 1.7}, time: {end: 1},
@@ -283,12 +289,42 @@ def test_labels_of_axes_end_within_the_figure_whatever_its_width(
     drawn: Drawings, name: str
 ) -> None:
     figure = drawn.draw(name, style={"width": 60}).figure
+    check_labels(figure)
+
+
+def check_labels(figure: Any) -> None:
+    """Check that the labels of axes are within a figure."""
     figure.draw_without_rendering()
     for axes in figure.axes:
         for label in (axes.xaxis.label, axes.yaxis.label):
             for box in boxes([label]):
                 assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
                 assert figure.bbox.y0 <= box.y0 < box.y1 <= figure.bbox.y1
+
+
+def test_a_label_is_broken_beside_a_panel_that_a_long_legend_leaves_low(drawn: Drawings) -> None:
+    figure = plot(drawn.cases["starts"], kind="share")
+    assert len(figure.legends[0].get_texts()) == 8
+    check_labels(figure)
+
+
+@pytest.mark.parametrize("value", [1.0, 0.3, -20.0])
+def test_a_map_of_values_that_are_equal_to_rounding_has_one_colour(
+    drawn: Drawings, value: float
+) -> None:
+    grown = drawn.cases["grown"]
+    apart = np.random.default_rng(1).integers(-4, 5, grown["crossing_time"].shape)
+    figure = plot(
+        grown.assign(crossing_time=(grown["crossing_time"].dims, value * (1 + 2e-16 * apart))),
+        kind="map", variable="crossing_time", x="damping.0", y="initial.q",
+    )  # fmt: skip
+    figure.draw_without_rendering()
+    panel, bar = figure.axes
+    (image,) = panel.collections
+    assert len(np.unique(image.get_facecolors(), axis=0)) == 1
+    assert [float(text.get_text().replace("\u2212", "-")) for text in bar.get_xticklabels()] == [
+        pytest.approx(value)
+    ]
 
 
 def test_the_sides_of_the_separatrix_are_named_once(drawn: Drawings) -> None:

@@ -140,18 +140,23 @@ def finish_figure(sheet: Sheet, title: str, style: Mapping[str, Any]) -> None:
     sheet.figure.set_size_inches(new_width, style.get("height", 25.4 * new_height) / 25.4)
     if lines:
         sheet.figure.suptitle("\n".join(lines))
-    fill_labels(sheet)
-    place_legend(sheet, panels, style.get("legend", "below"))
+    below = place_legend(sheet, panels, style.get("legend", "below"))
+    fill_labels(sheet, LINE_OF_LEGEND / 72 * text_size("legend.fontsize") * below)
 
 
-def fill_labels(sheet: Sheet) -> None:
-    """Break the labels of axes that are longer than there is room for them."""
+LINE_OF_LEGEND = 1.65
+"""How high a line of a legend is, in heights of its letters."""
+
+
+def fill_labels(sheet: Sheet, below: float) -> None:
+    """Break the labels of axes that are longer than there is room for them, above a legend of some
+    height in inches."""
     width, height = sheet.figure.get_size_inches()
     for axes in sheet.figure.axes:
         place = axes.get_subplotspec()
         rows, columns = place.get_gridspec().get_geometry() if place is not None else (1, 1)
-        # A panel has its numbers to the left, a title above and a legend below it.
-        across, up = 0.8 * width / columns, 0.55 * height / rows
+        # A panel has its numbers to the left, a title above and a line of a legend below it.
+        across, up = 0.8 * width / columns, min(0.55 * height, 0.7 * (height - below)) / rows
         for axis, length in ((axes.xaxis, across), (axes.yaxis, up)):
             if text := axis.label.get_text():
                 axis.label.set_text(filled(text, length))
@@ -177,9 +182,10 @@ def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:
     axes.set(**{name: style[name] for name in ("xlim", "ylim") if name in style})
 
 
-def place_legend(sheet: Sheet, panels: Sequence[Axes], place: str) -> None:
+def place_legend(sheet: Sheet, panels: Sequence[Axes], place: str) -> int:
     """The legend of a figure, of its labelled lines and the other entries of its sheet; it is read
-    row by row, at a place of `LEGEND_PLACES`, in a corner of the first panel, or nowhere."""
+    row by row, at a place of `LEGEND_PLACES`, in a corner of the first panel, or nowhere. Returns
+    how many lines it has below the panels."""
     lines = (line for axes in panels for line in axes.get_lines())
     # Those of several panels once; two cases may have one label.
     entries = {
@@ -189,7 +195,7 @@ def place_legend(sheet: Sheet, panels: Sequence[Axes], place: str) -> None:
     }
     handles = [*entries.values()]
     if not handles or place == "none":
-        return
+        return 0
     if place == "right" and panel_width(sheet, panels, handles) < MIN_PANEL_WIDTH:
         place = "below"
     columns = legend_columns(sheet, handles) if place == "below" else 1
@@ -199,6 +205,7 @@ def place_legend(sheet: Sheet, panels: Sequence[Axes], place: str) -> None:
     owner.legend(
         handles=rowwise, loc=LEGEND_PLACES.get(place, place), ncols=columns, columnspacing=1.2
     )
+    return math.ceil(len(handles) / columns) if place == "below" else 0
 
 
 def shade(entry: Line2D | Patch) -> str:

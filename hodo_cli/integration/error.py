@@ -173,12 +173,11 @@ def error_of_variable(
     none."""
     distance, size = subtracted(judged, better), np.abs(better.astype(float))
     if "quaternion" in dims:
-        distance, scale = angle_apart(distance, better.astype(float)), 1
+        distance, scale = angle_apart(distance, better.astype(float)), np.ones(1)
     elif len(dims) > 1:
         # hypot scales by itself; the square of 1e-170 is 0.
-        distance, lengths = (np.hypot.reduce(x, axis=-1) for x in (distance, size))
-        scale = comparable_lengths(lengths)
-        distance[resting] = 0
+        distance, size = (np.hypot.reduce(x, axis=-1) for x in (distance, size))
+        distance[resting], scale = 0, comparable_lengths(size)
     else:
         distance, scale = np.abs(distance), np.max(size, initial=0)
     relative = np.divide(distance, scale, out=distance.copy(), where=scale > 0)

@@ -69,7 +69,7 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     show_degrees(sheet, sweeps, spec)
     values = [map_values(sheet, swept, spec, indices) for swept, indices in cells]
     # One scale for all panels, or equal colours would mean different values.
-    all_values = np.concatenate([value.ravel() for value in values])
+    all_values = without_rounding(np.concatenate([value.ravel() for value in values]))
     labelled, meaning = meanings(sweeps[0], name), map_label(sweeps, spec, sheet.units)
     scale, colours = colour_scale_of(spec, all_values, labelled)
     # Rasterized: a million cells as vectors make a file that no reader opens.
@@ -90,8 +90,21 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     if not words:
         bar = colour_bar(sheet, ScalarMappable(scale, colours), panels, meaning)
         if colours.N <= MAX_COUNTS + 1:
-            low, high = bar.mappable.get_clim()
-            bar.set_ticks(np.arange(math.ceil(low), high).tolist())
+            edges_and_middles = np.linspace(*bar.mappable.get_clim(), 2 * colours.N + 1)
+            bar.set_ticks(edges_and_middles[1::2].tolist())
+
+
+LARGEST_ROUNDING = 1e-12
+"""The part of their size by which values differ at most that are equal but for their rounding."""
+
+
+def without_rounding(values: np.ndarray) -> np.ndarray:
+    """Values (n,) as they are; those that are all equal but for their rounding as one number, since
+    a scale of their differences would show a pattern of no meaning."""
+    size = float(np.nanmax(np.abs(values)))
+    if np.nanmax(values) - np.nanmin(values) > LARGEST_ROUNDING * size:
+        return values
+    return np.where(np.isnan(values), values, float(f"{np.nanmean(values):.12g}"))
 
 
 def show_degrees(sheet: Sheet, sweeps: Sequence[SweepView], spec: Mapping[str, Any]) -> None:
@@ -142,7 +155,7 @@ def colour_scale_of(
     that axes have in every figure."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     part = spec["variable"].rpartition(".")[2]
-    if part in LABELS.values() and np.isin(values, (0, 1)).all():
+    if part in LABELS.values() and (np.isin(values, (0, 1)).all() or low == high):
         low, high = 0.0, 1.0  # where all say yes it has another colour than where all say no
     if labelled:
         labels = range(int(low), int(high) + 1)
@@ -151,6 +164,8 @@ def colour_scale_of(
     if spec["range"] is None and high - low <= MAX_COUNTS and (values % 1 == 0).all():
         # The colours of a continuous scale would show counts that no member has.
         return Normalize(low - 0.5, high + 0.5), hues().resampled(int(high - low) + 1)
+    if spec["range"] is None and low == high:
+        return Normalize(low - 0.1 * abs(low), low + 0.1 * abs(low)), hues().resampled(1)
     scale = Normalize(*(spec["range"] or (low, high)))
     if part not in LABELS.values():
         return scale, hues()
