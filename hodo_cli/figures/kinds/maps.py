@@ -94,7 +94,7 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
             bar.set_ticks(edges_and_middles[1::2].tolist())
 
 
-LARGEST_ROUNDING = 1e-12
+EQUAL_WITHIN = 1e-12
 """The part of their size by which values differ at most that are equal but for their rounding."""
 
 
@@ -102,7 +102,7 @@ def without_rounding(values: np.ndarray) -> np.ndarray:
     """Values (n,) as they are; those that are all equal but for their rounding as one number, since
     a scale of their differences would show a pattern of no meaning."""
     size = float(np.nanmax(np.abs(values)))
-    if np.nanmax(values) - np.nanmin(values) > LARGEST_ROUNDING * size:
+    if np.nanmax(values) - np.nanmin(values) > EQUAL_WITHIN * size:
         return values
     return np.where(np.isnan(values), values, float(f"{np.nanmean(values):.12g}"))
 
