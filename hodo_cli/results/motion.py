@@ -319,18 +319,22 @@ class Motion:
             how = f"run `{command}` first" if self.path else "classify it first"
             raise HodoError(f"{self.words} has no labels of the enclosed axis: {how}")
         labels = self.stored("enclosed_axis")
-        if self.frame and "omega" in self.vectors:
-            few = np.linspace(0, max(len(labels) - 1, 0), min(len(labels), LABELS_COMPARED))
-            omega = self.omega[few.astype(int)]
-            expected = self.frame.enclosed(self.frame.to_principal(omega), MIN_MARGIN_COMPARED)
-            # Of the smallest numbers only the scaled state has a label.
-            clear = (expected > 0) & (np.abs(omega).max(axis=1) > MIN_SIZE_COMPARED)
-            if clear.any() and (labels[few.astype(int)] != expected)[clear].all():
-                raise HodoError(
-                    f"{self.words} has labels of another motion, as after arithmetic with a whole "
-                    "dataset: name the variable, as ds.assign(omega=2 * ds.omega)"
-                )
+        if self.frame and "omega" in self.vectors and self._contradicts(self.frame, labels):
+            raise HodoError(
+                f"{self.words} has labels of another motion, as after arithmetic with a whole "
+                "dataset: name the variable, as ds.assign(omega=2 * ds.omega)"
+            )
         return labels
+
+    def _contradicts(self, frame: rigid_body.BodyFrame, labels: np.ndarray) -> bool:
+        """Whether omega contradicts every label, of some of the samples, that is beyond doubt."""
+        count = min(len(labels), LABELS_COMPARED)
+        few = np.linspace(0, max(len(labels) - 1, 0), count).astype(int)
+        omega = self.omega[few]
+        expected = frame.enclosed(frame.to_principal(omega), MIN_MARGIN_COMPARED)
+        # Of the smallest numbers only the scaled state has a label.
+        is_clear = (expected > 0) & (np.abs(omega).max(axis=1) > MIN_SIZE_COMPARED)
+        return bool(is_clear.any() and (labels[few] != expected)[is_clear].all())
 
     @cached_property
     def crossings(self) -> tuple[Crossing, ...]:

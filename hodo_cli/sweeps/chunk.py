@@ -239,19 +239,21 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
     events = {int(row[i]): met for i, met in outcome.events.items() if is_accepted[i]}
     final |= event_columns(events, len(accepted)) | {"steps": outcome.steps[accepted]}
     member = row[passed.motion]
-    if axis is not None:
-        begin, start = np.array([e.span[0]]), e.start[:, accepted].T
-        labels = e.model.output(begin, start, e.named(accepted))["enclosed_axis"], axis
-        member, crossings = passage_columns(events)
-    elif e.model.no_axis_reason:
+    if axis is None and e.model.no_axis_reason:
         final["event_time"][member] = passed.time  # of several, the last one counts
         return final
-    else:
-        labels = enclosed(e, outcome.start_side[accepted]), enclosed(e, outcome.end_side[accepted])
-        labels[0][e.at_rest[accepted]] = rigid_body.UNDETERMINED
+    if axis is None:
+        sides = outcome.start_side[accepted], outcome.end_side[accepted]
+        start_axis, axis = (enclosed(e, side) for side in sides)
+        start_axis[e.at_rest[accepted]] = rigid_body.UNDETERMINED
         crossings = crossing_columns(e, passed)
         final["separation"] = least_separation(e, outcome, accepted)
-    return final | label_columns(*labels, member, crossings, final["event_time"], time)
+    else:
+        # Of an averaged form, which knows its axis, and whose passages are events.
+        begin, start = np.array([e.span[0]]), e.start[:, accepted].T
+        start_axis = e.model.output(begin, start, e.named(accepted))["enclosed_axis"]
+        member, crossings = passage_columns(events)
+    return final | label_columns(start_axis, axis, member, crossings, final["event_time"], time)
 
 
 def output_of(
