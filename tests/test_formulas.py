@@ -144,6 +144,35 @@ def test_corners_of_time_and_state_are_met_alike_by_each_method() -> None:
 
 
 @pytest.mark.heyoka
+def test_corners_leave_no_more_than_rounding() -> None:
+    """A step that ends just behind a corner misses the equations by little, and so do the short
+    ones before it."""
+    formula = ["0.01*sqrt(p**2)", "0", "0.01*(sin(t)+sqrt(sin(t)**2))"]
+    case = {
+        "model": "torques", "inertia": [2, 1.5, 1], "expression": formula,
+        "initial": {"p": 0.3, "q": 0.7, "r": -0.9}, "time": {"end": 60, "samples": 201},
+    }  # fmt: skip
+    assert hodo.run(case).attrs["error"] < 1e-12
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("formula", ["0.01*sqrt(p**2)", "-0.05*p/sqrt(p**2)"])
+def test_a_corner_of_drag_and_of_a_formula_at_one_place(formula: str) -> None:
+    case = {
+        "model": "torques", "inertia": [2, 1.5, 1], "expression": [formula, "0", "0"],
+        "initial": {"p": 0.3, "q": 0.7, "r": -0.9}, "time": {"end": 20, "samples": 21},
+        "quadratic_axes": [0.02, 0.01, 0.03],
+    }  # fmt: skip
+    by_series, by_points = (hodo.run({**case, "method": x}) for x in ("auto", "collocation"))
+    assert by_series.attrs["method"] == "taylor"
+    assert by_series.attrs["status"] == "ok"
+    assert by_series.attrs["error"] < 1e-8
+    # Begun anew at each of the corners, and nowhere else.
+    assert by_series.attrs["steps"] < 120
+    assert by_points.omega.values == pytest.approx(by_series.omega.values, rel=1e-8, abs=1e-9)
+
+
+@pytest.mark.heyoka
 def test_the_members_of_a_sweep_see_it(tmp_path: Path) -> None:
     case = {
         "model": "torques", "inertia": A, "expression": FORMULAS["thruster"][0],

@@ -129,6 +129,8 @@ class StepControl:
     longest: float = math.inf
     """The longest step that an engine may take in the stretch, in its units: it ends where what
     needs such a limit has grown."""
+    is_over: bool = False
+    """Set by an observer that has seen enough of the stretch."""
     steps: int = 0
     evaluations: int = 0
     status: Status = Status.OK
@@ -145,6 +147,8 @@ class StepControl:
 
     def step(self, y: np.ndarray) -> bool:
         """Count a step that ended in `y`; False to stop."""
+        if self.is_over:
+            return False
         self.steps += 1
         if self.steps >= self._next_check and not self._goes_on():
             return False

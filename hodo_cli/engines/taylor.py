@@ -111,6 +111,7 @@ class Taylor:
         def turn(ta: Any, direction: int) -> bool:
             assert event.passage is not None
             ta.state[:] = event.passage(ta.time, [*ta.state], self.numbers).state
+            self.corner = ta.time, ta.state.copy()
             return True
 
         return turn
@@ -161,6 +162,7 @@ class Taylor:
             # A cooldown of the last stretch would swallow an event at the start of this one.
             ta.reset_cooldowns()
         self.roots.clear()
+        self.corner = (None, y)
         state, series, observe, last = ta.state, ta.tc, control.observer, grid[0]
         values = self._values(last, state, numbers)
 
@@ -191,6 +193,10 @@ class Taylor:
         end = ta.time if stop is None else stop.time
         if stop is not None:
             rows = rows[: np.searchsorted(grid, end, side="right")]
+        elif outcome == hy.taylor_outcome.err_nf_state and self.corner[0] == last:
+            # A series may not begin there, and the stretch ends.
+            reached = int(np.searchsorted(grid, last, side="right"))
+            return Stretch(rows[:reached], (last, 0 * last), self.corner[1])
         elif outcome == hy.taylor_outcome.err_nf_state:
             control.give_up(Status.FAILED, "the state became infinite or not a number")
         # What vanishes at the start does not pass through zero there.

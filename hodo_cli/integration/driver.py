@@ -83,7 +83,11 @@ class SampleBuffer:
 
 
 class StepObserver:
-    """Sees every step of a motion, as an `Observer` that knows in which units the step is."""
+    """Sees every step of a motion, as an `Observer` that knows in which units the step is; `change`
+    (3,) is set if the steps of a stretch are to be taken anew, straight on over a change of the
+    rates, whose time it is, between one before and one behind it."""
+
+    change: np.ndarray | None = None
 
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
         """The steps from here on are in these units, their times those of the clock."""
@@ -199,7 +203,9 @@ class Propagation:
             if len(self.restarts) and self.clock.until(self.restarts[0, 0]) <= 0:
                 self.go_straight_on(*self.restarts[0, 1:])
             else:
-                self.change_units(self.integrate())
+                size = self.integrate()
+                if self.observer.change is None:
+                    self.change_units(size)
         return self.samples
 
     def go_straight_on(self, at: Any, end: Any) -> None:
@@ -218,8 +224,14 @@ class Propagation:
         change = max(clock.until(at), fp(0))
         earlier = np.minimum(elapsed, change)
         states = y + np.outer(earlier, before) + np.outer(elapsed - earlier, behind)
+        if not np.isfinite(states.astype(float)).all():
+            self.control.give_up(Status.FAILED, "the state became infinite or not a number")
+            return
         self.samples.add(states[:-1], self.units.size)
         self.y = states[-1]
+        for event in self.events:
+            if event.sign is not None and event.function(end, [*self.y], k) < 0:
+                self.y[event.sign] *= -1
         clock.restart(end)
 
     def integrate(self) -> int:
@@ -242,10 +254,15 @@ class Propagation:
             if self.is_uneven
             else math.inf
         )
+        self.control.is_over, evaluations = False, self.control.evaluations
         self.observer.begin(self.engine, clock, units)
         k = k | clock.constants if self.is_timed else k
         stretch = self.engine.integrate(k, self.y, grid, self.control)
         self.observer.flush()
+        if self.observer.change is not None:
+            self.control.evaluations = evaluations
+            self.restarts = in_precision(self.observer.change[None], self.engine.dtype)
+            return int(units.size)
         samples.events += [
             Occurrence(self.events[root.event].kind, clock.true(root.time))
             for root in stretch.roots

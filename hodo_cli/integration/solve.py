@@ -10,13 +10,13 @@ import numpy as np
 from .. import HodoError, engines
 from ..cases.case import Case
 from ..cases.keys import NO_CLOSED_FORM, wrong_precision
+from ..engines import extended
 from ..engines.polynomial import (
-    HALVINGS,
     TAYLOR,
     bernstein_coefficients,
     values_and_slopes,
 )
-from ..engines.protocol import EPS, LAST_STEP, Status, StepControl
+from ..engines.protocol import EPS, LAST_STEP, Engine, Status, StepControl
 from ..models.base import Model
 from ..models.constants import attributes, stacked
 from .driver import (
@@ -29,7 +29,7 @@ from .driver import (
     StepObserver,
 )
 from .trajectory import Occurrence, Trajectory
-from .units import is_timed
+from .units import Clock, Units, is_timed
 
 REFINEMENTS, OTHER_REFINEMENTS = {"taylor": 5}, 2
 """How often what approximates equations is refined: it takes twice as long each time, and seconds
@@ -69,7 +69,7 @@ POINTS_CHECKED, POINTS_AT_ONCE = 1 << 15, 1 << 13
 """Places of a span, evenly spaced, at which steps are compared with formulas, since what is shorter
 may be overlooked; and those that are compared together."""
 
-DEFECT = 1e-11
+DEFECT = 1e-12
 """By how much a step may miss its equations at least, relative to the size of the state: far above
 the rounding of the comparison, far below what a pulse of a formula makes of a motion."""
 
@@ -77,13 +77,16 @@ MIN_GAP, MIN_ULPS = 1e-9, 4
 """How far from a change steps end and begin: in the time in which a motion changes by its own size,
 so that its square is below the rounding of a double, and in rounding errors of the time."""
 
-BEND_PARTS, BEND_ROUNDS = 32, 12
-"""Parts of an interval in search of a corner, and how often two of them are divided again: to the
-rounding of a double."""
+PARTS, ROUNDS, MAX_CORNER = 128, 9, 2.0
+"""Parts of an interval in search of a change, and how often one or two of them are divided again:
+to the rounding of a long double, since a jump is gone over by the rates on both sides. Of a corner,
+from which an excess grows gradually to no more than this, a part of MIN_GAP will do."""
 
-MOST_ATTEMPTS, MOST_CHANGES = 64, 10_000
-"""How often a motion is begun anew because of changes of its formulas, most of which are seen at
-once, and how many it may have."""
+MOST_CHANGES = 10_000
+"""How many changes of its formulas a motion may have."""
+
+MOST_AT_ONE_PLACE, NEARBY = 64, 16
+"""How many of them may follow each other within so many MIN_GAP."""
 
 
 @dataclass
@@ -101,8 +104,13 @@ class StepCheck(StepBuffer):
     span: float
     tol: float
     control: StepControl
-    longest: float = 0.0
-    changes: list[tuple[Any, Any, Any]] = field(default_factory=list)
+    changes: list[np.ndarray] = field(default_factory=list)
+    at_one_place: int = 0
+
+    def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
+        super().begin(engine, clock, units)
+        self.longest, self.change, self.at_begin = 0.0, None, {**vars(self.control)}
+        self.enough = 512
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
         self.longest = max(self.longest, float(end - start))
@@ -110,77 +118,93 @@ class StepCheck(StepBuffer):
 
     @property
     def is_full(self) -> bool:
-        return len(self.ends) * self.points >= POINTS_AT_ONCE
+        return len(self.ends) * self.points >= self.enough
 
     @property
     def points(self) -> int:
         """The number of places at which each of the steps noted is compared."""
         return 8 + int(POINTS_CHECKED * self.longest / self.clock.factor / self.span)
 
+    def flush(self) -> None:
+        super().flush()
+        control = self.control
+        if control.status is Status.FAILED and control.steps == self.at_begin["steps"]:
+            # A series that begins at a corner has no number.
+            self.note(extended(np.array([self.clock.high, self.clock.low])).sum())
+
     def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
-        """Compare steps."""
+        """Compare steps; those behind the first change of a stretch are of another motion."""
         # Nearer to each other towards the ends, where collocation has no points of its own.
         x = (1 - np.cos(np.pi * np.arange(self.points + 1) / self.points)) / 2
-        b = self._bernstein(series.astype(float), ends.astype(float))
-        missed = self._misses(ends.astype(float), x[None], b)
-        steps = np.flatnonzero(missed.any(axis=1))
-        if steps.size:
-            first = missed[steps].argmax(axis=1)
-            ends, b = ends[steps], self._bernstein(series[steps], ends[steps])
-            onset = self._onset(ends, b, x[np.maximum(first - 1, 0)], x[first])
+        b = self._bernstein(series.astype(float), ends)
+        missed = ~(self._excess(ends.astype(float), x, b) <= 1)
+        if self.change is None and missed.any():
+            step, first = np.argwhere(missed)[0]
+            ends, b = ends[step : step + 1], self._bernstein(series, ends)[step : step + 1]
             # A series is right up to a corner; what goes over it by some points is wrong all along.
-            place = np.where(first > 0, onset, self._corner(ends, b))
-            self.note(self.clock.exact_times(ends[:, 0] + place * (ends[:, 1] - ends[:, 0])))
+            low, high = (x[first - 1], x[first]) if first else (0, 1)
+            place = self._place(ends, b, low, high, is_onset=first > 0)
+            self.note(self.clock.exact_times(ends[0, 0] + place * (ends[0, 1] - ends[0, 0])))
+        self.longest = 0.0
+        self.enough = min(2 * self.enough, POINTS_AT_ONCE)
+
+    def note(self, at: Any) -> None:
+        """Note a change at some time: the stretch ends, to be begun anew."""
+        vars(self.control).update(self.at_begin, is_over=True)
+        # A series that begins at a corner overflows, and the formula may be no number there.
+        gap = MIN_GAP / self.clock.factor
+        aside = np.maximum(gap, MIN_ULPS * np.spacing(float(at)))
+        is_beyond = not self.changes or at > self.changes[-1][1] + NEARBY * aside
+        self.at_one_place = 0 if is_beyond else self.at_one_place + 1
+        # Begun anew it may miss its equations sooner than before.
+        while self.changes and self.changes[-1][1] >= at:
+            self.changes.pop()
+        self.change = np.array([at - aside, at, at + aside])
+        self.changes.append(self.change)
+        if self.at_one_place > MOST_AT_ONE_PLACE:
+            self.control.give_up(Status.FAILED, "its formulas change ever again within its steps")
         if len(self.changes) > MOST_CHANGES:
             message = f"stopped: its formulas change more than {MOST_CHANGES} times"
             self.control.give_up(Status.TIMEOUT, message)
-        self.longest = 0.0
 
-    def note(self, at: np.ndarray) -> None:
-        """Note changes at some times (n,), long doubles."""
-        # A series that begins at a corner overflows, and the formula may be no number there.
-        aside = np.maximum(MIN_GAP / self.clock.factor, MIN_ULPS * np.spacing(at.astype(float)))
-        self.changes += [*zip(at - aside, at, at + aside, strict=True)]
-
-    def _onset(
-        self, ends: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray
-    ) -> np.ndarray:
-        """Where (n,) steps begin to miss their equations, between these places (n,)."""
-        low, high = low.astype(b.dtype), high.astype(b.dtype)
-        for _ in range(HALVINGS):
-            middle = (low + high) / 2
-            missed = self._misses(ends, middle[:, None], b)[:, 0]
-            low, high = np.where(missed, low, middle), np.where(missed, middle, high)
-        return low
-
-    def _corner(self, ends: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Where (n,) along steps the rates have their sharpest bend."""
-        low, width = np.zeros((len(ends), 1), b.dtype), 1.0
-        for _ in range(BEND_ROUNDS):
-            places = low + width * np.linspace(0, 1, BEND_PARTS + 1)
-            bend = np.abs(np.diff(self._slopes(ends, places, b)[1], 2)).max(axis=0)
-            low = np.take_along_axis(places, bend.argmax(axis=1)[:, None], axis=1)
-            width *= 2 / BEND_PARTS
-        return np.asarray(low[:, 0] + width / 2)
+    def _place(self, ends: np.ndarray, b: np.ndarray, low: Any, high: Any, is_onset: bool) -> Any:
+        """Where between two places a step begins to miss its equations or, if that is no `onset`,
+        its rates have their sharpest bend."""
+        low, width, length = b.dtype.type(low), high - low, ends[0, 1] - ends[0, 0]
+        for _ in range(ROUNDS):
+            places = low + width * np.linspace(0, 1, PARTS + 1)
+            if is_onset:
+                excess = self._excess(ends, places, b)[0]
+                first, parts = max((~(excess <= 1)).argmax() - 1, 0), 1
+            else:
+                bend = np.abs(np.diff(self._slopes(ends, places, b)[1], 2)).max(axis=0)
+                first, parts = bend.argmax(), 2
+            low, width = places[first], width * parts / PARTS
+            if is_onset and width * length < MIN_GAP / 8 and excess[first + 1] < MAX_CORNER:
+                break
+        return low + width / 2
 
     def _bernstein(self, series: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        return bernstein_coefficients(series.copy(), ends[:, 1] - ends[:, 0], self.engine.basis)
+        length = (ends[:, 1] - ends[:, 0]).astype(series.dtype)
+        return bernstein_coefficients(series.copy(), length, self.engine.basis)
 
     def _slopes(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> tuple[Any, Any]:
-        """The slopes of steps by x, and those of their equations, each (m, n, k), at places x,
-        (n, k) or (1, k)."""
+        """The slopes of steps by x, and those of their equations, each (m, n, k), at places x
+        (k,)."""
         length = ends[:, 1:] - ends[:, :1]
         t = self.clock.exact_times(ends[:, :1] + x * length).astype(b.dtype)
-        state, slope = (part.swapaxes(0, 1) for part in values_and_slopes(b, x))
+        state, slope = (part.swapaxes(0, 1) for part in values_and_slopes(b, x[None]))
         k = attributes(self.units.constants(type(self.system), self.system.constants), b.dtype.type)
         return slope, length * stacked(self.system.rhs(t, [*state], k), state)
 
-    def _misses(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Whether steps miss their equations (n, k) at places x, (n, k) or (1, k)."""
+    def _excess(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """How far steps miss their equations (n, k) at places x (k,): beyond 1 something has
+        changed."""
         slope, rates = self._slopes(ends, x, b)
         # Between the ends of a step its polynomial has half of the digits at worst.
-        allowed = max(DEFECT, self.tol**0.5) * np.abs(b).max(axis=(1, 2))
-        return np.asarray(~(np.abs(slope - rates).max(axis=0) <= allowed[:, None]))
+        parts = self.tol**0.5 * (ends[:, 1] - ends[:, 0]) / self.longest
+        allowed = np.maximum(parts, max(DEFECT, 100 * self.tol)) * np.abs(b).max(axis=(1, 2))
+        return np.asarray(np.abs(slope - rates).max(axis=0) / allowed[:, None])
 
 
 @dataclass
@@ -299,8 +323,8 @@ def attempted(
         changes = np.empty((0, 3))
         if is_checked:
             check = StepCheck(system, propagation.span, engine.tol, control)
-            samples, changes = begun_anew_at_changes(check, propagation)
-            control = check.control
+            samples = propagation.run(control, check, changes)
+            changes = np.reshape(check.changes, (-1, 3))
         if observer or not is_checked:
             control = StepControl(*limits)
             samples = propagation.run(control, observer or monitor, changes)
@@ -309,29 +333,6 @@ def attempted(
     motion = trajectory(case, method, engine.tol, samples, control, began)
     motion = replace(motion, restarts=len(changes))
     return motion, monitor is None or monitor.everywhere
-
-
-def begun_anew_at_changes(
-    check: StepCheck, propagation: Propagation
-) -> tuple[SampleBuffer, np.ndarray]:
-    """A motion whose steps meet its equations everywhere, and the times (n, 3) before, at and
-    behind each place where its formulas change so that it is begun anew there. It ends early if
-    there is no end of such places, as of dry friction."""
-    changes = np.empty((0, 3))
-    for _ in range(MOST_ATTEMPTS):
-        samples = propagation.run(check.control, check, changes)
-        is_at_start = not (check.control.steps or len(changes))
-        if is_at_start and check.control.status is Status.FAILED:
-            # A series that begins at a corner has no number.
-            check.note(np.array([propagation.start], dtype=np.longdouble))
-        if not check.changes or check.control.status is Status.TIMEOUT:
-            return samples, changes
-        known, changes = len(changes), np.unique([*changes, *check.changes], axis=0)
-        if len(changes) == known:  # begun anew there, it misses its equations there again
-            break
-        check.changes, check.control = [], check.control.afresh()
-    check.control.give_up(Status.FAILED, "its formulas change ever again within its steps")
-    return samples, changes
 
 
 def trajectory(
