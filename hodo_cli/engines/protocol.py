@@ -135,14 +135,9 @@ class StepControl:
     evaluations: int = 0
     status: Status = Status.OK
     message: str = ""
-    deadline: float = math.inf
-
-    def afresh(self) -> "StepControl":
-        """One for another attempt, with the same limit of steps and what is left of the seconds."""
-        return StepControl(self.max_steps, self.max_seconds, deadline=self.deadline)
 
     def __post_init__(self) -> None:
-        self.deadline = min(self.deadline, perf_counter() + self.max_seconds)
+        self.deadline = perf_counter() + self.max_seconds
         self._next_check = 1.0
 
     def step(self, y: np.ndarray) -> bool:
