@@ -173,6 +173,20 @@ def test_a_corner_of_drag_and_of_a_formula_at_one_place(formula: str) -> None:
 
 
 @pytest.mark.heyoka
+def test_a_body_that_friction_holds_fails_in_words() -> None:
+    # It is no number where p = 0, and p stays there.
+    ds = hodo.run(
+        {
+            "model": "torques", "inertia": [2, 1.5, 1], "quadratic_axes": 0.01,
+            "expression": ["-0.1*p/sqrt(p**2)", "0", "0"], "initial": {"p": 0.3, "q": 0, "r": 0},
+            "time": {"end": 20, "samples": 21},
+        }
+    )  # fmt: skip
+    assert ds.attrs["status"] == "failed"
+    assert np.isfinite(ds.omega).all()
+
+
+@pytest.mark.heyoka
 def test_the_members_of_a_sweep_see_it(tmp_path: Path) -> None:
     case = {
         "model": "torques", "inertia": A, "expression": FORMULAS["thruster"][0],
