@@ -510,6 +510,21 @@ def test_labels_that_a_result_lacks_are_one_line_a_case(tmp_path: Path) -> None:
     assert done.returncode == 3
 
 
+def test_two_forms_of_a_motion_differ_in_their_form_once_and_both_have_labels(
+    tmp_path: Path,
+) -> None:
+    body = "inertia: [1, 0.8, 0.6], initial: {p: .8, q: .5, r: .74}, time: {end: 1, samples: 2}"
+    for form in ("full", "averaged"):
+        case = f"cases: {{x: {{model: linear-diag, form: {form}, damping: 1, {body}}}}}"
+        (tmp_path / f"{form}.yaml").write_text(case, "utf-8")
+        assert call(tmp_path, "run", f"{form}.yaml", "--quiet").returncode == 0
+        assert call(tmp_path, "classify", f"{form}.yaml").returncode == 0
+    done = call(tmp_path, "compare", "runs/averaged.h5", "runs/full.h5", "--json")
+    names = [row["variable"] for row in json.loads(done.stdout)]
+    assert names.count("form") == 1
+    assert "labels" not in names
+
+
 def test_compare_prints_the_worst_of_each_case_and_says_0_or_3(tmp_path: Path) -> None:
     path = REFERENCE / "paper3.h5"
     same = call(tmp_path, "compare", path, path)

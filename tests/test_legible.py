@@ -1,5 +1,6 @@
 """Words and marks of figures are on no others, and say which case they are of."""
 
+import re
 from itertools import combinations, pairwise
 from typing import Any
 
@@ -8,7 +9,7 @@ import pytest
 from drawings import Drawings, drawings_of
 from matplotlib.collections import LineCollection
 
-from hodo_cli import HodoError, derive, plot
+from hodo_cli import HodoError, derive, plot, run
 
 CASES = """
 defaults:
@@ -300,6 +301,32 @@ def check_labels(figure: Any) -> None:
             for box in boxes([label]):
                 assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
                 assert figure.bbox.y0 <= box.y0 < box.y1 <= figure.bbox.y1
+
+
+def test_a_stop_and_a_passage_have_marks_of_their_own() -> None:
+    made = run(
+        {
+            "model": "torques", "form": "averaged", "inertia": [3, 2, 1], "kappa": 0.05,
+            "brake": 0.0003, "initial": {"p": 0.1, "q": 0.3, "r": 0.9}, "time": {"end": 4000},
+        }
+    )  # fmt: skip
+    (panel,) = plot(made, kind="series", variables=["G"]).axes
+    marks = {str(line.get_label()): line.get_marker() for line in panel.lines}
+    assert marks["separatrix"] != marks["stopped"]
+
+
+@pytest.mark.parametrize(("samples", "words"), [(2, "constant .*at 2 samples"), (51, "")])
+def test_few_equal_samples_do_not_pass_for_a_constant(samples: int, words: str) -> None:
+    """r = 0.01 t - 1: T is 40 at both ends, and 0 between them."""
+    made = run(
+        {
+            "model": "torques", "inertia": [120, 100, 80], "torque": [0, 0, 0.8],
+            "initial": {"p": 0, "q": 0, "r": -1}, "time": {"end": 200, "samples": samples},
+        }
+    )  # fmt: skip
+    (panel,) = plot(made, kind="series", variables=["T"]).axes
+    (said,) = [text.get_text() for text in panel.texts] or [""]
+    assert re.fullmatch(words, said)
 
 
 def test_a_label_is_broken_beside_a_panel_that_a_long_legend_leaves_low(drawn: Drawings) -> None:

@@ -107,10 +107,14 @@ def compared_case(a: Group, b: Group, tolerance: Tolerance) -> list[Line]:
         )
     with suppress(HodoError):
         cases = [parse_case(str(group.attributes.get("case", ""))) for group in (a, b)]
+    settings = [*differing_settings(cases, a, b)]
+    named = {name for name, *_ in settings}
+    # An averaged motion has its labels without.
+    lacks_labels = unlabelled and "enclosed_axis" not in a.variables
     lines = [
-        *differing_settings(cases, a, b),
-        *[("labels", math.inf, "missing: not classified")] * unlabelled,
-        *((name, math.inf, place) for name, place in differing_attributes(a, b)),
+        *settings,
+        *[("labels", math.inf, "missing: not classified")] * lacks_labels,
+        *((key, math.inf, place) for key, place in differing_attributes(a, b) if key not in named),
         *compared_variables(a, b, tolerance),
     ]
     if any(not scaled <= 1 for _, scaled, _ in lines):

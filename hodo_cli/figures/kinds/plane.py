@@ -220,6 +220,10 @@ LARGEST_ROUNDING = 1e-6
 motion that has died down may state an error of any size."""
 
 
+FEW_SAMPLES = 30
+"""Samples at fewer of which a quantity may be equal that changes between them."""
+
+
 def widen_constant(axes: Axes, curves: Sequence[tuple[Motion, str]]) -> None:
     """Give a panel of constant quantities a scale on which they look so, and say it: on that of
     their rounding errors they would look like noise."""
@@ -234,6 +238,8 @@ def widen_constant(axes: Axes, curves: Sequence[tuple[Motion, str]]) -> None:
     middle, half = values.mean(), 0.1 * size or 1.0
     axes.set_ylim(middle - half, middle + half)
     words = f"constant to {magnitude(np.ptp(values))}" if np.ptp(values) else "constant"
+    if 1 < (fewest := min(len(motion.time) for motion, _ in curves)) < FEW_SAMPLES:
+        words += f" at {fewest} samples"
     axes.annotate(words, (0.97, 0.95), xycoords="axes fraction", ha="right", va="top", size="small")
 
 
@@ -352,6 +358,7 @@ def event_marks(axes: Axes, motion: Motion, names: Sequence[str], spec: Mapping[
             continue
         # One colour, or the legend would have the marks of each case.
         marks: Look = {**END, "color": BLACK, "clip_on": False, "zorder": 5}
+        marks |= {"marker": CROSSING["marker"]} if kind == "separatrix" else {}
         axes.plot([when] * len(values), [*values.values()], **marks, label=kind.replace("_", " "))
         for name, words in words_at_event(motion, when, values, spec["time"]).items():
             lines = text_lines(words, 0.6 / 72 * room_across(axes), text_size("legend.fontsize"))

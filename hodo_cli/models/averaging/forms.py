@@ -359,7 +359,8 @@ class AveragedTurns(BodyFrame):
             return []
         return [
             "averaging needs a perturbation slow beside the turns: its rate times K/n is "
-            f"{ratio[0]:.2g} at the start, and above {LARGE_RATIO:g} from t = {t[large[0]]:.6g} on"
+            f"{ratio[0]:.2g} at t = {t[0]:.6g}, "
+            f"and above {LARGE_RATIO:g} from t = {t[large[0]]:.6g} on"
         ]
 
     @property
