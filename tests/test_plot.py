@@ -706,6 +706,15 @@ def test_an_enlargement_that_shows_nothing_is_refused(several: Drawings) -> None
         assert "zoom: 0.0001 shows nothing: the curves come no nearer to the origin than" in line
 
 
+@pytest.mark.parametrize(("kind", "units"), [("hodograph", "kg m^2/s"), ("quadrants", "1/s^2")])
+def test_an_enlargement_that_shows_nothing_names_the_unit(kind: str, units: str) -> None:
+    body = {"inertia": [120, 100, 80], "inertia_unit": "kg m^2", "model": "linear-diag"}
+    start = {"initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 9, "unit": "s"}}
+    with pytest.raises(HodoError) as refusal:
+        api.plot(api.run(body | start), kind=kind, zoom=1e-4)
+    assert str(refusal.value).endswith(f" [{units}]")
+
+
 def test_components_of_one_vector_have_one_scale(several: Drawings) -> None:
     data = several.cases["brief"]
     for x, y, aspect in (("p", "omega.x3", 1), ("G.x1", "G.x2", 1), ("p", "T", "auto")):

@@ -21,7 +21,7 @@ from ..results.motion import Motion
 from ..text import abridged
 from .sheet import Look, Sheet
 from .symbols import time_label, unit_after
-from .words import Words
+from .words import Words, without_tex
 
 BLUE, ORANGE, GREEN, SKY, RED, PURPLE, BLACK = (
     "#0072B2", "#BF8200", "#009E73", "#2E8FCB", "#D55E00", "#CC79A7", "#000000")  # fmt: skip
@@ -300,13 +300,13 @@ def windings(curve: np.ndarray) -> float:
     return float(np.linalg.norm(np.diff(curve / size, axis=0), axis=-1).sum())
 
 
-def check_zoom(zoom: float, nearest: float) -> None:
-    """Raise HodoError if curves that come no nearer to the origin than `nearest` are not in a panel
-    that ends at `zoom`."""
+def check_zoom(zoom: float, nearest: float, units: str) -> None:
+    """Raise HodoError if curves that come no nearer to the origin than `nearest`, in the units of
+    an axis, are not in a panel that ends at `zoom`."""
     if nearest >= zoom:
         raise HodoError(
             f"zoom: {zoom:g} shows nothing: the curves come no nearer to the origin than "
-            f"{nearest:.4g}"
+            f"{nearest:.4g} {without_tex(units).replace('[–]', '')}".rstrip()
         )
 
 

@@ -72,7 +72,8 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
         regions(axes, motions[0], limit, axes is not panels[0])
         plane_curves(axes, spec, motions, curves, crossings, frame)
     if zoom is not None:
-        check_zoom(zoom, min(float(curve.max(axis=1).min()) for curve in curves))
+        nearest = min(float(curve.max(axis=1).min()) for curve in curves)
+        check_zoom(zoom, nearest, unit(motions[0], "omega", 2))
         panels[1].set(title="enlarged")
         # Its small values are long words, for which there is little room side by side.
         panels[1].locator_params(nbins=max(2, min(5, int(room_across(panels[1]) / 25))))

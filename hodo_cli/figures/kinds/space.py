@@ -63,7 +63,8 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     names = [axis_label(f"G.x{i}", motions[0]) for i in (1, 2, 3)]
     space(sheet.scene(main, view, names), motions, spec, reach, frame)
     if zoom is not None:
-        check_zoom(zoom, min(float(np.abs(motion.G).max(axis=1).min()) for motion in motions))
+        nearest = min(float(np.abs(motion.G).max(axis=1).min()) for motion in motions)
+        check_zoom(zoom, nearest, unit(motions[0], "G"))
         window = np.array([[-1.25, 1.25], [-1.25, 1.25]]) * zoom
         enlarged = sheet.scene(others[0], view, names, reach=zoom)
         space(enlarged, motions, spec, np.full((2, 3), zoom), window)
