@@ -152,7 +152,7 @@ class StepCheck(StepBuffer):
         """Note a change at some time: the stretch ends, to be begun anew."""
         vars(self.control).update(self.at_begin, is_over=True)
         # A series that begins at a corner overflows, and the formula may be no number there.
-        gap = MIN_GAP / self.clock.factor
+        gap = MIN_GAP * min(1 / self.clock.factor, self.span)
         aside = np.maximum(gap, MIN_ULPS * np.spacing(float(at)))
         is_beyond = not self.changes or at > self.changes[-1][1] + NEARBY * aside
         self.at_one_place = 0 if is_beyond else self.at_one_place + 1
