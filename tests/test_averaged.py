@@ -564,7 +564,7 @@ def test_equal_resistance_is_no_approximation() -> None:
 
 def test_the_late_regime_is_told() -> None:
     (told,) = integrate(case()).warnings
-    assert "0.027 at the start" in told
+    assert "0.027 at t = 0" in told
 
 
 def test_one_table_serves_all_starts() -> None:

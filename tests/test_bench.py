@@ -90,6 +90,8 @@ def test_a_trial_measures_the_true_error_and_the_drift() -> None:
 
 def test_a_time_is_the_least_of_the_repeats_and_the_processor_s() -> None:
     class Sleeper:
+        change = None
+
         def begin(self, *_: object) -> None:
             time.sleep(0.2)
 
