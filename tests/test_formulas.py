@@ -187,19 +187,6 @@ def test_a_body_that_friction_holds_fails_in_words() -> None:
 
 
 @pytest.mark.heyoka
-def test_a_pole_of_a_formula_is_named_after_few_steps() -> None:
-    """No method has steps over it: collocation crept towards it for 100,000 of them."""
-    case = {
-        "model": "torques", "inertia": A, "expression": ["1/(5.5 - t)", "0", "0"],
-        "initial": dict(zip("pqr", START, strict=True)), "time": {"end": 20},
-    }  # fmt: skip
-    motion = hodo.run(case, classify=False)
-    assert motion.attrs["status"] == "failed"
-    assert motion.attrs["message"].endswith("near t = 5.5")
-    assert motion.attrs["steps"] < 1000
-
-
-@pytest.mark.heyoka
 def test_the_members_of_a_sweep_see_it(tmp_path: Path) -> None:
     case = {
         "model": "torques", "inertia": A, "expression": FORMULAS["thruster"][0],

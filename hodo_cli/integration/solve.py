@@ -85,12 +85,8 @@ from which an excess grows gradually to no more than this, a part of MIN_GAP wil
 MOST_CHANGES = 10_000
 """How many changes of its formulas a motion may have."""
 
-EVER_CHANGING = "its formulas change ever again within its steps"
-"""The message of a motion that ends at such a place, for which no method has steps."""
-
-MOST_AT_ONE_PLACE, NEARBY = 64, 100_000
-"""How many of them may follow each other within so many MIN_GAP: dry friction at rest has no end of
-them, nor has what comes near a pole, where the rounding of the time counts for one."""
+MOST_AT_ONE_PLACE, NEARBY = 64, 16
+"""How many of them may follow each other within so many MIN_GAP."""
 
 
 @dataclass
@@ -166,7 +162,7 @@ class StepCheck(StepBuffer):
         self.change = np.array([at - aside, at, at + aside])
         self.changes.append(self.change)
         if self.at_one_place > MOST_AT_ONE_PLACE:
-            self.control.give_up(Status.FAILED, f"{EVER_CHANGING} near t = {float(at):.6g}")
+            self.control.give_up(Status.FAILED, "its formulas change ever again within its steps")
         if len(self.changes) > MOST_CHANGES:
             message = f"stopped: its formulas change more than {MOST_CHANGES} times"
             self.control.give_up(Status.TIMEOUT, message)
