@@ -1,10 +1,10 @@
-"""Stiff and extreme cases: `auto` is right or says so, in time; the method behind it stands on its
-own feet."""
+"""Stiff and extreme cases: `auto` is right or says so, with little work; the method behind it
+stands on its own feet."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from time import perf_counter
 from types import SimpleNamespace
 from typing import Any
 
@@ -42,10 +42,10 @@ def test_there_are_enough_cases_and_each_says_what_is_extreme() -> None:
 @pytest.mark.parametrize("name", [name for name in CASES if name not in LONG])
 def test_auto_is_right_or_says_so(name: str) -> None:
     case = CASES[name]
-    result = trials.trial(
-        case, trials.reference_motion(case), "auto", None, 1, trials.PATIENCE_OF_TRIALS
-    )
+    result = trials.trial(case, trials.reference_motion(case), "auto", None, 1, math.inf)
     assert result.status not in ("SILENT", "timeout"), result
+    # No number with a closed form; the most is 9,321 steps of the series.
+    assert not result.rhs_evaluations > 300_000, result
     assert result.drift != result.drift or result.drift <= max(1e-13, 30 * result.floor)
     if name == "middle-axis":
         # It comes back to the axis, and of what was small there only rounding is left by then:
@@ -60,12 +60,11 @@ def test_auto_is_right_or_says_so(name: str) -> None:
 )
 def test_auto_needs_no_taylor_series(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engines, "have_taylor", lambda: False)
-    began = perf_counter()
     trajectory = integrate(CASES[name])
     assert trajectory.method in ("exact", "collocation")
     assert trajectory.status == "ok"
     assert trajectory.error < (1e-7 if name == "horizon-1e8" else 1e-11)
-    assert perf_counter() - began < trials.PATIENCE_OF_TRIALS
+    assert trajectory.evaluations < 5000
 
 
 def test_ten_million_samples_do_not_cost_ten_million_comparisons() -> None:

@@ -44,7 +44,7 @@ def nearest(name: str, valid: Collection[str]) -> str:
 
 def near(name: str, valid: Collection[str]) -> str | None:
     """The name that is nearest, or None if none is near: in a long list, one letter off."""
-    folded = {option.casefold(): option for option in valid}
+    folded = _folded(tuple(valid))
     name = name[:200].casefold()
     if word := other_word(name, valid):
         return word
@@ -59,6 +59,12 @@ def near(name: str, valid: Collection[str]) -> str | None:
 def other_word(name: str, valid: Collection[str]) -> str:
     """The valid name that a text or another program would call by this one, or ""."""
     return next((word for word in OTHER_WORDS.get(name.lower(), ()) if word in valid), "")
+
+
+@lru_cache(maxsize=8)
+def _folded(names: tuple[str, ...]) -> dict[str, str]:
+    """Names by their spelling without capitals."""
+    return {name.casefold(): name for name in names}
 
 
 @lru_cache(maxsize=8)
