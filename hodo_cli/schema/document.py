@@ -13,6 +13,7 @@ Source: YAML 1.2.2, section 10.3 (core schema).
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, NamedTuple, NoReturn
 
@@ -407,25 +408,24 @@ def write(value: Any) -> str:
     """A plain value as YAML in one line (flow style); numbers keep every bit. Tuples are written as
     lists."""
     match value:
-        case dict():
-            return (
-                "{"
-                + ", ".join(f"{write(str(key))}: {write(item)}" for key, item in value.items())
-                + "}"
-            )
-        case list() | tuple():
-            return "[" + ", ".join(map(write, value)) + "]"
-        case None | bool() | int():
-            return json.dumps(value)
         case float():
             return repr(value)
         case str():
-            return (
-                value
-                if _PLAIN.fullmatch(value) and isinstance(resolve_scalar(value), str)
-                else _quoted(value)
-            )
+            return _written_text(value)
+        case list() | tuple():
+            return f"[{', '.join(map(write, value))}]"
+        case dict():
+            items = (f"{_written_text(str(key))}: {write(item)}" for key, item in value.items())
+            return f"{{{', '.join(items)}}}"
+        case None | bool() | int():
+            return json.dumps(value)
     raise TypeError(f"no plain value: {shown(value)}")
+
+
+@lru_cache  # thousands of cases have the same words
+def _written_text(text: str) -> str:
+    is_word = _PLAIN.fullmatch(text) and isinstance(resolve_scalar(text), str)
+    return text if is_word else _quoted(text)
 
 
 # Only words that no reader, of YAML 1.1 or 1.2, could take for a number, a date or a comment.
