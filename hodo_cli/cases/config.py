@@ -296,7 +296,8 @@ def _figure_mistakes(
 ) -> Iterator[Mistake]:
     """The mistakes that keep figures from drawing their cases; none where a case is itself
     wrong."""
-    known = {name: drawable(case) for name, case in cases.items()}
+    drawn = {name for values in figures.values() for name in values.get("cases", ())}
+    known = {name: drawable(cases[name]) for name in cases.keys() & drawn}
     for name, values in figures.items():
         if all(case in cases for case in values.get("cases", ())):
             yield from within(("figures", name), check_drawn(values, known, with_sizes))

@@ -162,9 +162,10 @@ def in_order(names: Mapping[str, Any], order: Iterable[str]) -> dict[str, None]:
 
 
 def _collect(run: ResultFile, cases: dict[str, list[FinishedCase]], more: Collection[str]) -> None:
+    wanted = dict.fromkeys((*RESUME_ATTRIBUTES, *more))
     for name in run.cases():
         damage = run.damaged.get(name, "")
-        stored = {} if damage else run.summary(name, dict.fromkeys((*RESUME_ATTRIBUTES, *more)))
+        stored = {} if damage else run.summary(name, wanted)
         attributes = stored | {key: str(stored[key]) for key in RESUME_ATTRIBUTES if key in stored}
         cases.setdefault(name, []).append(FinishedCase(name, run.path, attributes, damage))
 
