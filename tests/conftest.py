@@ -10,6 +10,7 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
+import time
 import traceback
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache, lru_cache, partial
@@ -152,6 +153,40 @@ def counted(function: Callable[..., Any], *arguments: object) -> tuple[Any, int]
         return function(*arguments), calls
     finally:
         sys.setprofile(before)
+
+
+def wait_until(condition: Callable[[], object]) -> None:
+    """Wait for what another process does; a minute is for machines that have much else to do."""
+    end = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < end, "another process does not do what is waited for"
+        time.sleep(0.01)
+
+
+def process_state(pid: int) -> str:
+    """The letter by which Linux names the state of a process; empty if there is none."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2][:1]
+    except OSError:
+        return ""
+
+
+def in_child(action: Callable[[], object]) -> int:
+    """Start a process that does something and ends."""
+    child = os.fork()
+    if child == 0:
+        status = 1
+        try:
+            action()
+            status = 0
+        finally:
+            os._exit(status)
+    return child
+
+
+def exit_status(child: int) -> int:
+    """That of a process that `in_child` has started, at its end."""
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
 def limit(kind: int, most: int) -> None:

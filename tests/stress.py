@@ -80,8 +80,8 @@ def killed(folder: Path, kill: signal.Signals, after: float, *arguments: str) ->
 
 
 def survivors(session: int) -> list[int]:
-    """The processes of a session that are still there after a second."""
-    deadline = time.monotonic() + 1
+    """The processes of a session that are still there after a minute."""
+    deadline = time.monotonic() + 60
     while (alive := members(session)) and time.monotonic() < deadline:
         time.sleep(0.01)
     return alive

@@ -12,22 +12,24 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 import stress
 from click.testing import CliRunner, Result
-from conftest import Hodo
+from conftest import Hodo, exit_status, in_child
 
 from hodo_cli import Case, HodoError
 from hodo_cli.batch import memory
+from hodo_cli.batch import pool as pools
 from hodo_cli.batch.pool import pool
 from hodo_cli.cases.config import parse
 from hodo_cli.cli import main
 from hodo_cli.commands import run as run_command
 from hodo_cli.storage.group import Group
-from hodo_cli.storage.writer import compose
+from hodo_cli.storage.writer import Writer, compose
 
 pytestmark = pytest.mark.process
 
@@ -93,19 +95,27 @@ def test_every_task_comes_back_and_a_dead_worker_costs_its_own(tmp_path: Path) -
     assert again == [(-1, 1)]
 
 
-def worker(seconds: float) -> int:
-    time.sleep(seconds)
+def worker(enough: Path) -> int:
+    if not enough.exists():
+        time.sleep(0.02)
     return os.getpid()
 
 
-def test_brief_tasks_are_done_here_until_a_worker_has_started() -> None:
+def test_brief_tasks_are_done_here_until_a_worker_has_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    us, found, enough = os.getpid(), [], tmp_path / "enough"
+    with pool(2) as workers:  # a minute's work for one process
+        for _, process in workers.map_brief(worker, [enough] * 3000):
+            found.append(process)
+            if len(set(found)) == 3:
+                enough.touch()
+    assert (len(found), found[0], len(set(found))) == (3000, us, 3)
+    here = found.count(us)
+    assert found[:here] == [us] * here
+    monkeypatch.setattr(pools, "monotonic", lambda: 0.0)  # they take no time
     with pool(2) as workers:
-        assert {found for _, found in workers.map_brief(worker, [0.0] * 3)} == {os.getpid()}
-    with pool(2) as workers:
-        found = [found for _, found in workers.map_brief(worker, [0.02] * 999)]
-    assert (len(found), found[0]) == (999, os.getpid())
-    assert len(set(found)) == 3
-    assert os.getpid() not in found[-99:]
+        assert [process for _, process in workers.map_brief(worker, [enough] * 99)] == [us] * 99
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -124,15 +134,16 @@ def test_tasks_are_taken_when_they_are_needed(jobs: int) -> None:
                 break
 
 
-def sleep(seconds: float) -> None:
+def touch(task: tuple[float, Path]) -> None:
+    seconds, file = task
     time.sleep(seconds)
+    file.touch()
 
 
-def test_what_still_runs_is_given_up_at_the_end() -> None:
-    began = time.monotonic()
+def test_what_still_runs_is_given_up_at_the_end(tmp_path: Path) -> None:
     with pool(2) as workers:
-        next(workers.map(sleep, [0, 1000, 1000, 1000]))
-    assert time.monotonic() - began < 30
+        next(workers.map(touch, [(0, tmp_path / "a"), *((60, tmp_path / "b"),) * 3]))
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
 # Runs.
@@ -400,44 +411,42 @@ def read(terminal: int) -> bytes:
         return b""
 
 
+def stopped_run(config: Path) -> tuple[int, list[int]]:
+    """A run in two processes, which stops when it has its first case; it, and its workers."""
+    config.write_text(CONFIG.replace("samples: 21", "samples: 40001"))
+    add = Writer.add
+
+    def add_and_stop(*given: Any) -> None:
+        add(*given)
+        Writer.add = add  # type: ignore[method-assign]
+        os.kill(os.getpid(), signal.SIGSTOP)
+
+    def action() -> None:
+        os.setsid()
+        Writer.add = add_and_stop  # type: ignore[method-assign]
+        assert run(config, "-j", "2").exit_code == 0
+
+    child = in_child(action)
+    assert os.WIFSTOPPED(os.waitpid(child, os.WUNTRACED)[1])
+    return child, [pid for pid in stress.members(child) if b"serve()" in command_line(pid)]
+
+
 def test_a_worker_that_is_killed_costs_nothing_but_time(config: Path) -> None:
-    config.write_text(CONFIG.replace("samples: 21", "samples: 400001"))
-    command = [*stress.HODO, "run", str(config), "--out", str(config.parent), "-j", "2"]
-    with subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
-    ) as parent:
-        while not (
-            workers := [
-                pid for pid in stress.members(parent.pid) if b"serve()" in command_line(pid)
-            ]
-        ):
-            assert parent.poll() is None
-        os.kill(workers[0], signal.SIGKILL)
-        said = parent.communicate()[1].decode()
-    assert parent.returncode == 0, said
+    child, workers = stopped_run(config)
+    os.kill(workers[0], signal.SIGKILL)
+    os.kill(child, signal.SIGCONT)
+    assert exit_status(child) == 0
     with h5py.File(config.with_suffix(".h5")) as file:
         assert [str(case.attrs["status"]) for case in file.values()] == ["ok"] * 4
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems end no process with its parent")
 def test_a_worker_that_is_stopped_ends_with_its_run(config: Path) -> None:
-    config.write_text(CONFIG.replace("samples: 21", "samples: 400001"))
-    command = [*stress.HODO, "run", str(config), "--out", str(config.parent), "-j", "2"]
-    with subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-    ) as parent:
-        while not (
-            workers := [
-                pid for pid in stress.members(parent.pid) if b"serve()" in command_line(pid)
-            ]
-        ):
-            assert parent.poll() is None
-        # It has asked for its end before it is given its first case.
-        while not any(config.parent.glob(".four.h5.*/[0-9]*.h5")):
-            assert parent.poll() is None
-        os.kill(workers[0], signal.SIGSTOP)
-        parent.kill()
-    assert stress.survivors(parent.pid) == []
+    child, workers = stopped_run(config)
+    os.kill(workers[0], signal.SIGSTOP)
+    os.kill(child, signal.SIGKILL)
+    assert exit_status(child) == -signal.SIGKILL
+    assert stress.survivors(child) == []
 
 
 COMPUTES = "from hodo_cli.batch.digests import process_digest; print(process_digest())"

@@ -1,6 +1,7 @@
 """The bench: its verdicts, and what it stores."""
 
 import json
+import math
 import subprocess
 import sys
 import time
@@ -81,14 +82,16 @@ def test_a_trial_measures_the_true_error_and_the_drift() -> None:
     assert tried.rhs_evaluations >= 12 * tried.steps
     # It crosses the separatrix once, and is damped.
     crossing = trials.trial(
-        CASES["a"], trials.reference_motion(CASES["a"]), "DOP853", 1e-6, 1, 10.0
+        CASES["a"], trials.reference_motion(CASES["a"]), "DOP853", 1e-6, 1, math.inf
     )
     assert 0 < crossing.crossing_error < 1e-3
     assert np.isnan(tried.crossing_error)
     assert np.isnan(crossing.drift)
 
 
-def test_a_time_is_the_least_of_the_repeats_and_the_processor_s() -> None:
+def test_a_time_is_the_least_of_the_repeats_and_the_processor_s(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     class Sleeper:
         change = None
 
@@ -99,18 +102,19 @@ def test_a_time_is_the_least_of_the_repeats_and_the_processor_s() -> None:
 
         def flush(self) -> None: ...
 
-    case = CASES["b"]
+    case, began = CASES["b"], time.perf_counter()
     motion = solve(case, "DOP853", observer=Sleeper())
-    assert motion.run_time < 0.1
+    assert motion.run_time + 0.2 < time.perf_counter() - began
     # As if the first had compiled; a long one is not repeated.
-    assert trials.least_time(case, replace(motion, run_time=0.9), 3) < 0.1
-    assert trials.least_time(case, replace(motion, run_time=2.0), 3) == 2.0
+    monkeypatch.setattr(trials, "SINGLE_RUN_SECONDS", 1e9)
+    assert trials.least_time(case, replace(motion, run_time=0.9e9), 3) < 0.9e9
+    assert trials.least_time(case, replace(motion, run_time=2e9), 3) == 2e9
 
 
 def test_an_averaged_motion_is_tried_too() -> None:
     text = CONFIG.replace("damping: [0.05, 0.04, 0.03],", "damping: 0.001, form: averaged,")
     averaged = parse(text, "x.yaml").cases["a"]
-    tried = trials.trial(averaged, trials.reference_motion(averaged), "DOP853", 1e-6, 1, 10.0)
+    tried = trials.trial(averaged, trials.reference_motion(averaged), "DOP853", 1e-6, 1, math.inf)
     assert tried.error < 1e-4
     assert np.isnan(tried.drift)
 

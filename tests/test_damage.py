@@ -20,7 +20,7 @@ import faults
 import h5py
 import numpy as np
 import pytest
-from conftest import counted
+from conftest import counted, process_state, wait_until
 from faults import CONFIG, Motions, hodo
 
 from hodo_cli import BatchError, HodoError
@@ -162,14 +162,16 @@ def test_damaged_verdicts_beside_a_damaged_case_are_given_until_they_can_be_stor
 def test_a_reader_that_hangs_or_dies_costs_its_case_and_a_limited_time() -> None:
     def look_at(name: str) -> str:
         if name == "hangs":
-            time.sleep(1000)
+            # As if nearly all of its time were over; no time was given if none is left.
+            signal.setitimer(signal.ITIMER_REAL, signal.getitimer(signal.ITIMER_REAL)[0] / 1000)
+            time.sleep(60)
         if name == "dies":
             os.kill(os.getpid(), signal.SIGKILL)
         return "wrong" if name == "bad\n" else ""
 
     names = ["good", "hangs", "bad\n", "dies", "fine"]
     parts = {name: partial(look_at, name) for name in names}
-    found = disk.inspect_in_child(lambda: parts, 0.3, 1 << 30)
+    found = disk.inspect_in_child(lambda: parts, 60, 1 << 30)
     assert found == {
         "hangs": disk.READER_SILENT, "bad\n": "wrong", "dies": disk.READER_SILENT,
     }  # fmt: skip
@@ -466,9 +468,10 @@ def test_a_signal_ends_a_reading_that_hangs(tmp_path: Path) -> None:
 
     def hang(name: str) -> str:
         (tmp_path / name).write_text(str(os.getpid()))
-        time.sleep(0.3)  # Python ignores what is raised while it forks
+        # Python ignores what is raised while it forks.
+        wait_until(lambda: process_state(os.getppid()) == "S")
         os.kill(os.getppid(), signal.SIGUSR1)
-        time.sleep(1000)
+        time.sleep(60)
         return ""
 
     before = signal.signal(signal.SIGUSR1, end)

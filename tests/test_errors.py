@@ -8,7 +8,6 @@ import os
 import resource
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import chdir
 from functools import partial
@@ -17,7 +16,7 @@ from pathlib import Path
 import h5py
 import pytest
 from click.testing import CliRunner, Result
-from conftest import call_apart, limit
+from conftest import call_apart, limit, process_state, wait_until
 
 from hodo_cli import NOT_OF_A_CASE, BatchError, HodoError
 from hodo_cli.cli import main
@@ -260,18 +259,7 @@ def test_a_worker_that_is_stopped_ends_with_its_parent() -> None:
         "    os._exit(130)\n"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-    deadline = time.monotonic() + 30
-    while (state := process_state(int(done.stdout))) not in ("", "Z"):
-        assert time.monotonic() < deadline, state
-        time.sleep(0.05)
-
-
-def process_state(pid: int) -> str:
-    """The letter by which Linux names the state of a process; empty if there is none."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2][:1]
-    except OSError:
-        return ""
+    wait_until(lambda: process_state(int(done.stdout)) in ("", "Z"))
 
 
 def test_one_dataset_under_many_names_is_refused(folder: Path) -> None:

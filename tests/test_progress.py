@@ -39,10 +39,10 @@ class Terminal:
 
     def wait_for(self, words: str) -> None:
         """Read until these words have come."""
-        end = time.monotonic() + 20
+        end = time.monotonic() + 60
         while words not in self.text:
             assert time.monotonic() < end, self.text
-            assert select.select([self.ours], [], [], 20)[0], self.text
+            assert select.select([self.ours], [], [], 60)[0], self.text
             self.text += os.read(self.ours, 4096).decode()
 
 

@@ -2,12 +2,10 @@
 is stored."""
 
 import math
+import os
 import re
 import shutil
 import signal
-import subprocess
-import sysconfig
-import time
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +16,7 @@ import numpy as np
 import pytest
 import series
 import xarray as xr
-from conftest import ROOT, Hodo, classified, exact_motion
+from conftest import ROOT, Hodo, classified, exact_motion, exit_status, in_child
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -38,7 +36,7 @@ from hodo_cli.progress import Progress
 from hodo_cli.results import layout
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import open_run
-from hodo_cli.storage.writer import compose
+from hodo_cli.storage.writer import Writer, compose
 from hodo_cli.sweeps import chunk, columns, members, summary, sweep
 from hodo_cli.sweeps.single_cases import side_by_side
 from hodo_cli.sweeps.view import SweepView
@@ -898,23 +896,22 @@ def test_processes_and_repeats_change_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.heyoka
-def test_a_killed_sweep_goes_on_from_its_last_chunk(tmp_path: Path, hodo: Hodo) -> None:
+def test_a_killed_sweep_goes_on_from_its_last_chunk(
+    tmp_path: Path, hodo: Hodo, monkeypatch: pytest.MonkeyPatch
+) -> None:
     text = SMALL.replace("count: 400", "count: 6000").replace("end: 300", "end: 1000")
     (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
-    script = Path(sysconfig.get_path("scripts")) / "hodo"
-    running = subprocess.Popen(
-        [script, "run", "a.yaml", "--case", "ball"], cwd=tmp_path, stderr=subprocess.DEVNULL
-    )
-    deadline = time.monotonic() + 60
-    while (
-        len(list(tmp_path.glob("runs/.a.h5.*.partial/part-*.h5"))) < 3
-        and time.monotonic() < deadline
-    ):
-        time.sleep(0.01)
-    running.send_signal(signal.SIGKILL)
-    running.wait()
-    done = len(list(tmp_path.glob("runs/.a.h5.*.partial/part-*.h5")))
-    assert 3 <= done < 18
+    add, done = Writer.add_chunk, 3
+
+    def add_some(of: Writer, stamp: str, number: int, group: Group) -> None:
+        if len(list(tmp_path.glob("runs/.a.h5.*.partial/part-*.h5"))) == done:
+            os.kill(os.getpid(), signal.SIGKILL)
+        add(of, stamp, number, group)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Writer, "add_chunk", add_some)
+        child = in_child(lambda: hodo("run", "a.yaml", "--case", "ball"))
+    assert exit_status(child) == -signal.SIGKILL
     assert not (tmp_path / "runs" / "a.h5").exists()
     kept = f"ball: will run: it has no result yet; {done} of its 18 chunks are kept"
     assert kept in hodo("run", "a.yaml", "--case", "ball", "--dry-run").stdout
