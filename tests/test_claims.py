@@ -24,7 +24,7 @@ from hodo_cli import HodoError
 from hodo_cli.cases import claim_block
 from hodo_cli.cases.config import load, parse
 from hodo_cli.cases.derived import DERIVED
-from hodo_cli.claims import variations
+from hodo_cli.claims import verdicts
 from hodo_cli.commands import claims
 from hodo_cli.storage.hdf5 import open_run
 
@@ -471,14 +471,14 @@ def test_members_are_integrated_once_for_all_claims_or_in_parts_that_memory_hold
         integrated.append(case.name)
         return really(case)
 
-    really = variations.integrated_motion
-    monkeypatch.setattr(variations, "integrated_motion", integrate)
+    really = verdicts.integrated_motion
+    monkeypatch.setattr(verdicts, "integrated_motion", integrate)
     over = "over: {a.0: {values: [0.1, 0.2]}, b.0: {linspace: [0.3, 0.4, 2]}}"
     falls = "check: {kind: monotone, of: [H], sense: falls}, expect: reproduced"
     block = claims_block(*(f"cases: {cases}, {falls}, {over}" for cases in ("top", "[top, top]")))
     whole = judged_by(stored, block)
     assert len(integrated) == 4
-    monkeypatch.setattr(variations, "MOST_VARIED_SAMPLES", 1)
+    monkeypatch.setattr(verdicts, "MOST_VARIED_SAMPLES", 1)
     (stored / "runs" / "again.h5").write_bytes((stored / "runs" / "c.h5").read_bytes())
     in_parts = judged_by(stored, block + "# Judged anew.\n")
     assert in_parts == whole

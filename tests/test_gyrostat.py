@@ -13,7 +13,7 @@ import pytest
 from scipy.integrate import DOP853, solve_ivp
 
 from hodo_cli.models.theory import gyrostat
-from hodo_cli.sweeps.ensemble import cells
+from hodo_cli.sweeps.ensemble import regions
 
 BOTH, UNSEPARATED = 4, 5
 """The labels of a hodograph that encloses both outer axes, and where no separatrix is."""
@@ -189,9 +189,9 @@ def test_a_cell_of_the_plane_of_energy_and_momentum_has_one_label(width: float) 
         of_some = gyrostat.SaddleCurves.of(moments[None], h[None]).limited()
         some = np.arange(0, 1000, 10)
         curves = of_some.of_bodies(np.zeros(len(some), dtype=int))
-        about = cells.cells_about(curves, falls[:, some], width)
+        about = regions.cells_about(curves, falls[:, some], width)
         for cell, i in zip(np.moveaxis(about, -1, 0), some, strict=True):
-            inside = cells.stays_within(cell[..., None], steps)
+            inside = regions.stays_within(cell[..., None], steps)
             if inside[i]:
                 assert set(label[inside].tolist()) == {label[i]}, (moments, h, omega[i])
                 held += inside.sum()

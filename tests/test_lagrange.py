@@ -25,7 +25,7 @@ from hodo_cli.integration import integrate, solve
 from hodo_cli.models import catalogue
 from hodo_cli.models.base import Event
 from hodo_cli.models.top import lagrange, nutation
-from hodo_cli.models.top.torques import cubic_dissipation
+from hodo_cli.models.top.nutation import cubic_dissipation
 
 pytestmark = pytest.mark.engines
 

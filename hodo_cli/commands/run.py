@@ -50,7 +50,7 @@ from .resume import (
 )
 
 if TYPE_CHECKING:
-    from ..sweeps.growth import Earlier
+    from ..sweeps.columns import Earlier
 
 CASE_KEPT = "is kept, though it is no longer in the config (--prune drops it)"
 CASE_DROPPED = "is dropped: it is no longer in the config"
@@ -121,7 +121,7 @@ class Plan:
         case = self.config.cases[name]
         if self.reasons.get(name) in (None, FORCED) or not case.sweep or name not in self.stored:
             return None
-        from ..sweeps.growth import earlier_result
+        from ..sweeps.columns import earlier_result
 
         return earlier_result(case, case_digest(case), self.stored[name])
 

@@ -20,8 +20,7 @@ from .base import Constants, Event, EventOutcome, Label, Model, mistake_of
 from .constants import attributes
 from .rigid_body import INERTIA, INITIAL, complete
 from .terms.body import BodyUnderTorques
-from .terms.fluid import CAVITY, coefficient
-from .terms.torques import CONSTANT, FLUID, rates_under
+from .terms.torques import CAVITY, CONSTANT, FLUID, coefficient, rates_under
 
 CAVITY_INITIAL = Key(
     Table(

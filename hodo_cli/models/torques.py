@@ -17,16 +17,14 @@ from .averaging.forms import mean_elements
 from .averaging.sums import CLOSED, ClosedMeans, ClosedTurns
 from .base import Bound, Constants, Event, EventOutcome, Level, Model, mistake_of
 from .constants import attributes
-from .inertia import (
-    along_principal_axes,
-    angular_momentum_of,
-    dot,
-)
 from .rigid_body import (
     INITIAL,
     BodyFrame,
+    along_principal_axes,
+    angular_momentum_of,
     body_constants,
     complete,
+    dot,
     inertia_order,
     is_tensor,
 )
@@ -42,7 +40,6 @@ from .terms.events import (
     stop_details,
     turned_over,
 )
-from .terms.fluid import CAVITY, coefficient
 from .terms.laws import (
     coefficient_at,
     coefficient_kind,
@@ -53,7 +50,7 @@ from .terms.laws import (
     least_value,
     zero_of_base,
 )
-from .terms.torques import BRAKE, SPACE, TERMS, VARIABLES, Term, rates_under
+from .terms.torques import BRAKE, CAVITY, SPACE, TERMS, VARIABLES, Term, coefficient, rates_under
 from .theory.closed_form import AlongMomentum, free_motion
 from .theory.dissipation import Dissipation, crossing_predictions, spin_predictions
 from .theory.gyrostat import region_of

@@ -19,9 +19,9 @@ from ..claims.finding import (
     listed,
 )
 from ..claims.quantities import end_of_spin, integrated_motion, quantity
-from ..claims.variations import changed_case
+from ..claims.verdicts import changed_case
 from ..models.constants import attributes
-from ..models.terms.fluid import reynolds
+from ..models.terms.torques import reynolds
 from ..results.motion import Motion
 
 SMALLER = (1.0, 0.3, 0.1, 0.03, 0.01)

@@ -28,6 +28,7 @@ from ..models.constants import flatten, rescaled
 from ..results.layout import passages_as_crossings
 from ..storage import Attribute, Group, Variable
 from .columns import (
+    Earlier,
     blank_array,
     columns,
     crossing_arrays,
@@ -40,7 +41,6 @@ from .columns import (
 from .ensemble.advance import advance, measure_crossings
 from .ensemble.motions import Ensemble, Outcome, Passages, Rejection
 from .ensemble.regions import region_at, true_omega
-from .growth import Earlier
 from .members import member, prepare
 
 LARGEST_CHUNK, SMALLEST_CHUNK = 16384, 256

@@ -13,8 +13,7 @@ from ..cases.sweep_block import axes_of, put
 from ..engines.protocol import EPS
 from ..models.base import Model
 from ..models.constants import UNIT, contains_time, flatten, structure
-from ..models.inertia import times
-from ..models.rigid_body import BodyFrame
+from ..models.rigid_body import BodyFrame, times
 from ..schema.kinds import KeyPath
 from ..text import grouped
 from .columns import shape

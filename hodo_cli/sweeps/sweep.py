@@ -26,9 +26,8 @@ from ..results.layout import TIME, Stored, case_attributes, inner_coordinates, w
 from ..schema.kinds import Key, Kind
 from ..storage import Attribute, Group, StreamedVariables, Variable, Writer
 from .chunk import LARGEST_CHUNK, Chunk, chunks, compute, lost_chunk, reason_alone
-from .columns import lengths, shape, stored_columns
+from .columns import Earlier, lengths, shape, stored_columns
 from .ensemble.motions import Rejection
-from .growth import Earlier
 from .summary import ERROR_TASKS, Summary, sampled_errors
 
 

@@ -17,7 +17,6 @@ from ..theory.dissipation import (
     tilt_growth_rates,
 )
 from ..theory.principal_axes import is_diagonal
-from .fluid import cavity_warnings, coefficient, weak
 from .laws import (
     dimensional_values,
     is_law,
@@ -26,7 +25,7 @@ from .laws import (
     times_of_all_signs,
     value_at,
 )
-from .torques import TERMS
+from .torques import TERMS, cavity_warnings, coefficient, weak
 
 TENSOR_ROUNDING = 1e-13
 """The part of the largest entry of a tensor below which one is the rounding of a change of axes."""

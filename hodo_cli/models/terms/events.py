@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from ..base import EventOutcome
-from ..inertia import (
+from ..rigid_body import (
     accelerations,
     along_principal_axes,
     angular_momentum_of,
     dot,
+    enclosed_axis,
     principal_rotor_of,
     rotor_of,
 )
-from ..rigid_body import enclosed_axis
 from ..theory.gyrostat import region_of
 from .laws import coefficient_at
 from .torques import TERMS, Term, rates_under

@@ -24,14 +24,18 @@ from ..terms.laws import (
     value_at,
 )
 from .nutation import (
+    LAW,
+    PERTURBATION,
+    PERTURBATIONS,
     Nutation,
+    axial_torque,
     drift,
     first_integrals,
     mean_cosine,
     nutation,
     nutation_at_start,
+    with_mu,
 )
-from .torques import LAW, PERTURBATION, PERTURBATIONS, axial_torque, with_mu
 
 ROUGH_M1, UNRESOLVED_M1 = 1e-8, 1e-14
 """The 1 - k^2 below which the averaged forms have lost half their digits, and all."""

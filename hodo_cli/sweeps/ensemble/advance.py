@@ -12,9 +12,8 @@ from ...models.base import Event
 from ...models.constants import moving
 from ...models.rigid_body import UNDETERMINED
 from .batch import STEPS_PER_PAUSE, BatchState
-from .motions import Ensemble, Outcome, Passages, Rejection
+from .motions import Columns, Ensemble, Outcome, Passages, Rejection, TakenSteps, zeros_of
 from .regions import changes_within, label_at, time_between
-from .steps import Columns, TakenSteps, zeros_of
 
 LOOSER_TOLS, GROWN_ERRORS = 16, 32
 """The tolerances that a step takes where the growth of errors is looked for, and the error that a

@@ -7,9 +7,18 @@ from ...engines.protocol import uneven
 from ...integration import MIN_STIFF_STEPS, Occurrence, TimeWindow, Units
 from ...models.base import Event
 from ...models.constants import moving, namespace, rescaled
-from .cells import LEVEL_ROWS, RegionCells
-from .motions import Ensemble, Outcome, Rejection, exact_difference
-from .steps import Columns, TakenSteps, padded, states_after, zeros_of
+from .motions import (
+    Columns,
+    Ensemble,
+    Outcome,
+    Rejection,
+    TakenSteps,
+    exact_difference,
+    padded,
+    states_after,
+    zeros_of,
+)
+from .regions import LEVEL_ROWS, RegionCells
 
 FITTING, STILL_FITTING = (1 / 16, 16.0), (1 / 256, 256.0)
 """The largest component of a scaled state that needs no new units. heyoka's control of the error is
