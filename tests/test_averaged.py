@@ -21,7 +21,7 @@ from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import parse
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration import Trajectory, integrate, solve
-from hodo_cli.models.averaging import crossing_times, free_turn, means, passage
+from hodo_cli.models.averaging import any_torque, crossing_times, free_turn, passage
 from hodo_cli.models.averaging.free_turn import either
 from hodo_cli.models.constants import attributes
 
@@ -349,7 +349,7 @@ def test_the_periodic_part_of_the_fluid_is_that_of_its_quadrature() -> None:
         system = cavity(kappa=1, initial=dict(zip("pqr", start, strict=True))).system
         part = system.part(0.0, slow, attributes(system.constants))
         closed = part * np.array(slow[:2])
-        assert closed == pytest.approx(means.periodic_part(BODY, torque, slow, 256), rel=1e-13)
+        assert closed == pytest.approx(any_torque.periodic_part(BODY, torque, slow, 256), rel=1e-13)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from test_averaged import case, fluid_torque, scaled
 
 from hodo_cli.integration import integrate
-from hodo_cli.models.averaging import crossing_times, free_turn, means
+from hodo_cli.models.averaging import any_torque, crossing_times, free_turn, sums
 from hodo_cli.models.constants import attributes
 
 Triple = tuple[float, float, float]
@@ -35,7 +35,7 @@ def linear_part(lam: Sequence[float], slow: free_turn.SlowVariables) -> np.ndarr
     ],
 )
 def test_means_are_those_of_the_elliptic_integrals(m: float, K: float, Dn: float, C: float) -> None:
-    mean = means.turn_means(m, 1 - m)
+    mean = free_turn.turn_means(m, 1 - m)
     assert [math.pi / 2 / mean.dn, mean.dd, mean.cc] == pytest.approx([K, Dn, C], rel=3e-16 * 4)
 
 
@@ -47,7 +47,7 @@ def test_means_are_those_of_the_elliptic_integrals(m: float, K: float, Dn: float
     ],
 )
 def test_means_near_the_separatrix(m1: float, K: float, Dn: float, C: float) -> None:
-    mean = means.turn_means(1 - m1, m1, 12)
+    mean = free_turn.turn_means(1 - m1, m1, 12)
     assert [math.pi / 2 / mean.dn, mean.dd, mean.cc] == pytest.approx([K, Dn, C], rel=2e-14)
 
 
@@ -56,16 +56,18 @@ def test_the_fourth_mean_at_small_and_large_modulus() -> None:
         for m in (1e-12, 1e-3, 0.5, 0.999):
             M = mpmath.mpf(m)
             K, X_e = mpmath.ellipk(M), mpmath.ellipe(M)
-            assert means.turn_means(m, 1 - m).ssss == pytest.approx(
+            assert free_turn.turn_means(m, 1 - m).ssss == pytest.approx(
                 float(((2 + M) * K - 2 * (1 + M) * X_e) / (3 * M * M * K)), rel=1e-15
             )
 
 
 def test_shape_rates() -> None:
-    mean = means.turn_means(0.5, 0.5)
-    both = [side * means.shape_rate(LAM4[::side], mean) for side in (1, -1)]
+    mean = free_turn.turn_means(0.5, 0.5)
+    both = [side * crossing_times.shape_rate(LAM4[::side], mean) for side in (1, -1)]
     assert both == pytest.approx([-0.0023708397431333909] * 2, rel=4e-16, abs=0)
-    other = [side * means.shape_rate((0.005, 0.006, 0.003)[::side], mean) for side in (1, -1)]
+    other = [
+        side * crossing_times.shape_rate((0.005, 0.006, 0.003)[::side], mean) for side in (1, -1)
+    ]
     assert other == pytest.approx(
         [-0.0012847329052223181, -0.0034569465810444636], rel=4e-16, abs=0
     )
@@ -78,8 +80,8 @@ def test_slow_variables_and_their_periodic_part() -> None:
     )
     closed = linear_part(LAM4, slow)
     assert closed == pytest.approx(np.array((0.00080351012296, -0.00138743114381)), rel=1e-11)
-    series = means.periodic_part(
-        BODY, lambda omega: -np.array(LAM4) * np.array(BODY[:3]) * omega, slow, means.NODES
+    series = any_torque.periodic_part(
+        BODY, lambda omega: -np.array(LAM4) * np.array(BODY[:3]) * omega, slow, any_torque.NODES
     )
     for whole, value, part in zip(series, slow[:2], closed, strict=True):
         assert whole / value == pytest.approx(part, rel=1e-12)
@@ -104,7 +106,7 @@ def test_a_motion_is_what_its_slow_variables_and_phase_say(inertia: Triple, omeg
     assert back[0] == pytest.approx(omega, rel=1e-14)
     turning = (
         free_turn.turn_frequency(body, slow.X_e, slow.side)
-        * means.turn_means(1 - slow.m1, slow.m1).dn
+        * free_turn.turn_means(1 - slow.m1, slow.m1).dn
     )
     (A1, A2, A3), (p, q, r) = inertia, omega
     euler = [(A2 - A3) / A1 * q * r, (A3 - A1) / A2 * p * r, (A1 - A2) / A3 * p * q]
@@ -132,15 +134,15 @@ def state_of_energy(J: float) -> free_turn.SlowVariables:
 def test_the_fluid_takes_the_energy_that_it_should(J: float, loss: float) -> None:
     slow = state_of_energy(J)
     m = 1 - slow.m1
-    cd, *others = means.fluid_weights(BODY)
+    cd, *others = sums.fluid_weights(BODY)
     weights = cd, *others[:: slow.side]
-    closed = slow.X_e * slow.X_o * means.fluid_loss(weights, m, means.turn_means(m, slow.m1))
+    closed = slow.X_e * slow.X_o * sums.fluid_loss(weights, m, free_turn.turn_means(m, slow.m1))
     assert closed == pytest.approx(loss, rel=1e-14)
-    rates = means.rates_over_turn(
+    rates = any_torque.rates_over_turn(
         BODY,
         lambda w: fluid_torque(BODY[:3], w),
         slow,
-        means.nodes_for(slow.m1),
+        any_torque.nodes_for(slow.m1),
     )
     dX, dY = rates.mean(-1)[:: slow.side]
     assert [dX, dY] == pytest.approx([0.6 * loss, -loss], rel=1e-13)

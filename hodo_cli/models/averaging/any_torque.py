@@ -1,5 +1,6 @@
 """The averaged form of any body-frame model, from the equations of its full form alone; see
-`QuadratureTurns`."""
+`QuadratureTurns`. The means over a turn are by the trapezoid, and so are the periodic parts of X
+and Y."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -14,13 +15,15 @@ from ..rigid_body import BodyFrame
 from .forms import MEAN_START, AveragedTurns, Turn
 from .free_turn import (
     LANDEN,
+    SMALLEST_M1,
     Body,
     SlowVariables,
     exchanged,
     free_motion_by_phase,
+    turn_frequency,
+    turn_means,
     turning_body,
 )
-from .means import NODES, Torque, nodes_for, periodic_part, rates_over_turn, turn_means
 from .passage import AT_SEPARATRIX, Pair, Region, SeparatrixRates
 
 NEAR_SEPARATRIX, NEARER_SEPARATRIX = 1e-9, 1e-13
@@ -35,13 +38,63 @@ PHASES_SEEN = 16
 ROWS_AT_ONCE = 2048
 """Samples whose periodic parts are computed at once: each takes a row of nodes."""
 
+NODES = 128
+"""Nodes over a turn. So little time is spent nearer the separatrix than they resolve that a
+crossing time is right to 2e-13; `nodes_for` says how many a single rate takes."""
+
 NODES_KEY = Key(
     Integer(least=16, most=1024),
     "nodes of the mean over a turn, a power of two",
     default=NODES,
 )
 
+Torque = Callable[[np.ndarray], np.ndarray]
+"""The perturbing torque (..., 3) of an angular velocity (..., 3), both along the sorted axes."""
+
 Rhs = Callable[[Any, Sequence[Any], Any], Sequence[Any]]
+
+
+def nodes_for(m1: float) -> int:
+    """The nodes that bring the mean over a turn to 1e-16 for m1 = 1 - m: its error is exp(-pi N
+    K'/(2 K))."""
+    m1 = min(max(m1, SMALLEST_M1), 1 - SMALLEST_M1)
+    K, other = (
+        math.pi / 2 / turn_means(1 - x, x, LANDEN).dn for x in (m1, max(1 - m1, SMALLEST_M1))
+    )
+    # From exp(-pi N K'/(2 K)) = 1e-16, that is N = 23.4 K/K'; whole quarters of a turn, so that the
+    # nodes share the symmetry of sn and cn.
+    return max(24, 4 * math.ceil(float(23.4 * K / other) / 4))
+
+
+def rates_over_turn(body: Body, torque: Torque, slow: SlowVariables, nodes: int) -> np.ndarray:
+    """X_e' and X_o' (2, ..., nodes) at the phases 2 pi j/nodes of the free motion with these slow
+    variables (...)."""
+    wide = SlowVariables(*(np.asarray(value)[..., None] for value in slow))
+    omega = free_motion_by_phase(body, wide, 2 * np.pi * np.arange(nodes) / nodes)
+    p, q, r = np.moveaxis(omega, -1, 0)
+    N1, N2, N3 = np.moveaxis(torque(omega), -1, 0)
+    a, b, c = body[:3]
+    X, Y = 2 * ((a - c) * p * N1 + (b - c) * q * N2), 2 * ((a - b) * q * N2 + (a - c) * r * N3)
+    return np.where(wide.side > 0, (X, Y), (Y, X))
+
+
+def periodic_part(body: Body, torque: Torque, slow: SlowVariables, nodes: int) -> np.ndarray:
+    """X_e and X_o (2, ...) less their mean elements, at the phase of the slow variables, for any
+    torque.
+
+    They are the integrals, of zero mean, of the rates less their means: a Fourier coefficient of
+    the rates, divided by i times its frequency, each.
+    """
+    mean = turn_means(1 - slow.m1, np.maximum(slow.m1, SMALLEST_M1), LANDEN)
+    turning = turn_frequency(body, slow.X_e, slow.side) * mean.dn
+    # Without the constant, which averaging keeps, and the last frequency, whose phase the nodes
+    # cannot tell.
+    k = np.arange(1, nodes // 2)
+    wave = np.exp(1j * k * np.asarray(slow.phase)[..., None]) / (
+        1j * k * np.asarray(turning)[..., None]
+    )
+    amplitudes = np.fft.fft(rates_over_turn(body, torque, slow, nodes))[..., 1 : nodes // 2]
+    return np.asarray(2 / nodes * (amplitudes * wave).sum(-1).real)
 
 
 AVERAGED_BY_TURNS = """averaged over the turns of its hodograph.

@@ -11,8 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from .free_turn import LANDEN, SMALLEST_M1, Body
-from .means import shape_rate, turn_means
+from .free_turn import (
+    LANDEN,
+    SMALLEST_M1,
+    Body,
+    Means,
+    turn_means,
+)
 
 NODES_PER_SIDE, LAST_NODE = 100, 4.4
 """Nodes of the quadrature on either side of its middle, for 15 digits, and its end, where the
@@ -42,6 +47,19 @@ def tanh_sinh() -> tuple[np.ndarray, np.ndarray]:
 
 
 FRACTIONS, WEIGHTS = tanh_sinh()
+
+
+def shape_rate(lam: Sequence[Any], mean: Means) -> Any:
+    """u' of u = |u| under linear resistance: a function of u alone, the same on both sides.
+
+    Its terms stay apart: with <sn^2> in it, as (ln X_e)' - (ln X_o)' has through C, it cancels to
+    0 at u = 0, where it tends to -2 (lambda_e - lambda_o)/K.
+
+    Source: Akulenko, Leshchenko and Chernousko, Izv. AN SSSR MTT 1982 no. 3, 5: their k^2 equation,
+    on both sides.
+    """
+    l_e, l_m, l_o = lam
+    return -2 * ((l_e - l_m) * mean.dd + (l_m - l_o) * mean.cc)
 
 
 def steady_shape(lam: Sequence[float]) -> tuple[int, float] | None:

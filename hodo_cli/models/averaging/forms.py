@@ -16,14 +16,15 @@ from ..constants import attributes
 from ..rigid_body import BodyFrame, is_tensor, share_of
 from .free_turn import (
     Body,
+    Means,
     SlowVariables,
     either,
     exchanged,
     shape_distance,
     slow_elements,
+    turn_means,
     turning_body,
 )
-from .means import Means, turn_means
 from .passage import (
     EDGE_U,
     REGIONS,

@@ -1,4 +1,4 @@
-"""The free motion of a rigid body by its slow variables and its phase.
+"""The free motion of a rigid body by its slow variables and its phase, and its means over a turn.
 
 Axes are sorted, a >= b >= c, and omega = (p, q, r) goes with them. With h = 2T the slow variables
 are
@@ -20,6 +20,10 @@ and on side -1
 with the sense of rotation s = +1 or -1. The phase is phi = pi n t/(2K): 0 where q = 0, and 2 pi
 more after a turn. The two sides are one formula in X_e = X, X_o = Y (side +1) and X_e = Y, X_o = X
 (side -1): e is the enclosed axis, o the other.
+
+The means are written with + - * / and **, for numbers, arrays and the symbols of an engine. The
+elliptic integrals come by the arithmetic-geometric mean as sums of positive terms: (K - E)/(m K)
+loses its digits as m -> 0.
 
 Source: L. D. Landau and E. M. Lifshitz, Mechanics, section 37.
 """
@@ -231,3 +235,63 @@ def free_motion_by_phase(body: Body, slow: SlowVariables, phase: Any) -> np.ndar
     w_o = np.sqrt(slow.X_o / (A_o * (a - c))) * cn
     p, r = exchanged(slow.side, w_e, w_o)
     return np.stack((p, w_m, r), axis=-1)
+
+
+AGM = 8
+"""Steps of the mean: they bring 1 - m = 1e-16 to the last digit of a double."""
+
+
+class Means(NamedTuple):
+    """<sn^2>, <sn^4>, C = <cn^2>, Dn = <dn^2> = E/K, and <dn> = pi/(2K), at which the phase
+    grows."""
+
+    ss: Any
+    ssss: Any
+    cc: Any
+    dd: Any
+    dn: Any
+
+
+def turn_means(m: Any, m1: Any, steps: int = AGM) -> Means:
+    """The means of a turn for the modulus m = k^2 and m1 = 1 - m.
+
+    <sn^2> = 1/2 + m S with S = sum of 2^(n-1) c_n^2/m^2, and c_{n+1} = c_n^2/(4 a_{n+1}). Then
+    <sn^4> = (2(1 + m) <sn^2> - 1)/(3m) is (1 + 2(1 + m) S)/3, without its division.
+
+    Source: M. Abramowitz and I. A. Stegun, 17.6.
+    """
+    # A power series of an engine has some twenty coefficients, of which only the first needs all
+    # these steps.
+    total, dn = (
+        m.functions(lambda first: sums_of_mean(first, 1 - first, steps), slopes)
+        if hasattr(m, "functions")
+        else sums_of_mean(m, m1, steps)
+    )
+    ss = 0.5 + m * total
+    return Means(ss, (1 + 2 * (1 + m) * total) / 3, 0.5 - m * total, 1 - m * ss, dn)
+
+
+def slopes(m: Any, functions: Sequence[Any]) -> tuple[Any, Any]:
+    """m dS/dm and m d<dn>/dm of S = (<sn^2> - 1/2)/m and <dn>, given them: nothing cancels, at
+    m = 0 or elsewhere.
+
+    Source: the derivatives of K and E, M. Abramowitz and I. A. Stegun, 17.3, in these variables.
+    """
+    total, dn = functions
+    cc = 0.5 - m * total
+    ratio = cc / (2 * (1 - m))
+    return cc * ratio - 2 * total, -m * ratio * dn
+
+
+def sums_of_mean(m: Any, m1: Any, steps: int) -> tuple[Any, Any]:
+    """S = (<sn^2> - 1/2)/m and <dn>, by the arithmetic-geometric mean."""
+    root = m1**0.5
+    a, b = (1 + root) / 2, root**0.5
+    square, factor = 1 / (4 * (1 + root) * (1 + root)), 1  # c_n^2/m^2 and 2^(n-1)
+    total = square
+    # A fixed number of steps, because symbols of an engine cannot be compared with a tolerance.
+    for _ in range(steps - 1):
+        a, b = (a + b) / 2, (a * b) ** 0.5
+        square, factor = m * m * square * square / (16 * a * a), 2 * factor
+        total = total + factor * square
+    return total, a

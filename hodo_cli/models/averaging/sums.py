@@ -14,6 +14,8 @@ from ..terms.body import BodyUnderTorques
 from ..terms.laws import coefficient_at
 from .forms import AveragedTurns, Turn
 from .free_turn import (
+    Body,
+    Means,
     SlowVariables,
     amplitude,
     either,
@@ -21,7 +23,6 @@ from .free_turn import (
     turn_frequency,
     turning_body,
 )
-from .means import Means, fluid_loss, fluid_weights, linear_rates
 from .passage import REGIONS, Pair, RatesByRegion, Region, SeparatrixRates
 
 BESIDE_SEPARATRIX = Means(1 - 1j, 1 - 4j / 3, 1j, 1j, math.pi / 2 * 1j)
@@ -31,6 +32,37 @@ factors, so that theirs come out in the same form."""
 
 UNEVEN = (*terms.CONSTANT.degree, "I12", "I13", "I21", "I23", "I31", "I32")
 """The constants of torques that are not even; see `AveragedTurns.is_even`."""
+
+
+def fluid_loss(weights: Sequence[Any], m: Any, mean: Means) -> Any:
+    """-h'/(X_e X_o) of the fluid's torque, h = 2T, with the weights of cn^2 dn^2, sn^2 dn^2 and m
+    sn^2 cn^2.
+
+    X_o is a factor of h': a steady rotation about the enclosed axis loses nothing. G is kept:
+    X' = -c h', Y' = a h'.
+    """
+    cd, sd, sc = weights
+    # <sn^2 cn^2> and <sn^2 dn^2>, by sn^2 + cn^2 = 1 and dn^2 = 1 - m sn^2.
+    ss_cc, ss_dd = mean.ss - mean.ssss, mean.ss - m * mean.ssss
+    return cd * (mean.cc - m * ss_cc) + sd * ss_dd + sc * m * ss_cc
+
+
+def fluid_weights(body: Body) -> tuple[float, float, float]:
+    """The weights of `fluid_loss` on side +1, for kappa = 1; on side -1 the last two are exchanged.
+
+    -h' = (2 kappa/abc) [(a-c)^2 (a+c-b) <p^2 r^2> + (a-b)^2 (a+b-c) <p^2 q^2>
+                         + (b-c)^2 (b+c-a) <q^2 r^2>], and X_o (b-c) = m X_e (a-b) on side +1
+
+    Source: the power N.omega of Chernousko's torque, an identity in p, q, r.
+    """
+    a, b, c = body[:3]
+    pr, pq, qr = (
+        (a + c - b) / (a * c),
+        (a - b) * (a + b - c) / (a * b * (a - c)),
+        (b - c) * (b + c - a) / (b * c * (a - c)),
+    )
+    unit = 2 / (a * b * c)
+    return unit * pr, unit * pq, unit * qr
 
 
 def damping_rates(t: Any, k: Any) -> Sequence[Any]:
@@ -45,8 +77,10 @@ def resistance_rates(t: Any, k: Any) -> Sequence[Any]:
 
 
 def linear_mean(rates: Callable[[Any, Any], Sequence[Any]], t: Any, turn: Turn, k: Any) -> Pair:
-    """(ln X_e)' and (ln X_o)' under linear resistance at rates about the body axes."""
-    return linear_rates(turn.body.enclosed_first(turn.side, rates(t, k)), turn.mean)
+    """(ln X_e)' and (ln X_o)' under linear resistance at rates about the body axes. No moment of
+    inertia occurs."""
+    l_e, l_m, l_o = turn.body.enclosed_first(turn.side, rates(t, k))
+    return -2 * (l_m + (l_e - l_m) * turn.mean.dd), -2 * (l_m + (l_o - l_m) * turn.mean.cc)
 
 
 def linear_part(

@@ -1,5 +1,5 @@
-"""An ensemble of motions, what became of them, and their steps in columns, with the states and zeros
-within these."""
+"""An ensemble of motions, what became of them, and their steps in columns, with the states and
+zeros within these."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
