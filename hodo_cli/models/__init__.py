@@ -18,8 +18,7 @@ from .. import HodoError
 from ..machine import may_have_entry_points
 from ..private import keep_model
 from ..text import grouped
-from .added.mistakes import MISTAKES, equations_mistake, with_source_line
-from .added.sources import AddedModule, texts_of
+from .added import MISTAKES, AddedModule, equations_mistake, texts_of, with_source_line
 from .base import Model
 
 OWN_MODELS_VARIABLE = "HODO_MODELS"
