@@ -18,7 +18,7 @@ from test_averaged import FIG12, case, cavity, chance, full
 
 from hodo_cli import Case
 from hodo_cli.integration import Trajectory, integrate
-from hodo_cli.sweeps.single_cases import side_by_side
+from hodo_cli.sweeps.members import side_by_side
 
 COUNT = max(32, int(os.environ.get("HODO_FUZZ", "32")))
 """Motions of each kind; fewer would not go side by side."""

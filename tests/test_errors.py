@@ -44,7 +44,7 @@ MAY_TAKE_ALL = {
     "batch/dask.py": 4,  # dask raises anything, which becomes a BatchError
     "batch/processes.py": 3,  # sends what a worker raises, or says that it cannot be sent
     "models/__init__.py": 2,  # a user's own file may raise anything
-    "models/added/mistakes.py": 1,  # the same
+    "models/added.py": 1,  # the same
     "storage/disk.py": 1,  # the last words of a process that only looks
     "batch/pool.py": 1,  # hands it on as the result of a call, as processes do
     "storage/writer.py": 4,  # stores what it can, and raises what came first

@@ -38,7 +38,7 @@ from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.writer import Writer, compose
 from hodo_cli.sweeps import chunk, columns, members, summary, sweep
-from hodo_cli.sweeps.single_cases import side_by_side
+from hodo_cli.sweeps.members import side_by_side
 from hodo_cli.sweeps.view import SweepView
 
 OK, FAILED, TIMEOUT, INVALID = range(4)

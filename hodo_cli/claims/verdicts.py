@@ -44,8 +44,7 @@ from ..models import rigid_body
 from ..results.motion import Motion, case_of, motion_of
 from ..schema.kinds import Wrong
 from ..storage import ResultFile
-from ..sweeps.members import members_as_cases
-from ..sweeps.single_cases import side_by_side
+from ..sweeps.members import members_as_cases, side_by_side
 from ..text import grouped
 from .checks import averages, motion_finding
 from .finding import ROUNDING, Finding, Verdict, in_percent

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
-from ..cases.case import Case, Time
-from ..engines import have_taylor
+from ..cases.case import Case
 from ..engines.protocol import Status
 from ..integration import (
     Trajectory,
@@ -23,8 +22,7 @@ from ..integration import (
     sample_times,
     solve,
 )
-from ..models import rigid_body
-from ..models.constants import flatten, rescaled
+from ..models.constants import flatten
 from ..results.layout import passages_as_crossings
 from ..storage import Attribute, Group, Variable
 from .columns import (
@@ -35,13 +33,12 @@ from .columns import (
     event_columns,
     label_columns,
     lengths,
-    passage_columns,
+    reduced_ensemble,
     shape,
 )
 from .ensemble.advance import advance, measure_crossings
-from .ensemble.motions import Ensemble, Outcome, Passages, Rejection
-from .ensemble.regions import region_at, true_omega
-from .members import member, prepare
+from .ensemble.motions import Rejection
+from .members import member, other_method, prepare
 
 LARGEST_CHUNK, SMALLEST_CHUNK = 16384, 256
 """Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
@@ -131,20 +128,6 @@ def reason_alone(case: Case) -> str:
     return f"fewer than {fewest} members are not worth compiling their step" if too_few else ""
 
 
-def other_method(case: Case) -> str:
-    """Why the method of a case is another than that of `ensemble`; an empty string where it is
-    not."""
-    reasons = {
-        f"method {case.method}": case.method not in ("auto", "taylor"),
-        f"{case.precision} precision": case.precision != "double",
-        "heyoka is not installed": not have_taylor(),
-        "limits of each member": case.max_steps is not None or case.max_seconds is not None,
-    }
-    return next(
-        (reason for reason, applies in reasons.items() if applies), case.system.why_one_by_one
-    )
-
-
 def compute(chunk: Chunk) -> Group:
     """The members of a chunk, reduced to a few numbers each, with the number of those that each
     `Rejection` has left to be integrated alone: the task of a pool."""
@@ -223,90 +206,6 @@ def changes_within_steps(case: Case, number: int) -> bool:
         with suppress(HodoError):
             return solve(member(case, number, 2), "taylor").restarts > 0
     return False
-
-
-def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.ndarray]:
-    """The columns of the accepted motions of an ensemble."""
-    is_accepted, passed = outcome.accepted, outcome.accepted_passages
-    accepted, row = np.flatnonzero(is_accepted), np.cumsum(is_accepted) - 1
-    end, exponent = outcome.state[:, accepted, None], outcome.exponent[accepted, None]
-    ends = output_of(e, accepted, np.array([e.span[1]]), end, exponent)
-    final = {name: values[:, 0] for name, values in ends.items()}
-    axis = final.get("enclosed_axis")
-    if e.times.size:
-        samples, exponent = outcome.samples[:, accepted], outcome.sample_exponent[accepted]
-        final |= output_of(e, accepted, e.times, samples, exponent)
-    events = {int(row[i]): met for i, met in outcome.events.items() if is_accepted[i]}
-    final |= event_columns(events, len(accepted)) | {"steps": outcome.steps[accepted]}
-    member = row[passed.motion]
-    if axis is None and e.model.no_axis_reason:
-        final["event_time"][member] = passed.time  # of several, the last one counts
-        return final
-    if axis is None:
-        sides = outcome.start_side[accepted], outcome.end_side[accepted]
-        start_axis, axis = (enclosed(e, side) for side in sides)
-        start_axis[e.at_rest[accepted]] = rigid_body.UNDETERMINED
-        crossings = crossing_columns(e, passed)
-        final["separation"] = least_separation(e, outcome, accepted)
-    else:
-        # Of an averaged form, which knows its axis, and whose passages are events.
-        begin, start = np.array([e.span[0]]), e.start[:, accepted].T
-        start_axis = e.model.output(begin, start, e.named(accepted))["enclosed_axis"]
-        member, crossings = passage_columns(events)
-    return final | label_columns(start_axis, axis, member, crossings, final["event_time"], time)
-
-
-def output_of(
-    e: Ensemble, motions: np.ndarray, times: np.ndarray, states: np.ndarray, exponent: np.ndarray
-) -> dict[str, np.ndarray]:
-    """The variables (n, s, ...) of some motions (n,) at times (s,) from their states (m, n, s) in
-    units of 2**exponent (n, s)."""
-    y = rescaled(e.model, np.moveaxis(states, 0, -1), exponent)
-    n, s = len(motions), len(times)
-    k = e.named(np.repeat(motions, s))
-    flat = e.model.output(np.tile(times, n), y.reshape(n * s, y.shape[-1]), k)
-    return {name: values.reshape(n, s, *values.shape[1:]) for name, values in flat.items()}
-
-
-def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
-    """The axis (k,) that is enclosed on a side (k,), as of `Passages`."""
-    if e.has_rotor:
-        return side.astype(np.int8)
-    order = rigid_body.inertia_order(e.inertia[:, 0])
-    axes = np.array([order[2] + 1, rigid_body.UNDETERMINED, order[0] + 1], dtype=np.int8)
-    return np.asarray(axes[side.astype(int) + 1])
-
-
-def least_separation(e: Ensemble, outcome: Outcome, motions: np.ndarray) -> np.ndarray:
-    """The smaller `separation` from the separatrix of start and end of some motions (k,)."""
-    ends = (e.start, np.zeros_like(outcome.exponent)), (outcome.state, outcome.exponent)
-    return np.asarray(np.minimum(*(separation_at(e, motions, *end) for end in ends)))
-
-
-def separation_at(
-    e: Ensemble, motions: np.ndarray, state: np.ndarray, exponent: np.ndarray
-) -> np.ndarray:
-    """The separation (k,) of some motions (k,) from the separatrix, in states (m, n) in units of
-    2**exponent (n,)."""
-    y = state[:, motions]
-    if e.has_rotor:
-        return region_at(e, motions, true_omega(e, motions, y, exponent[motions])).separation
-    order = rigid_body.inertia_order(e.inertia[:, 0])
-    return rigid_body.separation(e.inertia[:, motions], e.principal_omega(y, motions), order)
-
-
-def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:
-    """Passages (k,) through the separatrix, as CROSSING_COLUMNS."""
-    G = e.inertia[:, passed.motion] * e.principal_omega(passed.state, passed.motion)
-    if e.has_rotor:
-        G += np.ldexp(e.rotor[:, passed.motion], -passed.exponent)
-    return {
-        "crossing_time": passed.time,
-        "crossing_error": passed.error,
-        "crossing_from": enclosed(e, passed.before),
-        "crossing_to": enclosed(e, passed.after),
-        "crossing_G": np.ldexp(np.sqrt(np.square(G).sum(axis=0)), passed.exponent),
-    }
 
 
 def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np.ndarray]]:

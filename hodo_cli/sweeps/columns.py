@@ -12,8 +12,13 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case, Time, dump, parse_case
 from ..cases.sweep_block import Axis, axes_of
-from ..integration import Crossing, Occurrence
+from ..integration import (
+    Crossing,
+    Occurrence,
+)
+from ..models import rigid_body
 from ..models.base import LENGTHS
+from ..models.constants import rescaled
 from ..models.rigid_body import UNDETERMINED
 from ..results.layout import (
     CROSSING_COLUMNS,
@@ -28,6 +33,8 @@ from ..results.layout import (
     passages_as_crossings,
 )
 from ..storage import FinishedCase, Group, open_run
+from .ensemble.motions import Ensemble, Outcome, Passages
+from .ensemble.regions import region_at, true_omega
 
 
 def columns(case: Case) -> dict[str, Stored]:
@@ -169,6 +176,90 @@ def shares(
     is_one = (axis > 0) & (axis <= 3) & (time.end > time.start)
     np.add.at(share, (owner[is_one], axis[is_one] - 1), (until - begin)[is_one])
     return share / max(time.end - time.start, math.ulp(0.0))
+
+
+def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.ndarray]:
+    """The columns of the accepted motions of an ensemble."""
+    is_accepted, passed = outcome.accepted, outcome.accepted_passages
+    accepted, row = np.flatnonzero(is_accepted), np.cumsum(is_accepted) - 1
+    end, exponent = outcome.state[:, accepted, None], outcome.exponent[accepted, None]
+    ends = output_of(e, accepted, np.array([e.span[1]]), end, exponent)
+    final = {name: values[:, 0] for name, values in ends.items()}
+    axis = final.get("enclosed_axis")
+    if e.times.size:
+        samples, exponent = outcome.samples[:, accepted], outcome.sample_exponent[accepted]
+        final |= output_of(e, accepted, e.times, samples, exponent)
+    events = {int(row[i]): met for i, met in outcome.events.items() if is_accepted[i]}
+    final |= event_columns(events, len(accepted)) | {"steps": outcome.steps[accepted]}
+    member = row[passed.motion]
+    if axis is None and e.model.no_axis_reason:
+        final["event_time"][member] = passed.time  # of several, the last one counts
+        return final
+    if axis is None:
+        sides = outcome.start_side[accepted], outcome.end_side[accepted]
+        start_axis, axis = (enclosed(e, side) for side in sides)
+        start_axis[e.at_rest[accepted]] = rigid_body.UNDETERMINED
+        crossings = crossing_columns(e, passed)
+        final["separation"] = least_separation(e, outcome, accepted)
+    else:
+        # Of an averaged form, which knows its axis, and whose passages are events.
+        begin, start = np.array([e.span[0]]), e.start[:, accepted].T
+        start_axis = e.model.output(begin, start, e.named(accepted))["enclosed_axis"]
+        member, crossings = passage_columns(events)
+    return final | label_columns(start_axis, axis, member, crossings, final["event_time"], time)
+
+
+def output_of(
+    e: Ensemble, motions: np.ndarray, times: np.ndarray, states: np.ndarray, exponent: np.ndarray
+) -> dict[str, np.ndarray]:
+    """The variables (n, s, ...) of some motions (n,) at times (s,) from their states (m, n, s) in
+    units of 2**exponent (n, s)."""
+    y = rescaled(e.model, np.moveaxis(states, 0, -1), exponent)
+    n, s = len(motions), len(times)
+    k = e.named(np.repeat(motions, s))
+    flat = e.model.output(np.tile(times, n), y.reshape(n * s, y.shape[-1]), k)
+    return {name: values.reshape(n, s, *values.shape[1:]) for name, values in flat.items()}
+
+
+def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
+    """The axis (k,) that is enclosed on a side (k,), as of `Passages`."""
+    if e.has_rotor:
+        return side.astype(np.int8)
+    order = rigid_body.inertia_order(e.inertia[:, 0])
+    axes = np.array([order[2] + 1, rigid_body.UNDETERMINED, order[0] + 1], dtype=np.int8)
+    return np.asarray(axes[side.astype(int) + 1])
+
+
+def least_separation(e: Ensemble, outcome: Outcome, motions: np.ndarray) -> np.ndarray:
+    """The smaller `separation` from the separatrix of start and end of some motions (k,)."""
+    ends = (e.start, np.zeros_like(outcome.exponent)), (outcome.state, outcome.exponent)
+    return np.asarray(np.minimum(*(separation_at(e, motions, *end) for end in ends)))
+
+
+def separation_at(
+    e: Ensemble, motions: np.ndarray, state: np.ndarray, exponent: np.ndarray
+) -> np.ndarray:
+    """The separation (k,) of some motions (k,) from the separatrix, in states (m, n) in units of
+    2**exponent (n,)."""
+    y = state[:, motions]
+    if e.has_rotor:
+        return region_at(e, motions, true_omega(e, motions, y, exponent[motions])).separation
+    order = rigid_body.inertia_order(e.inertia[:, 0])
+    return rigid_body.separation(e.inertia[:, motions], e.principal_omega(y, motions), order)
+
+
+def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:
+    """Passages (k,) through the separatrix, as CROSSING_COLUMNS."""
+    G = e.inertia[:, passed.motion] * e.principal_omega(passed.state, passed.motion)
+    if e.has_rotor:
+        G += np.ldexp(e.rotor[:, passed.motion], -passed.exponent)
+    return {
+        "crossing_time": passed.time,
+        "crossing_error": passed.error,
+        "crossing_from": enclosed(e, passed.before),
+        "crossing_to": enclosed(e, passed.after),
+        "crossing_G": np.ldexp(np.sqrt(np.square(G).sum(axis=0)), passed.exponent),
+    }
 
 
 @dataclass(frozen=True)

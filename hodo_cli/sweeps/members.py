@@ -1,4 +1,5 @@
-"""The members of a sweep: their data, and any one of them as a single case."""
+"""The members of a sweep: their data, any one of them as a single case, and many as motions side by
+side; and single cases of one kind, integrated side by side."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -10,13 +11,19 @@ import numpy as np
 from ..arithmetic import BranchDivergence, Column, member_values
 from ..cases.case import Case
 from ..cases.sweep_block import axes_of, put
+from ..engines import have_taylor
 from ..engines.protocol import EPS
+from ..integration import Crossing, Trajectory, sample_times
 from ..models.base import Model
 from ..models.constants import UNIT, contains_time, flatten, structure
 from ..models.rigid_body import BodyFrame, times
 from ..schema.kinds import KeyPath
 from ..text import grouped
-from .columns import shape
+from .columns import (
+    crossing_columns,
+    shape,
+)
+from .ensemble.advance import advance
 from .ensemble.motions import Ensemble
 
 
@@ -206,3 +213,67 @@ def warnings_of_ends(case: Case) -> list[str]:
     )
     whose = f"of {total} members (only the first and the last are checked)"
     return [f"{' and '.join(by)} {whose}: {warning}" for warning, by in given.items()]
+
+
+def other_method(case: Case) -> str:
+    """Why the method of a case is another than that of `ensemble`; an empty string where it is
+    not."""
+    reasons = {
+        f"method {case.method}": case.method not in ("auto", "taylor"),
+        f"{case.precision} precision": case.precision != "double",
+        "heyoka is not installed": not have_taylor(),
+        "limits of each member": case.max_steps is not None or case.max_seconds is not None,
+    }
+    return next(
+        (reason for reason, applies in reasons.items() if applies), case.system.why_one_by_one
+    )
+
+
+FEWEST_CASES = 32
+"""Single cases of one kind, below which each by itself takes less time than compiling the step."""
+
+CrossedMotion = tuple[Trajectory, tuple[Crossing, ...]]
+"""A motion and its separatrix crossings."""
+
+
+def side_by_side(cases: Sequence[Case]) -> list[CrossedMotion | None]:
+    """The motions of single cases, integrated side by side where there are enough of one kind; None
+    for a case that is left to `classify`."""
+    motions: list[CrossedMotion | None] = [None] * len(cases)
+    for e in ensembles_of(cases):
+        times = sample_times(cases[e.members[0]])
+        outcome = advance(replace(e, times=times))
+        passed = outcome.accepted_passages
+        columns = (column.tolist() for column in crossing_columns(e, passed).values())
+        crossings = grouped(
+            (n, Crossing(time, start, end, momentum, error))
+            for n, time, error, start, end, momentum in zip(passed.motion, *columns, strict=True)
+        )
+        for n in np.flatnonzero(outcome.accepted):
+            case, state = cases[e.members[n]], outcome.samples[:, n].T
+            motion = Trajectory(
+                case, case.system, "taylor", e.tol, times, state, outcome.sample_exponent[n]
+            )
+            motions[e.members[n]] = motion, tuple(crossings.get(n, ()))
+    return motions
+
+
+def ensembles_of(cases: Sequence[Case]) -> Iterator[Ensemble]:
+    """The ensembles that single cases make, where there are enough of one kind."""
+    kinds = grouped(
+        (
+            (type(case.system), case.time, case.tol),
+            ensemble_of(case, case.system, np.array([i]), case.system.start),
+        )
+        for i, case in enumerate(cases)
+        if watches_separatrix(case)
+    )
+    for singles in kinds.values():
+        yield from (e for e in alike(singles) if len(e.members) >= FEWEST_CASES)
+
+
+def watches_separatrix(case: Case) -> bool:
+    """Whether an ensemble finds the crossings of a case, with a step that is soon compiled."""
+    system = case.system
+    is_small = bool(system.degree) and not system.no_axis_reason
+    return is_small and not other_method(case) and not system.run_events

@@ -248,8 +248,8 @@ class AveragedTop(Nutating):
         a, M3 = coefficient_at(k, "a", t), axial_torque(t, y[2], k)
         mean = mean_cosine(y[3], w)
         mean_cos = -y[3] * mean
-        by_mu = None if now is k else (slope_at(k, "mu", t) / now.mu, mean)
-        return drift(y, now, (-a, -a * mean_cos, M3, M3 * mean_cos), (X, w), by_mu)
+        change = 0.0 if now is k else slope_at(k, "mu", t) / now.mu
+        return drift(y, now, (-a, -a * mean_cos, M3, M3 * mean_cos), (X, w), (change, mean))
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:

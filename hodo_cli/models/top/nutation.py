@@ -63,10 +63,11 @@ def drift(
     k: Any,
     means: Sequence[Any],
     shape: tuple[Any, Any],
-    by_mu: tuple[Any, Any] | None = None,
+    by_mu: tuple[Any, Any] = (0.0, 0.0),
 ) -> tuple[Any, ...]:
     """dy/dtau of the state (U, Z, r, e) from the means <f>, <f cos phi>, <M3>, <M3 cos phi> over
-    one nutation; where mu changes, `by_mu` is mu'/mu and the mean of `mean_cosine`.
+    one nutation, and X and w of `nutation`; `by_mu` is mu'/mu and, unless that is 0, the mean of
+    `mean_cosine`.
 
     The symbols are those of `AveragedTop`. U, Z and r follow from eqs (2.4), and dH/dtau = mu' v. e
     follows from the roots' own derivatives, with M(x) = T1' x^2 - T2' x - T3' at x = X divided by e
@@ -77,23 +78,19 @@ def drift(
     U, Z, r, e = y
     X, w = shape
     f, f_cos, M3, M3_cos = means
+    change, mean = by_mu
     A, C, mu = k.A, k.C, k.mu
     # u = 1 - x turns Gz - C r u into U + c x, and 2 H - C r^2 - 2 mu u into 2 mu (x - Z).
     c, G = C * r, U + C * r * X
     # <f x> with x = X + e cos phi; U and Z lose their terms in M3 to C r' = M3.
     fx = X * f + e * f_cos
     dU = (U * f + c * fx) / A - X * M3 - e * M3_cos
-    dZ = -2 * (fx - Z * f) / A
-    # From here on: the derivatives of the coefficients of the cubic, and by them that of e.
-    dT1 = -c * M3 / (A * mu)
+    dZ = -2 * (fx - Z * f) / A + change * (X - Z - e * e * mean)
+    # The rates of the coefficients of the cubic: T1', M(X)/e and the slope of M.
+    dT1 = -c * M3 / (A * mu) + change * c * c / (2 * A * mu)
     M = 2 / A * (e * w * f + (X * (2 - X) - c * G / (2 * A * mu)) * f_cos) + G * M3_cos / (A * mu)
-    slope = -(c * (dU + M3 * X) + G * M3) / (A * mu)
-    if by_mu is not None:
-        change, mean = by_mu
-        dZ = dZ + change * (X - Z - e * e * mean)
-        dT1 = dT1 + change * c * c / (2 * A * mu)
-        M = M + change * e * (mean * X * (2 - X) - w)
-        slope = slope + change * c * G / (A * mu)
+    M = M + change * e * (mean * X * (2 - X) - w)
+    slope = -(c * (dU + M3 * X) + G * M3) / (A * mu) + change * c * G / (A * mu)
     slope = 2 * dZ * (X - 1) + slope
     # Singular only at w = e, that is u2 = u3, where a nutation takes for ever.
     de = (w * (M + e * (dZ + dT1)) - e * slope) / (2 * (w - e) * (w + e))

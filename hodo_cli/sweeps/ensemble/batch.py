@@ -18,7 +18,7 @@ from .motions import (
     states_after,
     zeros_of,
 )
-from .regions import LEVEL_ROWS, RegionCells
+from .regions import LEVEL_ROWS, left_cells
 
 FITTING, STILL_FITTING = (1 / 16, 16.0), (1 / 256, 256.0)
 """The largest component of a scaled state that needs no new units. heyoka's control of the error is
@@ -76,7 +76,7 @@ class BatchState:
         motion = padded(begun)
         self.columns = columns_at_start(e, motion, stride(e.looser * e.tol, e.passing))
         self.output, self.spare = np.empty((2, e.step.rows, len(motion)))
-        self.cells = RegionCells(e, len(motion))
+        self.cells = np.full((3, 3, len(motion)), np.nan)
         self.renew(np.arange(len(motion)))
         self.empty(len(begun))
         at_start = e.times <= np.reshape(e.span[0], (-1, 1))
@@ -138,7 +138,8 @@ class BatchState:
         change."""
         motion, size = self.columns.motion, self.columns.size
         levels = self.output[-LEVEL_ROWS:] * np.ldexp(1.0, 2 * size)
-        columns = self.cells.left(levels, motion, (motion >= 0) & (steps.length > 0))
+        is_under_way = (motion >= 0) & (steps.length > 0)
+        columns = left_cells(self.ensemble, self.cells, levels, motion, is_under_way)
         if columns.size:
             self.candidates.append(steps.chosen(columns))
 
@@ -258,7 +259,7 @@ class BatchState:
         columns = padded(going)
         self.columns = self.columns.chosen(columns)
         self.output, self.spare = np.empty((2, len(self.output), len(columns)))
-        self.cells.bounds = self.cells.bounds.take(columns, axis=-1)
+        self.cells = self.cells.take(columns, axis=-1)
         self.empty(len(going))
 
     def enter(self, columns: np.ndarray) -> None:

@@ -41,28 +41,30 @@ OFF_CURVE = 1e-6
 G^2 from where a saddle appears: far above the errors of motions."""
 
 
-class RegionCells:
-    """The cells of the columns of a batch (3, 3, n): the factor of G^2, the least and the largest
-    value of G^2, and the same of 2T - s G^2 for either saddle. A column without one has numbers
-    that are none."""
+def left_cells(
+    e: Ensemble,
+    cells: np.ndarray,
+    levels: np.ndarray,
+    motion: np.ndarray,
+    is_under_way: np.ndarray,
+) -> np.ndarray:
+    """The columns (k,), of motions (n,) of the ensemble that are under way (n,), whose label may
+    have changed in a step with levels (LEVEL_ROWS, n), see `stays_within`.
 
-    def __init__(self, e: Ensemble, n: int) -> None:
-        self.e, self.bounds = e, np.full((3, 3, n), np.nan)
-
-    def left(self, levels: np.ndarray, motion: np.ndarray, is_under_way: np.ndarray) -> np.ndarray:
-        """The columns (k,), of motions (n,) of the ensemble that are under way (n,), whose label
-        may have changed in a step with levels (LEVEL_ROWS, n), see `stays_within`; cells that the
-        step leaves are made anew."""
-        columns = np.flatnonzero(~stays_within(self.bounds, levels) & is_under_way)
-        for width in CELL_WIDTHS:
-            if not columns.size:
-                break
-            curves = self.e.saddle_curves.of_bodies(motion[columns])
-            cells = cells_about(curves, levels[:, columns], width)
-            is_within = stays_within(cells, levels[:, columns])
-            self.bounds[..., columns] = np.where(is_within, cells, np.nan)
-            columns = columns[~is_within]
-        return columns
+    The `cells` (3, 3, n), which are made anew where the step leaves them, are the factor of G^2,
+    the least and the largest value of G^2, and the same of 2T - s G^2 for either saddle; not
+    numbers in a column without a cell.
+    """
+    columns = np.flatnonzero(~stays_within(cells, levels) & is_under_way)
+    for width in CELL_WIDTHS:
+        if not columns.size:
+            break
+        curves = e.saddle_curves.of_bodies(motion[columns])
+        new = cells_about(curves, levels[:, columns], width)
+        is_within = stays_within(new, levels[:, columns])
+        cells[..., columns] = np.where(is_within, new, np.nan)
+        columns = columns[~is_within]
+    return columns
 
 
 def stays_within(cells: np.ndarray, levels: np.ndarray) -> np.ndarray:
@@ -187,12 +189,13 @@ def view(
     rate: Any = 0,
     length: Any = 1.0,
 ) -> MotionView:
-    """Motions in states (m, k) and with constants of the equations in units of 2**size and of time
-    of 2**-rate, in steps of a length in that unit."""
-    rates = e.principal_omega(stacked(e.model.rhs(time, [*state], k), state), motion)
-    omega, change = true_omega(e, motion, state, size), np.ldexp(rates, size + rate).T
-    region, length = region_at(e, motion, omega), np.ldexp(length, -rate)
-    return MotionView(motion, time, length, state, size, omega, change, region)
+    """Motions in states (m, k), and with constants of their equations, in units of 2**size and of
+    time of 2**-rate, in steps of a length in that unit."""
+    rates = stacked(e.model.rhs(time, [*state], k), state)
+    omega = true_omega(e, motion, state, size)
+    change = true_omega(e, motion, rates, size + rate)
+    region = region_at(e, motion, omega)
+    return MotionView(motion, time, np.ldexp(length, -rate), state, size, omega, change, region)
 
 
 def view_within(e: Ensemble, steps: TakenSteps, row: np.ndarray, x: np.ndarray) -> MotionView:
