@@ -120,21 +120,12 @@ class Series:
 
         return self._solving(rule)
 
-    def _whole_power(self, n: int) -> "Series":
-        """By products: the general rule divides by y, which may be 0 or lose digits beside it."""
-        if n < 0:
-            return 1.0 / self._whole_power(-n)
-        if n < 2:
-            return self if n else self._new(partial(constant, 1.0))
-        half = self._whole_power(n // 2)
-        square = half * half
-        return square * self if n % 2 else square
-
-    def __pow__(self, exponent: Any) -> "Series":
+    def __pow__(self, exponent: Any) -> Any:
         if isinstance(exponent, float) and exponent == 0.5:
             return self._root()
         if isinstance(exponent, int | float) and float(exponent).is_integer():
-            return self._whole_power(int(exponent))
+            # By products: the general rule divides by y, which may be 0 or lose digits beside it.
+            return arithmetic.whole_power(self, int(exponent))
 
         def rule(power: Series, k: int) -> Any:
             if k == 0:
@@ -172,7 +163,7 @@ class Series:
 
         return self._solving(rule)
 
-    def sqrt(self) -> "Series":
+    def sqrt(self) -> Any:
         """The square root."""
         return self**0.5
 

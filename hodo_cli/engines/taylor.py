@@ -214,13 +214,5 @@ def longdouble(values: np.ndarray) -> np.ndarray:
     )
 
 
-@lru_cache(maxsize=64)
-def compiled(
-    model: type[Model],
-    structure: Structure,
-    events: tuple[Event, ...],
-    tol: float | None,
-    precision: str,
-) -> Taylor:
-    """The compiled integrator for one model, its structure, events, tolerance and precision."""
-    return Taylor(model, structure, events, tol, precision)
+compiled = lru_cache(maxsize=64)(Taylor)
+"""The compiled integrator for one model, its structure, events, tolerance and precision."""

@@ -126,7 +126,7 @@ class TaylorStep:
         model: type[Model],
         structure: Structure,
         events: tuple[Event, ...],
-        levels: tuple[Level, ...],
+        levels: tuple[Level, ...] = (),
     ) -> None:
         self.model, self.structure, self.levels = model, structure, levels
         self.corners = {event.sign: event.function for event in events if event.sign is not None}
@@ -431,12 +431,5 @@ def smaller(a: Any, b: Any) -> Any:
     return hy.select(hy.lt(a, b), a, b)
 
 
-@lru_cache(maxsize=16)
-def build(
-    model: type[Model],
-    structure: Structure,
-    events: tuple[Event, ...],
-    levels: tuple[Level, ...] = (),
-) -> TaylorStep:
-    """The compiled step for one model, its structure, events and levels."""
-    return TaylorStep(model, structure, events, levels)
+build = lru_cache(maxsize=16)(TaylorStep)
+"""The compiled step for one model, its structure, events and levels."""
