@@ -23,7 +23,7 @@ from hodo_cli.engines import have_taylor
 from hodo_cli.integration import Trajectory, integrate, solve
 from hodo_cli.models.averaging import any_torque, crossing_times, free_turn, passage
 from hodo_cli.models.averaging.free_turn import either
-from hodo_cli.models.constants import attributes
+from hodo_cli.models.base import attributes
 
 pytestmark = pytest.mark.engines
 

@@ -11,7 +11,7 @@ from test_averaged import case, fluid_torque, scaled
 
 from hodo_cli.integration import integrate
 from hodo_cli.models.averaging import any_torque, crossing_times, free_turn, sums
-from hodo_cli.models.constants import attributes
+from hodo_cli.models.base import attributes
 
 Triple = tuple[float, float, float]
 

@@ -17,7 +17,7 @@ from hodo_cli.cases.case import Time
 from hodo_cli.engines import protocol
 from hodo_cli.integration import Trajectory, choice, integrate, motion_remarks, solve
 from hodo_cli.integration.units import Clock
-from hodo_cli.models import constants
+from hodo_cli.models import base
 
 pytestmark = pytest.mark.engines
 
@@ -125,14 +125,14 @@ def test_the_error_falls_with_the_tolerance(method: str) -> None:
 def test_implicit_methods_are_given_the_jacobian_and_no_others(method: str) -> None:
     case = diagonal((0.02, 0.01, 0.03))
     engine = engines.engine_for(method, case.system, (), 1e-6, "double")
-    k, start = constants.attributes(case.system.constants), np.array(START)
+    k, start = base.attributes(case.system.constants), np.array(START)
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # as SciPy warns of a Jacobian that it does not use
         solver = engine.solver(k, start, 0.0, 1.0)  # type: ignore[attr-defined]
     # Two for the size of the first step; finite differences take one more for each variable.
     assert solver.nfev <= 2
     if method in ("Radau", "BDF"):
-        given = constants.jacobian(case.system, k, 0.0, start)
+        given = base.jacobian(case.system, k, 0.0, start)
         assert np.array_equal(solver.J, given)
 
 

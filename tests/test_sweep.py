@@ -30,7 +30,7 @@ from hodo_cli.commands import classify, run
 from hodo_cli.engines import protocol
 from hodo_cli.figures.kinds import maps
 from hodo_cli.integration import choice, cross, integrate, solve
-from hodo_cli.models import constants as flat
+from hodo_cli.models import base
 from hodo_cli.models import rigid_body
 from hodo_cli.progress import Progress
 from hodo_cli.results import layout
@@ -361,9 +361,9 @@ def test_members_are_prepared_at_once_as_one_by_one(
     for some in found:
         for i, *numbers in zip(some.members, some.constants.T, some.start.T, strict=True):
             system = singles[i].system
-            assert some.structure == flat.structure(system.constants)
+            assert some.structure == base.structure(system.constants)
             assert some.events == (*system.run_events, *system.class_events)
-            known = [flat.flatten(system.constants), system.start]
+            known = [base.flatten(system.constants), system.start]
             assert [x.tolist() for x in numbers] == [[*of] for of in known]
     # Those that are refused go one by one, and the others in a part for each way they take.
     assert len(calls) < 100 + len(every) - len(at)

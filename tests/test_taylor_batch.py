@@ -11,7 +11,7 @@ from test_sweep import computed, one
 from hodo_cli.arithmetic import horner
 from hodo_cli.engines import series as power_series
 from hodo_cli.integration import integrate
-from hodo_cli.models import constants as flat
+from hodo_cli.models import base
 from hodo_cli.models.base import Event
 from hodo_cli.sweeps import members
 from hodo_cli.sweeps.ensemble import advance
@@ -98,20 +98,20 @@ def test_a_step_ends_where_heyoka_is(name: str, tol: float) -> None:
 
     case = one(FORMS[name])
     model, k = type(case.system), case.system.constants
-    form, y0 = flat.structure(k), case.system.start
+    form, y0 = base.structure(k), case.system.start
     y = hy.make_vars(*(f"y{i}" for i in range(len(y0))))
-    numbers = [hy.par[i] for i in range(len(flat.flatten(k)))]
+    numbers = [hy.par[i] for i in range(len(base.flatten(k)))]
     ta = hy.taylor_adaptive(
-        list(zip(y, model.rhs(hy.time, list(y), flat.namespace(form, numbers)), strict=True)),
+        list(zip(y, model.rhs(hy.time, list(y), base.namespace(form, numbers)), strict=True)),
         list(y0),
         compact_mode=True,
     )
     assert ta.order == taylor_batch.SERIES_ORDER
-    ta.pars[:] = flat.flatten(k)[: len(ta.pars)]
+    ta.pars[:] = base.flatten(k)[: len(ta.pars)]
     step = taylor_batch.build(model, form, ())  # type: ignore[arg-type]
     end, m, rounding = 50.0, len(y0), 1e-3
     inputs = np.tile([[*y0, end, rounding, 7.0]], (taylor_batch.WIDTH, 1)).T.copy()
-    parameters = [end, *flat.flatten(k), taylor_batch.stride(tol, None)]
+    parameters = [end, *base.flatten(k), taylor_batch.stride(tol, None)]
     constants = np.tile([parameters], (taylor_batch.WIDTH, 1)).T.copy()
     out = np.empty((step.rows, taylor_batch.WIDTH))
     step(inputs, constants, out)
@@ -187,7 +187,7 @@ def test_the_rest_of_an_events_series_is_bounded(which: str) -> None:
     from hodo_cli.engines import taylor_batch
 
     case = one(FORMS["tensor"])
-    k = flat.namespace(flat.structure(case.system.constants), flat.flatten(case.system.constants))
+    k = base.namespace(base.structure(case.system.constants), base.flatten(case.system.constants))
     event = case.system.class_events[0] if which == "separatrix" else Event(which, signed)
     step, order = 1.5, taylor_batch.EVENT_ORDER
     for start in np.random.default_rng(4).standard_normal((50, 3)).tolist():
@@ -208,7 +208,7 @@ def test_a_step_clears_no_event_that_it_meets() -> None:
     from hodo_cli.engines import taylor_batch
 
     case = one(FORMS["tensor"])
-    form, k = flat.structure(case.system.constants), flat.flatten(case.system.constants)
+    form, k = base.structure(case.system.constants), base.flatten(case.system.constants)
     (separatrix,) = case.system.class_events
     tilt = Event("tilt", lambda t, y, k: separatrix.function(t, y, k) / (2 + y[0] * y[0]))
     n = 400 * taylor_batch.WIDTH

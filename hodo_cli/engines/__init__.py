@@ -9,8 +9,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from .. import HodoError
-from ..models.base import Event, Model
-from ..models.constants import of_engine_time, structure
+from ..models.base import Event, Model, of_engine_time, structure
 from .protocol import Engine
 
 

@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ..models.base import Event, Model
-from ..models.constants import jacobian, stacked, state_powers
+from ..models.base import Event, Model, jacobian, stacked, state_powers
 from .polynomial import LEGENDRE
 from .stepwise import Stepwise
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
-from ..models.base import Constants, Event, Model
-from ..models.constants import jacobian
+from ..models.base import Constants, Event, Model, jacobian
 from .protocol import EPS, IVP, StepControl, Stretch
 from .stepwise import Stepwise
 

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..models.base import Constants, Event
-from ..models.constants import attributes
+from ..models.base import Constants, Event, attributes
 from .polynomial import CHEBYSHEV, Zeros, isolate, rounding, to_bernstein
 from .protocol import NORM_BAND, EventRoot, Status, StepControl, Stretch
 

@@ -10,8 +10,7 @@ import heyoka as hy
 import numpy as np
 
 from ..arithmetic import SYMBOLS
-from ..models.base import Constants, Event, Model
-from ..models.constants import Structure, attributes, count, flatten, namespace
+from ..models.base import Constants, Event, Model, Structure, attributes, count, flatten, namespace
 from .polynomial import TAYLOR
 from .protocol import NORM_BAND, PRECISION, EventRoot, Status, StepControl, Stretch
 from .stepwise import zero

@@ -20,8 +20,7 @@ import numpy as np
 from .. import arithmetic
 from ..arithmetic import horner
 from ..machine import processor
-from ..models.base import Event, Level, Model
-from ..models.constants import UNIT, Structure, count, moving, namespace
+from ..models.base import UNIT, Event, Level, Model, Structure, count, moving, namespace
 from ..private import cached_code
 from . import series as series_module
 from .series import TINY_DIVISOR, Series, constant, motion, total

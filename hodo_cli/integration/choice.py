@@ -7,8 +7,7 @@ import numpy as np
 
 from .. import HodoError, engines
 from ..cases.case import Case
-from ..models.base import Model
-from ..models.constants import attributes, jacobian, rescaled
+from ..models.base import Model, attributes, jacobian, rescaled
 from .solve import solve
 from .trajectory import Trajectory
 from .units import TimeWindow, Units, is_timed, units_at_start

@@ -21,8 +21,7 @@ from ..engines import extended
 from ..engines.polynomial import bernstein_coefficients, isolate, rounding, values_and_slopes
 from ..engines.protocol import EPS
 from ..models import rigid_body
-from ..models.base import Event, Model
-from ..models.constants import rescaled
+from ..models.base import Event, Model, rescaled
 from ..models.rigid_body import UNDETERMINED, UNSEPARATED, BodyFrame, inertia_order, margin
 from ..models.theory.gyrostat import region_of
 from .driver import StepBuffer

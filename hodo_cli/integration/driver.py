@@ -10,8 +10,16 @@ import numpy as np
 
 from ..engines import extended
 from ..engines.protocol import Engine, EventRoot, Status, StepControl, uneven
-from ..models.base import Event, EventOutcome, Model
-from ..models.constants import attributes, moving, rescaled, stacked, state_powers
+from ..models.base import (
+    Event,
+    EventOutcome,
+    Model,
+    attributes,
+    moving,
+    rescaled,
+    stacked,
+    state_powers,
+)
 from .trajectory import Occurrence
 from .units import (
     AbsoluteClock,

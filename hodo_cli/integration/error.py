@@ -12,8 +12,7 @@ from .. import engines
 from ..cases.case import Case
 from ..engines import extended
 from ..models.attitude import angle_apart
-from ..models.base import Model
-from ..models.constants import attributes, rescaled
+from ..models.base import Model, attributes, rescaled
 from .choice import AUTOMATIC, MIN_STIFF_STEPS, best
 from .driver import REST_BITS
 from .solve import refined, sample_times, solve, with_seconds_left

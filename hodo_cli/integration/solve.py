@@ -17,8 +17,7 @@ from ..engines.polynomial import (
     values_and_slopes,
 )
 from ..engines.protocol import EPS, LAST_STEP, Engine, Status, StepControl
-from ..models.base import Model
-from ..models.constants import attributes, stacked
+from ..models.base import Model, attributes, stacked
 from .driver import (
     LARGEST_EXPONENT,
     OVERFLOW_MESSAGE,

@@ -10,8 +10,7 @@ import numpy as np
 
 from ..cases.case import Case
 from ..engines.protocol import Status
-from ..models.base import Model
-from ..models.constants import attributes, rescaled
+from ..models.base import Model, attributes, rescaled
 
 
 @dataclass(frozen=True)

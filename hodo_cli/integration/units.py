@@ -10,11 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..engines import extended
-from ..models.base import Constants, Event, Model
-from ..models.constants import (
+from ..models.base import (
     START,
     UNIT,
     VELOCITY,
+    Constants,
+    Event,
+    Model,
     attributes,
     contains_time,
     in_unit,

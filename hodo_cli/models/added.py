@@ -15,8 +15,18 @@ import numpy as np
 
 from .. import HodoError
 from ..arithmetic import SYMBOLS
-from .base import LENGTHS, OWN_FOLDER, Model
-from .constants import UNIT, VELOCITY, attributes, in_unit, moving, rescaled, state_powers
+from .base import (
+    LENGTHS,
+    OWN_FOLDER,
+    UNIT,
+    VELOCITY,
+    Model,
+    attributes,
+    in_unit,
+    moving,
+    rescaled,
+    state_powers,
+)
 
 MISTAKES = (Exception, SystemExit)
 """What running a file of models may raise: one that calls `exit(0)` would end hodo as if all had

@@ -16,8 +16,7 @@ from .averaging.forms import MEAN_START, distance_to_edge
 from .averaging.free_turn import turning_body
 from .averaging.passage import AT_SEPARATRIX
 from .averaging.sums import ClosedTurns
-from .base import Constants, Event, EventOutcome, Label, Model, mistake_of
-from .constants import attributes
+from .base import Constants, Event, EventOutcome, Label, Model, attributes, mistake_of
 from .rigid_body import INERTIA, INITIAL, complete
 from .terms.body import BodyUnderTorques
 from .terms.torques import CAVITY, CONSTANT, FLUID, coefficient, rates_under

@@ -13,8 +13,18 @@ import numpy as np
 
 from .. import HodoError
 from ..schema.kinds import Key, Mistake, Number, Table, vector
-from .base import Bound, Constants, Event, Label, Model, mistake_of
-from .constants import attributes, contains_time, jacobian, structure
+from .base import (
+    Bound,
+    Constants,
+    Event,
+    Label,
+    Model,
+    attributes,
+    contains_time,
+    jacobian,
+    mistake_of,
+    structure,
+)
 
 # By the constants k: A1, A2, A3 along the principal axes; `principal_axes`, `tensor` and `inverse`
 # (9,), row by row, of a body that is given by its full tensor in the axes of its case; h1, h2, h3

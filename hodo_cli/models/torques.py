@@ -15,8 +15,7 @@ from ..schema.kinds import Either, Key, ListOf, Mistake, Number, Table, vector
 from .averaging.any_torque import QuadratureTurns, averaged_form
 from .averaging.forms import mean_elements
 from .averaging.sums import CLOSED, ClosedMeans, ClosedTurns
-from .base import Bound, Constants, Event, EventOutcome, Level, Model, mistake_of
-from .constants import attributes
+from .base import Bound, Constants, Event, EventOutcome, Level, Model, attributes, mistake_of
 from .rigid_body import (
     INITIAL,
     BodyFrame,

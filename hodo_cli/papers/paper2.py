@@ -20,7 +20,7 @@ from ..claims.finding import (
 )
 from ..claims.quantities import end_of_spin, integrated_motion, quantity
 from ..claims.verdicts import changed_case
-from ..models.constants import attributes
+from ..models.base import attributes
 from ..models.terms.torques import reynolds
 from ..results.motion import Motion
 

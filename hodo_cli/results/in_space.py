@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..models.constants import attributes
+from ..models.base import attributes
 
 if TYPE_CHECKING:
     from .motion import Motion

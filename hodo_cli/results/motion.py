@@ -31,7 +31,7 @@ from ..cases.figure_block import FORMULA
 from ..cases.sweep_block import AXIS_LABELS
 from ..integration import Crossing, label_at_start
 from ..models import rigid_body
-from ..models.constants import attributes
+from ..models.base import attributes
 from ..models.top.nutation import first_integrals, with_mu
 from ..schema.expression import Tree, parse_expression
 from ..storage import Attribute, Variable, dimension_sizes, typed

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..cases.derived import BODY_AXES
 from ..cases.figure_block import KINDS_IN_SPACE
-from ..models.constants import attributes, has_formula_of_time, stacked
+from ..models.base import attributes, has_formula_of_time, stacked
 from .in_space import EULER_ANGLES, OF_ATTITUDE, time_factor
 from .motion import Motion
 

@@ -22,7 +22,7 @@ from ..integration import (
     sample_times,
     solve,
 )
-from ..models.constants import flatten
+from ..models.base import flatten
 from ..results.layout import passages_as_crossings
 from ..storage import Attribute, Group, Variable
 from .columns import (

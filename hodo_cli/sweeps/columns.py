@@ -17,8 +17,7 @@ from ..integration import (
     Occurrence,
 )
 from ..models import rigid_body
-from ..models.base import LENGTHS
-from ..models.constants import rescaled
+from ..models.base import LENGTHS, rescaled
 from ..models.rigid_body import UNDETERMINED
 from ..results.layout import (
     CROSSING_COLUMNS,

@@ -14,8 +14,7 @@ from ..cases.sweep_block import axes_of, put
 from ..engines import have_taylor
 from ..engines.protocol import EPS
 from ..integration import Crossing, Trajectory, sample_times
-from ..models.base import Model
-from ..models.constants import UNIT, contains_time, flatten, structure
+from ..models.base import UNIT, Model, contains_time, flatten, structure
 from ..models.rigid_body import BodyFrame, times
 from ..schema.kinds import KeyPath
 from ..text import grouped

@@ -11,8 +11,7 @@ import numpy as np
 
 from ...arithmetic import exp
 from ...schema.kinds import Key, Mistake, Switch
-from ..base import Constants, Event, EventOutcome, Label
-from ..constants import attributes
+from ..base import Constants, Event, EventOutcome, Label, attributes
 from ..rigid_body import BodyFrame, is_tensor, share_of
 from .free_turn import (
     Body,

@@ -10,8 +10,7 @@ import numpy as np
 
 from ...arithmetic import cos, sin, sqrt
 from ...schema.kinds import Angle, Integer, Key, Mistake, Number, Table
-from ..base import Constants, Event, Label, Model, mistake_of
-from ..constants import attributes
+from ..base import Constants, Event, Label, Model, attributes, mistake_of
 from ..terms.laws import (
     coefficient_at,
     coefficient_kind,

@@ -8,8 +8,7 @@ from numpy.polynomial.polynomial import polyder
 
 from ...arithmetic import horner
 from ...integration import REST_BITS, at_rest, clock_rates, time_to_zero
-from ...models.base import Event
-from ...models.constants import moving
+from ...models.base import Event, moving
 from ...models.rigid_body import UNDETERMINED
 from .batch import STEPS_PER_PAUSE, BatchState
 from .motions import Columns, Ensemble, Outcome, Passages, Rejection, TakenSteps, zeros_of

@@ -5,8 +5,7 @@ import numpy as np
 from ...engines.polynomial import TAYLOR, rounding
 from ...engines.protocol import uneven
 from ...integration import MIN_STIFF_STEPS, Occurrence, TimeWindow, Units
-from ...models.base import Event
-from ...models.constants import moving, namespace, rescaled
+from ...models.base import Event, moving, namespace, rescaled
 from .motions import (
     Columns,
     Ensemble,

@@ -12,8 +12,17 @@ import numpy as np
 from ...engines.polynomial import TAYLOR, Zeros, isolate, to_bernstein
 from ...engines.protocol import Coded
 from ...integration import Occurrence, is_falling
-from ...models.base import Event, Level, Model
-from ...models.constants import UNIT, VELOCITY, Structure, moving, namespace, stacked
+from ...models.base import (
+    UNIT,
+    VELOCITY,
+    Event,
+    Level,
+    Model,
+    Structure,
+    moving,
+    namespace,
+    stacked,
+)
 from ...models.rigid_body import along_principal_axes, principal_rotor_of
 from ...models.theory.gyrostat import SaddleCurves
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...integration import PLACES_VIEWED, has_turned
-from ...models.constants import rescaled, stacked
+from ...models.base import rescaled, stacked
 from ...models.theory.gyrostat import HodographRegion, SaddleCurves, region_of
 from .motions import Ensemble, Passages, TakenSteps
 
