@@ -30,8 +30,7 @@ from hodo_cli.commands import classify, run
 from hodo_cli.engines import protocol
 from hodo_cli.figures.kinds import maps
 from hodo_cli.integration import choice, cross, integrate, solve
-from hodo_cli.models import base
-from hodo_cli.models import rigid_body
+from hodo_cli.models import base, rigid_body
 from hodo_cli.progress import Progress
 from hodo_cli.results import layout
 from hodo_cli.storage.group import Group, Variable
