@@ -341,11 +341,6 @@ def end_of_spin(m: Motion) -> float:
     return by_event[0] if by_event else first_time(by_sign)
 
 
-def rebound_time(m: Motion) -> float:
-    """The time at which u3 touches 1, which it does where |Gz| = C |r|."""
-    return first_time(zero_times(m.time, np.abs(m["Gz"]) - m.inertia[2] * np.abs(m["r"])))
-
-
 NUMBERS: dict[str, Callable[[Motion], float]] = {
     "crossings": lambda m: len(known_crossings(m)),
     "first_crossing": lambda m: first_time([c.time for c in known_crossings(m)]),
@@ -357,7 +352,10 @@ NUMBERS: dict[str, Callable[[Motion], float]] = {
     "growth_largest": lambda m: tilt_growth(m, 0),
     "growth_smallest": lambda m: tilt_growth(m, 2),
     "end_of_spin": end_of_spin,
-    "rebound_u3": rebound_time,
+    # u3 touches 1 where |Gz| = C |r|.
+    "rebound_u3": lambda m: first_time(
+        zero_times(m.time, np.abs(m["Gz"]) - m.inertia[2] * np.abs(m["r"]))
+    ),
 }
 """What computes each of `claim_block.SINGLE_NUMBERS`."""
 

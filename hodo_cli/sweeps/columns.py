@@ -1,5 +1,6 @@
-"""What is stored of the members of a sweep, one column each. Of a sweep that has grown, the members
-that an earlier result holds are taken over from it, and only the others are computed."""
+"""What is stored of the members of a sweep, one column each, from an ensemble of motions or from
+single ones. Of a sweep that has grown, the members that an earlier result holds are taken over from
+it, and only the others are computed."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -199,7 +200,9 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
         start_axis, axis = (enclosed(e, side) for side in sides)
         start_axis[e.at_rest[accepted]] = rigid_body.UNDETERMINED
         crossings = crossing_columns(e, passed)
-        final["separation"] = least_separation(e, outcome, accepted)
+        at_start = separation_at(e, accepted, e.start, np.zeros_like(outcome.exponent))
+        at_end = separation_at(e, accepted, outcome.state, outcome.exponent)
+        final["separation"] = np.minimum(at_start, at_end)
     else:
         # Of an averaged form, which knows its axis, and whose passages are events.
         begin, start = np.array([e.span[0]]), e.start[:, accepted].T
@@ -227,12 +230,6 @@ def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
     order = rigid_body.inertia_order(e.inertia[:, 0])
     axes = np.array([order[2] + 1, rigid_body.UNDETERMINED, order[0] + 1], dtype=np.int8)
     return np.asarray(axes[side.astype(int) + 1])
-
-
-def least_separation(e: Ensemble, outcome: Outcome, motions: np.ndarray) -> np.ndarray:
-    """The smaller `separation` from the separatrix of start and end of some motions (k,)."""
-    ends = (e.start, np.zeros_like(outcome.exponent)), (outcome.state, outcome.exponent)
-    return np.asarray(np.minimum(*(separation_at(e, motions, *end) for end in ends)))
 
 
 def separation_at(
