@@ -120,12 +120,15 @@ class Series:
 
         return self._solving(rule)
 
-    def __pow__(self, exponent: Any) -> Any:
+    def __pow__(self, exponent: Any) -> "Series":
         if isinstance(exponent, float) and exponent == 0.5:
             return self._root()
+        if isinstance(exponent, int | float) and exponent == 0:
+            return self._new(partial(constant, 1.0))
         if isinstance(exponent, int | float) and float(exponent).is_integer():
             # By products: the general rule divides by y, which may be 0 or lose digits beside it.
-            return arithmetic.whole_power(self, int(exponent))
+            power: Series = arithmetic.whole_power(self, int(exponent))
+            return power
 
         def rule(power: Series, k: int) -> Any:
             if k == 0:
@@ -163,7 +166,7 @@ class Series:
 
         return self._solving(rule)
 
-    def sqrt(self) -> Any:
+    def sqrt(self) -> "Series":
         """The square root."""
         return self**0.5
 
