@@ -21,7 +21,6 @@ from ..claims.finding import (
     listed,
 )
 from ..claims.quantities import number, quantity
-from ..models.averaging.free_turn import turn_means
 from ..models.theory.closed_form import sn_cn_dn
 from ..models.top.nutation import mean_cosine
 from ..results.motion import Motion
@@ -337,6 +336,8 @@ def comes_back(motions: Sequence[Motion], multiple: int) -> Finding:
 def half_period(m: Motion) -> float:
     """K(k)/alpha by (1.3) at the start of a motion."""
     _, alpha, modulus1 = nutation_of_1_3(m)
-    m1 = modulus1**2
-    # <dn> is pi/(2 K).
-    return float(math.pi / (2 * turn_means(1 - m1, m1).dn * alpha))
+    # K by the arithmetic-geometric mean.
+    a, b = 1.0, modulus1
+    while abs(a - b) > 1e-15:
+        a, b = (a + b) / 2, math.sqrt(a * b)
+    return float(math.pi / (2 * a * alpha))
