@@ -186,6 +186,46 @@ def test_a_body_that_friction_holds_fails_in_words() -> None:
     assert np.isfinite(ds.omega).all()
 
 
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("formula", "start", "pole"),
+    [
+        ("1/(5.5 - t)", 0, 5.5),
+        ("1e-9/(5.5 - t)", 0, 5.5),
+        ("p/(5.5 - t)", 0, 5.5),
+        ("1/t", -3, 0),
+        ("sin(t)/cos(t)", 0, math.pi / 2),
+    ],
+)
+def test_a_pole_is_named_after_few_steps(
+    formula: str, start: float, pole: float, method: str
+) -> None:
+    motion = hodo.run(torqued(formula, start, method), classify=False)
+    assert motion.attrs["status"] == "failed"
+    assert motion.attrs["message"] == f"the equations have a pole at t = {pole:.6g}"
+    assert motion.attrs["steps"] < 1000
+    assert pole - 0.1 < motion.time.values[-1] < pole
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "formula",
+    ["1/sqrt(sqrt((5.5-t)**2))", "sin(5.5-t)/(5.5-t)", "1/(20.001-t)", "1/(1e-4+(5.5-t)**2)"],
+)
+def test_what_is_no_pole_on_the_way_is_passed(formula: str, method: str) -> None:
+    """Rates that grow more slowly, or to a bound; and a pole behind the end."""
+    motion = hodo.run(torqued(formula, 0, method), classify=False)
+    assert (motion.attrs["status"], motion.time.values[-1]) == ("ok", 20)
+
+
+def torqued(formula: str, start: float, method: str) -> dict[str, Any]:
+    return {
+        "model": "torques", "inertia": A, "expression": [formula, "0", "0"], "method": method,
+        "initial": dict(zip("pqr", START, strict=True)),
+        "time": {"start": start, "end": 20, "samples": 1001},
+    }  # fmt: skip
+
+
 @pytest.mark.heyoka
 def test_the_members_of_a_sweep_see_it(tmp_path: Path) -> None:
     case = {

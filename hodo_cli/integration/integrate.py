@@ -12,7 +12,7 @@ from ..models.base import Model
 from ..text import to_error
 from .choice import choose
 from .error import with_measured_error
-from .solve import solve, step_times, with_seconds_left
+from .solve import POLE, solve, step_times, with_seconds_left
 from .trajectory import Trajectory
 
 ERROR_LIMIT_ASKED = 1e-12
@@ -118,6 +118,7 @@ def solved(case: Case, method: str, reason: str) -> Trajectory:
         and method == "taylor"
         # Not after a timeout: the user has said how long a case may take.
         and motion.status is Status.FAILED
+        and not motion.message.startswith(POLE)
         and case.precision != "quadruple"
     ):
         rest = with_seconds_left(case, motion)

@@ -87,6 +87,18 @@ MOST_CHANGES = 10_000
 MOST_AT_ONE_PLACE, NEARBY = 64, 16
 """How many of them may follow each other within so many MIN_GAP."""
 
+POLE = "the equations have a pole at t = "
+"""How the message of a motion begins that comes to one: no method leads it on from there."""
+
+SHORT_STEP, AHEAD = 1e7, 1e5
+"""The length of a step, in rounding errors of the time, below which a pole is looked for, and how
+many such steps ahead: collocation takes short ones, since the rounding of a time near a pole makes
+much of its rates."""
+
+BESIDE, FARTHER = 4, 1024
+"""A distance from a pole, in rounding errors of the time, and how many times farther from it the
+rates are smaller by as much."""
+
 
 @dataclass
 class StepCheck(StepBuffer):
@@ -100,11 +112,13 @@ class StepCheck(StepBuffer):
     """
 
     system: Model
+    end: float
     span: float
     tol: float
     control: StepControl
     changes: list[np.ndarray] = field(default_factory=list)
     at_one_place: int = 0
+    pole: Any = None
 
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
         super().begin(engine, clock, units)
@@ -127,12 +141,17 @@ class StepCheck(StepBuffer):
     def flush(self) -> None:
         super().flush()
         control = self.control
-        if control.status is Status.FAILED and control.steps == self.at_begin["steps"]:
+        is_at_begin = control.steps == self.at_begin["steps"]
+        if control.status is Status.FAILED and is_at_begin and self.change is None:
             # A series that begins at a corner has no number.
             self.note(extended(np.array([self.clock.high, self.clock.low])).sum())
 
     def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
         """Compare steps; those behind the first change of a stretch are of another motion."""
+        if self.pole is not None and self.clock.exact_times(ends[0, 0]) > self.changes[-1][1]:
+            self.change, self.control.is_over = np.full(3, self.pole), True
+            self.control.give_up(Status.FAILED, f"{POLE}{float(self.pole):.6g}")
+            return
         # Nearer to each other towards the ends, where collocation has no points of its own.
         x = (1 - np.cos(np.pi * np.arange(self.points + 1) / self.points)) / 2
         b = self._bernstein(series.astype(float), ends)
@@ -144,15 +163,47 @@ class StepCheck(StepBuffer):
             low, high = (x[first - 1], x[first]) if first else (0, 1)
             place = self._place(ends, b, low, high, is_onset=first > 0)
             self.note(self.clock.exact_times(ends[0, 0] + place * (ends[0, 1] - ends[0, 0])))
+        self.look_for_pole(ends, b)
         self.longest = 0.0
         self.enough = min(2 * self.enough, POINTS_AT_ONCE)
+
+    def look_for_pole(self, ends: np.ndarray, b: np.ndarray) -> None:
+        """Note a pole of the equations, towards which steps become ever shorter: the motion is to
+        begin anew before the first short one, and to end there."""
+        times = self.clock.exact_times(ends)
+        grain = EPS * (np.abs(times[:, 0]) + self.span)
+        is_short = np.diff(times)[:, 0] < SHORT_STEP * grain
+        if self.pole is None and is_short.any():
+            step = is_short.argmax()
+            self.pole = self._pole(ends[step], b[step, :, 0], grain[step])
+            if self.pole is None:
+                return
+            before = min(times[step, 0], self.pole - 2 * self._aside(self.pole))
+            if self.change is None or self.change[1] > before:
+                self.note(before)
+
+    def _pole(self, ends: np.ndarray, y: np.ndarray, grain: Any) -> Any:
+        """The time of a pole of the equations soon behind the start of a step with the state y, or
+        None: their rates grow by the inverse of the distance at least, down to the rounding."""
+
+        def rates(s: np.ndarray) -> np.ndarray:
+            state = np.repeat(y[:, None], len(s), axis=1)
+            return np.asarray(np.abs(self._rates(self.clock.exact_times(s), state)).max(axis=0))
+
+        start, width = extended(ends[:1])[0], AHEAD * (ends[1] - ends[0])
+        for _ in range(ROUNDS):
+            places = start + width * np.linspace(0, 1, PARTS + 1)
+            largest = rates(places).argmax()
+            start, width = places[max(largest - 1, 0)], 2 * width / PARTS
+        beside = BESIDE * grain * self.clock.factor
+        near, farther = rates(places[largest] + beside * np.array([1, FARTHER]))
+        pole = grain * np.round(self.clock.exact_times(places[largest]) / grain) + 0.0
+        return pole if 2 * near > FARTHER * farther and pole <= self.end else None
 
     def note(self, at: Any) -> None:
         """Note a change at some time: the stretch ends, to be begun anew."""
         vars(self.control).update(self.at_begin, is_over=True)
-        # A series that begins at a corner overflows, and the formula may be no number there.
-        gap = MIN_GAP * min(1 / self.clock.factor, self.span)
-        aside = np.maximum(gap, MIN_ULPS * np.spacing(float(at)))
+        aside = self._aside(at)
         is_beyond = not self.changes or at > self.changes[-1][1] + NEARBY * aside
         self.at_one_place = 0 if is_beyond else self.at_one_place + 1
         # Begun anew it may miss its equations sooner than before.
@@ -165,6 +216,12 @@ class StepCheck(StepBuffer):
         if len(self.changes) > MOST_CHANGES:
             message = f"stopped: its formulas change more than {MOST_CHANGES} times"
             self.control.give_up(Status.TIMEOUT, message)
+
+    def _aside(self, at: Any) -> Any:
+        """How far from a change at some time steps end and begin."""
+        # A series that begins at a corner overflows, and the formula may be no number there.
+        gap = MIN_GAP * min(1 / self.clock.factor, self.span)
+        return np.maximum(gap, MIN_ULPS * np.spacing(float(at)))
 
     def _place(self, ends: np.ndarray, b: np.ndarray, low: Any, high: Any, is_onset: bool) -> Any:
         """Where between two places a step begins to miss its equations or, if that is no `onset`,
@@ -193,8 +250,12 @@ class StepCheck(StepBuffer):
         length = ends[:, 1:] - ends[:, :1]
         t = self.clock.exact_times(ends[:, :1] + x * length).astype(b.dtype)
         state, slope = (part.swapaxes(0, 1) for part in values_and_slopes(b, x[None]))
-        k = attributes(self.units.constants(type(self.system), self.system.constants), b.dtype.type)
-        return slope, length * stacked(self.system.rhs(t, [*state], k), state)
+        return slope, length * self._rates(t, state)
+
+    def _rates(self, t: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The rates of states (m, ...) by the engine's time, at times (...) of the case."""
+        k = self.units.constants(type(self.system), self.system.constants)
+        return stacked(self.system.rhs(t, [*state], attributes(k, state.dtype.type)), state)
 
     def _excess(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> np.ndarray:
         """How far steps miss their equations (n, k) at places x (k,): beyond 1 something has
@@ -321,7 +382,7 @@ def attempted(
         propagation = Propagation(engine, system, case.time.start, times, events)
         changes = np.empty((0, 3))
         if is_checked:
-            check = StepCheck(system, propagation.span, engine.tol, control)
+            check = StepCheck(system, times[-1], propagation.span, engine.tol, control)
             samples = propagation.run(control, check, changes)
             changes = np.reshape(check.changes, (-1, 3))
         if observer or not is_checked:
