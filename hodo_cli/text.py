@@ -83,6 +83,15 @@ def to_error(value: float, error: float, digits: int) -> str:
     return f"{value:.{digits}g}"
 
 
+PLURALS = {"erratum": "errata"}
+"""The plurals that do not end with an s."""
+
+
+def counted(count: int, noun: str) -> str:
+    """A number of things in words: 1 case, 2 cases."""
+    return f"{count} {noun if count == 1 else PLURALS.get(noun, f'{noun}s')}"
+
+
 def first_line(error: BaseException) -> str:
     """What an error of a library says first, or its kind where it says nothing."""
     return (str(error).splitlines() or [type(error).__name__])[0]

@@ -15,7 +15,6 @@ from conftest import Hodo
 from hodo_cli.cases.config import parse
 from hodo_cli.commands import bench
 from hodo_cli.integration import solve
-from hodo_cli.results import trials
 
 pytestmark = pytest.mark.engines
 
@@ -33,38 +32,38 @@ CASES = parse(CONFIG, "x.yaml").cases
 
 def test_each_verdict() -> None:
     motion = solve(replace(CASES["a"], tol=1e-4), "DOP853", tol=1e-4)
-    assert trials.verdict(motion, 9e-4, 0.0) == "accurate"
-    assert trials.verdict(motion, 1e-2, 1e-3) == "limited by the data"
+    assert bench.verdict(motion, 9e-4, 0.0) == "accurate"
+    assert bench.verdict(motion, 1e-2, 1e-3) == "limited by the data"
     for status, words in (("timeout", "timeout"), ("failed", "failed with a message")):
         ended = replace(motion, status=type(motion.status)(status))
-        assert trials.verdict(ended, 0.0, 0.0) == words
+        assert bench.verdict(ended, 0.0, 0.0) == words
     # Its own measuring finds an error of some 1e-4, as it is, which is what was asked for: a larger
     # one is silent.
-    assert trials.verdict(motion, 1e-2, 0.0) == "SILENT"
+    assert bench.verdict(motion, 1e-2, 0.0) == "SILENT"
     wrong = replace(motion, state=motion.state * 1.1)
-    assert trials.verdict(wrong, 0.1, 0.0) == "inaccurate, as stated"
+    assert bench.verdict(wrong, 0.1, 0.0) == "inaccurate, as stated"
 
 
 def test_one_ulp_moves_every_number_that_is_not_zero() -> None:
-    up, mixed = trials.perturbed(CASES["a"])
+    up, mixed = bench.perturbed(CASES["a"])
     for moved in (up, mixed):
         assert all(
             a != b for a, b in zip(moved.data["inertia"], CASES["a"].data["inertia"], strict=True)
         )
         assert moved.data["initial"]["p"] == pytest.approx(0.8, rel=3e-16)
     assert up != mixed
-    assert next(trials.perturbed(CASES["b"])).data["damping"] == (0.0, 0.0, 0.0)
+    assert next(bench.perturbed(CASES["b"])).data["damping"] == (0.0, 0.0, 0.0)
 
 
 def test_a_trial_that_has_no_time_for_a_sample_is_named() -> None:
     case = CASES["b"]
-    tried = trials.trial(case, trials.reference_motion(case), "exact", None, 1, 1e-9)
+    tried = bench.trial(case, bench.reference_motion(case), "exact", None, 1, 1e-9)
     assert (tried.status, np.isnan(tried.drift)) == ("timeout", True)
 
 
 def test_a_symmetric_body_stays_symmetric_when_its_numbers_are_moved() -> None:
     body = replace(CASES["a"], data={**CASES["a"].data, "inertia": (8.0, 8.0, 4.0)})
-    for moved in trials.perturbed(body):
+    for moved in bench.perturbed(body):
         A, B, C = moved.data["inertia"]
         assert A == B != 8
         assert C != 4
@@ -72,17 +71,17 @@ def test_a_symmetric_body_stays_symmetric_when_its_numbers_are_moved() -> None:
 
 def test_the_floor_is_that_of_the_phase() -> None:
     # An ulp in the data turns the motion by about its angle of 10 times 1e-16.
-    assert 1e-16 < trials.reference_motion(CASES["b"]).floor < 1e-14
+    assert 1e-16 < bench.reference_motion(CASES["b"]).floor < 1e-14
 
 
 def test_a_trial_measures_the_true_error_and_the_drift() -> None:
-    tried = trials.trial(CASES["b"], trials.reference_motion(CASES["b"]), "DOP853", 1e-6, 3, 10.0)
+    tried = bench.trial(CASES["b"], bench.reference_motion(CASES["b"]), "DOP853", 1e-6, 3, 10.0)
     assert 1e-7 < tried.error < 1e-4
     assert 1e-9 < tried.drift < tried.error
     assert tried.rhs_evaluations >= 12 * tried.steps
     # It crosses the separatrix once, and is damped.
-    crossing = trials.trial(
-        CASES["a"], trials.reference_motion(CASES["a"]), "DOP853", 1e-6, 1, math.inf
+    crossing = bench.trial(
+        CASES["a"], bench.reference_motion(CASES["a"]), "DOP853", 1e-6, 1, math.inf
     )
     assert 0 < crossing.crossing_error < 1e-3
     assert np.isnan(tried.crossing_error)
@@ -106,22 +105,22 @@ def test_a_time_is_the_least_of_the_repeats_and_the_processor_s(
     motion = solve(case, "DOP853", observer=Sleeper())
     assert motion.run_time + 0.2 < time.perf_counter() - began
     # As if the first had compiled; a long one is not repeated.
-    monkeypatch.setattr(trials, "SINGLE_RUN_SECONDS", 1e9)
-    assert trials.least_time(case, replace(motion, run_time=0.9e9), 3) < 0.9e9
-    assert trials.least_time(case, replace(motion, run_time=2e9), 3) == 2e9
+    monkeypatch.setattr(bench, "SINGLE_RUN_SECONDS", 1e9)
+    assert bench.least_time(case, replace(motion, run_time=0.9e9), 3) < 0.9e9
+    assert bench.least_time(case, replace(motion, run_time=2e9), 3) == 2e9
 
 
 def test_an_averaged_motion_is_tried_too() -> None:
     text = CONFIG.replace("damping: [0.05, 0.04, 0.03],", "damping: 0.001, form: averaged,")
     averaged = parse(text, "x.yaml").cases["a"]
-    tried = trials.trial(averaged, trials.reference_motion(averaged), "DOP853", 1e-6, 1, math.inf)
+    tried = bench.trial(averaged, bench.reference_motion(averaged), "DOP853", 1e-6, 1, math.inf)
     assert tried.error < 1e-4
     assert np.isnan(tried.drift)
 
 
 def test_the_fastest_is_taken_among_those_that_are_right() -> None:
     tried = tuple(
-        trials.Trial(error=e, run_time=t)
+        bench.Trial(error=e, run_time=t)
         for e, t in [(1e-4, 1.0), (1e-8, 3.0), (1e-7, 2.0), (np.nan, 0.1)]
     )
     made = bench.table_of_trials(["a"], ["m", "n"], [1e-4, 1e-8], tried)
@@ -133,13 +132,13 @@ def test_the_fastest_is_taken_among_those_that_are_right() -> None:
         ("auto", "accurate", False),
         ("DOP853", "timeout", False),
     ):
-        made = bench.table_of_trials(["a"], [method], [np.nan], [trials.Trial(status=status)])
+        made = bench.table_of_trials(["a"], [method], [np.nan], [bench.Trial(status=status)])
         assert bench.auto_failed(made) == is_failure
 
 
 def test_one_tolerance_gives_a_table_of_verdicts_and_several_one_of_speeds() -> None:
     tried = tuple(
-        trials.Trial(status="accurate", error=e, run_time=t, method=m)
+        bench.Trial(status="accurate", error=e, run_time=t, method=m)
         for m, e, t in [
             ("taylor", 1e-14, 0.5),
             ("m", 1e-14, 0.3),

@@ -583,7 +583,10 @@ def test_json_is_printed_whatever_else_is_asked_for(
     [
         (["run", "--quiet", "-v"], "--quiet and --verbose exclude each other"),
         (["run", "-j", "2", "--scheduler", "tcp://127.0.0.1:9"], "-j: leave it out, the workers"),
-        (["plot", "--alone", "a.html", "--format", "csv"], "--alone writes pictures into the page"),
+        (
+            ["plot", "--alone", "a.html", "--format", "csv"],
+            "--alone writes pictures into the page of all figures",
+        ),
     ],
 )
 def test_options_that_contradict_each_other_are_refused(

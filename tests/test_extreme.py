@@ -16,10 +16,10 @@ from numpy.polynomial.legendre import legvander
 from hodo_cli import Case, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import load
+from hodo_cli.commands import bench
 from hodo_cli.engines import collocation
 from hodo_cli.integration import choice, integrate, solve
 from hodo_cli.models.base import Model
-from hodo_cli.results import trials
 
 CASES = load(Path(__file__).parents[1] / "configs" / "extreme.yaml").cases
 LONG = {
@@ -42,7 +42,7 @@ def test_there_are_enough_cases_and_each_says_what_is_extreme() -> None:
 @pytest.mark.parametrize("name", [name for name in CASES if name not in LONG])
 def test_auto_is_right_or_says_so(name: str) -> None:
     case = CASES[name]
-    result = trials.trial(case, trials.reference_motion(case), "auto", None, 1, math.inf)
+    result = bench.trial(case, bench.reference_motion(case), "auto", None, 1, math.inf)
     assert result.status not in ("SILENT", "timeout"), result
     # No number with a closed form; the most is 9,321 steps of the series.
     assert not result.rhs_evaluations > 300_000, result

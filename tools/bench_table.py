@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import xarray
 
+from hodo_cli.commands.bench import TRIAL_VERDICTS
 from hodo_cli.figures.files import save
 from hodo_cli.figures.kinds.costs import draw_bench
 from hodo_cli.figures.sheet import SHEET_STYLE
-from hodo_cli.results.trials import TRIAL_VERDICTS
 from hodo_cli.text import magnitude, seconds
 
 STEP = 2

@@ -213,10 +213,9 @@ def checks_of_papers() -> dict[str, PaperCheck]:
     """The checks that are written for one text, by name, from a list beside their modules, which
     compute and are not loaded for it."""
     text = CHECKS_OF_PAPERS.read_text(encoding="utf-8")
-    modules = read(text, Mistakes(CHECKS_OF_PAPERS.name)).items()
     return {
         name: PaperCheck(module, entries.get("models", ()), is_trend=section == "trends")
-        for module, entries in modules
+        for module, entries in read(text, Mistakes(CHECKS_OF_PAPERS.name)).items()
         for section in ("checks", "trends")
         for name in entries.get(section, ())
     }

@@ -27,7 +27,7 @@ from ..claims.verdicts import Judge
 from ..papers import finding_of
 from ..progress import Progress
 from ..storage import Group, Report, ResultFile, Update, Variable, history_line, update
-from ..text import table
+from ..text import counted, table
 from .resume import content_digest, result_named, stored_config, warn_of_changes
 
 Rows = list[dict[str, Any]]
@@ -183,6 +183,6 @@ def verdict_tables(rows: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 def totals(what: str, rows: Sequence[Mapping[str, Any]], verdicts: Sequence[str]) -> str:
     """How many rows there are, and how many have which verdict."""
-    counts = [(sum(row["verdict"] == verdict for row in rows), verdict) for verdict in verdicts]
-    plural = what if len(rows) == 1 else {"erratum": "errata"}.get(what, f"{what}s")
-    return f"{len(rows)} {plural}: {', '.join(f'{n} {verdict}' for n, verdict in counts if n)}"
+    counts = ((sum(row["verdict"] == verdict for row in rows), verdict) for verdict in verdicts)
+    named = ", ".join(f"{n} {verdict}" for n, verdict in counts if n)
+    return f"{counted(len(rows), what)}: {named}"

@@ -70,9 +70,8 @@ def classified(name: str, group: Group, case: Case) -> tuple[Group | None, dict[
         labelled = Classification(motion.labels, motion.crossings, end_before_time(group))
         return None, row_of_motion(motion, labelled)
     if remark := why_unlabelled(case, group):
-        remarks = [remark, *end_before_time(group)]
-        unlabelled = {"start": "-", "end": "-", "unlabelled": remark}
-        return None, {"case": name, **unlabelled, "crossings": [], "warnings": remarks}
+        unlabelled = {"case": name, "start": "-", "end": "-", "unlabelled": remark}
+        return None, unlabelled | {"crossings": [], "warnings": [remark, *end_before_time(group)]}
     if recorded["method"] not in METHODS:
         raise HodoError(f"{name}: this hodo has no method {recorded['method']!r}: run it again")
     if case.time.steps:
@@ -116,8 +115,8 @@ def events_of(motion: Motion, labelled: Classification) -> list[dict[str, Any]]:
 
 def end_before_time(group: Group) -> tuple[str, ...]:
     """The message of a stored motion that ended well before its time; none of one that did not."""
-    is_ok = group.attributes.get("status") == Status.OK
-    return tuple(filter(None, [str(group.attributes.get("message", ""))])) if is_ok else ()
+    message = str(group.attributes.get("message", ""))
+    return (message,) if message and group.attributes.get("status") == Status.OK else ()
 
 
 CROSSING_UNITS = {"time": "time", "G": MOMENTUM}
@@ -128,16 +127,6 @@ def row_of_motion(motion: Motion, labelled: Classification) -> dict[str, Any]:
     """The line of a labelled motion in the table."""
     case = motion.case
     start = label_at_start(case, motion.time[0], labelled.labels, labelled.crossings)
-    table = [
-        {
-            "time": c.time,
-            "error": c.error,
-            "from": rigid_body.LABELS[c.start],
-            "to": rigid_body.LABELS[c.end],
-            "G": c.momentum,
-        }
-        for c in labelled.crossings
-    ]
     return {
         "case": motion.label,
         "start": rigid_body.LABELS[start],
@@ -145,7 +134,16 @@ def row_of_motion(motion: Motion, labelled: Classification) -> dict[str, Any]:
         "growth": growth_by_axis(labelled.growth),
         "final": "" if labelled.final is None else rigid_body.LABELS[labelled.final],
         "predictions": [sentence_of_case(words, case) for words in labelled.predictions],
-        "crossings": table,
+        "crossings": [
+            {
+                "time": c.time,
+                "error": c.error,
+                "from": rigid_body.LABELS[c.start],
+                "to": rigid_body.LABELS[c.end],
+                "G": c.momentum,
+            }
+            for c in labelled.crossings
+        ],
         "units": {name: units_of_case(words, case) for name, words in CROSSING_UNITS.items()},
         "warnings": list(labelled.warnings),
     }
@@ -199,14 +197,10 @@ def remark_on_crossings(case: Case, columns: Mapping[str, np.ndarray], ok: np.nd
 
 def _shares(labels: np.ndarray) -> str:
     """How many of the labels are which, in percent."""
-    counts = {
-        rigid_body.LABELS[value]: np.count_nonzero(labels == value)
-        for value in (1, 2, 3, rigid_body.BOTH, rigid_body.UNSEPARATED, 0, -1)
-    }
     return ", ".join(
-        f"{name} {100 * count / max(labels.size, 1):.3g} %"
-        for name, count in counts.items()
-        if count
+        f"{rigid_body.LABELS[label]} {100 * np.mean(labels == label):.3g} %"
+        for label in (1, 2, 3, rigid_body.BOTH, rigid_body.UNSEPARATED, 0, -1)
+        if (labels == label).any()
     )
 
 
@@ -237,8 +231,10 @@ def crossings_line(row: Mapping[str, Any]) -> tuple[str, ...]:
     events = [event_words(event, unit) for event in row.get("events", ())]
     remarks = [remark for remark in row["warnings"] if remark != row.get("unlabelled")]
     passages = abridged(every, CROSSINGS_SHOWN, " (--json lists them)")
-    ends = row["case"], row["start"], row["end"], ", ".join(growth), "; ".join(predicted)
-    return (*ends, "; ".join([*passages, *events, *remarks]))
+    return (
+        *(row["case"], row["start"], row["end"], ", ".join(growth), "; ".join(predicted)),
+        "; ".join([*passages, *events, *remarks]),
+    )
 
 
 def event_words(event: Mapping[str, Any], unit: str) -> str:

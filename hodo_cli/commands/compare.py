@@ -27,7 +27,7 @@ from ..results.agreement import (
     values_alike,
 )
 from ..results.layout import CROSSING_COLUMNS
-from ..results.motion import wrong_labels
+from ..results.motion import check_whole
 from ..storage import Group, ResultFile, Variable, open_run, typed
 from ..text import magnitude, table
 from .resume import result_named, warn_of_changes
@@ -83,13 +83,10 @@ def compare(a: ResultFile, b: ResultFile, tolerance: Tolerance) -> list[Comparis
 
 def checked_group(run: ResultFile, name: str) -> Group:
     """A case of a result. Raises HodoError if it is damaged."""
-    group = run.read(name)
-    typed({"error": math.nan, **group.attributes}, {"error": float}, f"{run.path}: {name}")
-    time = group.variables.get("time")
-    has_times = time is None or (time.data.dtype.kind == "f" and time.data.ndim == 1)
-    problem = wrong_labels(group.variables) if has_times else "its times are no numbers"
-    if problem:
-        raise HodoError(f"{run.path}: {name} is damaged ({problem})")
+    group, owner = run.read(name), f"{run.path}: {name}"
+    typed({"error": math.nan, **group.attributes}, {"error": float}, owner)
+    is_motion = "time" in group.variables and "members" not in group.attributes
+    check_whole(group.variables, owner, is_sweep=not is_motion)
     return group
 
 

@@ -80,8 +80,9 @@ def merged_text(runs: Sequence[ResultFile], stored: Mapping[str, FinishedCase], 
         statements[section] = unique(entries)
         ids = [entry["id"] for entry in statements[section]]
         if again := [name for i, name in enumerate(ids) if name in ids[:i]]:
-            differ = f"two results have different ones called {again[0]}"
-            raise HodoError(f"{section}: {differ}: rename one")
+            raise HodoError(
+                f"{section}: two results have different ones called {again[0]}: rename one"
+            )
     title = ", ".join(unique([config.title for config in configs if config.title]))
     references = "; ".join(unique([config.references for config in configs if config.references]))
     return composed_text(cases, title=title, references=references, figures=figures, **statements)

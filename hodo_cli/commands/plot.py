@@ -4,14 +4,13 @@ What draws is imported late: matplotlib takes longer to load than it takes to se
 nothing is to be drawn.
 """
 
-import gc
 import json
 import os
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from shlex import quote
@@ -112,10 +111,11 @@ def draw_results(
     Yields the lines to print, each with whether it tells of a problem. Raises HodoError for an
     unknown figure before anything is drawn, or if a file cannot be read.
     """
-    if alone is not None and names:
-        raise HodoError("--alone writes the page of all figures: name no figure")
-    if alone is not None and not {"png", "svg"} & {*formats}:
-        raise HodoError("--alone writes pictures into the page: draw them, by --format png or svg")
+    if alone is not None and (names or not {"png", "svg"} & {*formats}):
+        raise HodoError(
+            "--alone writes pictures into the page of all figures: name no figure, and draw them "
+            "by --format png or svg"
+        )
     folders = []
     for path in paths:
         with opened_to_draw(path) as (run, config):
@@ -148,14 +148,14 @@ def check_films(
 ) -> None:
     """Raise HodoError where films alone are asked for, of a figure that does not move, or where
     none moves."""
-    if not {*formats} <= {*FILM_FORMATS}:
-        return
-    drawn = [(name, folder.config.figure(name)) for folder in folders for name in folder.names]
-    still = [name for name, figure in drawn if figure["kind"] != "body"]
-    if names and still:
-        raise HodoError(f"figure {still[0]} does not move: only a figure of kind body makes a film")
-    if len(still) == len(drawn):
-        raise HodoError("no figure moves: only one of kind body makes a film")
+    moves = {
+        name: folder.config.figure(name)["kind"] == "body"
+        for folder in folders
+        for name in folder.names
+    }
+    if {*formats} <= {*FILM_FORMATS} and not (all if names else any)(moves.values()):
+        still = next((f"figure {name} does not move" for name in names if not moves[name]), "")
+        raise HodoError(f"{still or 'no figure moves'}: only one of kind body makes a film")
 
 
 def draw_missing(folders: Sequence["FigureFolder"], formats: Sequence[str], jobs: int) -> None:
@@ -184,7 +184,6 @@ def check_styles(folders: Sequence["FigureFolder"]) -> None:
             style = merged_style(folder.config.figure(name)["style"])
             if not {"font", "sheet"} & style.keys():
                 continue
-            load_what_draws()
             from ..figures.style import matplotlib_parameters
 
             try:
@@ -193,25 +192,10 @@ def check_styles(folders: Sequence["FigureFolder"]) -> None:
                 raise HodoError(f"{folder.config.path}: figure {name}: {error}") from None
 
 
-@cache
-def load_what_draws() -> None:
-    """Import what draws, without looking for garbage meanwhile or in it later.
-
-    Its hundreds of modules hold none, and to go through them again and again took a tenth of the
-    time of a process that draws.
-    """
-    gc.disable()
-    from .. import figures  # noqa: F401 (loaded for those who import it next)
-
-    gc.enable()
-    gc.freeze()
-
-
 def draw_figure(
     path: Path, config: Config, formats: Sequence[str], folder: Path, name: str
 ) -> DrawnFigure:
     """Draw a figure of a result file into a folder, by its entry in a config; what a pool does."""
-    load_what_draws()
     from ..figures import render
     from ..results.dataset import open_cases
 
@@ -233,13 +217,13 @@ def warnings_of(
     lines = [
         str(item.message) for item in caught if not issubclass(item.category, DeprecationWarning)
     ]
-    lines += [
+    unlabelled = [
         f"{cases.path} is not classified: run `hodo classify {quote(str(cases.path))}` for "
         "labels and crossings"
         for cases in results
         if any(map(lacks_labels, (cases.cache or {}).values()))
     ]
-    return tuple(dict.fromkeys(lines))
+    return tuple(dict.fromkeys([*lines, *unlabelled]))
 
 
 class FigureFolder:
@@ -291,8 +275,7 @@ class FigureFolder:
         for file in files:
             # What could not be drawn is tried again.
             digest = "" if drawn.problem else self._digest(drawn.name, drawn.cases, file)
-            entry = {"digest": digest, "cases": drawn.cases, "warnings": drawn.warnings}
-            self.record[file] = entry
+            self.record[file] = {"digest": digest, "cases": drawn.cases, "warnings": drawn.warnings}
 
     def _files(self, name: str, others: bool = False) -> dict[str, None]:
         """The files of a figure in the formats that were asked for and, with `others`, of those

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
-from itertools import product
 from math import prod
 from operator import attrgetter
 from pathlib import Path
@@ -104,17 +103,22 @@ class Plan:
     def _parts_kept(self, name: str) -> str:
         """The chunks of a sweep that an interrupted run has left, or the members that its stored
         result holds, counted in words; "" for none."""
-        sweep_ids = () if self.reasons[name] == FORCED else self._sweep_ids([name])
-        places = product(staging_folders(self.path), sweep_ids)
-        kept = {chunk.name for folder, sweep_id in places for chunk in chunks_in(folder, sweep_id)}
+        if self.reasons[name] == FORCED:
+            return ""
+        kept = {
+            chunk.name
+            for folder in staging_folders(self.path)
+            for sweep_id in self._sweep_ids([name])
+            for chunk in chunks_in(folder, sweep_id)
+        }
         if kept:
             from ..sweeps.chunk import chunks
 
             return f"; {len(kept)} of its {len([*chunks(self.config.cases[name])])} chunks are kept"
-        if earlier := self.earlier(name):
-            count = f"{earlier.attributes['members']} of its {prod(earlier.sizes)} members"
-            return f"; {count} are kept"
-        return ""
+        if (earlier := self.earlier(name)) is None:
+            return ""
+        members = earlier.attributes["members"]
+        return f"; {members} of its {prod(earlier.sizes)} members are kept"
 
     def earlier(self, name: str) -> "Earlier | None":
         """The stored result of a sweep that has only grown since."""

@@ -236,8 +236,7 @@ def crossings_in_words(motion: Motion, crossing: str, time: str, width: int) -> 
 
 def ending(motion: Motion, time: str) -> str:
     """How a motion ends, and when: it stops, or its samples end."""
-    stops = math.isfinite(motion.stop)
-    kind, when = ("stop", motion.stop) if stops else ("end", motion.time[-1])
+    kind, when = ("stop", motion.stop) if math.isfinite(motion.stop) else ("end", motion.time[-1])
     return f"{kind}, ${time} = {when:.6g}${unit_after(motion, 'time')}"
 
 

@@ -218,8 +218,7 @@ class Sheet:
         # At once: where words have room depends on it.
         scale = (self.width or width) / width
         self.figure.set_size_inches(scale * width, scale * height)
-        rows = -(-count // columns)
-        places = self.figure.subplots(rows, columns, squeeze=False, **grid).ravel()
+        places = self.figure.subplots(-(-count // columns), columns, squeeze=False, **grid).ravel()
         for spare in places[count:]:
             spare.remove()
         for lowest in places[max(0, count - columns) : count]:

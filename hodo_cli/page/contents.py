@@ -16,7 +16,7 @@ from ..results.dataset import StoredCases, motion_from
 from ..results.motion import Motion
 from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..sweeps.view import ANGLES, round_degrees
-from ..text import magnitude
+from ..text import counted, magnitude
 from .stored import Section
 
 
@@ -110,10 +110,9 @@ def described_by_kind(spec: Mapping[str, Any], shown: Sequence[Motion]) -> str:
     if spec.get("cases"):
         parts.append(f"case{'s' * (len(spec['cases']) > 1)} {', '.join(spec['cases'])}")
     if len(shown) == 1 and (ends := end_axes(shown[0])):
-        count = len(shown[0].crossings)
+        crossings = counted(len(shown[0].crossings), "crossing")
         parts.append(
-            f"encloses {ends[0]} first and {ends[1]} last, with {count} "
-            f"crossing{'s' * (count != 1)} of the separatrix"
+            f"encloses {ends[0]} first and {ends[1]} last, with {crossings} of the separatrix"
         )
     return "; ".join(parts)
 
@@ -151,9 +150,11 @@ def judged_entries(
 def case_entry(motion: Motion) -> Section:
     """A case with its parameters, errors, enclosed axes and crossings."""
     attrs, ends = motion.attrs, end_axes(motion)
-    ended = "" if attrs["status"] == "ok" else f"{attrs['status']}: {attrs['message']}"
-    assumed = [f"assumed {key}: {text}" for key, text in motion.case.assumes.items()]
-    notes = [ended, *assumed, motion.case.note, *str(attrs["warnings"]).splitlines()]
+    notes = [
+        "" if attrs["status"] == "ok" else f"{attrs['status']}: {attrs['message']}",
+        *(f"assumed {key}: {text}" for key, text in motion.case.assumes.items()),
+        *(motion.case.note, *str(attrs["warnings"]).splitlines()),
+    ]
     return {
         "name": motion.name,
         "model": f"{attrs['model']}, {attrs['form']}",

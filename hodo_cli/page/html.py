@@ -5,13 +5,13 @@ import math
 import re
 from base64 import b64encode
 from collections import Counter
-from collections.abc import Iterable, Sequence, Sized
+from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 from string import Template
 from urllib.parse import quote, unquote
 
-from ..text import grouped, magnitude, seconds
+from ..text import counted, grouped, magnitude, seconds
 from .stored import Section
 
 PICTURES = (".png", ".svg")
@@ -67,7 +67,7 @@ def address(file: str) -> str:
 def index_entries(section: Section) -> list[dict[str, str]]:
     """The lines of the index on a section: kind, name, link, file, verdict and text."""
     run = section["name"]
-    figures = [
+    return [
         {
             "run": run,
             "kind": "figure",
@@ -76,8 +76,7 @@ def index_entries(section: Section) -> list[dict[str, str]]:
             "text": figure["caption"],
         }
         for figure in section["figures"]
-    ]
-    judged = [
+    ] + [
         {
             "run": run,
             "kind": kind,
@@ -88,7 +87,6 @@ def index_entries(section: Section) -> list[dict[str, str]]:
         for kind, entries in judged_by_kind(section).items()
         for entry in entries
     ]
-    return figures + judged
 
 
 def judged_by_kind(section: Section) -> dict[str, list[Section]]:
@@ -100,18 +98,19 @@ def index_totals(entries: Iterable[dict[str, str]]) -> str:
     """How many figures, statements and errata there are, and with which verdicts."""
     parts = []
     for kind, verdicts in grouped((entry["kind"], entry["verdict"]) for entry in entries).items():
-        counts = Counter(filter(None, verdicts)).most_common()
-        named = ", ".join(f"{n} {verdict}" for verdict, n in counts)
-        plural = {"erratum": "errata"}.get(kind, f"{kind}s")
-        words = kind if len(verdicts) == 1 else plural
-        parts.append(f"{len(verdicts)} {words}{f' ({named})' if named else ''}")
+        named = ", ".join(
+            f"{n} {verdict}" for verdict, n in Counter(filter(None, verdicts)).most_common()
+        )
+        parts.append(counted(len(verdicts), kind) + (f" ({named})" if named else ""))
     return "; ".join(parts)
 
 
 def index_row(entry: dict[str, str]) -> str:
     """A line of the index."""
-    cells = [cell(entry["kind"]), f'<td class="n">{entry["link"]}</td>', cell(entry["run"], "n")]
-    cells += [cell(entry["verdict"], "n"), cell(entry["text"], "text")]
+    cells = [
+        *(cell(entry["kind"]), f'<td class="n">{entry["link"]}</td>', cell(entry["run"], "n")),
+        *(cell(entry["verdict"], "n"), cell(entry["text"], "text")),
+    ]
     return f'<tr data-kind="{entry["kind"]}">{"".join(cells)}</tr>'
 
 
@@ -132,15 +131,10 @@ def section_html(section: Section) -> str:
     return (
         f'<section id="{anchor(name)}"><h2>{escape(section["title"])}</h2>'
         f"<p>{escape(section['references'])}</p>"
-        f'<p class="soft">Data: {data}, {case_count(cases)}</p>'
+        f'<p class="soft">Data: {data}, {counted(len(cases), "case")}</p>'
         f'<div class="figures">{cards}</div>{"".join(tables)}'
         '<p><a href="#top">Back to the top</a></p></section>'
     )
-
-
-def case_count(cases: Sized) -> str:
-    """The number of cases in words."""
-    return "1 case" if len(cases) == 1 else f"{len(cases)} cases"
 
 
 def card(section: Section, figure: Section) -> str:
@@ -172,8 +166,10 @@ def picture(figure: Section) -> str:
     if not images:
         return ""
     # Printed at 300 an inch, shown at 150; with its size the page does not jump as pictures load.
-    sides = zip(("width", "height"), figure["size"], strict=False)
-    size = "".join(f' {side}="{pixels // 2}"' for side, pixels in sides)
+    size = "".join(
+        f' {side}="{pixels // 2}"'
+        for side, pixels in zip(("width", "height"), figure["size"], strict=False)
+    )
     image = f'<img loading="lazy" alt="{escape(figure["about"])}" src="{images[0]}"{size}>'
     return f'<a href="{files.get(".html", images[0])}">{image}</a>'
 
@@ -185,21 +181,24 @@ def numbers_of_cases(section: Section, figure: Section) -> str:
         return ""
     error = max((e for case in shown if not math.isnan(e := case["error"])), default=math.nan)
     total = seconds(sum(case["run_time"] for case in shown))
-    summary = f"{case_count(shown)}: error {magnitude(error)}, run time {total}"
+    # It stands for the caption of the table.
+    summary = f"{counted(len(shown), 'case')}: error {magnitude(error)}, run time {total}"
     rows = []
     for case in shown:
-        to_crossings = local_link(case["name"], section["name"], "crossings", case["name"])
-        name = to_crossings if case["crossings"] else escape(case["name"])
+        name = escape(case["name"])
+        if case["crossings"]:
+            name = local_link(case["name"], section["name"], "crossings", case["name"])
         rows.append([f"<td>{name}</td>", cell(case["parameters"], "text"), *accuracy(case)])
-    header = ("case", "parameters", "error", "run time")
-    # What the summary says is the caption of this table.
-    return f"<details><summary>{summary}</summary>{bare_table(header, rows)}</details>"
+    numbers = bare_table(("case", "parameters", "error", "run time"), rows)
+    return f"<details><summary>{summary}</summary>{numbers}</details>"
 
 
 def accuracy(case: Section) -> Cells:
     """The cells of error and run time of a case."""
-    error = f"{magnitude(case['error'])} ({case['error_kind']})"
-    return [cell(error, "n"), cell(seconds(case["run_time"]), "n")]
+    return [
+        cell(f"{magnitude(case['error'])} ({case['error_kind']})", "n"),
+        cell(seconds(case["run_time"]), "n"),
+    ]
 
 
 def links_to_figures(section: Section, cases: Sequence[str]) -> str:
@@ -300,8 +299,10 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Cells], section
 def table_row(names: Sequence[str], row: Cells) -> str:
     """A row of cells, with the names of their columns: on a narrow screen each cell stands on a
     line of its own, behind the name."""
-    named = zip(names, row, strict=True)
-    cells = (html.replace("<td", f'<td data-of="{name}"', 1) for name, html in named)
+    cells = (
+        html.replace("<td", f'<td data-of="{name}"', 1)
+        for name, html in zip(names, row, strict=True)
+    )
     return f"<tr>{''.join(cells)}</tr>"
 
 

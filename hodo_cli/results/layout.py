@@ -129,7 +129,7 @@ INNER_COORDINATES = {
 """The coordinates of what has several numbers at a time, and their values."""
 
 TIME = Stored("time", ("time",), units="time")
-PLAIN_TIME = Label(TIME.dims, TIME.long_name, TIME.units)
+
 
 ENCLOSED_AXIS = Stored("axis that the hodograph of G encloses", ("time",), "i1", flags=AXIS_FLAGS)
 
@@ -241,7 +241,7 @@ def case_variables(
     """
     stored = {}
     for name, data in {"time": time, **values}.items():
-        label = labels.get(name, PLAIN_TIME)
+        label = labels.get(name, TIME)
         error = {"error": errors[name]} if name in errors else {}
         # The values keep their own type: a working precision that netCDF lacks must be refused.
         meanings = AXIS_FLAGS if name == "enclosed_axis" else {}

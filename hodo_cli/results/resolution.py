@@ -229,11 +229,10 @@ def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[st
     limit = OSCILLATION_ANGLE if kind == "series" else LARGEST_TURN
     # The angles count the turns of the body in space, of which few samples lose whole ones.
     in_space = kind in KINDS_IN_SPACE or any(name in EULER_ANGLES for name in names)
-    with_turns = [pair for pair in drawn if turns_in_body(pair[0])]
     remarks = [
         turn_remark(motion, samples, limit, in_space)
-        for motion, samples in with_turns
-        if turning and len(motion.time[samples]) > 2
+        for motion, samples in drawn
+        if turning and turns_in_body(motion) and len(motion.time[samples]) > 2
     ]
     torques = [torque_remark(motion, names, samples) for motion, samples in drawn]
     return list(dict.fromkeys(filter(None, [*remarks, *bends, *torques])))

@@ -30,7 +30,7 @@ class BufferedFile(io.FileIO):
     down over one.
 
     What could not be written is kept in memory and read back from there, for HDF5 crashes over
-    missing bytes too.
+    missing bytes too. As a context manager it raises that failure at its end.
     """
 
     error: OSError | None = None
@@ -38,6 +38,10 @@ class BufferedFile(io.FileIO):
     def __init__(self, path: Path) -> None:
         super().__init__(path, "w+")
         self._unwritten: list[tuple[int, bytes]] = []
+
+    def __exit__(self, *exception: Any) -> None:
+        super().__exit__(*exception)
+        self.check()
 
     def write(self, data: Any) -> int:
         view = memoryview(data).cast("B")

@@ -156,7 +156,7 @@ def create(path: Path, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
 
     Raises OSError if the operating system does not let it be written.
     """
-    with _written(path) as disk:
+    with BufferedFile(path) as disk:
         with h5py.File(disk, "w", track_order=True) as file:
             _set_root(file, attributes)
             yield Output(file, disk)
@@ -172,7 +172,7 @@ def amend(path: Path, run: ResultFile, attributes: Mapping[str, Attribute]) -> I
 
     Raises OSError if the operating system does not let it be written.
     """
-    with _written(path) as disk:
+    with BufferedFile(path) as disk:
         with open(run.path, "rb") as file:
             shutil.copyfileobj(file, disk)
         disk.check()
@@ -181,16 +181,6 @@ def amend(path: Path, run: ResultFile, attributes: Mapping[str, Attribute]) -> I
                 del file.attrs[name]
             _set_root(file, attributes)
             yield Output(file, disk)
-
-
-@contextmanager
-def _written(path: Path) -> Iterator[BufferedFile]:
-    """A new file; what the operating system refused in the meantime is raised at the end."""
-    with BufferedFile(path) as disk:
-        try:
-            yield disk
-        finally:
-            disk.check()
 
 
 def _set_root(file: h5py.File, attributes: Mapping[str, Attribute]) -> None:

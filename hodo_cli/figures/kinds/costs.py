@@ -69,9 +69,8 @@ def groups(spec: Mapping[str, Any], motions: Sequence[Motion]) -> Iterator[tuple
 def cost(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
     """Steps and run time of groups of cases against the small parameter."""
     panels = sheet.panels(PAGE, 0.42 * PAGE, 2, 2)
-    for axes, name, words in zip(
-        panels, ("steps", "run_time"), ("steps", "run time [s]"), strict=True
-    ):
+    shown = {"steps": "steps", "run_time": "run time [s]"}
+    for axes, (name, words) in zip(panels, shown.items(), strict=True):
         axes.set(xlabel=f"${spec['parameter']}$", ylabel=words)
         for label, members, style in groups(spec, motions):
             small = np.array(spec["small"][members])
@@ -219,9 +218,8 @@ def status_map(sheet: Sheet, trials: Group, verdicts: Sequence[str]) -> None:
     cases, methods = (trials.variables[name].data for name in ("case", "method"))
     status, error = (trials.variables[name].data[:, :, 0] for name in ("status", "error"))
     (axes,) = sheet.panels(PAGE, 0.14 * len(cases) + 1)
-    code = np.vectorize(verdicts.index)(status)
     axes.imshow(
-        code,
+        np.vectorize(verdicts.index)(status),
         cmap=ListedColormap(VERDICT_COLOUR),
         vmin=-0.5,
         vmax=len(VERDICT_COLOUR) - 0.5,

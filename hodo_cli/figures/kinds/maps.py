@@ -132,15 +132,15 @@ def sweeps_of(cases: Cases, spec: Mapping[str, Any], *across: str) -> list[Sweep
     """
     # Positions and labels count along an axis as it is stored; an axis that has grown by single
     # values is out of order.
-    counted = spec.get("panels"), spec.get("by")
-    listed = () if spec["at"] or spec["labels"] else filter(None, counted)
-    sweeps = [
-        SweepView.of(name, cases[name]).sorted_along(*across, *listed) for name in spec["cases"]
-    ]
+    listed = () if spec["at"] or spec["labels"] else (spec.get("panels"), spec.get("by"))
+    ordered = [*across, *filter(None, listed)]
+    sweeps = [SweepView.of(name, cases[name]).sorted_along(*ordered) for name in spec["cases"]]
     for axis in across:
-        if len(units := {swept.unit(axis): swept.name for swept in sweeps}) > 1:
-            units_named = " and ".join(f"{unit!r} in {name}" for unit, name in units.items())
-            raise HodoError(f"axis {axis} is in {units_named}: one scale has one unit")
+        units = {swept.unit(axis): f"{swept.unit(axis)!r} in {swept.name}" for swept in sweeps}
+        if len(units) > 1:
+            raise HodoError(
+                f"axis {axis} is in {' and '.join(units.values())}: one scale has one unit"
+            )
     return sweeps
 
 
@@ -260,8 +260,7 @@ def contour(
     the words without a line where no value is on its other side."""
     if not np.nanmin(values) <= level < np.nanmax(values):
         return Line2D([], [], ls="", label=words[1])
-    lines = axes.contour(x, y, values.T, [level], colors=look["color"])
-    lines.set(
+    axes.contour(x, y, values.T, [level], colors=look["color"]).set(
         linewidth=look["lw"],
         linestyle=[look.get("ls", "-")],
         path_effects=look.get("path_effects"),
@@ -435,8 +434,7 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     rows, spacing = 0, min(ROW_OF_CROSSES, ROWS_OF_CROSSES / len(curves))
     # Curves behind those that `labels` names are named by what they are.
     labels = chain(spec["labels"], repeat(""))
-    looks = styles(len(curves))
-    for (swept, indices), label, look in zip(curves, labels, looks, strict=False):
+    for (swept, indices), label, look in zip(curves, labels, styles(len(curves)), strict=False):
         shown_name, plain_name = names_of(swept, indices, label, len(sweeps))
         columns = curve_columns(sheet, swept, spec, indices)
         sheet.record(plain_name, columns)
@@ -463,8 +461,9 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         ylabel=map_label(sweeps, spec, sheet.units),
     )
     axes.margins(x=0.02, y=0.05 + spacing * rows)
-    missing = Line2D([], [], ls="", marker="x", ms=4, color=GREY, label=absence(spec["variable"]))
-    sheet.legend += [missing] if rows else []
+    if rows:
+        crosses: Look = {"ls": "", "marker": "x", "ms": 4, "color": GREY}
+        sheet.legend.append(Line2D([], [], **crosses, label=absence(spec["variable"])))
 
 
 ERROR_COLUMNS = {"crossing_time": "crossing_error"}
@@ -514,8 +513,7 @@ def cross_out(axes: Axes, x: np.ndarray, row: float, colour: Any, size: float) -
     """Crosses of a size in points at places (n,) along a panel, in a row of it; whole at its ends
     too, without room made for them."""
     look: Look = {"ls": "", "marker": "x", "ms": size, "color": colour, "clip_on": False}
-    heights = np.full(len(x), row)
-    (crosses,) = axes.plot(x, heights, transform=axes.get_xaxis_transform(), **look)
+    (crosses,) = axes.plot(x, np.full(len(x), row), transform=axes.get_xaxis_transform(), **look)
     crosses.set_in_layout(False)
 
 

@@ -52,34 +52,30 @@ def check_one_body(motions: Sequence[Motion]) -> None:
 def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
     """p^2 against K r^2, with the regions A (D > 0) and B (D < 0)."""
     check_one_body(motions)
-    zoom = spec["zoom"]
-    curves = [motion.quadrants for motion in motions]
-    p, r = "pqr"[motions[0].order[0]], "pqr"[motions[0].order[2]]
+    curves, zoom = [motion.quadrants for motion in motions], spec["zoom"]
     for motion, curve in zip(motions, curves, strict=True):
+        p, r = "pqr"[motion.order[0]], "pqr"[motion.order[2]]
         sheet.record_path(motion, (f"{p}^2", f"K {r}^2"), curve)
-    shown = [*curves, *(motion.quadrants for motion in sheet.others)]
-    whole = 1.05 * max(float(curve.max()) for curve in shown) or 1.0
-    limits = [whole] if zoom is None else [whole, zoom]
     # They lie on the diagonal; interpolation between samples may leave it a little.
     crossings = [
         np.repeat(crossed.mean(axis=-1, keepdims=True), 2, axis=-1)
         for crossed in crossings_on(motions, curves)
     ]
-    size = (COLUMN, 1.1 * COLUMN) if zoom is None else (PAGE, 0.55 * PAGE)
-    panels = sheet.panels(*size, len(limits), len(limits))
-    for axes, limit in zip(panels, limits, strict=True):
-        frame = np.array([[0, limit], [0, limit]])
-        regions(axes, motions[0], limit, axes is not panels[0])
-        plane_curves(axes, spec, motions, curves, crossings, frame)
+    scaled_with = [motion.quadrants for motion in sheet.others]
+    limits = [1.05 * max(float(curve.max()) for curve in [*curves, *scaled_with]) or 1.0]
+    size = (COLUMN, 1.1 * COLUMN)
     if zoom is not None:
         nearest = min(float(curve.max(axis=1).min()) for curve in curves)
         check_zoom(zoom, nearest, unit(motions[0], "omega", 2))
-        panels[1].set(title="enlarged")
-        # Its small values are long words, for which there is little room side by side.
-        panels[1].locator_params(nbins=max(2, min(5, int(room_across(panels[1]) / 25))))
-    looks = labelled_styles([motion.label for motion in motions])
+        limits, size = [*limits, zoom], (PAGE, 0.55 * PAGE)
+    panels = sheet.panels(*size, len(limits), len(limits))
+    for axes, limit in zip(panels, limits, strict=True):
+        regions(axes, motions[0], limit, is_enlarged=axes is not panels[0])
+        frame = np.array([[0, limit], [0, limit]])
+        plane_curves(axes, spec, motions, curves, crossings, frame)
     sheet.legend += axis_handles(motions)
     # Grey, since the colours of curves are those of the axes.
+    looks = labelled_styles([motion.label for motion in motions])
     sheet.legend += [Line2D([], [], **{**look, "color": GREY}) for look in looks]
     sheet.legend += mark_handles(motions, spec["time"], zoom is not None)
 
@@ -110,6 +106,10 @@ def regions(axes: Axes, motion: Motion, limit: float, is_enlarged: bool) -> None
         ylim=(0, limit),
         aspect="equal",
     )
+    if is_enlarged:
+        axes.set(title="enlarged")
+        # Its small values are long words, for which there is little room side by side.
+        axes.locator_params(nbins=max(2, min(5, int(room_across(axes) / 25))))
 
 
 def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
@@ -123,8 +123,8 @@ def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Mot
     room = 0.85 * 72 * sheet.figure.get_figwidth() / n
     for axes, body, label in zip_longest(panels, bodies, spec["labels"][:n]):
         title, K = label or "$A_i$ = {:g}, {:g}, {:g}".format(*body), slope(body)
-        numbers = dict(zip(("A1", "A2", "A3", "K"), (*body, K), strict=True))
-        sheet.record(title, {name: np.array([number]) for name, number in numbers.items()})
+        numbers = np.array([*body, K])[:, None]
+        sheet.record(title, dict(zip(("A1", "A2", "A3", "K"), numbers, strict=True)))
         sketch(axes, body, room)
         value = r"\infty" if math.isinf(K) else f"{K:.3g}"
         axes.set_title(f"{title}\n$K = {value}$")
@@ -397,10 +397,10 @@ def inset(
         times, values = motion.time[samples], motion[name][samples]
         axes.plot(times, values, **drawn, lw=0.9)
         sheet.record(motion.name, {"time": times, name: values})
-    symbols = [f"${symbol(name)}$" for name in spec["variables"]]
-    # A panel of one case names it already.
-    case_name = [] if panel.get_title() == motion.label else [motion.label]
-    axes.set_title(", ".join([*symbols, *case_name]), size="small", pad=2)
+    words = [f"${symbol(name)}$" for name in spec["variables"]]
+    if panel.get_title() != motion.label:
+        words.append(motion.label)
+    axes.set_title(", ".join(words), size="small", pad=2)
     axes.tick_params(labelsize="x-small")
     axes.margins(x=0)
 

@@ -57,8 +57,8 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     )
     size = float(np.maximum(up, down).max()) or 1.0
     reach = np.stack([np.maximum(1.15 * up, 0.45 * size), np.maximum(1.05 * down, 0.12 * size)])
-    seen = np.concatenate([view(motion.G)[:, :2] for motion in motions])
-    frame = extent(np.concatenate([seen, *(view(arms)[:, :2] for arms in tips(reach))]))
+    seen = [motion.G for motion in motions] + [np.diag(reach[0]), -np.diag(reach[1])]
+    frame = extent(np.concatenate([view(points)[:, :2] for points in seen]))
     main, *others = hodograph_panels(sheet, frame, 1 + (zoom is not None) + len(planes))
     names = [axis_label(f"G.x{i}", motions[0]) for i in (1, 2, 3)]
     space(sheet.scene(main, view, names), motions, spec, reach, frame)
@@ -71,13 +71,8 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
         others[0].set(title=f"enlarged, to $|G_i| = {zoom:g}$")
     for axes, plane in zip(others[zoom is not None :], planes, strict=True):
         projection(axes, motions, spec, plane)
-    handles = colour_handles(sheet, [main, *others], motions, spec)
-    sheet.legend += handles + mark_handles(motions, spec["time"], wide=bool(others))
-
-
-def tips(reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The ends (3, 3) of the positive and the negative body axes, of lengths (2, 3)."""
-    return np.diag(reach[0]), -np.diag(reach[1])
+    sheet.legend += colour_handles(sheet, [main, *others], motions, spec)
+    sheet.legend += mark_handles(motions, spec["time"], wide=bool(others))
 
 
 def extent(seen: np.ndarray) -> np.ndarray:
@@ -155,19 +150,19 @@ def body_axes(scene: Scene, reach: np.ndarray) -> None:
     """The axes of G1, G2, G3 through the origin, of lengths `reach` (2, 3), named, with round
     values marked."""
     step = round_step(float(reach.max()))
-    for i, (tip, tail) in enumerate(zip(*tips(reach), strict=True)):
-        arm(scene, tail, tip, f"G_{i + 1}")
+    for i, axis in enumerate(np.eye(3)):
+        arm(scene, -reach[1, i] * axis, reach[0, i] * axis, f"G_{i + 1}")
         counts = np.arange(-int(reach[1, i] / step), int(0.87 * reach[0, i] / step) + 1)
         places = counts[counts != 0]
         texts = [f"{count * step:.10g}" if count > 0 else "" for count in places]
         dots: Look = {"marker": ".", "ms": 2, "color": GREY}
-        at = scene.add(places[:, None] * step * np.eye(3)[i], texts=texts, lw=0, size=6, **dots)
+        at = scene.add(places[:, None] * step * axis, texts=texts, lw=0, size=6, **dots)
         scene.axes.plot(at[:, 0], at[:, 1], ls="", **dots, zorder=1)
         for count in range(1, counts[-1] + 1):
             # The upright axis has its values to the right, the others below.
             scene.axes.annotate(
                 f"{count * step:.10g}",
-                scene.view(count * step * np.eye(3)[i])[:2].tolist(),
+                scene.view(count * step * axis)[:2].tolist(),
                 (4, 0) if i == 2 else (1, -6),
                 size="x-small",
                 color=GREY,
@@ -236,8 +231,7 @@ def separatrices(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[Bod
 def separatrix_of(motion: Motion) -> list[np.ndarray]:
     """The curves (n, 3) of the separatrix of a motion's body in its axes; none without one."""
     rotor, G = (np.zeros(3), 1.0) if motion.rotor is None else (motion.rotor, motion["G"][0])
-    curves = separatrix_curves(motion.inertia, rotor, G)
-    return [curve @ motion.principal_axes for curve in curves]
+    return [curve @ motion.principal_axes for curve in separatrix_curves(motion.inertia, rotor, G)]
 
 
 @dataclass(frozen=True)
@@ -387,11 +381,11 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion])
     prime = "" if along_z else "'"
     labels = [f"$\\omega_{{{letter}{prime}}}$ {unit(motions[0], 'omega')}" for letter in "xy"]
     axes.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
-    handles = colour_handles(sheet, [axes], motions, spec)
+    sheet.legend += colour_handles(sheet, [axes], motions, spec)
     each, its = ("", "") if len(motions) == 1 else ("each ", "its ")
     along = "" if along_z else f", along {its}$z'$"
-    handles.append(Line2D([], [], **cross, label=f"{each}$G$ at the start{along}"))
-    sheet.legend += handles + mark_handles(motions, spec["time"])
+    sheet.legend.append(Line2D([], [], **cross, label=f"{each}$G$ at the start{along}"))
+    sheet.legend += mark_handles(motions, spec["time"])
 
 
 ALONG_ANGLE = 1e-9
