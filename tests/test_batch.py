@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import sysconfig
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -20,6 +19,7 @@ import pytest
 import stress
 from click.testing import CliRunner, Result
 from conftest import Hodo, exit_status, in_child
+from tasks import tell, touch, troubled, worker
 
 from hodo_cli import Case, HodoError
 from hodo_cli.batch import memory
@@ -57,32 +57,13 @@ FAILING = CONFIG.replace("damping: [0.003, 0.004, 0.005]", HUGE).replace(
 # The pool.
 
 
-def troubled(task: tuple[Path, str | int]) -> object:
-    """What a task may do to its process, and numbers that do nothing."""
-    folder, what = task
-    if what == "raises":
-        raise ValueError(what)
-    if what == "is odd":
-
-        class OddError(Exception):
-            """No other process knows it."""
-
-        raise OddError(what)
-    if str(what).startswith("dies"):
-        with (folder / what).open("a") as file:
-            file.write("x")
-        if what == "dies" or (folder / what).read_text() == "x":
-            os.kill(os.getpid(), signal.SIGKILL)
-    return what
-
-
 def test_every_task_comes_back_and_a_dead_worker_costs_its_own(tmp_path: Path) -> None:
     """Of its task, tried twice beside other tasks, which may have taken its memory, and once
     alone."""
     special = ["dies once", "raises", "dies", "is odd"]
     with pool(2) as workers:
-        tasks = [(tmp_path, what) for what in [*range(10), *special, *range(10, 20)]]
-        found = {what: done for (_, what), done in workers.map(troubled, tasks)}
+        given = [(tmp_path, what) for what in [*range(10), *special, *range(10, 20)]]
+        found = {what: done for (_, what), done in workers.map(troubled, given)}
         again = list(workers.map(abs, [-1]))
     assert {n: found[n] for n in range(20)} == {n: n for n in range(20)}
     assert isinstance(found["raises"], ValueError)
@@ -93,12 +74,6 @@ def test_every_task_comes_back_and_a_dead_worker_costs_its_own(tmp_path: Path) -
     # A worker may die with another one's task beside its own.
     assert found["dies once"] == "dies once"
     assert again == [(-1, 1)]
-
-
-def worker(enough: Path) -> int:
-    if not enough.exists():
-        time.sleep(0.02)
-    return os.getpid()
 
 
 def test_brief_tasks_are_done_here_until_a_worker_has_started(
@@ -132,12 +107,6 @@ def test_tasks_are_taken_when_they_are_needed(jobs: int) -> None:
             assert len(taken) - done < 2 * jobs
             if done == 20:
                 break
-
-
-def touch(task: tuple[float, Path]) -> None:
-    seconds, file = task
-    time.sleep(seconds)
-    file.touch()
 
 
 def test_what_still_runs_is_given_up_at_the_end(tmp_path: Path) -> None:
@@ -185,11 +154,6 @@ def test_workers_of_a_python_that_ignores_the_environment_import_nothing_either(
     assert [path.name for path in tmp_path.glob("*.imported")] == []
 
 
-def tell(text: str) -> str:
-    print(text)
-    return sys.stdin.read()
-
-
 def test_what_a_task_prints_is_no_answer() -> None:
     with pool(2) as workers:
         assert dict(workers.map(tell, ["said", "ready"])) == {"said": "", "ready": ""}
@@ -227,11 +191,12 @@ def everything(path: Path) -> dict[str, object]:
     return found
 
 
-def test_processes_give_what_one_gives(config: Path, hodo: Hodo) -> None:
+def test_processes_give_what_one_gives(config: Path) -> None:
     config.write_text(FAILING)
-    outcomes = [hodo("run", config, "--out", f"j{jobs}", "-j", jobs) for jobs in (1, 2)]
-    assert [outcome.returncode for outcome in outcomes] == [1, 1]
-    serial, parallel = (everything(config.parent / f"j{jobs}" / "four.h5") for jobs in (1, 2))
+    folders = {jobs: config.parent / jobs for jobs in "12"}
+    for jobs, folder in folders.items():
+        assert run(config, "--out", str(folder), "-j", jobs).exit_code == 1
+    serial, parallel = (everything(folder / "four.h5") for folder in folders.values())
     assert serial == parallel
     assert serial["order"] == ["a", "b", "c", "d"]
 

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from threading import Timer
 
 import faults
 import h5py
@@ -22,6 +21,7 @@ import numpy as np
 import pytest
 from conftest import counted, process_state, wait_until
 from faults import CONFIG, Motions, hodo
+from tasks import dies_while_it_answers
 
 from hodo_cli import BatchError, HodoError
 from hodo_cli.batch.pool import pool
@@ -278,15 +278,6 @@ def test_the_parts_of_a_sweep_that_has_not_ended_stay(
     assert again.exit_code == 0
     assert re.search(r"^s: 1 of \d+ chunks are kept$", again.stderr, re.MULTILINE)
     assert sorted(os.listdir(tmp_path)) == ["x.h5", "x.yaml"]
-
-
-def dies_while_it_answers(folder: Path) -> np.ndarray:
-    """A large result, of which the process sends a part and is killed; but not the second time."""
-    if not (folder / "tried").exists():
-        (folder / "tried").touch()
-        Timer(0.02, os.kill, (os.getpid(), signal.SIGKILL)).start()
-        return np.zeros(50_000_000)
-    return np.zeros(3)
 
 
 def test_a_result_that_is_half_sent_costs_a_retry(tmp_path: Path) -> None:

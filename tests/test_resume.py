@@ -194,16 +194,12 @@ def test_nothing_is_integrated_to_see_what_runs(
     assert done.stdout.count("will run: it has no result yet") == 2
 
 
-def compute(task: int) -> int:
-    return task
-
-
 def test_a_result_of_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Workers are processes of their own: they have the digest of the sources, this process
     another."""
     monkeypatch.setattr(pool, "process_digest", lambda: "another")
     with pool.pool(2) as workers, pytest.raises(BatchError, match="computes with other code"):
-        next(workers.map(compute, [1]))
+        next(workers.map(abs, [1]))
 
 
 def test_the_labels_that_a_run_drops_are_looked_for_once(

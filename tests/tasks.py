@@ -1,0 +1,55 @@
+"""Tasks that tests give to other processes, which load this module alone and no test."""
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from threading import Timer
+
+import numpy as np
+
+
+def troubled(task: tuple[Path, str | int]) -> object:
+    """What a task may do to its process, and numbers that do nothing."""
+    folder, what = task
+    if what == "raises":
+        raise ValueError(what)
+    if what == "is odd":
+
+        class OddError(Exception):
+            """No other process knows it."""
+
+        raise OddError(what)
+    if str(what).startswith("dies"):
+        with (folder / what).open("a") as file:
+            file.write("x")
+        if what == "dies" or (folder / what).read_text() == "x":
+            os.kill(os.getpid(), signal.SIGKILL)
+    return what
+
+
+def worker(enough: Path) -> int:
+    if not enough.exists():
+        time.sleep(0.02)
+    return os.getpid()
+
+
+def touch(task: tuple[float, Path]) -> None:
+    seconds, file = task
+    time.sleep(seconds)
+    file.touch()
+
+
+def tell(text: str) -> str:
+    print(text)
+    return sys.stdin.read()
+
+
+def dies_while_it_answers(folder: Path) -> np.ndarray:
+    """A large result, of which the process sends a part and is killed; but not the second time."""
+    if not (folder / "tried").exists():
+        (folder / "tried").touch()
+        Timer(0.02, os.kill, (os.getpid(), signal.SIGKILL)).start()
+        return np.zeros(50_000_000)
+    return np.zeros(3)
