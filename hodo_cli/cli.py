@@ -484,9 +484,8 @@ def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: 
     times, labels, units and warnings are equal or not.
     """
     from .commands import compare
-    from .results.agreement import Tolerance
 
-    rows = compare.compare_results(a, b, Tolerance(rtol, atol))
+    rows = compare.compare_results(a, b, compare.Tolerance(rtol, atol))
     _report(rows, compare.comparison_table, as_json)
     return 3 if any(row["differs"] for row in rows) else 0
 

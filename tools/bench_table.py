@@ -13,9 +13,8 @@ import numpy as np
 import xarray
 
 from hodo_cli.commands.bench import TRIAL_VERDICTS
-from hodo_cli.figures.files import save
 from hodo_cli.figures.kinds.costs import draw_bench
-from hodo_cli.figures.sheet import SHEET_STYLE
+from hodo_cli.figures.sheet import SHEET_STYLE, save
 from hodo_cli.text import magnitude, seconds
 
 STEP = 2

@@ -344,8 +344,8 @@ def benchmark(config: Config, globs: Sequence[str], out: Path, jobs: int, quiet:
         )
     if not (names := config.matching(globs)):
         raise no_case(globs, config.cases)
-    from ..figures.files import save
     from ..figures.kinds.costs import draw_bench
+    from ..figures.sheet import save
 
     bench = try_cases([config.cases[name] for name in names], config.bench, jobs, quiet)
     name = Path(config.path).stem

@@ -19,9 +19,8 @@ from ..integration import Classification, classify, label_at_start
 from ..models import rigid_body
 from ..progress import Progress
 from ..results.groups import label_group
-from ..results.layout import RECORDED
+from ..results.layout import RECORDED, sentence_of_case, units_of_case
 from ..results.motion import Motion, case_of, motion_of
-from ..results.units import sentence_of_case, units_of_case
 from ..storage import Group, Report, history_line, typed, update
 from ..text import abridged, few, grouped, magnitude, table, to_error
 from .resume import package_digest, result_named, warn_of_changes

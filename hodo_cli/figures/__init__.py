@@ -2,8 +2,8 @@
 command, no engine and no claim; matplotlib is loaded nowhere else.
 
 `kinds` holds what draws each kind of figure. What they share: `sheet` is a figure under
-construction, `artists` has its colours, marks and legend entries, `symbols` and `words` its texts;
-`style` finishes it, and `files` saves it.
+construction, and its files; `artists` has its colours, marks and legend entries, `symbols` and
+`words` its texts; `style` finishes it.
 """
 
 import math
@@ -24,9 +24,8 @@ from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..schema.kinds import Wrong
 from ..schema.spelling import unknown
 from ..text import case_words
-from .files import save
 from .kinds import DRAW, DRAW_SWEEPS
-from .sheet import SHEET_STYLE, Drawing, Layout, Sheet
+from .sheet import SHEET_STYLE, Drawing, Layout, Sheet, save
 from .style import finish_figure, matplotlib_parameters, wanted_width
 from .words import lighten, slanted, text_size, text_width
 

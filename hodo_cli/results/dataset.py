@@ -22,9 +22,8 @@ from ..cases.sweep_block import axes_of, path_of, put
 from ..schema.spelling import unknown
 from ..storage import Group, ResultFile, open_batch, typed
 from ..text import case_words
-from .layout import SHOWN_ATTRIBUTES
+from .layout import SHOWN_ATTRIBUTES, units_of_case
 from .motion import Motion, case_of, check_whole
-from .units import units_of_case
 
 Cases = Mapping[str, xr.Dataset]
 """Datasets by the names of their cases."""

@@ -13,10 +13,10 @@ from .layout import (
     case_variables,
     inner_coordinates,
     label_variables,
+    sentence_of_case,
     with_units,
 )
 from .motion import Motion
-from .units import sentence_of_case
 
 PRINCIPAL = {
     "principal_axes": Stored(

@@ -37,8 +37,7 @@ from ..schema.expression import Tree, parse_expression
 from ..storage import Attribute, Variable, dimension_sizes, typed
 from ..text import case_words
 from .in_space import ANGLES_THAT_TURN, OF_ATTITUDE, continued
-from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
-from .units import INERTIA, units_of_case
+from .layout import CROSSING_COLUMNS, EVENT_COLUMNS, INERTIA, units_of_case
 
 Variables = Mapping[Any, Any]
 """Labelled arrays by name, with `dims`, `data` and `attrs`: those of an `xarray.Dataset`, or of a

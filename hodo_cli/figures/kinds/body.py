@@ -27,8 +27,7 @@ from ...cases.derived import SPACE_AXES, component_names
 from ...results.in_space import rotations
 from ...results.motion import Motion
 from ..artists import AXIS_COLOUR, BLACK, GREY, PURPLE, RED, arrow
-from ..files import own_page
-from ..sheet import PAGE, SHEET_STYLE, Look, Sheet, View
+from ..sheet import PAGE, SHEET_STYLE, Look, Sheet, View, own_page
 from ..words import FormulaCanvas, Words, place_words, without_tex
 from .plane import within_span
 from .space import space_vector
