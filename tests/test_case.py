@@ -460,6 +460,11 @@ MESSAGES: list[tuple[str, list[str]]] = [
      ["2:1: not YAML: the { of line 1 is not closed, or lacks a comma"]),
     ("cases:\n  a:\n    model linear-diag\n    tol: 1\n",
      ["3:5: not YAML: no ': ' between key and value"]),
+    *((f"cases:\n  a:\n    tol: 1\n    damping:0.01\n{rest}",
+       ["4:5: not YAML: put a space after the colon: damping: 0.01"])
+      for rest in ("", "    # r\n", "\n    error: no\n", "    time:\n      end: 1\n")),
+    (f"cases:\n  a: {{{BODY}, time: {{end: 1}}, sweep: {{p: {{values: [1]}}}}}}\n",
+     ["2:114: cases.a.sweep.p: unknown key 'p'; did you mean 'initial.p'?"]),
     ("cases:\n  a: b: c\n",
      ["2:7: not YAML: a second ': ' on one line: indent a new key, or put the text in quotes"]),
     ("case: {a: 1}\nfigures: {f: {kind: sphere, cases: [a]}}",

@@ -813,6 +813,12 @@ UNDECIDED = [
     ("rough", "{kind: bound, of: first_crossing, most: 28.00085}", "not tested"),
     ("rough", "{kind: bound, of: first_crossing, most: 28.1}", "reproduced"),
     ("rough", "{kind: value, values: {first_crossing: [28.001]}, within: 1.0e-3}", "reproduced"),
+    # q is known to 1.1e-4, and its largest value is 1.330942.
+    ("rough", "{kind: bound, of: q, at: always, most: 1.331}", "not tested"),
+    ("rough", "{kind: bound, of: q, at: always, most: 1.332}", "reproduced"),
+    # r begins at 1.4, and is then larger.
+    ("{case: rough, time: {end: 0.1, samples: 101}}", "{kind: bound, of: r, at: always,"
+     " least: 1.4}", "reproduced"),
 ]  # fmt: skip
 
 

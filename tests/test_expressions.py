@@ -72,6 +72,8 @@ def read(text: str) -> tuple[Any, str]:
         ("True", 1, "unknown name"),
         ("None", 1, "unknown name"),
         ("pp", 1, "did you mean 'p'"),
+        ("2*pi", 3, "unknown name 'pi'; write 3.141592653589793 (valid: p, q"),
+        ("p + pz", 5, "unknown name 'pz' (valid: p, q"),
         ("p if q else r", 3, "unknown name"),
         ("lambda: 0", 1, "unknown name"),
         ("p # comment", 3, "unexpected '#'"),

@@ -336,6 +336,9 @@ def _no_such_number(key: str, keys: Mapping[str, Key], data: Any) -> str:
     head, _, name = key.partition(".")
     if head not in keys and head in data:
         return "is no number of the model, so it cannot be swept"
+    blocks = [name for name in keys if isinstance(data.get(name), Mapping) and key in data[name]]
+    if head not in keys and blocks:
+        return f"unknown key {key!r}; did you mean '{blocks[0]}.{key}'?"
     if head not in keys:
         return unknown(f"key {key!r}", head, list(keys))
     laws = data.get(head) if isinstance(data, Mapping) else None

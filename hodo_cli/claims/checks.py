@@ -30,6 +30,7 @@ from .quantities import (
     check_margin,
     check_reached,
     enclosed_at,
+    error_of,
     known_crossings,
     near_extremes,
     number,
@@ -154,7 +155,7 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     # For each bound the value that is farthest beyond it, and by how much.
     sides = [("above", high, most, high - most)] if most is not None else []
     sides += [("below", low, least, least - low)] if least is not None else []
-    violation = float(np.max([beyond for *_, beyond in sides]))
+    _, decisive, _, violation = max(sides, key=lambda side: np.nan_to_num(side[3], nan=math.inf))
     limits = [limit for _, _, limit, _ in sides]
     if check["at"] == "end":
         for m, limit in itertools.product(motions, limits):
@@ -166,9 +167,11 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     deviation = 0.0 if violation <= 0 else deviation_beyond(violation / scale, ROUNDING)
     if deviation and 0 in limits and any(changes_sign(m, name) for m in motions):
         deviation = math.inf
-    if everywhere and deviation > PLOTTING_ACCURACY:
-        farthest = next(m for m, x in zip(motions, values, strict=True) if {low, high} & {*x})
-        check_margin(name, violation, farthest)
+    for m, x in zip(motions, values, strict=True):
+        # At the start, where it is given, a quantity has no error.
+        is_start = len(x) > 1 and x[0] == decisive
+        if everywhere and decisive in x and not is_start and error_of(m, name) > ROUNDING * scale:
+            check_margin(name, violation, m)
     digits = max(digits_to_show(value, beyond) for _, value, _, beyond in sides)
     words = (
         f"{name} from {low:.{digits}g} to {high:.{digits}g}"

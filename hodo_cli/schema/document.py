@@ -21,7 +21,7 @@ import yaml
 
 from .. import HodoError
 from .kinds import KeyPath, WrongKey
-from .spelling import shown
+from .spelling import colon_hint, shown
 
 YAML_SUFFIXES = (".yaml", ".yml")
 """The suffixes of YAML files."""
@@ -206,18 +206,25 @@ def _syntax_mistake(error: Any, text: str, override: str) -> tuple[Place, str]:
     mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
     if mark is None:
         return Place(1, 1, override), str(error)
-    if mark.line and error.problem == NO_MAPPING_HERE:
-        above, below = text.split("\n")[mark.line - 1 : mark.line + 1]
+    lines = text.split("\n")
+    before = "".join(lines[mark.line : mark.line + 1])[: mark.column]
+    if error.problem in (NO_MAPPING_HERE, NO_COLON) and not COLON.search(before):
         # The scanner has taken a line without a colon for text that goes on below it.
-        if ":" not in below[: mark.column] and above.strip() and ":" not in above:
-            place = Place(mark.line, len(above) - len(above.lstrip()) + 1, override)
-            return place, "no ': ' between key and value"
+        number = next((i for i in reversed(range(mark.line)) if CONTENT.match(lines[i])), 0)
+        line = lines[number]
+        if mark.line and not COLON.search(line):
+            place = Place(number + 1, len(line) - len(line.lstrip()) + 1, override)
+            return place, colon_hint(line) or "no ': ' between key and value"
     place = Place(mark.line + 1, mark.column + 1, override)
     return place, _reason(error, mark, text, override)
 
 
 NO_MAPPING_HERE = "mapping values are not allowed in this context"
-"""What PyYAML says of a second colon in one value."""
+NO_COLON = "could not find expected ':'"
+"""What PyYAML says of a second colon in one value, and of a line without one."""
+
+COLON, CONTENT = re.compile(r":(\s|$)"), re.compile(r"\s*[^\s#]")
+"""The end of a key; the begin of a line that is neither empty nor a comment."""
 
 
 def _reason(error: Any, mark: yaml.Mark, text: str, override: str) -> str:

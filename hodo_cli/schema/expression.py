@@ -17,7 +17,7 @@ from functools import lru_cache
 from typing import Any
 
 from .kinds import Kind, Wrong, as_finite, expected
-from .spelling import unknown
+from .spelling import number_advice, unknown
 
 LONGEST, MOST_NODES, DEEPEST, LARGEST_EXPONENT = 500, 200, 30, 16
 """Characters, nodes, levels of nesting, and the exponent: more than a torque takes, and few enough
@@ -122,7 +122,9 @@ def _check_words(text: str, names: tuple[str, ...]) -> None:
             what = "no decimal number; a product needs its *" if is_digit else what
             raise _wrong(word.start(), what)
         if name and name not in valid:
-            raise _wrong(word.start(), unknown(f"name {name!r}", name, valid))
+            advice = number_advice(name)
+            what = f"name {name!r}{advice}"
+            raise _wrong(word.start(), unknown(what, "" if advice else name, valid))
         if number and not math.isfinite(float(number)):
             raise _wrong(word.start(), "a number too large for a double")
 

@@ -49,7 +49,9 @@ def near(name: str, valid: Collection[str]) -> str | None:
     if word := other_word(name, valid):
         return word
     if len(folded) <= LONGEST_SEARCHED:
-        close = get_close_matches(name, folded, n=1)
+        # A short word such as `pi` is like each of its letters, and means none of them.
+        words = [word for word in folded if len(word) > 1 or {*name} == {word}]
+        close = get_close_matches(name, words, n=1)
     else:
         names = _one_letter_less(tuple(folded))
         close = [names[spelling] for spelling in _shortened(name) if spelling in names]
@@ -83,9 +85,15 @@ def unknown(what: str, name: str, valid: Iterable[str]) -> str:
     # A line of a terminal or two; beyond that a list hides the mistake.
     listed = f" (valid: {', '.join(names)})" if 0 < len(names) <= 40 else ""
     hint = DECIMAL_HINT if name.isdecimal() else nearest(name, names)
-    if colon := re.fullmatch(r"(\w+):(\S+)", name):  # YAML reads {p:0.8} as one word
-        hint = f"; put a space after the colon: {colon[1]}: {colon[2]}"
+    if advice := colon_hint(name):
+        hint = f"; {advice}"
     return f"unknown {what}{hint}{listed}"
+
+
+def colon_hint(text: str) -> str:
+    """How to write a key and its value that YAML reads as one word, {p:0.8}, else nothing."""
+    colon = re.fullmatch(r"(\w+):(\S+)", text.strip())
+    return f"put a space after the colon: {colon[1]}: {colon[2]}" if colon else ""
 
 
 def shown(value: Any) -> str:
@@ -119,6 +127,8 @@ def number_advice(value: Any) -> str:
     """How to write a number that was given in degrees, with a decimal comma, with underscores or
     with the exponent of Fortran; an empty string where it may mean another number."""
     text = value if isinstance(value, str) else ""
+    if text == "pi":
+        return f"; write {math.pi!r}"
     if degrees := IN_DEGREES.fullmatch(text):
         return f"; write {math.radians(float(degrees[1])):.17g}, in radians"
     if not OTHER_SPELLING.fullmatch(text) or THOUSANDS.match(text):
