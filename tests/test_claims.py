@@ -184,6 +184,7 @@ CHECKS = [
     ("slow", "{kind: formula, of: r, formula: 1 - t/100, within: 0.6}", "reproduced", 0.9 - E1),
     ("slow", "{kind: formula, of: r, formula: 1 - t/100}", "contradicted", 0.9 - E1),
     ("slow", "{kind: formula, of: r, formula: r/(t - t)}", "contradicted", None),
+    ("slow", "{kind: formula, of: r, formula: sqrt(-t)}", "not tested", None),
     ("fed", "{kind: conserved, of: [G]}", "plotting", FED),
     ("slow", "{kind: conserved, of: [G]}", "contradicted", 1 - E1),
     ("turning", "{kind: axis, start: x1, end: x3}", "reproduced", 1),
@@ -292,6 +293,9 @@ MEMBERS = [
     (f"cases: turning, {TURNS}, {HALF_TURN}, theorem: D = 0", "contradicted",
      "holds on 1 of 2 members, 0 to 1"),
     (f"cases: turning, {TURNS}, theorem: D = 0", "holds by theorem", ""),
+    # Members that do not cross have no time of it.
+    ("cases: by-0-and-2, check: {kind: average, variable: crossing_time, most: 100}", "reproduced",
+     "crossing_time = 21.4, 2 of 4 members have none"),
 ]  # fmt: skip
 """Claims over members, their verdicts and evidence."""
 

@@ -137,6 +137,8 @@ def test_what_cannot_be_stored_is_named_when_the_file_is_read(case: str, message
 @pytest.mark.parametrize(("entry", "message"), [
     ("figures: {f: {kind: series, cases: one, variables: [psi]}}",
      "figures.f.variables.0: case one has no attitude, which psi needs: write `attitude: yes`"),
+    ("figures: {f: {kind: series, cases: one, variables: [G], formula: {G: T + psi}}}",
+     "figures.f.formula.G: case one has no attitude, which psi needs: write `attitude: yes`"),
     ("figures: {f: {kind: series, cases: moves, variables: [total_space.x]}}",
      "figures.f.variables.0: case moves has no kappa, which total_space.x needs"),
     ("figures: {f: {kind: series, cases: moves, variables: [G_space]}}",
@@ -148,6 +150,9 @@ def test_what_cannot_be_stored_is_named_when_the_file_is_read(case: str, message
     ("claims: [{id: a, where: b, statement: c, cases: [one], expect: reproduced, check: "
      "{kind: conserved, of: [G_space.z]}}]",
      "claims.0.check: case one has no attitude, which G_space.z needs"),
+    ("claims: [{id: a, where: b, statement: c, cases: [one], expect: reproduced, check: "
+     "{kind: formula, of: G, formula: 1 + psi}}]",
+     "claims.0.check: case one has no attitude, which psi needs"),
     ("figures: {f: {kind: series, cases: moves, variables: [G_space.q]}}",
      "figures.f.variables.0: unknown component 'q' of G_space (valid: x, y, z)"),
     ("figures: {f: {kind: body, cases: few}}",

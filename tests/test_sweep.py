@@ -116,6 +116,10 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
             "damping.2 varies along d already; an axis of all of damping goes before it",
         ),
         (
+            "{initial.r: {values: [1, 2]}}",
+            "sweep.initial.r: G stands for exactly one of p, q, r: leave that one out",
+        ),
+        (
             "{d: {sphere: {count: 1e6}}, damping.2: {linspace: [0, 1, 1e4]}}",
             "more than 1e+09 members",
         ),

@@ -32,7 +32,7 @@ from ..schema.kinds import (
     within,
 )
 from .derived import COMPONENTS, DERIVED, constants_of, lack_of
-from .figure_block import FORMULA
+from .figure_block import FORMULA, quantities_in
 from .sweep_block import SWEEP, axes_of, check_axes, first_values
 
 REPRODUCED, PLOTTING, CONTRADICTED = "reproduced", "reproduced to plotting accuracy", "contradicted"
@@ -493,6 +493,7 @@ def _check_quantities(
         *([named] if isinstance(named, str) else named),
         *(name for name in check.get("values", ()) if name in QUANTITY_NAMES),
         *(["turns"] if check.get("turns") else []),
+        *sorted(quantities_in(check.get("formula", "0"))),
     ]
     for case, name in product(cases, names):
         variables = (case.store if is_stored else ()) or case.system.variables

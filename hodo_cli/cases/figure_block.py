@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..models import rigid_body
-from ..schema.expression import Expression
+from ..schema.expression import Expression, names_in, parse_expression
 from ..schema.kinds import (
     NAMES,
     Choice,
@@ -68,6 +68,12 @@ class DrawnFigure:
 
 FORMULA = Expression(("t", *filter(str.isidentifier, SCALARS), "u1", "u2", "u3"))
 """A formula in the time and the variables of a motion."""
+
+
+def quantities_in(formula: str) -> set[str]:
+    """The variables of a motion that a formula contains, besides the time."""
+    return names_in(parse_expression(formula, FORMULA.names)) - {"t"}
+
 
 COLOUR_NAMES = ("blue", "orange", "green", "sky", "red", "purple", "black", "grey")
 LINE_NAMES = ("solid", "dashed", "dotted")
@@ -570,6 +576,11 @@ def _variable_mistakes(values: Mapping[str, Any], cases: Sequence[Drawable]) -> 
     """A mistake for each variable that motions cannot have, about the first of its cases."""
     drawn: list[tuple[KeyPath, str, Sequence[Drawable]]] = [
         (("variables", i), name, cases) for i, name in enumerate(values.get("variables", ()))
+    ]
+    drawn += [
+        (("formula", of), name, cases)
+        for of, formula in values.get("formula", {}).items()
+        for name in sorted(quantities_in(formula))
     ]
     if values.get("kind") == "phase":
         drawn += [((key,), values[key], cases) for key in ("x", "y") if key in values]

@@ -262,6 +262,7 @@ def check_axes(
         for key, (key_path, value_range) in zip(axis.keys, axis.ranges, strict=True):
             zipped = ("zip", key) if "zip" in sweep[axis.name] else ()
             mistakes = [*_check_range(value_range, key, keys_of_form(model), data)]
+            mistakes = mistakes or [*_check_left_out(value_range, key, model, data)]
             for known in (known for known in swept if known[: len(key_path)] == key_path):
                 hint = "" if known == key_path else f"; an axis of all of {key} goes before it"
                 name = ".".join(map(str, known))
@@ -320,6 +321,19 @@ def _check_range(
         yield (word,), "expected numbers, got an angle in degrees"
     _, mistakes = check_parts((i, declared, item) for i, item in enumerate(values))
     yield from within((word,), mistakes)
+
+
+def _check_left_out(
+    value_range: Mapping[str, Any], key: str, model: type[Model], data: Any
+) -> Iterator[Mistake]:
+    """The mistakes of a case that a swept key has no place in: it leaves the key out, since others
+    say as much."""
+    _, value = _declared(key, keys_of_form(model), data)
+    if value is None:
+        (span,) = value_range.values()
+        model_data = {name: data[name] for name in model.keys if name in data}
+        first = put(model_data, path_of(key), span[0])
+        yield from (((), sentence) for _, sentence in model.check(first))
 
 
 def _declared(key: str, keys: Mapping[str, Key], data: Any) -> tuple[Kind | None, Any]:

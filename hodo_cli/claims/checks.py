@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..models import rigid_body
-from ..results.motion import Motion, formula_values
+from ..results.motion import Motion
 from .finding import (
     PLOTTING_ACCURACY,
     ROUNDING,
@@ -32,6 +32,7 @@ from .quantities import (
     enclosed_at,
     error_of,
     known_crossings,
+    law_values,
     near_extremes,
     number,
     quantity,
@@ -281,7 +282,7 @@ def formula(check: Keys, motions: Sequence[Motion]) -> Finding:
     """A quantity against a law; decided by the largest difference over its largest value."""
     name, law = check["of"], check["formula"]
     differences = [
-        (m, name, float(np.abs(quantity(m, name) - formula_values(m, law)).max()), m.largest(name))
+        (m, name, float(np.abs(quantity(m, name) - law_values(m, law)).max()), m.largest(name))
         for m in motions
     ]
     worst = float(np.max([apart / size for *_, apart, size in differences]))
@@ -378,6 +379,9 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
     spreads = zip(means[len(at) :], check["along"], strict=True)
     words = [f"{name} = {listed(means[: len(at)], 4)}"] if at else []
     words += [f"varies by {spread:.3g} along {along}" for spread, along in spreads]
+    positions = (*at, *({} for _ in check["along"]))
+    for lacking, total in {swept.left_out(name, position) for position in positions}:
+        words += [f"{lacking} of {total} members have none"] if lacking else []
     return Finding(
         deviation_beyond(float(max(violations, default=0.0)) / scale, ROUNDING),
         number=means[-1],

@@ -24,7 +24,7 @@ from ..integration import (
 )
 from ..models import rigid_body
 from ..results.layout import case_variables, label_variables
-from ..results.motion import Motion
+from ..results.motion import Motion, formula_values
 from ..results.resolution import SMALLEST_CHORD, course_remark, turn_remark
 from .finding import ROUNDING
 
@@ -131,16 +131,26 @@ def quantity(m: Motion, name: str) -> np.ndarray:
     Raises HodoError if the motion does not have it, Undecidable if it is no number somewhere.
     """
     if name not in NUMBERS:
-        values = m[name]
-        if (missing := np.isnan(values)).any():
-            raise Undecidable(f"{name} of {m.words} is no number at {m.time[missing.argmax()]:.6g}")
-        return values
+        return known_values(m, name, m[name])
     if name in READ_OFF_SAMPLES:
         check_start(m)
     try:
         return np.array([NUMBERS[name](m)])
     except KeyError as missing:
         raise HodoError(f"{m.words} has no {missing}, which {name} needs") from None
+
+
+def known_values(m: Motion, name: str, values: np.ndarray) -> np.ndarray:
+    """Values over time (n,) of a motion. Raises Undecidable where one of them is no number."""
+    if (missing := np.isnan(values)).any():
+        raise Undecidable(f"{name} of {m.words} is no number at {m.time[missing.argmax()]:.6g}")
+    return values
+
+
+def law_values(m: Motion, law: str) -> np.ndarray:
+    """The values (n,) of a law in the time and the quantities of a motion. Raises as `quantity`
+    does."""
+    return known_values(m, law, formula_values(m, law))
 
 
 def number(m: Motion, name: str, at: str = "end") -> float:

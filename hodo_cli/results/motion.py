@@ -27,13 +27,13 @@ from ..cases.derived import (
     derivable_numbers,
     lack_of,
 )
-from ..cases.figure_block import FORMULA
+from ..cases.figure_block import FORMULA, quantities_in
 from ..cases.sweep_block import AXIS_LABELS
 from ..integration import Crossing, label_at_start
 from ..models import rigid_body
 from ..models.base import attributes
 from ..models.top.nutation import first_integrals, with_mu
-from ..schema.expression import Tree, parse_expression
+from ..schema.expression import names_in, parse_expression
 from ..storage import Attribute, Variable, dimension_sizes, typed
 from ..text import case_words
 from .in_space import ANGLES_THAT_TURN, OF_ATTITUDE, continued
@@ -397,14 +397,7 @@ def formula_values(motion: Motion, text: str) -> np.ndarray:
 
 def is_of_time(text: str) -> bool:
     """Whether a formula is one in the time alone."""
-    return names_in(parse_expression(text, FORMULA.names)) <= {"t"}
-
-
-def names_in(tree: Tree) -> set[str]:
-    """The variables in the tree of a formula."""
-    if isinstance(tree, str):
-        return {tree}
-    return set().union(*map(names_in, tree[1:])) if isinstance(tree, tuple) else set()
+    return not quantities_in(text)
 
 
 def forms_apart(motion: Motion, other: Motion) -> np.ndarray:

@@ -106,6 +106,13 @@ def parse_expression(text: str, names: tuple[str, ...]) -> Tree:
     return _Walk(line, indent).tree(body, 1)
 
 
+def names_in(tree: Tree) -> set[str]:
+    """The variables in the tree of an expression."""
+    if isinstance(tree, str):
+        return {tree}
+    return set().union(*map(names_in, tree[1:])) if isinstance(tree, tuple) else set()
+
+
 def _wrong(position: int, sentence: str) -> Wrong:
     """The mistake at a position, from 0, of an expression's text."""
     return Wrong(((), f"column {position + 1} of the expression: {sentence}"))

@@ -152,9 +152,18 @@ class SweepView:
         if averaged and label:
             shares = ", ".join(f"{variable}.{word}" for word in label)
             raise HodoError(f"{variable} is a label, without a mean: name a share, {shares}")
-        # Members that failed hold nan or 0, and 0 is a label.
-        counted = column.where(self.data["status"] == 0 if "status" in self.data else True)
-        return np.asarray(counted.isel(at).mean(averaged).transpose(*keep).data)
+        return np.asarray(self._counted(column).isel(at).mean(averaged).transpose(*keep).data)
+
+    def left_out(self, variable: str, at: Mapping[str, int]) -> tuple[int, int]:
+        """How many of the members at fixed positions do not count in an average of a variable, and
+        how many there are. Raises HodoError as `values` does."""
+        column, _ = self._numbers(variable)
+        missing = self._counted(column).isel(at).isnull()
+        return int(missing.sum()), missing.size
+
+    def _counted(self, column: "xr.DataArray") -> "xr.DataArray":
+        """A column with nan for members that failed: they hold nan or 0, and 0 is a label."""
+        return column.where(self.data["status"] == 0 if "status" in self.data else True)
 
     def _numbers(self, variable: str) -> tuple["xr.DataArray", list[str]]:
         """A variable, component or share over all axes, the same along one that it does not have,
