@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..models import rigid_body
+from ..results.layout import stopped_at_separatrix
 from ..results.motion import Motion
 from .finding import (
     PLOTTING_ACCURACY,
@@ -353,7 +354,7 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
     """
     name = check["variable"]
     is_of_end = name.partition(".")[0] in ("crossings", "crossing_time", "end_axis")
-    if is_of_end and "k2" in swept.data and (swept.data["k2"] == 1).any():
+    if is_of_end and np.any(stopped_at_separatrix(swept.data)):
         raise Undecidable(
             f"members of sweep {swept.name} stop at the separatrix, where chance decides"
         )

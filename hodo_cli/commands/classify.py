@@ -19,7 +19,7 @@ from ..integration import Classification, classify, label_at_start
 from ..models import rigid_body
 from ..progress import Progress
 from ..results.groups import label_group
-from ..results.layout import RECORDED, sentence_of_case, units_of_case
+from ..results.layout import RECORDED, sentence_of_case, stopped_at_separatrix, units_of_case
 from ..results.motion import Motion, case_of, motion_of
 from ..storage import Group, Report, history_line, typed, update
 from ..text import abridged, few, grouped, magnitude, table, to_error
@@ -183,7 +183,7 @@ def remark_on_crossings(case: Case, columns: Mapping[str, np.ndarray], ok: np.nd
     counts = columns["crossings"]
     crossing = ok & (counts > 0)
     remark = f"{crossing.sum()} of {ok.sum()} members cross"
-    if stopped := np.count_nonzero(ok & (columns.get("k2", np.zeros(ok.shape)) == 1)):
+    if stopped := np.count_nonzero(ok & stopped_at_separatrix(columns)):
         remark += f", {stopped} stop at the separatrix, where chance decides"
     if (most := counts[ok].max(initial=0)) > 1:
         remark += f", up to {most} times"

@@ -293,6 +293,12 @@ ON_REQUEST = ("share", "separation", "steps")
 """The columns of a sweep that are stored only where the case asks for them."""
 
 
+def stopped_at_separatrix(columns: Any) -> Any:
+    """Which members of a sweep (...), by its columns, stop at the separatrix, where chance decides
+    on their further course: of averaged motions k^2 is 1 there, and nowhere else."""
+    return np.equal(columns["k2"], 1) if "k2" in columns else False
+
+
 # Groups
 
 
