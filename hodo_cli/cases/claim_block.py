@@ -427,38 +427,35 @@ def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
     )
     if least is not None and most is not None and least > most:
         yield ("most",), f"expected at least {least:g}, which is the lower bound, got {most:g}"
-    if kind == "value":
-        yield from _check_values(check, count)
-    before, group = check.get("from"), check.get("by")
-    yield from mistakes_where(
+    match kind:
+        case "value":
+            yield from _check_values(check, count)
+        case "crossings" if check["from"] and check["from"] == check["to"]:
+            yield ("to",), f"expected another axis than {check['to']}, which a crossing leaves"
+        case "order" if count < 2:
+            yield (), f"compares the values of two cases or more, got {count}"
+        case "order" if check["by"] and count % check["by"]:
+            yield ("by",), f"expected a divisor of the number of cases, {count}, got {check['by']}"
+        case "average":
+            yield from _check_average(check, count)
+        case "paper":
+            yield from unknown_names("check", {("name",): check["name"]}, checks_of_papers())
+
+
+def _check_average(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
+    """The mistakes of a check of averages over so many cases."""
+    return mistakes_where(
         (
-            kind == "crossings" and before and before == check["to"],
-            ("to",),
-            f"expected another axis than {before}, which a crossing leaves",
-        ),
-        (
-            kind == "order" and count < 2,
-            (),
-            f"compares the values of two cases or more, got {count}",
-        ),
-        (
-            kind == "order" and count >= 2 and group and count % group,
-            ("by",),
-            f"expected a divisor of the number of cases, {count}, got {group}",
-        ),
-        (
-            kind == "average" and count not in (1, 2),
+            count not in (1, 2),
             (),
             "a check of kind average takes one case, or two whose distance it averages",
         ),
         (
-            kind == "average" and check["sense"] and len(check["at"] + check["along"]) < 2,
+            check["sense"] and len(check["at"] + check["along"]) < 2,
             ("sense",),
             "compares two averages or more: give more in at or along",
         ),
     )
-    if kind == "paper":
-        yield from unknown_names("check", {("name",): check["name"]}, checks_of_papers())
 
 
 def _check_values(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:

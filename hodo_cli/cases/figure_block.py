@@ -5,7 +5,6 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -402,8 +401,8 @@ FIGURE = Variant("kind", FIGURE_KINDS, "what is drawn")
 
 def merged_style(*styles: Mapping[str, Any] | None) -> dict[str, Any]:
     """The keys of several styles that are set; a later style counts before the earlier ones."""
-    keys = [style.items() for style in styles if style]
-    return {name: value for style in keys for name, value in style if value is not None}
+    given = (style for style in styles if style)
+    return {k: value for style in given for k, value in style.items() if value is not None}
 
 
 def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -590,8 +589,8 @@ def _variable_mistakes(values: Mapping[str, Any], cases: Sequence[Drawable]) -> 
         for j, name in enumerate(inset["variables"])
     ]
     for path, name, owners in drawn:
-        faults = filter(None, (_wrong_variable(name, case) for case in owners))
-        yield from ((path, message) for message in islice(faults, 1))
+        if message := next(filter(None, (_wrong_variable(name, case) for case in owners)), ""):
+            yield path, message
 
 
 def _wrong_variable(name: str, case: Drawable) -> str:

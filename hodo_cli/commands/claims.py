@@ -1,6 +1,5 @@
 """`hodo claims`: verdicts on the claims and errata of a result file."""
 
-import itertools
 import json
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -114,7 +113,7 @@ def judged(config: Config, run: ResultFile) -> dict[str, Rows]:
 
 def unknown_checks(config: Config) -> list[str]:
     """The names of checks in a result that another version of hodo has made, and this one lacks."""
-    entries = itertools.chain(config.claims, config.errata)
+    entries = (*config.claims, *config.errata)
     checks = [reading["check"] for entry in entries for reading in readings(entry).values()]
     named = dict.fromkeys(check["name"] for check in checks if check and check["kind"] == "paper")
     return [name for name in named if name not in checks_of_papers()]

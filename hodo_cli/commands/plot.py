@@ -265,17 +265,20 @@ class FigureFolder:
 
     def add(self, drawn: DrawnFigure) -> None:
         """Take in a figure that has just been drawn."""
-        files = self._files(drawn.name)
-        if drawn.problem:
-            self.problems[drawn.name] = drawn.problem
+        files, problem = self._files(drawn.name), drawn.problem
+        if problem:
+            self.problems[drawn.name] = problem
             # Its files may be of an earlier time.
             self.current.difference_update(self._files(drawn.name, others=True))
         else:
             self.current.update(files)
         for file in files:
-            # What could not be drawn is tried again.
-            digest = "" if drawn.problem else self._digest(drawn.name, drawn.cases, file)
-            self.record[file] = {"digest": digest, "cases": drawn.cases, "warnings": drawn.warnings}
+            self.record[file] = {
+                # What could not be drawn is tried again.
+                "digest": "" if problem else self._digest(drawn.name, drawn.cases, file),
+                "cases": drawn.cases,
+                "warnings": drawn.warnings,
+            }
 
     def _files(self, name: str, others: bool = False) -> dict[str, None]:
         """The files of a figure in the formats that were asked for and, with `others`, of those

@@ -152,9 +152,13 @@ def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -
     if section and getattr(stored_config(run), section) != getattr(config, section):
         message = f"the {section} of {config.path} have changed since its run"
         warnings.warn(f"{run.path}: {message}: hodo {command} {quoted} takes them", stacklevel=2)
-    sound = (name for name in run.cases() if name in config.cases and name not in run.damaged)
-    hashes = ((name, str(run.summary(name, ("hash",)).get("hash"))) for name in sound)
-    changed = [name for name, hash in hashes if _bare_digest(config.cases[name]) not in hash]
+    changed = [
+        name
+        for name in run.cases()
+        if name in config.cases
+        and name not in run.damaged
+        and _bare_digest(config.cases[name]) not in str(run.summary(name, ("hash",)).get("hash"))
+    ]
     if changed:
         message = f"changed in {config.path} since: {', '.join(changed)}"
         warnings.warn(f"{run.path}: {message}: hodo run {quoted}", stacklevel=2)

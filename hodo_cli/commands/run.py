@@ -321,8 +321,11 @@ def labelled(path: Path, names: Iterable[str]) -> list[str]:
     if not os.path.lexists(path):
         return []
     with open_run(path) as run:
-        sound = (name for name in names if name in run and name not in run.damaged)
-        return [name for name in sound if run.summary(name, ("classify_warnings",))]
+        return [
+            name
+            for name in names
+            if name in run and name not in run.damaged and run.summary(name, ("classify_warnings",))
+        ]
 
 
 def result_name(config: Config, overrides: Sequence[str]) -> str:

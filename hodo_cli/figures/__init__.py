@@ -24,7 +24,11 @@ from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..schema.kinds import Wrong
 from ..schema.spelling import unknown
 from ..text import case_words
-from .kinds import DRAW, DRAW_SWEEPS
+from .kinds.body import body
+from .kinds.costs import cost, error_order, share
+from .kinds.maps import sweep_curve, sweep_map
+from .kinds.plane import invariants, phase, quadrant_sketch, quadrants, time_series
+from .kinds.space import axis_trace, herpolhode, hodograph, sphere
 from .sheet import SHEET_STYLE, Drawing, Layout, Sheet, save
 from .style import finish_figure, matplotlib_parameters, wanted_width
 from .words import lighten, slanted, text_size, text_width
@@ -37,6 +41,29 @@ NO_OTHERS: Mapping[str, Mapping[str, Any]] = {}
 
 NO_TIMES = (math.nan, math.nan)
 """The first and the last time of a sweep, or of a motion without samples."""
+
+DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Sequence[Motion]], None]] = {
+    "hodograph": hodograph,
+    "sphere": sphere,
+    "herpolhode": herpolhode,
+    "axis-trace": axis_trace,
+    "body": body,
+    "quadrants": quadrants,
+    "quadrant-sketch": quadrant_sketch,
+    "series": time_series,
+    "phase": phase,
+    "invariants": invariants,
+    "order": error_order,
+    "cost": cost,
+}
+"""The kinds of figures of motions."""
+
+DRAW_SWEEPS: dict[str, Callable[[Sheet, Mapping[str, Any], Cases], None]] = {
+    "map": sweep_map,
+    "curve": sweep_curve,
+    "share": share,
+}
+"""The kinds of figures of sweeps."""
 
 WITH_GAPS = ("series", "phase")
 """The kinds of figures of motions that leave a gap where a quantity is no number."""

@@ -9,8 +9,7 @@ import numpy as np
 from ..cases.derived import BODY_AXES
 from ..cases.figure_block import KINDS_IN_SPACE
 from ..models.base import attributes, has_formula_of_time, stacked
-from .in_space import EULER_ANGLES, OF_ATTITUDE, time_factor
-from .motion import Motion
+from .motion import EULER_ANGLES, OF_ATTITUDE, Motion, time_factor
 
 # A polygon of 24 sides is a circle to within 0.9 % of its radius, some widths of a line.
 LARGEST_TURN = math.radians(15)

@@ -144,8 +144,11 @@ def unknown_names(
     what: str, named: Mapping[KeyPath, str], valid: Collection[str]
 ) -> Iterator[Mistake]:
     """A mistake for each of some names, by their paths, that is not among the `valid` ones."""
-    strange = ((path, name) for path, name in named.items() if name not in valid)
-    return ((path, unknown(f"{what} {name!r}", name, valid)) for path, name in strange)
+    return (
+        (path, unknown(f"{what} {name!r}", name, valid))
+        for path, name in named.items()
+        if name not in valid
+    )
 
 
 def expected(what: object, value: Any, hint: str = "") -> Wrong:
@@ -188,8 +191,9 @@ class Number(Kind):
     @cached_property
     def bounds(self) -> list[tuple[float, str, str, Holds]]:
         """The bounds that are set: value, sign, JSON Schema's word, and when it holds."""
-        given = {name: getattr(self, name) for name in BOUNDS}
-        return [(x, *BOUNDS[name]) for name, x in given.items() if x is not None]
+        return [
+            (x, *rule) for name, rule in BOUNDS.items() if (x := getattr(self, name)) is not None
+        ]
 
     def allows(self, number: float) -> bool:
         """Whether a number is within the bounds."""
@@ -434,8 +438,11 @@ class Variant(Mapped):
         return {self.tag: Key(Choice(*names), self.doc)}
 
     def schema(self) -> dict[str, Any]:
-        tables = ({**self.head(name), **keys} for name, keys in self.tables.items())
-        return {"oneOf": [Table(keys).schema() for keys in tables]}
+        return {
+            "oneOf": [
+                Table({**self.head(name), **keys}).schema() for name, keys in self.tables.items()
+            ]
+        }
 
     def __str__(self) -> str:
         return f"a mapping with {self.tag}: {Choice(*self.tables)}"
@@ -474,8 +481,11 @@ class OneOf(Table):
         return {name: values[name] for name in value}
 
     def schema(self) -> dict[str, Any]:
-        singles = [Table({name: Key(key.kind, key.doc)}) for name, key in self.keys.items()]
-        return {"oneOf": [single.schema() for single in singles]}
+        return {
+            "oneOf": [
+                Table({name: Key(key.kind, key.doc)}).schema() for name, key in self.keys.items()
+            ]
+        }
 
     def __str__(self) -> str:
         return f"one of {', '.join(self.keys)}"

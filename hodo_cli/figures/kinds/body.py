@@ -24,8 +24,7 @@ from PIL import Image
 
 from ... import HodoError
 from ...cases.derived import SPACE_AXES, component_names
-from ...results.in_space import rotations
-from ...results.motion import Motion
+from ...results.motion import Motion, rotations
 from ..artists import AXIS_COLOUR, BLACK, GREY, PURPLE, RED, arrow
 from ..sheet import PAGE, SHEET_STYLE, Look, Sheet, View, own_page
 from ..words import FormulaCanvas, Words, place_words, without_tex

@@ -43,8 +43,7 @@ def error_order(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]
     """The largest relative distance of T and G^2 between two forms of a motion, against the small
     parameter, with the order of each group as the slope of its fit."""
     (axes,) = sheet.panels(COLUMN, 0.85 * COLUMN)
-    pairs = zip(motions, sheet.others, strict=True)
-    errors = np.array([forms_apart(*pair).max() for pair in pairs])
+    errors = np.array([apart.max() for apart in map(forms_apart, motions, sheet.others)])
     for label, members, style in groups(spec, motions):
         small, error = np.array(spec["small"][members]), errors[members]
         # The order of an error is the slope of its logarithm.

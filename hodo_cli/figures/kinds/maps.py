@@ -21,7 +21,7 @@ from ...models.terms.body import BodyUnderTorques
 from ...models.theory.dissipation import turning_momenta
 from ...models.theory.gyrostat import separatrix_curves
 from ...results.dataset import Cases
-from ...results.in_space import OF_ATTITUDE
+from ...results.motion import OF_ATTITUDE
 from ...sweeps.view import SweepView
 from ..artists import (
     AXIS_COLOUR,
