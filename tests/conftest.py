@@ -38,8 +38,25 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+CACHE = ROOT / "build" / "cache"
+
+
+def keep_compiled_code_here() -> None:
+    """Let hodo keep the code that it compiles for tests in the clone, where the next run of the
+    suite finds it, and not among the user's own; other caches stay where the user has them."""
+    theirs = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    with contextlib.suppress(OSError):
+        (CACHE / "hodo").mkdir(mode=0o700, parents=True, exist_ok=True)
+        for name in ("heyoka", "matplotlib"):
+            (theirs / name).mkdir(parents=True, exist_ok=True)
+        for name in {*os.listdir(theirs)} - {*os.listdir(CACHE)}:
+            (CACHE / name).symlink_to(theirs / name)
+    os.environ["XDG_CACHE_HOME"] = str(CACHE)
+
+
 def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):  # else it is that of the process that has started this
+        keep_compiled_code_here()
         state = tempfile.TemporaryDirectory()
         config.add_cleanup(state.cleanup)
         os.environ["XDG_STATE_HOME"] = state.name

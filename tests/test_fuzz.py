@@ -5,6 +5,8 @@ HODO_FUZZ sets the number of inputs of each test (default 60).
 """
 
 import os
+from copy import deepcopy
+from functools import cache
 from typing import Any
 
 import yaml
@@ -56,10 +58,16 @@ def mutants(draw: st.DrawFn) -> str:
     return text
 
 
+@cache
+def sections(text: str) -> Any:
+    """The sections of a case file, read once."""
+    return yaml.safe_load(text)
+
+
 @st.composite
 def misfits(draw: st.DrawFn) -> str:
     """A shipped config, still YAML, in which some values are replaced by others of any shape."""
-    document = yaml.safe_load(draw(st.sampled_from(CONFIGS)))
+    document = deepcopy(sections(draw(st.sampled_from(CONFIGS))))
     for _ in range(draw(st.integers(1, 4))):
         parent, key = document, draw(st.sampled_from(sorted(document)))
         while isinstance(parent[key], dict) and parent[key] and draw(st.integers(0, 3)):

@@ -22,12 +22,18 @@ NONE, TO_LARGEST, TO_SMALLEST, THERE_AND_BACK = map(frozenset, ((), (1,), (-1,),
 UNKNOWN = None
 
 
+def cross(a: Any, b: Any) -> Any:
+    """The products (n, 3) of vectors, in half the time that numpy's function takes for so few."""
+    (a1, a2, a3), (b1, b2, b3) = a.T, b.T
+    return np.array([a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1]).T
+
+
 def rates(A: Any, terms: theory.Dissipation, brake: Any, torque: Any, w: Any) -> Any:
     """omega' (n, 3): the fluid's torque as kappa (w'' + w x w') of free motion."""
     G = A * w
-    free = np.cross(G, w) / A
-    second = (np.cross(A * free, w) + np.cross(G, free)) / A
-    N = np.asarray(terms.kappa)[..., None] * (second + np.cross(w, free))
+    free = cross(G, w) / A
+    second = (cross(A * free, w) + cross(G, free)) / A
+    N = np.asarray(terms.kappa)[..., None] * (second + cross(w, free))
     speed = np.sqrt((w * w).sum(-1, keepdims=True))
     damping = terms.damping + terms.quadratic * speed + terms.quadratic_axes * np.abs(w)
     N = N - damping * G - brake * G / np.sqrt((G * G).sum(-1, keepdims=True)) + torque

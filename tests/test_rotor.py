@@ -264,10 +264,11 @@ def long_double_motion(tensor: np.ndarray, resistance: np.ndarray, start: Any) -
     omega = np.array(start, np.longdouble)
     rows = [omega]
     for _ in range(320):
-        w = [omega]
+        w = np.zeros((31, 3), np.longdouble)
+        w[0] = omega
         for n in range(30):
-            turned = sum(np.cross(J @ w[i], w[n - i]) for i in range(n + 1))
-            w.append(inverse @ (turned - I @ w[n]) / (n + 1))
+            turned = np.cross(w[: n + 1] @ J.T, w[n::-1]).sum(axis=0)
+            w[n + 1] = inverse @ (turned - I @ w[n]) / (n + 1)
         omega = sum(c * np.longdouble(1 / 8) ** n for n, c in enumerate(w))
         rows.append(omega)
     return np.array(rows)
