@@ -147,6 +147,8 @@ else
 	$(PIP) --require-hashes --requirement requirements.lock
 	$(PIP) --no-deps --no-build-isolation --editable .
 endif
+	@# Or else the two processes that draw first would each compile the same thousand modules.
+	@$(BIN)/python -c 'import hodo_cli.figures'
 	@touch $@
 
 $(PRINTING): $(READY)
