@@ -527,7 +527,9 @@ def _show(runs: tuple[Path, ...], methods: bool, as_json: bool) -> int:
     from .commands import show
 
     if methods:
-        return _report([*map(show.methods_of, runs)], show.methods_paragraphs, as_json)
+        return _report(
+            [*map(show.methods_of, dict.fromkeys(runs))], show.methods_paragraphs, as_json
+        )
     rows, problems = show.stored_cases(runs)
     return _report(rows, show.case_table, as_json, problems)
 

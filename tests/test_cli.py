@@ -71,6 +71,9 @@ def test_the_main_job(hodo: Hodo, config: Path, tmp_path: Path) -> None:
     assert hodo("classify", "runs/two.h5").stdout == labelled.stdout
     assert (tmp_path / "runs" / "two.h5").read_bytes() == before
     assert hodo("show", "runs/two.h5").stdout == ran.stdout
+    twice = ("runs/two.h5", tmp_path / "runs" / "two.h5", config)
+    for command, printed in (("show", ran), ("classify", labelled)):
+        assert hodo(command, *twice).stdout == printed.stdout
 
 
 def test_show_says_what_a_case_assumes(hodo: Hodo, config: Path) -> None:

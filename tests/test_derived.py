@@ -346,6 +346,27 @@ def test_a_body_that_a_brake_has_stopped_has_no_direction_of_its_momentum() -> N
 
 
 @pytest.mark.parametrize(
+    ("samples", "said"),
+    [(1, []), (2, ["at 2 samples"]), (11, ["at 11 samples"]), (101, [""])],
+)
+def test_a_panel_counts_the_samples_of_the_curves_that_it_draws(
+    samples: int, said: list[str]
+) -> None:
+    """A body at rest has no J, however few samples it has; a single one shows no constant."""
+    body = {"model": "linear-diag", "inertia": [1, 0.8, 0.6]}
+    free, still = (
+        hodo_cli.run({**body, "initial": dict(zip("pqr", start, strict=True)), "time": time})
+        for start, time in (
+            ((0.8, 0.5, 0.74), {"end": 10, "samples": samples}),
+            ((0, 0, 0), {"end": 10, "samples": 3}),
+        )
+    )
+    figure = hodo_cli.plot([still, free], kind="series", variables=["J"])
+    words = [text.get_text() for text in figure.axes[0].texts]
+    assert [text.removeprefix(text.partition(" at ")[0]).strip() for text in words] == said
+
+
+@pytest.mark.parametrize(
     "check",
     [
         "kind: bound, of: tilt, at: end, most: 0.001",

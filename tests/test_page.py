@@ -83,7 +83,7 @@ def plotted(folder: Path, **titles: str) -> Path:
         assert done.returncode == 0, done.stderr
     done = call(folder, "plot", *files, "--format", "png", "--format", "csv")
     assert done.returncode == 1, done.stderr
-    assert "has values below zero" in done.stderr
+    assert "reaches below zero" in done.stderr
     return folder
 
 

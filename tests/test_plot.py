@@ -669,7 +669,7 @@ def test_a_figure_takes_the_lines_of_a_cycle(several: Drawings) -> None:
         ({"sheet": "ggplo"}, "style.sheet: unknown style sheet 'ggplo'; did you mean 'ggplot'?"),
         ({"sheet": "none.mplstyle"}, "style.sheet: none.mplstyle: no such file or directory"),
         ({"sheet": "http://x/y.mplstyle"}, "style.sheet: expected the name of a style sheet"),
-        ({"log": ["x", "y"]}, "values below zero"),
+        ({"log": ["x", "y"]}, "reaches below zero"),
         ({"xlabel": r"$\frac{$"}, "is not TeX"),
     ],
 )
@@ -960,7 +960,7 @@ def test_a_figure_that_failed_is_tried_again(hodo: Hodo, tmp_path: Path) -> None
     for _ in range(2):
         done = hodo("plot", "c.yaml", "of-a")
         assert done.returncode == 1
-        assert "has values below zero" in done.stderr
+        assert "reaches below zero" in done.stderr
 
 
 def test_of_many_crossings_a_legend_names_some(runs: Path) -> None:

@@ -27,7 +27,7 @@ from ..papers import finding_of
 from ..progress import Progress
 from ..storage import Group, Report, ResultFile, Update, Variable, history_line, update
 from ..text import counted, table
-from .resume import content_digest, result_named, stored_config, warn_of_changes
+from .resume import content_digest, results_named, stored_config, warn_of_changes
 
 Rows = list[dict[str, Any]]
 
@@ -55,7 +55,7 @@ def judge_results(paths: Iterable[Path]) -> dict[str, Rows]:
     Raises HodoError as `Judge.claim` does, or if a file cannot be read or replaced.
     """
     tables: dict[str, Rows] = {name: [] for name in TABLES}
-    for path, config in map(result_named, paths):
+    for path, config in results_named(paths):
         with update(path, history_line(f"hodo claims {path}")) as changes:
             warn_of_changes(changes.run, config, "claims")
             rows = rows_of_result(changes, config)

@@ -23,7 +23,7 @@ from ..results.layout import RECORDED, sentence_of_case, stopped_at_separatrix, 
 from ..results.motion import Motion, case_of, motion_of
 from ..storage import Group, Report, history_line, typed, update
 from ..text import abridged, few, grouped, magnitude, table, to_error
-from .resume import package_digest, result_named, warn_of_changes
+from .resume import package_digest, results_named, warn_of_changes
 
 
 def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
@@ -32,7 +32,7 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
     A path may be that of a config. Raises HodoError if a file cannot be read or replaced.
     """
     rows, problems = [], []
-    for path, config in map(result_named, paths):
+    for path, config in results_named(paths):
         with (
             update(path, history_line(f"hodo classify {path}")) as changes,
             Progress(len(changes.run.cases())) as progress,

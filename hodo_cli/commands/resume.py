@@ -101,6 +101,17 @@ def result_named(name: Path) -> tuple[Path, Config | None]:
     return path, config
 
 
+def results_named(names: Iterable[Path]) -> Iterable[tuple[Path, Config | None]]:
+    """The results that names stand for, each once, with the config of one that names it so. Raises
+    HodoError as `result_named` does."""
+    results: dict[str, tuple[Path, Config | None]] = {}
+    for path, config in map(result_named, names):
+        place = os.path.realpath(path)
+        if config or place not in results:
+            results[place] = path, config
+    return results.values()
+
+
 def stored_config(run: ResultFile) -> Config:
     """The config that a result holds. Raises HodoError if it cannot be read."""
     return parse(run.text, str(run.path), stored=True)

@@ -14,7 +14,7 @@ from ..cases.case import parse_case
 from ..results.layout import MODEL_SOURCE, SUMMARY, typed_as
 from ..storage import ResultFile, chunks_in, open_batch, staging_folders
 from ..text import few, grouped, in_bytes, magnitude, seconds, table
-from .resume import result_named, warn_of_changes
+from .resume import result_named, results_named, warn_of_changes
 
 LISTED = SUMMARY | typed_as("case")
 
@@ -28,7 +28,7 @@ def stored_cases(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]
     """
     rows: list[dict[str, Any]] = []
     problems = []
-    for path, config in map(result_named, paths):
+    for path, config in results_named(paths):
         with open_batch(path) as run:
             warn_of_changes(run, config)
             warn_of_chunks(path)

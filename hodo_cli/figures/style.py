@@ -123,7 +123,7 @@ def wanted_width(style: Mapping[str, Any]) -> float | None:
 def finish_figure(sheet: Sheet, title: str, style: Mapping[str, Any]) -> None:
     """Give a drawn figure its size, title, scales, letters and legend.
 
-    Raises HodoError for a text that is not TeX, or a logarithmic axis with values below zero.
+    Raises HodoError for a text that is not TeX, or a logarithmic axis that reaches below zero.
     """
     panels = [axes for axes in sheet.figure.axes if axes.get_subplotspec() is not None]
     for axes in panels:
@@ -170,7 +170,7 @@ def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:
             if lowest < 0:
                 raise HodoError(
                     f"style.log: the {name} axis of {axis.get_label_text() or axes.get_title()} "
-                    f"has values below zero, down to {lowest:.4g}"
+                    f"reaches below zero, down to {lowest:.4g}"
                 )
             axes.set(**{f"{name}scale": "log"})
             if axis.get_view_interval()[0] <= 0:

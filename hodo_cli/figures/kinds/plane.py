@@ -228,8 +228,9 @@ FEW_SAMPLES = 30
 def widen_constant(axes: Axes, curves: Sequence[tuple[Motion, str]]) -> None:
     """Give a panel of constant quantities a scale on which they look so, and say it: on that of
     their rounding errors they would look like noise."""
-    values = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.lines])
-    values = values[np.isfinite(values)]
+    drawn = [np.asarray(line.get_ydata(), dtype=float) for line in axes.lines]
+    known = [values for line in drawn if (values := line[np.isfinite(line)]).size]
+    values = np.concatenate([[], *known])
     size = max(motion.largest(name) for motion, name in curves)
     # A motion whose error is not measured has some rounding.
     error = max(np.fmax(motion.attrs.get("error", 0.0), EPS) for motion, _ in curves)
@@ -239,7 +240,10 @@ def widen_constant(axes: Axes, curves: Sequence[tuple[Motion, str]]) -> None:
     middle, half = values.mean(), 0.1 * size or 1.0
     axes.set_ylim(middle - half, middle + half)
     words = f"constant to {magnitude(np.ptp(values))}" if np.ptp(values) else "constant"
-    if 1 < (fewest := min(len(motion.time) for motion, _ in curves)) < FEW_SAMPLES:
+    fewest = min(map(len, known))
+    if fewest == 1:
+        return
+    if fewest < FEW_SAMPLES:
         words += f" at {fewest} samples"
     axes.annotate(words, (0.97, 0.95), xycoords="axes fraction", ha="right", va="top", size="small")
 
