@@ -78,11 +78,8 @@ def results_and_figures(names: Sequence[str]) -> tuple[list[Path], list[str]]:
     """
     files = [name for i, name in enumerate(names) if not i or name.endswith(SOURCES)]
     if configs := [name for name in names if name not in files and _is_config(name)]:
-        path, config = result_named(Path(names[0]))
-        if config is None:
-            with open_batch(path) as run:
-                config = stored_config(run)
-        files += [name for name in configs if name not in config.figures]
+        with opened_to_draw(Path(names[0])) as (_, config):
+            files += [name for name in configs if name not in config.figures]
     return (
         [Path(name) for name in names if name in files],
         [name for name in names if name not in files],

@@ -11,6 +11,7 @@ from typing import Any
 
 from .. import HodoError
 from ..machine import memory_limit
+from ..text import few
 from .hdf5 import ResultFile, open_run
 from .staging import chunks_in, identity, shards, staging_folders
 
@@ -106,8 +107,7 @@ def open_batch(path: Path | str) -> Iterator[ResultFile]:
         result = stack.enter_context(open_run(path)) if os.path.lexists(path) else None
         batch = Batch(path, result, newer)
         names = [name for name in batch.cases() if name in newer]
-        first = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
-        message = f"{path}: {len(names)} finished in a run that has not ended: {first}"
+        message = f"{path}: {len(names)} finished in a run that has not ended: {few(names)}"
         warnings.warn(message, stacklevel=3)
         yield batch
 
