@@ -86,6 +86,7 @@ SAME_MOTION: dict[str, Change] = {
     "permuted": permuted("time"),
     "axes reversed": backward("axis"),
     "axes permuted": lambda data: data.isel(axis=[1, 2, 0]),
+    "quaternions permuted": lambda data: data.isel(quaternion=[2, 0, 3, 1]),
     "concatenated": halves_exchanged("time"),
     "transposed": transposed,
     "foreign": as_other_programs_have_it,
@@ -354,7 +355,7 @@ def test_what_is_left_without_a_meaning_is_refused_in_one_line(
     ball = {"kind": "map", "variable": "crossing_time"}
     for data, keys, said in (
         (together(motion, motion, dim="time"), {}, "its coordinate 'time' has 0 twice"),
-        (together(motion, motion, dim="axis"), {}, "its coordinate 'axis' has x1 twice"),
+        (together(motion, motion, dim="axis"), {}, "its coordinate 'axis' has x1, x2, x3, x1, x2"),
         (
             xr.concat([motion, motion], "run", data_vars="all"),
             {},
@@ -370,7 +371,7 @@ def test_what_is_left_without_a_meaning_is_refused_in_one_line(
         (motion.assign(omega=motion.omega.astype(str)), {}, "its omega is no array of numbers"),
         (motion.drop_attrs(), {}, "its attributes hold no case"),
         (motion.assign_coords(time=motion.time.astype(str)), {}, "holds more than finite numbers"),
-        (motion.assign_coords(axis=["a", "b", "c"]), {}, "'a' is no body axis"),
+        (motion.assign_coords(axis=["a", "b", "c"]), {}, "'a' along 'axis' is none of x1, x2, x3"),
         (motion, across, "the case is no sweep"),
         (grid, {}, "case sweep is a sweep, which only map and curve draw"),
         (grid.isel({"damping.2": 0}), across, "unknown axis 'damping.2'"),

@@ -2,12 +2,14 @@
 statements and of sweeps."""
 
 import json
+from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 from conftest import Hodo
 from scipy.spatial.transform import Rotation
 
@@ -230,6 +232,20 @@ def test_a_dataset_that_lacks_what_is_asked_of_it_says_so() -> None:
     listed = str(raised.value).partition("(it has ")[2].rstrip(")").split(", ")
     assert {"T", "tilt"} <= {*listed}
     assert {*listed} <= {*hodo_cli.derive(free, *listed)}
+
+
+@pytest.mark.parametrize(("change", "name", "message"), [
+    (lambda ds: ds.sel(axis="x1"), "T", "the case has omega without its components"),
+    (lambda ds: ds.sel(quaternion=["a", "c"]), "x3_space", "'quaternion' has a, c, and not each"),
+    (lambda ds: ds.sel(quaternion="a"), "x3_space", "has an attitude that lacks a part"),
+    (lambda ds: ds.drop_vars("quaternion"), "x3_space", "has no coordinate 'quaternion'"),
+    (lambda ds: ds.where(ds.time > 10), "T", "its crossing_time has dimensions crossing, time"),
+])  # fmt: skip
+def test_a_dataset_that_lacks_parts_says_which(
+    change: Callable[[xr.Dataset], xr.Dataset], name: str, message: str
+) -> None:
+    with pytest.raises(HodoError, match=message):
+        hodo_cli.derive(change(hodo_cli.run(BODY)), name)
 
 
 def test_every_component_belongs_to_a_quantity() -> None:

@@ -17,7 +17,7 @@ import xarray as xr
 
 from .. import HodoError
 from ..cases.case import Case, parse_axes
-from ..cases.derived import BODY_AXES, DERIVED, PARTS
+from ..cases.derived import DERIVED, PARTS
 from ..cases.sweep_block import axes_of, path_of, put
 from ..schema.spelling import unknown
 from ..storage import Group, ResultFile, open_batch, typed
@@ -61,30 +61,41 @@ def swept_names(data: xr.Dataset) -> list[str]:
 
 
 def ordered(data: xr.Dataset, owner: str) -> xr.Dataset:
-    """A dataset with its times, crossings and body axes in order, and the dimensions of vectors.
+    """A dataset with its times, crossings and the parts of vectors and quaternions in order, and
+    the dimensions of these.
 
-    Raises HodoError, which begins with `owner`, if times or axes stand twice after sorting, or have
-    no coordinate.
+    Raises HodoError, which begins with `owner`, if times or parts stand twice after sorting, or
+    have no coordinate, or parts are missing; of the body axes some may be.
     """
-    for dim in {"time", "axis"} & {str(dim) for dim in data.dims}:
-        if dim not in data.variables:
+    for dim in ("time", *PARTS):
+        if dim in data.dims and dim not in data.variables:
             raise HodoError(f"{owner} has no coordinate {dim!r}, which tells its values apart")
     if "time" in data.dims:
         data = sorted_along(data, "time", np.asarray(data.variables["time"].data), owner)
-    if "axis" in data.dims:
-        axes = data.variables["axis"].data
-        names = [name.decode() if isinstance(name, bytes) else str(name) for name in axes]
-        if strange := [name for name in names if name not in BODY_AXES]:
-            raise HodoError(f"{owner}: {strange[0]!r} is no body axis (x1, x2, x3)")
-        places = np.array([BODY_AXES.index(name) for name in names])
-        if isinstance(axes[0], bytes):  # as other programs store texts
-            data = data.assign_coords(axis=np.array(names, dtype=object))
-        data = sorted_along(data, "axis", places, owner)
-    if "crossing" in data.dims and "crossing_time" in data:
+    for dim in PARTS.keys() & data.dims:
+        data = with_parts_in_order(data, dim, owner)
+    if "crossing_time" in data and data.variables["crossing_time"].dims == ("crossing",):
         order = np.argsort(data.variables["crossing_time"].data, kind="stable")
         data = data.isel(crossing=order) if (np.diff(order) != 1).any() else data
     transposed = any(v.dims[1:] == ("time",) for v in data.variables.values())
     return data.transpose(..., "time", *PARTS, missing_dims="ignore") if transposed else data
+
+
+def with_parts_in_order(data: xr.Dataset, dim: str, owner: str) -> xr.Dataset:
+    """A dataset with the parts along a dimension in the order of `PARTS`. Raises as `ordered`."""
+    stored, valid = data.variables[dim].data, PARTS[dim]
+    names = [name.decode() if isinstance(name, bytes) else str(name) for name in stored]
+    if strange := [name for name in names if name not in valid]:
+        raise HodoError(f"{owner}: {strange[0]!r} along {dim!r} is none of {', '.join(valid)}")
+    is_whole = dim == "axis" or len(names) == len(valid)
+    if len({*names}) < len(names) or not is_whole:
+        raise HodoError(
+            f"{owner}: its coordinate {dim!r} has {', '.join(names)}, and not each of "
+            f"{', '.join(valid)} once"
+        )
+    if isinstance(stored[0], bytes):  # as other programs store texts
+        data = data.assign_coords({dim: np.array(names, dtype=object)})
+    return sorted_along(data, dim, np.array([valid.index(name) for name in names]), owner)
 
 
 def sorted_along(data: xr.Dataset, dim: str, values: np.ndarray, owner: str) -> xr.Dataset:
@@ -96,8 +107,7 @@ def sorted_along(data: xr.Dataset, dim: str, values: np.ndarray, owner: str) -> 
     order = np.argsort(values, kind="stable")
     # Parts that follow each other may share an end; parts of one span make no single curve.
     if twice := values[order][1:][np.diff(values[order]) == 0].tolist():
-        words = BODY_AXES[twice[0]] if dim == "axis" else f"{twice[0]:.6g}"
-        raise HodoError(f"{owner}: its coordinate {dim!r} has {words} twice, out of order")
+        raise HodoError(f"{owner}: its coordinate {dim!r} has {twice[0]:.6g} twice, out of order")
     return data.isel({dim: order})
 
 

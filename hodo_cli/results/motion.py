@@ -131,6 +131,8 @@ class Motion:
         Raises KeyError if there is no such vector, HodoError if it lacks the component.
         """
         if name not in self.vectors:
+            if name in self.data:
+                raise HodoError(f"{self.words} has {name} without its components")
             raise KeyError(name)
         if axis not in self.axes:
             raise HodoError(
@@ -552,10 +554,14 @@ there."""
 
 
 def rotations(m: Motion) -> Any:
-    """The attitudes as SciPy's rotations. Raises KeyError where none are stored."""
+    """The attitudes as SciPy's rotations. Raises KeyError where none are stored, HodoError where
+    they lack a part."""
     from scipy.spatial.transform import Rotation  # late: it takes longer than most pictures
 
-    return Rotation.from_quat(np.roll(m.stored("attitude"), -1, axis=1))
+    quaternions = m.stored("attitude")
+    if quaternions.shape[1:] != (4,):
+        raise HodoError(f"{m.words} has an attitude that lacks a part")
+    return Rotation.from_quat(np.roll(quaternions, -1, axis=1))
 
 
 def in_space(m: Motion, vectors: np.ndarray) -> np.ndarray:
