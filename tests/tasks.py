@@ -35,10 +35,12 @@ def worker(enough: Path) -> int:
     return os.getpid()
 
 
-def touch(task: tuple[float, Path]) -> None:
-    seconds, file = task
+def stay(task: tuple[float, Path]) -> None:
+    """Leave the number of its process, and after some seconds their number."""
+    seconds, folder = task
+    (folder / f"process {os.getpid()}").touch()
     time.sleep(seconds)
-    file.touch()
+    (folder / f"after {seconds}").touch()
 
 
 def tell(text: str) -> str:

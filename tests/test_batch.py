@@ -18,13 +18,14 @@ import numpy as np
 import pytest
 import stress
 from click.testing import CliRunner, Result
-from conftest import Hodo, exit_status, in_child
-from tasks import tell, touch, troubled, worker
+from conftest import Hodo, exit_status, in_child, process_state, wait_until
+from tasks import stay, tell, troubled, worker
 
 from hodo_cli import Case, HodoError
 from hodo_cli.batch import memory
 from hodo_cli.batch import pool as pools
 from hodo_cli.batch.pool import pool
+from hodo_cli.batch.processes import Processes
 from hodo_cli.cases.config import parse
 from hodo_cli.cli import main
 from hodo_cli.commands import run as run_command
@@ -88,7 +89,9 @@ def test_brief_tasks_are_done_here_until_a_worker_has_started(
     assert (len(found), found[0], len(set(found))) == (3000, us, 3)
     here = found.count(us)
     assert found[:here] == [us] * here
-    monkeypatch.setattr(pools, "monotonic", lambda: 0.0)  # they take no time
+    # They take no time, and no process.
+    monkeypatch.setattr(pools, "monotonic", lambda: 0.0)
+    monkeypatch.delattr(Processes, "submit")
     with pool(2) as workers:
         assert [process for _, process in workers.map_brief(worker, [enough] * 99)] == [us] * 99
 
@@ -111,8 +114,11 @@ def test_tasks_are_taken_when_they_are_needed(jobs: int) -> None:
 
 def test_what_still_runs_is_given_up_at_the_end(tmp_path: Path) -> None:
     with pool(2) as workers:
-        next(workers.map(touch, [(0, tmp_path / "a"), *((60, tmp_path / "b"),) * 3]))
-    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+        next(workers.map(stay, [(0, tmp_path), *((120, tmp_path),) * 3]))
+    for file in tmp_path.glob("process *"):
+        process = int(file.name.removeprefix("process "))
+        wait_until(lambda process=process: process_state(process) in ("", "Z"))
+    assert [file.name for file in tmp_path.glob("after *")] == ["after 0"]
 
 
 # Runs.
