@@ -1033,6 +1033,25 @@ def test_numbers_of_passages_have_a_scale_even_if_they_are_0_and_1() -> None:
     assert {line.get_linewidth() for line in lines.lines[::2]} == {0.4}
 
 
+@pytest.mark.parametrize(
+    ("ends", "arrows"),
+    [([0, 1], "neither"), ([0, 0.4], "max"), ([0.35, 1], "min"), ([0.35, 0.4], "both")],
+)
+def test_a_colour_scale_has_arrows_where_values_lie_beyond_it(
+    ends: list[float], arrows: str
+) -> None:
+    """And a column of a single value is as narrow as it needs to show that."""
+    body = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "time": {"end": 200}}
+    start = {"initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "damping": [5e-3, 4e-3, 3e-3]}
+    axes = {"damping.0": {"values": [5e-3]}, "damping.2": {"values": [1e-3, 5e-2]}}
+    made = api.sweep({**body, **start, "sweep": axes})
+    low, high = sorted(api.derive(made, "G").G.values.ravel())
+    assert 0.3 < low < 0.35 < 0.4 < high < 0.6
+    figure = api.plot(made, "map", variable="G", x="damping.0", y="damping.2", range=ends)
+    assert figure.axes[-1].__dict__["_colorbar"].extend == arrows
+    assert figure.axes[0].get_xlim() == pytest.approx((4.5e-3, 5.5e-3))
+
+
 @pytest.mark.parametrize("damping", [0, 1e-9])
 def test_a_constant_quantity_is_drawn_as_one(damping: float) -> None:
     start = {"initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 100}, "attitude": "yes"}

@@ -275,11 +275,14 @@ def colour_handles(
     return []
 
 
-def colour_bar(sheet: Sheet, scale: ScalarMappable, panels: Sequence[Axes], label: str) -> Colorbar:
-    """The scale of the colours of some panels below them."""
+def colour_bar(
+    sheet: Sheet, scale: ScalarMappable, panels: Sequence[Axes], label: str, arrows: str = "neither"
+) -> Colorbar:
+    """The scale of the colours of some panels below them, with arrows at the ends beyond which
+    there are values: "neither", "min", "max" or "both"."""
     place: Look = {"location": "bottom", "fraction": 0.04, "pad": 0.02, "shrink": 0.7, "aspect": 45}
     # The panels keep their anchors: a map of a sphere is at the top of its room.
-    bar = sheet.figure.colorbar(scale, ax=panels, panchor=False, **place)
+    bar = sheet.figure.colorbar(scale, ax=panels, panchor=False, extend=arrows, **place)
     bar.set_label(label)
     return bar
 

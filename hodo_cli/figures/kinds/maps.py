@@ -54,6 +54,14 @@ THEORY: Look = {"color": RED, "lw": 1.4, "ls": (0, (3.4, 1.4))}
 PLACES_OF_THEORY = 33
 """Places along an axis at which theory is asked for: its curves are smooth."""
 
+ARROWS = {
+    (False, False): "neither",
+    (True, False): "min",
+    (False, True): "max",
+    (True, True): "both",
+}
+"""Which ends of a colour scale have an arrow, by whether values lie below and above it."""
+
 GRID = 360
 """Cells around the sphere: a degree each, some two pixels of a panel in print."""
 
@@ -88,7 +96,9 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     words = words_of_values(meaning, labelled, all_values)
     sheet.legend += [Patch(fc=colours(scale(value)), label=word) for value, word in words.items()]
     if not words:
-        bar = colour_bar(sheet, ScalarMappable(scale, colours), panels, meaning)
+        below, above = np.nanmin(all_values) < scale.vmin, np.nanmax(all_values) > scale.vmax
+        ends = ARROWS[bool(below), bool(above)]
+        bar = colour_bar(sheet, ScalarMappable(scale, colours), panels, meaning, ends)
         if colours.N <= MAX_COUNTS + 1:
             edges_and_middles = np.linspace(*bar.mappable.get_clim(), 2 * colours.N + 1)
             bar.set_ticks(edges_and_middles[1::2].tolist())
@@ -273,7 +283,9 @@ def edges(values: np.ndarray, ratios: bool) -> np.ndarray:
     not."""
     x = np.log(values) if ratios else values
     if len(x) == 1:
-        x = np.array([x[0] - 0.5, x[0] + 0.5])
+        # By a part of a value, which the numbers along the axis then show.
+        half = 0.5 if ratios else 0.1 * abs(x[0]) or 0.5
+        x = np.array([x[0] - half, x[0] + half])
     else:
         # The outer edges mirror the inner ones, so that the first and last cell are as wide as
         # their neighbours.
