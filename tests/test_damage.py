@@ -718,18 +718,18 @@ def test_what_a_disk_holds_and_what_it_refused_is_read_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # HDF5 reads its own file while it writes: the count of bytes must be that of the buffer.
-    with disk.BufferedFile(tmp_path / "a") as buffered:
-        buffered.write(b"abcdef")
-        buffered.seek(2)
-        buffer = bytearray(3)
-        assert buffered.readinto(buffer) == 3
-        assert buffer == b"cde"
-        monkeypatch.setattr(buffered, "error", OSError(28, "No space left on device"))
-        buffered.seek(6)
-        assert buffered.write(b"gh") == 2  # kept in memory
-        buffered.seek(4)
-        buffer = bytearray(6)
-        assert buffered.readinto(buffer) == 6
-        assert buffer == b"efgh\0\0"
-        with pytest.raises(OSError, match="No space"):
-            buffered.check()
+    buffered = disk.BufferedFile(tmp_path / "a")
+    buffered.write(b"abcdef")
+    buffered.seek(2)
+    buffer = bytearray(3)
+    assert buffered.readinto(buffer) == 3
+    assert buffer == b"cde"
+    monkeypatch.setattr(buffered, "error", OSError(28, "No space left on device"))
+    buffered.seek(6)
+    assert buffered.write(b"gh") == 2  # kept in memory
+    buffered.seek(4)
+    buffer = bytearray(6)
+    assert buffered.readinto(buffer) == 6
+    assert buffer == b"efgh\0\0"
+    with pytest.raises(OSError, match="No space"), buffered:
+        pass
