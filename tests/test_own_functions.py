@@ -10,7 +10,9 @@ import json
 import math
 import os
 import random
-from collections.abc import Iterator
+from collections import ChainMap
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from typing import Any
 
 import h5py
@@ -75,18 +77,26 @@ def cases() -> Iterator[tuple[str, dict[str, Any]]]:
             yield f"{model}-tilting-{seed}", data
 
 
+Result = Mapping[str, h5py.Group]
+
+
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> Iterator[h5py.File]:
-    """The motions, integrated and classified as a user does it."""
+def result(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Result]:
+    """The motions, integrated as a user does it; those whose crossings are looked at classified
+    too."""
     folder = tmp_path_factory.mktemp("own")
     apart = {} if have_taylor() else {"averaged", "members"}
-    given = {name: case for name, case in cases() if name.split("-")[-2] not in apart}
-    (folder / "own.yaml").write_text(json.dumps({"cases": given}), encoding="utf-8")
-    for command in ("run", "classify"):
-        done = run_hodo(folder, "--models", OWN, command, "own.yaml")
+    given: dict[str, dict[str, Any]] = {"crossing": {}, "others": {}}
+    for name, case in cases():
+        if (kind := name.split("-")[-2]) not in apart:
+            given["crossing" if kind in ("full", "tilting") else "others"][name] = case
+    for command, file in (("run", "crossing"), ("run", "others"), ("classify", "crossing")):
+        (folder / f"{file}.yaml").write_text(json.dumps({"cases": given[file]}), encoding="utf-8")
+        done = run_hodo(folder, "--models", OWN, command, f"{file}.yaml")
         assert done.returncode == 0, done.stderr
-    with h5py.File(folder / "runs" / "own.h5") as file:
-        yield file
+    with ExitStack() as files:
+        results = sorted((folder / "runs").glob("*.h5"))
+        yield ChainMap(*(files.enter_context(h5py.File(path)) for path in results))
 
 
 def truth(data: dict[str, Any], times: np.ndarray) -> np.ndarray:
@@ -101,7 +111,7 @@ def truth(data: dict[str, Any], times: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("model", WAVING)
 def test_its_motions_are_right_to_their_stated_errors(
-    result: h5py.File, model: str, method: str
+    result: Result, model: str, method: str
 ) -> None:
     for seed in range(COUNT):
         data, motion = waving(seed), result[f"{model}-{method}-{seed}"]
@@ -118,7 +128,7 @@ def test_its_motions_are_right_to_their_stated_errors(
 
 @pytest.mark.heyoka
 @pytest.mark.parametrize("model", WAVING)
-def test_members_of_a_sweep_are_its_motions(result: h5py.File, model: str) -> None:
+def test_members_of_a_sweep_are_its_motions(result: Result, model: str) -> None:
     for seed in range(COUNT):
         data = waving(seed)
         for i, depth in enumerate(depths(seed)):
@@ -127,7 +137,7 @@ def test_members_of_a_sweep_are_its_motions(result: h5py.File, model: str) -> No
             assert off < 1e-11 * np.linalg.norm(true), (seed, i)
 
 
-def test_functions_that_are_1_change_no_motion(result: h5py.File) -> None:
+def test_functions_that_are_1_change_no_motion(result: Result) -> None:
     """Nor its crossings."""
     for seed in range(COUNT):
         ours, theirs = (result[f"{model}-full-{seed}"] for model in ("disguised", "linear-diag"))
@@ -140,7 +150,7 @@ def test_functions_that_are_1_change_no_motion(result: h5py.File) -> None:
 
 
 @pytest.mark.heyoka
-def test_functions_that_are_1_change_no_averaged_motion(result: h5py.File) -> None:
+def test_functions_that_are_1_change_no_averaged_motion(result: Result) -> None:
     for seed in range(COUNT):
         both = [result[f"{model}-averaged-{seed}"] for model in ("disguised", "linear-diag")]
         n = min(len(motion["time"]) for motion in both)
@@ -150,7 +160,7 @@ def test_functions_that_are_1_change_no_averaged_motion(result: h5py.File) -> No
 
 
 @pytest.mark.parametrize("kind", ["full", "tilting"])
-def test_a_tilt_grows_by_the_equations_as_by_the_formula(result: h5py.File, kind: str) -> None:
+def test_a_tilt_grows_by_the_equations_as_by_the_formula(result: Result, kind: str) -> None:
     for seed in range(COUNT):
         ours, theirs = (
             result[f"{model}-{kind}-{seed}/growth_rate"][()]
@@ -159,7 +169,7 @@ def test_a_tilt_grows_by_the_equations_as_by_the_formula(result: h5py.File, kind
         assert ours == pytest.approx(theirs, nan_ok=True, rel=1e-9, abs=1e-14)
 
 
-def test_no_growth_is_told_where_it_changes_with_the_time(result: h5py.File) -> None:
+def test_no_growth_is_told_where_it_changes_with_the_time(result: Result) -> None:
     assert not [name for name in result if "growth_rate" in result[name] and "-full-" not in name
                 and "-tilting-" not in name]  # fmt: skip
 
