@@ -258,3 +258,19 @@ def test_results_of_one_title_are_told_apart(tmp_path: Path) -> None:
     page = page_in(plotted(tmp_path, first="One", second="One", paper="Other"))
     headings = re.findall("<h2>(.*?)</h2>", page.text)
     assert headings == ["Other", "One (first)", "One (second)"]
+
+
+def test_a_page_says_what_varies_in_a_sweep(tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text("""
+cases:
+  s:
+    {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 0.003],
+     initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 400},
+     sweep: {damping.0: {values: [0.004, 0.005]}, damping.2: {linspace: [0.001, 0.003, 3]}}}
+figures: {f: {kind: map, cases: s, variable: crossing_time, x: damping.0, y: damping.2}}
+""")
+    for command in ("run", "plot"):
+        done = call(tmp_path, command, "s.yaml")
+        assert done.returncode == 0, done.stderr
+    text = (tmp_path / "runs" / "figures" / "index.html").read_text(encoding="utf-8")
+    assert "2 values of damping.0; 3 values of damping.2" in text

@@ -11,6 +11,7 @@ from ..cases.case import Case
 from ..cases.claim_block import cases_of
 from ..cases.config import Config
 from ..cases.figure_block import DrawnFigure
+from ..cases.sweep_block import axes_of
 from ..models.rigid_body import LABELS
 from ..results.dataset import StoredCases, motion_from
 from ..results.motion import Motion
@@ -180,11 +181,13 @@ def case_entry(motion: Motion) -> Section:
 
 
 def parameters(case: Case) -> str:
-    """The data of a case in one line, without the keys that it leaves out."""
-    span = f"time {case.time.start:g} to {case.time.end:g}"
-    return "; ".join(
-        [*(f"{key} {_plain(value)}" for key, value in case.data.items() if value is not None), span]
-    )
+    """The data of a case in one line, without the keys that it leaves out; those of the first
+    member of a sweep, and what varies."""
+    words = [f"{key} {_plain(value)}" for key, value in case.data.items() if value is not None]
+    words.append(f"time {case.time.start:g} to {case.time.end:g}")
+    for axis in axes_of(case.sweep or {}):
+        words.append(f"{len(axis)} values of {' with '.join(axis.keys) or axis.name}")
+    return "; ".join(words)
 
 
 def _plain(value: Any, key: str = "") -> str:
