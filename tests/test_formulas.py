@@ -222,7 +222,7 @@ def torqued(formula: str, start: float, method: str) -> dict[str, Any]:
     return {
         "model": "torques", "inertia": A, "expression": [formula, "0", "0"], "method": method,
         "initial": dict(zip("pqr", START, strict=True)),
-        "time": {"start": start, "end": 20, "samples": 1001},
+        "time": {"start": start, "end": 20, "samples": 1001}, "error": "off",
     }  # fmt: skip
 
 
