@@ -85,9 +85,10 @@ class Torques(BodyUnderTorques):
     part of the equations. A brake brings G to 0 (event `stopped`): from there on omega is 0, or
     -A^-1 h, and no axis is enclosed. What has a corner where omega_i = 0 is integrated from one
     such moment to the next. With a rotor the hodograph goes round x1, x3, both, or neither
-    (`unseparated`): see `theory.gyrostat`. A formula may jump, have
-    corners or short pulses: steps are compared with the equations at 32,768 places of the span, and
-    begin anew on both sides of what they miss. What is shorter than that may be overlooked.
+    (`unseparated`): see `theory.gyrostat`. A formula may jump, have corners or short pulses: steps
+    are compared with the equations at 32,768 places of the span, and begin anew on both sides of
+    what they miss. What is shorter than that may be overlooked. A motion ends at a pole of a
+    formula.
 
     A torque along G, as of equal damping, equal quadratic drag or a brake, changes the clock of the
     free motion and not its path. Under constant damping, a constant brake, or both, the clock has a
