@@ -217,9 +217,12 @@ def test_a_scheduler_that_does_not_answer_is_bad_input(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: str
 ) -> None:
     monkeypatch.setattr("hodo_cli.batch.dask.CONNECT_SECONDS", 1)
+    (scratch := tmp_path / "scratch").mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(scratch))
     (tmp_path / "a.yaml").write_text(SWEEP.replace("COUNT", "6"), encoding="utf-8")
     done = call(tmp_path, "run", "a.yaml", "--scheduler", wrong)
     assert done.returncode == 2
     assert done.stderr.startswith(f"no dask scheduler answers at {wrong}: ")
     assert len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "runs").exists()
+    assert not [*scratch.iterdir()]

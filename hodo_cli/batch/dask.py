@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
+from contextlib import ExitStack
 from functools import partial
 from tempfile import TemporaryDirectory
 from threading import Thread
@@ -36,24 +37,26 @@ class Dask(Executor):
 
     def __init__(self, scheduler: str, workers: int) -> None:
         self._address = scheduler
-        self._scratch = TemporaryDirectory(ignore_cleanup_errors=True)
-        try:
-            import distributed
+        with ExitStack() as opened:
+            folder = opened.enter_context(TemporaryDirectory(ignore_cleanup_errors=True))
+            try:
+                import distributed
 
-            arguments = {"address": scheduler, "timeout": CONNECT_SECONDS}
-            if scheduler == "dask":
-                arguments = _of_this_machine(workers, self._scratch.name)
-        except ImportError:
-            raise BatchError(
-                "--scheduler needs dask, which is not installed: "
-                "pip install dask distributed cryptography"
-            ) from None
-        # dask logs with tracebacks what ends up as one line here.
-        for name in [name for name in logging.root.manager.loggerDict if "distributed" in name]:
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-        self._killed = distributed.KilledWorker
-        self._client = self._connected(partial(distributed.Client, **arguments))
-        self._inner = self._client.get_executor(pure=False)
+                arguments = {"address": scheduler, "timeout": CONNECT_SECONDS}
+                if scheduler == "dask":
+                    arguments = _of_this_machine(workers, folder)
+            except ImportError:
+                raise BatchError(
+                    "--scheduler needs dask, which is not installed: "
+                    "pip install dask distributed cryptography"
+                ) from None
+            # dask logs with tracebacks what ends up as one line here.
+            for name in [name for name in logging.root.manager.loggerDict if "distributed" in name]:
+                logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+            self._killed = distributed.KilledWorker
+            self._client = self._connected(partial(distributed.Client, **arguments))
+            self._inner = self._client.get_executor(pure=False)
+            self._opened = opened.pop_all()
 
     def _connected(self, connect: Callable[[], Any]) -> Any:
         """A client. What answers at an address may be any program: dask raises whatever that leads
@@ -104,7 +107,7 @@ class Dask(Executor):
         """Leave the scheduler; a cluster of this machine ends."""
         self._inner.shutdown(wait=wait and not cancel_futures)
         self._client.close()
-        self._scratch.cleanup()
+        self._opened.close()
 
 
 def _of_this_machine(workers: int, scratch: str) -> dict[str, Any]:
