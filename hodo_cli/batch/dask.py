@@ -38,13 +38,13 @@ class Dask(Executor):
     def __init__(self, scheduler: str, workers: int) -> None:
         self._address = scheduler
         with ExitStack() as opened:
-            folder = opened.enter_context(TemporaryDirectory(ignore_cleanup_errors=True))
             try:
                 import distributed
 
                 arguments = {"address": scheduler, "timeout": CONNECT_SECONDS}
                 if scheduler == "dask":
-                    arguments = _of_this_machine(workers, folder)
+                    scratch = TemporaryDirectory(ignore_cleanup_errors=True)
+                    arguments = _of_this_machine(workers, opened.enter_context(scratch))
             except ImportError:
                 raise BatchError(
                     "--scheduler needs dask, which is not installed: "

@@ -261,8 +261,7 @@ def check_axes(
         yield from within(("sweep", axis.name), _check_axis(axis, axes, model))
         for key, (key_path, value_range) in zip(axis.keys, axis.ranges, strict=True):
             zipped = ("zip", key) if "zip" in sweep[axis.name] else ()
-            mistakes = [*_check_range(value_range, key, keys_of_form(model), data)]
-            mistakes = mistakes or [*_check_left_out(value_range, key, model, data)]
+            mistakes = [*_check_range(value_range, key, model, data)]
             for known in (known for known in swept if known[: len(key_path)] == key_path):
                 hint = "" if known == key_path else f"; an axis of all of {key} goes before it"
                 name = ".".join(map(str, known))
@@ -302,10 +301,11 @@ def _check_axis(axis: Axis, axes: Sequence[Axis], model: type[Model]) -> Iterato
 
 
 def _check_range(
-    value_range: Mapping[str, Any], key: str, keys: Mapping[str, Key], data: Any
+    value_range: Mapping[str, Any], key: str, model: type[Model], data: Any
 ) -> Iterator[Mistake]:
-    """The mistakes of one range: its key is not there or takes no number, or does not take some of
-    the values."""
+    """The mistakes of one range: its key is not there or takes no number, does not take some of the
+    values, or is left out by the case since others say as much."""
+    keys = keys_of_form(model)
     declared, value = _declared(key, keys, data)
     if declared is None:
         yield (), _no_such_number(key, keys, data)
@@ -317,20 +317,12 @@ def _check_range(
         return
     ((word, span),) = value_range.items()
     values = span if word == "values" else span[:2]  # a span ends with the number of values
-    if not isinstance(inner, Angle) and any(isinstance(item, InDegrees) for item in values):
+    has_angle = any(isinstance(item, InDegrees) for item in values)
+    if is_misfit := has_angle and not isinstance(inner, Angle):
         yield (word,), "expected numbers, got an angle in degrees"
     _, mistakes = check_parts((i, declared, item) for i, item in enumerate(values))
     yield from within((word,), mistakes)
-
-
-def _check_left_out(
-    value_range: Mapping[str, Any], key: str, model: type[Model], data: Any
-) -> Iterator[Mistake]:
-    """The mistakes of a case that a swept key has no place in: it leaves the key out, since others
-    say as much."""
-    _, value = _declared(key, keys_of_form(model), data)
-    if value is None:
-        (span,) = value_range.values()
+    if value is None and not (mistakes or is_misfit):
         model_data = {name: data[name] for name in model.keys if name in data}
         first = put(model_data, path_of(key), span[0])
         yield from (((), sentence) for _, sentence in model.check(first))

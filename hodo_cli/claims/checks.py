@@ -380,7 +380,7 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
     spreads = zip(means[len(at) :], check["along"], strict=True)
     words = [f"{name} = {listed(means[: len(at)], 4)}"] if at else []
     words += [f"varies by {spread:.3g} along {along}" for spread, along in spreads]
-    positions = (*at, *({} for _ in check["along"]))
+    positions = (*at, {}) if check["along"] else at
     for lacking, total in {swept.left_out(name, position) for position in positions}:
         words += [f"{lacking} of {total} members have none"] if lacking else []
     return Finding(
