@@ -15,8 +15,8 @@ from conftest import exact_motion
 from hodo_cli import Case, HodoError, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.engines import protocol
+from hodo_cli.engines.units import Clock
 from hodo_cli.integration import Trajectory, choice, integrate, motion_remarks, solve
-from hodo_cli.integration.units import Clock
 from hodo_cli.models import base
 
 pytestmark = pytest.mark.engines

@@ -166,12 +166,14 @@ class StepControl:
                 Status.TIMEOUT,
                 f"max_steps: stopped after {self.steps} steps; max_steps in the case allows more",
             )
-        if perf_counter() > self.deadline:
-            return self.give_up(
-                Status.TIMEOUT, f"max_seconds: stopped after {self.max_seconds:g} s"
-            )
         self._next_check = min(self.steps + 64, self.max_steps)
-        return True
+        return self.has_time()
+
+    def has_time(self) -> bool:
+        """Whether there are seconds left; a motion without is given up."""
+        if perf_counter() <= self.deadline:
+            return True
+        return self.give_up(Status.TIMEOUT, f"max_seconds: stopped after {self.max_seconds:g} s")
 
     def give_up(self, status: Status, message: str) -> bool:
         """Record that the motion ends here, and why."""

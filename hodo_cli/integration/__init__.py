@@ -25,7 +25,6 @@ from .error import (
 from .integrate import ERROR_LIMIT_ASKED, excess_remark, integrate, motion_remarks, solved
 from .solve import refined, sample_times, solve
 from .trajectory import Occurrence, Trajectory
-from .units import TimeWindow, Units, clock_rates, is_falling
 
 __all__ = [
     "AUTOMATIC",
@@ -38,15 +37,12 @@ __all__ = [
     "Classification",
     "Crossing",
     "Occurrence",
-    "TimeWindow",
     "Trajectory",
-    "Units",
     "at_rest",
     "best",
     "body_of",
     "choose",
     "classify",
-    "clock_rates",
     "comparable_lengths",
     "cross",
     "error_of_variable",
@@ -55,7 +51,6 @@ __all__ = [
     "excess_remark",
     "has_turned",
     "integrate",
-    "is_falling",
     "label_at_start",
     "motion_remarks",
     "principal_omega",

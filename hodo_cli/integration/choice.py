@@ -7,10 +7,10 @@ import numpy as np
 
 from .. import HodoError, engines
 from ..cases.case import Case
+from ..engines.units import TimeWindow, Units, is_timed, units_at_start
 from ..models.base import Model, attributes, jacobian, rescaled
 from .solve import solve
 from .trajectory import Trajectory
-from .units import TimeWindow, Units, is_timed, units_at_start
 
 AUTOMATIC = ("exact", "taylor", "collocation")
 """The methods that `auto` takes: those that are right to the last digits."""

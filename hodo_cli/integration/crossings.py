@@ -20,12 +20,12 @@ from ..cases.case import Case
 from ..engines import extended
 from ..engines.polynomial import bernstein_coefficients, isolate, rounding, values_and_slopes
 from ..engines.protocol import EPS
+from ..engines.units import Units
 from ..models import rigid_body
 from ..models.base import Event, Model, rescaled
 from ..models.rigid_body import UNDETERMINED, UNSEPARATED, BodyFrame, inertia_order, margin
 from ..models.theory.gyrostat import region_of
 from .driver import StepBuffer
-from .units import Units
 
 CERTAIN_ERRORS = 8.0
 """D counts where its margin is so many times the error of the state. The error can shift the margin

@@ -2,7 +2,6 @@
 every moment."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,6 +9,16 @@ import numpy as np
 
 from ..engines import extended
 from ..engines.protocol import Engine, EventRoot, Status, StepControl, uneven
+from ..engines.units import (
+    AbsoluteClock,
+    Clock,
+    TimeWindow,
+    Units,
+    is_falling,
+    is_timed,
+    longest_step,
+    units_at_start,
+)
 from ..models.base import (
     Event,
     EventOutcome,
@@ -21,16 +30,6 @@ from ..models.base import (
     state_powers,
 )
 from .trajectory import Occurrence
-from .units import (
-    AbsoluteClock,
-    Clock,
-    TimeWindow,
-    Units,
-    is_falling,
-    is_timed,
-    longest_step,
-    units_at_start,
-)
 
 SAMPLES_AT_ONCE = 1 << 16
 """Samples handed to an engine at once."""
@@ -72,14 +71,13 @@ class SampleBuffer:
         """Whether all samples are known."""
         return self.done == len(self.time)
 
-    def fill(self, until: float, state: np.ndarray, size: int, rates: Sequence[float] = ()) -> None:
-        """Enter one state (m,) at all further times up to one, in units of 2**size; with rates
-        (m,), those states that they lead from to it."""
-        last = max(int(np.searchsorted(self.time, until, side="right")), self.done)
-        states = np.broadcast_to(state, (last - self.done, len(state)))
-        if rates:
-            states = states + np.multiply.outer(self.time[self.done : last] - until, rates)
-        self.add(states, size)
+    def ahead(self, until: float) -> np.ndarray:
+        """The times (k,) of the next samples, up to one."""
+        return self.time[self.done : np.searchsorted(self.time, until, side="right")]
+
+    def fill(self, until: float, state: np.ndarray, size: int) -> None:
+        """Enter one state (m,) at all further times up to one, in units of 2**size."""
+        self.add(np.broadcast_to(state, (len(self.ahead(until)), len(state))), size)
 
     def end(self, time: float, state: np.ndarray, size: int) -> None:
         """Put the state (m,) in which the motion ends behind the known samples, as the last one."""
@@ -226,9 +224,8 @@ class Propagation:
             stacked(self.system.rhs(t, [*y], k), y) * fp(clock.factor)
             for t in (clock.exact(fp(0)) if clock.until(at) > 0 else end, end)
         )
-        ahead = self.samples.time[self.samples.done :]
         # From now to each sample on the way and to the end, and the part of it before the change.
-        elapsed = clock.until(np.append(ahead[ahead <= float(end)].astype(fp), end))
+        elapsed = clock.until(np.append(self.samples.ahead(float(end)).astype(fp), end))
         change = max(clock.until(at), fp(0))
         earlier = np.minimum(elapsed, change)
         states = y + np.outer(earlier, before) + np.outer(elapsed - earlier, behind)
@@ -262,13 +259,12 @@ class Propagation:
             if self.is_uneven
             else math.inf
         )
-        self.control.is_over, evaluations = False, self.control.evaluations
+        self.control.is_over = False
         self.observer.begin(self.engine, clock, units)
         k = k | clock.constants if self.is_timed else k
         stretch = self.engine.integrate(k, self.y, grid, self.control)
         self.observer.flush()
         if self.observer.change is not None:
-            self.control.evaluations = evaluations
             self.restarts = in_precision(self.observer.change[None], self.engine.dtype)
             return int(units.size)
         samples.events += [
@@ -301,8 +297,8 @@ class Propagation:
             self.clock.restart(fp(outcome.onward))
             # The samples that the passage skips.
             is_moving = self.y[self.moving].any() or not self.model.degree
-            onward, size_behind = float(outcome.onward), 0 if is_moving else -REST_BITS
-            self.samples.fill(onward, self.y, size_behind, outcome.rates)
+            skipped = outcome.states(self.samples.ahead(float(outcome.onward)), fp)
+            self.samples.add(skipped, 0 if is_moving else -REST_BITS)
         return size
 
     def change_units(self, size: int) -> None:

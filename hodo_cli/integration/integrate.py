@@ -12,7 +12,8 @@ from ..models.base import Model
 from ..text import to_error
 from .choice import choose
 from .error import with_measured_error
-from .solve import POLE, solve, step_times, with_seconds_left
+from .solve import solve, step_times, with_seconds_left
+from .step_checks import POLE
 from .trajectory import Trajectory
 
 ERROR_LIMIT_ASKED = 1e-12

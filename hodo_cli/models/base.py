@@ -55,6 +55,13 @@ class EventOutcome(NamedTuple):
     onward: Any = None
     rates: Sequence[float] = ()
 
+    def states(self, times: Any, fp: Any = float) -> np.ndarray:
+        """The states (..., m) at times (...) from the event to `onward`, in a precision."""
+        state = np.array(self.state, dtype=fp)
+        if self.rates:
+            return np.asarray(state + np.multiply.outer(times - self.onward, self.rates))
+        return np.broadcast_to(state, (*np.shape(times), len(state)))
+
 
 Passage = Callable[[Any, Sequence[Any], Any], EventOutcome]
 

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder
 
 from ...arithmetic import horner
-from ...integration import REST_BITS, at_rest, clock_rates, time_to_zero
+from ...engines.units import clock_rates
+from ...integration import REST_BITS, at_rest, time_to_zero
 from ...models.base import Event, moving
 from ...models.rigid_body import UNDETERMINED
 from .batch import STEPS_PER_PAUSE, BatchState

@@ -4,7 +4,8 @@ import numpy as np
 
 from ...engines.polynomial import TAYLOR, rounding
 from ...engines.protocol import uneven
-from ...integration import MIN_STIFF_STEPS, Occurrence, TimeWindow, Units
+from ...engines.units import TimeWindow, Units
+from ...integration import MIN_STIFF_STEPS, Occurrence
 from ...models.base import Event, moving, namespace, rescaled
 from .motions import (
     Columns,
@@ -217,9 +218,7 @@ class BatchState:
             occurrence = Occurrence(event.kind, passage.time, passage.details)
             self.outcome.events.setdefault(motion, []).append(occurrence)
         onward = end if passage.onward is None else float(passage.onward)
-        columns.state[:, column] = passage.state
-        if passage.rates and onward > end:
-            columns.state[:, column] += np.multiply(passage.rates, end - onward)
+        columns.state[:, column] = passage.states(min(onward, end))
         columns.clock[:2, column] = exact_difference(end, min(onward, end))
         return onward >= end
 

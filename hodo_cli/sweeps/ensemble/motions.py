@@ -11,7 +11,8 @@ import numpy as np
 
 from ...engines.polynomial import TAYLOR, Zeros, isolate, to_bernstein
 from ...engines.protocol import Coded
-from ...integration import Occurrence, is_falling
+from ...engines.units import is_falling
+from ...integration import Occurrence
 from ...models.base import (
     UNIT,
     VELOCITY,

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engines import extended
 from ..models.base import (
     START,
     UNIT,
@@ -26,6 +25,7 @@ from ..models.base import (
     state_powers,
     structure,
 )
+from . import extended
 
 SLOWEST_EXPONENT = -1000
 """The binary order of magnitude below which a unit of time grows no longer: 2**-1000 of the
