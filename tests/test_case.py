@@ -1141,6 +1141,11 @@ def test_the_key_tables_have_every_key_of_each_group() -> None:
     assert {"initial.p", "resistance.diagonal"} <= set(named["Model `tensor`"])
     assert "| `damping` | 3 numbers or one for all |" in groups["Model `linear-diag`"]
     assert "`perturbation` (form full, averaged-quadrature)" in groups["Model `Lagrange-averaged`"]
+    law = {"value", "rate", "exponent", "coefficients"}
+    assert set(named["A law of t, or of tau"]) == law  # once, and not for each coefficient
+    assert not any(
+        key.endswith(tuple(f".{part}" for part in law)) for key in named["Model `torques`"]
+    )
     assert set(named["Check `crossings`"]) == {
         f"check.{key}" for key in ("least", "most", "from", "to")
     }

@@ -9,6 +9,7 @@ from typing import Any
 from .. import models
 from ..models.attitude import keys_of_form
 from ..models.base import Model
+from ..models.terms.laws import law_mapping
 from ..schema import kinds
 from ..schema.document import write
 from ..schema.kinds import Choice, Either, Key, ListOf, Table, Variant
@@ -28,13 +29,17 @@ def _default(key: Key) -> str:
     return "" if key.default is None else f"`{write(key.kind.written(key.default))}`"
 
 
+TIME_LAW = law_mapping("of the coefficient", "t")
+
+
 def _within(key: Key) -> Iterator[tuple[str, Mapping[str, Key]]]:
-    """The keys inside a key's value, each set with the words that choose it."""
+    """The keys inside a key's value, each set with the words that choose it; not those of a law,
+    which a dozen keys have in common and a table of its own gives once."""
     for kind in key.kind.kinds if isinstance(key.kind, Either) else (key.kind,):
         inner = kind.kind if isinstance(kind, ListOf) else kind
         if isinstance(inner, Table):
             yield "", inner.keys
-        elif isinstance(kind, Variant):
+        elif isinstance(kind, Variant) and kind.tag != TIME_LAW.tag:
             yield from ((f" ({kind.tag}: {name})", keys) for name, keys in kind.tables.items())
 
 
@@ -72,6 +77,11 @@ def _cases() -> Groups:
         head = {"form": keys_of_first["form"]}
         tables = [_table({**head, **keys_of_form(form)}) for form in forms.values()]
         yield f"Model `{model}`", _model(list(forms), tables)
+    laws = ((f" ({TIME_LAW.tag}: {name})", keys) for name, keys in TIME_LAW.tables.items())
+    rows = [
+        row for words, keys in laws for name, key in keys.items() for row in _rows(name, key, words)
+    ]
+    yield "A law of t, or of tau", rows
 
 
 def _figures() -> Groups:
