@@ -47,14 +47,14 @@ torques make of it in a moment."""
 
 @dataclass(frozen=True)
 class Units:
-    """omega = 2**size W and s = 2**rate (t - origin), for one motion or for arrays of them (n,).
+    """omega = 2**exponent W and s = 2**rate (t - origin), for one motion or for arrays (n,).
 
     The series of an engine controls its error against max(1, |y|), so a motion far below 1 would be
     right only absolutely. With W near 1, and a unit of time in which nothing is faster than 1, it
     is right relatively at every scale. Powers of two make the change of units exact.
     """
 
-    size: Any = 0
+    exponent: Any = 0
     rate: Any = 0
 
     @classmethod
@@ -63,58 +63,61 @@ class Units:
         model: type[Model],
         k: Mapping[str, Any],
         y: np.ndarray,
-        size: Any = 0,
+        exponent: Any = 0,
         moment: TimeWindow | None = None,
         falling: Any = False,
     ) -> "Units":
-        """The units for a model at the state `y` (m,) or (m, n), itself in units of 2**size, and at
-        a moment if its equations contain the time; of a `falling` motion those of its state alone.
+        """The units for a model at the state `y` (m,) or (m, n), itself in units of 2**exponent,
+        and at a moment if its equations contain the time; of a `falling` motion those of its state
+        alone.
         """
         if not model.degree:
             return cls(0, int(clock_rates(model, attributes(k), y)))
         orders = orders_of_constants(model, k)
         t = moment.time if moment else 0.0
-        units = cls.of_size(model, orders, size_to_fit(model, orders, y, size, falling))
-        speed, turn = units.speeds(model, k, y, size, t)
-        if (units.least_size(speed, turn) > units.size).any():
+        units = cls.of_exponent(
+            model, orders, fitting_exponent(model, orders, y, exponent, falling)
+        )
+        speed, turn = units.speeds(model, k, y, exponent, t)
+        if (units.least_exponent(speed, turn) > units.exponent).any():
             # Of the torque alone: what is in proportion to the motion vanishes with it.
             at_rest = y.copy()
             at_rest[moving(model)] = 0
             with np.errstate(all="ignore"):  # a brake has no direction at rest
-                forced, _ = units.speeds(model, k, at_rest, size, t)
-            least = units.least_size(forced, turn)
-            units = cls.of_size(model, orders, np.fmax(units.size, least))
-            speed, turn = units.speeds(model, k, y, size, t)
+                forced, _ = units.speeds(model, k, at_rest, exponent, t)
+            least = units.least_exponent(forced, turn)
+            units = cls.of_exponent(model, orders, np.fmax(units.exponent, least))
+            speed, turn = units.speeds(model, k, y, exponent, t)
         # The bound of the rates may be far too fast: a body that turns steadily about an axis needs
         # no steps.
         slower = np.frexp(np.where(speed > 0, np.maximum(speed, turn), 0.0))[1]
         rate = units.rate + np.maximum(slower, SLOWEST_EXPONENT)
         if moment:  # what is slow now may hang on a law of time that soon changes
             rate = np.maximum(rate, -np.frexp(moment.span)[1])
-        return cls(units.size, rate)
+        return cls(units.exponent, rate)
 
     @classmethod
-    def of_size(cls, model: type[Model], orders: Mapping[str, Any], size: Any) -> "Units":
-        """The units of omega 2**size, whose time is short for all that the constants of a model,
-        of these binary orders of magnitude, may do."""
-        rate = size
+    def of_exponent(cls, model: type[Model], orders: Mapping[str, Any], exponent: Any) -> "Units":
+        """The units of omega 2**exponent, whose time is short for all that the constants of a
+        model, of these binary orders of magnitude, may do."""
+        rate = exponent
         for name, degree in model.degree.items():
-            if name != "g":  # the gyroscopic terms are of rate |omega|, which is 2**size
-                rate = np.maximum(rate, orders[name] + (degree - 1) * size)
+            if name != "g":  # the gyroscopic terms are of rate |omega|, which is 2**exponent
+                rate = np.maximum(rate, orders[name] + (degree - 1) * exponent)
         # Of C's int, because ldexp takes ten times as long by a wider one.
-        return cls(np.asarray(size).astype(np.intc)[()], np.ceil(rate).astype(np.intc)[()])
+        return cls(np.asarray(exponent).astype(np.intc)[()], np.ceil(rate).astype(np.intc)[()])
 
     def speeds(
-        self, model: type[Model], k: Mapping[str, Any], y: np.ndarray, size: Any, t: Any
+        self, model: type[Model], k: Mapping[str, Any], y: np.ndarray, exponent: Any, t: Any
     ) -> tuple[np.ndarray, np.ndarray]:
         """How fast motions at the time t, and their derivatives, change in these units, at a state
-        y in units of 2**size; 0 where they do not.
+        y in units of 2**exponent; 0 where they do not.
 
         A steady rotation about an axis is not fast however large it is. A series in a unit of time
         that is 1e15 times too short has coefficients of 0.
         """
         scaled = SimpleNamespace(**self.constants(model, k))
-        y = rescaled(model, y.T, size - self.size).T
+        y = rescaled(model, y.T, exponent - self.exponent).T
         rate = np.array(np.broadcast_arrays(*model.rhs(t, [*y], scaled)))
         speed = np.abs(rate).max(axis=0)
         along = np.divide(rate, speed, out=np.zeros_like(rate), where=speed > 0)
@@ -124,7 +127,7 @@ class Units:
         return speed, np.abs(second.imag / 1e-100).max(axis=0)
 
     @np.errstate(all="ignore")
-    def least_size(self, speed: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    def least_exponent(self, speed: np.ndarray, turn: np.ndarray) -> np.ndarray:
         """The binary order of magnitude of omega below which a motion passes through 0, where
         torques make so much of it in a moment.
 
@@ -132,16 +135,16 @@ class Units:
         time would leave the range of doubles.
         """
         order = np.log2(speed)
-        reached = np.fmin(order - np.log2(turn), (order + self.rate - self.size) / 2)
-        return np.asarray(self.size + np.ceil(reached) - PASSING_BITS)
+        reached = np.fmin(order - np.log2(turn), (order + self.rate - self.exponent) / 2)
+        return np.asarray(self.exponent + np.ceil(reached) - PASSING_BITS)
 
     def constants(self, model: type[Model], k: Mapping[str, Any]) -> dict[str, Any]:
         """The constants of the equations in these units."""
         scaled = {
-            name: in_unit(k[name], (degree - 1) * self.size - self.rate)
+            name: in_unit(k[name], (degree - 1) * self.exponent - self.rate)
             for name, degree in model.degree.items()
         }
-        units = {VELOCITY: self.size, UNIT: -self.rate}
+        units = {VELOCITY: self.exponent, UNIT: -self.rate}
         return {**k} | scaled | {name: np.ldexp(1.0, units[name]) for name in units if name in k}
 
 
@@ -153,12 +156,12 @@ def orders_of_constants(model: type[Model], k: Mapping[str, Any]) -> dict[str, A
         return {name: np.log2(largest_of(k[name])) - lightest for name in model.degree}
 
 
-def size_to_fit(
-    model: type[Model], orders: Mapping[str, Any], y: np.ndarray, size: Any, falling: Any
+def fitting_exponent(
+    model: type[Model], orders: Mapping[str, Any], y: np.ndarray, exponent: Any, falling: Any
 ) -> Any:
     """The binary order of magnitude (...) of the unit of omega that fits states y, in units of
-    2**size, and what torques make of them; of a `falling` motion the state alone counts."""
-    of_state = order_of_magnitude(model, y) + size
+    2**exponent, and what torques make of them; of a `falling` motion the state alone counts."""
+    of_state = order_of_magnitude(model, y) + exponent
     by_torques = np.maximum(of_state, order_by_torques(model, orders))
     fitting = np.where(falling & (of_state > -np.inf), of_state, by_torques)
     return np.where(np.isfinite(fitting), fitting, 0)  # neither motion nor torque: any unit serves

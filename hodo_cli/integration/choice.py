@@ -82,21 +82,21 @@ def taylor_steps(case: Case, path: Trajectory | None = None) -> float:
         ]
     else:
         end, rates = float(path.time[-1]), []
-        for t, state, size in zip(
+        for t, state, exponent in zip(
             path.time.tolist(), path.state.astype(float), path.exponent.tolist(), strict=True
         ):
             moment = None if span is None else TimeWindow(t, span)
-            units = Units.fit(type(system), system.constants, state, size, moment)
-            rates.append(fastest_rate(system, t, state, size, units))
+            units = Units.fit(type(system), system.constants, state, exponent, moment)
+            rates.append(fastest_rate(system, t, state, exponent, units))
     # A Taylor step at full precision covers some 8 units of the fastest rate: right to 25 % for a
     # stiff motion, for which it decides, and a third of the steps that others take.
     return float(np.mean(rates) * (end - case.time.start)) / 8
 
 
-def fastest_rate(system: Model, t: float, state: np.ndarray, size: int, units: Units) -> float:
-    """The fastest rate in a state (m,), in units of omega of 2**size, by the units that fit it."""
+def fastest_rate(system: Model, t: float, state: np.ndarray, exponent: int, units: Units) -> float:
+    """The fastest rate in a state (m,), in units of omega of 2**exponent, by units that fit it."""
     model, k = type(system), attributes(units.constants(type(system), system.constants))
-    y = rescaled(model, state, size - units.size)
+    y = rescaled(model, state, exponent - units.exponent)
     slopes, moving = jacobian(model, k, t, y), np.array(model.rhs(t, [*y], k), dtype=float) != 0
     # A variable that keeps its value, such as a side, moves no other, however much hangs on it.
     slopes[:, ~moving & ~slopes.any(axis=1)] = 0

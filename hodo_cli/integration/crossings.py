@@ -212,23 +212,28 @@ class CrossingSearch(StepBuffer):
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = change / (scale * np.sqrt(np.square(omega).sum(axis=1)))
         momentum = np.sqrt(np.square(rigid_body.angular_momentum(A, omega)).sum(axis=1))
-        momentum = np.ldexp(momentum.astype(float), self.units.size)
+        momentum = np.ldexp(momentum.astype(float), self.units.exponent)
         margin, label = sides_of(self.body, omega)
         return StepView(label, margin, momentum, rate)
 
 
 @np.errstate(all="ignore")
 def time_to_zero(
-    event: Event, model: type[Model], k: Mapping[str, Any], t: Any, y: np.ndarray, size: np.ndarray
+    event: Event,
+    model: type[Model],
+    k: Mapping[str, Any],
+    t: Any,
+    y: np.ndarray,
+    exponent: np.ndarray,
 ) -> np.ndarray:
     """How far from a zero of an event's function motions are (n,) in time, at states y (m, n) in
-    units of 2**size (n,) at the time t: |D / (dD/dt)|, a step of Newton's method.
+    units of 2**exponent (n,) at the time t: |D / (dD/dt)|, a step of Newton's method.
 
     It is infinite where D is at rest beside 0. The precision of D is that of y.
     """
     # In units that fit: the rates of a motion at 1e-160 are below the smallest double.
-    units = Units.fit(model, k, y.astype(float), size)
-    scaled = rescaled(model, y.T, size - units.size).T
+    units = Units.fit(model, k, y.astype(float), exponent)
+    scaled = rescaled(model, y.T, exponent - units.exponent).T
     constants = SimpleNamespace(**units.constants(model, k))
     rates = np.array(np.broadcast_arrays(*model.rhs(t, [*scaled.astype(float)], constants)))
     # The derivative by a complex step, for which the rates may be of any size.
@@ -402,7 +407,7 @@ class RegionSearch(CrossingSearch):
         """The motion at places x (k,) in steps with Bernstein coefficients b (n, 3, degree + 1)."""
         # A rotor has a momentum of its own, so that nothing is homogeneous in omega.
         motion = values_and_slopes(b[row], x[:, None])
-        w, change = (np.ldexp(values[:, :, 0], self.units.size) for values in motion)
+        w, change = (np.ldexp(values[:, :, 0], self.units.exponent) for values in motion)
         A, h = self.A.astype(b.dtype), np.asarray(self.body.rotor_momentum, dtype=b.dtype)
         region = region_of(A, h, w)
         slope = (region.gradient * change[:, None]).sum(-1)

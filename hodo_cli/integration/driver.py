@@ -60,10 +60,10 @@ class SampleBuffer:
     done: int = 0
     events: list[Occurrence] = field(default_factory=list)
 
-    def add(self, states: np.ndarray, size: int | np.ndarray) -> None:
-        """Enter the states at the next times, in units of 2**size."""
+    def add(self, states: np.ndarray, exponent: int | np.ndarray) -> None:
+        """Enter the states at the next times, in units of 2**exponent."""
         new = slice(self.done, self.done + len(states))
-        self.state[new], self.exponent[new] = states, size
+        self.state[new], self.exponent[new] = states, exponent
         self.done += len(states)
 
     @property
@@ -75,16 +75,16 @@ class SampleBuffer:
         """The times (k,) of the next samples, up to one."""
         return self.time[self.done : np.searchsorted(self.time, until, side="right")]
 
-    def fill(self, until: float, state: np.ndarray, size: int) -> None:
-        """Enter one state (m,) at all further times up to one, in units of 2**size."""
-        self.add(np.broadcast_to(state, (len(self.ahead(until)), len(state))), size)
+    def fill(self, until: float, state: np.ndarray, exponent: int) -> None:
+        """Enter one state (m,) at all further times up to one, in units of 2**exponent."""
+        self.add(np.broadcast_to(state, (len(self.ahead(until)), len(state))), exponent)
 
-    def end(self, time: float, state: np.ndarray, size: int) -> None:
+    def end(self, time: float, state: np.ndarray, exponent: int) -> None:
         """Put the state (m,) in which the motion ends behind the known samples, as the last one."""
         known = slice(self.done)
         self.time = np.append(self.time[known], time)
         self.state = np.concatenate((self.state[known], state[None]))
-        self.exponent = np.append(self.exponent[known], size)
+        self.exponent = np.append(self.exponent[known], exponent)
         self.done += 1
 
 
@@ -172,11 +172,11 @@ class Propagation:
         self.clock = kind(fp(self.start), fp(0))
         self.units = units_at_start(system, self.window)
         exact = system.extended_start if fp is np.longdouble else np.array(system.start)
-        self.y = rescaled(self.model, exact, -self.units.size).astype(fp)
+        self.y = rescaled(self.model, exact, -self.units.exponent).astype(fp)
         # Of C's int, because ldexp takes four times as long by a wider one.
         exponent = np.empty(len(times), dtype=np.intc)
         self.samples = SampleBuffer(times, np.empty((len(times), len(exact)), dtype=fp), exponent)
-        self.samples.fill(self.start, self.y, self.units.size)
+        self.samples.fill(self.start, self.y, self.units.exponent)
         # Whether small components may need shorter steps, see `longest_step`: not those of a model
         # without degrees on a clock of its own, whose phase is far smaller than all else.
         self.is_uneven = bool(self.model.degree) or not self.is_timed
@@ -209,9 +209,9 @@ class Propagation:
             if len(self.restarts) and self.clock.until(self.restarts[0, 0]) <= 0:
                 self.go_straight_on(*self.restarts[0, 1:])
             else:
-                size = self.integrate()
+                exponent = self.integrate()
                 if self.observer.change is None:
-                    self.change_units(size)
+                    self.change_units(exponent)
         return self.samples
 
     def go_straight_on(self, at: Any, end: Any) -> None:
@@ -232,7 +232,7 @@ class Propagation:
         if not np.isfinite(states.astype(float)).all():
             self.control.give_up(Status.FAILED, "the state became infinite or not a number")
             return
-        self.samples.add(states[:-1], self.units.size)
+        self.samples.add(states[:-1], self.units.exponent)
         self.y = states[-1]
         for event in self.events:
             if event.sign is not None and event.function(end, [*self.y], k) < 0:
@@ -266,57 +266,57 @@ class Propagation:
         self.observer.flush()
         if self.observer.change is not None:
             self.restarts = in_precision(self.observer.change[None], self.engine.dtype)
-            return int(units.size)
+            return int(units.exponent)
         samples.events += [
             Occurrence(self.events[root.event].kind, clock.true(root.time))
             for root in stretch.roots
         ]
         # The first row is where it began, and one behind the samples is at a restart.
-        samples.add(stretch.rows[1 : len(block) + 1], units.size)
+        samples.add(stretch.rows[1 : len(block) + 1], units.exponent)
         if stretch.stop:
             return self.pass_event(stretch.stop)
         clock.advance(stretch.time)
         self.y = stretch.state
-        return int(units.size)
+        return int(units.exponent)
 
     def pass_event(self, root: EventRoot) -> int:
         """Go on behind a terminal event, or end there; the exponent of the unit of omega in which
         the state is then."""
-        event, size, fp = self.events[root.event], int(self.units.size), self.engine.dtype
+        event, exponent, fp = self.events[root.event], int(self.units.exponent), self.engine.dtype
         outcome = EventOutcome(self.clock.true(root.time), {}, [*root.state])
         if event.passage:
-            state, size = scaled_by(self.model, root.state, size), 0
+            state, exponent = scaled_by(self.model, root.state, exponent), 0
             numbers = attributes(self.system.constants, fp)
             outcome = event.passage(self.clock.exact(root.time), [*state], numbers)
         if outcome.details is not None:
             self.samples.events.append(Occurrence(event.kind, outcome.time, outcome.details))
         self.y = np.array(outcome.state, dtype=fp)
         if outcome.onward is None:
-            self.samples.end(outcome.time, self.y, size)
+            self.samples.end(outcome.time, self.y, exponent)
         else:
             self.clock.restart(fp(outcome.onward))
             # The samples that the passage skips.
             is_moving = self.y[self.moving].any() or not self.model.degree
             skipped = outcome.states(self.samples.ahead(float(outcome.onward)), fp)
             self.samples.add(skipped, 0 if is_moving else -REST_BITS)
-        return size
+        return exponent
 
-    def change_units(self, size: int) -> None:
-        """Give the state, in units of omega of 2**size, units that fit it. The motion ends where it
-        comes to rest, or exceeds the largest number."""
-        # Behind the last sample they would tell only whether the motion exceeds all numbers.
-        is_over = self.samples.is_complete and size < LARGEST_EXPONENT // 2
+    def change_units(self, exponent: int) -> None:
+        """Give the state, in units of omega of 2**exponent, units that fit it. The motion ends where
+        it comes to rest, or exceeds the largest number."""
+        # Behind the last sample new units would tell only whether the motion exceeds all numbers.
+        is_over = self.samples.is_complete and exponent < LARGEST_EXPONENT // 2
         if is_over or not self.model.degree:
             return
         state, k = self.y.astype(float), self.system.constants
-        self.units = Units.fit(self.model, k, state, size, self.window, self.is_falling)
-        if self.units.size < -REST_BITS:
+        self.units = Units.fit(self.model, k, state, exponent, self.window, self.is_falling)
+        if self.units.exponent < -REST_BITS:
             at_rest = np.where(state_powers(self.model), 0, self.y)
             self.samples.fill(math.inf, at_rest, -REST_BITS)
-        elif self.units.size > LARGEST_EXPONENT:
+        elif self.units.exponent > LARGEST_EXPONENT:
             time = self.clock.true(self.engine.dtype(0))
             self.control.give_up(Status.FAILED, f"{OVERFLOW_MESSAGE} at {time:.6g}")
-        self.y = scaled_by(self.model, self.y, size - self.units.size)
+        self.y = scaled_by(self.model, self.y, exponent - self.units.exponent)
 
 
 def in_precision(values: np.ndarray, fp: Any) -> np.ndarray:
@@ -325,9 +325,9 @@ def in_precision(values: np.ndarray, fp: Any) -> np.ndarray:
     return np.asarray(high.astype(fp) + (values - high).astype(float).astype(fp))
 
 
-def scaled_by(model: type[Model], y: np.ndarray, size: int) -> np.ndarray:
-    """A state (m,) in units of omega that are 2**size times as small, in any precision."""
-    factors = [2.0 ** (size * power) for power in state_powers(model).tolist()]
+def scaled_by(model: type[Model], y: np.ndarray, exponent: int) -> np.ndarray:
+    """A state (m,) in units of omega that are 2**exponent times as small, in any precision."""
+    factors = [2.0 ** (exponent * power) for power in state_powers(model).tolist()]
     return np.asarray(y * np.array(factors).astype(y.dtype))
 
 

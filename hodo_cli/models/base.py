@@ -382,11 +382,11 @@ def state_powers(model: type[Model]) -> np.ndarray:
     return np.array(powers, dtype=np.intc)
 
 
-def rescaled(model: type[Model], y: np.ndarray, size: Any) -> np.ndarray:
-    """States (..., m) in units of omega that are 2**size (...) times as small: as they are where
-    `size` is that of their own units."""
+def rescaled(model: type[Model], y: np.ndarray, exponent: Any) -> np.ndarray:
+    """States (..., m) in units of omega that are 2**exponent (...) times as small: as they are
+    where `exponent` is that of their own units."""
     # Laid out in memory as columns of motions are: a view (n, m) of those stays one.
-    powers = np.moveaxis(np.multiply.outer(state_powers(model), size), 0, -1)
+    powers = np.moveaxis(np.multiply.outer(state_powers(model), exponent), 0, -1)
     return np.asarray(np.ldexp(y, powers))
 
 
@@ -397,11 +397,11 @@ def moving(model: type[Model]) -> np.ndarray | slice:
     return np.flatnonzero(powers) if model.degree and not powers.all() else slice(None)
 
 
-def in_unit(constant: Any, size: Any) -> Any:
-    """A constant of a model, a number or a tuple of them, times 2**size."""
+def in_unit(constant: Any, exponent: Any) -> Any:
+    """A constant of a model, a number or a tuple of them, times 2**exponent."""
     if isinstance(constant, tuple):
-        return tuple(np.ldexp(number, size) for number in constant)
-    return np.ldexp(constant, size)
+        return tuple(np.ldexp(number, exponent) for number in constant)
+    return np.ldexp(constant, exponent)
 
 
 def jacobian(model: type[Model], k: SimpleNamespace, t: Any, y: np.ndarray) -> np.ndarray:

@@ -36,8 +36,8 @@ def free_attitude(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarra
 
     Errors are those of the phase, as of `closed_form.free_motion`.
     """
-    size, omega0 = in_own_units(omega0)
-    t = np.ldexp(np.asarray(t, dtype=np.result_type(t, float)), size)
+    exponent, omega0 = in_own_units(omega0)
+    t = np.ldexp(np.asarray(t, dtype=np.result_type(t, float)), exponent)
     turn = free_turn(A, omega0, t.dtype.type)
     A, omega0 = A.astype(t.dtype), omega0.astype(t.dtype)
     if turn is None:
@@ -89,7 +89,7 @@ def turn_of_hodograph(A: np.ndarray, omega0: np.ndarray) -> HodographTurn | None
 
     Errors are relative, and a few units of the last digit.
     """
-    size, omega0 = in_own_units(omega0)
+    exponent, omega0 = in_own_units(omega0)
     turn = free_turn(A, omega0, np.longdouble)
     if turn is None or not turn.complementary:
         return None
@@ -98,7 +98,7 @@ def turn_of_hodograph(A: np.ndarray, omega0: np.ndarray) -> HodographTurn | None
     period = 4 * quarter / turn.n
     psi = _psi(A, turn, np.hypot.reduce(A * omega0), period, 4 * area)
     m, nu = 1 - turn.complementary**2, _characteristic(A, turn) - 1
-    return HodographTurn(*map(float, (np.ldexp(period, -size), psi, m, nu)))
+    return HodographTurn(*map(float, (np.ldexp(period, -exponent), psi, m, nu)))
 
 
 def composed(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, ...]:

@@ -98,15 +98,15 @@ def scaled_motion(
     through an infinite angle the state is nan.
     """
     t = np.asarray(t, dtype=np.result_type(t, float))
-    size, unit = in_own_units(omega0)
+    exponent, unit = in_own_units(omega0)
     # 2^(1e9) is beyond any size that counts, and an exponent of it still fits an int32.
     z = np.clip(lam * t, -7e8, 7e8)
     # exp(-z) as a power of two and a factor near 1, which is right to the last digit also where
     # exp(-z) itself has no double.
     halvings = np.rint(z / math.log(2))
     decay = np.exp(halvings * LN2_HEAD - z + halvings * LN2_TAIL)
-    free = _free(A, unit, np.ldexp(free_time(lam, t), size))
-    return decay[:, np.newaxis] * free, size - halvings.astype(np.int64)
+    free = _free(A, unit, np.ldexp(free_time(lam, t), exponent))
+    return decay[:, np.newaxis] * free, exponent - halvings.astype(np.int64)
 
 
 def free_time(lam: float, t: np.ndarray) -> np.ndarray:
@@ -120,8 +120,8 @@ def free_time(lam: float, t: np.ndarray) -> np.ndarray:
 def in_own_units(omega0: np.ndarray) -> tuple[int, np.ndarray]:
     """The exponent of a power of two near |omega0|, and omega0 in its units, where no product
     under- or overflows."""
-    size = int(np.frexp(np.max(np.abs(omega0)))[1])
-    return size, np.ldexp(omega0, -size)
+    exponent = int(np.frexp(np.max(np.abs(omega0)))[1])
+    return exponent, np.ldexp(omega0, -exponent)
 
 
 class FreeTurn(NamedTuple):

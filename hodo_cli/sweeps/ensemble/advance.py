@@ -134,22 +134,23 @@ def steps_of(candidates: list[TakenSteps], certain: np.ndarray) -> TakenSteps | 
 
 def zeros_within(e: Ensemble, event: Event, steps: TakenSteps) -> tuple[Passages, np.ndarray]:
     """The zeros in steps that may have some, and the motions that are undecided."""
-    start, powers = steps.start, steps.powers(e.step, event)
-    noise = e.uncertainty(event, start.time, start.state, start.named(e.structure))
-    zeros = zeros_of(*without_start(e, start, powers, noise))
-    undecided = start.motion[zeros.row[~zeros.sure]]
+    powers, begin = steps.powers(e.step, event), steps.start
+    noise = e.uncertainty(event, begin.time, begin.state, begin.named(e.structure))
+    zeros = zeros_of(*without_start(e, begin, powers, noise))
+    undecided = begin.motion[zeros.row[~zeros.sure]]
+    # From here on a row is a zero, no longer a step.
     row, x = zeros.row[zeros.sure], zeros.x[zeros.sure]
-    steps = steps.chosen(row)
-    slope = horner(polyder(powers[row].T), x) / steps.length
-    start, times = steps.start, steps.times_at(x)
-    uncertainty = np.ldexp(noise[row] / np.abs(slope), -start.rate)
-    errors = e.errors_of_times(uncertainty, times, start.clock[-1] + 2)
-    direction = np.sign(slope).astype(np.int64)
+    passed = steps.chosen(row)
+    times, motion, rate = passed.times_at(x), passed.start.motion, passed.start.rate
+    slope = horner(polyder(powers[row].T), x) / passed.length
+    uncertainty = np.ldexp(noise[row] / np.abs(slope), -rate)
+    errors = e.errors_of_times(uncertainty, times, passed.start.clock[-1] + 2)
+    side = np.sign(slope).astype(np.int64)
     unordered = Passages(
-        start.motion, times, errors, uncertainty, -direction, direction,
-        steps.states_at(e.step, x), start.size,
+        motion, times, errors, uncertainty, -side, side,
+        passed.states_at(e.step, x), passed.start.exponent,
     )  # fmt: skip
-    return unordered.chosen(np.lexsort((times, start.motion))), undecided
+    return unordered.chosen(np.lexsort((times, motion))), undecided
 
 
 def without_start(

@@ -131,13 +131,13 @@ class BatchState:
         # Row by row, which is four times as fast as all rows at once.
         for samples, values in zip(self.outcome.samples, sampled, strict=True):
             samples.reshape(-1)[entry] = values
-        self.outcome.sample_exponent.reshape(-1)[entry] = start.size
+        self.outcome.sample_exponent.reshape(-1)[entry] = start.exponent
 
     def note_left_cells(self, steps: TakenSteps) -> None:
         """Remember those of the steps just taken in which the label of a body with a rotor may
         change."""
-        motion, size = self.columns.motion, self.columns.size
-        levels = self.output[-LEVEL_ROWS:] * np.ldexp(1.0, 2 * size)
+        motion, exponent = self.columns.motion, self.columns.exponent
+        levels = self.output[-LEVEL_ROWS:] * np.ldexp(1.0, 2 * exponent)
         is_under_way = (motion >= 0) & (steps.length > 0)
         columns = left_cells(self.ensemble, self.cells, levels, motion, is_under_way)
         if columns.size:
@@ -188,7 +188,7 @@ class BatchState:
     def restart(self, columns: np.ndarray) -> None:
         """Put motions behind their passage of an event, in the case's own units."""
         e, before = self.ensemble, self.columns.chosen(columns)
-        states = rescaled(e.model, before.state.T, before.size)
+        states = rescaled(e.model, before.state.T, before.exponent)
         constants = e.constants[:, before.motion]
         # A passage is one of numbers: only what is done for all takes arrays.
         rows = before.motion, before.params[0], before.time, states, constants.T
@@ -197,7 +197,7 @@ class BatchState:
             if self.pass_event(column, *of_motion):
                 at_end.append(column)
         self.columns.constants[:, columns] = constants
-        self.columns.size[columns] = self.columns.rate[columns] = 0
+        self.columns.exponent[columns] = self.columns.rate[columns] = 0
         # A step in the state of an end may lead anywhere.
         self.enter(np.array(at_end, dtype=np.int64))
 
@@ -263,7 +263,7 @@ class BatchState:
     def enter(self, columns: np.ndarray) -> None:
         """Enter some columns in the outcome; they are then without a motion."""
         outcome, ended = self.outcome, self.columns.chosen(columns)
-        outcome.state[:, ended.motion], outcome.exponent[ended.motion] = ended.state, ended.size
+        outcome.state[:, ended.motion], outcome.exponent[ended.motion] = ended.state, ended.exponent
         remaining, _, outcome.steps[ended.motion] = ended.clock
         why = np.where(np.isnan(remaining), Rejection.PASSAGE.code, Rejection.SLOW.code)
         outcome.rejection[ended.motion] = np.where(remaining == 0, 0, why)
@@ -279,14 +279,16 @@ class BatchState:
         y = np.where(np.isfinite(old.state).all(axis=0), old.state, 1.0)  # overflowed: any units
         if e.is_timed:
             moment = TimeWindow(old.time, e.lengths[0, old.motion])
-        units = Units.fit(e.model, k, y, old.size, moment, e.falling[old.motion])
+        units = Units.fit(e.model, k, y, old.exponent, moment, e.falling[old.motion])
         # By powers of two throughout, so that new units change no digit.
-        self.columns.state[:, columns] = rescaled(e.model, old.state.T, old.size - units.size).T
+        self.columns.state[:, columns] = rescaled(
+            e.model, old.state.T, old.exponent - units.exponent
+        ).T
         self.columns.clock[:2, columns] = np.ldexp(old.clock[:2], units.rate - old.rate)
         scaled = units.constants(e.model, k)
         for name, rows in e.scaled_rows.items():
             self.columns.constants[rows, columns] = scaled[name]
-        self.columns.size[columns], self.columns.rate[columns] = units.size, units.rate
+        self.columns.exponent[columns], self.columns.rate[columns] = units.exponent, units.rate
 
 
 def times_within(times: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

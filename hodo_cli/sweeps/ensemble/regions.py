@@ -135,14 +135,14 @@ STEPS_PER_BLOCK = 256
 
 class MotionView(NamedTuple):
     """Motions (k,) at moments in steps: their positions in the ensemble, times, and how long the
-    steps are, states (m, k) in units of 2**size, and in true size the angular velocities (k, 3),
-    how fast they change, and the regions in which they stand."""
+    steps are, states (m, k) in units of 2**exponent, and in true size the angular velocities
+    (k, 3), how fast they change, and the regions in which they stand."""
 
     motion: np.ndarray
     time: np.ndarray
     length: np.ndarray
     state: np.ndarray
-    size: np.ndarray
+    exponent: np.ndarray
     omega: np.ndarray
     change: np.ndarray
     region: HodographRegion
@@ -158,10 +158,10 @@ Viewing = Callable[[np.ndarray, np.ndarray], MotionView]
 """`view_within` an ensemble's steps, by their rows (k,) and the parts x (k,) of them."""
 
 
-def true_omega(e: Ensemble, motion: np.ndarray, state: np.ndarray, size: Any) -> np.ndarray:
+def true_omega(e: Ensemble, motion: np.ndarray, state: np.ndarray, exponent: Any) -> np.ndarray:
     """The angular velocities (k, 3) of some motions (k,) along the principal axes, from states (m,
-    k) in units of 2**size."""
-    return np.asarray(np.ldexp(e.principal_omega(state, motion), size).T)
+    k) in units of 2**exponent."""
+    return np.asarray(np.ldexp(e.principal_omega(state, motion), exponent).T)
 
 
 def region_at(
@@ -172,11 +172,11 @@ def region_at(
         return region_of(e.inertia[:, motion].T, e.rotor[:, motion].T, omega, uncertainty)
 
 
-def label_at(e: Ensemble, state: np.ndarray, size: Any) -> np.ndarray:
-    """The labels (n,) of all motions in states (m, n) in units of 2**size: SEPARATRIX where they
-    are uncertain."""
+def label_at(e: Ensemble, state: np.ndarray, exponent: Any) -> np.ndarray:
+    """The labels (n,) of all motions in states (m, n) in units of 2**exponent: SEPARATRIX where
+    they are uncertain."""
     motion = np.arange(state.shape[1])
-    return region_at(e, motion, true_omega(e, motion, state, size), e.error_bound).label
+    return region_at(e, motion, true_omega(e, motion, state, exponent), e.error_bound).label
 
 
 def view(
@@ -185,25 +185,25 @@ def view(
     time: np.ndarray,
     state: np.ndarray,
     k: Any,
-    size: Any = 0,
+    exponent: Any = 0,
     rate: Any = 0,
     length: Any = 1.0,
 ) -> MotionView:
-    """Motions in states (m, k), and with constants of their equations, in units of 2**size and of
-    time of 2**-rate, in steps of a length in that unit."""
+    """Motions in states (m, k), and with constants of their equations, in units of 2**exponent and
+    of time of 2**-rate, in steps of a length in that unit."""
     rates = stacked(e.model.rhs(time, [*state], k), state)
-    omega = true_omega(e, motion, state, size)
-    change = true_omega(e, motion, rates, size + rate)
+    omega = true_omega(e, motion, state, exponent)
+    change = true_omega(e, motion, rates, exponent + rate)
     region = region_at(e, motion, omega)
-    return MotionView(motion, time, np.ldexp(length, -rate), state, size, omega, change, region)
+    return MotionView(motion, time, np.ldexp(length, -rate), state, exponent, omega, change, region)
 
 
 def view_within(e: Ensemble, steps: TakenSteps, row: np.ndarray, x: np.ndarray) -> MotionView:
     """Motions at parts x (k,), from 0 to 1, of the steps in `row` (k,)."""
     steps = steps.chosen(row)
-    _, _, motion, size, rate = steps.start
+    _, _, motion, exponent, rate = steps.start
     state, k = steps.states_at(e.step, x), steps.start.named(e.structure)
-    return view(e, motion, steps.times_at(x), state, k, size, rate, steps.length)
+    return view(e, motion, steps.times_at(x), state, k, exponent, rate, steps.length)
 
 
 def changes_within(e: Ensemble, steps: TakenSteps) -> tuple[Passages, np.ndarray]:
@@ -226,7 +226,7 @@ def changes_within(e: Ensemble, steps: TakenSteps) -> tuple[Passages, np.ndarray
     with np.errstate(all="ignore"):
         uncertainty = e.error_bound * off / np.abs((gradient * at.change).sum(-1))
     errors = e.errors_of_times(uncertainty, at.time, taken) + width * at.length
-    found = Passages(at.motion, at.time, errors, uncertainty, before, after, at.state, at.size)
+    found = Passages(at.motion, at.time, errors, uncertainty, before, after, at.state, at.exponent)
     return found.chosen(np.lexsort((at.time, at.motion))), uncertain
 
 
@@ -307,7 +307,7 @@ def differences(e: Ensemble, at: MotionView) -> tuple[np.ndarray, np.ndarray]:
 
 
 def passing_gradient(e: Ensemble, at: MotionView) -> np.ndarray:
-    """The derivatives (k, 3) by omega of what is 0 there of `differences`."""
+    """The derivatives (k, 3) by omega of that of the `differences` which is 0 there."""
     value, gradient = differences(e, at)
     with np.errstate(all="ignore"):
         distance = np.abs(value) / np.linalg.norm(gradient, axis=-1)
@@ -315,11 +315,13 @@ def passing_gradient(e: Ensemble, at: MotionView) -> np.ndarray:
     return np.asarray(gradient[np.arange(len(value)), nearest])
 
 
-def time_between(e: Ensemble, passed: Passages, state: np.ndarray, size: np.ndarray) -> np.ndarray:
+def time_between(
+    e: Ensemble, passed: Passages, state: np.ndarray, exponent: np.ndarray
+) -> np.ndarray:
     """How far in time (k,) passages are from those of another integration, by its states (m, k), in
-    units of 2**size, at the times of the passages."""
+    units of 2**exponent, at the times of the passages."""
     y = rescaled(e.model, passed.state.T, passed.exponent).T
     at = view(e, passed.motion, passed.time, y, e.named(passed.motion))
-    gradient, off = passing_gradient(e, at), true_omega(e, at.motion, state, size) - at.omega
+    gradient, off = passing_gradient(e, at), true_omega(e, at.motion, state, exponent) - at.omega
     with np.errstate(all="ignore"):
         return np.asarray(np.abs((gradient * off).sum(-1) / (gradient * at.change).sum(-1)))
