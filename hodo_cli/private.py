@@ -83,8 +83,8 @@ def _draft(file: Path, content: bytes) -> Path:
 
 
 def keep_model(digest: str, texts: Mapping[str, bytes]) -> str:
-    """Keep the files of a model that the user has named, by their paths; what `kept_models` finds
-    them by."""
+    """Keep the files of a model that the user has named, by their paths; returns the name by which
+    `kept_models` finds them."""
     with suppress(OSError, RuntimeError, ValueError):
         folder = private_folder(*STATE_FOLDER) / "models" / digest
         if not folder.exists():

@@ -197,7 +197,8 @@ class Plan:
     def _announce(self, progress: Progress) -> None:
         """Print which results go and, if asked, what runs; and the warnings that the data give."""
         for row in self.planned():
-            (progress.say if row["plan"] == CASE_DROPPED else progress.detail)(plan_lines([row]))
+            tell = progress.say if row["plan"] == CASE_DROPPED else progress.detail
+            tell(plan_lines([row]))
         # Before the run: a motion that the data feed energy into may take until its last step.
         cases = self.config.cases
         warned = ((text, name) for name in self.reasons for text in early_warnings(cases[name]))

@@ -179,8 +179,7 @@ class CrossingSearch(StepBuffer):
             middles(*of_zeros),
         )
         row, x = map(np.concatenate, zip(*places, strict=True))
-        vanishes = np.zeros(len(x), dtype=bool)
-        vanishes[2 * len(b) :][: len(zeros.x)] = True
+        vanishes = np.repeat((False, False, True, False, False), [len(of) for of, _ in places])
         self._note(row, x, vanishes, b, times)
 
     def _note(

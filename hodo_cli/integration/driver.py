@@ -302,8 +302,8 @@ class Propagation:
         return exponent
 
     def change_units(self, exponent: int) -> None:
-        """Give the state, in units of omega of 2**exponent, units that fit it. The motion ends where
-        it comes to rest, or exceeds the largest number."""
+        """Give the state, in units of omega of 2**exponent, units that fit it. The motion ends
+        where it comes to rest, or exceeds the largest number."""
         # Behind the last sample new units would tell only whether the motion exceeds all numbers.
         is_over = self.samples.is_complete and exponent < LARGEST_EXPONENT // 2
         if is_over or not self.model.degree:

@@ -48,10 +48,10 @@ much work a kill may cost."""
 
 
 def publish_finished(path: Path) -> None:
-    """Add to a result the cases that it lacks and runs have finished which have not ended.
+    """Add to a result those finished cases of runs which have not ended that it lacks.
 
-    Those that it holds from before a change stay: they may be wanted again. So does what dead runs
-    have left, for the next run. Raises HodoError as `compose` does.
+    The cases that it holds from before a change stay: they may be wanted again. So does what dead
+    runs have left, for the next run. Raises HodoError as `compose` does.
     """
     if not (shards := unpublished(path)):
         return

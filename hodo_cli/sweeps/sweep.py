@@ -161,9 +161,10 @@ def method_reason(case: Case, summary: Summary) -> str:
     total, alone = summary.status.sum(), summary.alone[1:].sum()
     named = zip(summary.alone.tolist(), Rejection, strict=True)
     why = "; ".join(f"{count}: {rejection}" for count, rejection in named if rejection and count)
-    reason = f"side by side, {alone} of {total} members by themselves" + f" ({why})" * bool(why)
     if not_together := reason_alone(case):
         reason = f"each by itself: {not_together}"
+    else:
+        reason = f"side by side, {alone} of {total} members by themselves" + f" ({why})" * bool(why)
     if taken := summary.earlier.get("members", 0):
         reason = f"{taken} of {total} members from an earlier run, the others {reason}"
     return reason

@@ -208,8 +208,9 @@ def label_panel(axes: Axes, spec: Mapping[str, Any], curves: Sequence[tuple[Moti
         axes.set_ylabel(axis_label(variable, motion))
         widen_constant(axes, curves)
         marked = [(drawn, [variable]) for drawn, _ in curves]
-    for drawn, together in () if spec["passages"] else marked:
-        event_marks(axes, drawn, together, spec)
+    if not spec["passages"]:
+        for drawn, together in marked:
+            event_marks(axes, drawn, together, spec)
 
 
 CONSTANT_WITHIN = 1000

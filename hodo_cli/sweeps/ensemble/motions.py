@@ -294,9 +294,9 @@ class Columns(NamedTuple):
     """Motions under way, a column each (n,): what a compiled step takes, and whose it is.
 
     `rows` (m + CLOCK_ROWS, n) hold the state, in units of omega of 2**exponent and of time of
-    2**-rate, and the `clock` in this unit of time. `params` (c + 2, n) are the time of the end in the case's
-    own unit, the constants in these units, and the `stride` of the steps. `motion` is the position
-    in the ensemble; of a column without a motion it is -1.
+    2**-rate, and the `clock` in this unit of time. `params` (c + 2, n) are the time of the end in
+    the case's own unit, the constants in these units, and the `stride` of the steps. `motion` is
+    the position in the ensemble; of a column without a motion it is -1.
     """
 
     rows: np.ndarray
