@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from drawings import Drawings, drawings_of
 from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex
 
 from hodo_cli import HodoError, derive, plot, run
 
@@ -176,6 +177,25 @@ def test_curves_on_one_side_of_the_quadrants_differ_in_line_and_are_in_the_legen
     assert dashed[1]
     assert curves[0].get_colors()[0].tolist() == curves[1].get_colors()[0].tolist()
     assert lines["slow"].get_linestyle() == "-" != lines["fast"].get_linestyle()
+
+
+def test_curves_of_one_colour_differ_in_line(drawn: Drawings) -> None:
+    """Nine curves are more than there are colours, and a named style may take one."""
+    cases = [drawn.cases[name] for name in ("back", "again", "back")]
+    keys = {"axes": ["x1", "x2", "x3"], "colour": "case"}
+    trace = plot(cases, kind="axis-trace", **keys)
+    entries = [x for x in trace.legends[0].get_lines() if str(x.get_label()).startswith("$x_")]
+    assert len({(line.get_color(), str(line._dash_pattern)) for line in entries}) == 9
+    (dashed,) = (to_hex(line.get_color()) for line in entries if line.is_dashed())
+    on_globe = [line for line in trace.axes[0].lines if line.is_dashed()]
+    assert dashed in {to_hex(line.get_color()) for line in on_globe}
+    # The second colour of the palette is red, and dashed.
+    for kind in ("hodograph", "herpolhode"):
+        figure = plot(cases, kind=kind, colour="case", styles=["red dashed"])
+        entries = [x for x in figure.legends[0].get_lines() if x.get_label() in ("back", "again")]
+        assert len({(line.get_color(), str(line._dash_pattern)) for line in entries}) == 3
+        curves = [x for x in figure.axes[0].collections if isinstance(x, LineCollection)]
+        assert any(curve.get_linestyles()[0][1] for curve in curves)
 
 
 def test_crossings_of_two_cases_that_lie_together_are_numbered_once(drawn: Drawings) -> None:

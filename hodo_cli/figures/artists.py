@@ -3,7 +3,7 @@
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
-from itertools import chain, cycle, repeat
+from itertools import chain, cycle, islice
 from typing import Any
 
 import matplotlib.style
@@ -99,17 +99,19 @@ def colour_cycle() -> Sequence[tuple[Any, Any]]:
     return [(look.get("color", BLACK), look.get("linestyle", line)) for look, line in pairs]
 
 
-def styles(n: int, style_names: Sequence[str] = ()) -> list[dict[str, Any]]:
+def styles(n: int, style_names: Sequence[str] = (), solid: bool = False) -> list[dict[str, Any]]:
     """n colours with line styles: first the named ones, such as "blue dashed", then those of the
-    user's cycle of colours, or of ours."""
+    user's cycle of colours, or of ours; `solid` lines as long as the colours differ."""
     pairs = colour_cycle()
     # A user's cycle may have lines that ours has not.
-    lines = list(dict.fromkeys(line for _, line in (*pairs, *CYCLE)))
+    lines = list(dict.fromkeys(["-", *(line for _, line in (*pairs, *CYCLE))]))
     looks = [*map(look_named, style_names)]
-    for i in range(len(looks), n):
-        lap, (colour, line) = i // len(pairs), pairs[i % len(pairs)]
-        # Each round of the colours has other lines, or its curves would look like those before.
-        looks.append({"color": colour, "ls": lines[(lines.index(line) + lap) % len(lines)]})
+    for colour, line in islice(cycle(pairs), len(looks), n):
+        first = 0 if solid else lines.index(line)
+        taken = [look["ls"] for look in looks if look["color"] == colour]
+        # A colour that comes again has another line, or two curves would look the same.
+        free = (other for other in lines[first:] + lines[:first] if other not in taken)
+        looks.append({"color": colour, "ls": next(free, line)})
     return looks[:n]
 
 
@@ -154,8 +156,16 @@ def palettes(
         return [(colours, np.searchsorted(labels, labels_of(motion))) for motion in motions]
     return [
         (np.array([to_rgb(look["color"])]), np.zeros(len(motion.time), dtype=int))
-        for motion, look in zip(motions, styles(len(motions), spec["styles"]), strict=True)
+        for motion, look in zip(motions, styles(len(motions), spec["styles"], True), strict=True)
     ]
+
+
+def line_styles(n: int, spec: Mapping[str, Any]) -> list[Any]:
+    """The lines of n curves of a figure: solid where their colours show time or the enclosed axis,
+    each its own where no colours show the cases, in the quadrants."""
+    if spec.get("colour", "case") != "case":
+        return ["-"] * n
+    return [look["ls"] for look in styles(n, spec.get("styles", ()), solid="colour" in spec)]
 
 
 def labels_of(motion: Motion) -> np.ndarray:
@@ -255,10 +265,8 @@ def axis_handles(motions: Sequence[Motion]) -> list[Line2D]:
 
 def case_handles(names: Sequence[str], style_names: Sequence[str]) -> list[Line2D]:
     """Legend entries of the colours by case."""
-    return [
-        Line2D([], [], **{**look, "ls": "-"})
-        for look in labelled_styles(names, style_names, even_one=True)
-    ]
+    looks = styles(len(names), style_names, solid=True)
+    return [Line2D([], [], **look, label=name) for look, name in zip(looks, names, strict=True)]
 
 
 def colour_handles(
@@ -327,9 +335,8 @@ def plane_curves(
 ) -> None:
     """The curves (n, 2) of motions in a plane with their marks, at crossings (m, 2) too; in a frame
     (2, 2) of the plane, or in a panel that shows all."""
-    # Where colours show no cases, in the quadrants, lines do.
-    lines = [look["ls"] for look in styles(len(motions))] if "colour" not in spec else repeat("-")
-    drawn = zip(motions, curves, palettes(motions, spec), lines, strict=False)
+    lines = line_styles(len(motions), spec)
+    drawn = zip(motions, curves, palettes(motions, spec), lines, strict=True)
     for motion, points, (colours, code), line in drawn:
         segments = stretches(code)
         axes.add_collection(

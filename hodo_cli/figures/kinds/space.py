@@ -29,6 +29,7 @@ from ..artists import (
     colour_handles,
     crossings_on,
     heading,
+    line_styles,
     line_width,
     mark_handles,
     mark_points,
@@ -104,10 +105,12 @@ def space(
     page."""
     axes, is_enlarged, depth = scene.axes, scene.reach is not None, float(np.ptp(frame)) / 2
     body_axes(scene, reach)
-    coloured = zip(motions, palettes(motions, spec), strict=True)
+    lines = line_styles(len(motions), spec)
+    drawn = zip(motions, palettes(motions, spec), lines, strict=True)
     # The longest curve first, so that it does not bury the short ones.
-    for motion, (colours, code) in sorted(coloured, key=lambda item: -windings(item[0].G)):
-        seen = space_curve(scene, motion, colours, code, depth)
+    for motion, (colours, code), line in sorted(drawn, key=lambda item: -windings(item[0].G)):
+        look = {"ls": line, "lw": line_width(motion)}
+        seen = space_curve(scene, motion, colours, code, look, depth)
         if not is_enlarged:
             heading(axes, seen[:, :2], colours[code[0]], 0.12 * depth)
     curves = [scene.flat(motion.G) for motion in motions]
@@ -119,12 +122,11 @@ def space(
 
 
 def space_curve(
-    scene: Scene, motion: Motion, colours: np.ndarray, code: np.ndarray, depth: float
+    scene: Scene, motion: Motion, colours: np.ndarray, code: np.ndarray, look: Look, depth: float
 ) -> np.ndarray:
-    """A hodograph in colours[code], paler the farther it is from the reader, where `depth` is far;
-    returns it as it is seen (n, 3)."""
-    width = line_width(motion)
-    seen = scene.add(motion.G, colours, code, name=motion.label, time=motion.time, lw=width)
+    """A hodograph in colours[code], with a look of its line, paler the farther it is from the
+    reader, where `depth` is far; returns it as it is seen (n, 3)."""
+    seen = scene.add(motion.G, colours, code, name=motion.label, time=motion.time, **look)
     scene.add(motion.G[[0]], **START)
     scene.add(motion.G[[-1]], **END)
     times = [f"crossing at {time:.12g}" for time in motion.crossing_time]
@@ -139,7 +141,8 @@ def space_curve(
     lines = LineCollection(
         [seen[piece, :2] for piece in pieces],
         colors=[shades[piece.start] for piece in pieces],
-        linewidths=width,
+        linewidths=look["lw"],
+        linestyles=look["ls"],
         capstyle="round",
     )
     scene.axes.add_collection(lines, autolim=False)
@@ -281,9 +284,10 @@ def draw_sphere(
     is_trace, by_case = spec["kind"] == "axis-trace", spec["colour"] == "case"
     crossings = crossings_on(motions, [curve.directions for curve in curves])
     number_marks(axes, [view(crossed)[:, :2] for crossed in crossings], np.full(2, 2.0))
-    for curve, crossed, colours in zip(curves, crossings, palettes(motions, spec), strict=True):
+    palette, lines = palettes(motions, spec), line_styles(len(curves), spec)
+    for curve, crossed, coloured, line in zip(curves, crossings, palette, lines, strict=True):
         sheet.record_path(curve.motion, curve.columns, curve.directions, curve.label)
-        sphere_curve(scene, curve, crossed, *colours)
+        sphere_curve(scene, curve, crossed, *coloured, {"ls": line, "lw": 1.1})
     entries = (
         case_handles([curve.label for curve in curves], spec["styles"])
         if by_case
@@ -312,13 +316,19 @@ def globe_below(scene: Scene, bodies: Sequence[BodySeparatrix]) -> None:
 
 
 def sphere_curve(
-    scene: Scene, curve: SphereCurve, crossed: np.ndarray, colours: np.ndarray, code: np.ndarray
+    scene: Scene,
+    curve: SphereCurve,
+    crossed: np.ndarray,
+    colours: np.ndarray,
+    code: np.ndarray,
+    line: Look,
 ) -> None:
-    """A curve on a globe in colours[code], with its direction, ends and crossings (m, 3)."""
+    """A curve on a globe in colours[code], with a look of its line, its direction, ends and
+    crossings (m, 3)."""
     axes, time = scene.axes, curve.motion.time
-    seen = scene.add(curve.directions, colours, code, name=curve.label, time=time, lw=1.1)
+    seen = scene.add(curve.directions, colours, code, name=curve.label, time=time, **line)
     for piece in stretches(code):
-        on_sphere(axes, seen[piece], color=colours[code[piece.start]], lw=1.1)
+        on_sphere(axes, seen[piece], color=colours[code[piece.start]], **line)
     heading(axes, seen[:, :2], colours[code[0]], 0.15)
     moving = curve.directions[np.isfinite(curve.directions).all(axis=1)]
     for look, places in ((CROSSING, crossed), (START, moving[:1]), (END, moving[-1:])):
