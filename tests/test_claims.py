@@ -60,6 +60,9 @@ cases:
   rest: {{{LINEAR}, damping: 0.1, initial: {{p: 0, q: 0, r: 0}}}}
   # (G1, G2) librates about x3 at the rate r sqrt((A1 - A3)(A2 - A3)/(A1 A2)) = 0.316.
   free: {{{LINEAR}, initial: {{p: 0.1, q: 0, r: 1}}, time: {{end: 40}}}}
+  # D = 2.4e-9 is the difference of terms near 0.1, of which their rounding is a part in 1e7.
+  beside-separatrix: {{model: linear-diag, inertia: [1.2, 1, 0.3],
+                       initial: {{p: 1.0e-4, q: 1, r: 0}}, time: {{end: 400, samples: 2001}}}}
   # The same in other axes.
   turned: {{model: torques, damping: 0, inertia: {TURNED}, initial: {START}, time: {{end: 40}}}}
   with-rotor: {{model: torques, inertia: [1, 0.8, 0.6], rotor: [0, 0, 0.9],
@@ -180,6 +183,10 @@ CHECKS = [
     # Of a fifth no error of theirs makes a doubt.
     ("coarse", "{kind: conserved, of: [G], within: 0.9}", "reproduced", None),
     ("free", "{kind: conserved, of: [G, T]}", "reproduced", 0),
+    ("beside-separatrix", "{kind: conserved, of: [D, T, G]}", "reproduced", None),
+    ("beside-separatrix", "{kind: formula, of: D, formula: '2.4e-9'}", "reproduced", None),
+    ("beside-separatrix", "{kind: conserved, of: [p], within: 0.9}", "contradicted", None),
+    ("beside-separatrix", "{kind: monotone, of: [D], sense: falls}", "not tested", None),
     ("slow", "{kind: conserved, of: [p, q]}", "reproduced", 0),
     ("slow", "{kind: formula, of: r, formula: exp(-t/10)}", "reproduced", 0),
     ("{case: slow, time: {values: [1, 2]}}", "{kind: formula, of: r, formula: exp(-t/10)}",

@@ -191,9 +191,9 @@ def test_curves_of_one_colour_differ_in_line(drawn: Drawings) -> None:
     assert dashed in {to_hex(line.get_color()) for line in on_globe}
     # The second colour of the palette is red, and dashed.
     for kind in ("hodograph", "herpolhode"):
-        figure = plot(cases, kind=kind, colour="case", styles=["red dashed"])
+        figure = plot(cases[:2], kind=kind, colour="case", styles=["red dashed"])
         entries = [x for x in figure.legends[0].get_lines() if x.get_label() in ("back", "again")]
-        assert len({(line.get_color(), str(line._dash_pattern)) for line in entries}) == 3
+        assert len({(line.get_color(), str(line._dash_pattern)) for line in entries}) == 2
         curves = [x for x in figure.axes[0].collections if isinstance(x, LineCollection)]
         assert any(curve.get_linestyles()[0][1] for curve in curves)
 

@@ -198,12 +198,12 @@ def changes_sign(m: Motion, name: str) -> bool:
 def course_deviation(
     m: Motion, name: str, difference: float, scale: float, allowed: float
 ) -> float:
-    """The deviation that a difference in the course of a quantity makes, relative to a scale.
-    Raises Undecidable where one that contradicts is within the error of the quantity."""
+    """The deviation that a difference in the course of a quantity makes, relative to a scale; none
+    where the error of the quantity makes it. Raises Undecidable where that would contradict."""
     deviation = deviation_beyond(difference / scale, allowed)
     if deviation > PLOTTING_ACCURACY:
         check_margin(name, difference - allowed * scale, m)
-    return deviation
+    return deviation if difference - allowed * scale > error_of(m, name) else 0.0
 
 
 def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:

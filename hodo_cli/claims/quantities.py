@@ -26,6 +26,7 @@ from ..models import rigid_body
 from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion, formula_values
 from ..results.resolution import SMALLEST_CHORD, course_remark, turn_remark
+from ..storage import Variable
 from .finding import ROUNDING
 
 
@@ -88,7 +89,8 @@ def cut(m: Motion, intervals: np.ndarray, places: np.ndarray) -> Motion:
     Raises HodoError if it stops before its end."""
     within = m.time[intervals] + np.outer(places, np.diff(m.time)[intervals])
     times = np.unique([*m.time, *within.ravel()])
-    return integrated_motion(replace(m.case, time=m.case.time.listed(times)))
+    finer = integrated_motion(replace(m.case, time=m.case.time.listed(times)))
+    return replace(finer, attrs={**finer.attrs, "error": m.attrs.get("error", 0.0)})
 
 
 MOST_PEAKS = 64
@@ -251,8 +253,22 @@ def error_of(m: Motion, name: str) -> float:
         of_events = np.atleast_1d(m.stored("event_error")).tolist()
         errors = [e for (kind, _), e in zip(m.events, of_events, strict=True) if kind == name]
     elif name in OVER_TIME:
-        errors = [float(m.attrs.get("error", 0)) * m.largest(name)]
+        error = float(np.nan_to_num(m.attrs.get("error", 0)))
+        errors = [max(error * m.largest(name), moved_by(m, name, error))]
     return float(np.nan_to_num(next(iter(errors), 0.0)))
+
+
+def moved_by(m: Motion, name: str, error: float) -> float:
+    """How far a quantity moves with an error of omega, relative to |omega|: D near the separatrix,
+    and a component of a few parts in a million, by more than that part of its own size."""
+    if "omega" not in m.data:
+        return 0.0
+    omega, moved = m.data["omega"], np.zeros(len(m.time))
+    shift = error * np.hypot.reduce(omega.data, axis=1)
+    for axis in np.eye(len(m.axes)):
+        changed = Variable(omega.dims, omega.data + np.outer(shift, axis), omega.attrs)
+        moved += np.abs(replace(m, data={**m.data, "omega": changed})[name] - m[name])
+    return float(np.nan_to_num(moved).max(initial=0))
 
 
 def range_of(m: Motion, name: str) -> float:
