@@ -43,7 +43,9 @@ def _aligned(column: Sequence[str], to_right: bool) -> list[str]:
 
 
 def _printable(text: str) -> str:
-    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
+    if text.isprintable():  # as nearly all is, which is known twenty times as soon
+        return text
+    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def seconds(value: float) -> str:

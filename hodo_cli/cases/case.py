@@ -89,7 +89,8 @@ class Time:
     @property
     def entries(self) -> dict[str, Any]:
         """The keys of a case file that state it."""
-        span = ("values",) if self.values else ("end", "steps" if self.steps else "samples")
+        sampled = "steps" if self.steps else "samples"
+        span = ("values",) if self.values else ("end", sampled)
         return {key: getattr(self, key) for key in ("start", *span, "unit")}
 
     def listed(self, times: np.ndarray) -> "Time":

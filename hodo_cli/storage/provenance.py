@@ -82,6 +82,7 @@ def _commit() -> dict[str, str]:
         done = subprocess.run(command, cwd=project, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return {}
-    commit = re.search(r"^# branch.oid ([0-9a-f]+)$", done.stdout, re.MULTILINE)
+    if not (commit := re.search(r"^# branch.oid ([0-9a-f]+)$", done.stdout, re.MULTILINE)):
+        return {}
     is_dirty = any(not line.startswith("#") for line in done.stdout.splitlines())
-    return {"git_commit": commit[1], "git_dirty": "yes" if is_dirty else "no"} if commit else {}
+    return {"git_commit": commit[1], "git_dirty": "yes" if is_dirty else "no"}
