@@ -243,10 +243,11 @@ def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, di
     is no such form."""
     catalogue = models.catalogue()
     forms = catalogue.get(model or "", {})
+    first = next(iter(forms), "")
     head = {"model": Key(ModelName(*catalogue), "equations of motion")}
     if forms:
-        head["form"] = Key(Choice(*forms), "form of the equations", default=next(iter(forms)))
-    form_class = forms.get(next(iter(forms), "") if form is None else form)
+        head["form"] = Key(Choice(*forms), "form of the equations", default=first)
+    form_class = forms.get(first if form is None else form)
     return form_class, head | (keys_of_form(form_class) if form_class else {}) | COMMON
 
 

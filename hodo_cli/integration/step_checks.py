@@ -198,8 +198,8 @@ class StepCheck(StepBuffer):
         return np.maximum(gap, MIN_ULPS * np.spacing(float(at)))
 
     def _place(self, ends: np.ndarray, b: np.ndarray, low: Any, high: Any, is_onset: bool) -> Any:
-        """Where between two places a step begins to miss its equations or, if that is no `onset`,
-        its rates have their sharpest bend."""
+        """Where between two places a step begins to miss its equations; where it misses them from
+        its start, which is no `onset`, where the rates have their sharpest bend."""
         low, width, length = b.dtype.type(low), high - low, ends[0, 1] - ends[0, 0]
         for _ in range(ROUNDS):
             places = low + width * np.linspace(0, 1, PARTS + 1)

@@ -197,7 +197,7 @@ def times_of_all_signs(first: Any, second: Any, start: float, end: float) -> lis
 
 
 def relative_slope(of: Law) -> tuple[float, float]:
-    """a and s of a law c(t), but a polynomial, with c' = a c/(1 + s t)."""
+    """a and s in c' = a c/(1 + s t) of a law c(t) that is no polynomial."""
     match of:
         case "exponential", _, (rate, _):
             return -rate, 0.0

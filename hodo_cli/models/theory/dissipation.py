@@ -69,7 +69,7 @@ def axis_weights(inertia: Any) -> dict[str, list[float]]:
     # |p| and |r| on the separatrix are proportional to these.
     speeds = np.zeros(3)
     speeds[largest], speeds[smallest] = np.sqrt(c * (b - c)), np.sqrt(a * (a - b))
-    weights = {"damping": 1 + 0 * A, "quadratic": 1 + 0 * A, "resistance": 1 / A}
+    weights = {"damping": np.ones(3), "quadratic": np.ones(3), "resistance": 1 / A}
     return {key: w.tolist() for key, w in (weights | {"quadratic_axes": speeds}).items()}
 
 
