@@ -582,7 +582,7 @@ MISTAKEN = [
      "cases: each reading has its own cases, so leave these out"),
     (f"{FALLS}", "cases: names no case"),
     ("cases: slow, check: {kind: bound, of: u1, most: 1}",
-     "check: case slow (linear-diag, full) has no u1"),
+     "check: case slow has no gamma, which u1 needs"),
     ("cases: slow, check: {kind: value, values: {rebound_u3: [1]}, within: 0.1}",
      "check: case slow has no gamma, which rebound_u3 needs"),
     ("cases: stopping, check: {kind: bound, of: area_largest, least: 1}",

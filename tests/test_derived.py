@@ -28,7 +28,7 @@ BODY: dict[str, Any] = {
     "time": {"end": 20, "samples": 101, "unit": "s"},
     "inertia_unit": "kg m^2",
 }
-NO_TOP = [name for name in DERIVED if name not in ("Gz", "H")]
+NO_TOP = [name for name in DERIVED if name not in ("Gz", "H", "u1", "u2", "u3")]
 
 
 def test_what_is_stored_is_what_is_derived() -> None:
@@ -402,6 +402,51 @@ def test_a_statement_on_the_direction_at_rest_is_not_tested(
     for command in ("run", "classify", "claims"):
         done = hodo(command, "m.yaml" if command == "run" else "runs/m.h5")
         assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    "initial",
+    [
+        {"theta": 0.5, "r": 6},
+        {"theta": 2.9, "r": 200},
+        {"theta": 1e-5, "r": 5},
+        {"Gz": 2, "H": 9, "r": -3},
+    ],
+)
+def test_the_roots_of_a_top_are_where_its_nutation_turns(initial: dict[str, float]) -> None:
+    top = {
+        "model": "Lagrange-averaged", "form": "full", "inertia": {"A": 2.3, "C": 1.1}, "a": 0,
+        "b": 0, "mu": 2, "epsilon": 0.1, "initial": initial, "time": {"end": 2, "samples": 4001},
+    }  # fmt: skip
+    found = hodo_cli.derive(hodo_cli.run(top), "u1", "u2", "u3")
+    cosine = found.gamma.sel(axis="x3").data
+    # Free, it keeps them; cos theta runs over all that lies between the first two, and u3 is that
+    # with which the three make the sum of eq. (1.5).
+    size = max(1, abs(initial["r"]) ** 2 / 100)
+    for name in ("u1", "u2", "u3"):
+        assert np.ptp(found[name].data) < 1e-12 * size
+    u1, u2, u3 = (float(found[name][0]) for name in ("u1", "u2", "u3"))
+    width = u2 - u1
+    assert cosine.min() == pytest.approx(u1, abs=1e-4 * width + 1e-15)
+    assert cosine.max() == pytest.approx(u2, abs=1e-4 * width + 1e-15)
+    p, q, r = found.omega.data[0]
+    H = (2.3 * (p * p + q * q) + 1.1 * r * r) / 2 + 2 * cosine[0]
+    total = (H - 1.1 * r * r / 2) / 2 + (1.1 * r) ** 2 / (2 * 2.3 * 2)
+    assert u1 + u2 + u3 == pytest.approx(total, rel=1e-13)
+
+
+def test_the_roots_of_the_full_top_are_those_of_its_averaged_form() -> None:
+    top = {
+        "model": "Lagrange-averaged", "inertia": {"A": 2.3, "C": 1.1}, "a": 0.1, "b": 0.08,
+        "mu": [2, 0.3], "initial": {"theta": 0.5, "r": 6}, "time": {"end": 1},
+    }  # fmt: skip
+    apart = []
+    for epsilon in (0.02, 0.01):
+        full = hodo_cli.derive(hodo_cli.run({**top, "form": "full", "epsilon": epsilon}), "u1")
+        averaged = hodo_cli.run(top)
+        apart.append(float(np.abs(full.u1.data - averaged.u1.data).max()))
+    assert apart[0] < 0.02
+    assert apart[1] == pytest.approx(apart[0] / 2, rel=0.1)
 
 
 def test_integrals_of_a_top_whose_moment_changes_are_those_at_the_end_of_a_member() -> None:

@@ -48,13 +48,6 @@ CONFIRMED, NOT_CONFIRMED, BY_READING = "confirmed", "not confirmed", "by reading
 MISPRINTS = (CONFIRMED, BY_READING, NOT_CONFIRMED, NOT_TESTED)
 """The verdicts on an erratum; a wrong number of an equation, say, is seen by reading."""
 
-OVER_TIME = COMPONENTS | {
-    "u1": "first root of the cubic of cos theta",
-    "u2": "second root",
-    "u3": "third root",
-}
-"""The quantities over time that a check may name."""
-
 SINGLE_NUMBERS = {
     "crossings": "number of separatrix crossings",
     "first_crossing": "time of the first crossing; infinite without one",
@@ -77,13 +70,13 @@ NEEDED_BY_NUMBER = {"rebound_u3": "Gz"} | dict.fromkeys(
 )
 """The variable or quantity over time from which a number is computed that not every model has."""
 
-QUANTITY_NAMES = {**OVER_TIME, **SINGLE_NUMBERS}
+QUANTITY_NAMES = {**COMPONENTS, **SINGLE_NUMBERS}
 
 
 AXIS = Choice("x1", "x2", "x3")
 QUANTITY = Choice(*QUANTITY_NAMES, title="a quantity")
 AT = Key(Choice("start", "end"), "where a quantity over time is taken", default="end")
-CURVE = Choice(*OVER_TIME, title="a quantity over time")
+CURVE = Choice(*COMPONENTS, title="a quantity over time")
 SEVERAL = Key(ListOf(CURVE), "quantities over time")
 # Of a curve that changes its sign the change may be twice the largest value; a check to which every
 # curve conforms is none.

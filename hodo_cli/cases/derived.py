@@ -31,6 +31,7 @@ class Derived(NamedTuple):
 
 OMEGA, BODY, ATTITUDE = (("omega",),), (("omega", "inertia"),), (("attitude",),)
 MOMENTUM, ENERGY = "moment of inertia / time", "moment of inertia / time^2"
+OF_TOP = (("omega", "gamma"),)
 OF_BODY = ("attitude", "omega", "inertia")
 
 DERIVED = {
@@ -53,8 +54,11 @@ DERIVED = {
     "speed": Derived("|omega|", "1/time", OMEGA),
     "x": Derived("p^2 + q^2", "1/time^2", OMEGA),
     "y": Derived("r^2", "1/time^2", OMEGA),
-    "Gz": Derived("vertical angular momentum", MOMENTUM, (("omega", "gamma"),)),
-    "H": Derived("energy", ENERGY, (("omega", "gamma"),)),
+    "Gz": Derived("vertical angular momentum", MOMENTUM, OF_TOP),
+    "H": Derived("energy", ENERGY, OF_TOP),
+    "u1": Derived("first root of the cubic of cos theta", "1", OF_TOP),
+    "u2": Derived("second root", "1", OF_TOP),
+    "u3": Derived("third root", "1", OF_TOP),
     "G_space": Derived("G along the axes of space", MOMENTUM, (OF_BODY,), "space"),
     "total_space": Derived(
         "G - kappa omega' of the free body, the momentum of body and fluid to first order in "

@@ -65,7 +65,7 @@ class DrawnFigure:
     warnings: tuple[str, ...] = ()
 
 
-FORMULA = Expression(("t", *filter(str.isidentifier, SCALARS), "u1", "u2", "u3"))
+FORMULA = Expression(("t", *filter(str.isidentifier, SCALARS)))
 """A formula in the time and the variables of a motion."""
 
 

@@ -32,7 +32,7 @@ from ..cases.sweep_block import AXIS_LABELS
 from ..integration import Crossing, label_at_start
 from ..models import rigid_body
 from ..models.base import attributes
-from ..models.top.nutation import first_integrals, with_mu
+from ..models.top.nutation import first_integrals, roots_of_motion, with_mu
 from ..schema.expression import names_in, parse_expression
 from ..storage import Attribute, Variable, dimension_sizes, typed
 from ..text import case_words
@@ -539,11 +539,11 @@ def _tilt(m: Motion) -> np.ndarray:
     return np.where(m.G.any(axis=1), np.arctan2(across, along), np.nan)
 
 
-def _first_integral(m: Motion, name: str) -> np.ndarray:
-    """Gz or H of a top that stores its angular velocity."""
-    vertical = [*m.vector("gamma").T]
+def _of_top(of_state: Callable[..., Sequence[np.ndarray]], i: int, m: Motion) -> np.ndarray:
+    """One of the quantities that follow from omega and the vertical of a top, with mu as it is at
+    each time."""
     k = with_mu(attributes(m.case.system.constants), m.time)
-    return np.asarray(first_integrals([*m.omega.T], vertical, k)[("Gz", "H").index(name)])
+    return np.asarray(of_state([*m.omega.T], [*m.vector("gamma").T], k)[i])
 
 
 # What follows from a stored attitude
@@ -657,8 +657,11 @@ QUANTITIES: dict[str, Callable[[Motion], np.ndarray]] = {
     "speed": lambda m: np.hypot.reduce(m.omega, axis=-1),
     "x": lambda m: m.component("omega", "x1") ** 2 + m.component("omega", "x2") ** 2,
     "y": lambda m: m.component("omega", "x3") ** 2,
-    "Gz": lambda m: _first_integral(m, "Gz"),
-    "H": lambda m: _first_integral(m, "H"),
+    "Gz": partial(_of_top, first_integrals, 0),
+    "H": partial(_of_top, first_integrals, 1),
+    "u1": partial(_of_top, roots_of_motion, 0),
+    "u2": partial(_of_top, roots_of_motion, 1),
+    "u3": partial(_of_top, roots_of_motion, 2),
     **OF_ATTITUDE,
 }
 """How each quantity of `DERIVED` follows from a motion that has what it needs: (n,), or (n, 3)

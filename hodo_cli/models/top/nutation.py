@@ -135,7 +135,10 @@ def nutation_at_start(
         U = -c * Z
     else:
         U, Z = Gz - c, 1 - (2 * H - c * r) / (2 * mu)
-        e = root_spread(Z - excess, 2 * c * U / scale + 2 * Z, U * U / scale)
+        X, square, _ = roots_of_cubic(U, Z, r, SimpleNamespace(A=A, C=C, mu=mu))
+        e, slack = sqrt(max(square, 0.0)), math.sqrt(ROOT_ROUNDING)
+        if not (square >= -ROOT_ROUNDING and -slack <= X - e and X + e <= 2 + slack):
+            raise ValueError("no motion has these Gz, H and r: -1 <= u1 <= u2 <= 1 cannot be met")
     state = [as_numpy_float(value) for value in (U, Z, r, e)]
     if not all(map(isfinite, [*state, excess])):
         raise ValueError("the initial data are out of range")
@@ -156,29 +159,39 @@ def released(theta: Any, excess: Any) -> tuple[Any, Any]:
     return x, sin(theta) ** 2 / (2 * gap) if gap > 0 else -excess / 2
 
 
-def root_spread(T1: Any, T2: Any, T3: Any) -> Any:
-    """e = (u2 - u1)/2 from the coefficients of the cubic for y = u3 - 1: y^3 + T1 y^2 + T2 y = T3.
-
-    Raises ValueError if u1 and u2 are not real numbers from -1 to 1: there is no such motion. What
-    the rounding of the data does to a double root is forgiven.
-    """
+@np.errstate(all="ignore")  # of both sides of a choice one may be out of range
+def roots_of_cubic(U: Any, Z: Any, r: Any, k: Any) -> tuple[Any, Any, Any]:
+    """1 - (u1 + u2)/2, ((u2 - u1)/2)^2, which is negative where the two are no real numbers, and u3
+    - 1, of states (...) whose e is not known."""
+    # The coefficients of the cubic for y = u3 - 1: y^3 + T1 y^2 + T2 y = T3.
+    c, scale = k.C * r, 2 * k.A * k.mu
+    T1, T2, T3 = Z - (c * c / scale - 2), 2 * c * U / scale + 2 * Z, U * U / scale
     # Cauchy's bound. From above, Newton's method falls to the largest root and stops where rounding
     # stops the fall.
-    y = 1 + max(abs(T1), abs(T2), T3)
+    y = 1 + np.maximum(np.maximum(abs(T1), abs(T2)), T3)
     while True:
         slope = (3 * y + 2 * T1) * y + T2
-        lower = y - (((y + T1) * y + T2) * y - T3) / slope if slope > 0 else y
-        if not lower < y:
+        lower = y - (((y + T1) * y + T2) * y - T3) / slope
+        falls = (slope > 0) & (lower < y)
+        if not np.any(falls):
             break
-        y = lower
+        y = np.where(falls, lower, y)
     # x1 x2 and x1 + x2: by a division where y is large, without one where it is small.
-    product = T3 / y if y > 1 else T2 + (T1 + y) * y
-    X = (product - T2) / (2 * y) if y > 1 else (T1 + y) / 2
-    d = X * X - product
-    e, slack = sqrt(max(d, 0.0)), math.sqrt(ROOT_ROUNDING)
-    if d >= -ROOT_ROUNDING and -slack <= X - e and X + e <= 2 + slack:
-        return e
-    raise ValueError("no motion has these Gz, H and r: -1 <= u1 <= u2 <= 1 cannot be met")
+    product = np.where(y > 1, T3 / y, T2 + (T1 + y) * y)
+    X = np.where(y > 1, (product - T2) / (2 * y), (T1 + y) / 2)
+    return X, X * X - product, y
+
+
+def roots_of_motion(omega: Sequence[Any], gamma: Sequence[Any], k: Any) -> tuple[Any, Any, Any]:
+    """u1, u2 and u3, eq. (1.5), from the components (...) of omega and of the vertical in body
+    axes; k has A, C and mu. The first two lose half of their digits where they meet."""
+    (p, q, r), (g1, g2, g3) = omega, gamma
+    # 1 - cos theta, without loss for a top that is nearly upright.
+    x = np.where(g3 > 0, (g1 * g1 + g2 * g2) / (1 + abs(g3)), 1 - g3)
+    U, Z = k.A * (p * g1 + q * g2) - k.C * r * x, x - k.A * (p * p + q * q) / (2 * k.mu)
+    X, square, y = roots_of_cubic(U, Z, r, k)
+    e = np.sqrt(np.maximum(square, 0))
+    return 1 - X - e, 1 - X + e, 1 + y
 
 
 LAW = Either(
