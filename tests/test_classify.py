@@ -151,6 +151,23 @@ def test_a_stored_motion_that_is_not_the_case_s_is_refused() -> None:
         classify(FIG4, motion.method, motion.tol, motion.error, wrong)
 
 
+def test_a_motion_that_comes_back_between_the_places_looked_at_has_crossed_twice() -> None:
+    # It encloses x3 at each of its two samples and of the 513 other times.
+    case: dict[str, Any] = {
+        "model": "torques",
+        "inertia": BODY,
+        "damping": 0.7,
+        "torque": [0.5, 0.6, 0.9],
+        "initial": {"p": 0.5, "q": 0.8, "r": -0.9},
+        "time": {"end": 2000, "samples": 2},
+    }
+    motion = hodo_cli.run(case)
+    assert motion.enclosed_axis.values.tolist() == [3, 3]
+    assert motion.crossing_to.values.tolist() == [1, 3]
+    assert np.allclose(motion.crossing_time, [0.1153054, 1.0613031], rtol=1e-6)
+    assert (motion.crossing_error.values < 1e-12).all()
+
+
 def test_labels_and_crossings_as_they_are_stored() -> None:
     crossing = crossings.Crossing(1.0, 1, 3, 0.5, 1e-12)
     variables = layout.label_variables(np.array([1, 3]), [crossing])

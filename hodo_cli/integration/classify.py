@@ -41,8 +41,8 @@ UNMEASURED_ERROR_IN_TOLS = 100.0
 reach, see DOP853 and LSODA in `hodo bench`."""
 
 MIN_UNMEASURED_ERROR = 1e-9
-"""The least error at which a motion is judged whose error was not measured: rounding alone does not
-reach it in the steps that a motion may take. Where it would decide, a reference is asked."""
+"""The least error at which a motion is judged where its error is not measured: rounding alone does
+not reach it in the steps that a motion may take. Where it would decide, a reference is asked."""
 
 
 @dataclass(frozen=True)
@@ -71,20 +71,25 @@ def classify(
     """Label the stored samples of a case and find its crossings.
 
     `method`, `tol` and `error` are those recorded with the stored omega (n, 3). The case is
-    integrated again, and so is the reference of its error, each with a search for the zeros of D.
-    The labels come from the scaled state, which has them even where omega is below the smallest
-    double, and from the error at their own time.
+    integrated again, with a search for the zeros of D, and so is the reference of its error, unless
+    the motion stays beyond any error of its method on one side. The labels come from the scaled
+    state, which has them even where omega is below the smallest double, and from the error at their
+    own time.
 
     Raises HodoError if the motion differs from the stored one by more than its error allows.
     """
-    is_measured = not math.isnan(error)
-    expected = max(EPS, error) if is_measured else UNMEASURED_ERROR_IN_TOLS * max(EPS, tol)
-    assumed = expected if is_measured else max(MIN_UNMEASURED_ERROR, expected)
-    dense = searched(case, method, case.precision, tol, CERTAIN_ERRORS * assumed)
+    unmeasured = UNMEASURED_ERROR_IN_TOLS * max(EPS, tol)
+    expected = unmeasured if math.isnan(error) else max(EPS, error)
+    # Also of an error that was measured, because between few samples it may be larger.
+    largest = max(MIN_UNMEASURED_ERROR, expected, unmeasured)
+    dense = searched(case, method, case.precision, tol, CERTAIN_ERRORS * largest)
     motion, samples = dense.motion, dense.rows[: len(omega)]
     check_stored(motion, samples, omega, expected)
     absorbing = case.system.absorbing_axes(case.time.start, case.time.end)
-    errors, reference = against_reference(dense, assumed, absorbing)
+    errors, reference = assumed_errors(motion, largest), None
+    if not stays_on_one_side(dense, errors):
+        assumed = largest if math.isnan(error) else expected
+        errors, reference = against_reference(dense, assumed, absorbing)
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
     labels[: len(samples)] = sample_labels(motion.at(samples), errors[samples])
     labels = with_hidden_labels(labels, absorbing)
@@ -200,6 +205,13 @@ def check_stored(motion: Trajectory, rows: np.ndarray, omega: np.ndarray, expect
             f"{motion.case.name}: the stored motion differs from its case by {apart:.1e}, "
             f"and its error allows {allowed:.1e}; run it again with --force"
         )
+
+
+def stays_on_one_side(dense: DenseSolution, errors: np.ndarray) -> bool:
+    """Whether a motion encloses one axis all along, farther from the separatrix than errors (n,) of
+    it reach."""
+    first, *others = np.unique(sample_labels(dense.motion, errors))
+    return first > 0 and not (others or dense.signs)
 
 
 def against_reference(
