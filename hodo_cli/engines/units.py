@@ -288,10 +288,6 @@ class Clock:
         high, low = extended(np.array([self.high, self.low]))
         return np.asarray(high + (low + s / np.longdouble(self.factor)))
 
-    def true_times(self, s: np.ndarray) -> np.ndarray:
-        """`true` of many times (...) of the engine."""
-        return self.exact_times(s).astype(float)
-
     @property
     def constants(self) -> dict[str, Any]:
         """The constants by which equations know the case's time from the engine's."""

@@ -191,10 +191,11 @@ class CrossingSearch(StepBuffer):
         order = np.lexsort((x, row))
         row, x, vanishes = row[order], x[order], vanishes[order]
         view = self._view(b, row, x)
-        start, end = self.clock.true_times(times[:, 0]), self.clock.true_times(times[:, 1])
+        start, end = self.clock.exact_times(times.T).astype(float)
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = np.nan_to_num(view.rate / (end - start)[row]).astype(float)
-        time = self.clock.true_times(times[row, 0] + x * (times[row, 1] - times[row, 0]))
+        within = times[row, 0] + x * (times[row, 1] - times[row, 0])
+        time = self.clock.exact_times(within).astype(float)
         margin = np.where(vanishes, 0, view.margin).astype(float)
         self.parts.append(SignChanges(time, margin, vanishes, rate, view.momentum, view.label))
 

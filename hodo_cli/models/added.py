@@ -217,7 +217,7 @@ def _misfit(system: Model) -> str:
     return _misfit_of_output(system, start)
 
 
-VELOCITY_SIZE, TIME_SIZE = 2, -3
+VELOCITY_EXPONENT, TIME_EXPONENT = 2, -3
 """The units in which equations are tried again, as powers of two: any two that no degrees make
 equal."""
 
@@ -227,10 +227,10 @@ def _rates_off_degree(system: Model, start: np.ndarray) -> list[str]:
     and time, with the constants that `degree` says there; `t` stays the case's own."""
     model, k = type(system), {**system.constants}
     other = k | {
-        name: in_unit(k[name], VELOCITY_SIZE * (degree - 1) + TIME_SIZE)
+        name: in_unit(k[name], VELOCITY_EXPONENT * (degree - 1) + TIME_EXPONENT)
         for name, degree in system.degree.items()
     }
-    units = {VELOCITY: 2.0**VELOCITY_SIZE, UNIT: 2.0**TIME_SIZE}
+    units = {VELOCITY: 2.0**VELOCITY_EXPONENT, UNIT: 2.0**TIME_EXPONENT}
     other |= {name: unit for name, unit in units.items() if name in k}
     # Each variable by its own unit: a direction does not grow with omega, and numbers stay finite.
     size = (np.abs(start[moving(model)]).max() or 1.0) ** state_powers(model)
@@ -239,14 +239,14 @@ def _rates_off_degree(system: Model, start: np.ndarray) -> list[str]:
         y = start + moved * size * np.cos(1 + np.arange(len(start)))
         try:
             rates = np.array(system.rhs(t, y.tolist(), attributes(k)))
-            y = rescaled(model, y, -VELOCITY_SIZE)
+            y = rescaled(model, y, -VELOCITY_EXPONENT)
             again = np.array(system.rhs(t, y.tolist(), attributes(other)))
         except (ArithmeticError, ValueError):  # no motion need come there
             continue
         if not np.isfinite([rates, again]).all():  # nor may one where a law of the time overflows
             continue
         # Of the other units back to these.
-        again = np.ldexp(rescaled(model, again, VELOCITY_SIZE), -TIME_SIZE)
+        again = np.ldexp(rescaled(model, again, VELOCITY_EXPONENT), -TIME_EXPONENT)
         if (off := np.abs(rates - again) > 1e-9 * np.abs(rates).max()).any():
             return list(compress(system.state, off))
     return []

@@ -94,10 +94,15 @@ class SeparatrixRates(NamedTuple):
         rates = self.drift, self.limit, self.limit + self.by_e, self.limit + self.by_o
         return max(map(abs, rates)) / 2
 
-    def changes(self, time: float, u: float) -> Pair:
-        """The changes of ln X_e and ln X_o in a time in which u changes by `u`."""
+    def moved(self, logarithms: Pair, time: float, u: float) -> Pair:
+        """ln X_e and ln X_o after a time in which u changes by `u`."""
         turns = u / self.drift  # the integral of dt/K
-        return self.limit * time + self.by_e * turns, self.limit * time + self.by_o * turns
+        ln_e, ln_o = logarithms
+        # What is added needs no more digits than a double has.
+        return (
+            ln_e + (self.limit * time + self.by_e * turns),
+            ln_o + (self.limit * time + self.by_o * turns),
+        )
 
 
 RatesByRegion = Mapping[Region, SeparatrixRates]
@@ -186,7 +191,7 @@ def pass_separatrix(
         )
     seconds = time_to_separatrix(arrival.u, speed)
     time = float(arrival.time) + seconds
-    logarithms = added(arrival.logarithms, here.changes(seconds, -arrival.u))
+    logarithms = here.moved(arrival.logarithms, seconds, -arrival.u)
     roots = sorted_roots(logarithms, side)
     n = either(side, *k.turning_n) * roots[::side][0]
     phase = arrival.phase + math.pi / 2 * n * arrival.u / speed
@@ -223,17 +228,11 @@ def departure(
     """The time from the separatrix to `u` in a region with these rates, without the lag, and there
     ln X_e, ln X_o and the phase; the logarithms are those at the separatrix."""
     onward = time_to_separatrix(u, there.drift)
-    # The lag is spent near the middle axis, at the rate there. What is added to the state needs no
-    # more digits than a double has.
-    changes = there.changes(onward + prediction.lag, u)
+    # The lag is spent near the middle axis, at the rate there.
+    ln_e, ln_o = there.moved(logarithms, onward + prediction.lag, u)
     place = prediction.place if math.isfinite(prediction.place) else 0.0
     phase = math.pi * (place + 0.5) + math.pi / 2 * n * u / there.drift
-    return onward, *added(logarithms, changes), phase
-
-
-def added(logarithms: Pair, changes: Pair) -> Pair:
-    """The logarithms of X_e and X_o after changes of both."""
-    return logarithms[0] + changes[0], logarithms[1] + changes[1]
+    return onward, ln_e, ln_o, phase
 
 
 def sorted_roots(logarithms: Pair, side: int) -> Pair:
