@@ -86,14 +86,14 @@ def classify(
     motion, samples = dense.motion, dense.rows[: len(omega)]
     check_stored(motion, samples, omega, expected)
     absorbing = case.system.absorbing_axes(case.time.start, case.time.end)
-    errors, reference = assumed_errors(motion, largest), None
+    errors, reference, listed = assumed_errors(motion, largest), None, CrossingList([], [], [])
     if not stays_on_one_side(dense, errors):
         assumed = largest if math.isnan(error) else expected
         errors, reference = against_reference(dense, assumed, absorbing)
+        listed = crossings_of(dense, errors, absorbing)
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
     labels[: len(samples)] = sample_labels(motion.at(samples), errors[samples])
     labels = with_hidden_labels(labels, absorbing)
-    listed = crossings_of(dense, errors, absorbing)
     crossings, warnings = (
         resolve_conflicts(listed, reference)
         if reference
