@@ -82,7 +82,7 @@ def read(text: str) -> tuple[Any, str]:
         ("ｐ", 1, "unexpected"),  # a full-width p, which Python's parser turns into p
         ("p*²", 3, "unexpected"),
         ("١", 1, "unexpected"),  # an Arabic digit one
-        ("p.real", 2, "unexpected"),
+        ("p.real", 1, "unknown name"),
         ("p.__class__", 2, "unexpected"),
         ("__import__('os').system('true')", 1, "unexpected"),
         ("[p]", 1, "unexpected"),

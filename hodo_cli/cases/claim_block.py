@@ -31,7 +31,7 @@ from ..schema.kinds import (
     unknown_names,
     within,
 )
-from .derived import COMPONENTS, DERIVED, constants_of, lack_of
+from .derived import DERIVED, OVER_TIME, constants_of, lack_of
 from .figure_block import FORMULA, quantities_in
 from .sweep_block import SWEEP, axes_of, check_axes, first_values
 
@@ -70,13 +70,13 @@ NEEDED_BY_NUMBER = {"rebound_u3": "Gz"} | dict.fromkeys(
 )
 """The variable or quantity over time from which a number is computed that not every model has."""
 
-QUANTITY_NAMES = {**COMPONENTS, **SINGLE_NUMBERS}
+QUANTITY_NAMES = {**OVER_TIME, **SINGLE_NUMBERS}
 
 
 AXIS = Choice("x1", "x2", "x3")
 QUANTITY = Choice(*QUANTITY_NAMES, title="a quantity")
 AT = Key(Choice("start", "end"), "where a quantity over time is taken", default="end")
-CURVE = Choice(*COMPONENTS, title="a quantity over time")
+CURVE = Choice(*OVER_TIME, title="a quantity over time")
 SEVERAL = Key(ListOf(CURVE), "quantities over time")
 # Of a curve that changes its sign the change may be twice the largest value; a check to which every
 # curve conforms is none.

@@ -4,7 +4,8 @@ what they mean and need, and of their units. `results.motion` computes them."""
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ..models.base import Model
+from ..models import added_variables
+from ..models.base import Label, Model
 from ..text import case_words
 
 BODY_AXES = ("x1", "x2", "x3")
@@ -84,9 +85,6 @@ DERIVED = {
     "phi": Derived("spin, the turn about x3, in radians", "rad", ATTITUDE),
 }
 
-SCALARS = tuple(name for name, quantity in DERIVED.items() if not quantity.dim)
-"""The quantities that are one number at a time."""
-
 
 def component_names(name: str, dim: str) -> list[str]:
     """The names of the numbers of a variable or quantity: its own, or those of its components."""
@@ -99,6 +97,25 @@ COMPONENTS = {
     for component in component_names(name, quantity.dim)
 }
 """What each quantity, and each component of one, is in words: `T`, `G_space.z`."""
+
+STORED_VARIABLES = {
+    "omega": Label(("time", "axis"), "angular velocity in body axes"),
+    "attitude": Label(("time", "quaternion"), "quaternion from body to space axes"),
+    "gamma": Label(("time", "axis"), "the vertical in the axes of a top"),
+    "momentum": Label(("time",), "|G| of an averaged form"),
+    "kinetic_energy": Label(("time",), "T of an averaged form"),
+    "k2": Label(("time",), "k^2 of its turns: 0 at an axis, 1 at the separatrix"),
+    **added_variables(),
+}
+"""The variables that some model stores and no quantity stands for, those of the user's own models
+among them."""
+
+OVER_TIME = COMPONENTS | {
+    number: label.long_name
+    for name, label in STORED_VARIABLES.items()
+    for number in component_names(name, "".join(label.dims[1:]))
+}
+"""The numbers over time that a statement or a formula may name, in words."""
 
 
 def constants_of(system: Model, data: Mapping[str, Any]) -> set[str]:

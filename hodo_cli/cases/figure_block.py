@@ -36,8 +36,8 @@ from ..schema.spelling import unknown
 from ..text import case_words
 from .derived import (
     DERIVED,
+    OVER_TIME,
     PARTS,
-    SCALARS,
     component_names,
     constants_of,
     derivable_numbers,
@@ -65,8 +65,11 @@ class DrawnFigure:
     warnings: tuple[str, ...] = ()
 
 
-FORMULA = Expression(("t", *filter(str.isidentifier, SCALARS)))
-"""A formula in the time and the variables of a motion."""
+FORMULA = Expression(
+    ("t", *(name for name in OVER_TIME if name not in ("D/2T", "t"))),
+    title="an expression in t and quantities over time",
+)
+"""A formula in the time and the numbers over time of a motion."""
 
 
 def quantities_in(formula: str) -> set[str]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..cases.derived import COMPONENTS
+from ..cases.derived import OVER_TIME
 from ..engines.protocol import EPS
 from ..integration import (
     CERTAIN_ERRORS,
@@ -252,7 +252,7 @@ def error_of(m: Motion, name: str) -> float:
     elif name == "end_of_spin" and "event_error" in m.data:
         of_events = np.atleast_1d(m.stored("event_error")).tolist()
         errors = [e for (kind, _), e in zip(m.events, of_events, strict=True) if kind == name]
-    elif name in COMPONENTS:
+    elif name in OVER_TIME:
         error = float(np.nan_to_num(m.attrs.get("error", 0)))
         errors = [max(error * m.largest(name), moved_by(m, name, error))]
     return float(np.nan_to_num(next(iter(errors), 0.0)))

@@ -85,7 +85,7 @@ def formula_in_tex(text: str, time: str) -> str:
         # Of J = G^2/2T the letter alone.
         return words.get(name[0], f"{{{symbol(name[0]).partition(' = ')[0]}}}")
 
-    text = re.sub(r"(?<![\w.])[A-Za-z]\w*", word, text)
+    text = re.sub(r"(?<![\w.])[A-Za-z]\w*(\.[A-Za-z]\w*)?", word, text)
     for sign, tex in FORMULA_SIGNS:
         text = re.sub(sign, tex, text)
     return text

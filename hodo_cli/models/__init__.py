@@ -19,7 +19,7 @@ from ..machine import may_have_entry_points
 from ..private import keep_model
 from ..text import grouped
 from .added import MISTAKES, AddedModule, equations_mistake, texts_of, with_source_line
-from .base import Model
+from .base import Label, Model
 
 OWN_MODELS_VARIABLE = "HODO_MODELS"
 """The variable of the environment with the user's own files, separated as in PATH: worker processes
@@ -59,6 +59,11 @@ def _own_modules_of() -> Mapping[str, Sequence[str]]:
 def _added_forms() -> Sequence[tuple[AddedModule, type[Model]]]:
     """The forms that are not hodo's, each with its module."""
     return [(added, form) for added in _added_modules() for form in _forms(added.module)]
+
+
+def added_variables() -> dict[str, Label]:
+    """What the models that are not hodo's store."""
+    return {name: label for _, form in _added_forms() for name, label in form.variables.items()}
 
 
 @cache

@@ -49,16 +49,18 @@ _OF_FLOATS: Mapping[str, Callable[..., float]] = {
 _DIGITS = r"(?!0+[1-9][0-9]*(?![0-9.eE]))(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
 _WORD = re.compile(
     rf"(?P<number>{_DIGITS}(?:[eE][-+]?[0-9]+)?(?![0-9A-Za-z_.]))"
-    r"|(?P<name>[A-Za-z][0-9A-Za-z_]*)|[-+*/() ]|(?P<other>.)",
+    r"|(?P<name>[A-Za-z][0-9A-Za-z_]*(?:\.[A-Za-z][0-9A-Za-z_]*)?)|[-+*/() ]|(?P<other>.)",
     re.DOTALL,
 )
 
 
 @dataclass(frozen=True)
 class Expression(Kind):
-    """A formula in variables of these names, resolved to its text; a number is one too."""
+    """A formula in variables of these names, resolved to its text; a number is one too. A title
+    stands for a list of names that is too long to read."""
 
     names: tuple[str, ...]
+    title: str = ""
 
     def check(self, value: Any) -> str:
         if isinstance(value, str):
@@ -72,7 +74,7 @@ class Expression(Kind):
         return {"anyOf": [{"type": "string", "maxLength": LONGEST}, {"type": "number"}]}
 
     def __str__(self) -> str:
-        return f"an expression in {', '.join(self.names)}"
+        return self.title or f"an expression in {', '.join(self.names)}"
 
 
 @lru_cache(maxsize=256)
@@ -158,6 +160,8 @@ class _Walk:
                 return float(self.source(node))
             case ast.Name(id=name) if name not in FUNCTIONS:
                 return name
+            case ast.Attribute(value=ast.Name(id=vector), attr=part):
+                return f"{vector}.{part}"
             case ast.UnaryOp(op=ast.UAdd()):
                 return self.tree(node.operand, level + 1)
             case ast.UnaryOp(op=ast.USub()):
