@@ -138,7 +138,8 @@ def inequality_7(motions: Sequence[Motion]) -> Finding:
         clear = np.abs(G2 - h * A2) > 64 * EPS * G2
         # Written out as the paper has it, and not by `slope`, which is what is tested.
         K = A3 * (A2 - A3) / (A1 * (A1 - A2))
-        mismatches += int(((h * A2 < G2) != (w[:, 0] ** 2 > K * w[:, 2] ** 2))[clear].sum())
+        by_moments, by_momentum = w[:, 0] ** 2 > K * w[:, 2] ** 2, h * A2 < G2
+        mismatches += int((by_moments != by_momentum)[clear].sum())
     return Finding(
         deviation_unless(mismatches == 0),
         number=float(mismatches),

@@ -29,6 +29,12 @@ SMALLER = (1.0, 0.3, 0.1, 0.03, 0.01)
 the paper averages."""
 
 
+def last_power(values: Sequence[float]) -> float:
+    """The power of SMALLER by which values at these factors fall between the two smallest, nearest
+    to the limit."""
+    return math.log(values[-2] / values[-1]) / math.log(SMALLER[-2] / SMALLER[-1])
+
+
 def x_at_end_of_spin(m: Motion) -> float:
     """x where r reaches 0, by interpolation between the samples."""
     return float(np.interp(end_of_spin(m), m.time, quantity(m, "x")))
@@ -49,7 +55,7 @@ def transverse_torque_vanishes(motions: Sequence[Motion]) -> Finding:
     for factor in SMALLER:
         ends = [x_at_end_of_spin(with_torque(full, factor, i * math.pi / 6)) for i in range(12)]
         apart.append(max(abs(x - limit) for x in ends))
-    power = math.log(apart[-2] / apart[-1]) / math.log(SMALLER[-2] / SMALLER[-1])
+    power = last_power(apart)
     ends = [x_at_end_of_spin(m) for m in transverse]
     words = (
         f"x off by {listed(apart, 3)} at factors {listed(SMALLER)}; "
@@ -111,8 +117,7 @@ def slow_x_and_y(motions: Sequence[Motion]) -> Finding:
     for m in motions:
         turns = [first_turn(m, factor) for factor in SMALLER]
         changes = [max(np.ptp(quantity(turn, name)) for name in ("x", "y")) for turn in turns]
-        # Between the two smallest factors, nearest to the limit in which the paper averages.
-        powers.append(math.log(changes[-2] / changes[-1]) / math.log(SMALLER[-2] / SMALLER[-1]))
+        powers.append(last_power(changes))
         p = np.ptp(quantity(turns[-1], "p"))
         words.append(f"{listed(changes, 3)} (p by {p:.3g})")
     power = min(powers)
