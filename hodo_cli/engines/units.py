@@ -271,12 +271,8 @@ class Clock:
         later = self.until(times) * type(self.high)(self.factor)
         return np.concatenate(([self.high * 0], later))
 
-    def true(self, s: Any) -> float:
-        """The case's time at the time s of the engine."""
-        return float(self.exact(s))
-
     def exact(self, s: Any) -> Any:
-        """As `true`, in the working precision."""
+        """The case's time at the time s of the engine, in the working precision."""
         return self.high + (self.low + s / type(self.high)(self.factor))
 
     def restart(self, time: Any) -> None:

@@ -232,9 +232,7 @@ def against_reference(
     for by in references(case, motion.method, motion.tol):
         limited = with_step_limit(motion, by.method)
         reference = searched(limited, by.method, by.precision, by.tol, until=end)
-        if (motion.succeeded and not reference.motion.succeeded) or (
-            by.tol is not None and reference.motion.tol == motion.tol
-        ):
+        if not by.judges(motion, reference.motion):
             continue
         errors = distances(motion, reference.motion)
         reference_errors = (

@@ -268,7 +268,7 @@ class Propagation:
             self.restarts = in_precision(self.observer.change[None], self.engine.dtype)
             return int(units.exponent)
         samples.events += [
-            Occurrence(self.events[root.event].kind, clock.true(root.time))
+            Occurrence(self.events[root.event].kind, float(clock.exact(root.time)))
             for root in stretch.roots
         ]
         # The first row is where it began, and one behind the samples is at a restart.
@@ -283,11 +283,12 @@ class Propagation:
         """Go on behind a terminal event, or end there; the exponent of the unit of omega in which
         the state is then."""
         event, exponent, fp = self.events[root.event], int(self.units.exponent), self.engine.dtype
-        outcome = EventOutcome(self.clock.true(root.time), {}, [*root.state])
+        time = self.clock.exact(root.time)
+        outcome = EventOutcome(float(time), {}, [*root.state])
         if event.passage:
             state, exponent = scaled_by(self.model, root.state, exponent), 0
             numbers = attributes(self.system.constants, fp)
-            outcome = event.passage(self.clock.exact(root.time), [*state], numbers)
+            outcome = event.passage(time, [*state], numbers)
         if outcome.details is not None:
             self.samples.events.append(Occurrence(event.kind, outcome.time, outcome.details))
         self.y = np.array(outcome.state, dtype=fp)
@@ -314,7 +315,7 @@ class Propagation:
             at_rest = np.where(state_powers(self.model), 0, self.y)
             self.samples.fill(math.inf, at_rest, -REST_BITS)
         elif self.units.exponent > LARGEST_EXPONENT:
-            time = self.clock.true(self.engine.dtype(0))
+            time = float(self.clock.exact(self.engine.dtype(0)))
             self.control.give_up(Status.FAILED, f"{OVERFLOW_MESSAGE} at {time:.6g}")
         self.y = scaled_by(self.model, self.y, exponent - self.units.exponent)
 

@@ -47,12 +47,7 @@ def with_measured_error(motion: Trajectory) -> Trajectory:
         limited = replace(with_step_limit(motion, by.method), max_seconds=left.max_seconds)
         reference = solve(limited, by.method, by.precision, by.tol, times[positions], refine=False)
         left = with_seconds_left(left, reference)
-        # The engine has cut the tolerance at its limit: the same integration again would show no
-        # error.
-        if by.tol is not None and reference.tol == motion.tol:
-            continue
-        # A reference that stops early still judges a motion that stopped as well.
-        if reference.succeeded or not motion.succeeded:
+        if by.judges(motion, reference):
             return replace(
                 motion,
                 errors=errors_against(case, thin_motion, reference),
@@ -91,6 +86,13 @@ class Reference(NamedTuple):
         if self.tol is not None:
             return "refined"
         return "exact" if self.method == "exact" else self.precision
+
+    def judges(self, motion: Trajectory, reference: Trajectory) -> bool:
+        """Whether a computation so made shows the error of a motion."""
+        # Where the engine has cut the tolerance at its limit, it is the same integration again.
+        is_same = self.tol is not None and reference.tol == motion.tol
+        # A reference that stops early still judges a motion that stopped as well.
+        return not is_same and (reference.succeeded or not motion.succeeded)
 
 
 def references(case: Case, method: str, tol: float) -> Iterator[Reference]:

@@ -46,7 +46,7 @@ class StepTimes(StepObserver):
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
         """See `Observer`."""
-        self.times.append(self.clock.true(end))
+        self.times.append(float(self.clock.exact(end)))
 
 
 def step_times(case: Case, method: str) -> np.ndarray:
