@@ -1069,6 +1069,32 @@ def test_the_schema_takes_empty_values_where_the_loader_does(default: str, own: 
     assert obeys_schema(text + empty)
 
 
+def test_an_empty_default_may_be_written() -> None:
+    def rules(rule: Any) -> Iterator[Any]:
+        inner = rule.values() if isinstance(rule, dict) else rule
+        yield rule
+        for part in inner if isinstance(rule, dict | list) else ():
+            yield from rules(part)
+
+    declared = [rule for rule in rules(RULES) if isinstance(rule, dict) and "description" in rule]
+    empty = [rule for rule in declared if rule.get("default") in ([], {})]
+    assert len(empty) > 10
+    for rule in empty:
+        assert conforms(rule["default"], rule, RULES), rule["description"]
+    text = f"""
+cases: {{a: {{{BODY}, {SPAN}, attitude: yes, assumes: {{}}, store: []}}}}
+bench: {{methods: [taylor], tols: []}}
+figures:
+  f: {{kind: series, cases: a, variables: [G], formula: {{}}, insets: [], labels: [], styles: []}}
+  g: {{kind: hodograph, cases: a, projections: []}}
+  h: {{kind: body, cases: a, moments: []}}
+claims: []
+errata: []
+"""
+    assert loads(text)
+    assert obeys_schema(text)
+
+
 def test_the_schema_takes_what_the_loader_takes() -> None:
     whole = plain(document.read((ROOT / "configs" / "attitude.yaml").read_text(), Mistakes("x")))
     # What no case inherits of the defaults is not looked at by the loader.

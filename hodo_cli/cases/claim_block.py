@@ -154,7 +154,7 @@ CHECK_KINDS: dict[str, dict[str, Key]] = {
             default=None,
         ),
         "at": Key(
-            ListOf(Each(Integer(least=0), "axes to positions, from zero", least=0)),
+            ListOf(Each(Integer(least=0), "axes to positions, from zero", least=0), least=0),
             "positions at which it is averaged over the other axes; `{}` averages over all "
             "(default, without `along`: that alone)",
             default=(),
@@ -258,6 +258,7 @@ TESTED = {
                 }
             ),
             "names to cases, and to a check and members of their own",
+            least=0,
         ),
         "instead of `cases`: the ways to read the text, each with its cases; "
         "a statement on which they disagree is under-determined",

@@ -259,7 +259,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
         "colour": Key(Choice("axis", "time", "case"), COLOUR, default="axis"),
         "view": VIEW,
         "projections": Key(
-            ListOf(Choice("x1x2", "x1x3", "x2x3")),
+            ListOf(Choice("x1x2", "x1x3", "x2x3"), least=0),
             "planes onto which the curve is projected, a panel each",
             default=(),
         ),
@@ -282,7 +282,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
     | {
         "view": VIEW,
         "moments": Key(
-            ListOf(Number()),
+            ListOf(Number(), least=0),
             "times that are printed, a panel each (default: start, middle and end)",
             "time",
             (),
@@ -326,7 +326,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
         "span": Key(INTERVAL, "part of the time axis to draw (default: all)", "time", None),
         "level": Key(Number(), "draws a horizontal line at this value", default=None),
         "formula": Key(
-            Each(FORMULA, "variables to formulas"),
+            Each(FORMULA, "variables to formulas", least=0),
             "laws to compare curves with, drawn dashed: `{G: 0.9*exp(-0.004*t)}`",
             default={},
         ),
@@ -335,7 +335,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
             "mark crossings, and the true ones that an averaged motion predicts",
             default=False,
         ),
-        "insets": Key(ListOf(INSET), "enlargements inside panels", default=()),
+        "insets": Key(ListOf(INSET, least=0), "enlargements inside panels", default=()),
     },
     "phase": STYLED
     | TIME_KEYS

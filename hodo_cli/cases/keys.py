@@ -173,7 +173,7 @@ COMMON = {
     ),
     "note": Key(Text(), "remark to be stored with the results", default=""),
     "assumes": Key(
-        Each(Text(least=1), "names to texts"),
+        Each(Text(least=1), "names to texts", least=0),
         "what the case takes that its source does not print",
         default={},
     ),
@@ -188,7 +188,7 @@ BENCH = Table(
     {
         "methods": Key(ListOf(Choice(*METHODS)), "methods to compare"),
         "tols": Key(
-            ListOf(Number(above=0, below=1)),
+            ListOf(Number(above=0, below=1), least=0),
             "tolerances (default: each method's own)",
             default=(),
         ),
@@ -217,10 +217,12 @@ SECTIONS = {
     "style": Key(Table(figure_block.LOOK), "look of all figures", default=None),
     "bench": Key(BENCH, "what `hodo bench` tries on every case", default=None),
     "claims": Key(
-        ListOf(Table(claim_block.CLAIM)), "statements that `hodo claims` checks", default=()
+        ListOf(Table(claim_block.CLAIM), least=0),
+        "statements that `hodo claims` checks",
+        default=(),
     ),
     "errata": Key(
-        ListOf(Table(claim_block.ERRATUM_KEYS)),
+        ListOf(Table(claim_block.ERRATUM_KEYS), least=0),
         "misprints of the source, each with a check of it and of its correction",
         default=(),
     ),
