@@ -410,6 +410,27 @@ def test_a_constant_is_a_polynomial_of_one_coefficient() -> None:
     assert case(b="0.2") == case(b="[0.2]")
 
 
+@pytest.mark.heyoka
+@pytest.mark.parametrize("form", ["averaged", "full"])
+def test_a_constant_is_swept_by_its_name(form: str) -> None:
+    """As a number, and as the first coefficient that it stands for."""
+    keys = {"model": "Lagrange-averaged", "form": form, "inertia": {"A": 1.5, "C": 1}, "mu": 1,
+            "a": 0.2, "b": 1, "initial": {"theta": 1, "r": 2}, "time": {"end": 1}}  # fmt: skip
+    keys |= {"epsilon": 0.1} if form == "full" else {}
+    for name in ("a", "b"):
+        values = {"values": [0.2, 1, 2]}
+        by_name, by_place = (
+            hodo.sweep(keys | {"sweep": {key: values}}) for key in (name, f"{name}.0")
+        )
+        assert by_name[name].values.tolist() == [0.2, 1, 2]
+        for variable in by_name.data_vars:
+            np.testing.assert_array_equal(
+                np.ravel(by_name[variable]), np.ravel(by_place[variable]), err_msg=str(variable)
+            )
+        with pytest.raises(HodoError, match=f"sweep.{name}: is not a number"):
+            hodo.sweep(keys | {name: [1, 0.1], "sweep": {name: values}})
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [

@@ -311,7 +311,8 @@ def _check_range(
         yield (), _no_such_number(key, keys, data)
         return
     inner = _of_shape(declared, value)
-    of_numbers = isinstance(inner, ListOf) and inner.length is not None
+    # A number stands for a vector, or for a polynomial of that constant alone.
+    of_numbers = isinstance(inner, ListOf) and (inner.length is not None or len(value or ()) == 1)
     if not (isinstance(inner, Number | Angle) or of_numbers) or not declared.takes(0.0):
         yield (), "is not a number, so it cannot be swept"
         return
