@@ -293,6 +293,16 @@ def test_aligned_with_no_momentum_is_warned_of(tmp_path: Path) -> None:
     assert "still: warning: without a G at the start, z lies along x3 there" in done.stderr
 
 
+def test_a_moment_is_printed_at_the_sample_next_to_it(folder: Path) -> None:
+    """Not at one of the fewer pictures of its film: of 20,001 samples it has 3,000."""
+    data = hodo.open(folder / "runs" / "c.h5")["long"]
+    for moments in (data.time.values[[7, 5000, 7777]], None):
+        keys = {} if moments is None else {"moments": moments.tolist()}
+        titles = [axes.get_title() for axes in hodo.plot(data, kind="body", **keys).axes]
+        expected = [0, 50, 100] if moments is None else moments
+        assert titles == [f"$t = {moment:.6g}$ s" for moment in expected]
+
+
 def test_a_moment_outside_of_the_motion_is_no_picture(folder: Path) -> None:
     data = hodo.open(folder / "runs" / "c.h5")["flip"]
     with pytest.raises(hodo.HodoError, match="70 is no time of case flip"):

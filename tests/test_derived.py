@@ -361,6 +361,25 @@ def test_a_body_that_a_brake_has_stopped_has_no_direction_of_its_momentum() -> N
     assert all(words.startswith("constant to") for words in said), said
 
 
+def test_what_is_constant_looks_so_in_a_phase_figure() -> None:
+    """On the scale of its rounding it filled the panel, and broke its frame."""
+    motion = hodo_cli.run({
+        "model": "linear-diag", "inertia": [3, 2, 1], "attitude": {"align": "G"},
+        "initial": {"p": 0.3, "q": 0.4, "r": 1.5}, "time": {"end": 30, "samples": 3001},
+    })  # fmt: skip
+    for x, label, constants in (
+        ("theta", r"$\theta$ [rad]", ["$T$"]),
+        ("G", "$|G|$ [–]", ["$|G|$", "$T$"]),
+        ("time", r"$\tau$ [–]", ["$T$"]),
+    ):
+        (axes,) = hodo_cli.plot(motion, kind="phase", x=x, y="T").axes
+        assert axes.get_xlabel() == label
+        (remark,) = (text.get_text() for text in axes.texts)
+        assert [line.split()[0] for line in remark.splitlines()] == constants
+        low, high = axes.get_ylim()
+        assert 0.1 < high - low < 1
+
+
 @pytest.mark.parametrize(
     ("samples", "said"),
     [(1, []), (2, ["at 2 samples"]), (11, ["at 11 samples"]), (101, [""])],

@@ -1,6 +1,7 @@
 """Words and marks of figures are on no others, and say which case they are of."""
 
 import re
+import warnings
 from itertools import combinations, pairwise
 from typing import Any
 
@@ -10,7 +11,7 @@ from drawings import Drawings, drawings_of
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 
-from hodo_cli import HodoError, derive, plot, run
+from hodo_cli import HodoError, derive, plot, run, sweep
 
 CASES = """
 defaults:
@@ -87,7 +88,11 @@ def boxes(texts: Any) -> list[Any]:
 
 
 def legend(sheet: Any) -> list[str]:
-    return [text.get_text() for box in sheet.figure.legends for text in box.get_texts()]
+    return legend_words(sheet.figure)
+
+
+def legend_words(figure: Any) -> list[str]:
+    return [text.get_text() for box in figure.legends for text in box.get_texts()]
 
 
 def test_names_of_stops_on_a_logarithmic_axis_stand_apart(drawn: Drawings) -> None:
@@ -177,6 +182,28 @@ def test_curves_on_one_side_of_the_quadrants_differ_in_line_and_are_in_the_legen
     assert dashed[1]
     assert curves[0].get_colors()[0].tolist() == curves[1].get_colors()[0].tolist()
     assert lines["slow"].get_linestyle() == "-" != lines["fast"].get_linestyle()
+
+
+@pytest.mark.heyoka
+def test_a_formula_is_set_as_one_in_the_label_of_a_sweep(drawn: Drawings) -> None:
+    labels = {"speed": r"$|\omega|$", "x": "$p^2 + q^2$", "D/2T": "$G^2/2T - A_2$",
+              "T": "kinetic energy"}  # fmt: skip
+    for name, label in labels.items():
+        figure = plot(drawn.cases["grown"], kind="curve", variable=name, x="damping.0")
+        assert figure.axes[0].get_ylabel().startswith(label), name
+
+
+@pytest.mark.heyoka
+def test_a_map_of_which_no_member_balances_says_so_and_no_more() -> None:
+    swept = sweep({
+        "model": "torques", "inertia": [3, 2.6, 1], "torque": [0, 0, 0.001], "kappa": 0.005,
+        "initial": {"p": 0.15, "q": 0, "r": 2}, "time": {"end": 10},
+        "sweep": {"torque.0": {"values": [0.001, 0.002]}, "kappa": {"values": [0.01, 0.02]}},
+    })  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figure = plot(swept, kind="map", variable="G", x="torque.0", y="kappa", theory="turning")
+    assert any("nowhere" in text or "no " in text for text in legend_words(figure))
 
 
 def test_curves_of_one_colour_differ_in_line(drawn: Drawings) -> None:

@@ -48,6 +48,7 @@ def symbol(name: str) -> str:
         "psi": r"\psi",
         "theta": r"\theta",
         "phi": r"\phi",
+        "speed": r"|\omega|",
     }
     if name in special:
         return special[name]
@@ -89,6 +90,14 @@ def formula_in_tex(text: str, time: str) -> str:
     for sign, tex in FORMULA_SIGNS:
         text = re.sub(sign, tex, text)
     return text
+
+
+def meaning_in_tex(meaning: str) -> str:
+    """What a quantity is in words, or in TeX if that is a formula, as |omega| and G^2/2T - A2."""
+    if not re.fullmatch(r"(omega|[ADGTpqr]|[-+^/|1-3 ])+", meaning):
+        return meaning
+    formula = re.sub(r"([A-Z])([1-3])", r"\1_\2", meaning).replace("omega", r"\omega")
+    return f"${formula}$"
 
 
 def axis_label(name: str, motion: Motion) -> str:

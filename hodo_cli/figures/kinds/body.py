@@ -122,9 +122,10 @@ def body(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> No
     """The body in space at some moments, with G, omega, the hodograph on the body and the
     herpolhode in space; a film where it can move."""
     (motion,) = motions
-    film = film_of(motion, spec)
+    times = motion.time[within_span(motion, spec["span"])]
+    moments = spec["moments"] or times[[0, len(times) // 2, -1]].tolist()
+    film = film_of(motion, spec, moments)
     sheet.figure.film = film
-    moments = spec["moments"] or film.time[[0, len(film.time) // 2, -1]].tolist()
     for vector in ("omega", "G", "x1", "x2", "x3"):
         names = component_names(f"{vector}_space", "space")
         sheet.record_path(motion, names, space_vector(motion, vector))
@@ -137,12 +138,13 @@ def body(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> No
     sheet.legend += key_handles()
 
 
-def film_of(motion: Motion, spec: Mapping[str, Any]) -> Film:
-    """The film of a motion, within the span of its figure."""
+def film_of(motion: Motion, spec: Mapping[str, Any], moments: Sequence[float]) -> Film:
+    """The film of a motion, within the span of its figure; it has the samples next to moments."""
     within = np.arange(len(motion.time))[within_span(motion, spec["span"])]
     # The last one too: a film and its printed moments end with the motion.
     places = np.linspace(0, len(within) - 1, min(len(within), FILM_SAMPLES))
-    index = within[places.round().astype(int)]
+    printed = [np.abs(motion.time[within] - moment).argmin() for moment in moments]
+    index = within[np.unique([*places.round().astype(int), *printed])]
     symbol, of = without_tex(f"${spec['time']}$"), motion.units("time")
     turned = rotations(motion)[index]
     return Film(

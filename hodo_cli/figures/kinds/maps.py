@@ -35,7 +35,15 @@ from ..artists import (
     styles,
 )
 from ..sheet import COLUMN, PAGE, Look, Sheet, View
-from ..symbols import axis_columns, axis_name, axis_words, position, symbol, value_unit
+from ..symbols import (
+    axis_columns,
+    axis_name,
+    axis_words,
+    meaning_in_tex,
+    position,
+    symbol,
+    value_unit,
+)
 from ..words import HALO
 
 NO_VALUE_COLOUR = "#E4E4E4"
@@ -268,7 +276,8 @@ def contour(
 ) -> Line2D:  # fmt: skip
     """Draw the contour of values (n, m) at a level; returns its entry of the legend, the second of
     the words without a line where no value is on its other side."""
-    if not np.nanmin(values) <= level < np.nanmax(values):
+    # Of no value at all these are nan, without numpy's warning.
+    if not np.fmin.reduce(values, axis=None) <= level < np.fmax.reduce(values, axis=None):
         return Line2D([], [], ls="", label=words[1])
     axes.contour(x, y, values.T, [level], colors=look["color"]).set(
         linewidth=look["lw"],
@@ -542,7 +551,7 @@ def map_label(
     meaning = str(attributes.get("long_name", name))
     if component in str(attributes.get("flag_meanings", "")).split():
         return f"{SHARE_WORDS}{axis_words(component)} is the {meaning}"
-    shown = f"{meaning}, here {axis_words(component)}" if component else meaning
+    shown = f"{meaning}, here {axis_words(component)}" if component else meaning_in_tex(meaning)
     if name in OF_ATTITUDE:
         # Its meaning takes a sentence, which is longer than an axis.
         shown = f"${symbol(spec['variable'])}$"

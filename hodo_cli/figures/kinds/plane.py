@@ -206,7 +206,8 @@ def label_panel(axes: Axes, spec: Mapping[str, Any], curves: Sequence[tuple[Moti
         marked = [(motion, names)]
     else:
         axes.set_ylabel(axis_label(variable, motion))
-        widen_constant(axes, curves)
+        values = [np.asarray(line.get_ydata(), dtype=float) for line in axes.lines]
+        say_in_corner(axes, widen_constant(axes, "y", values, curves))
         marked = [(drawn, [variable]) for drawn, _ in curves]
     if not spec["passages"]:
         for drawn, together in marked:
@@ -226,10 +227,12 @@ FEW_SAMPLES = 30
 """Samples at fewer of which a quantity may be equal that changes between them."""
 
 
-def widen_constant(axes: Axes, curves: Sequence[tuple[Motion, str]]) -> None:
-    """Give a panel of constant quantities a scale on which they look so, and say it: on that of
-    their rounding errors they would look like noise."""
-    drawn = [np.asarray(line.get_ydata(), dtype=float) for line in axes.lines]
+def widen_constant(
+    axes: Axes, letter: str, drawn: Sequence[np.ndarray], curves: Sequence[tuple[Motion, str]]
+) -> str:
+    """Give constant quantities, drawn as values (n,) along an axis, a scale on which they look so:
+    on that of their rounding errors they would look like noise. Returns words that say it, or an
+    empty text."""
     known = [values for line in drawn if (values := line[np.isfinite(line)]).size]
     values = np.concatenate([[], *known])
     size = max(motion.largest(name) for motion, name in curves)
@@ -237,16 +240,21 @@ def widen_constant(axes: Axes, curves: Sequence[tuple[Motion, str]]) -> None:
     error = max(np.fmax(motion.attrs.get("error", 0.0), EPS) for motion, _ in curves)
     smallest_change = min(CONSTANT_WITHIN * error, LARGEST_ROUNDING) * size
     if not len(values) or np.ptp(values) > smallest_change:
-        return
+        return ""
     middle, half = values.mean(), 0.1 * size or 1.0
-    axes.set_ylim(middle - half, middle + half)
+    axes.set(**{f"{letter}lim": (middle - half, middle + half)})
     words = f"constant to {magnitude(np.ptp(values))}" if np.ptp(values) else "constant"
     fewest = min(map(len, known))
     if fewest == 1:
-        return
-    if fewest < FEW_SAMPLES:
-        words += f" at {fewest} samples"
-    axes.annotate(words, (0.97, 0.95), xycoords="axes fraction", ha="right", va="top", size="small")
+        return ""
+    return f"{words} at {fewest} samples" if fewest < FEW_SAMPLES else words
+
+
+def say_in_corner(axes: Axes, words: str) -> None:
+    """Put words, if there are any, into the upper right corner of a panel."""
+    place: Look = {"xycoords": "axes fraction", "ha": "right", "va": "top"}
+    if words:
+        axes.annotate(words, (0.97, 0.95), **place, size="small")
 
 
 def series_curve(
@@ -420,8 +428,15 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> N
         sheet.record_path(motion, (x, y), curve)
         axes.plot(*curve.T, **look)
     mark_points(axes, curves, crossings_on(motions, curves))
-    axes.set(xlabel=axis_label(x, motions[0]), ylabel=axis_label(y, motions[0]))
     axes.margins(0.06)
+    remarks = []
+    for letter, name, column in (("x", x, 0), ("y", y, 1)):
+        label = time_label(spec, motions[0]) if name == "time" else axis_label(name, motions[0])
+        axes.set(**{f"{letter}label": label})
+        of_name = [(motion, name) for motion in motions]
+        if words := widen_constant(axes, letter, [curve[:, column] for curve in curves], of_name):
+            remarks.append(f"${symbol(name)}$ {words}")
+    say_in_corner(axes, "\n".join(remarks))
     if vector_of(x) == vector_of(y) != "":
         axes.set(aspect="equal", adjustable="datalim")
     sheet.legend += mark_handles(motions, spec["time"])
