@@ -210,8 +210,10 @@ def check_stored(motion: Trajectory, rows: np.ndarray, omega: np.ndarray, expect
 def stays_on_one_side(dense: DenseSolution, errors: np.ndarray) -> bool:
     """Whether a motion encloses one axis all along, farther from the separatrix than errors (n,) of
     it reach."""
-    first, *others = np.unique(sample_labels(dense.motion, errors))
-    return first > 0 and not (others or dense.signs)
+    if dense.signs:
+        return False
+    labels = sample_labels(dense.motion, errors)
+    return bool(((labels > 0) & (labels == labels[:1])).all())
 
 
 def against_reference(
