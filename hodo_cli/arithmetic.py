@@ -100,6 +100,14 @@ def _elementwise(function: Callable[..., float]) -> Callable[..., Any]:
     return applied
 
 
+def at_once(function: Callable[..., Sequence[Any]], *x: Any) -> Sequence[Any]:
+    """The results of a function of arrays for numbers, or for columns of them, whose members it
+    takes at once."""
+    if not any(isinstance(value, Column) for value in x):
+        return function(*x)
+    return [*map(_finite_column, function(*map(member_values, x)))]
+
+
 hypot, power = _elementwise(math.hypot), _elementwise(math.pow)
 
 

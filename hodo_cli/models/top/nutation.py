@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...arithmetic import as_float, as_numpy_float, isfinite, sin, sqrt
+from ...arithmetic import as_float, as_numpy_float, at_once, isfinite, sin, sqrt
 from ...schema.kinds import Choice, Either, Key, ListOf, Number
 from ..terms.laws import coefficient_at, law_mapping
 
@@ -135,7 +135,7 @@ def nutation_at_start(
         U = -c * Z
     else:
         U, Z = Gz - c, 1 - (2 * H - c * r) / (2 * mu)
-        X, square, _ = roots_of_cubic(U, Z, r, SimpleNamespace(A=A, C=C, mu=mu))
+        X, square, _ = at_once(roots_of_cubic, U, Z, r, A, C, mu)
         e, slack = sqrt(max(square, 0.0)), math.sqrt(ROOT_ROUNDING)
         if not (square >= -ROOT_ROUNDING and -slack <= X - e and X + e <= 2 + slack):
             raise ValueError("no motion has these Gz, H and r: -1 <= u1 <= u2 <= 1 cannot be met")
@@ -160,11 +160,11 @@ def released(theta: Any, excess: Any) -> tuple[Any, Any]:
 
 
 @np.errstate(all="ignore")  # of both sides of a choice one may be out of range
-def roots_of_cubic(U: Any, Z: Any, r: Any, k: Any) -> tuple[Any, Any, Any]:
+def roots_of_cubic(U: Any, Z: Any, r: Any, A: Any, C: Any, mu: Any) -> tuple[Any, Any, Any]:
     """1 - (u1 + u2)/2, ((u2 - u1)/2)^2, which is negative where the two are no real numbers, and u3
     - 1, of states (...) whose e is not known."""
     # The coefficients of the cubic for y = u3 - 1: y^3 + T1 y^2 + T2 y = T3.
-    c, scale = k.C * r, 2 * k.A * k.mu
+    c, scale = C * r, 2 * A * mu
     T1, T2, T3 = Z - (c * c / scale - 2), 2 * c * U / scale + 2 * Z, U * U / scale
     # Cauchy's bound. From above, Newton's method falls to the largest root and stops where rounding
     # stops the fall.
@@ -189,7 +189,7 @@ def roots_of_motion(omega: Sequence[Any], gamma: Sequence[Any], k: Any) -> tuple
     # 1 - cos theta, without loss for a top that is nearly upright.
     x = np.where(g3 > 0, (g1 * g1 + g2 * g2) / (1 + abs(g3)), 1 - g3)
     U, Z = k.A * (p * g1 + q * g2) - k.C * r * x, x - k.A * (p * p + q * q) / (2 * k.mu)
-    X, square, y = roots_of_cubic(U, Z, r, k)
+    X, square, y = roots_of_cubic(U, Z, r, k.A, k.C, k.mu)
     e = np.sqrt(np.maximum(square, 0))
     return 1 - X - e, 1 - X + e, 1 + y
 
