@@ -482,6 +482,18 @@ def test_a_figure_is_named_and_its_axes_are_those_of_the_momentum(runs: Path) ->
     assert "about $x_3$" not in kept
 
 
+def test_a_legend_says_where_its_axes_are_not_those_drawn() -> None:
+    case = {"model": "torques", "damping": 0.01, "initial": {"p": 0.3, "q": 0.2, "r": 1}}
+    time = {"end": 20, "samples": 401}
+    for inertia, entry in (
+        ([3, 2, 1], "about $x_3$"),
+        ([[3, 0.1, 0], [0.1, 2, 0.2], [0, 0.2, 1]], "about principal axis $x_3$"),
+    ):
+        data = api.run({**case, "inertia": inertia, "time": time})
+        figure = api.plot(data, kind="sphere", colour="axis")
+        assert figure.legends[0].get_texts()[0].get_text() == entry
+
+
 def test_a_series_names_its_marks_and_the_units_of_its_case(runs: Path) -> None:
     results = Drawings.of(runs / "paper2.h5")
     sheet = results.draw("fig1")

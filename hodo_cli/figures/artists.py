@@ -257,8 +257,12 @@ def axis_handles(motions: Sequence[Motion]) -> list[Line2D]:
     present = {int(label) for labels in moving for label in np.unique(labels)}
     words = {0: "separatrix", -1: "undetermined", 4: "about both", 5: "unseparated"}
     words[NOT_CLASSIFIED] = "not classified"
+    # Others than the axes that are drawn, if a body is given by its full tensor of inertia.
+    has_others = any((motion.principal_axes != np.eye(3)).any() for motion in motions)
+    about = "about principal axis" if has_others else "about"
+    words |= {x: f"{about} $x_{x}$" for x in (1, 2, 3)}
     return [
-        Line2D([], [], color=AXIS_COLOUR[x], lw=1.5, label=words.get(x, f"about $x_{x}$"))
+        Line2D([], [], color=AXIS_COLOUR[x], lw=1.5, label=words[x])
         for x in sorted(present, key=lambda label: (label < 1, label))
     ]
 
