@@ -99,7 +99,9 @@ def test_labels_name_the_body_axes_as_given(
 
 
 def test_labels_go_on_below_the_smallest_double() -> None:
-    case = diagonal((1.2, 1.2, 1.2 - 2**-40), (0.8, 0.3, 0.2))
+    # exp(-1.2 * 650) is 1e-339.
+    time = Time(end=650.0, samples=66)
+    case = diagonal((1.2, 1.2, 1.2 - 2**-40), (0.8, 0.3, 0.2), time=time)
     motion, classification = classified(case)
     assert not motion.variables["omega"][-1].any()
     assert set(classification.labels) == {1}
