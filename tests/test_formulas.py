@@ -214,7 +214,9 @@ def test_a_pole_is_named_after_few_steps(
 )
 def test_what_is_no_pole_on_the_way_is_passed(formula: str, method: str) -> None:
     """Rates that grow more slowly, or to a bound; and a pole behind the end."""
-    motion = hodo.run(torqued(formula, 0, method), classify=False)
+    # Collocation would take thousands of steps for the last digit beside a root that is 0.
+    tol = {"tol": 1e-13} if method == "collocation" else {}
+    motion = hodo.run(torqued(formula, 0, method) | tol, classify=False)
     assert (motion.attrs["status"], motion.time.values[-1]) == ("ok", 20)
 
 
