@@ -254,12 +254,12 @@ APPROXIMATE = (
 )
 COARSE_AND_FINE = """\
 defaults: {model: quadratic-drag, drag: 0.005, inertia: [1, 0.8, 0.6],
-           initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 400, samples: 101}}
+           initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 150, samples: 51}}
 cases:
   coarse: {terms: 15, METHOD}
   fine: {terms: 60, METHOD}
-  coarse-steps: {terms: 15, METHOD, time: {end: 400, steps: yes}}
-  fine-steps: {terms: 60, METHOD, time: {end: 400, steps: yes}}
+  coarse-steps: {terms: 15, METHOD, time: {end: 150, steps: yes}}
+  fine-steps: {terms: 60, METHOD, time: {end: 150, steps: yes}}
 """
 
 
