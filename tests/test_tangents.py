@@ -1,6 +1,7 @@
 """Motions whose D almost touches zero: the list of crossings is right, or said to be undecided.
 
-HODO_FUZZ sets the number of bodies drawn (default 60, of which some four can be tuned; without heyoka half of them).
+HODO_FUZZ sets the number of bodies drawn (default 60, of which some four can be tuned); without
+heyoka half of them are.
 """
 
 import math
