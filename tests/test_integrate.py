@@ -167,6 +167,27 @@ def test_limits_are_honoured_inside_one_integration(
     assert stopped.steps < 500
 
 
+@taylor
+def test_the_choice_of_a_method_takes_no_longer_than_the_motion_may(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its trial of collocation took thousands of steps, whatever the limit."""
+    trials: list[int] = []
+
+    def tried(*given: Any, **keys: Any) -> Any:
+        trial = solve(*given, **keys)
+        trials.append(trial.steps)
+        return trial
+
+    monkeypatch.setattr(choice, "solve", tried)
+    clock = count()  # each look at it takes a second
+    monkeypatch.setattr(protocol, "perf_counter", lambda: next(clock))
+    given = {"model": "torques", "inertia": [1, 0.8, 0.6], "damping": [0, 0, 1e-9]}
+    start = {"initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 1e7, "samples": 3}}
+    assert integrate(Case.of(given | start | {"max_seconds": 5})).status == "timeout"
+    assert trials[0] < 500
+
+
 def test_attempts_at_a_motion_share_its_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     torque = {"inertia": [1, 0.8, 0.6], "expression": ["0.1*sqrt(sin(t)**2)", "0", "0"]}
     given = {"model": "torques", "initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "error": False}

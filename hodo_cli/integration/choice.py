@@ -59,10 +59,10 @@ def stiffness(case: Case) -> str:
     if (steps := taylor_steps(case)) > MIN_STIFF_STEPS:
         # Along the way, because damping may have slowed or the motion may only become fast later.
         times = np.linspace(case.time.start, case.time.end, 17)[1:]
-        # A trial need not take more steps than the motion itself may.
+        # A trial need not take more steps than the motion itself may, nor more time: where it has
+        # not ended, collocation to the tolerance of the case would not either.
         most = min(steps / COLLOCATION_COST, MAX_TRIAL_STEPS, case.max_steps or MAX_TRIAL_STEPS)
-        tried = replace(case, max_steps=int(most), max_seconds=None)
-        trial = solve(tried, "collocation", tol=TRIAL_TOL, times=times)
+        trial = solve(replace(case, max_steps=int(most)), "collocation", tol=TRIAL_TOL, times=times)
         least = max(MIN_STIFF_STEPS, COLLOCATION_COST * trial.steps)
         if trial.succeeded and (steps := taylor_steps(case, trial)) > least:
             needs = f"where a Taylor series needs some {steps:.0e}"
