@@ -184,6 +184,18 @@ def test_curves_on_one_side_of_the_quadrants_differ_in_line_and_are_in_the_legen
     assert lines["slow"].get_linestyle() == "-" != lines["fast"].get_linestyle()
 
 
+def test_long_names_stay_on_the_sheet(drawn: Drawings) -> None:
+    names = ["a" * 79, "m23456789-" * 7 + "end"]
+    cases = [drawn.cases["crossing"], drawn.cases["round-x1"]]
+    for kind in ("sphere", "hodograph"):
+        figure = plot(cases, kind=kind, labels=names)
+        figure.draw_without_rendering()
+        words = {text.get_text().replace("\n", ""): text for text in figure.axes[0].texts}
+        for name in names:
+            (box,) = boxes([words[name]])
+            assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
+
+
 @pytest.mark.heyoka
 def test_a_formula_is_set_as_one_in_the_label_of_a_sweep(drawn: Drawings) -> None:
     labels = {"speed": r"$|\omega|$", "x": "$p^2 + q^2$", "D/2T": "$G^2/2T - A_2$",

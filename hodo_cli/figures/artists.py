@@ -21,7 +21,7 @@ from ..results.motion import Motion
 from ..text import abridged
 from .sheet import Look, Sheet
 from .symbols import time_label, unit_after
-from .words import Words, without_tex
+from .words import Words, text_lines, text_size, without_tex
 
 BLUE, ORANGE, GREEN, SKY, RED, PURPLE, BLACK = (
     "#0072B2", "#BF8200", "#009E73", "#2E8FCB", "#D55E00", "#CC79A7", "#000000")  # fmt: skip
@@ -384,6 +384,9 @@ def name_curves(
     colours: Sequence[Any] = (),
 ) -> None:
     """Name curves (n, 2), in black or in some colours, where each is far from the others."""
+    # Names that are longer than a panel is wide have several lines.
+    width, size = room_across(axes) / 72, text_size("font.size")
+    names = ["\n".join(text_lines(name, width, size)) for name in names]
     visible = [curve[np.isfinite(curve).all(axis=1)] for curve in curves]
     thinned = [curve[:: max(1, len(curve) // 200)] for curve in visible]
     for i, (curve, name) in enumerate(zip(thinned, names, strict=False)):

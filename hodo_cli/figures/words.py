@@ -2,6 +2,7 @@
 
 import math
 import re
+import textwrap
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from itertools import product
@@ -121,19 +122,30 @@ def text_width(text: str, size: float) -> float:
 
 
 def text_lines(text: str, width: float, size: float) -> list[str]:
-    """A text of a size in lines that fit into a width in inches, with no formula broken. Raises
-    HodoError as `text_width` does."""
+    """A text of a size in lines that fit into a width in inches, with no formula broken, and no
+    word that fits into a line. Raises HodoError as `text_width` does."""
     # The whole first: a line that fits is set only once.
     if text_width(text, size) <= 72 * width:
         return [text]
     lines: list[str] = []
     # matplotlib's own wrapping breaks lines at the spaces inside formulas too.
-    for word in re.findall(r"(?:\$[^$]*\$|\S)+", text):
+    for whole in re.findall(r"(?:\$[^$]*\$|\S)+", text):
+        word, *others = word_in_pieces(whole, width, size)
         if lines and text_width(longer := f"{lines[-1]} {word}", size) <= 72 * width:
             lines[-1] = longer
         else:
             lines.append(word)
+        lines += others
     return lines
+
+
+def word_in_pieces(word: str, width: float, size: float) -> list[str]:
+    """A word of a size in pieces that fit into a width in inches, if it is no formula."""
+    letters, pieces = len(word), [word]
+    while "$" not in word and letters > 1 and max(text_width(x, size) for x in pieces) > 72 * width:
+        letters = math.ceil(0.9 * letters) - 1
+        pieces = textwrap.wrap(word, letters)
+    return pieces
 
 
 def text_size(name: str) -> float:
