@@ -693,7 +693,7 @@ IDLE_ENTRIES = [
     (f"cases: slow, {FALLS}, start: x1", "start: is about the members of `over`"),
     (f"cases: slow, {FALLS}, share: 0.5", "share: is about the members of `over`"),
     (f"cases: ball, {FALLS}", "cases.0: a sweep, where a statement needs a single motion"),
-    (f"readings: {{}}, {FALLS}", "readings: expected a mapping of names to cases"),
+    (f"readings: {{}}, {FALLS}", "cases: names no case"),
     (f"readings: {{a: {{cases: []}}}}, {FALLS}", "readings.a.cases: names no case"),
     (f"readings: {{'': {{cases: slow}}}}, {FALLS}", "readings: a reading has no name"),
     ("cases: turning, over: {damping.0: {values: [0.05, 0.03]}}, share: 0.5, "
