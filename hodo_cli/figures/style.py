@@ -170,7 +170,8 @@ def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:
             if lowest < 0:
                 raise HodoError(
                     f"style.log: the {name} axis of {axis.get_label_text() or axes.get_title()} "
-                    f"reaches below zero, down to {lowest:.4g}"
+                    f"reaches below zero, down to {lowest:.4g}; leave {name} out of log, "
+                    "or draw values above zero only"
                 )
             axes.set(**{f"{name}scale": "log"})
             if axis.get_view_interval()[0] <= 0:
