@@ -1166,7 +1166,8 @@ def test_the_numbers_that_decide_are_those_found_by_other_means(
         0.0535 / 1.0777**2, rel=1e-3
     )
     assert one["fig10-area"]["number"] == pytest.approx(0.064, abs=0.0005)
-    assert "28 of 42 members, 0 to 0.36" in one["fig10-area"]["evidence"]
+    # A limit is met long after the figure has ended.
+    assert three["case1-u1-u2"]["verdict"] == "reproduced"
     # Over lambda1 and lambda2, which are not printed.
     assert "21 of 42 members, 0 to 0.477;" in one["fig11-area"]["evidence"]
     # The other two do not cross before tau = 1000.
@@ -1181,7 +1182,7 @@ def test_the_numbers_that_decide_are_those_found_by_other_means(
     turns = [each["number"] for each in one["fig16-turns"]["readings"].values()]
     assert turns == pytest.approx([0, 1.57], abs=0.005)
     turns = [each["number"] for each in one["fig18-turns"]["readings"].values()]
-    assert turns[1] == pytest.approx(3.08, abs=0.005)
+    assert turns[1:] == pytest.approx([1.528, 3.08], abs=0.005)
     spaced = [each["evidence"] for each in one["size-changes-spacing"]["readings"].values()]
     assert spaced == [
         "turns: 14.18, 7.089, 3.577, 1.847; 4.993, 2.516, 1.259, 0.6592",
