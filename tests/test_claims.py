@@ -293,6 +293,15 @@ MEMBERS = [
      "holds on 2 of 2 members"),
     (f"cases: turning, check: {{kind: value, values: {{G: [{math.hypot(0.8, 0.4, 0.444)}]}}, "
      f"at: start, within: 1.0e-14}}, {SPHERE}", "reproduced", "holds on 40 of 40 members, "),
+    # Of several cases the one that decides is named.
+    ("cases: [slow, fast], check: {kind: monotone, of: [r], sense: rises}", "contradicted",
+     "r goes back by 100 % of its range at 10, case slow"),
+    ("cases: [fast, slow], check: {kind: conserved, of: [r]}", "contradicted",
+     "r: relative change at most 0.86, case fast"),
+    ("cases: [slow, fast], check: {kind: formula, of: r, formula: 1 + 0 * t}",
+     "contradicted", "r and 1 + 0 * t: at most 0.86 apart, relative to the largest r, case fast"),
+    ("cases: [slow, fast], check: {kind: bound, of: r, least: 0.2, at: always}", "contradicted",
+     "r from 0.1353 to 1, case fast"),
     # A member of a sample contradicts a statement about all.
     (f"cases: turning, {TURNS}, {HALF_TURN}, share: 0.5", "reproduced",
      "holds for 1 of 2 members of a sample (50 %), 0 to 1"),

@@ -175,8 +175,9 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
         if everywhere and decisive in x and not is_start and error_of(m, name) > ROUNDING * scale:
             check_margin(name, violation, m)
     digits = max(digits_to_show(value, beyond) for _, value, _, beyond in sides)
+    owners = [among(motions, m) for m, x in zip(motions, values, strict=True) if decisive in x]
     words = (
-        f"{name} from {low:.{digits}g} to {high:.{digits}g}"
+        f"{name} from {low:.{digits}g} to {high:.{digits}g}{''.join(owners[:1])}"
         if everywhere
         else f"{name} = {listed((x[0] for x in values), digits)}"
     )
@@ -206,24 +207,39 @@ def course_deviation(
     return deviation if difference - allowed * scale > error_of(m, name) else 0.0
 
 
+def among(motions: Sequence[Motion], m: Motion) -> str:
+    """The case that decides, in words, where a check has several."""
+    return f", {m.words}" if len(motions) > 1 else ""
+
+
+def largest_ratio(
+    differences: Sequence[tuple[Motion, str, float, float]],
+) -> tuple[float, Motion]:
+    """The largest of the differences relative to their sizes, or one that is not a number, and
+    the motion that has it."""
+    ratios = [difference / size for *_, difference, size in differences]
+    largest = int(np.argmax(ratios))  # of a nan, too
+    return ratios[largest], differences[largest][0]
+
+
 def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Quantities that only fall or only rise; decided by the largest violation relative to the
     range."""
     sign = 1 if check["sense"] == "falls" else -1
-    violations: dict[str, tuple[float, float]] = {}
+    violations: dict[str, tuple[float, float, str]] = {}
     for name, m in itertools.product(check["of"], motions):
         values = sign * quantity_from_start(m, name)
         # How far each value is above the least before it: a slow climb counts, not only a single
         # step.
         climb = values - np.minimum.accumulate(values)
         if violation := course_deviation(m, name, float(climb.max()), range_of(m, name), ROUNDING):
-            largest = violation, float(m.time[climb.argmax()])
+            largest = violation, float(m.time[climb.argmax()]), among(motions, m)
             violations[name] = max(violations.get(name, largest), largest)
     words = "; ".join(
-        f"{name} goes back by {in_percent(violation)} of its range at {time:.4g}"
-        for name, (violation, time) in violations.items()
+        f"{name} goes back by {in_percent(violation)} of its range at {time:.4g}{of_case}"
+        for name, (violation, time, of_case) in violations.items()
     )
-    worst = max((violation for violation, _ in violations.values()), default=0.0)
+    worst = max((violation for violation, *_ in violations.values()), default=0.0)
     return Finding(
         worst,
         number=worst,
@@ -270,11 +286,12 @@ def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
         (m, name, float(np.ptp(quantity_from_start(m, name))), m.largest(name))
         for m, name in itertools.product(motions, check["of"])
     ]
-    worst = float(np.max([change / size for *_, change, size in changes]))
+    worst, m = largest_ratio(changes)
     return Finding(
         max(course_deviation(*change, check["within"]) for change in changes),
         number=worst,
-        evidence=f"{', '.join(check['of'])}: relative change at most {worst:.2g}",
+        evidence=f"{', '.join(check['of'])}: relative change at most {worst:.2g}"
+        + among(motions, m),
         contradicted_by=f"a relative change above {max(check['within'], PLOTTING_ACCURACY):g}",
     )
 
@@ -286,11 +303,12 @@ def formula(check: Keys, motions: Sequence[Motion]) -> Finding:
         (m, name, float(np.abs(quantity(m, name) - law_values(m, law)).max()), m.largest(name))
         for m in motions
     ]
-    worst = float(np.max([apart / size for *_, apart, size in differences]))
+    worst, m = largest_ratio(differences)
     return Finding(
         max(course_deviation(*apart, check["within"]) for apart in differences),
         number=worst,
-        evidence=f"{name} and {law}: at most {worst:.2g} apart, relative to the largest {name}",
+        evidence=f"{name} and {law}: at most {worst:.2g} apart, relative to the largest {name}"
+        + among(motions, m),
         contradicted_by=f"a relative difference above {max(check['within'], PLOTTING_ACCURACY):g}",
     )
 
