@@ -681,7 +681,11 @@ def test_a_figure_takes_the_lines_of_a_cycle(several: Drawings) -> None:
         ({"sheet": "ggplo"}, "style.sheet: unknown style sheet 'ggplo'; did you mean 'ggplot'?"),
         ({"sheet": "none.mplstyle"}, "style.sheet: none.mplstyle: no such file or directory"),
         ({"sheet": "http://x/y.mplstyle"}, "style.sheet: expected the name of a style sheet"),
-        ({"log": ["x", "y"]}, "; leave y out of log, or draw values above zero only"),
+        (
+            {"log": ["x", "y"]},
+            "reaches below zero, down to -0.2519; leave y out of log, or draw values above zero "
+            "only",
+        ),
         ({"xlabel": r"$\frac{$"}, "is not TeX"),
     ],
 )

@@ -169,15 +169,16 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     deviation = 0.0 if violation <= 0 else deviation_beyond(violation / scale, ROUNDING)
     if deviation and 0 in limits and any(changes_sign(m, name) for m in motions):
         deviation = math.inf
-    for m, x in zip(motions, values, strict=True):
+    deciding = [(m, x) for m, x in zip(motions, values, strict=True) if decisive in x]
+    for m, x in deciding:
         # At the start, where it is given, a quantity has no error.
         is_start = len(x) > 1 and x[0] == decisive
-        if everywhere and decisive in x and not is_start and error_of(m, name) > ROUNDING * scale:
+        if everywhere and not is_start and error_of(m, name) > ROUNDING * scale:
             check_margin(name, violation, m)
     digits = max(digits_to_show(value, beyond) for _, value, _, beyond in sides)
-    owners = [among(motions, m) for m, x in zip(motions, values, strict=True) if decisive in x]
+    of_case = "".join(among(motions, m) for m, _ in deciding[:1])
     words = (
-        f"{name} from {low:.{digits}g} to {high:.{digits}g}{''.join(owners[:1])}"
+        f"{name} from {low:.{digits}g} to {high:.{digits}g}{of_case}"
         if everywhere
         else f"{name} = {listed((x[0] for x in values), digits)}"
     )
@@ -215,10 +216,10 @@ def among(motions: Sequence[Motion], m: Motion) -> str:
 def largest_ratio(
     differences: Sequence[tuple[Motion, str, float, float]],
 ) -> tuple[float, Motion]:
-    """The largest of the differences relative to their sizes, or one that is not a number, and
-    the motion that has it."""
+    """The largest of the differences relative to their sizes, or the first that is not a number,
+    and the motion that has it."""
     ratios = [difference / size for *_, difference, size in differences]
-    largest = int(np.argmax(ratios))  # of a nan, too
+    largest = int(np.argmax(ratios))
     return ratios[largest], differences[largest][0]
 
 
