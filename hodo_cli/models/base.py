@@ -359,13 +359,7 @@ def flatten(k: Constants) -> list[float]:
 
 def attributes(k: Constants, number: Callable[[float], Any] = float) -> SimpleNamespace:
     """The constants as attributes, each of their numbers converted by `number`."""
-
-    def converted(value: Any) -> Any:
-        if isinstance(value, tuple):
-            return tuple(map(number, value))
-        return value if isinstance(value, str) else number(value)
-
-    return SimpleNamespace(**{name: converted(value) for name, value in k.items()})
+    return namespace(structure(k), [number(value) for value in flatten(k)])
 
 
 def namespace(of: Structure, numbers: Iterable[Any]) -> SimpleNamespace:
