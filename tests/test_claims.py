@@ -1309,7 +1309,7 @@ LIMITS = [
     ("paper2", "within", 0.008, 0.2, "limits"),
     ("paper2", "hodo_cli.papers.paper2.SMALL_NUMBER", 0.003, 0.5, "small-Reynolds-number"),
     ("paper3", NEAR_LIMIT, 0.002, 0.05, "case1-u3-quickly case3-H-quickly"),
-    ("paper3", PLOTTING, 0.009, 0.05,
+    ("paper3", PLOTTING, 0.001, 0.05,
      "case1-u1-u2 case2-Gz-r-limit case2-H-limit case3-Gz case3-fall"),
 ]  # fmt: skip
 """Limits of checks that no text gives, by key or by constant, the range in which they decide alike,
