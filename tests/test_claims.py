@@ -302,6 +302,9 @@ MEMBERS = [
      "contradicted", "r and 1 + 0 * t: at most 0.86 apart, relative to the largest r, case fast"),
     ("cases: [slow, fast], check: {kind: bound, of: r, least: 0.2, at: always}", "contradicted",
      "r from 0.1353 to 1, case fast"),
+    # What is open about one case does not help where another contradicts.
+    ("cases: [coarse, slow], check: {kind: conserved, of: [G]}", "contradicted",
+     "G: relative change at most 0.63, case slow"),
     # A member of a sample contradicts a statement about all.
     (f"cases: turning, {TURNS}, {HALF_TURN}, share: 0.5", "reproduced",
      "holds for 1 of 2 members of a sample (50 %), 0 to 1"),

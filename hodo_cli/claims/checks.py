@@ -3,9 +3,11 @@
 Each takes its own keys and the motions of the claim's cases, in order, and yields a Finding.
 """
 
+import contextlib
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -327,16 +329,31 @@ MOTION_CHECKS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
 """The kinds of `claim_block.CHECK_KINDS` that take motions."""
 
 
+OF_EACH_MOTION = frozenset(MOTION_CHECKS) - {"value", "order"}
+"""The kinds whose statement is about each motion by itself: the values of a text belong to its
+cases by position, and an order is one of several."""
+
+
 def motion_finding(check: Keys, motions: Sequence[Motion]) -> Finding:
     """The finding of a check of motions.
 
     A statement about the course of quantities that holds at samples has to hold between them too:
     there a quantity has its peaks, and a torque that changes with time may do anything. Raises
     Undecidable where samples are too few to show the course; what contradicts it at samples
-    contradicts it.
+    contradicts it, and so does one motion, whatever is open about the others.
     """
     find = MOTION_CHECKS[check["kind"]]
-    finding = find(check, motions)
+    try:
+        finding = find(check, motions)
+    except Undecidable:
+        if check["kind"] not in OF_EACH_MOTION:
+            raise
+        for m in motions:
+            with contextlib.suppress(Undecidable):
+                alone = find(check, [m])
+                if not alone.holds:
+                    return replace(alone, evidence=alone.evidence + among(motions, m))
+        raise
     of_course = check["kind"] in ("monotone", "conserved", "formula")
     if not finding.holds or not (of_course or check.get("at") == "always"):
         return finding
