@@ -2,6 +2,7 @@
 is never lost. `make stress` tries each class hundreds of times."""
 
 import fcntl
+import json
 import os
 import random
 import re
@@ -137,6 +138,23 @@ def test_damaged_verdicts_are_given_again(
     with open_run(result) as run:
         assert not run.damaged
         assert list(run.read("_claims").variables["verdict"].data) == ["reproduced"]
+
+
+@pytest.mark.parametrize("damage", [wrong_number, unreadable])
+def test_the_page_leaves_out_what_is_damaged(
+    result: Path, damage: Callable[[Path, str], None]
+) -> None:
+    assert hodo("claims", result).exit_code == 0
+    damage(result, "a")
+    damage(result, "_claims")
+    done = hodo("plot", result, "--format", "svg", "--out", result.parent)
+    assert done.exit_code == 1  # the figure that needs the case, in one line
+    (figure, *others) = done.stderr.splitlines()
+    assert figure.startswith(f"both: {result}: a is damaged (")
+    assert {line.split()[1] for line in others} == {"a", "_claims"}
+    page = json.loads((result.parent / "x" / "page.json").read_text())
+    assert [case["name"] for case in page["cases"]] == ["b", "s"]
+    assert (result.parent / "index.html").exists()
 
 
 @pytest.mark.parametrize("damage", [wrong_number, unreadable])

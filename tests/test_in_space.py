@@ -102,8 +102,8 @@ ROWS = [
 
 
 BOUNDS = {"exact": 2e-14, "taylor": 2e-14, "collocation": 6e-14, "DOP853": 1e-10}
-"""How far attitudes by a method may be off. Those by collocation depend on how the library of linear
-algebra rounds on a processor: by its kernels of five processors they were off by up to 3.2e-14."""
+"""How far attitudes by a method may be off. Those by collocation depend on how the library of
+linear algebra rounds on a processor: by its kernels of five of them they were off by 3.2e-14."""
 
 
 @pytest.mark.engines

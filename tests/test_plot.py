@@ -620,28 +620,30 @@ def test_the_style_of_a_file_counts_where_a_figure_has_none(hodo: Hodo, tmp_path
     assert "1 of 2 figures are kept" in drawn.stderr
     sheet.write_text("axes.labelcolour: red\n")
     broken = hodo("plot", "runs/c.h5", "--format", "svg")
-    assert broken.returncode == 2
+    assert broken.returncode == 1
     assert "unknown parameter 'axes.labelcolour'; did you mean" in broken.stderr
     sheet.unlink()
     assert "no such file" in hodo("plot", "runs/c.h5", "--format", "svg").stderr
 
 
-def test_a_font_that_is_not_there_is_one_line_before_anything_is_drawn(
+def test_a_font_that_is_not_there_costs_the_figures_that_want_it(
     hodo: Hodo, tmp_path: Path
 ) -> None:
     (tmp_path / "a.yaml").write_text(
         "style: {font: Nonesuch}\ncases: {a: {model: linear-diag, inertia: [1, 0.8, 0.6],"
         " damping: 0.1, initial: {p: 1, q: 1, r: 1}, time: {end: 1}}}\nfigures:\n"
         "  f: {kind: series, cases: [a], variables: [G]}\n"
+        "  h: {kind: series, cases: [a], variables: [G]}\n"
+        "  i: {kind: series, cases: [a], variables: [G], style: {sheet: ggplo}}\n"
         "  g: {kind: series, cases: [a], variables: [T], style: {font: serif}}\n"
     )
     assert hodo("run", "a.yaml").returncode == 0
     done = hodo("plot", "a.yaml")
-    (line,) = done.stderr.splitlines()
-    assert line.startswith("a.yaml: figure f: style.font: unknown font 'Nonesuch' (valid: serif,")
-    assert done.returncode == 2
-    assert not (tmp_path / "runs" / "figures").exists()
-    assert hodo("plot", "a.yaml", "g").returncode == 0
+    font, sheet = done.stderr.splitlines()
+    assert font.startswith("f, h: style.font: unknown font 'Nonesuch' (valid: serif,")
+    assert sheet.startswith("i: style.sheet: unknown style sheet 'ggplo'; did you mean 'ggplot'?")
+    assert done.returncode == 1
+    assert {x.name for x in (tmp_path / "runs/figures/a").glob("*.png")} == {"g.png"}
 
 
 def test_a_figure_takes_the_look_that_its_user_has_set(several: Drawings) -> None:

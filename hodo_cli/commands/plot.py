@@ -19,11 +19,12 @@ from typing import TYPE_CHECKING, Any
 from .. import HodoError
 from ..batch.pool import pool
 from ..cases.config import Config, load
-from ..cases.figure_block import FILM_FORMATS, PAGE_DATA, DrawnFigure, merged_style
+from ..cases.figure_block import FILM_FORMATS, PAGE_DATA, DrawnFigure
 from ..machine import library_version
 from ..progress import Progress
 from ..schema.document import YAML_SUFFIXES
 from ..storage import ResultFile, open_batch, replacing
+from ..text import few, grouped
 from .resume import CONFIG_PATH, content_digest, result_named, stored_config, warn_of_changes
 
 if TYPE_CHECKING:
@@ -118,15 +119,16 @@ def draw_results(
         with opened_to_draw(path) as (run, config):
             folders.append(FigureFolder(out, run, config, names, formats, force))
     check_films(folders, names, formats)
-    check_styles(folders)
     draw_missing(folders, formats, jobs)
-    messages: list[str] = []
-    for drawn in (folder.figure(name) for folder in folders for name in folder.names):
-        messages += drawn.warnings
-        if drawn.problem:
-            yield f"{drawn.name}: {drawn.problem}", True
-        elif drawn.files:
+    figures = [folder.figure(name) for folder in folders for name in folder.names]
+    messages = [line for drawn in figures for line in drawn.warnings]
+    for drawn in figures:
+        if drawn.files and not drawn.problem:
             yield "\n".join(map(str, drawn.files)), False
+    # Once for all figures that share it, as a font of the whole file that is not there.
+    problems = grouped((drawn.problem, drawn.name) for drawn in figures if drawn.problem)
+    for problem, names_with_it in problems.items():
+        yield f"{few(names_with_it)}: {problem}", True
     if not names:
         messages += renewed_page(out, folders, force)
         yield str(out / PAGE_FILE), False
@@ -170,23 +172,6 @@ def draw_missing(folders: Sequence["FigureFolder"], formats: Sequence[str], jobs
                 folder.add(drawn)
                 progress.done(name)
             save_record(folder.path, folder.record)
-
-
-def check_styles(folders: Sequence["FigureFolder"]) -> None:
-    """Raise HodoError for a font or style sheet of a figure to be drawn that is not there: it is
-    known before anything is drawn, though not when a case file is read, which may be drawn on
-    another machine."""
-    for folder in folders:
-        for name in folder.to_draw:
-            style = merged_style(folder.config.figure(name)["style"])
-            if not {"font", "sheet"} & style.keys():
-                continue
-            from ..figures.style import matplotlib_parameters
-
-            try:
-                matplotlib_parameters(style)
-            except HodoError as error:
-                raise HodoError(f"{folder.config.path}: figure {name}: {error}") from None
 
 
 def draw_figure(

@@ -18,8 +18,7 @@ def write_page(path: Path, results: Sequence[PageResult]) -> None:
     """Write the page at `path` anew: the figures just drawn, and those of other configs that were
     drawn into the same folder before.
 
-    Links are relative to the page. Raises HodoError for a damaged result file, or if a file cannot
-    be written.
+    Links are relative to the page. Raises HodoError if a file cannot be written.
     """
     folder = path.parent
     for result in results:

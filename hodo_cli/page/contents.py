@@ -2,11 +2,14 @@
 
 import os
 import struct
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from .. import HodoError
 from ..cases.case import Case
 from ..cases.claim_block import cases_of
 from ..cases.config import Config
@@ -32,9 +35,11 @@ class PageResult:
 
 def section_of(result: PageResult, folder: Path) -> Section:
     """The section of a result in the shape of `stored.SECTION`, with files relative to the folder
-    of the page. Raises HodoError for a damaged result file."""
-    cases, config = result.cases, result.config
-    motions = {name: motion_from(cases[name], name) for name in cases}
+    of the page. Warns of damaged cases and verdicts, which it leaves out."""
+    cases, config, motions = result.cases, result.config, dict[str, Motion]()
+    for name in cases:
+        with left_out_if_damaged():
+            motions[name] = motion_from(cases[name], name)
     return {
         "name": cases.path.stem,
         "title": config.title or cases.path.name,
@@ -50,6 +55,15 @@ def section_of(result: PageResult, folder: Path) -> Section:
         "errata": [*judged_entries(cases, "_errata", config.errata)],
         "cases": [case_entry(motion) for motion in motions.values()],
     }
+
+
+@contextmanager
+def left_out_if_damaged() -> Iterator[None]:
+    """Warn of a group that cannot be read, and go on without it."""
+    try:
+        yield
+    except HodoError as error:
+        warnings.warn(str(error), stacklevel=3)
 
 
 def figure_entry(
@@ -137,15 +151,23 @@ def judged_entries(
     holds them, and their entries in the config; none before `hodo claims`."""
     if group not in cases:
         return
-    stored, about = cases[group].variables, {entry["id"]: cases_of(entry) for entry in entries}
-    for i in range(stored["claim"].size):
-        # Verdicts of an earlier version have fewer texts, and those of misprints others.
-        texts = {
-            name: str(stored[name].data[i]) if name in stored else "" for name in VERDICT_COLUMNS
-        }
-        notes = [*filter(None, (texts.pop(key) for key in ("theorem", "measured", "note")))]
-        name, text = texts.pop("claim"), texts.pop("statement") or texts.pop("printed")
-        yield {**texts, "name": name, "text": text, "notes": notes, "cases": [*about.get(name, ())]}
+    with left_out_if_damaged():
+        stored, about = cases[group].variables, {entry["id"]: cases_of(entry) for entry in entries}
+        for i in range(stored["claim"].size):
+            # Verdicts of an earlier version have fewer texts, and those of misprints others.
+            texts = {
+                name: str(stored[name].data[i]) if name in stored else ""
+                for name in VERDICT_COLUMNS
+            }
+            notes = [*filter(None, (texts.pop(key) for key in ("theorem", "measured", "note")))]
+            name, text = texts.pop("claim"), texts.pop("statement") or texts.pop("printed")
+            yield {
+                **texts,
+                "name": name,
+                "text": text,
+                "notes": notes,
+                "cases": [*about.get(name, ())],
+            }
 
 
 def case_entry(motion: Motion) -> Section:
