@@ -699,6 +699,13 @@ def test_an_override_writes_out_what_stands_for_equal_ones(model: str, key: str)
     assert overridden(f"a.{key}.2=0.5", text=text)["a"].data[key] == (0.004, 0.004, 0.5)
 
 
+def test_an_override_reaches_into_a_sweep_whose_keys_have_points() -> None:
+    swept = "sweep: {initial.p: {values: [1, 2]}, damping.0: {linspace: [0, 1, 9]}}"
+    text = f"cases:\n  a: {{{BODY}, {SPAN}, {swept}}}\n"
+    sweep = overridden("a.sweep.damping.0.linspace.2=5", text=text)["a"].sweep
+    assert sweep == {"initial.p": {"values": (1.0, 2.0)}, "damping.0": {"linspace": (0.0, 1.0, 5)}}
+
+
 def test_an_override_of_one_axis_leaves_a_law_to_the_others() -> None:
     law = {"law": "exponential", "value": 0.004, "rate": 1.0}
     body = BODY.replace("linear-diag", "torques")

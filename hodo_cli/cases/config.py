@@ -1,7 +1,7 @@
 """Case files as a whole: from YAML text, and values that `--set` puts into it, to a checked
 Config."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -367,10 +367,9 @@ def _apply_override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> 
     if not equals or not 2 <= len(parts) <= 50:
         mistakes.add(place, "an override reads CASE.KEY=VALUE")
         return
-    # Names of cases may contain points: the longest one that exists is meant.
-    splits = ((".".join(parts[:n]), parts[n:]) for n in range(len(parts) - 1, 0, -1))
-    named = ((names, path) for case, path in splits if (names := _blocks_named(case, blocks)))
-    names, path = next(named, ([], []))
+    *begin, last = parts
+    case, within_case = _longest_name(begin, lambda name: bool(_blocks_named(name, blocks)))
+    names, path = _blocks_named(case, blocks), [*within_case, last]
     if not names:
         mistakes.add(place, unknown(f"case {parts[0]!r}", parts[0], blocks))
     with suppress(HodoError):  # what is wrong with the text of a value is noted
@@ -383,6 +382,16 @@ def _apply_override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> 
                     drop_replaced_times(time, dict.fromkeys(path[1:2], new))
             except ValueError as error:
                 mistakes.add(place, str(error), ("cases", name, *path))
+
+
+def _longest_name(
+    parts: Sequence[str], exists: Callable[[str], bool]
+) -> tuple[str, Sequence[str]]:
+    """The name that parts of a path begin with, and the parts behind it: names of cases and keys of
+    sweeps contain points, so the longest that exists is meant, or the first part."""
+    lengths = range(len(parts), 0, -1)
+    n = next((n for n in lengths if exists(".".join(parts[:n]))), 1)
+    return ".".join(parts[:n]), parts[n:]
 
 
 def _blocks_named(pattern: str, blocks: Mapping[str, Block]) -> list[str]:
@@ -400,13 +409,13 @@ def _with_value(node: Any, kind: Kind, path: Sequence[str], new: Any, place: Pla
     sentence, if there is no such path."""
     if not path:
         return new
-    head, *tail = path
-    node = _written_out(node, kind, head)
+    node = _written_out(node, kind, path[0])
     if is_list(node):
-        return _with_item(node, head, tail, new, place)
+        return _with_item(node, path[0], path[1:], new, place)
     if node not in (None, REQUIRED) and not isinstance(node, Mapping):
-        raise ValueError(f"there is no {head!r} in {shown(node)}")
+        raise ValueError(f"there is no {path[0]!r} in {shown(node)}")
     block = Block(node if isinstance(node, Mapping) else {})
+    head, tail = _longest_name(path, block.__contains__)
     key = kind.keys.get(head, ANYTHING) if isinstance(kind, Table) else ANYTHING
     value = _with_value(block.get(head, key.default), key.kind, tail, new, place)
     block.put(head, value, *(block.places.get(head, (place, place)) if tail else (place, place)))
