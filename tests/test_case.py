@@ -238,12 +238,14 @@ LINES = [
          ".initial.p: expected a finite number, got '60 deg'; write 1.0471975511965976, "
          "in radians"),
         ("inertia: [1 kg, 1, 1]", 15,
-         ".inertia.0: expected a finite positive number, got '1 kg'"),
+         ".inertia.0: expected a finite positive number, got '1 kg'; a number stands alone: "
+         "`unit` of time and `inertia_unit` name units"),
         ("damping: 0,005", 14, ".damping: expected a finite number, got '0,005'; write 0.005"),
         ("damping: [0,005, 0,004, 0,003]", 14, ".damping: expected 3 numbers or one for all, got "
          "a list of 6; decimals are written with a point, as 1.5"),
         ("damping: abc", 14, ".damping: expected a finite number, got 'abc'"),
-        ("damping: '0.1'", 14, ".damping: expected a finite number, got '0.1'"),
+        ("damping: '0.1'", 14,
+         ".damping: expected a finite number, got '0.1'; leave out the quotes"),
         ("damping: true", 14, ".damping: expected a finite number, got true"),
         ("damping: .nan", 14, ".damping: expected a finite number, got nan"),
         ("damping: [0, 0, 1e400]", 21, ".damping.2: expected a finite number, got inf"),
@@ -1306,7 +1308,7 @@ def test_a_figure_may_name_every_derived_quantity() -> None:
         ("{kind: series, cases: [one, late], variables: [T]}",
          "figures.f.cases.1: the unit of time is '1' in one, and 'min' in late: one axis has"),
         ("{kind: hodograph, cases: [one, grid]}",
-         "figures.f.cases.1: case grid is a sweep, which only map and curve draw"),
+         "figures.f.cases.1: case grid is a sweep, which only map, curve and share draw"),
         ("{kind: hodograph, cases: top}",
          "figures.f.cases.0: case top stores no angular velocity in body axes, which a hodograph"),
         ("{kind: curve, cases: grid, variable: crossings, x: damping.2, by: damping.0, at: [-1]}",

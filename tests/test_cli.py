@@ -554,7 +554,7 @@ def test_a_paragraph_for_a_paper_says_of_how_many_members_the_error_is_measured(
         measured = file["a"].attrs["error_sample"]
     assert measured < 500
     text = " ".join(call(tmp_path, "show", "--methods", "a.yaml").stdout.split())
-    assert f"extended precision, a sample of {measured} of 500" in text
+    assert f"extended precision, for a sample of {measured} of 500" in text
 
 
 SAMPLES = {"--case": "t*", "--set": "turns.note=a", "--out": "elsewhere", "--jobs": "2",

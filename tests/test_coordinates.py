@@ -373,7 +373,7 @@ def test_what_is_left_without_a_meaning_is_refused_in_one_line(
         (motion.assign_coords(time=motion.time.astype(str)), {}, "holds more than finite numbers"),
         (motion.assign_coords(axis=["a", "b", "c"]), {}, "'a' along 'axis' is none of x1, x2, x3"),
         (motion, across, "the case is no sweep"),
-        (grid, {}, "case sweep is a sweep, which only map and curve draw"),
+        (grid, {}, "case sweep is a sweep, which only map, curve and share draw"),
         (grid.isel({"damping.2": 0}), across, "unknown axis 'damping.2'"),
         (grid.isel({"damping.2": 0, "damping.0": 0}), across, "case sweep is no sweep"),
         (grid.drop_vars("damping.2"), across, "no coordinate of finite numbers"),

@@ -513,8 +513,8 @@ def test_a_mistake_in_the_equations_is_one_line_before_the_run(
 @pytest.mark.parametrize(
     ("right", "wrong", "said"),
     [
-        ("    drag: float\n", "", "a field for each of its `keys`; see drag"),
-        ("@dataclass(frozen=True)\n", "", "a field for each of its `keys`; see drag"),
+        ("    drag: float\n", "", "only one of both: drag"),
+        ("@dataclass(frozen=True)\n", "", "only one of both: drag"),
         ('name = "quadratic-drag"', "name = 5", "its name is no text: 5"),
     ],
 )

@@ -336,7 +336,7 @@ def test_a_case_as_a_group(tmp_path: Path) -> None:
         "event_error": "s", "omega": "1/s", "axis": "None",
     }  # fmt: skip
     assert top.variables["time"].attrs["units"] == top.variables["r"].attrs["units"] == "1"
-    assert "exceeds ten times the 1e-04 asked for" in str(body.attributes["warnings"])
+    assert "is more than ten times the 1e-04 asked for" in str(body.attributes["warnings"])
     for stored in (item.variables["x"], top.variables["Gz"]):
         assert stored.attrs["long_name"]
         assert 0 < stored.attrs["error"] < 1e-10

@@ -384,9 +384,7 @@ def _apply_override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> 
                 mistakes.add(place, str(error), ("cases", name, *path))
 
 
-def _longest_name(
-    parts: Sequence[str], exists: Callable[[str], bool]
-) -> tuple[str, Sequence[str]]:
+def _longest_name(parts: Sequence[str], exists: Callable[[str], bool]) -> tuple[str, Sequence[str]]:
     """The name that parts of a path begin with, and the parts behind it: names of cases and keys of
     sweeps contain points, so the longest that exists is meant, or the first part."""
     lengths = range(len(parts), 0, -1)

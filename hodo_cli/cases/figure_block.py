@@ -564,7 +564,8 @@ def _unfit(kind: str | None, case: Drawable) -> str:
     if is_swept and not case.axes:
         return f"{words} is no sweep"
     if case.axes and not is_swept:
-        return f"{words} is a sweep, which only {' and '.join(SWEPT_KINDS[:2])} draw"
+        *kinds, last = SWEPT_KINDS
+        return f"{words} is a sweep, which only {', '.join(kinds)} and {last} draw"
     if kind in KINDS_IN_SPACE:
         return lack_of(case.case, KINDS_IN_SPACE[kind], case.sources, kind)
     if kind not in KINDS_OF_BODIES or case.variables.get("omega") == "axis":

@@ -168,7 +168,11 @@ def sentence_on_errors(rows: Sequence[Mapping[str, Any]]) -> str:
     for kind, of_kind in grouped((row["error_kind"], row) for row in rows).items():
         worst = max(of_kind, key=itemgetter("error"))
         motions, sample = (sum(row[x] for row in of_kind) for x in ("motions", "motions_measured"))
-        chosen = f"a sample of {sample} of {motions}" if sample < motions else f"{motions} of them"
+        chosen = (
+            f"for a sample of {sample} of {motions}"
+            if sample < motions
+            else f"for {motions} of them"
+        )
         phrases.append(
             f"at most {magnitude(worst['error'])} ({worst['case']}) "
             f"against {REFERENCES_IN_WORDS[kind]}, {chosen}"

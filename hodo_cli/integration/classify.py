@@ -393,13 +393,13 @@ def resolve_conflicts(
         # Where the motion is undecided its reference may decide, and then nothing is missing.
         return crossings, undecided_warning(listed.undecided if better.undecided else [])
     counts = len(listed.crossings), len(better.crossings)
-    lists = f"{counts[0]} by the motion, {counts[1]} by {reference.name}"
+    lists = f"the motion has {counts[0]}, that by {reference.name} has {counts[1]}"
     if better.undecided:
         undecided = undecided_warning(listed.undecided or better.undecided)
         return listed.crossings, (*undecided, f"the crossings are {UNDECIDED}: {lists}")
     crossings = [with_error(c, w) for c, w in zip(better.crossings, better.widths, strict=True)]
     return crossings, (
-        f"the crossings depend on the integration error: {lists}; the latter are stored",
+        f"the crossings depend on the integration error: {lists}; the latter counts",
     )
 
 

@@ -93,10 +93,10 @@ def excess_remark(case: Case, error: float, tol: float) -> Iterator[str]:
     asked = max(tol, ERROR_LIMIT_ASKED)
     # Ten times, because a tolerance bounds the error of a step and not that of the motion.
     if error > 10 * asked:
-        words = f"the {asked:.0e} asked for" if case.tol else f"the default, {asked:.0e}"
+        words = f"the {asked:.0e} {'asked for' if case.tol else 'that hodo aims at'}"
         if case.tol and case.tol < asked:
             words = f"{asked:.0e}, about as little as rounding allows"
-        yield f"the measured error {error:.1e} exceeds ten times {words}"
+        yield f"the measured error {error:.1e} is more than ten times {words}"
 
 
 def timed(motion: Trajectory) -> Trajectory:

@@ -165,8 +165,10 @@ def _class_mistake(form: type[Model]) -> str:
             return f"its {name} is no text: {getattr(form, name)!r}"
     field_names = {field.name for field in fields(form) if field.init}
     if "__dataclass_fields__" not in vars(form) or form.keys.keys() != field_names:
-        named = ", ".join(sorted(form.keys.keys() ^ field_names))
-        return f"it is a frozen dataclass with a field for each of its `keys`; see {named or 'it'}"
+        lone = ", ".join(sorted(form.keys.keys() ^ field_names)) or "there is none"
+        return (
+            f"it is to be a frozen dataclass whose fields are its `keys`; only one of both: {lone}"
+        )
     return ""
 
 

@@ -212,7 +212,7 @@ def _misfit(system: Model) -> str:
     if system.degree and (misfits := _rates_off_degree(system, start)):
         return (
             "`degree` does not fit rhs: with the constants of other units it gives other rates of "
-            f"{', '.join(misfits)}"
+            f"{', '.join(misfits)}; a constant within a function, as w in sin(w*t), has no degree"
         )
     return _misfit_of_output(system, start)
 

@@ -233,7 +233,7 @@ class Torques(BodyUnderTorques):
         if None not in omega:  # else given by G
             for i, text in enumerate(data.get("expression") or ()):
                 if not is_finite_at(text, [*omega, start]):
-                    yield ("expression", i), "is no number at the start of the motion"
+                    yield ("expression", i), "has no finite value at the start of the motion"
 
     @property
     def has_formulas(self) -> bool:

@@ -79,11 +79,15 @@ def turn_remark(
     worst = float(angle[drawn][is_seen].max(initial=0))
     if worst <= limit:
         return ""
-    samples = math.ceil((len(motion.time) - 1) * worst / PROPOSED_ANGLE) + 1
-    return (
-        f"{motion.name} turns by up to {math.degrees(worst):.0f}° from one sample to the next, so "
-        f"that its curve is a polygon: time: {{samples: {samples}}} draws it"
-    )
+    turned = f"turns by up to {math.degrees(worst):.0f}° from one sample to the next"
+    return f"{motion.name} {turned}, {polygon(motion, worst / PROPOSED_ANGLE)}"
+
+
+def polygon(motion: Motion, finer: float) -> str:
+    """The end of a remark on a curve of too few samples: that so many times as many draw it."""
+    samples, time = math.ceil((len(motion.time) - 1) * finer) + 1, motion.case.time
+    instead = ", in place of its values" * bool(time.values) or ", in place of steps" * time.steps
+    return f"so that its curve is a polygon: time: {{samples: {samples}}}{instead} draws it"
 
 
 def bend_remark(motion: Motion, name: str, drawn: slice) -> str:
@@ -105,11 +109,8 @@ def bend_remark(motion: Motion, name: str, drawn: slice) -> str:
     apart = float(np.fmax.reduce(apart, initial=0)) / height
     if apart <= LARGEST_LOSS:
         return ""
-    samples = math.ceil((len(motion.time) - 1) * math.sqrt(4 * apart / LARGEST_LOSS)) + 1
-    return (
-        f"{name} of {motion.name} bends between its samples, so that its curve is a polygon: "
-        f"time: {{samples: {samples}}} draws it"
-    )
+    ending = polygon(motion, math.sqrt(4 * apart / LARGEST_LOSS))
+    return f"{name} of {motion.name} bends between its samples, {ending}"
 
 
 TIMES_ASKED, LEAST_TIMES = 2**16, 16
@@ -186,12 +187,8 @@ def torque_remark(motion: Motion, names: Sequence[str], drawn: slice) -> str:
     bent = (away > LARGEST_LOSS * height[:, None])[named]
     if bent.any(axis=0).sum() <= min(JUMPS, intervals - 1):
         return ""
-    samples = math.ceil((len(motion.time) - 1) * finer_by(path[named])) + 1
-    what = "a torque" if motion.frame else "a rate"
-    return (
-        f"{what} of {motion.name} changes with the time between its samples, so that its curve "
-        f"is a polygon: time: {{samples: {samples}}} draws it"
-    )
+    changes = f"{'a torque' if motion.frame else 'a rate'} of {motion.name} changes with the time"
+    return f"{changes} between its samples, {polygon(motion, finer_by(path[named]))}"
 
 
 def finer_by(path: np.ndarray) -> float:

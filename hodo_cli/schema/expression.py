@@ -128,7 +128,11 @@ def _check_words(text: str, names: tuple[str, ...]) -> None:
         if other:
             what = f"unexpected {other!r}{'; a power is **' if other == '^' else ''}"
             is_digit = other in "0123456789"
-            what = "no decimal number; a product needs its *" if is_digit else what
+            what = (
+                "not a decimal number; a product is written with its *, as 2*p"
+                if is_digit
+                else what
+            )
             raise _wrong(word.start(), what)
         if name and name not in valid:
             advice = number_advice(name)

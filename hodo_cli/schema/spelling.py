@@ -119,19 +119,25 @@ def shown(value: Any) -> str:
 
 IN_DEGREES = re.compile(r"([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?) ?(?:deg|°)", re.ASCII)
 OTHER_SPELLING = re.compile(r"[-+]?\d+(?:_\d+)*(?:\.\d*|,\d+)?(?:[eEdD][-+]?\d+)?", re.ASCII)
+UNITS = r"(?:1/s|k?g|m|s|ms|min|h|rad|N|Hz)\b.*"
+WITH_UNIT = re.compile(rf"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)? ?{UNITS}", re.ASCII)
 THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}(?!\d)", re.ASCII)
-"""How numbers are written elsewhere; a comma before three digits may separate thousands."""
+"""How numbers are written elsewhere, some with a unit; a comma before three digits may separate
+thousands."""
 
 
 def number_advice(value: Any) -> str:
-    """How to write a number that was given in degrees, with a decimal comma, with underscores or
-    with the exponent of Fortran; an empty string where it may mean another number."""
+    """How to write a number that was given in degrees, with another unit, in quotes, with a decimal
+    comma, with underscores or with the exponent of Fortran; an empty string where it may mean
+    another number."""
     text = value if isinstance(value, str) else ""
     if text == "pi":
         return f"; write {math.pi!r}"
     if degrees := IN_DEGREES.fullmatch(text):
         return f"; write {math.radians(float(degrees[1])):.17g}, in radians"
+    if WITH_UNIT.fullmatch(text):
+        return "; a number stands alone: `unit` of time and `inertia_unit` name units"
     if not OTHER_SPELLING.fullmatch(text) or THOUSANDS.match(text):
         return ""
     number = re.sub("[dD]", "e", text.replace("_", "").replace(",", "."))
-    return f"; write {number}" if number != text else ""
+    return f"; write {number}" if number != text else "; leave out the quotes"

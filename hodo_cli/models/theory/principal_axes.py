@@ -56,7 +56,9 @@ def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
         raise ValueError(f"the principal moments of this tensor are not all positive: {named}")
     # Equality is allowed, of a flat disc, to the rounding of the moments.
     if 2 * moments.max() > moments.sum() * (1 + 4 * np.finfo(float).eps):
-        raise ValueError(f"no body has principal moments of {named}: one exceeds the sum of others")
+        raise ValueError(
+            f"no body has principal moments of {named}: one exceeds the sum of the other two"
+        )
     return PrincipalAxes(J, moments, axes)
 
 
