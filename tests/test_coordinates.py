@@ -388,3 +388,16 @@ def test_what_is_left_without_a_meaning_is_refused_in_one_line(
             hodo.plot(data, **keys)
         assert said in str(raised.value)
         assert "\n" not in str(raised.value)
+
+
+def test_counts_have_a_colour_each_where_a_member_has_none(grid: xr.Dataset) -> None:
+    """The scale is that of the counts beside what has no value."""
+    counts = xr.zeros_like(grid["crossings"], dtype=float) + np.arange(6)[:, None] % 3
+    keys = {"kind": "map", "variable": "crossings", "x": "damping.2", "y": "damping.0"}
+
+    def colours(values: xr.DataArray) -> int:
+        figure = hodo.plot(grid.assign(crossings=values), **keys)
+        return next(x.cmap.N for x in figure.axes[0].collections if isinstance(x, QuadMesh))
+
+    assert colours(counts) == 3
+    assert colours(counts.where(counts["damping.2"] > 0.0015)) == 3

@@ -276,7 +276,8 @@ def test_the_page_of_all_figures_in_a_browser(reader, folder: Path, width: int, 
     page.get_by_label("figures", exact=True).uncheck()
     assert page.evaluate(names) == []
     assert page.evaluate(
-        "[...document.querySelectorAll('#index a')].every((a) => document.querySelector(a.hash))"
+        "[...document.querySelectorAll('#index a')]"
+        ".every((a) => document.getElementById(decodeURIComponent(a.hash.slice(1))))"
     )
     page.evaluate("document.querySelector('figure img').scrollIntoView()")
     page.wait_for_function("document.querySelector('figure img').naturalWidth > 0")

@@ -23,6 +23,7 @@ figures:
   space: {{kind: hodograph, cases: fig4, caption: {title}}}
   wide: {{kind: hodograph, cases: fig4, projections: [x1x2]}}
   both: {{kind: series, cases: [fig4, calm], variables: [G]}}
+  crossings-fig4: {{kind: quadrants, cases: fig4}}
   wrong: {{kind: phase, cases: fig4, x: p, y: q, style: {{log: y}}}}
 {more}
 """
@@ -39,6 +40,7 @@ errata:
     where: eq. 2
     printed: plus
     should_be: minus
+    note: so it is in the reprint
     cases: [fig4]
     check: {kind: crossings, least: 1, most: 1, from: x1, to: x3}
 """
@@ -117,7 +119,8 @@ def test_the_page_asks_no_network_and_escapes_what_files_say(drawn: Path) -> Non
     assert "http" not in page.text
     ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
     assert len(ids) == len(set(ids))
-    assert {"paper", "paper-space", "paper-both", "paper-statement-once"} <= {*ids}
+    assert {"paper", "paper/space", "paper/both", "paper/statement/once"} <= {*ids}
+    assert "so it is in the reprint" in page.text
     images = page.of("img")
     assert [image["src"] for image in images[:3]] == [
         f"paper/{name}.png" for name in ("space", "wide", "both")
@@ -141,7 +144,7 @@ def test_the_page_asks_no_network_and_escapes_what_files_say(drawn: Path) -> Non
         "Assumed: r0: a guess",
         "a remark",
         "reproduced",
-        "12 figures (3 not drawn)",
+        "15 figures (3 not drawn)",
     ):
         assert text in page.text, text
 
@@ -193,7 +196,7 @@ def test_one_file_can_be_sent_alone(place: Path) -> None:
     assert done.stdout.endswith("sent/all.html\n")
     page = Reader(place / "sent" / "all.html")
     pictures = [image["src"] for image in page.of("img")]
-    assert len(pictures) == 9
+    assert len(pictures) == 12
     assert all(source.startswith("data:image/png;base64,iVBOR") for source in pictures)
     assert all(link["href"].startswith("#") for link in page.of("a"))
     done = call(place, "plot", "paper.yaml", "space", "--alone", "all.html")

@@ -309,7 +309,7 @@ def save(sheet: Sheet, path: Path, about: str = "") -> None:
         if suffix in FILM_FORMATS:
             film.write(draft, suffix)
         elif suffix == "html":
-            back = f"../index.html#{quote(path.parent.name)}-{quote(path.stem)}"
+            back = f"../index.html#{quote(path.parent.name)}/{quote(path.stem)}"
             page = film.page if film else partial(figure_page, sheet)
             draft.write_text(page(path.stem, about, back), encoding="utf-8")
         elif suffix == "csv":

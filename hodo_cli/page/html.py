@@ -51,7 +51,8 @@ def template(name: str) -> Template:
 
 def anchor(*names: str) -> str:
     """The id of a place in the page, by the names that lead to it."""
-    return "-".join(escape(quote(name)) for name in names)
+    # A slash is in no quoted name, so that no two places share an id.
+    return "/".join(escape(quote(name, safe="")) for name in names)
 
 
 def local_link(text: str, *names: str) -> str:
@@ -225,7 +226,7 @@ STATEMENTS = (
     *("where", "statement", "verdict", "decided by", "contradicted by"),
     *("reason, measured, notes", "figures"),
 )
-ERRATA = ("where", "printed", "should be", "verdict", "shown by", "figures")
+ERRATA = ("where", "printed", "should be", "verdict", "shown by", "notes", "figures")
 CROSSINGS = ("case", "start", "end", "crossing time", "error", "from", "to", "|G|", "figures")
 CASE_COLUMNS = (
     *("case", "model", "method", "steps", "error", "run time", "parameters"),
@@ -256,6 +257,7 @@ def erratum_rows(section: Section) -> Iterable[Cells]:
         yield [
             cell(erratum["where"], place=anchor(section["name"], "erratum", erratum["name"])),
             *(cell(text, "text" if len(text) > 30 else "") for text in texts),
+            cell("; ".join(erratum["notes"]), "text"),
             links_to_figures(section, erratum["cases"]),
         ]
 

@@ -20,17 +20,13 @@ CASE = {
     "name": "", "model": "", "method": "", "steps": "", "error": 0.0, "error_kind": "",
     "run_time": 0.0, "parameters": "", "notes": [""], "ends": [""], "crossings": [[""]],
 }  # fmt: skip
-STATEMENT = {
-    "name": "", "where": "", "text": "", "original": "", "verdict": "", "evidence": "",
-    "contradicted_by": "", "notes": [""], "cases": [""],
-}  # fmt: skip
-ERRATUM = {
-    "name": "", "where": "", "text": "", "should_be": "", "verdict": "", "evidence": "",
-    "cases": [""],
+JUDGED = {
+    "name": "", "where": "", "text": "", "original": "", "should_be": "", "verdict": "",
+    "evidence": "", "contradicted_by": "", "notes": [""], "cases": [""],
 }  # fmt: skip
 SECTION = {
     "name": "", "title": "", "references": "", "file": "", "paper": False,
-    "figures": [STORED_FIGURE], "statements": [STATEMENT], "errata": [ERRATUM], "cases": [CASE],
+    "figures": [STORED_FIGURE], "statements": [JUDGED], "errata": [JUDGED], "cases": [CASE],
 }  # fmt: skip
 """The shape of a section: the types of its values, by an example."""
 

@@ -171,15 +171,16 @@ def colour_scale_of(
 ) -> tuple[Normalize, Colormap]:
     """The scale and the colours of a map: for an enclosed axis, or the share of one, the colours
     that axes have in every figure."""
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    known = values[~np.isnan(values)]
+    low, high = float(known.min()), float(known.max())
     part = spec["variable"].rpartition(".")[2]
-    if part in LABELS.values() and (np.isin(values, (0, 1)).all() or low == high):
+    if part in LABELS.values() and (np.isin(known, (0, 1)).all() or low == high):
         low, high = 0.0, 1.0  # where all say yes it has another colour than where all say no
     if labelled:
         labels = range(int(low), int(high) + 1)
         colours = ListedColormap([AXIS_COLOUR.get(label, PURPLE) for label in labels])
         return Normalize(low - 0.5, high + 0.5), colours
-    if spec["range"] is None and high - low <= MAX_COUNTS and (values % 1 == 0).all():
+    if spec["range"] is None and high - low <= MAX_COUNTS and (known % 1 == 0).all():
         # The colours of a continuous scale would show counts that no member has.
         return Normalize(low - 0.5, high + 0.5), hues().resampled(int(high - low) + 1)
     if spec["range"] is None and low == high:
