@@ -96,8 +96,7 @@ def run(
     if path is None and is_one:
         return _integrated(cases[0], classify)
     # Several are run as `hodo run` does, which makes a file.
-    with TemporaryDirectory(prefix="hodo-") as folder:
-        datasets = _stored(cases, path or Path(folder) / "cases.h5", jobs, classify)
+    datasets = _stored(cases, path, jobs, classify)
     return datasets[0] if is_one else datasets
 
 
@@ -109,8 +108,17 @@ def _integrated(made: Case, classify: bool) -> xr.Dataset:
     return dataset(group if labels is None else group.with_addition(labels))
 
 
-def _stored(cases: Sequence[Case], path: Path, jobs: int, classify: bool) -> list[xr.Dataset]:
-    """The datasets of cases that are run into a result file, as `hodo run` does it."""
+def _stored(
+    cases: Sequence[Case], path: Path | None, jobs: int, classify: bool
+) -> list[xr.Dataset]:
+    """The datasets of cases that are run into a result file, as `hodo run` does it; without a path
+    into one that is gone afterwards."""
+    if path is None:
+        with TemporaryDirectory(prefix="hodo-") as folder:
+            datasets = _stored(cases, Path(folder) / "cases.h5", jobs, classify)
+        for data in datasets:
+            del data.encoding["source"]
+        return datasets
     if path.suffix != ".h5":
         raise _wrong("to: expected a name that ends with .h5", str(path))
     named = {case.name: case for case in cases}
@@ -158,8 +166,7 @@ def sweep(case: Given, *, name: str = "sweep", jobs: int = 1) -> xr.Dataset:
         raise HodoError("sweep: missing: use hodo.run for a single case")
     jobs = _checked_jobs(jobs)
     # Members are reduced chunk by chunk in files, so that no sweep has to fit into memory at once.
-    with TemporaryDirectory(prefix="hodo-") as folder:
-        (swept,) = _stored([made], Path(folder) / "sweep.h5", jobs, classify=False)
+    (swept,) = _stored([made], None, jobs, classify=False)
     if "members" not in swept.attrs:
         raise HodoError(swept.attrs["message"])
     return swept
@@ -203,7 +210,8 @@ def derive(data: xr.Dataset, *names: str) -> xr.Dataset:
         raise _wrong("expected a dataset, as run or sweep gives it", data)
     if strange := [name for name in names if not isinstance(name, str)]:
         raise _wrong("expected the name of a quantity", strange[0])
-    if sweep_axes(data):
+    # One member of a sweep is the end of a motion, unless its trajectory is stored.
+    if sweep_axes(data) or ("members" in data.attrs and "time" not in data.dims):
         swept = SweepView.of("sweep", data)
         _check_quantities(names, swept.sources)
         return data.assign({name: swept.derived(name) for name in names})

@@ -1310,7 +1310,8 @@ def test_a_figure_may_name_every_derived_quantity() -> None:
         ("{kind: hodograph, cases: [one, grid]}",
          "figures.f.cases.1: case grid is a sweep, which only map, curve and share draw"),
         ("{kind: hodograph, cases: top}",
-         "figures.f.cases.0: case top stores no angular velocity in body axes, which a hodograph"),
+         "figures.f.cases.0: case top stores no angular velocity in body axes, which kind "
+         "hodograph"),
         ("{kind: curve, cases: grid, variable: crossings, x: damping.2, by: damping.0, at: [-1]}",
          "figures.f.at.0: expected"),
         ("{kind: cost, groups: [1], small: [1, 2]}", "figures.f: missing 'cases'"),

@@ -363,7 +363,7 @@ def test_what_is_left_without_a_meaning_is_refused_in_one_line(
         ),
         (motion.isel(axis=[0, 2]), {}, "no component x2 of G, only x1, x3"),
         (motion.isel(axis=0), {}, "stores no angular velocity in body axes"),
-        (motion.isel(time=3), {}, "stores no angular velocity in body axes"),
+        (motion.isel(time=3), {}, "is a motion at one time"),
         (motion.isel(time=slice(0)), {}, "has no samples"),
         (motion.drop_vars("time"), {}, "has no coordinate 'time'"),
         (motion.drop_vars("axis"), {}, "has no coordinate 'axis'"),
@@ -401,3 +401,35 @@ def test_counts_have_a_colour_each_where_a_member_has_none(grid: xr.Dataset) -> 
 
     assert colours(counts) == 3
     assert colours(counts.where(counts["damping.2"] > 0.0015)) == 3
+
+
+def test_one_member_of_a_sweep_has_the_quantities_of_its_end(grid: xr.Dataset) -> None:
+    one = {"damping.0": 1, "damping.2": 2}
+    alone, all_members = (hodo.derive(data, "T") for data in (grid.isel(one), grid))
+    assert alone["T"].dims == ()
+    assert float(alone["T"]) == float(all_members["T"].isel(one))
+    # Nothing knows of the file that has held it.
+    assert not grid.encoding
+
+
+@pytest.mark.parametrize(
+    ("made", "message"),
+    [
+        (lambda m, s: hodo.derive(s.rename({"damping.0": "d"}), "T"), "no coordinate 'damping.0'"),
+        (lambda m, s: hodo.derive(m.sel(axis="x2"), "G"), "has omega without its components"),
+        (lambda m, s: hodo.plot(m.isel(time=5)), "is a motion at one time: select several"),
+    ],
+)
+def test_a_selection_that_lacks_what_a_quantity_needs_is_one_line(
+    motion: xr.Dataset, grid: xr.Dataset, made: Callable[..., object], message: str
+) -> None:
+    with pytest.raises(HodoError, match=message):
+        made(motion, grid)
+
+
+def test_an_angle_needs_no_component_of_omega(motion: xr.Dataset) -> None:
+    whole, part = (hodo.derive(m, "psi")["psi"].values for m in (motion, motion.sel(axis="x2")))
+    known = np.isfinite(whole)
+    assert known.any()
+    # Nothing tells where samples are too few to count whole turns.
+    assert np.abs(np.sin((whole - part)[known] / 2)).max() < 1e-12

@@ -572,7 +572,7 @@ def _unfit(kind: str | None, case: Drawable) -> str:
         return ""
     if case.case.leaves_out(["omega"]):
         return lack_of(case.case, "omega", case.sources, kind)
-    return f"{words} stores no angular velocity in body axes, which a {kind} needs"
+    return f"{words} stores no angular velocity in body axes, which kind {kind} needs"
 
 
 def _variable_mistakes(values: Mapping[str, Any], cases: Sequence[Drawable]) -> Iterator[Mistake]:

@@ -182,6 +182,8 @@ def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
         along = " and ".join(others)
         raise HodoError(f"{case_words(name)} is several motions: select one along {along}")
     case = case_in(data, case_words(name))
+    if "time" not in data.dims and "members" not in data.attrs:
+        raise HodoError(f"{case_words(name)} is a motion at one time: select several")
     units = {"time": case.time.unit, "moments of inertia": case.inertia_unit}
     if axes:
         sphere = next((axis for axis in axes if f"{axis}_vector" in data.variables), "")

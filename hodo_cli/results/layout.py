@@ -279,7 +279,7 @@ MEMBER = {
 }
 """The columns of every sweep."""
 
-MEMBER_EVENT = {"event_time": Stored("time of the event that ended the motion", units="time")}
+MEMBER_EVENT = {"event_time": Stored("time of the last event of the motion", units="time")}
 
 MEMBER_STOPPED = {
     "event_time": Stored("time at which a brake stopped the body", units="time"),

@@ -154,7 +154,7 @@ class Motion:
                 f"{self.words} has no coordinate 'axis', which tells the components of "
                 "its vectors apart"
             )
-        return tuple(map(str, self.stored("axis")))
+        return tuple(map(str, np.atleast_1d(self.stored("axis"))))
 
     def units(self, variable: str) -> str:
         """The units of a variable or quantity in the units of the case; "1" for a number."""
@@ -289,6 +289,8 @@ class Motion:
     def G(self) -> np.ndarray:
         """Angular momentum (n, 3) in body axes. Raises HodoError for a case without it."""
         if "G" not in self.vectors:
+            if "omega" in self.data:
+                self.component("omega", "x1")
             raise HodoError(
                 f"{self.words} ({self.case.model}, {self.case.form}) has no angular momentum "
                 "in body axes"
@@ -495,7 +497,7 @@ def wrong_labels(data: Variables) -> str:
 
 def _momentum(m: Motion) -> np.ndarray:
     """|G|, right also where G^2 underflows; of the averaged cavity's x = p^2 + q^2 and y = r^2."""
-    if "G" in m.vectors:
+    if "omega" in m.data:
         # hypot scales by itself; the square of 1e-170 is 0.
         return np.asarray(np.hypot.reduce(m.G, axis=-1))
     if "momentum" in m.data:

@@ -12,7 +12,7 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case
 from ..cases.derived import BODY_AXES, DERIVED, PARTS, constants_of, lack_of
-from ..cases.sweep_block import path_of
+from ..cases.sweep_block import axes_of, path_of
 from ..models.rigid_body import BodyFrame
 from ..results.dataset import (
     case_in,
@@ -212,6 +212,11 @@ class SweepView:
         """
         if message := lack_of(self.case, name, self.sources, name):
             raise HodoError(message)
+        swept = (key for axis in axes_of(self.case.sweep or {}) for key in axis.keys)
+        for key in (key for key in swept if key not in self.data.variables):
+            raise HodoError(
+                f"sweep {self.name} has no coordinate {key!r}, which its members vary in"
+            )
         # Along an axis that changes the body, one body after the other; along all others at once.
         one_by_one = [
             axis
@@ -224,7 +229,7 @@ class SweepView:
         pieces = [self._quantity(name, at, at_once) for at in positions]
         order = [*one_by_one, *at_once]
         sizes = [self.axes[axis] for axis in order]
-        values = np.array(pieces).reshape(*sizes, *pieces[0].shape[1:])
+        values = np.array(pieces).reshape((*sizes, *pieces[0].shape[1:]))
         return quantity_array(name, values, order, self.case).transpose(*self.axes, ...)
 
     def _quantity(self, name: str, at: Mapping[str, int], others: Sequence[str]) -> np.ndarray:
