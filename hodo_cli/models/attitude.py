@@ -205,15 +205,35 @@ def without_attitude(function: Callable[..., Any], t: Any, y: Sequence[Any], k: 
     return function(t, y[:-4], k)
 
 
-def keeping_attitude(passage: Passage, t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
-    """A passage of a model, of the state with an attitude."""
+class Turning(EventOutcome):
+    """An outcome in whose state, which lasts, the body turns at a constant angular velocity."""
+
+    def states(self, times: Any, fp: Any = float) -> np.ndarray:
+        states = super().states(times, fp).copy()
+        omega, Q = (np.array(rows, dtype=fp) for rows in (self.state[:3], self.state[-4:]))
+        speed = np.sqrt((omega * omega).sum())
+        if speed > 0:
+            half = (np.asarray(times, dtype=fp) - fp(self.time)) * speed / 2
+            turn = np.cos(half), *(np.sin(half) * w / speed for w in omega)
+            states[..., -4:] = np.stack(composed(Q, turn), axis=-1)
+        return states
+
+
+def beside_turning(passage: Passage, t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
+    """A passage of a model, of the state with an attitude. Behind the stop of a body with a rotor
+    it is G that rests, and the body turns on."""
     outcome = passage(t, y[:-4], k)
-    return outcome._replace(state=[*outcome.state, *y[-4:]])
+    outcome = outcome._replace(state=[*outcome.state, *y[-4:]])
+    if outcome.onward != math.inf:
+        return outcome
+    # As it turns behind the stop it has turned from the event on, but for a part of 1e-7.
+    lasting = Turning(*outcome)._replace(time=float(t))
+    return lasting._replace(time=outcome.time, state=lasting.states(outcome.time, type(t)).tolist())
 
 
 def beside_attitude(event: Event) -> Event:
     """An event of a model as one of the model with an attitude."""
-    passage = event.passage and Bound(keeping_attitude, (event.passage,))
+    passage = event.passage and Bound(beside_turning, (event.passage,))
     return event._replace(function=Bound(without_attitude, (event.function,)), passage=passage)
 
 
