@@ -481,3 +481,42 @@ def test_an_angle_over_degrees_is_in_degrees(drawn: Drawings) -> None:
     assert curve.figure.axes[0].get_ylabel().endswith("[deg]")
     (values,) = [item.values["theta"] for item in curve.shown]
     np.testing.assert_allclose(values, np.degrees(theta.mean("mu")), rtol=1e-12)
+
+
+IN_SPACE = {"sphere": "x", "axis-trace": "", "hodograph": "G", "body": ""}
+"""The kinds of figures in space, and the letter of the names of their axes, if these are of the
+body."""
+
+
+@pytest.mark.parametrize("kind", IN_SPACE)
+@pytest.mark.parametrize(
+    ("view", "away"),
+    [((24, 215), {0, 1}), ((-40, 35), {2}), ((-90, 0), {2}), ((90, 0), set()), ((0, 270), {1})],
+)
+def test_axes_that_point_away_have_pale_names(
+    drawn: Drawings, kind: str, view: tuple[float, float], away: set[int]
+) -> None:
+    """Else a frame would look like its mirror image. Two axes lie in the page but for rounding
+    where the angles are multiples of 90 degrees."""
+    figure = plot(drawn.cases["again"], kind=kind, view=view)
+    shade = {text.get_text(): text.get_color() for text in figure.axes[0].texts}
+    letter = IN_SPACE[kind]
+    names = [f"${letter}_{i}$" for i in (1, 2, 3)] if letter else ["$x$", "$y$", "$z$"]
+    grey = "black" if kind != "body" else "#666666"
+    pale = {i for i, name in enumerate(names) if to_hex(shade[name]) != to_hex(grey)}
+    assert pale == away
+
+
+@pytest.mark.parametrize("elevation", [24, 60, 75, 90, -90])
+def test_all_arms_of_a_globe_end_within_the_figure(drawn: Drawings, elevation: float) -> None:
+    figure = plot(drawn.cases["again"], kind="sphere", view=(elevation, 0))
+    figure.draw_without_rendering()
+    panel = figure.axes[0]
+    names = [text for text in panel.texts if text.get_text() in ("$x_1$", "$x_2$", "$x_3$")]
+    for name in names:
+        # The tip and, beyond a tip below the globe, its name.
+        low = panel.transData.transform(name.points[0])[1]
+        assert panel.bbox.y0 < low
+        box = name.get_window_extent()
+        assert panel.bbox.y0 <= box.y0
+        assert name.points[0][1] > -1 or box.y1 < low

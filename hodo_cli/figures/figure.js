@@ -30,7 +30,8 @@ function spaceOf(panel) {
   let zoom = 1, point = 1;
 
   // Thirteen layers show depth, as in print; a globe has two, its near and its far side.
-  const layerOf = (near) => (panel.globe ? (near < 0 ? -6 : 6) : Math.round(6 * Math.max(-1, Math.min(1, near)))) || 0;
+  // An axis that lies in the page but for rounding is near.
+  const layerOf = (near) => (panel.globe ? (near < -1e-6 ? -6 : 6) : Math.round(6 * Math.max(-1, Math.min(1, near)))) || 0;
   const opacity = (layer) => panel.globe ? (layer < 0 ? 0.35 : 1) : (18 + layer) / 24;
   const codeOf = (stroke, k) => stroke.code ? stroke.code[k] : 0;
 

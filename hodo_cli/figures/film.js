@@ -51,6 +51,9 @@ function line(part, M, first, last, width, alpha) {
 function arrow(part, M, i, names) {
   const k = 3 * Math.min(i, part.points.length / 3 - 1), [x, y, z] = part.points.subarray(k, k + 3);
   const right = scale * (M[0][0] * x + M[0][1] * y + M[0][2] * z), up = scale * (M[1][0] * x + M[1][1] * y + M[1][2] * z);
+  // An axis of space that points away is pale; one that lies in the page but for rounding is not.
+  const near = M[2][0] * x + M[2][1] * y + M[2][2] * z;
+  pen.globalAlpha = part.role === "axis" && near < -1e-6 ? 0.35 : 1;
   const angle = Math.atan2(up, right), [tipX, tipY] = [size / 2 + right, size / 2 - up];
   pen.strokeStyle = pen.fillStyle = part.colour;
   pen.lineWidth = part.role === "axis" ? 1.5 : 3;
@@ -79,6 +82,7 @@ function arrow(part, M, i, names) {
   pen.strokeStyle = "#ffffff";
   pen.strokeText(name, size / 2 + place[0], size / 2 - place[1]);
   pen.fillText(name, size / 2 + place[0], size / 2 - place[1]);
+  pen.globalAlpha = 1;
 }
 
 function draw() {

@@ -29,7 +29,7 @@ from ..artists import AXIS_COLOUR, BLACK, GREY, PURPLE, RED, arrow
 from ..sheet import PAGE, SHEET_STYLE, Look, Sheet, View, own_page
 from ..words import FormulaCanvas, Words, place_words, without_tex
 from .plane import within_span
-from .space import space_vector
+from .space import IN_PAGE, pale, space_vector
 
 FILM_SAMPLES = 3000
 """The samples of a film: with 65 bytes each in a page, it has less than 300 kB."""
@@ -206,10 +206,12 @@ def draw_moment(axes: Axes, film: Film, i: int) -> None:
             axes.plot(x, y, color=part.colour, lw=0.5, alpha=0.3, zorder=2)
             axes.plot(x[: i + 1], y[: i + 1], color=part.colour, lw=0.9, zorder=3)
         else:
-            tip = seen[min(i, len(seen) - 1), :2]
-            arrow(axes, np.zeros(2), tip, part.colour, zorder=2 if part.role == "axis" else 5)
+            tip, is_axis = seen[min(i, len(seen) - 1)], part.role == "axis"
+            # Else space would look left-handed from behind; what turns shows its sides.
+            colour = pale(part.colour) if is_axis and tip[2] < -IN_PAGE else part.colour
+            arrow(axes, np.zeros(2), tip[:2], colour, zorder=2 if is_axis else 5)
             name = re.sub(r"(\d)", r"_\1", part.name)
-            Words(axes, f"${name}$", tip[None], toward=tip, color=part.colour)
+            Words(axes, f"${name}$", tip[None, :2], toward=tip[:2], color=colour)
     symbol, unit = film.words
     axes.set_title(f"${symbol}{film.time[i]:.6g}${unit}", color=BLACK)
 

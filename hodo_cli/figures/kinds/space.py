@@ -21,6 +21,7 @@ from ..artists import (
     CROSSING,
     END,
     GREY,
+    PALE_GREY,
     SEPARATRIX,
     START,
     arrow,
@@ -183,11 +184,20 @@ def round_step(size: float) -> float:
 
 
 def arm(scene: Scene, tail: np.ndarray, tip: np.ndarray, name: str, zorder: float = 1) -> None:
-    """An arrow along an axis from tail to tip (3,), with its name."""
+    """An arrow along an axis from tail to tip (3,), with its name, which is pale where it points
+    away from the reader: else a right-handed frame would look like its mirror image. Behind a globe
+    the arrow is pale too."""
     texts = ["", f"${name}$"]
-    begin, end = scene.add(np.stack([tail, tip]), texts=texts, color=GREY, lw=0.5)[:, :2]
-    arrow(scene.axes, begin, end, GREY, zorder)
-    Words(scene.axes, f"${name}$", end[None], toward=end)
+    begin, end = scene.add(np.stack([tail, tip]), texts=texts, color=GREY, lw=0.5)
+    is_far = end[2] < -IN_PAGE
+    colour = pale(GREY) if is_far and scene.globe else GREY
+    arrow(scene.axes, begin[:2], end[:2], colour, zorder)
+    look: Look = {"color": PALE_GREY} if is_far else {}
+    Words(scene.axes, f"${name}$", end[None, :2], toward=end[:2], **look)
+
+
+IN_PAGE = 1e-9
+"""How far behind the page an axis may point that lies in it but for rounding."""
 
 
 def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], plane: str) -> None:
@@ -277,6 +287,7 @@ def draw_sphere(
 ) -> None:
     """Curves on the unit sphere, with the names of its three arms, and separatrices."""
     (axes,), view = sheet.panels(COLUMN, 1.08 * COLUMN), View(spec["view"])
+    lowest = float(view(ARM * np.eye(3))[:, 1].min())
     scene = sheet.scene(axes, view, arms, globe=True)
     # Under the curves, which may run on the separatrices.
     globe_below(scene, bodies)
@@ -297,10 +308,14 @@ def draw_sphere(
         name_on_sphere(scene, curves, [entry.get_color() for entry in entries] if by_case else [])
     # The curves of G have their names beside them alone.
     sheet.legend += entries if is_trace or not by_case else []
-    axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.32), aspect="equal")
+    axes.set(xlim=(-1.24, 1.24), ylim=(min(-1.12, lowest - 0.22), 1.32), aspect="equal")
     axes.set_axis_off()
     sheet.legend += [Line2D([], [], **look, label=words) for words, look, _ in bodies]
     sheet.legend += mark_handles(motions, spec["time"])
+
+
+ARM = 1.2
+"""How far the arms of a globe reach from its middle."""
 
 
 def globe_below(scene: Scene, bodies: Sequence[BodySeparatrix]) -> None:
@@ -309,7 +324,8 @@ def globe_below(scene: Scene, bodies: Sequence[BodySeparatrix]) -> None:
     for line in graticule():
         on_sphere(scene.axes, scene.add(line, **GRATICULE), **GRATICULE)
     for foot, name in zip(np.eye(3), scene.names, strict=True):
-        arm(scene, foot, 1.2 * foot, name, zorder=5 if scene.view(foot)[2] > 0 else 1)
+        # Above the globe, within which an arm of its far side is seen, too.
+        arm(scene, foot, ARM * foot, name, zorder=5 if scene.view(foot)[2] > -IN_PAGE else 2)
     for _, look, circles in bodies:
         for circle in circles:
             on_sphere(scene.axes, scene.add(circle, **look), **look)
