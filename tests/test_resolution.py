@@ -1,5 +1,6 @@
 """A curve through too few samples is said to be a polygon, and a fine one is not."""
 
+import json
 import re
 import warnings
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT, call, call_apart
+from drawings import Drawings
 
 import hodo_cli
 from hodo_cli import Case
@@ -286,3 +288,45 @@ figures:
         done = call_apart(tmp_path, *own, "plot", "c.yaml", figure, "--format", "csv")
         assert done.returncode == 0, done.stderr
         assert ("changes with the time between its samples" in done.stderr) is is_seen, figure
+
+
+WITHOUT_VALUES = """
+defaults: {model: linear-diag, inertia: [1.6, 1, 0.7]}
+cases:
+  few: {attitude: {align: G}, initial: {p: 1, q: 2, r: 0.3}, time: {end: 60, samples: 40}}
+  enough: {attitude: {align: G}, initial: {p: 1, q: 2, r: 0.3}, time: {end: 60, samples: 823}}
+  upright: {attitude: yes, initial: {p: 0, q: 0, r: 1}, time: {end: 10}}
+figures:
+  few: {kind: series, cases: [few], variables: [psi, phi]}
+  upright: {kind: series, cases: [upright], variables: [psi, theta]}
+  path: {kind: phase, cases: [upright], x: psi, y: theta}
+  both: {kind: series, cases: [few, enough], variables: [psi]}
+claims:
+  - {id: a, where: b, statement: psi rises, cases: [few], expect: reproduced,
+     check: {kind: monotone, of: [psi], sense: rises}}
+"""
+
+
+def test_what_has_no_value_says_why_and_what_would_give_it_one(tmp_path: Path) -> None:
+    (tmp_path / "m.yaml").write_text(WITHOUT_VALUES, encoding="utf-8")
+    assert call(tmp_path, "run", "m.yaml").returncode == 0
+    assert call(tmp_path, "classify", "m.yaml").returncode == 0
+    few, upright = said = [
+        "psi of case few is no number at 1.53846: few turns by up to 211° from one sample to the "
+        "next, so that its curve is a polygon: time: {samples: 823} draws it",
+        "psi of case upright is no number at 0: theta is 0 or pi there",
+    ]
+    plotted = call(tmp_path, "plot", "m.yaml")
+    assert sorted(plotted.stderr.splitlines()) == [f"no curve: {words}" for words in said]
+    drawings = Drawings.of(tmp_path / "runs" / "m.h5")
+    for name, panel, words in (("few", 0, few), ("upright", 0, upright), ("path", 0, upright)):
+        with warnings.catch_warnings(record=True):
+            axes = drawings.draw(name).figure.axes[panel]
+        assert f"no curve: {words}" in [" ".join(x.get_text().split()) for x in axes.texts]
+        assert not len(axes.get_yticks())
+    with warnings.catch_warnings(record=True):
+        (both,) = drawings.draw("both").figure.axes
+    assert not both.texts
+    assert len(both.get_yticks())
+    (row,) = json.loads(call(tmp_path, "claims", "m.yaml", "--json").stdout)["statements"]
+    assert (row["verdict"], row["evidence"]) == ("not tested", few)

@@ -25,7 +25,7 @@ from ..integration import (
 from ..models import rigid_body
 from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion, formula_values
-from ..results.resolution import SMALLEST_CHORD, course_remark, turn_remark
+from ..results.resolution import SMALLEST_CHORD, course_remark, no_number_remark, turn_remark
 from ..storage import Variable
 from .finding import ROUNDING
 
@@ -144,8 +144,7 @@ def quantity(m: Motion, name: str) -> np.ndarray:
 
 def known_values(m: Motion, name: str, values: np.ndarray) -> np.ndarray:
     """Values over time (n,) of a motion. Raises Undecidable where one of them is no number."""
-    if (missing := np.isnan(values)).any():
-        raise Undecidable(f"{name} of {m.words} is no number at {m.time[missing.argmax()]:.6g}")
+    decides_unless(no_number_remark(m, name, values))
     return values
 
 

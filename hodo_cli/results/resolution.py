@@ -6,10 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from ..cases.derived import BODY_AXES
+from ..cases.derived import BODY_AXES, COMPONENTS
 from ..cases.figure_block import KINDS_IN_SPACE
 from ..models.base import attributes, has_formula_of_time, stacked
-from .motion import EULER_ANGLES, OF_ATTITUDE, Motion, time_factor
+from .motion import (
+    ANGLES_THAT_TURN,
+    EULER_ANGLES,
+    OF_ATTITUDE,
+    Motion,
+    euler_angle,
+    time_factor,
+)
 
 # A polygon of 24 sides is a circle to within 0.9 % of its radius, some widths of a line.
 LARGEST_TURN = math.radians(15)
@@ -111,6 +118,36 @@ def bend_remark(motion: Motion, name: str, drawn: slice) -> str:
         return ""
     ending = polygon(motion, math.sqrt(4 * apart / LARGEST_LOSS))
     return f"{name} of {motion.name} bends between its samples, {ending}"
+
+
+def no_number_remark(motion: Motion, name: str, values: np.ndarray) -> str:
+    """Where values (n,) of a quantity first are no number, and why as far as that is known; an
+    empty text if all are numbers."""
+    if not (missing := np.isnan(values)).any():
+        return ""
+    i = int(missing.argmax())
+    words = f"{name} of {motion.words} is no number at {motion.time[i]:.6g}"
+    return ": ".join(filter(None, [words, reason_of_gap(motion, name, i)]))
+
+
+def reason_of_gap(motion: Motion, name: str, i: int) -> str:
+    """Why a quantity is no number at sample i; an empty text where that is not known."""
+    if not turns_in_body(motion) or name not in COMPONENTS:
+        return ""
+    if name not in ANGLES_THAT_TURN:
+        return "" if motion.omega[i].any() else "the body is at rest there"
+    if np.isnan(euler_angle(name, motion)[i]):
+        return "theta is 0 or pi there"
+    return turn_remark(motion, slice(None), LARGEST_TURN, in_space=True)
+
+
+def gap_remark(motion: Motion, name: str, drawn: slice) -> str:
+    """The remark on a quantity of which a line through its samples shows nothing; an empty text if
+    two neighbours are numbers, or the only sample is."""
+    known = np.isfinite(values := motion[name])[drawn]
+    is_seen = (known[1:] & known[:-1]).any() if len(known) > 1 else known.all()
+    remark = "" if is_seen else no_number_remark(motion, name, values)
+    return f"no curve: {remark}" if remark else ""
 
 
 TIMES_ASKED, LEAST_TIMES = 2**16, 16
@@ -215,7 +252,8 @@ def oscillates(name: str) -> bool:
 
 
 def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[str]:
-    """The warnings about the motions of a figure whose samples are too few for its curves."""
+    """The warnings about the motions of a figure whose samples are too few for its curves, or of
+    which it shows no curve."""
     kind = spec["kind"]
     names = [spec["x"], spec["y"]] if kind == "phase" else spec.get("variables", ())
     slow = [name for name in names if kind == "series" and not oscillates(name)]
@@ -231,7 +269,10 @@ def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[st
         if turning and turns_in_body(motion) and len(motion.time[samples]) > 2
     ]
     torques = [torque_remark(motion, names, samples) for motion, samples in drawn]
-    return list(dict.fromkeys(filter(None, [*remarks, *bends, *torques])))
+    gaps = [gap_remark(motion, name, samples) for motion, samples in drawn for name in names]
+    # Of too few turns a gap says the same.
+    others = [x for x in (*remarks, *bends, *torques) if not any(x in gap for gap in gaps)]
+    return list(dict.fromkeys(filter(None, [*gaps, *others])))
 
 
 def turns_in_body(motion: Motion) -> bool:

@@ -15,7 +15,7 @@ from ...engines.protocol import EPS
 from ...models.rigid_body import inertia_order, slope
 from ...models.terms.body import BodyUnderTorques
 from ...results.motion import Motion, formula_values, is_of_time
-from ...results.resolution import samples_within
+from ...results.resolution import gap_remark, samples_within
 from ...storage import Variable
 from ...text import magnitude
 from ..artists import (
@@ -208,6 +208,9 @@ def label_panel(axes: Axes, spec: Mapping[str, Any], curves: Sequence[tuple[Moti
         axes.set_ylabel(axis_label(variable, motion))
         values = [np.asarray(line.get_ydata(), dtype=float) for line in axes.lines]
         say_in_corner(axes, widen_constant(axes, "y", values, curves))
+        gaps = [gap_remark(x, name, samples_within(x, spec["span"])) for x, name in curves]
+        if all(gaps) and variable not in spec["formula"]:
+            say_why_empty(axes, gaps, yticks=[])
         marked = [(drawn, [variable]) for drawn, _ in curves]
     if not spec["passages"]:
         for drawn, together in marked:
@@ -255,6 +258,16 @@ def say_in_corner(axes: Axes, words: str) -> None:
     place: Look = {"xycoords": "axes fraction", "ha": "right", "va": "top"}
     if words:
         axes.annotate(words, (0.97, 0.95), **place, size="small")
+
+
+def say_why_empty(axes: Axes, gaps: Sequence[str], **ticks: Any) -> None:
+    """Say in a panel without a curve why it has none, instead of the ticks of a scale of
+    nothing."""
+    size = text_size("legend.fontsize")
+    lines = text_lines("; ".join(dict.fromkeys(gaps)), 0.9 / 72 * room_across(axes), size)
+    place: Look = {"xycoords": "axes fraction", "ha": "center", "va": "center"}
+    axes.annotate("\n".join(lines), (0.5, 0.5), **place, size=size)
+    axes.set(**ticks)
 
 
 def series_curve(
@@ -437,6 +450,10 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> N
         if words := widen_constant(axes, letter, [curve[:, column] for curve in curves], of_name):
             remarks.append(f"${symbol(name)}$ {words}")
     say_in_corner(axes, "\n".join(remarks))
+    everything = slice(None)
+    gaps = [gap_remark(m, x, everything) or gap_remark(m, y, everything) for m in motions]
+    if all(gaps):
+        say_why_empty(axes, gaps, xticks=[], yticks=[])
     if vector_of(x) == vector_of(y) != "":
         axes.set(aspect="equal", adjustable="datalim")
     sheet.legend += mark_handles(motions, spec["time"])
