@@ -193,11 +193,16 @@ def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
         "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: .8, q: .5, r: .74}, "
         "damping: [.05, .04, .03], time: {end: 40, unit: s}, inertia_unit: kg m^2"
     )
+    turned = f"{body}, attitude: yes"
+    starts = "p: 0, q: 0, G: 1}, sweep: {direction: {sphere: {count: 9, seed: 1}}}"
     sweep = "sweep: {damping.0: {linspace: [0.04, 0.06, 3]}}"
     figure = "{kind: series, cases: [a], variables: [p, G, T, D, D/2T]}"
     curve = "{kind: curve, cases: [s], variable: crossing_G, x: damping.0}"
-    text = f"cases:\n  a: {{{body}}}\n  s: {{{body}, {sweep}}}\nfigures:\n  f: {figure}\n"
+    text = f"cases:\n  a: {{{body}}}\n  s: {{{body}, {sweep}}}\n  t: {{{turned}}}\n"
+    text += f"  d: {{{body.replace('p: .8, q: .5, r: .74}', starts)}}}\nfigures:\n  f: {figure}\n"
     text += f"  c: {curve}\n  b: {{kind: sphere, cases: [a]}}\n"
+    text += "  q: {kind: quadrants, cases: [a]}\n  h: {kind: herpolhode, cases: [t]}\n"
+    text += "  n: {kind: share, cases: [d]}\n"
     (tmp_path / "u.yaml").write_text(text, encoding="utf-8")
     assert call(tmp_path, "run", "u.yaml", "--quiet").returncode == 0
     table = call(tmp_path, "classify", "runs/u.h5").stdout
@@ -206,14 +211,25 @@ def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
     assert rows[0]["units"] == {"time": "s", "G": "kg m^2/s"}
     done = call(tmp_path, "plot", "runs/u.h5", "--format", "csv", "--format", "svg")
     assert done.returncode == 0, done.stderr
-    tables = (tmp_path / f"runs/figures/u/{name}.csv" for name in "fcb")
+    tables = (tmp_path / f"runs/figures/u/{name}.csv" for name in "fcbqhn")
     heads = [table.read_text(encoding="utf-8").splitlines()[0] for table in tables]
     assert heads == [
         "curve,time [s],p [1/s],G [kg m^2/s],T [kg m^2/s^2],D [kg^2 m^4/s^2],D/2T [kg m^2]",
         "curve,damping.0 [1/s],crossing_G [kg m^2/s]",
         "curve,time [s],G.x1/|G|,G.x2/|G|,G.x3/|G|",
+        "curve,time [s],p^2 [1/s^2],K r^2 [1/s^2]",
+        "curve,time [s],omega_space.x' [1/s],omega_space.y' [1/s]",
+        'curve,time [s],averaged,"counted, full"',
     ]
     stored = hodo_cli.open(tmp_path / "runs/u.h5")
+    (legend,) = hodo_cli.plot(stored["d"], "share").legends
+    assert legend.get_texts()[0].get_text() == r"$10^3\lambda = 50, 40, 30$ 1/s"
+    for variables, label in (
+        (["G", "theta"], "$|G|$ [kg m$^{2}$/s], $\\theta$ [rad]"),
+        (["p", "q"], "$p$, $q$ [1/s]"),
+    ):
+        (axes,) = hodo_cli.plot(stored["t"], "series", variables=variables, panels="case").axes
+        assert axes.get_ylabel() == label
     swept = {"variable": "crossing_G", "x": "damping.0", "kind": "curve"}
     (axes,) = hodo_cli.plot(stored["s"], **swept).axes
     assert axes.get_ylabel() == "|G| at the crossing [kg m$^{2}$/s]"

@@ -65,6 +65,9 @@ DRAW_SWEEPS: dict[str, Callable[[Sheet, Mapping[str, Any], Cases], None]] = {
 }
 """The kinds of figures of sweeps."""
 
+SQUARES = [f"{factor}{letter}^2" for factor in ("", "K ") for letter in "pqr"]
+"""The columns of the quadrants, whose units are those of y = r^2."""
+
 WITH_GAPS = ("series", "phase")
 """The kinds of figures of motions that leave a gap where a quantity is no number."""
 
@@ -156,9 +159,11 @@ def column_units(spec: Mapping[str, Any], cases: Cases) -> Callable[[str], str]:
     name = next(iter(spec.get("cases", ())), "")
     if not name:
         return lambda column: "1"
-    units = Motion(case_in(cases[name], case_words(name)), cases[name].variables).units
+    case = case_in(cases[name], case_words(name))
+    units = Motion(case, cases[name].variables).units
     # A direction, G over its size, has none.
-    return lambda column: "1" if column.endswith("/|G|") else units(column)
+    own = {"run_time": "s", **dict.fromkeys(SQUARES, units("y"))}
+    return lambda column: "1" if column.endswith("/|G|") else own.get(column) or units(column)
 
 
 def check(spec: Mapping[str, Any], cases: Cases, others: Sequence[str]) -> None:

@@ -671,5 +671,6 @@ where it has components."""
 
 
 def units_in_words(name: str) -> str:
-    """The units of a quantity of `DERIVED`, or of a component of one; "1" for any other name."""
-    return DERIVED[name].units if name in DERIVED else "1"
+    """The units of the time, which sweeps do not store, of a quantity of `DERIVED`, or of a
+    component of one; "1" for any other name."""
+    return DERIVED[name].units if name in DERIVED else {"time": "time"}.get(name, "1")

@@ -33,6 +33,7 @@ from ..artists import (
 from ..sheet import COLUMN, PAGE, SHEET_STYLE, Drawing, Look, Sheet
 from ..style import filled, finish_figure
 from ..symbols import position, value_unit
+from ..words import without_tex
 from .maps import positions
 
 MONTE_CARLO: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.5, "mfc": "white", "mew": 0.7}
@@ -87,7 +88,8 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     (axes,) = sheet.panels(COLUMN, 0.95 * COLUMN)
     curves = positions(swept, axis, ())
     damping = [damping_alone(swept.at(at)) for at in curves]
-    names, looks = share_names(swept, curves, damping), styles(len(curves), spec["styles"])
+    names = share_names(swept, curves, damping, value_unit(swept, "r", sheet.units))
+    looks = styles(len(curves), spec["styles"])
     for at, lam, label, look in zip(curves, damping, names, looks, strict=True):
         draw_share(sheet, axes, swept, at, lam, label, look)
     unit = value_unit(swept, "crossing_time", sheet.units)
@@ -129,7 +131,7 @@ def counted_share(
     # Neither a member that failed nor one that never crosses has a time.
     times = times[np.isfinite(swept.values("status", [swept.sphere], at))]
     if not len(times):
-        raise HodoError(f"sweep {swept.name} has no motion to count for {label}")
+        raise HodoError(f"sweep {swept.name} has no motion to count for {without_tex(label)}")
     return np.array([np.mean(times <= t) for t in points])
 
 
@@ -159,12 +161,13 @@ def share_names(
     swept: SweepView,
     curves: Sequence[Mapping[str, int]],
     damping: Sequence[tuple[float, ...] | None],
+    unit: str,
 ) -> list[str]:
-    """The name of each curve: the damping where it is all that acts and tells it from the others,
-    else its position along the other axis of the sweep, or the sweep's name."""
+    """The name of each curve: the damping, in its unit, where it is all that acts and tells it from
+    the others, else its position along the other axis of the sweep, or the sweep's name."""
     if None not in damping and len({*damping}) == len(damping):
         rates = (", ".join(f"{1e3 * x:g}" for x in lam or ()) for lam in damping)
-        return [rf"$10^3\lambda = {words}$" for words in rates]
+        return [rf"$10^3\lambda = {words}$ {unit}".rstrip() for words in rates]
     names = (", ".join(position(swept, axis, i) for axis, i in at.items()) for at in curves)
     return [name or swept.name for name in names]
 

@@ -201,8 +201,10 @@ def label_panel(axes: Axes, spec: Mapping[str, Any], curves: Sequence[tuple[Moti
         axes.set_title(motion.label)
         # They share the vertical axis: one label on the left.
         if axes.get_subplotspec().is_first_col():  # type: ignore[union-attr]
-            symbols = ", ".join(f"${symbol(name)}$" for name in names)
-            axes.set_ylabel(f"{symbols} {unit(motion, variable)}")
+            labels = [axis_label(name, motion) for name in names]
+            if len({unit(motion, name) for name in names}) == 1:  # else each has its own
+                labels[:-1] = [f"${symbol(name)}$" for name in names[:-1]]
+            axes.set_ylabel(", ".join(labels))
         marked = [(motion, names)]
     else:
         axes.set_ylabel(axis_label(variable, motion))

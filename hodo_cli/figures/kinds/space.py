@@ -397,14 +397,14 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion])
         space_vector(motion, "omega") @ plane.T
         for motion, plane in zip(motions, planes, strict=True)
     ]
+    along_z = np.abs(np.array(planes) - np.eye(2, 3)).max() < ALONG_ANGLE
+    prime = "" if along_z else "'"
     for motion, points in zip(motions, curves, strict=True):
-        sheet.record_path(motion, PLANE, points)
+        sheet.record_path(motion, [f"omega_space.{letter}{prime}" for letter in "xy"], points)
     plane_curves(axes, spec, motions, curves, crossings_on(motions, curves))
     cross: Look = {"marker": "+", "ms": 6, "color": BLACK, "ls": ""}
     axes.plot(0, 0, **cross)
     name_curves(axes, curves, names_beside(motions, spec))
-    along_z = np.abs(np.array(planes) - np.eye(2, 3)).max() < ALONG_ANGLE
-    prime = "" if along_z else "'"
     labels = [f"$\\omega_{{{letter}{prime}}}$ {unit(motions[0], 'omega')}" for letter in "xy"]
     axes.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
     sheet.legend += colour_handles(sheet, [axes], motions, spec)
@@ -416,9 +416,6 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion])
 
 ALONG_ANGLE = 1e-9
 """The angle from z below which a vector lies along it."""
-
-PLANE = ("omega across G, 1", "omega across G, 2")
-"""What the coordinates of a herpolhode are called in tables."""
 
 
 def space_vector(motion: Motion, name: str) -> np.ndarray:
