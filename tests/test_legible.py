@@ -520,3 +520,18 @@ def test_all_arms_of_a_globe_end_within_the_figure(drawn: Drawings, elevation: f
         box = name.get_window_extent()
         assert panel.bbox.y0 <= box.y0
         assert name.points[0][1] > -1 or box.y1 < low
+
+
+@pytest.mark.parametrize("view", [(0, 0), (90, 0), (0, 90), (-90, 0), (10, 80), (24, 35)])
+def test_numbers_of_the_axes_of_a_hodograph_stand_apart(
+    drawn: Drawings, view: tuple[float, float]
+) -> None:
+    """Of an axis that is looked at along it there is none: all would stand at the origin."""
+    figure = plot(drawn.cases["round-x1"], kind="hodograph", view=view)
+    figure.draw_without_rendering()
+    numbers = [text for text in figure.axes[0].texts if re.fullmatch("0\\.[0-9]+", text.get_text())]
+    along = [np.divide(text.xy, float(text.get_text())) for text in numbers]
+    assert min(np.hypot(*step) for step in along) > 0.5
+    assert len({tuple(step.round(6)) for step in along}) == (3 if view == (24, 35) else 2)
+    for first, second in combinations(boxes(numbers), 2):
+        assert not first.overlaps(second)

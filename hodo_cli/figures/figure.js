@@ -86,6 +86,12 @@ function spaceOf(panel) {
     pen.lineWidth = look.mew * point;
     pen.stroke();
   }
+  // Whether numbers along an axis, which is looked at along it, would stand on one another, as in print.
+  function isShort({ look, points, seen }, scale) {
+    const length = scale * Math.hypot(...[0, 1, 2].map((i) => points[points.length - 3 + i] - points[i]));
+    const [first, last] = [seen[0], seen[seen.length - 1]];
+    return look.lw === 0 && Math.hypot(last[0] - first[0], last[1] - first[1]) < 0.5 * length;
+  }
   // Beside its point, away from the middle.
   function word(stroke, k) {
     const [x, y] = stroke.seen[k], [right, down] = [x - canvas.width / 2, y - canvas.height / 2];
@@ -120,7 +126,8 @@ function spaceOf(panel) {
       pen.globalAlpha = opacity(piece.layer);
       for (let k = piece.first; k < piece.end; k++) {
         if (piece.stroke.look.marker) mark(piece.stroke, k);
-        if (piece.stroke.look.ls !== "" && piece.stroke.texts[k]) word(piece.stroke, k);
+        const isNamed = piece.stroke.look.ls !== "" && piece.stroke.texts[k];
+        if (isNamed && !isShort(piece.stroke, scale)) word(piece.stroke, k);
       }
     }
     pen.globalAlpha = 1;

@@ -152,8 +152,10 @@ def space_curve(
 
 def body_axes(scene: Scene, reach: np.ndarray) -> None:
     """The axes of G1, G2, G3 through the origin, of lengths `reach` (2, 3), named, with round
-    values marked."""
-    step = round_step(float(reach.max()))
+    values marked; numbered where they are not looked at along the axis, on one another."""
+    right, up, _ = np.abs(scene.view(np.eye(3))).T
+    is_numbered = np.hypot(right, up) > SHORTEST_NUMBERED
+    step = round_step(float(reach[:, is_numbered].max()))
     for i, axis in enumerate(np.eye(3)):
         arm(scene, -reach[1, i] * axis, reach[0, i] * axis, f"G_{i + 1}")
         counts = np.arange(-int(reach[1, i] / step), int(0.87 * reach[0, i] / step) + 1)
@@ -162,12 +164,12 @@ def body_axes(scene: Scene, reach: np.ndarray) -> None:
         dots: Look = {"marker": ".", "ms": 2, "color": GREY}
         at = scene.add(places[:, None] * step * axis, texts=texts, lw=0, size=6, **dots)
         scene.axes.plot(at[:, 0], at[:, 1], ls="", **dots, zorder=1)
-        for count in range(1, counts[-1] + 1):
-            # The upright axis has its values to the right, the others below.
+        for count in range(1, counts[-1] + 1) if is_numbered[i] else ():
+            # An upright axis has its values to the right, the others below.
             scene.axes.annotate(
                 f"{count * step:.10g}",
                 scene.view(count * step * axis)[:2].tolist(),
-                (4, 0) if i == 2 else (1, -6),
+                (4, 0) if up[i] > right[i] else (1, -6),
                 size="x-small",
                 color=GREY,
                 textcoords="offset points",
@@ -175,6 +177,11 @@ def body_axes(scene: Scene, reach: np.ndarray) -> None:
                 zorder=5,
                 path_effects=HALO,
             )
+
+
+SHORTEST_NUMBERED = 0.5
+"""The part of their length that the steps of an axis have on the page at least, if its numbers
+stand apart."""
 
 
 def round_step(size: float) -> float:
