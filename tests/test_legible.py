@@ -535,3 +535,14 @@ def test_numbers_of_the_axes_of_a_hodograph_stand_apart(
     assert len({tuple(step.round(6)) for step in along}) == (3 if view == (24, 35) else 2)
     for first, second in combinations(boxes(numbers), 2):
         assert not first.overlaps(second)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("D/2T", "D/2T [kg m^2]"), ("rotation.z", "rotationz [rad]")]
+)
+def test_a_message_names_an_axis_without_tex(name: str, said: str) -> None:
+    body = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "inertia_unit": "kg m^2",
+            "attitude": "yes", "initial": {"p": 0.1, "q": 0.1, "r": 0.74}}  # fmt: skip
+    made = run({**body, "time": {"end": 30, "unit": "s"}})
+    with pytest.raises(HodoError, match=f"style.log: the y axis of {re.escape(said)} reaches"):
+        plot(made, kind="series", variables=[name], style={"log": "y"})

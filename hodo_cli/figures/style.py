@@ -19,7 +19,7 @@ from matplotlib.patches import Patch
 from .. import HodoError
 from ..schema.spelling import unknown
 from .sheet import COLUMN, MIN_PANEL_WIDTH, PAGE, Look, Sheet
-from .words import text_lines, text_size, text_width
+from .words import text_lines, text_size, text_width, without_tex
 
 
 def filled(label: str, length: float) -> str:
@@ -168,10 +168,10 @@ def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:
     for name, axis, lowest in (("x", axes.xaxis, data.x0), ("y", axes.yaxis, data.y0)):
         if name in style.get("log", ()):
             if lowest < 0:
+                shown = without_tex(axis.get_label_text() or axes.get_title())
                 raise HodoError(
-                    f"style.log: the {name} axis of {axis.get_label_text() or axes.get_title()} "
-                    f"reaches below zero, down to {lowest:.4g}; leave {name} out of log, "
-                    "or draw values above zero only"
+                    f"style.log: the {name} axis of {shown} reaches below zero, "
+                    f"down to {lowest:.4g}; leave {name} out of log, or draw values above zero only"
                 )
             axes.set(**{f"{name}scale": "log"})
             if axis.get_view_interval()[0] <= 0:

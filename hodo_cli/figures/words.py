@@ -38,7 +38,7 @@ def without_tex(text: str) -> str:
     have to be fetched."""
 
     def letters(formula: re.Match[str]) -> str:
-        plain = formula[1].replace(r"\var", "\\")
+        plain = re.sub(r"\\(mathrm|,)", "", formula[1]).replace(r"\var", "\\")
         for tex, letter in TEX_LETTERS.items():
             plain = plain.replace(tex, letter)
         return re.sub(r"[_{}\\]", "", plain)
