@@ -155,6 +155,28 @@ def test_a_figure_without_room_for_its_words_is_refused(drawn: Drawings) -> None
         drawn.draw("column", style=style).figure.draw_without_rendering()
 
 
+def test_larger_letters_take_fewer_panels_of_a_hodograph_in_a_row(drawn: Drawings) -> None:
+    style = {"width": "column", "font": "DejaVu Sans", "font_size": 14.0}
+    for keys, panels in (({"projections": ("x1x2", "x2x3")}, 3), ({"zoom": 0.45}, 2)):
+        figure = drawn.draw("alone", **keys, style=style).figure
+        figure.draw_without_rendering()
+        assert len({axes.get_subplotspec().rowspan.start for axes in figure.axes}) == panels
+        assert min(axes.bbox.width for axes in figure.axes) / figure.dpi * 25.4 > 25
+        check_labels(figure)
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [{"kind": "hodograph", "projections": ["x1x2"]}, {"kind": "series", "variables": ["p", "q"]}],
+)
+def test_panels_that_are_too_small_for_their_words_are_refused(
+    drawn: Drawings, keys: dict[str, Any]
+) -> None:
+    figure = plot(drawn.cases["crossing"], **keys, style={"width": 30, "font_size": 14})
+    with pytest.raises(HodoError, match=r"30 mm by .* have no room for the panels beside"):
+        figure.draw_without_rendering()
+
+
 @pytest.mark.parametrize("width", ["column", "page"])
 def test_words_of_quadrants_stay_in_their_panels_and_regions(drawn: Drawings, width: str) -> None:
     figure = drawn.draw("regions", cases=("slow", "fast"), zoom=0.05, style={"width": width}).figure

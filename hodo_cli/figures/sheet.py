@@ -35,7 +35,7 @@ from .. import HodoError
 from ..cases.figure_block import FILM_FORMATS
 from ..results.motion import Motion
 from ..storage import replacing
-from .words import FormulaCanvas, every_panel, place_words, without_tex
+from .words import FormulaCanvas, every_panel, place_words, text_size, without_tex
 
 Look = dict[str, Any]
 
@@ -176,6 +176,18 @@ MIN_PANEL_WIDTH = 40 / 25.4
 """The least width of a panel with its words, inches: four stand in a page, two in a column."""
 
 
+LEAST_ROOM = np.array([3, 1])
+"""The least width and height of a panel, in sizes of its letters: in a smaller one the numbers
+along its sides are on each other."""
+
+
+def have_room(panels: Sequence[Axes], size: np.ndarray) -> bool:
+    """Whether the layout has left enough of a figure of a size (2,) in points for its panels."""
+    placed = (axes for axes in panels if axes.get_subplotspec() is not None)
+    least = LEAST_ROOM * text_size("font.size")
+    return all((axes.get_position(original=True).size * size > least).all() for axes in placed)
+
+
 class Layout(ConstrainedLayoutEngine):
     """The layout of matplotlib, after which words find their places; where it finds no room for the
     panels, it refuses the figure."""
@@ -186,12 +198,15 @@ class Layout(ConstrainedLayoutEngine):
             warnings.filterwarnings("error", "constrained_layout not applied")
             try:
                 super().execute(fig)
+                has_room = have_room(fig.axes, 72 * fig.get_size_inches())
             except UserWarning:
-                width, height = 25.4 * fig.get_size_inches()
-                raise HodoError(
-                    f"style: {width:.0f} mm by {height:.0f} mm have no room for the panels beside "
-                    "their words: a larger width or height has, or a smaller font_size"
-                ) from None
+                has_room = False
+        if not has_room:
+            width, height = 25.4 * fig.get_size_inches()
+            raise HodoError(
+                f"style: {width:.0f} mm by {height:.0f} mm have no room for the panels beside "
+                "their words: a larger width or height has, or a smaller font_size"
+            )
         place_words(fig)
 
 
@@ -219,8 +234,9 @@ class Sheet:
 
     def columns(self, width: float, limit: int) -> int:
         """How many panels, up to a limit, have room side by side in the figure, which has a
-        width in inches where its style sets none."""
-        return max(1, min(limit, int((self.width or width) / MIN_PANEL_WIDTH)))
+        width in inches where its style sets none; larger letters need wider panels."""
+        least = MIN_PANEL_WIDTH * max(1.0, text_size("font.size") / SHEET_STYLE["font.size"])
+        return max(1, min(limit, int((self.width or width) / least)))
 
     def panels(
         self, width: float, height: float, count: int = 1, columns: int = 1, **grid: Any

@@ -89,10 +89,14 @@ def hodograph_panels(sheet: Sheet, frame: np.ndarray, n: int) -> list[Axes]:
     shape = float(np.clip(np.ptp(frame[0]) / np.ptp(frame[1]), 0.5, 2))
     if n == 1:
         return sheet.panels(COLUMN, COLUMN / max(shape, 0.8) + 0.5)
-    if n == 2:
+    most = max(2, (n + 1) // 2)
+    columns = sheet.columns(PAGE, most)
+    if n == columns == 2:
         height = min(PAGE / (shape + 1), 3.3)
         return sheet.panels(PAGE, height + 0.45, 2, 2, width_ratios=[shape, 1])
-    return sheet.panels(PAGE, 0.95 * PAGE, n, (n + 1) // 2)
+    # Two full rows are nearly as high as they are wide.
+    height = 0.95 * PAGE / 2 * math.ceil(n / columns) * most / columns
+    return sheet.panels(PAGE, height, n, columns)
 
 
 def space(
