@@ -283,7 +283,8 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
         "view": VIEW,
         "moments": Key(
             ListOf(Number(), least=0),
-            "times that are printed, a panel each (default: start, middle and end)",
+            "times that are printed, a panel each, at the sample next to each (default: start, "
+            "middle and end)",
             "time",
             (),
         ),
