@@ -568,3 +568,23 @@ def test_a_message_names_an_axis_without_tex(name: str, said: str) -> None:
     made = run({**body, "time": {"end": 30, "unit": "s"}})
     with pytest.raises(HodoError, match=f"style.log: the y axis of {re.escape(said)} reaches"):
         plot(made, kind="series", variables=[name], style={"log": "y"})
+
+
+TURNING = {
+    "model": "torques", "inertia": [2, 1.5, 1], "attitude": "yes",
+    "initial": {"p": 0.3, "q": 0.7, "r": -0.9},
+}  # fmt: skip
+
+
+def test_a_rotation_vector_that_goes_on_from_its_other_end_leaves_a_gap() -> None:
+    made = run(TURNING | {"damping": 0, "time": {"end": 20, "samples": 401}})
+    names = ["rotation.x", "rotation.z"]
+    series = plot(made, "series", variables=names).axes
+    for panel in (*series, *plot(made, "phase", x=names[0], y=names[1]).axes):
+        x, y = panel.lines[0].get_data()
+        gaps = np.isnan(x)
+        assert 0 < gaps.sum() == np.isnan(y).sum() < 9
+        # Each gap parts the two samples that lie farther apart than any others.
+        steps = np.abs(np.diff(y[~gaps]))
+        apart = steps[np.flatnonzero(gaps) - np.arange(gaps.sum()) - 1]
+        assert panel is series[0] or apart.min() > 10 * np.median(steps)

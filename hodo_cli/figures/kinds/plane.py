@@ -285,12 +285,26 @@ def series_curve(
     times, values = motion.time[samples], motion[variable][samples]
     sheet.record(motion.label, {"time": times, variable: values})
     # No line goes through a single sample.
-    axes.plot(times, values, marker="o" if len(times) == 1 else "", ms=3, **style)
+    marker = "o" if len(times) == 1 else ""
+    axes.plot(*line_through(motion, ("time", variable), samples), marker=marker, ms=3, **style)
     if law := spec["formula"].get(variable):
         values = formula_values(motion, law)[samples]
         sheet.record(f"{motion.label}, {law}", {"time": times, variable: values})
     if spec["passages"]:
         passage_marks(axes, motion, variable, style)
+
+
+def line_through(
+    motion: Motion, names: Sequence[str], samples: slice = slice(None)
+) -> list[np.ndarray]:
+    """Quantities (n,) at some samples of a motion, as a line goes through them: with a gap where a
+    rotation vector, half a turn long there, goes on from its other end."""
+    columns = [motion[name][samples] for name in names]
+    if not any(name.startswith("rotation.") for name in names):
+        return columns
+    steps = np.diff(motion.quantity("rotation")[samples], axis=0)
+    jumps = np.flatnonzero(np.hypot.reduce(steps, axis=1) > math.pi) + 1
+    return [np.insert(column.astype(float), jumps, np.nan) for column in columns]
 
 
 PLACES_OF_LAW = 1001
@@ -423,7 +437,7 @@ def inset(
         # As the panel draws the variable or, where all its curves are of one variable, the case.
         drawn = looks.get(name, looks.get(motion.name, look))
         times, values = motion.time[samples], motion[name][samples]
-        axes.plot(times, values, **drawn, lw=0.9)
+        axes.plot(*line_through(motion, ("time", name), samples), **drawn, lw=0.9)
         sheet.record(motion.name, {"time": times, name: values})
     words = [f"${symbol(name)}$" for name in spec["variables"]]
     if panel.get_title() != motion.label:
@@ -441,7 +455,7 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> N
     looks = labelled_styles([motion.label for motion in motions], spec["styles"])
     for motion, curve, look in zip(motions, curves, looks, strict=True):
         sheet.record_path(motion, (x, y), curve)
-        axes.plot(*curve.T, **look)
+        axes.plot(*line_through(motion, (x, y)), **look)
     mark_points(axes, curves, crossings_on(motions, curves))
     axes.margins(0.06)
     remarks = []
