@@ -588,3 +588,12 @@ def test_a_rotation_vector_that_goes_on_from_its_other_end_leaves_a_gap() -> Non
         steps = np.abs(np.diff(y[~gaps]))
         apart = steps[np.flatnonzero(gaps) - np.arange(gaps.sum()) - 1]
         assert panel is series[0] or apart.min() > 10 * np.median(steps)
+
+
+def test_colours_by_time_end_where_the_body_comes_to_rest() -> None:
+    made = run(TURNING | {"brake": 0.01, "time": {"end": 400, "samples": 4001}})
+    stop = float(made.event_time.item())
+    assert 100 < stop < 200
+    _, bar = plot(made, "hodograph", colour="time").axes
+    assert bar.get_xlim() == pytest.approx((0, stop))
+    plot(made.sel(time=slice(200, 400)), "sphere", colour="time").draw_without_rendering()

@@ -134,9 +134,10 @@ def look_named(text: str) -> dict[str, Any]:
 
 
 def time_span(motions: Sequence[Motion]) -> tuple[float, float]:
-    """From when the first of some motions begins to when the last one ends: one scale of colours
-    for all of them."""
-    return min(motion.time[0] for motion in motions), max(motion.time[-1] for motion in motions)
+    """From when the first of some motions begins to when the last one ends or comes to rest, after
+    which no curve goes on: one scale of colours for all of them."""
+    ends = (np.clip(motion.stop, *motion.time[[0, -1]]) for motion in motions)
+    return min(motion.time[0] for motion in motions), max(ends)
 
 
 def palettes(
@@ -148,7 +149,8 @@ def palettes(
     if colour == "time":
         colours = np.asarray(hues(TIME_COLOURS, CURVE_END).colors)[:, :3]
         first, last = time_span(motions)
-        shares = [(motion.time - first) / (last - first or 1.0) for motion in motions]
+        passed = [motion.time.clip(None, last) - first for motion in motions]
+        shares = [times / (last - first or 1.0) for times in passed]
         return [(colours, (share * (TIME_COLOURS - 1)).astype(int)) for share in shares]
     if colour == "axis":
         labels = sorted(AXIS_COLOUR)
