@@ -274,9 +274,9 @@ def test_the_level_of_a_map_has_its_unit(drawn: Drawings) -> None:
 
 
 def test_a_level_that_no_value_reaches_has_no_line_in_the_legend(drawn: Drawings) -> None:
-    for level in (-1, 1e9):
+    for level, number in ((-1, "\N{MINUS SIGN}1"), (1e9, "1e+09")):
         words = legend(drawn.draw("angles", level=level))[0]
-        assert words == f"no line where {level:g} deg is not reached"
+        assert words == f"no line where {number} deg is not reached"
 
 
 def test_numbers_at_logarithmic_ticks_have_room_in_narrow_panels(drawn: Drawings) -> None:
@@ -597,3 +597,19 @@ def test_colours_by_time_end_where_the_body_comes_to_rest() -> None:
     _, bar = plot(made, "hodograph", colour="time").axes
     assert bar.get_xlim() == pytest.approx((0, stop))
     plot(made.sel(time=slice(200, 400)), "sphere", colour="time").draw_without_rendering()
+
+
+def test_numbers_in_a_legend_have_the_minus_of_ticks(drawn: Drawings) -> None:
+    body = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [0.005, 0.004, 0.003],
+            "initial": {"p": 0.8, "q": 0.5, "r": 0.74}}  # fmt: skip
+    made = run({**body, "time": {"start": -500, "end": 100, "unit": "s"}})
+    words = legend_words(plot(made, "hodograph"))
+    assert "$D = 0$ at $t$ = \N{MINUS SIGN}194.641 s" in words
+    assert not [text for text in words if "-" in text.replace("$t = -", "")]
+    level = drawn.draw("times", variable="omega.x3", level=-0.1)
+    assert legend(level) == ["\N{MINUS SIGN}0.1"]
+
+
+def test_the_legend_of_a_map_names_axes_as_others_do(drawn: Drawings) -> None:
+    words = legend(drawn.draw("times", variable="end_axis"))
+    assert [text.rpartition(": ")[2] for text in words] == ["$x_1$", "$x_3$"]

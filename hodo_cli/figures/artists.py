@@ -21,7 +21,7 @@ from ..results.motion import Motion
 from ..text import abridged
 from .sheet import Look, Sheet
 from .symbols import time_label, unit_after
-from .words import Words, text_lines, text_size, without_tex
+from .words import Words, text_lines, text_size, with_minus, without_tex
 
 BLUE, ORANGE, GREEN, SKY, RED, PURPLE, BLACK = (
     "#0072B2", "#BF8200", "#009E73", "#2E8FCB", "#D55E00", "#CC79A7", "#000000")  # fmt: skip
@@ -241,7 +241,7 @@ def crossings_in_words(motion: Motion, crossing: str, time: str, width: int) -> 
     if len(times) > 1:
         # A line is not broken between a time and its number.
         times = [f"{time}\N{NO-BREAK SPACE}({i})" for i, time in enumerate(times, 1)]
-    named = ", ".join(abridged(times, CROSSINGS_NAMED))
+    named = with_minus(", ".join(abridged(times, CROSSINGS_NAMED)))
     words = f"{crossing} at ${time}$ = {named}{unit_after(motion, 'time')}"
     return "\n".join(textwrap.wrap(words, width)).replace("\N{NO-BREAK SPACE}", " ")
 

@@ -154,6 +154,11 @@ def text_size(name: str) -> float:
     return float(FontProperties(size=parameters[name]).get_size_in_points())
 
 
+def with_minus(number: str) -> str:
+    """A number outside of formulas with the sign that ticks and formulas have."""
+    return number.replace("-", "\N{MINUS SIGN}")
+
+
 class TickText(ScalarFormatter):
     """Numbers at ticks as plain text, and as a formula only the factor that is common to all: to
     set a formula takes ten times as long, and a number looks the same."""

@@ -44,7 +44,7 @@ from ..symbols import (
     symbol,
     value_unit,
 )
-from ..words import HALO
+from ..words import HALO, with_minus
 
 NO_VALUE_COLOUR = "#E4E4E4"
 """The colour of members without a value: a grey that the colour map does not contain."""
@@ -200,7 +200,7 @@ def words_of_values(
     show colours that no member has."""
     if labelled:
         words = {value: word for value, word in labelled.items() if value in values}
-        return {value: f"{meaning}: {word}" for value, word in words.items()}
+        return {value: f"{meaning}: {axis_words(word)}" for value, word in words.items()}
     yes_or_no = np.isin(values, (0, 1)) | np.isnan(values)
     if meaning.startswith(SHARE_WORDS) and yes_or_no.all():
         return {1: meaning.removeprefix(SHARE_WORDS), 0: "otherwise"}
@@ -257,7 +257,7 @@ def map_image(
         sheet.legend.append(contour(axes, x[i], y[j], ratio, 1.0, THEORY, words))
     if spec["level"] is not None and min(values.shape) > 1:
         unit = value_unit(swept, spec["variable"].partition(".")[0], sheet.units)
-        level = f"{spec['level']:g} {unit}".rstrip()
+        level = f"{with_minus(format(spec['level'], 'g'))} {unit}".rstrip()
         words = level, f"no line where {level} is not reached"
         sheet.legend.append(contour(axes, x, y, values, spec["level"], LEVEL, words))
     axes.set(
