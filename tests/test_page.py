@@ -199,6 +199,9 @@ def test_one_file_can_be_sent_alone(place: Path) -> None:
     assert len(pictures) == 12
     assert all(source.startswith("data:image/png;base64,iVBOR") for source in pictures)
     assert all(link["href"].startswith("#") for link in page.of("a"))
+    # Nor are there words of links that are none.
+    assert ">CSV<" in page_in(place).text
+    assert "CSV" not in re.sub("<[^>]*>", "", page.text)
     done = call(place, "plot", "paper.yaml", "space", "--alone", "all.html")
     assert done.returncode == 2
     assert "--alone" in done.stderr

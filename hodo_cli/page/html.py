@@ -152,7 +152,7 @@ def card(section: Section, figure: Section) -> str:
         f'<figure id="{anchor(section["name"], figure["name"])}"{wide}>{picture(figure)}'
         f"<figcaption><b>{escape(figure['name'])}</b> {escape(figure['caption'])}"
         f"{assumed if figure['assumed'] else ''}"
-        f'<p class="soft">{files}</p>{statements if "<a" in statements else ""}'
+        f'<p class="soft files">{files}</p>{statements if "<a" in statements else ""}'
         f"{numbers_of_cases(section, figure)}</figcaption></figure>"
     )
 
@@ -334,5 +334,6 @@ def with_pictures_inside(page: str, folder: Path) -> str:
         return f'src="data:image/{KINDS_OF_IMAGES.get(file.suffix, "png")};base64,{image}"'
 
     # Only attributes match: in texts a quotation mark is escaped.
-    without_files = re.sub(r'<a href="[^#"][^"]*">(.*?)</a>', r"\1", page, flags=re.DOTALL)
-    return re.sub(r'src="([^"]*)"', inside, without_files)
+    without_files = re.sub(r'<p class="soft files">.*?</p>', "", page, flags=re.DOTALL)
+    without_links = re.sub(r'<a href="[^#"][^"]*">(.*?)</a>', r"\1", without_files, flags=re.DOTALL)
+    return re.sub(r'src="([^"]*)"', inside, without_links)
