@@ -637,7 +637,7 @@ def test_a_font_that_is_not_there_costs_the_figures_that_want_it(
         "  i: {kind: series, cases: [a], variables: [G], style: {sheet: ggplo}}\n"
         "  g: {kind: series, cases: [a], variables: [T], style: {font: serif}}\n"
     )
-    assert hodo("run", "a.yaml").returncode == 0
+    assert hodo("run", "a.yaml").returncode == hodo("classify", "a.yaml").returncode == 0
     done = hodo("plot", "a.yaml")
     font, sheet = done.stderr.splitlines()
     assert font.startswith("f, h: style.font: unknown font 'Nonesuch' (valid: serif,")

@@ -311,11 +311,15 @@ def test_what_has_no_value_says_why_and_what_would_give_it_one(tmp_path: Path) -
     (tmp_path / "m.yaml").write_text(WITHOUT_VALUES, encoding="utf-8")
     assert call(tmp_path, "run", "m.yaml").returncode == 0
     assert call(tmp_path, "classify", "m.yaml").returncode == 0
-    few, upright = said = [
-        "psi of case few is no number at 1.53846: few turns by up to 211° from one sample to the "
-        "next, so that its curve is a polygon: time: {samples: 823} draws it",
+    turn = (
+        "few turns by up to 211° from one sample to the next, so that its curve is a polygon: "
+        "time: {samples: 823} draws it"
+    )
+    few, upright = (
+        f"psi of case few is no number at 1.53846: {turn}",
         "psi of case upright is no number at 0: theta is 0 or pi there",
-    ]
+    )
+    said = f"phi of case few is no number at 1.53846: {turn}", few, upright
     plotted = call(tmp_path, "plot", "m.yaml")
     assert sorted(plotted.stderr.splitlines()) == [f"no curve: {words}" for words in said]
     drawings = Drawings.of(tmp_path / "runs" / "m.h5")

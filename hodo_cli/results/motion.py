@@ -32,6 +32,7 @@ from ..cases.sweep_block import AXIS_LABELS
 from ..integration import Crossing, label_at_start
 from ..models import rigid_body
 from ..models.base import attributes
+from ..models.terms.laws import coefficient_at
 from ..models.top.nutation import first_integrals, roots_of_motion, with_mu
 from ..schema.expression import names_in, parse_expression
 from ..storage import Attribute, Variable, dimension_sizes, typed
@@ -574,9 +575,10 @@ def in_space(m: Motion, vectors: np.ndarray) -> np.ndarray:
 def momentum_with_fluid(m: Motion) -> np.ndarray:
     """G - kappa omega' (n, 3) in body axes, omega' that of the free body: the momentum of body and
     fluid together, to first order in kappa. Raises KeyError for a body without a fluid."""
-    axes = m.principal_axes
+    axes, k = m.principal_axes, attributes(m.case.system.constants)
     acceleration = (np.cross(m.G, m.omega) @ axes.T / m.inertia) @ axes
-    return np.asarray(m.G - m.case.system.constants["kappa"] * acceleration)
+    kappa = np.reshape(coefficient_at(k, "kappa", m.time), (-1, 1))
+    return np.asarray(m.G - kappa * acceleration)
 
 
 def euler_angle(name: str, m: Motion) -> np.ndarray:
@@ -596,31 +598,58 @@ def euler_angle(name: str, m: Motion) -> np.ndarray:
 EULER_ANGLES = ("psi", "theta", "phi")
 ANGLES_THAT_TURN = ("psi", "phi")
 
-POLE_REGION_SINE = 0.1
-"""The sine of theta below which x3 passes the vertical, where psi and phi step by up to half a
-turn."""
+SAFE_CHANGE, SAFE_TURN = math.pi / 2, 1.0
+"""The change of an angle from one sample to the next, and the turn of the body, up to which no
+whole turn can be lost."""
+
+PLACES_OF_PATH, PATH_ERROR = 33, 1 / 50
+"""The places of a path between two samples, and how far it may be off in the fourth power of the
+turn: eight times what a cubic misses of a circle."""
 
 
 def continued(m: Motion, name: str, values: np.ndarray) -> np.ndarray:
-    """psi or phi (n,) as it goes on from sample to sample by less than half a turn; no number from
-    where its rate at a sample, if x3 is not `POLE_REGION_SINE` the vertical there, would turn it by
-    more: whole turns are lost then."""
+    """psi or phi (n,) as it goes on from sample to sample; no number from where samples are too few
+    to tell on which side x3 passes the vertical: whole turns are lost then."""
     known = np.flatnonzero(np.isfinite(values))
     values[known] = np.unwrap(values[known])
     if "omega" not in m.data or len(m.axes) < 3:
         return values
-    vertical = rotations(m).inv().apply(np.eye(3)[2])[known]
-    p, q, r = (m.omega[known] * time_factor(m)).T
-    x, y, z = vertical.T
-    square = x * x + y * y
-    rate = (p * x + q * y) / square
-    rate = np.abs(
-        np.where(square > POLE_REGION_SINE**2, rate if name == "psi" else r - rate * z, 0)
-    )
-    lost = np.maximum(rate[1:], rate[:-1]) * np.diff(m.time[known]) > np.pi
-    if lost.any():
-        values[known[np.argmax(lost) + 1] :] = np.nan
+    turned, omega, time = rotations(m)[known], m.omega[known] * time_factor(m), m.time[known]
+    # psi is an azimuth of x3 in space; phi one of the vertical in the body, the other way round.
+    sense, path = 1, turned.apply(np.eye(3)[2])
+    slope = np.cross(turned.apply(omega), path)
+    if name == "phi":
+        sense, path = -1, turned.inv().apply(np.eye(3)[2])
+        slope = np.cross(path, omega)
+    speed = np.linalg.norm(omega, axis=1)
+    turn, changes = np.maximum(speed[1:], speed[:-1]) * np.diff(time), np.diff(values[known])
+    unsafe = np.flatnonzero((np.abs(changes) > SAFE_CHANGE) | (turn > SAFE_TURN))
+    by_path, nearest = turned_azimuth(path, slope, time, unsafe)
+    whole = np.zeros(len(changes))
+    whole[unsafe] = np.round((sense * by_path - changes[unsafe]) / math.tau)
+    values[known[1:]] += math.tau * np.cumsum(whole)
+    lost = unsafe[nearest < PATH_ERROR * turn[unsafe] ** 4]
+    if lost.size:
+        values[known[lost[0]] + 1 :] = np.nan
     return values
+
+
+def turned_azimuth(
+    path: np.ndarray, slope: np.ndarray, time: np.ndarray, after: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The changes (k,) of the azimuth along a path of unit vectors (n, 3) with known slopes (n, 3)
+    at times (n,), each from one of the samples `after` (k,) to the next, by a cubic between the
+    two; and how near (k,) it comes to the pole."""
+    x, length = np.linspace(0, 1, PLACES_OF_PATH)[:, None, None], np.diff(time)[after, None]
+    a, b = path[after, :2], path[after + 1, :2]
+    u, v = slope[after, :2] * length, slope[after + 1, :2] * length
+    places = a + x * (u + x * (3 * (b - a) - 2 * u - v + x * (2 * (a - b) + u + v)))
+    azimuth = np.unwrap(np.arctan2(places[..., 1], places[..., 0]), axis=0)
+    sides = np.diff(places, axis=0)
+    square = np.maximum((sides * sides).sum(-1), math.ulp(0))
+    foot = np.clip(-(places[:-1] * sides).sum(-1) / square, 0, 1)[..., None]
+    nearest = np.linalg.norm(places[:-1] + foot * sides, axis=-1).min(axis=0)
+    return azimuth[-1] - azimuth[0], nearest
 
 
 def time_factor(m: Motion) -> float:

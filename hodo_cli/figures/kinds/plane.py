@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Wedge
 
 from ... import HodoError
+from ...cases.derived import SPACE_AXES
 from ...engines.protocol import EPS
 from ...models.rigid_body import inertia_order, slope
 from ...models.terms.body import BodyUnderTorques
@@ -302,7 +303,8 @@ def line_through(
     columns = [motion[name][samples] for name in names]
     if not any(name.startswith("rotation.") for name in names):
         return columns
-    steps = np.diff(motion.quantity("rotation")[samples], axis=0)
+    vector = np.stack([motion[f"rotation.{axis}"][samples] for axis in SPACE_AXES], axis=-1)
+    steps = np.diff(vector, axis=0)
     jumps = np.flatnonzero(np.hypot.reduce(steps, axis=1) > math.pi) + 1
     return [np.insert(column.astype(float), jumps, np.nan) for column in columns]
 
