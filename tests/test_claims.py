@@ -76,6 +76,8 @@ cases:
   # A brake stops it at 632.5, before its first sample.
   stopped: {{model: torques, inertia: [120, 100, 80], brake: 0.05,
              initial: {{p: 0.05, q: 0.3, r: 0.1}}, time: {{values: [700, 800]}}}}
+  braked: {{model: torques, inertia: [120, 100, 80], brake: 0.05,
+            initial: {{p: 0.05, q: 0.3, r: 0.1}}, time: {{end: 800, samples: 801}}}}
   by-itself: {{{TURN}, damping: [0.05, 0.04, 0.03], max_seconds: 60}}
   staying: {{{TURN}, damping: [0.03, 0.04, 0.05]}}
   ball: {{{TURN}, damping: [0.05, 0.04, 0.03],
@@ -91,6 +93,12 @@ cases:
   passing: {{{SPUN}, torque: [0, 0, -0.1], initial: {{p: 0, q: 0, r: 1}}, time: {{end: 50}}}}
   stopping: {{{SPUN}, torque: [0, 0, -0.1], initial: {{x: 0, y: 1}}, form: averaged,
               time: {{end: 50}}}}
+  # r = 1 - t/8, which a sample meets where it is 0.
+  reversed: {{model: torques, inertia: [3, 2, 1], torque: [0, 0, -0.125],
+              initial: {{p: 0, q: 0, r: 1}}, time: {{end: 16, samples: 17}}}}
+  # r = exp(-0.1 t), of which doubles end near 7450.
+  fading: {{{LINEAR}, damping: 0.1, initial: {{p: 0, q: 0, r: 1}},
+            time: {{end: 20000, samples: 401}}}}
   # r = 1 + sin(20 pi t)/2, of which each sample meets the same phase.
   swinging: {{model: torques, inertia: [2, 1.5, 1], initial: {{p: 0, q: 0, r: 1}},
               expression: ["0", "0", "31.41592653589793*cos(62.83185307179586*t)"]}}
@@ -205,6 +213,10 @@ CHECKS = [
     ("late", "{kind: axis, start: x3}", "contradicted", 0),
     ("stopped", "{kind: axis, start: x3}", "reproduced", 1),
     ("stopped", "{kind: axis, start: x1}", "contradicted", 0),
+    ("stopped", "{kind: axis, start: x3, end: x3}", "reproduced", 1),
+    ("braked", "{kind: axis, start: x3, end: x3, turns: 1}", "reproduced", 1),
+    ("braked", "{kind: axis, end: x1}", "contradicted", 0),
+    *(("rest", f"{{kind: axis, {moment}: x3}}", "not tested", None) for moment in ("start", "end")),
     ("late", "{kind: value, values: {turns: [9]}, within: 8}", "not tested", None),
     ("late", "{kind: value, values: {area_largest: [0.5]}, within: 0.4}", "not tested", None),
     ("late", "{kind: value, values: {crossings: [1]}, within: 0}", "reproduced", 0),
@@ -239,6 +251,16 @@ CHECKS = [
     ("passing, stopping", "{kind: value, values: {end_of_spin: [40, 40]}, within: 1.0e-9}",
      "reproduced", 0),
     ("passing, stopping", "{kind: bound, of: end_of_spin, least: 60}", "contradicted", 40),
+    *((f"{{case: reversed, {changes}}}",
+       "{kind: value, values: {end_of_spin: [8]}, within: 1.0e-9}", "reproduced", 0)
+      for changes in ("note: as it is", "time: {samples: 18}", "time: {end: 8, samples: 9}",
+                      "initial: {p: 0, q: 0, r: 1.0e-200}, torque: [0, 0, -1.25e-201]",
+                      "torque: 0, brake: 0.125", "torque: 0, brake: 0.125, time: {samples: 18}")),
+    ("{case: reversed, time: {values: [0, 16]}}", "{kind: bound, of: end_of_spin, most: 9}", "reproduced",
+     8),
+    ("{case: reversed, time: {values: [9, 16]}}",
+     "{kind: value, values: {end_of_spin: [8]}, within: 1.0e-9}", "not tested", None),
+    ("fading", "{kind: bound, of: end_of_spin, least: 9}", "reproduced", math.inf),
     ("spinning", "{kind: bound, of: end_of_spin, least: 10}", "reproduced", math.inf),
     ("spinning", "{kind: bound, of: end_of_spin, least: 60}", "not tested", None),
     # tests/data/crossings.csv; the interpolation between samples costs the rest.

@@ -201,11 +201,15 @@ def known_crossings(m: Motion) -> tuple[Crossing, ...]:
 
 
 def enclosed_at(m: Motion, moment: str) -> str:
-    """The axis enclosed at "start" or "end". Raises Undecidable where it is open: a motion may
-    stand nearer to the separatrix than its error, or stop there."""
+    """The axis enclosed at "start" or "end". Raises Undecidable where there is none, or where it is
+    open: a motion may stand nearer to the separatrix than its error, or stop there."""
     label = m.labels_at_ends[moment == "end"]
     if label == rigid_body.SEPARATRIX:
         decides_unless(undecided_crossings(m))
+    if label == rigid_body.UNDETERMINED:
+        decides_unless(
+            f"{m.words} is at rest or rotates steadily at the {moment}: G goes round no axis"
+        )
     if moment == "end":
         decides_unless(stop_at_separatrix(m))
     return rigid_body.LABELS[label]
@@ -250,7 +254,8 @@ def error_of(m: Motion, name: str) -> float:
         errors = [crossing.error for crossing in m.crossings]
     elif name == "end_of_spin" and "event_error" in m.data:
         of_events = np.atleast_1d(m.stored("event_error")).tolist()
-        errors = [e for (kind, _), e in zip(m.events, of_events, strict=True) if kind == name]
+        ends = (name, "stopped")
+        errors = [e for (kind, _), e in zip(m.events, of_events, strict=True) if kind in ends]
     elif name in OVER_TIME:
         error = float(np.nan_to_num(m.attrs.get("error", 0)))
         errors = [max(error * m.largest(name), moved_by(m, name, error))]
@@ -310,8 +315,10 @@ def turns_at(m: Motion, moment: str) -> float:
     if moment == "start":
         check_start(m)
     i = 0 if moment == "start" else -1
-    axis = int(m.labels[i]) - 1
-    return abs(swept_angle(m, axis, stretches_about(m, axis)[i])) if axis in range(3) else 0.0
+    axis = m.labels_at_ends[i] - 1
+    # None where samples begin behind a stop.
+    stretches = stretches_about(m, axis)
+    return abs(swept_angle(m, axis, stretches[i])) if axis in range(3) and stretches else 0.0
 
 
 def swept_angle(m: Motion, about: int, samples: slice = slice(None)) -> float:
@@ -346,9 +353,18 @@ def tilt_growth(m: Motion, side: int) -> float:
     return float(rates[m.order[side]])
 
 
+UNDERFLOW = 1e-290
+"""The size from which on a quantity that decays may be 0 in the next sample."""
+
+
 def zero_times(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """The times at which values (n,) change sign, by linear interpolation between the samples."""
-    i = np.flatnonzero(values[:-1] * values[1:] < 0)
+    """The times at which values (n,) reach or pass 0, by linear interpolation between the
+    samples."""
+    # By signs: a zero may fall on a sample, and products of small numbers are 0.
+    side = np.sign(values)
+    passes = (side[:-1] != 0) & (side[:-1] != side[1:])
+    # What decays never reaches 0, but for doubles that end before it.
+    i = np.flatnonzero(passes & ((side[1:] != 0) | (np.abs(values[:-1]) > UNDERFLOW)))
     # Linear is enough: these times are compared with printed ones, of two or three digits.
     return np.asarray(time[i] - values[i] * (time[i + 1] - time[i]) / (values[i + 1] - values[i]))
 
@@ -359,11 +375,14 @@ def first_time(times: Sequence[float] | np.ndarray) -> float:
 
 
 def end_of_spin(m: Motion) -> float:
-    """The time at which r reaches 0: by the event, or by the change of sign of r where the form has
-    no event."""
+    """The time at which r reaches 0: by the event or, where the form has none, by the zeros of r
+    and by the brake that stops the body. Raises Undecidable as `check_start` does."""
     by_event = [time for kind, time in m.events if kind == "end_of_spin"]
-    by_sign = zero_times(m.time, m.omega[:, 2]) if "omega" in m.data else np.empty(0)
-    return by_event[0] if by_event else first_time(by_sign)
+    if by_event or "omega" not in m.data:
+        return first_time(by_event)
+    check_start(m)
+    r = m.omega[:, 2]
+    return min(first_time(zero_times(m.time, r)), m.stop if r[0] else math.inf)
 
 
 NUMBERS: dict[str, Callable[[Motion], float]] = {

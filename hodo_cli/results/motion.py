@@ -358,9 +358,11 @@ class Motion:
 
     @property
     def labels_at_ends(self) -> tuple[int, int]:
-        """The labels with which it starts and ends. Raises as `labels` does."""
+        """The labels with which it starts and ends; a body that a brake stops ends with the one
+        that it has until then. Raises as `labels` does."""
         start = label_at_start(self.case, self.time[0], self.labels, self.crossings)
-        return start, int(self.labels[-1])
+        has_stopped = self.labels[-1] == rigid_body.UNDETERMINED and math.isfinite(self.stop)
+        return start, int((self.stored("event_from") if has_stopped else self.labels)[-1])
 
     @property
     def crossing_time(self) -> np.ndarray:
