@@ -148,6 +148,10 @@ CHECKS = [
     ("slow", "{kind: bound, of: r, at: always, most: 0.5}", "contradicted", 1),
     ("slow, fast", "{kind: bound, of: r, most: 0.4}", "reproduced", E1),
     ("slow, fast", "{kind: bound, of: r, most: 0.3}", "contradicted", E1),
+    # The bound that is nearest decides.
+    *(("slow", f"{{kind: bound, of: r, at: always, least: {least}, most: {most}}}", words, number)
+      for least, most, words, number in ((0.3, 9, "reproduced", E1), (0, 1.1, "reproduced", 1),
+                                         (0.5, 1.1, "contradicted", E1))),
     ("staying", "{kind: bound, of: first_crossing, least: 50}", "reproduced", math.inf),
     ("staying", "{kind: bound, of: first_crossing, most: 50}", "contradicted", math.inf),
     # Its motion ends at 100.
@@ -256,8 +260,8 @@ CHECKS = [
       for changes in ("note: as it is", "time: {samples: 18}", "time: {end: 8, samples: 9}",
                       "initial: {p: 0, q: 0, r: 1.0e-200}, torque: [0, 0, -1.25e-201]",
                       "torque: 0, brake: 0.125", "torque: 0, brake: 0.125, time: {samples: 18}")),
-    ("{case: reversed, time: {values: [0, 16]}}", "{kind: bound, of: end_of_spin, most: 9}", "reproduced",
-     8),
+    ("{case: reversed, time: {values: [0, 16]}}", "{kind: bound, of: end_of_spin, most: 9}",
+     "reproduced", 8),
     ("{case: reversed, time: {values: [9, 16]}}",
      "{kind: value, values: {end_of_spin: [8]}, within: 1.0e-9}", "not tested", None),
     ("fading", "{kind: bound, of: end_of_spin, least: 9}", "reproduced", math.inf),

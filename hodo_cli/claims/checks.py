@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -147,6 +147,21 @@ def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
     )
 
 
+class Limit(NamedTuple):
+    """A bound on a quantity: the side on which values violate it, the bound itself, and the value
+    nearest to it, or farthest beyond."""
+
+    side: str
+    value: float
+    nearest: float
+
+    @property
+    def violation(self) -> float:
+        """How far the nearest value is beyond the bound, below 0 where it is met."""
+        beyond = self.nearest - self.value
+        return beyond if self.side == "above" else -beyond
+
+
 def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     """A quantity against a bound; decided by its value nearest to the bound, or farthest beyond."""
     name, least, most = check["of"], check["least"], check["most"]
@@ -156,28 +171,28 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
         for m in motions
     ]
     low, high = (float(extreme(np.concatenate(values))) for extreme in (np.min, np.max))
-    # For each bound the value that is farthest beyond it, and by how much.
-    sides = [("above", high, most, high - most)] if most is not None else []
-    sides += [("below", low, least, least - low)] if least is not None else []
-    _, decisive, _, violation = max(sides, key=lambda side: np.nan_to_num(side[3], nan=math.inf))
-    limits = [limit for _, _, limit, _ in sides]
+    limits = [Limit("above", most, high)] if most is not None else []
+    limits += [Limit("below", least, low)] if least is not None else []
+    decisive = max(limits, key=lambda limit: limit.violation)
     if check["at"] == "end":
         for m, limit in itertools.product(motions, limits):
-            check_reached(m, name, limit)
-            check_margin(name, number(m, name) - limit, m)
+            check_reached(m, name, limit.value)
+            check_margin(name, number(m, name) - limit.value, m)
     # As the axis of a figure would reach, which shows both the values and the bound.
-    scale = max(max(range_of(m, name) for m in motions), *map(abs, limits))
+    scale = max(*(range_of(m, name) for m in motions), *(abs(limit.value) for limit in limits))
     # A bound that is met is met at any scale: a time that is infinite has none.
+    violation = decisive.violation
     deviation = 0.0 if violation <= 0 else deviation_beyond(violation / scale, ROUNDING)
-    if deviation and 0 in limits and any(changes_sign(m, name) for m in motions):
+    is_of_sign = any(limit.value == 0 for limit in limits)
+    if deviation and is_of_sign and any(changes_sign(m, name) for m in motions):
         deviation = math.inf
-    deciding = [(m, x) for m, x in zip(motions, values, strict=True) if decisive in x]
+    deciding = [(m, x) for m, x in zip(motions, values, strict=True) if decisive.nearest in x]
     for m, x in deciding:
         # At the start, where it is given, a quantity has no error.
-        is_start = len(x) > 1 and x[0] == decisive
+        is_start = len(x) > 1 and x[0] == decisive.nearest
         if everywhere and not is_start and error_of(m, name) > ROUNDING * scale:
             check_margin(name, violation, m)
-    digits = max(digits_to_show(value, beyond) for _, value, _, beyond in sides)
+    digits = max(digits_to_show(limit.nearest, limit.violation) for limit in limits)
     of_case = "".join(among(motions, m) for m, _ in deciding[:1])
     words = (
         f"{name} from {low:.{digits}g} to {high:.{digits}g}{of_case}"
@@ -186,9 +201,9 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     )
     return Finding(
         deviation,
-        number=sides[0][1],
+        number=decisive.nearest,
         evidence=words,
-        contradicted_by=" or ".join(f"a value {side} {limit:g}" for side, _, limit, _ in sides),
+        contradicted_by=" or ".join(f"a value {x.side} {x.value:g}" for x in limits),
     )
 
 
