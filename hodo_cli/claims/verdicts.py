@@ -73,9 +73,11 @@ def members(
         for mistake in type(case.system).check(case.data):
             raise HodoError(f"member {case.name}: {mistake}")
     labels = [starting_axes(varied) for varied in by_case if start]
+    names = [member_name(axes, np.unravel_index(i, shape)) for i in numbers]
+    # Messages name a member by its values: its number in the grid says nothing.
     return {
-        member_name(axes, np.unravel_index(i, shape)): varied
-        for i, varied in enumerate(zip(*by_case, strict=True))
+        name: tuple(replace(case, name=f"{cases[j].name} with {name}") for j, case in enumerate(of))
+        for i, (name, of) in enumerate(zip(names, zip(*by_case, strict=True), strict=True))
         if all(of_case[i] == start for of_case in labels)
     }
 
@@ -235,8 +237,14 @@ class Judge:
         # A trend is about all members at once, so no single member can decide it.
         if check["kind"] == "paper" and checks_of_papers()[check["name"]].is_trend:
             return by_finding(self._decide(check, [*by_member]))
-        findings = (self._decide(check, of_member) for of_member in by_member)
-        return over_members(claim, dict(zip(varied, findings, strict=True)))
+        findings: dict[str, Finding] = {}
+        remarks: list[str] = []
+        for name, of_member in zip(varied, by_member, strict=True):
+            try:
+                findings[name] = self._decide(check, of_member)
+            except Undecidable as error:
+                remarks.append(str(error))
+        return over_members(claim, findings, remarks)
 
     def _decide(self, check: Mapping[str, Any], motions: Sequence[Any]) -> Finding:
         """The finding of one check on one set of motions, or of a trend on the motions of each
@@ -320,33 +328,53 @@ def stored_motion(run: ResultFile, name: str) -> Motion:
     return motion_of(group.variables, group.attributes, f"{run.path}: {name}", str(run.path))
 
 
-def over_members(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdict:
+def standing(claim: Mapping[str, Any], holds: int, total: int) -> int:
+    """How a statement stands that holds on so many members of `over`: 2 where it holds and 0 where
+    it does not, or 1 where it holds on some of a grid of what the text does not print."""
+    if claim["share"] is not None:
+        return 2 * bool(holds / total >= claim["share"])
+    return (holds == total) + (holds == total if claim["theorem"] else holds > 0)
+
+
+def over_members(
+    claim: Mapping[str, Any], findings: Mapping[str, Finding], remarks: Sequence[str]
+) -> Verdict:
     """The verdict over the members of `over`: a grid of the values that the text does not print
-    or, with `share`, a sample of the motions that the statement is about."""
+    or, with `share`, a sample of the motions that the statement is about.
+
+    Raises Undecidable, with the first of the remarks on members about which the statement is open,
+    unless it stands alike whether it holds on these or not.
+    """
+    holds, total = sum(f.holds for f in findings.values()), len(findings) + len(remarks)
+    if standing(claim, holds, total) != standing(claim, holds + len(remarks), total):
+        others = f" (open for {len(remarks)} of {total} members)" if total > 1 else ""
+        raise Undecidable(f"{remarks[0]}{others}")
     numbers = [f.number for f in findings.values()]
     spread = f", {min(numbers):.3g} to {max(numbers):.3g}" if min(numbers) < max(numbers) else ""
+    spread += f"; open for {len(remarks)}: {remarks[0]}" if remarks else ""
     if claim["share"] is not None:
-        return over_sample(claim["share"], [*findings.values()], spread)
+        return over_sample(claim, [*findings.values()], total, spread)
     worst, finding = max(findings.items(), key=lambda member: member[1].deviation)
-    holds = sum(f.holds for f in findings.values())
-    evidence = f"holds on {holds} of {len(findings)} members{spread}"
+    evidence = f"holds on {holds} of {total} members{spread}"
     if finding.deviation:
         is_sized = finding.deviation < math.inf
         size = f"{in_percent(finding.deviation)} of the range " if is_sized else ""
         evidence += f"; largest violation {size}at {worst} ({finding.evidence})"
     contrary = f"{finding.contradicted_by}, for {'a' if claim['theorem'] else 'every'} member"
-    word = UNDERDETERMINED if 0 < holds < len(findings) else finding.degree
+    word = UNDERDETERMINED if 0 < holds < total else finding.degree
     return Verdict(word, replace(finding, evidence=evidence, contradicted_by=contrary))
 
 
-def over_sample(share: float, findings: Sequence[Finding], spread: str) -> Verdict:
-    """The verdict over a sample of motions, of which this share has to comply."""
-    holds = sum(finding.holds for finding in findings)
-    complying = holds / len(findings)
+def over_sample(
+    claim: Mapping[str, Any], findings: Sequence[Finding], total: int, spread: str
+) -> Verdict:
+    """The verdict over a sample of so many motions, of which a share has to comply."""
+    share, holds = claim["share"], sum(finding.holds for finding in findings)
+    complying = holds / total
     percent = f"({100 * complying:.3g} %)"
-    evidence = f"holds for {holds} of {len(findings)} members of a sample {percent}{spread}"
+    evidence = f"holds for {holds} of {total} members of a sample {percent}{spread}"
     fewest = f"more than {100 * (1 - share):.3g} % of the members" if share < 1 else "a member"
     worst = max(findings, key=lambda finding: finding.deviation)
     contrary = f"{worst.contradicted_by}, for {fewest}"
     finding = Finding(math.nan, number=complying, evidence=evidence, contradicted_by=contrary)
-    return Verdict(REPRODUCED if complying >= share else CONTRADICTED, finding)
+    return Verdict(REPRODUCED if standing(claim, holds, total) else CONTRADICTED, finding)
