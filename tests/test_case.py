@@ -1320,8 +1320,12 @@ def test_a_figure_may_name_every_derived_quantity() -> None:
          "figures.f.groups: expected sizes that add up to the 2 cases, got 1"),
         ("{kind: cost, cases: [one, one], groups: [2], small: [1]}",
          "figures.f.small: expected one for each of 2 cases, got 1"),
-        ("{kind: order, cases: one, groups: [1], small: [1], against: [oen]}",
-         "figures.f.against.0: unknown name 'oen'; did you mean 'one'?"),
+        *((f"{{kind: order, cases: [{', '.join(['one'] * len(small))}], groups: {groups}, "
+           f"small: {small}, against: [{', '.join(['one'] * len(small))}]}}",
+           f"figures.f.groups.{i}: expected cases with two values of `small` or more")
+          for groups, small, i in (([1], [1], 0), ([2, 1], [1, 2, 2], 1), ([2], [3, 3], 0))),
+        ("{kind: order, cases: [one, one], groups: [2], small: [1, 2], against: [one, oen]}",
+         "figures.f.against.1: unknown name 'oen'; did you mean 'one'?"),
     ],
 )  # fmt: skip
 def test_names_in_figures_are_checked_when_the_file_is_read(figure: str, said: str) -> None:

@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -433,13 +434,14 @@ def _count_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
     kind = values.get("kind")
     named = "bodies" if kind == "quadrant-sketch" else "cases"
     count, labels = len(values.get(named, ())), values.get("labels", ())
-    total, styles = sum(values.get("groups", ())), values.get("styles", ())
+    groups, small = values.get("groups", ()), values.get("small", ())
+    total, styles = sum(groups), values.get("styles", ())
     # The lines of a share are as many as the other axis of its sweep has values.
     curves = {
         "axis-trace": count * len(values.get("axes", ())),
         "share": 0,
-        "order": len(values.get("groups", ())),
-        "cost": len(values.get("groups", ())),
+        "order": len(groups),
+        "cost": len(groups),
     }.get(str(kind), count)
     yield from mistakes_where(
         # The labels of a sweep name panels or curves, whose number its axes decide.
@@ -467,6 +469,15 @@ def _count_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
             count and "groups" in values and total != count,
             ("groups",),
             f"expected sizes that add up to the {count} cases, got {total}",
+        ),
+        *(
+            (
+                kind == "order" and len({*small[end - n : end]}) < 2,
+                ("groups", i),
+                "expected cases with two values of `small` or more, to which an order is fitted",
+            )
+            for i, (n, end) in enumerate(zip(groups, accumulate(groups), strict=True))
+            if end <= len(small)
         ),
         *(
             (

@@ -19,6 +19,7 @@ from .finding import (
     PLOTTING_ACCURACY,
     ROUNDING,
     Finding,
+    Undecidable,
     deviation_beyond,
     deviation_unless,
     digits_to_show,
@@ -27,7 +28,6 @@ from .finding import (
     listed,
 )
 from .quantities import (
-    Undecidable,
     between_samples,
     check_course,
     check_margin,

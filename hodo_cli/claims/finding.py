@@ -6,6 +6,7 @@ from dataclasses import KW_ONLY, dataclass, field
 
 import numpy as np
 
+from .. import HodoError
 from ..cases.claim_block import CONTRADICTED, PLOTTING, REPRODUCED
 from ..results.motion import Motion
 
@@ -91,19 +92,22 @@ def in_percent(ratio: float) -> str:
     return f"{100 * ratio:.3g} %"
 
 
+class Undecidable(HodoError):
+    """Why a motion decides nothing: a quantity is no number somewhere, or is not known well enough,
+    or there is nothing to compare."""
+
+
 ValuePair = tuple[np.ndarray, np.ndarray]
 """Values of a motion and of a formula for them, of one shape."""
 
 
 def difference(pairs: Sequence[ValuePair]) -> float:
-    """The largest difference in any pair, relative to the largest value of the motion."""
+    """The largest difference in any pair, relative to the largest value of the motion. Raises
+    Undecidable for a pair without a value."""
+    if any(not a.size for a, _ in pairs):
+        raise Undecidable("nothing to compare: a motion is too short, or has other sample times")
     return float(
-        np.max(
-            [
-                np.max(np.abs(a - b), initial=0) / np.max(np.abs(a), initial=math.ulp(0))
-                for a, b in pairs
-            ]
-        )
+        np.max([np.max(np.abs(a - b)) / np.max(np.abs(a), initial=math.ulp(0)) for a, b in pairs])
     )
 
 

@@ -27,7 +27,7 @@ from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion, formula_values
 from ..results.resolution import SMALLEST_CHORD, course_remark, no_number_remark, turn_remark
 from ..storage import Variable
-from .finding import ROUNDING
+from .finding import ROUNDING, Undecidable
 
 
 def integrated_motion(case: Case) -> Motion:
@@ -120,11 +120,6 @@ def beside_extremes(values: np.ndarray) -> np.ndarray:
         highest = peaks[np.argsort(heights[peaks])[-MOST_PEAKS:]]
         found += [highest - 1, highest]
     return np.unique(np.concatenate(found))
-
-
-class Undecidable(HodoError):
-    """Why a motion decides nothing: a quantity is no number somewhere, or is not known well
-    enough."""
 
 
 def quantity(m: Motion, name: str) -> np.ndarray:

@@ -47,8 +47,8 @@ from ..storage import ResultFile
 from ..sweeps.members import members_as_cases, side_by_side
 from ..text import grouped
 from .checks import averages, motion_finding
-from .finding import ROUNDING, Finding, Verdict, in_percent
-from .quantities import Undecidable, integrated_motion, sampled_motion
+from .finding import ROUNDING, Finding, Undecidable, Verdict, in_percent
+from .quantities import integrated_motion, sampled_motion
 
 
 @lru_cache(maxsize=16)

@@ -32,9 +32,12 @@ def distance(averaged: Motion, full: Motion, margin: float = 0.0) -> float:
 
 
 def order_finding(motions: Sequence[Motion], expected: float, margin: float = 0.0) -> Finding:
-    """The order of the distance in the size of the resistance, against one expected at least."""
+    """The order of the distance in the size of the resistance, against one expected at least.
+    Raises ValueError for fewer than two sizes, which have no order."""
     pairs = in_groups(motions, 2)
     small = [max(full.case.data["damping"]) for _, full in pairs]
+    if len({*small}) < 2:
+        raise ValueError("an order is fitted to two sizes at least")
     errors = [distance(averaged, full, margin) for averaged, full in pairs]
     # Errors at one time scatter with the phase; the largest over a motion follow the power law.
     slope = float(np.polyfit(np.log(small), np.log(errors), 1)[0])
@@ -106,6 +109,8 @@ def predicted_sense(motions: Sequence[Motion]) -> Finding:
 def steps_do_not_grow(motions: Sequence[Motion]) -> Finding:
     """The steps of motions are the same to a tenth, whatever the size of their resistance."""
     steps = [int(m.attrs["steps"]) for m in motions]
+    if len(steps) < 2:
+        raise ValueError("compares two motions at least")
     return Finding(
         deviation_unless(max(steps) <= 1.1 * min(steps)),
         number=float(max(steps)),

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..claims.finding import (
     Finding,
+    Undecidable,
     agreement,
     deviation_beyond,
     deviation_unless,
@@ -127,8 +128,9 @@ def turns_about_one_axis(motions: Sequence[Motion], axis: int) -> Finding:
 
 
 def inequality_7(motions: Sequence[Motion]) -> Finding:
-    """p^2 > K r^2, with K by the moments of inertia alone, exactly where G^2 > 2 T A2."""
-    mismatches = 0
+    """p^2 > K r^2, with K by the moments of inertia alone, exactly where G^2 > 2 T A2. Raises
+    Undecidable where all samples are too near to the separatrix."""
+    mismatches, compared = 0, 0
     for m in motions:
         # In units of |omega|, so that no size matters.
         w = m.omega / np.abs(m.omega).max(axis=1, keepdims=True)
@@ -140,6 +142,9 @@ def inequality_7(motions: Sequence[Motion]) -> Finding:
         K = A3 * (A2 - A3) / (A1 * (A1 - A2))
         by_moments, by_momentum = w[:, 0] ** 2 > K * w[:, 2] ** 2, h * A2 < G2
         mismatches += int((by_moments != by_momentum)[clear].sum())
+        compared += int(clear.sum())
+    if not compared:
+        raise Undecidable("every sample is nearer to the separatrix than its rounding")
     return Finding(
         deviation_unless(mismatches == 0),
         number=float(mismatches),
