@@ -1035,6 +1035,33 @@ def test_verdicts_are_given_once_until_what_they_rest_on_changes(tmp_path: Path)
     assert path.read_bytes() != other.read_bytes()
 
 
+def test_verdicts_go_with_the_statements_that_a_file_no_longer_makes(tmp_path: Path) -> None:
+    errata = "errata: [{id: misprint, where: (1), printed: x, should_be: y}]\n"
+    write_case_file(tmp_path, more="figures: {a: {kind: hodograph, cases: turning}}\n" + errata)
+    path, page = tmp_path / "runs" / "c.h5", tmp_path / "runs" / "figures" / "index.html"
+    for command in ("run", "classify", "claims", "plot"):
+        call(tmp_path, command, "c.yaml")
+    shown = page.read_text(encoding="utf-8")
+    assert "It turns." in shown
+    assert "misprint" in shown
+    whole = (tmp_path / "c.yaml").read_text(encoding="utf-8")
+    alone = whole.partition("claims:")[0] + "figures:" + whole.partition("figures:")[2]
+    (tmp_path / "c.yaml").write_text(alone, encoding="utf-8")
+    table = call(tmp_path, "claims", "c.yaml").stdout
+    assert table.startswith("erratum ")
+    judged = path.read_bytes()
+    assert call(tmp_path, "claims", "c.yaml").stdout == table
+    assert path.read_bytes() == judged
+    call(tmp_path, "plot", "c.yaml")
+    shown = page.read_text(encoding="utf-8")
+    assert "It turns." not in shown
+    assert "misprint" in shown
+    (tmp_path / "c.yaml").write_text(alone.partition("errata:")[0], encoding="utf-8")
+    assert "has no claims: or errata:" in call(tmp_path, "claims", "c.yaml").stderr
+    call(tmp_path, "plot", "c.yaml")
+    assert "misprint" not in page.read_text(encoding="utf-8")
+
+
 def test_a_result_whose_check_has_another_name_now_is_drawn_and_judged_for_the_rest(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

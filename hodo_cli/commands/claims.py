@@ -84,9 +84,11 @@ def rows_of_result(changes: Update, config: Config | None) -> dict[str, Rows]:
             "hodo run with the case file of this version renews its statements",
             stacklevel=3,
         )
-    for topic, (name, columns) in TABLES.items():
-        report = Report(digest, json.dumps(rows)) if topic == "statements" else None
-        if rows[topic]:
+    # Empty groups too: they take the place of verdicts on what is stated no more, and the first one
+    # holds the report on errata alone.
+    if any(rows.values()) or any(name in run for name, _ in TABLES.values()):
+        for topic, (name, columns) in TABLES.items():
+            report = Report(digest, json.dumps(rows)) if topic == "statements" else None
             changes.write(name, replace(claim_group(rows[topic], columns), report=report))
     return rows
 
@@ -175,7 +177,10 @@ def verdict_tables(rows: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     if errata:
         header = ("erratum", "where", "printed", "should be", "verdict", "shown by")
         keys = ("id", "where", "printed", "should_be", "verdict", "evidence")
-        parts += ["", table(header, [[row[key] for key in keys] for row in errata])]
+        parts += [
+            *([""] if parts else []),
+            table(header, [[row[key] for key in keys] for row in errata]),
+        ]
         parts += [totals("erratum", errata, MISPRINTS)]
     return "\n".join(parts)
 
