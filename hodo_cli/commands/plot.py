@@ -42,6 +42,9 @@ PAGE_FILE = "index.html"
 ABSENT_CASE = "absent"
 """Stands for the checksum of a case that a figure has asked for and the result does not hold."""
 
+UNKNOWN_CONTENT = os.urandom(8).hex()
+"""Stands for the checksum of a case that has none to go by: of what only this process has drawn."""
+
 
 @contextmanager
 def opened_to_draw(name: Path) -> Iterator[tuple[ResultFile, Config]]:
@@ -220,47 +223,39 @@ class FigureFolder:
         self.path, self.result, self.config = out / run.path.stem, run.path, config
         self.names, self.formats = [*dict.fromkeys(names or config.figures)], formats
         self.checksums = {
-            name: "" if name in run.damaged else run.checksum(name) for name in run.groups
+            name: (name not in run.damaged and run.checksum(name)) or UNKNOWN_CONTENT
+            for name in run.groups
         }
         self.record = read_record(self.path)
         self.problems: dict[str, str] = {}
-        self.current = {
-            file
+        self.to_draw = [
+            name
             for name in self.names
-            for file in self._files(name, others=True)
-            if self._is_current(name, file)
-        }
-        self.to_draw = [x for x in self.names if force or not self._files(x).keys() <= self.current]
+            if force or not all(self._is_current(name, file) for file in self._files(name))
+        ]
 
     def figure(self, name: str, others: bool = False) -> DrawnFigure:
         """A figure that was asked for, once it is drawn: its files of the formats that were asked
         for and, with `others`, of those before."""
         # A kind that does not move has no film, and what could not be drawn has no file.
-        paths = (self.path / x for x in self._files(name, others) if x in self.current)
+        files = [x for x in self._files(name, others) if self._is_current(name, x)]
+        paths = tuple(path for path in map(self.path.joinpath, files) if path.exists())
         lines = [line for file in self._files(name) for line in self.record[file]["warnings"]]
         messages, problem = tuple(dict.fromkeys(lines)), self.problems.get(name, "")
-        return DrawnFigure(name, tuple(x for x in paths if x.exists()), problem, (), messages)
+        return DrawnFigure(name, paths, problem, (), messages)
 
     def shown(self) -> list[DrawnFigure]:
         """The figures as the page shows them, with their files of other formats too."""
         return [self.figure(name, others=True) for name in self.names]
 
     def add(self, drawn: DrawnFigure) -> None:
-        """Take in a figure that has just been drawn."""
-        files, problem = self._files(drawn.name), drawn.problem
-        if problem:
-            self.problems[drawn.name] = problem
-            # Its files may be of an earlier time.
-            self.current.difference_update(self._files(drawn.name, others=True))
-        else:
-            self.current.update(files)
-        for file in files:
-            self.record[file] = {
-                # What could not be drawn is tried again.
-                "digest": "" if problem else self._digest(drawn.name, drawn.cases, file),
-                "cases": drawn.cases,
-                "warnings": drawn.warnings,
-            }
+        """Take in a figure that has just been drawn. One that could not be is tried again, and the
+        files that it has are of an earlier time."""
+        self.problems[drawn.name] = drawn.problem
+        for file in self._files(drawn.name, others=bool(drawn.problem)):
+            digest = "" if drawn.problem else self._digest(drawn.name, drawn.cases, file)
+            known = {"digest": digest, "cases": drawn.cases, "warnings": drawn.warnings}
+            self.record[file] = known
 
     def _files(self, name: str, others: bool = False) -> dict[str, None]:
         """The files of a figure in the formats that were asked for and, with `others`, of those
