@@ -68,6 +68,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Copy:
         ("models/cavity.py", {"single", "swept"}),
         ("engines/collocation.py", {"single", "swept"}),
         ("integration/error.py", {"single", "swept"}),
+        ("schema/expression.py", {"single", "swept"}),
         ("sweeps/columns.py", {"swept"}),
         ("cases/sweep_block.py", {"swept"}),
         ("cases/case.py", set()),
@@ -97,7 +98,7 @@ def test_one_line_in_a_folder_reruns_what_it_computes(
 def test_every_folder_that_computes_is_hashed(tmp_path: Path) -> None:
     """A file that is new in one of the folders counts as well as one that is there."""
     assert {name.partition("/")[0] for name in digests.source_digests()} == {
-        *("arithmetic.py", "cases", "engines", "integration", "models", "sweeps")
+        *("arithmetic.py", "cases", "engines", "integration", "models", "schema", "sweeps")
     }
     for folder in digests.CASE_SOURCES:
         files = {f"{folder}/{path.name}" for path in (digests.PACKAGE / folder).glob("*.py")}

@@ -13,8 +13,8 @@ from ..machine import library_version
 
 PACKAGE = Path(__file__).parents[1]
 
-CASE_SOURCES = ("models", "engines", "integration", "arithmetic.py")
-"""The sources that decide the numbers of a single case."""
+CASE_SOURCES = ("models", "engines", "integration", "arithmetic.py", "schema/expression.py")
+"""The sources that decide the numbers of a single case, and what its formulas mean."""
 
 SWEEP_SOURCES = (*CASE_SOURCES, "sweeps", "cases/sweep_block.py")
 """What decides the numbers of a sweep: the members' motions, and how members are made and
@@ -35,7 +35,7 @@ def _states() -> dict[str, tuple[int, int]]:
     ]
     states = {file: file.stat() for file in sorted(files) if file.suffix == ".py"}
     return {
-        str(file.relative_to(PACKAGE)): (state.st_mtime_ns, state.st_size)
+        file.relative_to(PACKAGE).as_posix(): (state.st_mtime_ns, state.st_size)
         for file, state in states.items()
     }
 
