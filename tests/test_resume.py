@@ -95,6 +95,16 @@ def test_one_line_in_a_folder_reruns_what_it_computes(
         path.write_text(before)
 
 
+def test_a_source_of_a_time_that_is_still_to_come_is_as_good_as_another(copy: Copy) -> None:
+    source = copy.folder / "hodo_cli" / "models" / "cavity.py"
+    before = source.stat()
+    try:
+        os.utime(source, (before.st_atime, before.st_mtime + 1e6))
+        assert copy.plan() == [f"{name}: {KEPT}" for name in ("single", "swept")]
+    finally:
+        os.utime(source, (before.st_atime, before.st_mtime))
+
+
 def test_every_folder_that_computes_is_hashed(tmp_path: Path) -> None:
     """A file that is new in one of the folders counts as well as one that is there."""
     assert {name.partition("/")[0] for name in digests.source_digests()} == {

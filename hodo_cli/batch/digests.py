@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
+from time import time_ns
 
 from .. import STARTED, BatchError, models
 from ..engines import have_taylor
@@ -44,9 +45,10 @@ def _digests(names: Iterable[str]) -> dict[str, str]:
     return {name: hashlib.sha256((PACKAGE / name).read_bytes()).hexdigest() for name in names}
 
 
-_LOADED = _states()
+_LOADED, _LOADED_AT = _states(), time_ns()
 """The sources as they were when this module was loaded, which those that compute are loaded with.
-Not the times at which their inodes changed: a hard link or a change of rights sets these too."""
+Not the times at which their inodes changed: a hard link or a change of rights sets these too.
+With the time of that, in ns since 1970."""
 
 
 @cache
@@ -54,7 +56,9 @@ def source_digests() -> Mapping[str, str]:
     """The digest of each source file that decides numbers, by its path within the package. Raises
     BatchError if one has changed since it was loaded."""
     digests = _digests(name for name in _LOADED if (PACKAGE / name).exists())
-    if _states() != _LOADED or max(_LOADED.values())[0] > STARTED * 1e9:
+    # Of a clock that is ahead, or of an archive, a file may have a time that is still to come.
+    is_new = any(STARTED * 1e9 < written <= _LOADED_AT for written, _ in _LOADED.values())
+    if is_new or _states() != _LOADED:
         raise BatchError(CODE_CHANGED)
     return digests
 
