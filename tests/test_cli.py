@@ -144,6 +144,24 @@ def test_formulas_that_differ_in_signs_have_files_of_their_own(hodo: Hodo, tmp_p
         change = f'a.expression=["p{sign}2", "0", "0"]'
         assert hodo("run", "f.yaml", "--quiet", "--set", change).returncode == 0
     assert len([*(tmp_path / "runs").glob("f,a.expression=*.h5")]) == 2
+    for pattern in ("a*", "[a]", "?", "*"):
+        change = f"{pattern}.expression=[q, 0, 0]"
+        assert hodo("run", "f.yaml", "--quiet", "--set", change).returncode == 0
+    assert len([*(tmp_path / "runs").glob("f,*.expression=[[]q*.h5")]) == 4
+
+
+def test_a_result_knows_what_was_changed_for_it(hodo: Hodo, tmp_path: Path) -> None:
+    text = MERGED["a"]
+    (tmp_path / "a.yaml").write_text(text)
+    assert hodo("run", "a.yaml", "--set", "turns.time.end=10").returncode == 0
+    result = "runs/a,turns.time.end=10.h5"
+    (tmp_path / "a.yaml").write_text(f"# a remark\n{text}")
+    assert hodo("show", result).stderr == ""
+    assert hodo("merge", result, "--out", "runs/merged.h5").returncode == 0
+    with h5py.File(tmp_path / "runs/merged.h5") as file:
+        assert "end: 10" in str(file.attrs["config"])
+    (tmp_path / "a.yaml").write_text(text.replace("0.05", "0.06"))
+    assert "hodo run a.yaml --set turns.time.end=10" in hodo("show", result).stderr
 
 
 def test_a_change_leaves_the_result_of_the_config_alone(
@@ -484,6 +502,20 @@ def test_figures_of_one_name_carry_the_names_of_their_results(two_results: Path)
     assert call(two_results, "merge", *again, "--out", "runs/d.h5").returncode == 0
     with h5py.File(two_results / "runs/d.h5") as file:
         assert all(f"  {name}: " in file.attrs["config"] for name in names)
+
+
+def test_a_case_that_is_not_run_again_is_merged_as_it_was_run(two_results: Path) -> None:
+    more = (
+        "  more: {model: linear-diag, inertia: [3, 2, 1], damping: 0, "
+        "initial: {p: 1, q: 0, r: 0}, time: {end: 40}}"
+    )
+    text = MERGED["a"].replace("end: 20", "end: 30").replace("figures:", f"{more}\nfigures:")
+    (two_results / "a.yaml").write_text(text)
+    assert call(two_results, "run", "a.yaml", "--case", "more").returncode == 0
+    done = call(two_results, "merge", "a.yaml", "--out", "runs/c.h5")
+    assert done.returncode == 0, done.stderr
+    with h5py.File(two_results / "runs/c.h5") as file:
+        assert [*re.findall(r"end: (\d+)", str(file.attrs["config"]))] == ["20", "40"]
 
 
 def test_what_cannot_be_merged_is_one_line_and_writes_nothing(two_results: Path) -> None:

@@ -48,7 +48,8 @@ from .sweep_block import axes_of, storable
 
 @dataclass(frozen=True)
 class Config:
-    """A case file, read: its text as it was, its cases and figures by name, in the file's order."""
+    """A case file, read: its text as it was, its cases and figures by name, in the file's order; and
+    the overrides that changed its cases."""
 
     path: str
     text: str
@@ -59,6 +60,7 @@ class Config:
     claims: tuple[dict[str, Any], ...]
     errata: tuple[dict[str, Any], ...] = ()
     bench: dict[str, Any] | None = None
+    overrides: tuple[str, ...] = ()
 
     def figure(self, name: str) -> dict[str, Any]:
         """One entry of the `figures:` block. Raises HodoError if there is none of this name."""
@@ -197,8 +199,8 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
         faults += claim_block.cross_check(present.get("claims"), present.get("errata"), case_named)
     add_mistakes(faults, document, mistakes)
     mistakes.raise_any()
-    as_checked = ("title", "references", "claims", "errata", "bench")
-    return Config(name, text, cases, figures, **{key: sections[key] for key in as_checked})
+    kept = {key: sections[key] for key in ("title", "references", "claims", "errata", "bench")}
+    return Config(name, text, cases, figures, **kept, overrides=(*overrides,))
 
 
 def located(config: Config, path: KeyPath, message: str) -> HodoError:

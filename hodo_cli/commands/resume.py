@@ -33,6 +33,10 @@ FORCED = "--force"
 CONFIG_PATH = "config_path"
 """The attribute of a result that tells its config from another of the same name."""
 
+OVERRIDES = "overrides"
+"""The attribute of a result that holds what `--set` has changed in the cases of its config, a line
+each."""
+
 # In this order, because another version of hodo may write the same case in other words.
 RERUN_REASONS = (
     "the code that computes it has changed",
@@ -113,8 +117,14 @@ def results_named(names: Iterable[Path]) -> Iterable[tuple[Path, Config | None]]
 
 
 def stored_config(run: ResultFile) -> Config:
-    """The config that a result holds. Raises HodoError if it cannot be read."""
-    return parse(run.text, str(run.path), stored=True)
+    """The config that a result holds, with the overrides that it was run with. Raises HodoError if
+    it cannot be read."""
+    return parse(run.text, str(run.path), _overrides_of(run), stored=True)
+
+
+def _overrides_of(run: ResultFile) -> list[str]:
+    """The overrides that a result was run with."""
+    return str(run.attributes.get(OVERRIDES, "")).splitlines()
 
 
 def path_from(config: Config, path: Path) -> str:
@@ -125,10 +135,13 @@ def path_from(config: Config, path: Path) -> str:
 
 def attributes_by(command: str, config: Config) -> dict[str, str | int]:
     """The root attributes of a result of a config that a command with its arguments makes; they
-    name the user's own models."""
+    name the overrides of the config, and the user's own models."""
     history = history_line(f"hodo {command}")
     made = root_attributes(config.title, config.references, config.text, history)
-    return {**made, OWN_MODELS: names} if (names := models.kept_own_models()) else made
+    # A line of YAML may be broken where it has a space.
+    overrides = "\n".join(" ".join(text.splitlines()) for text in config.overrides)
+    more = {OVERRIDES: overrides, OWN_MODELS: models.kept_own_models()}
+    return {**made, **{name: text for name, text in more.items() if text}}
 
 
 def check_origin(config: Config, run: ResultFile, remedy: str = "") -> None:
@@ -172,7 +185,8 @@ def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -
     ]
     if changed:
         message = f"changed in {config.path} since: {', '.join(changed)}"
-        warnings.warn(f"{run.path}: {message}: hodo run {quoted}", stacklevel=2)
+        options = "".join(f" --set {quote(text)}" for text in config.overrides)
+        warnings.warn(f"{run.path}: {message}: hodo run {quoted}{options}", stacklevel=2)
 
 
 def warn_of_models(run: ResultFile) -> None:
@@ -196,7 +210,7 @@ def _config_of(run: ResultFile) -> Config | None:
     # A result never needs its config, and a stranger's may name any file as such.
     with suppress(OSError, HodoError):
         if path.is_file() and text_of(path, str(path)) != run.text:
-            return load(os.path.relpath(path))
+            return load(os.path.relpath(path), _overrides_of(run))
     return None
 
 

@@ -336,8 +336,9 @@ def result_name(config: Config, overrides: Sequence[str]) -> str:
     last = {text.partition("=")[0]: text for text in overrides}.values()
     exact = ",".join(sorted(last))
     changes = re.sub(r"[^\w.,=+()\[\]{}-]", "_", exact)
-    # Two formulas may differ in signs alone that no name of a file has.
-    has_signs = any(re.search(r"[^\w.,:+()\[\]{}\s'\"-]", text.partition("=")[2]) for text in last)
+    # Two formulas or patterns may differ in signs alone that no name of a file has; that of all
+    # cases becomes `_.`, with which the name of no case begins.
+    has_signs = any(re.search(r"[^\w.,:=+()\[\]{}\s'\"-]", x.removeprefix("*.")) for x in last)
     if has_signs or len(changes.encode()) > LONGEST_OVERRIDES:
         beginning = changes.encode()[:LONGEST_OVERRIDES].decode(errors="ignore")
         changes = f"{beginning}-{digest(exact)[:8]}"
