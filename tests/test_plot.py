@@ -1008,6 +1008,17 @@ def test_a_bare_name_is_a_config_unless_it_is_a_figure(hodo: Hodo, tmp_path: Pat
         assert "unknown figure 'broken'" in hodo("plot", first, "broken").stderr
 
 
+def test_a_result_is_drawn_once_and_two_of_one_name_are_refused(hodo: Hodo, tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text(KEPT.format(caption="a", r=1, end=1))
+    for folder in ("runs", "more"):
+        assert hodo("run", "c.yaml", "--quiet", "--out", folder).returncode == 0
+    drawn = hodo("plot", "c.yaml", "runs/c.h5", "of-a", "--out", "figs")
+    assert drawn.stdout == "figs/c/of-a.png\n"
+    done = hodo("plot", "runs/c.h5", "more/c.h5", "--out", "figs")
+    words = "figs/c would hold the figures of runs/c.h5 and more/c.h5: rename one\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", words)
+
+
 def test_a_figure_that_failed_is_tried_again(hodo: Hodo, tmp_path: Path) -> None:
     text = KEPT.format(caption="a", r=1, end=1).replace("q: 1", "q: -1")
     (tmp_path / "c.yaml").write_text(text)

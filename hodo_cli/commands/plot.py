@@ -25,7 +25,14 @@ from ..progress import Progress
 from ..schema.document import YAML_SUFFIXES
 from ..storage import ResultFile, open_batch, replacing
 from ..text import few, grouped
-from .resume import CONFIG_PATH, content_digest, result_named, stored_config, warn_of_changes
+from .resume import (
+    CONFIG_PATH,
+    content_digest,
+    result_named,
+    results_named,
+    stored_config,
+    warn_of_changes,
+)
 
 if TYPE_CHECKING:
     from ..results.dataset import StoredCases
@@ -47,12 +54,11 @@ UNKNOWN_CONTENT = os.urandom(8).hex()
 
 
 @contextmanager
-def opened_to_draw(name: Path) -> Iterator[tuple[ResultFile, Config]]:
-    """A result file with its config or, by the name of a config, with that as it is now.
+def opened_to_draw(path: Path, config: Config | None) -> Iterator[tuple[ResultFile, Config]]:
+    """A result file with its config, or with that as it is now, which named it.
 
     Raises HodoError if one of the two cannot be read.
     """
-    path, config = result_named(name)
     with open_batch(path) as run:
         warn_of_changes(run, config, "plot")
         config = config or stored_config(run)
@@ -82,7 +88,7 @@ def results_and_figures(names: Sequence[str]) -> tuple[list[Path], list[str]]:
     """
     files = [name for i, name in enumerate(names) if not i or name.endswith(SOURCES)]
     if configs := [name for name in names if name not in files and _is_config(name)]:
-        with opened_to_draw(Path(names[0])) as (_, config):
+        with opened_to_draw(*result_named(Path(names[0]))) as (_, config):
             files += [name for name in configs if name not in config.figures]
     return (
         [Path(name) for name in names if name in files],
@@ -118,9 +124,12 @@ def draw_results(
             "by --format png or svg"
         )
     folders = []
-    for path in paths:
-        with opened_to_draw(path) as (run, config):
+    for named in results_named(paths):
+        with opened_to_draw(*named) as (run, config):
             folders.append(FigureFolder(out, run, config, names, formats, force))
+    for path, results in grouped((folder.path, str(folder.result)) for folder in folders).items():
+        if len(results) > 1:
+            raise HodoError(f"{path} would hold the figures of {' and '.join(results)}: rename one")
     check_films(folders, names, formats)
     draw_missing(folders, formats, jobs)
     figures = [folder.figure(name) for folder in folders for name in folder.names]
