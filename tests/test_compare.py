@@ -317,6 +317,19 @@ def test_emptied_warnings_are_found(tmp_path: Path) -> None:
     assert not differing(compared(tmp_path, other, reference=warned))
 
 
+def test_the_axes_of_a_text_are_no_numbers(tmp_path: Path) -> None:
+    def passage(words: str) -> Change:
+        return lambda cases: cases["fig4"].attributes.update(predictions=words)
+
+    reference = passage("one crossing, from x3 to x1, at t = -2.5e-3.")
+    others = {
+        "one crossing, from x1 to x3, at t = -2.5e-3.": [("fig4", "predictions")],
+        "one crossing, from x3 to x1, at t = 7.": [],
+    }
+    for words, found in others.items():
+        assert differing(compared(tmp_path, passage(words), reference=reference)) == found
+
+
 @pytest.mark.parametrize(
     "values",
     [

@@ -214,8 +214,10 @@ def same(ours: Any, theirs: Any) -> bool:
 
 
 def same_words(a: Any, b: Any) -> bool:
-    """Whether two texts are equal but for the numbers in them, which are measured."""
-    ours, theirs = (re.sub(r"[-+\d.]+(e[-+]?\d+)?", "#", str(text)) for text in (a, b))
+    """Whether two texts are equal but for the numbers in them, which are measured; the digit of x1
+    is part of a name."""
+    number = r"(?<![\w.])[-+]?\d+(\.\d+)?(e[-+]?\d+)?"
+    ours, theirs = (re.sub(number, "#", str(text)) for text in (a, b))
     return ours == theirs
 
 
