@@ -533,6 +533,10 @@ def test_what_cannot_be_merged_is_one_line_and_writes_nothing(two_results: Path)
         assert (done.returncode, len(done.stderr.splitlines())) == (2, 1), done.stderr
         assert words in done.stderr
         assert not (two_results / "new.h5").exists()
+    with h5py.File(two_results / "runs/d.h5", "r+") as file:
+        file["turns/omega"][0] = 7
+    done = call(two_results, "merge", "runs/d.h5", "--out", "new.h5")
+    assert done.stderr == "runs/d.h5: turns is damaged (its checksum does not fit)\n"
     done = call(two_results, "merge", "a.yaml", "b.yaml", "--out", "runs/b.h5")
     assert done.stderr == "runs/b.h5 is there already: take another name\n"
 

@@ -31,6 +31,8 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
         stored: dict[str, FinishedCase] = {}
         for path in results:
             for name, (item, *_) in finished_cases(path).items():
+                if item.damage:
+                    raise HodoError(f"{path}: {name} is damaged ({item.damage})")
                 stored[name] = labelled_one(stored[name], item) if name in stored else item
         text = merged_text(runs, stored, out)
     config = parse(text, str(out), stored=True)
@@ -38,7 +40,7 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
     with compose(out, attributes, tuple(config.cases)) as writer:
         for item in stored.values():
             if not writer.keep(item):
-                raise HodoError(f"{item.file}: {item.name} is damaged ({item.damage or 'gone'})")
+                raise HodoError(f"{item.file}: {item.name} is gone: another process replaced it")
 
 
 def labelled_one(first: FinishedCase, second: FinishedCase) -> FinishedCase:
