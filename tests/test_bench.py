@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from conftest import Hodo
 
+import hodo_cli
 from hodo_cli.cases.config import parse
 from hodo_cli.commands import bench
 from hodo_cli.integration import solve
@@ -192,6 +193,13 @@ def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(
         "drift",
     } <= set(names)
     assert status == "accurate"
+    result = "runs/small.bench.h5"
+    assert str(hodo_cli.open(tmp_path / result)["bench"].status.values[1, 2, 0]) == "accurate"
+    for command in ("show", "classify", "claims", "plot", "compare", "merge"):
+        more = {"compare": [result], "merge": ["--out", "runs/new.h5"]}.get(command, [])
+        refused = hodo(command, result, *more)
+        assert refused.stderr == f"{result} holds no cases, but trials of methods\n"
+        assert refused.returncode == 2
     missing = hodo("bench", "small.yaml", "--case", "zzz")
     assert (missing.returncode, missing.stderr) == (2, "no case matches zzz (valid: a, b)\n")
 

@@ -48,8 +48,8 @@ from .sweep_block import axes_of, storable
 
 @dataclass(frozen=True)
 class Config:
-    """A case file, read: its text as it was, its cases and figures by name, in the file's order; and
-    the overrides that changed its cases."""
+    """A case file, read: its text as it was, its cases and figures by name, in the file's order;
+    and the overrides that changed its cases."""
 
     path: str
     text: str

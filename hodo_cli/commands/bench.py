@@ -45,7 +45,7 @@ from ..integration import (
 )
 from ..models import rigid_body
 from ..progress import Progress
-from ..storage import Group, Variable, create, replacing
+from ..storage import CONTENT, Group, Variable, create, replacing
 from ..text import grouped, magnitude, markdown, seconds, table
 from .resume import attributes_by
 
@@ -349,7 +349,7 @@ def benchmark(config: Config, globs: Sequence[str], out: Path, jobs: int, quiet:
 
     bench = try_cases([config.cases[name] for name in names], config.bench, jobs, quiet)
     name = Path(config.path).stem
-    attributes = attributes_by(f"bench {config.path}", config)
+    attributes = {**attributes_by(f"bench {config.path}", config), CONTENT: "trials of methods"}
     with replacing(out / f"{name}.bench.h5") as draft, create(draft, attributes) as output:
         output.write("bench", bench)
     save(draw_bench(bench, TRIAL_VERDICTS), out / "figures" / f"{name}.png")

@@ -25,7 +25,7 @@ from ..results.layout import CROSSING_COLUMNS
 from ..results.motion import check_whole
 from ..storage import Group, ResultFile, Variable, open_run, typed
 from ..text import magnitude, table
-from .resume import result_named, warn_of_changes
+from .resume import check_cases, result_named, warn_of_changes
 
 # How far values and attributes may be apart
 
@@ -312,8 +312,11 @@ def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[ComparisonRo
 def compare(a: ResultFile, b: ResultFile, tolerance: Tolerance) -> list[ComparisonRow]:
     """Every case and variable of the reference `b` in `a`, and the cases that `a` alone has.
 
-    Raises HodoError if the files share no case: they are then not results of the same experiment.
+    Raises HodoError as `check_cases` does, or if the files share no case: they are then not results
+    of the same experiment.
     """
+    check_cases(a)
+    check_cases(b)
     ours, theirs = dict.fromkeys(a.cases()), dict.fromkeys(b.cases())
     if not ours.keys() & theirs.keys():
         raise HodoError(f"{a.path} and {b.path} have no case in common")

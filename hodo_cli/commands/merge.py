@@ -13,7 +13,7 @@ from ..cases.config import composed_text, parse
 from ..schema.document import Mistakes
 from ..storage import FinishedCase, ResultFile, compose, finished_cases, open_run
 from .plot import with_sheet
-from .resume import attributes_by, has_all_of, result_named, stored_config
+from .resume import attributes_by, check_cases, has_all_of, result_named, stored_config
 
 
 def merge_results(paths: Iterable[Path], out: Path) -> None:
@@ -61,9 +61,11 @@ def labelled_one(first: FinishedCase, second: FinishedCase) -> FinishedCase:
 def merged_text(runs: Sequence[ResultFile], stored: Mapping[str, FinishedCase], out: Path) -> str:
     """The case file of a merged result, with the stored cases as they were run.
 
-    Raises HodoError if cases or statements of one name differ, or figures of one name in results of
-    one name.
+    Raises HodoError as `check_cases` does, if cases or statements of one name differ, or figures of
+    one name in results of one name.
     """
+    for run in runs:
+        check_cases(run)
     configs = [stored_config(run) for run in runs]
     documents = [read_mapping(run.text, Mistakes(str(run.path))) for run in runs]
     cases: dict[str, Case] = {

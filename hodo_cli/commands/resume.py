@@ -17,6 +17,7 @@ from ..cases.case import Case, dump
 from ..cases.config import Config, is_bare, load, parse, text_of
 from ..schema.document import YAML_SUFFIXES
 from ..storage import (
+    CONTENT,
     OWN_MODELS,
     FinishedCase,
     Group,
@@ -163,8 +164,9 @@ def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -
     config, its cases and, where it was the result that a `command` was asked about, the figures or
     claims which that goes through.
 
-    Raises HodoError as `check_origin` does.
+    Raises HodoError as `check_origin` and `check_cases` do.
     """
+    check_cases(run)
     warn_of_models(run)
     if config:
         check_origin(config, run)
@@ -187,6 +189,13 @@ def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -
         message = f"changed in {config.path} since: {', '.join(changed)}"
         options = "".join(f" --set {quote(text)}" for text in config.overrides)
         warnings.warn(f"{run.path}: {message}: hodo run {quoted}{options}", stacklevel=2)
+
+
+def check_cases(run: ResultFile) -> None:
+    """Raise HodoError if a file holds no cases."""
+    if not run.cases():
+        content = run.attributes.get(CONTENT)
+        raise HodoError(f"{run.path} holds no cases{f', but {content}' if content else ''}")
 
 
 def warn_of_models(run: ResultFile) -> None:

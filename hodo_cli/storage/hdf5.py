@@ -27,7 +27,7 @@ from .disk import (
     refusal_number,
 )
 from .group import Group, Report, Variable, checksum_of, is_number
-from .provenance import FORMAT_VERSION, typed
+from .provenance import CONTENT, FORMAT_VERSION, typed
 
 STRING = h5py.string_dtype()
 TEXT_IN_MEMORY = h5t.py_create(STRING)
@@ -97,8 +97,9 @@ class ResultFile:
 
     def cases(self) -> list[str]:
         """The names of the cases, in the order of the case file: the groups that do not begin with
-        `_`."""
-        return [name for name in self.groups if not name.startswith("_")]
+        `_`, unless the file says that it holds something else."""
+        is_other = CONTENT in self.attributes
+        return [name for name in self.groups if not (is_other or name.startswith("_"))]
 
     def __contains__(self, name: str) -> bool:
         return name in self.groups
@@ -274,8 +275,8 @@ def _dataset(group: h5py.Group, name: str) -> h5py.Dataset:
     creation, item = opened.get_create_plist(), h5py.Dataset(opened)
     if creation.get_external_count() or creation.get_layout() == h5d.VIRTUAL:
         raise ValueError(f"the values of {name} are in other files")
-    is_list_of_texts = h5py.check_string_dtype(item.dtype) and item.ndim == 1
-    if item.shape is None or not (is_number(item.dtype) or is_list_of_texts):
+    has_texts = h5py.check_string_dtype(item.dtype) and item.ndim
+    if item.shape is None or not (is_number(item.dtype) or has_texts):
         raise ValueError(f"{name} holds neither numbers nor a list of texts")
     return item
 

@@ -20,6 +20,9 @@ OWN_MODELS = "own_models"
 """The attribute of a result that names the models of the user's own, as `private.keep_model` has
 kept them."""
 
+CONTENT = "content"
+"""The attribute of a file without cases that says what it holds."""
+
 # A dataset that xarray has read from a file has numpy's numbers for attributes.
 TYPE_NAMES = {str: ("text", str), int: ("whole number", Integral), float: ("number", Real)}
 
