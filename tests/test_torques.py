@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Callable
 from functools import cache
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from conftest import call
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 import hodo_cli as hodo
 from hodo_cli import HodoError
@@ -698,6 +700,28 @@ def test_a_body_under_every_torque_has_an_attitude(
         np.testing.assert_allclose(turned.omega, plain.omega, atol=1e-13, err_msg=name)
         np.testing.assert_allclose(turned.omega, other.omega, atol=1e-9, err_msg=name)
         np.testing.assert_allclose(turned.attitude, other.attitude, atol=1e-9, err_msg=name)
+
+
+@pytest.mark.parametrize("inertia", list(permutations(BODY)))
+@pytest.mark.parametrize("start", [(0, 0, 0), (0, 0, 0.3), (0, -0.3, 0)])
+def test_drag_by_axes_begins_where_an_attitude_turns_the_torque(start: Any, inertia: Any) -> None:
+    """Which components a torque fixed in space drives, the attitude says: as of a body whose axes
+    coincide with those of space, and a torque that is turned instead."""
+    for angles in ((90, 0, 0), (90, 90, 0), (0, 90, 90), (30, 50, 0), (180, 0, 0)):
+        turn = Rotation.from_euler("ZXZ", angles, degrees=True)
+        in_body = np.round(turn.inv().apply([1, 0, 0]), 15)
+        common = {"inertia": list(inertia), "quadratic_axes": [1, 0.5, 0.7]}
+        ends = [
+            run(
+                dict(zip("pqr", start, strict=True)), 20, **common, error=False,
+                space_torque={"size": 0.1, "direction": direction}, attitude=attitude,
+            ).omega[-1]
+            for direction, attitude in (
+                ([1, 0, 0], {"euler": [f"{angle} deg" for angle in angles]}),
+                (in_body.tolist(), False),
+            )
+        ]  # fmt: skip
+        np.testing.assert_allclose(*ends, atol=1e-9, err_msg=str(angles))
 
 
 def test_drag_by_axes_acts_on_what_another_component_sets_in_motion() -> None:

@@ -312,9 +312,11 @@ class Torques(BodyUnderTorques):
             return omega
         y = Torques.starts(self, np.array(omega))  # not those of a form with an attitude
         if self.quadratic_axes is not None:
-            k = attributes(self.constants)
-            # Of the sum itself: with an attitude its form has further rows.
-            y = beside_corners(self.terms, k, self.state.index("s1"), y)
+            first = self.state.index("s1")
+            # An attitude turns what is fixed in space, and has rows of its own.
+            in_body = self.starts(np.array(omega))[: len(y)]
+            sides = beside_corners(self.terms, attributes(self.constants), in_body)
+            y[:3], y[first : first + 3] = sides
         return tuple(y.tolist())
 
     @property

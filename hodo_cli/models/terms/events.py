@@ -55,13 +55,13 @@ def turned_over(axis: int, first: int, t: Any, y: Sequence[Any], k: Any) -> Even
     return EventOutcome(float(t), None, state, t)
 
 
-def beside_corners(terms: Iterable[Term], k: Any, first: int, y: np.ndarray) -> np.ndarray:
-    """Starts (m, ...) for drag with a corner at omega_i = 0, where no sign of omega_i is known:
-    each such component stands on the side that it enters, with its sign in the state, from row
-    `first` on; one that stays 0 has the sign 0."""
+def beside_corners(terms: Iterable[Term], k: Any, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """omega and its signs, each (3, ...), at starts (m, ...) with drag that has a corner at
+    omega_i = 0: a component that is 0 stands on the side that it enters. One that stays 0 has the
+    sign 0."""
     # Several short steps: the first slopes are 0 where only other components drive this one, or
     # where a law of time begins with 0. What turns with the body goes ahead with it.
-    w, ahead, t = y[:3], y.copy(), np.zeros(y.shape[1:])
+    w, ahead, t = y[:3], y, np.zeros(y.shape[1:])
     moved = w
     for _ in range(STARTING_STEPS):
         rates = np.array(np.broadcast_arrays(*rates_under(terms, t, [*ahead], k)))
@@ -69,10 +69,8 @@ def beside_corners(terms: Iterable[Term], k: Any, first: int, y: np.ndarray) -> 
         step = PROBE_STEP / np.where(fastest > 0, fastest, 1)
         ahead, t = ahead + step * rates, t + step
         moved = np.where(moved == 0, ahead[:3], moved)
-    y[first : first + 3] = np.sign(moved)
     # In the direction in which it goes: of another one D may have the other sign.
-    y[:3] = np.where(w == 0, BEHIND_ZERO * moved, w)
-    return y
+    return np.where(w == 0, BEHIND_ZERO * moved, w), np.sign(moved)
 
 
 def stop_details(G: np.ndarray, label: Any) -> dict[str, float]:
