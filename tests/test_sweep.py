@@ -37,6 +37,7 @@ from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.writer import Writer, compose
 from hodo_cli.sweeps import chunk, columns, members, summary, sweep
+from hodo_cli.sweeps.ensemble.motions import Rejection
 from hodo_cli.sweeps.members import side_by_side
 from hodo_cli.sweeps.view import SweepView
 
@@ -313,6 +314,29 @@ def test_members_of_averaged_forms_are_single_cases_and_chunks_change_no_bit(
         assert np.array_equal(column, again, equal_nan=True), name
         if name != "steps":
             assert column == pytest.approx(single[name], rel=1e-11, nan_ok=True), name
+
+
+@pytest.mark.heyoka
+def test_samples_beyond_a_passage_that_the_case_itself_has_not_are_those_of_single_cases(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With equal coefficients nothing passes the separatrix, with the others of the sweep most
+    members do."""
+    monkeypatch.setattr(chunk, "WORTH_COMPILING", 0)
+    case = one(
+        "model: linear-diag, form: averaged, inertia: [1, 0.8, 0.6], damping: 0.04, error: off, "
+        "initial: {p: 0.8, q: 0.3, r: 0.9}, time: {end: 60, samples: 61}, store: [trajectory], "
+        "sweep: {damping.0: {linspace: [0.04, 0.12, 9]}}"
+    )
+    group = chunk.compute(chunk.Chunk(case, 0, 9))
+    values = {name: variable.data for name, variable in group.variables.items()}
+    assert (values["status"] == OK).all()
+    assert group.attributes["rejections"][Rejection.SAMPLES.code] == 8
+    assert np.isfinite(values["crossing_time"]).sum() > 4
+    for number in range(9):
+        motion = integrate(members.member(case, number, samples=61))
+        for name, known in motion.variables.items():
+            assert values[name][number] == pytest.approx(known, rel=1e-11), name
 
 
 def test_a_start_of_an_averaged_form_on_the_separatrix_is_marked() -> None:

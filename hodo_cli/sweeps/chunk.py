@@ -119,8 +119,6 @@ def reason_alone(case: Case) -> str:
     if other := other_method(case):
         return other
     passes = any(event.interrupts for event in case.system.run_events)
-    if passes and "trajectory" in case.store:
-        return "samples of motions that go on through an event"
     fewest = 0 if case.system.degree else WORTH_COMPILING * len(flatten(case.system.constants))
     if passes:
         fewest //= TURNING_FACTOR
@@ -188,10 +186,14 @@ def integrate_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nda
         return rejection
     times = sample_times(case) if "trajectory" in case.store else np.empty(0)
     for group in prepare(case, chunk.first + computed):
+        positions = computed[group.members]
+        # By the events of these members: which there are depends on their numbers.
+        if times.size and group.passing:
+            rejection[positions] = Rejection.SAMPLES.code
+            continue
         e = replace(group, times=times)
         outcome = advance(e)
         measure_crossings(e, outcome)
-        positions = computed[e.members]
         accepted = positions[outcome.accepted]
         values["status"][accepted] = Status.OK.code
         if accepted.size:

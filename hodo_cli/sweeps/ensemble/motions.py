@@ -58,6 +58,7 @@ class Rejection(Coded):
     UNCERTAIN = "the sign of an event's function is uncertain"
     PASSAGE = "a step beyond the passage of an event"
     FORMULA = "formulas that change within a step"
+    SAMPLES = "samples of motions that go on through an event"
 
 
 class Passages(NamedTuple):
