@@ -1719,3 +1719,19 @@ cases:
     with pytest.raises(HodoError, match=r"no such number; did you mean 'damping\.1\.rate'\?$"):
         parse(text, "a.yaml")
     assert parse(text.replace("damping.rate", "damping.1.rate"), "a.yaml").cases["a"].sweep
+
+
+@pytest.mark.heyoka
+def test_the_end_of_a_member_is_that_of_its_own_time() -> None:
+    """An upright top that an event ends, under a weight that changes: H contains mu at that time,
+    not at the end of the span, where mu is larger."""
+    weight = {"law": "exponential", "value": 0.5, "rate": -0.1}
+    top = {"model": "Lagrange-averaged", "inertia": {"A": 1.5, "C": 1}, "mu": weight, "a": 0.125,
+           "b": 0.3, "initial": {"theta": 0, "r": 2}, "time": {"end": 2, "samples": 2}}  # fmt: skip
+    alone = hodo_cli.run(top)
+    starts = {"initial.theta": {"linspace": [0, 3, 3001]}}
+    member = hodo_cli.sweep({**top, "sweep": starts}).isel({"initial.theta": 0})
+    assert float(alone.event_time[0]) < 0.5
+    assert member.event_time == pytest.approx(alone.event_time.values[0], rel=1e-13)
+    for name in ("Gz", "H", "r", "u3"):
+        assert member[name] == pytest.approx(alone[name].values[-1], rel=1e-8), name

@@ -183,7 +183,10 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
     is_accepted, passed = outcome.accepted, outcome.accepted_passages
     accepted, row = np.flatnonzero(is_accepted), np.cumsum(is_accepted) - 1
     end, exponent = outcome.state[:, accepted, None], outcome.exponent[accepted, None]
-    ends = output_of(e, accepted, np.array([e.span[1]]), end, exponent)
+    member, until = row[passed.motion], np.full(len(accepted), float(e.span[1]))
+    if e.event and e.event.terminal:
+        until[member] = passed.time
+    ends = output_of(e, accepted, until[:, None], end, exponent)
     final = {name: values[:, 0] for name, values in ends.items()}
     axis = final.get("enclosed_axis")
     if e.times.size:
@@ -191,7 +194,6 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
         final |= output_of(e, accepted, e.times, samples, exponent)
     events = {int(row[i]): met for i, met in outcome.events.items() if is_accepted[i]}
     final |= event_columns(events, len(accepted)) | {"steps": outcome.steps[accepted]}
-    member = row[passed.motion]
     if axis is None and e.model.no_axis_reason:
         final["event_time"][member] = passed.time  # of several, the last one counts
         return final
@@ -214,12 +216,12 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
 def output_of(
     e: Ensemble, motions: np.ndarray, times: np.ndarray, states: np.ndarray, exponent: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """The variables (n, s, ...) of some motions (n,) at times (s,) from their states (m, n, s) in
-    units of 2**exponent (n, s)."""
+    """The variables (n, s, ...) of some motions (n,) at times (s,) or (n, s) from their states (m,
+    n, s) in units of 2**exponent (n, s)."""
     y = rescaled(e.model, np.moveaxis(states, 0, -1), exponent)
-    n, s = len(motions), len(times)
-    k = e.named(np.repeat(motions, s))
-    flat = e.model.output(np.tile(times, n), y.reshape(n * s, y.shape[-1]), k)
+    n, s = exponent.shape
+    k, times = e.named(np.repeat(motions, s)), np.broadcast_to(times, (n, s)).ravel()
+    flat = e.model.output(times, y.reshape(n * s, y.shape[-1]), k)
     return {name: values.reshape(n, s, *values.shape[1:]) for name, values in flat.items()}
 
 
