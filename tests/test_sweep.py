@@ -1735,3 +1735,12 @@ def test_the_end_of_a_member_is_that_of_its_own_time() -> None:
     assert member.event_time == pytest.approx(alone.event_time.values[0], rel=1e-13)
     for name in ("Gz", "H", "r", "u3"):
         assert member[name] == pytest.approx(alone[name].values[-1], rel=1e-8), name
+
+
+def test_a_member_without_a_last_sample_says_why_it_has_no_error() -> None:
+    top = {"model": "Lagrange-averaged", "inertia": {"A": 1.5, "C": 1}, "mu": 0.5, "a": 0.1,
+           "b": 0.3, "m": [0.1, -0.0777], "initial": {"theta": 0, "r": 2},
+           "store": ["trajectory"], "time": {"end": 2, "samples": 5}}  # fmt: skip
+    swept = hodo_cli.sweep({**top, "sweep": {"initial.theta": {"values": [0, 1]}}})
+    reason = "an event ends them before their last sample"
+    assert swept.attrs["warnings"] == f"1 of 2 members have no measured error: {reason}"

@@ -205,7 +205,8 @@ def sampled_errors(
     """Quantiles of the measured errors; the summary counts members that have none. `report` is
     called with the finished share of them."""
     asked = summary.ends
-    ends = [end for end in asked if largest(end) > LEAST_SIZE]
+    sizes = [largest(end) for end in asked]
+    ends = [end for end, size in zip(asked, sizes, strict=True) if size > LEAST_SIZE]
     tasks = [ends[i : i + MEMBERS_PER_TASK] for i in range(0, len(ends), MEMBERS_PER_TASK)]
     errors: list[MemberError] = []
     for i, (task, outcome) in enumerate(pool.map(partial(probe, summary.case), tasks), 1):
@@ -214,7 +215,9 @@ def sampled_errors(
             outcome = [MemberError(problem=str(outcome))] * len(task)
         errors += outcome
     summary.unmeasured = Counter(error.problem for error in errors if error.problem)
-    summary.unmeasured[f"they end below {LEAST_SIZE:g}"] = len(asked) - len(ends)
+    small, unknown = sum(x <= LEAST_SIZE for x in sizes), sum(map(math.isnan, sizes))
+    summary.unmeasured[f"they end below {LEAST_SIZE:g}"] = small
+    summary.unmeasured["an event ends them before their last sample"] = unknown
     states = [error.final for error in errors] + earlier_errors(summary, "error_quantiles")
     times = [error.crossing_time for error in errors]
     times += earlier_errors(summary, "crossing_error_quantiles")
