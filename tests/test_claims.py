@@ -249,7 +249,7 @@ CHECKS = [
     ("ball", "{kind: average, variable: start_axis.x1, most: 1}", "reproduced", None),
     ("ball", "{kind: average, variable: start_axis.x1, least: 1}", "contradicted", None),
     ("ball", "{kind: average, variable: start_axis.x1, at: [{}, {damping.0: 0}], sense: equal, "
-     "along: [damping.0], within: 1}", "reproduced", None),
+     "within: 1}", "reproduced", None),
     ("ball", "{kind: average, variable: start_axis.x1, at: [{damping.0: 0}], along: [damping.0], "
      "most: 1}", "reproduced", None),
     ("passing, stopping", "{kind: value, values: {end_of_spin: [40, 40]}, within: 1.0e-9}",
@@ -668,6 +668,13 @@ def test_a_wrong_claim_is_named_with_its_place(claim: str, words: str) -> None:
     assert message.startswith(f"claims.0.{words}")
 
 
+def test_statements_that_are_no_list_are_told_how_a_list_is_written() -> None:
+    for section, what in (("claims", "statements"), ("errata", "misprints")):
+        words = rf"{section}: expected a list of {what} \(`- id: ...`\), got a mapping"
+        with pytest.raises(HodoError, match=words):
+            parse(f"{MOTIONS}{section}: {{turns: {{where: a}}}}\n", "c.yaml")
+
+
 @pytest.mark.parametrize("command", ["run", "claims"])
 def test_a_wrong_claim_is_one_line_and_nothing_is_written(stored: Path, command: str) -> None:
     wrong = f"cases: {{case: slow, dampin: 1}}, {FALLS}, expect: reproduced"
@@ -717,8 +724,12 @@ IDLE = {
     ],
     "average": [
         (", variable: error, at: [{damping.0: 0}]", "needs least or most or sense"),
-        (", variable: error, sense: falls", "compares two averages or more"),
-        (", variable: error, at: [{damping.0: 0}], sense: falls", "compares two averages or more"),
+        (", variable: error, sense: falls", "compares the averages listed in `at`"),
+        (", variable: error, at: [{damping.0: 0}], sense: falls", "list at least two"),
+        (
+            ", variable: error, at: [{}, {damping.0: 0}], along: damping.0, sense: equal",
+            "a range is none",
+        ),
     ],
     "paper": [
         ("", "missing 'name'"),
@@ -884,6 +895,10 @@ UNDECIDED = [
      "reproduced"),
     # G stands still in the body, which turns in space.
     ("posed", "{kind: conserved, of: [p]}", "reproduced"),
+    *(("posed", f"{{kind: bound, of: {angle}, least: 0}}", "not tested")
+      for angle in ("psi", "phi")),
+    ("{case: posed, attitude: {euler: [0, 1, 0]}}", "{kind: bound, of: phi, least: 0}",
+     "not tested"),
     ("posed", "{kind: conserved, of: [x1_space.x], within: 0.5}", "not tested"),
     ("mean", "{kind: monotone, of: [T], sense: falls}", "not tested"),
     ("{case: mean, time: {samples: 101}}", "{kind: monotone, of: [T], sense: falls}", "reproduced"),
@@ -913,6 +928,10 @@ def test_samples_and_errors_that_do_not_decide_leave_a_statement_untested(tmp_pa
     assert [row["verdict"] for row in rows] == [verdict for *_, verdict in UNDECIDED]
     said = "\n".join(row["evidence"] for row in rows)
     assert "time: {samples: 361} draws it" in said
+    assert "psi of case posed is no number at 0: theta is 0 or pi there" in said
+    assert re.search(
+        r"phi of case posed is no number at 6\.28\d*: posed turns by .* time: {samples: 721}", said
+    )
     assert "is known to 0.00012 only" in said
     assert "case near: it is undecided whether the motion crosses the separatrix" in said
     assert (

@@ -161,7 +161,8 @@ CHECK_KINDS: dict[str, dict[str, Key]] = {
         ),
         "along": Key(
             NAMES,
-            "axes to compare: by how much the average over the others varies along each",
+            "for each axis named: the range (largest minus smallest) of the average over all other "
+            "axes",
             default=(),
         ),
         "sense": Key(
@@ -447,7 +448,13 @@ def _check_average(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
         (
             check["sense"] and len(check["at"] + check["along"]) < 2,
             ("sense",),
-            "compares two averages or more: give more in at or along",
+            "compares the averages listed in `at`, or the ranges in `along`: list at least two",
+        ),
+        (
+            check["sense"] and check["at"] and check["along"],
+            ("along",),
+            "`sense` compares the averages listed in `at`, and a range is none: make it a "
+            "statement of its own",
         ),
     )
 

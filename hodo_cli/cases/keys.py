@@ -217,12 +217,12 @@ SECTIONS = {
     "style": Key(Table(figure_block.LOOK), "look of all figures", default=None),
     "bench": Key(BENCH, "what `hodo bench` tries on every case", default=None),
     "claims": Key(
-        ListOf(Table(claim_block.CLAIM), least=0),
+        ListOf(Table(claim_block.CLAIM), least=0, title="a list of statements (`- id: ...`)"),
         "statements that `hodo claims` checks",
         default=(),
     ),
     "errata": Key(
-        ListOf(Table(claim_block.ERRATUM_KEYS), least=0),
+        ListOf(Table(claim_block.ERRATUM_KEYS), least=0, title="a list of misprints (`- id: ...`)"),
         "misprints of the source, each with a check of it and of its correction",
         default=(),
     ),
