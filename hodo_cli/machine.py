@@ -1,4 +1,5 @@
-"""This machine: its memory, its processor, and the versions of the libraries that are installed."""
+"""This machine: its memory, its processor, its paths, and the versions of the libraries that are
+installed."""
 
 import errno
 import os
@@ -18,6 +19,15 @@ RESOURCES = (
     *(errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM),
 )
 """Errors of the machine, which no file and no case is to blame for."""
+
+
+def relative_path(path: str | Path, folder: str | Path) -> str:
+    """A path as it is seen from a folder, with slashes on every system; the whole path where none
+    leads there, as from another drive of Windows."""
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:
+        return Path(os.path.abspath(path)).as_posix()
 
 
 @cache

@@ -1008,6 +1008,44 @@ def test_a_bare_name_is_a_config_unless_it_is_a_figure(hodo: Hodo, tmp_path: Pat
         assert "unknown figure 'broken'" in hodo("plot", first, "broken").stderr
 
 
+def test_a_sheet_and_a_config_are_found_from_any_folder(
+    hodo: Hodo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Through a link to the folder of results, and with paths that are other ones from there."""
+    (tmp_path / "work").mkdir()
+    (tmp_path / "data" / "deep" / "runs").mkdir(parents=True)
+    (tmp_path / "work" / "runs").symlink_to("../data/deep/runs")
+    text = KEPT.format(caption="a", r=1, end=1).replace("caption: a", "style: {sheet: a.mplstyle}")
+    (tmp_path / "work" / "c.yaml").write_text(text)
+    (tmp_path / "work" / "a.mplstyle").write_text("axes.labelcolor: red\n")
+    assert call(tmp_path / "work", "run", "c.yaml", "--quiet").returncode == 0
+    plot = "plot", "runs/c.h5", "--out", "../figs"
+    assert call(tmp_path / "work", *plot).returncode == 0
+    monkeypatch.chdir(tmp_path)
+    page = Path("figs/index.html").stat().st_ino
+    again = hodo("plot", "work/runs/c.h5", "--out", "figs")
+    assert "3 of 3 figures are kept" in again.stderr
+    assert Path("figs/index.html").stat().st_ino == page
+    (tmp_path / "work" / "c.yaml").write_text(text.replace("q: 1", "q: 2"))
+    for folder in ("work", "data"):
+        shown = call(tmp_path / folder, "show", "../work/runs/c.h5")
+        assert "a, b" in shown.stderr
+        assert "c.yaml" in shown.stderr
+    merged = call(tmp_path / "work", "merge", "runs/c.h5", "--out", "runs/d.h5")
+    assert merged.returncode == 0, merged.stderr
+    assert call(tmp_path / "work", "plot", "runs/d.h5", "of-a").returncode == 0
+    # Where no path leads there, as from one drive of Windows to another, the whole one is taken.
+    monkeypatch.setattr(os.path, "relpath", fail_as_windows)
+    done = hodo("plot", "work/runs/c.h5", "--out", "figs", "--force")
+    assert done.returncode == 0, done.stderr
+    assert f"{tmp_path}/work/runs/c.h5".lstrip("/") in Path("figs/index.html").read_text()
+
+
+def fail_as_windows(*paths: object) -> str:
+    """As `relpath` across drives."""
+    raise ValueError(f"path is on mount 'C:', start on mount 'D:': {paths}")
+
+
 def test_a_result_is_drawn_once_and_two_of_one_name_are_refused(hodo: Hodo, tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text(KEPT.format(caption="a", r=1, end=1))
     for folder in ("runs", "more"):

@@ -107,11 +107,12 @@ def added_figures(
     Raises HodoError if that does not tell them apart.
     """
     stem = re.sub(r"[^A-Za-z0-9._-]", "_", run.path.stem)
+    folder = Path(os.path.realpath(out.parent))
     for suffix in ("", f"-{stem}"):
         figures = {}
         for name, entry in entries.items():
             # A result without a config of its own counts from the folder that `runs` is in.
-            style = with_sheet(checked[name]["style"], run, out.parent.parent)
+            style = with_sheet(checked[name]["style"], run, folder.parent)
             scale = [f"{other}{suffix}" for other in checked[name].get("scale_with", ())]
             changed = {"style": style, "scale_with": scale}
             figures[f"{name}{suffix}"] = {**entry, **{k: v for k, v in changed.items() if v}}

@@ -20,14 +20,14 @@ from .. import HodoError
 from ..batch.pool import pool
 from ..cases.config import Config, load
 from ..cases.figure_block import FILM_FORMATS, PAGE_DATA, DrawnFigure
-from ..machine import library_version
+from ..machine import library_version, relative_path
 from ..progress import Progress
 from ..schema.document import YAML_SUFFIXES
 from ..storage import ResultFile, open_batch, replacing
 from ..text import few, grouped
 from .resume import (
-    CONFIG_PATH,
     content_digest,
+    place_of_config,
     result_named,
     results_named,
     stored_config,
@@ -76,8 +76,8 @@ def with_sheet(style: dict[str, Any], run: ResultFile, base: Path) -> dict[str, 
     sheet = str(style.get("sheet", ""))
     if not sheet.endswith(".mplstyle"):
         return style
-    folder = (run.path.parent / str(run.attributes.get(CONFIG_PATH, ""))).parent
-    return {**style, "sheet": os.path.relpath(folder / sheet, base)}
+    place = os.path.join(os.path.dirname(place_of_config(run)), sheet)
+    return {**style, "sheet": relative_path(place, os.path.realpath(base))}
 
 
 def results_and_figures(names: Sequence[str]) -> tuple[list[Path], list[str]]:
@@ -230,6 +230,9 @@ class FigureFolder:
     ) -> None:  # fmt: skip
         """Raises HodoError if there is no figure of one of the names."""
         self.path, self.result, self.config = out / run.path.stem, run.path, config
+        # Paths in it are seen from the working folder, which is nothing that a figure shows.
+        figures = {name: with_content(spec) for name, spec in config.figures.items()}
+        self.known_config = replace(config, path="", figures=figures)
         self.names, self.formats = [*dict.fromkeys(names or config.figures)], formats
         self.checksums = {
             name: (name not in run.damaged and run.checksum(name)) or UNKNOWN_CONTENT
@@ -281,13 +284,18 @@ class FigureFolder:
     def _digest(self, name: str, cases: Iterable[str], file: str) -> str:
         """The digest of a figure's file and of all that it depends on: the figure's entry in the
         config, the cases that it has asked for, and the code that draws."""
-        spec = self.config.figure(name)
-        others = [self.config.figures.get(other) for other in spec.get("scale_with", ())]
-        sheet = file_digest(Path(spec["style"].get("sheet", "no sheet")))
-        known = spec, others, library_version("matplotlib"), sheet, file_digest(self.path / file)
+        spec = self.known_config.figure(name)
+        others = [self.known_config.figures.get(other) for other in spec.get("scale_with", ())]
+        known = spec, others, library_version("matplotlib"), file_digest(self.path / file)
         return content_digest(
             (self.checksums.get(case, ABSENT_CASE) for case in cases), repr(known)
         )
+
+
+def with_content(spec: dict[str, Any]) -> dict[str, Any]:
+    """The entry of a figure with the digest of its style sheet in place of the path to it."""
+    sheet = str(spec["style"].get("sheet", ""))
+    return {**spec, "style": {**spec["style"], "sheet": file_digest(Path(sheet)) or sheet}}
 
 
 def renewed_page(out: Path, folders: Sequence[FigureFolder], force: bool) -> Sequence[str]:
@@ -305,7 +313,7 @@ def renewed_page(out: Path, folders: Sequence[FigureFolder], force: bool) -> Seq
 def page_digest(out: Path, folders: Sequence[FigureFolder]) -> str:
     """The digest of the page and of all that it depends on: the results and figures that it shows,
     and the sections of other results."""
-    shown = [(folder.config, os.path.relpath(folder.result, out)) for folder in folders]
+    shown = [(folder.known_config, relative_path(folder.result, out)) for folder in folders]
     figures = [
         (drawn.name, [file.name for file in drawn.files], drawn.problem)
         for folder in folders

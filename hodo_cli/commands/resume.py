@@ -15,6 +15,7 @@ from .. import HodoError, models
 from ..batch.digests import PACKAGE, code_digest, digest, library_digest
 from ..cases.case import Case, dump
 from ..cases.config import Config, is_bare, load, parse, text_of
+from ..machine import relative_path
 from ..schema.document import YAML_SUFFIXES
 from ..storage import (
     CONTENT,
@@ -131,7 +132,13 @@ def _overrides_of(run: ResultFile) -> list[str]:
 def path_from(config: Config, path: Path) -> str:
     """Where a config lies, seen from the folder of its result: a project that is moved as a whole
     keeps this path."""
-    return os.path.relpath(os.path.realpath(config.path), os.path.realpath(path.parent))
+    return relative_path(os.path.realpath(config.path), os.path.realpath(path.parent))
+
+
+def place_of_config(run: ResultFile) -> str:
+    """Where the config of a result lies, by what the result says of it."""
+    # Before anything is shortened: from a folder that is a link, `..` leads to where that lies.
+    return os.path.realpath(run.path.parent / str(run.attributes.get(CONFIG_PATH, "")))
 
 
 def attributes_by(command: str, config: Config) -> dict[str, str | int]:
@@ -153,7 +160,7 @@ def check_origin(config: Config, run: ResultFile, remedy: str = "") -> None:
     """
     origin = str(run.attributes.get(CONFIG_PATH, ""))
     if origin and origin != path_from(config, run.path) and run.text != config.text:
-        made_from = os.path.relpath(os.path.join(os.path.realpath(run.path.parent), origin))
+        made_from = relative_path(place_of_config(run), os.curdir)
         raise HodoError(
             f"{run.path} holds the results of {made_from}, not of {config.path}{remedy}"
         )
@@ -215,11 +222,11 @@ def warn_of_models(run: ResultFile) -> None:
 
 def _config_of(run: ResultFile) -> Config | None:
     """The config of a result where it lies, if it has changed and can be read."""
-    path = run.path.parent / str(run.attributes.get(CONFIG_PATH, ""))
+    path = place_of_config(run)
     # A result never needs its config, and a stranger's may name any file as such.
     with suppress(OSError, HodoError):
-        if path.is_file() and text_of(path, str(path)) != run.text:
-            return load(os.path.relpath(path), _overrides_of(run))
+        if os.path.isfile(path) and text_of(Path(path), path) != run.text:
+            return load(relative_path(path, os.curdir), _overrides_of(run))
     return None
 
 

@@ -1,6 +1,5 @@
 """The section of one result as plain data: texts, numbers and names of files, and no HTML."""
 
-import os
 import struct
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,6 +14,7 @@ from ..cases.claim_block import cases_of
 from ..cases.config import Config
 from ..cases.figure_block import DrawnFigure
 from ..cases.sweep_block import axes_of
+from ..machine import relative_path
 from ..models.rigid_body import LABELS
 from ..results.dataset import StoredCases, motion_from
 from ..results.motion import Motion
@@ -44,7 +44,7 @@ def section_of(result: PageResult, folder: Path) -> Section:
         "name": cases.path.stem,
         "title": config.title or cases.path.name,
         "references": config.references,
-        "file": os.path.relpath(cases.path, folder),
+        "file": relative_path(cases.path, folder),
         # The misprints that a case file lists are those of a paper.
         "paper": bool(config.errata),
         "figures": [
@@ -80,7 +80,7 @@ def figure_entry(
         "caption": " ".join(filter(None, [spec["caption"], *remarks])),
         "about": described_by_kind(spec, shown),
         "problem": figure.problem,
-        "files": [os.path.relpath(file, folder) for file in figure.files],
+        "files": [relative_path(file, folder) for file in figure.files],
         "size": picture_size(pictures[0]) if pictures else (),
         "assumed": [*dict.fromkeys(assumed)],
         "cases": [*spec.get("cases", ())],
