@@ -557,6 +557,28 @@ def test_members_that_are_no_body_are_marked() -> None:
     assert np.isnan(values["omega"][[0, 2]]).all()
 
 
+@pytest.mark.parametrize("alone", ["", "method: RK45, "])
+@pytest.mark.parametrize(
+    ("torque", "swept"),
+    [
+        ("brake: [0.05, 0.01]", "brake.1: {values: [0.01, -0.04]}"),
+        ("damping: {law: power, value: 0.01, rate: 0.1, exponent: -2}",
+         "damping.rate: {values: [0.1, 0.5]}"),
+        ("expression: [1e-3/(q*q + (p - 0.1)**2), 0, 0]", "initial.q: {values: [0.5, 0]}"),
+    ],
+)  # fmt: skip
+def test_members_whose_single_cases_are_refused_for_their_span_are_marked(
+    torque: str, swept: str, alone: str
+) -> None:
+    """By a brake that would drive, a power of 0, and a formula without a value at the start."""
+    case = one(
+        f"model: torques, {torque}, inertia: [1, 0.8, 0.6], initial: {{p: 0.1, q: 0.5, r: 0.7}}, "
+        f"time: {{start: -2, end: 2}}, error: off, {alone}sweep: {{{swept}}}"
+    )
+    assert computed(case)["status"].tolist() == [OK, INVALID]
+    assert members.warnings_of_ends(case) == []
+
+
 def test_the_limits_of_a_case_are_those_of_each_member() -> None:
     case = one(
         f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, max_steps: 20, sweep: "

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..arithmetic import evaluate, log
+from ..arithmetic import evaluate, isfinite, log
 from ..schema.expression import Expression, parse_expression
 from ..schema.kinds import Either, Key, ListOf, Mistake, Number, Table, vector
 from .averaging.any_torque import QuadratureTurns, averaged_form
@@ -477,7 +477,7 @@ def is_finite_at(text: str, values: Sequence[Any]) -> bool:
     """Whether an expression has a value where its variables have these."""
     try:
         named = dict(zip(VARIABLES, values, strict=True))
-        return math.isfinite(evaluate(parse_expression(text, VARIABLES), named))
+        return isfinite(evaluate(parse_expression(text, VARIABLES), named))
     except (ValueError, ArithmeticError):
         return False
 

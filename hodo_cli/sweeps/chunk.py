@@ -38,7 +38,7 @@ from .columns import (
 )
 from .ensemble.advance import advance, measure_crossings
 from .ensemble.motions import Rejection
-from .members import member, other_method, prepare
+from .members import member, other_method, prepare, system_of_member
 
 LARGEST_CHUNK, SMALLEST_CHUNK = 16384, 256
 """Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
@@ -214,10 +214,10 @@ def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np
     """The status of one member that is integrated as a single case, its method, and its columns
     (1,): none where it comes to nothing."""
     samples = None if "trajectory" in case.store else 2
-    model, single = type(case.system), member(case, number, samples)
-    if any(model.check(single.data)):
+    single = member(case, number, samples)
+    if not system_of_member(case, single.data):
         return Status.INVALID, "", {}
-    if not model.no_axis_reason:
+    if not case.system.no_axis_reason:
         # Its crossings need the error of the motion, also where none is asked for if an ensemble
         # has not accepted it; `member` leaves it out for all others.
         single = replace(single, error=case.error if reason_alone(case) else True)

@@ -57,8 +57,15 @@ def described(case: Case, paths: Sequence[KeyPath], values: Sequence[Any]) -> De
     data = case.data
     for path, new in zip(paths, values, strict=True):
         data = put(data, path, new)
-    model = type(case.system)
-    return data, None if any(model.check(data)) else model(**data)
+    return data, system_of_member(case, data)
+
+
+def system_of_member(case: Case, data: Mapping[str, Any]) -> Model | None:
+    """The equations of a member with these data; None where they describe no body, no start, or
+    nothing that lasts over the span."""
+    model, span = type(case.system), (case.time.start, case.time.end)
+    is_refused = any(model.check(data)) or any(model.check_span(data, *span))
+    return None if is_refused else model(**data)
 
 
 def combinations(
@@ -207,8 +214,8 @@ def warnings_of_ends(case: Case) -> list[str]:
         (warning, end)
         for number, end in ({0: "first", total - 1: "last"} if total > 1 else {0: "first"}).items()
         for single in [member(case, number)]
-        if not any(type(case.system).check(single.data))
-        for warning in single.system.warnings
+        if (system := system_of_member(case, single.data))
+        for warning in system.warnings
     )
     whose = f"of {total} members (only the first and the last are checked)"
     return [f"{' and '.join(by)} {whose}: {warning}" for warning, by in given.items()]

@@ -166,7 +166,7 @@ def value_at(coefficient: Any, t: float) -> Any:
     return coefficient_at(SimpleNamespace(**law_constants("c", coefficient)), "c", t)
 
 
-def least_value(coefficient: Any, start: float, end: float) -> float:
+def least_value(coefficient: Any, start: float, end: float) -> Any:
     """The smallest value of a law between two times; of the laws other than polynomials all are
     monotonic."""
     kind, values, _ = law(coefficient)
@@ -174,7 +174,7 @@ def least_value(coefficient: Any, start: float, end: float) -> float:
     if kind == "polynomial" and len(values) > 2:
         turns = np.roots([i * values[i] for i in range(len(values) - 1, 0, -1)]).real.tolist()
         times += [t for t in turns if start < t < end]
-    return min(float(value_at(coefficient, t)) for t in times)
+    return min(value_at(coefficient, t) for t in times)
 
 
 def times_of_all_signs(first: Any, second: Any, start: float, end: float) -> list[float]:
