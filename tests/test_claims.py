@@ -264,6 +264,9 @@ CHECKS = [
      "reproduced", 8),
     ("{case: reversed, time: {values: [9, 16]}}",
      "{kind: value, values: {end_of_spin: [8]}, within: 1.0e-9}", "not tested", None),
+    # A brake brings G to 0 and r to 0.5.
+    ("{case: reversed, torque: 0, brake: 0.5, rotor: [0, 0, -0.5]}",
+     "{kind: bound, of: end_of_spin, least: 9}", "reproduced", math.inf),
     ("fading", "{kind: bound, of: end_of_spin, least: 9}", "reproduced", math.inf),
     ("spinning", "{kind: bound, of: end_of_spin, least: 10}", "reproduced", math.inf),
     ("spinning", "{kind: bound, of: end_of_spin, least: 60}", "not tested", None),

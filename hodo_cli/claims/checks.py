@@ -58,7 +58,7 @@ def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
     for m in motions:
         axes = {moment: enclosed_at(m, moment) for moment in wanted}
         labels = dict.fromkeys(rigid_body.LABELS[label] for label in m.labels_at_ends)
-        words.append(" to ".join(labels) + (", then at rest" if math.isfinite(m.stop) else ""))
+        words.append(" to ".join(labels) + (", until G is 0" if math.isfinite(m.stop) else ""))
         turns = [turns_at(m, moment) for moment in wanted] if check["turns"] else []
         if turns:
             words[-1] += f" ({listed(dict.fromkeys(turns), 3)} turns)"

@@ -377,7 +377,9 @@ def end_of_spin(m: Motion) -> float:
         return first_time(by_event)
     check_start(m)
     r = m.omega[:, 2]
-    return min(first_time(zero_times(m.time, r)), m.stop if r[0] else math.inf)
+    # Behind the stop of a body with a rotor G is 0, and not r.
+    by_brake = m.stop if r[0] and not r[-1] else math.inf
+    return min(first_time(zero_times(m.time, r)), by_brake)
 
 
 NUMBERS: dict[str, Callable[[Motion], float]] = {
