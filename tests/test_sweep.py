@@ -579,6 +579,25 @@ def test_members_whose_single_cases_are_refused_for_their_span_are_marked(
     assert members.warnings_of_ends(case) == []
 
 
+@pytest.mark.heyoka
+@pytest.mark.parametrize("least", [0, 250], ids=["side by side", "alone"])
+@pytest.mark.parametrize("middle", [8, 6])
+def test_members_with_other_equations_than_their_case_are_marked(
+    middle: float, least: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The averaged body with a cavity has one class for A1 = A2, where the spin is a variable, and
+    one for others."""
+    monkeypatch.setattr(chunk, "WORTH_COMPILING", least)
+    case = one(
+        f"model: cavity+constant, form: averaged, inertia: [8, {middle}, 4], kappa: 0.6, "
+        f"torque: [0, 0, 0.1], epsilon: 0.1, time: {{end: 10}}, error: off, "
+        f"initial: {{{'x: 2, y: 3' if middle == 8 else 'p: 0.1, q: 0.1, r: 1'}}}, "
+        f"sweep: {{inertia.1: {{values: [8, 7, 6]}}}}"
+    )
+    status = [OK if (value == 8) == (middle == 8) else INVALID for value in (8, 7, 6)]
+    assert computed(case)["status"].tolist() == status
+
+
 def test_the_limits_of_a_case_are_those_of_each_member() -> None:
     case = one(
         f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, max_steps: 20, sweep: "

@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from .. import models
 from ..arithmetic import BranchDivergence, Column, member_values
 from ..cases.case import Case
 from ..cases.sweep_block import axes_of, put
 from ..engines import have_taylor
 from ..engines.protocol import EPS
 from ..integration import Crossing, Trajectory, sample_times
+from ..models.attitude import system_of
 from ..models.base import UNIT, Model, contains_time, flatten, structure
 from ..models.rigid_body import BodyFrame, times
 from ..schema.kinds import KeyPath
@@ -61,11 +63,14 @@ def described(case: Case, paths: Sequence[KeyPath], values: Sequence[Any]) -> De
 
 
 def system_of_member(case: Case, data: Mapping[str, Any]) -> Model | None:
-    """The equations of a member with these data; None where they describe no body, no start, or
-    nothing that lasts over the span."""
+    """The equations of a member with these data; None where they describe no body, no start,
+    nothing that lasts over the span, or what has other equations than the case."""
     model, span = type(case.system), (case.time.start, case.time.end)
-    is_refused = any(model.check(data)) or any(model.check_span(data, *span))
-    return None if is_refused else model(**data)
+    if any(model.check(data)) or any(model.check_span(data, *span)):
+        return None
+    # Of another class the variables are others too, for which the sweep has no columns.
+    system = system_of(models.find(case.model, case.form), data)
+    return system if type(system) is model else None
 
 
 def combinations(
