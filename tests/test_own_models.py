@@ -414,6 +414,56 @@ def test_a_frequency_beside_the_time_has_no_degree(
     assert ("`degree` does not fit rhs" in done.stderr) == (degree is not None)
 
 
+EVENTED = (
+    "from hodo_cli.models.base import Event\n\n\n"
+    "def level(t, y, k):\n    return y[2] - k.least / (1 + 0 * t)\n\n\n"
+    "def middle(t, y, k):\n    return y[1]\n\n\n"
+    "def slowest(t, y, k):\n    return y[0]**2 + y[1]**2 + y[2]**2 - k.slowest**2 * k.c / k.c\n\n\n"
+    + EXAMPLE.replace(
+        '"c": self.drag}',
+        '"c": self.drag, "least": self.least, "slowest": self.slowest}\n\n    @property\n'
+        "    def run_events(self):\n        return (Event('level', level), "
+        "Event('middle', middle), Event('slowest', slowest, terminal=True))",
+    )
+    .replace("    drag: float\n", "    drag: float\n    least: float\n    slowest: float\n")
+    .replace(
+        '        "initial"',
+        '        "least": Key(Number(), "r"),\n        "slowest": Key(Number(), "omega"),\n'
+        '        "initial"',
+    )
+)
+"""The example with an event at a value of r, one at 0, and an end at a value of |omega|."""
+
+
+@pytest.mark.engines
+@pytest.mark.parametrize("degree", ["", '"least": 1, "slowest": 1'])
+@pytest.mark.parametrize("method", ["auto", "DOP853", "collocation"])
+def test_an_event_at_a_level_is_that_of_the_case_at_every_scale(
+    hodo: Hodo, folder: Path, method: str, degree: str
+) -> None:
+    """In the case's own units, with an attitude and without, whatever `degree` says of levels."""
+    text = EVENTED.replace('"c": 2,', f'"c": 2, {degree}')
+    (folder / "evented.py").write_text(text, encoding="utf-8")
+    cases = "".join(
+        f"  s{i}: {{model: quadratic-drag, method: {method}, drag: 0.05, inertia: [1, 0.8, 0.6],\n"
+        f"       least: {0.75 * s}, slowest: {0.6 * s}, time: {{end: {60 / s}, samples: 5}},\n"
+        f"       initial: {{p: {0.8 * s}, q: {0.5 * s}, r: {0.74 * s}}}, {attitude}}}\n"
+        for i, (s, attitude) in enumerate([(1, ""), (2**-6, "attitude: yes"), (2**9, "")])
+    )
+    (folder / "a.yaml").write_text(f"cases:\n{cases}", encoding="utf-8")
+    done = hodo("--models", "evented.py", "run", "a.yaml")
+    assert done.returncode == 0, done.stderr
+    data = hodo_cli.open(folder / "runs" / "a.h5")
+    kinds = data["s0"].event_kind.values.tolist()
+    assert {*kinds} == {"level", "middle", "slowest"}
+    assert kinds[-1] == "slowest"
+    assert np.linalg.norm(data["s0"].omega[-1]) == pytest.approx(0.6, rel=1e-9)
+    for i, s in enumerate([1, 2**-6, 2**9]):
+        assert data[f"s{i}"].event_kind.values.tolist() == kinds
+        times = data[f"s{i}"].event_time.values * s
+        assert times == pytest.approx(data["s0"].event_time.values, rel=1e-8)
+
+
 @pytest.mark.heyoka
 def test_its_powers_keep_their_digits_where_a_component_passes_zero(
     hodo: Hodo, folder: Path

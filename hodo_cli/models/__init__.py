@@ -18,7 +18,14 @@ from .. import HodoError
 from ..machine import may_have_entry_points
 from ..private import keep_model
 from ..text import grouped
-from .added import MISTAKES, AddedModule, equations_mistake, texts_of, with_source_line
+from .added import (
+    MISTAKES,
+    AddedModule,
+    equations_mistake,
+    texts_of,
+    with_levels,
+    with_source_line,
+)
 from .base import Label, Model
 
 OWN_MODELS_VARIABLE = "HODO_MODELS"
@@ -58,7 +65,11 @@ def _own_modules_of() -> Mapping[str, Sequence[str]]:
 @cache
 def _added_forms() -> Sequence[tuple[AddedModule, type[Model]]]:
     """The forms that are not hodo's, each with its module."""
-    return [(added, form) for added in _added_modules() for form in _forms(added.module)]
+    return [
+        (added, with_levels(form))  # type: ignore[arg-type]
+        for added in _added_modules()
+        for form in _forms(added.module)
+    ]
 
 
 def added_variables() -> dict[str, Label]:

@@ -4,12 +4,14 @@ models, or with their equations, as one line with its place."""
 import ast
 import hashlib
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache, cached_property, lru_cache
 from itertools import compress, product
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -20,12 +22,19 @@ from .base import (
     OWN_FOLDER,
     UNIT,
     VELOCITY,
+    Bound,
+    Constants,
+    Event,
     Model,
+    Structure,
     attributes,
+    count,
     in_unit,
     moving,
+    namespace,
     rescaled,
     state_powers,
+    structure,
 )
 
 MISTAKES = (Exception, SystemExit)
@@ -118,7 +127,7 @@ def with_source_line(error: BaseException, path: str) -> str:
     if isinstance(error, SystemExit):
         message = f"exit({error}) would end hodo: raise an error instead"
     if isinstance(error, AttributeError) and isinstance(error.obj, SimpleNamespace):
-        names = ", ".join(vars(error.obj))
+        names = ", ".join(filter(str.isidentifier, vars(error.obj)))
         message = f"there is no constant {error.name!r} (`constants` has: {names})"
     return f"{lines[-1] if lines else f'{path}:1'}: {message}"
 
@@ -191,12 +200,13 @@ def _misfit(system: Model) -> str:
     """Why the rates of a motion at its start, or what is stored of it, do not fit its state, its
     variables or its `degree`; empty if they do."""
     k: dict[str, Any] = {**system.constants}
-    for word, names, holder, known in (
+    for word, degrees, holder, known in (
         ("degree", system.degree, "constants", k),
         ("state_degree", system.state_degree, "state", system.state),
     ):
-        if strange := [name for name in names if name not in known]:
-            return f"`{word}` names {strange[0]!r}, but `{holder}` has: {', '.join(known)}"
+        if strange := [name for name in degrees if name not in known]:
+            names = ", ".join(filter(str.isidentifier, known))
+            return f"`{word}` names {strange[0]!r}, but `{holder}` has: {names}"
     if strange := [name for name, d in system.state_degree.items() if d not in range(100)]:
         return f"`state_degree` of {strange[0]!r} is no whole number from 0 on"
     if strange := [name for name, value in k.items() if np.iscomplexobj(value)]:
@@ -222,16 +232,22 @@ VELOCITY_EXPONENT, TIME_EXPONENT = 2, -3
 equal."""
 
 
+def _in_other_units(model: type[Model], k: Mapping[str, Any]) -> dict[str, Any]:
+    """Constants in these units, as `degree` says."""
+    units = {VELOCITY: 2.0**VELOCITY_EXPONENT, UNIT: 2.0**TIME_EXPONENT}
+    return {
+        name: in_unit(value, VELOCITY_EXPONENT * (model.degree[name] - 1) + TIME_EXPONENT)
+        if name in model.degree
+        else units.get(name, value)
+        for name, value in k.items()
+    }
+
+
 def _rates_off_degree(system: Model, start: np.ndarray) -> list[str]:
     """The variables of whose rates rhs gives others for the same motion in other units of velocity
     and time, with the constants that `degree` says there; `t` stays the case's own."""
-    model, k = type(system), {**system.constants}
-    other = k | {
-        name: in_unit(k[name], VELOCITY_EXPONENT * (degree - 1) + TIME_EXPONENT)
-        for name, degree in system.degree.items()
-    }
-    units = {VELOCITY: 2.0**VELOCITY_EXPONENT, UNIT: 2.0**TIME_EXPONENT}
-    other |= {name: unit for name, unit in units.items() if name in k}
+    model, k = type(system), system.constants
+    other = attributes(_in_other_units(model, k))
     # Each variable by its own unit: a direction does not grow with omega, and numbers stay finite.
     size = (np.abs(start[moving(model)]).max() or 1.0) ** state_powers(model)
     # At other times and states too: a term may be 0 at the start, as sin t, or q where q begins.
@@ -240,7 +256,7 @@ def _rates_off_degree(system: Model, start: np.ndarray) -> list[str]:
         try:
             rates = np.array(system.rhs(t, y.tolist(), attributes(k)))
             y = rescaled(model, y, -VELOCITY_EXPONENT)
-            again = np.array(system.rhs(t, y.tolist(), attributes(other)))
+            again = np.array(system.rhs(t, y.tolist(), other))
         except (ArithmeticError, ValueError):  # no motion need come there
             continue
         if not np.isfinite([rates, again]).all():  # nor may one where a law of the time overflows
@@ -268,3 +284,69 @@ def _misfit_of_output(system: Model, start: np.ndarray) -> str:
                 f"({', '.join(label.dims)})"
             )
     return ""
+
+
+# A level in an event, as that of `y[2] - k.level`, is a number of the case, which no degree turns
+# into other units.
+
+KEPT = "case's "
+"""What precedes the name of a constant that is kept in the case's own units: no constant of a
+user's is named so."""
+
+
+class WithLevels(Model):
+    """The class before a form of a user's own with `degree` and events: those that are not
+    homogeneous see the state and the constants in the case's own units."""
+
+    given: ClassVar[type[Model]]
+
+    @cached_property
+    def constants(self) -> Constants:
+        k = super().constants
+        kept = {KEPT + name: k[name] for name in self.degree if name in k}
+        return {VELOCITY: 1.0, **k, **kept}
+
+    @property
+    def run_events(self) -> tuple[Event, ...]:
+        form, powers = structure(self.constants), tuple(state_powers(self.given).tolist())
+        return tuple(
+            event._replace(function=Bound(in_case_units, (powers, event.function)))
+            if _has_level(self.given, form, event.function)  # type: ignore[arg-type]
+            else event
+            for event in super().run_events
+        )
+
+
+def in_case_units(
+    powers: Sequence[int], function: Callable[..., Any], t: Any, y: Sequence[Any], k: Any
+) -> Any:
+    """A function of the case's own units at a state and constants of an engine's units."""
+    y = [x * k.velocity_unit**power for x, power in zip(y, powers, strict=True)]
+    own = {name.removeprefix(KEPT): value for name, value in vars(k).items()}
+    return function(t, y, SimpleNamespace(**own | {VELOCITY: 1.0, UNIT: 1.0}))
+
+
+@lru_cache(maxsize=64)
+def _has_level(model: type[Model], form: Structure, function: Callable[..., Any]) -> bool:
+    """Whether the function of an event has other zeros in other units: one that is homogeneous
+    stays in units that fit, where a motion may be too small for doubles."""
+    # Any numbers serve that no formula makes 0 or equal.
+    k = namespace(form, [1.1 + i / 7 for i in range(count(form))])
+    other = SimpleNamespace(**_in_other_units(model, vars(k)))
+    ratios = []
+    with suppress(*MISTAKES), np.errstate(all="ignore"):  # `equations_mistake` names them
+        for t, size in ((0.618, 1.0), (2.399, 1.7)):
+            y = size + np.arange(len(model.state)) / 11
+            again = function(t, [*rescaled(model, y, -VELOCITY_EXPONENT)], other)
+            ratios.append(again / function(t, [*y], k))
+        return not abs(ratios[0] - ratios[1]) <= 1e-9 * abs(ratios[0])
+    return False
+
+
+@cache
+def with_levels(form: type[Model]) -> type[Model]:
+    """A form of a user's own, the events of which may have levels."""
+    if not form.degree or form.run_events is Model.run_events:
+        return form
+    attributes_of = {"__module__": form.__module__, "__doc__": form.__doc__, "given": form}
+    return dataclass(frozen=True)(type(form.__name__, (WithLevels, form), attributes_of))

@@ -69,6 +69,9 @@ Passage = Callable[[Any, Sequence[Any], Any], EventOutcome]
 class Event(NamedTuple):
     """A zero of `function(t, y, k)`; integration ends there if it is `terminal`.
 
+    In an event of hodo's own models the state is in units that fit the motion, so that the function
+    has to be homogeneous in them: `models/added.py` lets those of others have levels.
+
     A terminal event with a `passage` ends only one stretch: `passage(t, y, k)`, whose time, state
     and constants are numbers of the working precision in the case's own units, says how the motion
     goes on.
