@@ -414,6 +414,47 @@ def test_a_frequency_beside_the_time_has_no_degree(
     assert ("`degree` does not fit rhs" in done.stderr) == (degree is not None)
 
 
+SUMS = EXAMPLE.replace(
+    '"c": self.drag}',
+    """"c": self.drag, "v": 0.5}
+
+    variables = BodyFrame.variables | {
+        "excess": Label(("time",), "T less c"), "offset": Label(("time", "axis"), "omega less v")
+    }
+
+    @staticmethod
+    def output(t, y, k):
+        return {"omega": y, "excess": (y * y).sum(1) / 2 - k.c * t, "offset": y - k.v}""",
+)
+"""The example with stored variables that are not homogeneous in omega."""
+
+
+@pytest.mark.engines
+def test_the_error_of_a_sum_is_that_of_what_is_stored(hodo: Hodo, folder: Path) -> None:
+    """Of terms that grow otherwise with omega, at every scale."""
+    text = "from hodo_cli.models.base import Label\n" + SUMS
+    (folder / "sums.py").write_text(text, encoding="utf-8")
+    scales = [1, 2**-10, 2**10, 2**-500]
+    cases = "".join(
+        f"  s{i}{method}: {{model: quadratic-drag, {keys}, drag: 0.1, inertia: [1, 0.8, 0.6],\n"
+        f"       time: {{end: {20 / s}, samples: 5}},\n"
+        f"       initial: {{p: {0.8 * s}, q: {0.5 * s}, r: {0.74 * s}}}}}\n"
+        for i, s in enumerate(scales)
+        for method, keys in (("", "method: RK45, tol: 1e-5"), ("best", "error: off"))
+    )
+    (folder / "a.yaml").write_text(f"cases:\n{cases}", encoding="utf-8")
+    done = hodo("--models", "sums.py", "run", "a.yaml")
+    assert done.returncode == 0, done.stderr
+    data = hodo_cli.open(folder / "runs" / "a.h5")
+    for i in range(len(scales)):
+        for name in ("omega", "excess", "offset") if i < 3 else ("omega", "excess"):
+            seen, better = (data[f"s{i}{method}"][name].values for method in ("", "best"))
+            size = np.abs(better).max() if better.ndim == 1 else np.linalg.norm(better, axis=1)
+            off = np.abs(seen - better) if seen.ndim == 1 else np.linalg.norm(seen - better, axis=1)
+            stated = data[f"s{i}"][name].attrs["error"]
+            assert stated == pytest.approx((off / size).max(), rel=1e-3, abs=1e-15), (i, name)
+
+
 EVENTED = (
     "from hodo_cli.models.base import Event\n\n\n"
     "def level(t, y, k):\n    return y[2] - k.least / (1 + 0 * t)\n\n\n"

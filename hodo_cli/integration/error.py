@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 from math import inf, ulp
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -145,22 +145,56 @@ def outputs_compared(
     system: Model, motion: Trajectory, reference: Trajectory
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
     """The variables (n, ...) of a motion and of its reference, in the units of the reference, at
-    the samples that both have, and whether the motion is at rest there (n,)."""
+    the samples that both have, and whether the motion is at rest there (n,).
+
+    Those of a user's model need not be homogeneous: they are compared in the case's own units, but
+    for vectors where doubles may be too small or large for them.
+    """
     n = min(len(motion.time), len(reference.time))
     # Where an event ends both, their last states are compared, at whatever time each has its own.
     has_end = n and motion.time[n - 1] != reference.time[n - 1]
     rows = np.r_[0 : n - 1, -1] if has_end else slice(n)
-    sizes = motion.exponent[rows], reference.exponent[rows]
+    motion, reference = motion.at(rows), reference.at(rows)
+    sizes = motion.exponent, reference.exponent
     # One of the two may be called at rest a step before the other. Between two different stops one
     # rests while the other does not, by the error of the event.
     moving = inf if system.may_stop else -REST_BITS / 2
     resting = (np.minimum(*sizes) <= -REST_BITS) & (np.maximum(*sizes) < moving)
-    state, shift = motion.state[rows].astype(float), np.where(resting, 0, sizes[0] - sizes[1])
-    if system.degree and shift.any():
+    shift = np.where(resting, 0, sizes[0] - sizes[1])
+    judged = output_of(system, motion, shift, float)
+    better = output_of(system, reference, 0, np.longdouble)
+    if system.has_formulas and system.degree:
+        fits = np.abs(sizes[1]) < MODERATE_SIZE
+        judged = where_fits(fits, output_of(system, motion, sizes[0], float), judged)
+        better = where_fits(fits, output_of(system, reference, sizes[1], np.longdouble), better)
+    return judged, better, resting
+
+
+MODERATE_SIZE = 300
+"""The binary order of magnitude below which third powers of omega are doubles, as are those of its
+inverse."""
+
+
+def output_of(system: Model, motion: Trajectory, shift: Any, fp: Any) -> dict[str, np.ndarray]:
+    """The variables (n, ...) of a motion in doubles or long doubles, with states in units of omega
+    that are 2**shift (n,) times as small as its own."""
+    state = motion.state.astype(float) if fp is float else extended(motion.state)
+    if system.degree and np.any(shift):
         state = rescaled(type(system), state, shift)
-    judged = system.output(motion.time[rows], state, attributes(system.constants))
-    k = attributes(system.constants, np.longdouble)
-    return judged, system.output(reference.time[rows], extended(reference.state[rows]), k), resting
+    return system.output(motion.time, state, attributes(system.constants, fp))
+
+
+def where_fits(
+    fits: np.ndarray, of_case: dict[str, np.ndarray], others: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Variables in the case's units: of those with an axis the samples (n,) that fit these, since
+    they are judged sample by sample."""
+    return {
+        name: values
+        if values.ndim == 1
+        else np.where(np.broadcast_to(fits, values.T.shape).T, values, others[name])
+        for name, values in of_case.items()
+    }
 
 
 def error_of_variable(

@@ -195,8 +195,9 @@ class Model:
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         """The stored variables from the times (n,) and the states (n, m), in the dtype of `y`.
 
-        The states of a motion of any scale are given in units of omega of their own where their
-        errors are judged, so that each variable should be homogeneous in it.
+        Where their errors are judged the states are in units of omega of their own, so that each
+        variable has to be homogeneous in it; of a model from outside the package only where omega
+        is so small or large that its third power may be no double.
         """
         raise NotImplementedError
 
