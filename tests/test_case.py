@@ -2,6 +2,7 @@
 files."""
 
 import dataclasses
+import itertools
 import math
 import operator
 import pickle
@@ -647,6 +648,20 @@ def test_a_large_file_is_read_in_proportion() -> None:
 
 def overridden(*overrides: str, text: str = GOOD) -> dict[str, Case]:
     return parse(text, "x.yaml", overrides).cases
+
+
+@pytest.mark.parametrize("moments", itertools.permutations(["0.1", "0.3", "0.4"]))
+def test_a_flat_disc_is_a_body_in_any_order_of_its_axes(moments: tuple[str, ...]) -> None:
+    body = BODY.replace("[1, 0.8, 0.6]", f"[{', '.join(moments)}]")
+    assert parse(f"cases:\n  a: {{{body}, {SPAN}}}\n", "x.yaml").cases["a"]
+
+
+@pytest.mark.parametrize("size", ["1e120", "1e-120"])
+def test_moments_of_a_full_tensor_have_a_range_too(size: str) -> None:
+    tensor = f"[[{size}, 0, 0], [0, {size}, 0], [0, 0, {size}]]"
+    body = BODY.replace("[1, 0.8, 0.6]", tensor).replace("linear-diag", "torques")
+    (line,) = mistakes(f"cases:\n  a: {{{body}, damping: 0, {SPAN}}}\n")
+    assert "is out of range, 1e-100 to 1e+100: take other units" in line
 
 
 def test_an_override_changes_one_value_of_one_case() -> None:

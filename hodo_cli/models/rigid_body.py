@@ -25,6 +25,7 @@ from .base import (
     mistake_of,
     structure,
 )
+from .theory.principal_axes import one_exceeds_others
 
 # By the constants k: A1, A2, A3 along the principal axes; `principal_axes`, `tensor` and `inverse`
 # (9,), row by row, of a body that is given by its full tensor in the axes of its case; h1, h2, h3
@@ -312,6 +313,12 @@ def body_constants(inertia: Sequence[float]) -> dict[str, float]:
     return dict(zip(("A1", "A2", "A3"), inertia, strict=True)) | {"g": 1.0}
 
 
+def range_mistake(moment: float, smallest: float = SMALLEST_MOMENT) -> Iterator[str]:
+    """The sentence about a moment of inertia that is not from `smallest` to 1/`smallest`."""
+    if not smallest <= moment <= 1 / smallest:
+        yield f"{moment:g} is out of range, {smallest:g} to {1 / smallest:g}: take other units"
+
+
 @dataclass(frozen=True)
 class BodyFrame(Model):
     """A model whose state begins with the angular velocity (p, q, r) in principal axes.
@@ -343,20 +350,16 @@ class BodyFrame(Model):
         A = data.get("inertia")
         if A is None:
             return
-        # Equality is allowed: a flat disc, whose largest moment is the sum of the others.
-        if 2 * max(A) > sum(A):
+        if one_exceeds_others(A):
             largest = A.index(max(A))
             yield (
                 ("inertia", largest),
                 f"no body has A{largest + 1} = {A[largest]:g} larger than the sum of the other two",
             )
         for i, moment in enumerate(A):
-            if not cls.smallest <= moment <= 1 / cls.smallest:
-                yield (
-                    ("inertia", i),
-                    f"{moment:g} is out of range, {cls.smallest:g} to {1 / cls.smallest:g}: take "
-                    "other units",
-                )
+            yield from (
+                (("inertia", i), message) for message in range_mistake(moment, cls.smallest)
+            )
         if "initial" not in data:
             return
         yield from mistake_of(("initial",), cls.velocity, A, data["initial"])

@@ -26,6 +26,7 @@ from .rigid_body import (
     dot,
     inertia_order,
     is_tensor,
+    range_mistake,
 )
 from .tensor import resistance_key
 from .terms.body import BodyUnderTorques, coefficients_of, terms_named
@@ -435,7 +436,10 @@ def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
     if not all(isinstance(row, tuple) for row in inertia):
         yield ("inertia",), "expected 3 positive numbers, or 3 rows of 3 numbers, got some of each"
         return
-    yield from mistake_of(("inertia",), principal_axes, inertia)
+    wrong = [*mistake_of(("inertia",), principal_axes, inertia)]
+    moments = () if wrong else principal_axes(inertia).moments
+    sizes = [(("inertia",), words) for A in moments for words in range_mistake(float(A))]
+    yield from [*wrong, *sizes[:1]]
     if "initial" in data:
         yield from mistake_of(("initial",), Torques.velocity, inertia, data["initial"])
     for name in ("damping", "quadratic", "quadratic_axes"):

@@ -1,8 +1,9 @@
 """The principal axes of a body whose inertia is given as a full tensor, in other axes."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import combinations, permutations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,12 @@ class PrincipalAxes(NamedTuple):
     def inverse(self) -> np.ndarray:
         """The inverse of the tensor (3, 3)."""
         return np.asarray(self.axes.T / self.moments @ self.axes)
+
+
+def one_exceeds_others(moments: Sequence[Any] | np.ndarray) -> bool:
+    """Whether one of three moments is larger than the sum of the others, which no body has.
+    Equality is allowed, of a flat disc, to the rounding of the moments."""
+    return bool(2 * max(moments) > sum(moments) * (1 + 4 * np.finfo(float).eps))
 
 
 def is_diagonal(tensor: np.ndarray) -> bool:
@@ -54,8 +61,7 @@ def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
     named = ", ".join(f"{moment:.6g}" for moment in moments)
     if not moments.min() > 0:
         raise ValueError(f"the principal moments of this tensor are not all positive: {named}")
-    # Equality is allowed, of a flat disc, to the rounding of the moments.
-    if 2 * moments.max() > moments.sum() * (1 + 4 * np.finfo(float).eps):
+    if one_exceeds_others(moments):
         raise ValueError(
             f"no body has principal moments of {named}: one exceeds the sum of the other two"
         )
