@@ -505,6 +505,29 @@ def test_an_event_at_a_level_is_that_of_the_case_at_every_scale(
         assert times == pytest.approx(data["s0"].event_time.values, rel=1e-8)
 
 
+@pytest.mark.engines
+def test_a_motion_that_an_event_ends_is_labelled_to_its_end(hodo: Hodo, folder: Path) -> None:
+    """Whether samples stand near the end or not, and as a member of a sweep."""
+    (folder / "evented.py").write_text(EVENTED, encoding="utf-8")
+    given = "model: quadratic-drag, drag: 0.05, inertia: [1, 0.8, 0.6], least: 5, slowest: 0.6"
+    start = "initial: {p: 0.8, q: 0.5, r: 0.74}"
+    cases = "".join(
+        f"  n{n}: {{{given}, {start}, time: {{end: 60, samples: {n}}}}}\n" for n in (3, 40, 2000)
+    )
+    swept = "time: {end: 60}, sweep: {drag: {values: [0.05, 0.1]}}"
+    swept = f"  all: {{{given}, {start}, {swept}}}\n"
+    (folder / "a.yaml").write_text(f"cases:\n{cases}{swept}", encoding="utf-8")
+    for command in ("run", "classify"):
+        done = hodo("--models", "evented.py", command, "a.yaml")
+        assert done.returncode == 0, done.stderr
+    data = hodo_cli.open(folder / "runs" / "a.h5")
+    for n in (3, 40, 2000):
+        case = data[f"n{n}"]
+        assert case.time.values[-1] == case.event_time.values[-1] < 60
+        assert set(case.enclosed_axis.values.tolist()) == {1}
+    assert data["all"].status.values.tolist() == [0, 0]
+
+
 @pytest.mark.heyoka
 def test_its_powers_keep_their_digits_where_a_component_passes_zero(
     hodo: Hodo, folder: Path
