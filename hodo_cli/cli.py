@@ -17,7 +17,7 @@ from typing import Any, NoReturn, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from . import BatchError, HodoError, __version__
+from . import BEFORE_END, BatchError, HodoError, __version__
 from .machine import RESOURCES
 
 # Before numpy loads. The largest matrices have a hundred rows or two: several threads take longer
@@ -26,13 +26,17 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def _end(number: int, frame: object) -> NoReturn:
-    """End the process at a signal, at once.
+    """End the process at a signal, at once, or after what `BEFORE_END` lists.
 
     Results survive that at any moment. An exception would not do: where it arises inside a
     destructor or a callback of HDF5, it is lost.
     """
     command = click.get_current_context(silent=True)
     kept = b"; finished cases are kept" if command and command.info_name == "run" else b""
+    # Taken from the list first: a second signal ends the process without.
+    while BEFORE_END:
+        with suppress(Exception):
+            BEFORE_END.pop()()
     # Not click's echo: a signal may arrive while the stream is locked.
     os.write(2, (b"\n" if os.isatty(2) else b"") + b"interrupted" + kept + b"\n")
     os._exit(128 + number)

@@ -41,6 +41,7 @@ figures:
 PACKAGE = Path(__file__).parents[1] / "hodo_cli"
 
 MAY_TAKE_ALL = {
+    "cli.py": 1,  # stores what it can before a signal ends the process
     "batch/dask.py": 4,  # dask raises anything, which becomes a BatchError
     "batch/processes.py": 3,  # sends what a worker raises, or says that it cannot be sent
     "models/__init__.py": 2,  # a user's own file may raise anything

@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -25,6 +25,7 @@ import pytest
 from conftest import call, exit_status, in_child, wait_until
 
 from hodo_cli import BatchError, HodoError
+from hodo_cli.cli import _end
 from hodo_cli.storage import writer as writing
 from hodo_cli.storage.finished_cases import finished_cases
 from hodo_cli.storage.group import Group, Variable
@@ -742,6 +743,22 @@ except BatchError as error:
     assert set(finished_cases(path)) == (
         {"a"} if size == 1000 else {"a"} | {f"c{i}" for i in range(30)}
     )
+
+
+def test_a_signal_in_a_long_case_costs_none_of_the_short_ones_before_it(path: Path) -> None:
+    def outcomes() -> Iterator[str]:
+        yield "a"
+        os.kill(os.getpid(), signal.SIGINT)
+        yield "b"
+
+    def run() -> None:
+        signal.signal(signal.SIGINT, _end)
+        with compose(path, ROOT_ATTRIBUTES) as writer:
+            for name in writer.between(outcomes()):
+                writer.add(name, group())
+
+    assert exit_status(in_child(run)) == 128 + signal.SIGINT
+    assert set(finished_cases(path)) == {"a"}
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write everywhere")

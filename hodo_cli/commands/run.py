@@ -371,12 +371,13 @@ def outcomes(
     """Each case with its group to be stored, or the error that left none: single cases, then the
     sweeps."""
     single = [case for case in cases if not case.sweep]
-    yield from pool.map(finished_case, progress.starting(single, attrgetter("name")))
-    writer.store()  # sweeps take long, and short cases wait for others
+    computed = pool.map(finished_case, progress.starting(single, attrgetter("name")))
+    yield from writer.between(computed)
     for case in cases:
         if case.sweep:
             from ..sweeps import sweep
 
+            writer.store()  # sweeps take long, and short cases wait for others
             resume = plan.reasons.get(case.name) != FORCED
             try:
                 id, earlier = case_digest(case), plan.earlier(case.name)

@@ -14,17 +14,17 @@ A result that is there is changed by a new file in its place.
 """
 
 import os
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from .. import HodoError
+from .. import BEFORE_END, HodoError
 from .finished_cases import (
     ATTRIBUTES_FILE,
     ORDER_ATTRIBUTE,
@@ -39,6 +39,8 @@ from .group import Attribute, Group
 from .hdf5 import ResultFile, open_run, size_of
 from .output import amend, create
 from .staging import Staging, check_writable, chunks_in, identity, os_errors_as, publish, synced
+
+Outcome = TypeVar("Outcome")
 
 CASES_KEPT = "; finished cases are kept"
 
@@ -134,6 +136,20 @@ class Writer:
         if max(took, monotonic() - self._stored_at) > SHARD_SECONDS:
             self.store()
 
+    def between(self, outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
+        """Outcomes that take long to come: a signal that ends the process meanwhile has the cases
+        that wait written first."""
+        supply = iter(outcomes)
+        while True:
+            BEFORE_END.append(self.store)
+            try:
+                outcome = next(supply)
+            except StopIteration:
+                return
+            finally:
+                BEFORE_END.remove(self.store)
+            yield outcome
+
     def store(self) -> None:
         """Write the cases that wait as one shard. Raises HodoError if it cannot be written."""
         self._stored_at = monotonic()
@@ -213,7 +229,7 @@ class Writer:
     def next_shard(self) -> Path:
         """The name of a new shard, beside the attributes of the result to be, which the first one
         writes. Raises BatchError if these cannot be written."""
-        with os_errors_as(self.path, CASES_KEPT):
+        with os_errors_as(self.path, CASES_KEPT if self._waiting or self._cases else ""):
             if not self._count:
                 # Before any shard: until the result is made, they are shown in its place.
                 file = self._staging / ATTRIBUTES_FILE
