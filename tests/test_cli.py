@@ -537,6 +537,14 @@ def test_what_cannot_be_merged_is_one_line_and_writes_nothing(two_results: Path)
         file["turns/omega"][0] = 7
     done = call(two_results, "merge", "runs/d.h5", "--out", "new.h5")
     assert done.stderr == "runs/d.h5: turns is damaged (its checksum does not fit)\n"
+    done = call(two_results, "merge", "a.yaml", "b.yaml", "--out", "new.txt")
+    assert "new.txt would be taken for no result: take a name that ends with .h5" in done.stderr
+    done = call(two_results, "run", "a.yml")
+    assert done.stderr == "a.yml: no such file or directory; did you mean 'a.yaml'?\n"
+    with h5py.File(two_results / "bare.h5", "w") as file:
+        file.attrs["format_version"] = 1
+        file.create_group("turns")
+    assert "bare.h5 holds no case file\n" in call(two_results, "plot", "bare.h5").stderr
     done = call(two_results, "merge", "a.yaml", "b.yaml", "--out", "runs/b.h5")
     assert done.stderr == "runs/b.h5 is there already: take another name\n"
 
@@ -624,7 +632,7 @@ def test_json_is_printed_whatever_else_is_asked_for(
         (["run", "-j", "2", "--scheduler", "tcp://127.0.0.1:9"], "-j: leave it out, the workers"),
         (
             ["plot", "--alone", "a.html", "--format", "csv"],
-            "--alone writes pictures into the page of all figures",
+            "--alone embeds all figures: give no figure names",
         ),
     ],
 )

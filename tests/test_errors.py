@@ -118,7 +118,7 @@ def test_labels_that_cannot_be_stored_are_one_line(folder: Path) -> None:
     (folder / "x.h5").chmod(0o444)
     marked = hodo("classify", "x.h5")
     assert marked.exit_code == 2
-    assert marked.stderr == "x.h5 is read-only (mode 444): chmod u+w, or run --force\n"
+    assert marked.stderr == "x.h5 is read-only (mode 444): chmod u+w\n"
 
 
 def test_too_few_descriptors_are_one_line(folder: Path) -> None:

@@ -74,8 +74,8 @@ def test_an_edited_claim_is_checked(config: Path) -> None:
 def test_a_case_that_has_changed_since_is_named(config: Path, name: str) -> None:
     config.write_text(CONFIG.replace("damping: 0.1", "damping: 0.3").replace("[0.2", "[0.20"))
     for command in ("show", "classify", "plot"):
-        said = "runs/a.h5: changed in a.yaml since: first: hodo run a.yaml\n"
-        assert said in hodo(command, name).stderr
+        said = "first has changed in a.yaml since the run; `hodo run a.yaml` runs it again\n"
+        assert f"runs/a.h5: {said}" in hodo(command, name).stderr
 
 
 def test_remarks_are_no_change_and_a_broken_config_is_no_mistake(config: Path) -> None:

@@ -921,8 +921,9 @@ def test_only_what_has_changed_is_drawn(tmp_path: Path, monkeypatch: pytest.Monk
     (folder / "of-a.png").unlink()
     page_file.write_text("and this")
     assert drawn(caption="new", r=2, end=2) == {*files("of-a"), "index.html"}
-    (folder / "drawn.json").write_text("[1")
-    assert drawn(caption="new", r=2, end=2) == files("of-a", "of-b", "wide")
+    for record in ("[1", '{"of-a.png": {"digest": "", "cases": 3, "warnings": []}}'):
+        (folder / "drawn.json").write_text(record)
+        assert drawn(caption="new", r=2, end=2) == files("of-a", "of-b", "wide")
     assert drawn("--force", caption="new", r=2, end=2) == everything
 
 

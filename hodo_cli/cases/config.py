@@ -142,7 +142,8 @@ def text_of(path: Path, name: str) -> str:
         # In lower case, as where a result is missing.
         reason = str(getattr(error, "strerror", None) or error).lower()
         shown_name = name if name.isprintable() else repr(name)
-        near = nearest(name, [bundled.stem for bundled in BUNDLED_CONFIGS.glob("*.yaml")])
+        beside = [str(x) for x in path.parent.glob("*") if x.suffix in YAML_SUFFIXES]
+        near = nearest(name, [*beside, *(x.stem for x in BUNDLED_CONFIGS.glob("*.yaml"))])
         raise HodoError(f"{shown_name}: {reason}{near}") from None
     if raw.startswith(b"\x89HDF"):
         raise HodoError(f"{name}: a result, where a case file (*.yaml) is expected")

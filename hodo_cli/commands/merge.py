@@ -20,9 +20,11 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
     """Write a new result with the cases of some, which may be named by their configs; it carries
     their figures and statements too.
 
-    Raises HodoError if `out` is there already, if a result cannot be read, or as `merged_text`
-    does.
+    Raises HodoError if `out` is there already, or is no name of a result, if a result cannot be
+    read, or as `merged_text` does.
     """
+    if out.suffix != ".h5":
+        raise HodoError(f"{out} would be taken for no result: take a name that ends with .h5")
     if os.path.lexists(out):
         raise HodoError(f"{out} is there already: take another name")
     results = [result_named(path)[0] for path in paths]

@@ -120,8 +120,7 @@ def draw_results(
     """
     if alone is not None and (names or not {"png", "svg"} & {*formats}):
         raise HodoError(
-            "--alone writes pictures into the page of all figures: name no figure, and draw them "
-            "by --format png or svg"
+            "--alone embeds all figures: give no figure names, and use --format png or svg"
         )
     folders = []
     for named in results_named(paths):
@@ -356,10 +355,15 @@ asked for, and the warnings that it gave; here, of a file that has not been draw
 def read_record(folder: Path) -> dict[str, FileRecord]:
     """How the files of a folder were made, as JSON beside them says."""
     # One that is missing, unreadable or not ours costs no more than drawing anew.
-    with suppress(OSError, ValueError, AttributeError):
+    with suppress(OSError, ValueError, AttributeError, TypeError, LookupError, RecursionError):
         entries = json.loads((folder / DRAWN_RECORD).read_text(encoding="utf-8"))
         return {
-            name: entry for name, entry in entries.items() if entry.keys() == NEVER_DRAWN.keys()
+            name: {
+                "digest": str(entry["digest"]),
+                "cases": [*map(str, entry["cases"])],
+                "warnings": [*map(str, entry["warnings"])],
+            }
+            for name, entry in entries.items()
         }
     return {}
 

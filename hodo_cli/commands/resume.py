@@ -29,6 +29,7 @@ from ..storage import (
     root_attributes,
     staging_folders,
 )
+from ..text import few
 
 FORCED = "--force"
 
@@ -120,7 +121,9 @@ def results_named(names: Iterable[Path]) -> Iterable[tuple[Path, Config | None]]
 
 def stored_config(run: ResultFile) -> Config:
     """The config that a result holds, with the overrides that it was run with. Raises HodoError if
-    it cannot be read."""
+    it cannot be read, or there is none."""
+    if not run.text:
+        raise HodoError(f"{run.path} holds no case file")
     return parse(run.text, str(run.path), _overrides_of(run), stored=True)
 
 
@@ -193,9 +196,11 @@ def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -
         and _bare_digest(config.cases[name]) not in str(run.summary(name, ("hash",)).get("hash"))
     ]
     if changed:
-        message = f"changed in {config.path} since: {', '.join(changed)}"
         options = "".join(f" --set {quote(text)}" for text in config.overrides)
-        warnings.warn(f"{run.path}: {message}: hodo run {quoted}{options}", stacklevel=2)
+        has, them = ("has", "it") if len(changed) == 1 else ("have", "them")
+        message = f"{few(changed)} {has} changed in {config.path} since the run"
+        again = f"`hodo run {quoted}{options}` runs {them} again"
+        warnings.warn(f"{run.path}: {message}; {again}", stacklevel=2)
 
 
 def check_cases(run: ResultFile) -> None:

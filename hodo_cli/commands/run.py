@@ -301,7 +301,7 @@ def plans(
     for plan in made:
         check_resources(plan, jobs)
         if (plan.reasons or plan.dropped) and not force:
-            check_writable(plan.path)
+            check_writable(plan.path, f", or run {FORCED}")
     return [plan for plan in made if plan.asked]
 
 

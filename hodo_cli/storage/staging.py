@@ -115,12 +115,13 @@ def destination(path: Path) -> Path:
     return Path(os.path.realpath(path)) if os.path.islink(path) else path
 
 
-def check_writable(path: Path) -> None:
-    """Raise BatchError if a file is marked as read-only, which replacing it would ignore."""
+def check_writable(path: Path, remedy: str = "") -> None:
+    """Raise BatchError if a file is marked as read-only, which replacing it would ignore; with
+    another remedy, if there is one."""
     with suppress(OSError):  # there is none yet, or writing it will say what is wrong
         mode = stat.S_IMODE(path.stat().st_mode)
         if not mode & 0o222:
-            raise BatchError(f"{path} is read-only (mode {mode:o}): chmod u+w, or run --force")
+            raise BatchError(f"{path} is read-only (mode {mode:o}): chmod u+w{remedy}")
 
 
 def staging_folders(path: Path) -> list[Path]:
