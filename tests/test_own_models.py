@@ -234,6 +234,35 @@ def test_a_state_may_hold_more_than_the_velocity(hodo: Hodo, folder: Path) -> No
     }
 
 
+WITH_EVENT = """
+    @property
+    def run_events(self):
+        return (Event("half", lambda t, y, k: t - 5.5, terminal=ENDS),)
+"""
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("ends", [False, True])
+def test_a_motion_has_labels_until_its_end_and_beyond_an_event_that_does_not_end_it(
+    hodo: Hodo, folder: Path, ends: bool
+) -> None:
+    """Of a case the last sample is that of the event which ends it, of a member the share."""
+    event = "from hodo_cli.models.base import Event\n"
+    text = event + EXAMPLE + WITH_EVENT.replace("ENDS", str(ends))
+    (folder / "drag.py").write_text(text, encoding="utf-8")
+    swept = "store: [share], sweep: {drag: {values: [0, 0.1]}}"
+    config = f"{CONFIG}  shares: {{model: quadratic-drag, drag: 0.2, {swept}}}\n"
+    (folder / "a.yaml").write_text(config, encoding="utf-8")
+    for command in (["run", "a.yaml"], ["classify", "runs/a.h5"]):
+        done = hodo("--models", "drag.py", *command)
+        assert done.returncode == 0, done.stderr
+    with h5py.File(folder / "runs" / "a.h5") as file:
+        assert list(file["one/enclosed_axis"]) == [1] * 3
+        assert file["one/time"][-1] == pytest.approx(5.5 if ends else 10, rel=1e-12)
+        share = 0.55 if ends else 1
+        assert file["shares/share"][:].sum(1) == pytest.approx([share] * 2, rel=1e-12)
+
+
 APPROXIMATE = (
     EXAMPLE.replace("    drag: float\n", "    drag: float\n    terms: int\n")
     .replace(

@@ -163,11 +163,10 @@ def searched(
     kind = CrossingSearch if body.rotor_momentum is None else RegionSearch
     search = kind(body, uncertainty)
     motion = solve(case, method, precision, tol, times, search)
-    rows, last = np.searchsorted(times, samples), len(motion.time) - 1
-    if last >= 0 and motion.time[last] != times[last]:
-        # An event has ended the motion, whose time is the last sample.
-        rows = np.append(rows[rows < last], last)
-    return DenseSolution(motion, search.parts, rows[rows <= last])
+    rows = np.searchsorted(times, samples)
+    if motion.succeeded:  # an event that ends it is its last sample, whatever times lie behind
+        rows = np.unique(np.minimum(rows, len(motion.time) - 1))
+    return DenseSolution(motion, search.parts, rows[rows < len(motion.time)])
 
 
 def body_of(case: Case) -> BodyFrame:

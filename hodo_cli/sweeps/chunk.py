@@ -249,7 +249,8 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
     if labels is not None:
         start = np.array([label_at_start(case, motion.time[0], labels, crossings)])
         member, arrays = np.zeros(len(crossings), dtype=np.int64), crossing_arrays(crossings)
-        stop = columns["event_time"]
+        # Where a brake has stopped the body, the motion goes on at rest.
+        stop = columns["event_time"] if case.system.may_stop else motion.time[-1:]
         columns |= label_columns(start, labels[-1:], member, arrays, stop, case.time)
     return status, columns
 

@@ -210,7 +210,9 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
         begin, start = np.array([e.span[0]]), e.start[:, accepted].T
         start_axis = e.model.output(begin, start, e.named(accepted))["enclosed_axis"]
         member, crossings = passage_columns(events)
-    return final | label_columns(start_axis, axis, member, crossings, final["event_time"], time)
+    # Behind any other event the motion goes on.
+    stop = np.where(e.model.may_stop, final["event_time"], math.nan)
+    return final | label_columns(start_axis, axis, member, crossings, stop, time)
 
 
 def output_of(
