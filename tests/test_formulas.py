@@ -236,7 +236,54 @@ def test_the_members_of_a_sweep_see_it(tmp_path: Path) -> None:
     }  # fmt: skip
     ds = hodo.sweep({**case, "sweep": {"initial.p": {"values": [0.08, 0.09]}}})
     assert ds.omega[1].values == pytest.approx(motion(case["expression"]).omega[-1], rel=1e-12)
-    assert "formulas that change within a step" in ds.attrs["method_reason"]
+    assert "formulas that may change within a step" in ds.attrs["method_reason"]
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("order", [1, -1])
+def test_members_see_a_pulse_that_the_first_of_them_has_not(order: int) -> None:
+    """One that q multiplies, where q stays 0 in one of them."""
+    pulse = "50*q*exp(-(200*(t - 10.1))**2)"
+    case = {
+        "model": "torques", "inertia": A, "damping": 0.001, "expression": [pulse, "0", "0"],
+        "initial": {"p": 0.6, "q": 0.3, "r": 0}, "time": {"end": 20, "samples": 2},
+        "error": "off",
+    }  # fmt: skip
+    q = [0, 0.2, 0.4][::order]
+    ds = hodo.sweep({**case, "sweep": {"initial.q": {"values": q}}})
+    for i in range(3):
+        alone = hodo.run({**case, "initial": {"p": 0.6, "q": q[i], "r": 0}})
+        assert ds.omega[i].values == pytest.approx(alone.omega[-1].values, rel=1e-11, abs=1e-12)
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize(
+    ("formula", "is_alone"),
+    [
+        ("0.002*cos(0.1*t)", False),
+        ("(p/3 - sqrt(p*p + q*q + r*r))*cos(2*t - 1)/4 + 0.01*t*q", False),
+        ("0.01*exp(-t)", True),
+        ("p*t**2", True),
+        ("0.1*sin(t*t)", True),
+        ("0.01/(2 + t)", True),
+    ],
+)
+def test_formulas_that_no_series_oversteps_let_members_go_side_by_side(
+    formula: str, is_alone: bool
+) -> None:
+    """From p, q = 0, r = 0 and t = 0 a series of p' = p t^2 has no term of the orders 19 and 20, by
+    which heyoka chooses a step."""
+    case = {
+        "model": "torques", "inertia": A, "expression": [formula, "0", "0"],
+        "initial": {"p": 0.6, "q": 0.3, "r": 0}, "time": {"end": 2, "samples": 2},
+        "error": "off",
+    }  # fmt: skip
+    q = [0, 0.1, 0.2]
+    ds = hodo.sweep({**case, "sweep": {"initial.q": {"values": q}}})
+    assert ("each by itself" in ds.attrs["method_reason"]) == is_alone
+    for i in range(3):
+        alone = hodo.run({**case, "initial": {"p": 0.6, "q": q[i], "r": 0}})
+        assert ds.omega[i].values == pytest.approx(alone.omega[-1].values, rel=1e-11, abs=1e-12)
 
 
 OWN = """

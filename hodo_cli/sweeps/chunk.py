@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import thread_time
@@ -20,7 +19,6 @@ from ..integration import (
     integrate,
     label_at_start,
     sample_times,
-    solve,
 )
 from ..models.base import flatten
 from ..results.layout import passages_as_crossings
@@ -38,6 +36,7 @@ from .columns import (
 )
 from .ensemble.advance import advance, measure_crossings
 from .ensemble.motions import Rejection
+from .formulas import formulas_may_change
 from .members import member, other_method, prepare, system_of_member
 
 LARGEST_CHUNK, SMALLEST_CHUNK = 16384, 256
@@ -118,6 +117,8 @@ def reason_alone(case: Case) -> str:
     side."""
     if other := other_method(case):
         return other
+    if case.system.has_formulas and formulas_may_change(case):
+        return "formulas that may change within a step"
     passes = any(event.interrupts for event in case.system.run_events)
     fewest = 0 if case.system.degree else WORTH_COMPILING * len(flatten(case.system.constants))
     if passes:
@@ -181,9 +182,6 @@ def integrate_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nda
     computed = np.flatnonzero(~chunk.taken)
     if not computed.size:
         return rejection
-    if changes_within_steps(case, chunk.first):
-        rejection[computed] = Rejection.FORMULA.code
-        return rejection
     times = sample_times(case) if "trajectory" in case.store else np.empty(0)
     for group in prepare(case, chunk.first + computed):
         positions = computed[group.members]
@@ -200,14 +198,6 @@ def integrate_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nda
             enter(values, accepted, reduced_ensemble(e, outcome, case.time))
         rejection[positions] = outcome.rejection
     return rejection
-
-
-def changes_within_steps(case: Case, number: int) -> bool:
-    """Whether a member has formulas that change within its steps, which ensembles do not see."""
-    if case.system.has_formulas:
-        with suppress(HodoError):
-            return solve(member(case, number, 2), "taylor").restarts > 0
-    return False
 
 
 def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np.ndarray]]:

@@ -57,7 +57,6 @@ class Rejection(Coded):
     COARSE = "equations that need finer data"
     UNCERTAIN = "the sign of an event's function is uncertain"
     PASSAGE = "a step beyond the passage of an event"
-    FORMULA = "formulas that change within a step"
     SAMPLES = "samples of motions that go on through an event"
 
 
