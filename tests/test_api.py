@@ -247,7 +247,8 @@ def test_a_map_of_a_label_names_what_its_colours_mean() -> None:
     figure = api.plot(swept, "map", variable="start_axis", x="initial.p", y="initial.r")
     (legend,) = figure.legends
     labels = [text.get_text() for text in legend.get_texts()]
-    assert labels == [f"axis that the hodograph encloses at the start: x{axis}" for axis in (1, 3)]
+    enclosed = "axis that the hodograph encloses at the start"
+    assert labels == [f"{enclosed}: $x_{axis}$" for axis in (1, 3)]
 
 
 # Without heyoka this tries nothing else, in ten times the time; so too the others marked below.

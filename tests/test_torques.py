@@ -287,8 +287,8 @@ def test_the_models_of_one_torque_are_sums_of_one(model: str, terms: Any) -> Non
             {"quadratic_axes": 1, "form": "averaged"},
             "quadratic_axes: form averaged does not take this torque",
         ),
-        ({"expression": [0, "sqrt(-1-t)", 0]}, "expression.1: is no number at the start"),
-        ({"expression": ["1/t", 0, 0]}, "expression.0: is no number at the start"),
+        ({"expression": [0, "sqrt(-1-t)", 0]}, "expression.1: has no finite value at the start"),
+        ({"expression": ["1/t", 0, 0]}, "expression.0: has no finite value at the start"),
     ],
 )
 def test_what_is_no_sum_of_torques_is_refused(terms: Any, message: str) -> None:
