@@ -161,12 +161,14 @@ def outputs_compared(
     moving = inf if system.may_stop else -REST_BITS / 2
     resting = (np.minimum(*sizes) <= -REST_BITS) & (np.maximum(*sizes) < moving)
     shift = np.where(resting, 0, sizes[0] - sizes[1])
-    judged = output_of(system, motion, shift, float)
-    better = output_of(system, reference, 0, np.longdouble)
+    judged = variables_in_units(system, motion, shift, float)
+    better = variables_in_units(system, reference, 0, np.longdouble)
     if system.has_formulas and system.degree:
         fits = np.abs(sizes[1]) < MODERATE_SIZE
-        judged = where_fits(fits, output_of(system, motion, sizes[0], float), judged)
-        better = where_fits(fits, output_of(system, reference, sizes[1], np.longdouble), better)
+        judged = where_fits(fits, variables_in_units(system, motion, sizes[0], float), judged)
+        better = where_fits(
+            fits, variables_in_units(system, reference, sizes[1], np.longdouble), better
+        )
     return judged, better, resting
 
 
@@ -175,7 +177,9 @@ MODERATE_SIZE = 300
 inverse."""
 
 
-def output_of(system: Model, motion: Trajectory, shift: Any, fp: Any) -> dict[str, np.ndarray]:
+def variables_in_units(
+    system: Model, motion: Trajectory, shift: Any, fp: Any
+) -> dict[str, np.ndarray]:
     """The variables (n, ...) of a motion in doubles or long doubles, with states in units of omega
     that are 2**shift (n,) times as small as its own."""
     state = motion.state.astype(float) if fp is float else extended(motion.state)

@@ -40,7 +40,7 @@ from .hdf5 import ResultFile, open_run, size_of
 from .output import amend, create
 from .staging import Staging, check_writable, chunks_in, identity, os_errors_as, publish, synced
 
-Outcome = TypeVar("Outcome")
+_Outcome = TypeVar("_Outcome")
 
 CASES_KEPT = "; finished cases are kept"
 
@@ -136,7 +136,7 @@ class Writer:
         if max(took, monotonic() - self._stored_at) > SHARD_SECONDS:
             self.store()
 
-    def between(self, outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
+    def between(self, outcomes: Iterable[_Outcome]) -> Iterator[_Outcome]:
         """Outcomes that take long to come: a signal that ends the process meanwhile has the cases
         that wait written first."""
         supply = iter(outcomes)
