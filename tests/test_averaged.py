@@ -820,3 +820,22 @@ def test_how_strong_a_torque_is_does_not_depend_on_units(kind: str) -> None:
     assert len(stated(0, 0)) == 1
     for speed, mass in ((0, 1), (0, -40), (3, 0), (-9, 20)):
         assert stated(speed, mass) == stated(0, 0), (speed, mass)
+
+
+LAW = [{"law": "exponential", "value": 0.5 * x, "rate": 0.02} for x in (1, 0.8, 0.3)]
+
+
+@pytest.mark.parametrize("torque", [{"damping": LAW}, {"expression": ["-0.01*p/t", "0", "-r/t"]}])
+def test_a_mean_start_under_a_torque_that_changes_is_that_of_time_0(torque: dict[str, Any]) -> None:
+    """From another time it was of first order only, or not a number."""
+    body = {
+        "model": "torques",
+        "inertia": [1, 0.8, 0.6],
+        "initial": {"p": 0.9, "q": 0.45, "r": 0.4},
+    }
+    later = {**body, "form": "averaged", "time": {"start": 300, "end": 400, "samples": 11}}
+    with pytest.raises(HodoError, match=r"mean_start: is that of time 0, and the torque changes"):
+        Case.of(later | torque)
+    assert Case.of(later | {"damping": 0.001})
+    assert Case.of(later | torque | {"mean_start": "no"})
+    assert Case.of(later | {"damping": LAW, "time": {"end": 100}})

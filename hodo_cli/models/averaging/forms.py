@@ -11,7 +11,15 @@ import numpy as np
 
 from ...arithmetic import exp
 from ...schema.kinds import Key, Mistake, Switch
-from ..base import Constants, Event, EventOutcome, Label, attributes
+from ..base import (
+    Constants,
+    Event,
+    EventOutcome,
+    Label,
+    attributes,
+    contains_time,
+    structure,
+)
 from ..rigid_body import BodyFrame, is_tensor, share_of
 from .free_turn import (
     Body,
@@ -172,6 +180,20 @@ class AveragedTurns(BodyFrame):
     one, and X_o is 0 beside X_e."""
     no_axis_reason = "averaged over the hodograph's turns: run stores its axis and its passages"
     class_events = ()
+
+    @classmethod
+    def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
+        """Besides: a mean start is that of time 0, which a torque tells from any other time if it
+        changes with the time."""
+        yield from super().check_span(data, start, end)
+        if start and data["mean_start"] and (full := getattr(cls, "full", None)):
+            system = full.of({name: data[name] for name in full.keys if name in data})
+            if contains_time(type(system), structure(system.constants)):
+                yield (
+                    ("mean_start",),
+                    "is that of time 0, and the torque changes with time: take time.start 0, "
+                    "or mean_start: no",
+                )
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
