@@ -329,3 +329,13 @@ def test_an_own_model_sees_it(tmp_path: Path, method: str) -> None:
     omega = hodo.open(tmp_path / "runs" / "a.h5")["a"].omega[-1].values
     _, torque, ends = FORMULAS["pulse"]
     assert omega == pytest.approx(pieces(torque, ends), rel=1e-10)
+
+
+@pytest.mark.engines
+def test_a_formula_that_is_0_at_rest_leaves_a_body_there() -> None:
+    """Nothing is missed where nothing moves."""
+    torque = {"model": "torques", "expression": ["0.1*p", "0", "0"], "inertia": [1, 0.8, 0.6]}
+    rest = {"initial": {"p": 0, "q": 0, "r": 0}, "time": {"end": 5, "samples": 3}}
+    motion = hodo.run(torque | rest)
+    assert motion.attrs["status"] == "ok"
+    assert not motion.omega.any()

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -532,6 +533,30 @@ def test_an_event_at_a_level_is_that_of_the_case_at_every_scale(
         assert data[f"s{i}"].event_kind.values.tolist() == kinds
         times = data[f"s{i}"].event_time.values * s
         assert times == pytest.approx(data["s0"].event_time.values, rel=1e-8)
+
+
+@pytest.mark.engines
+@pytest.mark.parametrize("method", ["auto", "collocation"])
+def test_a_model_without_degrees_may_be_slow(hodo: Hodo, folder: Path, method: str) -> None:
+    """At rates of radians a day its steps meet its equations as at those of radians a second."""
+    text = re.sub(
+        r"    degree = \{.*?\}[^\n]*\n", "", EXAMPLE.replace("k.g * ", ""), flags=re.DOTALL
+    )
+    (folder / "drag.py").write_text(text, encoding="utf-8")
+    cases = "".join(
+        f"  s{i}: {{model: quadratic-drag, drag: 0.05, inertia: [1, 0.8, 0.6], method: {method},\n"
+        f"       initial: {{p: {0.8 * s}, q: {0.5 * s}, r: {0.74 * s}}},\n"
+        f"       time: {{end: {60 / s}, samples: 5}}}}\n"
+        for i, s in enumerate((1, 2**-8, 2**-20))
+    )
+    (folder / "a.yaml").write_text(f"cases:\n{cases}", encoding="utf-8")
+    done = hodo("--models", "drag.py", "run", "a.yaml")
+    assert done.returncode == 0, done.stderr
+    data = hodo_cli.open(folder / "runs" / "a.h5")
+    for i, s in enumerate((1, 2**-8, 2**-20)):
+        assert data[f"s{i}"].attrs["steps"] <= data["s0"].attrs["steps"]
+        omega = data[f"s{i}"].omega.values / s
+        assert omega == pytest.approx(data["s0"].omega.values, abs=1e-12)
 
 
 @pytest.mark.engines

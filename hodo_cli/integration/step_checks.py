@@ -229,7 +229,9 @@ class StepCheck(StepBuffer):
     def _rates(self, t: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The rates of states (m, ...) by the engine's time, at times (...) of the case."""
         k = self.units.constants(type(self.system), self.system.constants)
-        return stacked(self.system.rhs(t, [*state], attributes(k, state.dtype.type)), state)
+        rates = stacked(self.system.rhs(t, [*state], attributes(k, state.dtype.type)), state)
+        # The degrees of constants give rates by the engine's time; without them it is told.
+        return np.asarray(rates if self.system.degree else rates / self.clock.factor)
 
     def _excess(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> np.ndarray:
         """How far steps miss their equations (n, k) at places x (k,): beyond 1 something has
@@ -237,5 +239,10 @@ class StepCheck(StepBuffer):
         slope, rates = self._slopes(ends, x, b)
         # Between the ends of a step its polynomial has half of the digits at worst.
         parts = self.tol**0.5 * (ends[:, 1] - ends[:, 0]) / self.longest
-        allowed = np.maximum(parts, max(DEFECT, 100 * self.tol)) * np.abs(b).max(axis=(1, 2))
-        return np.asarray(np.abs(slope - rates).max(axis=0) / allowed[:, None])
+        size = np.abs(b).max(axis=(1, 2))
+        # Without units of its own a motion has the error of one of size 1, however small it is.
+        size = size if self.system.degree else np.maximum(size, 1)
+        allowed = (np.maximum(parts, max(DEFECT, 100 * self.tol)) * size)[:, None]
+        apart = np.abs(slope - rates).max(axis=0)
+        # At rest nothing is allowed, and nothing is missed.
+        return np.divide(apart, allowed, out=np.zeros_like(apart), where=apart != 0)
