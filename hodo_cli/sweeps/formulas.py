@@ -21,46 +21,80 @@ CHECKED_MEMBERS = 16
 
 
 @dataclass(frozen=True)
-class PowerOfTime:
-    """What passes for the time in equations, and tells how high a power of it they hold; all but
-    sums, products, sines and cosines is a TypeError or an AttributeError. Sines count as the time:
-    no point of theirs is without a trace of their rate."""
+class TimeInRates:
+    """What passes for the time in equations, and tells how high a power of it they hold, and the
+    slope of what is linear in it: nan of all else.
+
+    Sines, exponentials that fall and negative powers of what is linear count as numbers, since no
+    point of theirs is without a trace of the others. What else is no sum or product is a TypeError
+    or an AttributeError.
+    """
 
     power: int = 1
+    slope: float = 1.0
 
-    def __add__(self, other: Any) -> "PowerOfTime":
-        return PowerOfTime(max(self.power, power_in(other)))
+    def __add__(self, other: Any) -> "TimeInRates":
+        of_other = as_time(other)
+        return TimeInRates(max(self.power, of_other.power), self.slope + of_other.slope)
 
-    def __mul__(self, other: Any) -> "PowerOfTime":
-        return PowerOfTime(self.power + power_in(other))
+    def __mul__(self, other: Any) -> "TimeInRates":
+        if isinstance(other, TimeInRates):
+            return TimeInRates(self.power + other.power, math.nan)
+        return TimeInRates(self.power, self.slope * other)
 
-    def __truediv__(self, number: Any) -> "PowerOfTime":
-        return self.__mul__(1.0 / number)
+    def __neg__(self) -> "TimeInRates":
+        return self * -1.0
 
-    def __neg__(self) -> "PowerOfTime":
-        return self
+    def __sub__(self, other: Any) -> "TimeInRates":
+        return self.__add__(-other)
 
-    __radd__ = __sub__ = __rsub__ = __add__
-    __rmul__, sin, cos = __mul__, __neg__, __neg__
+    def __rsub__(self, other: Any) -> "TimeInRates":
+        return self.__neg__().__add__(other)
+
+    def __pow__(self, exponent: float) -> "TimeInRates":
+        if math.isnan(self.slope) or exponent > 1:
+            raise TypeError
+        return self.sin()
+
+    def __truediv__(self, other: Any) -> "TimeInRates":
+        return self.__mul__(other**-1)
+
+    def __rtruediv__(self, number: float) -> "TimeInRates":
+        return self**-1 * number
+
+    def __rpow__(self, base: float) -> "TimeInRates":
+        return (self * math.log(base)).exp()
+
+    def exp(self) -> "TimeInRates":
+        if not self.slope <= 0:
+            raise TypeError
+        return self.sin()
+
+    def sin(self) -> "TimeInRates":
+        if self.power > 1:
+            raise TypeError
+        return TimeInRates(0, math.nan)
+
+    __radd__, __rmul__, cos = __add__, __mul__, sin
 
 
-def power_in(rate: Any) -> int:
-    """The power of the time in a rate; 0 of a number."""
-    return rate.power if isinstance(rate, PowerOfTime) else 0
+def as_time(rate: Any) -> TimeInRates:
+    """A rate, or a number, which holds no time."""
+    return rate if isinstance(rate, TimeInRates) else TimeInRates(0, 0.0)
 
 
 def may_hide_in_time(system: Model) -> bool:
     """Whether a Taylor series may not know at the start of a step what a user's formulas of the
-    time do within it: it knows what is linear in the time, and in sines and cosines of that. A
-    pulse leaves no trace far from it, nor does t**2 in the orders that choose a step at t = 0."""
+    time do within it: a pulse leaves no trace far from it, nor does t**2 in the orders that choose
+    a step at t = 0."""
     if not has_formula_of_time(system):
         return False
+    # Of a state that is no number, so that the sign of no slope follows from it.
+    y, k = [math.nan] * len(system.state), attributes(system.constants)
     try:
-        y = [0.3 + i / 11 for i in range(len(system.state))]  # nowhere special
-        rates = system.rhs(PowerOfTime(), y, attributes(system.constants))
+        return max(as_time(rate).power for rate in system.rhs(TimeInRates(), y, k)) > 1
     except (TypeError, AttributeError, ValueError, ArithmeticError, HodoError):
         return True
-    return max(map(power_in, rates)) > 1
 
 
 @lru_cache(maxsize=16)
