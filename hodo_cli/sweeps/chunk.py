@@ -209,8 +209,9 @@ def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np
         return Status.INVALID, "", {}
     if not case.system.no_axis_reason:
         # Its crossings need the error of the motion, also where none is asked for if an ensemble
-        # has not accepted it; `member` leaves it out for all others.
-        single = replace(single, error=case.error if reason_alone(case) else True)
+        # has rejected it; `member` leaves it out for all others.
+        is_rejected = not reason_alone(case)
+        single = replace(single, error=case.error or is_rejected)
     try:
         motion = integrate(single)
         if motion.status is not Status.OK:

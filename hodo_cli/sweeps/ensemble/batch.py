@@ -295,7 +295,7 @@ def times_within(times: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.n
     """The times (s,) that steps reach, which lie between edges (steps + 1, n): the step (k,), row
     by row, and the position (k,) of the time."""
     passed = np.searchsorted(times, edges, side="right")
-    new = np.diff(passed, axis=0).ravel()
-    step = np.repeat(np.arange(len(new)), new)
-    before = np.cumsum(new) - new
-    return step, passed[:-1].ravel()[step] + np.arange(len(step)) - before[step]
+    count = np.diff(passed, axis=0).ravel()
+    step = np.repeat(np.arange(len(count)), count)
+    rank = np.arange(len(step)) - (np.cumsum(count) - count)[step]  # among the times of its step
+    return step, passed[:-1].ravel()[step] + rank
