@@ -245,4 +245,4 @@ class StepCheck(StepBuffer):
         allowed = (np.maximum(parts, max(DEFECT, 100 * self.tol)) * size)[:, None]
         apart = np.abs(slope - rates).max(axis=0)
         # At rest nothing is allowed, and nothing is missed.
-        return np.divide(apart, allowed, out=np.zeros_like(apart), where=apart != 0)
+        return np.asarray(np.divide(apart, allowed, out=np.zeros_like(apart), where=apart != 0))
