@@ -485,6 +485,29 @@ def test_the_error_of_a_sum_is_that_of_what_is_stored(hodo: Hodo, folder: Path) 
             assert stated == pytest.approx((off / size).max(), rel=1e-3, abs=1e-15), (i, name)
 
 
+@pytest.mark.engines
+def test_crossings_of_a_model_without_degrees_have_errors(hodo: Hodo, folder: Path) -> None:
+    """In a sweep too."""
+    start = EXAMPLE.index("    degree = {")
+    text = EXAMPLE[:start] + EXAMPLE[EXAMPLE.index("}", start) :].partition("\n")[2]
+    text = text.replace("k.c * w * p", "20 * k.c * w * p")
+    (folder / "drag.py").write_text(text, encoding="utf-8")
+    cases = "".join(
+        f"  {name}: {{model: quadratic-drag, drag: 0, inertia: [1, 0.8, 0.6], {keys},\n"
+        "    time: {end: 20}, sweep: {drag: {values: [0.01, 0.02]}},\n"
+        "    initial: {p: 0.8, q: 0.5, r: 0.5}}\n"
+        for name, keys in (("judged", "method: DOP853, tol: 1e-6"), ("best", "method: DOP853"))
+    )
+    (folder / "a.yaml").write_text(f"cases:\n{cases}", encoding="utf-8")
+    done = hodo("--models", "drag.py", "run", "a.yaml")
+    assert done.returncode == 0, done.stderr
+    judged, best = (hodo_cli.open(folder / "runs" / "a.h5")[name] for name in ("judged", "best"))
+    assert judged.crossings.values.tolist() == [1, 1]
+    off = np.abs(judged.crossing_time.values - best.crossing_time.values)
+    stated = judged.attrs["crossing_error_quantiles"][-1]
+    assert stated == pytest.approx(off.max(), rel=0.05)
+
+
 EVENTED = (
     "from hodo_cli.models.base import Event\n\n\n"
     "def level(t, y, k):\n    return y[2] - k.least / (1 + 0 * t)\n\n\n"

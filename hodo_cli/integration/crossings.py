@@ -231,8 +231,9 @@ def time_to_zero(
 
     It is infinite where D is at rest beside 0. The precision of D is that of y.
     """
-    # In units that fit: the rates of a motion at 1e-160 are below the smallest double.
-    units = Units.fit(model, k, y.astype(float), exponent)
+    # In units that fit: the rates of a motion at 1e-160 are below the smallest double. Those of a
+    # model without degrees are by the case's own time, whatever the clock of its engine.
+    units = Units.fit(model, k, y.astype(float), exponent) if model.degree else Units()
     scaled = rescaled(model, y.T, exponent - units.exponent).T
     constants = SimpleNamespace(**units.constants(model, k))
     rates = np.array(np.broadcast_arrays(*model.rhs(t, [*scaled.astype(float)], constants)))
