@@ -690,6 +690,25 @@ def refusal_of(hodo: Hodo, folder: Path, right: str, wrong: str) -> list[str]:
         ),
         # A term that is 0 at the start shows its degree later.
         ("- k.c * w * r,", "- k.c * w * r + k.c * t * r,", ": `degree` does not fit rhs: with"),
+        ("w = (p**2", "w = 2**p * (p**2", ":29: TypeError: unsupported operand type(s) for **"),
+        ("p, q, r = y", "y[0] = p = y[1]; q, r = y[1:]", ":28: TypeError: 'tuple' object does not"),
+        *(
+            (
+                "    @cached_property",
+                f"    @property\n    def run_events(self):\n"
+                f"        return (__import__('hodo_cli').models.base.Event('level', {event}),)\n\n"
+                "    @cached_property",
+                said,
+            )
+            for event, said in (
+                ("lambda t, y, k: y[2] - k.levv", ":38: there is no constant 'levv' (`constants`"),
+                ("lambda t, y, k: __import__('math').sin(y[2])", ":38: TypeError: must be real"),
+                ("lambda t, y, k: 1 if y[2] > 0 else 0", ":38: TypeError: which of two"),
+                ("lambda t, y, k: 0.5", ": the function of the event 'level' is the same at all"),
+                ("lambda t, y, k: 0 * y[2]", ": the function of the event 'level' is the same"),
+                ("lambda t, y, k: None", ":1: TypeError: float() argument must be"),
+            )
+        ),
         ("def rhs(t, y, k)", "def rates(t, y, k)", ": the model quadratic-drag states no rhs"),
     ],
 )

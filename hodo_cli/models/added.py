@@ -171,7 +171,7 @@ class Symbol:
         return self
 
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = _result
-    __truediv__ = __rtruediv__ = __pow__ = __rpow__ = __neg__ = _result
+    __truediv__ = __rtruediv__ = __pow__ = __neg__ = _result
 
     def _undecided(self, *_: Any) -> Any:
         raise TypeError("which of two branches is taken must not depend on t, y or k")
@@ -184,10 +184,14 @@ SYMBOLS[Symbol] = SimpleNamespace(**dict.fromkeys(FUNCTION_NAMES, lambda x: x))
 
 
 def _try_symbols(system: Model) -> None:
-    """Pass symbols through the equations. Raises TypeError where these do what no symbol knows."""
+    """Pass symbols through the equations and events. Raises TypeError where these do what no symbol
+    knows."""
     k = attributes(system.constants, lambda _: Symbol())
+    # A tuple, since an engine's own list of the state is not to be changed.
+    y = tuple(Symbol() for _ in system.state)
     try:
-        system.rhs(Symbol(), [Symbol() for _ in system.state], k)
+        for function in (system.rhs, *(event.function for event in system.run_events)):
+            function(Symbol(), y, k)
     except TypeError as error:
         error.args = (
             f"{error}; equations consist of + - * / ** and {', '.join(FUNCTION_NAMES)} of "
@@ -224,7 +228,17 @@ def _misfit(system: Model) -> str:
             "`degree` does not fit rhs: with the constants of other units it gives other rates of "
             f"{', '.join(misfits)}; a constant within a function, as w in sin(w*t), has no degree"
         )
+    if constant := [event.kind for event in system.run_events if _is_constant(event, start, k)]:
+        return f"the function of the event {constant[0]!r} is the same at all times and states"
     return _misfit_of_output(system, start)
+
+
+@np.errstate(all="ignore")  # a state that no motion need come to
+def _is_constant(event: Event, start: np.ndarray, k: Mapping[str, Any]) -> bool:
+    """Whether an event has one value at several times and states, and so no zero."""
+    states = (start + i * np.cos(1 + np.arange(len(start))) for i in range(3))
+    values = [float(event.function(i / 2, y, attributes(k))) for i, y in enumerate(states)]
+    return len({*values}) == 1
 
 
 VELOCITY_EXPONENT, TIME_EXPONENT = 2, -3
