@@ -43,6 +43,9 @@ __all__ = ["Case", "derive", "open", "plot", "run", "sweep"]
 
 Given = Mapping[str, Any] | Case
 
+as_usual = np.errstate(under="ignore")
+"""Numbers below the smallest double are 0 here, whatever the user's own `np.seterr`."""
+
 
 @overload
 def run(
@@ -58,6 +61,7 @@ def run(
 ) -> list[xr.Dataset]: ...  # fmt: skip
 
 
+@as_usual
 def run(
     case: Given | Iterable[Given],
     *,
@@ -153,6 +157,7 @@ def _path(what_is_right: str, name: str | Path) -> Path:
     raise _wrong(what_is_right, name)
 
 
+@as_usual
 def sweep(case: Given, *, name: str = "sweep", jobs: int = 1) -> xr.Dataset:
     """Integrate every member of a case with a `sweep:`, in so many processes.
 
@@ -181,6 +186,7 @@ def open(path: str | Path) -> StoredCases:
     return cases_of_file(_path("expected the name of a result file", path))
 
 
+@as_usual
 def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **keys: Any) -> Figure:
     """A figure of one dataset or several, by the `kind` and `keys` of a `figures:` block. Where its
     `style` has none, the parameters of matplotlib count that rc_context or a style have set.
@@ -200,6 +206,7 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
     return draw(spec, cases, rc=user_parameters()).figure
 
 
+@as_usual
 def derive(data: xr.Dataset, *names: str) -> xr.Dataset:
     """A dataset with quantities that follow from its variables, such as `T`, `G_space` or `psi`, by
     the names of docs/results.md; of a sweep, at the ends of its members.

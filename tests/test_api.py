@@ -215,6 +215,17 @@ def test_mistakes_name_the_key(case: dict[str, object], message: str) -> None:
     assert message in str(raised.value)
 
 
+def test_what_is_below_the_smallest_double_is_0_whatever_the_user_has_set() -> None:
+    case = FIG4 | {"damping": [0.5, 0.4, 0.3], "time": {"end": 3000, "samples": 301}}
+    usual = api.run(case)
+    with np.errstate(under="raise"):
+        motion = api.run(case)
+        swept = api.sweep(case | {"sweep": {"damping.0": {"values": [0.5, 0.6]}}})
+        assert not api.derive(motion, "T")["T"].values[-1]
+    np.testing.assert_array_equal(motion.omega, usual.omega)
+    assert swept.status.values.tolist() == [0, 0]
+
+
 def test_a_sweep_has_its_axes_as_dimensions() -> None:
     made = api.sweep({**FIG4, "sweep": {"damping.2": {"linspace": [0.003, 0.007, 3]}}})
     assert dict(made.sizes) == {"damping.2": 3, "axis": 3}
