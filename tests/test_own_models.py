@@ -726,6 +726,14 @@ def test_a_mistake_in_the_equations_is_one_line_before_the_run(
         ("    drag: float\n", "", "only one of both: drag"),
         ("@dataclass(frozen=True)\n", "", "only one of both: drag"),
         ('name = "quadratic-drag"', "name = 5", "its name is no text: 5"),
+        *(
+            ("drag", name, f"key {name!r} is an attribute of {of}: name it otherwise")
+            for name, of in (
+                ("momentum", "BodyFrame"),
+                ("start", "BodyFrame"),
+                ("resisting", "Model"),
+            )
+        ),
     ],
 )
 def test_what_a_class_states_wrongly_is_one_line(

@@ -7,7 +7,7 @@ import re
 import sys
 from collections import UserDict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -180,6 +180,12 @@ def _class_mistake(form: type[Model]) -> str:
         return (
             f"it is to be a frozen dataclass whose fields are its `keys`; only one of both: {lone}"
         )
+    # A dataclass takes an attribute that it inherits for the default of its field.
+    bases = form.__mro__[1:-1]
+    inherited = {field.name for base in bases if is_dataclass(base) for field in fields(base)}
+    for base in bases:
+        if taken := (field_names - inherited) & vars(base).keys():
+            return f"key {min(taken)!r} is an attribute of {base.__name__}: name it otherwise"
     return ""
 
 
