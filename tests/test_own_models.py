@@ -486,6 +486,18 @@ def test_the_error_of_a_sum_is_that_of_what_is_stored(hodo: Hodo, folder: Path) 
 
 
 @pytest.mark.engines
+@pytest.mark.engines
+def test_a_torque_without_a_value_at_zero_gives_no_warning(hodo: Hodo, folder: Path) -> None:
+    """Where a component of omega is 0, as those of rotation about an axis are."""
+    text = EXAMPLE.replace("k.c * w * p", "k.c * w * p * sqrt(p * p) / sqrt(p * p)")
+    text = f"from hodo_cli.functions import sqrt\n{text}"
+    (folder / "drag.py").write_text(text, encoding="utf-8")
+    strict = {**os.environ, "PYTHONWARNINGS": "error::RuntimeWarning"}
+    for command in (["run", "a.yaml", "--case", "one"], ["classify", "a.yaml"]):
+        done = hodo("--models", "drag.py", *command, env=strict)
+        assert (done.returncode, "Warning" in done.stderr) == (0, False), done.stderr
+
+
 def test_crossings_of_a_model_without_degrees_have_errors(hodo: Hodo, folder: Path) -> None:
     """In a sweep too."""
     start = EXAMPLE.index("    degree = {")

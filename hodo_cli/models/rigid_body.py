@@ -434,6 +434,7 @@ class BodyFrame(Model):
         A = self.moments
         return separation(A[:, None], self.to_principal(omega).T, inertia_order(A))
 
+    @np.errstate(all="ignore")  # a torque may have no value where a component is 0
     def tilt_growth(self, t: float) -> np.ndarray | None:
         """From the equations alone, at the speed of the start; not a number for an axis that a
         torque drives rotation away from. None where rotation about an axis lets no rate be told: at
