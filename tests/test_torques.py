@@ -742,6 +742,58 @@ def test_drag_by_axes_acts_on_what_another_component_sets_in_motion() -> None:
     np.testing.assert_allclose(hodo.run(case).omega[-1], expected, atol=1e-11)
 
 
+def pulse(t: float) -> float:
+    return math.exp(-((10 * (t - 5)) ** 2))
+
+
+LATE_DRIVES: dict[str, tuple[list[str], Callable[[float], list[float]]]] = {
+    # 0 in doubles up to t = 2.3.
+    "pulse": (["2*exp(-(10*(t-5))**2)", "0", "0"], lambda t: [2 * pulse(t), 0, 0]),
+    "one after another": (
+        ["0.1*(t - 5 + sqrt((t - 5)**2))", "0", "-exp(-(10*(t - 8))**2)"],
+        lambda t: [0.2 * max(0, t - 5), 0, -pulse(t - 3)],
+    ),
+    "backwards": (["0", "-3*exp(-(10*(t-5))**2)", "0"], lambda t: [0, -3 * pulse(t), 0]),
+}
+
+
+@pytest.mark.parametrize("drive", LATE_DRIVES)
+@pytest.mark.parametrize(
+    ("start", "method"),
+    [
+        ((0, 0, 0.3), "auto"),
+        ((0.3, 0, 0), "DOP853"),
+        # From rest other methods may fail, since their tolerance is of a size.
+        pytest.param((0, 0, 0), "taylor", marks=pytest.mark.heyoka),
+    ],
+)
+def test_drag_by_axes_begins_where_a_component_leaves_0_late(
+    start: Any, method: str, drive: str
+) -> None:
+    texts, torque = LATE_DRIVES[drive]
+    for inertia in permutations(BODY) if (method, drive) == ("taylor", "pulse") else [BODY]:
+        A = np.array(inertia)
+
+        def rates(t: float, w: np.ndarray, A: np.ndarray = A) -> np.ndarray:
+            return (np.cross(A * w, w) + torque(t)) / A - w * np.abs(w)
+
+        with np.errstate(invalid="ignore"):  # at rest it divides 0 by 0
+            sure = solve_ivp(rates, (0, 12), start, "DOP853", rtol=1e-12, atol=1e-15, max_step=0.02)
+        ds = run(
+            dict(zip("pqr", start, strict=True)), 12, inertia=list(inertia), quadratic_axes=1,
+            expression=texts, method=method,
+        )  # fmt: skip
+        np.testing.assert_allclose(ds.omega[-1], sure.y[:, -1], atol=1e-11, err_msg=str(inertia))
+
+
+def test_rotation_about_the_middle_axis_lasts_under_drag_by_axes() -> None:
+    """What stays 0 is 0 exactly: 1e-30 of it would turn the body over."""
+    for drag in ({"expression": ["0.1*p", "0", "0.1*r"]}, {}):
+        ds = run({"p": 0, "q": 5, "r": 0}, 400, quadratic_axes=1e-4, **drag)
+        assert not ds.omega[:, [0, 2]].any()
+        assert ds.omega[-1, 1] > 4
+
+
 def held(t: float) -> float:
     return 0.05
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ..models.base import Event, Model, jacobian, stacked, state_powers
+from ..models.base import Event, Model, jacobian, kinds_of_variables, stacked
 from .polynomial import LEGENDRE
 from .stepwise import Stepwise
 
@@ -81,11 +81,7 @@ class Steps:
         self.t = self.t_old = start
         self.y, self.end, self.status, self.nfev = y, end, "running", 0
         self.points, self.integrals, self.transform = tableau(y.dtype)
-        # What carries a unit of omega may decay by any factor beside what has none: each of the two
-        # kinds has its own size, and the error is relative to that.
-        powers = state_powers(model)
-        kinds = np.flatnonzero(powers), np.flatnonzero(powers == 0)
-        self.kinds = [rows for rows in kinds if rows.size]
+        self.kinds = kinds_of_variables(model)  # the error of each is relative to its own size
         # The first step resolves the fastest rate; what has decayed then makes way for longer ones.
         fastest = float(np.abs(jacobian(model, k, start, y.astype(float))).sum(axis=1).max())
         self.h = min(end - start, y.dtype.type(1 / fastest)) if fastest else end - start

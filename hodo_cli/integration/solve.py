@@ -134,11 +134,7 @@ def attempted(
 ) -> tuple[Trajectory, bool]:
     """The motion of a case as it is, and whether what approximates its equations met the
     tolerance."""
-    system = case.system
-    # What begins at 0 and stays there has no sign, and would meet its event all the time.
-    events = tuple(
-        event for event in system.run_events if event.sign is None or system.start[event.sign]
-    )
+    system, events = case.system, case.system.run_events
     engine = engines.engine_for(method, system, events, tol, precision, is_timed(system, events))
     # Both times from here on, since compiling and imports are paid once for all cases of a model: a
     # case must not run into its limit for being the first. `began` is of this thread's processor,

@@ -1,7 +1,9 @@
 """Checks of the steps of a motion: whether they meet its equations, whose formulas may change or
 have a pole within them, and whether what approximates these is accurate."""
 
+import math
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,7 @@ from ..engines import extended
 from ..engines.polynomial import TAYLOR, bernstein_coefficients, values_and_slopes
 from ..engines.protocol import EPS, Engine, Status, StepControl
 from ..engines.units import Clock, Units
-from ..models.base import Model, attributes, stacked
+from ..models.base import Model, attributes, kinds_of_variables, stacked
 from .driver import StepBuffer, StepObserver
 
 
@@ -41,6 +43,10 @@ may be overlooked; and those that are compared together."""
 DEFECT = 1e-12
 """By how much a step may miss its equations at least, relative to the size of the state: far above
 the rounding of the comparison, far below what a pulse of a formula makes of a motion."""
+
+SIZE_AT_REST = 1e-150
+"""The least size of a state to which it is relative: a body at rest has none. Its square is a
+double."""
 
 MIN_GAP, MIN_ULPS = 1e-9, 4
 """How far from a change steps end and begin: in the time in which a motion changes by its own size,
@@ -95,6 +101,8 @@ class StepCheck(StepBuffer):
         self.longest, self.change, self.enough = 0.0, None, 512
         self.at_begin = {**vars(self.control)}
         self.verdict = Status.OK, ""
+        self.kinds = kinds_of_variables(type(self.system))
+        self.corners = [event for event in self.system.run_events if event.sign is not None]
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
         self.longest = max(self.longest, float(end - start))
@@ -207,7 +215,7 @@ class StepCheck(StepBuffer):
                 excess = self._excess(ends, places, b)[0]
                 first, parts = max((~(excess <= 1)).argmax() - 1, 0), 1
             else:
-                bend = np.abs(np.diff(self._slopes(ends, places, b)[1], 2)).max(axis=0)
+                bend = np.abs(np.diff(self._slopes(ends, places, b)[2], 2)).max(axis=0)
                 first, parts = bend.argmax(), 2
             low, width = places[first], width * parts / PARTS
             if is_onset and width * length < MIN_GAP / 8 and excess[first + 1] < MAX_CORNER:
@@ -218,31 +226,50 @@ class StepCheck(StepBuffer):
         length = (ends[:, 1] - ends[:, 0]).astype(series.dtype)
         return bernstein_coefficients(series.copy(), length, self.engine.basis)
 
-    def _slopes(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> tuple[Any, Any]:
-        """The slopes of steps by x, and those of their equations, each (m, n, k), at places x
-        (k,)."""
+    def _slopes(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> tuple[Any, Any, Any]:
+        """The states in steps at places x (k,), the slopes of these by x, and those of their
+        equations, each (m, n, k)."""
         length = ends[:, 1:] - ends[:, :1]
         t = self.clock.exact_times(ends[:, :1] + x * length).astype(b.dtype)
         state, slope = (part.swapaxes(0, 1) for part in values_and_slopes(b, x[None]))
-        return slope, length * self._rates(t, state)
+        return state, slope, length * self._rates(t, state)
 
     def _rates(self, t: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The rates of states (m, ...) by the engine's time, at times (...) of the case."""
-        k = self.units.constants(type(self.system), self.system.constants)
-        rates = stacked(self.system.rhs(t, [*state], attributes(k, state.dtype.type)), state)
+        k = self._constants(state.dtype.type)
+        rates = stacked(self.system.rhs(t, [*state], k), state)
         # The degrees of constants give rates by the engine's time; without them it is told.
         return np.asarray(rates if self.system.degree else rates / self.clock.factor)
+
+    def _constants(self, number: Any) -> SimpleNamespace:
+        constants = self.units.constants(type(self.system), self.system.constants)
+        return attributes(constants, number)
 
     def _excess(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> np.ndarray:
         """How far steps miss their equations (n, k) at places x (k,): beyond 1 something has
         changed."""
-        slope, rates = self._slopes(ends, x, b)
+        state, slope, rates = self._slopes(ends, x, b)
         # Between the ends of a step its polynomial has half of the digits at worst.
         parts = self.tol**0.5 * (ends[:, 1] - ends[:, 0]) / self.longest
-        size = np.abs(b).max(axis=(1, 2))
+        allowed = np.maximum(parts, max(DEFECT, 100 * self.tol))
         # Without units of its own a motion has the error of one of size 1, however small it is.
-        size = size if self.system.degree else np.maximum(size, 1)
-        allowed = (np.maximum(parts, max(DEFECT, 100 * self.tol)) * size)[:, None]
-        apart = np.abs(slope - rates).max(axis=0)
-        # At rest nothing is allowed, and nothing is missed.
-        return np.asarray(np.divide(apart, allowed, out=np.zeros_like(apart), where=apart != 0))
+        least = SIZE_AT_REST if self.system.degree else 1.0
+        sizes = [np.abs(b[:, kind]).max(axis=(1, 2)).clip(least) for kind in self.kinds]
+        missed = [np.abs(slope - rates)[kind].max(axis=0) for kind in self.kinds]
+        pairs = zip(missed, sizes, strict=True)
+        excess = np.max([part / (allowed * size)[:, None] for part, size in pairs], axis=0)
+        if not self.corners:
+            return np.asarray(excess)
+        # What goes over a corner of a formula enters a side at that corner.
+        is_right = excess.max(axis=1, keepdims=True) <= 1
+        entered = self._entered(state) / sizes[0][:, None]
+        return np.asarray(np.where(is_right, entered**2 / self.tol, excess))
+
+    def _entered(self, state: np.ndarray) -> np.ndarray:
+        """How far (n, k) what has no sign yet has gone from its corner in states (m, n, k)."""
+        k = self._constants(state.dtype.type)
+        sizes = [
+            np.where(state[event.sign] == 0, np.abs(event.across(math.nan, [*state], k)), 0)
+            for event in self.corners
+        ]
+        return np.asarray(np.max(sizes, axis=0))

@@ -78,7 +78,8 @@ class Event(NamedTuple):
 
     At a corner of the equations the passage does no more than turn over a sign, in row `sign` of
     the state, and the function is that sign times what changes its own. Only terms with the square
-    of the function have the sign.
+    of the function have the sign. What is 0 from the start on has the sign 0 until it enters a
+    side, and the function is not 0 then.
     """
 
     kind: str
@@ -91,6 +92,12 @@ class Event(NamedTuple):
     def interrupts(self) -> bool:
         """Whether a motion goes on behind it, and not as at a corner."""
         return self.passage is not None and self.sign is None
+
+    def across(self, t: Any, y: Sequence[Any], k: Any) -> Any:
+        """What changes its sign at a corner, with that sign."""
+        state = [*y]
+        state[self.sign] = 1  # type: ignore[index]
+        return self.function(t, state, k)
 
 
 Level = Callable[[Any, Sequence[Any], Any], Any]
@@ -399,6 +406,15 @@ def moving(model: type[Model]) -> np.ndarray | slice:
     motion is."""
     powers = state_powers(model)
     return np.flatnonzero(powers) if model.degree and not powers.all() else slice(None)
+
+
+def kinds_of_variables(model: type[Model]) -> list[np.ndarray]:
+    """The positions of the state variables that carry a unit of omega, and of those that carry
+    none, if there are any: the one may decay by any factor beside the other, so that each kind has
+    its own size."""
+    powers = state_powers(model)
+    kinds = np.flatnonzero(powers), np.flatnonzero(powers == 0)
+    return [rows for rows in kinds if rows.size]
 
 
 def in_unit(constant: Any, exponent: Any) -> Any:

@@ -38,8 +38,10 @@ STARTING_STEPS = 16
 
 
 def component_size(axis: int, first: int, t: Any, y: Sequence[Any], k: Any) -> Any:
-    """|omega_i|, by its sign in the state, as an event; the signs stand from row `first` on."""
-    return y[first + axis] * y[axis]
+    """|omega_i|, by its sign in the state, as an event; the signs stand from row `first` on. 1
+    without a sign, since what is 0 all the time would be met all the time."""
+    s = y[first + axis]
+    return s * y[axis] + (1 - s * s)
 
 
 def turned_over(axis: int, first: int, t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
