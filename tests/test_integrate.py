@@ -202,6 +202,28 @@ def test_attempts_at_a_motion_share_its_seconds(monkeypatch: pytest.MonkeyPatch)
     assert integrate(replace(case, max_seconds=5.0)).status == "timeout"
 
 
+def test_steps_that_are_taken_back_spend_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No step of a stretch stood that began anew ever again, and so no time went by."""
+    pulse = {"inertia": [1, 0.8, 0.6], "expression": ["2*exp(-(10*(t-5))**2)", "0", "0"]}
+    given = {"model": "torques", "quadratic_axes": 1, "initial": dict.fromkeys("pqr", 0)}
+    case = Case.of(given | pulse | {"time": {"end": 20}, "method": "collocation", "error": False})
+    clock = count()  # each look at it takes a second
+    monkeypatch.setattr(protocol, "perf_counter", lambda: next(clock))
+    assert integrate(replace(case, max_seconds=20.0)).status == "timeout"
+
+
+@pytest.mark.parametrize(
+    "method", [pytest.param("taylor", marks=pytest.mark.heyoka), "DOP853", "collocation"]
+)
+def test_a_body_at_rest_stays_there_without_a_torque(method: str) -> None:
+    for first in ("0.1*p", "-0.1*p*t"):
+        given = {"model": "torques", "inertia": [1, 0.8, 0.6], "expression": [first, "0", "0"]}
+        span = {"initial": dict.fromkeys("pqr", 0), "time": {"end": 10, "samples": 3}}
+        motion = integrate(Case.of(given | span | {"method": method}))
+        assert (motion.status, motion.restarts) == ("ok", 0)
+        assert not motion.variables["omega"].any()
+
+
 def test_samples_do_not_depend_on_their_number() -> None:
     case = diagonal((0.01, 0.02, 0.03), time=Time(end=100.0, samples=11))
     few, many = integrate(case), integrate(replace(case, time=Time(end=100.0, samples=1001)))

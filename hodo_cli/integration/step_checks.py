@@ -99,7 +99,7 @@ class StepCheck(StepBuffer):
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
         super().begin(engine, clock, units)
         self.longest, self.change, self.enough = 0.0, None, 512
-        self.at_begin = {**vars(self.control)}
+        self.at_begin = self.control.steps, self.control.evaluations
         self.verdict = Status.OK, ""
         self.kinds = kinds_of_variables(type(self.system))
         self.corners = [event for event in self.system.run_events if event.sign is not None]
@@ -120,14 +120,14 @@ class StepCheck(StepBuffer):
     def flush(self) -> None:
         super().flush()
         control = self.control
-        is_at_begin = control.steps == self.at_begin["steps"]
+        is_at_begin = control.steps == self.at_begin[0]
         if control.status is Status.FAILED and is_at_begin and self.change is None:
             # A series that begins at a corner has no number.
             self.note(extended(np.array([self.clock.high, self.clock.low])).sum())
         if self.change is not None:
-            # The steps of the stretch are of no motion: they count for nothing, nor how they ended.
-            vars(control).update(self.at_begin, is_over=True)
-            control.give_up(*self.verdict)
+            control.take_back(*self.at_begin)
+            if self.verdict[0] is not Status.OK:
+                control.give_up(*self.verdict)
 
     def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
         """Compare steps; those behind the first change of a stretch are of another motion."""
