@@ -743,7 +743,7 @@ def test_a_mistake_in_the_equations_is_one_line_before_the_run(
             for name, of in (
                 ("momentum", "BodyFrame"),
                 ("start", "BodyFrame"),
-                ("resisting", "Model"),
+                ("levels", "Model"),
             )
         ),
     ],
