@@ -260,10 +260,10 @@ class FigureFolder:
         return [self.figure(name, others=True) for name in self.names]
 
     def add(self, drawn: DrawnFigure) -> None:
-        """Take in a figure that has just been drawn. One that could not be is tried again, and the
-        files that it has are of an earlier time."""
+        """Take in a figure that has just been drawn. One that could not be is tried again; its
+        files in other formats stand, as where a film lacks its encoder."""
         self.problems[drawn.name] = drawn.problem
-        for file in self._files(drawn.name, others=bool(drawn.problem)):
+        for file in self._files(drawn.name):
             digest = "" if drawn.problem else self._digest(drawn.name, drawn.cases, file)
             known = {"digest": digest, "cases": drawn.cases, "warnings": drawn.warnings}
             self.record[file] = known
