@@ -127,12 +127,8 @@ def _check_words(text: str, names: tuple[str, ...]) -> None:
         number, name, other = word.groups()
         if other:
             what = f"unexpected {other!r}{'; a power is **' if other == '^' else ''}"
-            is_digit = other in "0123456789"
-            what = (
-                "not a decimal number; a product is written with its *, as 2*p"
-                if is_digit
-                else what
-            )
+            if other in "0123456789":
+                what = "not a decimal number; a product is written with its *, as 2*p"
             raise _wrong(word.start(), what)
         if name and name not in valid:
             advice = number_advice(name)
