@@ -23,7 +23,7 @@ from .free_turn import (
     turn_frequency,
     turning_body,
 )
-from .passage import REGIONS, Pair, RatesByRegion, Region, SeparatrixRates
+from .passage import Pair, Region, SeparatrixRates
 
 BESIDE_SEPARATRIX = Means(1 - 1j, 1 - 4j / 3, 1j, 1j, math.pi / 2 * 1j)
 """The means beside the separatrix, where K <cn^2> = K <dn^2> = 1, K <sn^2 cn^2> = 1/3 and K <dn> =
@@ -238,14 +238,6 @@ class ClosedMeans(AveragedTurns, BodyUnderTorques):
 
 class ClosedTurns(ClosedMeans):
     """An averaged form in closed form throughout."""
-
-    @classmethod
-    def separatrix_rates(cls, t: float, roots: Pair, k: Any) -> RatesByRegion:
-        if "torque" in cls.averaged_terms:
-            return super().separatrix_rates(t, roots, k)
-        # Only a constant torque knows the sense.
-        by_side = {side: cls.rates_beside(t, (side, 1), roots[::side], k) for side in (1, -1)}
-        return {(side, sense): by_side[side] for side, sense in REGIONS}
 
     @classmethod
     def rates_beside(cls, t: float, region: Region, roots: Pair, k: Any) -> SeparatrixRates:
