@@ -15,8 +15,10 @@ from conftest import exact_motion
 from hodo_cli import Case, HodoError, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.engines import protocol
+from hodo_cli.engines.polynomial import bernstein_coefficients
 from hodo_cli.engines.units import Clock
 from hodo_cli.integration import Trajectory, choice, integrate, motion_remarks, solve
+from hodo_cli.integration.driver import StepObserver
 from hodo_cli.models import base
 
 pytestmark = pytest.mark.engines
@@ -212,9 +214,7 @@ def test_steps_that_are_taken_back_spend_seconds(monkeypatch: pytest.MonkeyPatch
     assert integrate(replace(case, max_seconds=20.0)).status == "timeout"
 
 
-@pytest.mark.parametrize(
-    "method", [pytest.param("taylor", marks=pytest.mark.heyoka), "DOP853", "collocation"]
-)
+@pytest.mark.parametrize("method", [pytest.param("taylor", marks=taylor), "DOP853", "collocation"])
 def test_a_body_at_rest_stays_there_without_a_torque(method: str) -> None:
     for first in ("0.1*p", "-0.1*p*t"):
         given = {"model": "torques", "inertia": [1, 0.8, 0.6], "expression": [first, "0", "0"]}
@@ -222,6 +222,41 @@ def test_a_body_at_rest_stays_there_without_a_torque(method: str) -> None:
         motion = integrate(Case.of(given | span | {"method": method}))
         assert (motion.status, motion.restarts) == ("ok", 0)
         assert not motion.variables["omega"].any()
+
+
+class NotedSteps(StepObserver):
+    """Notes the ends of each step (2,), in the time of the case, and the states there (m, 2)."""
+
+    def __init__(self) -> None:
+        self.ends, self.states = list[np.ndarray](), list[np.ndarray]()
+
+    def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
+        b = bernstein_coefficients(series[None].copy(), np.array([end - start]), self.engine.basis)
+        ends = self.clock.exact_times(np.array([start, end])).astype(float)
+        self.ends.append(ends)
+        self.states.append(np.ldexp(b[0][:, [0, -1]].astype(float), self.units.exponent)[:3])
+
+
+@pytest.mark.parametrize(
+    ("method", "precision"),
+    [
+        pytest.param("taylor", "double", marks=taylor),
+        ("DOP853", "double"),
+        ("collocation", "double"),
+        ("collocation", "extended"),
+    ],
+)
+def test_steps_are_seen_up_to_the_event_that_ends_them(method: str, precision: str) -> None:
+    """Behind an event the polynomial of a step is of no motion: a crossing there is none."""
+    given = {"model": "torques", "inertia": list(BODY), "brake": 0.02, "quadratic_axes": 0.01}
+    span = {"initial": dict(zip("pqr", START, strict=True)), "time": {"end": 70, "samples": 8}}
+    case, steps = Case.of(given | span), NotedSteps()
+    motion = solve(case, method, precision, observer=steps)
+    assert motion.events[-1].kind == "stopped"
+    ends, states = np.array(steps.ends), np.array(steps.states)
+    np.testing.assert_allclose(ends[1:, 0], ends[:-1, 1], rtol=1e-14)
+    np.testing.assert_allclose(states[1:, :, 0], states[:-1, :, 1], rtol=1e-9, atol=1e-9)
+    assert ends[-1, 1] < motion.events[-1].time
 
 
 def test_samples_do_not_depend_on_their_number() -> None:

@@ -30,10 +30,11 @@ class Stepwise:
         """A new solver from `y` at `start` to `end`, in steps of at most `longest`."""
         raise NotImplementedError
 
-    def series(self, solver: Any, dense: Callable[[Any], np.ndarray]) -> np.ndarray:
-        """The polynomial of the last step (m, degree + 1), from its values at Chebyshev's nodes."""
+    def series(self, solver: Any, dense: Callable[[Any], np.ndarray], end: Any) -> np.ndarray:
+        """The polynomial of the last step (m, degree + 1) up to the time `end`, from its values at
+        Chebyshev's nodes."""
         nodes, transform = chebyshev(self.degree)
-        return np.asarray(dense(solver.t_old + (solver.t - solver.t_old) * nodes) @ transform)
+        return np.asarray(dense(solver.t_old + (end - solver.t_old) * nodes) @ transform)
 
     def integrate(
         self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl
@@ -60,7 +61,7 @@ class Stepwise:
                 rows[done:reached] = dense(grid[done:reached]).T
                 done = reached
             if control.observer is not None:
-                control.observer(solver.t_old, solver.t, self.series(solver, dense))
+                control.observer(solver.t_old, end, self.series(solver, dense, end))
             going = control.step(solver.y) and solver.status == "running"
         control.evaluations += solver.nfev
         state, time = (solver.y, solver.t) if stop is None else (stop.state, stop.time)
