@@ -214,6 +214,37 @@ def test_equal_damping_follows_its_law(law: Any) -> None:
     assert G[1] / G[0] == pytest.approx(math.exp(-exponent), rel=1e-12)
 
 
+POWERS = [("damping", 2), ("damping", 4), ("quadratic_axes", 2), ("torque", 1), ("torque", 5)]
+"""Coefficients under a power of the time by which the rotation about an axis, or its angle, is a
+series in powers of t**3, of t**5 or of t**7."""
+
+
+@pytest.mark.parametrize(("key", "power"), POWERS)
+def test_a_law_that_is_a_power_of_the_time_is_not_stepped_over(key: str, power: int) -> None:
+    """From t = 0 it leaves no trace in the orders by which a series chooses its steps: closed
+    forms, of a single case and of members."""
+    law, end, p = [0] * power + [0.1], 5.0, np.linspace(0, 1, 41)
+    case = {
+        "model": "torques", "inertia": [3, 2.5, 1.3], key: [law, 0, 0],
+        "time": {"end": end, "samples": 2}, "error": "off", "initial": {"p": 0.5, "q": 0, "r": 0},
+        "attitude": key == "torque",
+    }  # fmt: skip
+    through = 0.1 * end ** (power + 1) / (power + 1)
+    expected = {
+        "damping": p * np.exp(-through),
+        "quadratic_axes": p / (1 + p * through),
+        "torque": p + through / 3,
+    }[key]
+    members = hodo.sweep({**case, "sweep": {"initial.p": {"values": p.tolist()}}})
+    alone = hodo.run(case)
+    for omega, right in ((members.omega[:, 0], expected), (alone.omega[-1, 0], expected[20])):
+        assert omega.values == pytest.approx(right, rel=2e-11)
+    if key == "torque":
+        half = (p * end + through * end / (power + 2) / 3) / 2
+        assert members.attitude[:, 0].values == pytest.approx(np.cos(half), abs=1e-11)
+        assert alone.attitude[-1, 0].item() == pytest.approx(np.cos(half[20]), abs=1e-11)
+
+
 OLD_NAMES = {
     "linear-diag": {"damping": MEDIUM},
     "tensor": {"resistance": {"diagonal": 0.003, "off_diagonal": 0.001}},

@@ -1,7 +1,8 @@
 """Adaptive Taylor series through heyoka, which only this module and `taylor_batch` import."""
 
+import math
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import lru_cache
 from threading import Lock
 from types import SimpleNamespace
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import heyoka as hy
 import numpy as np
 
-from ..arithmetic import SYMBOLS
+from ..arithmetic import SYMBOLS, horner
 from ..models.base import Constants, Event, Model, Structure, attributes, count, flatten, namespace
 from .polynomial import TAYLOR
 from .protocol import NORM_BAND, PRECISION, EventRoot, Status, StepControl, Stretch
@@ -33,6 +34,10 @@ OPTIMISED_NODES = 10_000
 """The largest system that the compiler optimises. Beyond are averaged systems, which take tens of
 steps."""
 
+ROUNDINGS = 64
+"""By how many roundings of its rates a step may miss its equations at its end. What its series does
+not know makes more."""
+
 
 class Taylor:
     """One compiled integrator; the constants are its runtime parameters, so that it serves every
@@ -49,11 +54,11 @@ class Taylor:
         tol: float | None,
         precision: str,
     ) -> None:
+        self.model, self.eps = model, PRECISION[precision]
         self.dtype = fp = DTYPES[precision]
-        eps = PRECISION[precision]
         # heyoka's control is absolute below 1: a margin keeps the digits of small components, at no
         # cost.
-        self.tol = eps / 1024 if tol is None else max(tol, eps / 2**20)
+        self.tol = self.eps / 1024 if tol is None else max(tol, self.eps / 2**20)
         self.roots: list[EventRoot] = []
         # The integrator keeps its state, parameters and roots: it serves one stretch at a time.
         self.lock = Lock()
@@ -141,6 +146,38 @@ class Taylor:
         stops = [root for root in self.roots if self.events[root.event].terminal]
         return min(stops, key=lambda root: root.time, default=None)
 
+    def begin(self, k: Constants, y: np.ndarray, time: Any) -> None:
+        """Put the integrator at the start of a stretch."""
+        ta, self.numbers = self.ta, attributes(k, self.dtype)
+        # heyoka counts parameters up to the last that the equations use.
+        ta.pars[:] = flatten(vars(self.numbers))[: len(ta.pars)]
+        ta.state[:] = y
+        ta.dtime = (time, self.dtype(0))
+        if ta.with_events:
+            # A cooldown of the last stretch would swallow an event at the start of this one.
+            ta.reset_cooldowns()
+        self.roots.clear()
+        self.corner = (None, y)
+
+    def _is_blind(self, start: Any) -> bool:
+        """Whether the last step, from a time, has no coefficients of the orders by which heyoka
+        chooses its length, though it is no polynomial: a series in powers of t**3 has none."""
+        c = self.ta.tc
+        if c[:, -2:].any() or not c[:, 2:].any():
+            return False
+        h = self.ta.time - start
+        slope = horner([c[:, i] * self.dtype(i) for i in range(1, c.shape[1])], h)
+        rates = self.model.rhs(self.ta.time, [*horner([*c.T], h)], self.numbers)
+        missed, size = (np.abs(values).max() for values in (slope - rates, rates))
+        return not missed <= ROUNDINGS * self.eps * size
+
+    @property
+    def _visible_step(self) -> float:
+        """A length of the last step, by heyoka's rule from those coefficients that there are."""
+        norm, _, *sizes = np.abs(self.ta.tc.astype(float)).max(axis=0).tolist()
+        radii = [(max(norm, 1) / c) ** (1 / i) for i, c in enumerate(sizes, 2) if c]
+        return float(min(radii) * math.exp(-2))
+
     def integrate(
         self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl
     ) -> Stretch:
@@ -152,41 +189,43 @@ class Taylor:
         self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl
     ) -> Stretch:
         ta = self.ta
-        self.numbers = numbers = attributes(k, self.dtype)
-        # heyoka counts parameters up to the last that the equations use.
-        ta.pars[:] = flatten(vars(numbers))[: len(ta.pars)]
-        ta.state[:] = y
-        ta.dtime = (grid[0], self.dtype(0))
-        if ta.with_events:
-            # A cooldown of the last stretch would swallow an event at the start of this one.
-            ta.reset_cooldowns()
-        self.roots.clear()
-        self.corner = (None, y)
+        self.begin(k, y, grid[0])
         state, series, observe, last = ta.state, ta.tc, control.observer, grid[0]
-        values = self._values(last, state, numbers)
+        values, is_first, is_blind = self._values(last, state, self.numbers), True, False
 
         def after_step(ta: Any) -> bool:
             """Record events that heyoka has lost, and show the step; whether to go on."""
-            nonlocal last, values
-            stop = None
+            nonlocal last, values, is_first, is_blind
+            if is_first and self._is_blind(last):
+                is_blind = True
+                return False
+            is_first, stop = False, None
             if self.events:
-                before, values = values, self._values(ta.time, state, numbers)
-                self._record_lost(numbers, last, before, values)
+                before, values = values, self._values(ta.time, state, self.numbers)
+                self._record_lost(self.numbers, last, before, values)
                 stop = self._first_stop
             if observe is not None:
                 observe(last, ta.time if stop is None else stop.time, series)
             last = ta.time
-            return control.step(state) and stop is None
+            return control.step(state) and stop is None and not is_blind
 
-        through = partial(
-            ta.propagate_grid, grid, callback=after_step, max_delta_t=self.dtype(control.longest)
-        )
-        outcome, _, _, steps, *_, rows = through()
+        def through(longest: float) -> tuple[Any, int, Any]:
+            outcome, _, _, steps, *_, rows = ta.propagate_grid(
+                grid, callback=after_step, max_delta_t=self.dtype(longest)
+            )
+            return outcome, steps, rows
+
+        outcome, steps, rows = through(control.longest)
+        if is_blind:
+            # The steps behind a short one know more.
+            short, is_first = min(self._visible_step, control.longest), False
+            self.begin(k, y, grid[0])
+            outcome, steps, rows = through(short)
         if (stop := self._first_stop) is not None and stop.time == grid[0]:
             # A motion that starts at a zero does not pass through it; the event's cooldown keeps it
             # from returning.
             self.roots.clear()
-            outcome, _, _, steps, *_, rows = through()
+            outcome, steps, rows = through(control.longest)
             stop = self._first_stop
         control.evaluations += steps * ta.order
         end = ta.time if stop is None else stop.time

@@ -203,6 +203,9 @@ class TaylorStep:
         # What the subtraction has rounded away is kept, so that many steps cost the time no digits.
         lost = lost + ((remaining - after) - step)
         steps = steps + hy.select(hy.gt(remaining, 0.0), hy.expression(1.0), hy.expression(0.0))
+        if hasattr(at.k, UNIT):
+            # Without the time in the equations there is no such series, but from rest.
+            after = hy.select(is_blind(y), hy.expression(math.nan), after)
         end = [total_of_powers(c, step) for c in y]
         events = (self._event_row(event, at, end, step) for event in self.events)
         levels = (row for level in self.levels for row in level_rows(level, at, step))
@@ -352,15 +355,27 @@ def radius(y: Sequence[Sequence[Any]]) -> Any:
     chosen such that tol^(1/(n - 1)) is 1/e^2; F. Biscani and D. Izzo, Monthly Notices of the RAS
     504 (2021) 2614.
     """
-    norm, lower, highest, higher = (
-        reduce(larger, [absolute(c[i]) for c in y])
-        for i in (0, ROOT_ORDER - 1, ROOT_ORDER, ROOT_ORDER + 1)
-    )
+    norm = reduce(larger, [absolute(c[0]) for c in y])
     # A steady rotation has coefficients of 0. ROOT_ORDER is a power of 2, whose root is a row of
     # square roots: heyoka's symbols have no other one.
-    coefficient = larger(highest, hy.sqrt(lower * higher)) + TINY_DIVISOR
-    power = larger(norm, hy.expression(1.0)) / coefficient
+    power = larger(norm, hy.expression(1.0)) / (telling_coefficient(y) + TINY_DIVISOR)
     return reduce(lambda x, _: hy.sqrt(x), range(int(math.log2(ROOT_ORDER))), power)
+
+
+def telling_coefficient(y: Sequence[Sequence[Any]]) -> Any:
+    """The size of the coefficients by which `radius` tells a length."""
+    lower, highest, higher = (
+        reduce(larger, [absolute(c[i]) for c in y])
+        for i in (ROOT_ORDER - 1, ROOT_ORDER, ROOT_ORDER + 1)
+    )
+    return larger(highest, hy.sqrt(lower * higher))
+
+
+def is_blind(y: Sequence[Sequence[Any]]) -> Any:
+    """Whether a state's series has no telling coefficients, but others: so has one in powers of
+    t**3."""
+    others = total([absolute(c[k]) for c in y for k in range(2, SERIES_ORDER + 1)])
+    return hy.logical_and([hy.lte(telling_coefficient(y), 0.0), hy.gt(others, 0.0)])
 
 
 def least_distance(function: Level, at: SymbolicMotion, step: Any) -> Any:

@@ -265,7 +265,7 @@ class BatchState:
         outcome, ended = self.outcome, self.columns.chosen(columns)
         outcome.state[:, ended.motion], outcome.exponent[ended.motion] = ended.state, ended.exponent
         remaining, _, outcome.steps[ended.motion] = ended.clock
-        why = np.where(np.isnan(remaining), Rejection.PASSAGE.code, Rejection.SLOW.code)
+        why = np.where(np.isnan(remaining), Rejection.ASTRAY.code, Rejection.SLOW.code)
         outcome.rejection[ended.motion] = np.where(remaining == 0, 0, why)
         self.columns.motion[columns] = -1
 
