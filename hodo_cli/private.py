@@ -30,8 +30,8 @@ def private_folder(variable: str, default: str) -> Path:
     return folder
 
 
-STATE_FOLDER = "XDG_STATE_HOME", ".local/state"
-"""Where the private folder is that is no cache, as `private_folder` takes it."""
+STATE_FOLDER, CACHE_FOLDER = ("XDG_STATE_HOME", ".local/state"), ("XDG_CACHE_HOME", ".cache")
+"""Where the private folders are, as `private_folder` takes them."""
 
 SECRET_SIZE = 32
 
@@ -120,7 +120,7 @@ def cached_code(key: str, compiled: Callable[[], Any]) -> Any:
     is sealed with the user's secret. Where either cannot be had, it is compiled.
     """
     try:
-        file = private_folder("XDG_CACHE_HOME", ".cache") / f"{key}.code"
+        file = private_folder(*CACHE_FOLDER) / f"{key}.code"
     except (OSError, RuntimeError, ValueError):
         return compiled()
     stored = b""
@@ -144,7 +144,7 @@ def _seal(content: bytes) -> bytes:
 def _remove_oldest(folder: Path) -> None:
     """Leave the code that was used last, up to MOST_CODE; drafts that a kill has left count too."""
     total = 0
-    for file in sorted(folder.iterdir(), key=os.path.getmtime, reverse=True):
+    for file in sorted(folder.glob("*.code*"), key=os.path.getmtime, reverse=True):
         total += file.stat().st_size
         if total > MOST_CODE:
             file.unlink()

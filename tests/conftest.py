@@ -47,8 +47,7 @@ def keep_compiled_code_here() -> None:
     theirs = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     with contextlib.suppress(OSError):
         (CACHE / "hodo").mkdir(mode=0o700, parents=True, exist_ok=True)
-        for name in ("heyoka", "matplotlib"):
-            (theirs / name).mkdir(parents=True, exist_ok=True)
+        (theirs / "matplotlib").mkdir(parents=True, exist_ok=True)
         for name in {*os.listdir(theirs)} - {*os.listdir(CACHE)}:
             (CACHE / name).symlink_to(theirs / name)
     os.environ["XDG_CACHE_HOME"] = str(CACHE)

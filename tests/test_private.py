@@ -75,6 +75,31 @@ def test_the_code_that_was_used_last_stays(folder: Path, monkeypatch: pytest.Mon
     assert sorted(os.listdir(folder)) == ["a.code", "c.code"]
 
 
+@pytest.mark.heyoka
+@pytest.mark.parametrize("is_named", [False, True])
+def test_what_heyoka_compiles_is_kept_within_bounds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_named: bool
+) -> None:
+    """heyoka's own file may grow to 20 GB, all of which each process reads that compiles."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    if is_named:
+        monkeypatch.setenv("HEYOKA_CACHE_DIR", str(tmp_path / "own"))
+    else:
+        monkeypatch.delenv("HEYOKA_CACHE_DIR", raising=False)
+    code = """
+import heyoka as hy
+from hodo_cli.engines import taylor
+x = hy.make_vars("x")
+hy.taylor_adaptive([(x, -x)], [1.0])
+print(hy.llvm_state.get_diskcache_limit())
+"""
+    limit = subprocess.check_output([sys.executable, "-c", code], text=True)
+    folder = tmp_path / ("own" if is_named else "hodo/heyoka")
+    assert (folder / "cache.db").stat().st_size > 0
+    assert (int(limit) <= 256 << 20) != is_named
+    assert os.listdir(tmp_path) == [folder.relative_to(tmp_path).parts[0]]
+
+
 SWEEP = """\
 cases:
   a: {model: tensor, inertia: [1, 0.8, 0.6], resistance: {diagonal: 0.003, off_diagonal: 0.001},
@@ -90,7 +115,7 @@ def test_a_step_from_the_disk_gives_the_same_bits(folder: Path, hodo: Hodo) -> N
     columns = []
     for out in ("compiled", "loaded"):
         assert hodo("run", "x.yaml", "--out", out).returncode == 0
-        stored = {path.name: path.read_bytes() for path in folder.iterdir()}
+        stored = {path.name: path.read_bytes() for path in folder.glob("*.code")}
         with h5py.File(folder.parent / out / "x.h5") as file:
             columns.append({name: item[()] for name, item in file["a"].items()})
     assert len(stored) == 2  # the step, and its event

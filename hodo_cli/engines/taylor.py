@@ -1,7 +1,9 @@
 """Adaptive Taylor series through heyoka, which only this module and `taylor_batch` import."""
 
 import math
+import os
 from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
 from threading import Lock
 from types import SimpleNamespace
@@ -12,12 +14,23 @@ import numpy as np
 
 from ..arithmetic import SYMBOLS, horner
 from ..models.base import Constants, Event, Model, Structure, attributes, count, flatten, namespace
+from ..private import CACHE_FOLDER, private_folder
 from .polynomial import TAYLOR
 from .protocol import NORM_BAND, PRECISION, EventRoot, Status, StepControl, Stretch
 from .stepwise import zero
 
 # heyoka warns about its cache on stdout, where commands print their data.
 hy.set_logger_level_error()
+
+CODE_LIMIT = 128 << 20
+"""What heyoka's code on the disk takes at most, in bytes: the papers' is 8 MB. By itself it keeps
+20 GB, and reads all of them before it first compiles in a process, which takes 0.2 s a GB."""
+
+if "HEYOKA_CACHE_DIR" not in os.environ:
+    # Where the user's folder cannot be had, or is not private, heyoka keeps its own.
+    with suppress(OSError, RuntimeError, ValueError):
+        hy.llvm_state.set_diskcache_path(private_folder(*CACHE_FOLDER) / "heyoka")
+        hy.llvm_state.set_diskcache_limit(CODE_LIMIT)
 
 SYMBOLS[hy.expression] = hy
 
