@@ -385,7 +385,6 @@ def put(value: Any, path: Sequence[str | int], new: float) -> Any:
     head, *tail = path
     if isinstance(value, Mapping):
         return {**value, head: put(value[head], tail, new)}
-    assert isinstance(value, tuple)
     if isinstance(head, str):
         return tuple(put(item, path, new) for item in value)
     return (*value[:head], put(value[head], tail, new), *value[head + 1 :])

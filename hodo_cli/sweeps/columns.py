@@ -77,8 +77,7 @@ def blank_array(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
 
 def shape(case: Case) -> tuple[int, ...]:
     """The length of each axis."""
-    assert case.sweep is not None
-    return tuple(len(axis) for axis in axes_of(case.sweep))
+    return tuple(len(axis) for axis in axes_of(case.sweep or {}))
 
 
 def stored_bytes(case: Case) -> int:

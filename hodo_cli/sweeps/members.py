@@ -78,8 +78,7 @@ def combinations(
 ) -> tuple[list[KeyPath], np.ndarray, np.ndarray, np.ndarray | None]:
     """The paths that vary, the values there (p, k) of each combination that occurs among members
     (n,), the position (n,) of each member's combination, and its direction (n, 3), if any."""
-    assert case.sweep is not None
-    axes = axes_of(case.sweep)
+    axes = axes_of(case.sweep or {})
     index = np.unravel_index(members, shape(case))
     plain = [(axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is None]
     directions = [
