@@ -69,39 +69,21 @@ SET_FOR: Any = "path" if matplotlib.__version_info__ >= (3, 11) else "agg"
 """What a canvas of pixels takes of a formula."""
 
 
-@lru_cache(maxsize=1024)
-def _formula(text: str, dpi: float, font: FontProperties | None, fonts: str) -> Any:
-    return MathTextParser(SET_FOR).parse(text, dpi, font)
-
-
-class CachedMathText(MathTextParser):  # type: ignore[type-arg]
-    """Sets formulas, and keeps them: figures share most of their labels, to set one takes some
-    milliseconds, and matplotlib's own parser forgets with every figure."""
-
-    def parse(
-        self,
-        s: str,
-        dpi: float = 72,
-        prop: FontProperties | None = None,
-        *,
-        antialiased: bool | None = None,
-    ) -> Any:
-        """What is drawn of a text with formulas; `antialiased` is for images of single formulas."""
-        # A copy, because a text may change its font later.
-        # The letters of formulas may come from other fonts in another figure.
-        return _formula(s, dpi, prop and prop.copy(), matplotlib.rcParams["mathtext.it"])
-
-
-FORMULAS = CachedMathText(SET_FOR)
+@lru_cache
+def formulas(fonts: str) -> MathTextParser:  # type: ignore[type-arg]
+    """What sets formulas in letters of these fonts, and keeps the latest: figures share most of
+    their labels, to set one takes some milliseconds, and matplotlib itself forgets with every
+    figure."""
+    return MathTextParser(SET_FOR)
 
 
 class FormulaCanvas(FigureCanvasAgg):
-    """A canvas of pixels that sets formulas by `FORMULAS`."""
+    """A canvas of pixels that sets formulas by `formulas`."""
 
     def get_renderer(self) -> Any:
         """The renderer of the figure."""
         renderer = super().get_renderer()  # type: ignore[no-untyped-call]
-        renderer.mathtext_parser = FORMULAS
+        renderer.mathtext_parser = formulas(matplotlib.rcParams["mathtext.it"])
         return renderer
 
 
@@ -114,7 +96,9 @@ def text_width(text: str, size: float) -> float:
     try:
         # Before drawing: matplotlib would find a mistake only when it saves, and not say which text
         # is meant. Set as it will be drawn, a formula is set only once.
-        parsed = FORMULAS.parse(formula, dpi, FontProperties(size=size))
+        parsed = formulas(matplotlib.rcParams["mathtext.it"]).parse(
+            formula, dpi, FontProperties(size=size)
+        )
     except ValueError as error:
         what = str(error).strip().splitlines()[-1]
         raise HodoError(f"{text!r} is not TeX that matplotlib knows ({what})") from None
