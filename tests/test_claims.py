@@ -663,12 +663,17 @@ MISTAKEN = [
 
 @pytest.mark.parametrize(("claim", "words"), MISTAKEN)
 def test_a_wrong_claim_is_named_with_its_place(claim: str, words: str) -> None:
-    text = MOTIONS + claims_block(f"{claim}, expect: reproduced")
+    message = refusal_in_last_line(MOTIONS + claims_block(f"{claim}, expect: reproduced"))
+    assert message.startswith(f"claims.0.{words}")
+
+
+def refusal_in_last_line(text: str) -> str:
+    """Why a case file is refused, for a mistake in its last line."""
     with pytest.raises(HodoError) as raised:
         parse(text, "c.yaml")
     place, _, message = str(raised.value).partition(": ")
     assert re.fullmatch(rf"c\.yaml:{len(text.splitlines())}:\d+", place)
-    assert message.startswith(f"claims.0.{words}")
+    return message
 
 
 def test_statements_that_are_no_list_are_told_how_a_list_is_written() -> None:
@@ -820,11 +825,7 @@ def test_a_case_with_other_values_is_checked_as_any_case(
         "erratum": "errata:\n  - {id: e, where: a, printed: b, should_be: c, "
         f"cases: {cases}, {FALLS}}}\n",
     }[entry]
-    text = MOTIONS + block
-    with pytest.raises(HodoError) as raised:
-        parse(text, "c.yaml")
-    place, _, message = str(raised.value).partition(": ")
-    assert re.fullmatch(rf"c\.yaml:{len(text.splitlines())}:\d+", place)
+    message = refusal_in_last_line(MOTIONS + block)
     start = {"reading": "claims.0.readings.a.cases.", "erratum": "errata.0.cases."}
     assert message.startswith(words.replace(CASE, start.get(entry, CASE)))
 

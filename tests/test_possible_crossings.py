@@ -118,6 +118,12 @@ def passages(A: Any, states: Any) -> list[list[tuple[int, float, float]]]:
     return found
 
 
+def assert_there_and_back(passed: list[tuple[int, float, float]], turning: Any) -> None:
+    """That a motion crosses at most once under the fluid, and then at most once under damping."""
+    assert [side for side, _, after in passed if after > turning.fluid] in ([], [1])
+    assert [side for side, before, _ in passed if before < turning.damping] in ([], [-1])
+
+
 def random_terms(draw: np.random.Generator, n: int, *names: str) -> theory.Dissipation:
     size = {"damping": 0.02, "quadratic": 0.02, "quadratic_axes": 0.04}
     given: dict[str, Any] = {
@@ -171,10 +177,7 @@ def test_no_motion_crosses_otherwise(name: str) -> None:
                 or side not in senses[:-1]
             )
         if allowed == THERE_AND_BACK:
-            fast = [s for s, _, after in passed if after > turning.fluid]
-            slow = [s for s, before, _ in passed if before < turning.damping]
-            assert fast in ([], [1])
-            assert slow in ([], [-1])
+            assert_there_and_back(passed, turning)
     assert crossed > MEMBERS / 20
 
 
@@ -190,11 +193,7 @@ def test_fluid_with_equal_quadratic_drag_goes_there_and_back() -> None:
     both = 0
     for n, passed in enumerate(passages(A, motions(A, terms, 0, starts(draw, MEMBERS), 1500))):
         if allowed[n] == THERE_AND_BACK:
-            turning = theory.turning_momenta(member(terms, n))
-            fast = [s for s, _, after in passed if after > turning.fluid]
-            slow = [s for s, before, _ in passed if before < turning.damping]
-            assert fast in ([], [1])
-            assert slow in ([], [-1])
+            assert_there_and_back(passed, theory.turning_momenta(member(terms, n)))
             both += len(passed) == 2
     assert both
 
