@@ -155,6 +155,38 @@ def test_corners_leave_no_more_than_rounding() -> None:
     assert hodo.run(case).attrs["error"] < 1e-12
 
 
+def between_switches(case: dict[str, Any], torque: Callable[[np.ndarray], Any]) -> np.ndarray:
+    """omega (3,) at the end of a case, by another method from one zero of p or r to the next; the
+    torque is one of the signs of p and r."""
+    A, end = np.array(case["inertia"]), case["time"]["end"]
+    w, time = np.array([*case["initial"].values()]), 0.0
+    signs = np.sign(w[[0, 2]])
+    zeros = [lambda t, w, N: w[0], lambda t, w, N: w[2]]
+    for zero in zeros:
+        vars(zero)["terminal"] = True
+    while time < end:
+        ivp = solve_ivp(
+            lambda t, w, N: (np.cross(A * w, w) + N) / A, (time, end), w, "DOP853",
+            events=zeros, args=(torque(signs),), rtol=3e-14, atol=1e-16,
+        )  # fmt: skip
+        time, w = ivp.t[-1], ivp.y[:, -1].copy()
+        met = np.array([len(times) > 0 for times in ivp.t_events])
+        signs = np.where(met, -signs, signs)
+        w[[0, 2]] = np.where(met, 1e-18 * signs, w[[0, 2]])
+    return w
+
+
+@pytest.mark.parametrize("method", METHODS[:2])
+def test_a_jump_that_the_motion_itself_switches_leaves_no_more_than_rounding(method: str) -> None:
+    case = {
+        "model": "torques", "inertia": [1, 0.8, 0.6], "method": method,
+        "expression": ["-0.02*p/sqrt(p**2)", "0", "0.01*r/sqrt(r**2)"],
+        "initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 40, "samples": 41},
+    }  # fmt: skip
+    true = between_switches(case, lambda signs: np.array([-0.02 * signs[0], 0, 0.01 * signs[1]]))
+    assert hodo.run(case).omega.values[-1] == pytest.approx(true, rel=1e-11, abs=3e-12)
+
+
 @pytest.mark.heyoka
 @pytest.mark.parametrize("formula", ["0.01*sqrt(p**2)", "-0.05*p/sqrt(p**2)"])
 def test_a_corner_of_drag_and_of_a_formula_at_one_place(formula: str) -> None:

@@ -219,11 +219,14 @@ class Propagation:
         change by those of the end."""
         clock, y, fp = self.clock, self.y, self.engine.dtype
         k = attributes(self.units.constants(self.model, self.system.constants), fp)
+
+        def rates(t: Any, y: np.ndarray) -> np.ndarray:
+            return np.asarray(stacked(self.system.rhs(t, [*y], k), y) * fp(clock.factor))
+
         # At the change itself, as a motion may begin, its formula may be no number.
-        before, behind = (
-            stacked(self.system.rhs(t, [*y], k), y) * fp(clock.factor)
-            for t in (clock.exact(fp(0)) if clock.until(at) > 0 else end, end)
-        )
+        before = rates(clock.exact(fp(0)) if clock.until(at) > 0 else end, y)
+        # By the state there: what the motion itself switches has the old rates in the present one.
+        behind = rates(end, y + clock.until(end) * before)
         # From now to each sample on the way and to the end, and the part of it before the change.
         elapsed = clock.until(np.append(self.samples.ahead(float(end)).astype(fp), end))
         change = max(clock.until(at), fp(0))
