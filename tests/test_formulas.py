@@ -188,6 +188,26 @@ def test_a_jump_that_the_motion_itself_switches_leaves_no_more_than_rounding(met
 
 
 @pytest.mark.heyoka
+@pytest.mark.parametrize("precision", ["double", "extended"])
+def test_seconds_since_an_epoch_cost_the_digits_that_are_stated(precision: str) -> None:
+    """Each time is rounded by 2e-7, and the formulas of it with it: that is no change of theirs."""
+    start, end = 1.7e9, 50
+
+    def phase(angle: float) -> float:
+        return math.atan2(math.sin(angle), math.cos(angle))
+
+    formula = ["0.05*sin(t)", "0.03*cos(t/2)", "0"]
+    late = {"start": start, "end": start + end, "samples": 51}
+    moved = [f"0.05*sin(t+{phase(start)})", f"0.03*cos(t/2+{phase(start / 2)})", "0"]
+    ds = motion(formula, time=late, precision=precision)
+    true = motion(moved, time={"end": end, "samples": 51}).omega.values
+    error = (np.linalg.norm(ds.omega - true, axis=1) / np.linalg.norm(true, axis=1)).max()
+    assert ds.attrs["status"] == "ok"
+    assert error < 2 * ds.attrs["error"] + 1e-13
+    assert ds.attrs["error"] < {"double": 1e-6, "extended": 1e-9}[precision]
+
+
+@pytest.mark.heyoka
 @pytest.mark.parametrize("formula", ["0.01*sqrt(p**2)", "-0.05*p/sqrt(p**2)"])
 def test_a_corner_of_drag_and_of_a_formula_at_one_place(formula: str) -> None:
     case = {

@@ -44,6 +44,10 @@ DEFECT = 1e-12
 """By how much a step may miss its equations at least, relative to the size of the state: far above
 the rounding of the comparison, far below what a pulse of a formula makes of a motion."""
 
+GRAINS = 16
+"""And by how many rounding errors of the time, as parts of the longest step: that is a few times as
+long as a formula takes to change."""
+
 SIZE_AT_REST = 1e-150
 """The least size of a state to which it is relative: a body at rest has none. Its square is a
 double."""
@@ -249,8 +253,11 @@ class StepCheck(StepBuffer):
         """How far steps miss their equations (n, k) at places x (k,): beyond 1 something has
         changed."""
         state, slope, rates = self._slopes(ends, x, b)
-        # Between the ends of a step its polynomial has half of the digits at worst.
-        parts = self.tol**0.5 * (ends[:, 1] - ends[:, 0]) / self.longest
+        # Between the ends of a step its polynomial has half of the digits at worst, and formulas
+        # of seconds since an epoch, which are rounded, have fewer.
+        latest = np.abs(self.clock.exact_times(ends)).max().astype(b.dtype)
+        grain = GRAINS * np.spacing(latest) * self.clock.factor / self.longest
+        parts = max(self.tol**0.5, grain) * (ends[:, 1] - ends[:, 0]) / self.longest
         allowed = np.maximum(parts, max(DEFECT, 100 * self.tol))
         # Without units of its own a motion has the error of one of size 1, however small it is.
         least = SIZE_AT_REST if self.system.degree else 1.0
