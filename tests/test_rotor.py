@@ -1,5 +1,6 @@
 """Bodies with a rotor, and bodies that are given by a full tensor of inertia, at the door."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -120,6 +121,39 @@ def test_media_act_on_the_turning_body_at_the_stop() -> None:
     w = solve_ivp(rates, (0, at_stop - 0.5), [0.8, 0.5, 0.74], method="DOP853", rtol=1e-12).y[:, -1]
     G = np.linalg.norm(BODY * w + [0, 0, 0.3])
     assert (0.01 - 0.004 * 0.3) * 0.5 < G < (0.01 + 0.004 * 0.3) * 0.5
+
+
+def time_of_stop(brake: float, rotor: Any, torque: Callable[[float, np.ndarray], Any]) -> float:
+    """When a brake stops G beside another torque: in the time sigma, dt = |G| dsigma, ln |G| falls
+    without end, and nothing is singular."""
+    A, h = np.array(BODY), np.array(rotor)
+
+    def rates(sigma: float, y: np.ndarray) -> np.ndarray:
+        u, size = y[:3], np.exp(y[3])
+        w = (size * u - h) / A
+        N = torque(y[4], w)
+        return np.array([*(N - (N @ u) * u - size * np.cross(w, u)), N @ u - brake, size])
+
+    G = A * [*B.values()] + h
+    start = [*(G / np.linalg.norm(G)), np.log(np.linalg.norm(G)), 0.0]
+    ivp = solve_ivp(rates, (0, 80 / brake), start, "DOP853", rtol=3e-14, atol=1e-16)
+    assert ivp.y[3, -1] < -36
+    return float(ivp.y[4, -1])
+
+
+@pytest.mark.parametrize("h", [(0.1, 0.2, -0.3), (0.0, 0.0, 0.3), (0.0, 0.0, 0.0)])
+@pytest.mark.parametrize("term", ["damping", "expression"])
+def test_the_stop_beside_other_torques_is_known_to_its_stated_error(term: str, h: Any) -> None:
+    terms = {"damping": [0.01, 0.02, 0.03], "expression": ["0.005*sin(t)", "0", "0.001"]}
+    torques = {
+        "damping": lambda t, w: -np.array(BODY) * terms["damping"] * w,
+        "expression": lambda t, w: np.array([0.005 * np.sin(t), 0, 0.001]),
+    }
+    rotor = {"rotor": list(h)} if any(h) else {}
+    stop = run(90, brake=0.02, **rotor, **{term: terms[term]})
+    off = abs(stop.event_time.item() - time_of_stop(0.02, h, torques[term]))
+    # The other method is right to some 1e-13.
+    assert off < 2 * stop.event_error.item() + 3e-13
 
 
 def test_the_fluid_of_a_gyrostat_is_that_of_its_free_motion() -> None:

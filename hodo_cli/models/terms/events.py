@@ -21,9 +21,9 @@ from ..theory.gyrostat import region_of
 from .laws import coefficient_at
 from .torques import TERMS, Term, rates_under
 
-STAGES, STAGES_WITH_ROTOR, STAGE_RATIO = 14, 8, 8
+STAGES, STAGES_WITH_ROTOR, STAGE_RATIO = 14, 10, 8
 """How often |G| falls by a ratio, a stage of braking each time, before a brake has all but stopped
-the body: to 2e-13 of it, with a rotor, whose h hides what is left of G, to 6e-8."""
+the body: to 2e-13 of it, with a rotor, whose h hides what is left of G, to 9e-10."""
 
 BEHIND_ZERO, BEHIND_REST = 1e-30, 1e-300
 """The part of |omega| at which a component goes on behind its zero: on the side that it enters, so
@@ -101,16 +101,18 @@ def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: A
     """
     G, state = angular_momentum_of(y[:3], k), [*y]
     size, stages = dot(G, G) ** 0.5, STAGES_WITH_ROTOR if hasattr(k, "h1") else STAGES
-    excess = 0.0  # of the brake over the other torques at rest, which count in the last stage
+    b, N = 0.0, [0.0, 0.0, 0.0]  # which count in the last stage
     if size < 2 * k.momentum_at_start / STAGE_RATIO**stages:
         extra = [*y[3:row], *y[row + 1 :]]
-        excess = coefficient_at(k, "brake", t) - torque_at_rest(others, t, extra, k)
+        b, N = coefficient_at(k, "brake", t), torque_at_rest(others, t, extra, k)
+    excess = b * b - dot(N, N)
     if not excess > 0:
         state[row] = size / k.A1
         return EventOutcome(float(t), None, state, t)
     details = stop_details(np.array(G, float), label_at_stop(np.array(y[:3], float), k))
     state[:3], state[row] = (0 * size + x for x in omega_at_rest(k)), 0 * size
-    return EventOutcome(float(t + size / excess), details, state, math.inf)
+    left = (b * size + dot(N, G)) / excess
+    return EventOutcome(float(t + left), details, state, math.inf)
 
 
 def label_at_stop(omega: np.ndarray, k: Any) -> Any:
@@ -123,12 +125,12 @@ def label_at_stop(omega: np.ndarray, k: Any) -> Any:
     return region_of(A, np.array(rotor, float), omega[None]).label[0]
 
 
-def torque_at_rest(others: Sequence[str], t: Any, extra: Sequence[Any], k: Any) -> float:
-    """The size of a sum of torques, by name, where G is 0."""
+def torque_at_rest(others: Sequence[str], t: Any, extra: Sequence[Any], k: Any) -> list[float]:
+    """A sum of torques (3,), by name, where G is 0."""
     rates = rates_under([TERMS[name] for name in others], t, [*omega_at_rest(k), *extra], k)[:3]
     # A omega', since -omega x G is 0 there.
     still = angular_momentum_of((0.0, 0.0, 0.0), k)
-    return float(np.linalg.norm(np.subtract(angular_momentum_of(rates, k), still).astype(float)))
+    return [float(moved - x) for moved, x in zip(angular_momentum_of(rates, k), still, strict=True)]
 
 
 def omega_at_rest(k: Any) -> Sequence[Any]:
