@@ -839,3 +839,21 @@ def test_a_mean_start_under_a_torque_that_changes_is_that_of_time_0(torque: dict
     assert Case.of(later | {"damping": 0.001})
     assert Case.of(later | torque | {"mean_start": "no"})
     assert Case.of(later | {"damping": LAW, "time": {"end": 100}})
+
+
+@pytest.mark.parametrize("mean_start", ["yes", "no"])
+@pytest.mark.parametrize(("inertia", "axis"), [((1, 1, 0.6), "r"), ((0.6, 1, 0.6), "q")])
+def test_that_a_symmetric_body_across_its_axis_does_not_turn(
+    inertia: Sequence[float], axis: str, mean_start: str
+) -> None:
+    """Its hodograph is a point, so that nothing is to be averaged. In a sweep over starts it takes
+    no other member along."""
+    start = {"p": 0.8, "q": 0.5, "r": 0.3} | {axis: 0}
+    keys = {"inertia": inertia, "initial": start, "mean_start": mean_start}
+    with pytest.raises(HodoError, match="averaging is undefined"):
+        case(**keys)
+    data = {
+        "model": "linear-diag", "form": "averaged", "damping": 0.001, "time": {"end": 10}, **keys,
+        "initial": start | {axis: 0.1}, "sweep": {f"initial.{axis}": {"values": [0.2, 0, 0.1]}},
+    }  # fmt: skip
+    assert hodo_cli.sweep(data).status.values.tolist() == [0, 3, 0]

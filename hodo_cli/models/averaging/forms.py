@@ -213,7 +213,7 @@ class AveragedTurns(BodyFrame):
             slow = slow_elements(body, omega)
         if any(omega) and not 0 < max(slow[:2]) < math.inf:
             yield ("initial",), "the square of the start is beyond the range of doubles"
-        elif not max(slow[:2]) or slow.m1 < 2 * edge_of(body):
+        elif slow.m1 < 2 * edge_of(body):
             yield (
                 ("initial",),
                 "averaging is undefined at rest and on the separatrix or very near it: take form "

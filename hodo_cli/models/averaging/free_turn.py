@@ -149,8 +149,8 @@ def slow_elements(body: Body, omega: Any) -> SlowVariables:
     side, (X_e, X_o) = np.where(above, 1, -1), np.where(above, (X, Y), (Y, X))
     about, across = np.where(above, p, r), np.where(above, r, p)
     scale = body.weights(side)[0] * X_e
-    # A body at rest has no scale; any m serves it.
-    m1 = np.divide((a - c) * np.abs(D), scale, out=np.ones_like(scale), where=scale != 0)
+    # What does not turn is taken for the separatrix: rest, and a symmetric body across its axis.
+    m1 = np.divide((a - c) * np.abs(D), scale, out=np.zeros_like(scale), where=scale != 0)
     sense = np.where(about < 0, -1, 1)
     opposite, inner = np.where(above, c, a), np.where(above, a - b, b - c)
     am = np.arctan2(-sense * np.sqrt(b * inner) * q, np.sqrt(opposite * (a - c)) * across)
