@@ -202,7 +202,7 @@ FIVE = (
 
     @property
     def start(self):
-        return (*super().start, 0.0, 1.0)
+        return (*super().start, 0.0, super().start[0] / 0.8)
 
     @staticmethod""",
     )
@@ -229,6 +229,9 @@ def test_a_state_may_hold_more_than_the_velocity(hodo: Hodo, folder: Path) -> No
         assert file["one/s"].shape == (3,)
         assert file["one/s"][-1] == pytest.approx(math.sin(7), abs=1e-12)
         assert list(file["starts/status"]) == [0] * 5
+        # The cosine starts with p/0.8, another one of each member.
+        p = math.hypot(0.8, 0.4, 0.444) * file["starts/d_vector"][:, 0]
+        assert file["starts/s"][:] == pytest.approx(p * math.sin(7) / 0.8, abs=1e-12)
     assert {path.name for path in (folder / "runs" / "figures" / "a").glob("*.png")} == {
         "path.png",
         "phase.png",
@@ -313,7 +316,8 @@ claims:
 
 def test_the_heavy_body_of_the_documents_keeps_its_integrals(hodo: Hodo, tmp_path: Path) -> None:
     """Of Kovalevskaya's body, T + L.z, G.z and her own; the vertical is where the quaternion has
-    it, and a member of a sweep over the tilt is the single case."""
+    it, of members with random starts too, and a member of a sweep over the tilt is the single
+    case."""
     source, config = (
         next(text for text in snippets("docs/models.md", language) if word in text)
         for language, word in (("python", "class Heavy"), ("yaml", "model: heavy"))
@@ -322,6 +326,8 @@ def test_the_heavy_body_of_the_documents_keeps_its_integrals(hodo: Hodo, tmp_pat
     body = config.removeprefix("cases:\n")
     tilts = "    sweep: {attitude.euler.1: {values: [0.3, 1.0471975511965976]}}\n"
     swept = body.replace("kovalevskaya", "swept") + tilts
+    ball = "    store: [trajectory]\n    sweep: {d: {sphere: {count: 5, seed: 1}}}\n"
+    swept += body.replace("kovalevskaya", "random").replace("end: 50", "end: 5, samples: 3") + ball
     (tmp_path / "a.yaml").write_text(f"cases:\n{body}{swept}{OF_HEAVY}", encoding="utf-8")
     commands = ["--models heavy.py run a.yaml", "claims runs/a.h5", "plot runs/a.h5"]
     for command in commands:
@@ -335,8 +341,11 @@ def test_the_heavy_body_of_the_documents_keeps_its_integrals(hodo: Hodo, tmp_pat
     for integral in (energy, vertical_momentum, fourth):
         assert np.ptp(integral) < 1e-13
         assert abs(integral[0]) > 0.01
-    turned = Rotation.from_quat(data["kovalevskaya"].attitude.values, scalar_first=True).apply(z.T)
-    assert np.abs(turned - [0, 0, 1]).max() < 1e-13
+    for name in ("kovalevskaya", "random"):
+        attitudes = data[name].attitude.values.reshape(-1, 4)
+        verticals = data[name].vertical.values.reshape(-1, 3)
+        turned = Rotation.from_quat(attitudes, scalar_first=True).apply(verticals)
+        assert np.abs(turned - [0, 0, 1]).max() < 1e-13
     last = data["swept"].isel({"attitude.euler.1": 1})
     assert np.abs(last.omega.values - [p[-1], q[-1], r[-1]]).max() < 1e-11
 

@@ -4,7 +4,7 @@ from body to space beside it."""
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from typing import Any, ClassVar, cast
 
@@ -254,7 +254,9 @@ class Oriented(Model):
         return tuple(self._with_attitude(np.array(super().start)).tolist())
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
-        return self._with_attitude(super().starts(omega))
+        # Of the form itself: the start of this one has what is fixed in space turned already.
+        own = {field.name: getattr(self, field.name) for field in fields(self.plain)}
+        return self._with_attitude(self.plain(**own).starts(omega))
 
     def _with_attitude(self, starts: np.ndarray) -> np.ndarray:
         """Starts (m + 4, ...) from the model's own, what is fixed in space in the body's axes."""

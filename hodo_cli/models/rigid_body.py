@@ -3,7 +3,7 @@ of inertia and omega, and what the models share whose state begins with omega.""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal, localcontext
 from functools import cached_property
 from operator import attrgetter
@@ -375,9 +375,13 @@ class BodyFrame(Model):
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
         w = np.moveaxis(omega, -1, 0)
-        # What else the state holds starts as it does for the data themselves.
-        others = [np.full(w.shape[1:], value) for value in self.start[len(w) :]]
-        return np.stack([*w, *others])
+        if len(self.state) == len(w):
+            return w.copy()
+        # What else a user's state holds may follow from omega, as only its own start knows.
+        each = (dict(zip("pqr", one, strict=True)) for one in omega.reshape(-1, 3).tolist())
+        others = dict.fromkeys(self.initial)
+        starts = [replace(self, initial=others | initial).start for initial in each]
+        return np.array(starts).T.reshape(-1, *w.shape[1:])
 
     @cached_property
     def constants(self) -> Constants:
