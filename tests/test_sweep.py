@@ -547,6 +547,20 @@ def test_starts_that_decide_nothing() -> None:
     assert values["status"].tolist() == [OK] * 5
 
 
+def test_whole_numbers_vary_through_lists() -> None:
+    """Between the ends of a span there may be others. What is no power of two is no number of nodes
+    of a mean over a turn."""
+    text = f"{SHORT}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, form: averaged".replace(
+        "linear-diag", "torques, quadratic: 0.01"
+    )
+    values = computed(one(f"{text}, sweep: {{nodes: {{values: [16, 40, 64]}}}}"))
+    single = integrate(one(f"{text}, nodes: 16")).variables["momentum"][-1]
+    assert values["status"].tolist() == [OK, INVALID, OK]
+    assert values["momentum"][0] == single
+    with pytest.raises(HodoError, match="a whole number varies through a list"):
+        one(f"{text}, sweep: {{nodes: {{linspace: [16, 64, 3]}}}}")
+
+
 def test_members_that_are_no_body_are_marked() -> None:
     case = one(
         f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: "

@@ -317,6 +317,9 @@ def _check_range(
         yield (), "is not a number, so it cannot be swept"
         return
     ((word, span),) = value_range.items()
+    if isinstance(inner, Integer) and word != "values":
+        yield (word,), "a whole number varies through a list, {values: [...]}"
+        return
     values = span if word == "values" else span[:2]  # a span ends with the number of values
     has_angle = any(isinstance(item, InDegrees) for item in values)
     if is_misfit := has_angle and not isinstance(inner, Angle):
@@ -380,6 +383,8 @@ def put(value: Any, path: Sequence[str | int], new: float) -> Any:
     """A copy of resolved case data with `new` at a path; where a vector or one law for all axes
     stands, in all of its components."""
     if not path:
+        if isinstance(value, int) and isinstance(new, float):
+            return int(new)  # a count stays one
         # A scalar key given for a vector (`damping`) means that all are equal.
         return (new,) * len(value) if isinstance(value, tuple) else new
     head, *tail = path
