@@ -100,6 +100,9 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
         ),
         ("{initial: {values: [1]}}", "sweep.initial: is not a number"),
         ("{time: {sphere: {count: 2}}}", "time is a dimension of every result"),
+        ("{principal: {sphere: {count: 2}}}", "principal is a dimension of every result"),
+        ("{omega: {sphere: {count: 2}}}", "omega is a variable of the result: call it otherwise"),
+        ("{status: {zip: {damping.0: {values: [1]}}}}", "status is a variable of the result"),
         (
             "{d: {sphere: {count: 0}}}",
             "sweep.d.sphere.count: expected an integer >= 1, <= 1e+09, got 0",

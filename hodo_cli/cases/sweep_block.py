@@ -52,7 +52,7 @@ DRAWN_AT_ONCE = 4096
 """Directions that are drawn from one generator, so that any part of a sphere can be drawn by
 itself."""
 
-RESERVED = ("time", "axis", "quaternion", "space", "member")
+RESERVED = ("time", "axis", "quaternion", "space", "principal", "member")
 
 MEMBER_COLUMNS = (
     "crossing_time",
@@ -281,6 +281,10 @@ def _check_axis(axis: Axis, axes: Sequence[Axis], model: type[Model]) -> Iterato
             axis.name in RESERVED,
             (),
             f"{axis.name} is a dimension of every result; call the axis otherwise",
+        ),
+        *(
+            (name in storable(model), (), f"{name} is a variable of the result: call it otherwise")
+            for name in dict.fromkeys((axis.name, *axis.keys))
         ),
         (
             axis.name in spheres and not model.starts_with_omega,
