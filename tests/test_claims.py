@@ -270,9 +270,29 @@ CHECKS = [
     ("fading", "{kind: bound, of: end_of_spin, least: 9}", "reproduced", math.inf),
     ("spinning", "{kind: bound, of: end_of_spin, least: 10}", "reproduced", math.inf),
     ("spinning", "{kind: bound, of: end_of_spin, least: 60}", "not tested", None),
-    # tests/data/crossings.csv; the interpolation between samples costs the rest.
-    ("top", "{kind: value, values: {rebound_u3: [0.40076030988]}, within: 1.0e-6}",
-     "reproduced", None),
+    # tests/data/crossings.csv
+    *((f"{{case: top, time: {{end: 4, samples: {samples}}}}}",
+       "{kind: value, values: {rebound_u3: [0.40076030988]}, within: 1.0e-10}", "reproduced", None)
+      for samples in (401, 5)),
+    # By scipy's DOP853 from the equations, with 2,000,001 samples for the turns and the area.
+    ("{case: passing, cavity: {kappa: 0.6048}, epsilon: 0.1, initial: {p: 1, q: 0, r: 1}, "
+     "time: {end: 60, samples: 61}}",
+     "{kind: value, values: {end_of_spin: [40.00875091]}, within: 1.0e-7}", "reproduced", None),
+    *((f"{{case: turning, damping: [0.005, 0.004, 0.003], time: {{end: 1000, {samples}}}}}",
+       f"{{kind: value, values: {{{values}}}, within: 1.0e-4}}", word, None)
+      for samples, values, word in (
+          ("samples: 501", "turns: [6.55648]", "reproduced"),
+          ("samples: 401", "visible_turns_x3: [1.53857]", "reproduced"),
+          ("steps: yes", "visible_turns_x1: [6.55648]", "reproduced"),
+          ("samples: 1001", "area_smallest: [0.0637146]", "reproduced"),
+          ("samples: 401", "area_smallest: [0.0637146]", "not tested"),
+          ("samples: 11", "area_largest: [1]", "not tested"))),
+    # The second is the first, which crosses at 30 or so.
+    *(("turning, {case: turning, time: {end: 10}}",
+       f"{{kind: order, of: first_crossing, sense: {sense}}}", "not tested", None)
+      for sense in ("rises", "equal")),
+    ("staying, staying", "{kind: order, of: first_crossing, sense: equal}", "not tested", None),
+    ("turning, staying", "{kind: order, of: first_crossing, sense: rises}", "reproduced", None),
     ("free", "{kind: paper, name: free-rotation}", "reproduced", 0),
     # Shorter than a period, and without two times in common: nothing to compare.
     *(("{case: top, form: full, epsilon: 0.1, a: 0, b: 0, time: {end: 0.01, samples: 9}}",
@@ -1289,15 +1309,15 @@ def test_the_numbers_that_decide_are_those_found_by_other_means(
     assert areas["|omega(0)| = 1"] == pytest.approx(0.074, abs=0.0005)
     areas = {name: each["number"] for name, each in one["fig18-area"]["readings"].items()}
     assert areas["|omega(0)| = 1"] == pytest.approx(0.169, abs=0.0005)
-    # With |G| > 0.1, by DOP853 at 1e-11 and ten samples in a unit of time.
+    # With |G| > 0.1, by DOP853 at 1e-11; the turns below with 400,001 samples each.
     turns = [each["number"] for each in one["fig16-turns"]["readings"].values()]
     assert turns == pytest.approx([0, 1.57], abs=0.005)
     turns = [each["number"] for each in one["fig18-turns"]["readings"].values()]
     assert turns[1:] == pytest.approx([1.528, 3.08], abs=0.005)
     spaced = [each["evidence"] for each in one["size-changes-spacing"]["readings"].values()]
     assert spaced == [
-        "turns: 14.18, 7.089, 3.577, 1.847; 4.993, 2.516, 1.259, 0.6592",
-        "turns: 13.99, 6.778, 3.059, 1.695; 4.886, 2.742, 0.9109, 0.733",
+        "turns: 14.19, 7.093, 3.577, 1.847; 4.995, 2.517, 1.259, 0.6627",
+        "turns: 13.99, 6.778, 3.06, 1.695; 4.886, 2.742, 0.913, 0.7337",
     ]
     stays = {name: each["number"] for name, each in one["x1-stays"]["readings"].items()}
     assert stays["entries 1 and 3"] == 1

@@ -274,6 +274,10 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
     groups = in_groups(motions, check["by"] or len(motions))
     values = np.array([[number(m, name, check["at"]) for m in group] for group in groups])
     words = f"{name}: {'; '.join(map(listed, values.tolist()))}"
+    for group, of_group in zip(groups, values.tolist(), strict=True):
+        for i, j in itertools.permutations(range(len(group)), 2):
+            # A time that is still to come is later than none after the end of its motion.
+            check_reached(group[i], name, of_group[j])
     sizes = np.maximum(np.abs(values).max(axis=1, keepdims=True), math.ulp(0))
     steps = np.diff(values)
     is_decided = (check["sense"] == "equal") & (np.abs(steps) <= ROUNDING * sizes)

@@ -25,7 +25,13 @@ from ..integration import (
 from ..models import rigid_body
 from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion, formula_values
-from ..results.resolution import SMALLEST_CHORD, course_remark, no_number_remark, turn_remark
+from ..results.resolution import (
+    SMALLEST_CHORD,
+    course_remark,
+    no_number_remark,
+    turn_remark,
+    turns_in_body,
+)
 from ..storage import Variable
 from .finding import ROUNDING, Undecidable
 
@@ -105,21 +111,30 @@ def near_extremes(m: Motion, name: str) -> Motion:
     """The same motion with samples close to the largest and the smallest values of a quantity over
     time. Raises as `quantity` does, and HodoError if the motion stops before its end."""
     finer = cut(m, np.arange(len(m.time) - 1), np.arange(1, PARTS_OF_ALL) / PARTS_OF_ALL)
+
+    def intervals_of(finer: Motion) -> np.ndarray:
+        values = quantity(finer, name)
+        return np.union1d(beside_peaks(values), beside_peaks(-values))
+
+    return closer(finer, intervals_of)
+
+
+def closer(m: Motion, intervals_of: Callable[[Motion], np.ndarray]) -> Motion:
+    """The same motion with samples close to what is read off it: PARTS_OF_PEAK parts of these of
+    its intervals, and of theirs. Raises HodoError if it stops before its end."""
     for _ in range(2):
-        intervals = beside_extremes(quantity(finer, name))
-        finer = cut(finer, intervals, np.arange(1, PARTS_OF_PEAK) / PARTS_OF_PEAK)
-    return finer
+        if len(intervals := intervals_of(m)):
+            m = cut(m, intervals, np.arange(1, PARTS_OF_PEAK) / PARTS_OF_PEAK)
+    return m
 
 
-def beside_extremes(values: np.ndarray) -> np.ndarray:
-    """The intervals beside the highest peaks and the lowest troughs of values (n,)."""
-    found = []
-    for heights in (values, -values):
-        rise = np.diff(heights)
-        peaks = np.flatnonzero((rise[:-1] >= 0) & (rise[1:] <= 0)) + 1
-        highest = peaks[np.argsort(heights[peaks])[-MOST_PEAKS:]]
-        found += [highest - 1, highest]
-    return np.unique(np.concatenate(found))
+def beside_peaks(heights: np.ndarray, least: float = -math.inf) -> np.ndarray:
+    """The intervals beside the highest peaks of heights (n,), of those above `least`."""
+    rise = np.diff(heights)
+    peaks = np.flatnonzero((rise[:-1] >= 0) & (rise[1:] <= 0)) + 1
+    peaks = peaks[heights[peaks] > least]
+    highest = peaks[np.argsort(heights[peaks])[-MOST_PEAKS:]]
+    return np.concatenate((highest - 1, highest))
 
 
 def quantity(m: Motion, name: str) -> np.ndarray:
@@ -287,21 +302,24 @@ FOLLOWED_ANGLE = math.pi / 2
 one."""
 
 
-def stretches_about(m: Motion, axis: int, least: float = 0.0) -> list[slice]:
-    """The stretches of samples that enclose axis `axis` (0, 1, 2) with |G| above `least`, in
-    order."""
+def is_about(m: Motion, axis: int, least: float) -> np.ndarray:
+    """Whether samples (n,) enclose axis `axis` (0, 1, 2) with |G| above `least`."""
     inside = m.labels == axis + 1
-    if least:
-        inside &= m["G"] > least
+    return np.asarray(inside & (m["G"] > least) if least else inside)
+
+
+def turns_about(m: Motion, axis: int, least: float = 0.0) -> list[float]:
+    """The turns that G makes about an axis in each stretch of the motion that `is_about` it, in
+    order. Raises Undecidable where the samples do not count them, HodoError if the motion stops
+    before its end."""
+    # What is turned between a sample and the end of a stretch counts too.
+    m = closer(m, lambda finer: np.flatnonzero(np.diff(is_about(finer, axis, least))))
     # Where they begin and where they end, by turns.
-    edges = np.flatnonzero(np.diff(np.r_[False, inside, False]))
-    return [slice(first, end) for first, end in edges.reshape(-1, 2).tolist()]
-
-
-def most_turns(m: Motion, axis: int, least: float) -> float:
-    """The most turns that G makes about an axis in one of its `stretches_about`."""
-    turns = [abs(swept_angle(m, axis, stretch)) for stretch in stretches_about(m, axis, least)]
-    return max(turns, default=0.0)
+    edges = np.flatnonzero(np.diff(np.r_[False, is_about(m, axis, least), False])).tolist()
+    return [
+        abs(swept_angle(m, axis, slice(first, end)))
+        for first, end in zip(edges[::2], edges[1::2], strict=True)
+    ]
 
 
 def turns_at(m: Motion, moment: str) -> float:
@@ -311,9 +329,9 @@ def turns_at(m: Motion, moment: str) -> float:
         check_start(m)
     i = 0 if moment == "start" else -1
     axis = m.labels_at_ends[i] - 1
+    turns = turns_about(m, axis) if axis in range(3) else []
     # None where samples begin behind a stop.
-    stretches = stretches_about(m, axis)
-    return abs(swept_angle(m, axis, stretches[i])) if axis in range(3) and stretches else 0.0
+    return turns[i] if turns else 0.0
 
 
 def swept_angle(m: Motion, about: int, samples: slice = slice(None)) -> float:
@@ -325,18 +343,33 @@ def swept_angle(m: Motion, about: int, samples: slice = slice(None)) -> float:
     return float((angle[-1] - angle[0]) / (2 * math.pi)) if len(angle) else 0.0
 
 
-def largest_in_region(m: Motion, side: int) -> float:
-    """The largest coordinate of region `side` that the motion reaches in the plane of the
-    quadrants: w_l^2 in A (0), where the axis of largest inertia is enclosed, K w_s^2 in B (2).
+HIGH = 0.9
+"""The part of the highest sample from which on a peak may be the highest: samples that are 30
+degrees apart leave out 7 % of a square at most."""
+
+
+def in_region(m: Motion, side: int) -> np.ndarray:
+    """The coordinate (n,) of region `side` in the plane of the quadrants: w_l^2 in A (0), where the
+    axis of largest inertia is enclosed, K w_s^2 in B (2); 0 elsewhere.
+
     Raises HodoError where a body has no quadrants.
     """
-    of_region = m.quadrants[m.labels == m.order[side] + 1, side // 2]
-    return float(np.max(of_region, initial=0))
+    return np.where(m.labels == m.order[side] + 1, m.quadrants[:, side // 2], 0)
 
 
 def part_of_region_filled(m: Motion, side: int) -> float:
-    """`largest_in_region` by the largest coordinate of the motion, by which a figure is scaled."""
-    return largest_in_region(m, side) / float(m.quadrants.max())
+    """The largest of `in_region` by the largest coordinate of the motion, by which a figure is
+    scaled. Raises as that does, Undecidable where the samples do not follow the motion, and
+    HodoError if it stops before its end."""
+    in_region(m, side)
+    check_course(m, ())
+
+    def intervals_of(finer: Motion) -> np.ndarray:
+        coordinates = in_region(finer, side), finer.quadrants.max(axis=1)
+        return np.unique(np.concatenate([beside_peaks(x, HIGH * x.max()) for x in coordinates]))
+
+    m = closer(m, intervals_of)
+    return float(in_region(m, side).max() / m.quadrants.max())
 
 
 def tilt_growth(m: Motion, side: int) -> float:
@@ -352,16 +385,31 @@ UNDERFLOW = 1e-290
 """The size from which on a quantity that decays may be 0 in the next sample."""
 
 
-def zero_times(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """The times at which values (n,) reach or pass 0, by linear interpolation between the
-    samples."""
+def zero_intervals(values: np.ndarray) -> np.ndarray:
+    """The intervals in which values (n,) reach or pass 0."""
     # By signs: a zero may fall on a sample, and products of small numbers are 0.
     side = np.sign(values)
     passes = (side[:-1] != 0) & (side[:-1] != side[1:])
     # What decays never reaches 0, but for doubles that end before it.
-    i = np.flatnonzero(passes & ((side[1:] != 0) | (np.abs(values[:-1]) > UNDERFLOW)))
-    # Linear is enough: these times are compared with printed ones, of two or three digits.
+    return np.flatnonzero(passes & ((side[1:] != 0) | (np.abs(values[:-1]) > UNDERFLOW)))
+
+
+def zero_times(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """The times at which values (n,) reach or pass 0, by linear interpolation between the
+    samples."""
+    i = zero_intervals(values)
     return np.asarray(time[i] - values[i] * (time[i + 1] - time[i]) / (values[i + 1] - values[i]))
+
+
+def first_zero(m: Motion, values_of: Callable[[Motion], np.ndarray]) -> float:
+    """The time at which a quantity (n,) of a motion first reaches or passes 0; infinite if it does
+    not. Raises Undecidable as `check_start` does and where the samples do not count its turns, and
+    HodoError if the motion stops before its end."""
+    check_start(m)
+    if turns_in_body(m):
+        decides_unless(turn_remark(m, slice(None), FOLLOWED_ANGLE, False, SMALLEST_CHORD))
+    m = closer(between_samples(m), lambda finer: zero_intervals(values_of(finer))[:1])
+    return first_time(zero_times(m.time, values_of(m)))
 
 
 def first_time(times: Sequence[float] | np.ndarray) -> float:
@@ -375,27 +423,27 @@ def end_of_spin(m: Motion) -> float:
     by_event = [time for kind, time in m.events if kind == "end_of_spin"]
     if by_event or "omega" not in m.data:
         return first_time(by_event)
-    check_start(m)
+    by_zero = first_zero(m, lambda finer: finer.omega[:, 2])
     r = m.omega[:, 2]
     # Behind the stop of a body with a rotor G is 0, and not r.
     by_brake = m.stop if r[0] and not r[-1] else math.inf
-    return min(first_time(zero_times(m.time, r)), by_brake)
+    return min(by_zero, by_brake)
 
 
 NUMBERS: dict[str, Callable[[Motion], float]] = {
     "crossings": lambda m: len(known_crossings(m)),
     "first_crossing": lambda m: first_time([c.time for c in known_crossings(m)]),
     "turns": lambda m: turns_at(m, "start"),
-    "visible_turns_x1": lambda m: most_turns(m, 0, VISIBLE_MOMENTUM),
-    "visible_turns_x3": lambda m: most_turns(m, 2, VISIBLE_MOMENTUM),
+    "visible_turns_x1": lambda m: max(turns_about(m, 0, VISIBLE_MOMENTUM), default=0.0),
+    "visible_turns_x3": lambda m: max(turns_about(m, 2, VISIBLE_MOMENTUM), default=0.0),
     "area_largest": lambda m: part_of_region_filled(m, 0),
     "area_smallest": lambda m: part_of_region_filled(m, 2),
     "growth_largest": lambda m: tilt_growth(m, 0),
     "growth_smallest": lambda m: tilt_growth(m, 2),
     "end_of_spin": end_of_spin,
     # u3 touches 1 where |Gz| = C |r|.
-    "rebound_u3": lambda m: first_time(
-        zero_times(m.time, np.abs(m["Gz"]) - m.inertia[2] * np.abs(m["r"]))
+    "rebound_u3": lambda m: first_zero(
+        m, lambda finer: np.abs(finer["Gz"]) - finer.inertia[2] * np.abs(finer["r"])
     ),
 }
 """What computes each of `claim_block.SINGLE_NUMBERS`."""
@@ -405,6 +453,5 @@ READ_OFF_SAMPLES = {
     "visible_turns_x3",
     "area_largest",
     "area_smallest",
-    "rebound_u3",
 }
 """Those of them that are read off the samples of the whole motion."""
