@@ -158,6 +158,11 @@ CHECKS = [
     ("staying", "{kind: bound, of: first_crossing, least: 100.1}", "not tested", None),
     ("staying", "{kind: bound, of: first_crossing, most: 100.1}", "not tested", None),
     ("staying", "{kind: value, values: {first_crossing: [101]}, within: 1}", "not tested", None),
+    *(("staying", f"{{kind: bound, of: first_crossing, at: {at}, least: 100.1}}", "not tested",
+       None) for at in ("start", "always")),
+    # A motion that no result stores does not end well.
+    ("{case: turning, method: DOP853, max_steps: 3}", "{kind: crossings, least: 1}", "not tested",
+     None),
     ("swinging", "{kind: conserved, of: [r, T, G], within: 0.2}", "contradicted", None),
     ("swinging", "{kind: bound, of: r, at: always, most: 1.2}", "contradicted", None),
     ("swinging", "{kind: bound, of: r, at: always, most: 1.5}", "reproduced", None),

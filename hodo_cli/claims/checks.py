@@ -133,8 +133,8 @@ def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
         words.append(f"{name} = {listed(values, digits)} (printed: {listed(printed, digits)})")
         for m, measured, expected in zip(motions, values, printed, strict=True):
             differences.append(abs(measured - expected))
+            check_reached(m, name, expected)
             if check["at"] == "end":
-                check_reached(m, name, expected)
                 check_margin(name, differences[-1] - check["within"], m)
             scale = range_of(m, name)
             deviations.append(deviation_beyond(differences[-1] / scale, allowed / scale))
@@ -174,9 +174,9 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     limits = [Limit("above", most, high)] if most is not None else []
     limits += [Limit("below", least, low)] if least is not None else []
     decisive = max(limits, key=lambda limit: limit.violation)
-    if check["at"] == "end":
-        for m, limit in itertools.product(motions, limits):
-            check_reached(m, name, limit.value)
+    for m, limit in itertools.product(motions, limits):
+        check_reached(m, name, limit.value)
+        if check["at"] == "end":
             check_margin(name, number(m, name) - limit.value, m)
     # As the axis of a figure would reach, which shows both the values and the bound.
     scale = max(*(range_of(m, name) for m in motions), *(abs(limit.value) for limit in limits))

@@ -33,13 +33,14 @@ from ..results.resolution import (
     turns_in_body,
 )
 from ..storage import Variable
+from ..text import case_words
 from .finding import ROUNDING, Undecidable
 
 
 def integrated_motion(case: Case) -> Motion:
     """A case integrated and, where that applies, classified; its error is not measured.
 
-    Raises HodoError if it stops before its end.
+    Raises Undecidable if it stops before its end.
     """
     method, _ = choose(case)
     trajectory, passed, warnings = (
@@ -48,9 +49,8 @@ def integrated_motion(case: Case) -> Motion:
         else cross(case, method, case.precision, case.tol)
     )
     if not trajectory.succeeded:
-        raise HodoError(
-            f"a variation of case {case.name} {trajectory.status}: {trajectory.message}"
-        )
+        words = f"{case_words(case.name)}, integrated for the statement"
+        raise Undecidable(f"{words}: {trajectory.status} {trajectory.message}")
     return sampled_motion(trajectory, passed, warnings)
 
 
@@ -79,7 +79,7 @@ GOLDEN_PART = (3 - math.sqrt(5)) / 2
 def between_samples(m: Motion) -> Motion:
     """The same motion with samples at places within each interval as well.
 
-    Raises HodoError if it stops before its end.
+    Raises Undecidable if it stops before its end.
     """
     intervals = np.arange(len(m.time) - 1)
     if not len(intervals):
@@ -92,7 +92,7 @@ def between_samples(m: Motion) -> Motion:
 
 def cut(m: Motion, intervals: np.ndarray, places: np.ndarray) -> Motion:
     """The same motion with samples at places, between 0 and 1, within some of its intervals too.
-    Raises HodoError if it stops before its end."""
+    Raises Undecidable if it stops before its end."""
     within = m.time[intervals] + np.outer(places, np.diff(m.time)[intervals])
     times = np.unique([*m.time, *within.ravel()])
     finer = integrated_motion(replace(m.case, time=m.case.time.listed(times)))
@@ -109,7 +109,7 @@ and then twice, an interval of 30 degrees leaves out 1e-11 of an oscillation at 
 
 def near_extremes(m: Motion, name: str) -> Motion:
     """The same motion with samples close to the largest and the smallest values of a quantity over
-    time. Raises as `quantity` does, and HodoError if the motion stops before its end."""
+    time. Raises as `quantity` and `cut` do."""
     finer = cut(m, np.arange(len(m.time) - 1), np.arange(1, PARTS_OF_ALL) / PARTS_OF_ALL)
 
     def intervals_of(finer: Motion) -> np.ndarray:
@@ -121,7 +121,7 @@ def near_extremes(m: Motion, name: str) -> Motion:
 
 def closer(m: Motion, intervals_of: Callable[[Motion], np.ndarray]) -> Motion:
     """The same motion with samples close to what is read off it: PARTS_OF_PEAK parts of these of
-    its intervals, and of theirs. Raises HodoError if it stops before its end."""
+    its intervals, and of theirs. Raises as `cut` does."""
     for _ in range(2):
         if len(intervals := intervals_of(m)):
             m = cut(m, intervals, np.arange(1, PARTS_OF_PEAK) / PARTS_OF_PEAK)
@@ -310,8 +310,7 @@ def is_about(m: Motion, axis: int, least: float) -> np.ndarray:
 
 def turns_about(m: Motion, axis: int, least: float = 0.0) -> list[float]:
     """The turns that G makes about an axis in each stretch of the motion that `is_about` it, in
-    order. Raises Undecidable where the samples do not count them, HodoError if the motion stops
-    before its end."""
+    order. Raises Undecidable where the samples do not count them, and as `cut` does."""
     # What is turned between a sample and the end of a stretch counts too.
     m = closer(m, lambda finer: np.flatnonzero(np.diff(is_about(finer, axis, least))))
     # Where they begin and where they end, by turns.
@@ -359,8 +358,8 @@ def in_region(m: Motion, side: int) -> np.ndarray:
 
 def part_of_region_filled(m: Motion, side: int) -> float:
     """The largest of `in_region` by the largest coordinate of the motion, by which a figure is
-    scaled. Raises as that does, Undecidable where the samples do not follow the motion, and
-    HodoError if it stops before its end."""
+    scaled. Raises as that and `cut` do, and Undecidable where the samples do not follow the
+    motion."""
     in_region(m, side)
     check_course(m, ())
 
@@ -403,8 +402,8 @@ def zero_times(time: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def first_zero(m: Motion, values_of: Callable[[Motion], np.ndarray]) -> float:
     """The time at which a quantity (n,) of a motion first reaches or passes 0; infinite if it does
-    not. Raises Undecidable as `check_start` does and where the samples do not count its turns, and
-    HodoError if the motion stops before its end."""
+    not. Raises as `check_start` and `cut` do, and Undecidable where the samples do not count its
+    turns."""
     check_start(m)
     if turns_in_body(m):
         decides_unless(turn_remark(m, slice(None), FOLLOWED_ANGLE, False, SMALLEST_CHORD))

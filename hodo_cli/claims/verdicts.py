@@ -127,7 +127,7 @@ class Motions:
     _known: dict[Case, Motion] = field(default_factory=dict)
 
     def of(self, members: Sequence[Sequence[Case]]) -> Iterator[list[Motion]]:
-        """The motions of each member's cases. Raises HodoError if one stops before its end."""
+        """The motions of each member's cases. Raises Undecidable if one stops before its end."""
         size = max(1, MOST_VARIED_SAMPLES // sum(case.time.samples for case in members[0]))
         for i in range(0, len(members), size):
             if sum(len(m.time) for m in self._known.values()) > MOST_VARIED_SAMPLES:
