@@ -299,6 +299,14 @@ CHECKS = [
     ("staying, staying", "{kind: order, of: first_crossing, sense: equal}", "not tested", None),
     ("turning, staying", "{kind: order, of: first_crossing, sense: rises}", "reproduced", None),
     ("free", "{kind: paper, name: free-rotation}", "reproduced", 0),
+    # Whatever the samples are.
+    *((f"{{case: top, form: full, epsilon: 0.5, a: 0, b: 0, initial: {{theta: 60 deg, r: 1.7}}, "
+       f"time: {{{samples}}}}}", f"{{kind: paper, name: {name}}}", word, None)
+      for samples in ("end: 20, samples: 41", "values: [0, 1, 2, 15, 20]")
+      for name, word in (("period", "reproduced"), ("period-as-printed", "contradicted"))),
+    *(("{case: turning, form: averaged, mean_start: no}, turning",
+       f"{{kind: paper, name: {name}}}", "not tested", None)
+      for name in ("predicted-sense", "predicted-crossing")),
     # Shorter than a period, and without two times in common: nothing to compare.
     *(("{case: top, form: full, epsilon: 0.1, a: 0, b: 0, time: {end: 0.01, samples: 9}}",
        f"{{kind: paper, name: {name}}}", "not tested", None)

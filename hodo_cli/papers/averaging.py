@@ -10,7 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..claims.finding import Finding, deviation_beyond, deviation_unless, in_groups, listed
+from ..claims.finding import (
+    Finding,
+    Undecidable,
+    deviation_beyond,
+    deviation_unless,
+    in_groups,
+    listed,
+)
 from ..results.motion import Motion, forms_apart
 
 NEAR_CROSSING = 0.05
@@ -71,11 +78,21 @@ def second_order_away_from_crossings(motions: Sequence[Motion]) -> Finding:
     return order_finding(motions, 2, NEAR_CROSSING)
 
 
+def check_prediction(averaged: Motion) -> None:
+    """Raises Undecidable where an averaged motion predicts neither the time of its passage nor the
+    sense of rotation behind it."""
+    if not averaged.stored("event_sense")[0]:
+        raise Undecidable(
+            f"{averaged.words} predicts nothing: its phase does not tell the half turn"
+        )
+
+
 def predicted_crossing(motions: Sequence[Motion]) -> Finding:
     """The error of the predicted crossing, in radians n |t - predicted|, falls from pair to pair,
     and is below that of the averaged one."""
     missed, averaged_missed = [], []
     for averaged, full in in_groups(motions, 2):
+        check_prediction(averaged)
         n, time = averaged.stored("event_frequency")[0], full.crossings[0].time
         missed.append(float(n * abs(averaged.stored("event_predicted")[0] - time)))
         averaged_missed.append(float(n * abs(averaged.crossing_time[0] - time)))
@@ -94,6 +111,8 @@ def predicted_crossing(motions: Sequence[Motion]) -> Finding:
 def predicted_sense(motions: Sequence[Motion]) -> Finding:
     """The sense of rotation about the new axis is that predicted."""
     pairs = in_groups(motions, 2)
+    for averaged, _ in pairs:
+        check_prediction(averaged)
     complying = sum(
         int(np.sign(full.omega[-1, full.labels[-1] - 1]) == averaged.stored("event_sense")[0])
         for averaged, full in pairs

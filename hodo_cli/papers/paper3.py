@@ -6,12 +6,14 @@ Equation numbers are the paper's. The time of every motion is tau = epsilon t.
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..claims.finding import (
     Finding,
+    Undecidable,
     ValuePair,
     agreement,
     deviation_beyond,
@@ -20,7 +22,7 @@ from ..claims.finding import (
     in_groups,
     listed,
 )
-from ..claims.quantities import number, quantity
+from ..claims.quantities import integrated_motion, number, quantity
 from ..models.theory.closed_form import sn_cn_dn
 from ..models.top.nutation import mean_cosine
 from ..results.motion import Motion
@@ -325,12 +327,16 @@ def comes_back(motions: Sequence[Motion], multiple: int) -> Finding:
     let go at u2."""
     pairs = []
     for m in motions:
-        u, t = m.stored("gamma")[:, 2], (m.time - m.time[0]) / m.case.data["epsilon"]
-        shift = multiple * half_period(m)
-        earlier = t + shift <= t[-1]
-        pairs.append((u[earlier], np.interp(t[earlier] + shift, t, u)))
-    # Between samples u is taken as linear.
-    return agreement(pairs, 1e-4)
+        shift = multiple * half_period(m) * m.case.data["epsilon"]
+        earlier = m.time[m.time + shift <= m.time[-1]]
+        times = np.unique([*earlier, *(earlier + shift)])
+        if not times.size:
+            raise Undecidable(f"{m.words} is shorter than {multiple} K(k)/alpha")
+        both = integrated_motion(replace(m.case, time=m.case.time.listed(times)))
+        u = both.stored("gamma")[:, 2]
+        pairs.append(tuple(u[np.searchsorted(times, t)] for t in (earlier, earlier + shift)))
+    # Several periods carry the rounding of the roots along.
+    return agreement(pairs, 1e-9)
 
 
 def half_period(m: Motion) -> float:
