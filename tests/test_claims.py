@@ -1001,12 +1001,17 @@ def test_evidence_shows_the_digits_that_decide(stored: Path) -> None:
         "cases: [slow], check: {kind: value, values: {r: [0.367881]}, within: 5.0e-7}",
         "cases: [slow], check: {kind: bound, of: r, most: 0.36788}",
         "cases: [slow], check: {kind: value, values: {r: [0.37]}, within: 0.005}",
+        "cases: [slow, {case: slow, damping: 0.1000001}], "
+        "check: {kind: order, of: r, sense: falls}",
+        "cases: [by-0-and-2], check: {kind: average, variable: omega.x3, at: [{}], most: -0.06194}",
     ]
     rows = judged_by(stored, claims_block(*(f"{c}, expect: reproduced" for c in claims)))
     assert [row["evidence"] for row in rows["statements"]] == [
         "r = 0.367879 (printed: 0.367881)",
         "r = 0.367879",
         "r = 0.3679 (printed: 0.37)",
+        "r: 0.3678794, 0.3678791",
+        "omega.x3 = -0.061945",
     ]
 
 

@@ -273,13 +273,15 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
     name = check["of"]
     groups = in_groups(motions, check["by"] or len(motions))
     values = np.array([[number(m, name, check["at"]) for m in group] for group in groups])
-    words = f"{name}: {'; '.join(map(listed, values.tolist()))}"
     for group, of_group in zip(groups, values.tolist(), strict=True):
         for i, j in itertools.permutations(range(len(group)), 2):
             # A time that is still to come is later than none after the end of its motion.
             check_reached(group[i], name, of_group[j])
     sizes = np.maximum(np.abs(values).max(axis=1, keepdims=True), math.ulp(0))
     steps = np.diff(values)
+    pairs = zip(values[:, 1:].flat, steps.flat, strict=True)
+    digits = max(itertools.starmap(digits_to_show, pairs))
+    words = f"{name}: {'; '.join(listed(of_group, digits) for of_group in values.tolist())}"
     is_decided = (check["sense"] == "equal") & (np.abs(steps) <= ROUNDING * sizes)
     if check["at"] == "end":
         for i, j in np.argwhere(~is_decided).tolist():
@@ -433,7 +435,10 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
     ]
     scale = max(map(abs, means)) or 1.0
     spreads = zip(means[len(at) :], check["along"], strict=True)
-    words = [f"{name} = {listed(means[: len(at)], 4)}"] if at else []
+    apart = [(x, x - limit) for x in means for limit in (least, most) if limit is not None]
+    pairs = itertools.chain(apart, zip(means[1:], steps.tolist(), strict=True))
+    digits = max(itertools.starmap(digits_to_show, pairs), default=4)
+    words = [f"{name} = {listed(means[: len(at)], digits)}"] if at else []
     words += [f"varies by {spread:.3g} along {along}" for spread, along in spreads]
     positions = (*at, {}) if check["along"] else at
     for lacking, total in {swept.left_out(name, position) for position in positions}:
