@@ -220,6 +220,7 @@ CHECKS = [
     # Its samples begin behind the crossing.
     ("late", "{kind: axis, start: x1, end: x3}", "reproduced", 1),
     ("late", "{kind: axis, start: x3}", "contradicted", 0),
+    ("late", "{kind: axis, end: x3, turns: 0.1}", "not tested", None),
     ("stopped", "{kind: axis, start: x3}", "reproduced", 1),
     ("stopped", "{kind: axis, start: x1}", "contradicted", 0),
     ("stopped", "{kind: axis, start: x3, end: x3}", "reproduced", 1),

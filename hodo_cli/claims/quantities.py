@@ -324,12 +324,11 @@ def turns_about(m: Motion, axis: int, least: float = 0.0) -> list[float]:
 def turns_at(m: Motion, moment: str) -> float:
     """The turns that G makes in the stretch of "start" or "end" about the axis that it encloses
     there; 0 where it goes round no single axis. Raises Undecidable as `check_start` does."""
-    if moment == "start":
-        check_start(m)
+    check_start(m)
     i = 0 if moment == "start" else -1
     axis = m.labels_at_ends[i] - 1
     turns = turns_about(m, axis) if axis in range(3) else []
-    # None where samples begin behind a stop.
+    # None where a body comes to this axis, and stops, between two samples.
     return turns[i] if turns else 0.0
 
 
