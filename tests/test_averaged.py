@@ -352,6 +352,20 @@ def test_the_periodic_part_of_the_fluid_is_that_of_its_quadrature() -> None:
         assert closed == pytest.approx(any_torque.periodic_part(BODY, torque, slow, 256), rel=1e-13)
 
 
+@pytest.mark.parametrize("inertia", [(1, 0.8, 0.6), (0.6, 1, 0.8), (0.8, 1, 0.6)])
+@pytest.mark.parametrize("model", ["cavity+constant", "torques"])
+def test_the_fluid_keeps_the_momentum_of_an_averaged_motion(
+    model: str, inertia: tuple[float, ...]
+) -> None:
+    start = dict(zip("pqr", (0.5, 0.25, 0.4), strict=True)) | {"pqr"[np.argmin(inertia)]: 1.4}
+    motion = integrate(case(model=model, inertia=inertia, kappa=0.02, initial=start,
+                            time={"end": 200, "samples": 401}))  # fmt: skip
+    (passage,) = motion.events
+    assert passage.time < 150
+    size = math.hypot(*(A * w for A, w in zip(inertia, start.values(), strict=True)))
+    assert motion.variables["momentum"] == pytest.approx(size, rel=CLOSE)
+
+
 @pytest.mark.parametrize(
     ("A", "C", "M3", "end", "x"),
     [(8.0, 4.0, -0.1, 40.008751, 1.237062), (8.0, 4.0, -0.3, 28.875367, 1.215748),

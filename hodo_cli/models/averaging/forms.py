@@ -279,8 +279,8 @@ class AveragedTurns(BodyFrame):
             # its formula would divide rounding by n; nor where it has stopped at the separatrix.
             n = either(side, *k.turning_n) * unit
             turns = (n > k.turning_rate) & (slow.m1 > EDGE_U / 2)
-            # By exp, so that they stay positive.
-            squares *= np.exp(np.where(turns & (np.abs(part) < 1), part, 0))
+            # Not by exp: X_e and X_o change together by parts that keep |G| under a fluid.
+            squares *= 1 + np.where(turns & (np.abs(part) < 1), part, 0)
         return stored_elements(turning_body(k), squares, side, unit)
 
     @cached_property
