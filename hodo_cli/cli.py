@@ -54,7 +54,7 @@ class Hodo(click.Group):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         try:
             return super().parse_args(ctx, args)
-        except click.NoSuchOption as error:
+        except (click.NoSuchOption, click.BadOptionUsage) as error:
             _refuse(ctx, misused(error))
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -71,6 +71,9 @@ class Hodo(click.Group):
                         status = super().invoke(ctx)
                     ctx.exit(status or 0)
             except SHOWN_IN_A_LINE as error:
+                # click does not say of which command an option lacks its value.
+                if isinstance(error, click.BadOptionUsage) and (name := ctx.invoked_subcommand):
+                    error.ctx = click.Context(self.commands[name], ctx, name)
                 if not (line := error_line(error)):
                     raise
                 if ctx.params["traceback"]:

@@ -753,7 +753,7 @@ def test_several_crossings_are_numbered_in_picture_and_legend(runs: Path) -> Non
     [
         (
             "kind: sphere, cases: a, labels: [a, b]",
-            "labels: expected one for each of 1 cases, got 2",
+            "labels: expected one for each of the cases, 1 in all, got 2",
         ),
         (
             "kind: series, cases: a, variables: T, span: [5, 1]",

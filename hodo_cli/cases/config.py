@@ -106,6 +106,8 @@ def write_new(path: Path) -> Path:
 
     Raises HodoError if there is one already, or it cannot be written.
     """
+    if not path.name:
+        raise HodoError(f"{path} is no name of a case file")
     path = path if path.suffix in YAML_SUFFIXES else path.with_name(f"{path.name}.yaml")
     text = (HERE / "new.yaml").read_text(encoding="utf-8")
     try:
@@ -143,7 +145,8 @@ def text_of(path: Path, name: str) -> str:
         reason = str(getattr(error, "strerror", None) or error).lower()
         shown_name = name if name.isprintable() else repr(name)
         beside = [str(x) for x in path.parent.glob("*") if x.suffix in YAML_SUFFIXES]
-        near = nearest(name, [*beside, *(x.stem for x in BUNDLED_CONFIGS.glob("*.yaml"))])
+        others = [*beside, *(x.stem for x in BUNDLED_CONFIGS.glob("*.yaml"))]
+        near = nearest(name, [other for other in others if other != name])
         raise HodoError(f"{shown_name}: {reason}{near}") from None
     if raw.startswith(b"\x89HDF"):
         raise HodoError(f"{name}: a result, where a case file (*.yaml) is expected")

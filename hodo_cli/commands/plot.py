@@ -229,6 +229,8 @@ class FigureFolder:
     ) -> None:  # fmt: skip
         """Raises HodoError if there is no figure of one of the names."""
         self.path, self.result, self.config = out / run.path.stem, run.path, config
+        for name in names:
+            config.figure(name)
         # Paths in it are seen from the working folder, which is nothing that a figure shows.
         figures = {name: with_content(spec) for name, spec in config.figures.items()}
         self.known_config = replace(config, path="", figures=figures)

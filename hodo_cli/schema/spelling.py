@@ -31,6 +31,11 @@ OTHER_WORDS: dict[str, tuple[str, ...]] = {
 """Words, in lower case, that texts and other programs have for some keys."""
 
 
+LEAST_LIKENESS = 0.65
+"""The likeness of two words, of 1, from which on one may be meant by the other: a wrong letter in a
+word of three leaves 0.67, and `readme`, with 0.62, is no spelling of `extreme`."""
+
+
 LONGEST_SEARCHED = 40
 """Names in a list that is searched by likeness, which takes some 20 us a name; a mistaken file can
 have a thousand names, each compared with another thousand."""
@@ -51,7 +56,7 @@ def near(name: str, valid: Collection[str]) -> str | None:
     if len(folded) <= LONGEST_SEARCHED:
         # A short word such as `pi` is like each of its letters, and means none of them.
         words = [word for word in folded if len(word) > 1 or {*name} == {word}]
-        close = get_close_matches(name, words, n=1)
+        close = get_close_matches(name, words, n=1, cutoff=LEAST_LIKENESS)
     else:
         names = _one_letter_less(tuple(folded))
         close = [names[spelling] for spelling in _shortened(name) if spelling in names]
