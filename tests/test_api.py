@@ -388,7 +388,11 @@ def test_keys_of_a_figure_that_do_not_fit_each_other_are_refused() -> None:
         (swept, {"kind": "map", **across, "y": "damping.2"}, "y: damping.2 is the axis of"),
         (swept, {"kind": "map", **across}, "^missing 'y': a map has x and y"),
         (swept, {"kind": "curve", "variable": "crossing_time"}, "^missing 'x'$"),
-        (made, {"labels": ["a", "b"]}, "labels: expected one for each of 1 cases, got 2"),
+        (
+            made,
+            {"labels": ["a", "b"]},
+            "labels: expected one for each of the cases, 1 in all, got 2",
+        ),
         (made, {"kind": "series", "variables": ["G"], "span": [3, 2]}, "span: expected the lower"),
         (
             made,

@@ -623,7 +623,9 @@ claims:
 
 def test_an_order_wants_a_case_against_each() -> None:
     text = DRAWN.replace("against: [a, b]", "against: [a]")
-    with pytest.raises(HodoError, match=r"order\.against: expected one for each of 2 cases, got 1"):
+    with pytest.raises(
+        HodoError, match=r"order\.against: expected one for each of the cases, 2 in all, got 1"
+    ):
         parse(text, "drawn.yaml")
 
 

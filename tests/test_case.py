@@ -461,6 +461,9 @@ MESSAGES: list[tuple[str, list[str]]] = [
     # What follows from a mistake is not a second one.
     ("cases: {a: {model: linear-diag\n",
      ["2:1: not YAML: the { of line 1 is not closed, or lacks a comma"]),
+    ("title: 'a\ncases: {}\n", ["3:1: not YAML: the quote of line 1 is not closed"]),
+    ("title: *bold*\n", ["1:13: not YAML: put a text that begins with * in quotes"]),
+    ("title: @me\n", ["1:8: not YAML: put a text that begins with this sign in quotes"]),
     ("cases:\n  a:\n    model linear-diag\n    tol: 1\n",
      ["3:5: not YAML: no ': ' between key and value"]),
     *((f"cases:\n  a:\n    tol: 1\n    damping:0.01\n{rest}",
@@ -1332,9 +1335,9 @@ def test_a_figure_may_name_every_derived_quantity() -> None:
         ("{kind: cost, groups: [1], small: [1, 2]}", "figures.f: missing 'cases'"),
         ("{kind: share, cases: one}", "figures.f.cases.0: case one is no sweep"),
         ("{kind: cost, cases: [one, one], groups: [1], small: [1, 2]}",
-         "figures.f.groups: expected sizes that add up to the 2 cases, got 1"),
+         "figures.f.groups: expected sizes that add up to the number of cases, 2, got 1"),
         ("{kind: cost, cases: [one, one], groups: [2], small: [1]}",
-         "figures.f.small: expected one for each of 2 cases, got 1"),
+         "figures.f.small: expected one for each of the cases, 2 in all, got 1"),
         *((f"{{kind: order, cases: [{', '.join(['one'] * len(small))}], groups: {groups}, "
            f"small: {small}, against: [{', '.join(['one'] * len(small))}]}}",
            f"figures.f.groups.{i}: expected cases with two values of `small` or more")

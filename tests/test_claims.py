@@ -740,7 +740,7 @@ IDLE = {
     ],
     "value": [
         ("", "missing 'values', 'within'"),
-        (", values: {r: [1, 2]}, within: 0.1", "expected 1 numbers, one for each case, got 2"),
+        (", values: {r: [1, 2]}, within: 0.1", "expected a number for each case, 1 in all, got 2"),
         (", values: {rr: [1]}, within: 0.1", "unknown quantity 'rr'"),
         (", values: {r: [1]}, within: 1", "expected less than the values of 'r' themselves"),
     ],

@@ -359,7 +359,7 @@ def test_mistakes_are_one_line_and_keep_no_other_figure(runs: Path, tmp_path: Pa
     command = ["plot", str(runs / "paper1.h5"), "fig5", "fgi4", "--out", str(out)]
     done = CliRunner().invoke(main, command)
     assert done.exit_code == 2
-    assert "unknown figure 'fgi4'; did you mean 'fig4'?" in done.stderr
+    assert f"{runs / 'paper1.h5'}: unknown figure 'fgi4'; did you mean 'fig4'?" in done.stderr
     assert not out.exists()
 
     spec = results.figures["fig4"]

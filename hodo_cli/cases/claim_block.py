@@ -466,7 +466,7 @@ def _check_values(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
     yield from unknown_names("quantity", named, QUANTITY_NAMES)
     for name in QUANTITY_NAMES.keys() & values:
         if (n := len(values[name])) != count:
-            yield ("values", name), f"expected {count} numbers, one for each case, got {n}"
+            yield ("values", name), f"expected a number for each case, {count} in all, got {n}"
         if any(values[name]) and check["within"] >= max(map(abs, values[name])):
             yield ("within",), f"expected less than the values of {name!r} themselves"
 

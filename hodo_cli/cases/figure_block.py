@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..models import rigid_body
+from ..models.theory.principal_axes import one_exceeds_others
 from ..schema.expression import Expression, names_in, parse_expression
 from ..schema.kinds import (
     NAMES,
@@ -423,6 +424,14 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
         yield from unknown_names("colour or line", {("styles", i): line or "solid"}, LINE_NAMES)
     formulas: dict[KeyPath, str] = {("formula", WrongKey(x)): x for x in values.get("formula", ())}
     yield from unknown_names("variable", formulas, values.get("variables", ()))
+    for i, moments in enumerate(values.get("bodies", ())):
+        if one_exceeds_others(moments):
+            yield ("bodies", i), "no body has a moment larger than the sum of the other two"
+        if min(moments) == max(moments):
+            yield ("bodies", i), "a body with three equal moments of inertia has no quadrants"
+    for i, inset in enumerate(values.get("insets", ())):
+        if min(inset["box"][2:]) <= 0:
+            yield ("insets", i, "box"), "expected a positive width and height"
     has_scales = kind not in KINDS_WITHOUT_SCALES and not _is_map_of_sphere(values)
     yield from _scale_mistakes(kind, values.get("style") or {}, has_scales)
     if kind in SWEPT_KINDS:
@@ -448,7 +457,7 @@ def _count_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
         (
             kind not in ("map", "curve") and len(labels) > count,
             ("labels",),
-            f"expected one for each of {count} {named}, got {len(labels)}",
+            f"expected one for each of the {named}, {count} in all, got {len(labels)}",
         ),
         (
             0 < curves < len(styles),
@@ -468,7 +477,7 @@ def _count_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
         (
             count and "groups" in values and total != count,
             ("groups",),
-            f"expected sizes that add up to the {count} cases, got {total}",
+            f"expected sizes that add up to the number of cases, {count}, got {total}",
         ),
         *(
             (
@@ -483,7 +492,7 @@ def _count_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
             (
                 count and len(values[key]) != count,
                 (key,),
-                f"expected one for each of {count} cases, got {len(values[key])}",
+                f"expected one for each of the cases, {count} in all, got {len(values[key])}",
             )
             for key in values.keys() & {"small", "against"}
         ),
@@ -672,7 +681,7 @@ def _swept_mistakes(
     if message := _wrong_swept_variable(values, case):
         yield ("variable",), message
     if values["kind"] == "share" and (message := _lack_of_starts(case)):
-        yield ("cases", 0), message
+        yield ("cases", values["cases"].index(case.name)), message
     for key in AXIS_KEYS:
         if (name := values.get(key)) is not None and name == case.sphere:
             yield (key,), f"axis {name} of sweep {case.name} is a sphere, which has no scale"

@@ -223,6 +223,10 @@ NO_MAPPING_HERE = "mapping values are not allowed in this context"
 NO_COLON = "could not find expected ':'"
 """What PyYAML says of a second colon in one value, and of a line without one."""
 
+FIRST_SIGNS = {"while scanning an alias": "*", "while scanning an anchor": "&"}
+NO_START = "that cannot start any token"
+"""What PyYAML says of a text that begins with a sign of its own, and of one that begins with @."""
+
 COLON, CONTENT = re.compile(r":(\s|$)"), re.compile(r"\s*[^\s#]")
 """The end of a key; the begin of a line that is neither empty nor a comment."""
 
@@ -245,6 +249,11 @@ def _reason(error: Any, mark: yaml.Mark, text: str, override: str) -> str:
             f"{bracket}{where} has a comma too many",
         ),
         (bracket and opening, f"{bracket}{where} is not closed, or lacks a comma"),
+        (error.context == "while scanning a quoted scalar", f"the quote{where} is not closed"),
+        (
+            error.context in FIRST_SIGNS or NO_START in str(error.problem),
+            f"put a text that begins with {FIRST_SIGNS.get(error.context, 'this sign')} in quotes",
+        ),
         (True, ", ".join(filter(None, (error.context, error.problem)))),
     )
     return next(reason for holds, reason in reasons if holds)
