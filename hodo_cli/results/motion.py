@@ -5,8 +5,9 @@ The quantities of `cases.derived`, as |G|, T and D, are computed here alone, whe
 """
 
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 from shlex import quote
 from typing import Any
@@ -100,7 +101,8 @@ class Motion:
         axes = self.axes if part in BODY_AXES else SPACE_AXES
         of_vector = axes if dot and part in axes else ()
         parts = [self[f"{name}.{part}"] for part in of_vector] or [self[variable]]
-        sizes = np.sqrt(np.square(parts).sum(axis=0))
+        # hypot scales by itself; the squares of 1e-170 are 0, and those of 1e170 infinite.
+        sizes = np.hypot.reduce(np.abs(parts), axis=0)
         return max(float(sizes[np.isfinite(sizes)].max(initial=0)), math.ulp(0))
 
     def quantity(self, name: str) -> np.ndarray:
@@ -527,9 +529,20 @@ def _separatrix(m: Motion) -> np.ndarray:
 _ratio = partial(rigid_body.share_of, of_nothing=np.nan)
 
 
+def _of_direction(quantity: Callable[[Motion], np.ndarray], m: Motion) -> np.ndarray:
+    """A quantity that knows only the direction of omega, of omega at a size near 1: the squares of
+    1e-160 have lost their digits. It is no number where omega itself has lost its own."""
+    if "omega" not in m.data or m.rotor is not None:
+        return quantity(m)
+    size = np.abs(m.omega).max(axis=1, keepdims=True)
+    near_1 = np.ldexp(m.omega, -np.frexp(size)[1])
+    near_1[size[:, 0] < sys.float_info.min] = np.nan
+    return quantity(replace(m, data={**m.data, "omega": Variable(("time", "axis"), near_1)}))
+
+
 def _separatrix_ratio(m: Motion) -> np.ndarray:
     if "omega" not in m.data:  # of an averaged form
-        return np.asarray(_momentum_over_energy(m) - m.inertia[m.order[1]])
+        return np.asarray(m["J"] - m.inertia[m.order[1]])
     return _ratio(2 * _energy(m), _separatrix(m))
 
 
@@ -542,6 +555,24 @@ def _tilt(m: Motion) -> np.ndarray:
     """The angle between G and x3; none without a G."""
     across, along = np.hypot(m.G[:, 0], m.G[:, 1]), m.G[:, 2]
     return np.where(m.G.any(axis=1), np.arctan2(across, along), np.nan)
+
+
+def _x1_direction(m: Motion) -> np.ndarray:
+    return _ratio(_momentum(m), np.abs(m.G[:, 0]))
+
+
+def _separatrix_distance(m: Motion) -> np.ndarray:
+    return _ratio(_momentum(m) ** 2, np.abs(_separatrix(m)))
+
+
+def directions_of_momentum(m: Motion) -> np.ndarray:
+    """G/|G| (n, 3) in body axes, nan where the body is at rest."""
+
+    def directions(m: Motion) -> np.ndarray:
+        size = _momentum(m)[:, None]
+        return np.asarray(m.G / np.where(size > 0, size, np.nan))
+
+    return _of_direction(directions, m)
 
 
 def _of_top(of_state: Callable[..., Sequence[np.ndarray]], i: int, m: Motion) -> np.ndarray:
@@ -681,12 +712,12 @@ QUANTITIES: dict[str, Callable[[Motion], np.ndarray]] = {
     "G": _momentum,
     "G2": lambda m: np.asarray((m.G * m.G).sum(axis=-1)),
     "T": _energy,
-    "J": _momentum_over_energy,
+    "J": partial(_of_direction, _momentum_over_energy),
     "D": _separatrix,
-    "D/2T": _separatrix_ratio,
-    "x1_direction": lambda m: _ratio(_momentum(m), np.abs(m.G[:, 0])),
-    "tilt": _tilt,
-    "separatrix_distance": lambda m: _ratio(_momentum(m) ** 2, np.abs(_separatrix(m))),
+    "D/2T": partial(_of_direction, _separatrix_ratio),
+    "x1_direction": partial(_of_direction, _x1_direction),
+    "tilt": partial(_of_direction, _tilt),
+    "separatrix_distance": partial(_of_direction, _separatrix_distance),
     "speed": lambda m: np.hypot.reduce(m.omega, axis=-1),
     "x": lambda m: m.component("omega", "x1") ** 2 + m.component("omega", "x2") ** 2,
     "y": lambda m: m.component("omega", "x3") ** 2,

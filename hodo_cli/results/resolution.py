@@ -1,6 +1,7 @@
 """How finely the samples follow a motion: whether a line through them is the curve, for the eye."""
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -135,7 +136,9 @@ def reason_of_gap(motion: Motion, name: str, i: int) -> str:
     if not turns_in_body(motion) or name not in COMPONENTS:
         return ""
     if name not in ANGLES_THAT_TURN:
-        return "" if motion.omega[i].any() else "the body is at rest there"
+        size = np.abs(motion.omega[i]).max()
+        words = "omega has lost its digits there" if size else "the body is at rest there"
+        return words if size < sys.float_info.min else ""
     if np.isnan(euler_angle(name, motion)[i]):
         return "theta is 0 or pi there"
     return turn_remark(motion, slice(None), LARGEST_TURN, in_space=True)

@@ -15,7 +15,7 @@ from matplotlib.patches import Circle
 
 from ...cases.derived import SPACE_AXES, component_names
 from ...models.theory.gyrostat import separatrix_curves
-from ...results.motion import Motion
+from ...results.motion import Motion, directions_of_momentum
 from ..artists import (
     BLACK,
     CROSSING,
@@ -273,7 +273,8 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> 
     """The curves of G/|G| on the unit sphere, with the two separatrix circles."""
     columns = [f"G.x{i}/|G|" for i in (1, 2, 3)]
     curves = [
-        SphereCurve(motion, unit_vectors(motion), motion.label, columns) for motion in motions
+        SphereCurve(motion, directions_of_momentum(motion), motion.label, columns)
+        for motion in motions
     ]
     draw_sphere(sheet, spec, curves, ("x_1", "x_2", "x_3"), separatrices(motions, spec))
 
@@ -443,12 +444,6 @@ def across(vector: np.ndarray) -> np.ndarray:
         return np.array([[1.0, 0, 0], [0, -1.0, 0]])
     x, y = axis[:2]
     return np.array([[1 - x * x / c, -x * y / c, -x], [-x * y / c, 1 - y * y / c, -y]])
-
-
-def unit_vectors(motion: Motion) -> np.ndarray:
-    """G/|G| (n, 3), nan where the body is at rest."""
-    size = motion["G"][:, None]
-    return np.asarray(motion.G / np.where(size > 0, size, np.nan))
 
 
 def on_sphere(axes: Axes, seen: np.ndarray, **style: Any) -> None:
