@@ -131,7 +131,7 @@ def sweep_attributes(
     if status is Status.OK and timeout:
         status = Status.TIMEOUT
     remarks = {
-        "are no body, have no start, or numbers that the case's equations do not take": invalid,
+        "are invalid: their numbers give no body or no start, or need other equations": invalid,
         "are undecided: their error is larger than their distance from the separatrix": hidden,
     } | {f"have no measured error: {why}": n for why, n in summary.unmeasured.items()}
     tol = case.tol or IVP.get(case.method, EPS)

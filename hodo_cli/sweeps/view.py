@@ -138,7 +138,8 @@ class SweepView:
 
         `share.x1` is a component; `end_axis.x1` is 1 where the label is x1 and 0 where it is
         another, so that its average is a share of members. Members whose status is not ok do not
-        count. Raises HodoError if there is no such variable, axis or position.
+        count, but for the status itself. Raises HodoError if there is no such variable, axis or
+        position.
         """
         column, label = self._numbers(variable)
         for axis, i in {**dict.fromkeys(keep, 0), **at}.items():
@@ -163,7 +164,8 @@ class SweepView:
 
     def _counted(self, column: "xr.DataArray") -> "xr.DataArray":
         """A column with nan for members that failed: they hold nan or 0, and 0 is a label."""
-        return column.where(self.data["status"] == 0 if "status" in self.data else True)
+        all_count = column.name == "status" or "status" not in self.data
+        return column.where(True if all_count else self.data["status"] == 0)
 
     def _numbers(self, variable: str) -> tuple["xr.DataArray", list[str]]:
         """A variable, component or share over all axes, the same along one that it does not have,

@@ -85,7 +85,9 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     show_degrees(sheet, sweeps, spec)
     values = [map_values(sheet, swept, spec, indices) for swept, indices in cells]
     # One scale for all panels, or equal colours would mean different values.
-    all_values = without_rounding(np.concatenate([value.ravel() for value in values]))
+    all_values = np.concatenate([value.ravel() for value in values])
+    check_any(bool(np.isfinite(all_values).any()), sweeps, name)
+    all_values = without_rounding(all_values)
     labelled, meaning = meanings(sweeps[0], name), map_label(sweeps, spec, sheet.units)
     scale, colours = colour_scale_of(spec, all_values, labelled)
     # Rasterized: a million cells as vectors make a file that no reader opens.
@@ -99,6 +101,7 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         axes.set_title(shown_name)
         places = draw_panel(sheet, axes, swept, spec, value, look)
         sheet.record(plain_name, {**places, name: value.ravel()})
+    label_outer(panels)
     if np.isnan(all_values).any():
         sheet.legend.append(Patch(fc=NO_VALUE_COLOUR, ec=GREY, lw=0.4, label=absence(name)))
     words = words_of_values(meaning, labelled, all_values)
@@ -110,6 +113,13 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         if colours.N <= MAX_COUNTS + 1:
             edges_and_middles = np.linspace(*bar.mappable.get_clim(), 2 * colours.N + 1)
             bar.set_ticks(edges_and_middles[1::2].tolist())
+
+
+def check_any(is_any: bool, sweeps: Sequence[SweepView], variable: str) -> None:
+    """Raise HodoError unless there is any value of a variable of sweeps to draw."""
+    if not is_any:
+        names = " and ".join(swept.name for swept in sweeps)
+        raise HodoError(f"sweep {names} has no value of {variable} to draw")
 
 
 EQUAL_WITHIN = 1e-12
@@ -214,12 +224,23 @@ def map_panels(sheet: Sheet, rows: Sequence[int], of_sphere: bool) -> list[Axes]
     columns = longest if len(rows) > 1 and longest > 1 else min(n, 3)
     if len(rows) == 1 and n == 4:
         columns = 2  # two by two, rather than three and one
+    columns = sheet.columns(PAGE, columns)
     lines = math.ceil(n / columns)
     width = COLUMN if columns == 1 else PAGE
     height = lines * width / columns * (0.6 if of_sphere else 0.85) + 0.55
     look = {"projection": "hammer"} if of_sphere else {}
     shared = not of_sphere
     return sheet.panels(width, height, n, columns, sharex=shared, sharey=shared, subplot_kw=look)
+
+
+def label_outer(panels: Sequence[Axes]) -> None:
+    """Leave labels to the first panels of rows, and to those with no panel below."""
+    columns = panels[0].get_gridspec().ncols  # type: ignore[union-attr]
+    for i, axes in enumerate(panels):
+        if i % columns:
+            axes.set_ylabel("")
+        if i + columns < len(panels):
+            axes.set_xlabel("")
 
 
 def positions(swept: SweepView, axis: str | None, at: Sequence[int]) -> list[dict[str, int]]:
@@ -230,15 +251,9 @@ def positions(swept: SweepView, axis: str | None, at: Sequence[int]) -> list[dic
 def map_values(
     sheet: Sheet, swept: SweepView, spec: Mapping[str, Any], indices: Mapping[str, int]
 ) -> np.ndarray:
-    """The values of one panel: (x, y), or (directions,).
-
-    Raises HodoError if there is nothing but gaps.
-    """
+    """The values of one panel: (x, y), or (directions,)."""
     keep = [swept.sphere] if spec["x"] is None else [spec["x"], spec["y"]]
-    values = shown_values(sheet, swept, spec["variable"], keep, indices)
-    if not np.isfinite(values).any():
-        raise HodoError(f"sweep {swept.name} has no value of {spec['variable']} to draw")
-    return values
+    return shown_values(sheet, swept, spec["variable"], keep, indices)
 
 
 def map_image(
@@ -266,7 +281,6 @@ def map_image(
         xlabel=axis_name(swept, spec["x"]),
         ylabel=axis_name(swept, spec["y"]),
     )
-    axes.label_outer()
     across = {key: np.repeat(of, len(y)) for key, of in axis_columns(swept, spec["x"]).items()}
     return across | {key: np.tile(of, len(x)) for key, of in axis_columns(swept, spec["y"]).items()}
 
@@ -470,8 +484,7 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
             size = float(np.clip(CROSSES_ACROSS / len(x), 1, 4))
             cross_out(axes, x[~is_known], 0.02 + spacing * rows, look["color"], size)
             rows += 1
-    if not known:
-        raise HodoError(f"sweep {sweeps[0].name} has no value of {spec['variable']} to draw")
+    check_any(bool(known), sweeps, spec["variable"])
     if all(value.is_integer() for value in known):
         axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     if spec["level"] is not None:
