@@ -21,7 +21,7 @@ from ..results.motion import Motion
 from ..text import abridged
 from .sheet import Look, Sheet
 from .symbols import time_label, unit_after
-from .words import Words, text_lines, text_size, with_minus, without_tex
+from .words import Words, in_formula, text_lines, text_size, with_minus, without_tex
 
 BLUE, ORANGE, GREEN, SKY, RED, PURPLE, BLACK = (
     "#0072B2", "#BF8200", "#009E73", "#2E8FCB", "#D55E00", "#CC79A7", "#000000")  # fmt: skip
@@ -249,7 +249,8 @@ def crossings_in_words(motion: Motion, crossing: str, time: str, width: int) -> 
 def ending(motion: Motion, time: str) -> str:
     """How a motion ends, and when: it stops, or its samples end."""
     kind, when = ("stop", motion.stop) if math.isfinite(motion.stop) else ("end", motion.time[-1])
-    return f"{kind}, ${time} = {when:.6g}${unit_after(motion, 'time')}"
+    number = in_formula(f"{when:.6g}")
+    return f"{kind}, ${time} = {number}${unit_after(motion, 'time')}"
 
 
 def axis_handles(motions: Sequence[Motion]) -> list[Line2D]:

@@ -9,6 +9,7 @@ import numpy as np
 from ..cases.derived import PARTS
 from ..results.motion import Motion
 from ..sweeps.view import SweepView
+from .words import in_formula
 
 
 def unit(motion: Motion, variable: str, power: int = 1) -> str:
@@ -154,7 +155,8 @@ def position(swept: SweepView, name: str, i: int) -> str:
     for key in swept.numbers_along(name):
         unit = swept.unit(key)
         shown_unit = "°" if unit == "deg" else f" {with_superscripts(unit)}".rstrip()
-        words.append(f"${key_symbol(swept.key(key))} = {swept.ticks(key)[0][i]:.4g}${shown_unit}")
+        number = in_formula(f"{swept.ticks(key)[0][i]:.4g}")
+        words.append(f"${key_symbol(swept.key(key))} = {number}${shown_unit}")
     return ", ".join(words)
 
 

@@ -41,6 +41,7 @@ def without_tex(text: str) -> str:
         plain = re.sub(r"\\(mathrm|,)", "", formula[1]).replace(r"\var", "\\")
         for tex, letter in TEX_LETTERS.items():
             plain = plain.replace(tex, letter)
+        plain = plain.replace(r"\cdot", "·")
         return re.sub(r"[_{}\\]", "", plain)
 
     return re.sub(r"\$([^$]*)\$", letters, text)
@@ -141,6 +142,11 @@ def text_size(name: str) -> float:
 def with_minus(number: str) -> str:
     """A number outside of formulas with the sign that ticks and formulas have."""
     return number.replace("-", "\N{MINUS SIGN}")
+
+
+def in_formula(number: str) -> str:
+    """A number as it stands in a formula, where 1e-77 would be a difference."""
+    return re.sub(r"e([-+])0*(\d+)$", r" \\cdot 10^{\1\2}", number).replace("{+", "{")
 
 
 class TickText(ScalarFormatter):

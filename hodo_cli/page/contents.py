@@ -208,7 +208,7 @@ def parameters(case: Case) -> str:
     words = [f"{key} {_plain(value)}" for key, value in case.data.items() if value is not None]
     words.append(f"time {case.time.start:g} to {case.time.end:g}")
     for axis in axes_of(case.sweep or {}):
-        words.append(f"{len(axis)} values of {' with '.join(axis.keys) or axis.name}")
+        words.append(f"{counted(len(axis), 'value')} of {' with '.join(axis.keys) or axis.name}")
     return "; ".join(words)
 
 

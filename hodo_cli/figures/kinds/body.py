@@ -27,7 +27,7 @@ from ...cases.derived import SPACE_AXES, component_names
 from ...results.motion import Motion, rotations
 from ..artists import AXIS_COLOUR, BLACK, GREY, PURPLE, RED, arrow
 from ..sheet import PAGE, SHEET_STYLE, Look, Sheet, View, own_page
-from ..words import FormulaCanvas, Words, place_words, without_tex
+from ..words import FormulaCanvas, Words, in_formula, place_words, without_tex
 from .plane import within_span
 from .space import IN_PAGE, pale, space_vector
 
@@ -213,7 +213,7 @@ def draw_moment(axes: Axes, film: Film, i: int) -> None:
             name = re.sub(r"(\d)", r"_\1", part.name)
             Words(axes, f"${name}$", tip[None, :2], toward=tip[:2], color=colour)
     symbol, unit = film.words
-    axes.set_title(f"${symbol}{film.time[i]:.6g}${unit}", color=BLACK)
+    axes.set_title(f"${symbol}{in_formula(f'{film.time[i]:.6g}')}${unit}", color=BLACK)
 
 
 def frame_space(axes: Axes) -> None:

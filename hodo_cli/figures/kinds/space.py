@@ -45,7 +45,7 @@ from ..artists import (
 )
 from ..sheet import COLUMN, PAGE, Look, Scene, Sheet, View
 from ..symbols import axis_label, unit
-from ..words import HALO, Words
+from ..words import HALO, Words, in_formula
 
 
 def hodograph(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
@@ -70,7 +70,7 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
         window = np.array([[-1.25, 1.25], [-1.25, 1.25]]) * zoom
         enlarged = sheet.scene(others[0], view, names, reach=zoom)
         space(enlarged, motions, spec, np.full((2, 3), zoom), window)
-        others[0].set(title=f"enlarged, to $|G_i| = {zoom:g}$")
+        others[0].set(title=f"enlarged, to $|G_i| = {in_formula(f'{zoom:g}')}$")
     for axes, plane in zip(others[zoom is not None :], planes, strict=True):
         projection(axes, motions, spec, plane)
     sheet.legend += colour_handles(sheet, [main, *others], motions, spec)
@@ -366,9 +366,12 @@ def sphere_curve(
 
 def name_on_sphere(scene: Scene, curves: Sequence[SphereCurve], colours: Sequence[Any]) -> None:
     """Name curves on a globe, in black or in colours."""
+    together: dict[tuple[float, ...], list[str]] = {}
     for curve in curves:
-        # In space the name is beside the start, where it is on no side of the page.
-        scene.add(1.08 * curve.directions[:1], texts=[curve.label], lw=0)
+        together.setdefault(tuple(curve.directions[0].round(2)), []).append(curve.label)
+    for start, names in together.items():
+        # In space a name is beside the start, where it is on no side of the page.
+        scene.add(1.08 * np.array([start]), texts=[", ".join(names)], lw=0)
     shown = [within_globe(scene.view(curve.directions)) for curve in curves]
     name_curves(scene.axes, shown, [curve.label for curve in curves], colours)
 
