@@ -413,14 +413,24 @@ def panel_data(sheet: Sheet, axes: Axes) -> dict[str, Any]:
     }
 
 
+def sharing(axes: Any, letter: str) -> list[Any]:
+    """The axis of a panel by its letter, and those of the panels that share its scale."""
+    others = getattr(axes, f"get_shared_{letter}_axes")().get_siblings(axes)
+    return [getattr(panel, f"{letter}axis") for panel in (axes, *others)]
+
+
+def scale_words(axes: Any, letter: str) -> str:
+    """The label of one scale of a plane panel as plain text; the letter where it has none."""
+    # Panels that share a scale have its label once.
+    labels = [axis.get_label_text() for axis in sharing(axes, letter)]
+    return without_tex(next(filter(None, labels), letter))
+
+
 def scale_data(axes: Any, letter: str) -> dict[str, Any]:
     """One scale of a plane panel; without a label if it has no ticks."""
-    # Panels that share a scale have its label once.
-    sharing = [axes, *getattr(axes, f"get_shared_{letter}_axes")().get_siblings(axes)]
-    labels = [getattr(panel, f"get_{letter}label")() for panel in sharing]
     has_ticks = getattr(axes, f"get_{letter}ticks")().size > 0
     return {
-        "label": without_tex(next(filter(None, labels), letter)) if has_ticks else "",
+        "label": scale_words(axes, letter) if has_ticks else "",
         "ends": getattr(axes, f"get_{letter}lim")(),
         "log": getattr(axes, f"get_{letter}scale")() == "log",
     }

@@ -18,8 +18,8 @@ from matplotlib.patches import Patch
 
 from .. import HodoError
 from ..schema.spelling import unknown
-from .sheet import COLUMN, MIN_PANEL_WIDTH, PAGE, Look, Sheet
-from .words import text_lines, text_size, text_width, without_tex
+from .sheet import COLUMN, MIN_PANEL_WIDTH, PAGE, Look, Sheet, scale_words, sharing
+from .words import text_lines, text_size, text_width
 
 
 def filled(label: str, length: float) -> str:
@@ -140,7 +140,7 @@ def finish_figure(sheet: Sheet, title: str, style: Mapping[str, Any]) -> None:
     sheet.figure.set_size_inches(new_width, style.get("height", 25.4 * new_height) / 25.4)
     if lines:
         sheet.figure.suptitle("\n".join(lines))
-    below = place_legend(sheet, panels, style.get("legend", "below"))
+    below = place_legend(sheet, panels, style)
     fill_labels(sheet, LINE_OF_LEGEND / 72 * text_size("legend.fontsize") * below)
 
 
@@ -162,28 +162,42 @@ def fill_labels(sheet: Sheet, below: float) -> None:
                 axis.label.set_text(filled(text, length))
 
 
+LEAST_ABOVE_MARGIN = 1e-270
+"""The least number below which a margin of a logarithmic axis down to it ends above zero."""
+
+
 def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:
     """The scales, ends and labels of a panel as a style has them."""
     data = axes.dataLim
     for name, axis, lowest in (("x", axes.xaxis, data.x0), ("y", axes.yaxis, data.y0)):
         if name in style.get("log", ()):
             if lowest < 0:
-                shown = without_tex(axis.get_label_text() or axes.get_title())
                 raise HodoError(
-                    f"style.log: the {name} axis of {shown} reaches below zero, "
+                    f"style.log: the {name} axis of {scale_words(axes, name)} reaches below zero, "
                     f"down to {lowest:.4g}; leave {name} out of log, or draw values above zero only"
                 )
-            axes.set(**{f"{name}scale": "log"})
+            least = min(shared.get_minpos() for shared in sharing(axes, name))
+            if least < LEAST_ABOVE_MARGIN:
+                axes.set(**{f"{name}lim": (least, None)})
+            # A value of 0 leads the line to the lower end; from a time of 0 it would come level.
+            beyond = {"x": "mask", "y": "clip"}[name]
+            getattr(axes, f"set_{name}scale")("log", nonpositive=beyond)
             if axis.get_view_interval()[0] <= 0:
                 # The end of a linear scale; zero lies nowhere on this one.
-                axes.set(**{f"{name}lim": (axis.get_minpos(), None)})
+                axes.set(**{f"{name}lim": (least, None)})
         if label := style.get(f"{name}label"):
             text_width(label, text_size("axes.labelsize"))  # which finds mistakes in its TeX
             axis.set_label_text(label if axis.get_label_text() else "")
-    axes.set(**{name: style[name] for name in ("xlim", "ylim") if name in style})
+    limits = {name: style[name] for name in ("xlim", "ylim") if name in style}
+    if limits and axes.get_adjustable() == "datalim":
+        # Its two scales stay equal by the shape of the panel, and not by other ends.
+        axes.set_adjustable("box")
+    for line in axes.lines if limits else ():
+        line.set_clip_on(True)  # marks stick out of their panel, also of one that ends before them
+    axes.set(**limits)
 
 
-def place_legend(sheet: Sheet, panels: Sequence[Axes], place: str) -> int:
+def place_legend(sheet: Sheet, panels: Sequence[Axes], style: Mapping[str, Any]) -> int:
     """The legend of a figure, of its labelled lines and the other entries of its sheet; it is read
     row by row, at a place of `LEGEND_PLACES`, in a corner of the first panel, or nowhere. Returns
     how many lines it has below the panels."""
@@ -194,11 +208,17 @@ def place_legend(sheet: Sheet, panels: Sequence[Axes], place: str) -> int:
         for entry in chain(lines, sheet.legend)
         if (label := str(entry.get_label())) and not label.startswith("_")
     }
-    handles = [*entries.values()]
+    handles, place = [*entries.values()], style.get("legend", "below")
     if not handles or place == "none":
         return 0
-    if place == "right" and panel_width(sheet, panels, handles) < MIN_PANEL_WIDTH:
+    added = break_labels(sheet, handles)
+    is_narrow = panel_width(sheet, panels, handles) < MIN_PANEL_WIDTH
+    if place == "right" and (is_narrow or column_height(handles) > sheet.figure.get_figheight()):
         place = "below"
+    if place == "below" and "height" not in style:
+        # A further line of an entry is as high as one of the title.
+        height = 1.7 / 72 * text_size("legend.fontsize") * added
+        sheet.figure.set_figheight(sheet.figure.get_figheight() + height)
     columns = legend_columns(sheet, handles) if place == "below" else 1
     # matplotlib fills column after column.
     rowwise = [handle for column in range(columns) for handle in handles[column::columns]]
@@ -212,6 +232,30 @@ def place_legend(sheet: Sheet, panels: Sequence[Axes], place: str) -> int:
 def shade(entry: Line2D | Patch) -> str:
     """The colour of an entry of a legend."""
     return str(entry.get_color() if isinstance(entry, Line2D) else entry.get_facecolor())
+
+
+AROUND_LEGEND = 4.8
+"""The width of a legend of one column beside its words, in heights of its letters."""
+
+
+def break_labels(sheet: Sheet, handles: Sequence[Artist]) -> int:
+    """Break the labels of a legend that are longer than its figure is wide; returns how many lines
+    that adds."""
+    size = text_size("legend.fontsize")
+    room = sheet.figure.get_figwidth() - AROUND_LEGEND * size / 72
+    added = 0
+    for handle in handles:
+        lines = str(handle.get_label()).splitlines()
+        broken = [piece for line in lines for piece in text_lines(line, room, size)]
+        handle.set_label("\n".join(broken))
+        added += len(broken) - len(lines)
+    return added
+
+
+def column_height(handles: Sequence[Artist]) -> float:
+    """The height in inches of a legend of one column."""
+    lines = sum(len(str(handle.get_label()).splitlines()) for handle in handles)
+    return LINE_OF_LEGEND / 72 * text_size("legend.fontsize") * lines
 
 
 def entry_widths(handles: Sequence[Artist]) -> list[float]:

@@ -39,7 +39,7 @@ from ..artists import (
 )
 from ..sheet import COLUMN, PAGE, Look, Sheet
 from ..symbols import axis_label, formula_in_tex, symbol, time_label, unit, unit_after
-from ..words import Words, text_lines, text_size, text_width
+from ..words import Words, in_formula, text_lines, text_size, text_width
 
 
 def check_one_body(motions: Sequence[Motion]) -> None:
@@ -64,12 +64,14 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     ]
     scaled_with = [motion.quadrants for motion in sheet.others]
     limits = [1.05 * max(float(curve.max()) for curve in [*curves, *scaled_with]) or 1.0]
-    size = (COLUMN, 1.1 * COLUMN)
     if zoom is not None:
         nearest = min(float(curve.max(axis=1).min()) for curve in curves)
         check_zoom(zoom, nearest, unit(motions[0], "omega", 2))
-        limits, size = [*limits, zoom], (PAGE, 0.55 * PAGE)
-    panels = sheet.panels(*size, len(limits), len(limits))
+        limits.append(zoom)
+    columns = sheet.columns(PAGE, len(limits))
+    width = COLUMN if columns == 1 else PAGE
+    height = 1.1 * width * len(limits) / columns**2
+    panels = sheet.panels(width, height, len(limits), columns)
     for axes, limit in zip(panels, limits, strict=True):
         regions(axes, motions[0], limit, is_enlarged=axes is not panels[0])
         frame = np.array([[0, limit], [0, limit]])
@@ -118,16 +120,17 @@ def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Mot
     without scale."""
     bodies = spec["bodies"]
     n = len(bodies)
-    size = (COLUMN, COLUMN) if n == 1 else (PAGE, PAGE / n + 0.35)
-    panels = sheet.panels(*size, n, n)
+    columns = sheet.columns(PAGE, n)
+    size = (COLUMN, COLUMN) if columns == 1 else (PAGE, PAGE / columns + 0.35)
+    panels = sheet.panels(size[0], math.ceil(n / columns) * size[1], n, columns)
     # No numbers stand beside them.
-    room = 0.85 * 72 * sheet.figure.get_figwidth() / n
+    room = 0.85 * 72 * sheet.figure.get_figwidth() / columns
     for axes, body, label in zip_longest(panels, bodies, spec["labels"][:n]):
         title, K = label or "$A_i$ = {:g}, {:g}, {:g}".format(*body), slope(body)
         numbers = np.array([*body, K])[:, None]
         sheet.record(title, dict(zip(("A1", "A2", "A3", "K"), numbers, strict=True)))
         sketch(axes, body, room)
-        value = r"\infty" if math.isinf(K) else f"{K:.3g}"
+        value = r"\infty" if math.isinf(K) else in_formula(f"{K:.3g}")
         axes.set_title(f"{title}\n$K = {value}$")
 
 
@@ -285,14 +288,17 @@ def series_curve(
     samples = within_span(motion, spec["span"])
     times, values = motion.time[samples], motion[variable][samples]
     sheet.record(motion.label, {"time": times, variable: values})
-    # No line goes through a single sample.
-    marker = "o" if len(times) == 1 else ""
-    axes.plot(*line_through(motion, ("time", variable), samples), marker=marker, ms=3, **style)
+    draw_line(axes, *line_through(motion, ("time", variable), samples), **style)
     if law := spec["formula"].get(variable):
         values = formula_values(motion, law)[samples]
         sheet.record(f"{motion.label}, {law}", {"time": times, variable: values})
     if spec["passages"]:
         passage_marks(axes, motion, variable, style)
+
+
+def draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
+    """A line through samples (n,), or the mark of a single one, through which no line goes."""
+    axes.plot(x, y, marker="o" if len(x) == 1 else "", ms=3, **style)
 
 
 def line_through(
@@ -419,9 +425,10 @@ def words_at_event(
     time, once for all that are nearly zero."""
     vanishing = [x for x in values if abs(values[x]) <= 1e-3 * np.nanmax(np.abs(motion[x]))]
     zero = " = ".join([*map(symbol, vanishing), "0"])
-    at_time = f"${zero}$ at ${time} = {when:#.4g}${unit_after(motion, 'time')}"
+    when_zero = in_formula(f"{when:#.4g}")
+    at_time = f"${zero}$ at ${time} = {when_zero}${unit_after(motion, 'time')}"
     others = (name for name in values if name not in vanishing)
-    words = {name: f"${symbol(name)} = {values[name]:#.4g}$" for name in others}
+    words = {name: f"${symbol(name)} = {in_formula(f'{values[name]:#.4g}')}$" for name in others}
     return words | dict.fromkeys(vanishing[:1], at_time)
 
 
@@ -439,7 +446,7 @@ def inset(
         # As the panel draws the variable or, where all its curves are of one variable, the case.
         drawn = looks.get(name, looks.get(motion.name, look))
         times, values = motion.time[samples], motion[name][samples]
-        axes.plot(*line_through(motion, ("time", name), samples), **drawn, lw=0.9)
+        draw_line(axes, *line_through(motion, ("time", name), samples), **drawn, lw=0.9)
         sheet.record(motion.name, {"time": times, name: values})
     words = [f"${symbol(name)}$" for name in spec["variables"]]
     if panel.get_title() != motion.label:
@@ -473,6 +480,10 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> N
     if all(gaps):
         say_why_empty(axes, gaps, xticks=[], yticks=[])
     if vector_of(x) == vector_of(y) != "":
+        if not axes.get_autoscale_on():
+            # Equal scales need one that may grow beyond the ends of a constant component.
+            axes.update_datalim(np.transpose([axes.get_xlim(), axes.get_ylim()]))
+            axes.set_autoscale_on(True)
         axes.set(aspect="equal", adjustable="datalim")
     sheet.legend += mark_handles(motions, spec["time"])
 
@@ -493,7 +504,7 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion])
         shown = {name: motion[name] for name in ("T", "G2", "D/2T")}
         sheet.record(motion.label, {"time": motion.time, **shown, "D": motion["D"]})
         for axes, values in zip((energy, square, ratio), shown.values(), strict=True):
-            axes.plot(motion.time, values, **style, zorder=3)
+            draw_line(axes, motion.time, values, **style, zorder=3)
         energy_bounds(energy, square, motion)
         ratio.plot(motion.crossing_time, 0 * motion.crossing_time, **CROSSING, zorder=4)
     ratio.axhline(0, **SEPARATRIX)
