@@ -156,6 +156,25 @@ def test_panels_of_one_logarithmic_time_begin_with_the_earliest_sample() -> None
     assert not np.isfinite(figure.axes[0].transData.transform((0, 1))[0])
 
 
+def test_the_diagonal_of_logarithmic_quadrants_is_seen(turning: xr.Dataset) -> None:
+    (axes,) = drawn(turning, "quadrants", style={"log": ["x", "y"]}).axes
+    diagonal = axes.lines[0]
+    ends = axes.transData.transform(diagonal.get_xydata())
+    slope = np.diff(ends, axis=0)[0]
+    assert slope[1] == pytest.approx(slope[0], rel=1e-3)
+    # Each region has its name within it, seen from the diagonal.
+    for text, side in zip(axes.texts, (-1, 1), strict=True):
+        box = text.get_window_extent().transformed(axes.transAxes.inverted())
+        assert (np.array([box.y0 - box.x1, box.y1 - box.x0]) * side > 0).all(), text
+
+
+@pytest.mark.parametrize("values", ["x", 1j])
+def test_what_is_no_number_is_no_variable(turning: xr.Dataset, values: Any) -> None:
+    named = turning.assign(mine=("time", np.full(turning.sizes["time"], values)))
+    with pytest.raises(HodoError, match="unknown variable 'mine' of the case"):
+        hodo.plot(named, "series", variables=["mine"])
+
+
 def test_a_message_about_a_logarithmic_axis_names_it_in_every_panel() -> None:
     early = hodo.run({**BODY, "time": {"start": -5, "end": 5}})
     with pytest.raises(HodoError, match=r"the x axis of τ \[–\] reaches below zero, down to -5"):
@@ -269,6 +288,10 @@ def test_a_map_of_the_status_shows_every_status() -> None:
         (
             "{kind: quadrant-sketch, bodies: [[1, 1, 1]]}",
             "figures.f.bodies.0: a body with three eq",
+        ),
+        (
+            "{kind: quadrants, cases: [a], style: {log: x}}",
+            "figures.f.style.log: expected both x and",
         ),
         ("{kind: share, cases: [starts, line]}", "figures.f.cases.1: sweep line has the axes damp"),
         (

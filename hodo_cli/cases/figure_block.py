@@ -506,6 +506,8 @@ def _scale_mistakes(
     if not has_scales:
         given = (key for key in SCALES if style.get(key) is not None)
         yield from ((("style", key), f"the panels of a {kind} have no scales") for key in given)
+    if kind == "quadrants" and len({*(style.get("log") or ())}) == 1:
+        yield ("style", "log"), "expected both x and y: else no straight line divides the quadrants"
     logarithmic = [f"{axis}lim" for axis in style.get("log") or ()]
     yield from (
         (("style", key), "expected positive ends of a logarithmic axis")

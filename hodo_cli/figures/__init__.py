@@ -206,12 +206,12 @@ def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
 
 
 def variables_over(outer: set[str], variables: Mapping[Any, Any]) -> dict[str, str]:
-    """The variables along some dimensions, with the dimension of their components, empty for a
-    number; without those that have other dimensions too."""
+    """The variables of numbers along some dimensions, with the dimension of their components, empty
+    for a number; without those that have other dimensions too."""
     inner = {
         str(name): {*variable.dims} - outer
         for name, variable in variables.items()
-        if outer & {*variable.dims}
+        if outer & {*variable.dims} and variable.dtype.kind in "biuf"
     }
     return {name: "".join(dims) for name, dims in inner.items() if dims <= PARTS.keys()}
 

@@ -179,8 +179,10 @@ def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:
             least = min(shared.get_minpos() for shared in sharing(axes, name))
             if least < LEAST_ABOVE_MARGIN:
                 axes.set(**{f"{name}lim": (least, None)})
-            # A value of 0 leads the line to the lower end; from a time of 0 it would come level.
-            beyond = {"x": "mask", "y": "clip"}[name]
+            # A value of 0 leads a line to the lower end, as both of a diagonal do; from a time of 0
+            # a line would come level.
+            is_of_time = name == "x" and axes.get_aspect() == "auto"
+            beyond = "mask" if is_of_time else "clip"
             getattr(axes, f"set_{name}scale")("log", nonpositive=beyond)
             if axis.get_view_interval()[0] <= 0:
                 # The end of a linear scale; zero lies nowhere on this one.

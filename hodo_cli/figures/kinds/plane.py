@@ -73,7 +73,8 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     height = 1.1 * width * len(limits) / columns**2
     panels = sheet.panels(width, height, len(limits), columns)
     for axes, limit in zip(panels, limits, strict=True):
-        regions(axes, motions[0], limit, is_enlarged=axes is not panels[0])
+        is_enlarged, is_log = axes is not panels[0], "log" in (spec["style"] or {})
+        regions(axes, motions[0], limit, is_enlarged, is_log)
         frame = np.array([[0, limit], [0, limit]])
         plane_curves(axes, spec, motions, curves, crossings, frame)
     sheet.legend += axis_handles(motions)
@@ -83,12 +84,13 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     sheet.legend += mark_handles(motions, spec["time"], zoom is not None)
 
 
-def regions(axes: Axes, motion: Motion, limit: float, is_enlarged: bool) -> None:
+def regions(axes: Axes, motion: Motion, limit: float, is_enlarged: bool, is_log: bool) -> None:
     """The regions A and B below and above the diagonal, shaded and named, up to a limit."""
     # In a narrow panel, or an enlarged one, whose curves lie wide apart, a letter finds its place.
     width = text_width("A (about $x_1$)", text_size("font.size"))
     is_short = is_enlarged or width > 0.5 * room_across(axes)
-    places = np.stack(np.meshgrid(*2 * [np.linspace(0, limit, 12)]), axis=-1).reshape(-1, 2)
+    parts = np.geomspace(1e-16, 1, 33) if is_log else np.linspace(0, 1, 12)
+    places = np.stack(np.meshgrid(*2 * [limit * parts]), axis=-1).reshape(-1, 2)
     below = places[:, 0] - places[:, 1]
     farthest = np.argsort(-np.abs(below), kind="stable")
     largest, _, smallest = motion.order
