@@ -2,6 +2,7 @@
 axes that are given, large letters and long legends."""
 
 import warnings
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -242,6 +243,19 @@ def test_panels_with_large_letters_stand_below_each_other(
         ):
             grid_of_panels = figure.axes[0].get_subplotspec().get_gridspec()
             assert grid_of_panels.ncols == columns
+
+
+def test_numbers_along_an_axis_are_not_on_each_other() -> None:
+    one = hodo.sweep({**STARTS, "sweep": {"damping.2": {"values": [0.003]}}})
+    figure: Any = drawn(one, "curve", variable="T", x="damping.2", style=LARGE)
+    axes = figure.axes[0]
+    with figure.styled():
+        boxes = [x.get_window_extent() for x in axes.get_xticklabels() if x.get_text()]
+    seen = [box for box in boxes if axes.bbox.x0 <= (box.x0 + box.x1) / 2 <= axes.bbox.x1]
+    assert seen
+    assert all(a.x1 < b.x0 for a, b in pairwise(seen))
+    # Outside of its parameters too, as a user asks for them.
+    assert axes.get_xticklabels()
 
 
 def test_lowest_panels_of_a_map_have_numbers_and_a_label(grid: xr.Dataset) -> None:

@@ -5,7 +5,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 from unicodedata import normalize
 
@@ -91,7 +91,9 @@ class FormulaCanvas(FigureCanvasAgg):
 def text_width(text: str, size: float) -> float:
     """The width in points of a text of a size. Raises HodoError if its formulas, between dollar
     signs, cannot be set within the parameters of its figure."""
-    dpi: float = matplotlib.rcParams["savefig.dpi"]
+    given: Any = matplotlib.rcParams["savefig.dpi"]
+    # A user who asks a figure for its ticks does so outside of its parameters.
+    dpi = 72.0 if given == "figure" else float(given)
     # Dollars that are no pair are sums of money.
     formula = text if is_math_text(text) else text.replace("$", r"\$")
     try:
@@ -149,12 +151,29 @@ def in_formula(number: str) -> str:
     return re.sub(r"e([-+])0*(\d+)$", r" \\cdot 10^{\1\2}", number).replace("{+", "{")
 
 
+DIGITS_WITH_ROOM = 3
+"""The letters of a number at a tick for which matplotlib leaves room."""
+
+
 class TickText(ScalarFormatter):
     """Numbers at ticks as plain text, and as a formula only the factor that is common to all: to
     set a formula takes ten times as long, and a number looks the same."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         return super().__call__(x, pos).removeprefix(r"$\mathdefault{").removesuffix("}$")
+
+    def format_ticks(self, values: Any) -> list[str]:
+        """Every number, or every second, third and so on where side by side they are on each
+        other: matplotlib counts on three digits."""
+        axis: Any = self.axis
+        texts = super().format_ticks(values)
+        if axis.axis_name != "x" or max(map(len, texts), default=0) <= DIGITS_WITH_ROOM:
+            return texts
+        rooms = [tick_room(axis, *tick) for tick in zip(values, texts, strict=True)]
+        steps = range(1, len(texts) + 1)
+        step = next(n for n in steps if all(a[1] <= b[0] for a, b in pairwise(rooms[::n])))
+        first = int(np.argmax(np.asarray(values) >= min(axis.get_view_interval())))
+        return ["" if (i - first) % step else text for i, text in enumerate(texts)]
 
 
 class PowerText(LogFormatterSciNotation):

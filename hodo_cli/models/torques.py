@@ -447,7 +447,10 @@ def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
         is_unequal = any(x != entries[0] for x in entries)
         # Drag by axes depends on the axes, however equal.
         if is_unequal or (name == "quadratic_axes" and data.get(name)):
-            yield (name,), "needs principal axes where it is unequal: give resistance, or moments"
+            yield (
+                (name,),
+                "acts about principal axes: give the three moments as `inertia`, or `resistance`",
+            )
 
 
 def mistakes_of_start(data: Mapping[str, Any]) -> Iterator[Mistake]:
