@@ -566,6 +566,7 @@ def test_methods_are_a_paragraph_for_a_paper(two_results: Path) -> None:
     assert f"a relative tolerance of {of_series if 'Taylor' in text else '7.1e-15'}" in text
     assert re.search(r"relative errors of the stored variables are at most \d\.\de-\d+ \(", text)
     assert text.endswith("To be cited: hodo 0.2.0.")
+    assert "of them" not in text  # of all
     assert max(map(len, done.stdout.splitlines())) <= 100
     (two_results / "e.yaml").write_text(
         "cases: {a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.1, 0, 0], "

@@ -164,18 +164,15 @@ def sentence_on_methods(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> s
 def sentence_on_errors(rows: Sequence[Mapping[str, Any]]) -> str:
     """The sentence on measured errors, by what they were measured against; a sweep has them of a
     sample of its members."""
-    phrases = []
-    for kind, of_kind in grouped((row["error_kind"], row) for row in rows).items():
+    phrases, kinds = [], grouped((row["error_kind"], row) for row in rows)
+    for kind, of_kind in kinds.items():
         worst = max(of_kind, key=itemgetter("error"))
         motions, sample = (sum(row[x] for row in of_kind) for x in ("motions", "motions_measured"))
-        chosen = (
-            f"for a sample of {sample} of {motions}"
-            if sample < motions
-            else f"for {motions} of them"
-        )
+        of_them = f", for {motions} of them" if len(kinds) > 1 else ""
+        chosen = f", for a sample of {sample} of {motions}" if sample < motions else of_them
         phrases.append(
             f"at most {magnitude(worst['error'])} ({worst['case']}) "
-            f"against {REFERENCES_IN_WORDS[kind]}, {chosen}"
+            f"against {REFERENCES_IN_WORDS[kind]}{chosen}"
             if kind in REFERENCES_IN_WORDS
             else f"not measured in {motions} of them"
         )
