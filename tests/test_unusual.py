@@ -199,6 +199,13 @@ def test_two_constant_components_have_equal_scales(caplog: pytest.LogCaptureFixt
     assert not caplog.records  # matplotlib tells of ends that it cannot keep
 
 
+def test_every_panel_has_a_letter(turning: xr.Dataset) -> None:
+    short = [turning.isel(time=slice(0, 9))] * 28
+    keys: dict[str, Any] = {"variables": ["G"], "panels": "case", "columns": 4}
+    figure = hodo.plot(short, "series", **keys, style={"letters": "yes"})
+    assert [axes.get_title(loc="left") for axes in figure.axes][25:] == ["(z)", "(aa)", "(ab)"]
+
+
 def test_a_tiny_time_is_written_as_a_power() -> None:
     start = {key: 1e60 * value for key, value in BODY["initial"].items()}
     fast = hodo.run({**BODY, "damping": 0, "initial": start, "time": {"end": 2e-59}})

@@ -4,7 +4,7 @@ letters of its drawn panels."""
 import math
 import re
 from collections.abc import Mapping, Sequence
-from itertools import chain
+from itertools import chain, product
 from pathlib import Path
 from string import ascii_lowercase
 from typing import Any
@@ -129,7 +129,8 @@ def finish_figure(sheet: Sheet, title: str, style: Mapping[str, Any]) -> None:
     for axes in panels:
         set_scales(axes, style)
     if style.get("letters") and len(panels) > 1:
-        for axes, letter in zip(panels, ascii_lowercase, strict=False):
+        pairs = map("".join, product(ascii_lowercase, repeat=2))  # behind z
+        for axes, letter in zip(panels, chain(ascii_lowercase, pairs), strict=False):
             axes.set_title(f"({letter})", loc="left")
     width, height = sheet.figure.get_size_inches()
     new_width = sheet.width or width
