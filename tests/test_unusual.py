@@ -124,6 +124,15 @@ def test_names_of_curves_with_one_start_are_no_heap_in_a_page(tmp_path: Path) ->
     assert names == [["a, b"], ["c"]]
 
 
+def test_curves_of_one_name_have_a_row_each_in_a_table(tmp_path: Path) -> None:
+    figure = "{kind: series, cases: [a, b], variables: [G, T], labels: [same, same]}"
+    results = drawings_of(CASES.format(figure), tmp_path)
+    lines = results.draw("f").csv().splitlines()
+    assert lines[0] == "curve,time,G,T"
+    assert len(lines) == 1 + 2 * results.cases["a"].sizes["time"]
+    assert all("" not in line.split(",") for line in lines)
+
+
 def test_huge_and_tiny_constants_are_said_to_be_constant() -> None:
     for size in (1e85, 1e-85):
         start = {key: size * value for key, value in BODY["initial"].items()}
@@ -313,6 +322,10 @@ def test_a_map_of_the_status_shows_every_status() -> None:
         (
             "{kind: quadrants, cases: [a], style: {log: x}}",
             "figures.f.style.log: expected both x and",
+        ),
+        (
+            "{kind: cost, cases: [a, b], groups: [1, 1], small: [1, 2], labels: [x, y, z]}",
+            "figures.f.labels: expected one for each of the groups, 2 in all, got 3",
         ),
         ("{kind: share, cases: [starts, line]}", "figures.f.cases.1: sweep line has the axes damp"),
         (

@@ -252,6 +252,11 @@ GROUPS = {
     "groups": Key(ListOf(Integer(least=1)), "how many of the cases make up each line"),
     "small": Key(ListOf(Number(above=0)), "the small parameter of each case"),
     "parameter": Key(Text(), "symbol of the small parameter, in TeX", default=r"\varepsilon"),
+    "labels": Key(
+        NAMES,
+        "name of each line in the legend, in the order of `groups` (default: its first case's)",
+        default=(),
+    ),
 }
 
 FIGURE_KINDS: dict[str, dict[str, Key]] = {
@@ -443,6 +448,8 @@ def _count_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
     kind = values.get("kind")
     named = "bodies" if kind == "quadrant-sketch" else "cases"
     count, labels = len(values.get(named, ())), values.get("labels", ())
+    labelled = "groups" if "groups" in values else named
+    most = len(values.get(labelled, ()))
     groups, small = values.get("groups", ()), values.get("small", ())
     total, styles = sum(groups), values.get("styles", ())
     # The lines of a share are as many as the other axis of its sweep has values.
@@ -455,9 +462,9 @@ def _count_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
     yield from mistakes_where(
         # The labels of a sweep name panels or curves, whose number its axes decide.
         (
-            kind not in ("map", "curve") and len(labels) > count,
+            kind not in ("map", "curve") and len(labels) > most,
             ("labels",),
-            f"expected one for each of the {named}, {count} in all, got {len(labels)}",
+            f"expected one for each of the {labelled}, {most} in all, got {len(labels)}",
         ),
         (
             0 < curves < len(styles),

@@ -260,8 +260,10 @@ class Sheet:
         arrays = {name: np.asarray(value) for name, value in values.items()}
         first = next(iter(arrays))
         for item in self.shown:
-            same = item.curve == curve and first in item.values
-            if same and np.array_equal(item.values[first], arrays[first], equal_nan=True):
+            # Two curves may have one name: then what both have is not the same.
+            known = item.values.keys() & arrays.keys() if item.curve == curve else ()
+            same = (np.array_equal(item.values[x], arrays[x], equal_nan=True) for x in known)
+            if first in known and all(same):
                 item.values.update(arrays)
                 return
         self.shown.append(DrawnCurve(curve, arrays))
