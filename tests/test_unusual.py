@@ -148,6 +148,15 @@ def test_a_single_sample_is_marked() -> None:
         assert [axes.lines[0].get_marker() for axes in figure.axes] == ["o"] * 3
 
 
+@pytest.mark.parametrize(
+    ("inertia", "sides"), [([1, 1, 0.6], ["about $x_3$"]), ([1, 0.8, 0.8], ["about $x_1$"])]
+)
+def test_a_side_that_a_body_lacks_is_not_named(inertia: list[float], sides: list[str]) -> None:
+    body = hodo.run({**BODY, "inertia": inertia, "time": {"end": 1}})
+    texts = drawn(body, "invariants").axes[2].texts
+    assert [text.get_text() for text in texts] == sides
+
+
 def test_a_logarithmic_axis_takes_the_smallest_numbers(dying: xr.Dataset) -> None:
     figure = drawn(dying, "series", variables=["G2", "speed"], style={"log": "y"})
     for axes in figure.axes:

@@ -527,10 +527,11 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion])
 
 
 def shade_sides(axes: Axes, motion: Motion) -> None:
-    """Shade and name the two sides of the separatrix in a panel of D/2T."""
-    middle = sorted(motion.inertia)[1]
-    for axis in (motion.order[0], motion.order[2]):
-        end = motion.inertia[axis] - middle
+    """Shade and name the two sides of the separatrix in a panel of D/2T; a body with two equal
+    moments has one, or none."""
+    ends = motion.inertia - sorted(motion.inertia)[1]
+    for axis in (i for i in (motion.order[0], motion.order[2]) if ends[i]):
+        end = ends[axis]
         axes.axhspan(*sorted((0, end)), fc=AXIS_COLOUR[axis + 1], alpha=0.1, lw=0)
         places = np.linspace(motion.time[0], motion.time[-1], 40)
         edge = np.stack([places, np.full(40, end)], axis=-1)
