@@ -275,6 +275,12 @@ CHECKS = [
      "{kind: bound, of: end_of_spin, least: 9}", "reproduced", math.inf),
     ("fading", "{kind: bound, of: end_of_spin, least: 9}", "reproduced", math.inf),
     ("spinning", "{kind: bound, of: end_of_spin, least: 10}", "reproduced", math.inf),
+    # r changes its sign in each turn about x1, over which the motion is averaged.
+    ("{case: turning, form: averaged}", "{kind: bound, of: end_of_spin, least: 50}", "not tested",
+     None),
+    # C r' = m.
+    ("{case: top, a: 0, b: 0, m: -1, initial: {theta: 60 deg, r: 2.5}, time: {end: 4}}",
+     "{kind: value, values: {end_of_spin: [2.5]}, within: 1.0e-9}", "reproduced", 0),
     ("spinning", "{kind: bound, of: end_of_spin, least: 60}", "not tested", None),
     # tests/data/crossings.csv
     *((f"{{case: top, time: {{end: 4, samples: {samples}}}}}",

@@ -417,12 +417,15 @@ def first_time(times: Sequence[float] | np.ndarray) -> float:
 
 def end_of_spin(m: Motion) -> float:
     """The time at which r reaches 0: by the event or, where the form has none, by the zeros of r
-    and by the brake that stops the body. Raises Undecidable as `check_start` does."""
+    and by the brake that stops the body. Raises as `first_zero` does, and Undecidable where there
+    is no r."""
     by_event = [time for kind, time in m.events if kind == "end_of_spin"]
-    if by_event or "omega" not in m.data:
+    has_r = {"omega", "r"} & m.data.keys()
+    if not (by_event or has_r or "y" in m.data):
+        raise Undecidable(f"{m.words} is averaged over the turns of its hodograph, and has no r")
+    if by_event or not has_r:
         return first_time(by_event)
-    by_zero = first_zero(m, lambda finer: finer.omega[:, 2])
-    r = m.omega[:, 2]
+    by_zero, r = first_zero(m, lambda finer: finer["r"]), m["r"]
     # Behind the stop of a body with a rotor G is 0, and not r.
     by_brake = m.stop if r[0] and not r[-1] else math.inf
     return min(by_zero, by_brake)
