@@ -37,17 +37,21 @@ from ..text import case_words
 from .finding import ROUNDING, Undecidable
 
 
-def integrated_motion(case: Case) -> Motion:
-    """A case integrated and, where that applies, classified; its error is not measured.
+def integrated_motion(case: Case, known: Motion | None = None) -> Motion:
+    """A case integrated and, where that applies, classified, by the crossings of a motion of it
+    that are `known`; its error is not measured.
 
     Raises Undecidable if it stops before its end.
     """
     method, _ = choose(case)
-    trajectory, passed, warnings = (
-        (solve(case, method, case.precision, case.tol), None, ())
-        if case.system.no_axis_reason
-        else cross(case, method, case.precision, case.tol)
-    )
+    passed: Sequence[Crossing] | None = None
+    warnings: Sequence[str] = ()
+    if known is not None and known.classified:
+        passed, warnings = known.crossings, [known.attrs.get("classify_warnings", "")]
+    if passed is not None or case.system.no_axis_reason:
+        trajectory = solve(case, method, case.precision, case.tol)
+    else:
+        trajectory, passed, warnings = cross(case, method, case.precision, case.tol)
     if not trajectory.succeeded:
         words = f"{case_words(case.name)}, integrated for the statement"
         raise Undecidable(f"{words}: {trajectory.status} {trajectory.message}")
@@ -95,7 +99,7 @@ def cut(m: Motion, intervals: np.ndarray, places: np.ndarray) -> Motion:
     Raises Undecidable if it stops before its end."""
     within = m.time[intervals] + np.outer(places, np.diff(m.time)[intervals])
     times = np.unique([*m.time, *within.ravel()])
-    finer = integrated_motion(replace(m.case, time=m.case.time.listed(times)))
+    finer = integrated_motion(replace(m.case, time=m.case.time.listed(times)), m)
     return replace(finer, attrs={**finer.attrs, "error": m.attrs.get("error", 0.0)})
 
 
@@ -360,6 +364,8 @@ def part_of_region_filled(m: Motion, side: int) -> float:
     scaled. Raises as that and `cut` do, and Undecidable where the samples do not follow the
     motion."""
     in_region(m, side)
+    if m.order[side] + 1 not in {*m.labels.tolist(), *(c.end for c in m.crossings)}:
+        return 0.0
     check_course(m, ())
 
     def intervals_of(finer: Motion) -> np.ndarray:
