@@ -283,6 +283,8 @@ LINES = [
         ("time: {end: -1}", 17, ".time.end: the span from 0 to -1 is not possible"),
         ("time: {start: -1e308, end: 1e308}", 32,
          ".time.end: the span from -1e+308 to 1e+308 is not possible"),
+        ("time: {start: 1.7e9, end: 1700000000.00001, samples: 1001}", 58,
+         ".time.samples: expected at most 22, by the doubles from start to end, got 1001"),
         ("method: dop853", 13,
          f".method: expected {METHODS}, got 'dop853'; did you mean 'DOP853'?"),
         ("precision: long", 16, ".precision: expected double, extended or quadruple, got 'long'"),

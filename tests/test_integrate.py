@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from conftest import exact_motion
 
+import hodo_cli as hodo
 from hodo_cli import Case, HodoError, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.engines import protocol
@@ -511,3 +512,14 @@ def test_an_error_beyond_a_tolerance_that_rounding_does_not_allow_is_not_called_
     words = "".join(integrate(Case.of(case)).warnings)
     assert "is more than ten times 1e-12, about as little as rounding allows" in words
     assert "asked for" not in words
+
+
+@pytest.mark.parametrize("method", ["auto", "DOP853", "collocation"])
+def test_a_span_of_a_few_doubles_has_as_many_samples(method: str) -> None:
+    start, end = 1.7e9, 1.7e9 + 1e-5
+    case = {**FREE, "damping": [1, 2, 3], "method": method, "time": {"start": start, "end": end}}
+    motion = hodo.run(case)
+    assert motion.attrs["status"] == "ok"
+    assert 10 < len(motion.time) < 50
+    assert (np.diff(motion.time) > 0).all()
+    assert (motion.time[0], motion.time[-1]) == (start, end)

@@ -30,6 +30,7 @@ from .keys import (
     all_keys,
     drop_replaced_times,
     keys_in,
+    most_samples,
     wrong_precision,
 )
 from .sweep_block import SWEEP, Axis, axes_of, check_axes, first_values, storable
@@ -312,7 +313,8 @@ def _sampled_time(system: Model, values: Mapping[str, Any]) -> Time:
     time = {**values["time"]}
     if time["samples"] is None:
         span = time["end"] - time["start"]
-        time["samples"] = FEWEST_SAMPLES if values["sweep"] else smooth_samples(system, span)
+        number = FEWEST_SAMPLES if values["sweep"] else smooth_samples(system, span)
+        time["samples"] = min(number, most_samples(time["start"], time["end"]))
     return Time(**time)
 
 

@@ -94,8 +94,20 @@ def _time_mistakes(time: Mapping[str, Any]) -> Iterator[Mistake]:
         yield ("values", 0), f"expected no time before start, {start:g}, got {values[0]:g}"
     if not values and end is None:
         yield (), "missing 'end'"
-    if not values and end is not None and not 0 <= end - start < math.inf:
+    if values or end is None:
+        return
+    if not 0 <= end - start < math.inf:
         yield ("end",), f"the span from {start:g} to {end:g} is not possible"
+    elif (time["samples"] or 1) > (most := most_samples(start, end)):
+        words = f"expected at most {most}, by the doubles from start to end"
+        yield ("samples",), f"{words}, got {time['samples']}"
+
+
+def most_samples(start: float, end: float) -> float:
+    """How many samples of a span are different doubles; at an end at the start all are one."""
+    # Of times that lie two doubles apart no two are rounded to one.
+    grain = 2 * math.ulp(max(abs(start), abs(end)))
+    return max(2, int((end - start) / grain) + 1) if start < end else math.inf
 
 
 SPAN = TimeSpan(

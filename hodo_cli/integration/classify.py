@@ -186,7 +186,7 @@ def principal_omega(motion: Trajectory) -> np.ndarray:
 def with_checks(samples: np.ndarray, start: float, end: float) -> np.ndarray:
     """Samples (n,) with the ERROR_CHECKS times among them, but for those that are beside a
     sample."""
-    checks = np.linspace(start, end, ERROR_CHECKS)
+    checks = np.unique(np.linspace(start, end, ERROR_CHECKS))
     after = np.searchsorted(samples, checks)
     nearest = np.minimum(
         np.abs(samples[np.minimum(after, len(samples) - 1)] - checks),
