@@ -36,7 +36,7 @@ from hodo_cli.results import layout
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.writer import Writer, compose
-from hodo_cli.sweeps import chunk, columns, members, summary, sweep
+from hodo_cli.sweeps import chunk, columns, formulas, members, summary, sweep
 from hodo_cli.sweeps.ensemble.motions import Rejection
 from hodo_cli.sweeps.members import side_by_side
 from hodo_cli.sweeps.view import SweepView
@@ -548,6 +548,24 @@ def test_starts_that_decide_nothing() -> None:
     assert values["start_axis"].tolist() == [0, 1, 0, 3, -1]
     assert values["crossings"].tolist() == [0] * 5
     assert values["status"].tolist() == [OK] * 5
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("size", ["sqrt(p**2)", "sqrt(p*p)", "2*sqrt(0.25*p**2)"])
+def test_a_corner_that_one_member_in_many_comes_to_is_none_too_few(size: str) -> None:
+    """No check of members drawn at random need meet it; a formula that holds |x| tells it."""
+    drawn = np.random.default_rng(60).choice(60, 16, replace=False)
+    odd = min({*range(60)} - {*drawn.tolist()})
+    values = [0.05 if i == odd else 0.9 + i / 1000 for i in range(60)]  # about x3, where p turns
+    keys = {
+        "model": "torques", "inertia": BODY, "expression": [f"-0.02*{size}*p", 0, 0],
+        "initial": {"p": 0.9, "q": 0.1, "r": 0.6}, "time": {"end": 20}, "error": "off",
+    }  # fmt: skip
+    swept = hodo_cli.sweep({**keys, "sweep": {"initial.p": {"values": values}}})
+    single = hodo_cli.run({**keys, "initial": {"p": 0.05, "q": 0.1, "r": 0.6}})
+    assert np.abs(swept.omega[odd] - single.omega[-1]).max() < 1e-13
+    assert not formulas.has_corner(("sqrt", ("+", ("*", "p", "p"), ("*", "q", "q"))))
+    assert not formulas.has_corner(("sqrt", 2.0))
 
 
 def test_whole_numbers_vary_through_lists() -> None:

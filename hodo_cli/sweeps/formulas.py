@@ -13,6 +13,8 @@ from .. import HodoError
 from ..cases.case import Case
 from ..integration import solve
 from ..models.base import Model, attributes, has_formula_of_time
+from ..models.terms.torques import VARIABLES
+from ..schema.expression import parse_expression
 from .columns import shape
 from .members import members_as_cases, system_of_member
 
@@ -90,14 +92,41 @@ def may_hide_in_time(system: Model) -> bool:
     return False
 
 
+def has_corner(tree: Any) -> bool:
+    """Whether a formula, as `parse_expression` reads it, holds |x|: the root of a square."""
+    match tree:
+        case ("sqrt", (_, *_) as argument) if is_square(argument):
+            return True
+        case (_, *arguments):
+            return any(map(has_corner, arguments))
+    return False
+
+
+def is_square(tree: Any) -> bool:
+    """Whether a formula is an even power, the product of one with itself, or of such and numbers.
+
+    A sum of two squares is none: no motion comes to its zeros but by accident.
+    """
+    match tree:
+        case ("**", _, exponent):
+            return bool(exponent % 2 == 0)
+        case ("*", first, second):
+            return first == second or (is_square(first) and is_square(second))
+    return isinstance(tree, float)
+
+
 @lru_cache(maxsize=16)
 def formulas_may_change(case: Case) -> bool:
     """Whether the formulas in the equations of a sweep may change within steps of its members: by
-    what they are as functions of the time, and by a check of some members.
+    what they are as functions of the time, by a corner that they name, which few members may come
+    to, and by a check of some members.
 
     For all members alike, so that the result does not depend on their order and on the chunks.
     """
-    if may_hide_in_time(case.system):
+    texts = case.data.get("expression") or ()
+    if may_hide_in_time(case.system) or any(
+        has_corner(parse_expression(text, VARIABLES)) for text in texts
+    ):
         return True
     # Seeded by the number of members, as the sample whose errors are measured.
     total = math.prod(shape(case))
