@@ -16,6 +16,7 @@ import matplotlib.style
 import numpy as np
 
 from .. import NOT_OF_A_CASE, HodoError
+from ..cases.case import Case
 from ..cases.derived import PARTS
 from ..cases.figure_block import FILM_FORMATS, Drawable, DrawnFigure, check_drawn, merged_style
 from ..results.dataset import MOTION_DIMS, Cases, case_in, motions_of, sweep_axes
@@ -192,9 +193,9 @@ def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
     units = {"time": case.time.unit, "moments of inertia": case.inertia_unit}
     if axes:
         sphere = next((axis for axis in axes if f"{axis}_vector" in data.variables), "")
-        variables = variables_over({*axes}, data.data_vars)
+        variables = variables_over({*axes}, data.data_vars, case)
         return Drawable(name, case, variables, NO_TIMES, units, axes, sphere)
-    variables, times = variables_over({"time"}, data.variables), NO_TIMES
+    variables, times = variables_over({"time"}, data.variables, case), NO_TIMES
     if variables.get("omega") == "axis":
         variables["G"] = "axis"
     if "time" in data.variables:
@@ -205,13 +206,15 @@ def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
     return Drawable(name, case, variables, times, units, axes, sphere="")
 
 
-def variables_over(outer: set[str], variables: Mapping[Any, Any]) -> dict[str, str]:
+def variables_over(outer: set[str], variables: Mapping[Any, Any], case: Case) -> dict[str, str]:
     """The variables of numbers along some dimensions, with the dimension of their components, empty
-    for a number; without those that have other dimensions too."""
+    for a number; without those that have other dimensions too. Those of a case itself are named
+    whatever they hold: the motion says what is wrong with them."""
+    own = case.system.variables
     inner = {
         str(name): {*variable.dims} - outer
         for name, variable in variables.items()
-        if outer & {*variable.dims} and variable.dtype.kind in "biuf"
+        if outer & {*variable.dims} and (variable.dtype.kind in "biuf" or name in own)
     }
     return {name: "".join(dims) for name, dims in inner.items() if dims <= PARTS.keys()}
 
