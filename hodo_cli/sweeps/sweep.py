@@ -137,7 +137,7 @@ def sweep_attributes(
     tol = case.tol or IVP.get(case.method, EPS)
     warnings = [f"{n} of {total} members {outcome}" for outcome, n in remarks.items() if n]
     warnings += excess_remark(case, float(errors["error"]), tol)
-    endings = {"failed": failed, "ran out of time": timeout}
+    endings = {"failed": failed, "stopped at max_steps or max_seconds": timeout}
     messages = [f"{count} of {total} members: {message}" for message, count in problems.items()]
     messages += [f"{n} of {total} members {outcome}" for outcome, n in endings.items() if n]
     return case_attributes(
