@@ -316,7 +316,7 @@ def test_members_see_a_pulse_that_the_first_of_them_has_not(order: int) -> None:
         ("(p/3 - sqrt(p*p + q*q + r*r))*cos(2*t - 1)/4 + 0.01*t*q", False),
         ("0.01*exp(-t/3)*cos(t) + 0.01*t/(2 + t)", False),
         ("0.01/exp(-t)", True),
-        ("p*t**2", False),
+        ("p*t**2", True),
         ("0.1*sin(t*t)", True),
         ("0.01/(2 + t*t)", True),
     ],
@@ -337,6 +337,22 @@ def test_formulas_that_no_series_oversteps_let_members_go_side_by_side(
     for i in range(3):
         alone = hodo.run({**case, "initial": {"p": 0.6, "q": q[i], "r": 0}})
         assert ds.omega[i].values == pytest.approx(alone.omega[-1].values, rel=1e-11, abs=1e-12)
+
+
+@pytest.mark.heyoka
+def test_a_high_power_of_the_time_costs_members_no_digits() -> None:
+    """From t = 0 its terms are beyond those by which steps side by side choose their length."""
+    end, start, body = 6, [0.01, 0.02, 0.015], np.array([1, 0.8, 0.7])
+    case = {
+        "model": "torques", "inertia": [1, 0.8, 0.6], "expression": ["1e-14*t**16*t**2", "0", "0"],
+        "initial": dict(zip("pqr", start, strict=True)), "time": {"end": end},
+    }  # fmt: skip
+    ds = hodo.sweep({**case, "sweep": {"inertia.2": {"values": [0.6, body[2]]}}})
+    ivp = solve_ivp(
+        lambda t, w: np.add(np.cross(body * w, w), [1e-14 * t**18, 0, 0]) / body,
+        (0, end), start, "DOP853", rtol=3e-14, atol=1e-18, max_step=0.02,
+    )  # fmt: skip
+    assert ds.omega[1].values == pytest.approx(ivp.y[:, -1], rel=1e-12)
 
 
 OWN = """

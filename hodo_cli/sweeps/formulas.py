@@ -24,21 +24,25 @@ CHECKED_MEMBERS = 16
 
 @dataclass(frozen=True)
 class TimeInRates:
-    """What passes for the time in equations, and tells the slope of what is linear in it: nan of
-    all else.
+    """What passes for the time in equations, and tells how high a power of it they hold, and the
+    slope of what is linear in it: nan of all else.
 
-    Of polynomials, and of sines, exponentials that fall and negative powers of what is linear, no
-    point is without a trace of the others. What else is no sum or product is a TypeError or an
-    AttributeError.
+    Sines, exponentials that fall and negative powers of what is linear count as numbers, since no
+    point of theirs is without a trace of the others. What else is no sum or product is a TypeError
+    or an AttributeError.
     """
 
+    power: int = 1
     slope: float = 1.0
 
     def __add__(self, other: Any) -> "TimeInRates":
-        return TimeInRates(self.slope + (other.slope if isinstance(other, TimeInRates) else 0.0))
+        of_other = as_time(other)
+        return TimeInRates(max(self.power, of_other.power), self.slope + of_other.slope)
 
     def __mul__(self, other: Any) -> "TimeInRates":
-        return TimeInRates(math.nan if isinstance(other, TimeInRates) else self.slope * other)
+        if isinstance(other, TimeInRates):
+            return TimeInRates(self.power + other.power, math.nan)
+        return TimeInRates(self.power, self.slope * other)
 
     def __neg__(self) -> "TimeInRates":
         return self * -1.0
@@ -50,11 +54,9 @@ class TimeInRates:
         return self.__neg__().__add__(other)
 
     def __pow__(self, exponent: float) -> "TimeInRates":
-        if exponent < 0:
-            return self.sin()
-        if exponent != int(exponent):
+        if math.isnan(self.slope) or exponent > 1:
             raise TypeError
-        return TimeInRates(math.nan)
+        return self.sin()
 
     def __truediv__(self, other: Any) -> "TimeInRates":
         return self.__mul__(other**-1)
@@ -66,30 +68,35 @@ class TimeInRates:
         return (self * math.log(base)).exp()
 
     def exp(self) -> "TimeInRates":
-        if self.slope > 0:
+        if not self.slope <= 0:
             raise TypeError
         return self.sin()
 
     def sin(self) -> "TimeInRates":
-        if math.isnan(self.slope):
+        if self.power > 1:
             raise TypeError
-        return TimeInRates(math.nan)
+        return TimeInRates(0, math.nan)
 
     __radd__, __rmul__, cos = __add__, __mul__, sin
 
 
+def as_time(rate: Any) -> TimeInRates:
+    """A rate, or a number, which holds no time."""
+    return rate if isinstance(rate, TimeInRates) else TimeInRates(0, 0.0)
+
+
 def may_hide_in_time(system: Model) -> bool:
     """Whether a Taylor series may not know at the start of a step what a user's formulas of the
-    time do within it: a pulse leaves no trace far from it."""
+    time do within it: a pulse leaves no trace far from it, nor does t**2 in the orders that choose
+    a step at t = 0."""
     if not has_formula_of_time(system):
         return False
     # Of a state that is no number, so that the sign of no slope follows from it.
     y, k = [math.nan] * len(system.state), attributes(system.constants)
     try:
-        system.rhs(TimeInRates(), y, k)
+        return max(as_time(rate).power for rate in system.rhs(TimeInRates(), y, k)) > 1
     except (TypeError, AttributeError, ValueError, ArithmeticError, HodoError):
         return True
-    return False
 
 
 def has_corner(tree: Any) -> bool:
