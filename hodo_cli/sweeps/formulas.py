@@ -100,26 +100,28 @@ def may_hide_in_time(system: Model) -> bool:
 
 
 def has_corner(tree: Any) -> bool:
-    """Whether a formula, as `parse_expression` reads it, holds |x|: the root of a square."""
+    """Whether a formula, as `parse_expression` reads it, holds |x|: the root of a square.
+
+    A sum of two squares is none: no motion comes to its zeros but by accident.
+    """
     match tree:
-        case ("sqrt", (_, *_) as argument) if is_square(argument):
+        case ("sqrt", (_, *_) as argument) if not odd_factors(argument):
             return True
         case (_, *arguments):
             return any(map(has_corner, arguments))
     return False
 
 
-def is_square(tree: Any) -> bool:
-    """Whether a formula is an even power, the product of one with itself, or of such and numbers.
-
-    A sum of two squares is none: no motion comes to its zeros but by accident.
-    """
+def odd_factors(tree: Any) -> set[Any]:
+    """The factors of a formula, besides numbers, that it holds to an odd power."""
     match tree:
-        case ("**", _, exponent):
-            return bool(exponent % 2 == 0)
-        case ("*", first, second):
-            return first == second or (is_square(first) and is_square(second))
-    return isinstance(tree, float)
+        case ("*" | "/", first, second):
+            return odd_factors(first) ^ odd_factors(second)
+        case ("**", base, exponent):
+            return odd_factors(base) if exponent % 2 else set()
+        case ("neg", argument):
+            return odd_factors(argument)
+    return set() if isinstance(tree, float) else {tree}
 
 
 @lru_cache(maxsize=16)
