@@ -245,6 +245,23 @@ def test_a_law_that_is_a_power_of_the_time_is_not_stepped_over(key: str, power: 
         assert alone.attitude[-1, 0].item() == pytest.approx(np.cos(half[20]), abs=1e-11)
 
 
+@pytest.mark.quadruple
+@pytest.mark.parametrize("p", [0, 1e-300])
+def test_a_first_step_beyond_the_doubles_is_taken_anew(p: float) -> None:
+    """A series from next to rest, in units of the start; what measures its error is quadruple."""
+    case = {
+        "model": "torques", "inertia": BODY, "expression": ["0.01*t**5", "0.001*t**5", 0],
+        "initial": {"p": p, "q": 0, "r": 0}, "time": {"end": 5, "samples": 2},
+        "precision": "extended",
+    }  # fmt: skip
+    ivp = solve_ivp(
+        lambda t, w: np.add(np.cross(BODY * w, w), [0.01 * t**5, 0.001 * t**5, 0]) / BODY,
+        (0, 5), [0, 0, 0], "DOP853", rtol=3e-14, atol=1e-16,
+    )  # fmt: skip
+    omega = hodo.run(case, classify=False).omega[-1].values
+    assert omega == pytest.approx(ivp.y[:, -1], rel=1e-11)
+
+
 OLD_NAMES = {
     "linear-diag": {"damping": MEDIUM},
     "tensor": {"resistance": {"diagonal": 0.003, "off_diagonal": 0.001}},

@@ -187,8 +187,10 @@ class Taylor:
     @property
     def _visible_step(self) -> float:
         """A length of the last step, by heyoka's rule from those coefficients that there are."""
-        norm, _, *sizes = np.abs(self.ta.tc.astype(float)).max(axis=0).tolist()
-        radii = [(max(norm, 1) / c) ** (1 / i) for i, c in enumerate(sizes, 2) if c]
+        # In the engine's precision, whose coefficients may be beyond the doubles.
+        norm, _, *sizes = np.abs(self.ta.tc).max(axis=0)
+        norm = max(norm, self.dtype(1))
+        radii = [(norm / c) ** self.dtype(1 / i) for i, c in enumerate(sizes, 2) if c]
         return float(min(radii) * math.exp(-2))
 
     def integrate(
