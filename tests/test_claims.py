@@ -102,6 +102,9 @@ cases:
   # r = 1 + sin(20 pi t)/2, of which each sample meets the same phase.
   swinging: {{model: torques, inertia: [2, 1.5, 1], initial: {{p: 0, q: 0, r: 1}},
               expression: ["0", "0", "31.41592653589793*cos(62.83185307179586*t)"]}}
+  # What it stores is not the state.
+  its-energy: {{model: torques, inertia: [2, 1.5, 1], initial: {{p: 0, q: 0, r: 1}}, store: [T],
+                expression: ["0", "0", "31.41592653589793*cos(62.83185307179586*t)"]}}
   # r = 0.01 t - 1, r = 1 + 0.01 t - 5e-5 t^2 and r = exp(-0.02 t + 1e-4 t^2): equal at both ends.
   turned-back: {{{ABOUT_X3}, torque: [0, 0, 0.8], initial: {{p: 0, q: 0, r: -1}}}}
   turned-back-with-fluid: {{{ABOUT_X3.replace("torques", "cavity+constant")}, kappa: 0,
@@ -164,6 +167,7 @@ CHECKS = [
     ("{case: turning, method: DOP853, max_steps: 3}", "{kind: crossings, least: 1}", "not tested",
      None),
     ("swinging", "{kind: conserved, of: [r, T, G], within: 0.2}", "contradicted", None),
+    ("its-energy", "{kind: conserved, of: [T], within: 0.2}", "contradicted", None),
     ("swinging", "{kind: bound, of: r, at: always, most: 1.2}", "contradicted", None),
     ("swinging", "{kind: bound, of: r, at: always, most: 1.5}", "reproduced", None),
     *((case, "{kind: conserved, of: [T, G], within: 1.0e-9}", "contradicted", None)
@@ -299,6 +303,10 @@ CHECKS = [
           ("samples: 1001", "area_smallest: [0.0637146]", "reproduced"),
           ("samples: 401", "area_smallest: [0.0637146]", "not tested"),
           ("samples: 11", "area_largest: [1]", "not tested"))),
+    # Its w1^2 is largest between the first two samples, K w3^2 where it crosses.
+    ("{case: turning, damping: [0.005, 0.004, 0.003], initial: {p: 0.8, q: 0.15, r: 0.74}, "
+     "time: {end: 400, samples: 401}}",
+     "{kind: value, values: {area_smallest: [0.01580515]}, within: 1.0e-6}", "reproduced", None),
     # The second is the first, which crosses at 30 or so.
     *(("turning, {case: turning, time: {end: 10}}",
        f"{{kind: order, of: first_crossing, sense: {sense}}}", "not tested", None)

@@ -37,32 +37,24 @@ from ..text import case_words
 from .finding import ROUNDING, Undecidable
 
 
-def integrated_motion(case: Case, known: Motion | None = None) -> Motion:
-    """A case integrated and, where that applies, classified, by the crossings of a motion of it
-    that are `known`; its error is not measured.
-
-    Raises Undecidable if it stops before its end.
-    """
-    method, _ = choose(case)
-    passed: Sequence[Crossing] | None = None
-    warnings: Sequence[str] = ()
-    if known is not None and known.classified:
-        passed, warnings = known.crossings, [known.attrs.get("classify_warnings", "")]
-    if passed is not None or case.system.no_axis_reason:
-        trajectory = solve(case, method, case.precision, case.tol)
-    else:
-        trajectory, passed, warnings = cross(case, method, case.precision, case.tol)
-    if not trajectory.succeeded:
-        words = f"{case_words(case.name)}, integrated for the statement"
-        raise Undecidable(f"{words}: {trajectory.status} {trajectory.message}")
-    return sampled_motion(trajectory, passed, warnings)
+def integrated_motion(case: Case) -> Motion:
+    """A case integrated and, where that applies, classified; its error is not measured. Raises as
+    `sampled_motion` does."""
+    numerics = choose(case)[0], case.precision, case.tol
+    if case.system.no_axis_reason:
+        return sampled_motion(solve(case, *numerics), None)
+    return sampled_motion(*cross(case, *numerics))
 
 
 def sampled_motion(
     trajectory: Trajectory, passed: Sequence[Crossing] | None, warnings: Sequence[str] = ()
 ) -> Motion:
-    """A trajectory with labels where its crossings are known, and the warnings about these."""
+    """A trajectory with labels where its crossings are known, and the warnings about these. Raises
+    Undecidable if it stops before its end."""
     case, events = trajectory.case, trajectory.events
+    if not trajectory.succeeded:
+        words = f"{case_words(case.name)}, integrated for the statement"
+        raise Undecidable(f"{words}: {trajectory.status} {trajectory.message}")
     if passed is not None:  # a crossing is an event too, of which the labels tell more
         events = tuple(Occurrence(e.kind, e.time) for e in events if e.kind != "separatrix")
     variables = case_variables(
@@ -98,17 +90,35 @@ def cut(m: Motion, intervals: np.ndarray, places: np.ndarray) -> Motion:
     """The same motion with samples at places, between 0 and 1, within some of its intervals too.
     Raises Undecidable if it stops before its end."""
     within = m.time[intervals] + np.outer(places, np.diff(m.time)[intervals])
-    times = np.unique([*m.time, *within.ravel()])
-    finer = integrated_motion(replace(m.case, time=m.case.time.listed(times)), m)
-    return replace(finer, attrs={**finer.attrs, "error": m.attrs.get("error", 0.0)})
+    times = np.setdiff1d(within, m.time)
+    if not len(times):
+        return m
+    if m.case.store:  # which need not name the state, from which all else follows
+        times = np.union1d(times, m.time)
+    trajectory = solve(m.case, choose(m.case)[0], m.case.precision, m.case.tol, times)
+    added = sampled_motion(trajectory, m.crossings if m.classified else None)
+    if m.case.store:
+        return replace(added, attrs=m.attrs)
+    in_order = np.argsort(np.concatenate((m.time, times)))
+    data = dict(m.data)
+    for name, variable in added.data.items():
+        if variable.dims[:1] == ("time",):
+            values = np.concatenate((m.data[name].data, variable.data))
+            data[name] = replace(variable, data=values[in_order])
+    return replace(m, data=data)
 
 
 MOST_PEAKS = 64
 """Peaks of a quantity that are looked at more closely, the highest of all."""
 
-PARTS_OF_ALL, PARTS_OF_PEAK = 8, 100
-"""Parts of each interval in search of the highest peaks, and of each of those beside one. Cut so
-and then twice, an interval of 30 degrees leaves out 1e-11 of an oscillation at most."""
+PARTS_OF_ALL = 8
+"""Parts of each interval in search of the highest peaks."""
+
+PASSES = ((25, 0.1), (400, 1e-3))
+"""How `closer` looks, first and then: into how many parts it cuts an interval, and by how much of
+its range a quantity may be above its highest sample before. Samples that are 30 degrees apart leave
+out 7 % of a square, a 25th of that 0.01 %, and in the end 1e-9 is left out; of an oscillation in
+PARTS_OF_ALL 1e-11."""
 
 
 def near_extremes(m: Motion, name: str) -> Motion:
@@ -116,29 +126,30 @@ def near_extremes(m: Motion, name: str) -> Motion:
     time. Raises as `quantity` and `cut` do."""
     finer = cut(m, np.arange(len(m.time) - 1), np.arange(1, PARTS_OF_ALL) / PARTS_OF_ALL)
 
-    def intervals_of(finer: Motion) -> np.ndarray:
+    def intervals_of(finer: Motion, missed: float) -> np.ndarray:
         values = quantity(finer, name)
-        return np.union1d(beside_peaks(values), beside_peaks(-values))
+        return np.union1d(beside_peaks(values, missed), beside_peaks(-values, missed))
 
     return closer(finer, intervals_of)
 
 
-def closer(m: Motion, intervals_of: Callable[[Motion], np.ndarray]) -> Motion:
-    """The same motion with samples close to what is read off it: PARTS_OF_PEAK parts of these of
-    its intervals, and of theirs. Raises as `cut` does."""
-    for _ in range(2):
-        if len(intervals := intervals_of(m)):
-            m = cut(m, intervals, np.arange(1, PARTS_OF_PEAK) / PARTS_OF_PEAK)
+def closer(m: Motion, intervals_of: Callable[[Motion, float], np.ndarray]) -> Motion:
+    """The same motion with samples close to what is read off it, in PASSES: within the intervals
+    that hold it, by what the samples may have missed. Raises as `cut` does."""
+    for parts, missed in PASSES:
+        m = cut(m, intervals_of(m, missed), np.arange(1, parts) / parts)
     return m
 
 
-def beside_peaks(heights: np.ndarray, least: float = -math.inf) -> np.ndarray:
-    """The intervals beside the highest peaks of heights (n,), of those above `least`."""
-    rise = np.diff(heights)
-    peaks = np.flatnonzero((rise[:-1] >= 0) & (rise[1:] <= 0)) + 1
-    peaks = peaks[heights[peaks] > least]
+def beside_peaks(heights: np.ndarray, missed: float) -> np.ndarray:
+    """The intervals beside those peaks of heights (n,), an end among them, that may be the highest
+    if the samples have missed so much of the range; beside MOST_PEAKS at most."""
+    rise = np.diff(heights, prepend=-np.inf, append=-np.inf)
+    peaks = np.flatnonzero((rise[:-1] >= 0) & (rise[1:] <= 0))
+    peaks = peaks[heights[peaks] >= heights.max() - missed * np.ptp(heights)]
     highest = peaks[np.argsort(heights[peaks])[-MOST_PEAKS:]]
-    return np.concatenate((highest - 1, highest))
+    intervals = np.concatenate((highest - 1, highest))
+    return intervals[(intervals >= 0) & (intervals < len(heights) - 1)]
 
 
 def quantity(m: Motion, name: str) -> np.ndarray:
@@ -150,10 +161,12 @@ def quantity(m: Motion, name: str) -> np.ndarray:
         return known_values(m, name, m[name])
     if name in READ_OFF_SAMPLES:
         check_start(m)
-    try:
-        return np.array([NUMBERS[name](m)])
-    except KeyError as missing:
-        raise HodoError(f"{m.words} has no {missing}, which {name} needs") from None
+    if name not in m.numbers:
+        try:
+            m.numbers[name] = NUMBERS[name](m)
+        except KeyError as missing:
+            raise HodoError(f"{m.words} has no {missing}, which {name} needs") from None
+    return np.array([m.numbers[name]])
 
 
 def known_values(m: Motion, name: str, values: np.ndarray) -> np.ndarray:
@@ -307,16 +320,15 @@ one."""
 
 
 def is_about(m: Motion, axis: int, least: float) -> np.ndarray:
-    """Whether samples (n,) enclose axis `axis` (0, 1, 2) with |G| above `least`."""
-    inside = m.labels == axis + 1
-    return np.asarray(inside & (m["G"] > least) if least else inside)
+    """Whether samples (n,) enclose axis `axis` (0, 1, 2) with |G| of `least` or more."""
+    return np.asarray((m.labels == axis + 1) & (m["G"] >= least))
 
 
 def turns_about(m: Motion, axis: int, least: float = 0.0) -> list[float]:
     """The turns that G makes about an axis in each stretch of the motion that `is_about` it, in
     order. Raises Undecidable where the samples do not count them, and as `cut` does."""
     # What is turned between a sample and the end of a stretch counts too.
-    m = closer(m, lambda finer: np.flatnonzero(np.diff(is_about(finer, axis, least))))
+    m = closer(m, lambda finer, _: np.flatnonzero(np.diff(is_about(finer, axis, least))))
     # Where they begin and where they end, by turns.
     edges = np.flatnonzero(np.diff(np.r_[False, is_about(m, axis, least), False])).tolist()
     return [
@@ -345,11 +357,6 @@ def swept_angle(m: Motion, about: int, samples: slice = slice(None)) -> float:
     return float((angle[-1] - angle[0]) / (2 * math.pi)) if len(angle) else 0.0
 
 
-HIGH = 0.9
-"""The part of the highest sample from which on a peak may be the highest: samples that are 30
-degrees apart leave out 7 % of a square at most."""
-
-
 def in_region(m: Motion, side: int) -> np.ndarray:
     """The coordinate (n,) of region `side` in the plane of the quadrants: w_l^2 in A (0), where the
     axis of largest inertia is enclosed, K w_s^2 in B (2); 0 elsewhere.
@@ -363,14 +370,14 @@ def part_of_region_filled(m: Motion, side: int) -> float:
     """The largest of `in_region` by the largest coordinate of the motion, by which a figure is
     scaled. Raises as that and `cut` do, and Undecidable where the samples do not follow the
     motion."""
-    in_region(m, side)
-    if m.order[side] + 1 not in {*m.labels.tolist(), *(c.end for c in m.crossings)}:
+    of_samples = in_region(m, side)
+    if not of_samples.any() and m.order[side] + 1 not in [x.end for x in m.crossings]:
         return 0.0
     check_course(m, ())
 
-    def intervals_of(finer: Motion) -> np.ndarray:
+    def intervals_of(finer: Motion, missed: float) -> np.ndarray:
         coordinates = in_region(finer, side), finer.quadrants.max(axis=1)
-        return np.unique(np.concatenate([beside_peaks(x, HIGH * x.max()) for x in coordinates]))
+        return np.union1d(*(beside_peaks(x, missed) for x in coordinates))
 
     m = closer(m, intervals_of)
     return float(in_region(m, side).max() / m.quadrants.max())
@@ -412,7 +419,7 @@ def first_zero(m: Motion, values_of: Callable[[Motion], np.ndarray]) -> float:
     check_start(m)
     if turns_in_body(m):
         decides_unless(turn_remark(m, slice(None), FOLLOWED_ANGLE, False, SMALLEST_CHORD))
-    m = closer(between_samples(m), lambda finer: zero_intervals(values_of(finer))[:1])
+    m = closer(between_samples(m), lambda finer, _: zero_intervals(values_of(finer))[:1])
     return first_time(zero_times(m.time, values_of(m)))
 
 

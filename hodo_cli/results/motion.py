@@ -65,6 +65,11 @@ class Motion:
         """The case's name in the file."""
         return self.case.name
 
+    @cached_property
+    def numbers(self) -> dict[str, float]:
+        """What a claim has computed of this motion, by its name, for the next that asks."""
+        return {}
+
     @property
     def words(self) -> str:
         """The case in messages."""
