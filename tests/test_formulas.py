@@ -317,6 +317,7 @@ def test_members_see_a_pulse_that_the_first_of_them_has_not(order: int) -> None:
         ("0.01*exp(-t/3)*cos(t) + 0.01*t/(2 + t)", False),
         ("0.01/exp(-t)", True),
         ("p*t**2", True),
+        ("0.01*sqrt(2.0)*p - 0.02*sqrt(p*p + q*q)*p", False),
         ("0.1*sin(t*t)", True),
         ("0.01/(2 + t*t)", True),
     ],
