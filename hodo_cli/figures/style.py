@@ -169,25 +169,9 @@ LEAST_ABOVE_MARGIN = 1e-270
 
 def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:
     """The scales, ends and labels of a panel as a style has them."""
-    data = axes.dataLim
-    for name, axis, lowest in (("x", axes.xaxis, data.x0), ("y", axes.yaxis, data.y0)):
+    for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
         if name in style.get("log", ()):
-            if lowest < 0:
-                raise HodoError(
-                    f"style.log: the {name} axis of {scale_words(axes, name)} reaches below zero, "
-                    f"down to {lowest:.4g}; leave {name} out of log, or draw values above zero only"
-                )
-            least = min(shared.get_minpos() for shared in sharing(axes, name))
-            if least < LEAST_ABOVE_MARGIN:
-                axes.set(**{f"{name}lim": (least, None)})
-            # A value of 0 leads a line to the lower end, as both of a diagonal do; from a time of 0
-            # a line would come level.
-            is_of_time = name == "x" and axes.get_aspect() == "auto"
-            beyond = "mask" if is_of_time else "clip"
-            getattr(axes, f"set_{name}scale")("log", nonpositive=beyond)
-            if axis.get_view_interval()[0] <= 0:
-                # The end of a linear scale; zero lies nowhere on this one.
-                axes.set(**{f"{name}lim": (least, None)})
+            set_logarithmic(axes, name)
         if label := style.get(f"{name}label"):
             text_width(label, text_size("axes.labelsize"))  # which finds mistakes in its TeX
             axis.set_label_text(label if axis.get_label_text() else "")
@@ -198,6 +182,26 @@ def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:
     for line in axes.lines if limits else ():
         line.set_clip_on(True)  # marks stick out of their panel, also of one that ends before them
     axes.set(**limits)
+
+
+def set_logarithmic(axes: Axes, name: str) -> None:
+    """Make a scale, x or y, of a panel logarithmic. Raises HodoError if it reaches below zero."""
+    lowest = getattr(axes.dataLim, f"{name}0")
+    if lowest < 0:
+        raise HodoError(
+            f"style.log: the {name} axis of {scale_words(axes, name)} reaches below zero, "
+            f"down to {lowest:.4g}; leave {name} out of log, or draw values above zero only"
+        )
+    least = min(shared.get_minpos() for shared in sharing(axes, name))
+    if least < LEAST_ABOVE_MARGIN:
+        axes.set(**{f"{name}lim": (least, None)})
+    # A value of 0 leads a line to the lower end, as both of a diagonal do; from a time of 0 a line
+    # would come level.
+    is_of_time = name == "x" and axes.get_aspect() == "auto"
+    getattr(axes, f"set_{name}scale")("log", nonpositive="mask" if is_of_time else "clip")
+    if getattr(axes, f"get_{name}lim")()[0] <= 0:
+        # The end of a linear scale; zero lies nowhere on this one.
+        axes.set(**{f"{name}lim": (least, None)})
 
 
 def place_legend(sheet: Sheet, panels: Sequence[Axes], style: Mapping[str, Any]) -> int:

@@ -170,10 +170,11 @@ class TickText(ScalarFormatter):
         if axis.axis_name != "x" or max(map(len, texts), default=0) <= DIGITS_WITH_ROOM:
             return texts
         rooms = [tick_room(axis, *tick) for tick in zip(values, texts, strict=True)]
-        steps = range(1, len(texts) + 1)
-        step = next(n for n in steps if all(a[1] <= b[0] for a, b in pairwise(rooms[::n])))
+        # Counted from the first that is seen.
         first = int(np.argmax(np.asarray(values) >= min(axis.get_view_interval())))
-        return ["" if (i - first) % step else text for i, text in enumerate(texts)]
+        choices = (range(first % n, len(texts), n) for n in range(1, len(texts) + 1))
+        shown = next(x for x in choices if all(rooms[i][1] <= rooms[j][0] for i, j in pairwise(x)))
+        return [text if i in shown else "" for i, text in enumerate(texts)]
 
 
 class PowerText(LogFormatterSciNotation):

@@ -70,8 +70,8 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
         limits.append(zoom)
     columns = sheet.columns(PAGE, len(limits))
     width = COLUMN if columns == 1 else PAGE
-    height = 1.1 * width * len(limits) / columns**2
-    panels = sheet.panels(width, height, len(limits), columns)
+    lines = len(limits) // columns
+    panels = sheet.panels(width, 1.1 * lines * width / columns, len(limits), columns)
     for axes, limit in zip(panels, limits, strict=True):
         is_enlarged, is_log = axes is not panels[0], "log" in (spec["style"] or {})
         regions(axes, motions[0], limit, is_enlarged, is_log)
