@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import call, classified
 
-from hodo_cli import Case
+from hodo_cli import Case, run
 from hodo_cli.cases.case import Time
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration import integrate
@@ -107,6 +107,14 @@ def test_the_axis_in_the_end_is_that_of_the_slowest_eigenvector() -> None:
         case = damped("tensor", start, 20000.0, resistance=tuple(map(tuple, resistance.tolist())))
         _, found = classified(case)
         assert found.labels[-1] == found.final
+
+
+@pytest.mark.parametrize("start", [(0.8, 0.5, 0.74), (0.8, 0.0, 0.0), (0.0, 0.3, 0.74)])
+def test_the_axis_in_the_end_is_that_of_omega_beside_an_attitude(start: Sequence[float]) -> None:
+    resistance = np.diag([0.005, 0.004, 0.001]).tolist()
+    data = {"model": "tensor", "inertia": A, "resistance": resistance, "time": {"end": 3000}}
+    motion = run({**data, "initial": dict(zip("pqr", start, strict=True)), "attitude": True})
+    assert motion.final_axis == motion.enclosed_axis[-1] == (3 if start[2] else 1)
 
 
 @pytest.mark.parametrize("order", list(permutations(range(3))))

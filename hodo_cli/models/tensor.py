@@ -85,10 +85,11 @@ class Tensor(BodyUnderTorques):
         A, I = np.array(self.inertia), self.matrix
         values = np.linalg.eigvalsh(I)
         # A kernel, or an eigenvalue that is rounding, stops no motion: omega x A omega decides.
-        if not any(self.start) or (I != I.T).any() or values[0] <= EQUAL_RATES * values[-1]:
+        start = self.omega_at_start
+        if not start.any() or (I != I.T).any() or values[0] <= EQUAL_RATES * values[-1]:
             return None
         is_steady = self.spins_steadily
-        direction, error = (np.array(self.start), 0.0) if is_steady else slowest_direction(A, I)
+        direction, error = (start, 0.0) if is_steady else slowest_direction(A, I)
         label = int(rigid_body.enclosed_axis(A, direction, error))
         if is_steady or label != rigid_body.SEPARATRIX or not is_diagonal(I):
             return label if label > 0 else None
@@ -103,7 +104,7 @@ class Tensor(BodyUnderTorques):
     def spins_steadily(self) -> bool:
         """Whether the start is a rotation about a body axis that I leaves alone: it lasts for ever,
         whatever the other rotations come to."""
-        turning = np.flatnonzero(self.start)
+        turning = np.flatnonzero(self.omega_at_start)
         others = np.delete(self.matrix, turning, axis=0)[:, turning]
         return len(turning) == 1 and not others.any()
 
