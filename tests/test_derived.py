@@ -361,6 +361,14 @@ def test_a_body_that_a_brake_has_stopped_has_no_direction_of_its_momentum() -> N
     assert all(words.startswith("constant to") for words in said), said
 
 
+def test_of_arrays_of_dask_they_are_the_same() -> None:
+    pytest.importorskip("dask")
+    case = {**BODY, "time": {"end": 20}, "sweep": {"initial.p": {"values": [0.5, 0.8, 0.9]}}}
+    for data in (hodo_cli.run(BODY), hodo_cli.sweep(case)):
+        whole = hodo_cli.derive(data, "T", "G_space")
+        assert hodo_cli.derive(data.chunk(), "T", "G_space").compute().identical(whole)
+
+
 def test_what_is_constant_looks_so_in_a_phase_figure() -> None:
     """On the scale of its rounding it filled the panel, and broke its frame."""
     motion = hodo_cli.run({

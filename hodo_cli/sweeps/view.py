@@ -247,7 +247,7 @@ class SweepView:
             time=("time", np.full(members.sizes["time"], self.case.time.end))
         )
         needed = {x for needs in DERIVED[name].needs for x in needs} & {*members}
-        stored = (members[x].data.reshape(members.sizes["time"], -1) for x in needed)
+        stored = (np.asarray(members[x]).reshape(members.sizes["time"], -1) for x in needed)
         known = np.isfinite(np.concatenate([*stored], axis=1)).all(1)
         parts = [len(PARTS[dim]) for dim in DERIVED[name].dims[1:]]
         values = np.full((len(known), *parts), np.nan)
