@@ -153,6 +153,22 @@ def test_a_case_added_to_a_result_comes_last_and_takes_nothing_away(
         api.run(FIG4, to=tmp_path / "runs" / "a.h5")
 
 
+def test_a_case_that_another_run_adds_after_the_plan_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, planned = tmp_path / "a.h5", api.api.run_plans
+
+    def late(*arguments: Any, **options: Any) -> object:
+        monkeypatch.undo()
+        api.run(FIG4, name="b", to=path)
+        return planned(*arguments, **options)
+
+    api.run(FIG4, name="a", to=path)
+    monkeypatch.setattr(api.api, "run_plans", late)
+    api.run(FIG4, name="c", to=path)
+    assert {*api.open(path)} == {"a", "b", "c"}
+
+
 @pytest.mark.parametrize(
     ("cases", "options", "words"),
     [

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -716,6 +716,42 @@ def test_the_folder_of_a_living_run_is_left_alone(path: Path) -> None:
     with open_run(path) as run:
         assert run.cases() == ["a", "b"]
     assert left(path) == ["paper.h5"]
+
+
+def test_a_case_that_a_run_publishes_as_its_shard_is_looked_up_is_not_lost(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(path, {"a": group()})
+    with ExitStack() as running:
+        first = running.enter_context(compose(path, ROOT_ATTRIBUTES))
+        first.keep(finished_cases(path)["a"][0])
+        first.add("b", group(seed=1))
+        first.store()
+
+        def late(*arguments: Any) -> AbstractContextManager[writing.Writer]:
+            running.close()
+            return compose(*arguments)
+
+        monkeypatch.setattr(writing, "compose", late)
+        writing.publish_finished(path)
+    with open_run(path) as run:
+        assert run.cases() == ["a", "b"]
+
+
+def test_a_shard_that_goes_after_it_was_kept_is_taken_from_the_result(path: Path) -> None:
+    with suppress(KeyboardInterrupt), compose(path, ROOT_ATTRIBUTES) as writer:
+        writer.add("a", group())
+        raise KeyboardInterrupt
+    (shard,) = (item.file for item in finished_cases(path)["a"])
+    kept = shard.read_bytes()
+    writing.publish_finished(path)
+    shard.write_bytes(kept)  # its run has published it, and not yet cleared
+    with compose(path, ROOT_ATTRIBUTES) as writer:
+        assert writer.keep(finished_cases(path)["a"][1])
+        writer.add("b", group(seed=1))
+        shard.unlink()
+    with open_run(path) as run:
+        assert run.cases() == ["a", "b"]
 
 
 @pytest.mark.parametrize("size", [1000, 12_000, 60_000])

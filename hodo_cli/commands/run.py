@@ -192,6 +192,7 @@ class Plan:
         # Removed by another process since the plan was made: they have to run after all, unless
         # they have left the config.
         lost = [name for name, item in kept.items() if not self._keep(writer, item)]
+        writer.keep_others(gone)
         return [*self.reasons, *(name for name in lost if name in self.config.cases)]
 
     def _announce(self, progress: Progress) -> None:

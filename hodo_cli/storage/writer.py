@@ -67,6 +67,7 @@ def publish_finished(path: Path) -> None:
             writer.leave_dead()
             for name, items in finished_cases(path).items():
                 writer.keep(shards.get(name, items[0]))
+            writer.keep_others()
 
 
 @contextmanager
@@ -226,6 +227,15 @@ class Writer:
         self._cases[case.name] = case
         return True
 
+    def keep_others(self, gone: Collection[str] = ()) -> None:
+        """Take over what the old result holds besides, but for cases that are to be `gone`: another
+        process may have added it since the cases were looked up."""
+        if (old := self._old) is None:
+            return
+        for name in old.cases():
+            if name not in gone and name not in self._cases and name not in old.damaged:
+                self.keep(FinishedCase(name, self.path, resume_attributes(old, name)))
+
     def next_shard(self) -> Path:
         """The name of a new shard, beside the attributes of the result to be, which the first one
         writes. Raises BatchError if these cannot be written."""
@@ -247,8 +257,9 @@ class Writer:
                 draft = self._staging / "whole.h5"
                 self._join(draft, sources, longer(result, self._attributes.get("history")))
                 publish(draft, self._staging.path)
-        chunks = self._chunks.items()
-        self._staging.clear({file.name for (id, _), file in chunks if id in self.unfinished})
+            # Not behind the lock: another process that publishes meanwhile may take these cases.
+            chunks = self._chunks.items()
+            self._staging.clear({file.name for (id, _), file in chunks if id in self.unfinished})
 
     def _latest_result(self) -> AbstractContextManager[ResultFile | None]:
         """The result as it is now. Another process may have replaced it since this one began, and
@@ -273,7 +284,7 @@ class Writer:
             name: self._old if self._old and case.file == self.path else case.file
             for name, case in self._cases.items()
         }
-        if latest_result and latest_result is not self._old:
+        if latest_result:
             sources |= {
                 name: latest_result
                 for name in latest_result.cases()
@@ -282,16 +293,18 @@ class Writer:
         return {name: sources[name] for name in in_order(sources, self._order)}
 
     def _takes(self, theirs: ResultFile, name: str) -> bool:
-        """Whether a case is taken from the result that another process has put in the old one's
-        place."""
+        """Whether a case is taken from the latest result, which another process may have put in the
+        old one's place."""
         ours = self._cases.get(name)
         if ours is None:  # new there, unless this run has left it out
             return not (self._old and name in self._old)
         if ours.file == self.path:  # of the old result, which theirs replaces
             return True
-        # An equal one may have labels there; a shard that is gone is part of theirs.
-        is_equal = resume_attributes(theirs, name).get("hash") == ours.attributes.get("hash")
-        return is_equal or not ours.file.exists()
+        if not ours.file.exists():  # a shard that is gone is part of theirs
+            return True
+        # An equal one may have labels there.
+        theirs_hash = resume_attributes(theirs, name).get("hash")
+        return theirs is not self._old and theirs_hash == ours.attributes.get("hash")
 
     def _join(self, draft: Path, sources: Mapping[str, ResultFile | Path], history: str) -> None:
         with create(draft, {**self._attributes, "history": history}) as output:
