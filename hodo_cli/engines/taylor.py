@@ -12,7 +12,7 @@ from typing import Any
 import heyoka as hy
 import numpy as np
 
-from ..arithmetic import SYMBOLS, horner
+from ..arithmetic import SYMBOLS
 from ..models.base import Constants, Event, Model, Structure, attributes, count, flatten, namespace
 from ..private import CACHE_FOLDER, private_folder
 from .polynomial import TAYLOR
@@ -47,9 +47,9 @@ OPTIMISED_NODES = 10_000
 """The largest system that the compiler optimises. Beyond are averaged systems, which take tens of
 steps."""
 
-ROUNDINGS = 64
-"""By how many roundings of its rates a step may miss its equations at its end. What its series does
-not know makes more."""
+BLIND_RATIO = 1.35
+"""By what ratio a step may be longer than by the rule from all its later coefficients. Its error is
+then 400 times the tolerance of a step, less than rounding."""
 
 
 class Taylor:
@@ -67,11 +67,11 @@ class Taylor:
         tol: float | None,
         precision: str,
     ) -> None:
-        self.model, self.eps = model, PRECISION[precision]
         self.dtype = fp = DTYPES[precision]
+        eps = PRECISION[precision]
         # heyoka's control is absolute below 1: a margin keeps the digits of small components, at no
         # cost.
-        self.tol = self.eps / 1024 if tol is None else max(tol, self.eps / 2**20)
+        self.tol = eps / 1024 if tol is None else max(tol, eps / 2**20)
         self.roots: list[EventRoot] = []
         # The integrator keeps its state, parameters and roots: it serves one stretch at a time.
         self.lock = Lock()
@@ -172,26 +172,19 @@ class Taylor:
         self.roots.clear()
         self.corner = (None, y)
 
-    def _is_blind(self, start: Any) -> bool:
-        """Whether the last step, from a time, has no coefficients of the orders by which heyoka
-        chooses its length, though it is no polynomial: a series in powers of t**3 has none."""
-        c = self.ta.tc
-        if c[:, -2:].any() or not c[:, 2:].any():
-            return False
-        h = self.ta.time - start
-        slope = horner([c[:, i] * self.dtype(i) for i in range(1, c.shape[1])], h)
-        rates = self.model.rhs(self.ta.time, [*horner([*c.T], h)], self.numbers)
-        missed, size = (np.abs(values).max() for values in (slope - rates, rates))
-        return not missed <= ROUNDINGS * self.eps * size
-
-    @property
     def _visible_step(self) -> float:
-        """A length of the last step, by heyoka's rule from those coefficients that there are."""
+        """The length of the last step by heyoka's rule, from all coefficients of the later half and
+        not from the last two alone.
+
+        Under a law that is a power of the time those of a series from t = 0 may be 0 or small: it
+        is one in powers of t**3, say.
+        """
         # In the engine's precision, whose coefficients may be beyond the doubles.
-        norm, _, *sizes = np.abs(self.ta.tc).max(axis=0)
-        norm = max(norm, self.dtype(1))
-        radii = [(norm / c) ** self.dtype(1 / i) for i, c in enumerate(sizes, 2) if c]
-        return float(min(radii) * math.exp(-2))
+        size, first = np.abs(self.ta.tc).max(axis=0), self.degree // 2
+        norm = max(size[0], self.dtype(1))
+        later = enumerate(size[first:], first)
+        radii = [(norm / c) ** self.dtype(1 / order) for order, c in later if c]
+        return float(min(radii, default=self.dtype(math.inf))) * math.exp(-2)
 
     def integrate(
         self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl
@@ -211,7 +204,7 @@ class Taylor:
         def after_step(ta: Any) -> bool:
             """Record events that heyoka has lost, and show the step; whether to go on."""
             nonlocal last, values, is_first, is_blind
-            if is_first and self._is_blind(last):
+            if is_first and ta.time - last > BLIND_RATIO * self._visible_step():
                 is_blind = True
                 return False
             is_first, stop = False, None
@@ -233,7 +226,7 @@ class Taylor:
         outcome, steps, rows = through(control.longest)
         if is_blind:
             # The steps behind a short one know more.
-            short, is_first = min(self._visible_step, control.longest), False
+            short, is_first = min(self._visible_step(), control.longest), False
             self.begin(k, y, grid[0])
             outcome, steps, rows = through(short)
         if (stop := self._first_stop) is not None and stop.time == grid[0]:

@@ -24,7 +24,7 @@ from ..models.base import UNIT, Event, Level, Model, Structure, count, moving, n
 from ..private import cached_code
 from . import series as series_module
 from .series import TINY_DIVISOR, Series, constant, motion, total
-from .taylor import OPTIMISED_NODES
+from .taylor import BLIND_RATIO, OPTIMISED_NODES
 
 
 def has_avx512() -> bool:
@@ -47,6 +47,14 @@ which needs the fewest operations; with what else a step costs, 18 to 20 cost le
 ROOT_ORDER = 16
 """The order by whose coefficients the length of a step is chosen: its root is four square roots. A
 logarithm and an exponential took a third of a step."""
+
+LATER_ORDER = 10
+"""The order from which on coefficients of equations with the time are held against a radius: those
+that tell it may be 0 or small by chance, where a series is one in powers of t**3, say. Half of them
+are of orders below 16, so that the eighth root of an excess makes good for it."""
+
+MOST_EXCESS = 2.0**32
+"""The excess beyond which a motion is left to single cases: its steps would be far too short."""
 
 PASSAGE_STRIDE = 0.1
 """The longest step, in radii of convergence, of a motion that goes on through an event. It
@@ -191,7 +199,12 @@ class TaylorStep:
         *_, remaining, lost, steps = at.inputs
         y = [coefficients(series, SERIES_ORDER) for series in at.state]
         # The last parameter is the `stride`, so that the code serves every tolerance.
-        longest = hy.par[count(self.structure) + 1] * radius(y)
+        R, excessive = radius(y), hy.expression(1.0)
+        if hasattr(at.k, UNIT):
+            # Equations without the time have no such series, but from near rest.
+            excessive = excess(y, R)
+            R = R / hy.sqrt(hy.sqrt(hy.sqrt(excessive)))
+        longest = hy.par[count(self.structure) + 1] * R
         step = smaller(longest, remaining)
         for function in self.corners.values():
             # By `longest`, so that it ends at the same time whatever time is left.
@@ -203,9 +216,7 @@ class TaylorStep:
         # What the subtraction has rounded away is kept, so that many steps cost the time no digits.
         lost = lost + ((remaining - after) - step)
         steps = steps + hy.select(hy.gt(remaining, 0.0), hy.expression(1.0), hy.expression(0.0))
-        if hasattr(at.k, UNIT):
-            # Without the time in the equations there is no such series, but from rest.
-            after = hy.select(is_blind(y), hy.expression(math.nan), after)
+        after = hy.select(hy.gt(excessive, MOST_EXCESS), hy.expression(math.nan), after)
         end = [total_of_powers(c, step) for c in y]
         events = (self._event_row(event, at, end, step) for event in self.events)
         levels = (row for level in self.levels for row in level_rows(level, at, step))
@@ -355,27 +366,30 @@ def radius(y: Sequence[Sequence[Any]]) -> Any:
     chosen such that tol^(1/(n - 1)) is 1/e^2; F. Biscani and D. Izzo, Monthly Notices of the RAS
     504 (2021) 2614.
     """
-    norm = reduce(larger, [absolute(c[0]) for c in y])
+    norm, lower, highest, higher = (
+        largest_size(y, i) for i in (0, ROOT_ORDER - 1, ROOT_ORDER, ROOT_ORDER + 1)
+    )
     # A steady rotation has coefficients of 0. ROOT_ORDER is a power of 2, whose root is a row of
     # square roots: heyoka's symbols have no other one.
-    power = larger(norm, hy.expression(1.0)) / (telling_coefficient(y) + TINY_DIVISOR)
+    coefficient = larger(highest, hy.sqrt(lower * higher)) + TINY_DIVISOR
+    power = larger(norm, hy.expression(1.0)) / coefficient
     return reduce(lambda x, _: hy.sqrt(x), range(int(math.log2(ROOT_ORDER))), power)
 
 
-def telling_coefficient(y: Sequence[Sequence[Any]]) -> Any:
-    """The size of the coefficients by which `radius` tells a length."""
-    lower, highest, higher = (
-        reduce(larger, [absolute(c[i]) for c in y])
-        for i in (ROOT_ORDER - 1, ROOT_ORDER, ROOT_ORDER + 1)
-    )
-    return larger(highest, hy.sqrt(lower * higher))
+def excess(y: Sequence[Sequence[Any]], R: Any) -> Any:
+    """How much larger coefficients of a state's series are, from LATER_ORDER on, than at a radius
+    that is BLIND_RATIO times less than a given one; 1 where none is larger."""
+    x = smaller(R, hy.expression(2.0**40)) / BLIND_RATIO
+    norm, power = larger(largest_size(y, 0), hy.expression(1.0)), x**LATER_ORDER
+    most = norm
+    for order in range(LATER_ORDER, SERIES_ORDER + 1):
+        most, power = larger(most, largest_size(y, order) * power), power * x
+    return most / norm
 
 
-def is_blind(y: Sequence[Sequence[Any]]) -> Any:
-    """Whether a state's series has no telling coefficients, but others: so has one in powers of
-    t**3."""
-    others = total([absolute(c[k]) for c in y for k in range(2, SERIES_ORDER + 1)])
-    return hy.logical_and([hy.lte(telling_coefficient(y), 0.0), hy.gt(others, 0.0)])
+def largest_size(y: Sequence[Sequence[Any]], order: int) -> Any:
+    """The largest size of a state's coefficients of an order."""
+    return reduce(larger, [absolute(c[order]) for c in y])
 
 
 def least_distance(function: Level, at: SymbolicMotion, step: Any) -> Any:
