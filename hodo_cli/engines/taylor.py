@@ -199,7 +199,9 @@ class Taylor:
         ta = self.ta
         self.begin(k, y, grid[0])
         state, series, observe, last = ta.state, ta.tc, control.observer, grid[0]
-        values, is_first, is_blind = self._values(last, state, self.numbers), True, False
+        values, is_blind = self._values(last, state, self.numbers), False
+        # Of a motion that is under way a step begins at the zero of a law by chance alone.
+        is_first = control.steps == 0
 
         def after_step(ta: Any) -> bool:
             """Record events that heyoka has lost, and show the step; whether to go on."""
