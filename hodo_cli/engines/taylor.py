@@ -159,7 +159,7 @@ class Taylor:
         stops = [root for root in self.roots if self.events[root.event].terminal]
         return min(stops, key=lambda root: root.time, default=None)
 
-    def begin(self, k: Constants, y: np.ndarray, time: Any) -> None:
+    def _begin(self, k: Constants, y: np.ndarray, time: Any) -> None:
         """Put the integrator at the start of a stretch."""
         ta, self.numbers = self.ta, attributes(k, self.dtype)
         # heyoka counts parameters up to the last that the equations use.
@@ -197,7 +197,7 @@ class Taylor:
         self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl
     ) -> Stretch:
         ta = self.ta
-        self.begin(k, y, grid[0])
+        self._begin(k, y, grid[0])
         state, series, observe, last = ta.state, ta.tc, control.observer, grid[0]
         values, is_blind = self._values(last, state, self.numbers), False
         # Of a motion that is under way a step begins at the zero of a law by chance alone.
@@ -219,23 +219,25 @@ class Taylor:
             last = ta.time
             return control.step(state) and stop is None and not is_blind
 
-        def through(longest: float) -> tuple[Any, int, Any]:
+        longest = control.longest
+
+        def through() -> tuple[Any, int, Any]:
             outcome, _, _, steps, *_, rows = ta.propagate_grid(
                 grid, callback=after_step, max_delta_t=self.dtype(longest)
             )
             return outcome, steps, rows
 
-        outcome, steps, rows = through(control.longest)
+        outcome, steps, rows = through()
         if is_blind:
             # The steps behind a short one know more.
-            short, is_first = min(self._visible_step(), control.longest), False
-            self.begin(k, y, grid[0])
-            outcome, steps, rows = through(short)
+            longest, is_first = min(self._visible_step(), longest), False
+            self._begin(k, y, grid[0])
+            outcome, steps, rows = through()
         if (stop := self._first_stop) is not None and stop.time == grid[0]:
             # A motion that starts at a zero does not pass through it; the event's cooldown keeps it
             # from returning.
             self.roots.clear()
-            outcome, steps, rows = through(control.longest)
+            outcome, steps, rows = through()
             stop = self._first_stop
         control.evaluations += steps * ta.order
         end = ta.time if stop is None else stop.time
