@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable
+from decimal import Decimal, localcontext
 from functools import cache
 from itertools import permutations
 from pathlib import Path
@@ -175,8 +176,36 @@ def test_a_brake_stops_the_body(case: Any, time: float, direction: Any, method: 
 
 
 def test_a_torque_puts_the_stop_off() -> None:
-    motion = run(B, 120, brake=0.01, torque=[0.001, -0.002, 0.0015])
+    N = np.array([0.001, -0.002, 0.0015])
+    motion = run(B, 120, brake=0.01, torque=N.tolist())
     assert motion["event_time"].values[0] == pytest.approx(113.1118867766, abs=1e-9)
+
+    # Of u = G/|G| over s = -ln |G|, in which nothing is singular at the stop.
+    G = BODY * np.array([*B.values()])
+    size = np.linalg.norm(G)
+
+    def rates(s: float, u: np.ndarray) -> np.ndarray:
+        slowed = size * math.exp(-s)
+        turned = slowed**2 * np.cross(u, u / BODY) + N - (N @ u) * u
+        return turned / (0.01 - N @ u)
+
+    along = solve_ivp(rates, (0, 14 * math.log(8)), G / size, "DOP853", rtol=1e-13, atol=1e-14)
+    stated = motion["event_G_error"].values[0]
+    off = math.dist([motion[f"event_G{i}"].values[0] for i in (1, 2, 3)], along.y[:, -1])
+    assert 1e-10 < off < 1.5 * stated < 1e-7
+
+
+@pytest.mark.parametrize("left", [1e-3, 1e-6, 1e-9])
+def test_the_closed_form_knows_its_error_beside_a_stop(left: float) -> None:
+    with localcontext(prec=50):
+        momenta = [Decimal(a) * Decimal(w) for a, w in zip(BODY, B.values(), strict=True)]
+        size, brake = sum(x * x for x in momenta).sqrt(), Decimal.from_float(0.0041)
+        motion = run(B, float(size / brake * (1 - Decimal(left))), brake=0.0041)
+        omega, t = motion["omega"].values[-1].tolist(), motion["time"].values[-1].item()
+        found = sum((Decimal(a) * Decimal(w)) ** 2 for a, w in zip(BODY, omega, strict=True))
+        off = abs(found.sqrt() / (size - brake * Decimal(t)) - 1)
+    assert motion.attrs["method"] == "exact"
+    assert off < 1.1 * motion.attrs["error"] < 1e-13 / left
 
 
 def test_a_torque_stronger_than_the_brake_lets_nothing_stop() -> None:

@@ -1,9 +1,9 @@
 """The measured error of a motion: its distance from a better computation."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import zip_longest
-from math import inf, ulp
+from math import hypot, inf, ulp
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from .. import engines
 from ..cases.case import Case
 from ..engines import extended
+from ..engines.protocol import EPS
 from ..models.attitude import angle_apart
 from ..models.base import Model, attributes, rescaled
 from .choice import AUTOMATIC, MIN_STIFF_STEPS, best
@@ -254,9 +255,30 @@ def events_apart(motion: Trajectory, reference: Trajectory) -> list[tuple[float,
 
 
 def judged_events(motion: Trajectory, reference: Trajectory) -> tuple[Occurrence, ...]:
-    """The events of a motion with the errors of their times."""
+    """The events of a motion with the errors of their times, and of the direction in which a body
+    stops."""
+    better = {event.kind: event.details for event in reference.events}
     apart = zip(motion.events, events_apart(motion, reference), strict=False)
-    return tuple(replace(event, error=error) for event, (_, error) in apart)
+    return tuple(
+        replace(
+            event,
+            error=error,
+            details={
+                **event.details,
+                **direction_error(event.details, better.get(event.kind, {})),
+            },
+        )
+        for event, (_, error) in apart
+    )
+
+
+def direction_error(ours: Mapping[str, float], theirs: Mapping[str, float]) -> dict[str, float]:
+    """How far apart the directions of G at two stops are, as a further detail; nothing where there
+    are none."""
+    if "G1" not in ours.keys() & theirs.keys():
+        return {}
+    apart = (ours[name] - theirs[name] for name in ("G1", "G2", "G3"))
+    return {"G_error": hypot(*apart) + EPS / 2}
 
 
 def time_error(time: float, better: float) -> float:

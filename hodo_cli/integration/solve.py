@@ -189,7 +189,7 @@ def closed_form(case: Case, times: np.ndarray, precision: str) -> Trajectory:
         np.empty(len(times), dtype=np.int64),
     )
     take_exact_samples(case, samples, control)
-    if end := case.system.exact_end:
+    if end := case.system.exact_end(fp):
         kind, outcome = end
         time = case.time.start + outcome.time
         if time <= case.time.end:

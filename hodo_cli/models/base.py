@@ -276,9 +276,9 @@ class Model:
         and the exponents (n,) of their units."""
         raise NotImplementedError
 
-    @property
-    def exact_end(self) -> tuple[str, EventOutcome] | None:
-        """The event that ends a motion in closed form, at its time from the start, and its kind."""
+    def exact_end(self, fp: type) -> tuple[str, EventOutcome] | None:
+        """The event that ends a motion in closed form, computed in a precision, at its time from
+        the start, and its kind."""
         return None
 
     @property

@@ -363,17 +363,16 @@ class Torques(BodyUnderTorques):
         unit = direction / np.abs(direction).max()
         return np.asarray(unit / np.linalg.norm(unit))
 
-    @property
-    def exact_end(self) -> tuple[str, EventOutcome] | None:
+    def exact_end(self, fp: type) -> tuple[str, EventOutcome] | None:
         """When and how a brake stops a body of closed form; None without a stop."""
         along = self.along_momentum
-        if along is None or math.isinf(along.stop):
+        if along is None or np.isinf(along.stop):
             return None
-        _, s = along.clock(np.array([along.stop]))
+        _, s = along.clock(np.array([along.stop], dtype=fp))
         omega = free_motion(self.moments, self.to_principal(self.omega_at_start), s)
         momentum = self.momentum(self.from_principal(omega))
         details = stop_details(momentum[0], self.enclosed(omega)[0])
-        return "stopped", EventOutcome(along.stop, details, ())
+        return "stopped", EventOutcome(float(along.stop), details, ())
 
     def predictions(self, start: float, end: float) -> list[str]:
         """Which crossings are possible, which rotation is held, and when a brake stops the body."""
@@ -392,7 +391,7 @@ class Torques(BodyUnderTorques):
         others = self.quadratic, self.quadratic_axes, any(terms.torque)
         if not self.brake or not terms.covered or any(others):
             return []
-        rate = self.brake / self.momentum_at_start
+        rate = np.longdouble(self.brake / self.momentum_at_start)
         first, last = (AlongMomentum(of(terms.damping), rate).stop for of in (max, min))
         if first == last:
             return [f"stops after {first:.15g} [time]"] if math.isfinite(first) else []

@@ -244,6 +244,7 @@ EVENT_DETAILS = {
     "G1": Stored("G/|G| along x1 as the body stops", ("event",)),
     "G2": Stored("G/|G| along x2 as the body stops", ("event",)),
     "G3": Stored("G/|G| along x3 as the body stops", ("event",)),
+    "G_error": Stored("measured error of the direction of event_G1 to event_G3", ("event",)),
 }
 """Further columns of events, `event_NAME` by the names in `Occurrence.details`; nan where an event
 lacks the detail. Passages in averaged motions have them."""

@@ -210,8 +210,8 @@ class BodyUnderTorques(BodyFrame):
         if others or len(set(damping)) > 1:
             return None
         if "brake" not in given:
-            return AlongMomentum(damping[0], 0.0)
-        momentum = self.momentum_at_start
+            return AlongMomentum(damping[0], np.longdouble(0))
+        momentum = np.linalg.norm(self.momentum(self.omega_at_start.astype(np.longdouble)))
         return AlongMomentum(damping[0], brake[0] / momentum) if momentum else None
 
     @property

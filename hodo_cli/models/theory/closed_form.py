@@ -215,27 +215,30 @@ def sn_cn_dn(u: np.ndarray, complementary: Any) -> tuple[np.ndarray, np.ndarray,
 
 
 class AlongMomentum(NamedTuple):
-    """The rates lambda and beta of a torque along G at the start, 1/time, beta at least 0."""
+    """The rates lambda and beta of a torque along G at the start, 1/time, beta at least 0 and in
+    long double: near the stop, where g = 1 - beta t is small, its rounding shows."""
 
     damping: float
-    brake: float
+    brake: np.longdouble
 
     @property
-    def stop(self) -> float:
+    def stop(self) -> np.longdouble:
         """The time at which the body comes to rest; infinite where it does not."""
         if not self.brake or self.damping <= -self.brake:
-            return math.inf
+            return np.longdouble(math.inf)
         if not self.damping:
-            return 1 / self.brake
-        return math.log1p(self.damping / self.brake) / self.damping
+            return np.longdouble(1) / self.brake
+        return np.longdouble(np.log1p(self.damping / self.brake) / self.damping)
 
-    def clock(self, t: Any) -> tuple[Any, Any]:
-        """g and s (...) at times t >= 0 (...); at rest g is 0 and s stands still."""
-        t, stopped = np.minimum(t, self.stop), np.asarray(t) >= self.stop
+    def clock(self, times: Any) -> tuple[np.ndarray, np.ndarray]:
+        """g and s (...) at times >= 0 (...), in their precision; at rest g is 0 and s stands
+        still."""
+        stopped, fp = np.asarray(times) >= self.stop, np.result_type(times, float).type
+        t, brake = np.minimum(times, fp(self.stop)), fp(self.brake)
         with np.errstate(over="ignore", invalid="ignore"):  # of what grows beyond all doubles
             a = free_time(self.damping, t)
-            g = np.where(stopped, 0, np.exp(-self.damping * t) - self.brake * a)
-            return g, a - self.brake * _phi_2(self.damping * t) * t * t
+            g = np.where(stopped, 0, np.exp(-self.damping * t) - brake * a)
+            return g, a - brake * _phi_2(self.damping * t) * t * t
 
 
 def _phi_2(z: Any) -> Any:
