@@ -208,6 +208,36 @@ def test_the_closed_form_knows_its_error_beside_a_stop(left: float) -> None:
     assert off < 1.1 * motion.attrs["error"] < 1e-13 / left
 
 
+SPIN, SPAN = {"p": 1, "q": 0, "r": 0}, {"end": 30, "samples": 31}
+TURNED = {
+    "constant": ({"torque": [-0.3, 0, 0]}, -4.5),
+    "ramp": (
+        {"torque": [{"law": "polynomial", "coefficients": [0, -0.02]}, 0, 0]},
+        -5.605551275463989,
+    ),
+    "rotor": ({"torque": [-0.3, 0, 0], "rotor": [0.6, 0, 0]}, -4.2),
+}
+
+
+@pytest.mark.parametrize("method", ["auto", "collocation"])
+@pytest.mark.parametrize(("terms", "momentum"), TURNED.values(), ids=TURNED)
+def test_a_torque_stronger_than_the_brake_turns_a_body_round(
+    terms: Any, momentum: float, method: str
+) -> None:
+    # G1' = -0.1 sign(G1) + N1(t) from G1 = 3, or 3.6 with the rotor, until t = 30.
+    case = {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "method": method}
+    motion = hodo.run({**case, **terms, "initial": SPIN, "time": SPAN})
+    assert motion.attrs["status"] == "ok"
+    G = 3 * motion["omega"].values[-1, 0] + terms.get("rotor", [0])[0]
+    assert abs(G - momentum) < 2 * motion.attrs["error"] * abs(G) + 1e-11
+
+
+def test_against_a_torque_as_strong_as_the_brake_a_body_stops() -> None:
+    case = {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "torque": [-0.1, 0, 0]}
+    motion = hodo.run({**case, "initial": SPIN, "time": SPAN})
+    assert motion["event_time"].values == pytest.approx([15], abs=1e-12)
+
+
 def test_a_torque_stronger_than_the_brake_lets_nothing_stop() -> None:
     motion = run(B, 200, brake=0.001, torque=[0.01, 0, 0])
     assert "event_time" not in motion

@@ -16,6 +16,7 @@ from ..rigid_body import (
     enclosed_axis,
     principal_rotor_of,
     rotor_of,
+    vector_sum,
 )
 from ..theory.gyrostat import region_of
 from .laws import coefficient_at
@@ -24,6 +25,10 @@ from .torques import TERMS, Term, rates_under
 STAGES, STAGES_WITH_ROTOR, STAGE_RATIO = 14, 10, 8
 """How often |G| falls by a ratio, a stage of braking each time, before a brake has all but stopped
 the body: to 2e-13 of it, with a rotor, whose h hides what is left of G, to 9e-10."""
+
+AS_STRONG = 1e-12
+"""The part by which a torque may differ from a brake and counts as equal to it: what comes to rest
+against it stays there."""
 
 BEHIND_ZERO, BEHIND_REST = 1e-30, 1e-300
 """The part of |omega| at which a component goes on behind its zero: on the side that it enters, so
@@ -96,22 +101,27 @@ def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: A
     rest.
 
     With a brake the equations have no solution at rest, and an integrator that does not know of it
-    goes on behind it. After the last stage the time left is |G|/(b - |N0|), with N0 the other
-    torques at rest.
+    goes on behind it. After the last stage G pursues the direction of N, the other torques at rest.
+    A body that comes as near to rest against a stronger torque turns round: G goes through 0.
     """
     G, state = angular_momentum_of(y[:3], k), [*y]
     size, stages = dot(G, G) ** 0.5, STAGES_WITH_ROTOR if hasattr(k, "h1") else STAGES
-    b, N = 0.0, [0.0, 0.0, 0.0]  # which count in the last stage
-    if size < 2 * k.momentum_at_start / STAGE_RATIO**stages:
-        extra = [*y[3:row], *y[row + 1 :]]
-        b, N = coefficient_at(k, "brake", t), torque_at_rest(others, t, extra, k)
-    excess = b * b - dot(N, N)
-    if not excess > 0:
+    if size > 2 * k.momentum_at_start / STAGE_RATIO**stages:
         state[row] = size / k.A1
         return EventOutcome(float(t), None, state, t)
+    b = float(coefficient_at(k, "brake", t))
+    N = torque_at_rest(others, t, [*y[3:row], *y[row + 1 :]], k)
+    strength = math.hypot(*N)
+    if strength > b * (1 + AS_STRONG):
+        state[:3] = omega_of([x * (size / strength) for x in N], k)
+        turned = size / (strength + b) + size / (strength - b)
+        return EventOutcome(float(t), None, state, t + turned)
     details = stop_details(np.array(G, float), label_at_stop(np.array(y[:3], float), k))
-    state[:3], state[row] = (0 * size + x for x in omega_at_rest(k)), 0 * size
-    left = (b * size + dot(N, G)) / excess
+    state[:3], state[row] = (0 * size + x for x in omega_of((0.0, 0.0, 0.0), k)), 0 * size
+    if strength > b * (1 - AS_STRONG):
+        left = size / (2 * b)
+    else:
+        left = (b * size + dot(N, G)) / (b * b - strength * strength)
     return EventOutcome(float(t + left), details, state, math.inf)
 
 
@@ -127,13 +137,15 @@ def label_at_stop(omega: np.ndarray, k: Any) -> Any:
 
 def torque_at_rest(others: Sequence[str], t: Any, extra: Sequence[Any], k: Any) -> list[float]:
     """A sum of torques (3,), by name, where G is 0."""
-    rates = rates_under([TERMS[name] for name in others], t, [*omega_at_rest(k), *extra], k)[:3]
+    rates = rates_under(
+        [TERMS[name] for name in others], t, [*omega_of((0.0, 0.0, 0.0), k), *extra], k
+    )[:3]
     # A omega', since -omega x G is 0 there.
     still = angular_momentum_of((0.0, 0.0, 0.0), k)
     return [float(moved - x) for moved, x in zip(angular_momentum_of(rates, k), still, strict=True)]
 
 
-def omega_at_rest(k: Any) -> Sequence[Any]:
-    """omega (3,) where G is 0."""
+def omega_of(G: Sequence[Any], k: Any) -> Sequence[Any]:
+    """omega (3,) of an angular momentum (3,), that of a rotor included."""
     rotor = rotor_of(k)
-    return (0.0, 0.0, 0.0) if rotor is None else accelerations([-x for x in rotor], k)
+    return accelerations(G if rotor is None else vector_sum(G, [-x for x in rotor]), k)
