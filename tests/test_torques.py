@@ -410,6 +410,7 @@ def test_the_models_of_one_torque_are_sums_of_one(model: str, terms: Any) -> Non
             },
             "damping: the base of its power law is 0 at t = -1: start later",
         ),
+        ({"torque": [[0] * 20 + [1], 0, 0]}, "torque: its polynomial has more than 20 coeff"),
         (
             {"quadratic_axes": 1, "form": "averaged"},
             "quadratic_axes: form averaged does not take this torque",

@@ -46,7 +46,7 @@ from .terms.laws import (
     coefficients_kind,
     dimensional_values,
     is_law,
-    laws_begun_too_soon,
+    law_mistakes,
     least_value,
     zero_of_base,
 )
@@ -226,7 +226,7 @@ class Torques(BodyUnderTorques):
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
         """Besides: laws with values, no drive and no poles from the start on."""
-        yield from laws_begun_too_soon(coefficients_of(data), start)
+        yield from law_mistakes(coefficients_of(data), start)
         yield from negative_coefficients(
             data, lambda x: is_law(x) and start > zero_of_base(x) and least_value(x, start, end)
         )

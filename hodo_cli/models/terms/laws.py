@@ -218,12 +218,20 @@ def zero_of_base(coefficient: Any) -> float:
     return -1 / shape[0] if kind == "power" and shape[0] else -math.inf
 
 
-def laws_begun_too_soon(
+MOST_COEFFICIENTS = 20
+"""How many a polynomial may have. A series of the least order sees no higher power of the time from
+t = 0, and in powers of t few fits hold that many digits."""
+
+
+def law_mistakes(
     coefficients: Mapping[str, Iterable[Any]], start: float, t: str = "t"
 ) -> Iterator[Mistake]:
-    """The mistakes of power laws, by the keys of their coefficients, that have no value at a start
-    of the time t."""
+    """The mistakes of laws, by the keys of their coefficients: those that have no value at a start
+    of the time t, and polynomials that are too long."""
     for name, entries in coefficients.items():
-        zero = max(map(zero_of_base, entries), default=-math.inf)
+        laws = [*entries]
+        zero = max(map(zero_of_base, laws), default=-math.inf)
         if start <= zero:
             yield (name,), f"the base of its power law is 0 at {t} = {zero:.6g}: start later"
+        if max((len(dimensional_values(x)) for x in laws), default=0) > MOST_COEFFICIENTS:
+            yield (name,), f"its polynomial has more than {MOST_COEFFICIENTS} coefficients"

@@ -17,7 +17,7 @@ from ..terms.laws import (
     dimensional_values,
     is_law,
     law_constants,
-    laws_begun_too_soon,
+    law_mistakes,
     least_value,
     slope_at,
     value_at,
@@ -126,7 +126,7 @@ class Top(Model):
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
-        yield from laws_begun_too_soon({name: [data[name]] for name in LAW_KEYS}, start, "tau")
+        yield from law_mistakes({name: [data[name]] for name in LAW_KEYS}, start, "tau")
         if not is_law(data["mu"]):
             return
         if start:
