@@ -242,3 +242,15 @@ def test_a_change_leaves_what_dead_runs_have_finished(path: Path) -> None:
         changes.write("first", Group({"note": "new"}, {}))
     (folder,) = staging.staging_folders(path)
     assert [*folder.glob("part-stamp-0.h5")]
+
+
+def test_a_run_that_ends_as_its_cases_are_looked_up_leaves_the_result(path: Path) -> None:
+    with run_of(path, {"first": stored(1)}):
+        pass
+    # Its folder vanishes file by file.
+    interrupted(path, {"second": stored(1)})
+    for head in path.parent.glob(".a.h5.*/head.h5"):
+        head.unlink()
+    assert hashes(path) == {"first": "hash 1"}
+    published(path)
+    assert hashes(path) == {"first": "hash 1"}

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from .. import HodoError
 from ..machine import memory_limit
@@ -57,22 +57,16 @@ def finished_cases(
 
 class Batch(ResultFile):
     """A result together with the cases that runs have finished which have not ended; made by
-    `open_batch`.
+    `open_batch`. `result` is None where there are no others."""
 
-    `newer` are these cases; `result` is None where there are no others.
-    """
-
-    def __init__(
-        self, path: Path, result: ResultFile | None, newer: Mapping[str, FinishedCase]
-    ) -> None:
+    def __init__(self, path: Path, result: ResultFile | None, unpublished: "Unpublished") -> None:
         self.path = path
         self.damaged = result.damaged if result else {}
-        self.attributes, order = latest(newer)
+        self.attributes, self._newer = unpublished.attributes, unpublished.cases
         self._result = result
-        self._newer = newer
         self._bytes_left = memory_limit()
         published = result.groups if result else ()
-        self.groups = in_order(dict.fromkeys([*published, *newer]), order)
+        self.groups = in_order(dict.fromkeys([*published, *self._newer]), unpublished.order)
 
     @contextmanager
     def open_group(self, name: str) -> Iterator[Any]:
@@ -96,7 +90,7 @@ def open_batch(path: Path | str) -> Iterator[ResultFile]:
     Raises HodoError as `open_run` does, if there is no such case either.
     """
     path = Path(path)
-    if not (newer := unpublished(path)):
+    if not (newer := unpublished(path)).cases:
         if not os.path.lexists(path) and any(map(chunks_in, staging_folders(path))):
             message = "a run has finished parts of a sweep, which the same command completes"
             raise HodoError(f"{path}: no case is there yet: {message}")
@@ -106,26 +100,54 @@ def open_batch(path: Path | str) -> Iterator[ResultFile]:
     with ExitStack() as stack:
         result = stack.enter_context(open_run(path)) if os.path.lexists(path) else None
         batch = Batch(path, result, newer)
-        names = [name for name in batch.cases() if name in newer]
+        names = [name for name in batch.cases() if name in newer.cases]
         message = f"{path}: {len(names)} finished in a run that has not ended: {few(names)}"
         warnings.warn(message, stacklevel=3)
         yield batch
 
 
-def unpublished(path: Path) -> dict[str, FinishedCase]:
+class Unpublished(NamedTuple):
     """The cases of runs that have not ended, by name: those that the result lacks, or holds from
-    before a change."""
+    before a change; and the attributes and the order of the cases that the result of the latest of
+    these runs will have."""
+
+    cases: dict[str, FinishedCase]
+    attributes: dict[str, Any]
+    order: list[str]
+
+
+def unpublished(path: Path) -> Unpublished:
+    """What runs that have not ended have finished of a result."""
+    while cases := _newer_cases(path):
+        head = _head(max((case.file for case in cases.values()), key=_changed))
+        try:
+            with open_run(head) as run:
+                order = str(run.attributes.pop(ORDER_ATTRIBUTE, "")).splitlines()
+                return Unpublished(cases, run.attributes, order)
+        except HodoError:
+            if head.exists():
+                raise
+            # The run has ended meanwhile, and the result has its cases.
+    return Unpublished({}, {}, [])
+
+
+def _newer_cases(path: Path) -> dict[str, FinishedCase]:
     cases: dict[str, FinishedCase] = {}
     if not any(map(shards, staging_folders(path))):
         return cases
     for name, items in finished_cases(path).items():
         stored = items[0] if items[0].file == path else None
-        others = [item for item in items if item is not stored]
+        others = [item for item in items if item is not stored and _head(item.file).exists()]
         if others:
             newest = max(others, key=lambda item: _changed(item.file))
             if stored is None or _replaces(newest, stored):
                 cases[name] = newest
     return cases
+
+
+def _head(shard: Path) -> Path:
+    """The file of the attributes of the result that a shard will be part of."""
+    return shard.with_name(ATTRIBUTES_FILE)
 
 
 def _changed(file: Path) -> int:
@@ -146,14 +168,6 @@ case file: in each of 10,000 shards it would be some 10 GB."""
 
 ORDER_ATTRIBUTE = "order"
 """The attribute there that names the cases of the result in their order, a line each."""
-
-
-def latest(cases: Mapping[str, FinishedCase]) -> tuple[dict[str, Any], list[str]]:
-    """The attributes, and the cases in their order, of the result that the latest of some cases
-    will be part of."""
-    file = max((case.file for case in cases.values()), key=_changed)
-    with open_run(file.with_name(ATTRIBUTES_FILE)) as run:
-        return run.attributes, str(run.attributes.pop(ORDER_ATTRIBUTE, "")).splitlines()
 
 
 def in_order(names: Mapping[str, Any], order: Iterable[str]) -> dict[str, None]:

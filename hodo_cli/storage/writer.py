@@ -31,7 +31,6 @@ from .finished_cases import (
     FinishedCase,
     finished_cases,
     in_order,
-    latest,
     resume_attributes,
     unpublished,
 )
@@ -55,14 +54,14 @@ def publish_finished(path: Path) -> None:
     The cases that it holds from before a change stay: they may be wanted again. So does what dead
     runs have left, for the next run. Raises HodoError as `compose` does.
     """
-    if not (shards := unpublished(path)):
+    shards, attributes, order = unpublished(path)
+    if not shards:
         return
     if os.path.lexists(path):
         with open_run(path) as run:
             # A damaged case could not be copied into the new file, and would be gone.
             shards = {} if run.damaged else {n: f for n, f in shards.items() if n not in run}
     if shards:
-        attributes, order = latest(shards)
         with compose(path, attributes, order) as writer:
             writer.leave_dead()
             for name, items in finished_cases(path).items():
