@@ -19,6 +19,7 @@ from ..integration import (
     body_of,
     choose,
     cross,
+    distinct,
     principal_omega,
     solve,
 )
@@ -90,11 +91,11 @@ def cut(m: Motion, intervals: np.ndarray, places: np.ndarray) -> Motion:
     """The same motion with samples at places, between 0 and 1, within some of its intervals too.
     Raises Undecidable if it stops before its end."""
     within = m.time[intervals] + np.outer(places, np.diff(m.time)[intervals])
-    times = np.setdiff1d(within, m.time)
+    times = np.setdiff1d(distinct(within.ravel()), m.time, assume_unique=True)
     if not len(times):
         return m
     if m.case.store:  # which need not name the state, from which all else follows
-        times = np.union1d(times, m.time)
+        times = distinct(np.concatenate((times, m.time)))
     trajectory = solve(m.case, choose(m.case)[0], m.case.precision, m.case.tol, times)
     added = sampled_motion(trajectory, m.crossings if m.classified else None)
     if m.case.store:
@@ -128,7 +129,7 @@ def near_extremes(m: Motion, name: str) -> Motion:
 
     def intervals_of(finer: Motion, missed: float) -> np.ndarray:
         values = quantity(finer, name)
-        return np.union1d(beside_peaks(values, missed), beside_peaks(-values, missed))
+        return distinct(np.r_[beside_peaks(values, missed), beside_peaks(-values, missed)])
 
     return closer(finer, intervals_of)
 
@@ -377,7 +378,7 @@ def part_of_region_filled(m: Motion, side: int) -> float:
 
     def intervals_of(finer: Motion, missed: float) -> np.ndarray:
         coordinates = in_region(finer, side), finer.quadrants.max(axis=1)
-        return np.union1d(*(beside_peaks(x, missed) for x in coordinates))
+        return distinct(np.concatenate([beside_peaks(x, missed) for x in coordinates]))
 
     m = closer(m, intervals_of)
     return float(in_region(m, side).max() / m.quadrants.max())

@@ -23,7 +23,7 @@ from .error import (
     with_measured_error,
 )
 from .integrate import ERROR_LIMIT_ASKED, excess_remark, integrate, motion_remarks, solved
-from .solve import refined, sample_times, solve
+from .solve import distinct, refined, sample_times, solve
 from .trajectory import Occurrence, Trajectory
 
 __all__ = [
@@ -45,6 +45,7 @@ __all__ = [
     "classify",
     "comparable_lengths",
     "cross",
+    "distinct",
     "error_of_variable",
     "error_over_span",
     "errors_against",

@@ -9,7 +9,7 @@ from .. import HodoError, engines
 from ..cases.case import Case
 from ..engines.units import TimeWindow, Units, is_timed, units_at_start
 from ..models.base import Model, attributes, jacobian, rescaled
-from .solve import solve
+from .solve import even_times, solve
 from .trajectory import Trajectory
 
 AUTOMATIC = ("exact", "taylor", "collocation")
@@ -58,7 +58,7 @@ def stiffness(case: Case) -> str:
     # Cheap first: most cases are not stiff at their start, and end here.
     if (steps := taylor_steps(case)) > MIN_STIFF_STEPS:
         # Along the way, because damping may have slowed or the motion may only become fast later.
-        times = np.unique(np.linspace(case.time.start, case.time.end, 17)[1:])
+        times = even_times(case, 17)[1:]
         # A trial need not take more steps than the motion itself may, nor more time: where it has
         # not ended, collocation to the tolerance of the case would not either.
         most = min(steps / COLLOCATION_COST, MAX_TRIAL_STEPS, case.max_steps or MAX_TRIAL_STEPS)

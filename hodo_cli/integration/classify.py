@@ -27,7 +27,7 @@ from .crossings import (
 )
 from .driver import at_rest
 from .error import comparable_lengths, judged_events, references, with_step_limit
-from .solve import sample_times, solve
+from .solve import distinct, even_times, sample_times, solve
 from .trajectory import Occurrence, Trajectory
 
 ERROR_CHECKS = 513
@@ -157,7 +157,7 @@ def searched(
     `uncertainty` is that of the `CrossingSearch`. The motion ends at the time `until`.
     """
     samples = sample_times(case)
-    times = with_checks(samples, case.time.start, case.time.end)
+    times = with_checks(samples, even_times(case, ERROR_CHECKS))
     times = times[times <= until]
     body = body_of(case)
     kind = CrossingSearch if body.rotor_momentum is None else RegionSearch
@@ -165,7 +165,7 @@ def searched(
     motion = solve(case, method, precision, tol, times, search)
     rows = np.searchsorted(times, samples)
     if motion.succeeded:  # an event that ends it is its last sample, whatever times lie behind
-        rows = np.unique(np.minimum(rows, len(motion.time) - 1))
+        rows = distinct(np.minimum(rows, len(motion.time) - 1))
     return DenseSolution(motion, search.parts, rows[rows < len(motion.time)])
 
 
@@ -183,18 +183,15 @@ def principal_omega(motion: Trajectory) -> np.ndarray:
     return omega if body.rotor_momentum is None else np.ldexp(omega, motion.exponent[:, None])
 
 
-def with_checks(samples: np.ndarray, start: float, end: float) -> np.ndarray:
-    """Samples (n,) with the ERROR_CHECKS times among them, but for those that are beside a
-    sample."""
-    checks = np.unique(np.linspace(start, end, ERROR_CHECKS))
+def with_checks(samples: np.ndarray, checks: np.ndarray) -> np.ndarray:
+    """Samples (n,) with the times `checks` among them, but for those that are beside a sample."""
     after = np.searchsorted(samples, checks)
     nearest = np.minimum(
         np.abs(samples[np.minimum(after, len(samples) - 1)] - checks),
         np.abs(samples[np.maximum(after - 1, 0)] - checks),
     )
     # Times a rounding apart would be one in an engine's own units.
-    apart = checks[nearest > 1e-9 * (end - start)]
-    # Not `union1d`, which loads numpy's masked arrays: no two of these are equal.
+    apart = checks[nearest > 1e-9 * (checks[-1] - checks[0])]
     return np.sort(np.concatenate((samples, apart)))
 
 

@@ -29,6 +29,21 @@ REFINEMENTS, OTHER_REFINEMENTS = {"taylor": 5}, 2
 already by methods whose steps are taken in Python."""
 
 
+def distinct(numbers: Any) -> np.ndarray:
+    """Numbers in ascending order, each once. Not by `np.unique`, which loads numpy's masked arrays:
+    that takes as long as twenty motions."""
+    ordered = np.sort(numbers)
+    is_new = np.ones(len(ordered), dtype=bool)
+    is_new[1:] = ordered[1:] != ordered[:-1]
+    return np.asarray(ordered[is_new])
+
+
+def even_times(case: Case, number: int) -> np.ndarray:
+    """So many times, evenly spaced, from the start of a case to its end; fewer of a span that has
+    no more doubles."""
+    return distinct(np.linspace(case.time.start, case.time.end, number))
+
+
 def sample_times(case: Case) -> np.ndarray:
     """The times (n,) at which a case is stored; a single sample is the end."""
     time = case.time
@@ -55,7 +70,7 @@ def step_times(case: Case, method: str) -> np.ndarray:
     observer, span = StepTimes([]), (case.time.start, case.time.end)
     solve(case, method, case.precision, case.tol, np.array(span[1:]), observer)
     inner = [time for time in observer.times if span[0] < time < span[1]]
-    return np.unique([*inner, *span])
+    return distinct([*inner, *span])
 
 
 @np.errstate(all="ignore")  # what overflows ends a motion, and its status says so

@@ -23,6 +23,7 @@ from ..claims.finding import (
     listed,
 )
 from ..claims.quantities import integrated_motion, number, quantity
+from ..integration import distinct
 from ..models.theory.closed_form import sn_cn_dn
 from ..models.top.nutation import mean_cosine
 from ..results.motion import Motion
@@ -329,7 +330,7 @@ def comes_back(motions: Sequence[Motion], multiple: int) -> Finding:
     for m in motions:
         shift = multiple * half_period(m) * m.case.data["epsilon"]
         earlier = m.time[m.time + shift <= m.time[-1]]
-        times = np.unique([*earlier, *(earlier + shift)])
+        times = distinct([*earlier, *(earlier + shift)])
         if not times.size:
             raise Undecidable(f"{m.words} is shorter than {multiple} K(k)/alpha")
         both = integrated_motion(replace(m.case, time=m.case.time.listed(times)))
