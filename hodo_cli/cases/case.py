@@ -64,6 +64,8 @@ class FrozenDict(dict[str, Any]):
 
 def frozen(value: Any) -> Any:
     """Plain data with every mapping in them frozen, and every list a tuple."""
+    if isinstance(value, FrozenDict):
+        return value
     if isinstance(value, Mapping):
         return FrozenDict({key: frozen(item) for key, item in value.items()})
     return tuple(map(frozen, value)) if isinstance(value, list | tuple) else value
