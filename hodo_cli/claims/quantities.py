@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -72,6 +73,14 @@ LEAST_PLACES, LEAST_TIMES = 2, 200
 
 GOLDEN_PART = (3 - math.sqrt(5)) / 2
 
+MOST_FINER_SAMPLES = 1_000_000
+"""Samples that `between_samples` keeps for the next claim about the same motions: some 100 MB."""
+
+FINER: WeakKeyDictionary[Motion, Motion] = WeakKeyDictionary()
+NUMBERS_KNOWN: WeakKeyDictionary[Motion, dict[str, float]] = WeakKeyDictionary()
+"""What a claim has computed of motions, for the next that asks: motions with samples between their
+own, and single numbers by their names."""
+
 
 def between_samples(m: Motion) -> Motion:
     """The same motion with samples at places within each interval as well.
@@ -81,10 +90,16 @@ def between_samples(m: Motion) -> Motion:
     intervals = np.arange(len(m.time) - 1)
     if not len(intervals):
         return m
+    if m in FINER:
+        return FINER[m]
     places = max(LEAST_PLACES, math.ceil(LEAST_TIMES / len(intervals)))
     # Irrational parts, so that an oscillation of which each sample meets the same phase shows
     # itself; those of the golden section lie apart, however many they are.
-    return cut(m, intervals, np.arange(1, places + 1) * GOLDEN_PART % 1)
+    finer = cut(m, intervals, np.arange(1, places + 1) * GOLDEN_PART % 1)
+    if sum(len(kept.time) for kept in FINER.values()) > MOST_FINER_SAMPLES:
+        FINER.clear()
+    FINER[m] = finer
+    return finer
 
 
 def cut(m: Motion, intervals: np.ndarray, places: np.ndarray) -> Motion:
@@ -162,12 +177,13 @@ def quantity(m: Motion, name: str) -> np.ndarray:
         return known_values(m, name, m[name])
     if name in READ_OFF_SAMPLES:
         check_start(m)
-    if name not in m.numbers:
+    known = NUMBERS_KNOWN.setdefault(m, {})
+    if name not in known:
         try:
-            m.numbers[name] = NUMBERS[name](m)
+            known[name] = NUMBERS[name](m)
         except KeyError as missing:
             raise HodoError(f"{m.words} has no {missing}, which {name} needs") from None
-    return np.array([m.numbers[name]])
+    return np.array([known[name]])
 
 
 def known_values(m: Motion, name: str, values: np.ndarray) -> np.ndarray:

@@ -64,20 +64,24 @@ def members(
     axes = axes_of(over)
     shape = tuple(map(len, axes))
     numbers = np.arange(math.prod(shape))
+    names = [member_name(axes, np.unravel_index(i, shape)) for i in numbers]
     by_case = []
     for case in cases:
         data = {**case.data, **first_values(over, type(case.system), case.data)}
-        varied = replace(case, sweep=over, data=data)
-        by_case.append([*members_as_cases(varied, numbers, None)])
-    for case in itertools.chain(*by_case):
-        for mistake in type(case.system).check(case.data):
-            raise HodoError(f"member {case.name}: {mistake}")
-    labels = [starting_axes(varied) for varied in by_case if start]
-    names = [member_name(axes, np.unravel_index(i, shape)) for i in numbers]
-    # Messages name a member by its values: its number in the grid says nothing.
+        varied = members_as_cases(replace(case, sweep=over, data=data), numbers, None)
+        # Messages name a member by its values: its number in the grid says nothing.
+        of_case = [
+            replace(member, name=f"{case.name} with {name}")
+            for name, member in zip(names, varied, strict=True)
+        ]
+        for number, member in enumerate(of_case):
+            for mistake in type(member.system).check(member.data):
+                raise HodoError(f"member {case.name}.{number}: {mistake}")
+        by_case.append(of_case)
+    labels = [starting_axes(of_case) for of_case in by_case if start]
     return {
-        name: tuple(replace(case, name=f"{cases[j].name} with {name}") for j, case in enumerate(of))
-        for i, (name, of) in enumerate(zip(names, zip(*by_case, strict=True), strict=True))
+        name: of_member
+        for i, (name, of_member) in enumerate(zip(names, zip(*by_case, strict=True), strict=True))
         if all(of_case[i] == start for of_case in labels)
     }
 

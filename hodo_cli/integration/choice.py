@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -52,6 +53,7 @@ def best(case: Case, precision: str) -> tuple[str, str]:
     return "taylor", "not stiff"
 
 
+@lru_cache(maxsize=1024)  # claims integrate a case several times, and a trial may take seconds
 def stiffness(case: Case) -> str:
     """Why a case is stiff, so that collocation is faster than a Taylor series; an empty string if
     it is not."""

@@ -49,7 +49,7 @@ LABELS_COMPARED, MIN_MARGIN_COMPARED, MIN_SIZE_COMPARED = 32, 0.1, 1e-290
 separatrix, as a part of the terms of D, and how large at least."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Motion:
     """A case, its variables over ascending times, the attributes that are stored with them, what a
     figure calls it, and its file."""
@@ -64,11 +64,6 @@ class Motion:
     def name(self) -> str:
         """The case's name in the file."""
         return self.case.name
-
-    @cached_property
-    def numbers(self) -> dict[str, float]:
-        """What a claim has computed of this motion, by its name, for the next that asks."""
-        return {}
 
     @property
     def words(self) -> str:
