@@ -10,6 +10,7 @@ import numpy as np
 from ..cases.derived import BODY_AXES, COMPONENTS
 from ..cases.figure_block import KINDS_IN_SPACE
 from ..models.base import attributes, has_formula_of_time, stacked
+from ..models.rigid_body import vector_product, vector_sum
 from .motion import (
     ANGLES_THAT_TURN,
     EULER_ANGLES,
@@ -50,15 +51,16 @@ def turns(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
 
     The rates belong to a free body, beside which a torque turns G slowly.
     """
-    omega, A = motion.principal_omega, motion.inertia
+    # Of components (3, n): numpy is slow along an axis of three whose numbers lie together.
+    omega, A = np.ascontiguousarray(motion.principal_omega.T), motion.inertia[:, None]
     size = np.abs(omega).max(initial=0) or 1.0
     w = omega / size
-    G = A * w if motion.rotor is None else A * w + motion.rotor / size
-    rate = np.cross(G, w)
-    bend = np.cross(rate, w) + np.cross(G, rate / A)
-    speed = np.linalg.norm(rate, axis=-1)
+    G = A * w if motion.rotor is None else A * w + motion.rotor[:, None] / size
+    rate = vector_product([*G], [*w])
+    bend = vector_sum(vector_product(rate, [*w]), vector_product([*G], [*(rate / A)]))
+    speed = np.linalg.norm(rate, axis=0)
     with np.errstate(all="ignore"):  # where G stands still it turns by no angle
-        curl = np.linalg.norm(np.cross(rate, bend), axis=-1) / speed**2
+        curl = np.linalg.norm(vector_product(rate, bend), axis=0) / speed**2
     wide = longer_intervals(motion) * size
     return np.where(speed > 0, np.nan_to_num(curl), 0) * wide, speed * wide * size
 
