@@ -206,17 +206,18 @@ class Taylor:
         def after_step(ta: Any) -> bool:
             """Record events that heyoka has lost, and show the step; whether to go on."""
             nonlocal last, values, is_first, is_blind
-            if is_first and ta.time - last > BLIND_RATIO * self._visible_step():
+            now = ta.time
+            if is_first and now - last > BLIND_RATIO * self._visible_step():
                 is_blind = True
                 return False
             is_first, stop = False, None
             if self.events:
-                before, values = values, self._values(ta.time, state, self.numbers)
+                before, values = values, self._values(now, state, self.numbers)
                 self._record_lost(self.numbers, last, before, values)
                 stop = self._first_stop
             if observe is not None:
-                observe(last, ta.time if stop is None else stop.time, series)
-            last = ta.time
+                observe(last, now if stop is None else stop.time, series)
+            last = now
             return control.step(state) and stop is None and not is_blind
 
         longest = control.longest

@@ -112,7 +112,9 @@ STEPS_AT_ONCE = 512
 
 
 class StepBuffer(StepObserver):
-    """Keeps the steps of a motion, and examines many at once."""
+    """Keeps the steps of a motion, and examines `enough` of them at once."""
+
+    enough: float = STEPS_AT_ONCE
 
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
         super().begin(engine, clock, units)
@@ -121,13 +123,8 @@ class StepBuffer(StepObserver):
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
         self.ends.append((start, end))
         self.series.append(series.copy())
-        if self.is_full:
+        if len(self.ends) >= self.enough:
             self.flush()
-
-    @property
-    def is_full(self) -> bool:
-        """Whether the steps kept are enough."""
-        return len(self.ends) == STEPS_AT_ONCE
 
     def flush(self) -> None:
         if not self.ends:

@@ -102,7 +102,7 @@ class StepCheck(StepBuffer):
 
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
         super().begin(engine, clock, units)
-        self.longest, self.change, self.enough = 0.0, None, 512
+        self.longest, self.change, self.at_once = 0.0, None, 512
         self.at_begin = self.control.steps, self.control.evaluations
         self.verdict = Status.OK, ""
         self.kinds = kinds_of_variables(type(self.system))
@@ -110,11 +110,8 @@ class StepCheck(StepBuffer):
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
         self.longest = max(self.longest, float(end - start))
+        self.enough = self.at_once / self.points
         super().__call__(start, end, series)
-
-    @property
-    def is_full(self) -> bool:
-        return len(self.ends) * self.points >= self.enough
 
     @property
     def points(self) -> int:
@@ -152,7 +149,7 @@ class StepCheck(StepBuffer):
             self.note(self.clock.exact_times(ends[0, 0] + place * (ends[0, 1] - ends[0, 0])))
         self.look_for_pole(ends, b)
         self.longest = 0.0
-        self.enough = min(2 * self.enough, POINTS_AT_ONCE)
+        self.at_once = min(2 * self.at_once, POINTS_AT_ONCE)
 
     def look_for_pole(self, ends: np.ndarray, b: np.ndarray) -> None:
         """Note a pole of the equations, towards which steps become ever shorter: the motion is to
