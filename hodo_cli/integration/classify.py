@@ -86,13 +86,14 @@ def classify(
     motion, samples = dense.motion, dense.rows[: len(omega)]
     check_stored(motion, samples, omega, expected)
     absorbing = case.system.absorbing_axes(case.time.start, case.time.end)
-    errors, reference, listed = assumed_errors(motion, largest), None, CrossingList([], [], [])
-    if not stays_on_one_side(dense, errors):
+    everywhere, reference = labels_on_one_side(dense, largest), None
+    listed = CrossingList([], [], [])
+    if everywhere is None:
         assumed = largest if math.isnan(error) else expected
         errors, reference = against_reference(dense, assumed, absorbing)
-        listed = crossings_of(dense, errors, absorbing)
+        listed, everywhere = crossings_of(dense, errors, absorbing), sample_labels(motion, errors)
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
-    labels[: len(samples)] = sample_labels(motion.at(samples), errors[samples])
+    labels[: len(samples)] = everywhere[samples]
     labels = with_hidden_labels(labels, absorbing)
     crossings, warnings = (
         resolve_conflicts(listed, reference)
@@ -121,7 +122,7 @@ def sample_labels(motion: Trajectory, errors: np.ndarray) -> np.ndarray:
     axes = body.enclosed(principal_omega(motion), CERTAIN_ERRORS * errors)
     resting = at_rest(extended(motion.omega), motion.exponent)
     # Where the equations have a corner at rest, the motion begins beside it.
-    if not any(body.velocity(body.inertia, body.initial)):
+    if not any(body.initial_velocity):
         resting |= motion.time == motion.case.time.start
     return np.where(resting, rigid_body.UNDETERMINED, axes)
 
@@ -206,13 +207,13 @@ def check_stored(motion: Trajectory, rows: np.ndarray, omega: np.ndarray, expect
         )
 
 
-def stays_on_one_side(dense: DenseSolution, errors: np.ndarray) -> bool:
-    """Whether a motion encloses one axis all along, farther from the separatrix than errors (n,) of
-    it reach."""
+def labels_on_one_side(dense: DenseSolution, expected: float) -> np.ndarray | None:
+    """The labels (n,) of a motion that encloses one axis all along, farther from the separatrix
+    than an error of `expected` in every step reaches; None of any other."""
     if dense.signs:
-        return False
-    labels = sample_labels(dense.motion, errors)
-    return bool(((labels > 0) & (labels == labels[:1])).all())
+        return None
+    labels = sample_labels(dense.motion, assumed_errors(dense.motion, expected))
+    return labels if ((labels > 0) & (labels == labels[:1])).all() else None
 
 
 def against_reference(
@@ -364,10 +365,12 @@ def sample_sides(motion: Trajectory) -> SignChanges:
 def with_hidden_labels(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndarray:
     """Labels (n,) with those that the error of a motion hides, where its equations tell them: it
     never leaves the axes that are `absorbing`, and before that it enclosed the other axis."""
+    if not absorbing:
+        return labels
     sample, is_absorbing = np.arange(len(labels)), np.isin(labels, [*absorbing])
     # The first sample about an absorbing axis, and the last one about another: one each, or none.
     first, last = sample[is_absorbing][:1], sample[(labels > 0) & ~is_absorbing][-1:]
-    if not absorbing or (last > first).any():  # its error is larger than stated
+    if (last > first).any():  # its error is larger than stated
         return labels
     # A start on D = 0 is on neither side, wherever it leads.
     hidden, filled = (labels == rigid_body.SEPARATRIX) & (sample > 0), labels.copy()

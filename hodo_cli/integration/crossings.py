@@ -294,11 +294,13 @@ def deciding_moments(
 
     They are the last one before it comes to an absorbing axis, and the first one there.
     """
+    if not absorbing:
+        return sure, False
     there = np.isin(axis, [*absorbing])
     first = int(np.argmax(there)) if there.any() else len(sure)
     if (axis[first:] != axis[first : first + 1]).any():
         return sure, False  # its error is larger than stated, and its crossings are listed as seen
-    return sure[max(first - 1, 0) : first + 1] if absorbing else sure, first < len(sure)
+    return sure[max(first - 1, 0) : first + 1], first < len(sure)
 
 
 def _moment_of_crossing(signs: SignChanges, first: int, last: int) -> tuple[int, float]:

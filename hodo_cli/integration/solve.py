@@ -172,13 +172,18 @@ def attempted(
             samples = propagation.run(control, observer or monitor, changes)
     except ArithmeticError as error:
         raise HodoError(f"{case.name}: its numbers exceed the range of doubles") from error
-    motion = trajectory(case, method, engine.tol, samples, control, began)
-    motion = replace(motion, restarts=len(changes))
+    motion = trajectory(case, method, engine.tol, samples, control, began, len(changes))
     return motion, monitor is None or monitor.everywhere
 
 
 def trajectory(
-    case: Case, method: str, tol: float, samples: SampleBuffer, control: StepControl, began: float
+    case: Case,
+    method: str,
+    tol: float,
+    samples: SampleBuffer,
+    control: StepControl,
+    began: float,
+    restarts: int = 0,
 ) -> Trajectory:
     """The motion that ends now: its known samples and what they cost since `began`."""
     spent, known = thread_time() - began, slice(samples.done)
@@ -186,6 +191,7 @@ def trajectory(
         case, case.system, method, tol,
         samples.time[known], samples.state[known], samples.exponent[known], tuple(samples.events),
         control.steps, control.evaluations, spent, control.status, control.message,
+        restarts=restarts,
     )  # fmt: skip
 
 
