@@ -364,14 +364,19 @@ class BodyFrame(Model):
             return
         yield from mistake_of(("initial",), cls.velocity, A, data["initial"])
 
+    @cached_property  # in a hundred decimal places, and asked for a dozen times
+    def initial_velocity(self) -> tuple[float, ...]:
+        """(p, q, r) at the start."""
+        return self.velocity(self.inertia, self.initial)
+
     @property
     def start(self) -> tuple[float, ...]:
-        return self.velocity(self.inertia, self.initial)
+        return self.initial_velocity
 
     @property
     def omega_at_start(self) -> np.ndarray:
         """The angular velocity (3,) at the start, as the data give it."""
-        return np.array(self.velocity(self.inertia, self.initial))
+        return np.array(self.initial_velocity)
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
         w = np.moveaxis(omega, -1, 0)
