@@ -65,7 +65,8 @@ def sampled_motion(
     if passed is not None:
         axes = body_of(case).enclosed(principal_omega(trajectory), CERTAIN_ERRORS * EPS)
         variables |= label_variables(axes, passed)
-    return Motion(case, variables, {"classify_warnings": "\n".join(warnings)}, case.name)
+    attrs = {"classify_warnings": "\n".join(warnings)}
+    return Motion(case, variables, attrs, case.name, has_own_labels=True)
 
 
 LEAST_PLACES, LEAST_TIMES = 2, 200
@@ -121,7 +122,7 @@ def cut(m: Motion, intervals: np.ndarray, places: np.ndarray) -> Motion:
         if variable.dims[:1] == ("time",):
             values = np.concatenate((m.data[name].data, variable.data))
             data[name] = replace(variable, data=values[in_order])
-    return replace(m, data=data)
+    return replace(m, data=data, has_own_labels=True)
 
 
 MOST_PEAKS = 64
@@ -153,7 +154,10 @@ def closer(m: Motion, intervals_of: Callable[[Motion, float], np.ndarray]) -> Mo
     """The same motion with samples close to what is read off it, in PASSES: within the intervals
     that hold it, by what the samples may have missed. Raises as `cut` does."""
     for parts, missed in PASSES:
-        m = cut(m, intervals_of(m, missed), np.arange(1, parts) / parts)
+        intervals = intervals_of(m, missed)
+        if not len(intervals):
+            break
+        m = cut(m, intervals, np.arange(1, parts) / parts)
     return m
 
 

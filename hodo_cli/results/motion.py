@@ -52,13 +52,14 @@ separatrix, as a part of the terms of D, and how large at least."""
 @dataclass(frozen=True, eq=False)
 class Motion:
     """A case, its variables over ascending times, the attributes that are stored with them, what a
-    figure calls it, and its file."""
+    figure calls it, its file, and whether its labels are known to be those of its omega."""
 
     case: Case
     data: Variables
     attrs: Mapping[str, Any] = field(default_factory=dict)
     label: str = ""
     path: str = "RUN"
+    has_own_labels: bool = False
 
     @property
     def name(self) -> str:
@@ -325,6 +326,8 @@ class Motion:
             how = f"run `{command}` first" if self.path else "classify it first"
             raise HodoError(f"{self.words} has no labels of the enclosed axis: {how}")
         labels = self.stored("enclosed_axis")
+        if self.has_own_labels:
+            return labels
         if self.frame and "omega" in self.vectors and self._contradicts(self.frame, labels):
             raise HodoError(
                 f"{self.words} has labels of another motion, as after arithmetic with a whole "
