@@ -78,13 +78,17 @@ class Output:
         if group.report:
             _set_attributes(target, {REPORT_DIGEST: group.report.digest, REPORT: group.report.json})
 
-    def copy(self, run: ResultFile, name: str) -> None:
-        """Copy a group as it is stored. Raises HodoError if it is damaged.
+    def copy(self, run: ResultFile, name: str, addition: Group | None = None) -> None:
+        """Copy a group as it is stored, or write it with an addition. Raises HodoError if it is
+        damaged.
 
         HDF5 breaks the links of datasets to their dimensions when it copies: they are made anew.
         What another program may have written beside the data is left out: the new file would vouch
         for it.
         """
+        if addition:
+            self.write(name, run.read(name).with_addition(addition))
+            return
         self._disk.check()
         with run.open_group(name) as old:
             h5o.copy(old.id, b".", self._file.id, name.encode(), lcpl=LINK)
@@ -151,41 +155,29 @@ def _attach(items: Mapping[str, h5d.DatasetID], dims: Mapping[str, tuple[str, ..
 
 
 @contextmanager
-def create(path: Path, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
+def create(
+    path: Path, attributes: Mapping[str, Attribute], damaged: Path | None = None
+) -> Iterator[Output]:
     """A new file with these root attributes; the version of the format is one in any case.
 
-    Raises OSError if the operating system does not let it be written.
+    It begins as a copy of a `damaged` file, whose groups HDF5 cannot copy: their bytes are kept,
+    and the groups that are written replace theirs and come last. It gets no checksum then, so that
+    the damage is seen again. Raises OSError if the operating system does not let it be written.
     """
+    root = {"format_version": FORMAT_VERSION, **attributes}
     with BufferedFile(path) as disk:
-        with h5py.File(disk, "w", track_order=True) as file:
-            _set_root(file, attributes)
-            yield Output(file, disk)
-        disk.check()
-        append_checksum(disk)
-
-
-@contextmanager
-def amend(path: Path, run: ResultFile, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
-    """A copy of a file that holds damaged groups, which HDF5 cannot copy: their bytes are kept, and
-    the groups that are written replace theirs and come last. It gets no checksum, so that the
-    damage is seen again.
-
-    Raises OSError if the operating system does not let it be written.
-    """
-    with BufferedFile(path) as disk:
-        with open(run.path, "rb") as file:
-            shutil.copyfileobj(file, disk)
-        disk.check()
-        with h5py.File(disk, "r+") as file:
+        if damaged:
+            with open(damaged, "rb") as source:
+                shutil.copyfileobj(source, disk)
+            disk.check()
+        with h5py.File(disk, "r+" if damaged else "w", track_order=True) as file:
             for name in [*file.attrs]:
                 del file.attrs[name]
-            _set_root(file, attributes)
+            _set_attributes(file.id, {**root, "checksum": checksum_of(Group(root, {}))})
             yield Output(file, disk)
-
-
-def _set_root(file: h5py.File, attributes: Mapping[str, Attribute]) -> None:
-    root = {"format_version": FORMAT_VERSION, **attributes}
-    _set_attributes(file.id, {**root, "checksum": checksum_of(Group(root, {}))})
+        disk.check()
+        if not damaged:
+            append_checksum(disk)
 
 
 def _file_type(name: str, data: np.ndarray) -> Any:

@@ -36,7 +36,7 @@ from .finished_cases import (
 )
 from .group import Attribute, Group
 from .hdf5 import ResultFile, open_run, size_of
-from .output import amend, create
+from .output import create
 from .staging import Staging, check_writable, chunks_in, identity, os_errors_as, publish, synced
 
 _Outcome = TypeVar("_Outcome")
@@ -115,7 +115,7 @@ class Writer:
         self.path, self._attributes, self._order = path, attributes, order
         self._staging, self._old, self._before = staging, old, before
         self._cases: dict[str, FinishedCase] = {}
-        self._texts: dict[str, str] = {}
+        self._texts: dict[str, Group] = {}
         self._chunks = {
             _chunk_key(file): file for folder in staging.dead for file in chunks_in(folder)
         }
@@ -165,16 +165,16 @@ class Writer:
     def _store(self, names: Sequence[str]) -> None:
         if not names:
             return
-        shard = self.next_shard()
-        self._put(shard, {name: self._waiting[name][0] for name in names})
+        shard = self._put(self.next_shard(), {name: self._waiting[name][0] for name in names})
         for name in names:
             group, then = self._waiting.pop(name)
             self._cases[name] = FinishedCase(name, shard, group.attributes)
             then()
 
-    def _put(self, file: Path, groups: Mapping[str, Group]) -> None:
-        draft = file.with_name("draft")
+    def _put(self, file_name: str, groups: Mapping[str, Group]) -> Path:
+        """A new file in the staging folder, with these groups."""
         with os_errors_as(self.path, CASES_KEPT):
+            draft, file = self._staging / "draft", self._staging / file_name
             with create(draft, {}) as output:
                 for name, group in groups.items():
                     output.write(name, group)
@@ -182,6 +182,7 @@ class Writer:
             # The new name is on the disk with the next sync: one file may be lost, and half of the
             # time for syncing is saved.
             os.replace(draft, file)
+        return file
 
     def chunks(self, sweep_id: str) -> set[int]:
         """The numbers of a sweep's chunks that this run and dead ones have finished. `sweep_id` is
@@ -195,10 +196,8 @@ class Writer:
     def add_chunk(self, sweep_id: str, number: int, group: Group) -> None:
         """Write a finished chunk of a sweep; it survives the death of this process. Raises
         HodoError if it cannot be written."""
-        with os_errors_as(self.path, CASES_KEPT):
-            file = self._staging / f"part-{sweep_id}-{number}.h5"
-        self._put(file, {"part": group})
-        self._chunks[sweep_id, number] = file
+        name = f"part-{sweep_id}-{number}.h5"
+        self._chunks[sweep_id, number] = self._put(name, {"part": group})
 
     def keep_all_chunks(self) -> None:
         """Leave the chunks of dead runs for the next writer."""
@@ -222,7 +221,7 @@ class Writer:
         if case.damage or not (case.name in (self._old or ()) if is_old else case.file.exists()):
             return False
         if text and text != case.attributes.get("case"):
-            self._texts[case.name] = text
+            self._texts[case.name] = Group({"case": text}, {})
         self._cases[case.name] = case
         return True
 
@@ -235,7 +234,7 @@ class Writer:
             if name not in gone and name not in self._cases and name not in old.damaged:
                 self.keep(FinishedCase(name, self.path, resume_attributes(old, name)))
 
-    def next_shard(self) -> Path:
+    def next_shard(self) -> str:
         """The name of a new shard, beside the attributes of the result to be, which the first one
         writes. Raises BatchError if these cannot be written."""
         with os_errors_as(self.path, CASES_KEPT if self._waiting or self._cases else ""):
@@ -245,8 +244,8 @@ class Writer:
                 with create(file, {**self._attributes, ORDER_ATTRIBUTE: "\n".join(self._order)}):
                     pass
                 synced(file)
-            self._count += 1
-            return self._staging / f"{self._count}.h5"
+        self._count += 1
+        return f"{self._count}.h5"
 
     def finish(self) -> None:
         """Join the cases under the result's name, if there is anything new."""
@@ -312,11 +311,7 @@ class Writer:
                 opened = nullcontext(source) if isinstance(source, ResultFile) else open_run(source)
                 with opened as run:
                     for name in names:
-                        if name in self._texts:
-                            text = Group({"case": self._texts[name]}, {})
-                            output.write(name, run.read(name).with_addition(text))
-                        else:
-                            output.copy(run, name)
+                        output.copy(run, name, self._texts.get(name))
 
 
 def _chunk_key(file: Path) -> tuple[str, int]:
@@ -409,7 +404,7 @@ def _rewrite(file: Path, result: ResultFile, changes: Update, history: str) -> N
     is_latest = identity(result.path) == changes.file_identity
     additions = changes.additions if is_latest else _applicable(changes, result)
     attributes = {**result.attributes, "history": longer(result, history)}
-    with amend(file, result, attributes) if is_amended else create(file, attributes) as output:
+    with create(file, attributes, damaged=result.path if is_amended else None) as output:
         for name in dict.fromkeys([*result.groups, *additions]):
             # HDF5 neither copies nor removes a group that it cannot read. Damaged verdicts wait for
             # a file without damaged cases, where `hodo claims` gives them again.
