@@ -411,14 +411,16 @@ def speed_table(bench: Mapping[str, np.ndarray]) -> list[list[str]]:
     """A row per case: the fastest method, with its run time, for each number of digits."""
     rows = [["case", *(f"{digits} digits" for digits in DIGITS)]]
     for case, error, run_time in zip(bench["case"], bench["error"], bench["run_time"], strict=True):
-        winners = []
-        for digits in DIGITS:
-            # A comparison with nan is false, so that a trial without an error is never the fastest.
-            times = np.where(error <= 10.0**-digits, run_time, np.inf).min(axis=1)
-            method, time = bench["method"][times.argmin()], times.min()
-            winners.append(f"{method} {seconds(time)}" if np.isfinite(time) else "-")
-        rows.append([case, *winners])
+        # A comparison with nan is false, so that a trial without an error is never the fastest.
+        rights = [np.where(error <= 10.0**-digits, run_time, np.inf) for digits in DIGITS]
+        rows.append([case, *(fastest(bench["method"], times.min(axis=1)) for times in rights)])
     return rows
+
+
+def fastest(methods: np.ndarray, times: np.ndarray) -> str:
+    """The method (n,) with the least time (n,), and that time; a dash if none is finite."""
+    best = times.argmin()
+    return f"{methods[best]} {seconds(times[best])}" if np.isfinite(times[best]) else "-"
 
 
 VERDICT_HEADER = [
@@ -438,9 +440,7 @@ def verdict_table(bench: Mapping[str, np.ndarray]) -> list[list[str]]:
         )
         is_right = error <= np.fmax(ERROR_SLACK * ERROR_LIMIT_ASKED, ULP_EFFECTS * floor)
         is_right[is_auto] = False
-        times = np.where(is_right, run_time, np.inf)
-        best = times.argmin()
-        rival = f"{taken[best]} {seconds(times[best])}" if is_right.any() else "-"
+        rival = fastest(taken, np.where(is_right, run_time, np.inf))
         by_auto = [
             [taken[j], magnitude(error[j]), magnitude(floor[j]), seconds(run_time[j]), status[j]]
             for j in np.flatnonzero(is_auto)
