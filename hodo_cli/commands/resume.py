@@ -23,7 +23,6 @@ from ..storage import (
     FinishedCase,
     Group,
     ResultFile,
-    history_line,
     holds,
     result_of,
     root_attributes,
@@ -144,15 +143,13 @@ def place_of_config(run: ResultFile) -> str:
     return os.path.realpath(run.path.parent / str(run.attributes.get(CONFIG_PATH, "")))
 
 
-def attributes_by(command: str, config: Config) -> dict[str, str | int]:
+def attributes_by(command: str, config: Config) -> dict[str, str]:
     """The root attributes of a result of a config that a command with its arguments makes; they
     name the overrides of the config, and the user's own models."""
-    history = history_line(f"hodo {command}")
-    made = root_attributes(config.title, config.references, config.text, history)
     # A line of YAML may be broken where it has a space.
     overrides = "\n".join(" ".join(text.splitlines()) for text in config.overrides)
     more = {OVERRIDES: overrides, OWN_MODELS: models.kept_own_models()}
-    return {**made, **{name: text for name, text in more.items() if text}}
+    return root_attributes(f"hodo {command}", config.title, config.references, config.text, more)
 
 
 def check_origin(config: Config, run: ResultFile, remedy: str = "") -> None:

@@ -49,18 +49,20 @@ def history_line(command: str) -> str:
     return f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {command}"
 
 
-def root_attributes(title: str, references: str, config: str, history: str) -> dict[str, str | int]:
-    """The root attributes of a result; `config` is the case file's text, `history` a line made by
-    `history_line`."""
+def root_attributes(
+    command: str, title: str, references: str, config: str, more: Mapping[str, str]
+) -> dict[str, str]:
+    """The root attributes of a result that a command makes, besides the version of its format;
+    `config` is the case file's text. Of `more` those are left out that are empty."""
     return {
         "Conventions": "CF-1.11",
         "title": title,
         "source": f"hodo {__version__}",
         "references": references,
-        "history": history,
-        "format_version": FORMAT_VERSION,
+        "history": history_line(command),
         **versions(),
         "config": config,
+        **{name: text for name, text in more.items() if text},
     }
 
 
