@@ -241,9 +241,7 @@ def read_mapping(text: str, mistakes: Mistakes) -> Block:
     document = read(text, mistakes)
     if isinstance(document, Block):
         return document
-    raise mistakes.fatal(
-        Place(1, 1), f"expected a mapping of keys to values, got {shown(document)}"
-    )
+    mistakes.fail(Place(1, 1), f"expected a mapping of keys to values, got {shown(document)}")
 
 
 def _written(data: Any) -> Any:
@@ -271,9 +269,7 @@ def checked_case(name: Any, block: Block) -> Case:
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise Wrong(((), f"{NAME_RULE}, not {shown(name)}"))
     model, keys = keys_in(block)
-    entries, mistakes = _entries_taken(block, model, keys)
-    values, more = check_keys(keys, entries)
-    mistakes += more
+    values, mistakes = _values_of(block, model, keys)
     if model is None:
         raise Wrong(*mistakes)
     data = _data_of(model, values)
@@ -312,12 +308,11 @@ def _sound_system(
 
 def _sampled_time(system: Model, values: Mapping[str, Any]) -> Time:
     """The time of a case, with the number of samples that it does not name."""
-    time = {**values["time"]}
-    if time["samples"] is None:
-        span = time["end"] - time["start"]
-        number = FEWEST_SAMPLES if values["sweep"] else smooth_samples(system, span)
-        time["samples"] = min(number, most_samples(time["start"], time["end"]))
-    return Time(**time)
+    time, start, end = values["time"], values["time"]["start"], values["time"]["end"]
+    if time["samples"] is not None:
+        return Time(**time)
+    number = FEWEST_SAMPLES if values["sweep"] else smooth_samples(system, end - start)
+    return Time(**time | {"samples": min(number, most_samples(start, end))})
 
 
 FEWEST_SAMPLES, MOST_SAMPLES = 1001, 50_001
@@ -438,10 +433,10 @@ def _store_mistakes(
             yield ("store", i), f"{name} needs {needed}{remedy_of(lacks)}"
 
 
-def _entries_taken(
+def _values_of(
     block: Block, model: type[Model] | None, keys: Mapping[str, Key]
 ) -> tuple[dict[str, Any], list[Mistake]]:
-    """The entries of a case that are to be checked, and a mistake for each key of another form.
+    """The values of a case by its keys, and the mistakes in them; a key of another form is one.
 
     Left out besides are defaults that its model does not take; the keys of every model where none
     is named; and all keys of a model that is not known, which may be its own.
@@ -460,7 +455,8 @@ def _entries_taken(
             mistakes.append(((WrongKey(key),), f"is a key of {takers}{hint}"))
         else:
             entries[key] = value  # a key of no model, which is refused as unknown
-    return entries, mistakes
+    values, more = check_keys(keys, entries)
+    return values, [*mistakes, *more]
 
 
 def _takers(model: type[Model], key: str) -> str:

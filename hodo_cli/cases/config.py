@@ -151,9 +151,7 @@ def text_of(path: Path, name: str) -> str:
     if raw.startswith(b"\x89HDF"):
         raise HodoError(f"{name}: a result, where a case file (*.yaml) is expected")
     if len(raw) > MAX_BYTES:
-        raise Mistakes(name).fatal(
-            Place(1, 1), f"larger than {MAX_BYTES // 10**6} MB; split the file"
-        )
+        Mistakes(name).fail(Place(1, 1), f"larger than {MAX_BYTES // 10**6} MB; split the file")
     # Editors on Windows put a byte order mark before the text. `read` refuses what is no UTF-8.
     return raw.decode("utf-8-sig", errors="surrogateescape")
 
@@ -415,7 +413,13 @@ def _with_value(node: Any, kind: Kind, path: Sequence[str], new: Any, place: Pla
         return new
     node = _written_out(node, kind, path[0])
     if is_list(node):
-        return _with_item(node, path[0], path[1:], new, place)
+        if not path[0].isdecimal() or int(path[0]) >= len(node):
+            positions = f"a list whose positions are 0 to {len(node) - 1}"
+            where = positions if node else "an empty list"
+            raise ValueError(f"there is no {path[0]!r} in {where}")
+        items, i = Items(node, getattr(node, "places", [place] * len(node))), int(path[0])
+        items[i], items.places[i] = _with_value(node[i], ANYTHING.kind, path[1:], new, place), place
+        return items
     if node not in (None, REQUIRED) and not isinstance(node, Mapping):
         raise ValueError(f"there is no {path[0]!r} in {shown(node)}")
     block = Block(node if isinstance(node, Mapping) else {})
@@ -435,16 +439,3 @@ def _written_out(node: Any, kind: Kind, head: str) -> Any:
     if node in (None, REQUIRED) or is_list(node) or is_key or not lists:
         return node
     return [node] * (lists[0].length or 1)
-
-
-def _with_item(
-    items: Sequence[Any], head: str, tail: Sequence[str], new: Any, place: Place
-) -> Items:
-    """`_with_value` in a list, at the position `head`."""
-    if not head.isdecimal() or int(head) >= len(items):
-        positions = f"a list whose positions are 0 to {len(items) - 1}"
-        raise ValueError(f"there is no {head!r} in {positions if items else 'an empty list'}")
-    changed = Items(items, getattr(items, "places", [place] * len(items)))
-    i = int(head)
-    changed[i], changed.places[i] = _with_value(items[i], ANYTHING.kind, tail, new, place), place
-    return changed

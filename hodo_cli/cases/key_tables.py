@@ -55,15 +55,6 @@ def _table(keys: Mapping[str, Key]) -> list[Row]:
     return [row for name, key in keys.items() for row in _rows(name, key)]
 
 
-def _model(forms: list[str], keys: list[list[Row]]) -> list[Row]:
-    """The keys of a model; a key that only some forms take names them."""
-    takers = grouped((row, form) for form, rows in zip(forms, keys, strict=True) for row in rows)
-    return [
-        row if taking == forms else (f"{row[0]} (form {', '.join(taking)})", *row[1:])
-        for row, taking in takers.items()
-    ]
-
-
 Groups = Iterator[tuple[str, list[Row]]]
 """The heading and the rows of each table."""
 
@@ -75,8 +66,15 @@ def _cases() -> Groups:
     for model, forms in catalogue.items():
         _, keys_of_first = keys_of(model, None)
         head = {"form": keys_of_first["form"]}
-        tables = [_table({**head, **keys_of_form(form)}) for form in forms.values()]
-        yield f"Model `{model}`", _model(list(forms), tables)
+        takers = grouped(
+            (row, name) for name, form in forms.items() for row in _table(head | keys_of_form(form))
+        )
+        # A key that only some forms take names them.
+        rows = [
+            row if taking == [*forms] else (f"{row[0]} (form {', '.join(taking)})", *row[1:])
+            for row, taking in takers.items()
+        ]
+        yield f"Model `{model}`", rows
     laws = ((f" ({TIME_LAW.tag}: {name})", keys) for name, keys in TIME_LAW.tables.items())
     rows = [
         row for words, keys in laws for name, key in keys.items() for row in _rows(name, key, words)

@@ -69,6 +69,10 @@ class Place(NamedTuple):
     column: int
     override: str = ""
 
+    def shown(self, file: str) -> str:
+        """The place as a message begins with it."""
+        return f"--set {self.override}" if self.override else f"{file}:{self.line}:{self.column}"
+
 
 class Mistakes:
     """The mistakes found in a file, each once, to be raised together."""
@@ -85,38 +89,28 @@ class Mistakes:
         where = ".".join(str(key) for key in path if key != "")
         self.noted[bool(place.override), place, f"{where}: {message}" if where else message] = None
         if len(self.noted) >= MAX_MISTAKES:
-            raise self.error(f"\n{_one_line(self.name)}: stopped at {MAX_MISTAKES} mistakes")
+            raise self.error(f"{self.name}: stopped at {MAX_MISTAKES} mistakes")
 
-    def fatal(self, place: Place, message: str, path: KeyPath = ()) -> HodoError:
-        """The error to raise for a mistake after which reading cannot go on, with all mistakes so
-        far."""
+    def fail(self, place: Place, message: str, path: KeyPath = ()) -> NoReturn:
+        """Raise a mistake after which reading cannot go on, with all mistakes so far."""
         self.add(place, message, path)
-        return self.error()
+        raise self.error() from None
 
-    def error(self, end: str = "") -> HodoError:
-        """One line for each mistake, by line and column; mistakes of overrides last."""
-        listed = sorted(self.noted)[
-            : len(self.noted) if len(self.noted) <= MISTAKES_LISTED else MISTAKES_FIRST
+    def error(self, *last: str) -> HodoError:
+        """One line for each mistake, by line and column; mistakes of overrides and the `last` lines
+        behind them."""
+        listed = len(self.noted) if len(self.noted) <= MISTAKES_LISTED else MISTAKES_FIRST
+        lines = [
+            f"{place.shown(self.name)}: {text}" for _, place, text in sorted(self.noted)[:listed]
         ]
-        lines = [self._line(place, text) for _, place, text in listed]
-        if len(self.noted) > len(listed):
-            lines.append(
-                f"{_one_line(self.name)}: and {len(self.noted) - len(listed)} more mistakes"
-            )
-        return HodoError("\n".join(lines) + end)
+        if more := len(self.noted) - listed:
+            lines.append(f"{self.name}: and {more} more mistakes")
+        return HodoError("\n".join(map(_one_line, [*lines, *last])))
 
     def raise_any(self) -> None:
         """Raise what was noted, if anything was."""
         if self.noted:
             raise self.error()
-
-    def _line(self, place: Place, text: str) -> str:
-        start = (
-            f"--set {place.override}"
-            if place.override
-            else f"{self.name}:{place.line}:{place.column}"
-        )
-        return _one_line(f"{start}: {text}")
 
 
 # Names of files and values may hold line breaks, and terminals obey control characters.
@@ -193,12 +187,12 @@ def read(text: str, mistakes: Mistakes, override: str = "") -> Any:
         message = f"the character U+{code:04X} is not allowed"
         if code in UNDECODED:
             message = f"not UTF-8 text (byte {code - 0xDC00:#04x})"
-        reader.fail(Place(line, column, override), message)
+        mistakes.fail(Place(line, column, override), message)
     try:
         return reader.document()
     except yaml.YAMLError as error:
         place, reason = _syntax_mistake(error, text, override)
-        raise mistakes.fatal(place, f"not YAML: {reason}") from None
+        mistakes.fail(place, f"not YAML: {reason}")
 
 
 def _syntax_mistake(error: Any, text: str, override: str) -> tuple[Place, str]:
@@ -277,9 +271,6 @@ class _Reader:
     def place(self, mark: Any) -> Place:
         return Place(mark.line + 1, mark.column + 1, self.override)
 
-    def fail(self, place: Place, message: str, path: KeyPath = ()) -> NoReturn:
-        raise self.mistakes.fatal(place, message, path)
-
     def document(self) -> Any:
         """The value of the one document; None where there is none."""
         root = None
@@ -287,7 +278,7 @@ class _Reader:
         for number, start in enumerate(starts):
             place = self.place(start.start_mark)
             if number:
-                self.fail(place, "a second document starts here; one is allowed")
+                self.mistakes.fail(place, "a second document starts here; one is allowed")
             root, _ = self.value(next(self.events), (), place)
         return root
 
@@ -296,11 +287,11 @@ class _Reader:
         place, before = self.place(event.start_mark), self.count
         self.count += 1
         if self.count > MAX_VALUES:
-            self.fail(place, f"more than {MAX_VALUES} values: split the file", path)
+            self.mistakes.fail(place, f"more than {MAX_VALUES} values: split the file", path)
         if isinstance(event, yaml.AliasEvent):
             return self.alias(event, path, place), place
         if event.tag:
-            self.fail(place, f"the tag {shown(event.tag)} is not allowed here", path)
+            self.mistakes.fail(place, f"the tag {shown(event.tag)} is not allowed here", path)
         if event.anchor:
             self.anchors[event.anchor] = None
         if isinstance(event, yaml.ScalarEvent):
@@ -329,17 +320,17 @@ class _Reader:
         if anchored is None:
             known = event.anchor in self.anchors
             reason = "stands inside itself" if known else "has no anchor before it"
-            self.fail(place, f"*{event.anchor} {reason}", path)
+            self.mistakes.fail(place, f"*{event.anchor} {reason}", path)
         value, size = anchored
         self.aliased += size
         if self.aliased > MAX_ALIASED:
-            self.fail(place, f"aliases stand for more than {MAX_ALIASED} values", path)
+            self.mistakes.fail(place, f"aliases stand for more than {MAX_ALIASED} values", path)
         self.count += size
         return value
 
     def collection(self, event: Any, path: KeyPath, place: Place) -> Block | Items:
         if len(path) >= MAX_DEPTH:
-            self.fail(place, f"nested deeper than {MAX_DEPTH} levels")
+            self.mistakes.fail(place, f"nested deeper than {MAX_DEPTH} levels")
         is_mapping = isinstance(event, yaml.MappingStartEvent)
         return self.mapping(path) if is_mapping else self.items(path, place)
 
@@ -372,18 +363,20 @@ class _Reader:
         place = self.place(event.start_mark)
         if not isinstance(event, yaml.ScalarEvent):
             what = "an alias" if isinstance(event, yaml.AliasEvent) else "a list or mapping"
-            self.fail(place, f"a key is plain text, not {what}", path)
+            self.mistakes.fail(place, f"a key is plain text, not {what}", path)
         key: str = event.value
         if len(key) > MAX_KEY or _UNPRINTABLE.search(key):
-            self.fail(place, f"a key is printable text of at most {MAX_KEY} characters", path)
+            self.mistakes.fail(
+                place, f"a key is printable text of at most {MAX_KEY} characters", path
+            )
         if key == "<<" and event.implicit[0]:
-            self.fail(
+            self.mistakes.fail(
                 place,
                 "merge keys (<<) are not part of YAML 1.2; write the keys out, or use defaults:",
                 path,
             )
         if event.anchor or event.tag:
-            self.fail(place, "a key takes no anchor and no tag", path)
+            self.mistakes.fail(place, "a key takes no anchor and no tag", path)
         return key, place
 
 
@@ -440,8 +433,10 @@ def write(value: Any) -> str:
 
 @lru_cache  # thousands of cases have the same words
 def _written_text(text: str) -> str:
-    is_word = _PLAIN.fullmatch(text) and isinstance(resolve_scalar(text), str)
-    return text if is_word else _quoted(text)
+    if _PLAIN.fullmatch(text) and isinstance(resolve_scalar(text), str):
+        return text
+    text = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
+    return '"' + re.sub(_ESCAPED, lambda match: f"\\u{ord(match[0]):04x}", text) + '"'
 
 
 # Only words that no reader, of YAML 1.1 or 1.2, could take for a number, a date or a comment.
@@ -449,8 +444,3 @@ _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_.+-]*")
 # Beside what is unprintable: line breaks of YAML 1.1 (85, 2028, 2029) and byte order marks.
 # Compiled at its first use, since that takes milliseconds and most texts are words.
 _ESCAPED = "[^\x20-\x7e\xa1-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]"
-
-
-def _quoted(text: str) -> str:
-    text = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
-    return '"' + re.sub(_ESCAPED, lambda match: f"\\u{ord(match[0]):04x}", text) + '"'
