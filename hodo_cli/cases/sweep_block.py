@@ -176,7 +176,13 @@ class Axis:
     @cached_property
     def _listed(self) -> list[np.ndarray]:
         """The values of each key whose range is no linspace."""
-        return [_listed(value_range) for _, value_range in self.ranges]
+        return [
+            # Its ends are the given numbers to the last bit; the ends of 10 ** linspace are not.
+            np.geomspace(*value_range["logspace"])
+            if "logspace" in value_range
+            else np.array(value_range.get("values", ()), dtype=float)
+            for _, value_range in self.ranges
+        ]
 
     def directions(self, index: np.ndarray) -> np.ndarray:
         """The unit vectors (n, 3) of a sphere at positions (n,), uniform and independent."""
@@ -195,13 +201,6 @@ class Axis:
 def _length(value_range: Mapping[str, Any]) -> int:
     ((word, value),) = value_range.items()
     return len(value) if word == "values" else int(value[2])
-
-
-def _listed(value_range: Mapping[str, Any]) -> np.ndarray:
-    if "logspace" in value_range:
-        # Its ends are the given numbers to the last bit; the ends of 10 ** linspace are not.
-        return np.geomspace(*value_range["logspace"])
-    return np.array(value_range.get("values", ()), dtype=float)
 
 
 def storable(model: type[Model]) -> list[str]:
@@ -261,7 +260,7 @@ def check_axes(
         yield from within(("sweep", axis.name), _check_axis(axis, axes, model))
         for key, (key_path, value_range) in zip(axis.keys, axis.ranges, strict=True):
             zipped = ("zip", key) if "zip" in sweep[axis.name] else ()
-            mistakes = [*_check_range(value_range, key, model, data)]
+            mistakes = _check_range(value_range, key, model, data)
             for known in (known for known in swept if known[: len(key_path)] == key_path):
                 hint = "" if known == key_path else f"; an axis of all of {key} goes before it"
                 name = ".".join(map(str, known))
@@ -306,34 +305,30 @@ def _check_axis(axis: Axis, axes: Sequence[Axis], model: type[Model]) -> Iterato
 
 def _check_range(
     value_range: Mapping[str, Any], key: str, model: type[Model], data: Any
-) -> Iterator[Mistake]:
+) -> list[Mistake]:
     """The mistakes of one range: its key is not there or takes no number, does not take some of the
     values, or is left out by the case since others say as much."""
     keys = keys_of_form(model)
     declared, value = _declared(key, keys, data)
     if declared is None:
-        yield (), _no_such_number(key, keys, data)
-        return
+        return [((), _no_such_number(key, keys, data))]
     inner = _of_shape(declared, value)
     # A number stands for a vector, or for a polynomial of that constant alone.
     of_numbers = isinstance(inner, ListOf) and (inner.length is not None or len(value or ()) == 1)
     if not (isinstance(inner, Number | Angle) or of_numbers) or not declared.takes(0.0):
-        yield (), "is not a number, so it cannot be swept"
-        return
+        return [((), "is not a number, so it cannot be swept")]
     ((word, span),) = value_range.items()
     if isinstance(inner, Integer) and word != "values":
-        yield (word,), "a whole number varies through a list, {values: [...]}"
-        return
+        return [((word,), "a whole number varies through a list, {values: [...]}")]
     values = span if word == "values" else span[:2]  # a span ends with the number of values
-    has_angle = any(isinstance(item, InDegrees) for item in values)
-    if is_misfit := has_angle and not isinstance(inner, Angle):
-        yield (word,), "expected numbers, got an angle in degrees"
     _, mistakes = check_parts((i, declared, item) for i, item in enumerate(values))
-    yield from within((word,), mistakes)
-    if value is None and not (mistakes or is_misfit):
-        model_data = {name: data[name] for name in model.keys if name in data}
-        first = put(model_data, path_of(key), span[0])
-        yield from (((), sentence) for _, sentence in model.check(first))
+    if any(isinstance(item, InDegrees) for item in values) and not isinstance(inner, Angle):
+        mistakes.insert(0, ((), "expected numbers, got an angle in degrees"))
+    if mistakes or value is not None:
+        return [*within((word,), mistakes)]
+    model_data = {name: data[name] for name in model.keys if name in data}
+    first = put(model_data, path_of(key), span[0])
+    return [((), sentence) for _, sentence in model.check(first)]
 
 
 def _declared(key: str, keys: Mapping[str, Key], data: Any) -> tuple[Kind | None, Any]:
@@ -348,18 +343,17 @@ def _no_such_number(key: str, keys: Mapping[str, Key], data: Any) -> str:
     """What is wrong with a swept key that the model does not have. One of a law (`damping.rate`)
     needs the position of the law where there is a list of them."""
     head, _, name = key.partition(".")
-    if head not in keys and head in data:
+    if head in keys:
+        laws = data[head] if isinstance(data.get(head), tuple) else ()
+        right = [i for i, law in enumerate(laws) if isinstance(law, Mapping) and name in law]
+        hint = f"; did you mean '{head}.{right[0]}.{name}'?" if right else ""
+        return f"{unknown(f'key {key!r}', head, [])}: its case has no such number{hint}"
+    if head in data:
         return "is no number of the model, so it cannot be swept"
     blocks = [name for name in keys if isinstance(data.get(name), Mapping) and key in data[name]]
-    if head not in keys and blocks:
+    if blocks:
         return f"unknown key {key!r}; did you mean '{blocks[0]}.{key}'?"
-    if head not in keys:
-        return unknown(f"key {key!r}", head, list(keys))
-    laws = data.get(head) if isinstance(data, Mapping) else None
-    entries = laws if isinstance(laws, tuple) else ()
-    right = [i for i, law in enumerate(entries) if isinstance(law, Mapping) and name in law]
-    hint = f"; did you mean '{head}.{right[0]}.{name}'?" if right else ""
-    return f"{unknown(f'key {key!r}', head, [])}: its case has no such number{hint}"
+    return unknown(f"key {key!r}", head, list(keys))
 
 
 def _part(kind: Kind | None, step: str | int, value: Any) -> tuple[Kind | None, Any]:
