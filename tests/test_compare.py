@@ -708,3 +708,16 @@ def test_the_table_of_crossings_lists_what_the_datasets_hold() -> None:
 
 def test_equal_values_are_called_equal(tmp_path: Path) -> None:
     assert {row["place"] for row in compared(tmp_path)} == {"equal"}
+
+
+def test_differences_of_meaning_are_listed_in_the_order_of_the_reference(tmp_path: Path) -> None:
+    names = ["omega", "crossing_time", "crossing_G", "growth_rate"]
+
+    def change(cases: dict[str, Group]) -> None:
+        for name in names:
+            old = cases["fig4"].variables[name]
+            other = replace(old, attrs={**old.attrs, "units": "furlong"})
+            cases["fig4"].variables[name] = other  # type: ignore[index]
+
+    listed = [name for _, name in differing(compared(tmp_path, change))]
+    assert listed == [f"{name}:units" for name in names]

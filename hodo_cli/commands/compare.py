@@ -259,7 +259,7 @@ def differing_attributes(a: Group, b: Group) -> Iterator[tuple[str, str]]:
         ours, theirs = (group.attributes.get(key) for group in (a, b))
         if theirs is not None and (ours is None or not agree(ours, theirs)):
             yield key, difference_in_words(ours, theirs)
-    for name in b.variables.keys() & a.variables.keys():
+    for name in (name for name in b.variables if name in a.variables):
         ours_attrs, attrs = a.variables[name].attrs, b.variables[name].attrs
         for key in MEANING:
             if not same(ours_attrs.get(key), attrs.get(key)):
