@@ -7,6 +7,7 @@ every result is an `xarray.Dataset`.
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from numbers import Integral
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -149,11 +150,9 @@ def _checked_jobs(jobs: object) -> int:
 
 def _path(what_is_right: str, name: str | Path) -> Path:
     """The path that an argument names. Raises HodoError if no file can have that name."""
-    try:
+    with suppress(TypeError, ValueError):
         if b"\0" not in os.fsencode(path := Path(name)):
             return path
-    except (TypeError, ValueError):
-        pass
     raise _wrong(what_is_right, name)
 
 

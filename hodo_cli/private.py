@@ -55,21 +55,17 @@ def _stored_secret() -> bytes:
     has another size, and as `private_folder`."""
     file = private_folder(*STATE_FOLDER) / "secret"
     if not file.exists():
-        _make_secret(file)
+        draft = _draft(file, os.urandom(SECRET_SIZE))
+        try:
+            # Whole, and once, however many processes begin together.
+            with suppress(FileExistsError):
+                os.link(draft, file)
+        finally:
+            draft.unlink()
     content = file.read_bytes()
     if len(content) != SECRET_SIZE:
         raise ValueError(f"{file} is not used: it has not {SECRET_SIZE} bytes")
     return content
-
-
-def _make_secret(file: Path) -> None:
-    """Make the file of the secret whole, and once, however many processes begin together."""
-    draft = _draft(file, os.urandom(SECRET_SIZE))
-    try:
-        with suppress(FileExistsError):
-            os.link(draft, file)
-    finally:
-        draft.unlink()
 
 
 def _draft(file: Path, content: bytes) -> Path:

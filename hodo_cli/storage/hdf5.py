@@ -391,8 +391,7 @@ def _why_closed(path: Path, error: Exception) -> str:
     for words, reason in REASONS.items():
         if words in str(error):
             return reason
-    number = getattr(error, "errno", None)
-    return os.strerror(number).lower() if number else f"damaged ({first_line(error)})"
+    return refusal(error) or f"damaged ({first_line(error)})"
 
 
 REASONS = {
