@@ -25,6 +25,7 @@ from urllib.parse import quote
 import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -35,7 +36,7 @@ from .. import HodoError
 from ..cases.figure_block import FILM_FORMATS
 from ..results.motion import Motion
 from ..storage import replacing
-from .words import FormulaCanvas, every_panel, place_words, text_size, without_tex
+from .words import every_panel, keep_formulas, place_words, text_size, without_tex
 
 Look = dict[str, Any]
 
@@ -151,6 +152,7 @@ class Drawing(Figure):
     def draw(self, renderer: Any) -> None:
         """Draw the figure, its ticks too, which take their look when they are first drawn."""
         with self.styled():
+            keep_formulas(renderer)
             super().draw(renderer)
 
     def _repr_html_(self) -> Any:
@@ -338,7 +340,7 @@ def save(sheet: Sheet, path: Path, about: str = "") -> None:
             if suffix == "png":
                 # savefig would draw all of it twice, the first time for the layout alone.
                 sheet.figure.set_dpi(sheet.figure.parameters["savefig.dpi"])
-                canvas: Any = FormulaCanvas(sheet.figure)
+                canvas: Any = FigureCanvasAgg(sheet.figure)
                 # Level 6, which is usual, costs a third more for 9 % fewer bytes.
                 canvas.print_png(draft, metadata=metadata, pil_kwargs={"compress_level": 3})
             else:

@@ -13,7 +13,7 @@ import matplotlib.style
 import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
+from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.cbook import is_math_text
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
@@ -66,26 +66,34 @@ def in_tex(digits: re.Match[str]) -> str:
 
 
 # Before matplotlib 3.11 they set formulas as images, which their parsers call otherwise.
-SET_FOR: Any = "path" if matplotlib.__version_info__ >= (3, 11) else "agg"
+PIXELS = "path" if matplotlib.__version_info__ >= (3, 11) else "agg"
 """What a canvas of pixels takes of a formula."""
+
+FORMULAS_KEPT = 2000
+"""More than the figures of a paper have; matplotlib keeps 50, and none for the next figure."""
+
+Setter: Any = MathTextParser
+
+
+class Formulas(Setter):  # type: ignore[misc]
+    """What sets formulas, and keeps them: figures share most of their labels, and to set one takes
+    some milliseconds."""
+
+    _parse_cached = lru_cache(FORMULAS_KEPT)(Setter._parse_cached.__wrapped__)
 
 
 @lru_cache
-def formulas(fonts: str) -> MathTextParser:  # type: ignore[type-arg]
-    """What sets formulas in letters of these fonts, and keeps the latest: figures share most of
-    their labels, to set one takes some milliseconds, and matplotlib itself forgets with every
-    figure."""
-    return MathTextParser(SET_FOR)
+def formulas(fonts: str, output: str) -> Formulas:
+    """What sets formulas in letters of these fonts."""
+    return Formulas(output)
 
 
-class FormulaCanvas(FigureCanvasAgg):
-    """A canvas of pixels that sets formulas by `formulas`."""
-
-    def get_renderer(self) -> Any:
-        """The renderer of the figure."""
-        renderer = super().get_renderer()  # type: ignore[no-untyped-call]
-        renderer.mathtext_parser = formulas(matplotlib.rcParams["mathtext.it"])
-        return renderer
+def keep_formulas(renderer: Any) -> None:
+    """Let what draws a figure keep its formulas for the next one."""
+    fonts = matplotlib.rcParams["mathtext.it"]
+    renderer._text2path.mathtext_parser = formulas(fonts, "path")
+    if isinstance(renderer, RendererAgg):
+        renderer.mathtext_parser = formulas(fonts, PIXELS)
 
 
 def text_width(text: str, size: float) -> float:
@@ -99,9 +107,8 @@ def text_width(text: str, size: float) -> float:
     try:
         # Before drawing: matplotlib would find a mistake only when it saves, and not say which text
         # is meant. Set as it will be drawn, a formula is set only once.
-        parsed = formulas(matplotlib.rcParams["mathtext.it"]).parse(
-            formula, dpi, FontProperties(size=size)
-        )
+        setter = formulas(matplotlib.rcParams["mathtext.it"], PIXELS)
+        parsed = setter.parse(formula, dpi, FontProperties(size=size))
     except ValueError as error:
         what = str(error).strip().splitlines()[-1]
         raise HodoError(f"{text!r} is not TeX that matplotlib knows ({what})") from None

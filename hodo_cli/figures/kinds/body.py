@@ -18,6 +18,7 @@ import numpy as np
 from matplotlib.animation import FFMpegWriter
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
@@ -27,7 +28,7 @@ from ...cases.derived import SPACE_AXES, component_names
 from ...results.motion import Motion, rotations
 from ..artists import AXIS_COLOUR, BLACK, GREY, PURPLE, RED, arrow
 from ..sheet import PAGE, SHEET_STYLE, Look, Sheet, View, own_page
-from ..words import FormulaCanvas, Words, in_formula, place_words, without_tex
+from ..words import Words, in_formula, keep_formulas, place_words, without_tex
 from .plane import within_span
 from .space import IN_PAGE, pale, space_vector
 
@@ -258,7 +259,8 @@ def pictures(film: Film, count: int) -> Iterator[Image.Image]:
     """So many pictures of a film. What moves is drawn on a copy of what does not: to draw all of it
     takes twice as long."""
     figure, axes = film_panel()
-    canvas: Any = FormulaCanvas(figure)
+    canvas: Any = FigureCanvasAgg(figure)
+    keep_formulas(canvas.get_renderer())
     canvas.draw()
     background = canvas.copy_from_bbox(figure.bbox)
     renderer = canvas.get_renderer()
