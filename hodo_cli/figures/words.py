@@ -5,7 +5,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import Any
 from unicodedata import normalize
 
@@ -277,20 +277,17 @@ class Words(Annotation):
     def find_place(self, ink: np.ndarray) -> None:
         """Stand where least is hidden of a picture of the figure (height, width), a pixel a point;
         it is dark there from then on."""
-        half, several = self.half_size(), len(self.points) > 1
-        seen = self.axes.transData.transform(self.points)  # type: ignore[union-attr]
-        beside = half + BESIDE
-        # Where no place is within the panel, to the upper right.
-        best: Any = math.inf, self.points[0], beside, seen[0] + beside
-        for rank, (point, offset, middle) in enumerate(self.places(half, seen)):
-            around = area_about(ink, middle, half + AROUND).sum() / 20 if several else rank
-            cost = area_about(ink, middle, half + 1).sum() + around
-            if cost < best[0]:
-                best = cost, point, offset, middle
-            if not several and best[0] <= rank:
-                break  # what follows costs as much, whatever it hides
-        _, self.xy, self.xyann, middle = best
-        area_about(ink, middle, half)[...] = FULL
+        half = self.half_size()
+        points, offsets, middles = self.places(half)
+        hidden, around = (
+            np.array([area.sum() for area in areas_about(ink, middles, half + wider)])
+            for wider in (1, AROUND)
+        )
+        # Of a single point the nearest place counts, of several the emptiest.
+        cost = hidden + (around / 20 if len(self.points) > 1 else np.arange(len(middles)))
+        best = int(cost.argmin())
+        self.xy, self.xyann = points[best], offsets[best]
+        areas_about(ink, middles[[best]], half)[0][...] = FULL
 
     def half_size(self) -> np.ndarray:
         """Half the width and height (2,), points."""
@@ -299,27 +296,32 @@ class Words(Annotation):
         width = max(text_width(line, size) for line in lines)
         return np.array([width, 1.2 * size * len(lines)]) / 2
 
-    def places(self, half: np.ndarray, seen: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
-        """The places within the panel, the best first: the point there, and the offset from it and
-        the middle of the words (2,), in points; `half` is half their size (2,), and the points are
-        `seen` (n, 2) on the page."""
+    def places(self, half: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The places within the panel, the best first: the point there, the offset from it and the
+        middle of the words (m, 2), in points; `half` is half their size (2,)."""
         size: Any = self.get_fontsize()
+        seen = self.axes.transData.transform(self.points)  # type: ignore[union-attr]
         panel = self.axes.bbox.padded(-BESIDE)  # type: ignore[union-attr]
-        (left, low), (right, high) = panel.min + half, panel.max - half
         likeness = (COMPASS @ self.toward) / np.hypot(*COMPASS.T)
         directions = COMPASS[np.argsort(-likeness, kind="stable")]
         away = BESIDE + size * np.arange(LINES_AWAY if len(self.points) == 1 else 1)
-        for distance, direction in product(away, directions):
-            offset = (half + distance) * direction
-            for point, middle in zip(self.points, seen + offset, strict=True):
-                if left <= middle[0] <= right and low <= middle[1] <= high:
-                    yield point, offset, middle
+        offsets = ((half + away[:, None, None]) * directions).reshape(-1, 2)
+        middles = seen + offsets[:, None]
+        within = (panel.min + half <= middles) & (middles <= panel.max - half)
+        offset, point = np.nonzero(within.all(axis=-1))
+        if not len(point):  # to the upper right
+            beside = half[None] + BESIDE
+            return self.points[:1], beside, seen[:1] + beside
+        return self.points[point], offsets[offset], middles[offset, point]
 
 
-def area_about(picture: np.ndarray, middle: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """The part of a picture (height, width) about its middle (2,), of half a size (2,)."""
-    (left, low), (right, high) = np.rint([middle - half, middle + half]).clip(0).astype(int)
-    return picture[low:high, left:right]
+def areas_about(picture: np.ndarray, middles: np.ndarray, half: np.ndarray) -> list[np.ndarray]:
+    """The parts of a picture (height, width) about some middles (n, 2), of half a size (2,)."""
+    ends = np.rint([middles - half, middles + half]).clip(0).astype(int)
+    return [
+        picture[low:high, left:right]
+        for (left, low), (right, high) in zip(*ends.tolist(), strict=True)
+    ]
 
 
 def place_words(figure: Any, hiding: bool = False) -> None:
