@@ -77,6 +77,15 @@ def test_every_task_comes_back_and_a_dead_worker_costs_its_own(tmp_path: Path) -
     assert again == [(-1, 1)]
 
 
+def test_this_process_takes_part(tmp_path: Path) -> None:
+    """Beside one other, of two."""
+    with pool(2, takes_part=True) as workers:
+        done = [pid for _, pid in workers.map(worker, [tmp_path / "never"] * 150)]
+    assert len(done) == 150
+    assert len({*done}) == 2
+    assert os.getpid() in done
+
+
 def test_brief_tasks_are_done_here_until_a_worker_has_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -38,11 +38,13 @@ class InThisProcess(Executor):
 
 class Pool:
     """Applies functions to tasks through an executor, which has `ahead` tasks before the first of
-    them has to be finished. A context manager."""
+    them has to be finished; where this process `takes_part`, it does tasks meanwhile. A context
+    manager."""
 
-    def __init__(self, executor: Executor, ahead: int) -> None:
+    def __init__(self, executor: Executor, ahead: int, takes_part: bool = False) -> None:
         self._executor = executor
         self._ahead = ahead
+        self._takes_part = takes_part
 
     def __enter__(self) -> Self:
         return self
@@ -77,7 +79,11 @@ class Pool:
                 running[submit(task)] = task, 1
             if not running:
                 break
-            for future in wait(running, return_when=FIRST_COMPLETED)[0]:
+            is_free = self._takes_part and not any(future.done() for future in running)
+            mine = [*islice(supply, is_free)]
+            for task in mine:
+                yield task, _outcome(InThisProcess().submit(_with_digest, function, task))
+            for future in wait(running, 0 if mine else None, FIRST_COMPLETED)[0]:
                 task, tries = running.pop(future)
                 if not _is_lost(future):
                     yield task, _outcome(future)
@@ -152,9 +158,10 @@ TASKS_AHEAD = 256
 have workers."""
 
 
-def pool(workers: int, scheduler: str | None = None) -> Pool:
+def pool(workers: int, scheduler: str | None = None, takes_part: bool = False) -> Pool:
     """Tasks in this process, if `workers` is 1, in so many others, or on the workers of a dask
-    scheduler. Raises BatchError if there are none."""
+    scheduler; with `takes_part` this process is one of the workers. Raises BatchError if there are
+    none."""
     if scheduler is not None:
         from .dask import Dask
 
@@ -162,5 +169,6 @@ def pool(workers: int, scheduler: str | None = None) -> Pool:
     if workers > 1:
         from .processes import Processes
 
-        return Pool(Processes(workers), 2 * workers)
+        others = workers - takes_part
+        return Pool(Processes(others), 2 * others, takes_part)
     return Pool(InThisProcess(), 1)

@@ -172,7 +172,9 @@ def draw_missing(folders: Sequence["FigureFolder"], formats: Sequence[str], jobs
     """Draw the figures of which a file is not as it would be, in so many processes."""
     pending = sum(len(folder.to_draw) for folder in folders)
     kept = sum(len(folder.names) for folder in folders) - pending
-    with pool(jobs if pending else 1) as workers, Progress(pending) as progress:
+    # A process takes a second to load what draws: with this one, there is one less.
+    workers = pool(jobs if pending else 1, takes_part=True)
+    with workers, Progress(pending) as progress:
         if kept:
             progress.say(f"{kept} of {kept + pending} figures are kept; --force draws them anew")
         for folder in folders:
