@@ -3,6 +3,7 @@
 import csv
 import math
 import os
+import re
 import subprocess
 import sys
 import sysconfig
@@ -341,6 +342,19 @@ def test_a_png_is_what_matplotlib_itself_would_save(runs: Path, tmp_path: Path) 
         matplotlib.image.imread(tmp_path / f"{name}.png") for name in ("fig4-invariants", "theirs")
     ]
     assert np.array_equal(*images)
+
+
+def test_a_legend_names_the_marks_that_are_seen(runs: Path) -> None:
+    """The motion of Fig 4 begins at p = 0.8, crosses the separatrix at 0.21 and ends at -0.004."""
+    results = Drawings.of(runs / "paper1.h5")
+    keys = {**results.figures["fig4-invariants"], "kind": "phase", "x": "p", "y": "r"}
+    for style, marks in (
+        ({}, ["start", "end", "$D = 0$"]),
+        ({"xlim": (-0.1, 0.1)}, ["end"]),
+        ({"xlim": (0.8, 0.9)}, ["start"]),
+    ):
+        (legend,) = results.draw(keys, style=style).figure.legends
+        assert [re.split(",| at", text.get_text())[0] for text in legend.texts] == marks
 
 
 def test_ticks_are_plain_text_and_their_factor_is_a_formula(several: Drawings) -> None:

@@ -208,12 +208,13 @@ def place_legend(sheet: Sheet, panels: Sequence[Axes], style: Mapping[str, Any])
     """The legend of a figure, of its labelled lines and the other entries of its sheet; it is read
     row by row, at a place of `LEGEND_PLACES`, in a corner of the first panel, or nowhere. Returns
     how many lines it has below the panels."""
-    lines = (line for axes in panels for line in axes.get_lines())
+    lines = [line for axes in panels for line in axes.get_lines()]
     # Those of several panels once; two cases may have one label.
     entries = {
         (label, shade(entry)): entry
-        for entry in chain(lines, sheet.legend)
+        for entry in (*lines, *sheet.legend)
         if (label := str(entry.get_label())) and not label.startswith("_")
+        if not is_out_of_view(entry, lines)
     }
     handles, place = [*entries.values()], style.get("legend", "below")
     if not handles or place == "none":
@@ -234,6 +235,23 @@ def place_legend(sheet: Sheet, panels: Sequence[Axes], style: Mapping[str, Any])
         handles=rowwise, loc=LEGEND_PLACES.get(place, place), ncols=columns, columnspacing=1.2
     )
     return math.ceil(len(handles) / columns) if place == "below" else 0
+
+
+def is_out_of_view(entry: Line2D | Patch, lines: Sequence[Line2D]) -> bool:
+    """Whether all marks of an entry of a legend, among some lines, are beyond the ends of their
+    panels."""
+    if not isinstance(entry, Line2D) or entry.get_linestyle() != "None":
+        return False
+    marks = [line for line in lines if line.get_marker() == entry.get_marker()]
+    return bool(marks) and not any(map(is_within_panel, marks))
+
+
+def is_within_panel(line: Any) -> bool:
+    """Whether any point of a line is within the ends of its panel."""
+    ends = line.axes.viewLim
+    # In the panel's own coordinates, also of a line that has others.
+    points = (line.get_transform() - line.axes.transData).transform(line.get_xydata())
+    return bool(((ends.min <= points) & (points <= ends.max)).all(axis=1).any())
 
 
 def shade(entry: Line2D | Patch) -> str:
