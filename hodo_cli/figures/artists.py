@@ -149,8 +149,8 @@ def palettes(
     if colour == "time":
         colours = np.asarray(hues(TIME_COLOURS, CURVE_END).colors)[:, :3]
         first, last = time_span(motions)
-        passed = [motion.time.clip(None, last) - first for motion in motions]
-        shares = [times / (last - first or 1.0) for times in passed]
+        whole = last - first or 1.0
+        shares = [(motion.time.clip(None, last) - first) / whole for motion in motions]
         return [(colours, (share * (TIME_COLOURS - 1)).astype(int)) for share in shares]
     if colour == "axis":
         labels = sorted(AXIS_COLOUR)

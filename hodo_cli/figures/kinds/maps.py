@@ -83,7 +83,9 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     rows = [positions(swept, spec["panels"], spec["at"]) for swept in sweeps]
     cells = [(swept, at) for swept, row in zip(sweeps, rows, strict=True) for at in row]
     show_degrees(sheet, sweeps, spec)
-    values = [map_values(sheet, swept, spec, indices) for swept, indices in cells]
+    values = [  # (x, y), or (directions,)
+        shown_values(sheet, swept, name, across or [swept.sphere], at) for swept, at in cells
+    ]
     # One scale for all panels, or equal colours would mean different values.
     all_values = np.concatenate([value.ravel() for value in values])
     check_any(bool(np.isfinite(all_values).any()), sweeps, name)
@@ -246,14 +248,6 @@ def label_outer(panels: Sequence[Axes]) -> None:
 def positions(swept: SweepView, axis: str | None, at: Sequence[int]) -> list[dict[str, int]]:
     """The positions on an axis that are drawn, a panel or a curve each; all without any in `at`."""
     return [{}] if axis is None else [{axis: i} for i in at or range(swept.axes[axis])]
-
-
-def map_values(
-    sheet: Sheet, swept: SweepView, spec: Mapping[str, Any], indices: Mapping[str, int]
-) -> np.ndarray:
-    """The values of one panel: (x, y), or (directions,)."""
-    keep = [swept.sphere] if spec["x"] is None else [spec["x"], spec["y"]]
-    return shown_values(sheet, swept, spec["variable"], keep, indices)
 
 
 def map_image(

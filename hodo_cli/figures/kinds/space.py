@@ -16,6 +16,7 @@ from matplotlib.patches import Circle
 from ...cases.derived import SPACE_AXES, component_names
 from ...models.theory.gyrostat import separatrix_curves
 from ...results.motion import Motion, directions_of_momentum
+from ...text import grouped
 from ..artists import (
     BLACK,
     CROSSING,
@@ -366,10 +367,8 @@ def sphere_curve(
 
 def name_on_sphere(scene: Scene, curves: Sequence[SphereCurve], colours: Sequence[Any]) -> None:
     """Name curves on a globe, in black or in colours."""
-    together: dict[tuple[float, ...], list[str]] = {}
-    for curve in curves:
-        together.setdefault(tuple(curve.directions[0].round(2)), []).append(curve.label)
-    for start, names in together.items():
+    starts = ((tuple(curve.directions[0].round(2)), curve.label) for curve in curves)
+    for start, names in grouped(starts).items():
         # In space a name is beside the start, where it is on no side of the page.
         scene.add(1.08 * np.array([start]), texts=[", ".join(names)], lw=0)
     shown = [within_globe(scene.view(curve.directions)) for curve in curves]
