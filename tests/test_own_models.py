@@ -507,6 +507,29 @@ def test_a_torque_without_a_value_at_zero_gives_no_warning(hodo: Hodo, folder: P
         assert (done.returncode, "Warning" in done.stderr) == (0, False), done.stderr
 
 
+@pytest.mark.heyoka
+@pytest.mark.parametrize("size", ["sqrt(p * p)", "(p * q / q * p) ** 0.5", "sqrt(sqrt(p**4))"])
+def test_a_corner_is_seen_that_no_member_drawn_at_random_comes_to(
+    size: str, hodo: Hodo, folder: Path
+) -> None:
+    """As of a formula in a case file: only the equations tell it."""
+    text = EXAMPLE.replace("k.c * w * p", f"k.c * {size} * p")
+    (folder / "drag.py").write_text(f"from hodo_cli.functions import sqrt\n{text}", "utf-8")
+    drawn = np.random.default_rng(60).choice(60, 16, replace=False)
+    odd = min({*range(60)} - {*drawn.tolist()})
+    values = [0.05 if i == odd else 0.9 + i / 1000 for i in range(60)]  # about x3, where p turns
+    keys = "model: quadratic-drag, drag: 0.02, inertia: [1, 0.8, 0.6], time: {end: 20}"
+    (folder / "a.yaml").write_text(
+        f"cases:\n  one: {{{keys}, initial: {{p: 0.05, q: 0.1, r: 0.6}}}}\n"
+        f"  all: {{{keys}, initial: {{p: 1, q: 0.1, r: 0.6}}, error: off,\n"
+        f"    sweep: {{initial.p: {{values: {values}}}}}}}\n",
+        encoding="utf-8",
+    )
+    assert hodo("--models", "drag.py", "run", "a.yaml").returncode == 0
+    with h5py.File(folder / "runs" / "a.h5") as file:
+        assert np.abs(file["all/omega"][odd] - file["one/omega"][-1]).max() < 1e-13
+
+
 def test_crossings_of_a_model_without_degrees_have_errors(hodo: Hodo, folder: Path) -> None:
     """In a sweep too."""
     start = EXAMPLE.index("    degree = {")

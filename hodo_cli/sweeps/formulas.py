@@ -2,6 +2,7 @@
 step is compared with its equations."""
 
 import math
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
+from ..arithmetic import exp
 from ..cases.case import Case
 from ..integration import solve
 from ..models.base import Model, attributes, has_formula_of_time
-from ..models.terms.torques import VARIABLES
-from ..schema.expression import parse_expression
 from .columns import shape
 from .members import members_as_cases, system_of_member
 
@@ -22,8 +22,33 @@ CHECKED_MEMBERS = 16
 """Members drawn at random that are integrated with a check of their steps."""
 
 
+class Traced:
+    """What passes for a number in equations, to tell how these hold it: by its sum, product, power
+    and exponential."""
+
+    __array_ufunc__ = None  # number * Traced must not be taken apart by numpy
+
+    def __neg__(self: Any) -> Any:
+        return self * -1.0
+
+    def __sub__(self: Any, other: Any) -> Any:
+        return self + -other
+
+    def __rsub__(self: Any, other: Any) -> Any:
+        return -self + other
+
+    def __truediv__(self: Any, other: Any) -> Any:
+        return self * other**-1
+
+    def __rtruediv__(self: Any, number: float) -> Any:
+        return self**-1 * number
+
+    def __rpow__(self: Any, base: float) -> Any:
+        return exp(self * math.log(base))
+
+
 @dataclass(frozen=True)
-class TimeInRates:
+class TimeInRates(Traced):
     """What passes for the time in equations, and tells how high a power of it they hold, and the
     slope of what is linear in it: nan of all else.
 
@@ -44,28 +69,10 @@ class TimeInRates:
             return TimeInRates(self.power + other.power, math.nan)
         return TimeInRates(self.power, self.slope * other)
 
-    def __neg__(self) -> "TimeInRates":
-        return self * -1.0
-
-    def __sub__(self, other: Any) -> "TimeInRates":
-        return self.__add__(-other)
-
-    def __rsub__(self, other: Any) -> "TimeInRates":
-        return self.__neg__().__add__(other)
-
     def __pow__(self, exponent: float) -> "TimeInRates":
         if math.isnan(self.slope) or exponent > 1:
             raise TypeError
         return self.sin()
-
-    def __truediv__(self, other: Any) -> "TimeInRates":
-        return self.__mul__(other**-1)
-
-    def __rtruediv__(self, number: float) -> "TimeInRates":
-        return self**-1 * number
-
-    def __rpow__(self, base: float) -> "TimeInRates":
-        return (self * math.log(base)).exp()
 
     def exp(self) -> "TimeInRates":
         if not self.slope <= 0:
@@ -99,29 +106,84 @@ def may_hide_in_time(system: Model) -> bool:
         return True
 
 
-def has_corner(tree: Any) -> bool:
-    """Whether a formula, as `parse_expression` reads it, holds |x|: the root of a square.
+class Corner(Exception):
+    """Equations hold |x|."""
 
-    A sum of two squares is none: no motion comes to its zeros but by accident.
+
+@dataclass(frozen=True)
+class Factors(Traced):
+    """What passes for a variable in equations: its value at one place, and the exponent of each of
+    its factors that may change sign, by the size of that factor there.
+
+    Raises Corner for |x|: for a power of an even power of x that is no even one.
     """
-    match tree:
-        case ("sqrt", (_, *_) as argument) if not odd_factors(argument):
-            return True
-        case (_, *arguments):
-            return any(map(has_corner, arguments))
+
+    value: float
+    exponents: Mapping[float, float]
+
+    @property
+    def is_square(self) -> bool:
+        """Whether no place is known where it is negative."""
+        return self.value >= 0 and all(n % 2 == 0 for n in self.exponents.values())
+
+    def __add__(self, other: Any) -> "Factors":
+        of_other = as_factors(other)
+        value = self.value + of_other.value
+        # No motion comes to the zeros of a sum of two squares but by accident.
+        return Factors(value, {}) if self.is_square and of_other.is_square else factor(value)
+
+    def __mul__(self, other: Any) -> "Factors":
+        of_other = as_factors(other)
+        a, b = self.exponents, of_other.exponents
+        exponents = {size: a.get(size, 0) + b.get(size, 0) for size in a.keys() | b.keys()}
+        return Factors(self.value * of_other.value, exponents)
+
+    def __pow__(self, exponent: float) -> "Factors":
+        if any(n % 2 == 0 and n * exponent % 2 for n in self.exponents.values()):
+            raise Corner
+        size = abs(self.value) ** exponent
+        value = math.copysign(size, self.value) if exponent % 2 else size
+        return Factors(value, {of: n * exponent for of, n in self.exponents.items()})
+
+    def sqrt(self) -> "Factors":
+        return self**0.5
+
+    def exp(self) -> "Factors":
+        return Factors(math.exp(math.sin(self.value)), {})  # any value that tells it from others
+
+    def sin(self) -> "Factors":
+        return factor(math.sin(self.value))
+
+    def cos(self) -> "Factors":
+        return factor(math.cos(self.value))
+
+    def log(self) -> "Factors":
+        return factor(math.log(abs(self.value)))
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+def factor(value: float) -> Factors:
+    """What is no product, by its value."""
+    return Factors(value, {abs(value): 1})
+
+
+def as_factors(x: Any) -> Factors:
+    """What passes for a variable, or a number."""
+    return x if isinstance(x, Factors) else Factors(float(x), {})
+
+
+def has_corner(system: Model) -> bool:
+    """Whether equations hold |x|, written as the root of a square."""
+    # Any numbers serve that no formula makes equal.
+    t, *y = map(factor, np.random.default_rng(0).uniform(0.2, 1.0, 1 + len(system.state)).tolist())
+    try:
+        system.rhs(t, y, attributes(system.constants))
+    except Corner:
+        return True
+    except (TypeError, AttributeError, ValueError, ArithmeticError, HodoError):
+        return False  # no function of these alone
     return False
-
-
-def odd_factors(tree: Any) -> set[Any]:
-    """The factors of a formula, besides numbers, that it holds to an odd power."""
-    match tree:
-        case ("*" | "/", first, second):
-            return odd_factors(first) ^ odd_factors(second)
-        case ("**", base, exponent):
-            return odd_factors(base) if exponent % 2 else set()
-        case ("neg", argument):
-            return odd_factors(argument)
-    return set() if isinstance(tree, float) else {tree}
 
 
 @lru_cache(maxsize=16)
@@ -132,10 +194,7 @@ def formulas_may_change(case: Case) -> bool:
 
     For all members alike, so that the result does not depend on their order and on the chunks.
     """
-    texts = case.data.get("expression") or ()
-    if may_hide_in_time(case.system) or any(
-        has_corner(parse_expression(text, VARIABLES)) for text in texts
-    ):
+    if may_hide_in_time(case.system) or has_corner(case.system):
         return True
     # Seeded by the number of members, as the sample whose errors are measured.
     total = math.prod(shape(case))
