@@ -309,7 +309,7 @@ class AlignedCalls:
     touches two lines of the cache, and a step takes 1.25 times as long (tensor: 49 in place of 39
     ns). Where the stack begins is chance, of each process. A call through `map` moves it by 16
     bytes more than a multiple of 64, or less; so one of four depths is right, and the first steps
-    tell which.
+    tell which. (Calls of a method move it by twice as much, which reaches two of the four.)
     """
 
     def __init__(self, step: TaylorStep) -> None:
@@ -319,19 +319,20 @@ class AlignedCalls:
     def __call__(self, columns: np.ndarray, k: np.ndarray, out: np.ndarray) -> None:
         """See `TaylorStep`."""
         if self.calls == ALIGNMENT_TRIALS:
-            return self.nested(self.seconds.index(min(self.seconds)), columns, k, out)
+            nested(self.seconds.index(min(self.seconds)), self.step, columns, k, out)
+            return
         depth, began = self.calls % ALIGNMENT_DEPTHS, thread_time()
-        self.nested(depth, columns, k, out)
+        nested(depth, self.step, columns, k, out)
         self.seconds[depth] = min(self.seconds[depth], (thread_time() - began) / out.shape[1])
         self.calls += 1
-        return None
 
-    def nested(self, depth: int, *arguments: np.ndarray) -> None:
-        """The step, through so many calls of `map`."""
-        if depth:
-            next(map(self.nested, (depth - 1,), *((argument,) for argument in arguments)))
-        else:
-            self.step(*arguments)
+
+def nested(depth: int, step: TaylorStep, *arguments: np.ndarray) -> None:
+    """A step, through so many calls of `map`."""
+    if depth:
+        next(map(nested, (depth - 1,), (step,), *((argument,) for argument in arguments)))
+    else:
+        step(*arguments)
 
 
 def stride(tol: float, passing: Event | None) -> float:
