@@ -147,18 +147,19 @@ def isolate(b: np.ndarray, noise: np.ndarray) -> Zeros:
         single = monotone & ((above[:, 0] & below[:, -1]) | (below[:, 0] & above[:, -1]))
         undecided = ~(above.all(axis=1) | below.all(axis=1) | single)
         lost = undecided & ((halving == HALVINGS) | ~(above | below).any(axis=1))
-        # A zero is at its place, and what is uncertain begins there.
-        x, length, found = low.copy(), np.where(single, 0, width), single | lost
-        if single.any():
-            x[single] += width * _refined(b[single])
-        zeros.append([values[found] for values in (row, x, length, single)])
+        found = [row, low, np.full_like(low, width), single, b]
+        zeros.append([values[single | lost] for values in found])
         split = undecided & ~lost
         if not split.any():
             break
         row, low, width = np.repeat(row[split], 2), np.repeat(low[split], 2), width / 2
         low[1::2] += width
         b = np.matmul(b[split][:, None, None, :], _halves(degree, b.dtype)).reshape(-1, degree + 1)
-    return _merged(Zeros(*(np.concatenate(column) for column in zip(*zeros, strict=True))))
+    row, x, widths, sure, b = (np.concatenate(column) for column in zip(*zeros, strict=True))
+    # A zero is at its place, and what is uncertain begins there.
+    x[sure] += widths[sure] * _refined(b[sure])
+    widths[sure] = 0
+    return _merged(Zeros(row, x, widths, sure))
 
 
 def _merged(zeros: Zeros) -> Zeros:
