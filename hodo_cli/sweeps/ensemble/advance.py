@@ -159,10 +159,11 @@ def without_start(
     """The series (k, order + 1) of D in steps, of those that begin at rest by its square: of a body
     set going from rest D begins with the square of the time, and that zero is no passage. And the
     bounds (k,) of their rounding."""
-    begun = np.asarray(start.state[moving(e.model)].any(axis=0))
-    later = np.pad(powers[:, 2:], ((0, 0), (0, 2)))
-    of_later = e.error_bound * np.abs(powers).sum(axis=1)
-    return np.where(begun[:, None], powers, later), np.where(begun, noise, of_later)
+    at_rest = np.flatnonzero(~start.state[moving(e.model)].any(axis=0))
+    later, noise = powers.copy(), noise.copy()
+    later[at_rest] = np.pad(powers[at_rest, 2:], ((0, 0), (0, 2)))
+    noise[at_rest] = e.error_bound * np.abs(powers[at_rest]).sum(axis=1)
+    return later, noise
 
 
 def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
