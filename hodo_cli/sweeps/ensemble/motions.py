@@ -34,8 +34,8 @@ ERROR_BOUND, PER_TOLERANCE = 1e-9, 1e3
 """The error of a state is taken to stay below this part of it, or so many tolerances: where that
 could turn the sign of an event's function, the sign is uncertain. It is no measured error, as
 single cases have, but ERROR_BOUND is a hundred times what the rounding of all steps adds up to, and
-no ensemble was off by more than three tolerances. It leaves one random motion in some 1e8 to the
-single cases, so that a finer bound would gain nothing."""
+no ensemble was off by more than three tolerances. It leaves few random motions to the
+single cases: of 200,000 tensors 10, at 20 ms each, and of as many linear-diag none."""
 
 
 STEP_ROUNDING, PER_STEP = 2.0**-52, 1 / 16
