@@ -19,7 +19,7 @@ from .averaging.sums import ClosedTurns
 from .base import Constants, Event, EventOutcome, Label, Model, attributes, mistake_of
 from .rigid_body import INERTIA, INITIAL, complete
 from .terms.body import BodyUnderTorques
-from .terms.torques import CAVITY, CONSTANT, FLUID, coefficient, rates_under
+from .terms.torques import CAVITY, coefficient, degree_under
 
 CAVITY_INITIAL = Key(
     Table(
@@ -83,11 +83,8 @@ class Cavity(BodyUnderTorques):
         "epsilon": Key(Number(), "small parameter, the factor of the torque", default=1.0),
         "initial": CAVITY_INITIAL,
     }
-    degree = {"g": 2} | FLUID.degree | CONSTANT.degree
-
-    @staticmethod
-    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        return rates_under((FLUID, CONSTANT), t, y, k)
+    terms = ("kappa", "torque")
+    degree = degree_under(terms)
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -333,8 +330,6 @@ class AveragedTriaxial(ClosedTurns, Cavity):
 
     spin_reversal: str
     at_separatrix: str
-
-    averaged_terms = ("kappa", "torque")
 
     @cached_property
     def constants(self) -> Constants:

@@ -1,6 +1,5 @@
 """Linear resistance proportional to the angular momentum, component by component."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +8,7 @@ from .averaging.forms import MEAN_START, Turn
 from .averaging.sums import ClosedTurns
 from .rigid_body import INERTIA, INITIAL
 from .terms.body import BodyUnderTorques
-from .terms.torques import DAMPING, rates_under
+from .terms.torques import degree_under
 
 
 @dataclass(frozen=True)
@@ -44,12 +43,9 @@ class LinearDiag(BodyUnderTorques):
         ),
         "initial": INITIAL,
     }
-    degree = {"g": 2} | DAMPING.degree
+    terms = ("damping",)
+    degree = degree_under(terms)
     always_absorbing = True
-
-    @staticmethod
-    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        return rates_under((DAMPING,), t, y, k)
 
 
 @dataclass(frozen=True)
@@ -71,7 +67,6 @@ class LinearDiagAveraged(ClosedTurns, LinearDiag):
 
     form = "averaged"
     keys = LinearDiag.keys | {"mean_start": MEAN_START}
-    averaged_terms = ("damping",)
 
     def torque_rate(self, t: Any, turn: Turn, k: Any) -> Any:
         return max(map(abs, self.damping))

@@ -1,7 +1,7 @@
 """Linear resistance by a constant tensor."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ from .averaging.forms import MEAN_START, Turn
 from .averaging.sums import ClosedTurns
 from .rigid_body import INERTIA, INITIAL
 from .terms.body import BodyUnderTorques
-from .terms.torques import RESISTANCE, rates_under, tensor_entries
+from .terms.torques import degree_under, tensor_entries
 from .theory.principal_axes import is_diagonal
 
 
@@ -61,11 +61,8 @@ class Tensor(BodyUnderTorques):
         "resistance": resistance_key(Number()),
         "initial": INITIAL,
     }
-    degree = {"g": 2} | RESISTANCE.degree
-
-    @staticmethod
-    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        return rates_under((RESISTANCE,), t, y, k)
+    terms = ("resistance",)
+    degree = degree_under(terms)
 
     @property
     def matrix(self) -> np.ndarray:
@@ -134,8 +131,6 @@ class TensorAveraged(ClosedTurns, Tensor):
 
     form = "averaged"
     keys = Tensor.keys | {"mean_start": MEAN_START}
-
-    averaged_terms = ("resistance",)
 
     def torque_rate(self, t: Any, turn: Turn, k: Any) -> Any:
         return np.linalg.norm(self.matrix / np.array(self.inertia)[:, None], ord=2)

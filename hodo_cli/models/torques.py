@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, cached_property, partial
-from typing import Any, ClassVar
+from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +50,7 @@ from .terms.laws import (
     least_value,
     zero_of_base,
 )
-from .terms.torques import BRAKE, CAVITY, SPACE, TERMS, VARIABLES, Term, coefficient, rates_under
+from .terms.torques import CAVITY, TERMS, VARIABLES, coefficient, degree_under
 from .theory.closed_form import AlongMomentum, free_motion
 from .theory.dissipation import Dissipation, crossing_predictions, spin_predictions
 from .theory.gyrostat import region_of
@@ -186,7 +186,6 @@ class Torques(BodyUnderTorques):
         ),
         "initial": INITIAL,
     }
-    terms: ClassVar[tuple[Term, ...]] = ()
 
     @staticmethod
     def velocity(inertia: Sequence[Any], initial: Mapping[str, float | None]) -> tuple[float, ...]:
@@ -199,7 +198,7 @@ class Torques(BodyUnderTorques):
     def of(cls, data: Mapping[str, Any]) -> Model:
         """The object of the form whose equations have just the terms that the data name."""
         named = terms_named(data)
-        form = sum_of(named) if cls.form == "full" else averaged_sum(sum_of(named), named)
+        form = sum_of(named) if cls.form == "full" else averaged_sum(sum_of(named))
         return form(**data)
 
     @classmethod
@@ -301,7 +300,7 @@ class Torques(BodyUnderTorques):
             "quadratic_axes": [*np.sign(w)],
             "space_torque": [np.full(w.shape[1:], x) for x in self.direction],
         }
-        columns = (x for name in terms_named(vars(self)) for x in extra.get(name, ()))
+        columns = (x for name in self.terms for x in extra.get(name, ()))
         return np.stack([*w, *columns])
 
     @cached_property
@@ -309,7 +308,7 @@ class Torques(BodyUnderTorques):
         """Beside the corners of drag, if there are any."""
         omega = super().start
         # An averaged form has variables of its own.
-        if self.form != "full" or not any(term.extra for term in self.terms):
+        if self.form != "full" or not any(TERMS[name].extra for name in self.terms):
             return omega
         y = Torques.starts(self, np.array(omega))  # not those of a form with an attitude
         if self.quadratic_axes is not None:
@@ -331,7 +330,7 @@ class Torques(BodyUnderTorques):
                 events.append(Event("turned", zero, True, turn, first + axis))
         if self.brake is not None:
             row = self.state.index("stage_momentum")
-            others = tuple(name for name in terms_named(vars(self)) if name != "brake")
+            others = tuple(name for name in self.terms if name != "brake")
             stop = Bound(braked_stage, (row, others))
             events.append(Event("stopped", Bound(stage_end, (row,)), True, stop))
         return tuple(events)
@@ -378,7 +377,7 @@ class Torques(BodyUnderTorques):
         """Which crossings are possible, which rotation is held, and when a brake stops the body."""
         dissipations = self.dissipations(start, end)
         predictions = crossing_predictions(dissipations)
-        if terms_named(vars(self)) == ("brake", "rotor"):
+        if self.terms == ("brake", "rotor"):
             # Neither fluid nor a rotor changes |G|; but a fluid beside a rotor does.
             dissipations = (Dissipation(self.moments),)
         if dissipations and not self.changing_terms:
@@ -488,31 +487,29 @@ def is_finite_at(text: str, values: Sequence[Any]) -> bool:
         return False
 
 
-def averaged_sum(full: type[Torques], names: tuple[str, ...]) -> type[BodyFrame]:
+def averaged_sum(full: type[Torques]) -> type[BodyFrame]:
     """The averaged form of a sum: in closed form where each of its terms has one."""
-    if not CLOSED.keys() >= set(names):
+    if not CLOSED.keys() >= set(full.terms):
         return averaged_form(full)  # type: ignore[arg-type]
     # The periodic part of a full tensor knows its other entries, which the means do not.
-    bases = (ClosedMeans, QuadratureTurns) if "resistance" in names else (ClosedTurns,)
-    return averaged_form(full, *bases, terms=names)  # type: ignore[arg-type]
+    bases = (ClosedMeans, QuadratureTurns) if "resistance" in full.terms else (ClosedTurns,)
+    return averaged_form(full, *bases)  # type: ignore[arg-type]
 
 
 @cache
 def sum_of(names: tuple[str, ...]) -> type[Torques]:
     """The form of `Torques` whose equations have the terms of these names only: a class for each
     sum, since an engine compiles the equations of a class once for all its cases."""
-    chosen = tuple(TERMS[name] for name in names)
-    extra = {name: power for term in chosen for name, power in term.extra.items()}
+    extra = {row: power for name in names for row, power in TERMS[name].extra.items()}
     attributes_of = {
         "__module__": __name__,
         "__doc__": Torques.__doc__,
-        "terms": chosen,
-        "rhs": staticmethod(partial(rates_under, chosen)),
+        "terms": names,
         "state": ("p", "q", "r", *extra),
         "state_degree": {name: power for name, power in extra.items() if power != 1},
-        "degree": {"g": 2} | {name: n for term in chosen for name, n in term.degree.items()},
-        "fixed_in_space": tuple(SPACE.extra) if SPACE in chosen else (),
+        "degree": degree_under(names),
+        "fixed_in_space": tuple(TERMS["space_torque"].extra) if "space_torque" in names else (),
         "resisting": frozenset({"brake"}),
-        "may_stop": BRAKE in chosen,
+        "may_stop": "brake" in names,
     }
     return dataclass(frozen=True)(type("Torques", (Torques,), attributes_of))

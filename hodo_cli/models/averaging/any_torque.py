@@ -299,17 +299,14 @@ class QuadratureTurns(AveragedTurns):
 
 
 @cache
-def averaged_form(
-    full: type[BodyFrame], *bases: type[AveragedTurns], terms: tuple[str, ...] = ()
-) -> type[BodyFrame]:
+def averaged_form(full: type[BodyFrame], *bases: type[AveragedTurns]) -> type[BodyFrame]:
     """The averaged form of a model that states only its full one: by quadrature, or as the bases
-    have it for a sum of these terms."""
+    have it for a sum of torques."""
     attributes_of = {
         "__module__": full.__module__,
         "__doc__": f"{full.__name__} {AVERAGED_BY_TURNS}",
         "__annotations__": {"at_separatrix": str, "nodes": int},
         "full": full,
-        "averaged_terms": terms,
         "keys": full.keys
         | {"mean_start": MEAN_START, "at_separatrix": AT_SEPARATRIX, "nodes": NODES_KEY},
     }

@@ -4,14 +4,14 @@ periodic parts."""
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..base import Event
-from ..terms import torques as terms
 from ..terms.body import BodyUnderTorques
 from ..terms.laws import coefficient_at
+from ..terms.torques import TERMS
 from .forms import AveragedTurns, Turn
 from .free_turn import (
     Body,
@@ -30,7 +30,7 @@ BESIDE_SEPARATRIX = Means(1 - 1j, 1 - 4j / 3, 1j, 1j, math.pi / 2 * 1j)
 pi/2. Each is x + y/K, written as the complex number x + iy: the rates are sums of means by real
 factors, so that theirs come out in the same form."""
 
-UNEVEN = (*terms.CONSTANT.degree, "I12", "I13", "I21", "I23", "I31", "I32")
+UNEVEN = (*TERMS["torque"].degree, "I12", "I13", "I21", "I23", "I31", "I32")
 """The constants of torques that are not even; see `AveragedTurns.is_even`."""
 
 
@@ -67,7 +67,7 @@ def fluid_weights(body: Body) -> tuple[float, float, float]:
 
 def damping_rates(t: Any, k: Any) -> Sequence[Any]:
     """The rates of damping about the body axes."""
-    return [coefficient_at(k, name, t) for name in terms.DAMPING.degree]
+    return [coefficient_at(k, name, t) for name in TERMS["damping"].degree]
 
 
 def resistance_rates(t: Any, k: Any) -> Sequence[Any]:
@@ -132,7 +132,7 @@ def constant_torque(t: Any, k: Any) -> Sequence[Any]:
     """A torque constant in the body, along the sorted axes a, b and c, in such units that X' = 2
     sqrt(X) N_a about axis a."""
     body = turning_body(k)
-    N = [body.parity * coefficient_at(k, name, t) for name in terms.CONSTANT.degree]
+    N = [body.parity * coefficient_at(k, name, t) for name in TERMS["torque"].degree]
     lever_a, lever_c = k.turning_levers
     a, b, c = body.order
     return lever_a * N[a], N[b] / body.b**0.5, lever_c * N[c]
@@ -207,27 +207,25 @@ CLOSED: Mapping[str, ClosedAverage] = {
 class ClosedMeans(AveragedTurns, BodyUnderTorques):
     """An averaged form whose mean rates are those of a sum of terms of CLOSED."""
 
-    averaged_terms: ClassVar[tuple[str, ...]]
-
     def constants_of_means(self) -> dict[str, str | tuple[float, ...]]:
         a, _, c = self.body[:3]
         constants = {
             "kappa": ("turning_weights", fluid_weights(self.body)),
             "torque": ("turning_levers", (math.sqrt((a - c) / a), math.sqrt((a - c) / c))),
         }
-        named = [constants[name] for name in self.averaged_terms if name in constants]
+        named = [constants[name] for name in self.terms if name in constants]
         return super().constants_of_means() | dict(named)
 
     @classmethod
     def rates(cls, t: Any, turn: Turn, k: Any) -> Pair:
-        means = (CLOSED[name].mean(t, turn, k) for name in cls.averaged_terms)
+        means = (CLOSED[name].mean(t, turn, k) for name in cls.terms)
         by_e, by_o = map(sum, zip(*means, strict=True))
         return by_e, by_o
 
     def torque_rate(self, t: Any, turn: Turn, k: Any) -> Any:
         """That of the means, and under a constant torque that of its components without a mean."""
         rate = super().torque_rate(t, turn, k)
-        if "torque" not in self.averaged_terms:
+        if "torque" not in self.terms:
             return rate
         # About the other two axes a constant torque has no mean, and averaging needs it weak too.
         above, middle, below = constant_torque(t, k)
@@ -252,7 +250,7 @@ class ClosedTurns(ClosedMeans):
 
     @classmethod
     def part(cls, t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
-        return np.array(sum(CLOSED[name].part(t, slow, k) for name in cls.averaged_terms))
+        return np.array(sum(CLOSED[name].part(t, slow, k) for name in cls.terms))
 
     @property
     def run_events(self) -> tuple[Event, ...]:

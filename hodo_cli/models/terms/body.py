@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from .laws import (
     times_of_all_signs,
     value_at,
 )
-from .torques import TERMS, cavity_warnings, coefficient, weak
+from .torques import TERMS, cavity_warnings, coefficient, rates_under, weak
 
 TENSOR_ROUNDING = 1e-13
 """The part of the largest entry of a tensor below which one is the rounding of a change of axes."""
@@ -88,6 +88,13 @@ class BodyUnderTorques(BodyFrame):
     body. Under equal damping, a brake, or both, all constant, only the clock of the free motion
     changes: such a motion is known in closed form.
     """
+
+    terms: ClassVar[tuple[str, ...]]
+    """The names of the torques that the equations of its full form have."""
+
+    @classmethod
+    def rhs(cls, t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        return rates_under(cls.terms, t, y, k)
 
     @property
     def term_coefficients(self) -> dict[str, tuple[Any, ...]]:

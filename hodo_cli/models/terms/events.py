@@ -2,7 +2,7 @@
 braking, the last of which ends at rest."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from ..rigid_body import (
 )
 from ..theory.gyrostat import region_of
 from .laws import coefficient_at
-from .torques import TERMS, Term, rates_under
+from .torques import rates_under
 
 STAGES, STAGES_WITH_ROTOR, STAGE_RATIO = 14, 10, 8
 """How often |G| falls by a ratio, a stage of braking each time, before a brake has all but stopped
@@ -62,7 +62,7 @@ def turned_over(axis: int, first: int, t: Any, y: Sequence[Any], k: Any) -> Even
     return EventOutcome(float(t), None, state, t)
 
 
-def beside_corners(terms: Iterable[Term], k: Any, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def beside_corners(terms: Sequence[str], k: Any, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """omega and its signs, each (3, ...), at starts (m, ...) with drag that has a corner at
     omega_i = 0: a component that is 0 stands on the side that it enters. One that stays 0 has the
     sign 0."""
@@ -137,9 +137,7 @@ def label_at_stop(omega: np.ndarray, k: Any) -> Any:
 
 def torque_at_rest(others: Sequence[str], t: Any, extra: Sequence[Any], k: Any) -> list[float]:
     """A sum of torques (3,), by name, where G is 0."""
-    rates = rates_under(
-        [TERMS[name] for name in others], t, [*omega_of((0.0, 0.0, 0.0), k), *extra], k
-    )[:3]
+    rates = rates_under(others, t, [*omega_of((0.0, 0.0, 0.0), k), *extra], k)[:3]
     # A omega', since -omega x G is 0 there.
     still = angular_momentum_of((0.0, 0.0, 0.0), k)
     return [float(moved - x) for moved, x in zip(angular_momentum_of(rates, k), still, strict=True)]

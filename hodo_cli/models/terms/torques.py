@@ -77,11 +77,12 @@ def gyroscopic(w: Sequence[Any], k: Any) -> Sequence[Any]:
     return from_principal_axes(rates, k)
 
 
-def rates_under(terms: Iterable[Term], t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-    """The rates of omega, and of the terms' own variables behind it, under a sum of torques."""
+def rates_under(names: Iterable[str], t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+    """The rates of omega, and of the terms' own variables behind it, under the torques of these
+    names."""
     w, remaining = y[:3], y[3:]
     rates, torque, extra_rates = gyroscopic(w, k), None, list[Any]()
-    for term in terms:
+    for term in map(TERMS.__getitem__, names):
         extra, remaining = remaining[: len(term.extra)], remaining[len(term.extra) :]
         c = [coefficient_at(k, name, t) for name in term.degree]
         extra_rates += term.rates(t, c, w, k, extra) if term.rates else [0 * x for x in extra]
@@ -217,22 +218,9 @@ def expression_torque(
 ENTRIES = tuple(f"I{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
 """The constants of a tensor of resistance, row by row."""
 
-DAMPING = Term(damping_torque, dict.fromkeys(("lam1", "lam2", "lam3"), 1), by_momentum=True)
-RESISTANCE = Term(resistance_torque, dict.fromkeys(ENTRIES, 1), coefficients=tensor_entries)
-FLUID = Term(cavity_torque, {"kappa": 3}, coefficients=alone)
-CONSTANT = Term(body_torque, dict.fromkeys(("N1", "N2", "N3"), 0))
-BRAKE = Term(brake_torque, {"brake": 0}, extra={"stage_momentum": 1}, coefficients=alone)
-SPACE = Term(
-    space_torque,
-    {"F": 0},
-    extra=dict.fromkeys(("gamma1", "gamma2", "gamma3"), 0),
-    rates=direction_rates,
-    coefficients=lambda space: (space["size"],),
-)
-
 TERMS: Mapping[str, Term] = {
-    "damping": DAMPING,
-    "resistance": RESISTANCE,
+    "damping": Term(damping_torque, dict.fromkeys(("lam1", "lam2", "lam3"), 1), by_momentum=True),
+    "resistance": Term(resistance_torque, dict.fromkeys(ENTRIES, 1), coefficients=tensor_entries),
     "quadratic": Term(quadratic_torque, dict.fromkeys(("c1", "c2", "c3"), 2), by_momentum=True),
     "quadratic_axes": Term(
         quadratic_axes_torque,
@@ -240,14 +228,25 @@ TERMS: Mapping[str, Term] = {
         by_momentum=True,
         extra=dict.fromkeys(("s1", "s2", "s3"), 0),
     ),
-    "kappa": FLUID,
-    "torque": CONSTANT,
-    "brake": BRAKE,
+    "kappa": Term(cavity_torque, {"kappa": 3}, coefficients=alone),
+    "torque": Term(body_torque, dict.fromkeys(("N1", "N2", "N3"), 0)),
+    "brake": Term(brake_torque, {"brake": 0}, extra={"stage_momentum": 1}, coefficients=alone),
     "rotor": Term(rotor_torque, dict.fromkeys(("h1", "h2", "h3"), 1)),
-    "space_torque": SPACE,
+    "space_torque": Term(
+        space_torque,
+        {"F": 0},
+        extra=dict.fromkeys(("gamma1", "gamma2", "gamma3"), 0),
+        rates=direction_rates,
+        coefficients=lambda space: (space["size"],),
+    ),
     "expression": Term(expression_torque, {}, coefficients=lambda texts: ()),
 }
 """The terms by the keys of cases; a `cavity` is a kappa."""
+
+
+def degree_under(names: Iterable[str]) -> dict[str, int]:
+    """The degree in the angular velocity of the terms that each constant of a sum multiplies."""
+    return {"g": 2} | {constant: n for name in names for constant, n in TERMS[name].degree.items()}
 
 
 # First-order theories are then off by some per cent, which figures show.
