@@ -167,19 +167,14 @@ def value_at(coefficient: Any, t: float) -> Any:
 
 
 def least_value(coefficient: Any, start: float, end: float) -> Any:
-    """The smallest value of a law between two times; of the laws other than polynomials all are
-    monotonic."""
-    kind, values, _ = law(coefficient)
-    times = [start, end]
-    if kind == "polynomial" and len(values) > 2:
-        turns = np.roots([i * values[i] for i in range(len(values) - 1, 0, -1)]).real.tolist()
-        times += [t for t in turns if start < t < end]
-    return min(value_at(coefficient, t) for t in times)
+    """The smallest value of a law between two times."""
+    return min(value_at(coefficient, t) for t in times_of_all_signs(coefficient, 0.0, start, end))
 
 
 def times_of_all_signs(first: Any, second: Any, start: float, end: float) -> list[float]:
     """Times between two at which the difference of two coefficients has every sign that it has
-    there; not a number where no formula tells them."""
+    there, and its least value, if one of them is constant; not a number where no formula tells
+    them."""
     if first == second:
         return [start]
     laws = law(first), law(second)
