@@ -79,7 +79,8 @@ def added_variables() -> dict[str, Label]:
 
 @cache
 def forms_of(name: str) -> Mapping[str, type[Model]]:
-    """The classes of a model by form, the first of which is its default.
+    """The classes of a model by form, the first of which is its default; of a body-frame model that
+    states only its full form with an averaged one.
 
     Raises HodoError if an installed package's models cannot be loaded, or one is there already.
     """
@@ -91,7 +92,11 @@ def forms_of(name: str) -> Mapping[str, type[Model]]:
             raise HodoError(
                 f"{added.origin}: there is already a model {name!r} with the form {item.form!r}"
             )
-    add_averaged(forms)
+    # The means over a turn know of no other state than omega.
+    if "averaged" not in forms and "full" in forms:
+        make, full = import_module(f"{__name__}.averaging.any_torque"), forms["full"]
+        if issubclass(full, make.BodyFrame) and full.state == make.BodyFrame.state:
+            forms["averaged"] = make.averaged_form(full)
     return forms
 
 
@@ -107,16 +112,6 @@ def catalogue() -> Catalogue:
     """Every model class by its YAML name and form."""
     added = (form.name for _, form in _added_forms())
     return Catalogue(dict.fromkeys((*_own_modules_of(), *added)))
-
-
-def add_averaged(forms: dict[str, type[Model]]) -> None:
-    """Give a body-frame model that states only its full form an averaged one."""
-    if "averaged" in forms or "full" not in forms:
-        return
-    make = import_module(f"{__name__}.averaging.any_torque")
-    # The means over a turn know of no other state than omega.
-    if issubclass(full := forms["full"], make.BodyFrame) and full.state == make.BodyFrame.state:
-        forms["averaged"] = make.averaged_form(full)
 
 
 @cache
