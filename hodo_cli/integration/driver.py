@@ -60,6 +60,12 @@ class SampleBuffer:
     done: int = 0
     events: list[Occurrence] = field(default_factory=list)
 
+    @classmethod
+    def empty(cls, time: np.ndarray, m: int, fp: Any) -> "SampleBuffer":
+        """States (m,) of a precision at such times, none of them known."""
+        # Of C's int, because ldexp takes four times as long by a wider one.
+        return cls(time, np.empty((len(time), m), dtype=fp), np.empty(len(time), dtype=np.intc))
+
     def add(self, states: np.ndarray, exponent: int | np.ndarray) -> None:
         """Enter the states at the next times, in units of 2**exponent."""
         new = slice(self.done, self.done + len(states))
@@ -164,15 +170,13 @@ class Propagation:
 
     def begin(self) -> None:
         """Put the motion at its start, where the first samples may lie."""
-        system, times, fp = self.system, self.times, self.engine.dtype
+        system, fp = self.system, self.engine.dtype
         kind = Clock if self.model.degree or self.is_timed else AbsoluteClock
         self.clock = kind(fp(self.start), fp(0))
         self.units = units_at_start(system, self.window)
         exact = system.extended_start if fp is np.longdouble else np.array(system.start)
         self.y = rescaled(self.model, exact, -self.units.exponent).astype(fp)
-        # Of C's int, because ldexp takes four times as long by a wider one.
-        exponent = np.empty(len(times), dtype=np.intc)
-        self.samples = SampleBuffer(times, np.empty((len(times), len(exact)), dtype=fp), exponent)
+        self.samples = SampleBuffer.empty(self.times, len(exact), fp)
         self.samples.fill(self.start, self.y, self.units.exponent)
         # Whether small components may need shorter steps, see `longest_step`: not those of a model
         # without degrees on a clock of its own, whose phase is far smaller than all else.

@@ -202,35 +202,22 @@ def closed_form(case: Case, times: np.ndarray, precision: str) -> Trajectory:
     """
     if not case.system.has_closed_form:
         raise HodoError(f"{case.name}: {NO_CLOSED_FORM}")
-    control = StepControl(max_seconds=case.max_seconds or math.inf)
+    system, control = case.system, StepControl(max_seconds=case.max_seconds or math.inf)
     began, fp = thread_time(), np.longdouble if precision == "extended" else np.float64
-    samples = SampleBuffer(
-        times,
-        np.empty((len(times), len(case.system.state)), dtype=fp),
-        np.empty(len(times), dtype=np.int64),
-    )
-    take_exact_samples(case, samples, control)
-    if end := case.system.exact_end(fp):
+    samples = SampleBuffer.empty(times, len(system.state), fp)
+    # In blocks, for the memory: the closed form makes a dozen arrays of its times.
+    while not samples.is_complete and control.has_time():
+        block: np.ndarray = samples.time[samples.done :][:SAMPLES_AT_ONCE].astype(fp)
+        samples.add(*system.exact_states(block - case.time.start))
+    outgrown = samples.exponent > LARGEST_EXPONENT
+    lost = (outgrown | ~np.isfinite(samples.state).all(axis=1))[: samples.done]
+    if lost.any():
+        samples.done = int(lost.argmax())
+        message = f"{OVERFLOW_MESSAGE} at {times[samples.done]:.6g}"
+        control.give_up(Status.FAILED, message)
+    if end := system.exact_end(fp):
         kind, outcome = end
         time = case.time.start + outcome.time
         if time <= case.time.end:
             samples.events.append(Occurrence(kind, time, outcome.details or {}))
     return trajectory(case, "exact", float(np.finfo(fp).eps), samples, control, began)
-
-
-def take_exact_samples(case: Case, samples: SampleBuffer, control: StepControl) -> None:
-    """Enter the exact states of a case at the times of its samples, until they exceed the largest
-    number, or its seconds are over."""
-    times = samples.time
-    # In blocks, for the memory: the closed form makes a dozen arrays of its times.
-    for i in range(0, len(times), SAMPLES_AT_ONCE):
-        if not control.has_time():
-            break
-        block: np.ndarray = times[i : i + SAMPLES_AT_ONCE].astype(samples.state.dtype)
-        samples.add(*case.system.exact_states(block - case.time.start))
-    known = slice(samples.done)
-    outgrown = samples.exponent[known] > LARGEST_EXPONENT
-    lost = np.flatnonzero(outgrown | ~np.isfinite(samples.state[known]).all(axis=1))
-    if len(lost):
-        samples.done = int(lost[0])
-        control.give_up(Status.FAILED, f"{OVERFLOW_MESSAGE} at {times[lost[0]]:.6g}")
