@@ -341,14 +341,8 @@ class Torques(BodyUnderTorques):
         if self.rotor is None:
             return ()
         # As given, if it can be: many members at once are columns, which no array takes.
-        A, h = self.inertia, self.rotor
-        if self.frame is not None:
-            A, h = self.moments.tolist(), self.to_principal(np.array(self.rotor)).tolist()
-        # Bodies whose steady rotations are found together have one order of the moments; the same
-        # of these are equal, and the same components of h are 0.
-        special = A[0] == A[1], A[1] == A[2], A[0] == A[2], *(x == 0 for x in h)
-        kind = *inertia_order(A), *map(bool, special)
-        return Bound(twice_energy, (kind,)), Bound(square_of_momentum, (kind,))
+        order = inertia_order(self.inertia if self.frame is None else self.moments)
+        return Bound(twice_energy, (order,)), Bound(square_of_momentum, (order,))
 
     @property
     def averaged_events(self) -> tuple[Event, ...]:
@@ -404,14 +398,15 @@ class Torques(BodyUnderTorques):
         return warnings
 
 
-def twice_energy(kind: tuple[Any, ...], t: Any, y: Sequence[Any], k: Any) -> Any:
-    """2T = A1 p^2 + A2 q^2 + A3 r^2, of bodies of a kind; see `Torques.levels`."""
+def twice_energy(order: tuple[int, int, int], t: Any, y: Sequence[Any], k: Any) -> Any:
+    """2T = A1 p^2 + A2 q^2 + A3 r^2, of bodies with one order of the moments, as those have whose
+    steady rotations are found together."""
     p, q, r = along_principal_axes(y[:3], k)
     return k.A1 * (p * p) + k.A2 * (q * q) + k.A3 * (r * r)
 
 
-def square_of_momentum(kind: tuple[Any, ...], t: Any, y: Sequence[Any], k: Any) -> Any:
-    """|G|^2, with the rotor's part, of bodies of a kind."""
+def square_of_momentum(order: tuple[int, int, int], t: Any, y: Sequence[Any], k: Any) -> Any:
+    """|G|^2, with the rotor's part, of bodies with one order of the moments."""
     G = angular_momentum_of(y[:3], k)
     return dot(G, G)
 
