@@ -182,6 +182,7 @@ class CrossingSearch(StepBuffer):
         vanishes = np.repeat((False, False, True, False, False), [len(of) for of, _ in places])
         self._note(row, x, vanishes, b, times)
 
+    @np.errstate(divide="ignore", invalid="ignore")
     def _note(
         self, row: np.ndarray, x: np.ndarray, vanishes: np.ndarray, b: np.ndarray, times: np.ndarray
     ) -> None:
@@ -192,13 +193,13 @@ class CrossingSearch(StepBuffer):
         row, x, vanishes = row[order], x[order], vanishes[order]
         view = self._view(b, row, x)
         start, end = self.clock.exact_times(times.T).astype(float)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rate = np.nan_to_num(view.rate / (end - start)[row]).astype(float)
+        rate = np.nan_to_num(view.rate / (end - start)[row]).astype(float)
         within = times[row, 0] + x * (times[row, 1] - times[row, 0])
         time = self.clock.exact_times(within).astype(float)
         margin = np.where(vanishes, 0, view.margin).astype(float)
         self.parts.append(SignChanges(time, margin, vanishes, rate, view.momentum, view.label))
 
+    @np.errstate(divide="ignore", invalid="ignore")
     def _view(self, b: np.ndarray, row: np.ndarray, x: np.ndarray) -> StepView:
         """The motion at places x (k,) in steps with Bernstein coefficients b (n, 3, degree + 1)."""
         A, motion = self.A.astype(b.dtype), values_and_slopes(b[row], x[:, None])
@@ -209,8 +210,7 @@ class CrossingSearch(StepBuffer):
         # Near the separatrix the margin is the smaller form, up to a factor of at most sqrt 2.
         change = np.where(values[0] < values[1], *changes)
         scale = np.hypot(*rigid_body.separatrix_roots(A, self.order))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rate = change / (scale * np.sqrt(np.square(omega).sum(axis=1)))
+        rate = change / (scale * np.sqrt(np.square(omega).sum(axis=1)))
         momentum = np.sqrt(np.square(rigid_body.angular_momentum(A, omega)).sum(axis=1))
         momentum = np.ldexp(momentum.astype(float), self.units.exponent)
         margin, label = sides_of(self.body, omega)
@@ -406,6 +406,7 @@ class RegionSearch(CrossingSearch):
         order = np.lexsort((x, row))
         return row[order], x[order]
 
+    @np.errstate(divide="ignore", invalid="ignore")
     def _view(self, b: np.ndarray, row: np.ndarray, x: np.ndarray) -> StepView:
         """The motion at places x (k,) in steps with Bernstein coefficients b (n, 3, degree + 1)."""
         # A rotor has a momentum of its own, so that nothing is homogeneous in omega.
@@ -416,11 +417,10 @@ class RegionSearch(CrossingSearch):
         slope = (region.gradient * change[:, None]).sum(-1)
         G = A * w + h
         square = (G * G).sum(-1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            size = np.linalg.norm(region.gradient, axis=-1) * np.linalg.norm(w, axis=-1)[:, None]
-            saddle = np.abs(region.margin).argmin(-1)[:, None]
-            nearest = np.take_along_axis(np.abs(slope) / size, saddle, 1)[:, 0]
-            falling = np.abs((G * A * change).sum(-1)) / square
+        size = np.linalg.norm(region.gradient, axis=-1) * np.linalg.norm(w, axis=-1)[:, None]
+        saddle = np.abs(region.margin).argmin(-1)[:, None]
+        nearest = np.take_along_axis(np.abs(slope) / size, saddle, 1)[:, 0]
+        falling = np.abs((G * A * change).sum(-1)) / square
         rate = np.where(region.label == UNSEPARATED, falling, nearest)
         momentum = np.sqrt(square).astype(float)
         return StepView(region.label, region.nearest, momentum, rate, region.value, slope)

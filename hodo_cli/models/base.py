@@ -467,13 +467,13 @@ def has_formula_of_time(system: Model) -> bool:
 
 
 @lru_cache(maxsize=64)
+@np.errstate(all="ignore")
 def _contains_time(model: type[Model], form: Structure, events: tuple[Event, ...]) -> bool:
     # Any numbers serve that no formula makes 0 or equal.
     k = namespace(form, [1.1 + i / 7 for i in range(count(form))])
     y = [np.float64(0.3 + i / 11) for i in range(len(model.state))]
     functions = (model.rhs, *(event.function for event in events))
-    with np.errstate(all="ignore"):
-        return any(_is_lost(function, y, k) for function in functions)
+    return any(_is_lost(function, y, k) for function in functions)
 
 
 def _is_lost(function: Callable[..., Any], y: Sequence[Any], k: Any) -> bool:

@@ -210,6 +210,7 @@ def near_middle_axis(A: Any, omega: np.ndarray) -> np.ndarray:
     return share_of(bound, total, of_nothing=1.0)
 
 
+@np.errstate(invalid="ignore")  # what is infinite is undetermined anyway
 def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
     """The axis that the hodograph of G encloses, for omega (..., 3) at any scale, as int8.
 
@@ -219,8 +220,7 @@ def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
     """
     order, w = inertia_order(A), np.moveaxis(omega, -1, 0)
     largest, middle, smallest = order
-    with np.errstate(invalid="ignore"):  # what is infinite is undetermined anyway
-        signed = margin(A, omega, order)
+    signed = margin(A, omega, order)
     labels = np.where(signed > 0, largest + 1, smallest + 1)
     # In steady rotation about an axis of symmetry both terms are 0: G goes round nothing.
     turning = signed != 0

@@ -92,15 +92,15 @@ def largest_crossing_u(lam: Sequence[float], side: int) -> float:
     return -math.log(steady[1]) if steady and steady[0] == side else math.inf
 
 
+@np.errstate(divide="ignore", invalid="ignore")  # beyond the last u that crosses
 def crossing_time(lam: Sequence[float], side: int, u: Any) -> Any:
     """t* (...) of motions at u (...) on a side, by quadrature; inf where they never cross. It knows
     neither |omega| nor the body; lam as sorted."""
     u = np.asarray(u, dtype=float)
     nodes = u[..., None] * FRACTIONS
     mean = turn_means(np.exp(-nodes), -np.expm1(-nodes), LANDEN)
-    with np.errstate(divide="ignore", invalid="ignore"):  # beyond the last u that crosses
-        seconds = u[..., None] * WEIGHTS / np.abs(shape_rate(lam[::side], mean))
-        return np.where(u < largest_crossing_u(lam, side), seconds.sum(-1), np.inf)
+    seconds = u[..., None] * WEIGHTS / np.abs(shape_rate(lam[::side], mean))
+    return np.where(u < largest_crossing_u(lam, side), seconds.sum(-1), np.inf)
 
 
 def crossing_table(lam: Sequence[float], side: int) -> tuple[np.ndarray, np.ndarray]:

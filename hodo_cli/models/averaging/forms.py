@@ -338,11 +338,11 @@ class AveragedTurns(BodyFrame):
         return tuple(self.starts(self.omega_at_start).tolist())
 
     @classmethod
+    @np.errstate(divide="ignore", invalid="ignore")
     def logarithms(cls, slow: SlowVariables) -> Pair:
         """ln X_e and ln X_o: `steady_offset` apart in an exact rotation about the enclosed axis."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ln_e, ln_o = np.log(slow.X_e), np.log(slow.X_o)
-            return ln_e, np.where(slow.X_o > 0, ln_o, ln_e - cls.steady_offset)
+        ln_e, ln_o = np.log(slow.X_e), np.log(slow.X_o)
+        return ln_e, np.where(slow.X_o > 0, ln_o, ln_e - cls.steady_offset)
 
     @property
     def extended_start(self) -> np.ndarray:
@@ -364,6 +364,7 @@ class AveragedTurns(BodyFrame):
             "the start is so near the separatrix that it is taken for its own mean element",
         ]
 
+    @np.errstate(all="ignore")  # where nothing turns any more the ratio is infinite
     def smallness(self, t: Any, y: np.ndarray) -> np.ndarray:
         """Averaging's parameter at times (n,) and states (n, 5): the perturbation's rate in
         quarter turns K/n."""
@@ -374,8 +375,7 @@ class AveragedTurns(BodyFrame):
         return np.asarray(rate * np.pi / 2 / (turn.frequency(k) * turn.mean.dn))
 
     def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
-        with np.errstate(all="ignore"):  # where nothing turns any more the ratio is infinite
-            ratio = self.smallness(t, y)
+        ratio = self.smallness(t, y)
         large = np.flatnonzero(~(ratio <= LARGE_RATIO))
         if not len(large):
             return []
@@ -411,6 +411,7 @@ class AveragedTurns(BodyFrame):
         return outcome._replace(state=[ln_e, ln_o, *others])
 
 
+@np.errstate(all="ignore")  # of what is not turning there is no mean
 def shifted(body: Body, slow: SlowVariables, part: np.ndarray) -> tuple[SlowVariables, np.ndarray]:
     """Slow variables (...) with the periodic parts of X_e and X_o, relative to them, taken off, and
     where that was done.
@@ -419,12 +420,11 @@ def shifted(body: Body, slow: SlowVariables, part: np.ndarray) -> tuple[SlowVari
     """
     X_e, X_o = (value * (1 - share) for value, share in zip(slow[:2], part, strict=True))
     w_e, w_o = body.weights(slow.side)
-    with np.errstate(all="ignore"):  # of what is not turning there is no mean
-        m1 = 1 - w_o * X_o / (w_e * X_e)
-        # Halfway: nearer, the mean element would hang on terms that the first order leaves
-        # out.
-        right = (X_e >= 0) & (X_o >= 0) & (m1 > 0)
-        right &= shape_distance(m1) >= shape_distance(slow.m1) / 2
+    m1 = 1 - w_o * X_o / (w_e * X_e)
+    # Halfway: nearer, the mean element would hang on terms that the first order leaves
+    # out.
+    right = (X_e >= 0) & (X_o >= 0) & (m1 > 0)
+    right &= shape_distance(m1) >= shape_distance(slow.m1) / 2
     mean = slow._replace(X_e=X_e, X_o=X_o, m1=m1)
     chosen = (np.where(right, new, old) for new, old in zip(mean, slow, strict=True))
     return SlowVariables(*chosen), right

@@ -157,10 +157,10 @@ def slow_elements(body: Body, omega: Any) -> SlowVariables:
     return SlowVariables(X_e, X_o, side, m1, sense, phase_of(am, m1))
 
 
+@np.errstate(divide="ignore")
 def shape_distance(m1: Any) -> Any:
     """u = -ln m from m1 = 1 - m (...)."""
-    with np.errstate(divide="ignore"):
-        return -np.log1p(-np.asarray(m1))
+    return -np.log1p(-np.asarray(m1))
 
 
 def turn_frequency(body: Body, X_e: Any, side: Any) -> Any:
@@ -218,6 +218,7 @@ def amplitude(phase: Any, m1: Any) -> tuple[Any, Any]:
     return phi, zeta
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def free_motion_by_phase(body: Body, slow: SlowVariables, phase: Any) -> np.ndarray:
     """omega (..., 3) along the sorted axes, at a phase (...) of the free motion with these slow
     variables (...)."""
@@ -227,9 +228,8 @@ def free_motion_by_phase(body: Body, slow: SlowVariables, phase: Any) -> np.ndar
     # A sum of squares: 1 - m sn^2 would cancel at the separatrix.
     dn = np.sqrt(cn * cn + slow.m1 * sn * sn)
     A_e, A_o = exchanged(slow.side, a, c)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # For two equal moments the other side, with its division by 0, is not there.
-        across = np.sqrt(slow.X_o / (b * body.weights(slow.side)[0]))
+    # For two equal moments the other side, with its division by 0, is not there.
+    across = np.sqrt(slow.X_o / (b * body.weights(slow.side)[0]))
     w_e = slow.sense * np.sqrt(slow.X_e / (A_e * (a - c))) * dn
     w_m = -slow.sense * across * sn
     w_o = np.sqrt(slow.X_o / (A_o * (a - c))) * cn

@@ -230,15 +230,15 @@ class AlongMomentum(NamedTuple):
             return np.longdouble(1) / self.brake
         return np.longdouble(np.log1p(self.damping / self.brake) / self.damping)
 
+    @np.errstate(over="ignore", invalid="ignore")  # of what grows beyond all doubles
     def clock(self, times: Any) -> tuple[np.ndarray, np.ndarray]:
         """g and s (...) at times >= 0 (...), in their precision; at rest g is 0 and s stands
         still."""
         stopped, fp = np.asarray(times) >= self.stop, np.result_type(times, float).type
         t, brake = np.minimum(times, fp(self.stop)), fp(self.brake)
-        with np.errstate(over="ignore", invalid="ignore"):  # of what grows beyond all doubles
-            a = free_time(self.damping, t)
-            g = np.where(stopped, 0, np.exp(-self.damping * t) - brake * a)
-            return g, a - brake * _phi_2(self.damping * t) * t * t
+        a = free_time(self.damping, t)
+        g = np.where(stopped, 0, np.exp(-self.damping * t) - brake * a)
+        return g, a - brake * _phi_2(self.damping * t) * t * t
 
 
 def _phi_2(z: Any) -> Any:

@@ -73,6 +73,7 @@ def axis_weights(inertia: Any) -> dict[str, list[float]]:
     return {key: w.tolist() for key, w in (weights | {"quadratic_axes": speeds}).items()}
 
 
+@np.errstate(all="ignore")
 def turning_momenta(terms: Dissipation) -> SenseReversal:
     """Where fluid and damping change places."""
     c, b, a = np.sort(np.asarray(terms.inertia, float))
@@ -82,10 +83,9 @@ def turning_momenta(terms: Dissipation) -> SenseReversal:
     largest, _, smallest = inertia_order(terms.inertia)
     excess = np.float64(terms.damping[largest] - terms.damping[smallest])
     strengths = np.array([min(alpha, beta), max(alpha, beta), (2 * alpha + beta) / 3])
-    with np.errstate(all="ignore"):
-        squares = excess / (terms.kappa * strengths)
-        valid = (squares > 0) & np.isfinite(squares)
-        return SenseReversal(*np.where(valid, np.sqrt(squares), np.nan).tolist())
+    squares = excess / (terms.kappa * strengths)
+    valid = (squares > 0) & np.isfinite(squares)
+    return SenseReversal(*np.where(valid, np.sqrt(squares), np.nan).tolist())
 
 
 def possible_crossings(terms: Dissipation) -> frozenset[int] | None:
@@ -152,6 +152,7 @@ def crossing_predictions(moments: Sequence[Dissipation]) -> list[str]:
     ]
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def tilt_growth_rates(terms: Dissipation, omega: Any) -> np.ndarray:
     """The rate (..., 3) at which a small tilt away from rotation about each body axis, at the speed
     omega (..., 3), grows on the mean over a turn; not a number for the middle axis, about which
@@ -173,8 +174,7 @@ def tilt_growth_rates(terms: Dissipation, omega: Any) -> np.ndarray:
     w, kappa = np.abs(omega), np.asarray(terms.kappa, float)[..., None]
     j, k = np.roll(A, -1, -1), np.roll(A, -2, -1)
     fluid = (A - j) * (A + j - k) / (j * j * k) + (A - k) * (A + k - j) / (k * k * j)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        driven = np.where(torque == 0, 0, torque / (A * omega))
+    driven = np.where(torque == 0, 0, torque / (A * omega))
     growth = _above_others(damping) + _above_others(quadratic) * w + by_axes * w
     growth = growth - driven - kappa * fluid * w * w / 2
     # For an axis whose moment is the middle one too, a symmetric body has no such turn.

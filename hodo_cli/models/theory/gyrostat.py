@@ -182,6 +182,7 @@ class SteadyRotations(NamedTuple):
     c: Any
 
 
+@np.errstate(all="ignore")
 def saddles(A: Any, h: Any, momentum: Any) -> SteadyRotations:
     """The lower and the upper saddle of a body with moments A (3,), in any order, and a rotor h
     (3,), for |G| = momentum (n,): (n, 2). Both are the same where the middle axis has no part of h
@@ -193,17 +194,16 @@ def saddles(A: Any, h: Any, momentum: Any) -> SteadyRotations:
     momentum = np.atleast_1d(momentum)
     A = np.broadcast_to(A, (len(momentum), 3))
     middle = inertia_order(A[0])[1]
-    with np.errstate(all="ignore"):
-        # In units of |G|.
-        curves = SaddleCurves.of(A, np.asarray(h) / momentum[:, None])
-        u = curves.distance(1.0)
-        e = curves.factors(u)
-        G = curves.rotor / e
-        # At the pole the middle e is 0, and G there, 0/0, is what the other two leave of |G|.
-        at_pole = u == AT_POLE * curves.limit
-        others = _total(G * G) - G[middle] ** 2
-        e[middle, at_pole] = 0
-        G[middle, at_pole] = np.sqrt(1 - others[at_pole])
+    # In units of |G|.
+    curves = SaddleCurves.of(A, np.asarray(h) / momentum[:, None])
+    u = curves.distance(1.0)
+    e = curves.factors(u)
+    G = curves.rotor / e
+    # At the pole the middle e is 0, and G there, 0/0, is what the other two leave of |G|.
+    at_pole = u == AT_POLE * curves.limit
+    others = _total(G * G) - G[middle] ** 2
+    e[middle, at_pole] = 0
+    G[middle, at_pole] = np.sqrt(1 - others[at_pole])
     # A column for each saddle of each body: (..., 2 n) to (..., 2, n).
     s, e, G = (values.reshape(*values.shape[:-1], 2, -1) for values in (curves.s(u), e, G))
     return SteadyRotations(s.T, (G * momentum).T, (e / A.T[:, None]).T)

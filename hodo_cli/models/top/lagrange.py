@@ -537,11 +537,11 @@ class AveragedQuadrature(AveragedTop):
         ]
 
 
+@np.errstate(all="ignore")
 def quadrature_remainder(y: np.ndarray, k: Any) -> np.ndarray:
     """The error (n,) of the quadrature at states y (4, n), relative to its means; 0 where a state
     is out of range, which no nodes would mend."""
-    with np.errstate(all="ignore"):
-        _, w = nutation([*y], k)
-        near = np.arccosh(np.maximum(w / np.abs(y[3]), 1))
+    _, w = nutation([*y], k)
+    near = np.arccosh(np.maximum(w / np.abs(y[3]), 1))
     # The torques are polynomials of u, of degree 3 at most, and cost so many of the 2 n orders.
     return np.asarray(np.nan_to_num(np.exp((4 - 2 * len(k.cosines)) * near)))
