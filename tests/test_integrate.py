@@ -131,7 +131,7 @@ def test_implicit_methods_are_given_the_jacobian_and_no_others(method: str) -> N
     k, start = base.attributes(case.system.constants), np.array(START)
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # as SciPy warns of a Jacobian that it does not use
-        solver = engine.solver(k, start, 0.0, 1.0)  # type: ignore[attr-defined]
+        solver = engine.solver(k, start, 0.0, 1.0, math.inf)  # type: ignore[attr-defined]
     # Two for the size of the first step; finite differences take one more for each variable.
     assert solver.nfev <= 2
     if method in ("Radau", "BDF"):

@@ -66,9 +66,7 @@ class Collocation(Stepwise):
             series = series + (values - series @ basis) @ inverse
         return np.asarray(series)
 
-    def solver(
-        self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float = math.inf
-    ) -> "Steps":
+    def solver(self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float) -> "Steps":
         """See `Stepwise.solver`."""
         return Steps(self.model, k, y, start, end, self.tol, longest)
 

@@ -1,6 +1,5 @@
 """SciPy's initial value solvers, by name; the only module of engines that imports SciPy."""
 
-import math
 import warnings
 from functools import partial
 from threading import Lock
@@ -49,7 +48,7 @@ class Ivp(Stepwise):
             warnings.simplefilter("ignore")  # a solver that gives up returns a message too
             return super().integrate(k, y, grid, control)
 
-    def solver(self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float = math.inf) -> Any:
+    def solver(self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float) -> Any:
         """See `Stepwise.solver`; the implicit methods are given the Jacobian."""
         options = {"jac": partial(jacobian, self.model, k)} if self.implicit else {}
         return self.method(

@@ -1,7 +1,7 @@
 """The loop that engines share which advance one step at a time and have a formula for the state
 inside it."""
 
-import math
+from abc import abstractmethod
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
@@ -10,25 +10,23 @@ import numpy as np
 
 from ..models.base import Constants, Event, attributes
 from .polynomial import CHEBYSHEV, Zeros, isolate, rounding, to_bernstein
-from .protocol import NORM_BAND, EventRoot, Status, StepControl, Stretch
+from .protocol import NORM_BAND, Engine, EventRoot, Status, StepControl, Stretch
 
 
-class Stepwise:
+class Stepwise(Engine):
     """An engine that starts a solver for each stretch, an object with the interface of SciPy's
     OdeSolver."""
 
     dtype: Any = np.float64
-    tol: float
     band = NORM_BAND
     basis = CHEBYSHEV
-    degree: int
 
     def __init__(self, events: tuple[Event, ...]) -> None:
         self.events = events
 
-    def solver(self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float = math.inf) -> Any:
+    @abstractmethod
+    def solver(self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float) -> Any:
         """A new solver from `y` at `start` to `end`, in steps of at most `longest`."""
-        raise NotImplementedError
 
     def series(self, solver: Any, dense: Callable[[Any], np.ndarray], end: Any) -> np.ndarray:
         """The polynomial of the last step (m, degree + 1) up to the time `end`, from its values at
