@@ -437,12 +437,6 @@ class BodyFrame(Model):
         `enclosed_axis`."""
         return enclosed_axis(self.moments, omega, band)
 
-    def separation(self, omega: np.ndarray) -> np.ndarray:
-        """How far angular velocities (n, 3) are from the separatrix (n,), as a part of the sum of
-        the terms of D."""
-        A = self.moments
-        return separation(A[:, None], self.to_principal(omega).T, inertia_order(A))
-
     @np.errstate(all="ignore")  # a torque may have no value where a component is 0
     def tilt_growth(self, t: float) -> np.ndarray | None:
         """From the equations alone, at the speed of the start; not a number for an axis that a

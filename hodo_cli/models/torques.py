@@ -282,11 +282,6 @@ class Torques(BodyUnderTorques):
         )
         return G if self.rotor is None else G + np.array(self.rotor)
 
-    def separation(self, omega: np.ndarray) -> np.ndarray:
-        if self.rotor_momentum is None:
-            return super().separation(omega)
-        return region_of(self.moments, self.rotor_momentum, self.to_principal(omega)).separation
-
     def enclosed(self, omega: np.ndarray, band: Any = 0.0) -> np.ndarray:
         if self.rotor_momentum is None:
             return super().enclosed(omega, band)

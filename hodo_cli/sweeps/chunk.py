@@ -15,7 +15,6 @@ from ..cases.case import Case
 from ..engines.protocol import Status
 from ..integration import (
     Trajectory,
-    body_of,
     classify,
     integrate,
     label_at_start,
@@ -33,12 +32,13 @@ from .columns import (
     label_columns,
     lengths,
     reduced_ensemble,
+    separation_at,
     shape,
 )
 from .ensemble.advance import advance, measure_crossings
 from .ensemble.motions import Rejection
 from .formulas import formulas_may_change
-from .members import member, other_method, prepare, system_of_member
+from .members import ensemble_of, member, other_method, prepare, system_of_member
 
 LARGEST_CHUNK, SMALLEST_CHUNK = 16384, 256
 """Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
@@ -249,12 +249,12 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
 
 
 def least_separation_alone(motion: Trajectory) -> np.ndarray:
-    """The smaller `separation` (1,) from the separatrix of start and end of a single case."""
-    body = body_of(motion.case)
-    # In true size only where a rotor sets a scale: elsewhere a decayed motion would be 0 there.
-    omega = motion.omega if body.rotor_momentum is None else motion.variables["omega"]
-    ends = np.array([body.start[:3], omega[-1]], dtype=float)
-    return np.asarray(body.separation(ends).min(keepdims=True))
+    """The smaller separation (1,) from the separatrix of start and end of a single case."""
+    case, only = motion.case, np.zeros(1, dtype=np.intc)
+    e = ensemble_of(case, case.system, only, case.system.start)
+    at_start = separation_at(e, only, e.start, only)
+    at_end = separation_at(e, only, motion.state[-1:].T.astype(float), motion.exponent[-1:])
+    return np.asarray(np.minimum(at_start, at_end))
 
 
 def sampled(motion: Trajectory) -> dict[str, np.ndarray]:
