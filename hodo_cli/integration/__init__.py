@@ -11,7 +11,7 @@ from .crossings import (
     label_at_start,
     time_to_zero,
 )
-from .driver import REST_BITS, at_rest
+from .driver import at_rest
 from .error import (
     comparable_lengths,
     error_of_variable,
@@ -32,7 +32,6 @@ __all__ = [
     "ERROR_LIMIT_ASKED",
     "MIN_STIFF_STEPS",
     "PLACES_VIEWED",
-    "REST_BITS",
     "UNDECIDED",
     "Classification",
     "Crossing",

@@ -20,6 +20,7 @@ from ..engines.units import (
     units_at_start,
 )
 from ..models.base import (
+    REST_BITS,
     Event,
     EventOutcome,
     Model,
@@ -33,10 +34,6 @@ from .trajectory import Occurrence
 
 SAMPLES_AT_ONCE = 1 << 16
 """Samples handed to an engine at once."""
-
-REST_BITS = 2**12
-"""Binary orders of magnitude below 1 at which a motion is called at rest: 1e-1233, far below the
-smallest double."""
 
 LARGEST_EXPONENT, OVERFLOW_MESSAGE = 1024, "the motion exceeds the largest number"
 """The binary order of magnitude of the largest double, and the message of a motion beyond it."""

@@ -13,9 +13,8 @@ from ..cases.case import Case
 from ..engines import extended
 from ..engines.protocol import EPS
 from ..models.attitude import angle_apart
-from ..models.base import Model, attributes, rescaled
+from ..models.base import REST_BITS, Model, attributes, rescaled
 from .choice import AUTOMATIC, MIN_STIFF_STEPS, best
-from .driver import REST_BITS
 from .solve import refined, sample_times, solve, with_seconds_left
 from .trajectory import Occurrence, Trajectory
 

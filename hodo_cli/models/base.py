@@ -26,6 +26,11 @@ LENGTHS = {"axis": 3, "quaternion": 4, "principal": 3, "space": 3}
 """The lengths of the dimensions that a variable of a motion may have besides its time."""
 
 
+REST_BITS = 2**12
+"""Binary orders of magnitude below 1 at which a motion is called at rest: 1e-1233, far below the
+smallest double."""
+
+
 class Label(NamedTuple):
     """How one stored variable is labelled in a result file."""
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..base import Constants
+from ..base import REST_BITS, Constants
 from ..rigid_body import BodyFrame, body_constants, inertia_order
 from ..theory.closed_form import AlongMomentum, free_motion, scaled_motion
 from ..theory.dissipation import (
@@ -29,9 +29,6 @@ from .torques import TERMS, cavity_warnings, coefficient, rates_under, weak
 
 TENSOR_ROUNDING = 1e-13
 """The part of the largest entry of a tensor below which one is the rounding of a change of axes."""
-
-AT_REST = -(2**12)
-"""The exponent of a motion that has stopped, as of one that has decayed beyond every double."""
 
 ZEROS = (0.0, 0.0, 0.0)
 
@@ -235,7 +232,7 @@ class BodyUnderTorques(BodyFrame):
             g, s = along.clock(t)
             slowed, exponent = np.frexp(g)
             state = slowed[:, np.newaxis] * free_motion(A, omega, s)
-            exponent = np.where(slowed > 0, exponent, AT_REST)
+            exponent = np.where(slowed > 0, exponent, -REST_BITS)
         # The variable of a brake: there are no stages of braking here.
         braked = np.zeros((len(t), int("brake" in self.term_coefficients)), dtype=state.dtype)
         return np.hstack((self.from_principal(state), braked)), exponent

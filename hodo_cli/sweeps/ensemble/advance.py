@@ -8,8 +8,8 @@ from numpy.polynomial.polynomial import polyder
 
 from ...arithmetic import horner
 from ...engines.units import clock_rates
-from ...integration import REST_BITS, at_rest, time_to_zero
-from ...models.base import Event, moving
+from ...integration import at_rest, time_to_zero
+from ...models.base import REST_BITS, Event, moving
 from ...models.rigid_body import UNDETERMINED
 from .batch import STEPS_PER_PAUSE, BatchState
 from .motions import Columns, Ensemble, Outcome, Passages, Rejection, TakenSteps, zeros_of
