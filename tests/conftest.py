@@ -101,6 +101,27 @@ def few_without_heyoka(values: Iterable[Any], few: int = 1) -> list[Any]:
     ]
 
 
+@pytest.fixture
+def quick_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps of sweeps compiled without optimisation, in a third of the time: for equations that one
+    test alone has. They round otherwise; `test_taylor_batch.py` tries every form, and whatever
+    promises bits, with the code that users run."""
+    from hodo_cli.engines import have_taylor  # late, because a leg hides heyoka
+
+    if have_taylor():
+        from hodo_cli.engines import taylor_batch as batch
+
+        compiled = batch.compiled_function
+        quick = {
+            "compiled_function": lambda inputs, rows, _: compiled(inputs, rows, 0),
+            # Neither kind is taken for the other, in this process or from the disk.
+            "build": lru_cache(maxsize=16)(batch.TaylorStep),
+            "STEP_SOURCES": [*batch.STEP_SOURCES, "not optimised"],
+        }
+        for name, value in quick.items():
+            monkeypatch.setattr(batch, name, value)
+
+
 Hodo = Callable[..., subprocess.CompletedProcess[str]]
 
 

@@ -231,7 +231,7 @@ def test_a_body_that_friction_holds_fails_in_words() -> None:
         {
             "model": "torques", "inertia": [2, 1.5, 1], "quadratic_axes": 0.01,
             "expression": ["-0.1*p/sqrt(p**2)", "0", "0"], "initial": {"p": 0.3, "q": 0, "r": 0},
-            "time": {"end": 20, "samples": 21},
+            "time": {"end": 20, "samples": 21}, "method": "taylor",
         }
     )  # fmt: skip
     assert ds.attrs["status"] == "failed"

@@ -7,7 +7,6 @@ import re
 import shutil
 import signal
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,7 @@ from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import classify, run
 from hodo_cli.engines import protocol
 from hodo_cli.figures.kinds import maps
-from hodo_cli.integration import choice, cross, integrate, solve
+from hodo_cli.integration import choice, cross, integrate
 from hodo_cli.models import base, rigid_body
 from hodo_cli.progress import Progress
 from hodo_cli.results import layout
@@ -44,7 +43,7 @@ from hodo_cli.sweeps.view import SweepView
 OK, FAILED, TIMEOUT, INVALID = range(4)
 """The first values of `status`, by their places in its `flag_meanings`."""
 
-pytestmark = pytest.mark.engines
+pytestmark = [pytest.mark.engines, pytest.mark.usefixtures("quick_steps")]
 
 HEAD = "inertia: [1, 0.8, 0.6], time: {end: 1000}, error: off"
 BALL = "initial: {p: 0, q: 0, G: 1}"
@@ -268,22 +267,6 @@ def test_members_on_a_sphere_are_single_cases(body: str) -> None:
     assert_members_are_single_cases(case, list(range(30)))
 
 
-FLUID = f"model: cavity+constant, {HEAD}, kappa: 0.005"
-TURNING = {
-    "linear-diag": FIG4,
-    "raw": f"{FIG4}, mean_start: no",
-    "one side": FIG4.replace("1, 0.8, 0.6", "0.8, 0.8, 0.6"),
-    "tensor": FIG12,
-    "cavity": FLUID,
-    "stopped": f"{FLUID}, torque: [-0.001, 0.0003, 0.0005]",
-    "other-axis": f"{FLUID}, torque: [-0.001, 0.0003, 0.0005], at_separatrix: other-axis",
-}
-
-
-def averaged(body: str, sweep: str) -> Case:
-    return one(f"{body}, form: averaged, {BALL}, sweep: {{{sweep}}}")
-
-
 @pytest.mark.heyoka
 def test_stored_directions_are_those_of_the_members_in_every_block_of_them() -> None:
     """They are written in blocks of some 16,000; G has not turned yet at the end."""
@@ -293,30 +276,6 @@ def test_stored_directions_are_those_of_the_members_in_every_block_of_them() -> 
     G = np.array(BODY) * data["omega"].values
     along = G / np.linalg.norm(G, axis=1, keepdims=True)
     assert np.abs(along - data["d_vector"].values).max() < 1e-8  # ten times its turn
-
-
-@pytest.mark.heyoka
-@pytest.mark.parametrize("body", TURNING)
-def test_members_of_averaged_forms_are_single_cases_and_chunks_change_no_bit(
-    body: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(chunk, "WORTH_COMPILING", 0)
-    case = averaged(TURNING[body], "inertia.2: {values: [0.5, 0.6]}, d: {sphere: {count: 12}}")
-    together = chunk.compute(chunk.Chunk(case, 0, 24))
-    assert together.attributes["rejections"].sum() == 0
-    values = {name: variable.data for name, variable in together.variables.items()}
-    passed = np.isfinite(values["event_time"])
-    assert passed.any() == (body != "one side")
-    assert np.isfinite(values["crossing_time"]).any() == (body not in ("one side", "stopped"))
-    once = values["crossings"] == 1
-    assert np.array_equal(values["crossing_to"][once], values["end_axis"][once])
-    parts = [computed(case, a, b) for a, b in pairwise([0, 1, 15, 24])]
-    single = computed(replace(case, max_steps=10**6))  # a limit has each go by itself
-    for name, column in values.items():
-        again = np.concatenate([part[name] for part in parts])
-        assert np.array_equal(column, again, equal_nan=True), name
-        if name != "steps":
-            assert column == pytest.approx(single[name], rel=1e-11, nan_ok=True), name
 
 
 @pytest.mark.heyoka
@@ -423,67 +382,6 @@ def test_the_papers_crossings_are_found() -> None:
     times = [0, 256.993064559, 396.993309847, 406.942439380, 1000]  # x3, x1, x3, x1
     about_x1 = (times[2] - times[1] + times[4] - times[3]) / 1000
     assert values["share"][0] == pytest.approx([about_x1, 0, 1 - about_x1], abs=1e-11)
-
-
-@pytest.mark.heyoka
-@pytest.mark.parametrize("body", ["linear-diag", "tensor", "drag", "rotor", "other axes"])
-def test_chunks_and_neighbours_change_no_bit(body: str) -> None:
-    with_rotor = (
-        f"model: torques, {HEAD}, damping: [0.005, 0.004, 0.003], rotor: [0.03, 0.08, 0.06]"
-    )
-    turned = with_rotor.replace("[1, 0.8, 0.6]", "[[1, 0.1, 0], [0.1, 0.8, 0.1], [0, 0.1, 0.6]]")
-    texts = {
-        "linear-diag": f"{FIG4}, {BALL}",
-        "tensor": f"{FIG12}, {BALL}",
-        "drag": f"model: torques, {HEAD}, quadratic_axes: [0.005, 0.004, 0.003], {BALL}",
-        "rotor": f"{with_rotor}, {BALL.replace('G: 1', 'r: 1')}",
-        "other axes": f"{turned}, {BALL.replace('G: 1', 'r: 1')}".replace(
-            "[0.005, 0.004, 0.003]", "0.005"
-        ),
-    }
-    moment = "inertia.1.1" if body == "other axes" else "inertia.1"
-    case = one(
-        f"{texts[body]}, sweep: {{{moment}: {{values: [0.7, 0.8]}}, d: {{sphere: {{count: 37}}}}}}"
-    )
-    whole = computed(case)
-    cuts = [0, 1, 12, 41, 63, 74]
-    parts = [computed(case, a, b) for a, b in pairwise(cuts)]
-    for name, values in whole.items():
-        assert np.array_equal(
-            values, np.concatenate([part[name] for part in parts]), equal_nan=True
-        ), name
-
-
-@pytest.mark.heyoka
-@pytest.mark.parametrize(
-    ("body", "coefficients"),
-    [(FIG4, ["damping.0", "damping.1", "damping.2"]), (FIG12, ["resistance.diagonal"])],
-    ids=["linear-diag", "tensor"],
-)
-def test_samples_side_by_side_are_those_of_single_cases_and_neighbours_change_no_bit(
-    body: str, coefficients: list[str]
-) -> None:
-    """Half of the motions fall by e^-100 meanwhile, through several units."""
-    sizes = ", ".join(f"{key}: {{values: [0.004, {0.1 + 0.01 * i}]}}"
-                      for i, key in enumerate(coefficients))  # fmt: skip
-    case = one(f"{body}, {BALL}, "
-               f"sweep: {{size: {{zip: {{{sizes}}}}}, d: {{sphere: {{count: 40}}}}}}")  # fmt: skip
-    cases = list(members.members_as_cases(case, np.arange(80), 1234))
-    whole, some = side_by_side(cases), side_by_side(cases[7:45])
-    assert sum(each is not None for each in whole) > 70
-    assert min(each[0].exponent[-1] for each in whole if each) < -100
-    for single, found in zip(cases, whole, strict=True):
-        if found is not None:
-            path, known = found[0], solve(single, "taylor", "double", single.tol)
-            ours = np.ldexp(path.state, (path.exponent - known.exponent)[:, None])
-            off = np.linalg.norm(ours - known.state, axis=1)
-            # Each is right to 5e-13, by the reference in long double.
-            assert (off <= 1e-12 * np.linalg.norm(known.state, axis=1)).all()
-    for a, b in zip(whole[7:45], some, strict=True):
-        assert (a and a[1]) == (b and b[1])
-        if a and b:
-            assert np.array_equal(a[0].state, b[0].state)
-            assert np.array_equal(a[0].exponent, b[0].exponent)
 
 
 @pytest.mark.heyoka

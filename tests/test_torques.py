@@ -19,6 +19,8 @@ import hodo_cli as hodo
 from hodo_cli import HodoError
 from hodo_cli.cases.case import parse_case
 
+pytestmark = pytest.mark.usefixtures("quick_steps")
+
 BODY = [1, 0.8, 0.6]
 B = {"p": 0.8, "q": 0.5, "r": 0.74}
 C = {"p": 0.5, "q": 0.25, "r": 1.4}
