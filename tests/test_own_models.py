@@ -424,9 +424,9 @@ def test_its_equations_may_have_functions(hodo: Hodo, folder: Path) -> None:
         f"  {name}: {{model: quadratic-drag, drag: 0.1, {keys}}}\n"
         for name, keys in {
             "auto": "error: on",
-            "collocation": "method: collocation",
-            "DOP853": "method: DOP853, tol: 1e-12",
-            "averaged": "form: averaged",
+            "collocation": "error: off, method: collocation",
+            "DOP853": "error: off, method: DOP853, tol: 1e-12",
+            "averaged": "error: off, form: averaged",
             "swept": "error: off, sweep: {drag: {values: [0, 0.1]}}",
         }.items()
     )
