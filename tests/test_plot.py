@@ -23,6 +23,7 @@ from drawings import Drawings, drawings_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
+from matplotlib.font_manager import fontManager
 from matplotlib.ticker import ScalarFormatter
 
 import hodo_cli as api
@@ -643,8 +644,11 @@ def test_the_style_of_a_file_counts_where_a_figure_has_none(hodo: Hodo, tmp_path
 
 
 def test_a_font_that_is_not_there_costs_the_figures_that_want_it(
-    hodo: Hodo, tmp_path: Path
+    hodo: Hodo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # Of a machine with many fonts, none is listed.
+    few = [font for font in fontManager.ttflist if "DejaVu" in font.name]
+    monkeypatch.setattr(fontManager, "ttflist", few)
     (tmp_path / "a.yaml").write_text(
         "style: {font: Nonesuch}\ncases: {a: {model: linear-diag, inertia: [1, 0.8, 0.6],"
         " damping: 0.1, initial: {p: 1, q: 1, r: 1}, time: {end: 1}}}\nfigures:\n"
