@@ -1023,6 +1023,25 @@ def test_members_that_all_but_touch_a_corner_are_right() -> None:
     np.testing.assert_allclose(ds.omega[:, 0], sure[:, -1], atol=1e-13)
 
 
+@pytest.mark.parametrize("p", [0, 1e-300, -1e-300, -1e-200, -1e-100])
+def test_a_formula_moves_a_body_that_all_but_rests(p: float) -> None:
+    """As one does that an event leaves there: in units of such a rest it exceeds the doubles."""
+    body = {"inertia": [1, 0.8, 0.8], "quadratic_axes": [0.5, 0, 0]}
+    case = {"model": "torques", **body, "method": "taylor"}
+    time = {"start": 2.1, "end": 5}
+    start = {"p": p, "q": 0, "r": 0}
+    motion = hodo.run(
+        {**case, "expression": ["0.3*(t - 2)", "0", "0"], "initial": start, "time": time}
+    )
+
+    def rates(t: float, w: np.ndarray) -> np.ndarray:
+        return 0.3 * (t - 2) - 0.5 * w * w
+
+    sure = solve_ivp(rates, (2.1, 5), [0], "DOP853", rtol=1e-13, atol=1e-16)
+    assert motion.attrs["status"] == "ok"
+    assert motion["omega"].values[-1, 0] == pytest.approx(sure.y[0, -1], abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ("inertia", "drag", "start", "torque", "text", "rotor"),
     [

@@ -79,6 +79,11 @@ class Units:
             model, orders, fitting_exponent(model, orders, y, exponent, falling)
         )
         speed, turn = units.speeds(model, k, y, exponent, t)
+        if (beyond := ~np.isfinite(speed)).any():
+            # A formula's torque beside a motion that is almost at rest: in units of time as long as
+            # this rest it exceeds the doubles.
+            units = cls(units.exponent, np.where(beyond, 0, units.rate))
+            speed, turn = units.speeds(model, k, y, exponent, t)
         if (units.least_exponent(speed, turn) > units.exponent).any():
             # Of the torque alone: what is in proportion to the motion vanishes with it.
             at_rest = y.copy()

@@ -30,7 +30,7 @@ AS_STRONG = 1e-12
 """The part by which a torque may differ from a brake and counts as equal to it: what comes to rest
 against it stays there."""
 
-BEHIND_ZERO, BEHIND_REST = 1e-30, 1e-300
+BEHIND_ZERO, BEHIND_REST = 1e-30, 1e-100
 """The part of |omega| at which a component goes on behind its zero: on the side that it enters, so
 that the same zero is not met again; and what is added, since |omega| may be 0 there as well."""
 
