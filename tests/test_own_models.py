@@ -508,13 +508,24 @@ def test_a_torque_without_a_value_at_zero_gives_no_warning(hodo: Hodo, folder: P
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("size", ["sqrt(p * p)", "(p * q / q * p) ** 0.5", "sqrt(sqrt(p**4))"])
+@pytest.mark.parametrize(
+    "size",
+    [
+        "sqrt(p * p)",
+        "(p * q / q * p) ** 0.5",
+        "sqrt(sqrt(p**4))",
+        "sum([p * p]) ** 0.5",
+        "sqrt(0.36 * p**2 + 0.64 * p * p)",
+        "exp(log(p * p) / 2)",
+    ],
+)
 def test_a_corner_is_seen_that_no_member_drawn_at_random_comes_to(
     size: str, hodo: Hodo, folder: Path
 ) -> None:
     """As of a formula in a case file: only the equations tell it."""
-    text = EXAMPLE.replace("k.c * w * p", f"k.c * {size} * p")
-    (folder / "drag.py").write_text(f"from hodo_cli.functions import sqrt\n{text}", "utf-8")
+    imports = "from hodo_cli.functions import exp, log, sqrt\n"
+    text = imports + EXAMPLE.replace("k.c * w * p", f"k.c * {size} * p")
+    (folder / "drag.py").write_text(text, "utf-8")
     drawn = np.random.default_rng(60).choice(60, 16, replace=False)
     odd = min({*range(60)} - {*drawn.tolist()})
     values = [0.05 if i == odd else 0.9 + i / 1000 for i in range(60)]  # about x3, where p turns
