@@ -234,6 +234,29 @@ def test_a_torque_stronger_than_the_brake_turns_a_body_round(
     assert abs(G - momentum) < 2 * motion.attrs["error"] * abs(G) + 1e-11
 
 
+@pytest.mark.parametrize(("m", "u"), [(1e-95, 1e-80), (1e95, 1e70), (1, 1e-140)])
+def test_a_body_of_any_size_stops_alike(m: float, u: float) -> None:
+    """In units in which the square of its momentum is no double."""
+    B = {
+        "model": "torques",
+        "inertia": [2, 1.5, 1],
+        "brake": 0.02,
+        "torque": [0.001, -0.002, 0.0015],
+    }
+    plain = hodo.run({**B, "initial": {"p": 0.3, "q": 0.7, "r": -0.9}, "time": {"end": 120}})
+    scaled = {
+        "inertia": [x * m for x in B["inertia"]],
+        "brake": B["brake"] * m * u * u,
+        "torque": [x * m * u * u for x in B["torque"]],
+        "initial": {"p": 0.3 * u, "q": 0.7 * u, "r": -0.9 * u},
+        "time": {"end": 120 / u},
+    }
+    motion = hodo.run({**B, **scaled})
+    assert motion["event_time"].values * u == pytest.approx(plain["event_time"].values, rel=1e-13)
+    for name in ("event_G1", "event_G2", "event_G3"):
+        assert motion[name].values == pytest.approx(plain[name].values, abs=1e-7)
+
+
 def test_against_a_torque_as_strong_as_the_brake_a_body_stops() -> None:
     case = {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "torque": [-0.1, 0, 0]}
     motion = hodo.run({**case, "initial": SPIN, "time": SPAN})

@@ -26,6 +26,7 @@ from .rigid_body import (
     dot,
     inertia_order,
     is_tensor,
+    length,
     range_mistake,
 )
 from .tensor import resistance_key
@@ -291,7 +292,7 @@ class Torques(BodyUnderTorques):
         """With the terms' own variables behind omega."""
         w = np.moveaxis(omega, -1, 0)
         extra = {
-            "brake": [np.linalg.norm(self.momentum(omega), axis=-1) / self.moments[0]],
+            "brake": [np.apply_along_axis(length, -1, self.momentum(omega)) / self.moments[0]],
             "quadratic_axes": [*np.sign(w)],
             "space_torque": [np.full(w.shape[1:], x) for x in self.direction],
         }

@@ -14,6 +14,7 @@ from ..rigid_body import (
     angular_momentum_of,
     dot,
     enclosed_axis,
+    length,
     principal_rotor_of,
     rotor_of,
     vector_sum,
@@ -82,7 +83,7 @@ def beside_corners(terms: Sequence[str], k: Any, y: np.ndarray) -> tuple[np.ndar
 
 def stop_details(G: np.ndarray, label: Any) -> dict[str, float]:
     """The details of a stop as they are stored: the direction of G (3,), and the label."""
-    direction = G / np.linalg.norm(G)
+    direction = G / length(G)
     return dict(zip(("G1", "G2", "G3", "from"), map(float, (*direction, label)), strict=True))
 
 
@@ -105,12 +106,12 @@ def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: A
     A body that comes as near to rest against a stronger torque turns round: G goes through 0.
     """
     G, state = angular_momentum_of(y[:3], k), [*y]
-    size, stages = dot(G, G) ** 0.5, STAGES_WITH_ROTOR if hasattr(k, "h1") else STAGES
+    size, stages = length(G), STAGES_WITH_ROTOR if hasattr(k, "h1") else STAGES
     if size > 2 * k.momentum_at_start / STAGE_RATIO**stages:
         state[row] = size / k.A1
         return EventOutcome(float(t), None, state, t)
     b = float(coefficient_at(k, "brake", t))
-    N = torque_at_rest(others, t, [*y[3:row], *y[row + 1 :]], k)
+    N = [*map(float, torque_at_rest(others, t, [*y[3:row], *y[row + 1 :]], k))]
     strength = math.hypot(*N)
     if strength > b * (1 + AS_STRONG):
         state[:3] = omega_of([x * (size / strength) for x in N], k)
@@ -121,7 +122,9 @@ def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: A
     if strength > b * (1 - AS_STRONG):
         left = size / (2 * b)
     else:
-        left = (b * size + dot(N, G)) / (b * b - strength * strength)
+        # By ratios, since momenta and torques may be of any size.
+        along = sum(n / b * (x / size) for n, x in zip(N, G, strict=True))
+        left = size / b * (1 + along) / (1 - (strength / b) ** 2)
     return EventOutcome(float(t + left), details, state, math.inf)
 
 
@@ -135,12 +138,12 @@ def label_at_stop(omega: np.ndarray, k: Any) -> Any:
     return region_of(A, np.array(rotor, float), omega[None]).label[0]
 
 
-def torque_at_rest(others: Sequence[str], t: Any, extra: Sequence[Any], k: Any) -> list[float]:
+def torque_at_rest(others: Sequence[str], t: Any, extra: Sequence[Any], k: Any) -> list[Any]:
     """A sum of torques (3,), by name, where G is 0."""
     rates = rates_under(others, t, [*omega_of((0.0, 0.0, 0.0), k), *extra], k)[:3]
     # A omega', since -omega x G is 0 there.
     still = angular_momentum_of((0.0, 0.0, 0.0), k)
-    return [float(moved - x) for moved, x in zip(angular_momentum_of(rates, k), still, strict=True)]
+    return [moved - x for moved, x in zip(angular_momentum_of(rates, k), still, strict=True)]
 
 
 def omega_of(G: Sequence[Any], k: Any) -> Sequence[Any]:
