@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import call
+from numpy.polynomial import Polynomial
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -232,6 +233,21 @@ def test_a_torque_stronger_than_the_brake_turns_a_body_round(
     assert motion.attrs["status"] == "ok"
     G = 3 * motion["omega"].values[-1, 0] + terms.get("rotor", [0])[0]
     assert abs(G - momentum) < 2 * motion.attrs["error"] * abs(G) + 1e-11
+
+
+@pytest.mark.parametrize("method", ["auto", "collocation"])
+def test_a_body_that_has_turned_round_stops_as_precisely(method: str) -> None:
+    """G1' = N1(t) - 0.1 sign(G1) from G1 = 3 and back to 0, where |G| has grown without a stage."""
+    case = {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "method": method}
+    law = {"law": "polynomial", "coefficients": [-0.3, 0.02, -0.0003]}
+    span = {"end": 50, "samples": 51}
+    motion = hodo.run({**case, "torque": [law, 0, 0], "initial": SPIN, "time": span})
+    turned = Polynomial([3, -0.4, 0.01, -0.0001]).roots()
+    first = turned[abs(turned.imag) < 1e-9].real.min()
+    behind = Polynomial([-0.2, 0.02, -0.0003]).integ(lbnd=first).roots()
+    second = behind[(abs(behind.imag) < 1e-9) & (behind.real > first + 1)].real.min()
+    assert motion["event_time"].values == pytest.approx([second], abs=1e-12)
+    assert motion.attrs["error"] < 1e-12
 
 
 @pytest.mark.parametrize(("m", "u"), [(1e-95, 1e-80), (1e95, 1e70), (1, 1e-140)])

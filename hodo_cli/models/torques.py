@@ -32,6 +32,7 @@ from .rigid_body import (
 from .tensor import resistance_key
 from .terms.body import BodyUnderTorques, coefficients_of, terms_named
 from .terms.events import (
+    DRIVING,
     STAGE_RATIO,
     STAGES,
     beside_corners,
@@ -328,7 +329,8 @@ class Torques(BodyUnderTorques):
             row = self.state.index("stage_momentum")
             others = tuple(name for name in self.terms if name != "brake")
             stop = Bound(braked_stage, (row, others))
-            events.append(Event("stopped", Bound(stage_end, (row,)), True, stop))
+            end = Bound(stage_end, (row, not DRIVING.isdisjoint(self.terms)))
+            events.append(Event("stopped", end, True, stop))
         return tuple(events)
 
     @property

@@ -23,6 +23,9 @@ from ..theory.gyrostat import region_of
 from .laws import coefficient_at
 from .torques import rates_under
 
+DRIVING = frozenset({"torque", "space_torque", "expression"})
+"""The torques under which |G| may grow from rest, and fall again."""
+
 STAGES, STAGES_WITH_ROTOR, STAGE_RATIO = 14, 10, 8
 """How often |G| falls by a ratio, a stage of braking each time, before a brake has all but stopped
 the body: to 2e-13 of it, with a rotor, whose h hides what is left of G, to 9e-10."""
@@ -87,14 +90,17 @@ def stop_details(G: np.ndarray, label: Any) -> dict[str, float]:
     return dict(zip(("G1", "G2", "G3", "from"), map(float, (*direction, label)), strict=True))
 
 
-def stage_end(row: int, t: Any, y: Sequence[Any], k: Any) -> Any:
-    """|G|^2 less what it is where a stage of braking ends, in units of A1^2.
+def stage_end(row: int, is_driven: bool, t: Any, y: Sequence[Any], k: Any) -> Any:
+    """|G|^2 less what it is where a stage of braking ends, in units of A1^2; 0 too where |G| of a
+    body that a torque drives has grown as much, so that from there its stages are as many again.
 
     A row of the state holds |G|/A1 as the stage began: an engine's tolerance is a part of the
     largest variable or event, and |G| itself would be the largest by far of a heavy body.
     """
     G = [x / k.A1 for x in angular_momentum_of(y[:3], k)]
-    return dot(G, G) - y[row] * y[row] / STAGE_RATIO**2
+    square, at_begin = dot(G, G), y[row] * y[row]
+    left = square - at_begin / STAGE_RATIO**2
+    return left * (at_begin - square / STAGE_RATIO**2) if is_driven else left
 
 
 def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
@@ -115,6 +121,7 @@ def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: A
     strength = math.hypot(*N)
     if strength > b * (1 + AS_STRONG):
         state[:3] = omega_of([x * (size / strength) for x in N], k)
+        state[row] = size / k.A1
         turned = size / (strength + b) + size / (strength - b)
         return EventOutcome(float(t), None, state, t + turned)
     details = stop_details(np.array(G, float), label_at_stop(np.array(y[:3], float), k))
