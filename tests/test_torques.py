@@ -250,6 +250,27 @@ def test_a_body_that_has_turned_round_stops_as_precisely(method: str) -> None:
     assert motion.attrs["error"] < 1e-12
 
 
+def test_a_body_that_would_move_again_is_told_of() -> None:
+    """A torque that grows beyond the brake after the stop: at t = 25."""
+    case = {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "initial": SPIN}
+    law = {"law": "polynomial", "coefficients": [0, -0.004]}
+    for end, torque, told in (
+        (24, law, ""),
+        (100, law, "the body would move again"),
+        (100, -0.09, ""),
+    ):
+        motion = hodo.run({**case, "torque": [torque, 0, 0], "time": {"end": end}})
+        assert motion.attrs["status"] == "ok"
+        assert told in motion.attrs["warnings"]
+        assert bool(told) == bool(motion.attrs["warnings"])
+    assert (
+        "from t = 25.0"
+        in hodo.run({**case, "expression": ["-0.004*t", "0", "0"], "time": {"end": 100}}).attrs[
+            "warnings"
+        ]
+    )
+
+
 @pytest.mark.parametrize(("m", "u"), [(1e-95, 1e-80), (1e95, 1e70), (1, 1e-140)])
 def test_a_body_of_any_size_stops_alike(m: float, u: float) -> None:
     """In units in which the square of its momentum is no double."""

@@ -40,6 +40,7 @@ from .terms.events import (
     component_size,
     stage_end,
     stop_details,
+    time_of_release,
     turned_over,
 )
 from .terms.laws import (
@@ -317,6 +318,11 @@ class Torques(BodyUnderTorques):
         return tuple(y.tolist())
 
     @property
+    def braked_terms(self) -> tuple[str, ...]:
+        """The terms beside a brake."""
+        return tuple(name for name in self.terms if name != "brake")
+
+    @property
     def run_events(self) -> tuple[Event, ...]:
         """The corners of drag by axes, and the stages of braking."""
         events = []
@@ -327,8 +333,7 @@ class Torques(BodyUnderTorques):
                 events.append(Event("turned", zero, True, turn, first + axis))
         if self.brake is not None:
             row = self.state.index("stage_momentum")
-            others = tuple(name for name in self.terms if name != "brake")
-            stop = Bound(braked_stage, (row, others))
+            stop = Bound(braked_stage, (row, self.braked_terms))
             end = Bound(stage_end, (row, not DRIVING.isdisjoint(self.terms)))
             events.append(Event("stopped", end, True, stop))
         return tuple(events)
@@ -394,6 +399,22 @@ class Torques(BodyUnderTorques):
         if self.rotor is not None and np.linalg.norm(self.rotor) < weak:
             warnings.append(f"no rotor: its momentum is less than {WEAK_ROTOR:g} of |G|")
         return warnings
+
+    def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
+        """That a body would not have stayed where a brake has stopped it."""
+        if self.brake is None or DRIVING.isdisjoint(self.terms):
+            return []
+        row = self.state.index("stage_momentum")
+        if y[-1, row]:
+            return []
+        k, stopped = attributes(self.constants), float(t[y[:, row] == 0][0])
+        moves = time_of_release(row, self.braked_terms, stopped, float(t[-1]), [*y[-1]], k)
+        if moves is None:
+            return []
+        return [
+            f"at rest the other torques are stronger than the brake from t = {moves:.6g} on: the "
+            "body would move again there, and here it does not"
+        ]
 
 
 def twice_energy(order: tuple[int, int, int], t: Any, y: Sequence[Any], k: Any) -> Any:
