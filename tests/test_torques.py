@@ -250,6 +250,18 @@ def test_a_body_that_has_turned_round_stops_as_precisely(method: str) -> None:
     assert motion.attrs["error"] < 1e-12
 
 
+@pytest.mark.heyoka
+def test_members_whose_motion_is_a_polynomial_stop_in_time() -> None:
+    """G1' = -0.05 + 0.001 t - b from G1 = 3 until 0."""
+    law = {"law": "polynomial", "coefficients": [-0.05, 0.001]}
+    case = {"model": "torques", "inertia": [3, 2, 1.5], "torque": [law, 0, 0], "initial": SPIN}
+    axis = {"brake": {"linspace": [0.1, 0.2, 2001]}}
+    members = hodo.sweep({**case, "time": {"end": 40}, "error": False, "sweep": axis})
+    rate = members["brake"].values + 0.05
+    stop = (rate - np.sqrt(rate * rate - 0.006)) / 0.001
+    assert np.abs(members["event_time"].values - stop).max() < 1e-12
+
+
 def test_a_body_that_would_move_again_is_told_of() -> None:
     """A torque that grows beyond the brake after the stop: at t = 25."""
     case = {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "initial": SPIN}

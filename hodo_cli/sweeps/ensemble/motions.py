@@ -386,6 +386,12 @@ def states_after(step: "TaylorStep", columns: Columns, elapsed: np.ndarray) -> n
     remaining[:] = elapsed
     out = np.empty((step.rows, rows.shape[1]))
     step(rows, params, out)
+    # The length of its steps is all that rounding tells of a motion that is a polynomial: this one,
+    # from another rounding of the same moment, may have ended before.
+    length = out[len(rows), :n]
+    if (is_short := length < elapsed).any():
+        params[-1, :n] *= np.where(is_short, 2 * elapsed / length, 1)
+        step(rows, params, out)
     return out[: len(columns.state), :n]
 
 
