@@ -1,6 +1,7 @@
 """The Python interface: cases in, datasets out; light until it is used."""
 
 import contextlib
+import gc
 import math
 import runpy
 import subprocess
@@ -564,3 +565,13 @@ def test_a_case_is_made_of_arrays_and_no_cases_give_no_datasets() -> None:
     assert api.run([]) == []
     with pytest.raises(HodoError, match=r"got 'mine\.yaml'"):
         api.run("mine.yaml")  # type: ignore[arg-type]
+
+
+def test_the_times_of_a_motion_are_not_kept() -> None:
+    """A notebook may integrate thousands of cases with millions of times each."""
+    case = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [0.005, 0.004, 0.003]}
+    times = [i / 1000 for i in range(12345)]
+    api.run({**case, "initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"values": times}})
+    gc.collect()
+    cases = [x for x in gc.get_objects() if isinstance(x, Case)]
+    assert not any(case.time.values and len(case.time.values) == 12345 for case in cases)

@@ -47,6 +47,8 @@ def best(case: Case, precision: str) -> tuple[str, str]:
         return "exact", "closed form"
     if not engines.have_taylor():
         return "collocation", "heyoka is not installed"
+    if case.time.values:  # of which there may be millions, which would be kept
+        case = replace(case, time=case.time.resampled(2))
     with suppress(ArithmeticError, HodoError):  # numbers out of range, as `solve` will say
         if reason := stiffness(case):
             return "collocation", reason
