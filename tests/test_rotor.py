@@ -94,6 +94,16 @@ def test_a_brake_stops_G_and_not_the_body() -> None:
     assert after.sum() > 100
 
 
+def test_the_rounding_of_a_G_that_a_brake_has_stopped_has_no_direction() -> None:
+    case = turned_case(rotor=ROTOR, brake=0.01)
+    ds = hodo.derive(run(200, **case), "G", "tilt", "x1_direction")
+    after = ds.time.data > ds.event_time.data[0]
+    assert (ds.G.data[after] == 0).all()
+    assert (ds.G.data[~after] > 0).all()
+    for name in ("tilt", "x1_direction"):
+        assert (np.isnan(ds[name].data) == after).all()
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_a_stop_is_no_crossing(seed: int) -> None:
     """Behind it A omega + h is what rounding leaves, of some bodies not 0."""
