@@ -639,6 +639,11 @@ def test_the_style_of_a_file_counts_where_a_figure_has_none(hodo: Hodo, tmp_path
     broken = hodo("plot", "runs/c.h5", "--format", "svg")
     assert broken.returncode == 1
     assert "unknown parameter 'axes.labelcolour'; did you mean" in broken.stderr
+    # Of its own accord a figure in a file has 300 dots per inch.
+    sheet.write_text("savefig.dpi: figure\n")
+    assert hodo("plot", "runs/c.h5", "own").returncode == 0
+    own_png = tmp_path / "runs" / "figures" / "c" / "own.png"
+    assert matplotlib.image.imread(own_png).shape[1] == int(50 / 25.4 * 300)
     sheet.unlink()
     assert "no such file" in hodo("plot", "runs/c.h5", "--format", "svg").stderr
 

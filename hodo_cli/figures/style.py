@@ -74,7 +74,9 @@ def sheet_parameters(name: str) -> Look:
         sheets = {name: sheet_in_file(name)}
     elif name not in sheets:
         raise HodoError(f"style.sheet: {unknown(f'style sheet {name!r}', name, sheets)}")
-    return {key: value for key, value in sheets[name].items() if key.partition(".")[0] in LOOKS}
+    # A resolution of `figure` is that which the figure has without a style.
+    given = {key: value for key, value in sheets[name].items() if value != "figure"}
+    return {key: value for key, value in given.items() if key.partition(".")[0] in LOOKS}
 
 
 def sheet_in_file(path: str) -> Mapping[str, Any]:
