@@ -760,10 +760,13 @@ def test_components_of_one_vector_have_one_scale(several: Drawings) -> None:
 
 def test_several_crossings_are_numbered_in_picture_and_legend(runs: Path) -> None:
     sheet = Drawings.of(runs / "paper1.h5").draw("fig12-all-entries")
-    texts = {text.get_text() for text in sheet.figure.axes[0].texts}
+    sheet.figure.draw_without_rendering()
+    texts = {text.get_text() for text in sheet.figure.axes[0].texts if text.get_visible()}
     assert {"1", "2, 3"} <= texts
     # Beside the one that lies further to the upper right, and so on neither.
-    enlarged = Drawings.of(runs / "paper1.h5").draw("fig13-all-entries").figure.axes[1]
+    other = Drawings.of(runs / "paper1.h5").draw("fig13-all-entries").figure
+    other.draw_without_rendering()
+    (_, enlarged, *_) = other.axes
     (both,) = (text for text in enlarged.texts if text.get_text() == "2, 3")
     assert both.xy[0] > 0.003
     assert "256.993 (1), 396.993 (2), 406.942 (3)" in str(sheet.legend[-1].get_label())
@@ -1255,6 +1258,31 @@ def test_a_map_of_directions_has_the_separatrix_of_its_body() -> None:
         return sum(len(line.get_xdata()) > 700 for line in axes.lines)
 
     assert (curves([1, 0.8, 0.6]), curves([1, 1, 0.6])) == (2, 0)
+
+
+def test_crossings_are_numbered_by_their_places_in_the_panel() -> None:
+    """In one that ends nearer, or whose scales are unlike or logarithmic, they lie further apart
+    than among all values."""
+    body = {"model": "torques", "inertia": [12, 9, 6.5], "kappa": 0.5}
+    body["damping"] = {"law": "exponential", "value": 0.01, "rate": 0.004}
+    body |= {"expression": ["0.03*cos(0.1*t)", 0, 0], "initial": {"p": 0.2, "q": 0.5, "r": 1}}
+    motion = api.run(body | {"time": {"end": 400}})
+    assert motion.sizes["crossing"] == 5
+
+    def numbers(kind: str, **keys: Any) -> list[str]:
+        (axes,) = (figure := api.plot(motion, kind, **keys)).axes
+        figure.draw_without_rendering()
+        texts = (text.get_text() for text in axes.texts if text.get_visible())
+        return sorted(text for text in texts if text[0].isdigit())
+
+    ends = {"xlim": [-0.2, 0.2], "ylim": [-0.2, 0.2]}
+    pair = {"x": "omega.x1", "y": "omega.x3"}
+    assert numbers("phase", **pair) == ["1", "2, 3", "4, 5"]
+    # The first lies beyond these ends.
+    assert numbers("phase", **pair, style=ends) == ["2", "3", "4", "5"]
+    assert numbers("phase", x="G2", y="omega.x3") == ["1", "2, 3", "4, 5"]
+    assert numbers("quadrants") == ["1", "2, 3, 4, 5"]
+    assert numbers("quadrants", style={"log": ["x", "y"]}) == ["1", "2, 5", "3, 4"]
 
 
 def test_a_crossing_alone_has_no_number() -> None:

@@ -3,7 +3,7 @@
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
-from itertools import chain, cycle, islice
+from itertools import cycle, islice
 from typing import Any
 
 import matplotlib.style
@@ -21,7 +21,7 @@ from ..results.motion import Motion
 from ..text import abridged
 from .sheet import Look, Sheet
 from .symbols import time_label, unit_after
-from .words import Words, in_formula, text_lines, text_size, with_minus, without_tex
+from .words import CrossingNumber, Words, in_formula, text_lines, text_size, with_minus, without_tex
 
 BLUE, ORANGE, GREEN, SKY, RED, PURPLE, BLACK = (
     "#0072B2", "#BF8200", "#009E73", "#2E8FCB", "#D55E00", "#CC79A7", "#000000")  # fmt: skip
@@ -183,8 +183,7 @@ def mark_points(
 ) -> None:
     """Mark start, end and crossings (m, 2) of each of some curves (n, 2), where they lie in a frame
     (2, 2) if there is one."""
-    size = axes.dataLim.size if frame is None else np.ptp(frame, axis=1)
-    number_marks(axes, crossings, np.asarray(size))
+    number_marks(axes, crossings)
     low, high = (-np.inf, np.inf) if frame is None else frame.T
     starts, stops = np.stack([curve[[0, -1]] for curve in curves], axis=1)
     for style, points in ((START, starts), (END, stops), (CROSSING, np.concatenate(crossings))):
@@ -194,25 +193,12 @@ def mark_points(
         marks.set_in_layout(False)
 
 
-NUMBER_ROOM = 0.04
-"""The part of a panel that a number takes, about 8 points of 200."""
-
-
-def number_marks(axes: Axes, crossings: Sequence[np.ndarray], size: np.ndarray) -> None:
-    """Give each of several crossings (m, 2) of a curve its number in time, in a panel of a size
-    (2,); those that lie too close together for it have their numbers beside the outermost."""
-    numbered = (enumerate(points, 1) for points in crossings if len(points) > 1)
-    together: dict[tuple[float, ...], list[tuple[int, np.ndarray]]] = {}
-    for number, point in chain.from_iterable(numbered):
-        near = (place for place in together if math.dist(point, place) < NUMBER_ROOM * max(size))
-        if np.isfinite(point).all():  # else it is not in the panel
-            together.setdefault(next(near, tuple(point)), []).append((number, point))
-    for marks in together.values():
-        # Upper right, where numbers stand; a variable that is constant puts none there.
-        scale = np.where(size > 0, size, np.inf)
-        point = max((point for _, point in marks), key=lambda place: float(sum(place / scale)))
-        text = ", ".join(abridged([*map(str, sorted({number for number, _ in marks}))], 6))
-        Words(axes, text, point[None], toward=(1, 1), size="x-small")
+def number_marks(axes: Axes, crossings: Sequence[np.ndarray]) -> None:
+    """Give each of several crossings (m, 2) of a curve its number in time."""
+    for points in crossings:
+        for number, point in enumerate(points, 1):
+            if len(points) > 1 and np.isfinite(point).all():  # else it is not in the panel
+                CrossingNumber(axes, number, point)
 
 
 CROSSINGS_NAMED = 12

@@ -22,6 +22,7 @@ from matplotlib.text import Annotation
 from matplotlib.ticker import LogFormatterSciNotation, ScalarFormatter
 
 from .. import HodoError
+from ..text import abridged
 
 GREEK = (
     *("alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda"),
@@ -315,6 +316,38 @@ class Words(Annotation):
         return self.points[point], offsets[offset], middles[offset, point]
 
 
+class CrossingNumber(Words):
+    """The number in time of a mark (2,) that is one of several."""
+
+    def __init__(self, axes: Axes, number: int, mark: np.ndarray) -> None:
+        super().__init__(axes, str(number), mark[None], toward=(1, 1), size="x-small")
+        self.number, self.mark = number, mark
+
+
+NUMBER_ROOM = 0.04
+"""The part of a panel that a number takes, about 8 points of 200."""
+
+
+def gather_numbers(axes: Axes, numbers: Iterable[CrossingNumber]) -> None:
+    """Let the marks of a panel that lie too close together for their numbers have these beside the
+    outermost; marks beyond its ends have none."""
+    panel, room = axes.bbox.padded(1), NUMBER_ROOM * max(axes.bbox.size)
+    together: dict[tuple[float, ...], list[tuple[CrossingNumber, np.ndarray]]] = {}
+    for number in numbers:
+        seen = axes.transData.transform(number.mark)
+        near = (place for place in together if math.dist(seen, place) < room)
+        number.set_visible(False)
+        if panel.contains(*seen):
+            together.setdefault(next(near, tuple(seen)), []).append((number, seen))
+    for group in together.values():
+        # Upper right, where numbers stand.
+        outermost, _ = max(group, key=lambda one: float(sum(one[1] / axes.bbox.size)))
+        shown, _ = group[0]
+        texts = map(str, sorted({number.number for number, _ in group}))
+        shown.set(text=", ".join(abridged([*texts], 6)), visible=True)
+        shown.points = outermost.mark[None]
+
+
 def areas_about(picture: np.ndarray, middles: np.ndarray, half: np.ndarray) -> list[np.ndarray]:
     """The parts of a picture (height, width) about some middles (n, 2), of half a size (2,)."""
     ends = np.rint([middles - half, middles + half]).clip(0).astype(int)
@@ -332,8 +365,9 @@ def place_words(figure: Any, hiding: bool = False) -> None:
         if waiting := [text for text in axes.texts if isinstance(text, Words)]:
             figure.set_dpi(72)  # now all is measured in points
             axes.apply_aspect()
+            gather_numbers(axes, [text for text in waiting if isinstance(text, CrossingNumber)])
             ink = np.zeros(np.ceil(figure.bbox.size[::-1]).astype(int)) if hiding else ink_of(axes)
-            for words in waiting:
+            for words in filter(Words.get_visible, waiting):
                 words.find_place(ink)
             figure.set_dpi(dpi)
 

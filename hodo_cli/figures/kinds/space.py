@@ -307,7 +307,7 @@ def draw_sphere(
     motions = [curve.motion for curve in curves]
     is_trace, by_case = spec["kind"] == "axis-trace", spec["colour"] == "case"
     crossings = crossings_on(motions, [curve.directions for curve in curves])
-    number_marks(axes, [view(crossed)[:, :2] for crossed in crossings], np.full(2, 2.0))
+    number_marks(axes, [view(crossed)[:, :2] for crossed in crossings])
     palette, lines = palettes(motions, spec), line_styles(len(curves), spec)
     for curve, crossed, coloured, line in zip(curves, crossings, palette, lines, strict=True):
         sheet.record_path(curve.motion, curve.columns, curve.directions, curve.label)
