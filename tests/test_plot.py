@@ -1260,13 +1260,30 @@ def test_a_map_of_directions_has_the_separatrix_of_its_body() -> None:
     assert (curves([1, 0.8, 0.6]), curves([1, 1, 0.6])) == (2, 0)
 
 
+def five_times_crossing() -> Any:
+    """A motion that a torque of the time takes to and fro across the separatrix."""
+    body = {"model": "torques", "inertia": [12, 9, 6.5], "kappa": 0.5}
+    body["time"] = {"end": 400, "unit": "s"}
+    body["damping"] = {"law": "exponential", "value": 0.01, "rate": 0.004}
+    start = {"p": 0.2, "q": 0.5, "r": 1}
+    return api.run(body | {"expression": ["0.03*cos(0.1*t)", 0, 0], "initial": start})
+
+
+def test_words_above_panels_of_equal_scales_are_within_the_figure() -> None:
+    """A legend of two lines makes panels as high as their room that were lower before it."""
+    style = {"width": "page", "letters": True}
+    figure = api.plot(five_times_crossing(), "quadrants", zoom=0.05, style=style)
+    figure.draw_without_rendering()
+    titles = [axes.title.get_window_extent() for axes in figure.axes]
+    assert max(title.y1 for title in titles) < figure.bbox.y1
+    (*_, crossed) = figure.legends[0].get_texts()
+    assert crossed.get_text().splitlines()[1] == "369.872 (5) s"
+
+
 def test_crossings_are_numbered_by_their_places_in_the_panel() -> None:
     """In one that ends nearer, or whose scales are unlike or logarithmic, they lie further apart
     than among all values."""
-    body = {"model": "torques", "inertia": [12, 9, 6.5], "kappa": 0.5}
-    body["damping"] = {"law": "exponential", "value": 0.01, "rate": 0.004}
-    body |= {"expression": ["0.03*cos(0.1*t)", 0, 0], "initial": {"p": 0.2, "q": 0.5, "r": 1}}
-    motion = api.run(body | {"time": {"end": 400}})
+    motion = five_times_crossing()
     assert motion.sizes["crossing"] == 5
 
     def numbers(kind: str, **keys: Any) -> list[str]:

@@ -225,10 +225,11 @@ def crossings_in_words(motion: Motion, crossing: str, time: str, width: int) -> 
     # With its last zeros, which tell how exact a printed number is.
     times = [f"{when:#.6g}" for when in motion.crossing_time]
     if len(times) > 1:
-        # A line is not broken between a time and its number.
+        # A line is not broken between a time and its number, nor before the unit.
         times = [f"{time}\N{NO-BREAK SPACE}({i})" for i, time in enumerate(times, 1)]
     named = with_minus(", ".join(abridged(times, CROSSINGS_NAMED)))
-    words = f"{crossing} at ${time}$ = {named}{unit_after(motion, 'time')}"
+    unit = unit_after(motion, "time").replace(" ", "\N{NO-BREAK SPACE}")
+    words = f"{crossing} at ${time}$ = {named}{unit}"
     return "\n".join(textwrap.wrap(words, width)).replace("\N{NO-BREAK SPACE}", " ")
 
 

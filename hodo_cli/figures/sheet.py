@@ -33,6 +33,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.transforms import Bbox
 from PIL.PngImagePlugin import PngInfo, putchunk
 
 from .. import HodoError
@@ -193,6 +194,13 @@ def have_room(panels: Sequence[Axes], size: np.ndarray) -> bool:
     return all((axes.get_position(original=True).size * size > least).all() for axes in placed)
 
 
+def are_cut(fig: Figure) -> bool:
+    """Whether panels of equal scales have words beyond the ends of their figure."""
+    shaped = (axes for axes in fig.axes if axes.get_aspect() != "auto")
+    boxes = [box for axes in shaped if (box := axes.get_tightbbox(for_layout_only=True))]
+    return bool(Bbox.union([fig.bbox, *boxes]).bounds != fig.bbox.bounds)
+
+
 class Layout(ConstrainedLayoutEngine):
     """The layout of matplotlib, after which words find their places; where it finds no room for the
     panels, it refuses the figure."""
@@ -203,6 +211,10 @@ class Layout(ConstrainedLayoutEngine):
             warnings.filterwarnings("error", "constrained_layout not applied")
             try:
                 super().execute(fig)
+                # Where the first panels of equal scales were lower, or narrower, than their room,
+                # words beside them seemed to need none.
+                if are_cut(fig):
+                    super().execute(fig)
                 has_room = have_room(fig.axes, 72 * fig.get_size_inches())
             except UserWarning:
                 has_room = False
