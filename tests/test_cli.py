@@ -344,6 +344,7 @@ def test_what_something_else_has_added_to_is_not_known_by_its_checksum(tmp_path:
         (["run", "two.yaml", "--set"], "hodo run: Option '--set' requires an argument (see "),
         (["--models"], "hodo: Option '--models' requires an argument (see hodo --help)"),
         (["init", ""], ". is no name of a case file"),
+        (["init", "con"], "con.yaml: con names a device on Windows: take another name"),
         (["show", "README"], "README: no such file or directory\n"),
         (["run", "two.yaml", "--case", "turn"], "no case matches turn; did you mean 'turns'?"),
         (["compare", "a.h5", "b.h5", "--rtol=-1"], "--rtol: expected a number >= 0, got -1"),

@@ -109,6 +109,8 @@ def write_new(path: Path) -> Path:
     if not path.name:
         raise HodoError(f"{path} is no name of a case file")
     path = path if path.suffix in YAML_SUFFIXES else path.with_name(f"{path.name}.yaml")
+    if fault := file_name_fault(path.stem, ()):
+        raise HodoError(f"{path}: {fault}")  # as `hodo run` would of its result
     text = (HERE / "new.yaml").read_text(encoding="utf-8")
     try:
         # "x" refuses a file that is there, in one step with making it.
