@@ -2,7 +2,7 @@
 axes that are given, large letters and long legends."""
 
 import warnings
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import pytest
 import xarray as xr
 from drawings import drawings_of
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 import hodo_cli as hodo
 from hodo_cli import HodoError
@@ -222,6 +223,28 @@ def test_every_panel_has_a_letter(turning: xr.Dataset) -> None:
     keys: dict[str, Any] = {"variables": ["G"], "panels": "case", "columns": 4}
     figure = hodo.plot(short, "series", **keys, style={"letters": "yes"})
     assert [axes.get_title(loc="left") for axes in figure.axes][25:] == ["(z)", "(aa)", "(ab)"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "labels"),
+    [
+        ("hodograph", {"zoom": 0.5}, [""]),
+        ("series", {"variables": ["G"], "panels": "case"}, 2 * ["a body with a name in words"]),
+    ],
+)
+def test_letters_and_titles_of_narrow_panels_are_on_no_others(
+    turning: xr.Dataset, kind: str, keys: dict[str, Any], labels: list[str]
+) -> None:
+    keys["style"] = {"width": "column", "letters": "yes", "height": 50}
+    figure = drawn([turning] * len(labels), kind, labels=labels, **keys)
+    boxes = []
+    for axes in figure.axes:
+        titles = {axes.get_title(), axes.get_title(loc="left")} - {""}
+        texts = (x for x in axes.get_children() if isinstance(x, Text) and x.get_text() in titles)
+        boxes += [text.get_window_extent() for text in texts]
+    assert len(boxes) > 2
+    assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+    assert min(box.x0 for box in boxes) > figure.bbox.x0
 
 
 def test_a_tiny_time_is_written_as_a_power() -> None:

@@ -201,6 +201,16 @@ def are_cut(fig: Figure) -> bool:
     return bool(Bbox.union([fig.bbox, *boxes]).bounds != fig.bbox.bounds)
 
 
+def part_letters(panels: Sequence[Any]) -> None:
+    """Let the letter of a panel that its title would cover, one wider than the panel, stand before
+    the title."""
+    for axes in panels:
+        letter, title = axes._left_title.get_window_extent(), axes.title.get_window_extent()
+        if letter.width > 0 and title.width > 0 and letter.x1 > title.x0:
+            start = title.x0 - letter.width - axes.title.get_fontsize() * axes.figure.dpi / 144
+            axes._left_title.set_x((start - axes.bbox.x0) / axes.bbox.width)
+
+
 class Layout(ConstrainedLayoutEngine):
     """The layout of matplotlib, after which words find their places; where it finds no room for the
     panels, it refuses the figure."""
@@ -224,6 +234,7 @@ class Layout(ConstrainedLayoutEngine):
                 f"style: {width:.0f} mm by {height:.0f} mm have no room for the panels beside "
                 "their words: a larger width or height has, or a smaller font_size"
             )
+        part_letters(fig.axes)
         place_words(fig)
 
 

@@ -152,17 +152,27 @@ LINE_OF_LEGEND = 1.65
 
 
 def fill_labels(sheet: Sheet, below: float) -> None:
-    """Break the labels of axes that are longer than there is room for them, above a legend of some
-    height in inches."""
+    """Break the titles of panels and the labels of axes that are longer than there is room for
+    them, above a legend of some height in inches."""
     width, height = sheet.figure.get_size_inches()
     for axes in sheet.figure.axes:
         place = axes.get_subplotspec()
         rows, columns = place.get_gridspec().get_geometry() if place is not None else (1, 1)
         # A panel has its numbers to the left, a title above and a line of a legend below it.
         across, up = 0.8 * width / columns, min(0.55 * height, 0.7 * (height - below)) / rows
+        fill_title(axes, across)
         for axis, length in ((axes.xaxis, across), (axes.yaxis, up)):
             if text := axis.label.get_text():
                 axis.label.set_text(filled(text, length))
+
+
+def fill_title(axes: Axes, length: float) -> None:
+    """Break the title of a panel into lines of a length in inches, or of what the panel's letter
+    leaves of it: the title stands in the middle."""
+    size, letter = text_size("axes.titlesize"), axes.get_title(loc="left")
+    room = length - (2 / 72 * text_width(f"{letter} ", size) if letter else 0)
+    lines = axes.get_title().splitlines()
+    axes.title.set_text("\n".join(piece for x in lines for piece in text_lines(x, room, size)))
 
 
 LEAST_ABOVE_MARGIN = 1e-270
