@@ -212,6 +212,14 @@ def test_given_ends_of_equal_scales_are_kept(turning: xr.Dataset, ends: dict[str
     assert all(line.get_clip_on() for line in axes.lines)
 
 
+def test_regions_of_quadrants_reach_the_given_ends(turning: xr.Dataset) -> None:
+    (axes,) = drawn(turning, "quadrants", style={"xlim": [0, 9], "ylim": [0, 9]}).axes
+    below, above = ({*map(tuple, patch.get_xy())} for patch in axes.patches)
+    assert below == {(0, 0), (9, 9), (9, 0)}
+    assert above == {(0, 0), (9, 9), (0, 9)}
+    drawn(turning, "quadrants", style={"width": "column"})  # without ends
+
+
 def test_two_constant_components_have_equal_scales(caplog: pytest.LogCaptureFixture) -> None:
     steady = hodo.run({**BODY, "damping": 0, "initial": {"p": 0, "q": 0, "r": 1}})
     drawn(steady, "phase", x="p", y="r")

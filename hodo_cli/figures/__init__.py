@@ -87,9 +87,9 @@ def draw(
     """
     others = [*spec.get("against", ()), *cases_of_scale(spec, figures)]
     words = {"title": slanted(spec["title"]), "labels": [*map(slanted, spec.get("labels", ()))]}
-    spec = {**with_time_symbol(spec, cases), **words}
-    check(spec, cases, others)
     style = merged_style(spec["style"])
+    spec = {**with_time_symbol(spec, cases), **words, "style": style}
+    check(spec, cases, others)
     look = {**SHEET_STYLE, **rc, **matplotlib_parameters(style)}
     with matplotlib.style.context(["default", look]):
         drawing = Drawing(layout=Layout(w_pad=0.04, h_pad=0.06, wspace=0.04))

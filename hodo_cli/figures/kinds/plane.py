@@ -72,9 +72,10 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     width = COLUMN if columns == 1 else PAGE
     lines = len(limits) // columns
     panels = sheet.panels(width, 1.1 * lines * width / columns, len(limits), columns)
+    style: Look = spec["style"]
+    given = [end for name in ("xlim", "ylim") for end in style.get(name, ())]
     for axes, limit in zip(panels, limits, strict=True):
-        is_enlarged, is_log = axes is not panels[0], "log" in (spec["style"] or {})
-        regions(axes, motions[0], limit, is_enlarged, is_log)
+        regions(axes, motions[0], limit, max([limit, *given]), axes is not panels[0], style)
         frame = np.array([[0, limit], [0, limit]])
         plane_curves(axes, spec, motions, curves, crossings, frame)
     sheet.legend += axis_handles(motions)
@@ -84,25 +85,28 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     sheet.legend += mark_handles(motions, spec["time"], zoom is not None)
 
 
-def regions(axes: Axes, motion: Motion, limit: float, is_enlarged: bool, is_log: bool) -> None:
-    """The regions A and B below and above the diagonal, shaded and named, up to a limit."""
+def regions(
+    axes: Axes, motion: Motion, limit: float, end: float, is_enlarged: bool, style: Look
+) -> None:
+    """The regions A and B below and above the diagonal, shaded up to an end, and named up to the
+    limit of the panel, beyond which its style may set ends."""
     # In a narrow panel, or an enlarged one, whose curves lie wide apart, a letter finds its place.
     width = text_width("A (about $x_1$)", text_size("font.size"))
     is_short = is_enlarged or width > 0.5 * room_across(axes)
-    parts = np.geomspace(1e-16, 1, 33) if is_log else np.linspace(0, 1, 12)
+    parts = np.geomspace(1e-16, 1, 33) if "log" in style else np.linspace(0, 1, 12)
     places = np.stack(np.meshgrid(*2 * [limit * parts]), axis=-1).reshape(-1, 2)
     below = places[:, 0] - places[:, 1]
     farthest = np.argsort(-np.abs(below), kind="stable")
     largest, _, smallest = motion.order
     for name, axis, corner, inside in (
-        ("A", largest, (limit, 0), below > 0),
-        ("B", smallest, (0, limit), below < 0),
+        ("A", largest, (end, 0), below > 0),
+        ("B", smallest, (0, end), below < 0),
     ):
-        triangle = [(0, 0), (limit, limit), corner]
+        triangle = [(0, 0), (end, end), corner]
         axes.add_patch(Polygon(triangle, fc=AXIS_COLOUR[axis + 1], alpha=0.1, lw=0))
         words = name if is_short else f"{name} (about $x_{axis + 1}$)"
         Words(axes, words, places[farthest[inside[farthest]]], size="medium")
-    axes.plot([0, limit], [0, limit], color=BLACK, lw=0.7)
+    axes.plot([0, end], [0, end], color=BLACK, lw=0.7)
     p, r = "pqr"[largest], "pqr"[smallest]
     axes.set(
         xlabel=f"${p}^2$ {unit(motion, 'omega', 2)}",
