@@ -1280,6 +1280,16 @@ def test_words_above_panels_of_equal_scales_are_within_the_figure() -> None:
     assert crossed.get_text().splitlines()[1] == "369.872 (5) s"
 
 
+def test_times_of_crossings_leave_room_for_panels_in_a_column() -> None:
+    """In one line they were as wide as the legend, which took a line for each of its entries."""
+    motion = five_times_crossing()
+    for kind, zoom in (("quadrants", 0.05), ("hodograph", 3.0)):
+        figure = api.plot(motion, kind, zoom=zoom, style={"width": "column"})
+        figure.draw_without_rendering()
+        legend = figure.legends[0].get_window_extent()
+        assert legend.height < figure.bbox.height / 2
+
+
 def test_crossings_are_numbered_by_their_places_in_the_panel() -> None:
     """In one that ends nearer, or whose scales are unlike or logarithmic, they lie further apart
     than among all values."""

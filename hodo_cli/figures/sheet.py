@@ -260,6 +260,11 @@ class Sheet:
     remarks: Sequence[str] = ()
     """What the caption has to say of the curves, besides what the case file says."""
 
+    @property
+    def is_wide(self) -> bool:
+        """Whether the figure, once it has panels, is nearer to a page in width than to a column."""
+        return self.figure.get_figwidth() > (COLUMN + PAGE) / 2
+
     def columns(self, width: float, limit: int) -> int:
         """How many panels, up to a limit, have room side by side in the figure, which has a
         width in inches where its style sets none; larger letters need wider panels."""

@@ -82,7 +82,7 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     # Grey, since the colours of curves are those of the axes.
     looks = labelled_styles([motion.label for motion in motions])
     sheet.legend += [Line2D([], [], **{**look, "color": GREY}) for look in looks]
-    sheet.legend += mark_handles(motions, spec["time"], zoom is not None)
+    sheet.legend += mark_handles(motions, spec["time"], wide=sheet.is_wide and zoom is not None)
 
 
 def regions(

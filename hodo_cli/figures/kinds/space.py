@@ -75,7 +75,7 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) 
     for axes, plane in zip(others[zoom is not None :], planes, strict=True):
         projection(axes, motions, spec, plane)
     sheet.legend += colour_handles(sheet, [main, *others], motions, spec)
-    sheet.legend += mark_handles(motions, spec["time"], wide=bool(others))
+    sheet.legend += mark_handles(motions, spec["time"], wide=sheet.is_wide and bool(others))
 
 
 def extent(seen: np.ndarray) -> np.ndarray:
