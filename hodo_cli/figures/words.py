@@ -341,7 +341,7 @@ def gather_numbers(axes: Axes, numbers: Iterable[CrossingNumber]) -> None:
             together.setdefault(next(near, tuple(seen)), []).append((number, seen))
     for group in together.values():
         # Upper right, where numbers stand.
-        outermost, _ = max(group, key=lambda one: float(sum(one[1] / axes.bbox.size)))
+        outermost, _ = max(group, key=lambda pair: float(sum(pair[1] / axes.bbox.size)))
         shown, _ = group[0]
         texts = map(str, sorted({number.number for number, _ in group}))
         shown.set(text=", ".join(abridged([*texts], 6)), visible=True)
