@@ -594,7 +594,8 @@ def _unfit(kind: str | None, case: Drawable) -> str:
     if is_swept and not case.axes:
         return f"{words} is no sweep"
     if case.axes and not is_swept:
-        return f"{words} is a sweep, which only map, curve and share draw"
+        *kinds, last = SWEPT_KINDS
+        return f"{words} is a sweep, which only {', '.join(kinds)} and {last} draw"
     if kind in KINDS_IN_SPACE:
         return lack_of(case.case, KINDS_IN_SPACE[kind], case.sources, kind)
     if kind not in KINDS_OF_BODIES or case.variables.get("omega") == "axis":

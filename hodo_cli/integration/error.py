@@ -257,18 +257,11 @@ def judged_events(motion: Trajectory, reference: Trajectory) -> tuple[Occurrence
     """The events of a motion with the errors of their times, and of the direction in which a body
     stops."""
     better = {event.kind: event.details for event in reference.events}
-    apart = zip(motion.events, events_apart(motion, reference), strict=False)
-    return tuple(
-        replace(
-            event,
-            error=error,
-            details={
-                **event.details,
-                **direction_error(event.details, better.get(event.kind, {})),
-            },
-        )
-        for event, (_, error) in apart
-    )
+    judged = []
+    for event, (_, error) in zip(motion.events, events_apart(motion, reference), strict=False):
+        of_direction = direction_error(event.details, better.get(event.kind, {}))
+        judged.append(replace(event, error=error, details={**event.details, **of_direction}))
+    return tuple(judged)
 
 
 def direction_error(ours: Mapping[str, float], theirs: Mapping[str, float]) -> dict[str, float]:

@@ -51,15 +51,6 @@ def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def length(v: Any) -> Any:
-    """The length of a vector (3,) of any size, in the precision of its components: its square need
-    not be a double."""
-    # By a power of two, which changes no digit.
-    unit = 2.0 ** (math.frexp(max(abs(float(x)) for x in v))[1] - 1)
-    parts = [x / unit for x in v]
-    return unit * dot(parts, parts) ** 0.5
-
-
 def vector_sum(a: Sequence[Any], b: Sequence[Any]) -> Components:
     """The sum of two vectors."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]

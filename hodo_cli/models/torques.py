@@ -27,7 +27,6 @@ from .rigid_body import (
     dot,
     inertia_order,
     is_tensor,
-    length,
     range_mistake,
 )
 from .tensor import resistance_key
@@ -304,7 +303,7 @@ class Torques(BodyUnderTorques):
         """With the terms' own variables behind omega."""
         w = np.moveaxis(omega, -1, 0)
         extra = {
-            "brake": [np.apply_along_axis(length, -1, self.momentum(omega)) / self.moments[0]],
+            "brake": [np.hypot.reduce(self.momentum(omega), axis=-1) / self.moments[0]],
             "quadratic_axes": [*np.sign(w)],
             "space_torque": [np.full(w.shape[1:], x) for x in self.direction],
         }

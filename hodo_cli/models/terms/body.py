@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..base import REST_BITS, Constants
-from ..rigid_body import BodyFrame, body_constants, inertia_order, length
+from ..rigid_body import BodyFrame, body_constants, inertia_order
 from ..theory.closed_form import AlongMomentum, free_motion, scaled_motion
 from ..theory.dissipation import (
     Dissipation,
@@ -116,7 +116,7 @@ class BodyUnderTorques(BodyFrame):
     @property
     def momentum_at_start(self) -> float:
         """|G| at the start."""
-        return float(length(self.momentum(self.omega_at_start)))
+        return float(np.hypot.reduce(self.momentum(self.omega_at_start)))
 
     def dissipations(self, start: float, end: float) -> tuple[Dissipation, ...]:
         """The torques as the theorems on crossings and tilts take them, at such times between two
@@ -215,7 +215,7 @@ class BodyUnderTorques(BodyFrame):
             return None
         if "brake" not in given:
             return AlongMomentum(damping[0], np.longdouble(0))
-        momentum = np.linalg.norm(self.momentum(self.omega_at_start.astype(np.longdouble)))
+        momentum = np.hypot.reduce(self.momentum(self.omega_at_start.astype(np.longdouble)))
         return AlongMomentum(damping[0], brake[0] / momentum) if momentum else None
 
     @property

@@ -14,7 +14,6 @@ from ..rigid_body import (
     angular_momentum_of,
     dot,
     enclosed_axis,
-    length,
     principal_rotor_of,
     rotor_of,
     vector_sum,
@@ -90,7 +89,7 @@ def beside_corners(terms: Sequence[str], k: Any, y: np.ndarray) -> tuple[np.ndar
 
 def stop_details(G: np.ndarray, label: Any) -> dict[str, float]:
     """The details of a stop as they are stored: the direction of G (3,), and the label."""
-    direction = G / length(G)
+    direction = G / np.hypot.reduce(G)
     return dict(zip(("G1", "G2", "G3", "from"), map(float, (*direction, label)), strict=True))
 
 
@@ -116,7 +115,10 @@ def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: A
     A body that comes as near to rest against a stronger torque turns round: G goes through 0.
     """
     G, state = angular_momentum_of(y[:3], k), [*y]
-    size, stages = length(G), STAGES_WITH_ROTOR if hasattr(k, "h1") else STAGES
+    stages = STAGES_WITH_ROTOR if hasattr(k, "h1") else STAGES
+    # In units of A1, as in `stage_end`: |G|^2 need not be a double.
+    per_A1 = [x / k.A1 for x in G]
+    size = k.A1 * dot(per_A1, per_A1) ** 0.5
     if size > 2 * k.momentum_at_start / STAGE_RATIO**stages:
         state[row] = size / k.A1
         return EventOutcome(float(t), None, state, t)
