@@ -166,7 +166,8 @@ def _merged(zeros: Zeros) -> Zeros:
     """Zeros in order, with adjacent uncertain intervals as one, at its middle."""
     if not len(zeros.row):
         return zeros
-    row, low, width, sure = (column[np.lexsort((zeros.x, zeros.row))] for column in zeros)
+    order = np.lexsort((zeros.x, zeros.row))
+    row, low, width, sure = (column[order] for column in zeros)
     high = low + width
     # The last halvings are finer than the places are.
     gap = low[1:] - high[:-1] <= 4 * np.finfo(low.dtype).eps
