@@ -119,7 +119,7 @@ class Writer:
         self._chunks = {
             _chunk_key(file): file for folder in staging.dead for file in chunks_in(folder)
         }
-        self._count = 0
+        self._count, self._written = 0, set[Path]()
         self._waiting: dict[str, tuple[Group, Callable[[], object]]] = {}
         self._stored_at = monotonic()
         self.unfinished: set[str] = set()
@@ -182,6 +182,7 @@ class Writer:
             # The new name is on the disk with the next sync: one file may be lost, and half of the
             # time for syncing is saved.
             os.replace(draft, file)
+        self._written.add(file)
         return file
 
     def chunks(self, sweep_id: str) -> set[int]:
@@ -209,8 +210,14 @@ class Writer:
 
     def chunk(self, sweep_id: str, number: int) -> Group:
         """The members of a chunk, which is among `chunks`."""
-        with open_run(self._chunks[sweep_id, number]) as run:
+        with self._opened(self._chunks[sweep_id, number]) as run:
             return run.read("part")
+
+    def _opened(self, source: ResultFile | Path) -> AbstractContextManager[ResultFile]:
+        """A source of cases, open for reading."""
+        if isinstance(source, ResultFile):
+            return nullcontext(source)
+        return open_run(source, is_own=source in self._written)
 
     def keep(self, case: FinishedCase, text: str = "") -> bool:
         """Take over a finished case; False if another process has just removed it.
@@ -308,8 +315,7 @@ class Writer:
         with create(draft, {**self._attributes, "history": history}) as output:
             # Neighbours are in one shard, mostly.
             for source, names in groupby(sources, sources.__getitem__):
-                opened = nullcontext(source) if isinstance(source, ResultFile) else open_run(source)
-                with opened as run:
+                with self._opened(source) as run:
                     for name in names:
                         output.copy(run, name, self._texts.get(name))
 
