@@ -261,7 +261,10 @@ def run_plans(
     """
     rows: list[dict[str, Any]] = []
     total = sum(len(plan.reasons) for plan in plans)
-    with pool(jobs, scheduler) as workers, Progress(total, quiet, verbose) as progress:
+    # A single case may take long, and what other processes have finished would wait for it.
+    takes_part = all(plan.config.cases[name].sweep for plan in plans for name in plan.reasons)
+    workers = pool(jobs, scheduler, takes_part)
+    with workers, Progress(total, quiet, verbose) as progress:
         for plan in plans:
             rows += plan.execute(workers, progress, fail_fast)
             if fail_fast and any(row["status"] != "ok" for row in rows):

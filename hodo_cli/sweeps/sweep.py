@@ -30,6 +30,9 @@ from .columns import Earlier, lengths, shape, stored_columns
 from .ensemble.motions import Rejection
 from .summary import ERROR_TASKS, Summary, sampled_errors
 
+MANY = 50_000
+"""Members that are worth another process before the first ones have told how long they take."""
+
 
 def run_sweep(
     case: Case,
@@ -57,7 +60,9 @@ def run_sweep(
         """The chunks that are stored, and then the others as they finish."""
         yield from ((chunk, finished(chunk)) for chunk in tasks if chunk.first in stored)
         missing = [chunk for chunk in tasks if chunk.first not in stored]
-        for chunk, outcome in pool.map_brief(compute, missing):
+        is_long = sum(chunk.last - chunk.first for chunk in missing) > MANY
+        apply = pool.map if is_long else pool.map_brief
+        for chunk, outcome in apply(compute, missing):
             if isinstance(outcome, Exception):
                 # A chunk that fails costs its own members; the sweep goes on and says how many.
                 problems[str(outcome)] += int(np.count_nonzero(~chunk.taken))
