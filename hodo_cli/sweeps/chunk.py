@@ -40,7 +40,7 @@ from .ensemble.motions import Rejection
 from .formulas import formulas_may_change
 from .members import ensemble_of, member, other_method, prepare, system_of_member
 
-LARGEST_CHUNK, SMALLEST_CHUNK = 16384, 256
+LARGEST_CHUNK, SMALLEST_CHUNK = 32768, 256
 """Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
 spends on each call, and HDF5 on each file, does not count."""
 

@@ -76,7 +76,7 @@ class BatchState:
         motion = padded(begun)
         self.columns = columns_at_start(e, motion, stride(e.looser * e.tol, e.passing))
         self.output, self.spare = np.empty((2, e.step.rows, len(motion)))
-        self.cells = np.full((3, 3, len(motion)), np.nan)
+        self.cells = np.full((3 * e.has_rotor, 3, len(motion)), np.nan)
         self.renew(np.arange(len(motion)))
         self.empty(len(begun))
         at_start = e.times <= np.reshape(e.span[0], (-1, 1))
