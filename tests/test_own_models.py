@@ -797,3 +797,20 @@ def test_what_a_class_states_wrongly_is_one_line(
     (line,) = refusal_of(hodo, folder, right, wrong)
     assert "bad.py: QuadraticDrag: " in line
     assert said in line
+
+
+@pytest.mark.heyoka
+def test_the_command_itself_computes_chunks_beside_one_process_less(
+    hodo: Hodo, folder: Path
+) -> None:
+    note = "\nimport os\nwith open('processes', 'a') as file:\n    print(os.getpid(), file=file)\n"
+    (folder / "drag.py").write_text(EXAMPLE + note, encoding="utf-8")
+    case = "model: quadratic-drag, drag: 0.1, inertia: [1, 0.8, 0.6], time: {end: 1}, error: off"
+    start, swept = "initial: {p: 1, q: 0, r: 1}", "sweep: {drag: {linspace: [0.1, 0.2, 50001]}}"
+    text = f"cases: {{a: {{{case}, {start}, {swept}}}}}\n"
+    (folder / "many.yaml").write_text(text, encoding="utf-8")
+    done = hodo("--models", "drag.py", "run", "many.yaml", "-j", "3")
+    assert done.returncode == 0, done.stderr
+    assert len({*(folder / "processes").read_text().split()}) == 3
+    with h5py.File(folder / "runs" / "many.h5") as file:
+        assert not file["a/status"][:].any()
