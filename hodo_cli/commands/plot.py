@@ -4,6 +4,7 @@ What draws is imported late: matplotlib takes longer to load than it takes to se
 nothing is to be drawn.
 """
 
+import gc
 import json
 import os
 import warnings
@@ -194,6 +195,10 @@ def draw_figure(
     from ..figures import render
     from ..results.dataset import open_cases
 
+    # Once in each process: what draws is a hundred thousand objects that never become garbage, and
+    # every full search for what figures leave behind would go through them.
+    if not gc.get_freeze_count():
+        gc.freeze()
     with warnings.catch_warnings(record=True) as caught, open_cases(path) as cases:
         warnings.simplefilter("always")
         made = render(cases, config.figures, name, formats, folder)
