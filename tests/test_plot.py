@@ -1,6 +1,7 @@
 """Figures and their page, from the papers' own result files."""
 
 import csv
+import io
 import math
 import os
 import re
@@ -722,6 +723,39 @@ def test_a_style_that_cannot_be_had_is_one_line(
     data = several.cases["brief"]
     keys = {"kind": "phase", "x": "p", "y": "omega.x2"}
     assert message in refused(lambda: api.plot(data, **keys, style=style))
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("savefig.dpi: 0", "savefig.dpi: expected a number from 10 to 2400, got 0"),
+        ("savefig.dpi: nan", "savefig.dpi: expected a number from 10 to 2400, got nan"),
+        ("savefig.dpi: 20000", "savefig.dpi: expected a number from 10 to 2400, got 20000"),
+        ("font.family: Ariel, Tmies", "font.family: no font of Ariel, Tmies is installed"),
+        ("font.family: serif\nfont.serif: Tmies", "font.family: no font of serif is installed"),
+    ],
+)
+def test_a_sheet_that_nothing_can_be_drawn_in_is_one_line(
+    several: Drawings, tmp_path: Path, line: str, message: str
+) -> None:
+    sheet = tmp_path / "odd.mplstyle"
+    sheet.write_text(line)
+    keys = {"kind": "phase", "x": "p", "y": "omega.x2", "style": {"sheet": str(sheet)}}
+    assert message in refused(lambda: save_as_png(several.cases["brief"], keys))
+
+
+def test_a_font_that_a_sheet_has_in_reserve_is_taken_without_a_word(
+    several: Drawings, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    sheet = tmp_path / "reserve.mplstyle"
+    sheet.write_text("font.family: Ariel, DejaVu Sans")
+    keys = {"kind": "phase", "x": "p", "y": "omega.x2", "style": {"sheet": str(sheet)}}
+    save_as_png(several.cases["brief"], keys)
+    assert not caplog.messages
+
+
+def save_as_png(data: Any, keys: dict[str, Any]) -> None:
+    api.plot(data, **keys).savefig(io.BytesIO(), format="png")
 
 
 def test_the_name_of_a_region_keeps_clear_of_the_curve(runs: Path) -> None:

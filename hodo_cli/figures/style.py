@@ -66,9 +66,14 @@ def matplotlib_parameters(style: Mapping[str, Any]) -> Look:
     return sheet | font | {name: value for name, value in given.items() if value is not None}
 
 
+RESOLUTIONS = (10, 2400)
+"""The least and the most dots per inch of a picture: in fewer no number can be read, and a page in
+more takes gigabytes of memory."""
+
+
 def sheet_parameters(name: str) -> Look:
     """The parameters in a style sheet of matplotlib, by its name or path. Raises HodoError for one
-    that is not there, or for the first mistake in it."""
+    that is not there, for the first mistake in it, or if none of its fonts is installed."""
     sheets: Any = matplotlib.style.library
     if name.endswith(".mplstyle"):
         sheets = {name: sheet_in_file(name)}
@@ -76,7 +81,21 @@ def sheet_parameters(name: str) -> Look:
         raise HodoError(f"style.sheet: {unknown(f'style sheet {name!r}', name, sheets)}")
     # A resolution of `figure` is that which the figure has without a style.
     given = {key: value for key, value in sheets[name].items() if value != "figure"}
-    return {key: value for key, value in given.items() if key.partition(".")[0] in LOOKS}
+    looks: Look = {key: value for key, value in given.items() if key.partition(".")[0] in LOOKS}
+    least, most = RESOLUTIONS
+    dpi = looks.get("savefig.dpi", least)
+    if not least <= dpi <= most:
+        expected = f"expected a number from {least} to {most}, got {dpi:g}"
+        raise HodoError(f"style.sheet: {name}: savefig.dpi: {expected}")
+    if families := looks.get("font.family"):
+        # What a generic family stands for may be in the sheet too.
+        with matplotlib.style.context(["default", looks]):
+            # matplotlib names a family that it misses at each text, and takes the next one.
+            looks["font.family"] = [*filter(is_installed, families)]
+        if not looks["font.family"]:
+            lacking = f"no font of {', '.join(families)} is installed"
+            raise HodoError(f"style.sheet: {name}: font.family: {lacking}")
+    return looks
 
 
 def sheet_in_file(path: str) -> Mapping[str, Any]:
@@ -96,14 +115,21 @@ def sheet_in_file(path: str) -> Mapping[str, Any]:
     return dict(sheet)
 
 
-def font_parameters(family: str) -> Look:
-    """The parameters that set letters and formulas in a family of fonts. Raises HodoError if it is
-    not installed."""
+def is_installed(family: str) -> bool:
+    """Whether there is a font of a family."""
     try:
         findfont(FontProperties(family=[family]), fallback_to_default=False)
     except ValueError:
+        return False
+    return True
+
+
+def font_parameters(family: str) -> Look:
+    """The parameters that set letters and formulas in a family of fonts. Raises HodoError if it is
+    not installed."""
+    if not is_installed(family):
         fonts = [*GENERIC_FONTS, *sorted(get_font_names())]
-        raise HodoError(f"style.font: {unknown(f'font {family!r}', family, fonts)}") from None
+        raise HodoError(f"style.font: {unknown(f'font {family!r}', family, fonts)}")
     return {
         "font.family": [family],
         "mathtext.fontset": "custom",
