@@ -1,5 +1,6 @@
 """Processes of this machine that do tasks, each with a pipe to it and one from it."""
 
+import gc
 import json
 import os
 import pickle
@@ -54,8 +55,9 @@ class Processes(Executor):
 
 
 WORKER_PROGRAM = """\
-import json, sys
-sys.path[:] = json.loads(sys.argv[1])
+import gc, json, sys
+sys.path[:], threshold = json.loads(sys.argv[1])
+gc.set_threshold(*threshold)
 from hodo_cli.batch.processes import serve
 serve()
 """
@@ -70,7 +72,8 @@ WORKER_COMMAND = [
     "-c",
     WORKER_PROGRAM,
 ]
-"""What starts a worker, but for the folders that this process imports from."""
+"""What starts a worker, but for the folders that this process imports from, and how often this
+process looks for garbage."""
 
 
 class _Worker(Thread):
@@ -113,7 +116,7 @@ class _Worker(Thread):
                 with self._lock:
                     if self._ended:
                         raise EOFError
-                    command = [*WORKER_COMMAND, json.dumps(sys.path)]
+                    command = [*WORKER_COMMAND, json.dumps([sys.path, gc.get_threshold()])]
                     self._process = process = Popen(command, stdin=PIPE, stdout=PIPE)
                 _received(process.stdout)
                 return process
