@@ -967,6 +967,11 @@ GROWING = {
         f"{FIG4}, {BALL}, store: [crossing_time], sweep: {{d: {{sphere: {{count: NEW}}}}}}",
         ("30",), ("40",),
     ),
+    "members that a brake holds": (
+        f"model: torques, {HEAD}, torque: [[0, 0.005], 0, 0], brake: 0.1, "
+        "initial: {p: 0.2, q: 0.4, r: 0.9}, sweep: {initial.p: {values: NEW}}",
+        ("[0.1, 0.2]",), ("[0.15, 0.2, 0.1]",),
+    ),
     "no axis": (
         "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0.125, 1], b: [0.1, 1], "
         "initial: {theta: 60 deg, r: 1.7}, time: {end: 5}, error: off, "

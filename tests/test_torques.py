@@ -283,6 +283,33 @@ def test_a_body_that_would_move_again_is_told_of() -> None:
     )
 
 
+@pytest.mark.parametrize("samples", [1, 2, 3])
+def test_few_samples_do_not_change_when_a_body_would_move_again(samples: int) -> None:
+    """A torque that exceeds the brake between the samples only."""
+    case = {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "initial": {**SPIN, "p": 0.5}}
+    torque = [{"law": "polynomial", "coefficients": [0, -0.008, 0.00008]}, 0, 0]
+    motion = hodo.run({**case, "torque": torque, "time": {"end": 100, "samples": samples}})
+    told = float(re.search(r"from t = (\S+) on", motion.attrs["warnings"])[1])  # type: ignore[index]
+    # 0.008 t - 0.00008 t^2 = 0.1
+    assert told == pytest.approx(50 - 1250**0.5, abs=0.01)
+
+
+@pytest.mark.parametrize("alone", [{}, {"method": "collocation"}], ids=["together", "alone"])
+def test_members_that_would_move_again_are_counted(alone: dict[str, str]) -> None:
+    """G1' = -c t - b from G1 = 3, of which all members stop, and move again from b/c on."""
+    law = [{"law": "polynomial", "coefficients": [0, -0.004]}, 0, 0]
+    case = {"model": "torques", "inertia": [3, 2, 1], "torque": law, "initial": SPIN, **alone}
+    case |= {"time": {"end": 40}, "store": ["event_time", "event_release"]}
+    members = hodo.sweep({**case, "sweep": {"brake": {"linspace": [0.1003, 0.2003, 11]}}})
+    b, stop, release = (members[name].values for name in ("brake", *case["store"]))
+    assert stop == pytest.approx((np.sqrt(b * b + 0.024) - b) / 0.004, abs=1e-9)
+    assert (np.isfinite(release) == (b < 0.16)).all()
+    late = release[b < 0.16] - b[b < 0.16] / 0.004
+    assert (abs(late) < (40 - stop[b < 0.16]) / 2**12).all()
+    assert members.attrs["released"] == 6
+    assert members.attrs["warnings"].startswith("6 of 11 members stay at rest")
+
+
 @pytest.mark.parametrize(("m", "u"), [(1e-95, 1e-80), (1e95, 1e70), (1, 1e-140)])
 def test_a_body_of_any_size_stops_alike(m: float, u: float) -> None:
     """In units in which the square of its momentum is no double."""

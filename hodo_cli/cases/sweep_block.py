@@ -69,7 +69,7 @@ MEMBER_COLUMNS = (
 """The columns to which a member of a sweep is reduced, besides its final state, where a hodograph
 encloses an axis."""
 
-STOP_COLUMNS = ("event_time", "event_from")
+STOP_COLUMNS = ("event_time", "event_from", "event_release")
 """The columns of a member that may come to rest."""
 
 AXIS_LABELS = ("crossing_from", "crossing_to", "start_axis", "end_axis", "event_from")

@@ -22,7 +22,14 @@ from .error import (
     time_error,
     with_measured_error,
 )
-from .integrate import ERROR_LIMIT_ASKED, excess_remark, integrate, motion_remarks, solved
+from .integrate import (
+    ERROR_LIMIT_ASKED,
+    excess_remark,
+    integrate,
+    motion_remarks,
+    solved,
+    time_of_release,
+)
 from .solve import distinct, refined, sample_times, solve
 from .trajectory import Occurrence, Trajectory
 
@@ -62,6 +69,7 @@ __all__ = [
     "taylor_steps",
     "thinned",
     "time_error",
+    "time_of_release",
     "time_to_zero",
     "with_measured_error",
 ]

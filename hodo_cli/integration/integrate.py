@@ -3,12 +3,13 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ..cases.case import Case
 from ..engines.protocol import Status
-from ..models.base import Model
+from ..models.base import Model, attributes
 from ..text import to_error
 from .choice import choose
 from .error import with_measured_error
@@ -24,6 +25,11 @@ SHORT_SECONDS = 0.02
 
 _TIMED_KINDS: set[tuple[type[Model], str]] = set()
 """The kinds of motions that this process has timed."""
+
+PLACES_AT_REST, PLACES_OF_MEMBER = 2**15, 2**12
+"""How many intervals of the time that a brake holds a body are looked through for stronger torques:
+as many as the places at which formulas are looked at in a motion; and of a member of a sweep, whose
+motion takes ten times as long as so many."""
 
 CHANCE_ERROR = 0.05
 """The error of a probability of which a motion is warned: what 100 motions by chance show."""
@@ -64,10 +70,35 @@ def early_end(motion: Trajectory) -> str:
 
 def model_warnings(motion: Trajectory) -> list[str]:
     """The warnings of the model of a motion about its data and its course."""
-    system, state = motion.system, motion.state.astype(float)
-    if not len(motion.time):
+    system, state, end = motion.system, motion.state.astype(float), motion.time[-1:].tolist()
+    if not end:
         return system.warnings
-    return system.warnings + system.validity_warnings(motion.time, state, motion.tol)
+    warnings = system.warnings + system.validity_warnings(motion.time, state, motion.tol)
+    # Not read off the samples: between two of them a body may stop and a torque grow.
+    stop = next((event.time for event in motion.events if event.kind == "stopped"), math.nan)
+    k = attributes(system.constants)
+    moves = time_of_release(type(system), k, stop, end[0], state[-1], PLACES_AT_REST)
+    if not math.isnan(moves):
+        warnings.append(
+            f"at rest the other torques are stronger than the brake from t = {moves:.6g} on: the "
+            "body would move again there, and here it does not"
+        )
+    return warnings
+
+
+def time_of_release(
+    model: type[Model],
+    k: Any,
+    stop: float,
+    end: float,
+    state: np.ndarray,
+    places: int = PLACES_OF_MEMBER,
+) -> float:
+    """When a body with these constants that a brake has stopped, in a state (m,), would move again,
+    to so many parts of the time until the end; nan where it has not stopped, or would not."""
+    return (
+        model.release(np.linspace(stop, end, places + 1), [*state], k) if stop < end else math.nan
+    )
 
 
 def motion_remarks(motion: Trajectory) -> Iterator[str]:

@@ -306,6 +306,12 @@ class Model:
         assumptions."""
         return []
 
+    @classmethod
+    def release(cls, t: np.ndarray, y: Sequence[Any], k: Any) -> float:
+        """The first of some times (n,) at which a body that an event has brought to rest in a state
+        y, and that stays there, would move again; nan if it would not."""
+        return math.nan
+
     @property
     def has_formulas(self) -> bool:
         """Whether its equations hold formulas of a user's own, in which anything may happen within

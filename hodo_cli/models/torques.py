@@ -38,9 +38,9 @@ from .terms.events import (
     beside_corners,
     braked_stage,
     component_size,
+    first_release,
     stage_end,
     stop_details,
-    time_of_release,
     turned_over,
 )
 from .terms.laws import (
@@ -326,10 +326,10 @@ class Torques(BodyUnderTorques):
             y[:3], y[first : first + 3] = sides
         return tuple(y.tolist())
 
-    @property
-    def braked_terms(self) -> tuple[str, ...]:
+    @classmethod
+    def braked_terms(cls) -> tuple[str, ...]:
         """The terms beside a brake."""
-        return tuple(name for name in self.terms if name != "brake")
+        return tuple(name for name in cls.terms if name != "brake")
 
     @property
     def run_events(self) -> tuple[Event, ...]:
@@ -342,7 +342,7 @@ class Torques(BodyUnderTorques):
                 events.append(Event("turned", zero, True, turn, first + axis))
         if self.brake is not None:
             row = self.state.index("stage_momentum")
-            stop = Bound(braked_stage, (row, self.braked_terms))
+            stop = Bound(braked_stage, (row, self.braked_terms()))
             end = Bound(stage_end, (row, not DRIVING.isdisjoint(self.terms)))
             events.append(Event("stopped", end, True, stop))
         return tuple(events)
@@ -409,21 +409,11 @@ class Torques(BodyUnderTorques):
             warnings.append(f"no rotor: its momentum is less than {WEAK_ROTOR:g} of |G|")
         return warnings
 
-    def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
-        """That a body would not have stayed where a brake has stopped it."""
-        if self.brake is None or DRIVING.isdisjoint(self.terms):
-            return []
-        row = self.state.index("stage_momentum")
-        if y[-1, row]:
-            return []
-        k, stopped = attributes(self.constants), float(t[y[:, row] == 0][0])
-        moves = time_of_release(row, self.braked_terms, stopped, float(t[-1]), [*y[-1]], k)
-        if moves is None:
-            return []
-        return [
-            f"at rest the other torques are stronger than the brake from t = {moves:.6g} on: the "
-            "body would move again there, and here it does not"
-        ]
+    @classmethod
+    def release(cls, t: np.ndarray, y: Sequence[Any], k: Any) -> float:
+        if DRIVING.isdisjoint(cls.terms):
+            return math.nan
+        return first_release(cls.state.index("stage_momentum"), cls.braked_terms(), t, y, k)
 
 
 def twice_energy(order: tuple[int, int, int], t: Any, y: Sequence[Any], k: Any) -> Any:

@@ -287,10 +287,11 @@ MEMBER_STOPPED = {
     "event_from": Stored(
         "axis that the hodograph enclosed as the body stopped", (), "i1", flags=AXIS_FLAGS
     ),
+    "event_release": Stored("time at which the body would move again", units="time"),
 }
 """The columns of a sweep's members that may come to rest."""
 
-ON_REQUEST = ("share", "separation", "steps")
+ON_REQUEST = ("share", "separation", "steps", "event_release")
 """The columns of a sweep that are stored only where the case asks for them."""
 
 

@@ -19,8 +19,9 @@ from ..integration import (
     integrate,
     label_at_start,
     sample_times,
+    time_of_release,
 )
-from ..models.base import flatten
+from ..models.base import attributes, flatten
 from ..results.layout import passages_as_crossings
 from ..storage import Attribute, Group, Variable
 from .columns import (
@@ -232,6 +233,11 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
     case, variables = motion.case, motion.variables
     columns = {name: values[-1:] for name, values in variables.items()}
     columns |= event_columns({0: motion.events}, 1)
+    if case.system.may_stop:
+        k, (stop,) = attributes(case.system.constants), columns["event_time"]
+        end, state = case.time.end, motion.state[-1].astype(float)
+        moves = time_of_release(type(case.system), k, stop, end, state)
+        columns["event_release"] = np.array([moves])
     labels, crossings = variables.get("enclosed_axis"), passages_as_crossings(motion.events)
     status = Status.OK
     if not case.system.no_axis_reason:

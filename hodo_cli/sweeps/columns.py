@@ -16,6 +16,7 @@ from ..cases.sweep_block import Axis, axes_of
 from ..integration import (
     Crossing,
     Occurrence,
+    time_of_release,
 )
 from ..models import rigid_body
 from ..models.base import LENGTHS, rescaled
@@ -209,9 +210,20 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
         begin, start = np.array([e.span[0]]), e.start[:, accepted].T
         start_axis = e.model.output(begin, start, e.named(accepted))["enclosed_axis"]
         member, crossings = passage_columns(events)
+    if e.model.may_stop and e.is_timed:
+        final["event_release"] = releases(e, accepted, final["event_time"], outcome.state)
     # Behind any other event the motion goes on.
     stop = np.where(e.model.may_stop, final["event_time"], math.nan)
     return final | label_columns(start_axis, axis, member, crossings, stop, time)
+
+
+def releases(e: Ensemble, motions: np.ndarray, stop: np.ndarray, state: np.ndarray) -> np.ndarray:
+    """When (n,) those of some motions (n,) that have stopped by some times (n,) would move again,
+    from the states (m, k) of all motions at their end; nan where they would not."""
+    return np.array([
+        time_of_release(e.model, e.named(i), time, e.span[1], state[:, i])
+        for i, time in zip(motions, stop, strict=True)
+    ])  # fmt: skip
 
 
 def output_of(

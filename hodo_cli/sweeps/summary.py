@@ -143,6 +143,7 @@ class Summary:
         self.case, self.earlier = case, earlier
         self.status, self.alone = (np.zeros(len(words), dtype=int) for words in (Status, Rejection))
         self.steps = int(self.earlier.get("steps", 0))
+        self.released = int(self.earlier.get("released", 0))
         self.run_time = float(self.earlier.get("run_time", 0.0))
         self.methods = {*filter(None, str(self.earlier.get("method", "")).split(", "))}
         self.unmeasured: Counter[str] = Counter()
@@ -158,6 +159,8 @@ class Summary:
         status, taken = columns["status"], chunk.taken
         self.status += np.bincount(status, minlength=len(Status))
         self.steps += int(columns["steps"][~taken].sum())
+        if "event_release" in columns:
+            self.released += int(np.isfinite(columns["event_release"][~taken]).sum())
         self.run_time += float(group.attributes["run_time"])
         self.alone += np.asarray(group.attributes["rejections"])
         self.methods.update(str(group.attributes["methods"]).split())

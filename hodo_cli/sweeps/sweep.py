@@ -138,6 +138,8 @@ def sweep_attributes(
     remarks = {
         "are invalid: their numbers give no body or no start, or need other equations": invalid,
         "are undecided: their error is larger than their distance from the separatrix": hidden,
+        "stay at rest here although other torques would move them again: from `event_release` on, "
+        "if `store` names it": summary.released,
     } | {f"have no measured error: {why}": n for why, n in summary.unmeasured.items()}
     tol = case.tol or IVP.get(case.method, EPS)
     warnings = [f"{n} of {total} members {outcome}" for outcome, n in remarks.items() if n]
@@ -145,6 +147,8 @@ def sweep_attributes(
     endings = {"failed": failed, "stopped at max_steps or max_seconds": timeout}
     messages = [f"{count} of {total} members: {message}" for message, count in problems.items()]
     messages += [f"{n} of {total} members {outcome}" for outcome, n in endings.items() if n]
+    if summary.released:  # which a sweep that adds members to these counts too
+        errors = {**errors, "released": summary.released}
     return case_attributes(
         case,
         case_digest,

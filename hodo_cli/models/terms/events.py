@@ -29,10 +29,6 @@ STAGES, STAGES_WITH_ROTOR, STAGE_RATIO = 14, 10, 8
 """How often |G| falls by a ratio, a stage of braking each time, before a brake has all but stopped
 the body: to 2e-13 of it, with a rotor, whose h hides what is left of G, to 9e-10."""
 
-PLACES_AT_REST = 2**15
-"""How many intervals of the time that a brake holds a body are looked through for stronger torques:
-as many as the places at which formulas are looked at in a motion."""
-
 AS_STRONG = 1e-12
 """The part by which a torque may differ from a brake and counts as equal to it: what comes to rest
 against it stays there."""
@@ -160,18 +156,17 @@ def torque_at_rest(others: Sequence[str], t: Any, extra: Sequence[Any], k: Any) 
 
 
 @np.errstate(all="ignore")  # of a formula that has no value at a time
-def time_of_release(
-    row: int, others: Sequence[str], start: float, end: float, y: Sequence[Any], k: Any
-) -> float | None:
-    """The first time between two, to 1 in PLACES_AT_REST, at which other torques are stronger than
-    the brake that holds a body at rest in the state y; None where they never are."""
-    t = np.linspace(start, end, PLACES_AT_REST + 1)
+def first_release(
+    row: int, others: Sequence[str], t: np.ndarray, y: Sequence[Any], k: Any
+) -> float:
+    """The first of some times (n,) at which other torques are stronger than the brake that holds a
+    body at rest in the state y; nan where they never are."""
     N = torque_at_rest(others, t, [*y[3:row], *y[row + 1 :]], k)
     strength = np.sqrt(sum(x * x for x in N))
     is_stronger = np.broadcast_to(
         strength > coefficient_at(k, "brake", t) * (1 + AS_STRONG), t.shape
     )
-    return float(t[is_stronger.argmax()]) if is_stronger.any() else None
+    return float(t[is_stronger.argmax()]) if is_stronger.any() else math.nan
 
 
 def omega_of(G: Sequence[Any], k: Any) -> Sequence[Any]:
