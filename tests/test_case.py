@@ -1,6 +1,7 @@
 """The loader of case files: values, mistakes with their places, overrides, round trips, hostile
 files."""
 
+import abc
 import dataclasses
 import itertools
 import math
@@ -1395,3 +1396,11 @@ def test_an_override_for_one_run_leaves_figures_right() -> None:
     )
     parse(text, "x.yaml", ["*.time.end=1", "s.sweep={damping.2: {values: [1]}, "
                            "damping.0: {values: [1]}}"])  # fmt: skip
+
+
+def test_a_class_of_the_standard_library_makes_no_formula_of_a_users_own() -> None:
+    """As a form of the package may be built on, beside its model."""
+    for form in catalogue()["linear-diag"].values():
+        abstract = type("Abstract", (form, abc.ABC), {"__module__": form.__module__})
+        assert not abstract.has_formulas()
+        assert type("Own", (form,), {"__module__": __name__}).has_formulas()

@@ -517,6 +517,7 @@ def test_a_torque_without_a_value_at_zero_gives_no_warning(hodo: Hodo, folder: P
         "sum([p * p]) ** 0.5",
         "sqrt(0.36 * p**2 + 0.64 * p * p)",
         "exp(log(p * p) / 2)",
+        "sqrt(p * p - 2 * p * r / 99 + r * r / 9801)",
     ],
 )
 def test_a_corner_is_seen_that_no_member_drawn_at_random_comes_to(

@@ -449,7 +449,18 @@ def test_starts_that_decide_nothing() -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("size", ["sqrt(p**2)", "sqrt(p*p)", "2*sqrt(p**2/4)", "sqrt(4*p*p)/2"])
+@pytest.mark.parametrize(
+    "size",
+    [
+        "sqrt(p**2)",
+        "sqrt(p*p)",
+        "2*sqrt(p**2/4)",
+        "sqrt(4*p*p)/2",
+        # Which only the steps themselves show.
+        "sqrt(1-cos(p)**2)",
+        "sqrt(p*p-0.02*p+0.0001)",
+    ],
+)
 def test_a_corner_that_one_member_in_many_comes_to_is_none_too_few(size: str) -> None:
     """No check of members drawn at random need meet it; a formula that holds |x| tells it."""
     drawn = np.random.default_rng(60).choice(60, 16, replace=False)

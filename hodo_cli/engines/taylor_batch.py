@@ -20,7 +20,17 @@ import numpy as np
 from .. import arithmetic
 from ..arithmetic import horner
 from ..machine import processor
-from ..models.base import UNIT, Event, Level, Model, Structure, count, moving, namespace
+from ..models.base import (
+    UNIT,
+    Event,
+    Level,
+    Model,
+    Structure,
+    count,
+    kinds_of_variables,
+    moving,
+    namespace,
+)
 from ..private import cached_code
 from . import series as series_module
 from .series import TINY_DIVISOR, Series, constant, motion, total
@@ -74,6 +84,11 @@ CORNER = 2.0**-30
 """The part of a motion below which a component may go beyond a corner of the equations before its
 sign turns over. Terms with its square are then wrong by 2**-60 of their size, less than rounding,
 so that no touch has to be told from a passage."""
+
+PLACES_CHECKED, MOST_MISSED = 8, 8
+"""Places of a step, evenly spaced, at which its series are held against formulas of a user's own;
+and by how much they may miss these at most: by this power of the `stride`, which is far above the
+rounding and the rest of the series, and 1e-8 of a motion to rounding, as single cases allow."""
 
 BOUND_ROUNDING = 2.0**-40
 """The part of a bound on the rest of an event's series that covers its rounding."""
@@ -172,7 +187,7 @@ class TaylorStep:
         # Not their text, which is cut where it is long.
         equations = pickle.dumps([*self.model.rhs(t, y, k), *(of(t, y, k) for of in functions)])
         kinds = [*self.corners], [event.passage is None for event in self.events]
-        model = self.structure, kinds, self.model.always_absorbing
+        model = self.structure, kinds, self.model.always_absorbing, self.model.has_formulas()
         compiler = WIDTH, hy.__version__, processor(), STEP_SOURCES
         return hashlib.sha256(equations + repr((model, *compiler)).encode()).hexdigest()[:32]
 
@@ -217,13 +232,32 @@ class TaylorStep:
         lost = lost + ((remaining - after) - step)
         steps = steps + hy.select(hy.gt(remaining, 0.0), hy.expression(1.0), hy.expression(0.0))
         after = hy.select(hy.gt(excessive, MOST_EXCESS), hy.expression(math.nan), after)
+        # Averaged systems are large.
+        is_large = sum(map(len, self.model.rhs(*self._symbols()))) > OPTIMISED_NODES
+        if self.model.has_formulas() and not is_large:
+            is_met = hy.lte(self._excess(at, y, step), 0.0)
+            after = hy.select(is_met, after, hy.expression(math.nan))
         end = [total_of_powers(c, step) for c in y]
         events = (self._event_row(event, at, end, step) for event in self.events)
         levels = (row for level in self.levels for row in level_rows(level, at, step))
-        # Averaged systems are large.
-        is_large = sum(map(len, self.model.rhs(*self._symbols()))) > OPTIMISED_NODES
         rows = [*end, after, lost, steps, step, *events, *levels]
         return compiled_function(at.inputs, rows, 1 if is_large else 3)
+
+    def _excess(self, at: "SymbolicMotion", y: Sequence[Sequence[Any]], step: Any) -> Any:
+        """By how much a step with the series y misses its equations more than it may: a series goes
+        over a corner of a formula without a trace."""
+        slopes = [[i * c for i, c in enumerate(series)][1:] for series in y]
+        part = hy.par[count(self.structure) + 1] ** MOST_MISSED
+        excess = hy.expression(-math.inf)
+        for place in range(1, PLACES_CHECKED + 1):
+            s = step * (place / PLACES_CHECKED)
+            state, moved = ([total_of_powers(c, s) for c in of] for of in (y, slopes))
+            rates = self.model.rhs(at.time[0] + s * at.time[1], state, at.k)
+            for rows in kinds_of_variables(self.model):
+                size = total([absolute(y[i][0]) + step * absolute(y[i][1]) for i in rows])
+                off = total([absolute(moved[i] - rates[i]) for i in rows])
+                excess = larger(off * step - part * size, excess)
+        return excess
 
     def _event_row(self, event: Event, at: "SymbolicMotion", end: list[Any], step: Any) -> Any:
         """The row of an event in a step to the state `end`."""

@@ -163,7 +163,7 @@ def outputs_compared(
     shift = np.where(resting, 0, sizes[0] - sizes[1])
     judged = variables_in_units(system, motion, shift, float)
     better = variables_in_units(system, reference, 0, np.longdouble)
-    if system.has_formulas and system.degree:
+    if system.has_formulas() and system.degree:
         fits = np.abs(sizes[1]) < MODERATE_SIZE
         judged = where_fits(fits, variables_in_units(system, motion, sizes[0], float), judged)
         better = where_fits(

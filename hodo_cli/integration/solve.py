@@ -159,7 +159,7 @@ def attempted(
     limits = case.max_steps or LAST_STEP[method], case.max_seconds or math.inf
     control = StepControl(*limits)
     # What begins and ends at one time has no steps.
-    is_checked = system.has_formulas and not monitor and bool((times > case.time.start).any())
+    is_checked = system.has_formulas() and not monitor and bool((times > case.time.start).any())
     try:
         propagation = Propagation(engine, system, case.time.start, times, events)
         changes = np.empty((0, 3))

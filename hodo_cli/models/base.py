@@ -312,11 +312,12 @@ class Model:
         y, and that stays there, would move again; nan if it would not."""
         return math.nan
 
-    @property
-    def has_formulas(self) -> bool:
+    @classmethod
+    def has_formulas(cls) -> bool:
         """Whether its equations hold formulas of a user's own, in which anything may happen within
         a step: those of a model from outside the package do."""
-        modules = (sys.modules[cls.__module__] for cls in type(self).__mro__[:-1])
+        forms = (base for base in cls.__mro__ if issubclass(base, Model))
+        modules = (sys.modules[form.__module__] for form in forms)
         return any(not str(module.__file__).startswith(OWN_FOLDER) for module in modules)
 
     @property
@@ -474,7 +475,7 @@ def contains_time(model: type[Model], form: Structure, events: tuple[Event, ...]
 def has_formula_of_time(system: Model) -> bool:
     """Whether equations hold a formula of a user's own, and contain the time: between two times
     they may then do anything."""
-    return system.has_formulas and contains_time(type(system), structure(system.constants))
+    return system.has_formulas() and contains_time(type(system), structure(system.constants))
 
 
 @lru_cache(maxsize=64)

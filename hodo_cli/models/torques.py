@@ -242,9 +242,9 @@ class Torques(BodyUnderTorques):
                 if not is_finite_at(text, [*omega, start]):
                     yield ("expression", i), "has no finite value at the start of the motion"
 
-    @property
-    def has_formulas(self) -> bool:
-        return self.expression is not None or super().has_formulas
+    @classmethod
+    def has_formulas(cls) -> bool:
+        return "expression" in cls.terms or super().has_formulas()
 
     @cached_property
     def constants(self) -> Constants:

@@ -119,7 +119,7 @@ def reason_alone(case: Case) -> str:
     side."""
     if other := other_method(case):
         return other
-    if case.system.has_formulas and formulas_may_change(case):
+    if case.system.has_formulas() and formulas_may_change(case):
         return "formulas that may change within a step"
     passes = any(event.interrupts for event in case.system.run_events)
     fewest = 0 if case.system.degree else WORTH_COMPILING * len(flatten(case.system.constants))

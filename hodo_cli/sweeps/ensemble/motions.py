@@ -56,7 +56,7 @@ class Rejection(Coded):
     OUTGROWN = "numbers beyond the largest double"
     COARSE = "equations that need finer data"
     UNCERTAIN = "the sign of an event's function is uncertain"
-    ASTRAY = "a step of unknown length, or beyond the passage of an event"
+    ASTRAY = "a step of unknown length, over a corner, or beyond the passage of an event"
     SAMPLES = "samples of motions that go on through an event"
 
 
