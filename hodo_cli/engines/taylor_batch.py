@@ -235,7 +235,7 @@ class TaylorStep:
         # Averaged systems are large.
         is_large = sum(map(len, self.model.rhs(*self._symbols()))) > OPTIMISED_NODES
         if self.model.has_formulas() and not is_large:
-            is_met = hy.lte(self._excess(at, y, step), 0.0)
+            is_met = hy.lte(self._missed(at, y, step), 0.0)
             after = hy.select(is_met, after, hy.expression(math.nan))
         end = [total_of_powers(c, step) for c in y]
         events = (self._event_row(event, at, end, step) for event in self.events)
@@ -243,7 +243,7 @@ class TaylorStep:
         rows = [*end, after, lost, steps, step, *events, *levels]
         return compiled_function(at.inputs, rows, 1 if is_large else 3)
 
-    def _excess(self, at: "SymbolicMotion", y: Sequence[Sequence[Any]], step: Any) -> Any:
+    def _missed(self, at: "SymbolicMotion", y: Sequence[Sequence[Any]], step: Any) -> Any:
         """By how much a step with the series y misses its equations more than it may: a series goes
         over a corner of a formula without a trace."""
         slopes = [[i * c for i, c in enumerate(series)][1:] for series in y]
