@@ -639,6 +639,18 @@ cases:
     assert decayed["warnings"] == "2 of 2 members have no measured error: they end below 1e-290"
 
 
+@pytest.mark.parametrize(
+    "term",
+    ["brake: 0.003", "quadratic_axes: 0.01", "space_torque: {size: 0.01, direction: [1, 2, 3]}"],
+)
+def test_members_that_differ_in_their_rotor_are_single_cases(term: str) -> None:
+    """Beside terms whose state at the start knows G, and so the rotor."""
+    case = one(f"model: torques, inertia: [1, 0.8, 0.6], {term}, {BODY_MOVES}, "
+               "rotor: [0.3, 0.1, 0.2], time: {end: 40}, "
+               "sweep: {rotor.0: {values: [-0.2, 0, 0.3]}}")  # fmt: skip
+    assert_members_are_single_cases(case, [0, 1, 2])
+
+
 def test_members_with_a_rotor_that_cross_have_an_error() -> None:
     case = one("model: torques, rotor: [0, 0, 0.2], damping: [0.005, 0.004, 0.003], "
                "inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 200}, "

@@ -132,7 +132,7 @@ def prepared_by_branch(
         for branch in (branches.where, ~branches.where):
             yield from prepared_by_branch(case, paths, values, positions[branch])
         return
-    except TypeError:
+    except (TypeError, AttributeError):  # the latter from numpy's functions of two objects
         pass
     for position, row in zip(positions[:, None], values[:, positions].T.tolist(), strict=True):
         data, system = described(case, paths, row)
