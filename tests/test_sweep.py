@@ -651,6 +651,14 @@ def test_members_that_differ_in_their_rotor_are_single_cases(term: str) -> None:
     assert_members_are_single_cases(case, [0, 1, 2])
 
 
+def test_members_that_have_none_of_the_cases_equations_are_told() -> None:
+    """The averaged form of a symmetric body with fluid is another one than that of its members."""
+    text = f"{FLUID}, form: averaged, inertia: [8, 8, 5], {BODY_MOVES}"
+    found = hodo_cli.sweep(one(f"{text}, sweep: {{inertia.1: {{values: [6, 7]}}}}"))
+    assert found.status.values.tolist() == [INVALID, INVALID]
+    assert found.attrs["message"] == "no member is a body with a start under the case's equations"
+
+
 def test_members_with_a_rotor_that_cross_have_an_error() -> None:
     case = one("model: torques, rotor: [0, 0, 0.2], damping: [0.005, 0.004, 0.003], "
                "inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 200}, "

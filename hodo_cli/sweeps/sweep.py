@@ -159,7 +159,8 @@ def sweep_attributes(
         steps=summary.steps,
         run_time=summary.run_time,
         status=status,
-        message="; ".join(messages) or ("" if ok + hidden else "no member is a body with a start"),
+        message="; ".join(messages)
+        or ("" if ok + hidden else "no member is a body with a start under the case's equations"),
         warnings="\n".join(warnings),
         **errors,
     )
