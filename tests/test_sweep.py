@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 
 import hodo_cli
 from hodo_cli import Case, HodoError, models
+from hodo_cli.batch import pool as pools
 from hodo_cli.batch.pool import pool
 from hodo_cli.cases import sweep_block
 from hodo_cli.cases.case import parse_case
@@ -909,6 +910,8 @@ def test_a_sweep_is_stored_with_its_axes(tmp_path: Path) -> None:
 def test_processes_and_repeats_change_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.undo()  # steps that round as those of workers do
+    monkeypatch.setattr(pools, "START_SECONDS", 0)  # however quick they are
     for name in "ab":
         (tmp_path / name).mkdir()
     # Still more than a task of measuring errors has.
