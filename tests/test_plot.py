@@ -185,6 +185,18 @@ def test_time_colour_projections_and_sphere(runs: Path) -> None:
         np.testing.assert_allclose(np.cross(g, G), 0, atol=1e-15)
 
 
+def assert_regions_are_named_within(figure: Any) -> None:
+    """All that is seen of the names of A and B is below and above the diagonal."""
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        named = [text for text in axes.texts if text.get_text()[0].isalpha()]
+        assert [text.get_text()[0] for text in named] == ["A", "B"]
+        for text in named:
+            seen = axes.transData.inverted().transform_bbox(text.get_window_extent())
+            is_a = text.get_text()[0] == "A"
+            assert seen.x0 > seen.y1 if is_a else seen.x1 < seen.y0
+
+
 def test_quadrants_have_one_scale_and_region_a_below_the_line(runs: Path) -> None:
     results = Drawings.of(runs / "paper1.h5")
     limits = set()
@@ -203,10 +215,7 @@ def test_quadrants_have_one_scale_and_region_a_below_the_line(runs: Path) -> Non
         A, B = (patch.get_xy() for patch in axes.patches[:2])
         assert (A[:, 0] >= A[:, 1]).all()
         assert (B[:, 0] <= B[:, 1]).all()
-        regions = [text for text in axes.texts if text.get_text()[0].isalpha()]
-        assert [text.get_text()[0] for text in regions] == ["A", "B"]
-        for text in regions:
-            assert (text.xy[0] > text.xy[1]) == (text.get_text()[0] == "A")
+        assert_regions_are_named_within(sheet.figure)
         (marks,) = [line for line in axes.lines if line.get_marker() == "D"]
         assert len(marks.get_xdata()) == case["crossing_time"].data.size
         assert (marks.get_xdata() == marks.get_ydata()).all()
@@ -545,6 +554,20 @@ def test_an_enlarged_panel_of_quadrants_names_regions_by_letters(runs: Path) -> 
     sheet = results.draw("fig10")
     names = [{text.get_text() for text in axes.texts} for axes in sheet.figure.axes]
     assert names == [{"A (about $x_1$)", "B (about $x_3$)"}, {"A", "B"}]
+
+
+def test_the_name_of_a_region_that_curves_fill_stays_in_it(tmp_path: Path) -> None:
+    several = drawings_of(
+        "defaults: {model: linear-diag, damping: [0.005, 0.004, 0.003],\n"
+        "           initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 300, samples: 2001}}\n"
+        "cases: {a: {inertia: [1, 0.8, 0.6]}, b: {inertia: [0.6, 0.8, 1]}}\n"
+        "figures:\n  q: {kind: quadrants, cases: [a], zoom: 0.2, style: {width: column}}\n",
+        tmp_path,
+    )
+    for case, zoom, log in [(x, *y) for x in "ab" for y in ((0.07, ""), (0.2, ""), (None, "xy"))]:
+        style = {"width": "column"} | ({"xlim": [1e-3, 1], "log": log} if log else {})
+        sheet = several.draw("q", cases=[case], zoom=zoom, style=style)
+        assert_regions_are_named_within(sheet.figure)
 
 
 def test_greek_letters_look_as_in_formulas(several: Drawings) -> None:

@@ -3,7 +3,7 @@
 import math
 import re
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -262,13 +262,15 @@ class Words(Annotation):
     """Words in a panel beside one of some points (n, 2), first of all `toward` a direction.
 
     Words of a single point stay as near to it as they can; of several points they take the one with
-    the most room, or the first of those with as much.
+    the most room, or the first of those with as much. What names an area stays where all of it is
+    `inside`, which says so of points (..., 2), if there is room.
     """
 
     def __init__(
-        self, axes: Axes, text: str, points: np.ndarray, toward: Any = (0, 1), **look: Any
-    ) -> None:
-        self.points, self.toward = points, toward
+        self, axes: Axes, text: str, points: np.ndarray, toward: Any = (0, 1),
+        inside: Callable[[np.ndarray], np.ndarray] | None = None, **look: Any,
+    ) -> None:  # fmt: skip
+        self.points, self.toward, self.inside = points, toward, inside
         # Outside of the layout, which would make room for them where they stand first.
         usual: dict[str, Any] = {"in_layout": False, "clip_on": False, "path_effects": HALO}
         usual |= {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 8}
@@ -308,8 +310,14 @@ class Words(Annotation):
         away = BESIDE + size * np.arange(LINES_AWAY if len(self.points) == 1 else 1)
         offsets = ((half + away[:, None, None]) * directions).reshape(-1, 2)
         middles = seen + offsets[:, None]
-        within = (panel.min + half <= middles) & (middles <= panel.max - half)
-        offset, point = np.nonzero(within.all(axis=-1))
+        within = ((panel.min + half <= middles) & (middles <= panel.max - half)).all(axis=-1)
+        if self.inside is not None:
+            corners = middles[..., None, :] + half * COMPASS[1::2]
+            to_data = self.axes.transData.inverted()  # type: ignore[union-attr]
+            places = to_data.transform(corners.reshape(-1, 2)).reshape(corners.shape)
+            own = within & self.inside(places).all(axis=-1)
+            within = own if own.any() else within
+        offset, point = np.nonzero(within)
         if not len(point):  # to the upper right
             beside = half[None] + BESIDE
             return self.points[:1], beside, seen[:1] + beside

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import zip_longest
 from typing import Any
 
@@ -98,14 +99,12 @@ def regions(
     below = places[:, 0] - places[:, 1]
     farthest = np.argsort(-np.abs(below), kind="stable")
     largest, _, smallest = motion.order
-    for name, axis, corner, inside in (
-        ("A", largest, (end, 0), below > 0),
-        ("B", smallest, (0, end), below < 0),
-    ):
+    for name, axis, corner, side in (("A", largest, (end, 0), 1), ("B", smallest, (0, end), -1)):
         triangle = [(0, 0), (end, end), corner]
         axes.add_patch(Polygon(triangle, fc=AXIS_COLOUR[axis + 1], alpha=0.1, lw=0))
         words = name if is_short else f"{name} (about $x_{axis + 1}$)"
-        Words(axes, words, places[farthest[inside[farthest]]], size="medium")
+        own = farthest[side * below[farthest] > 0]
+        Words(axes, words, places[own], inside=partial(is_beside_diagonal, side), size="medium")
     axes.plot([0, end], [0, end], color=BLACK, lw=0.7)
     p, r = "pqr"[largest], "pqr"[smallest]
     axes.set(
@@ -119,6 +118,12 @@ def regions(
         axes.set(title="enlarged")
         # Its small values are long words, for which there is little room side by side.
         axes.locator_params(nbins=max(2, min(5, int(room_across(axes) / 25))))
+
+
+def is_beside_diagonal(side: int, places: np.ndarray) -> np.ndarray:
+    """Whether places (..., 2) are below the diagonal, where the side is 1, or above it, where it is
+    -1."""
+    return np.asarray(side * (places[..., 0] - places[..., 1]) > 0)
 
 
 def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion]) -> None:
