@@ -1,5 +1,6 @@
 """Independent tasks, done here, in other processes or on other machines."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from itertools import islice
@@ -96,20 +97,23 @@ class Pool:
             yield task, HodoError(PROCESS_DIED) if _is_lost(future) else _outcome(future)
 
     def map_brief(
-        self, function: Callable[[Task], Result], tasks: Sequence[Task]
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], is_long: bool = False
     ) -> Iterator[tuple[Task, Result | Exception]]:
         """As `map`, for tasks that are brief beside the start of a process: they are done here
-        until the first worker has started, and none starts for less work than that takes."""
+        until the first worker has started, and none starts for less work than that takes. Where all
+        together are known to take longer, `is_long`, workers start at once."""
         starting: list[Future[bool]] = []
         done, begin, here = 0, monotonic(), pool(1)
+        seconds_left = math.inf if is_long else 0.0
+        # One at least is done here: what it compiles the others find on the disk.
         while done < len(tasks) and not any(future.done() for future in starting):
-            yield from here.map(function, tasks[done : done + 1])
-            done += 1
-            seconds_left = (monotonic() - begin) / done * (len(tasks) - done)
             if not starting and seconds_left > START_SECONDS:
                 # One call for each worker, whose unpickling loads what the function needs.
                 workers = range(self._ahead // 2)
                 starting = [self._executor.submit(callable, function) for _ in workers]
+            yield from here.map(function, tasks[done : done + 1])
+            done += 1
+            seconds_left = (monotonic() - begin) / done * (len(tasks) - done)
         yield from self.map(function, tasks[done:])
 
 

@@ -61,8 +61,7 @@ def run_sweep(
         yield from ((chunk, finished(chunk)) for chunk in tasks if chunk.first in stored)
         missing = [chunk for chunk in tasks if chunk.first not in stored]
         is_long = sum(chunk.last - chunk.first for chunk in missing) > MANY
-        apply = pool.map if is_long else pool.map_brief
-        for chunk, outcome in apply(compute, missing):
+        for chunk, outcome in pool.map_brief(compute, missing, is_long):
             if isinstance(outcome, Exception):
                 # A chunk that fails costs its own members; the sweep goes on and says how many.
                 problems[str(outcome)] += int(np.count_nonzero(~chunk.taken))
