@@ -272,6 +272,32 @@ def test_a_failure_does_not_replace_a_good_result(result: Path) -> None:
         assert run.row("a", {"status": str}) == {"status": "ok"}
 
 
+def test_a_part_that_another_program_changes_before_it_is_joined_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Though this process has written it; the next run computes it anew."""
+    config = tmp_path / "x.yaml"
+    config.write_text(CONFIG)
+    add = writer.Writer.add_chunk
+
+    def add_and_spoil(of: writer.Writer, sweep: str, number: int, group: Group) -> None:
+        add(of, sweep, number, group)
+        (part,) = tmp_path.glob(f".x.h5.*.partial/part-*-{number}.h5")
+        data = bytearray(part.read_bytes())
+        data[data.index(group.variables["omega"].data.tobytes())] ^= 1
+        time.sleep(0.02)  # the system's own clock ticks in milliseconds
+        part.write_bytes(data)
+
+    monkeypatch.setattr(writer.Writer, "add_chunk", add_and_spoil)
+    done = hodo("run", config, "--out", tmp_path)
+    assert done.exit_code == 2
+    assert "part is damaged (its checksum does not fit)" in done.stderr
+    assert not (tmp_path / "x.h5").exists()
+    monkeypatch.undo()
+    assert hodo("run", config, "--out", tmp_path).exit_code == 0
+    assert sorted(os.listdir(tmp_path)) == ["x.h5", "x.yaml"]
+
+
 def test_the_parts_of_a_sweep_that_has_not_ended_stay(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -289,8 +289,8 @@ def _is_hard(group: h5py.Group, name: str) -> bool:
 
 @contextmanager
 def open_run(path: Path | str, is_own: bool = False) -> Iterator[ResultFile]:
-    """A result file, open for reading; one that this process has just written `is_own`, and not
-    hashed again.
+    """A result file, open for reading; one that this process has written and nobody has changed
+    since `is_own`, and not hashed again.
 
     Raises HodoError if it is missing, unreadable, in use for writing, damaged, not hodo's, or of a
     newer format, and BatchError if the machine cannot open it.

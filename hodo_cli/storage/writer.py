@@ -119,7 +119,7 @@ class Writer:
         self._chunks = {
             _chunk_key(file): file for folder in staging.dead for file in chunks_in(folder)
         }
-        self._count, self._written = 0, set[Path]()
+        self._count, self._written = 0, set[tuple[Path, tuple[int, int] | None]]()
         self._waiting: dict[str, tuple[Group, Callable[[], object]]] = {}
         self._stored_at = monotonic()
         self.unfinished: set[str] = set()
@@ -182,7 +182,7 @@ class Writer:
             # The new name is on the disk with the next sync: one file may be lost, and half of the
             # time for syncing is saved.
             os.replace(draft, file)
-        self._written.add(file)
+        self._written.add((file, identity(file)))
         return file
 
     def chunks(self, sweep_id: str) -> set[int]:
@@ -217,7 +217,7 @@ class Writer:
         """A source of cases, open for reading."""
         if isinstance(source, ResultFile):
             return nullcontext(source)
-        return open_run(source, is_own=source in self._written)
+        return open_run(source, is_own=(source, identity(source)) in self._written)
 
     def keep(self, case: FinishedCase, text: str = "") -> bool:
         """Take over a finished case; False if another process has just removed it.
