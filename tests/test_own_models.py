@@ -815,3 +815,21 @@ def test_the_command_itself_computes_chunks_beside_one_process_less(
     assert len({*(folder / "processes").read_text().split()}) == 3
     with h5py.File(folder / "runs" / "many.h5") as file:
         assert not file["a/status"][:].any()
+
+
+def test_what_processes_finish_waits_for_no_member_that_the_command_computes(
+    hodo: Hodo, folder: Path
+) -> None:
+    """Members by themselves, which may take minutes, are left to two processes beside it."""
+    note = "def note():\n    with open('pids', 'a') as file:\n        print(getpid(), file=file)\n"
+    text = EXAMPLE.replace("    def constants(self):", "    def constants(self):\n        note()")
+    (folder / "drag.py").write_text(f"from os import getpid\n{text}\n\n{note}", encoding="utf-8")
+    case = "model: quadratic-drag, drag: 0.1, inertia: [1, 0.8, 0.6], time: {end: 1}, error: off"
+    start, swept = "initial: {p: 1, q: 0, r: 1}", "sweep: {drag: {linspace: [0.1, 0.2, 320]}}"
+    (folder / "many.yaml").write_text(
+        f"cases: {{a: {{{case}, {start}, max_seconds: 60, {swept}}}}}\n", encoding="utf-8"
+    )
+    done = hodo("--models", "drag.py", "run", "many.yaml", "-j", "2")
+    assert done.returncode == 0, done.stderr
+    processes = (folder / "pids").read_text().split()
+    assert len({*processes}) == 3

@@ -261,8 +261,9 @@ def run_plans(
     """
     rows: list[dict[str, Any]] = []
     total = sum(len(plan.reasons) for plan in plans)
-    # A single case may take long, and what other processes have finished would wait for it.
-    takes_part = all(plan.config.cases[name].sweep for plan in plans for name in plan.reasons)
+    takes_part = all(
+        is_side_by_side(plan.config.cases[name]) for plan in plans for name in plan.reasons
+    )
     workers = pool(jobs, scheduler, takes_part)
     with workers, Progress(total, quiet, verbose) as progress:
         for plan in plans:
@@ -270,6 +271,16 @@ def run_plans(
             if fail_fast and any(row["status"] != "ok" for row in rows):
                 break
     return rows
+
+
+def is_side_by_side(case: Case) -> bool:
+    """Whether a case is a sweep whose chunks take equally long. A single case, and a member by
+    itself, may take minutes, and what other processes have finished would wait for it."""
+    if not case.sweep:
+        return False
+    from ..sweeps.chunk import reason_alone  # only sweeps need it
+
+    return not reason_alone(case)
 
 
 def plans(
