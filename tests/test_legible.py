@@ -396,6 +396,55 @@ def test_a_stop_and_a_passage_have_marks_of_their_own() -> None:
     assert marks["separatrix"] != marks["stopped"]
 
 
+@pytest.mark.filterwarnings("ignore:.* bends between its samples")
+def test_marks_of_events_between_samples_have_the_values_of_the_events() -> None:
+    """A body that stops at 14.53 has no momentum there, and at the separatrix J is A2 and k^2 is 1:
+    a line between samples, which bends there, has other values."""
+    body = {"model": "torques", "inertia": [1, 0.8, 0.6]}
+    made = run(
+        {**body, "brake": 0.04, "initial": {"p": 0.2, "q": 0.1, "r": 0.9}, "time": {"end": 100}}
+    )
+    figure = plot(made, kind="series", variables=["G", "speed"])
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        (words,) = [text.get_text() for text in axes.texts]
+        assert re.search(r"\| = 0\$? at .* = 14.53", words.replace("\n", " ")), words
+    made = run(
+        {
+            **body, "form": "averaged", "damping": [0.015, 0.004, 0.003],
+            "initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 100, "samples": 11},
+        }
+    )  # fmt: skip
+    names, values = ["J", "k2", "D/2T"], [0.8, 1, 0]
+    figure = plot(made, kind="series", variables=names)
+    figure.draw_without_rendering()
+    words = [axes.texts[0].get_text() for axes in figure.axes]
+    assert [*map(str.split, words)] == [
+        ["$J", "=", "G^2/2T", "=", "0.8000$"],
+        ["$k^2", "=", "1.000$"],
+        *[words[2].split()],
+    ]
+    figure = plot(made, kind="series", variables=names, passages=True)
+    for axes, value in zip(figure.axes, values, strict=True):
+        (mark,) = [line for line in axes.lines if line.get_marker() == "D"]
+        assert mark.get_ydata() == pytest.approx([value])
+
+
+def test_times_of_four_and_six_digits_end_without_a_point() -> None:
+    body = {"inertia": [1, 0.8, 0.6], "initial": {"p": 0.001, "q": 0.0005, "r": 0.001}}
+    stopped = run({**body, "model": "torques", "brake": 4e-7, "time": {"end": 6000}})
+    figure = plot(stopped, kind="series", variables=["G"])
+    figure.draw_without_rendering()
+    (words,) = [text.get_text() for text in figure.axes[0].texts]
+    assert words.endswith(f"= {stopped['event_time'].item():.0f}$")
+    damped = [5e-6, 4e-6, 3e-6]
+    crossing = run({**body, "model": "linear-diag", "damping": damped, "time": {"end": 6e5}})
+    (when,) = crossing["crossing_time"].values
+    assert 100_000 < when < 1_000_000
+    figure = plot(crossing, kind="quadrants")
+    assert rf"$D = 0$ at $\tau$ = {when:.0f}" in legend_words(figure)
+
+
 @pytest.mark.parametrize(("samples", "words"), [(2, "constant .*at 2 samples"), (51, "")])
 def test_few_equal_samples_do_not_pass_for_a_constant(samples: int, words: str) -> None:
     """r = 0.01 t - 1: T is 40 at both ends, and 0 between them."""

@@ -223,7 +223,7 @@ def crossings_in_words(motion: Motion, crossing: str, time: str, width: int) -> 
     """The times of a motion's crossings, numbered if they are several, in lines of a width in
     characters."""
     # With its last zeros, which tell how exact a printed number is.
-    times = [f"{when:#.6g}" for when in motion.crossing_time]
+    times = [f"{when:#.6g}".removesuffix(".") for when in motion.crossing_time]
     if len(times) > 1:
         # A line is not broken between a time and its number, nor before the unit.
         times = [f"{time}\N{NO-BREAK SPACE}({i})" for i, time in enumerate(times, 1)]

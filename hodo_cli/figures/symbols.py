@@ -42,6 +42,7 @@ def symbol(name: str) -> str:
         "G": "|G|",
         "G2": "G^2",
         "J": "J = G^2/2T",
+        "k2": "k^2",
         "omega.x1": "p",
         "omega.x2": "q",
         "omega.x3": "r",

@@ -155,8 +155,10 @@ def with_minus(number: str) -> str:
 
 
 def in_formula(number: str) -> str:
-    """A number as it stands in a formula, where 1e-77 would be a difference."""
-    return re.sub(r"e([-+])0*(\d+)$", r" \\cdot 10^{\1\2}", number).replace("{+", "{")
+    """A number as it stands in a formula, where 1e-77 would be a difference and the point of 1234.
+    would end a sentence."""
+    power = re.sub(r"e([-+])0*(\d+)$", r" \\cdot 10^{\1\2}", number).replace("{+", "{")
+    return power.removesuffix(".")
 
 
 DIGITS_WITH_ROOM = 3

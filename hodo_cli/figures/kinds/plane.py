@@ -16,7 +16,7 @@ from ...cases.derived import SPACE_AXES
 from ...engines.protocol import EPS
 from ...models.rigid_body import inertia_order, slope
 from ...models.terms.body import BodyUnderTorques
-from ...results.motion import Motion, formula_values, is_of_time
+from ...results.motion import OF_ATTITUDE, Motion, formula_values, is_of_time
 from ...results.resolution import gap_remark, samples_within
 from ...storage import Variable
 from ...text import magnitude
@@ -380,12 +380,24 @@ OF_D = ("D", "D/2T", "separatrix_distance")
 """The quantities that are 0 on the separatrix."""
 
 
+def at_event(motion: Motion, name: str, kind: str, when: float) -> float:
+    """A quantity of a motion at an event: what the event says of it, as a line between samples goes
+    past a kink; else interpolated."""
+    values, after = motion[name], int(np.searchsorted(motion.time, when))
+    if kind == "stopped" and name not in OF_ATTITUDE and after < len(values):
+        return float(values[after])  # omega does not change any more
+    if kind == "separatrix" and motion.rotor is None:
+        known = dict.fromkeys(OF_D, 0.0) | {"J": float(sorted(motion.inertia)[1]), "k2": 1.0}
+        if name in known:
+            return known[name]
+    return float(np.interp(when, motion.time, values))
+
+
 def passage_marks(axes: Axes, motion: Motion, name: str, style: Mapping[str, Any]) -> None:
     """Mark the crossings of a motion on a curve, and where its averaging predicts the true ones,
     with the scatter that it has without a prediction."""
     values, when = motion[name], motion.crossing_time
-    # D is 0 there, which a line between samples need not be.
-    crossed = np.zeros(len(when)) if name in OF_D else np.interp(when, motion.time, values)
+    crossed = [at_event(motion, name, "separatrix", time) for time in when]
     axes.plot(when, crossed, **{**CROSSING, "mfc": style["color"]}, zorder=5)
     if "event_predicted" in motion.data:
         # Not a number without a prediction, which then has no mark.
@@ -414,18 +426,21 @@ def event_marks(axes: Axes, motion: Motion, names: Sequence[str], spec: Mapping[
     """Mark the events of a motion on its curves in a panel, with words."""
     first, last = spec["span"] or (motion.time[0], motion.time[-1])
     for kind, when in ((kind, when) for kind, when in motion.events if first <= when <= last):
-        there = ((name, float(np.interp(when, motion.time, motion[name]))) for name in names)
+        there = ((name, at_event(motion, name, kind, when)) for name in names)
         # A direction of G, say, is none from the stop on.
         if not (values := {name: value for name, value in there if math.isfinite(value)}):
             continue
+        places = values
+        if kind == "stopped":  # on the line to rest, since 0 has no place on a logarithmic axis
+            places = {name: np.interp(when, motion.time, motion[name]) for name in values}
         # One colour, or the legend would have the marks of each case.
         marks: Look = {**END, "color": BLACK, "clip_on": False, "zorder": 5}
         marks |= {"marker": CROSSING["marker"]} if kind == "separatrix" else {}
-        axes.plot([when] * len(values), [*values.values()], **marks, label=kind.replace("_", " "))
+        axes.plot([when] * len(places), [*places.values()], **marks, label=kind.replace("_", " "))
         for name, words in words_at_event(motion, when, values, spec["time"]).items():
             lines = text_lines(words, 0.6 / 72 * room_across(axes), text_size("legend.fontsize"))
             # Behind the curve's end, which no curve of the same shape passes.
-            point = np.array([[when, values[name]]])
+            point = np.array([[when, places[name]]])
             Words(axes, "\n".join(lines), point, toward=(1, 1), size="small")
 
 
