@@ -430,6 +430,30 @@ def test_marks_of_events_between_samples_have_the_values_of_the_events() -> None
         assert mark.get_ydata() == pytest.approx([value])
 
 
+@pytest.mark.filterwarnings("ignore:.* bends between its samples")
+def test_a_legend_names_the_curves_and_marks_that_are_seen(drawn: Drawings) -> None:
+    """|G| falls from 1 to 0.28 at 300, where `round-x1` ends, and of `late` on to 0.19 at 400,
+    without a sample from 90 on."""
+    series = {**drawn.figures["laws"], "variables": ["G"], "formula": {}}
+    for style, words in (
+        ({}, ["round-x1", "late"]),
+        ({"xlim": (310, 350)}, ["late"]),
+        ({"ylim": (0.9, 1.1)}, ["round-x1", "late"]),
+        ({"ylim": (0.98, 1.1)}, ["round-x1"]),
+        ({"log": ["x", "y"], "xlim": (310, 350)}, ["late"]),
+    ):
+        sheet = drawn.draw(series, style=style)
+        sheet.figure.draw_without_rendering()
+        assert legend(sheet) == words, style
+    rest = run(
+        {
+            "model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": 0.1,
+            "initial": {"p": 0, "q": 0, "r": 0}, "time": {"end": 9},
+        }
+    )  # fmt: skip
+    assert legend_words(plot(rest, kind="sphere")) == ["separatrix, $D = 0$"]
+
+
 def test_times_of_four_and_six_digits_end_without_a_point() -> None:
     body = {"inertia": [1, 0.8, 0.6], "initial": {"p": 0.001, "q": 0.0005, "r": 0.001}}
     stopped = run({**body, "model": "torques", "brake": 4e-7, "time": {"end": 6000}})

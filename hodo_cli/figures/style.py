@@ -247,10 +247,13 @@ def place_legend(sheet: Sheet, panels: Sequence[Axes], style: Mapping[str, Any])
     row by row, at a place of `LEGEND_PLACES`, in a corner of the first panel, or nowhere. Returns
     how many lines it has below the panels."""
     lines = [line for axes in panels for line in axes.get_lines()]
+    # By colour: crosses in that of a curve stand for its missing values.
+    seen = {shade(line) for line in filter(is_within_panel, lines)}
+    drawn = [line for line in lines if shade(line) in seen]
     # Those of several panels once; two cases may have one label.
     entries = {
         (label, shade(entry)): entry
-        for entry in (*lines, *sheet.legend)
+        for entry in (*drawn, *sheet.legend)
         if (label := str(entry.get_label())) and not label.startswith("_")
         if not is_out_of_view(entry, lines)
     }
@@ -276,20 +279,22 @@ def place_legend(sheet: Sheet, panels: Sequence[Axes], style: Mapping[str, Any])
 
 
 def is_out_of_view(entry: Line2D | Patch, lines: Sequence[Line2D]) -> bool:
-    """Whether all marks of an entry of a legend, among some lines, are beyond the ends of their
-    panels."""
-    if not isinstance(entry, Line2D) or entry.get_linestyle() != "None":
+    """Whether an entry of a legend, among some lines, is of marks of which no panel shows any."""
+    if not isinstance(entry, Line2D) or entry.get_linestyle() != "None" or not lines:
         return False
-    marks = [line for line in lines if line.get_marker() == entry.get_marker()]
-    return bool(marks) and not any(map(is_within_panel, marks))
+    marker = entry.get_marker()
+    seen = any(is_within_panel(line) for line in lines if line.get_marker() == marker)
+    return marker != "None" and not seen
 
 
 def is_within_panel(line: Any) -> bool:
-    """Whether any point of a line is within the ends of its panel."""
-    ends = line.axes.viewLim
-    # In the panel's own coordinates, also of a line that has others.
-    points = (line.get_transform() - line.axes.transData).transform(line.get_xydata())
-    return bool(((ends.min <= points) & (points <= ends.max)).all(axis=1).any())
+    """Whether any part of a line, or any of its marks, is within the ends of its panel."""
+    # On the page, where it is straight on logarithmic scales too.
+    panel = line.axes.viewLim.transformed(line.axes.transData).padded(1)
+    path = line.get_path().transformed(line.get_transform())
+    if line.get_linestyle() != "None" and path.intersects_bbox(panel, filled=False):
+        return True
+    return bool(((panel.min <= path.vertices) & (path.vertices <= panel.max)).all(axis=1).any())
 
 
 def shade(entry: Line2D | Patch) -> str:
