@@ -430,6 +430,38 @@ def test_marks_of_events_between_samples_have_the_values_of_the_events() -> None
         assert mark.get_ydata() == pytest.approx([value])
 
 
+def test_crossings_that_a_legend_numbers_have_their_numbers_in_invariants_too() -> None:
+    torque = ["0.05*sin(0.1*t)", "0", "0.06*cos(0.07*t)"]
+    made = run(
+        {
+            "model": "torques", "inertia": [1, 0.8, 0.6], "expression": torque,
+            "initial": {"p": 0.3, "q": 0.1, "r": 0.4}, "time": {"end": 150},
+        }
+    )  # fmt: skip
+    figure = plot(made, kind="invariants")
+    figure.draw_without_rendering()
+    ratio = figure.axes[-1]
+    times = {str(i): when for i, when in enumerate(made["crossing_time"].values, 1)}
+    numbers = {x.get_text(): x.xy for x in ratio.texts if x.get_text() in times}
+    assert {text: place[0] for text, place in numbers.items()} == pytest.approx(times)
+    assert "(4)" in "".join(legend_words(figure))
+
+
+def test_the_mark_of_a_single_sample_is_whole() -> None:
+    made = run(
+        {
+            "model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": 0.01,
+            "initial": {"p": 0.3, "q": 0.1, "r": 0.4}, "time": {"end": 30, "samples": 1},
+        }
+    )  # fmt: skip
+    figure = plot(made, kind="series", variables=["G"])
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    (mark,) = axes.lines
+    assert axes.get_xlim()[0] == mark.get_xdata()[0]
+    assert not mark.get_clip_on()
+
+
 @pytest.mark.filterwarnings("ignore:.* bends between its samples")
 def test_a_legend_names_the_curves_and_marks_that_are_seen(drawn: Drawings) -> None:
     """|G| falls from 1 to 0.28 at 300, where `round-x1` ends, and of `late` on to 0.19 at 400,

@@ -34,6 +34,7 @@ from ..artists import (
     labelled_styles,
     mark_handles,
     mark_points,
+    number_marks,
     plane_curves,
     room_across,
     styles,
@@ -309,7 +310,9 @@ def series_curve(
 
 def draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
     """A line through samples (n,), or the mark of a single one, through which no line goes."""
-    axes.plot(x, y, marker="o" if len(x) == 1 else "", ms=3, **style)
+    # Whole, too, where its panel begins.
+    alone: Look = {"marker": "o", "clip_on": False} if len(x) == 1 else {}
+    axes.plot(x, y, ms=3, **alone, **style)
 
 
 def line_through(
@@ -532,7 +535,9 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Motion])
         for axes, values in zip((energy, square, ratio), shown.values(), strict=True):
             draw_line(axes, motion.time, values, **style, zorder=3)
         energy_bounds(energy, square, motion)
-        ratio.plot(motion.crossing_time, 0 * motion.crossing_time, **CROSSING, zorder=4)
+        crossed = np.stack([motion.crossing_time, 0 * motion.crossing_time], axis=-1)
+        number_marks(ratio, [crossed])
+        ratio.plot(*crossed.T, **CROSSING, zorder=4)
     ratio.axhline(0, **SEPARATRIX)
     for axes, name in ((energy, "T"), (square, "G2"), (ratio, "D/2T")):
         axes.set(ylabel=axis_label(name, motions[0]))
