@@ -592,6 +592,47 @@ def test_crosses_of_members_without_a_value_are_on_no_others(drawn: Drawings) ->
         assert np.diff(places).min() > line.get_markersize() * figure.dpi / 72
 
 
+def test_crosses_of_many_curves_stand_below_all_values() -> None:
+    swept = sweep(
+        {
+            "model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [0.005, 0.004, 0.003],
+            "initial": {"p": 0.8, "q": 0.5, "G": 1}, "time": {"end": 600},
+            "sweep": {
+                "damping.0": {"linspace": [0.002, 0.008, 7]},
+                "damping.2": {"logspace": [0.001, 0.01, 5]},
+            },
+        }
+    )  # fmt: skip
+    keys = {"kind": "curve", "variable": "crossing_time", "x": "damping.0"}
+    for more in ({"by": "damping.2"}, {}):
+        figure = plot(swept, **keys, **more)
+        figure.draw_without_rendering()
+        (axes,) = figure.axes
+        heights: dict[str, list[float]] = {"x": [], ".": []}
+        for line in axes.lines:
+            places = line.get_transform().transform(np.array(line.get_data(), dtype=float).T)
+            heights[str(line.get_marker())] += places[np.isfinite(places).all(axis=1), 1].tolist()
+        half = 2 * figure.dpi / 72  # of a cross, and of a mark
+        assert max(heights["x"]) + half < min(heights["."]) - half, more
+        # The last curve has crosses alone.
+        assert ("$\\lambda_3 = 0.01$" in legend_words(figure)) == bool(more)
+
+
+def test_a_curve_of_values_that_are_equal_to_rounding_has_their_scale(drawn: Drawings) -> None:
+    """Of one value too, whose stated error is as small."""
+    grown = drawn.cases["grown"]
+    few = grown.isel({"damping.0": [20, 21], "initial.q": [1]})
+    few = few.assign(
+        crossing_time=(few["crossing_time"].dims, np.full((2, 1), 86.27487730540250)),
+        crossing_error=(few["crossing_time"].dims, np.full((2, 1), 5e-12)),
+    )
+    figure = plot(few, kind="curve", variable="crossing_time", x="damping.0")
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    assert np.ptp(axes.get_ylim()) == pytest.approx(0.2 * 86.27, rel=1e-3)
+    assert all(len(text.get_text()) < 6 for text in axes.get_yticklabels())
+
+
 def test_an_angle_over_degrees_is_in_degrees(drawn: Drawings) -> None:
     """In the picture and its table; in the result angles are radians, and say so."""
     angle = drawn.cases["tilted"]["initial.theta"]

@@ -489,7 +489,13 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         xlabel=axis_name(sweeps[0], spec["x"]),
         ylabel=map_label(sweeps, spec, sheet.units),
     )
-    axes.margins(x=0.02, y=0.05 + spacing * rows)
+    low, high = axes.dataLim.intervaly
+    if 0 < high - low <= EQUAL_WITHIN * max(-low, high):
+        # Else the scale would be that of their rounding, or of an error as small.
+        axes.set_ylim(low - 0.1 * abs(low), high + 0.1 * abs(high))
+    # A margin is a part of what values take, and rows are parts of the panel.
+    below = 0.05 + spacing * (rows - 1)
+    axes.margins(x=0.02, y=below / (1 - 2 * below) if rows else 0.05)
     if rows:
         crosses: Look = {"ls": "", "marker": "x", "ms": 4, "color": GREY}
         sheet.legend.append(Line2D([], [], **crosses, label=absence(spec["variable"])))
