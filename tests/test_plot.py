@@ -447,32 +447,44 @@ def test_a_sketch_has_a_below_the_line_and_symmetric_bodies_one_region(
     body: tuple[float, float, float], texts: list[str], several: Drawings
 ) -> None:
     data = several.cases["brief"]
-    (axes,) = api.plot(data, kind="quadrant-sketch", bodies=[body]).axes
+    figure = api.plot(data, kind="quadrant-sketch", bodies=[body])
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
     assert [text.get_text()[0] for text in axes.texts] == texts
     (line,) = axes.lines
     x, y = (float(ends[1]) for ends in line.get_data())
     K = {("A", "B"): 0.6, ("A",): 0.0, ("B",): math.inf}[tuple(texts)]
     assert x == pytest.approx(min(K, 1e99) * y, abs=1e-15) or math.isinf(K) and y < 1e-15
     for text in axes.texts:
-        across, up = text.get_position()
+        box = text.get_window_extent().transformed(axes.transData.inverted())
+        across, up = (box.p0 + box.p1) / 2
         assert (across > K * up) == (text.get_text()[0] == "A")
     assert axes.get_xlabel() == ("$r^2$" if body[0] < body[2] else "$p^2$")
 
 
 def test_words_of_a_sketch_are_on_no_line(several: Drawings) -> None:
+    """A region too narrow for its words has its letter, and one too narrow for that nothing."""
     bodies = [[3, 2, 1.1], [1, 0.8, 0.6], [1, 0.95, 0.3]]
-    figure = api.plot(several.cases["brief"], kind="quadrant-sketch", bodies=bodies)
-    figure.draw_without_rendering()
-    words = [[text.get_text().replace("\n", " ") for text in axes.texts] for axes in figure.axes]
+    data, large = several.cases["brief"], {"font_size": 14, "width": "column"}
+    figure = api.plot(data, kind="quadrant-sketch", bodies=bodies)
+    with_large = api.plot(data, kind="quadrant-sketch", bodies=bodies[1:], style=large)
+    narrow = api.plot(data, kind="quadrant-sketch", bodies=[[1, 0.999, 0.5], [1, 0.501, 0.5]])
+    words = []
+    for drawn in (figure, with_large, narrow):
+        drawn.draw_without_rendering()
+        for axes in drawn.axes:
+            (line,) = axes.lines
+            shown = [text for text in axes.texts if text.get_text()]
+            words.append([text.get_text().replace("\n", " ") for text in shown])
+            for text in shown:
+                box = text.get_window_extent().transformed(axes.transData.inverted())
+                assert not line.get_path().intersects_bbox(box)
+                assert min(box.x0, box.y0) > 0
     assert words[0] == ["A about $x_1$", "B"]  # K = 0.33
     assert words[1] == ["A about $x_1$", "B about $x_3$"]
     assert words[2] == ["A", "B about $x_3$"]  # K = 3.9
-    for axes in figure.axes:
-        (line,) = axes.lines
-        for text in axes.texts:
-            box = text.get_window_extent().transformed(axes.transData.inverted())
-            assert not line.get_path().intersects_bbox(box)
-            assert min(box.x0, box.y0) > 0
+    assert words[3:5] == [["A about $x_1$", "B"], ["A", "B about $x_3$"]]
+    assert words[5:] == [["B about $x_3$"], ["A about $x_1$"]]
 
 
 def test_names_of_curves_stand_on_the_sphere(runs: Path) -> None:

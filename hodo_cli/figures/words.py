@@ -3,7 +3,7 @@
 import math
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -313,17 +313,43 @@ class Words(Annotation):
         offsets = ((half + away[:, None, None]) * directions).reshape(-1, 2)
         middles = seen + offsets[:, None]
         within = ((panel.min + half <= middles) & (middles <= panel.max - half)).all(axis=-1)
-        if self.inside is not None:
-            corners = middles[..., None, :] + half * COMPASS[1::2]
-            to_data = self.axes.transData.inverted()  # type: ignore[union-attr]
-            places = to_data.transform(corners.reshape(-1, 2)).reshape(corners.shape)
-            own = within & self.inside(places).all(axis=-1)
-            within = own if own.any() else within
+        own = within & self.is_inside(middles, half)
+        within = own if own.any() else within
         offset, point = np.nonzero(within)
         if not len(point):  # to the upper right
             beside = half[None] + BESIDE
             return self.points[:1], beside, seen[:1] + beside
         return self.points[point], offsets[offset], middles[offset, point]
+
+    def is_inside(self, middles: np.ndarray, half: np.ndarray) -> np.ndarray:
+        """Whether words of half a size (2,) about middles (..., 2), in points, are all in the area
+        that they name, if they name one."""
+        if self.inside is None:
+            return np.full(middles.shape[:-1], True)
+        corners = middles[..., None, :] + half * COMPASS[1::2]
+        to_data = self.axes.transData.inverted()  # type: ignore[union-attr]
+        places = to_data.transform(corners.reshape(-1, 2)).reshape(corners.shape)
+        return np.asarray(self.inside(places).all(axis=-1))
+
+
+class AreaName(Words):
+    """The first of some texts that stands about the middle (2,) of an area all within it."""
+
+    def __init__(
+        self, axes: Axes, texts: Sequence[str], middle: np.ndarray,
+        inside: Callable[[np.ndarray], np.ndarray],
+    ) -> None:  # fmt: skip
+        super().__init__(axes, texts[0], middle[None], inside=inside, zorder=3, path_effects=[])
+        self.texts = texts
+
+    def find_place(self, ink: np.ndarray) -> None:
+        """Take the first text that fits, now that the size of the panel is known."""
+        middle = self.axes.transData.transform(self.points)  # type: ignore[union-attr]
+        for text in self.texts:
+            self.set_text(text)
+            if self.is_inside(middle, self.half_size()).all():
+                return
+        self.set_text("")
 
 
 class CrossingNumber(Words):

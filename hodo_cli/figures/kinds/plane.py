@@ -41,7 +41,7 @@ from ..artists import (
 )
 from ..sheet import COLUMN, PAGE, Look, Sheet
 from ..symbols import axis_label, formula_in_tex, symbol, time_label, unit, unit_after
-from ..words import Words, in_formula, text_lines, text_size, text_width
+from ..words import AreaName, Words, in_formula, text_lines, text_size, text_width
 
 
 def check_one_body(motions: Sequence[Motion]) -> None:
@@ -135,38 +135,38 @@ def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], motions: Sequence[Mot
     columns = sheet.columns(PAGE, n)
     size = (COLUMN, COLUMN) if columns == 1 else (PAGE, PAGE / columns + 0.35)
     panels = sheet.panels(size[0], math.ceil(n / columns) * size[1], n, columns)
-    # No numbers stand beside them.
-    room = 0.85 * 72 * sheet.figure.get_figwidth() / columns
     for axes, body, label in zip_longest(panels, bodies, spec["labels"][:n]):
         title, K = label or "$A_i$ = {:g}, {:g}, {:g}".format(*body), slope(body)
         numbers = np.array([*body, K])[:, None]
         sheet.record(title, dict(zip(("A1", "A2", "A3", "K"), numbers, strict=True)))
-        sketch(axes, body, room)
+        sketch(axes, body)
         value = r"\infty" if math.isinf(K) else in_formula(f"{K:.3g}")
         axes.set_title(f"{title}\n$K = {value}$")
 
 
-def sketch(axes: Axes, body: Sequence[float], room: float) -> None:
-    """The quadrants of one body, in a panel of a width in points."""
+def sketch(axes: Axes, body: Sequence[float]) -> None:
+    """The quadrants of one body."""
     largest, _, smallest = inertia_order(body)
     # The angle of the line above the horizontal axis, on which p^2 = K r^2 grows.
     angle = math.degrees(math.atan2(1, slope(body)))
     for name, axis, low, high in (("A", largest, 0, angle), ("B", smallest, angle, 90)):
         axes.add_patch(Wedge((0, 0), 2, low, high, fc=AXIS_COLOUR[axis + 1], alpha=0.12, lw=0))
         if low < high:
-            x, y = at_angle((low + high) / 2, 0.6)
-            words, size = f"about $x_{axis + 1}$", text_size("font.size")
-            # In a narrow region, beyond which corners of the words would lie, the letter alone.
-            box = np.array([text_width(words, size), 2.4 * size]) / 2 / room
-            corners = np.array([x, y]) + box * [(-1, -1), (-1, 1), (1, -1), (1, 1)]
-            of_corners = np.degrees(np.arctan2(corners[:, 1], corners[:, 0]))
-            fits = low < of_corners.min() and of_corners.max() < high
-            axes.text(x, y, f"{name}\n{words}" if fits else name, ha="center", va="center")
+            # In a narrow region, beyond which they would lie, the letter alone, or nothing.
+            texts = f"{name}\nabout $x_{axis + 1}$", name
+            middle = np.array(at_angle((low + high) / 2, 0.6))
+            AreaName(axes, texts, middle, partial(is_between_angles, low, high))
     axes.plot(*np.transpose([(0, 0), at_angle(angle, 2)]), color=BLACK, lw=1.4)
     axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal", xticks=[], yticks=[])
     axes.set_xlabel(f"${'pqr'[largest]}^2$", loc="right")
     axes.set_ylabel(f"${'pqr'[smallest]}^2$", loc="top", rotation=0)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def is_between_angles(low: float, high: float, places: np.ndarray) -> np.ndarray:
+    """Whether places (..., 2) are above the horizontal axis by angles between two, in degrees."""
+    angles = np.degrees(np.arctan2(places[..., 1], places[..., 0]))
+    return np.asarray((low < angles) & (angles < high))
 
 
 def at_angle(angle: float, distance: float) -> tuple[float, float]:
