@@ -540,6 +540,22 @@ def test_a_map_of_values_that_are_equal_to_rounding_has_one_colour(
     ]
 
 
+@pytest.mark.parametrize(("variable", "value", "ticks"), [
+    ("omega.x1", 5.0, [5]), ("omega.x1", 5.5, [5.5]), ("share.x1", 0.25, [0, 0.25, 0.5, 0.75, 1]),
+])  # fmt: skip
+def test_a_component_that_is_one_number_has_it_on_its_scale(
+    drawn: Drawings, variable: str, value: float, ticks: list[float]
+) -> None:
+    """As a share of the time would have the scale from no to yes."""
+    grown, name = drawn.cases["grown"], variable.partition(".")[0]
+    same = grown.assign({name: grown["omega"].copy(data=np.full(grown["omega"].shape, value))})
+    figure = plot(same, kind="map", variable=variable, x="damping.0", y="initial.q")
+    figure.draw_without_rendering()
+    _, bar = figure.axes
+    shown = [float(text.get_text().replace("\u2212", "-")) for text in bar.get_xticklabels()]
+    assert shown == pytest.approx(ticks)
+
+
 def test_the_sides_of_the_separatrix_are_named_once(drawn: Drawings) -> None:
     names = [text.get_text() for text in drawn.draw("sides").figure.axes[2].texts]
     assert sorted(names) == ["about $x_1$", "about $x_3$"]

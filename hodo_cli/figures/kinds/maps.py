@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ... import HodoError
 from ...cases.figure_block import AXIS_KEYS, averaged
+from ...cases.sweep_block import AXIS_LABELS
 from ...models.rigid_body import LABELS, inertia_order, separatrix_terms
 from ...models.terms.body import BodyUnderTorques
 from ...models.theory.dissipation import turning_momenta
@@ -185,8 +186,8 @@ def colour_scale_of(
     that axes have in every figure."""
     known = values[~np.isnan(values)]
     low, high = float(known.min()), float(known.max())
-    part = spec["variable"].rpartition(".")[2]
-    if part in LABELS.values() and (np.isin(known, (0, 1)).all() or low == high):
+    name, _, part = spec["variable"].rpartition(".")
+    if name in ("share", *AXIS_LABELS) and (np.isin(known, (0, 1)).all() or low == high):
         low, high = 0.0, 1.0  # where all say yes it has another colour than where all say no
     if labelled:
         labels = range(int(low), int(high) + 1)
