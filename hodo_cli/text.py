@@ -74,6 +74,19 @@ def magnitude(value: float) -> str:
     return "0" if value == 0 else f"{value:.1e}"
 
 
+def time_digits(time: float, start: float, digits: int = 6) -> int:
+    """How many digits tell a time to so many of what has passed since the start of a motion: of
+    seconds since an epoch the first ones tell nothing."""
+    passed = max(abs(time - start), math.ulp(time))
+    in_common = math.ceil(math.log10(max(1.0, abs(time) / passed)))
+    return min(digits + in_common, 15)
+
+
+def time_text(time: float, start: float, digits: int = 6) -> str:
+    """A time to so many digits of what has passed since the start of a motion."""
+    return f"{time:.{time_digits(time, start, digits)}g}"
+
+
 def to_error(value: float, error: float, digits: int) -> str:
     """A number to the first digit that its error changes, to so many digits at most, and to 6 where
     no error was measured."""

@@ -22,6 +22,7 @@ from ..models.rigid_body import BodyFrame
 from ..schema.document import Block, Mistakes, Place, locate, read, write
 from ..schema.kinds import Key, Mistake, Wrong, WrongKey, check_keys, expected, mistakes_where
 from ..schema.spelling import other_word, shown, unknown
+from ..text import time_text
 from .derived import DERIVED, LeftOut, constants_of, derivable, missing, remedy_of
 from .keys import (
     COMMON,
@@ -95,6 +96,10 @@ class Time:
         sampled = "steps" if self.steps else "samples"
         span = ("values",) if self.values else ("end", sampled)
         return {key: getattr(self, key) for key in ("start", *span, "unit")}
+
+    def text(self, time: float, digits: int = 6) -> str:
+        """A time of the motion, to so many digits of what has passed since the start."""
+        return time_text(time, self.start, digits)
 
     def listed(self, times: np.ndarray) -> "Time":
         """The same span with samples at just these times (n,)."""

@@ -80,7 +80,14 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
     least = least_crossings(check)
     most = math.inf if check["most"] is None else check["most"]
     of_motions = [
-        [(c.time, rigid_body.LABELS[c.start], rigid_body.LABELS[c.end]) for c in m.crossings]
+        [
+            (
+                m.case.time.text(c.time, 4),
+                rigid_body.LABELS[c.start],
+                rigid_body.LABELS[c.end],
+            )
+            for c in m.crossings
+        ]
         for m in motions
     ]
     goes_astray = any(
@@ -94,7 +101,7 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
         for m in motions:
             known_crossings(m)
     words = [
-        ", ".join(f"{time:.4g} ({a} to {b})" for time, a, b in passages) or "no crossing"
+        ", ".join(f"{time} ({a} to {b})" for time, a, b in passages) or "no crossing"
         for passages in of_motions
     ]
     largest = float(max(map(len, of_motions)))
@@ -244,18 +251,19 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Quantities that only fall or only rise; decided by the largest violation relative to the
     range."""
     sign = 1 if check["sense"] == "falls" else -1
-    violations: dict[str, tuple[float, float, str]] = {}
+    violations: dict[str, tuple[float, str, str]] = {}
     for name, m in itertools.product(check["of"], motions):
         values = sign * quantity_from_start(m, name)
         # How far each value is above the least before it: a slow climb counts, not only a single
         # step.
         climb = values - np.minimum.accumulate(values)
         if violation := course_deviation(m, name, float(climb.max()), range_of(m, name), ROUNDING):
-            largest = violation, float(m.time[climb.argmax()]), among(motions, m)
+            when = m.case.time.text(m.time[climb.argmax()], 4)
+            largest = violation, when, among(motions, m)
             violations[name] = max(violations.get(name, largest), largest)
     words = "; ".join(
-        f"{name} goes back by {in_percent(violation)} of its range at {time:.4g}{of_case}"
-        for name, (violation, time, of_case) in violations.items()
+        f"{name} goes back by {in_percent(violation)} of its range at {when}{of_case}"
+        for name, (violation, when, of_case) in violations.items()
     )
     worst = max((violation for violation, *_ in violations.values()), default=0.0)
     return Finding(

@@ -219,7 +219,8 @@ def quantity_from_start(m: Motion, name: str) -> np.ndarray:
 def check_start(m: Motion) -> None:
     """Raises Undecidable where the samples of a motion begin after its start."""
     if m.time[0] > m.case.time.start:
-        raise Undecidable(f"the samples of {m.words} begin after its start, at {m.time[0]:.6g}")
+        when = m.case.time.text(m.time[0])
+        raise Undecidable(f"the samples of {m.words} begin after its start, at {when}")
 
 
 def stop_at_separatrix(m: Motion) -> str:
@@ -228,7 +229,7 @@ def stop_at_separatrix(m: Motion) -> str:
     entered = m.data["event_to"].data.tolist() if "event_to" in m.data else []
     if entered[-1:] != [rigid_body.SEPARATRIX]:
         return ""
-    words = f"{m.words} stops at the separatrix at {m.events[-1][1]:.6g}"
+    words = f"{m.words} stops at the separatrix at {m.case.time.text(m.events[-1][1])}"
     if "event_probability" not in m.data:
         return words
     share = m.stored("event_probability")[-1]
@@ -292,7 +293,8 @@ def check_reached(m: Motion, name: str, limit: float) -> None:
     """Raises Undecidable where a motion ends before the time with which that of something is
     compared that has not happened until then."""
     if limit > m.time[-1] and math.isinf(number(m, name)):
-        raise Undecidable(f"{m.words} ends at {m.time[-1]:.6g}, where {name} is still to come")
+        end = m.case.time.text(m.time[-1])
+        raise Undecidable(f"{m.words} ends at {end}, where {name} is still to come")
 
 
 def error_of(m: Motion, name: str) -> float:

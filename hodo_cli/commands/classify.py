@@ -84,7 +84,7 @@ def classified(name: str, group: Group, case: Case) -> tuple[Group | None, dict[
     row = row_of_motion(motion, labelled) | {"events": events_of(motion, labelled)}
     if (status := group.attributes.get("status")) != Status.OK:
         # The last label of a motion that was broken off is not the one that it ends with.
-        row["warnings"].append(f"{status}: to t = {motion.time[-1]:.6g} only")
+        row["warnings"].append(f"{status}: to t = {case.time.text(motion.time[-1])} only")
     return label_group(labelled, case), row
 
 
@@ -192,9 +192,10 @@ def remark_on_crossings(case: Case, columns: Mapping[str, np.ndarray], ok: np.nd
     if (most := counts[ok].max(initial=0)) > 1:
         remark += f", up to {most} times"
     if "crossing_time" in columns and crossing.any():
-        first, median, last = np.quantile(columns["crossing_time"][crossing], (0, 0.5, 1))
+        quantiles = np.quantile(columns["crossing_time"][crossing], (0, 0.5, 1))
+        first, median, last = map(case.time.text, quantiles)
         unit = "" if case.time.unit == "1" else f" {case.time.unit}"
-        remark += f", first at {first:.6g} to {last:.6g}, median {median:.6g}{unit}"
+        remark += f", first at {first} to {last}, median {median}{unit}"
     return remark
 
 

@@ -128,7 +128,7 @@ def check_numbers(motions: Sequence[Motion]) -> None:
     for motion in motions:
         omega = motion.stored("omega") if "omega" in motion.data else np.zeros((1, 1))
         if (missing := ~np.isfinite(omega).all(axis=-1)).any():
-            when = f"{motion.time[missing.argmax()]:.6g}"
+            when = motion.case.time.text(motion.time[missing.argmax()])
             raise HodoError(
                 f"omega of {motion.words} is no number at {when}: draw the samples that have one, "
                 "as data.dropna('time') selects them"

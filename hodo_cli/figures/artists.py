@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from .. import HodoError
 from ..cases.figure_block import COLOUR_NAMES, LINE_NAMES
 from ..results.motion import Motion
-from ..text import abridged
+from ..text import abridged, time_digits
 from .sheet import Look, Sheet
 from .symbols import time_label, unit_after
 from .words import CrossingNumber, Words, in_formula, text_lines, text_size, with_minus, without_tex
@@ -223,7 +223,10 @@ def crossings_in_words(motion: Motion, crossing: str, time: str, width: int) -> 
     """The times of a motion's crossings, numbered if they are several, in lines of a width in
     characters."""
     # With its last zeros, which tell how exact a printed number is.
-    times = [f"{when:#.6g}".removesuffix(".") for when in motion.crossing_time]
+    start = motion.case.time.start
+    times = [
+        f"{when:#.{time_digits(when, start)}g}".removesuffix(".") for when in motion.crossing_time
+    ]
     if len(times) > 1:
         # A line is not broken between a time and its number, nor before the unit.
         times = [f"{time}\N{NO-BREAK SPACE}({i})" for i, time in enumerate(times, 1)]
@@ -236,7 +239,7 @@ def crossings_in_words(motion: Motion, crossing: str, time: str, width: int) -> 
 def ending(motion: Motion, time: str) -> str:
     """How a motion ends, and when: it stops, or its samples end."""
     kind, when = ("stop", motion.stop) if math.isfinite(motion.stop) else ("end", motion.time[-1])
-    number = in_formula(f"{when:.6g}")
+    number = in_formula(motion.case.time.text(when))
     return f"{kind}, ${time} = {number}${unit_after(motion, 'time')}"
 
 

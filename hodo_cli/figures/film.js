@@ -105,7 +105,7 @@ function draw() {
   for (const part of role("face")) if (depth(part.points, B) > 0) face(part, B, 0.2);
   const names = [];
   for (const part of [...role("arrow"), ...role("axis")]) arrow(part, of(part), i, names);
-  const text = data.words[0] + (data.start + time[i]).toPrecision(5) + data.words[1];
+  const text = data.words[0] + (data.start + time[i]).toPrecision(data.digits) + data.words[1];
   document.getElementById("time").textContent = text;
   moment.setAttribute("aria-valuetext", text);
 }

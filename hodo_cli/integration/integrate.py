@@ -10,7 +10,7 @@ import numpy as np
 from ..cases.case import Case
 from ..engines.protocol import Status
 from ..models.base import Model, attributes
-from ..text import to_error
+from ..text import time_digits, to_error
 from .choice import choose
 from .error import with_measured_error
 from .solve import solve, step_times, with_seconds_left
@@ -65,7 +65,8 @@ def early_end(motion: Trajectory) -> str:
     # The samples of a body that a brake has stopped go on.
     if not (motion.time[-1] < motion.case.time.end or last.kind == "stopped"):
         return ""
-    return f"ends at t = {to_error(last.time, last.error, 6)}: {last.kind.replace('_', ' ')}"
+    digits = time_digits(last.time, motion.case.time.start)
+    return f"ends at t = {to_error(last.time, last.error, digits)}: {last.kind.replace('_', ' ')}"
 
 
 def model_warnings(motion: Trajectory) -> list[str]:
@@ -80,8 +81,9 @@ def model_warnings(motion: Trajectory) -> list[str]:
     moves = time_of_release(type(system), k, stop, end[0], state[-1], PLACES_AT_REST)
     if not math.isnan(moves):
         warnings.append(
-            f"at rest the other torques are stronger than the brake from t = {moves:.6g} on: the "
-            "body would move again there, and here it does not"
+            "at rest the other torques are stronger than the brake from "
+            f"t = {motion.case.time.text(moves)} on: the body would move again there, and here it "
+            "does not"
         )
     return warnings
 
@@ -109,8 +111,8 @@ def motion_remarks(motion: Trajectory) -> Iterator[str]:
     for event in motion.events:
         if (off := event.details.get("probability_error", 0.0)) > CHANCE_ERROR:
             yield (
-                f"event_probability at t = {event.time:.6g} may be off by {off:.2g}: it holds in "
-                "the limit of a weak torque"
+                f"event_probability at t = {case.time.text(event.time)} may be off by {off:.2g}: "
+                "it holds in the limit of a weak torque"
             )
     if case.error and math.isnan(motion.error):
         yield "the error could not be measured"

@@ -213,7 +213,7 @@ def closed_form(case: Case, times: np.ndarray, precision: str) -> Trajectory:
     lost = (outgrown | ~np.isfinite(samples.state).all(axis=1))[: samples.done]
     if lost.any():
         samples.done = int(lost.argmax())
-        message = f"{OVERFLOW_MESSAGE} at {times[samples.done]:.6g}"
+        message = f"{OVERFLOW_MESSAGE} at {case.time.text(times[samples.done])}"
         control.give_up(Status.FAILED, message)
     if end := system.exact_end(fp):
         kind, outcome = end

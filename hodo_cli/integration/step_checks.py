@@ -13,6 +13,7 @@ from ..engines.polynomial import TAYLOR, bernstein_coefficients, values_and_slop
 from ..engines.protocol import EPS, Engine, Status, StepControl
 from ..engines.units import Clock, Units
 from ..models.base import Model, attributes, kinds_of_variables, stacked
+from ..text import time_text
 from .driver import StepBuffer, StepObserver
 
 
@@ -134,7 +135,8 @@ class StepCheck(StepBuffer):
         """Compare steps; those behind the first change of a stretch are of another motion."""
         if self.pole is not None and self.clock.exact_times(ends[0, 0]) > self.changes[-1][1]:
             self.change = np.full(3, self.pole)
-            self.verdict = Status.FAILED, f"{POLE}{float(self.pole):.6g}"
+            pole = time_text(float(self.pole), self.end - self.span)
+            self.verdict = Status.FAILED, f"{POLE}{pole}"
             return
         # Nearer to each other towards the ends, where collocation has no points of its own.
         x = (1 - np.cos(np.pi * np.arange(self.points + 1) / self.points)) / 2

@@ -159,9 +159,8 @@ def motion_from(data: xr.Dataset, name: str, label: str = "") -> Motion:
     check_whole(data.variables, owner, is_sweep=bool(sweep_axes(data)))
     motion = Motion(case, data.variables, data.attrs, label or name, source if stored else "")
     if (status := data.attrs["status"]) != "ok" and motion.sampled:
-        warnings.warn(
-            f"{name}: {status}: drawn to t = {float(motion.time[-1]):.6g} only", stacklevel=2
-        )
+        reached = case.time.text(motion.time[-1])
+        warnings.warn(f"{name}: {status}: drawn to t = {reached} only", stacklevel=2)
     return motion
 
 

@@ -129,7 +129,8 @@ def no_number_remark(motion: Motion, name: str, values: np.ndarray) -> str:
     if not (missing := np.isnan(values)).any():
         return ""
     i = int(missing.argmax())
-    words = f"{name} of {motion.words} is no number at {motion.time[i]:.6g}"
+    when = motion.case.time.text(motion.time[i])
+    words = f"{name} of {motion.words} is no number at {when}"
     return ": ".join(filter(None, [words, reason_of_gap(motion, name, i)]))
 
 

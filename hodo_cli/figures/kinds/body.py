@@ -26,6 +26,7 @@ from PIL import Image
 from ... import HodoError
 from ...cases.derived import SPACE_AXES, component_names
 from ...results.motion import Motion, rotations
+from ...text import time_digits, time_text
 from ..artists import AXIS_COLOUR, BLACK, GREY, PURPLE, RED, arrow
 from ..sheet import PAGE, SHEET_STYLE, Look, Sheet, View, own_page
 from ..words import Words, in_formula, keep_formulas, place_words, without_tex
@@ -69,14 +70,15 @@ class MovingPart:
 @dataclass(frozen=True)
 class Film:
     """A motion as a moving picture: times (n,), SciPy's rotations (n,) from the body to space,
-    parts, the angles of view in degrees, the seconds that it lasts, and the words before and after
-    a time."""
+    parts, the angles of view in degrees, the seconds that it lasts, when the motion starts, and the
+    words before and after a time."""
 
     time: np.ndarray
     rotations: Any
     parts: Sequence[MovingPart]
     view: tuple[float, float]
     seconds: float
+    motion_start: float
     words: tuple[str, str]
 
     @property
@@ -91,7 +93,7 @@ class Film:
             "attitude": np.roll(self.rotations.as_quat(), 1, axis=1),
             "parts": [*map(asdict, self.parts)],
             "view": self.view, "seconds": self.seconds, "words": self.words, "reach": PICTURE_REACH,
-            "room": NAME_ROOM,
+            "room": NAME_ROOM, "digits": time_digits(self.time[-1], self.motion_start, 5),
         }  # fmt: skip
         return own_page("film", data, title, caption, back)
 
@@ -154,6 +156,7 @@ def film_of(motion: Motion, spec: Mapping[str, Any], moments: Sequence[float]) -
         parts=moving_parts(motion, index, turned),
         view=tuple(spec["view"]),
         seconds=spec["seconds"],
+        motion_start=motion.case.time.start,
         words=(f"{symbol} = ", "" if of == "1" else f" {of}"),
     )
 
@@ -214,7 +217,8 @@ def draw_moment(axes: Axes, film: Film, i: int) -> None:
             name = re.sub(r"(\d)", r"_\1", part.name)
             Words(axes, f"${name}$", tip[None, :2], toward=tip[:2], color=colour)
     symbol, unit = film.words
-    axes.set_title(f"${symbol}{in_formula(f'{film.time[i]:.6g}')}${unit}", color=BLACK)
+    moment = in_formula(time_text(film.time[i], film.motion_start))
+    axes.set_title(f"${symbol}{moment}${unit}", color=BLACK)
 
 
 def frame_space(axes: Axes) -> None:
