@@ -521,6 +521,29 @@ def test_a_label_is_broken_beside_a_panel_that_a_long_legend_leaves_low(drawn: D
     check_labels(figure)
 
 
+def test_the_factor_of_a_colour_scale_is_not_on_its_label() -> None:
+    """The times of a motion that takes years, in seconds."""
+    data = sweep(
+        {
+            "model": "linear-diag",
+            "inertia": [1, 0.8, 0.6],
+            "damping": [5e-9, 4e-9, 3e-9],
+            "initial": {"p": 8e-7, "q": 5e-7, "r": 7.4e-7},
+            "time": {"end": 1e9, "unit": "s"},
+            "sweep": {
+                "damping.0": {"linspace": [5e-9, 9e-9, 3]},
+                "initial.q": {"values": [0, 5e-7]},
+            },
+        }
+    )
+    figure = plot(data, kind="map", variable="crossing_time", x="damping.0", y="initial.q")
+    figure.draw_without_rendering()
+    axis = figure.axes[-1].xaxis
+    factor, label = axis.get_offset_text(), axis.get_label()
+    assert "10^{8}" in factor.get_text()
+    assert not factor.get_window_extent().overlaps(label.get_window_extent())
+
+
 @pytest.mark.parametrize("value", [1.0, 0.3, -20.0])
 def test_a_map_of_values_that_are_equal_to_rounding_has_one_colour(
     drawn: Drawings, value: float

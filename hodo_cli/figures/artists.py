@@ -289,6 +289,10 @@ def colour_bar(
     # The panels keep their anchors: a map of a sphere is at the top of its room.
     bar = sheet.figure.colorbar(scale, ax=panels, panchor=False, extend=arrows, **place)
     bar.set_label(label)
+    bar.formatter.set_locs(bar.get_ticks().tolist())
+    if bar.formatter.get_offset():
+        # The factor of the numbers has the line below them: a label may be as wide as the bar.
+        bar.ax.xaxis.labelpad += 1.2 * text_size("xtick.labelsize")
     return bar
 
 
