@@ -486,6 +486,19 @@ def test_a_legend_names_the_curves_and_marks_that_are_seen(drawn: Drawings) -> N
     assert legend_words(plot(rest, kind="sphere")) == ["separatrix, $D = 0$"]
 
 
+def test_a_body_at_rest_has_no_arrows_and_goes_round_no_axis() -> None:
+    body = {"inertia": [1, 0.8, 0.6], "initial": {"p": 0.8, "q": 0.1, "r": 0.2}}
+    keys = {"model": "torques", "brake": 0.04, "attitude": True, "time": {"end": 40}}
+    figure = plot(run({**body, **keys}), kind="body", moments=[0, 30])
+    figure.draw_without_rendering()
+    turning, resting = ({text.get_text() for text in axes.texts} for axes in figure.axes)
+    assert turning - resting == {"$G$", r"$ω$"}
+    keys = {"model": "linear-diag", "initial": {"p": 0, "q": 0, "r": 0}, "time": {"end": 40}}
+    rest = run({**body, **keys})
+    for kind in ("hodograph", "quadrants"):
+        assert legend_words(plot(rest, kind=kind)) == ["start", r"end, $\tau = 40$"], kind
+
+
 def test_times_of_four_and_six_digits_end_without_a_point() -> None:
     body = {"inertia": [1, 0.8, 0.6], "initial": {"p": 0.001, "q": 0.0005, "r": 0.001}}
     stopped = run({**body, "model": "torques", "brake": 4e-7, "time": {"end": 6000}})

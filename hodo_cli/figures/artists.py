@@ -246,7 +246,9 @@ def ending(motion: Motion, time: str) -> str:
 def axis_handles(motions: Sequence[Motion]) -> list[Line2D]:
     """Legend entries of the colours by enclosed axis that occur."""
     # A body at rest goes round no axis, and draws no curve.
-    moving = (labels_of(motion)[motion.time <= motion.stop] for motion in motions)
+    moving = (
+        labels_of(motion)[(motion.time <= motion.stop) & motion.G.any(axis=1)] for motion in motions
+    )
     present = {int(label) for labels in moving for label in np.unique(labels)}
     words = {0: "separatrix", -1: "undetermined", 4: "about both", 5: "unseparated"}
     words[NOT_CLASSIFIED] = "not classified"

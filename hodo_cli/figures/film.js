@@ -50,6 +50,7 @@ function line(part, M, first, last, width, alpha) {
 }
 function arrow(part, M, i, names) {
   const k = 3 * Math.min(i, part.points.length / 3 - 1), [x, y, z] = part.points.subarray(k, k + 3);
+  if (!x && !y && !z) return;  // at rest there is no arrow to name
   const right = scale * (M[0][0] * x + M[0][1] * y + M[0][2] * z), up = scale * (M[1][0] * x + M[1][1] * y + M[1][2] * z);
   // An axis of space that points away is pale; one that lies in the page but for rounding is not.
   const near = M[2][0] * x + M[2][1] * y + M[2][2] * z;

@@ -209,8 +209,8 @@ def draw_moment(axes: Axes, film: Film, i: int) -> None:
         elif part.role == "trail":
             axes.plot(x, y, color=part.colour, lw=0.5, alpha=0.3, zorder=2)
             axes.plot(x[: i + 1], y[: i + 1], color=part.colour, lw=0.9, zorder=3)
-        else:
-            tip, is_axis = seen[min(i, len(seen) - 1)], part.role == "axis"
+        elif (tip := seen[min(i, len(seen) - 1)]).any():  # at rest there is no arrow to name
+            is_axis = part.role == "axis"
             # Else space would look left-handed from behind; what turns shows its sides.
             colour = pale(part.colour) if is_axis and tip[2] < -IN_PAGE else part.colour
             arrow(axes, np.zeros(2), tip[:2], colour, zorder=2 if is_axis else 5)
