@@ -499,6 +499,18 @@ def test_a_body_at_rest_has_no_arrows_and_goes_round_no_axis() -> None:
         assert legend_words(plot(rest, kind=kind)) == ["start", r"end, $\tau = 40$"], kind
 
 
+def test_quadrants_of_a_body_with_two_smallest_moments_have_no_region_b() -> None:
+    """K is 0, and D > 0 wherever the body turns about an axis across the equal ones."""
+    body = {"inertia": [0.6, 1, 0.6], "initial": {"p": 0.8, "q": 0.5, "r": 0.7}}
+    made = run({**body, "model": "linear-diag", "damping": 0.01, "time": {"end": 100}})
+    assert (plot(made, kind="series", variables=["D"]).axes[0].lines[0].get_ydata() > 0).all()
+    figure = plot(made, kind="quadrants")
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    assert [text.get_text() for text in axes.texts] == ["A (about $x_2$)"]
+    assert len(axes.patches) == 1
+
+
 def test_times_of_four_and_six_digits_end_without_a_point() -> None:
     body = {"inertia": [1, 0.8, 0.6], "initial": {"p": 0.001, "q": 0.0005, "r": 0.001}}
     stopped = run({**body, "model": "torques", "brake": 4e-7, "time": {"end": 6000}})

@@ -100,7 +100,9 @@ def regions(
     below = places[:, 0] - places[:, 1]
     farthest = np.argsort(-np.abs(below), kind="stable")
     largest, _, smallest = motion.order
-    for name, axis, corner, side in (("A", largest, (end, 0), 1), ("B", smallest, (0, end), -1)):
+    areas = ("A", largest, (end, 0), 1), ("B", smallest, (0, end), -1)
+    # Without K no point is above the diagonal: a body with two smallest moments has no region B.
+    for name, axis, corner, side in areas if slope(motion.inertia) else areas[:1]:
         triangle = [(0, 0), (end, end), corner]
         axes.add_patch(Polygon(triangle, fc=AXIS_COLOUR[axis + 1], alpha=0.1, lw=0))
         words = name if is_short else f"{name} (about $x_{axis + 1}$)"
