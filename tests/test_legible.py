@@ -604,6 +604,21 @@ def test_a_component_that_is_one_number_has_it_on_its_scale(
     assert shown == pytest.approx(ticks)
 
 
+def test_a_map_of_uneven_values_has_logarithmic_axes(drawn: Drawings) -> None:
+    """Its edges half way between them, below 0.001 at -0.0035, are none there."""
+    uneven = drawn.cases["grown"].isel({"damping.0": [0, 1, 2]})
+    uneven = uneven.assign_coords({"damping.0": [0.001, 0.01, 0.0101]})
+    keys = {"kind": "map", "variable": "end_axis.x1", "x": "damping.0", "y": "initial.q"}
+    figure = plot(uneven, **keys, style={"log": ["x"]})
+    figure.draw_without_rendering()
+    (mesh,) = figure.axes[0].collections
+    np.testing.assert_allclose(
+        mesh.get_coordinates()[0, 1:3, 0], [0.001 * 10**0.5, 0.01 * 1.01**0.5]
+    )
+    with pytest.raises(HodoError, match="reaches below zero"):
+        plot(uneven.assign_coords({"damping.0": [-1.0, 1, 2]}), **keys, style={"log": ["x"]})
+
+
 def test_the_sides_of_the_separatrix_are_named_once(drawn: Drawings) -> None:
     names = [text.get_text() for text in drawn.draw("sides").figure.axes[2].texts]
     assert sorted(names) == ["about $x_1$", "about $x_3$"]

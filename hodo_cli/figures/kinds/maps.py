@@ -258,6 +258,10 @@ def map_image(
     """Draw an image over two axes, grey where there is no value; returns the places (n,) of its
     values by the names of the axes."""
     (x, even_x), (y, even_y) = swept.ticks(spec["x"]), swept.ticks(spec["y"])
+    # Edges half way between uneven values may be below zero, where a logarithmic axis has no place.
+    log = spec["style"].get("log", ())
+    even_x = even_x or ("x" in log and x.min() > 0)
+    even_y = even_y or ("y" in log and y.min() > 0)
     image = axes.pcolormesh(edges(x, even_x), edges(y, even_y), values.T, **look)
     # Not the background: beside a larger panel, it shows beyond the axes of a sweep too.
     image.set_cmap(image.get_cmap().with_extremes(bad=NO_VALUE_COLOUR))
