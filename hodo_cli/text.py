@@ -87,11 +87,11 @@ def time_text(time: float, start: float, digits: int = 6) -> str:
     return f"{time:.{time_digits(time, start, digits)}g}"
 
 
-def to_error(value: float, error: float, digits: int) -> str:
-    """A number to the first digit that its error changes, to so many digits at most, and to 6 where
-    no error was measured."""
+def to_error(value: float, error: float, digits: int, unmeasured: int = 6) -> str:
+    """A number to the first digit that its error changes, to so many digits at most, or to others
+    where no error was measured."""
     if math.isnan(error):
-        digits = min(digits, 6)
+        digits = unmeasured
     elif 0 < error < math.inf and value:
         right = 1 + math.floor(math.log10(abs(value))) - math.floor(math.log10(error))
         digits = max(1, min(digits, right))

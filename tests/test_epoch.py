@@ -99,3 +99,10 @@ def test_figures_tell_times_since_an_epoch_apart(folder: Path) -> None:
     assert [seconds(axes.get_title()) for axes in figure.axes] == [[0], [30], [60]]
     (digits,) = re.findall(r'"digits": ?(\d+)', figure.film.page())
     assert seconds(f"{START + 59.9:.{digits}g}") == [pytest.approx(59.9, abs=1e-2)]
+
+
+def test_a_stop_whose_error_is_not_measured_is_told_as_well(tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text(CONFIG.replace("damping: 0.001", "error: off"))
+    assert call(tmp_path, "run", "c.yaml", "--case", "braked", "--quiet").returncode == 0
+    (stop,) = seconds(call(tmp_path, "show", "c.yaml").stdout)
+    assert 0 < stop < 600

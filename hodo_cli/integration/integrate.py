@@ -66,7 +66,8 @@ def early_end(motion: Trajectory) -> str:
     if not (motion.time[-1] < motion.case.time.end or last.kind == "stopped"):
         return ""
     digits = time_digits(last.time, motion.case.time.start)
-    return f"ends at t = {to_error(last.time, last.error, digits)}: {last.kind.replace('_', ' ')}"
+    when = to_error(last.time, last.error, digits, digits)
+    return f"ends at t = {when}: {last.kind.replace('_', ' ')}"
 
 
 def model_warnings(motion: Trajectory) -> list[str]:
