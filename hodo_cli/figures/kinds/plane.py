@@ -312,9 +312,9 @@ def series_curve(
 
 def draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
     """A line through samples (n,), or the mark of a single one, through which no line goes."""
-    # Whole, too, where its panel begins.
-    alone: Look = {"marker": "o", "clip_on": False} if len(x) == 1 else {}
-    axes.plot(x, y, ms=3, **alone, **style)
+    alone = len(x) == 1
+    # The mark is whole, too, where its panel begins.
+    axes.plot(x, y, marker="o" if alone else "", clip_on=not alone, ms=3, **style)
 
 
 def line_through(
