@@ -99,9 +99,9 @@ def time_of_release(
 ) -> float:
     """When a body with these constants that a brake has stopped, in a state (m,), would move again,
     to so many parts of the time until the end; nan where it has not stopped, or would not."""
-    return (
-        model.release(np.linspace(stop, end, places + 1), [*state], k) if stop < end else math.nan
-    )
+    if not stop < end:
+        return math.nan
+    return model.release(np.linspace(stop, end, places + 1), [*state], k)
 
 
 def motion_remarks(motion: Trajectory) -> Iterator[str]:
