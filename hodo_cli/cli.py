@@ -235,31 +235,10 @@ def _files(name: str, **how: Any) -> Callable[[Command], Command]:
     return click.argument(name, type=click.Path(path_type=Path), shell_complete=_configs, **how)
 
 
-def _with_their_models(ctx: click.Context, param: click.Parameter, names: Any) -> Any:
-    """The names of results and configs. Unless the user names models, those of the results are
-    taken: models of the user's own as they were when the results were made."""
-    from .private import kept_models
-    from .storage import OWN_MODELS, open_run, result_of
-
-    kept: list[str] = []
-    for path in map(Path, () if os.environ.get("HODO_MODELS") else names):
-        result = path if path.suffix == ".h5" else result_of(path)
-        # What is wrong with it the command says itself.
-        with (
-            suppress(HodoError, BatchError),
-            warnings.catch_warnings(action="ignore"),
-            open_run(result) as run,
-        ):
-            kept += kept_models(str(run.attributes.get(OWN_MODELS, "")).splitlines())
-    if kept:
-        os.environ["HODO_MODELS"] = os.pathsep.join(dict.fromkeys(kept))
-    return names
-
-
 FORMATS = ("png", "svg", "pdf", "csv", "html", "gif", "mp4")
 """The formats that a figure is written in."""
 
-RUNS = _files("runs", nargs=-1, required=True, callback=_with_their_models)
+RUNS = _files("runs", nargs=-1, required=True)
 JSON = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON value instead of a table."
 )
@@ -424,7 +403,6 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> int:
     nargs=-1,
     required=True,
     metavar="RUN... [FIGURE]...",
-    callback=_with_their_models,
     shell_complete=_named_in("figures"),
 )
 @click.option(

@@ -89,11 +89,3 @@ def library_version(library: str) -> str:
         return version(library)
     except PackageNotFoundError:
         return "not installed"
-
-
-def may_have_entry_points(group: str) -> bool:
-    """Whether an installed package may name entry points of a group."""
-    files = [folder / "entry_points.txt" for folder in metadata_folders()]
-    named = (file.read_text("utf-8", "replace") for file in files if file.exists())
-    # Archives are left to whoever reads them.
-    return any(map(os.path.isfile, sys.path)) or any(f"[{group}]" in text for text in named)

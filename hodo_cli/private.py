@@ -5,7 +5,7 @@ import os
 import pickle
 import stat
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -76,30 +76,6 @@ def _draft(file: Path, content: bytes) -> Path:
         stream.flush()
         os.fsync(stream.fileno())
     return draft
-
-
-def keep_model(digest: str, texts: Mapping[str, bytes]) -> str:
-    """Keep the files of a model that the user has named, by their paths; returns the name by which
-    `kept_models` finds them."""
-    with suppress(OSError, RuntimeError, ValueError):
-        folder = private_folder(*STATE_FOLDER) / "models" / digest
-        if not folder.exists():
-            draft = folder.with_name(f"{digest}.{os.urandom(4).hex()}")
-            for name, text in texts.items():
-                (draft / name).parent.mkdir(parents=True, exist_ok=True)
-                (draft / name).write_bytes(text)
-            draft.rename(folder)
-    return f"{digest}/{next(iter(texts))}"
-
-
-def kept_models(names: Iterable[str]) -> list[str]:
-    """The files of models that `keep_model` has kept. A result names them, which may be a
-    stranger's: none is taken that the user has not once named."""
-    with suppress(OSError, RuntimeError, ValueError):
-        folder = (private_folder(*STATE_FOLDER) / "models").resolve()
-        files = [(folder / name).resolve() for name in names]
-        return [str(file) for file in files if file.is_relative_to(folder) and file.is_file()]
-    return []
 
 
 MOST_CODE = 256 << 20

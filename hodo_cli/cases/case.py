@@ -348,8 +348,6 @@ def smooth_samples(system: Model, span: float) -> int:
     parts = (math.sqrt(A / A3) * w for A, w in zip(system.moments.tolist(), omega, strict=True))
     speed = math.hypot(*parts)
     rate = speed * math.sqrt(fastest)
-    if system.rotor_momentum is not None:
-        rate += float(np.linalg.norm(system.rotor_momentum)) / A3
     turns = max(
         rate / SAMPLE_TURN, speed / TURN_IN_SPACE if ATTITUDE_KEY in system.variables else 0
     )

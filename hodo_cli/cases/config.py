@@ -357,7 +357,7 @@ def _figures(
             mistakes.append((("figures", WrongKey(name)), fault))
         if values.get("cases") == ():
             wrong.append((("cases",), "names no case"))
-        for key, valid in (("cases", cases), ("against", cases), ("scale_with", section)):
+        for key, valid in (("cases", cases), ("scale_with", section)):
             named: dict[KeyPath, str] = {(key, i): x for i, x in enumerate(values.get(key, ()))}
             wrong += unknown_names("name", named, valid)
         mistakes += within(("figures", name), [*wrong, *check_figure(values)])

@@ -103,8 +103,6 @@ STORED_VARIABLES = {
     "attitude": Label(("time", "quaternion"), "quaternion from body to space axes"),
     "gamma": Label(("time", "axis"), "the vertical in the axes of a top"),
     "momentum": Label(("time",), "|G| of an averaged form"),
-    "kinetic_energy": Label(("time",), "T of an averaged form"),
-    "k2": Label(("time",), "k^2 of its turns: 0 at an axis, 1 at the separatrix"),
     **added_variables(),
 }
 """The variables that some model stores and no quantity stands for, those of the user's own models

@@ -5,7 +5,6 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -248,17 +247,6 @@ SWEPT_VARIABLE = Key(
     "(`end_axis.x1`); averaged over the axes that are not drawn",
 )
 
-GROUPS = {
-    "groups": Key(ListOf(Integer(least=1)), "how many of the cases make up each line"),
-    "small": Key(ListOf(Number(above=0)), "the small parameter of each case"),
-    "parameter": Key(Text(), "symbol of the small parameter, in TeX", default=r"\varepsilon"),
-    "labels": Key(
-        NAMES,
-        "name of each line in the legend, in the order of `groups` (default: its first case's)",
-        default=(),
-    ),
-}
-
 FIGURE_KINDS: dict[str, dict[str, Key]] = {
     "hodograph": STYLED
     | TIME_KEYS
@@ -399,11 +387,6 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
         ),
         "level": Key(Number(), "draws a horizontal line at this value", default=None),
     },
-    "order": STYLED
-    | GROUPS
-    | {"against": Key(NAMES, "the case that each of the cases is compared with")},
-    "cost": STYLED | GROUPS,
-    "share": STYLED | TIME_KEYS,
 }
 """The keys of each kind of figure, besides `kind`."""
 
@@ -448,23 +431,14 @@ def _count_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
     kind = values.get("kind")
     named = "bodies" if kind == "quadrant-sketch" else "cases"
     count, labels = len(values.get(named, ())), values.get("labels", ())
-    labelled = "groups" if "groups" in values else named
-    most = len(values.get(labelled, ()))
-    groups, small = values.get("groups", ()), values.get("small", ())
-    total, styles = sum(groups), values.get("styles", ())
-    # The lines of a share are as many as the other axis of its sweep has values.
-    curves = {
-        "axis-trace": count * len(values.get("axes", ())),
-        "share": 0,
-        "order": len(groups),
-        "cost": len(groups),
-    }.get(str(kind), count)
+    styles = values.get("styles", ())
+    curves = count * (len(values.get("axes", ())) if kind == "axis-trace" else 1)
     yield from mistakes_where(
         # The labels of a sweep name panels or curves, whose number its axes decide.
         (
-            kind not in ("map", "curve") and len(labels) > most,
+            kind not in ("map", "curve") and len(labels) > count,
             ("labels",),
-            f"expected one for each of the {labelled}, {most} in all, got {len(labels)}",
+            f"expected one for each of the {named}, {count} in all, got {len(labels)}",
         ),
         (
             0 < curves < len(styles),
@@ -475,33 +449,6 @@ def _count_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
             kind == "body" and count > 1,
             ("cases",),
             f"expected one case, whose body moves, got {count}",
-        ),
-        (
-            kind == "share" and count > 1,
-            ("cases",),
-            f"expected one sweep of starts, got {count}",
-        ),
-        (
-            count and "groups" in values and total != count,
-            ("groups",),
-            f"expected sizes that add up to the number of cases, {count}, got {total}",
-        ),
-        *(
-            (
-                kind == "order" and len({*small[end - n : end]}) < 2,
-                ("groups", i),
-                "expected cases with two values of `small` or more, to which an order is fitted",
-            )
-            for i, (n, end) in enumerate(zip(groups, accumulate(groups), strict=True))
-            if end <= len(small)
-        ),
-        *(
-            (
-                count and len(values[key]) != count,
-                (key,),
-                f"expected one for each of the cases, {count} in all, got {len(values[key])}",
-            )
-            for key in values.keys() & {"small", "against"}
         ),
     )
 
@@ -544,7 +491,7 @@ class Drawable:
         return {*self.variables, *constants_of(self.case.system, self.case.data)}
 
 
-SWEPT_KINDS = ("map", "curve", "share")
+SWEPT_KINDS = ("map", "curve")
 """The kinds that draw sweeps."""
 
 AXIS_KEYS = ("x", "y", "by", "panels")
@@ -689,8 +636,6 @@ def _swept_mistakes(
     """A mistake for each variable, axis and position that a sweep does not have."""
     if message := _wrong_swept_variable(values, case):
         yield ("variable",), message
-    if values["kind"] == "share" and (message := _lack_of_starts(case)):
-        yield ("cases", values["cases"].index(case.name)), message
     for key in AXIS_KEYS:
         if (name := values.get(key)) is not None and name == case.sphere:
             yield (key,), f"axis {name} of sweep {case.name} is a sphere, which has no scale"
@@ -706,14 +651,6 @@ def _swept_mistakes(
         for i, position in enumerate(values.get("at", ()))
         if position >= size
     )
-
-
-def _lack_of_starts(case: Drawable) -> str:
-    """Why a sweep has no starts whose shares a figure counts; an empty string if it has them."""
-    if not case.sphere or len(case.axes) > 2:
-        shape = "a sphere of starts, and one other axis at most"
-        return f"sweep {case.name} has the axes {', '.join(case.axes)}: a share needs {shape}"
-    return lack_of(case.case, "crossing_time", {*case.variables}, "share")
 
 
 def _wrong_swept_variable(values: Mapping[str, Any], case: Drawable) -> str:

@@ -75,14 +75,6 @@ STOP_COLUMNS = ("event_time", "event_from", "event_release")
 AXIS_LABELS = ("crossing_from", "crossing_to", "start_axis", "end_axis", "event_from")
 """The reduced columns that are labels of axes, whose mean would mean nothing."""
 
-PASSAGE_COLUMNS = (
-    *("crossing_time", "crossing_from", "crossing_to", "crossing_G", "crossings"),
-    *("start_axis", "end_axis"),
-    *("event_predicted", "event_scatter", "event_sense", "event_probability"),
-    "event_probability_error",
-)
-"""The columns of a member where the motion itself stores its axis and its passages."""
-
 
 class InDegrees(float):
     """A value of a range that was given as "5 deg", in radians: only an angle takes it."""
@@ -209,8 +201,7 @@ def storable(model: type[Model]) -> list[str]:
     if model.may_stop:
         columns += STOP_COLUMNS
     if model.no_axis_reason:
-        stored_by_itself = PASSAGE_COLUMNS if "enclosed_axis" in model.variables else ()
-        columns = (*stored_by_itself, "event_time")
+        columns = ("event_time",)
     return [*model.variables, *columns, "steps", "status", "trajectory"]
 
 

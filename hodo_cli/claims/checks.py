@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..models import rigid_body
-from ..results.layout import stopped_at_separatrix
 from ..results.motion import Motion
 from .finding import (
     PLOTTING_ACCURACY,
@@ -418,11 +417,6 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
     axes, against bounds, or how they follow each other; decided by the last average.
     """
     name = check["variable"]
-    is_of_end = name.partition(".")[0] in ("crossings", "crossing_time", "end_axis")
-    if is_of_end and np.any(stopped_at_separatrix(swept.data)):
-        raise Undecidable(
-            f"members of sweep {swept.name} stop at the separatrix, where chance decides"
-        )
     at: Sequence[Mapping[str, int]] = check["at"] or ([] if check["along"] else [{}])
     means = [float(swept.values(name, (), position)) for position in at]
     for along in check["along"]:

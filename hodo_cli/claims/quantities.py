@@ -223,24 +223,11 @@ def check_start(m: Motion) -> None:
         raise Undecidable(f"the samples of {m.words} begin after its start, at {when}")
 
 
-def stop_at_separatrix(m: Motion) -> str:
-    """That an averaged motion stops at the separatrix, where chance decides on its further course;
-    an empty text if it does not."""
-    entered = m.data["event_to"].data.tolist() if "event_to" in m.data else []
-    if entered[-1:] != [rigid_body.SEPARATRIX]:
-        return ""
-    words = f"{m.words} stops at the separatrix at {m.case.time.text(m.events[-1][1])}"
-    if "event_probability" not in m.data:
-        return words
-    share = m.stored("event_probability")[-1]
-    return f"{words}, which it leaves about the other axis with a probability of {share:.3g}"
-
-
 def undecided_crossings(m: Motion) -> str:
     """Why it is open whether a motion crosses the separatrix; an empty text if it is known."""
     warnings = str(m.attrs.get("classify_warnings", "")).splitlines()
     remarks = [f"{m.words}: {warning}" for warning in warnings if UNDECIDED in warning]
-    return next(filter(None, [stop_at_separatrix(m), *remarks]), "")
+    return next(iter(remarks), "")
 
 
 def known_crossings(m: Motion) -> tuple[Crossing, ...]:
@@ -259,8 +246,6 @@ def enclosed_at(m: Motion, moment: str) -> str:
         decides_unless(
             f"{m.words} is at rest or rotates steadily at the {moment}: G goes round no axis"
         )
-    if moment == "end":
-        decides_unless(stop_at_separatrix(m))
     return rigid_body.LABELS[label]
 
 

@@ -100,7 +100,7 @@ def member_name(axes: Sequence[Axis], index: Sequence[Any]) -> str:
 def starting_axes(cases: Sequence[Case]) -> list[str]:
     """The axes that the hodographs of body-frame cases enclose at the start."""
     names = [""] * len(cases)
-    bodies = ((case.data["inertia"], case.data.get("rotor")) for case in cases)
+    bodies = (case.data["inertia"] for case in cases)
     # All cases of one body at once.
     for of_body in grouped((body, i) for i, body in enumerate(bodies)).values():
         body = body_of(cases[of_body[0]])

@@ -19,7 +19,7 @@ from ..integration import Classification, classify, label_at_start
 from ..models import rigid_body
 from ..progress import Progress
 from ..results.groups import label_group
-from ..results.layout import RECORDED, sentence_of_case, stopped_at_separatrix, units_of_case
+from ..results.layout import RECORDED, sentence_of_case, units_of_case
 from ..results.motion import Motion, case_of, motion_of
 from ..storage import Group, Report, history_line, typed, update
 from ..text import abridged, few, grouped, magnitude, table, to_error
@@ -187,8 +187,6 @@ def remark_on_crossings(case: Case, columns: Mapping[str, np.ndarray], ok: np.nd
     counts = columns["crossings"]
     crossing = ok & (counts > 0)
     remark = f"{crossing.sum()} of {ok.sum()} members cross"
-    if stopped := np.count_nonzero(ok & stopped_at_separatrix(columns)):
-        remark += f", {stopped} stop at the separatrix, where chance decides"
     if (most := counts[ok].max(initial=0)) > 1:
         remark += f", up to {most} times"
     if "crossing_time" in columns and crossing.any():
@@ -203,7 +201,7 @@ def _shares(labels: np.ndarray) -> str:
     """How many of the labels are which, in percent."""
     return ", ".join(
         f"{rigid_body.LABELS[label]} {100 * np.mean(labels == label):.3g} %"
-        for label in (1, 2, 3, rigid_body.BOTH, rigid_body.UNSEPARATED, 0, -1)
+        for label in (1, 2, 3, 0, -1)
         if (labels == label).any()
     )
 

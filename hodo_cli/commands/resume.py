@@ -19,7 +19,6 @@ from ..machine import relative_path
 from ..schema.document import YAML_SUFFIXES
 from ..storage import (
     CONTENT,
-    OWN_MODELS,
     FinishedCase,
     Group,
     ResultFile,
@@ -148,7 +147,7 @@ def attributes_by(command: str, config: Config) -> dict[str, str]:
     name the overrides of the config, and the user's own models."""
     # A line of YAML may be broken where it has a space.
     overrides = "\n".join(" ".join(text.splitlines()) for text in config.overrides)
-    more = {OVERRIDES: overrides, OWN_MODELS: models.kept_own_models()}
+    more = {OVERRIDES: overrides}
     return root_attributes(f"hodo {command}", config.title, config.references, config.text, more)
 
 
@@ -174,7 +173,6 @@ def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -
     Raises HodoError as `check_origin` and `check_cases` do.
     """
     check_cases(run)
-    warn_of_models(run)
     if config:
         check_origin(config, run)
     section = "" if config else {"plot": "figures", "claims": "claims"}.get(command, "")
@@ -205,21 +203,6 @@ def check_cases(run: ResultFile) -> None:
     if not run.cases():
         content = run.attributes.get(CONTENT)
         raise HodoError(f"{run.path} holds no cases{f', but {content}' if content else ''}")
-
-
-def warn_of_models(run: ResultFile) -> None:
-    """Warn of the user's own files of models that have changed since a result was made with
-    them."""
-    now, then = (
-        {file: digest for digest, _, file in (line.partition("/") for line in names.splitlines())}
-        for names in (models.kept_own_models(), str(run.attributes.get(OWN_MODELS, "")))
-    )
-    if changed := [file for file, digest in now.items() if then.get(file, digest) != digest]:
-        warnings.warn(
-            f"{run.path}: changed since its run: {', '.join(changed)}: hodo run computes with what "
-            "they say now",
-            stacklevel=2,
-        )
 
 
 def _config_of(run: ResultFile) -> Config | None:

@@ -88,7 +88,7 @@ class Taylor:
             t_events=[
                 hy.t_event(
                     functions[i],
-                    callback=self._stopper(i) if event.sign is None else self._turner(event),
+                    callback=self._stopper(i),
                     fp_type=fp,
                 )
                 for i, event in enumerate(events)
@@ -122,16 +122,6 @@ class Taylor:
             return False
 
         return stop
-
-    def _turner(self, event: Event) -> Callable[[Any, int], bool]:
-        # A corner ends no stretch: what the driver does between two took two thirds of the time.
-        def turn(ta: Any, direction: int) -> bool:
-            assert event.passage is not None
-            ta.state[:] = event.passage(ta.time, [*ta.state], self.numbers).state
-            self.corner = ta.time, ta.state.copy()
-            return True
-
-        return turn
 
     def _values(self, t: Any, y: np.ndarray, k: SimpleNamespace) -> list[Any]:
         return [event.function(t, [*y], k) for event in self.events]
@@ -170,7 +160,6 @@ class Taylor:
             # A cooldown of the last stretch would swallow an event at the start of this one.
             ta.reset_cooldowns()
         self.roots.clear()
-        self.corner = (None, y)
 
     def _visible_step(self) -> float:
         """The length of the last step by heyoka's rule, from all coefficients of the later half and
@@ -244,10 +233,6 @@ class Taylor:
         end = ta.time if stop is None else stop.time
         if stop is not None:
             rows = rows[: np.searchsorted(grid, end, side="right")]
-        elif outcome == hy.taylor_outcome.err_nf_state and self.corner[0] == last:
-            # A series may not begin there, and the stretch ends.
-            reached = int(np.searchsorted(grid, last, side="right"))
-            return Stretch(rows[:reached], (last, 0 * last), self.corner[1])
         elif outcome == hy.taylor_outcome.err_nf_state:
             control.give_up(Status.FAILED, "the state became infinite or not a number")
         # What vanishes at the start does not pass through zero there.

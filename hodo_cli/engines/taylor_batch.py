@@ -8,7 +8,7 @@ ensemble is cut into parts, does not change it.
 import hashlib
 import math
 import pickle
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache, partial, reduce
 from pathlib import Path
 from time import thread_time
@@ -80,11 +80,6 @@ SUM_CHAINS = 4
 """Parts of a polynomial that are summed side by side: in one chain a processor waits for each
 product, which took a third of a step."""
 
-CORNER = 2.0**-30
-"""The part of a motion below which a component may go beyond a corner of the equations before its
-sign turns over. Terms with its square are then wrong by 2**-60 of their size, less than rounding,
-so that no touch has to be told from a passage."""
-
 PLACES_CHECKED, MOST_MISSED = 8, 8
 """Places of a step, evenly spaced, at which its series are held against formulas of a user's own;
 and by how much they may miss these at most: by this power of the `stride`, which is far above the
@@ -138,9 +133,6 @@ class TaylorStep:
     on how far the function stays from 0; of motions that cross the separatrix once at most, the
     product of its values at both ends. Behind these stand, of each of the `levels`, the value at
     the beginning, how much it changes at its slope there, and a bound on what it does besides.
-
-    A step ends at a corner of the equations, and the next one begins with the other sign: events
-    with a `sign` have no row.
     """
 
     def __init__(
@@ -148,11 +140,9 @@ class TaylorStep:
         model: type[Model],
         structure: Structure,
         events: tuple[Event, ...],
-        levels: tuple[Level, ...] = (),
     ) -> None:
-        self.model, self.structure, self.levels = model, structure, levels
-        self.corners = {event.sign: event.function for event in events if event.sign is not None}
-        self.events = tuple(event for event in events if event.sign is None)
+        self.model, self.structure = model, structure
+        self.events = events
         self._key, self._series = self._digest(), dict[int, Any]()
         self._step = cached_code(f"{self._key}-step", self._compiled_step)
         self.rows: int = self._step.nouts
@@ -183,10 +173,10 @@ class TaylorStep:
         """What the code depends on: the equations, what hodo makes of them, and what compiles them
         for which processor."""
         t, y, k = self._symbols()
-        functions = *self.corners.values(), *(event.function for event in self.events), *self.levels
+        functions = [event.function for event in self.events]
         # Not their text, which is cut where it is long.
         equations = pickle.dumps([*self.model.rhs(t, y, k), *(of(t, y, k) for of in functions)])
-        kinds = [*self.corners], [event.passage is None for event in self.events]
+        kinds = [event.passage is None for event in self.events]
         model = self.structure, kinds, self.model.always_absorbing, self.model.has_formulas()
         compiler = WIDTH, hy.__version__, processor(), STEP_SOURCES
         return hashlib.sha256(equations + repr((model, *compiler)).encode()).hexdigest()[:32]
@@ -205,8 +195,7 @@ class TaylorStep:
         # in units that fit the motion, the end in the case's own.
         unit = getattr(k, UNIT, 1.0)
         begin = (hy.par[0] - remaining * unit) - lost * unit
-        start = on_one_side(self.model, self.corners, begin, y, k, unit)
-        time, state = motion(self.model.rhs, begin, start, k, unit)
+        time, state = motion(self.model.rhs, begin, y, k, unit)
         return SymbolicMotion([*y, remaining, lost, steps], time, state, k)
 
     def _compiled_step(self) -> Any:
@@ -221,11 +210,6 @@ class TaylorStep:
             R = R / hy.sqrt(hy.sqrt(hy.sqrt(excessive)))
         longest = hy.par[count(self.structure) + 1] * R
         step = smaller(longest, remaining)
-        for function in self.corners.values():
-            # By `longest`, so that it ends at the same time whatever time is left.
-            g = coefficients(function(at.time, at.state, at.k), SERIES_ORDER)
-            slack = CORNER * size_within(self.model, y, longest)
-            step = smaller(time_to_corner(g, longest, slack), step)
         # The last step takes exactly the time left, so that it leaves 0 and no rounding.
         after = remaining - step
         # What the subtraction has rounded away is kept, so that many steps cost the time no digits.
@@ -239,8 +223,7 @@ class TaylorStep:
             after = hy.select(is_met, after, hy.expression(math.nan))
         end = [total_of_powers(c, step) for c in y]
         events = (self._event_row(event, at, end, step) for event in self.events)
-        levels = (row for level in self.levels for row in level_rows(level, at, step))
-        rows = [*end, after, lost, steps, step, *events, *levels]
+        rows = [*end, after, lost, steps, step, *events]
         return compiled_function(at.inputs, rows, 1 if is_large else 3)
 
     def _missed(self, at: "SymbolicMotion", y: Sequence[Sequence[Any]], step: Any) -> Any:
@@ -291,37 +274,10 @@ class SymbolicMotion(NamedTuple):
     k: Any
 
 
-def on_one_side(
-    model: type[Model], corners: Mapping[int, Level], t: Any, y: Sequence[Any], k: Any, unit: Any
-) -> list[Any]:
-    """A state in which the signs at corners, by their rows, are those with which it goes on: that
-    of what has the corner, or of its rate where it is as good as 0."""
-    positive, signed, one = [*y], [*y], hy.expression(1.0)
-    for row in corners:
-        positive[row] = one
-    time, state = motion(model.rhs, t, positive, k, unit)
-    for row, function in corners.items():
-        g, least = function(time, state, k), CORNER * size_within(model, state, 0.0)
-        side = hy.select(hy.gt(absolute(g[0]), least), g[0], g[1])
-        signed[row] = hy.select(hy.lt(side, 0.0), -one, one)
-    return signed
-
-
 def size_within(model: type[Model], y: Sequence[Any], step: Any) -> Any:
     """About how large a motion, its series given, is within a step."""
     rows = np.arange(len(y))[moving(model)].tolist()
     return total([absolute(y[i][0]) + step * absolute(y[i][1]) for i in rows])
-
-
-def time_to_corner(g: Sequence[Any], step: Any, slack: Any) -> Any:
-    """A time up to which a series g keeps above -slack, where g_0 does, within a step: the zero of
-    slack + g_0 + g_1 s - s^2 (sum of |g_k| step^(k - 2) from k = 2), which lies below."""
-    room, slope = slack + g[0], g[1]
-    curved = total_of_powers([absolute(c) for c in g[2:]], step)
-    root = hy.sqrt(slope * slope + 4.0 * curved * room)
-    # The form of its formula that does not cancel.
-    falls = hy.lt(slope, 0.0)
-    return hy.select(falls, 2.0 * room, root + slope) / hy.select(falls, root - slope, 2.0 * curved)
 
 
 def compiled_function(inputs: list[Any], rows: list[Any], opt_level: int) -> Any:
@@ -436,13 +392,6 @@ def least_distance(function: Level, at: SymbolicMotion, step: Any) -> Any:
     D, curved = slope_and_rest(function, at, step)
     towards_0 = hy.select(hy.lt(D[0], 0.0), -D[1], D[1])
     return absolute(D[0]) + step * smaller(towards_0, hy.expression(0.0)) - curved
-
-
-def level_rows(level: Level, at: SymbolicMotion, step: Any) -> list[Any]:
-    """The rows of a level: its value, how much it changes at its slope, and a bound on what it does
-    besides."""
-    D, curved = slope_and_rest(level, at, step)
-    return [D[0], step * D[1], curved]
 
 
 def slope_and_rest(function: Level, at: SymbolicMotion, step: Any) -> tuple[list[Any], Any]:

@@ -26,7 +26,6 @@ from ..schema.kinds import Wrong
 from ..schema.spelling import unknown
 from ..text import case_words
 from .kinds.body import body
-from .kinds.costs import cost, error_order, share
 from .kinds.maps import sweep_curve, sweep_map
 from .kinds.plane import invariants, phase, quadrant_sketch, quadrants, time_series
 from .kinds.space import axis_trace, herpolhode, hodograph, sphere
@@ -54,15 +53,12 @@ DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Sequence[Motion]], None]] = 
     "series": time_series,
     "phase": phase,
     "invariants": invariants,
-    "order": error_order,
-    "cost": cost,
 }
 """The kinds of figures of motions."""
 
 DRAW_SWEEPS: dict[str, Callable[[Sheet, Mapping[str, Any], Cases], None]] = {
     "map": sweep_map,
     "curve": sweep_curve,
-    "share": share,
 }
 """The kinds of figures of sweeps."""
 
@@ -85,7 +81,7 @@ def draw(
     Raises HodoError if a case or variable is not there, the kind of figure has no meaning for it,
     or a text is not TeX as matplotlib knows it.
     """
-    others = [*spec.get("against", ()), *cases_of_scale(spec, figures)]
+    others = cases_of_scale(spec, figures)
     words = {"title": slanted(spec["title"]), "labels": [*map(slanted, spec.get("labels", ()))]}
     style = merged_style(spec["style"])
     spec = {**with_time_symbol(spec, cases), **words, "style": style}

@@ -208,9 +208,7 @@ CROSSINGS_NAMED = 12
 def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> list[Line2D]:
     """Legend entries of start, end and crossings; the time of the end where all end together, those
     of crossings where there is one motion only."""
-    # With a rotor the separatrix is no zero of D.
-    crossing = "crossing" if any(m.rotor is not None for m in motions) else "$D = 0$"
-    is_crossed = any(len(motion.crossing_time) for motion in motions)
+    is_crossed, crossing = any(len(motion.crossing_time) for motion in motions), "$D = 0$"
     if is_crossed and len(motions) == 1:
         crossing = crossings_in_words(motions[0], crossing, time, 80 if wide else 46)
     ends = {ending(motion, time) for motion in motions}
@@ -232,7 +230,7 @@ def crossings_in_words(motion: Motion, crossing: str, time: str, width: int) -> 
         times = [f"{time}\N{NO-BREAK SPACE}({i})" for i, time in enumerate(times, 1)]
     named = with_minus(", ".join(abridged(times, CROSSINGS_NAMED)))
     unit = unit_after(motion, "time").replace(" ", "\N{NO-BREAK SPACE}")
-    words = f"{crossing} at ${time}$ = {named}{unit}"
+    words = f"$D = 0$ at ${time}$ = {named}{unit}"
     return "\n".join(textwrap.wrap(words, width)).replace("\N{NO-BREAK SPACE}", " ")
 
 

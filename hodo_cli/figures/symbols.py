@@ -42,7 +42,6 @@ def symbol(name: str) -> str:
         "G": "|G|",
         "G2": "G^2",
         "J": "J = G^2/2T",
-        "k2": "k^2",
         "omega.x1": "p",
         "omega.x2": "q",
         "omega.x3": "r",
@@ -174,9 +173,7 @@ KEY_SYMBOLS = {
     "inertia": "A",
     "torque": "M",
     "quadratic": "c",
-    "quadratic_axes": "c",
     "brake": "b",
-    "rotor": "h",
     "space_torque.size": "F",
     "space_torque.direction": "e",
     "attitude.euler": r"\mathrm{Euler\ angle}",
@@ -184,7 +181,7 @@ KEY_SYMBOLS = {
 }
 
 FROM_ONE = {
-    "damping", "inertia", "torque", "quadratic", "quadratic_axes", "rotor",
+    "damping", "inertia", "torque", "quadratic",
     "space_torque.direction", "attitude.euler",
 }  # fmt: skip
 """The keys of lists of one entry an axis or a turn, whose symbols count from one."""

@@ -5,9 +5,7 @@ from .choice import AUTOMATIC, MIN_STIFF_STEPS, best, choose, taylor_steps
 from .classify import UNDECIDED, Classification, body_of, classify, cross, principal_omega
 from .crossings import (
     CERTAIN_ERRORS,
-    PLACES_VIEWED,
     Crossing,
-    has_turned,
     label_at_start,
     time_to_zero,
 )
@@ -30,7 +28,7 @@ from .integrate import (
     solved,
     time_of_release,
 )
-from .solve import distinct, refined, sample_times, solve
+from .solve import distinct, sample_times, solve
 from .trajectory import Occurrence, Trajectory
 
 __all__ = [
@@ -38,7 +36,6 @@ __all__ = [
     "CERTAIN_ERRORS",
     "ERROR_LIMIT_ASKED",
     "MIN_STIFF_STEPS",
-    "PLACES_VIEWED",
     "UNDECIDED",
     "Classification",
     "Crossing",
@@ -56,13 +53,11 @@ __all__ = [
     "error_over_span",
     "errors_against",
     "excess_remark",
-    "has_turned",
     "integrate",
     "label_at_start",
     "motion_remarks",
     "principal_omega",
     "references",
-    "refined",
     "sample_times",
     "solve",
     "solved",

@@ -12,14 +12,12 @@ from ..engines import extended
 from ..engines.protocol import EPS, PRECISION
 from ..models import rigid_body
 from ..models.rigid_body import BodyFrame
-from ..models.theory.gyrostat import CANCELLED_PART
 from .choice import best
 from .crossings import (
     CERTAIN_ERRORS,
     Crossing,
     CrossingList,
     CrossingSearch,
-    RegionSearch,
     SignChanges,
     has_sides,
     read_sign_changes,
@@ -161,8 +159,7 @@ def searched(
     times = with_checks(samples, even_times(case, ERROR_CHECKS))
     times = times[times <= until]
     body = body_of(case)
-    kind = CrossingSearch if body.rotor_momentum is None else RegionSearch
-    search = kind(body, uncertainty)
+    search = CrossingSearch(body, uncertainty)
     motion = solve(case, method, precision, tol, times, search)
     rows = np.searchsorted(times, samples)
     if motion.succeeded:  # an event that ends it is its last sample, whatever times lie behind
@@ -177,11 +174,10 @@ def body_of(case: Case) -> BodyFrame:
 
 
 def principal_omega(motion: Trajectory) -> np.ndarray:
-    """The angular velocities (n, 3) of a motion along the principal axes: in units of 2**exponent,
-    or in true size where a rotor has a momentum of its own."""
+    """The angular velocities (n, 3) of a motion along the principal axes, in units of
+    2**exponent."""
     body = body_of(motion.case)
-    omega = body.to_principal(extended(motion.omega))
-    return omega if body.rotor_momentum is None else np.ldexp(omega, motion.exponent[:, None])
+    return body.to_principal(extended(motion.omega))
 
 
 def with_checks(samples: np.ndarray, checks: np.ndarray) -> np.ndarray:
@@ -263,8 +259,6 @@ def growth_off_axis(motion: Trajectory) -> np.ndarray:
     that of the largest terms so far is still there.
     """
     body, omega = body_of(motion.case), principal_omega(motion).astype(float)
-    if body.rotor_momentum is not None:
-        return np.ones(len(omega))
     near = rigid_body.near_middle_axis(body.moments, omega)
     with np.errstate(divide="ignore", invalid="ignore"):
         growth = np.maximum.accumulate(near) / np.sqrt(near)
@@ -279,8 +273,6 @@ def start_error(case: Case) -> float:
     """
     body = body_of(case)
     A, omega = body.moments, body.to_principal(body.omega_at_start)
-    if body.rotor_momentum is not None:
-        return EPS
     return EPS * math.sqrt(float(rigid_body.near_middle_axis(A, omega)))
 
 
@@ -347,16 +339,13 @@ def crossings_of(
 def sample_sides(motion: Trajectory) -> SignChanges:
     """The sides on which a motion stands at its times, up to a stop."""
     body, omega = body_of(motion.case), principal_omega(motion)
-    rotor = body.rotor_momentum
-    G = body.moments * omega.astype(float) + (0 if rotor is None else rotor)
-    # Behind a stop there is no side; with a rotor, G is what rounding leaves of two vectors there.
-    least = 0 if rotor is None else CANCELLED_PART * np.abs(rotor).max()
-    is_turning = np.abs(G).max(axis=1) > least
+    G = body.moments * omega.astype(float)
+    is_turning = G.any(axis=1)  # behind a stop there is no side
     turning = slice(np.flatnonzero(is_turning)[-1] + 1 if is_turning.any() else len(G))
     with np.errstate(over="ignore"):
         margins, sides = sides_of(body, omega[turning])
         momentum = np.sqrt(np.vecdot(G, G))
-        momentum = np.ldexp(momentum, motion.exponent if rotor is None else 0)[turning]
+        momentum = np.ldexp(momentum, motion.exponent)[turning]
     n = len(margins)
     none_vanishes, no_rates = np.zeros(n, dtype=bool), np.zeros(n)
     return SignChanges(motion.time[turning], margins, none_vanishes, no_rates, momentum, sides)

@@ -17,14 +17,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..cases.case import Case
-from ..engines import extended
 from ..engines.polynomial import bernstein_coefficients, isolate, rounding, values_and_slopes
 from ..engines.protocol import EPS
 from ..engines.units import Units
 from ..models import rigid_body
 from ..models.base import Event, Model, rescaled
-from ..models.rigid_body import UNDETERMINED, UNSEPARATED, BodyFrame, inertia_order, margin
-from ..models.theory.gyrostat import region_of
+from ..models.rigid_body import UNDETERMINED, BodyFrame, inertia_order, margin
 from .driver import StepBuffer
 
 CERTAIN_ERRORS = 8.0
@@ -94,15 +92,12 @@ class CrossingList(NamedTuple):
 
 class StepView(NamedTuple):
     """Places of steps, each (k,): label, margin, |G|, and the rate by x at which the nearest
-    boundary comes nearer, relative to |omega|; of a body with a rotor the value and the slope by x
-    for both saddles (k, 2)."""
+    boundary comes nearer, relative to |omega|."""
 
     label: np.ndarray
     margin: np.ndarray
     momentum: np.ndarray
     rate: np.ndarray
-    value: np.ndarray = np.empty((0, 2))
-    slope: np.ndarray = np.empty((0, 2))
 
 
 @dataclass
@@ -323,139 +318,17 @@ def _nearest(signs: SignChanges, first: int, last: int) -> float:
 # distance from a saddle's hodograph has one extremum between two of them at most; there its slope
 # shows it.
 
-PLACES_VIEWED = 17
-"""Places in a step, its ends among them. A step is a part of a turn, in which the distance has few
-extrema."""
-
-PARTS_AT_ONCE = 16
-"""Parts into which an interval is divided at once: to look at one place takes as long as at ten."""
-
-ROUNDS, EXTREMUM_ROUNDS = 16, 9
-"""Divisions in search of a change, beyond the digits of a long double, and of an extremum: beside
-it a value changes by the square of the distance."""
-
 
 def has_sides(body: BodyFrame) -> bool:
     """Whether the hodographs of a body may go round different axes: D of two equal moments has one
     sign, since a or b is 0."""
-    return body.rotor_momentum is not None or len(set(body.moments.tolist())) == 3
+    return len(set(body.moments.tolist())) == 3
 
 
 def sides_of(body: BodyFrame, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The margin (n,) of angular velocities (n, 3) along the principal axes, and the label (n,) of
     the side on which they stand."""
-    A, h = body.moments, body.rotor_momentum
-    if h is not None:
-        region = region_of(A, h, omega)
-        return region.nearest, region.label
+    A = body.moments
     order = inertia_order(A)
     signed = margin(A, omega, order)
     return signed, np.where(signed > 0, order[0] + 1, order[2] + 1)
-
-
-@dataclass
-class RegionSearch(CrossingSearch):
-    """Searches the steps of a body with a rotor for changes of its label.
-
-    It notes no moment of a step in which every margin stays above `uncertainty` all along. Between
-    two places it is no less than half of theirs but where it may vanish (`has_turned`).
-    """
-
-    def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
-        """Search steps, in double precision or in long double."""
-        n, times = len(ends), extended(ends)
-        b, _ = self._bernstein(self.along_axes(extended(series)), times)
-        # In double for all: long double is ten times slower.
-        view = self._view(b.astype(float), *places_in(n, np.float64))
-        clear = (view.margin > 2 * self.uncertainty).reshape(n, PLACES_VIEWED).all(1)
-        labels = view.label.reshape(n, PLACES_VIEWED)
-        clear &= (labels == labels[:, :1]).all(1) & ~self._turned(view, n).any((1, 2))
-        if not clear.all():
-            self._search_steps(b[~clear], times[~clear])
-
-    def _turned(self, view: StepView, n: int) -> np.ndarray:
-        return has_turned(*(x.reshape(n, PLACES_VIEWED, 2) for x in (view.value, view.slope)))
-
-    def _search_steps(self, b: np.ndarray, times: np.ndarray) -> None:
-        """Note the places of steps, the extrema between them, and where the label changes."""
-        row, x = self._places_and_extrema(b)
-        label = self._view(b, row, x).label
-        change = np.flatnonzero((label[1:] != label[:-1]) & (row[1:] == row[:-1]))
-
-        def unchanged(i: np.ndarray, x: np.ndarray) -> np.ndarray:
-            return np.asarray(self._view(b, row[change[i]], x).label == label[change[i]])
-
-        places = end_of(unchanged, x[change], x[change + 1], ROUNDS)
-        vanishes = np.repeat((False, True), (len(x), len(places)))
-        row, x = np.concatenate((row, row[change])), np.concatenate((x, places))
-        self._note(row, x, vanishes, b, times)
-
-    def _places_and_extrema(self, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The row and x of the places at which steps are looked at, and of the extrema of the
-        distances between them, in order."""
-        row, x = places_in(n := len(b), b.dtype.type)
-        turns = np.argwhere(self._turned(self._view(b, row, x), n))
-
-        def nearing(turn: np.ndarray, x: np.ndarray) -> np.ndarray:
-            rows, _, saddle = turns[turn].T
-            view, at = self._view(b, rows, x), np.arange(len(turn))
-            return np.asarray(view.value[at, saddle] * view.slope[at, saddle] < 0)
-
-        extrema = end_of(nearing, x[turns[:, 1]], x[turns[:, 1] + 1], EXTREMUM_ROUNDS)
-        row, x = np.concatenate((row, turns[:, 0])), np.concatenate((x, extrema))
-        order = np.lexsort((x, row))
-        return row[order], x[order]
-
-    @np.errstate(divide="ignore", invalid="ignore")
-    def _view(self, b: np.ndarray, row: np.ndarray, x: np.ndarray) -> StepView:
-        """The motion at places x (k,) in steps with Bernstein coefficients b (n, 3, degree + 1)."""
-        # A rotor has a momentum of its own, so that nothing is homogeneous in omega.
-        motion = values_and_slopes(b[row], x[:, None])
-        w, change = (np.ldexp(values[:, :, 0], self.units.exponent) for values in motion)
-        A, h = self.A.astype(b.dtype), np.asarray(self.body.rotor_momentum, dtype=b.dtype)
-        region = region_of(A, h, w)
-        slope = (region.gradient * change[:, None]).sum(-1)
-        G = A * w + h
-        square = (G * G).sum(-1)
-        size = np.linalg.norm(region.gradient, axis=-1) * np.linalg.norm(w, axis=-1)[:, None]
-        saddle = np.abs(region.margin).argmin(-1)[:, None]
-        nearest = np.take_along_axis(np.abs(slope) / size, saddle, 1)[:, 0]
-        falling = np.abs((G * A * change).sum(-1)) / square
-        rate = np.where(region.label == UNSEPARATED, falling, nearest)
-        momentum = np.sqrt(square).astype(float)
-        return StepView(region.label, region.nearest, momentum, rate, region.value, slope)
-
-
-def has_turned(value: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Whether (n, PLACES_VIEWED - 1, 2) the value (n, PLACES_VIEWED, 2) of a saddle comes nearer
-    to 0 after one place of a step, and goes away from it before the next, without a change of
-    sign, and may lose half of its size in between at twice the steeper of the two slopes."""
-    # Negative where the value comes nearer to 0.
-    going = value * slope
-    is_one_side = value[:, :-1] * value[:, 1:] > 0
-    size, steepness = np.abs(value), np.abs(slope)
-    smaller = np.minimum(size[:, :-1], size[:, 1:])
-    steeper = np.maximum(steepness[:, :-1], steepness[:, 1:])
-    is_near = smaller * (PLACES_VIEWED - 1) < 4 * steeper
-    return np.asarray((going[:, :-1] < 0) & (going[:, 1:] > 0) & is_one_side & is_near)
-
-
-def places_in(n: int, fp: Any) -> tuple[np.ndarray, np.ndarray]:
-    """The row and x (n * PLACES_VIEWED,) of the places at which n steps are looked at."""
-    return np.repeat(np.arange(n), PLACES_VIEWED), np.tile(
-        np.linspace(0, 1, PLACES_VIEWED, dtype=fp), n
-    )
-
-
-def end_of(holds: Any, low: np.ndarray, high: np.ndarray, rounds: int) -> np.ndarray:
-    """Where a property ends within intervals (k,) at whose first end it holds, by dividing each in
-    PARTS_AT_ONCE again and again. `holds(i, x)` says whether (n,) it holds at places x (n,) of the
-    intervals i (n,)."""
-    number, parts = np.arange(len(low)), np.arange(PARTS_AT_ONCE + 1) / PARTS_AT_ONCE
-    for _ in range(rounds if len(low) else 0):
-        ends = low[:, None] + (high - low)[:, None] * parts
-        inner = ends[:, 1:-1]
-        is_over = ~holds(np.repeat(number, PARTS_AT_ONCE - 1), inner.ravel()).reshape(inner.shape)
-        first = np.where(is_over.any(1), is_over.argmax(1), PARTS_AT_ONCE - 1)
-        low, high = ends[number, first], ends[number, first + 1]
-    return high

@@ -235,9 +235,6 @@ class Propagation:
             return
         self.samples.add(states[:-1], self.units.exponent)
         self.y = states[-1]
-        for event in self.events:
-            if event.sign is not None and (across := event.across(end, [*self.y], k)):
-                self.y[event.sign] = 1 if across > 0 else -1
         clock.restart(end)
 
     def integrate(self) -> int:

@@ -15,7 +15,7 @@ from ..engines.protocol import EPS
 from ..models.attitude import angle_apart
 from ..models.base import REST_BITS, Model, attributes, rescaled
 from .choice import AUTOMATIC, MIN_STIFF_STEPS, best
-from .solve import refined, sample_times, solve, with_seconds_left
+from .solve import sample_times, solve, with_seconds_left
 from .trajectory import Occurrence, Trajectory
 
 SAMPLES_COMPARED = 100_000
@@ -45,7 +45,7 @@ def with_measured_error(motion: Trajectory) -> Trajectory:
     left = case
     for by in references(case, motion.method, motion.tol):
         limited = replace(with_step_limit(motion, by.method), max_seconds=left.max_seconds)
-        reference = solve(limited, by.method, by.precision, by.tol, times[positions], refine=False)
+        reference = solve(limited, by.method, by.precision, by.tol, times[positions])
         left = with_seconds_left(left, reference)
         if by.judges(motion, reference):
             return replace(
@@ -63,7 +63,8 @@ def with_step_limit(motion: Trajectory, reference: str) -> Case:
     singularity stops."""
     is_same = motion.method == reference
     least, most = LIMIT_OF_SAME_METHOD if is_same else LIMIT_OF_OTHER_METHOD
-    return refined(motion.case, motion.system, max(least, most * motion.steps))
+    limit = max(least, most * motion.steps)
+    return replace(motion.case, max_steps=min(filter(None, (motion.case.max_steps, limit))))
 
 
 def thinned(n: int) -> np.ndarray:

@@ -31,9 +31,6 @@ PLACES_AT_REST, PLACES_OF_MEMBER = 2**15, 2**12
 as many as the places at which formulas are looked at in a motion; and of a member of a sweep, whose
 motion takes ten times as long as so many."""
 
-CHANCE_ERROR = 0.05
-"""The error of a probability of which a motion is warned: what 100 motions by chance show."""
-
 
 def integrate(case: Case) -> Trajectory:
     """Integrate a case by its method and measure its error.
@@ -109,12 +106,6 @@ def motion_remarks(motion: Trajectory) -> Iterator[str]:
     its limit, and infinite values."""
     case = motion.case
     yield from excess_remark(case, motion.error, motion.tol)
-    for event in motion.events:
-        if (off := event.details.get("probability_error", 0.0)) > CHANCE_ERROR:
-            yield (
-                f"event_probability at t = {case.time.text(event.time)} may be off by {off:.2g}: "
-                "it holds in the limit of a weak torque"
-            )
     if case.error and math.isnan(motion.error):
         yield "the error could not be measured"
     for name, values in motion.variables.items():

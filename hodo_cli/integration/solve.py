@@ -10,9 +10,8 @@ import numpy as np
 from .. import HodoError, engines
 from ..cases.case import Case
 from ..cases.keys import NO_CLOSED_FORM, wrong_precision
-from ..engines.protocol import EPS, LAST_STEP, Status, StepControl
+from ..engines.protocol import LAST_STEP, Status, StepControl
 from ..engines.units import is_timed
-from ..models.base import Model
 from .driver import (
     LARGEST_EXPONENT,
     OVERFLOW_MESSAGE,
@@ -21,12 +20,8 @@ from .driver import (
     SampleBuffer,
     StepObserver,
 )
-from .step_checks import AccuracyMonitor, StepCheck
+from .step_checks import StepCheck
 from .trajectory import Occurrence, Trajectory
-
-REFINEMENTS, OTHER_REFINEMENTS = {"taylor": 5}, 2
-"""How often what approximates equations is refined: it takes twice as long each time, and seconds
-already by methods whose steps are taken in Python."""
 
 
 def distinct(numbers: Any) -> np.ndarray:
@@ -81,13 +76,11 @@ def solve(
     tol: float | None = None,
     times: np.ndarray | None = None,
     observer: StepObserver | None = None,
-    refine: bool = True,
 ) -> Trajectory:
     """The motion of a case by one method; the run time is the processor's, without imports and
     compilation.
 
-    With `refine`, what approximates the equations is refined until it meets the tolerance all along
-    the motion. Raises HodoError if the method is not available here, or numbers of the case are out
+    Raises HodoError if the method is not available here, or numbers of the case are out
     of range.
     """
     times = sample_times(case) if times is None else times
@@ -96,32 +89,7 @@ def solve(
         raise HodoError(message)
     if method == "exact":
         return closed_form(case, times, precision)
-    if not (refine and case.system.refined_data):
-        return attempted(case, method, precision, tol, times, observer)[0]
-    motion = accurate_motion(case, method, precision, tol, times)
-    if observer:
-        # It sees the steps of the motion that is stored, and of no attempt at it.
-        motion, _ = attempted(motion.case, method, precision, tol, times, observer)
-    return replace(motion, case=case)
-
-
-def accurate_motion(
-    case: Case, method: str, precision: str, tol: float | None, times: np.ndarray
-) -> Trajectory:
-    """The motion of a case whose data are refined until what approximates its equations is right to
-    the tolerance, or as far as they can be; it is of the case with these data."""
-    motion, is_accurate = attempted(case, method, precision, tol, times)
-    for _ in range(REFINEMENTS.get(method, OTHER_REFINEMENTS)):
-        if is_accurate or not motion.succeeded:
-            break
-        # As many steps as before, unless it is a singularity that ever finer data show the clearer.
-        case = with_seconds_left(case, motion)
-        finer = refined(case, motion.system, max(100, 4 * motion.steps))
-        better, is_accurate = attempted(finer, method, precision, tol, times)
-        if not better.succeeded:
-            break
-        motion = better
-    return motion
+    return attempted(case, method, precision, tol, times, observer)
 
 
 def with_seconds_left(case: Case, motion: Trajectory) -> Case:
@@ -131,14 +99,6 @@ def with_seconds_left(case: Case, motion: Trajectory) -> Case:
     return replace(case, max_seconds=max(case.max_seconds - motion.run_time, math.ulp(0)))
 
 
-def refined(case: Case, system: Model, limit: int | None = None) -> Case:
-    """A case with the finer data of a system of its own, and so many steps at most."""
-    limits = filter(None, (case.max_steps, limit))
-    return replace(
-        case, data={**case.data, **system.refined_data}, max_steps=min(limits, default=None)
-    )
-
-
 def attempted(
     case: Case,
     method: str,
@@ -146,20 +106,18 @@ def attempted(
     tol: float | None,
     times: np.ndarray,
     observer: StepObserver | None = None,
-) -> tuple[Trajectory, bool]:
-    """The motion of a case as it is, and whether what approximates its equations met the
-    tolerance."""
+) -> Trajectory:
+    """The motion of a case by a method that takes steps."""
     system, events = case.system, case.system.run_events
     engine = engines.engine_for(method, system, events, tol, precision, is_timed(system, events))
     # Both times from here on, since compiling and imports are paid once for all cases of a model: a
     # case must not run into its limit for being the first. `began` is of this thread's processor,
     # since the clock counts what else the machine does.
     began = thread_time()
-    monitor = AccuracyMonitor(system, max(engine.tol, EPS)) if system.refined_data else None
     limits = case.max_steps or LAST_STEP[method], case.max_seconds or math.inf
     control = StepControl(*limits)
     # What begins and ends at one time has no steps.
-    is_checked = system.has_formulas() and not monitor and bool((times > case.time.start).any())
+    is_checked = system.has_formulas() and bool((times > case.time.start).any())
     try:
         propagation = Propagation(engine, system, case.time.start, times, events)
         changes = np.empty((0, 3))
@@ -169,11 +127,10 @@ def attempted(
             changes = np.reshape(check.changes, (-1, 3))
         if observer or not is_checked:
             control = StepControl(*limits)
-            samples = propagation.run(control, observer or monitor, changes)
+            samples = propagation.run(control, observer, changes)
     except ArithmeticError as error:
         raise HodoError(f"{case.name}: its numbers exceed the range of doubles") from error
-    motion = trajectory(case, method, engine.tol, samples, control, began, len(changes))
-    return motion, monitor is None or monitor.everywhere
+    return trajectory(case, method, engine.tol, samples, control, began, len(changes))
 
 
 def trajectory(

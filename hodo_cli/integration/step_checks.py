@@ -1,7 +1,6 @@
 """Checks of the steps of a motion: whether they meet its equations, whose formulas may change or
 have a pole within them, and whether what approximates these is accurate."""
 
-import math
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
@@ -9,33 +8,12 @@ from typing import Any
 import numpy as np
 
 from ..engines import extended
-from ..engines.polynomial import TAYLOR, bernstein_coefficients, values_and_slopes
+from ..engines.polynomial import bernstein_coefficients, values_and_slopes
 from ..engines.protocol import EPS, Engine, Status, StepControl
 from ..engines.units import Clock, Units
 from ..models.base import Model, attributes, kinds_of_variables, stacked
 from ..text import time_text
-from .driver import StepBuffer, StepObserver
-
-
-@dataclass
-class AccuracyMonitor(StepObserver):
-    """Checks at the start of each step whether what approximates the equations is right to a
-    tolerance; `everywhere` tells whether it always was."""
-
-    system: Model
-    tol: float
-    everywhere: bool = True
-
-    def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
-        """Check the state at the start of a step; see `Observer`."""
-        order = np.arange(self.engine.degree + 1)
-        # At the start of a step only the first power is left, and polynomials of Legendre or
-        # Chebyshev are 1 and -1 by turns.
-        at_start = np.where(order, 0.0, 1.0) if self.engine.basis == TAYLOR else (-1.0) ** order
-        state = extended(series).astype(float) @ at_start
-        k = attributes(self.system.constants)
-        self.everywhere &= bool(self.system.is_accurate(state[:, np.newaxis], k, self.tol).all())
-
+from .driver import StepBuffer
 
 POINTS_CHECKED, POINTS_AT_ONCE = 1 << 15, 1 << 13
 """Places of a span, evenly spaced, at which steps are compared with formulas, since what is shorter
@@ -107,7 +85,6 @@ class StepCheck(StepBuffer):
         self.at_begin = self.control.steps, self.control.evaluations
         self.verdict = Status.OK, ""
         self.kinds = kinds_of_variables(type(self.system))
-        self.corners = [event for event in self.system.run_events if event.sign is not None]
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
         self.longest = max(self.longest, float(end - start))
@@ -251,7 +228,7 @@ class StepCheck(StepBuffer):
     def _excess(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> np.ndarray:
         """How far steps miss their equations (n, k) at places x (k,): beyond 1 something has
         changed."""
-        state, slope, rates = self._slopes(ends, x, b)
+        _, slope, rates = self._slopes(ends, x, b)
         # Between the ends of a step its polynomial has half of the digits at worst, and formulas
         # of seconds since an epoch, which are rounded, have fewer.
         latest = np.abs(self.clock.exact_times(ends)).max().astype(b.dtype)
@@ -264,18 +241,4 @@ class StepCheck(StepBuffer):
         missed = [np.abs(slope - rates)[kind].max(axis=0) for kind in self.kinds]
         pairs = zip(missed, sizes, strict=True)
         excess = np.max([part / (allowed * size)[:, None] for part, size in pairs], axis=0)
-        if not self.corners:
-            return np.asarray(excess)
-        # What goes over a corner of a formula enters a side at that corner.
-        is_right = excess.max(axis=1, keepdims=True) <= 1
-        entered = self._entered(state) / sizes[0][:, None]
-        return np.asarray(np.where(is_right, entered**2 / self.tol, excess))
-
-    def _entered(self, state: np.ndarray) -> np.ndarray:
-        """How far (n, k) what has no sign yet has gone from its corner in states (m, n, k)."""
-        k = self._constants(state.dtype.type)
-        sizes = [
-            np.where(state[event.sign] == 0, np.abs(event.across(math.nan, [*state], k)), 0)
-            for event in self.corners
-        ]
-        return np.asarray(np.max(sizes, axis=0))
+        return np.asarray(excess)

@@ -24,11 +24,8 @@ from ..schema.kinds import (
     Text,
     vector,
 )
-from .base import Bound, Event, EventOutcome, Label, Level, Model, Passage
+from .base import Bound, Event, EventOutcome, Label, Model, Passage
 from .rigid_body import BodyFrame
-from .terms.body import BodyUnderTorques
-from .theory.attitude import HodographTurn, composed, free_attitude, product, turn_of_hodograph
-from .theory.closed_form import AlongMomentum
 
 ATTITUDE_KEY = "attitude"
 
@@ -146,6 +143,18 @@ def quaternion_rates(omega: Sequence[Any], Q: Sequence[Any], factor: Any) -> tup
     )
 
 
+def composed(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, ...]:
+    """The components of the rotation `second`, then `first`, from those of both."""
+    a, b, c, d = first
+    e, f, g, h = second
+    return (
+        a * e - b * f - c * g - d * h,
+        a * f + b * e + c * h - d * g,
+        a * g - b * h + c * e + d * f,
+        a * h + b * g - c * f + d * e,
+    )
+
+
 def turned_back(Q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Vectors in space v (3, ...) in the axes of bodies with the attitudes Q (4, ...)."""
     a, b, c, d = Q
@@ -205,30 +214,10 @@ def without_attitude(function: Callable[..., Any], t: Any, y: Sequence[Any], k: 
     return function(t, y[:-4], k)
 
 
-class Turning(EventOutcome):
-    """An outcome in whose state, which lasts, the body turns at a constant angular velocity."""
-
-    def states(self, times: Any, fp: Any = float) -> np.ndarray:
-        states = super().states(times, fp).copy()
-        omega, Q = (np.array(rows, dtype=fp) for rows in (self.state[:3], self.state[-4:]))
-        speed = np.sqrt((omega * omega).sum())
-        if speed > 0:
-            half = (np.asarray(times, dtype=fp) - fp(self.time)) * speed / 2
-            turn = np.cos(half), *(np.sin(half) * w / speed for w in omega)
-            states[..., -4:] = np.stack(composed(Q, turn), axis=-1)
-        return states
-
-
 def beside_turning(passage: Passage, t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
-    """A passage of a model, of the state with an attitude. Behind the stop of a body with a rotor
-    it is G that rests, and the body turns on."""
+    """A passage of a model, of the state with an attitude, which rests where the body does."""
     outcome = passage(t, y[:-4], k)
-    outcome = outcome._replace(state=[*outcome.state, *y[-4:]])
-    if outcome.onward != math.inf:
-        return outcome
-    # As it turns behind the stop it has turned from the event on, but for a part of 1e-7.
-    lasting = Turning(*outcome)._replace(time=float(t))
-    return lasting._replace(time=outcome.time, state=lasting.states(outcome.time, type(t)).tolist())
+    return outcome._replace(state=[*outcome.state, *y[-4:]])
 
 
 def beside_attitude(event: Event) -> Event:
@@ -279,40 +268,12 @@ class Oriented(Model):
         return tuple(map(beside_attitude, super().run_events))
 
     @property
+    def has_closed_form(self) -> bool:
+        return False
+
+    @property
     def class_events(self) -> tuple[Event, ...]:
         return tuple(map(beside_attitude, super().class_events))
-
-    @property
-    def levels(self) -> tuple[Level, ...]:
-        return tuple(Bound(without_attitude, (level,)) for level in super().levels)
-
-    def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The attitude too: that of the free body at the time of its clock."""
-        states, exponent = super().exact_states(t)
-        body, start = cast(BodyUnderTorques, self), np.array(self.start)
-        _, free_times = cast(AlongMomentum, body.along_momentum).clock(t)
-        free = free_attitude(body.moments, body.to_principal(start[:3]), free_times)
-        free[:, 1:] = body.from_principal(free[:, 1:])
-        Q = product(start[-4:].astype(free.dtype), free)
-        return np.concatenate((states, Q), axis=1), exponent
-
-    @property
-    def turn(self) -> HodographTurn | None:
-        """The turn of the hodograph of a free body; None of any other."""
-        body, along = cast(BodyFrame, self), getattr(self, "along_momentum", None)
-        if along is None or any(along):
-            return None
-        return turn_of_hodograph(body.moments, body.to_principal(body.omega_at_start))
-
-    def predictions(self, start: float, end: float) -> list[str]:
-        predicted = super().predictions(start, end)
-        if (turn := self.turn) is None:
-            return predicted
-        return [
-            *predicted,
-            f"a turn takes {turn.period:.9g} [time] and leaves the body turned by "
-            f"{turn.angle:.9g} rad about G",
-        ]
 
     @property
     def warnings(self) -> list[str]:

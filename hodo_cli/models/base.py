@@ -49,22 +49,17 @@ class EventOutcome(NamedTuple):
     in that state where `onward` is None.
 
     `time` is what is stored as the event's time, with the numbers of `details`; nothing is stored
-    of an event whose `details` are None. `onward` may lie before the time of the event: the motion
-    then goes on as if it had passed sooner. Where it lies behind, `rates` lead to the state there,
-    and none mean that it is the state all the time. A state that lasts has `onward` infinite.
+    of an event whose `details` are None. A state that lasts has `onward` infinite.
     """
 
     time: float
     details: Mapping[str, float] | None
     state: Sequence[Any]
     onward: Any = None
-    rates: Sequence[float] = ()
 
     def states(self, times: Any, fp: Any = float) -> np.ndarray:
         """The states (..., m) at times (...) from the event to `onward`, in a precision."""
         state = np.array(self.state, dtype=fp)
-        if self.rates:
-            return np.asarray(state + np.multiply.outer(times - self.onward, self.rates))
         return np.broadcast_to(state, (*np.shape(times), len(state)))
 
 
@@ -74,35 +69,18 @@ Passage = Callable[[Any, Sequence[Any], Any], EventOutcome]
 class Event(NamedTuple):
     """A zero of `function(t, y, k)`; integration ends there if it is `terminal`.
 
-    In an event of hodo's own models the state is in units that fit the motion, so that the function
-    has to be homogeneous in them: `models/added.py` lets those of others have levels.
+    In an event of a model with `degree` the state is in units that fit the motion, so that the
+    function has to be homogeneous in them.
 
     A terminal event with a `passage` ends only one stretch: `passage(t, y, k)`, whose time, state
     and constants are numbers of the working precision in the case's own units, says how the motion
     goes on.
-
-    At a corner of the equations the passage does no more than turn over a sign, in row `sign` of
-    the state, and the function is that sign times what changes its own. Only terms with the square
-    of the function have the sign. What is 0 from the start on has the sign 0 until it enters a
-    side, and the function is not 0 then.
     """
 
     kind: str
     function: Callable[[Any, Sequence[Any], Any], Any]
     terminal: bool = False
     passage: Passage | None = None
-    sign: int | None = None
-
-    @property
-    def interrupts(self) -> bool:
-        """Whether a motion goes on behind it, and not as at a corner."""
-        return self.passage is not None and self.sign is None
-
-    def across(self, t: Any, y: Sequence[Any], k: Any) -> Any:
-        """What changes its sign at a corner, with that sign."""
-        state = [*y]
-        state[self.sign] = 1  # type: ignore[index]
-        return self.function(t, state, k)
 
 
 Level = Callable[[Any, Sequence[Any], Any], Any]
@@ -179,9 +157,6 @@ class Model:
 
     starts_with_omega: ClassVar[bool] = False
     """Whether its motions start with an angular velocity in body axes."""
-
-    why_one_by_one: ClassVar[str] = ""
-    """Why its motions cannot be integrated side by side; empty where they can."""
 
     always_absorbing: ClassVar[bool] = False
     """Whether it has `absorbing_axes` whatever the data: no motion crosses the separatrix twice,
@@ -321,17 +296,6 @@ class Model:
         return any(not str(module.__file__).startswith(OWN_FOLDER) for module in modules)
 
     @property
-    def refined_data(self) -> dict[str, Any]:
-        """The data of this model that approximate its equations, as a reference takes them."""
-        return {}
-
-    @staticmethod
-    def is_accurate(y: np.ndarray, k: Any, tol: float) -> Any:
-        """For each state y (m, n), whether the approximation in the equations is right to a
-        tolerance (n,); a motion for which it is not is integrated again with `refined_data`."""
-        return np.full(y.shape[1:], True)
-
-    @property
     def run_events(self) -> tuple[Event, ...]:
         """Events that belong to the motion itself and are recorded whenever it is integrated."""
         return ()
@@ -339,11 +303,6 @@ class Model:
     @property
     def class_events(self) -> tuple[Event, ...]:
         """Events that only `classify` looks for."""
-        return ()
-
-    @property
-    def levels(self) -> tuple[Level, ...]:
-        """Functions that tell which axis is enclosed, where the zeros of `class_events` do not."""
         return ()
 
 

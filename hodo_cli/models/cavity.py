@@ -5,18 +5,13 @@ others."""
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
 
 from ..arithmetic import hypot, sqrt
 from ..schema.kinds import Choice, Key, Mistake, Number, Table, vector
-from .averaging.forms import MEAN_START, distance_to_edge
-from .averaging.free_turn import turning_body
-from .averaging.passage import AT_SEPARATRIX
-from .averaging.sums import ClosedTurns
-from .base import Constants, Event, EventOutcome, Label, Model, attributes, mistake_of
+from .base import Event, Label, mistake_of
 from .rigid_body import INERTIA, INITIAL, complete
 from .terms.body import BodyUnderTorques
 from .terms.torques import CAVITY, coefficient, degree_under
@@ -110,50 +105,6 @@ class Cavity(BodyUnderTorques):
 def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
     """r of a symmetric body, as an event."""
     return y[1]
-
-
-LN_AT_END = 2 * math.log(1e-8)
-"""ln X_e, less that of the start, where a constant torque has all but stopped a rotation, whose
-speed then falls evenly: at the end of spin."""
-
-LN_BEHIND_END = {"continue": 2.0, "stop": -100.0}
-"""ln X_e, less that at the end of spin, of a motion that goes on in the other sense, and of one
-that has stopped."""
-
-
-def distance_to_rest(t: Any, y: Sequence[Any], k: Any) -> Any:
-    """ln X_e less that at the end of spin, as an event."""
-    return y[0] - k.ln_at_end
-
-
-def distance_to_edge_or_rest(t: Any, y: Sequence[Any], k: Any) -> Any:
-    """The product of both distances: 0 at the separatrix, and at rest where that comes first, in an
-    exact rotation about an axis or a nearly symmetric body."""
-    return distance_to_edge(t, y, k) * distance_to_rest(t, y, k)
-
-
-def turned_round(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
-    """The end of spin, and the motion behind it: the torque turns the sense round."""
-    ln_e, ln_o, scaled_phase, side, sense = y
-    # The mean speed at which sqrt(X_e) falls to 0 is that at half of it.
-    half = [float(ln_e) - 2 * math.log(2), *map(float, y[1:])]
-    ln_rate, *_ = AveragedTriaxial.rhs(float(t), half, attributes(vars(k)))
-    time_left, ln_behind = -4 / ln_rate, k.ln_at_end + LN_BEHIND_END[k.spin_reversal]
-    # The angle is turned round too, so that the other components go on as they did.
-    stopped = EventOutcome(
-        float(t + time_left), {}, (0 * ln_e + ln_behind, ln_o, -scaled_phase, side, -sense)
-    )
-    if k.spin_reversal == "stop":
-        return stopped
-    return stopped._replace(onward=t + time_left * (1 + math.exp(float(ln_behind - ln_e) / 2)))
-
-
-def through_or_stopped(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
-    """The passage through the separatrix, or the end of a rotation that does not come to it."""
-    if distance_to_edge(t, y, k) < distance_to_rest(t, y, k):
-        return AveragedTriaxial.passage(t, y, k)
-    details = {"from": float(turning_body(k).label(y[3])), "to": 0.0}
-    return turned_round(t, y, k)._replace(details=details, onward=None)
 
 
 @dataclass(frozen=True)
@@ -256,14 +207,7 @@ class Averaged(SymmetricCavity):
     A body with A1 and A2 different is averaged by `AveragedTriaxial`.
     """
 
-    mean_start: str
-    at_separatrix: str
-
     form = "averaged"
-    keys = SymmetricCavity.keys | {
-        "mean_start": MEAN_START,
-        "at_separatrix": AT_SEPARATRIX,
-    }
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
@@ -272,18 +216,6 @@ class Averaged(SymmetricCavity):
             -k.kappa * k.A3 * (k.A3 - k.A1) / k.A1**3 * a * r * r,
             k.kappa * (k.A3 - k.A1) / (k.A1 * k.A3) * a * a * r + k.N3 / k.A3,
         )
-
-    @classmethod
-    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        """Of a body with A1 and A2 different as `AveragedTriaxial` has it."""
-        A, B, _ = data.get("inertia", (1.0, 1.0, 1.0))
-        yield from super().check(data) if A == B else AveragedTriaxial.check(data)
-
-    @classmethod
-    def of(cls, data: Mapping[str, Any]) -> Model:
-        """Of a body with A1 and A2 different one of `AveragedTriaxial`."""
-        A, B, _ = data["inertia"]
-        return cls(**data) if A == B else AveragedTriaxial(**data)
 
 
 @dataclass(frozen=True)
@@ -307,45 +239,3 @@ class AveragedAsPrinted(SymmetricCavity):
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         a, r = Averaged.rhs(t, y, k)
         return -a, r
-
-
-@dataclass(frozen=True)
-class AveragedTriaxial(ClosedTurns, Cavity):
-    """The motion of a body with A1 and A2 different, averaged over the turns of its hodograph.
-
-    (2T)' = -(2 kappa/(a b c)) [(a-c)^2 (a+c-b) <p^2 r^2> + (a-b)^2 (a+b-c) <p^2 q^2>
-                                + (b-c)^2 (b+c-a) <q^2 r^2>] + 2 epsilon M.<omega>
-    (G^2)' = 2 epsilon M.<A omega>
-
-    a >= b >= c are the moments with their axes sorted, <.> the mean over a turn of the free motion,
-    whose <omega> lies along the enclosed axis; the other symbols are those of the full form.
-    Without M every motion ends about the axis of the largest moment, and the passage through the
-    separatrix is foreseen as under linear resistance. With M it is a matter of chance which of four
-    regions a motion enters there: it stops, with the probability of the other axis, or takes the
-    branch of `at_separatrix`. Right to first order; with `mean_start: yes` to
-    second, unless M has parts about both axes that are not enclosed.
-
-    Source: F. L. Chernousko 1972, averaged; the probabilities after A. I. Neishtadt 1986.
-    """
-
-    spin_reversal: str
-    at_separatrix: str
-
-    @cached_property
-    def constants(self) -> Constants:
-        return {
-            "spin_reversal": self.spin_reversal,
-            "ln_at_end": math.log(self.slow_start.X_e) + LN_AT_END,
-            **super().constants,
-        }
-
-    @property
-    def run_events(self) -> tuple[Event, ...]:
-        """The end of spin too, alone or beside the passage, whichever comes first."""
-        if self.body.is_symmetric:
-            # Only a symmetric body can lose its spin before it comes to a separatrix.
-            return (Event("end_of_spin", distance_to_rest, terminal=True, passage=turned_round),)
-        if not any(self.term_coefficients["torque"]):
-            return super().run_events
-        function, passage = distance_to_edge_or_rest, through_or_stopped
-        return (Event("separatrix", function, terminal=True, passage=passage),)

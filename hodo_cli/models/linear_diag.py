@@ -1,11 +1,8 @@
 """Linear resistance proportional to the angular momentum, component by component."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from ..schema.kinds import Key, vector
-from .averaging.forms import MEAN_START, Turn
-from .averaging.sums import ClosedTurns
 from .rigid_body import INERTIA, INITIAL
 from .terms.body import BodyUnderTorques
 from .terms.torques import degree_under
@@ -46,27 +43,3 @@ class LinearDiag(BodyUnderTorques):
     terms = ("damping",)
     degree = degree_under(terms)
     always_absorbing = True
-
-
-@dataclass(frozen=True)
-class LinearDiagAveraged(ClosedTurns, LinearDiag):
-    """The rigid body under linear resistance averaged over the turns of its hodograph.
-
-    (ln X)' = -2 [lambda2 + (lambda1 - lambda2) <dn^2>]
-    (ln Y)' = -2 [lambda2 + (lambda3 - lambda2) <cn^2>]      about x1, for A1 > A2 > A3
-
-    and with X and Y, lambda1 and lambda3 exchanged about x3. X = G^2 - 2 T A3, Y = 2 T A1 - G^2;
-    k^2 = (A1 - A2) X/((A2 - A3) Y), or its inverse where that is below 1, is the modulus of the
-    means over a turn; the other symbols are those of the full form. No moment of inertia occurs in
-    the rates. Assumed: max|lambda| K/n small, n the frequency of the turns; then X and Y are right
-    to O(lambda/n), and with `mean_start: yes` to O((lambda/n)^2), up to times of some 1/lambda. The
-    separatrix is passed in finite time, by a formula.
-
-    Source: L. D. Akulenko, D. D. Leshchenko, F. L. Chernousko, Izv. AN SSSR MTT 1982 no. 3, 5.
-    """
-
-    form = "averaged"
-    keys = LinearDiag.keys | {"mean_start": MEAN_START}
-
-    def torque_rate(self, t: Any, turn: Turn, k: Any) -> Any:
-        return max(map(abs, self.damping))

@@ -79,28 +79,11 @@ def accelerations(torque: Sequence[Any], k: Any) -> Components:
 
 def angular_momentum_of(w: Sequence[Any], k: Any) -> Components:
     """G = A omega, and h of a rotor."""
-    G = times(k.tensor, w) if hasattr(k, "tensor") else (k.A1 * w[0], k.A2 * w[1], k.A3 * w[2])
-    rotor = rotor_of(k)
-    return G if rotor is None else vector_sum(G, rotor)
+    return times(k.tensor, w) if hasattr(k, "tensor") else (k.A1 * w[0], k.A2 * w[1], k.A3 * w[2])
 
 
-def rotor_of(k: Any) -> Components | None:
-    """h of a rotor in the units of A omega, or None."""
-    # As every constant of degree 1 it is in units of the time as well, and so is g.
-    return (k.h1 / k.g, k.h2 / k.g, k.h3 / k.g) if hasattr(k, "h1") else None
-
-
-def principal_rotor_of(k: Any) -> Sequence[Any] | None:
-    """h (3,) of a rotor along the principal axes, in the units of A omega; None without."""
-    rotor = rotor_of(k)
-    return None if rotor is None else along_principal_axes(rotor, k)
-
-
-UNDETERMINED, SEPARATRIX, BOTH, UNSEPARATED = -1, 0, 4, 5
-PLAIN_LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
-LABELS = PLAIN_LABELS | {BOTH: "both", UNSEPARATED: "unseparated"}
-"""The labels, with those of a body with a rotor: its hodograph may go round both ends of each outer
-axis, or no separatrix may divide the hodographs."""
+UNDETERMINED, SEPARATRIX = -1, 0
+LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
 
 
 def angular_momentum(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
@@ -230,6 +213,21 @@ def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
     return np.where(known, labels, UNDETERMINED).astype(np.int8)
 
 
+def separatrix_circles(A: np.ndarray) -> list[np.ndarray]:
+    """The two great circles D = 0 of the directions of G (721, 3); none of a body without."""
+    largest, middle, smallest = inertia_order(A)
+    if A[largest] == A[middle] or A[middle] == A[smallest]:
+        return []
+    # D = G_l^2 (1/A_m - 1/A_l) - G_s^2 (1/A_s - 1/A_m), up to a factor.
+    ratio = math.sqrt((1 / A[smallest] - 1 / A[middle]) / (1 / A[middle] - 1 / A[largest]))
+    turn, (x, y, z) = (
+        np.linspace(0, 2 * np.pi, 721)[:, None],
+        np.eye(3)[[largest, middle, smallest]],
+    )
+    outward = [(sign * ratio * x + z) / math.hypot(ratio, 1) for sign in (1, -1)]
+    return [np.cos(turn) * direction + np.sin(turn) * y for direction in outward]
+
+
 def slope(A: Sequence[float] | np.ndarray) -> float:
     """K = A_s (A_m - A_s) / (A_l (A_l - A_m)): zero where the smaller two moments are equal, inf
     where the larger two.
@@ -334,7 +332,6 @@ class BodyFrame(Model):
     quaternion_factor = staticmethod(attrgetter("g"))
     starts_with_omega = True
     no_axis_reason = ""
-    smallest: ClassVar[float] = SMALLEST_MOMENT
     velocity = staticmethod(complete)
     variables = {"omega": Label(("time", "axis"), "angular velocity in body axes", "1/time")}
 
@@ -357,9 +354,7 @@ class BodyFrame(Model):
                 f"no body has A{largest + 1} = {A[largest]:g} larger than the sum of the other two",
             )
         for i, moment in enumerate(A):
-            yield from (
-                (("inertia", i), message) for message in range_mistake(moment, cls.smallest)
-            )
+            yield from ((("inertia", i), message) for message in range_mistake(moment))
         if "initial" not in data:
             return
         yield from mistake_of(("initial",), cls.velocity, A, data["initial"])
@@ -393,11 +388,6 @@ class BodyFrame(Model):
         return body_constants(self.inertia)
 
     @property
-    def averaged_events(self) -> tuple[Event, ...]:
-        """The events that its averaged form has besides passages through the separatrix."""
-        return ()
-
-    @property
     def moments(self) -> np.ndarray:
         """The principal moments of inertia (3,)."""
         return np.array(self.inertia, dtype=float)
@@ -407,16 +397,6 @@ class BodyFrame(Model):
         """The principal axes of inertia, row by row (3, 3), in the axes in which a case gives its
         data; None where they are these."""
         return None
-
-    @property
-    def rotor_momentum(self) -> np.ndarray | None:
-        """h (3,) of a rotor along the principal axes; None without."""
-        return None
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether G is A omega along the axes in which the case gives its data."""
-        return self.rotor_momentum is None and self.principal_axes is None
 
     def momentum(self, omega: np.ndarray) -> np.ndarray:
         """G (..., 3) of angular velocities (..., 3), both in the axes of the case."""
@@ -448,8 +428,7 @@ class BodyFrame(Model):
         """
         model, form = type(self), structure(self.constants)
         speed = float(np.linalg.norm(self.start))
-        # About which axes a body with a rotor is in steady rotation, `theory.gyrostat` says.
-        is_steady = self.is_plain and speed and not contains_time(model, form)
+        is_steady = self.principal_axes is None and speed and not contains_time(model, form)
         if len(self.state) != 3 or not is_steady:
             return None
         k, omega = attributes(self.constants), speed * np.eye(3)
@@ -465,9 +444,6 @@ class BodyFrame(Model):
 
     @property
     def class_events(self) -> tuple[Event, ...]:
-        # D of the stored components says nothing where a rotor brings more terms.
-        if self.rotor_momentum is not None:
-            return ()
         moments = self.inertia if self.principal_axes is None else self.moments
         return (Event("separatrix", Bound(separatrix_function, (inertia_order(moments),))),)
 

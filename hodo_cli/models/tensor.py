@@ -9,8 +9,6 @@ import numpy as np
 
 from ..schema.kinds import Either, Key, Kind, ListOf, Number, Table, matrix
 from . import rigid_body
-from .averaging.forms import MEAN_START, Turn
-from .averaging.sums import ClosedTurns
 from .rigid_body import INERTIA, INITIAL
 from .terms.body import BodyUnderTorques
 from .terms.torques import degree_under, tensor_entries
@@ -114,34 +112,3 @@ def slowest_direction(A: np.ndarray, I: np.ndarray) -> tuple[np.ndarray, float]:
     rates, vectors = np.linalg.eigh(I / np.outer(root, root))
     gap = max(rates[1] - rates[0], EQUAL_RATES * rates[0])
     return vectors[:, 0] / root, EQUAL_RATES * rates[2] / gap
-
-
-@dataclass(frozen=True)
-class TensorAveraged(ClosedTurns, Tensor):
-    """The rigid body under a constant tensor of resistance, averaged over the turns of its
-    hodograph.
-
-    It is the averaged form of linear-diag with lambda_i = I_ii/A_i: the means of p q, q r and p r
-    are 0, so that to first order the other entries of I drop out. To second order they do not, and
-    the error is of first order, with or without mean elements: a drift whose sign is that of the
-    sense of rotation.
-
-    Source: as of linear-diag; the second order measured on full motions.
-    """
-
-    form = "averaged"
-    keys = Tensor.keys | {"mean_start": MEAN_START}
-
-    def torque_rate(self, t: Any, turn: Turn, k: Any) -> Any:
-        return np.linalg.norm(self.matrix / np.array(self.inertia)[:, None], ord=2)
-
-    @property
-    def warnings(self) -> list[str]:
-        if is_diagonal(self.matrix):
-            return super().warnings
-        return [
-            *super().warnings,
-            "the off-diagonal entries of the tensor average to nothing, to first order; to second"
-            " order they make an error of first order, and may make the true motion cross the"
-            " separatrix several times where the averaged one crosses once",
-        ]

@@ -1,7 +1,6 @@
 """A body under any sum of torques."""
 
 import math
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -10,22 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from ..arithmetic import evaluate, isfinite, log
+from ..arithmetic import evaluate, isfinite
 from ..schema.expression import Expression, parse_expression
 from ..schema.kinds import Either, Key, ListOf, Mistake, Number, Table, vector
-from .averaging.any_torque import QuadratureTurns, averaged_form
-from .averaging.forms import mean_elements
-from .averaging.sums import CLOSED, ClosedMeans, ClosedTurns
-from .base import Bound, Constants, Event, EventOutcome, Level, Model, attributes, mistake_of
+from .base import Bound, Constants, Event, EventOutcome, Model, mistake_of
 from .rigid_body import (
     INITIAL,
-    BodyFrame,
-    along_principal_axes,
-    angular_momentum_of,
     body_constants,
     complete,
-    dot,
-    inertia_order,
     is_tensor,
     range_mistake,
 )
@@ -33,21 +24,14 @@ from .tensor import resistance_key
 from .terms.body import BodyUnderTorques, coefficients_of, terms_named
 from .terms.events import (
     DRIVING,
-    STAGE_RATIO,
-    STAGES,
-    beside_corners,
     braked_stage,
-    component_size,
     first_release,
     stage_end,
     stop_details,
-    turned_over,
 )
 from .terms.laws import (
-    coefficient_at,
     coefficient_kind,
     coefficients_kind,
-    dimensional_values,
     is_law,
     law_mistakes,
     least_value,
@@ -56,19 +40,7 @@ from .terms.laws import (
 from .terms.torques import CAVITY, TERMS, VARIABLES, coefficient, degree_under
 from .theory.closed_form import AlongMomentum, free_motion
 from .theory.dissipation import Dissipation, crossing_predictions, spin_predictions
-from .theory.gyrostat import region_of
 from .theory.principal_axes import PrincipalAxes, principal_axes
-
-AVERAGED = frozenset(TERMS) - {"quadratic_axes", "space_torque", "rotor"}
-"""The terms that the quadrature over a turn takes: functions of omega and the time without a
-corner."""
-
-WEAK_ROTOR = 1e-8
-"""The part of |G| below which a rotor counts as none."""
-
-ROUNDING_OF_G = 4 * sys.float_info.epsilon
-"""The part of A omega up to which G = A omega + h is what rounding leaves of the sum. Of bodies at
-rest with random tensors it was an eighth of that."""
 
 NEGATIVE_COEFFICIENT = "a negative coefficient drives the body: write that as an expression"
 
@@ -80,20 +52,17 @@ class Torques(BodyUnderTorques):
     A omega' + omega x G = N, the sum of what the case names:
 
     -lambda_i A_i omega_i (`damping`), -I omega (`resistance`), -c_i |omega| A_i omega_i
-    (`quadratic`), -c_i A_i omega_i |omega_i| (`quadratic_axes`), the fluid's torque of
+    (`quadratic`), the fluid's torque of
     cavity+constant (`kappa` or `cavity`), epsilon M, constant in the body (`torque`, `epsilon`), -b
     G/|G| (`brake`), F e, e fixed in space (`space_torque`), and three formulas in p, q, r and t
     (`expression`).
 
     omega = (p, q, r): angular velocity, 1/time (`initial`); A: principal moments of inertia
     (`inertia`), or the full tensor in any body axes, in which all else is then given and stored,
-    while labels name the principal axes; G = A omega + h, with the angular momentum h of a rotor
-    (`rotor`), which turns at constant speed in the body. Each coefficient but those of
-    `cavity`, `rotor` and `expression` may be a law of time. Only the terms named are
-    part of the equations. A brake brings G to 0 (event `stopped`): from there on omega is 0, or
-    -A^-1 h, and no axis is enclosed. What has a corner where omega_i = 0 is integrated from one
-    such moment to the next. With a rotor the hodograph goes round x1, x3, both, or neither
-    (`unseparated`): see `theory.gyrostat`. A formula may jump, have corners or short pulses: steps
+    while labels name the principal axes; G = A omega. Each coefficient but those of
+    `cavity` and `expression` may be a law of time. Only the terms named are
+    part of the equations. A brake brings G to 0 (event `stopped`): from there on omega is 0, and no
+    axis is enclosed. A formula may jump, have corners or short pulses: steps
     are compared with the equations at 32,768 places of the span, and begin anew on both sides of
     what they miss. What is shorter than that may be overlooked. A motion ends at a pole of a
     formula.
@@ -106,13 +75,11 @@ class Torques(BodyUnderTorques):
     damping: Any
     resistance: Any
     quadratic: Any
-    quadratic_axes: Any
     cavity: Any
     kappa: Any
     torque: Any
     epsilon: float
     brake: Any
-    rotor: Any
     space_torque: Any
     expression: Any
 
@@ -138,9 +105,6 @@ class Torques(BodyUnderTorques):
         "quadratic": Key(
             coefficients_kind("1"), "coefficients c_i of -c_i |omega| A_i omega_i", default=None
         ),
-        "quadratic_axes": Key(
-            coefficients_kind("1"), "coefficients c_i of -c_i A_i omega_i |omega_i|", default=None
-        ),
         "cavity": CAVITY,
         "kappa": Key(
             coefficient_kind("moment of inertia * time"),
@@ -159,12 +123,6 @@ class Torques(BodyUnderTorques):
             coefficient_kind("moment of inertia / time^2"),
             "b of -b G/|G|, which brings a free body to rest in the shortest time",
             unit="moment of inertia / time^2",
-            default=None,
-        ),
-        "rotor": Key(
-            vector(3),
-            "h in G = A omega + h, the angular momentum of a rotor beside the body's",
-            unit="moment of inertia / time",
             default=None,
         ),
         "space_torque": Key(
@@ -205,8 +163,7 @@ class Torques(BodyUnderTorques):
     def of(cls, data: Mapping[str, Any]) -> Model:
         """The object of the form whose equations have just the terms that the data name."""
         named = terms_named(data)
-        form = sum_of(named) if cls.form == "full" else averaged_sum(sum_of(named))
-        return form(**data)
+        return sum_of(named)(**data)
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -222,12 +179,6 @@ class Torques(BodyUnderTorques):
         if (space := data.get("space_torque")) and not any(space["direction"]):
             yield ("space_torque", "direction"), "a direction has a length, and this one has none"
         yield from mistakes_of_start(data)
-        if cls.form != "full":
-            if is_given_as_tensor:
-                yield ("inertia",), "form averaged takes principal moments; form full a tensor too"
-            for name in named:
-                if name not in AVERAGED:
-                    yield (name,), "form averaged does not take this torque; form full does"
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
@@ -277,34 +228,15 @@ class Torques(BodyUnderTorques):
     def principal_axes(self) -> np.ndarray | None:
         return None if self.frame is None else self.frame.axes.astype(float)
 
-    @property
-    def rotor_momentum(self) -> np.ndarray | None:
-        return None if self.rotor is None else self.to_principal(np.array(self.rotor))
-
     def momentum(self, omega: np.ndarray) -> np.ndarray:
-        G = (
-            super().momentum(omega)
-            if self.frame is None
-            else omega @ self.frame.tensor.astype(float)
-        )
-        if self.rotor is None:
-            return G
-        G = G + np.array(self.rotor)
-        # Of a body that turns at -A^-1 h rounding leaves a G, whose direction would be drawn.
-        rounding = ROUNDING_OF_G * self.moments.max() * np.abs(omega).max(axis=-1, keepdims=True)
-        return np.where(np.abs(G).max(axis=-1, keepdims=True) > rounding, G, 0)
-
-    def enclosed(self, omega: np.ndarray, band: Any = 0.0) -> np.ndarray:
-        if self.rotor_momentum is None:
-            return super().enclosed(omega, band)
-        return region_of(self.moments, self.rotor_momentum, omega, band).label
+        frame = self.frame
+        return super().momentum(omega) if frame is None else omega @ frame.tensor.astype(float)
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
         """With the terms' own variables behind omega."""
         w = np.moveaxis(omega, -1, 0)
         extra = {
             "brake": [np.hypot.reduce(self.momentum(omega), axis=-1) / self.moments[0]],
-            "quadratic_axes": [*np.sign(w)],
             "space_torque": [np.full(w.shape[1:], x) for x in self.direction],
         }
         columns = (x for name in self.terms for x in extra.get(name, ()))
@@ -312,19 +244,10 @@ class Torques(BodyUnderTorques):
 
     @cached_property
     def start(self) -> tuple[float, ...]:
-        """Beside the corners of drag, if there are any."""
         omega = super().start
-        # An averaged form has variables of its own.
-        if self.form != "full" or not any(TERMS[name].extra for name in self.terms):
+        if not any(TERMS[name].extra for name in self.terms):
             return omega
-        y = Torques.starts(self, np.array(omega))  # not those of a form with an attitude
-        if self.quadratic_axes is not None:
-            first = self.state.index("s1")
-            # An attitude turns what is fixed in space, and has rows of its own.
-            in_body = self.starts(np.array(omega))[: len(y)]
-            sides = beside_corners(self.terms, attributes(self.constants), in_body)
-            y[:3], y[first : first + 3] = sides
-        return tuple(y.tolist())
+        return tuple(Torques.starts(self, np.array(omega)).tolist())  # not those with an attitude
 
     @classmethod
     def braked_terms(cls) -> tuple[str, ...]:
@@ -333,33 +256,13 @@ class Torques(BodyUnderTorques):
 
     @property
     def run_events(self) -> tuple[Event, ...]:
-        """The corners of drag by axes, and the stages of braking."""
-        events = []
-        for axis, entry in enumerate(self.quadratic_axes or ()):
-            if any(dimensional_values(entry)):
-                first = self.state.index("s1")
-                zero, turn = (Bound(f, (axis, first)) for f in (component_size, turned_over))
-                events.append(Event("turned", zero, True, turn, first + axis))
-        if self.brake is not None:
-            row = self.state.index("stage_momentum")
-            stop = Bound(braked_stage, (row, self.braked_terms()))
-            end = Bound(stage_end, (row, not DRIVING.isdisjoint(self.terms)))
-            events.append(Event("stopped", end, True, stop))
-        return tuple(events)
-
-    @property
-    def levels(self) -> tuple[Level, ...]:
-        """2T and |G|^2 of a body with a rotor, whose saddles they are compared with."""
-        if self.rotor is None:
+        """The stages of braking."""
+        if self.brake is None:
             return ()
-        # As given, if it can be: many members at once are columns, which no array takes.
-        order = inertia_order(self.inertia if self.frame is None else self.moments)
-        return Bound(twice_energy, (order,)), Bound(square_of_momentum, (order,))
-
-    @property
-    def averaged_events(self) -> tuple[Event, ...]:
-        stop = Event("stopped", amplitude_at_stop, True, averaged_stop)
-        return () if self.brake is None else (stop,)
+        row = self.state.index("stage_momentum")
+        stop = Bound(braked_stage, (row, self.braked_terms()))
+        end = Bound(stage_end, (row, not DRIVING.isdisjoint(self.terms)))
+        return (Event("stopped", end, True, stop),)
 
     @property
     def direction(self) -> np.ndarray:
@@ -383,9 +286,6 @@ class Torques(BodyUnderTorques):
         """Which crossings are possible, which rotation is held, and when a brake stops the body."""
         dissipations = self.dissipations(start, end)
         predictions = crossing_predictions(dissipations)
-        if self.terms == ("brake", "rotor"):
-            # Neither fluid nor a rotor changes |G|; but a fluid beside a rotor does.
-            dissipations = (Dissipation(self.moments),)
         if dissipations and not self.changing_terms:
             of_which = spin_predictions if self.brake is None else self.stop_predictions
             predictions += of_which(dissipations[0])
@@ -393,7 +293,7 @@ class Torques(BodyUnderTorques):
 
     def stop_predictions(self, terms: Dissipation) -> list[str]:
         """When the brake stops the body, or between which times: fluid does not change |G|."""
-        others = self.quadratic, self.quadratic_axes, any(terms.torque)
+        others = self.quadratic, any(terms.torque)
         if not self.brake or not terms.covered or any(others):
             return []
         rate = np.longdouble(self.brake / self.momentum_at_start)
@@ -402,43 +302,11 @@ class Torques(BodyUnderTorques):
             return [f"stops after {first:.15g} [time]"] if math.isfinite(first) else []
         return [f"stops after {first:.6g} to {last:.6g} [time]"]
 
-    @property
-    def warnings(self) -> list[str]:
-        warnings, weak = super().warnings, WEAK_ROTOR * self.momentum_at_start
-        if self.rotor is not None and np.linalg.norm(self.rotor) < weak:
-            warnings.append(f"no rotor: its momentum is less than {WEAK_ROTOR:g} of |G|")
-        return warnings
-
     @classmethod
     def release(cls, t: np.ndarray, y: Sequence[Any], k: Any) -> float:
         if DRIVING.isdisjoint(cls.terms):
             return math.nan
         return first_release(cls.state.index("stage_momentum"), cls.braked_terms(), t, y, k)
-
-
-def twice_energy(order: tuple[int, int, int], t: Any, y: Sequence[Any], k: Any) -> Any:
-    """2T = A1 p^2 + A2 q^2 + A3 r^2, of bodies with one order of the moments, as those have whose
-    steady rotations are found together."""
-    p, q, r = along_principal_axes(y[:3], k)
-    return k.A1 * (p * p) + k.A2 * (q * q) + k.A3 * (r * r)
-
-
-def square_of_momentum(order: tuple[int, int, int], t: Any, y: Sequence[Any], k: Any) -> Any:
-    """|G|^2, with the rotor's part, of bodies with one order of the moments."""
-    G = angular_momentum_of(y[:3], k)
-    return dot(G, G)
-
-
-def amplitude_at_stop(t: Any, y: Sequence[Any], k: Any) -> Any:
-    """ln X_e of an averaged motion, less what it is when a brake has all but stopped the body."""
-    return y[0] - 2 * (log(k.momentum_at_start) - STAGES * math.log(STAGE_RATIO))
-
-
-def averaged_stop(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
-    """The end of an averaged motion, whose |G| the brake brings to 0 at a known rate."""
-    mean = mean_elements(np.array([y]), k)
-    time_left = float(mean["momentum"][0]) / float(coefficient_at(k, "brake", t))
-    return EventOutcome(float(t) + time_left, {"from": float(mean["enclosed_axis"][0])}, y)
 
 
 def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -453,11 +321,9 @@ def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
     yield from [*wrong, *sizes[:1]]
     if "initial" in data:
         yield from mistake_of(("initial",), Torques.velocity, inertia, data["initial"])
-    for name in ("damping", "quadratic", "quadratic_axes"):
+    for name in ("damping", "quadratic"):
         entries = data.get(name) or (0.0,)
-        is_unequal = any(x != entries[0] for x in entries)
-        # Drag by axes depends on the axes, however equal.
-        if is_unequal or (name == "quadratic_axes" and data.get(name)):
+        if any(x != entries[0] for x in entries):
             yield (
                 (name,),
                 "acts about principal axes: give the three moments as `inertia`, or `resistance`",
@@ -469,12 +335,7 @@ def mistakes_of_start(data: Mapping[str, Any]) -> Iterator[Mistake]:
     named, inertia, initial = terms_named(data), data.get("inertia"), data.get("initial")
     if not initial:
         return
-    if "rotor" in named and initial.get("G") is not None:
-        yield (
-            ("initial",),
-            "with a rotor |G| does not determine the missing component: give p, q and r",
-        )
-    if "brake" in named and inertia and not any(data.get("rotor") or ()):
+    if "brake" in named and inertia:
         with suppress(ValueError):  # another check says so
             if not any(Torques.velocity(inertia, initial)):
                 yield ("brake",), "a body at rest has no direction to brake in"
@@ -484,7 +345,7 @@ def negative_coefficients(
     data: Mapping[str, Any], least: Callable[[Any], float]
 ) -> Iterator[Mistake]:
     """The mistakes of coefficients of which only positive ones resist, by their least values."""
-    for name in ("quadratic", "quadratic_axes", "kappa", "brake"):
+    for name in ("quadratic", "kappa", "brake"):
         value = data.get(name)
         for i, entry in enumerate(() if value is None else TERMS[name].coefficients(value)):
             if least(entry) < 0:
@@ -498,15 +359,6 @@ def is_finite_at(text: str, values: Sequence[Any]) -> bool:
         return isfinite(evaluate(parse_expression(text, VARIABLES), named))
     except (ValueError, ArithmeticError):
         return False
-
-
-def averaged_sum(full: type[Torques]) -> type[BodyFrame]:
-    """The averaged form of a sum: in closed form where each of its terms has one."""
-    if not CLOSED.keys() >= set(full.terms):
-        return averaged_form(full)  # type: ignore[arg-type]
-    # The periodic part of a full tensor knows its other entries, which the means do not.
-    bases = (ClosedMeans, QuadratureTurns) if "resistance" in full.terms else (ClosedTurns,)
-    return averaged_form(full, *bases)  # type: ignore[arg-type]
 
 
 @cache

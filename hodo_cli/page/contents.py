@@ -108,9 +108,6 @@ KINDS_IN_WORDS = {
     "invariants": "Energy, squared momentum and D/2T over time, within their bounds",
     "map": "Map of a sweep",
     "curve": "Curves of a sweep",
-    "order": "Distance of averaging from full motions against the small parameter",
-    "cost": "Steps and run time against the small parameter",
-    "share": "Share of starts that have crossed the separatrix, over time",
 }
 """What each kind of figure shows, for a reader who cannot see it."""
 

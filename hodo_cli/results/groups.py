@@ -2,7 +2,6 @@
 
 from ..cases.case import Case
 from ..integration import Classification, Trajectory
-from ..models.attitude import Oriented
 from ..models.rigid_body import BodyFrame
 from ..storage import Group, Variable
 from .layout import (
@@ -27,19 +26,6 @@ PRINCIPAL = {
     ),
 }
 """What is stored of a body that is given by its full tensor of inertia: labels name these axes."""
-
-TURN = {
-    "turn_period": Stored("time of a turn of the hodograph", units="time"),
-    "turn_angle": Stored(
-        "psi: a turn of the hodograph leaves the body turned by it about G; the body has gone "
-        "through 2 pi less where G encloses the axis of the largest moment, and through 2 pi more "
-        "where that of the smallest",
-        units="rad",
-    ),
-    "turn_m": Stored("parameter m of the elliptic functions of the motion"),
-    "turn_nu": Stored("parameter nu of the elliptic integral of the attitude"),
-}
-"""What is stored of the hodograph of a free body with an attitude."""
 
 GROWTH_RATE = Stored(
     "rate at which a small tilt away from the axis grows, on the mean over a turn",
@@ -90,10 +76,6 @@ def case_group(trajectory: Trajectory, digest: str) -> Group:
         variables |= {name: motion.derived_variable(name) for name in derived}
         variables |= inner_coordinates(variables.values())
     variables |= principal_variables(case)
-    if isinstance(case.system, Oriented) and (turn := case.system.turn):
-        variables |= {
-            name: kind.holding(x) for (name, kind), x in zip(TURN.items(), turn, strict=True)
-        }
     return Group(attributes, with_units(variables, case))
 
 

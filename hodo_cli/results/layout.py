@@ -19,12 +19,11 @@ import numpy as np
 from .. import models
 from ..cases.case import Case, dump
 from ..cases.derived import BODY_AXES, MOMENTUM, PARTS, SPACE_AXES
-from ..cases.sweep_block import PASSAGE_COLUMNS
 from ..engines.protocol import Status
 from ..integration import Crossing, Occurrence
 from ..models.attitude import CONVENTION, VARIABLE
 from ..models.base import Label
-from ..models.rigid_body import LABELS, PLAIN_LABELS, BodyFrame
+from ..models.rigid_body import LABELS
 from ..storage import Attribute, Variable
 
 # Units: products of powers of the units that a case gives
@@ -185,9 +184,7 @@ def flags(meanings: Mapping[int, str]) -> dict[str, Attribute]:
     }
 
 
-AXIS_FLAGS = flags(PLAIN_LABELS)
-ROTOR_FLAGS = flags(LABELS)
-"""The meanings of labels, and of those of a body with a rotor."""
+AXIS_FLAGS = flags(LABELS)
 
 INNER_COORDINATES = {
     "axis": (Stored("principal axis of inertia", ("axis",), "O"), [*BODY_AXES]),
@@ -228,26 +225,14 @@ EVENT_COLUMNS = {
 """The columns of events: the field of `Occurrence` that each holds, and how it is stored."""
 
 EVENT_DETAILS = {
-    "from": Stored("axis enclosed before the passage", ("event",)),
-    "to": Stored("axis enclosed after the passage, 0 where the motion ends", ("event",)),
-    "momentum": Stored("|G| at the passage", ("event",), units=MOMENTUM),
-    "frequency": Stored("frequency n of the turns at the passage", ("event",), units="1/time"),
-    "scatter": Stored(
-        "rms of the true time about the averaged one, over phases", ("event",), units="time"
-    ),
-    "place": Stored("s: where D = 0 falls in the sequence of half turns", ("event",)),
-    "predicted": Stored("predicted time of the true passage", ("event",), units="time"),
-    "sense": Stored("predicted sense of rotation afterwards, 0 undetermined", ("event",)),
-    "lag": Stored("predicted delay of the motion after the passage", ("event",), units="time"),
-    "probability": Stored("probability of capture about the other axis", ("event",)),
-    "probability_error": Stored("how far off it may be, for the torque's strength", ("event",)),
+    "from": Stored("axis enclosed before the event", ("event",)),
     "G1": Stored("G/|G| along x1 as the body stops", ("event",)),
     "G2": Stored("G/|G| along x2 as the body stops", ("event",)),
     "G3": Stored("G/|G| along x3 as the body stops", ("event",)),
     "G_error": Stored("measured error of the direction of event_G1 to event_G3", ("event",)),
 }
 """Further columns of events, `event_NAME` by the names in `Occurrence.details`; nan where an event
-lacks the detail. Passages in averaged motions have them."""
+lacks the detail."""
 
 MEMBER_CLASSIFIED = {
     "crossing_time": Stored("time of the first passage through the separatrix", units="time"),
@@ -265,14 +250,6 @@ MEMBER_CLASSIFIED = {
 }
 """The columns of a sweep's members where a hodograph encloses an axis, over the sweep's
 dimensions."""
-
-MEMBER_PASSED = {
-    name: MEMBER_CLASSIFIED.get(name)
-    or EVENT_DETAILS[name.removeprefix("event_")]._replace(dims=())
-    for name in PASSAGE_COLUMNS
-}
-"""The columns of a sweep's members where the motion stores its axis and its passages; `event_NAME`
-belongs to the last event."""
 
 MEMBER = {
     "steps": Stored("steps of the integration", (), "i4"),
@@ -293,12 +270,6 @@ MEMBER_STOPPED = {
 
 ON_REQUEST = ("share", "separation", "steps", "event_release")
 """The columns of a sweep that are stored only where the case asks for them."""
-
-
-def stopped_at_separatrix(columns: Any) -> Any:
-    """Which members of a sweep (...), by its columns, stop at the separatrix, where chance decides
-    on their further course: of averaged motions k^2 is 1 there, and nowhere else."""
-    return np.equal(columns["k2"], 1) if "k2" in columns else False
 
 
 # Groups
@@ -329,8 +300,6 @@ def case_variables(
     stored |= inner_coordinates(stored.values())
     if events:
         stored |= columns_of(EVENT_COLUMNS, events) | event_details(events)
-    if "enclosed_axis" in values:  # labels and crossings stand together, as `classify` writes them
-        stored |= columns_of(CROSSING_COLUMNS, passages_as_crossings(events))
     return stored
 
 
@@ -354,21 +323,6 @@ def columns_of(
     }
 
 
-def passages_as_crossings(events: Sequence[Occurrence]) -> list[Crossing]:
-    """The events of an averaged motion that take it to another axis, as crossings."""
-    return [
-        Crossing(
-            event.time,
-            int(event.details["from"]),
-            int(event.details["to"]),
-            event.details["momentum"],
-            event.error,
-        )
-        for event in events
-        if event.details.get("to", 0) not in (0, event.details.get("from"))
-    ]
-
-
 def event_details(events: Sequence[Occurrence]) -> dict[str, Variable]:
     """The details of events, one variable for each detail that any of them has."""
     return {
@@ -388,12 +342,8 @@ def label_variables(labels: np.ndarray, crossings: Sequence[Crossing]) -> dict[s
 def with_units(variables: Mapping[str, Variable], case: Case) -> dict[str, Variable]:
     """Variables with their units in the units of a case, and labels with their meanings there."""
 
-    has_rotor = isinstance(case.system, BodyFrame) and case.system.rotor_momentum is not None
-
     def of_case(attrs: dict[str, Attribute]) -> dict[str, Attribute]:
         units = {"units": units_of_case(str(attrs["units"]), case)} if "units" in attrs else {}
-        # A rotor brings labels of its own.
-        are_labels = attrs.get("flag_meanings") == AXIS_FLAGS["flag_meanings"]
-        return {**attrs, **units, **(ROTOR_FLAGS if are_labels and has_rotor else {})}
+        return {**attrs, **units}
 
     return {name: replace(x, attrs=of_case(x.attrs)) for name, x in variables.items()}

@@ -187,7 +187,7 @@ class Motion:
             return vectors
         if self.axes == BODY_AXES and self.frame:
             return vectors | {"G": self.frame.momentum(vectors["omega"])}
-        if self.frame and not self.frame.is_plain:
+        if self.frame and self.frame.principal_axes is not None:
             return vectors  # each component of G needs all of omega
         moments = self.inertia[[BODY_AXES.index(axis) for axis in self.axes]]
         return vectors | {"G": rigid_body.angular_momentum(moments, vectors["omega"])}
@@ -200,13 +200,7 @@ class Motion:
     @property
     def body(self) -> tuple[Any, ...]:
         """The numbers that tell one body from another."""
-        rotor = () if self.rotor is None else self.rotor.tolist()
-        return *self.inertia.tolist(), *self.principal_axes.ravel().tolist(), *rotor
-
-    @cached_property
-    def rotor(self) -> np.ndarray | None:
-        """The momentum (3,) of a rotor along the principal axes; None without."""
-        return self.frame.rotor_momentum if self.frame else None
+        return *self.inertia.tolist(), *self.principal_axes.ravel().tolist()
 
     @cached_property
     def principal_axes(self) -> np.ndarray:
@@ -230,8 +224,6 @@ class Motion:
 
         Raises HodoError for a body with a rotor, and where K is infinite.
         """
-        if self.rotor is not None:
-            raise HodoError(f"{self.words} has a rotor: its hodographs have no quadrants")
         K = rigid_body.slope(self.inertia)
         if math.isinf(K):
             raise HodoError(
@@ -413,16 +405,6 @@ def is_of_time(text: str) -> bool:
     return not quantities_in(text)
 
 
-def forms_apart(motion: Motion, other: Motion) -> np.ndarray:
-    """The relative distance (n,) of two forms of a motion at each time: of T or of G^2, whichever
-    is larger. Raises HodoError if they are stored at other times."""
-    if not np.array_equal(motion.time, other.time):
-        raise HodoError(f"cases {motion.name} and {other.name} are not stored at the same times")
-    # G enters squared, as T does: then both have the same order and much the same size.
-    ratios = motion["T"] / other["T"], (motion["G"] / other["G"]) ** 2
-    return np.asarray(np.max(np.abs(np.subtract(ratios, 1)), axis=0))
-
-
 LATER_COLUMNS = ("crossing_error", "crossing_G")
 """The columns that early files of format 1 lack; they are nan in a crossing."""
 
@@ -522,8 +504,6 @@ def _energy(m: Motion) -> np.ndarray:
 
 def _separatrix(m: Motion) -> np.ndarray:
     """D = G^2 - 2 T A_middle, without the cancellation of this difference."""
-    if m.rotor is not None:
-        raise HodoError(f"{m.words} has a rotor: the sign of D says nothing then: take its labels")
     outer, inner = rigid_body.separatrix_terms(m.inertia, m.principal_omega.T, m.order)
     return np.asarray(outer - inner)
 
@@ -535,7 +515,7 @@ _ratio = partial(rigid_body.share_of, of_nothing=np.nan)
 def _of_direction(quantity: Callable[[Motion], np.ndarray], m: Motion) -> np.ndarray:
     """A quantity that knows only the direction of omega, of omega at a size near 1: the squares of
     1e-160 have lost their digits. It is no number where omega itself has lost its own."""
-    if "omega" not in m.data or m.rotor is not None:
+    if "omega" not in m.data:
         return quantity(m)
     size = np.abs(m.omega).max(axis=1, keepdims=True)
     near_1 = np.ldexp(m.omega, -np.frexp(size)[1])

@@ -55,7 +55,7 @@ def turns(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     omega, A = np.ascontiguousarray(motion.principal_omega.T), motion.inertia[:, None]
     size = np.abs(omega).max(initial=0) or 1.0
     w = omega / size
-    G = A * w if motion.rotor is None else A * w + motion.rotor[:, None] / size
+    G = A * w
     rate = vector_product([*G], [*w])
     bend = vector_sum(vector_product(rate, [*w]), vector_product([*G], [*(rate / A)]))
     speed = np.linalg.norm(rate, axis=0)

@@ -16,13 +16,12 @@ from .finished_cases import FinishedCase, finished_cases, open_batch
 from .group import Attribute, Group, Report, StreamedVariables, Variable, dimension_sizes
 from .hdf5 import ResultFile, open_run
 from .output import create
-from .provenance import CONTENT, OWN_MODELS, history_line, result_of, root_attributes, typed
+from .provenance import CONTENT, history_line, result_of, root_attributes, typed
 from .staging import check_writable, chunks_in, replacing, staging_folders
 from .writer import Update, Writer, compose, holds, update
 
 __all__ = [
     "CONTENT",
-    "OWN_MODELS",
     "Attribute",
     "FinishedCase",
     "Group",

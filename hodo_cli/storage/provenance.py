@@ -16,10 +16,6 @@ FORMAT_VERSION = 1
 """The version of the result files' format, which is raised when older readers would misread newer
 files."""
 
-OWN_MODELS = "own_models"
-"""The attribute of a result that names the models of the user's own, as `private.keep_model` has
-kept them."""
-
 CONTENT = "content"
 """The attribute of a file without cases that says what it holds."""
 

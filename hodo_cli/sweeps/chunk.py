@@ -22,7 +22,6 @@ from ..integration import (
     time_of_release,
 )
 from ..models.base import attributes, flatten
-from ..results.layout import passages_as_crossings
 from ..storage import Attribute, Group, Variable
 from .columns import (
     Earlier,
@@ -121,7 +120,7 @@ def reason_alone(case: Case) -> str:
         return other
     if case.system.has_formulas() and formulas_may_change(case):
         return "formulas that may change within a step"
-    passes = any(event.interrupts for event in case.system.run_events)
+    passes = any(event.passage is not None for event in case.system.run_events)
     fewest = 0 if case.system.degree else WORTH_COMPILING * len(flatten(case.system.constants))
     if passes:
         fewest //= TURNING_FACTOR
@@ -238,20 +237,17 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
         end, state = case.time.end, motion.state[-1].astype(float)
         moves = time_of_release(type(case.system), k, stop, end, state)
         columns["event_release"] = np.array([moves])
-    labels, crossings = variables.get("enclosed_axis"), passages_as_crossings(motion.events)
-    status = Status.OK
-    if not case.system.no_axis_reason:
-        found = classify(case, motion.method, motion.tol, motion.error, variables["omega"])
-        labels, crossings = found.labels, [*found.crossings]
-        columns["separation"] = least_separation_alone(motion)
-        status = Status.UNDECIDED if found.hidden else Status.OK
-    if labels is not None:
-        start = np.array([label_at_start(case, motion.time[0], labels, crossings)])
-        member, arrays = np.zeros(len(crossings), dtype=np.int64), crossing_arrays(crossings)
-        # Where a brake has stopped the body, the motion goes on at rest.
-        stop = columns["event_time"] if case.system.may_stop else motion.time[-1:]
-        columns |= label_columns(start, labels[-1:], member, arrays, stop, case.time)
-    return status, columns
+    if case.system.no_axis_reason:
+        return Status.OK, columns
+    found = classify(case, motion.method, motion.tol, motion.error, variables["omega"])
+    labels, crossings = found.labels, [*found.crossings]
+    columns["separation"] = least_separation_alone(motion)
+    start = np.array([label_at_start(case, motion.time[0], labels, crossings)])
+    member, arrays = np.zeros(len(crossings), dtype=np.int64), crossing_arrays(crossings)
+    # Where a brake has stopped the body, the motion goes on at rest.
+    stop = columns["event_time"] if case.system.may_stop else motion.time[-1:]
+    columns |= label_columns(start, labels[-1:], member, arrays, stop, case.time)
+    return Status.UNDECIDED if found.hidden else Status.OK, columns
 
 
 def least_separation_alone(motion: Trajectory) -> np.ndarray:

@@ -26,16 +26,13 @@ from ..results.layout import (
     MEMBER,
     MEMBER_CLASSIFIED,
     MEMBER_EVENT,
-    MEMBER_PASSED,
     MEMBER_STOPPED,
     ON_REQUEST,
     Stored,
     columns_of,
-    passages_as_crossings,
 )
 from ..storage import FinishedCase, Group, open_run
 from .ensemble.motions import Ensemble, Outcome, Passages
-from .ensemble.regions import region_at, true_omega
 
 
 def columns(case: Case) -> dict[str, Stored]:
@@ -50,7 +47,7 @@ def columns(case: Case) -> dict[str, Stored]:
     }
     reduced = MEMBER_CLASSIFIED | (MEMBER_STOPPED if model.may_stop else {})
     if model.no_axis_reason:
-        reduced = MEMBER_EVENT | (MEMBER_PASSED if "enclosed_axis" in model.variables else {})
+        reduced = dict(MEMBER_EVENT)
     return final | reduced | MEMBER
 
 
@@ -99,22 +96,8 @@ def event_columns(events: Mapping[int, Sequence[Occurrence]], n: int) -> dict[st
         return filled
 
     filled = {"event_time": column(event.time for event in last.values())}
-    for name in MEMBER_PASSED.keys() - MEMBER_CLASSIFIED.keys():
-        detail = name.removeprefix("event_")
-        filled[name] = column(event.details.get(detail, math.nan) for event in last.values())
     axis = (event.details.get("from", UNDETERMINED) for event in last.values())
     return filled | {"event_from": column(axis, UNDETERMINED)}
-
-
-def passage_columns(
-    events: Mapping[int, Sequence[Occurrence]],
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """The member (k,) of each event that takes an averaged motion to another axis, and these as
-    columns of crossings, from the events of members by their positions."""
-    passages = {row: passages_as_crossings(of_member) for row, of_member in events.items()}
-    member = [row for row, crossings in passages.items() for _ in crossings]
-    listed = [crossing for crossings in passages.values() for crossing in crossings]
-    return np.array(member, dtype=np.int64), crossing_arrays(listed)
 
 
 def crossing_arrays(crossings: Sequence[Crossing]) -> dict[str, np.ndarray]:
@@ -188,28 +171,21 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
         until[member] = passed.time
     ends = output_of(e, accepted, until[:, None], end, exponent)
     final = {name: values[:, 0] for name, values in ends.items()}
-    axis = final.get("enclosed_axis")
     if e.times.size:
         samples, exponent = outcome.samples[:, accepted], outcome.sample_exponent[accepted]
         final |= output_of(e, accepted, e.times, samples, exponent)
     events = {int(row[i]): met for i, met in outcome.events.items() if is_accepted[i]}
     final |= event_columns(events, len(accepted)) | {"steps": outcome.steps[accepted]}
-    if axis is None and e.model.no_axis_reason:
+    if e.model.no_axis_reason:
         final["event_time"][member] = passed.time  # of several, the last one counts
         return final
-    if axis is None:
-        sides = outcome.start_side[accepted], outcome.end_side[accepted]
-        start_axis, axis = (enclosed(e, side) for side in sides)
-        start_axis[e.at_rest[accepted]] = rigid_body.UNDETERMINED
-        crossings = crossing_columns(e, passed)
-        at_start = separation_at(e, accepted, e.start, np.zeros_like(outcome.exponent))
-        at_end = separation_at(e, accepted, outcome.state, outcome.exponent)
-        final["separation"] = np.minimum(at_start, at_end)
-    else:
-        # Of an averaged form, which knows its axis, and whose passages are events.
-        begin, start = np.array([e.span[0]]), e.start[:, accepted].T
-        start_axis = e.model.output(begin, start, e.named(accepted))["enclosed_axis"]
-        member, crossings = passage_columns(events)
+    sides = outcome.start_side[accepted], outcome.end_side[accepted]
+    start_axis, axis = (enclosed(e, side) for side in sides)
+    start_axis[e.at_rest[accepted]] = rigid_body.UNDETERMINED
+    crossings = crossing_columns(e, passed)
+    at_start = separation_at(e, accepted, e.start, np.zeros_like(outcome.exponent))
+    at_end = separation_at(e, accepted, outcome.state, outcome.exponent)
+    final["separation"] = np.minimum(at_start, at_end)
     if e.model.may_stop and e.is_timed:
         final["event_release"] = releases(e, accepted, final["event_time"], outcome.state)
     # Behind any other event the motion goes on.
@@ -240,8 +216,6 @@ def output_of(
 
 def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
     """The axis (k,) that is enclosed on a side (k,), as of `Passages`."""
-    if e.has_rotor:
-        return side.astype(np.int8)
     order = rigid_body.inertia_order(e.inertia[:, 0])
     axes = np.array([order[2] + 1, rigid_body.UNDETERMINED, order[0] + 1], dtype=np.int8)
     return np.asarray(axes[side.astype(int) + 1])
@@ -253,8 +227,6 @@ def separation_at(
     """The separation (k,) of some motions (k,) from the separatrix, in states (m, n) in units of
     2**exponent (n,)."""
     y = state[:, motions]
-    if e.has_rotor:
-        return region_at(e, motions, true_omega(e, motions, y, exponent[motions])).separation
     order = rigid_body.inertia_order(e.inertia[:, 0])
     return rigid_body.separation(e.inertia[:, motions], e.principal_omega(y, motions), order)
 
@@ -262,8 +234,6 @@ def separation_at(
 def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:
     """Passages (k,) through the separatrix, as CROSSING_COLUMNS."""
     G = e.inertia[:, passed.motion] * e.principal_omega(passed.state, passed.motion)
-    if e.has_rotor:
-        G += np.ldexp(e.rotor[:, passed.motion], -passed.exponent)
     return {
         "crossing_time": passed.time,
         "crossing_error": passed.error,

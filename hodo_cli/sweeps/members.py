@@ -36,7 +36,7 @@ def ensemble_of(case: Case, system: Model, members: np.ndarray, start: Iterable[
         form, numbers = (*form, (UNIT, 0)), [*numbers, 1.0]
     constants, starts = (rows(values, len(members)) for values in (numbers, tuple(start)))
     times, tol = (case.time.start, case.time.end), case.tol or EPS
-    return Ensemble(members, model, form, constants, starts, times, events, system.levels, tol)
+    return Ensemble(members, model, form, constants, starts, times, events, tol)
 
 
 def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
@@ -123,10 +123,9 @@ def prepared_by_branch(
     numbers only."""
     try:
         with np.errstate(all="ignore"):  # columns refuse what is not finite
-            data, system = described(case, paths, [*map(Column, values[:, positions])])
+            _, system = described(case, paths, [*map(Column, values[:, positions])])
         if system is not None:
-            start = members_start(data, system, len(positions))
-            yield ensemble_of(case, system, positions, start)
+            yield ensemble_of(case, system, positions, system.start)
             return
     except BranchDivergence as branches:
         for branch in (branches.where, ~branches.where):
@@ -135,21 +134,14 @@ def prepared_by_branch(
     except (TypeError, AttributeError):  # the latter from numpy's functions of two objects
         pass
     for position, row in zip(positions[:, None], values[:, positions].T.tolist(), strict=True):
-        data, system = described(case, paths, row)
+        _, system = described(case, paths, row)
         if system is not None:
-            yield ensemble_of(case, system, position, members_start(data, system, 1))
-
-
-def members_start(data: Mapping[str, Any], system: Model, n: int) -> Iterable[Any]:
-    """The start of n members: on a corner of the equations where single cases begin beside it."""
-    if all(event.sign is None for event in system.run_events):
-        return system.start
-    return system.starts(rows(system.velocity(data["inertia"], data["initial"]), n).T)
+            yield ensemble_of(case, system, position, system.start)
 
 
 def alike(ensembles: Iterable[Ensemble]) -> list[Ensemble]:
     """Ensembles, joined where they can share a compiled step."""
-    kinds = grouped(((e.structure, e.events, e.levels), e) for e in ensembles)
+    kinds = grouped(((e.structure, e.events), e) for e in ensembles)
     return [joined(kind) for kind in kinds.values()]
 
 
@@ -171,7 +163,7 @@ def velocities(
             continue
         is_own, A = combination == i, np.array(data["inertia"])
         start = np.array(system.velocity(data["inertia"], data["initial"]))
-        if isinstance(system, BodyFrame) and not system.is_plain:
+        if isinstance(system, BodyFrame) and system.principal_axes is not None:
             # G, which is not A omega along the axes of the case, is linear in omega.
             zero, unit = system.momentum(np.zeros(3)), system.momentum(np.eye(3))
             G = np.linalg.norm(system.momentum(start)) * direction[is_own] - zero
@@ -234,9 +226,7 @@ def other_method(case: Case) -> str:
         "heyoka is not installed": not have_taylor(),
         "limits of each member": case.max_steps is not None or case.max_seconds is not None,
     }
-    return next(
-        (reason for reason, applies in reasons.items() if applies), case.system.why_one_by_one
-    )
+    return next((reason for reason, applies in reasons.items() if applies), "")
 
 
 FEWEST_CASES = 32

@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -20,7 +19,6 @@ from ..integration import (
     error_of_variable,
     error_over_span,
     references,
-    refined,
     solve,
     time_error,
     time_to_zero,
@@ -88,7 +86,7 @@ def member_error(case: Case, single: Case, end: MemberEnd) -> MemberError:
     The error of a crossing is |D / (dD/dt)| where the reference stands at that time: a step of
     Newton's method.
     """
-    finer, crossing = refined(single, single.system), end.crossing_time
+    crossing = end.crossing_time
     method = choose(single)[0] if reason_alone(case) else "taylor"
     tol = case.tol or PRECISION[case.precision]
     # nan where there is no crossing, and then the comparison is false. A rotor's separatrix is no
@@ -96,8 +94,7 @@ def member_error(case: Case, single: Case, end: MemberEnd) -> MemberError:
     crossings = [crossing] if crossing < case.time.end and single.system.class_events else []
     times = np.array([case.time.start, *crossings, case.time.end])
     for by in references(single, method, tol):
-        # By the equations of the finer data, as a motion of the member, whose variables it has.
-        reference = replace(solve(finer, by.method, by.precision, by.tol, times), case=single)
+        reference = solve(single, by.method, by.precision, by.tol, times)
         if reference.succeeded:
             shift = crossing_error(reference) if crossings else math.nan
             return MemberError(final_error(end.final, reference), shift, by.kind)

@@ -17,10 +17,9 @@ from matplotlib.ticker import MaxNLocator
 from ... import HodoError
 from ...cases.figure_block import AXIS_KEYS, averaged
 from ...cases.sweep_block import AXIS_LABELS
-from ...models.rigid_body import LABELS, inertia_order, separatrix_terms
+from ...models.rigid_body import LABELS, inertia_order, separatrix_circles, separatrix_terms
 from ...models.terms.body import BodyUnderTorques
 from ...models.theory.dissipation import turning_momenta
-from ...models.theory.gyrostat import separatrix_curves
 from ...results.dataset import Cases
 from ...results.motion import OF_ATTITUDE
 from ...sweeps.view import SweepView
@@ -360,7 +359,7 @@ def map_sphere(
     axes.spines["geo"].set(color=GREY, lw=0.6)
     A = swept.body()
     axes.pcolormesh(*sphere_cells(directions, values, A), **look)
-    circles = [] if A is None else separatrix_curves(A, np.zeros(3), 1.0)
+    circles = [] if A is None else separatrix_circles(A)
     for circle in circles:
         axes.plot(*unbroken(circle), **SEPARATRIX, zorder=3, path_effects=HALO)
     globe(sheet, axes, directions, values, circles, look)

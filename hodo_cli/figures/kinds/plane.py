@@ -378,9 +378,6 @@ def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int, label: str) -> 
     return panels
 
 
-PREDICTED: Look = {"marker": "x", "ms": 5, "color": BLACK, "lw": 0.7}
-
-
 OF_D = ("D", "D/2T", "separatrix_distance")
 """The quantities that are 0 on the separatrix."""
 
@@ -391,35 +388,24 @@ def at_event(motion: Motion, name: str, kind: str, when: float) -> float:
     values, after = motion[name], int(np.searchsorted(motion.time, when))
     if kind == "stopped" and name not in OF_ATTITUDE and after < len(values):
         return float(values[after])  # omega does not change any more
-    if kind == "separatrix" and motion.rotor is None:
-        known = dict.fromkeys(OF_D, 0.0) | {"J": float(sorted(motion.inertia)[1]), "k2": 1.0}
+    if kind == "separatrix":
+        known = dict.fromkeys(OF_D, 0.0) | {"J": float(sorted(motion.inertia)[1])}
         if name in known:
             return known[name]
     return float(np.interp(when, motion.time, values))
 
 
 def passage_marks(axes: Axes, motion: Motion, name: str, style: Mapping[str, Any]) -> None:
-    """Mark the crossings of a motion on a curve, and where its averaging predicts the true ones,
-    with the scatter that it has without a prediction."""
-    values, when = motion[name], motion.crossing_time
+    """Mark the crossings of a motion on a curve."""
+    when = motion.crossing_time
     crossed = [at_event(motion, name, "separatrix", time) for time in when]
     axes.plot(when, crossed, **{**CROSSING, "mfc": style["color"]}, zorder=5)
-    if "event_predicted" in motion.data:
-        # Not a number without a prediction, which then has no mark.
-        predicted, scatter = motion.stored("event_predicted"), motion.stored("event_scatter")
-        foreseen = np.interp(predicted, motion.time, values)
-        axes.errorbar(predicted, foreseen, xerr=scatter, ls="", **PREDICTED, zorder=6)
 
 
 def passage_handles(motions: Sequence[Motion]) -> list[Line2D]:
     """Legend entries of the marks of `passage_marks` that there are."""
-    of_D = "" if any(m.rotor is not None for m in motions) else ", $D = 0$"
     crossed = [m.crossing_time for m in motions]
-    foreseen = [m.stored("event_predicted") for m in motions if "event_predicted" in m.data]
-    marks = (
-        (f"crossing of each curve{of_D}", CROSSING | {"mfc": "white"}, crossed),
-        ("predicted, with the scatter of the averaged crossing", PREDICTED, foreseen),
-    )
+    marks = (("crossing of each curve, $D = 0$", CROSSING | {"mfc": "white"}, crossed),)
     return [
         Line2D([], [], **look, label=label)
         for label, look, times in marks

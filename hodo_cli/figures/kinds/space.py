@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from ...cases.derived import SPACE_AXES, component_names
-from ...models.theory.gyrostat import separatrix_curves
+from ...models.rigid_body import separatrix_circles
 from ...results.motion import Motion, directions_of_momentum
 from ...text import grouped
 from ..artists import (
@@ -233,9 +233,8 @@ BodySeparatrix = tuple[str, Look, Sequence[np.ndarray]]
 
 
 def separatrices(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[BodySeparatrix]:
-    """The separatrix of each body that has one: two great circles, or with a rotor those through
-    its saddles, for |G| at the start. Those of several bodies have the colours of their cases or,
-    where these have none, lines of their own."""
+    """The separatrix of each body that has one: two great circles. Those of
+    several bodies have the colours of their cases or, where these have none, lines of their own."""
     first_of_body: dict[Any, tuple[Motion, Look]] = {}
     for motion, style in zip(motions, styles(len(motions), spec["styles"]), strict=True):
         first_of_body.setdefault(motion.body, (motion, {"color": style["color"]}))
@@ -244,9 +243,7 @@ def separatrices(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[Bod
     for (motion, colour), line in zip(first_of_body.values(), cycle(DASHES), strict=False):
         own_look = colour if spec["colour"] == "case" else {"ls": line}
         words = f"separatrix of {motion.label}" if are_several else "separatrix"
-        if motion.rotor is not None:  # it changes with |G|, and is no zero of D
-            words += " at the start"
-        elif not are_several:
+        if not are_several:
             words += ", $D = 0$"
         if circles := separatrix_of(motion):
             drawn.append((words, SEPARATRIX | (own_look if are_several else {}), circles))
@@ -255,8 +252,7 @@ def separatrices(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[Bod
 
 def separatrix_of(motion: Motion) -> list[np.ndarray]:
     """The curves (n, 3) of the separatrix of a motion's body in its axes; none without one."""
-    rotor, G = (np.zeros(3), 1.0) if motion.rotor is None else (motion.rotor, motion["G"][0])
-    return [curve @ motion.principal_axes for curve in separatrix_curves(motion.inertia, rotor, G)]
+    return [circle @ motion.principal_axes for circle in separatrix_circles(motion.inertia)]
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ TENSOR_ROUNDING = 1e-13
 
 ZEROS = (0.0, 0.0, 0.0)
 
-NOT_COVERED = frozenset({"rotor", "space_torque", "expression"})
+NOT_COVERED = frozenset({"space_torque", "expression"})
 """The terms of which the theorems on crossings and tilts say nothing."""
 
 
@@ -147,7 +147,6 @@ class BodyUnderTorques(BodyFrame):
             self.moments,
             damping=given.get("damping", ZEROS),
             quadratic=given.get("quadratic", ZEROS),
-            quadratic_axes=given.get("quadratic_axes", ZEROS),
             kappa=given.get("kappa", ZEROS)[0],
             torque=self.to_principal(np.array(given.get("torque", ZEROS))),
         )
@@ -220,7 +219,7 @@ class BodyUnderTorques(BodyFrame):
 
     @property
     def has_closed_form(self) -> bool:
-        return self.form == "full" and self.along_momentum is not None
+        return self.along_momentum is not None
 
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         A, omega = self.moments, self.to_principal(self.omega_at_start)

@@ -14,73 +14,20 @@ from ..rigid_body import (
     angular_momentum_of,
     dot,
     enclosed_axis,
-    principal_rotor_of,
-    rotor_of,
-    vector_sum,
 )
-from ..theory.gyrostat import region_of
 from .laws import coefficient_at
 from .torques import rates_under
 
 DRIVING = frozenset({"torque", "space_torque", "expression"})
 """The torques under which |G| may grow from rest, and fall again."""
 
-STAGES, STAGES_WITH_ROTOR, STAGE_RATIO = 14, 10, 8
+STAGES, STAGE_RATIO = 14, 8
 """How often |G| falls by a ratio, a stage of braking each time, before a brake has all but stopped
-the body: to 2e-13 of it, with a rotor, whose h hides what is left of G, to 9e-10."""
+the body: to 2e-13 of it."""
 
 AS_STRONG = 1e-12
 """The part by which a torque may differ from a brake and counts as equal to it: what comes to rest
 against it stays there."""
-
-BEHIND_ZERO, BEHIND_REST = 1e-30, 1e-100
-"""The part of |omega| at which a component goes on behind its zero: on the side that it enters, so
-that the same zero is not met again; and what is added, since |omega| may be 0 there as well."""
-
-PROBE_STEP = 1e-4
-"""The length of a step, in units of the rotation or of what starts it, that shows where a component
-goes which begins at 0."""
-
-STARTING_STEPS = 16
-"""How many such steps: a torque that begins with 0 turns one component, that another, and so on."""
-
-
-def component_size(axis: int, first: int, t: Any, y: Sequence[Any], k: Any) -> Any:
-    """|omega_i|, by its sign in the state, as an event; the signs stand from row `first` on. 1
-    without a sign, since what is 0 all the time would be met all the time."""
-    s = y[first + axis]
-    return s * y[axis] + (1 - s * s)
-
-
-def turned_over(axis: int, first: int, t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
-    """The passage of omega_i through 0, behind which its sign is the other one, and so are those of
-    components that vanish at the same moment, as where a body passes through rest."""
-    state, size = [*y], abs(y[0]) + abs(y[1]) + abs(y[2])
-    for i in range(3):
-        s = first + i
-        if i == axis or y[s] * y[i] <= 0:
-            state[s] = -y[s]
-            if i == axis or y[i] == 0:
-                state[i] = state[s] * (size * BEHIND_ZERO + BEHIND_REST)
-    return EventOutcome(float(t), None, state, t)
-
-
-def beside_corners(terms: Sequence[str], k: Any, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """omega and its signs, each (3, ...), at starts (m, ...) with drag that has a corner at
-    omega_i = 0: a component that is 0 stands on the side that it enters. One that stays 0 has the
-    sign 0."""
-    # Several short steps: the first slopes are 0 where only other components drive this one, or
-    # where a law of time begins with 0. What turns with the body goes ahead with it.
-    w, ahead, t = y[:3], y, np.zeros(y.shape[1:])
-    moved = w
-    for _ in range(STARTING_STEPS):
-        rates = np.array(np.broadcast_arrays(*rates_under(terms, t, [*ahead], k)))
-        fastest = np.maximum(np.abs(w).max(0), np.sqrt(np.abs(rates[:3]).max(0)))
-        step = PROBE_STEP / np.where(fastest > 0, fastest, 1)
-        ahead, t = ahead + step * rates, t + step
-        moved = np.where(moved == 0, ahead[:3], moved)
-    # In the direction in which it goes: of another one D may have the other sign.
-    return np.where(w == 0, BEHIND_ZERO * moved, w), np.sign(moved)
 
 
 def stop_details(G: np.ndarray, label: Any) -> dict[str, float]:
@@ -111,23 +58,22 @@ def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: A
     A body that comes as near to rest against a stronger torque turns round: G goes through 0.
     """
     G, state = angular_momentum_of(y[:3], k), [*y]
-    stages = STAGES_WITH_ROTOR if hasattr(k, "h1") else STAGES
     # In units of A1, as in `stage_end`: |G|^2 need not be a double.
     per_A1 = [x / k.A1 for x in G]
     size = k.A1 * dot(per_A1, per_A1) ** 0.5
-    if size > 2 * k.momentum_at_start / STAGE_RATIO**stages:
+    if size > 2 * k.momentum_at_start / STAGE_RATIO**STAGES:
         state[row] = size / k.A1
         return EventOutcome(float(t), None, state, t)
     b = float(coefficient_at(k, "brake", t))
     N = [*map(float, torque_at_rest(others, t, [*y[3:row], *y[row + 1 :]], k))]
     strength = math.hypot(*N)
     if strength > b * (1 + AS_STRONG):
-        state[:3] = omega_of([x * (size / strength) for x in N], k)
+        state[:3] = accelerations([x * (size / strength) for x in N], k)
         state[row] = size / k.A1
         turned = size / (strength + b) + size / (strength - b)
         return EventOutcome(float(t), None, state, t + turned)
     details = stop_details(np.array(G, float), label_at_stop(np.array(y[:3], float), k))
-    state[:3], state[row] = (0 * size + x for x in omega_of((0.0, 0.0, 0.0), k)), 0 * size
+    state[:3], state[row] = (0 * size + x for x in (0.0, 0.0, 0.0)), 0 * size
     if strength > b * (1 - AS_STRONG):
         left = size / (2 * b)
     else:
@@ -140,19 +86,14 @@ def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: A
 def label_at_stop(omega: np.ndarray, k: Any) -> Any:
     """The label of the direction of G at a stop, by the constants of the motion: one event serves
     many bodies."""
-    A, rotor = np.array([k.A1, k.A2, k.A3], float), principal_rotor_of(k)
-    omega = np.array(along_principal_axes([*omega], k))
-    if rotor is None:
-        return enclosed_axis(A, omega, 0.0)
-    return region_of(A, np.array(rotor, float), omega[None]).label[0]
+    A = np.array([k.A1, k.A2, k.A3], float)
+    return enclosed_axis(A, np.array(along_principal_axes([*omega], k)), 0.0)
 
 
 def torque_at_rest(others: Sequence[str], t: Any, extra: Sequence[Any], k: Any) -> list[Any]:
     """A sum of torques (3,), by name, where G is 0."""
-    rates = rates_under(others, t, [*omega_of((0.0, 0.0, 0.0), k), *extra], k)[:3]
-    # A omega', since -omega x G is 0 there.
-    still = angular_momentum_of((0.0, 0.0, 0.0), k)
-    return [moved - x for moved, x in zip(angular_momentum_of(rates, k), still, strict=True)]
+    rates = rates_under(others, t, [*(0.0, 0.0, 0.0), *extra], k)[:3]
+    return [*angular_momentum_of(rates, k)]  # A omega', since -omega x G is 0 there
 
 
 @np.errstate(all="ignore")  # of a formula that has no value at a time
@@ -167,9 +108,3 @@ def first_release(
         strength > coefficient_at(k, "brake", t) * (1 + AS_STRONG), t.shape
     )
     return float(t[is_stronger.argmax()]) if is_stronger.any() else math.nan
-
-
-def omega_of(G: Sequence[Any], k: Any) -> Sequence[Any]:
-    """omega (3,) of an angular momentum (3,), that of a rotor included."""
-    rotor = rotor_of(k)
-    return accelerations(G if rotor is None else vector_sum(G, [-x for x in rotor]), k)

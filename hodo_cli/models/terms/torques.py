@@ -119,17 +119,6 @@ def quadratic_torque(
     return -(c[0] * size * w[0]), -(c[1] * size * w[1]), -(c[2] * size * w[2])
 
 
-def quadratic_axes_torque(
-    t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
-) -> Components:
-    """-c_i omega_i |omega_i|; `extra` are the signs of omega_i, which an event turns over."""
-    return (
-        -(c[0] * extra[0] * w[0] * w[0]),
-        -(c[1] * extra[1] * w[1] * w[1]),
-        -(c[2] * extra[2] * w[2] * w[2]),
-    )
-
-
 def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> Components:
     """The torque of a highly viscous fluid: kappa (omega'' + omega x omega'), with the omega' of
     free motion.
@@ -153,17 +142,9 @@ def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> Co
 def cavity_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Sequence[Any]:
-    """The torque of the fluid in a cavity of the body: kappa (omega'' + omega x omega'), with
-    omega' and omega'' of free motion, of a gyrostat where there is a rotor."""
-    if not hasattr(k, "h1"):
-        along = fluid_torque((k.A1, k.A2, k.A3), along_principal_axes(w, k), c[0])
-        return from_principal_axes(along, k)
-    G = angular_momentum_of(w, k)
-    turning = vector_product(G, w)
-    first = accelerations(turning, k)
-    second = accelerations(vector_sum(vector_product(turning, w), vector_product(G, first)), k)
-    x, y, z = vector_sum(second, vector_product(w, first))
-    return c[0] * x, c[0] * y, c[0] * z
+    """The torque of the fluid in a cavity, as of `fluid_torque`."""
+    along = fluid_torque((k.A1, k.A2, k.A3), along_principal_axes(w, k), c[0])
+    return from_principal_axes(along, k)
 
 
 def body_torque(
@@ -180,13 +161,6 @@ def brake_torque(
     G = angular_momentum_of(w, k)
     rate = c[0] / dot(G, G) ** 0.5
     return -(rate * G[0]), -(rate * G[1]), -(rate * G[2])
-
-
-def rotor_torque(
-    t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
-) -> Components:
-    """-omega x h: the reaction of a rotor whose angular momentum h is fixed in the body."""
-    return vector_product(c, w)
 
 
 def space_torque(
@@ -222,16 +196,9 @@ TERMS: Mapping[str, Term] = {
     "damping": Term(damping_torque, dict.fromkeys(("lam1", "lam2", "lam3"), 1), by_momentum=True),
     "resistance": Term(resistance_torque, dict.fromkeys(ENTRIES, 1), coefficients=tensor_entries),
     "quadratic": Term(quadratic_torque, dict.fromkeys(("c1", "c2", "c3"), 2), by_momentum=True),
-    "quadratic_axes": Term(
-        quadratic_axes_torque,
-        dict.fromkeys(("e1", "e2", "e3"), 2),
-        by_momentum=True,
-        extra=dict.fromkeys(("s1", "s2", "s3"), 0),
-    ),
     "kappa": Term(cavity_torque, {"kappa": 3}, coefficients=alone),
     "torque": Term(body_torque, dict.fromkeys(("N1", "N2", "N3"), 0)),
     "brake": Term(brake_torque, {"brake": 0}, extra={"stage_momentum": 1}, coefficients=alone),
-    "rotor": Term(rotor_torque, dict.fromkeys(("h1", "h2", "h3"), 1)),
     "space_torque": Term(
         space_torque,
         {"F": 0},

@@ -42,7 +42,6 @@ class Dissipation(NamedTuple):
     inertia: Any
     damping: Any = (0.0, 0.0, 0.0)
     quadratic: Any = (0.0, 0.0, 0.0)
-    quadratic_axes: Any = (0.0, 0.0, 0.0)
     kappa: Any = 0.0
     torque: Any = (0.0, 0.0, 0.0)
     covered: Any = True
@@ -64,13 +63,8 @@ def axis_weights(inertia: Any) -> dict[str, list[float]]:
     """The factors (3,) of the coefficients of a term, by its key, with which those of the outer
     axes are compared in D'."""
     A = np.asarray(inertia, float)
-    c, b, a = np.sort(A)
-    largest, _, smallest = inertia_order(A)
-    # |p| and |r| on the separatrix are proportional to these.
-    speeds = np.zeros(3)
-    speeds[largest], speeds[smallest] = np.sqrt(c * (b - c)), np.sqrt(a * (a - b))
     weights = {"damping": np.ones(3), "quadratic": np.ones(3), "resistance": 1 / A}
-    return {key: w.tolist() for key, w in (weights | {"quadratic_axes": speeds}).items()}
+    return {key: w.tolist() for key, w in weights.items()}
 
 
 @np.errstate(all="ignore")
@@ -103,16 +97,16 @@ def possible_crossings(terms: Dissipation) -> frozenset[int] | None:
     if not terms.covered or np.any(terms.torque):
         return None
     largest, _, smallest = inertia_order(terms.inertia)
-    by_axes = np.multiply(terms.quadratic_axes, axis_weights(terms.inertia)["quadratic_axes"])
-    media = [x[largest] - x[smallest] for x in (terms.damping, terms.quadratic, by_axes)]
-    damping, quadratic, across = media
+    damping, quadratic = media = [
+        x[largest] - x[smallest] for x in (terms.damping, terms.quadratic)
+    ]
     has_fluid = terms.kappa > 0
     if max(media) <= 0:
         return frozenset({1} if has_fluid or min(media) < 0 else ())
     if not has_fluid and min(media) >= 0:
         return frozenset({-1})
     # |G| alone tells which of fluid and damping is the stronger, and it falls.
-    turns = has_fluid and damping > 0 and not quadratic and not across and min(terms.damping) >= 0
+    turns = has_fluid and damping > 0 and not quadratic and min(terms.damping) >= 0
     return frozenset({1, -1}) if turns else None
 
 
@@ -168,14 +162,14 @@ def tilt_growth_rates(terms: Dissipation, omega: Any) -> np.ndarray:
     axis, though not always for the other one: it may end as an oscillation of constant shape on the
     same side.
     """
-    A, damping, quadratic, by_axes, torque, omega = (
-        np.asarray(x, float) for x in (*terms[:4], terms.torque, omega)
+    A, damping, quadratic, torque, omega = (
+        np.asarray(x, float) for x in (*terms[:3], terms.torque, omega)
     )
     w, kappa = np.abs(omega), np.asarray(terms.kappa, float)[..., None]
     j, k = np.roll(A, -1, -1), np.roll(A, -2, -1)
     fluid = (A - j) * (A + j - k) / (j * j * k) + (A - k) * (A + k - j) / (k * k * j)
     driven = np.where(torque == 0, 0, torque / (A * omega))
-    growth = _above_others(damping) + _above_others(quadratic) * w + by_axes * w
+    growth = _above_others(damping) + _above_others(quadratic) * w
     growth = growth - driven - kappa * fluid * w * w / 2
     # For an axis whose moment is the middle one too, a symmetric body has no such turn.
     return np.where(np.sort(A, axis=-1)[..., 1:2] == A, np.nan, growth)
@@ -203,7 +197,7 @@ def driven_spin(terms: Dissipation, i: int) -> tuple[float, bool]:
 
 def spin_predictions(terms: Dissipation) -> list[str]:
     """The rotation that a torque along one axis holds against damping alone, in a sentence."""
-    others = *terms.quadratic, *terms.quadratic_axes, terms.kappa
+    others = *terms.quadratic, terms.kappa
     if any(others) or not terms.covered or np.count_nonzero(terms.torque) != 1:
         return []
     axis = int(np.flatnonzero(terms.torque)[0])

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...arithmetic import cos, sin, sqrt
-from ...schema.kinds import Angle, Integer, Key, Mistake, Number, Table
+from ...schema.kinds import Angle, Key, Mistake, Number, Table
 from ..base import Constants, Event, Label, Model, attributes, mistake_of
 from ..terms.laws import (
     coefficient_at,
@@ -38,9 +38,6 @@ from .nutation import (
 
 ROUGH_M1, UNRESOLVED_M1 = 1e-8, 1e-14
 """The 1 - k^2 below which the averaged forms have lost half their digits, and all."""
-
-MOST_NODES, NOTABLE_ERROR = 1000, 1e-12
-"""The nodes beyond which no quadrature is refined, and the error of one that is worth a word."""
 
 LAW_KEYS = ("mu", "m", "a", "b")
 """The keys of coefficients that may follow laws of time."""
@@ -452,96 +449,3 @@ class FullTop(Top):
             theta = np.longdouble(self.initial["theta"])
             y[4:6] = np.sin(theta), np.cos(theta)
         return y
-
-
-@dataclass(frozen=True)
-class AveragedQuadrature(AveragedTop):
-    """The averaged top under any torque M = (p f, q f, M3), f and M3 functions of tau, Gz, H, r and
-    theta.
-
-    dGz/dtau = <f (Gz - C r u)/A + M3 u>
-    dH/dtau = <f (2 H - C r^2 - 2 mu u)/A + M3 r>
-    dr/dtau = <M3>/C
-
-    <.> is the mean over one nutation, u = cos theta. M = (-a p, -a q, m - b r) is `perturbation:
-    linear-dissipation`, |omega|^2 (-a p, -a q, -b r) + (0, 0, m) is `cubic-dissipation`; the state
-    and the other symbols are those of the form averaged. The integrand is periodic in phi and
-    analytic, so that the sum over n points of a half turn is right to about [(w + sqrt(w^2 -
-    e^2))/e]^(4 - 2 n). It begins with `nodes` points, and where a motion comes so near to u2 = u3
-    that this is more than the tolerance, it is integrated again with twice as many.
-
-    Source: L. D. Akulenko et al. 2017, eqs (2.3), (2.4), (2.8).
-    """
-
-    perturbation: str
-    nodes: int
-
-    form = "averaged-quadrature"
-    has_changing_mu = False
-    keys = Top.keys | {
-        "perturbation": PERTURBATION,
-        "nodes": Key(
-            Integer(least=2, most=MOST_NODES),
-            "nodes of the quadrature over half a nutation; doubled until they meet the tolerance",
-            default=32,
-        ),
-    }
-
-    @staticmethod
-    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        U, Z, r, e = y
-        X, w = nutation(y, k)
-        Gz, H = U + k.C * r, k.mu * (1 - Z) + k.C * r * r / 2
-        # dt ~ dphi/sqrt(w + e cos phi); the midpoints of a half turn serve a whole one, since all
-        # is even in phi.
-        weights = [1 / (w + e * cos) ** 0.5 for cos in k.cosines]
-        torques = [
-            PERTURBATIONS[k.perturbation](t, Gz, H, r, 1 - X - e * cos, k) for cos in k.cosines
-        ]
-        period = sum(weights)
-        means = [
-            sum(
-                weight * values[i] * factor
-                for weight, values, factor in zip(weights, torques, factors, strict=True)
-            )
-            for i in (0, 1)
-            for factors in ([1] * len(weights), k.cosines)
-        ]
-        return drift(y, k, [mean / period for mean in means], (X, w))
-
-    @cached_property
-    def constants(self) -> Constants:
-        n = self.nodes
-        # Numbers, not a function of the equations: an engine's symbols would evaluate the cosine at
-        # every step.
-        cosines = tuple(math.cos((i + 0.5) * math.pi / n) for i in range(n))
-        return {**super().constants, "perturbation": self.perturbation, "cosines": cosines}
-
-    @property
-    def refined_data(self) -> dict[str, Any]:
-        # An error of the quadrature, exp(-c nodes), is seen as a whole with twice as many.
-        return {"nodes": 2 * self.nodes}
-
-    @staticmethod
-    def is_accurate(y: np.ndarray, k: Any, tol: float) -> Any:
-        return (quadrature_remainder(y, k) <= tol) | (len(k.cosines) >= MOST_NODES)
-
-    def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
-        remainder = quadrature_remainder(y.T, attributes(self.constants))
-        worst = int(np.argmax(remainder))
-        if remainder[worst] <= max(tol, NOTABLE_ERROR):
-            return []
-        return [
-            f"near u2 = u3, at tau = {t[worst]:.6g}, even {self.nodes} nodes are right to "
-            f"{remainder[worst]:.0e} only"
-        ]
-
-
-@np.errstate(all="ignore")
-def quadrature_remainder(y: np.ndarray, k: Any) -> np.ndarray:
-    """The error (n,) of the quadrature at states y (4, n), relative to its means; 0 where a state
-    is out of range, which no nodes would mend."""
-    _, w = nutation([*y], k)
-    near = np.arccosh(np.maximum(w / np.abs(y[3]), 1))
-    # The torques are polynomials of u, of degree 3 at most, and cost so many of the 2 n orders.
-    return np.asarray(np.nan_to_num(np.exp((4 - 2 * len(k.cosines)) * near)))

@@ -10,10 +10,8 @@ from ...arithmetic import horner
 from ...engines.units import clock_rates
 from ...integration import at_rest, time_to_zero
 from ...models.base import REST_BITS, Event, moving
-from ...models.rigid_body import UNDETERMINED
 from .batch import STEPS_PER_PAUSE, BatchState
 from .motions import Columns, Ensemble, Outcome, Passages, Rejection, TakenSteps, zeros_of
-from .regions import changes_within, label_at, time_between
 
 LOOSER_TOLS, GROWN_ERRORS = 16, 32
 """The tolerances that a step takes where the growth of errors is looked for, and the error that a
@@ -29,7 +27,7 @@ def advance(e: Ensemble) -> Outcome:
     m, n = e.start.shape
     outcome = Outcome(m, n, len(e.times))
     # One compiled step watches one event of each kind; of more, single cases keep the order.
-    kinds = [event.interrupts for event in e.events if event.sign is None]
+    kinds = [event.passage is not None for event in e.events]
     if len(kinds) > len(set(kinds)):
         outcome.rejection[:] = Rejection.EVENTS.code
         return outcome
@@ -40,18 +38,13 @@ def advance(e: Ensemble) -> Outcome:
             for _ in range(STEPS_PER_PAUSE):
                 batch.advance()
             batch.pause()
-        if e.event or (e.searches and e.has_rotor):
-            decide_passages(e, batch.candidates, outcome)
-        if e.searches and e.has_rotor:
-            # Of what is too slow to be followed only a single case knows the rotor's part.
-            outcome.reject(outcome.exponent < -REST_BITS, Rejection.UNCERTAIN)
+        if e.event:
+            decide_passages(e, e.event, batch.candidates, outcome)
     if e.model.degree and e.model.starts_with_omega:
         stop_at_rest(outcome)
     if not e.model.degree:
         outcome.reject(clock_rates(e.model, e.named(), e.start) != 0, Rejection.UNIT)
     outcome.reject(~np.isfinite(outcome.state).all(axis=0), Rejection.OUTGROWN)
-    for state in (e.start, outcome.state):  # single cases refine what approximates the equations
-        outcome.reject(~e.model.is_accurate(state, e.named(), e.tol), Rejection.COARSE)
     return outcome
 
 
@@ -69,20 +62,21 @@ def stop_at_rest(outcome: Outcome) -> None:
     outcome.end_side[(outcome.state[:3] == 0).all(axis=0)] = 0
 
 
-def decide_passages(e: Ensemble, candidates: list[TakenSteps], outcome: Outcome) -> None:
+def decide_passages(
+    e: Ensemble, event: Event, candidates: list[TakenSteps], outcome: Outcome
+) -> None:
     """Find where motions pass from one side to another, in the steps in which they may.
 
     A motion is accepted if its passages lead, by turns, from the side at its start to that at its
     end, and none of these is uncertain.
     """
-    event, resting = e.event, enter_sides(e, outcome)
-    is_terminal = event is not None and event.terminal
+    resting = enter_sides(e, event, outcome)
     # With an uncertain side a motion is not accepted, whatever passages it has.
-    certain = (outcome.start_side != 0) & (is_terminal | resting | (outcome.end_side != 0))
+    certain = (outcome.start_side != 0) & (event.terminal | resting | (outcome.end_side != 0))
     steps = steps_of(candidates, certain & ~e.is_one_sided)
     if steps is not None:
-        passages, undecided = zeros_within(e, event, steps) if event else changes_within(e, steps)
-        if is_terminal:
+        passages, undecided = zeros_within(e, event, steps)
+        if event.terminal:
             passages = passages.chosen(passages.is_first)
             stop_at(passages, e.times, outcome)
         outcome.passages = passages
@@ -90,15 +84,11 @@ def decide_passages(e: Ensemble, candidates: list[TakenSteps], outcome: Outcome)
     reject_contradicted(outcome, resting)
 
 
-def enter_sides(e: Ensemble, outcome: Outcome) -> np.ndarray:
+def enter_sides(e: Ensemble, event: Event, outcome: Outcome) -> np.ndarray:
     """Enter the sides on which motions begin and end, 0 where they are uncertain; returns which
     (n,) a brake has brought to rest, where no side is left."""
-    if e.event is None:
-        outcome.start_side = label_at(e, e.start, 0)
-        outcome.end_side = label_at(e, outcome.state, outcome.exponent)
-        return np.asarray(outcome.end_side == UNDETERMINED)
-    outcome.start_side = e.side(e.event, e.span[0], e.onset)
-    outcome.end_side = e.side(e.event, e.span[1], outcome.state)
+    outcome.start_side = e.side(event, e.span[0], e.onset)
+    outcome.end_side = e.side(event, e.span[1], outcome.state)
     return np.asarray((outcome.state[:3] == 0).all(axis=0))
 
 
@@ -186,10 +176,8 @@ def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
         span=(e.span[0], time), times=np.empty(0), looser=LOOSER_TOLS, searches=False,
     )  # fmt: skip
     end, k = advance(again), vars(again.named())
-    if e.event is not None:
-        distance = time_to_zero(e.event, e.model, k, time, end.state, end.exponent)
-    else:
-        distance = time_between(e, passed.chosen(first), end.state, end.exponent)
+    assert e.event is not None
+    distance = time_to_zero(e.event, e.model, k, time, end.state, end.exponent)
     passed.error[first] = np.maximum(passed.error[first], GROWN_ERRORS * distance)
     is_sure = end.accepted & (distance <= passed.uncertainty[first])
     outcome.reject(motion[~is_sure], Rejection.UNCERTAIN)

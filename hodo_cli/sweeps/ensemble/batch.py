@@ -18,7 +18,6 @@ from .motions import (
     states_after,
     zeros_of,
 )
-from .regions import LEVEL_ROWS, left_cells
 
 FITTING, STILL_FITTING = (1 / 16, 16.0), (1 / 256, 256.0)
 """The largest component of a scaled state that needs no new units. heyoka's control of the error is
@@ -76,7 +75,6 @@ class BatchState:
         motion = padded(begun)
         self.columns = columns_at_start(e, motion, stride(e.looser * e.tol, e.passing))
         self.output, self.spare = np.empty((2, e.step.rows, len(motion)))
-        self.cells = np.full((3 * e.has_rotor, 3, len(motion)), np.nan)
         self.renew(np.arange(len(motion)))
         self.empty(len(begun))
         at_start = e.times <= np.reshape(e.span[0], (-1, 1))
@@ -97,8 +95,6 @@ class BatchState:
         # that is negative where it may have a zero in the step, and what tells the cells.
         self.columns = Columns(self.output[:end], *before[1:])
         steps, passed = TakenSteps(before, self.output[end]), np.empty(0, dtype=np.int64)
-        if e.searches and e.has_rotor:
-            self.note_left_cells(steps)
         for event, bound in zip(e.step.events, self.output[end + 1 :], strict=False):
             columns = np.flatnonzero(bound < 0)
             if columns.size and event.passage:
@@ -132,16 +128,6 @@ class BatchState:
         for samples, values in zip(self.outcome.samples, sampled, strict=True):
             samples.reshape(-1)[entry] = values
         self.outcome.sample_exponent.reshape(-1)[entry] = start.exponent
-
-    def note_left_cells(self, steps: TakenSteps) -> None:
-        """Remember those of the steps just taken in which the label of a body with a rotor may
-        change."""
-        motion, exponent = self.columns.motion, self.columns.exponent
-        levels = self.output[-LEVEL_ROWS:] * np.ldexp(1.0, 2 * exponent)
-        is_under_way = (motion >= 0) & (steps.length > 0)
-        columns = left_cells(self.ensemble, self.cells, levels, motion, is_under_way)
-        if columns.size:
-            self.candidates.append(steps.chosen(columns))
 
     def note_candidates(self, event: Event, steps: TakenSteps, columns: np.ndarray) -> None:
         """Remember the steps just taken in some columns, where an event's function may have zeros;
@@ -257,7 +243,6 @@ class BatchState:
         columns = padded(going)
         self.columns = self.columns.chosen(columns)
         self.output, self.spare = np.empty((2, len(self.output), len(columns)))
-        self.cells = self.cells.take(columns, axis=-1)
         self.empty(len(going))
 
     def enter(self, columns: np.ndarray) -> None:

@@ -17,15 +17,13 @@ from ...models.base import (
     UNIT,
     VELOCITY,
     Event,
-    Level,
     Model,
     Structure,
     moving,
     namespace,
     stacked,
 )
-from ...models.rigid_body import along_principal_axes, principal_rotor_of
-from ...models.theory.gyrostat import SaddleCurves
+from ...models.rigid_body import along_principal_axes
 
 if TYPE_CHECKING:
     from ...engines.taylor_batch import TaylorStep
@@ -54,7 +52,6 @@ class Rejection(Coded):
     SLOW = "too many steps"
     UNIT = "rates far from 1 in the unit of time"
     OUTGROWN = "numbers beyond the largest double"
-    COARSE = "equations that need finer data"
     UNCERTAIN = "the sign of an event's function is uncertain"
     ASTRAY = "a step of unknown length, over a corner, or beyond the passage of an event"
     SAMPLES = "samples of motions that go on through an event"
@@ -106,7 +103,6 @@ class Ensemble:
     start: np.ndarray
     span: tuple[Any, Any]
     events: tuple[Event, ...]
-    levels: tuple[Level, ...]
     tol: float
     times: np.ndarray = field(default_factory=lambda: np.empty(0))
     looser: float = 1.0
@@ -120,7 +116,7 @@ class Ensemble:
         # Its code is the same whether the event ends a motion or not.
         events = tuple(event._replace(terminal=False) for event in self.events)
         model: Any = self.model  # a class has a hash, whatever its protocol says
-        return taylor_batch.build(model, self.structure, events, self.levels)
+        return taylor_batch.build(model, self.structure, events)
 
     @cached_property
     def event(self) -> Event | None:
@@ -130,13 +126,8 @@ class Ensemble:
 
     @cached_property
     def passing(self) -> Event | None:
-        """The event with a passage, through which motions go on, that is no corner."""
-        return next((event for event in self.events if event.interrupts), None)
-
-    @property
-    def has_rotor(self) -> bool:
-        """Whether the axes of bodies follow from their levels, and not from the sign of D."""
-        return bool(self.levels)
+        """The event with a passage, through which motions go on."""
+        return next((event for event in self.events if event.passage), None)
 
     @property
     def error_bound(self) -> float:
@@ -163,16 +154,6 @@ class Ensemble:
         """The angular velocities (3, k) along the principal axes of some motions (k,) of bodies, in
         states y (m, k)."""
         return np.array(along_principal_axes([*y[:3]], self.named(motions)))
-
-    @cached_property
-    def rotor(self) -> np.ndarray:
-        """h (3, n) of bodies with a rotor along the principal axes."""
-        return np.array(principal_rotor_of(self.named()))
-
-    @cached_property
-    def saddle_curves(self) -> SaddleCurves:
-        """Those of bodies with a rotor (2n,), with the places where the saddles appear."""
-        return SaddleCurves.of(self.inertia.T, self.rotor.T).limited()
 
     @cached_property
     def onset(self) -> np.ndarray:
