@@ -30,6 +30,7 @@ from .keys import (
     REMARKS,
     all_keys,
     drop_replaced_times,
+    finds_no_stop,
     keys_in,
     most_samples,
     wrong_precision,
@@ -394,9 +395,12 @@ def _method_mistakes(system: Model, values: Mapping[str, Any]) -> Iterator[Mista
     is_exact, takes_steps = values["method"] == "exact", values["time"]["steps"]
     of_equations = models.mistake_in(system)
     of_precision = wrong_precision(values["method"], values["precision"])
+    # Equations with a mistake may have it in their events.
+    of_events = "" if of_equations else finds_no_stop(values["method"], system)
     return mistakes_where(
         (of_equations, ("model",), of_equations),
         (of_precision, ("precision",), of_precision),
+        (of_events, ("method",), of_events),
         (is_exact and not system.has_closed_form, ("method",), NO_CLOSED_FORM),
         (
             is_exact and takes_steps,

@@ -30,7 +30,9 @@ from ..schema.spelling import near
 from . import claim_block, figure_block
 from .sweep_block import SWEEP
 
-METHODS = ("auto", "taylor", "collocation", "DOP853", "RK45", "LSODA", "Radau", "BDF", "exact")
+SCIPY_METHODS = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
+
+METHODS = ("auto", "taylor", "collocation", *SCIPY_METHODS, "exact")
 
 METHOD_PRECISIONS = {
     **dict.fromkeys(("auto", "taylor"), ("double", "extended", "quadruple")),
@@ -44,6 +46,14 @@ def wrong_precision(method: str, precision: str) -> str:
     if precision in (known := METHOD_PRECISIONS.get(method, ("double",))):
         return ""
     return f"method {method} works in {' and '.join(known)} precision only, not {precision}"
+
+
+def finds_no_stop(method: str, system: Model) -> str:
+    """Why a method does not integrate a model, which has events that it would pass; an empty string
+    if it does."""
+    if method in SCIPY_METHODS and system.run_events:
+        return f"{method} finds no stop: method auto, taylor or collocation"
+    return ""
 
 
 NO_CLOSED_FORM = "method exact needs torques along G: equal damping, a brake, or both, all constant"
@@ -255,10 +265,9 @@ class ModelName(Choice):
 def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, dict[str, Key]]:
     """The class of a model's form (None: the first) and every key of its cases; no class if there
     is no such form."""
-    catalogue = models.catalogue()
-    forms = catalogue.get(model or "", {})
+    forms = models.forms_of(model or "")
     first = next(iter(forms), "")
-    head = {"model": Key(ModelName(*catalogue), "equations of motion")}
+    head = {"model": Key(ModelName(*models.model_names()), "equations of motion")}
     if forms:
         head["form"] = Key(Choice(*forms), "form of the equations", default=first)
     form_class = forms.get(first if form is None else form)

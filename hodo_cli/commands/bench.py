@@ -23,6 +23,7 @@ from ..batch.pool import Pool
 from ..batch.processes import Processes
 from ..cases.case import Case
 from ..cases.config import Config, no_case
+from ..cases.keys import finds_no_stop
 from ..engines import have_quadruple
 from ..engines.protocol import Status
 from ..integration import (
@@ -59,6 +60,9 @@ TRIAL_VERDICTS = (
     "timeout",
     "SILENT",
 )
+
+NOT_TRIED = "-"
+"""In the place of a verdict where a method cannot find the stop of a motion."""
 
 ERROR_SLACK = 10
 """An error may be so many times what was asked for; from there on `remarks` warns of it."""
@@ -199,6 +203,8 @@ def trial(
     max_seconds: float,
 ) -> Trial:
     """One case by one method at one tolerance, timed and judged."""
+    if finds_no_stop(method, case.system):
+        return Trial(method, NOT_TRIED, floor=reference.floor)
     case = replace(case, method=method, tol=tol, max_seconds=max_seconds)
     try:
         choose(case)  # the time does not include the trial for stiffness

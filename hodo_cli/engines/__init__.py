@@ -82,4 +82,4 @@ def engine_for(
         return Collocation(model, events, tol, precision)
     from .scipy_ivp import Ivp
 
-    return Ivp(method, model, events, tol)
+    return Ivp(method, model, tol)

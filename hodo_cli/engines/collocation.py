@@ -20,6 +20,7 @@ import numpy as np
 
 from ..models.base import Event, Model, jacobian, kinds_of_variables, stacked
 from .polynomial import LEGENDRE
+from .protocol import StepControl
 from .stepwise import Stepwise, chebyshev
 
 # The fastest on stiff motions (26 ms where 8, 12, 20 and 24 stages take 153, 39, 46 and 52): fewer
@@ -66,9 +67,9 @@ class Collocation(Stepwise):
             series = series + (values - series @ basis) @ inverse
         return np.asarray(series)
 
-    def solver(self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float) -> "Steps":
+    def solver(self, k: Any, y: np.ndarray, start: Any, end: Any, control: StepControl) -> "Steps":
         """See `Stepwise.solver`."""
-        return Steps(self.model, k, y, start, end, self.tol, longest)
+        return Steps(self.model, k, y, start, end, self.tol, control.longest)
 
 
 class Steps:

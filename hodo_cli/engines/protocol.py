@@ -183,6 +183,7 @@ class StepControl:
         self.has_time()
 
     def give_up(self, status: Status, message: str) -> bool:
-        """Record that the motion ends here, and why."""
-        self.status, self.message = status, message
+        """Record that the motion ends here, and why: the first reason counts."""
+        if self.status is Status.OK:
+            self.status, self.message = status, message
         return False

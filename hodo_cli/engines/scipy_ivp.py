@@ -1,4 +1,5 @@
-"""SciPy's initial value solvers, by name; the only module of engines that imports SciPy."""
+"""SciPy's initial value solvers, by name, for models without events; the only module of engines
+that imports SciPy."""
 
 import warnings
 from functools import partial
@@ -6,9 +7,9 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
-from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
+from scipy.integrate import BDF, DOP853, LSODA, RK45, OdeSolver, Radau
 
-from ..models.base import Constants, Event, Model, jacobian
+from ..models.base import Constants, Model, jacobian
 from .protocol import EPS, IVP, StepControl, Stretch
 from .stepwise import Stepwise
 
@@ -27,14 +28,8 @@ LEAST_TOL = 100 * EPS
 class Ivp(Stepwise):
     """One of SciPy's solvers, with the state scaled to about 1."""
 
-    def __init__(
-        self,
-        method: str,
-        model: type[Model],
-        events: tuple[Event, ...],
-        tol: float | None,
-    ) -> None:
-        super().__init__(events)
+    def __init__(self, method: str, model: type[Model], tol: float | None) -> None:
+        super().__init__(())
         self.method, self.model = SOLVERS[method], model
         self.degree = DEGREES[method]
         self.implicit = method in ("LSODA", "Radau", "BDF")
@@ -48,22 +43,32 @@ class Ivp(Stepwise):
             warnings.simplefilter("ignore")  # a solver that gives up returns a message too
             return super().integrate(k, y, grid, control)
 
-    def solver(self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float) -> Any:
+    def solver(
+        self, k: Any, y: np.ndarray, start: Any, end: Any, control: StepControl
+    ) -> OdeSolver:
         """See `Stepwise.solver`; the implicit methods are given the Jacobian."""
+        rates = partial(self._rhs, k, control)
+        # A step from rates that are no numbers has no length, and SciPy would try it for ever.
+        if not np.isfinite(rates(start, y)).all():
+            raise ValueError("the rates are infinite or not a number")
         options = {"jac": partial(jacobian, self.model, k)} if self.implicit else {}
         return self.method(
             # One tolerance for both: the units keep the largest component near 1.
-            partial(self._rhs, k),
+            rates,
             start,
             y,
             end,
             rtol=self.tol,
             atol=self.tol,
-            max_step=longest,
+            max_step=control.longest,
             **options,
         )
 
-    def _rhs(self, k: Any, t: float, y: np.ndarray) -> np.ndarray:
+    def _rhs(self, k: Any, control: StepControl, t: float, y: np.ndarray) -> np.ndarray:
+        """The rates, not a number where they are no real numbers: the solver then tries a shorter
+        step. Raises ValueError where the motion has no seconds left, which ends the step."""
+        if not control.has_time():
+            raise ValueError(control.message)
         # Python floats: for three numbers they take half the time of numpy's scalars. But a root of
         # a negative one is complex, and a solver would go on with its real part.
         rates = np.array(self.model.rhs(t, y.tolist(), k))

@@ -25,8 +25,9 @@ class Stepwise(Engine):
         self.events = events
 
     @abstractmethod
-    def solver(self, k: Any, y: np.ndarray, start: Any, end: Any, longest: float) -> Any:
-        """A new solver from `y` at `start` to `end`, in steps of at most `longest`."""
+    def solver(self, k: Any, y: np.ndarray, start: Any, end: Any, control: StepControl) -> Any:
+        """A new solver from `y` at `start` to `end`, in steps of at most `control.longest`. Raises
+        ValueError, with a sentence, where the equations let it take none."""
 
     def series(self, solver: Any, dense: Callable[[Any], np.ndarray], end: Any) -> np.ndarray:
         """The polynomial of the last step (m, degree + 1) up to the time `end`, from its values at
@@ -39,7 +40,11 @@ class Stepwise(Engine):
     ) -> Stretch:
         """See `Engine.integrate`."""
         constants = attributes(k, self.dtype)
-        solver = self.solver(constants, y, grid[0], grid[-1], control.longest)
+        try:
+            solver = self.solver(constants, y, grid[0], grid[-1], control)
+        except ValueError as error:
+            control.give_up(Status.FAILED, str(error))
+            return Stretch(y[None], (grid[0], self.dtype(0)), y)
         rows = np.empty((len(grid), len(y)), dtype=self.dtype)
         rows[0], done = y, 1
         going, stop = len(grid) > 1, None
@@ -102,7 +107,7 @@ def problem_of_step(solver: Any) -> str:
     """Take a step; why there is none, or an empty string."""
     try:
         message = solver.step()
-    except ValueError as error:  # SciPy's implicit methods, of a matrix that is not finite
+    except ValueError as error:  # as SciPy's implicit methods, of a matrix that is not finite
         return str(error)
     # LSODA returns success with nan where an equation is not Lipschitz.
     if solver.status == "failed" or not np.isfinite(solver.y).all():

@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import HodoError, engines
 from ..cases.case import Case
-from ..cases.keys import NO_CLOSED_FORM, wrong_precision
+from ..cases.keys import NO_CLOSED_FORM, finds_no_stop, wrong_precision
 from ..engines.protocol import LAST_STEP, Status, StepControl
 from ..engines.units import is_timed
 from .driver import (
@@ -85,7 +85,7 @@ def solve(
     """
     times = sample_times(case) if times is None else times
     # A case with such a method is refused when it is read; a comparison of methods may ask for one.
-    if message := wrong_precision(method, precision):
+    if message := wrong_precision(method, precision) or finds_no_stop(method, case.system):
         raise HodoError(message)
     if method == "exact":
         return closed_form(case, times, precision)

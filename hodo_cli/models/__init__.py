@@ -1,52 +1,51 @@
 """The mechanics. MODELS says which module has which model; a user's own files may add others.
 Imports schema and arithmetic only; knows no solver, result or plot."""
 
+import hashlib
 import os
 from collections.abc import Mapping
-from dataclasses import fields
 from functools import cache
 from importlib import import_module
-from types import ModuleType
 
 from .. import HodoError
 from .base import Label, Model
-from .own import OwnFile, equations_mistake, load_own
-
-OWN_MODELS_VARIABLE = "HODO_MODELS"
-"""The variable of the environment with the user's own files, separated as in PATH: worker processes
-inherit it."""
+from .own import OwnFile, equations_mistake, forms_in, load_own
 
 MODELS = {
+    "cavity+constant": "cavity",
     "linear-diag": "linear_diag",
     "tensor": "tensor",
-    "cavity+constant": "cavity",
-    "torques": "torques",
     "Lagrange-averaged": "top.lagrange",
+    "torques": "torques",
 }
+"""The modules of hodo's own models, each imported where its model is asked for."""
+
+_own_files: list[OwnFile] = []
 
 
-def _forms(module: ModuleType) -> list[type[Model]]:
-    """The forms that a module itself states, not those that it builds on."""
-    return [
-        item
-        for item in vars(module).values()
-        if isinstance(item, type) and issubclass(item, Model) and hasattr(item, "name")
-        if item.__module__ == module.__name__ and "form" in vars(item)
-    ]
+def _own_forms() -> list[type[Model]]:
+    """The forms in the user's own files."""
+    return [form for file in _own_files for form in file.forms]
+
+
+def model_names() -> tuple[str, ...]:
+    """The names of all models, hodo's first."""
+    return tuple(dict.fromkeys((*MODELS, *(form.name for form in _own_forms()))))
 
 
 @cache
 def forms_of(name: str) -> Mapping[str, type[Model]]:
-    """The classes of a model by form, the first of which is its default."""
-    if name in MODELS:
-        return {form.form: form for form in _forms(import_module(f"{__name__}.{MODELS[name]}"))}
-    return {form.form: form for form in _own_forms if form.name == name}
+    """The classes of a model by form, the first of which is its default; none of an unknown one."""
+    known = (
+        forms_in(import_module(f"{__name__}.{MODELS[name]}")) if name in MODELS else _own_forms()
+    )
+    return {form.form: form for form in known if form.name == name}
 
 
 @cache
 def catalogue() -> Mapping[str, Mapping[str, type[Model]]]:
     """Every model class by its YAML name and form."""
-    return {name: forms_of(name) for name in (*MODELS, *(form.name for form in _own_forms))}
+    return {name: forms_of(name) for name in model_names()}
 
 
 def find(name: str, form: str) -> type[Model]:
@@ -54,66 +53,39 @@ def find(name: str, form: str) -> type[Model]:
 
     Raises HodoError for a model or form that is not there (a result file of another version, say).
     """
-    try:
-        return forms_of(name)[form]
-    except KeyError:
-        raise HodoError(f"there is no model {name!r} with the form {form!r}") from None
+    if form not in (forms := forms_of(name)):
+        raise HodoError(f"there is no model {name!r} with the form {form!r}")
+    return forms[form]
+
+
+def _files_with(name: str) -> list[OwnFile]:
+    """The user's own files with a model of this name; all of them for an empty name."""
+    return [file for file in _own_files if name in ("", *(form.name for form in file.forms))]
 
 
 def added_variables() -> dict[str, Label]:
     """What the user's own models store."""
-    return {name: label for form in _own_forms for name, label in form.variables.items()}
+    return {name: label for form in _own_forms() for name, label in form.variables.items()}
 
 
-def _files_with(name: str) -> list[OwnFile]:
-    """The user's own files with a model of this name; all of them for an empty one."""
-    return list(
-        {file.path: file for form, file in _own_forms.items() if name in ("", form.name)}.values()
-    )
+def added_source(name: str = "") -> str:
+    """The text of the user's own file with a model of this name, or of all files, and of what they
+    import from their folders; empty without any."""
+    return "\n".join(file.source for file in _files_with(name))
 
 
 def added_models_digest(name: str = "") -> str:
-    """The digest of the user's own files with a model of this name, or of all; empty without."""
-    return " ".join(file.digest for file in _files_with(name))
-
-
-def added_source(name: str) -> str:
-    """The source of a user's own model, with all that it imports from its folder; else empty."""
-    return "\n".join(file.source for file in _files_with(name))
+    """The digests of these texts; empty without any."""
+    return " ".join(hashlib.sha256(x.source.encode()).hexdigest() for x in _files_with(name))
 
 
 def mistake_in(system: Model) -> str:
     """The mistake in a user's own equations, tried at the start of a motion; empty if there is
     none."""
-    file = _own_forms.get(type(system))
-    return equations_mistake(system, file.path) if file else ""
+    return "".join(equations_mistake(system, file.path) for file in _files_with(system.name))
 
 
-def _read_own_forms() -> dict[type[Model], OwnFile]:
-    """The forms in the user's own files."""
-    found: dict[type[Model], OwnFile] = {}
-    for i, path in enumerate(
-        filter(None, os.environ.get(OWN_MODELS_VARIABLE, "").split(os.pathsep))
-    ):
-        file = load_own(path, f"{__name__}.own{i}")
-        forms = _forms(file.module)
-        if not forms:
-            raise HodoError(f"{path}: there is no model in it (a class with `name` and `form`)")
-        for form in forms:
-            lone = {field.name for field in fields(form) if field.init} ^ form.keys.keys()
-            if lone or "__dataclass_fields__" not in vars(form):
-                raise HodoError(
-                    f"{path}: {form.__name__}: it is to be a frozen dataclass whose fields are its "
-                    f"`keys`; only one of both: {min(lone, default='there is none')}"
-                )
-            named = {(other.name, other.form) for other in found}
-            if form.name in MODELS or (form.name, form.form) in named:
-                raise HodoError(f"{path}: there is already a model {form.name!r}")
-            # In the case's own units: who states degrees wrongly would get wrong numbers.
-            form.degree = {}
-            found[form] = file
-    return found
-
-
-# At once, so that a file with a mistake is refused before anything runs.
-_own_forms = _read_own_forms()
+# At once, so that a file with a mistake is refused before anything runs. From the environment, which
+# worker processes inherit; separated as in PATH.
+for _path in filter(None, os.environ.get("HODO_MODELS", "").split(os.pathsep)):
+    _own_files.append(load_own(_path, f"{__name__}.own{len(_own_files)}", model_names()))

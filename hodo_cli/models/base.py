@@ -176,7 +176,7 @@ class Model:
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         """The time derivative of each state variable."""
-        raise NotImplementedError
+        raise NotImplementedError("the model states no rhs")
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:

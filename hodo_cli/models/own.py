@@ -1,9 +1,10 @@
-"""Models in a user's own files: how they are loaded, and what is wrong with them, as one line with
-its place."""
+"""Models in a user's own file: how it is loaded, and what is wrong with it or with its equations,
+in one line with its place."""
 
-import hashlib
 import sys
 import traceback
+from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any, NamedTuple
@@ -12,165 +13,173 @@ import numpy as np
 
 from .. import HodoError
 from ..arithmetic import SYMBOLS
-from .base import LENGTHS, OWN_FOLDER, Model, attributes
+from .base import LENGTHS, OWN_FOLDER, START, UNIT, VELOCITY, Model, attributes
 
 MISTAKES = (Exception, SystemExit)
-"""What running a file of models may raise: one that calls `exit(0)` would end hodo as if all had
-gone well."""
+"""What running a user's file may raise: one that calls `exit(0)` would end hodo as if all had gone
+well."""
 
 
 class OwnFile(NamedTuple):
-    """A file of models: its path, its module, and the texts of the file and of what it has imported
-    from its own folder, by their paths from there."""
+    """A user's file: its path, the forms of models in it, and its text with those of the files that
+    it imports from its own folder, each below the file's path from there."""
 
     path: str
-    module: ModuleType
-    texts: dict[str, str]
-
-    @property
-    def digest(self) -> str:
-        """The digest of all the texts."""
-        return hashlib.sha256(repr(sorted(self.texts.items())).encode()).hexdigest()
-
-    @property
-    def source(self) -> str:
-        """The texts for a reader, each below its file's path."""
-        return "\n".join(f"# {path}\n{text}" for path, text in self.texts.items())
+    forms: list[type[Model]]
+    source: str
 
 
-def load_own(path: str, name: str) -> OwnFile:
-    """A file of a user's own as the module `name`.
+def load_own(path: str, name: str, taken: tuple[str, ...]) -> OwnFile:
+    """A user's file as the module `name`; its models have other names than those that are `taken`.
 
-    Raises HodoError, one line with the place, if it cannot be read or run.
+    Raises HodoError, one line with the place, if it cannot be read or run, has no model, or states
+    one wrongly.
     """
-    module, folder = ModuleType(name), Path(path).resolve().parent
+    module, file = ModuleType(name), Path(path).resolve()
     module.__file__ = path
-    # Before it runs, because `dataclass` looks its module up; its folder goes last: no file there
-    # is taken for a library.
+    # Before it runs, because `dataclass` looks its module up.
     sys.modules[name] = module
-    if str(folder) not in sys.path:
-        sys.path.append(str(folder))
+    # Its folder comes last: no file there is taken for a library.
+    sys.path.append(str(file.parent))
+    # What has been loaded from there before is loaded anew, so that it is seen.
+    earlier = {other: sys.modules.pop(other) for other in _beside(file.parent)}
     try:
         # Read once, so that the text hashed is the text run, even if the file is edited meanwhile.
-        text = Path(path).read_text("utf-8")
-        exec(compile(text, path, "exec"), vars(module))
-    except OSError as error:
-        raise HodoError(f"{path}: {str(error.strerror).lower()}") from None
+        texts = {file: file.read_text("utf-8")}
+        exec(compile(texts[file], path, "exec"), vars(module))
+        texts |= {other: other.read_text("utf-8") for other in _beside(file.parent).values()}
     except MISTAKES as error:
         raise HodoError(with_place(error, path)) from error
-    beside = {
-        Path(str(other.__file__)) for other in [*sys.modules.values()] if _is_beside(other, folder)
-    }
-    texts = {
-        file.relative_to(folder).as_posix(): file.read_text("utf-8") for file in sorted(beside)
-    }
-    return OwnFile(path, module, {Path(path).name: text} | texts)
-
-
-def _is_beside(module: ModuleType, folder: Path) -> bool:
-    """Whether a module lies in the folder of a model, and is no library's."""
-    file = getattr(module, "__file__", None) or ""
-    return (
-        file.startswith(str(folder))
-        and not file.startswith(OWN_FOLDER)
-        and "site-packages" not in file
-        and file.endswith(".py")
+    finally:
+        sys.modules.update(earlier)
+    if not (forms := forms_in(module)):
+        raise HodoError(f"{path}: there is no model in it (a class with `name` and `form`)")
+    for form in forms:
+        for message in _class_mistakes(form, taken):
+            raise HodoError(f"{path}: {form.__name__}: {message}")
+        # Its motions are integrated in the case's own units, whatever it builds on.
+        form.degree = {}
+    return OwnFile(
+        path,
+        forms,
+        "\n".join(f"# {x.relative_to(file.parent).as_posix()}\n{texts[x]}" for x in texts),
     )
 
 
-def with_place(error: BaseException, path: str) -> str:
-    """An error after the line, of a file of models or of one beside it, that raises it."""
-    if isinstance(error, SyntaxError):
-        return f"{error.filename or path}:{error.lineno or 1}: {error.msg}"
-    folder = str(Path(path).resolve().parent)
-    places = [
-        f"{frame.filename}:{frame.lineno}"
-        for frame in traceback.extract_tb(error.__traceback__)
-        if frame.filename == path
-        or (frame.filename.startswith(folder) and not frame.filename.startswith(OWN_FOLDER))
+def _beside(folder: Path) -> dict[str, Path]:
+    """The files of the modules that have been loaded from a folder, by the modules' names."""
+    return {
+        name: file
+        for name, module in sorted(sys.modules.items())
+        if _is_own(file := Path(getattr(module, "__file__", None) or ""), folder)
+        if name.partition(".")[0] not in ("hodo_cli", "__main__")
+    }
+
+
+def _is_own(file: Path, folder: Path) -> bool:
+    """Whether a file of Python is in a folder, and neither hodo's nor a library's."""
+    return (
+        file.is_relative_to(folder)
+        and file.suffix == ".py"
+        and not file.is_relative_to(OWN_FOLDER)
+        and "site-packages" not in file.parts
+    )
+
+
+def forms_in(module: ModuleType) -> list[type[Model]]:
+    """The forms that a module itself states, not those that it builds on."""
+    return [
+        item
+        for item in vars(module).values()
+        if isinstance(item, type) and issubclass(item, Model) and item.__module__ == module.__name__
+        if hasattr(item, "name") and "form" in vars(item)
     ]
-    kind = "" if isinstance(error, HodoError) else f"{type(error).__name__}: "
-    message = f"{kind}{error}".partition("\n")[0]
-    if isinstance(error, AttributeError) and isinstance(error.obj, SimpleNamespace):
-        names = ", ".join(filter(str.isidentifier, vars(error.obj)))
-        message = f"there is no constant {error.name!r} (`constants` has: {names})"
-    return f"{places[-1] if places else f'{path}:1'}: {message}"
+
+
+def _class_mistakes(form: type[Model], taken: tuple[str, ...]) -> Iterator[str]:
+    """What is wrong with how a class states its name and its keys."""
+    keys, base = {*getattr(form, "keys", ())}, form.__mro__[1]
+    lone = keys ^ {field.name for field in fields(form) if field.init}
+    # A dataclass takes an attribute that it inherits for the default of its field.
+    lost = keys & {*dir(base)} - {field.name for field in fields(base)}
+    sentences = {
+        f"there is already a model {form.name!r}": form.name in taken,
+        "expected a frozen dataclass": "__dataclass_fields__" not in vars(form),
+        f"expected a field for each of its `keys`: only one of both has {', '.join(lone)}": lone,
+        f"its key {', '.join(lost)} is an attribute of {base.__name__}: name it otherwise": lost,
+    }
+    yield from (sentence for sentence, is_so in sentences.items() if is_so)
+
+
+def with_place(error: BaseException, path: str) -> str:
+    """An error after the line, of a user's file or of one beside it, that raises it."""
+    # A mistake in the grammar knows its place itself.
+    frames = [] if isinstance(error, SyntaxError) else traceback.extract_tb(error.__traceback__)
+    places = [
+        f"{getattr(error, 'filename', None) or path}:{getattr(error, 'lineno', None) or 1}",
+        *(
+            f"{frame.filename}:{frame.lineno}"
+            for frame in frames
+            if frame.filename == path or _is_own(Path(frame.filename), Path(path).resolve().parent)
+        ),
+    ]
+    hint = f"; {ALLOWED}" if Symbol.__name__ in str(error) else ""
+    return f"{places[-1]}: {type(error).__name__}: {error}".partition("\n")[0] + hint
 
 
 class Symbol:
     """What stands in equations for a number and for all that engines put there: it knows what they
     all know, and no more."""
 
-    __array_ufunc__ = None
-    __hash__ = None  # type: ignore[assignment]
+    __array_ufunc__ = __bool__ = __eq__ = __ne__ = None  # type: ignore[assignment]
 
-    def _result(self, *others: Any) -> "Symbol":
-        if any(isinstance(other, complex) for other in others):
-            raise TypeError("a complex number is no coefficient of a motion")
+    def _result(self, *_: Any) -> "Symbol":
         return self
 
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = _result
     __truediv__ = __rtruediv__ = __pow__ = __neg__ = _result
 
-    def _undecided(self, *_: Any) -> Any:
-        raise TypeError("which of two branches is taken must not depend on t, y or k")
 
-    __bool__ = __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _undecided
-
-
-FUNCTION_NAMES = ("sin", "cos", "exp", "log", "sqrt")
-SYMBOLS[Symbol] = SimpleNamespace(**dict.fromkeys(FUNCTION_NAMES, lambda x: x))
+ALLOWED = "equations consist of + - * / ** and sin, cos, exp, log, sqrt of hodo_cli.functions"
+SYMBOLS[Symbol] = SimpleNamespace(
+    **dict.fromkeys(("sin", "cos", "exp", "log", "sqrt"), lambda x: x)
+)
 
 
 def equations_mistake(system: Model, path: str) -> str:
     """The mistake in the equations of a file's model, tried at the start of a motion with symbols
     and with its numbers; empty if there is none."""
     try:
-        _try_symbols(system)
-        message = _misfit(system)
-    except ArithmeticError:
-        return ""  # that is for the numbers of a case to answer, not for its equations
-    except NotImplementedError:
-        message = f"the model {system.name} states no rhs"
+        return "".join(f"{path}: {message}" for message in _misfits(system)[:1])
     except MISTAKES as error:
-        return with_place(error, path)
-    return f"{path}: {message}" if message else ""
+        # What numbers of a case do is for them to answer, not for its equations.
+        return "" if isinstance(error, ArithmeticError) else with_place(error, path)
 
 
-def _try_symbols(system: Model) -> None:
-    """Pass symbols through the equations and events. Raises TypeError where these do what no symbol
-    knows."""
-    k = attributes(system.constants, lambda _: Symbol())
-    # A tuple, since an engine's own list of the state is not to be changed.
-    y = tuple(Symbol() for _ in system.state)
-    try:
-        for function in (system.rhs, *(event.function for event in system.run_events)):
-            function(Symbol(), y, k)
-    except TypeError as error:
-        error.args = (
-            f"{error}; equations consist of + - * / ** and {', '.join(FUNCTION_NAMES)} of "
-            "hodo_cli.functions",
-        )
-        raise
-
-
-def _misfit(system: Model) -> str:
-    """Why the rates at the start of a motion, or what is stored of it, do not fit its state or its
-    variables; empty if they do."""
-    start, count = np.array(system.start), len(system.state)
-    rates = system.rhs(0.0, start.tolist(), attributes(system.constants))
-    if not len(start) == len(rates) == count:
-        return f"{count} variables of the state, {len(start)} numbers of start, {len(rates)} of rhs"
-    if np.iscomplexobj(np.array(rates)):
-        return f"rhs gives complex rates at the start of a motion: {', '.join(map(str, rates))}"
-    stored = system.output(np.zeros(2), np.array([start, start]), attributes(system.constants))
-    lengths = {"time": 2, **LENGTHS}
-    given = {name: np.shape(values) for name, values in stored.items()}
-    asked = {
-        name: tuple(lengths[dim] for dim in label.dims) for name, label in system.variables.items()
+def _misfits(system: Model) -> list[str]:
+    """Why the constants of a motion, its rates at the start or what is stored of it cannot be."""
+    k, symbols = (attributes(system.constants, of) for of in (float, lambda _: Symbol()))
+    functions = (system.rhs, *(event.function for event in system.run_events))
+    for function in functions:
+        # A tuple, since an engine's own list of the state is not to be changed.
+        function(Symbol(), tuple(Symbol() for _ in system.state), symbols)
+    start = np.array(system.start)
+    # As real numbers: a complex one raises TypeError.
+    rates, *_ = [np.array(function(0.0, start.tolist(), k), dtype=float) for function in functions]
+    stored = system.output(np.zeros(2), np.array([start, start]), k)
+    given = {"start": len(start), "rhs": len(rates)} | {x: np.shape(stored[x]) for x in stored}
+    asked = dict.fromkeys(("start", "rhs"), len(system.state)) | {
+        name: tuple(({"time": 2} | LENGTHS)[dim] for dim in label.dims)
+        for name, label in system.variables.items()
     }
-    return (
-        f"output gives the shapes {given} for 2 times, `variables` {asked}"
-        if given != asked
-        else ""
-    )
+    return [
+        *(
+            f"the constant {x} is an engine's: name it otherwise"
+            for x in {START, UNIT, VELOCITY} & vars(k).keys()
+        ),
+        *(
+            f"{name} has the size {given.get(name)}, expected {asked.get(name)}"
+            for name in given | asked
+            if given.get(name) != asked.get(name)
+        ),
+    ]

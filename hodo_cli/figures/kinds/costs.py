@@ -65,12 +65,13 @@ def work_precision(sheet: Sheet, trials: Group) -> None:
 
 
 def status_map(sheet: Sheet, trials: Group, verdicts: Sequence[str]) -> None:
-    """The verdict on every method for every case, with its error."""
+    """The verdict on every method for every case, with its error; none where it was not tried."""
     cases, methods = (trials.variables[name].data for name in ("case", "method"))
     status, error = (trials.variables[name].data[:, :, 0] for name in ("status", "error"))
     (axes,) = sheet.panels(PAGE, 0.14 * len(cases) + 1)
+    places = {verdict: i for i, verdict in enumerate(verdicts)}
     axes.imshow(
-        np.vectorize(verdicts.index)(status),
+        [[places.get(word, math.nan) for word in row] for row in status],
         cmap=ListedColormap(VERDICT_COLOUR),
         vmin=-0.5,
         vmax=len(VERDICT_COLOUR) - 0.5,
