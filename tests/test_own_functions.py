@@ -1,5 +1,5 @@
 """Models of one's own whose equations contain functions, the time and more than omega: by every
-engine, averaged and side by side, against motions that are known.
+engine and side by side, against motions that are known.
 
 A body with equal damping at the rate -m'/m, where m(t) = 1 + a sin(b t) is never 0, moves as a free
 one at the time t + a (1 - cos b t)/b, m times as fast. HODO_FUZZ sets the number of motions of each
@@ -71,8 +71,6 @@ def cases() -> Iterator[tuple[str, dict[str, Any]]]:
         for model in ("disguised", "linear-diag"):
             data = {"model": model, **disguised(seed, 0.005), "time": {"end": 200.0}}
             yield f"{model}-full-{seed}", data
-            # Of the first order, which is that of the equations alone.
-            yield f"{model}-averaged-{seed}", data | {"form": "averaged", "mean_start": "no"}
             data = {"model": model, **disguised(seed, 0.1), "time": {"end": 1.0, "samples": 3}}
             yield f"{model}-tilting-{seed}", data
 
@@ -85,7 +83,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Result]:
     """The motions, integrated as a user does it; those whose crossings are looked at classified
     too."""
     folder = tmp_path_factory.mktemp("own")
-    apart = {} if have_taylor() else {"averaged", "members"}
+    apart = {} if have_taylor() else {"members"}
     given: dict[str, dict[str, Any]] = {"crossing": {}, "others": {}}
     for name, case in cases():
         if (kind := name.split("-")[-2]) not in apart:
@@ -147,16 +145,6 @@ def test_functions_that_are_1_change_no_motion(result: Result) -> None:
         assert len(ours["crossing_time"]) == len(theirs["crossing_time"])
         allowed = 10 * (ours["crossing_error"] + theirs["crossing_error"][()]) + 1e-11
         assert (abs(ours["crossing_time"] - theirs["crossing_time"][()]) < allowed).all(), seed
-
-
-@pytest.mark.heyoka
-def test_functions_that_are_1_change_no_averaged_motion(result: Result) -> None:
-    for seed in range(COUNT):
-        both = [result[f"{model}-averaged-{seed}"] for model in ("disguised", "linear-diag")]
-        n = min(len(motion["time"]) for motion in both)
-        a, b = (motion["momentum"][:n] for motion in both)
-        errors = sum(motion.attrs["error"] for motion in both)
-        assert np.abs(a - b).max() < (10 * errors + 1e-10) * b.max(), seed
 
 
 @pytest.mark.parametrize("kind", ["full", "tilting"])

@@ -85,7 +85,7 @@ def mistake_in(system: Model) -> str:
     return "".join(equations_mistake(system, file.path) for file in _files_with(system.name))
 
 
-# At once, so that a file with a mistake is refused before anything runs. From the environment, which
-# worker processes inherit; separated as in PATH.
+# At once, so that a file with a mistake is refused before anything runs. Workers inherit the
+# environment; its paths are separated as in PATH.
 for _path in filter(None, os.environ.get("HODO_MODELS", "").split(os.pathsep)):
     _own_files.append(load_own(_path, f"{__name__}.own{len(_own_files)}", model_names()))

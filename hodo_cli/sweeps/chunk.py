@@ -121,7 +121,9 @@ def reason_alone(case: Case) -> str:
     if case.system.has_formulas() and formulas_may_change(case):
         return "formulas that may change within a step"
     passes = any(event.passage is not None for event in case.system.run_events)
-    fewest = 0 if case.system.degree else WORTH_COMPILING * len(flatten(case.system.constants))
+    # The step of a body is soon compiled.
+    is_body = case.system.starts_with_omega
+    fewest = 0 if is_body else WORTH_COMPILING * len(flatten(case.system.constants))
     if passes:
         fewest //= TURNING_FACTOR
     too_few = math.prod(shape(case)) < fewest

@@ -41,9 +41,7 @@ class Timed(BodyFrame):
         "law": Key(Choice(*LAWS), "f(rate t)"),
         "initial": INITIAL,
     }
-    degree: ClassVar[dict[str, int]] = {"g": 2, "lam": 1, "n": 0, "F": 0}
     state = ("p", "q", "r", "g1", "g2", "g3")
-    state_degree: ClassVar[dict[str, int]] = {"g1": 0, "g2": 0, "g3": 0}
     variables: ClassVar[dict[str, Label]] = BodyFrame.variables | {
         "gamma": Label(("time", "axis"), "direction of the force")
     }
@@ -53,12 +51,12 @@ class Timed(BodyFrame):
         p, q, r, g1, g2, g3 = y
         f = LAWS[k.law](k.rate * t, k.e)
         return (
-            (k.g * (k.A2 - k.A3) * q * r + k.F * f * g1) / k.A1 - k.lam[0] * f * p,
-            (k.g * (k.A3 - k.A1) * p * r + k.F * f * g2) / k.A2 - k.lam[1] * f * q,
-            (k.g * (k.A1 - k.A2) * p * q + k.F * f * g3 + k.n * f) / k.A3 - k.lam[2] * f * r,
-            k.g * (g2 * r - g3 * q),
-            k.g * (g3 * p - g1 * r),
-            k.g * (g1 * q - g2 * p),
+            ((k.A2 - k.A3) * q * r + k.F * f * g1) / k.A1 - k.lam[0] * f * p,
+            ((k.A3 - k.A1) * p * r + k.F * f * g2) / k.A2 - k.lam[1] * f * q,
+            ((k.A1 - k.A2) * p * q + k.F * f * g3 + k.n * f) / k.A3 - k.lam[2] * f * r,
+            (g2 * r - g3 * q),
+            (g3 * p - g1 * r),
+            (g1 * q - g2 * p),
         )
 
     @staticmethod

@@ -13,9 +13,9 @@ from hodo_cli.schema.kinds import Key, Number, vector
 def free(p: Any, q: Any, r: Any, k: Any) -> tuple[Any, Any, Any]:
     """The rates of a free body."""
     return (
-        k.g * (k.A2 - k.A3) / k.A1 * q * r,
-        k.g * (k.A3 - k.A1) / k.A2 * p * r,
-        k.g * (k.A1 - k.A2) / k.A3 * p * q,
+        (k.A2 - k.A3) / k.A1 * q * r,
+        (k.A3 - k.A1) / k.A2 * p * r,
+        (k.A1 - k.A2) / k.A3 * p * q,
     )
 
 
@@ -34,17 +34,16 @@ class Waving(BodyFrame):
         "rate": Key(Number(), "b"),
         "initial": INITIAL,
     }
-    degree: ClassVar[dict[str, int]] = {"g": 2, "unit": 1}
 
     @staticmethod
     def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
         p, q, r = y[:3]
-        rate = k.unit * k.a * k.b * cos(k.b * t) / (1 + k.a * sin(k.b * t))
+        rate = k.a * k.b * cos(k.b * t) / (1 + k.a * sin(k.b * t))
         return tuple(f + rate * x for f, x in zip(free(p, q, r, k), y, strict=True))
 
     @cached_property
     def constants(self) -> Constants:
-        return {**super().constants, "a": self.depth, "b": self.rate, "unit": 1.0}
+        return {**super().constants, "a": self.depth, "b": self.rate}
 
 
 @dataclass(frozen=True)
@@ -54,15 +53,14 @@ class Oscillating(Waving):
     name = "oscillating"
     form = "full"
     state = ("p", "q", "r", "s", "c")
-    state_degree: ClassVar[dict[str, int]] = {"s": 0, "c": 0}
     variables: ClassVar[dict[str, Label]] = BodyFrame.variables | {"s": Label(("time",), "sine")}
 
     @staticmethod
     def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
         p, q, r, s, c = y
-        rate = k.unit * k.a * k.b * c / (1 + k.a * s)
+        rate = k.a * k.b * c / (1 + k.a * s)
         own = [f + rate * x for f, x in zip(free(p, q, r, k), (p, q, r), strict=True)]
-        return (*own, k.unit * k.b * c, -k.unit * k.b * s)
+        return (*own, k.b * c, -k.b * s)
 
     @property
     def start(self) -> tuple[float, ...]:
@@ -82,7 +80,6 @@ class Disguised(BodyFrame):
         "damping": Key(vector(3), "lambda"),
         "initial": INITIAL,
     }
-    degree: ClassVar[dict[str, int]] = {"g": 2, "lam": 1}
 
     @staticmethod
     def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
@@ -104,12 +101,11 @@ class Driven(Waving):
     name = "driven"
     form = "full"
     state = ("p", "q", "r", "s")
-    state_degree: ClassVar[dict[str, int]] = {"s": 0}
     variables: ClassVar[dict[str, Label]] = BodyFrame.variables | {"s": Label(("time",), "sine")}
 
     @staticmethod
     def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
-        return (*free(*y[:3], k), k.unit * k.a * k.b * cos(k.b * t))
+        return (*free(*y[:3], k), k.a * k.b * cos(k.b * t))
 
     @property
     def start(self) -> tuple[float, ...]:
