@@ -111,12 +111,21 @@ def test_a_time_is_the_least_of_the_repeats_and_the_processor_s(
     assert bench.least_time(case, replace(motion, run_time=2e9), 3) == 2e9
 
 
-def test_an_averaged_motion_is_tried_too() -> None:
-    text = CONFIG.replace("damping: [0.05, 0.04, 0.03],", "damping: 0.001, form: averaged,")
-    averaged = parse(text, "x.yaml").cases["a"]
-    tried = bench.trial(averaged, bench.reference_motion(averaged), "DOP853", 1e-6, 1, math.inf)
-    assert tried.error < 1e-4
-    assert np.isnan(tried.drift)
+def test_a_method_that_finds_no_stop_has_a_dash(hodo: Hodo, tmp_path: Path) -> None:
+    """In the map of verdicts too, and it is no failure."""
+    (tmp_path / "a.yaml").write_text(
+        "bench: {methods: [auto, DOP853]}\n"
+        "cases:\n"
+        "  spin: {model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 1,\n"
+        "         torque: [0, 0, -0.1], initial: {x: 1, y: 1}, time: {end: 20, samples: 11}}\n"
+    )
+    done = hodo("bench", "a.yaml")
+    assert done.returncode == 0, done.stderr
+    assert "spin: 1 accurate (" in done.stderr
+    assert done.stdout.splitlines()[1].split()[-1] == "-"
+    trials = hodo_cli.open(tmp_path / "runs" / "a.bench.h5")["bench"]
+    assert trials.status.values.ravel().tolist() == ["accurate", "-"]
+    assert np.isnan(trials.error.values[0, 1, 0])
 
 
 def test_the_fastest_is_taken_among_those_that_are_right() -> None:

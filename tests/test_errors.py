@@ -44,8 +44,7 @@ MAY_TAKE_ALL = {
     "cli.py": 1,  # stores what it can before a signal ends the process
     "batch/dask.py": 4,  # dask raises anything, which becomes a BatchError
     "batch/processes.py": 3,  # sends what a worker raises, or says that it cannot be sent
-    "models/__init__.py": 2,  # a user's own file may raise anything
-    "models/added.py": 1,  # the same
+    "models/own.py": 2,  # a user's own file may raise anything
     "storage/disk.py": 1,  # the last words of a process that only looks
     "batch/pool.py": 1,  # hands it on as the result of a call, as processes do
     "storage/writer.py": 4,  # stores what it can, and raises what came first

@@ -131,7 +131,7 @@ def test_implicit_methods_are_given_the_jacobian_and_no_others(method: str) -> N
     k, start = base.attributes(case.system.constants), np.array(START)
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # as SciPy warns of a Jacobian that it does not use
-        solver = engine.solver(k, start, 0.0, 1.0, math.inf)  # type: ignore[attr-defined]
+        solver = engine.solver(k, start, 0.0, 1.0, protocol.StepControl())  # type: ignore[attr-defined]
     # Two for the size of the first step; finite differences take one more for each variable.
     assert solver.nfev <= 2
     if method in ("Radau", "BDF"):
@@ -208,11 +208,59 @@ def test_attempts_at_a_motion_share_its_seconds(monkeypatch: pytest.MonkeyPatch)
 def test_steps_that_are_taken_back_spend_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     """No step of a stretch stood that began anew ever again, and so no time went by."""
     pulse = {"inertia": [1, 0.8, 0.6], "expression": ["2*exp(-(10*(t-5))**2)", "0", "0"]}
-    given = {"model": "torques", "quadratic_axes": 1, "initial": dict.fromkeys("pqr", 0)}
+    given = {"model": "torques", "quadratic": 1, "initial": dict.fromkeys("pqr", 0)}
     case = Case.of(given | pulse | {"time": {"end": 20}, "method": "collocation", "error": False})
     clock = count()  # each look at it takes a second
     monkeypatch.setattr(protocol, "perf_counter", lambda: next(clock))
     assert integrate(replace(case, max_seconds=20.0)).status == "timeout"
+
+
+@pytest.mark.parametrize("method", ["DOP853", "RK45"])
+def test_rates_that_are_no_numbers_end_a_motion_by_a_method_of_scipy(method: str) -> None:
+    """As those of a torque that stays while what it brakes falls below all numbers: a step from
+    there would be tried for ever, whatever `max_seconds` says."""
+    given = {
+        "model": "torques",
+        "inertia": [1, 0.8, 0.6],
+        "expression": [0, 0, "-0.1*r/sqrt(r**2+1e-8)"],
+        "initial": {"p": 0, "q": 0, "r": 0.01},
+        "time": {"end": 10, "samples": 201},
+        "error": "off",
+    }
+    motion = integrate(Case.of(given | {"method": method}))
+    assert motion.status == "failed"
+    assert motion.message == "the state became infinite or not a number"
+    assert len(motion.time) > 1
+
+
+@pytest.mark.parametrize("method", ["DOP853", "RK45", "LSODA", "Radau", "BDF"])
+def test_seconds_are_counted_within_a_step_of_scipy(
+    method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = diagonal((0.02, 0.01, 0.03), method=method, error=False)
+    clock = count()  # each look at it takes a second
+    monkeypatch.setattr(protocol, "perf_counter", lambda: next(clock))
+    stopped = integrate(replace(case, max_seconds=40.0))
+    assert (stopped.status, stopped.message) == ("timeout", "max_seconds: stopped after 40 s")
+    assert 1 <= stopped.steps < 40
+
+
+@pytest.mark.parametrize("method", ["DOP853", "RK45", "LSODA", "Radau", "BDF"])
+@pytest.mark.parametrize(
+    "case",
+    [
+        {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "initial": {"p": 1, "q": 1, "r": 1}},
+        {"model": "cavity+constant", "form": "averaged", "inertia": [8, 8, 4], "kappa": 1,
+         "torque": [0, 0, -0.1], "initial": {"x": 1, "y": 1}},
+    ],
+)  # fmt: skip
+def test_a_method_of_scipy_does_not_look_for_stops(method: str, case: dict[str, Any]) -> None:
+    case = {**case, "time": {"end": 1, "samples": 3}}
+    said = f"method: {method} finds no stop: method auto, taylor or collocation"
+    with pytest.raises(HodoError, match=said):
+        Case.of({**case, "method": method})
+    with pytest.raises(HodoError, match="finds no stop"):
+        solve(Case.of(case), method)
 
 
 @pytest.mark.parametrize("method", [pytest.param("taylor", marks=taylor), "DOP853", "collocation"])
@@ -242,14 +290,13 @@ class NotedSteps(StepObserver):
     ("method", "precision"),
     [
         pytest.param("taylor", "double", marks=taylor),
-        ("DOP853", "double"),
         ("collocation", "double"),
         ("collocation", "extended"),
     ],
 )
 def test_steps_are_seen_up_to_the_event_that_ends_them(method: str, precision: str) -> None:
     """Behind an event the polynomial of a step is of no motion: a crossing there is none."""
-    given = {"model": "torques", "inertia": list(BODY), "brake": 0.02, "quadratic_axes": 0.01}
+    given = {"model": "torques", "inertia": list(BODY), "brake": 0.02, "quadratic": 0.01}
     span = {"initial": dict(zip("pqr", START, strict=True)), "time": {"end": 70, "samples": 8}}
     case, steps = Case.of(given | span), NotedSteps()
     motion = solve(case, method, precision, observer=steps)
