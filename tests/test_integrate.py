@@ -215,19 +215,19 @@ def test_steps_that_are_taken_back_spend_seconds(monkeypatch: pytest.MonkeyPatch
     assert integrate(replace(case, max_seconds=20.0)).status == "timeout"
 
 
-@pytest.mark.parametrize("method", ["DOP853", "RK45"])
-def test_rates_that_are_no_numbers_end_a_motion_by_a_method_of_scipy(method: str) -> None:
+def test_rates_that_are_no_numbers_end_a_motion_by_a_method_of_scipy() -> None:
     """As those of a torque that stays while what it brakes falls below all numbers: a step from
     there would be tried for ever, whatever `max_seconds` says."""
     given = {
         "model": "torques",
         "inertia": [1, 0.8, 0.6],
         "expression": [0, 0, "-0.1*r/sqrt(r**2+1e-8)"],
-        "initial": {"p": 0, "q": 0, "r": 0.01},
+        "initial": {"p": 0, "q": 0, "r": 1e-140},
         "time": {"end": 10, "samples": 201},
         "error": "off",
+        "method": "RK45",
     }
-    motion = integrate(Case.of(given | {"method": method}))
+    motion = integrate(Case.of(given))
     assert motion.status == "failed"
     assert motion.message == "the state became infinite or not a number"
     assert len(motion.time) > 1
@@ -249,7 +249,8 @@ def test_seconds_are_counted_within_a_step_of_scipy(
 @pytest.mark.parametrize(
     "case",
     [
-        {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "initial": {"p": 1, "q": 1, "r": 1}},
+        {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1,
+         "initial": {"p": 1, "q": 1, "r": 1}},
         {"model": "cavity+constant", "form": "averaged", "inertia": [8, 8, 4], "kappa": 1,
          "torque": [0, 0, -0.1], "initial": {"x": 1, "y": 1}},
     ],
