@@ -275,7 +275,7 @@ def test_arrays_of_states_are_the_states_one_by_one(form: str) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("method", ["auto", "collocation", "DOP853"])
+@pytest.mark.parametrize("method", ["auto", "collocation"])
 @pytest.mark.parametrize("torque", [-0.1, 0.0, 0.1])
 @pytest.mark.parametrize("reversal", ["stop", "continue"])
 def test_a_start_without_spin_is_no_end_of_it(method: str, torque: float, reversal: str) -> None:
