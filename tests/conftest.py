@@ -1,5 +1,4 @@
-"""What all tests share: the leg without heyoka, hypothesis' profiles, and `hodo` run as a user runs
-it."""
+"""What all tests share: hypothesis' profiles, what is skipped, and `hodo` run as a user runs it."""
 
 import contextlib
 import json
@@ -30,14 +29,6 @@ settings.register_profile("explore", deadline=None, max_examples=5000)
 settings.load_profile("repeatable")
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption(
-        "--no-heyoka",
-        action="store_true",
-        help="hide heyoka, also from the processes that tests start",
-    )
-
-
 CACHE = ROOT / "build" / "cache"
 
 
@@ -65,25 +56,10 @@ def pytest_configure(config: pytest.Config) -> None:
         (folder / "secret").write_bytes(b"that of all tests".ljust(32))
     # Matrices of a hundred rows: the threads of several workers only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    if config.getoption("--no-heyoka"):
-        sys.modules["heyoka"] = None  # type: ignore[assignment]
-        hidden = str(ROOT / "tests" / "without_heyoka")
-        os.environ["PYTHONPATH"] = os.pathsep.join(
-            filter(None, [hidden, os.environ.get("PYTHONPATH")])
-        )
 
 
-def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Without heyoka, files without a test of that leg are not even imported."""
-    is_test = collection_path.match("test_*.py") and config.getoption("--no-heyoka")
-    return True if is_test and "mark.engines" not in collection_path.read_text("utf-8") else None
-
-
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if config.getoption("--no-heyoka"):
-        # Files, documents and drawings are the same with and without heyoka.
-        items[:] = [item for item in items if item.get_closest_marker("engines")]
-    from hodo_cli.engines import have_quadruple, have_taylor  # late, because a leg hides heyoka
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    from hodo_cli.engines import have_quadruple, have_taylor  # late: the cache has its folder now
 
     for marker, met in (("heyoka", have_taylor), ("quadruple", have_quadruple)):
         wanting = [item for item in items if item.get_closest_marker(marker)]
@@ -106,7 +82,7 @@ def quick_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Steps of sweeps compiled without optimisation, in a third of the time: for equations that one
     test alone has. They round otherwise; `test_taylor_batch.py` tries every form, and whatever
     promises bits, with the code that users run."""
-    from hodo_cli.engines import have_taylor  # late, because a leg hides heyoka
+    from hodo_cli.engines import have_taylor  # late, as above
 
     if have_taylor():
         from hodo_cli.engines import taylor_batch as batch
@@ -146,7 +122,7 @@ def hodo(request: pytest.FixtureRequest, tmp_path: Path) -> Hodo:
 def call(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
     """Run `hodo ARGUMENTS` in this process, in a folder: for tests of what a command says and does,
     where the process itself is not tested."""
-    from hodo_cli.cli import main  # late, because a leg hides heyoka first
+    from hodo_cli.cli import main  # late, as above
 
     with contextlib.chdir(folder):
         done = CliRunner(catch_exceptions=False).invoke(
@@ -264,8 +240,7 @@ def figure_kinds() -> set[str]:
 @lru_cache(maxsize=64)
 def classified(case: Any) -> tuple[Any, Any]:
     """A `Case` integrated and classified: its `Trajectory` and its `Classification`, made once."""
-    # Late, because a leg hides heyoka first.
-    from hodo_cli.integration import classify, integrate
+    from hodo_cli.integration import classify, integrate  # late, as above
 
     motion = integrate(case)
     omega = motion.variables["omega"]
