@@ -16,9 +16,6 @@ BIN := $(VENV)/bin
 # Two stamps, so that drawing the figures does not wait for the tools of the tests.
 READY := $(VENV)/.ready
 TOOLS := $(VENV)/.ready-dev
-# What sets a PDF is 70 MB, and nothing else needs it.
-PRINTING := build/printing/.ready
-SITE := build/site/.ready
 # Of the lowest versions there are no wheels for a later Python.
 LOWEST := build/lowest/.ready
 OLDEST = $(shell command -v python3.11 || command -v python3.12 || echo $(BIN)/python)
@@ -35,7 +32,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup run classify claims figures sweeps speed compare reference test lowest stress mutants lint bench docs papers site lock clean
+.PHONY: help setup run classify claims figures sweeps speed compare reference test lowest stress lint bench docs lock clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -60,7 +57,7 @@ sweeps: $(READY)  ## Run the ensembles but for the million, and draw their maps 
 	$(BIN)/hodo classify $(SWEEPS:configs/%.yaml=runs/%.h5)
 	$(BIN)/hodo plot $(SWEEPS:configs/%.yaml=runs/%.h5)
 
-speed: $(READY)  ## Time sweeps beside plain loops (some 10 minutes); renews docs/sweeps.md
+speed: $(READY)  ## Time sweeps beside plain loops (some 3 minutes); renews docs/sweeps.md
 	($(BIN)/python tools/machine.py; $(BIN)/python tools/sweep_speed.py) \
 		| $(BIN)/python tools/tables.py docs/sweeps.md speed
 
@@ -76,8 +73,7 @@ reference: $(READY)  ## Compute runs/reference anew, in quadruple precision
 	$(BIN)/hodo classify $(QUADRUPLE)
 	$(BIN)/python tools/reference.py runs/reference $(QUADRUPLE)
 
-test: lint  ## The checks of `lint`, then the whole test suite, without heyoka and with it
-	$(PYTEST) --no-heyoka
+test: lint  ## The checks of `lint`, then the whole test suite
 	$(PYTEST)
 
 lowest: $(LOWEST)  ## The tests that meet the libraries most, with the lowest versions that pyproject.toml allows
@@ -86,9 +82,6 @@ lowest: $(LOWEST)  ## The tests that meet the libraries most, with the lowest ve
 stress: $(TOOLS)  ## Kill runs, lose the power, let calls fail, let twenty commands meet, feed the loader bad inputs (some 30 minutes)
 	$(BIN)/python tests/stress.py
 	HODO_FUZZ=5000 $(PYTEST) tests/test_fuzz.py
-
-mutants: $(TOOLS)  ## Break the package at COUNT=300 random places (SEED=1) and see that tests notice
-	nice $(BIN)/python tools/mutants.py --map --count $(or $(COUNT),300) --seed $(or $(SEED),1) $(if $(ROOMS),--rooms $(ROOMS)) $(TESTS)
 
 lint: $(TOOLS)  ## ruff on everything (rules and format), mypy --strict on the package
 	$(BIN)/ruff check .
@@ -109,19 +102,14 @@ docs: claims  ## Renew what the documents quote from the program, and what they 
 	$(BIN)/hodo schema --table | $(BIN)/python tools/tables.py docs/case-files.md keys
 	$(BIN)/python tools/models.py | $(BIN)/python tools/tables.py docs/models.md models
 	for paper in $(PAPERS:configs/%.yaml=%); do \
-		$(BIN)/python tools/papers.py runs/$$paper.h5 | $(BIN)/python tools/tables.py docs/$$paper.md $$paper; \
+		$(BIN)/hodo claims runs/$$paper.h5 --markdown \
+			| $(BIN)/python tools/tables.py docs/$$paper.md $$paper; \
 	done
 	for picture in fig4=paper1/fig4 paper1=paper1/fig12-readings paper2=paper2/x paper3=paper3/u3; do \
 		figure=$${picture#*=}; \
 		$(BIN)/hodo plot configs/$${figure%/*}.yaml $${figure#*/} --format svg --out build/pictures; \
 		cp build/pictures/$$figure.svg docs/$${picture%=*}.svg; \
 	done
-
-papers: $(PRINTING)  ## Set the pages on the papers as one PDF, build/papers.pdf
-	$(PRINTING:/.ready=)/bin/python tools/print_papers.py build/papers.pdf docs/papers.md docs/paper?.md
-
-site: figures $(SITE)  ## The documents and the papers' figures as a site with search, build/site/html/index.html
-	$(SITE:/.ready=)/bin/python tools/site.py build/site/html $(PAPERS)
 
 lock:  ## Renew both lock files from pyproject.toml (needs uv; UPGRADE=--upgrade takes newer versions)
 	$(LOCK) $(UPGRADE) --all-extras --output-file requirements-dev.lock pyproject.toml
@@ -149,17 +137,6 @@ else
 endif
 	@# Or else the two processes that draw first would each compile the same thousand modules.
 	@$(BIN)/python -c 'import hodo_cli.figures'
-	@touch $@
-
-$(PRINTING): $(READY)
-	$(BIN)/python -m venv $(@D)
-	$(@D)/bin/python -m pip install --quiet --disable-pip-version-check pypandoc-binary==1.17 typst==0.15.0
-	@touch $@
-
-$(SITE): $(READY)
-	$(BIN)/python -m venv $(@D)
-	$(@D)/bin/python -m pip install --quiet --disable-pip-version-check \
-		furo==2025.12.19 latex2mathml==3.81.1 myst-parser==5.2.0 sphinx==9.0.4
 	@touch $@
 
 $(LOWEST): pyproject.toml tools/lowest.py $(READY)
