@@ -10,7 +10,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -383,7 +383,8 @@ def _classify(runs: tuple[Path, ...], as_json: bool) -> int:
 @main.command("claims")
 @RUNS
 @JSON
-def _claims(runs: tuple[Path, ...], as_json: bool) -> int:
+@click.option("--markdown", is_flag=True, help="Print a page in Markdown.")
+def _claims(runs: tuple[Path, ...], as_json: bool, markdown: bool) -> int:
     """Check the statements of RUNS against their results.
 
     The statements are the `claims:` and `errata:` of the case file. The verdicts go into RUNS:
@@ -393,7 +394,8 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> int:
     from .commands import claims
 
     rows = claims.judge_results(runs)
-    _report(rows, claims.verdict_tables, as_json)
+    text_of = partial(claims.verdict_page, runs) if markdown else claims.verdict_tables
+    _report(rows, text_of, as_json)
     return 0 if all(claims.as_expected(row) for part in rows.values() for row in part) else 3
 
 

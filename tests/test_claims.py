@@ -1497,30 +1497,49 @@ def test_no_verdict_hangs_on_a_limit_that_is_ours(
         }
 
 
-def tool(name: str) -> Any:
-    """A module of `tools/`."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / f"{name}.py")
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.mark.parametrize("paper", PAPERS)
 def test_the_page_of_a_paper_has_every_statement_and_misprint(paper: str) -> None:
     """What `make docs` prints of the verdicts is that of the case files as they are now."""
-    source = (ROOT / "docs" / f"{paper}.md").read_text(encoding="utf-8")
-    assert max(map(len, source.splitlines())) <= 200
-    entries = [" ".join(entry.split()) for entry in source.replace("\\", "").split("\n- ")]
-    plain, config = tool("papers").plain, config_of(paper)
-    for claim in config.claims:
-        words = plain(claim["statement"]).replace("\\", "")
-        own = [entry for entry in entries if words in entry]
-        assert any(f"**{claim['expect'].capitalize()}" in entry for entry in own), words
-    for each in config.errata:
-        words = plain(f"Printed: {each['printed']}. Should be: {each['should_be']}.")
-        assert any(words.replace("\\", "") in entry for entry in entries), words
+    source = (ROOT / "docs" / f"{paper}.md").read_text(encoding="utf-8").replace("\\", "")
+    config = config_of(paper)
+    rows = [[claim["where"], claim["statement"], claim["expect"]] for claim in config.claims]
+    rows += [[each["where"], each["printed"], each["should_be"]] for each in config.errata]
+    begins = [" | ".join(" ".join(cell.split()) for cell in row) for row in rows]
+    missing = [begin for begin in begins if f"\n| {begin} | " not in source]
+    assert not missing, "run `make docs`"
+
+
+PAGE = """\
+title: a page
+cases:
+  turning: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 0.003],
+            initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 5}, assumes: {horizon: "tau = 5"}}
+claims:
+  - {id: right, where: Fig 1, statement: It turns | round x_1., cases: [turning],
+     original: "", expect: reproduced, check: {kind: axis, start: x1, end: x1}}
+  - {id: wrong, where: Fig 2, statement: It turns round x3., cases: [turning], note: not *so*,
+     original: вокруг, expect: contradicted, check: {kind: axis, start: x3, end: x3}}
+errata: [{id: sign, where: eq. 1, printed: +, should_be: -}]
+"""
+
+
+def test_a_page_has_the_gravest_in_full_and_everything_in_tables(tmp_path: Path) -> None:
+    (tmp_path / "page.yaml").write_text(PAGE, encoding="utf-8")
+    for command in ("run page.yaml --quiet", "classify runs/page.h5"):
+        assert call(tmp_path, *command.split()).returncode == 0
+    done = call(tmp_path, "claims", "page.yaml", "--markdown")
+    assert (done.returncode, done.stderr) == (0, "")
+    head, full, errata, statements, taken = done.stdout.split("\n\n## ")
+    assert head == ("2 statements: 1 reproduced, 1 contradicted. 1 erratum: 1 by reading.")
+    assert full.splitlines()[2:] == [
+        "- **Fig 2**: It turns round x3. *вокруг* **Contradicted**: x1. Remark: not \\*so\\*."
+    ]
+    assert errata.splitlines()[-1] == "| eq. 1 | + | - | by reading |  |"
+    rows = statements.splitlines()[4:]
+    assert len(rows) == 2
+    assert rows[1].startswith("| Fig 2 | It turns round x3. | contradicted | x1; not \\*so\\* | ")
+    assert rows[0].startswith("| Fig 1 | It turns \\| round x\\_1. | reproduced | x1 | ")
+    assert taken.splitlines()[-1] == "| horizon | tau = 5 | turning |"
 
 
 @pytest.mark.heyoka

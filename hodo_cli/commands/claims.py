@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
+from ..cases.case import Case
 from ..cases.claim_block import (
     BY_READING,
     CONFIRMED,
@@ -21,11 +22,12 @@ from ..cases.claim_block import (
     readings,
 )
 from ..cases.config import Config, located
+from ..claims.account import account, is_ours
 from ..claims.finding import Verdict
 from ..claims.verdicts import Judge
 from ..papers import finding_of
 from ..progress import Progress
-from ..storage import Group, Report, ResultFile, Update, Variable, history_line, update
+from ..storage import Group, Report, ResultFile, Update, Variable, history_line, open_run, update
 from ..text import counted, table
 from .resume import content_digest, results_named, stored_config, warn_of_changes
 
@@ -183,6 +185,19 @@ def verdict_tables(rows: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
         ]
         parts += [totals("erratum", errata, MISPRINTS)]
     return "\n".join(parts)
+
+
+def verdict_page(paths: Iterable[Path], rows: Mapping[str, Rows]) -> str:
+    """The verdicts on results, or on the configs that name them, as a page in Markdown; statements
+    that are not the paper's are not counted. Raises HodoError if a result cannot be read."""
+    cases: list[Case] = []
+    for path, config in results_named(paths):
+        with open_run(path) as run:
+            cases += (config or stored_config(run)).cases.values()
+    statements, errata = rows["statements"], rows["errata"]
+    own = [row for row in statements if not is_ours(row)]
+    counts = (totals("statement", own, VERDICTS), totals("erratum", errata, MISPRINTS))
+    return account(counts, statements, errata, cases)
 
 
 def totals(what: str, rows: Sequence[Mapping[str, Any]], verdicts: Sequence[str]) -> str:
