@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import hodo_cli
 from hodo_cli import Case, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.engines import protocol
@@ -60,6 +61,44 @@ cases:
         assert ran.returncode == 0
         said = [line for line in ran.stderr.splitlines() if ": warning: " in line]
         assert [line.split("warning: ")[1] for line in said] == expected
+
+
+SIZES = """\
+defaults: {damping: [1e-155, 0, 0]}
+cases:
+  a: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1e-155, q: 0, r: -1e200},
+      time: {end: 1e155}}
+  b: {model: torques, inertia: [1, 0.8, 0.6], initial: {p: 0, q: 1, r: 0}, time: {end: 1},
+      damping: 0, expression: ["1e-200*p", 0, 0], sweep: {initial.q: {values: [1e-154, 1e155]}}}
+"""
+
+
+def test_numbers_of_a_size_that_has_no_square_are_refused_with_their_places(
+    hodo, tmp_path: Path
+) -> None:
+    """Each of them, in every place that holds data; 0 is none of them, and what stands within an
+    expression is not looked at."""
+    (tmp_path / "a.yaml").write_text(SIZES)
+    done = hodo("run", "a.yaml")
+    words = "is out of range, 1e-154 to 1e+154: take other units"
+    assert (done.returncode, done.stderr.splitlines()) == (
+        2,
+        [
+            f"a.yaml:1:22: defaults.damping.0: 1e-155 {words}",
+            f"a.yaml:3:64: cases.a.initial.p: 1e-155 {words}",
+            f"a.yaml:3:81: cases.a.initial.r: 1e+200 {words}",
+            f"a.yaml:4:19: cases.a.time.end: 1e+155 {words}",
+            f"a.yaml:6:88: cases.b.sweep.initial.q.values.1: 1e+155 {words}",
+        ],
+    )
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_motion_may_decay_below_every_size_that_data_have(hodo, tmp_path: Path) -> None:
+    text = SIZES.replace("1e-155", "0.5").replace("-1e200", "1").replace("1e155", "2000")
+    (tmp_path / "a.yaml").write_text(text)
+    assert hodo("run", "a.yaml", "--case", "a").returncode == 0
+    assert float(hodo_cli.open(tmp_path / "runs/a.h5")["a"].error) < 1e-11
 
 
 DRIVEN = ("taylor", "collocation", *protocol.IVP)

@@ -406,7 +406,7 @@ def test_a_law_that_is_a_power_of_the_time_is_not_stepped_over(key: str, power: 
 
 
 @pytest.mark.quadruple
-@pytest.mark.parametrize("p", [0, 1e-300])
+@pytest.mark.parametrize("p", [0, 1e-154])
 def test_a_first_step_beyond_the_doubles_is_taken_anew(p: float) -> None:
     """A series from next to rest, in units of the start; what measures its error is quadruple."""
     case = {
@@ -1122,7 +1122,7 @@ def test_members_that_all_but_touch_a_corner_are_right() -> None:
     np.testing.assert_allclose(ds.omega[:, 0], sure[:, -1], atol=1e-13)
 
 
-@pytest.mark.parametrize("p", [0, 1e-300, -1e-300, -1e-200, -1e-100])
+@pytest.mark.parametrize("p", [0, 1e-154, -1e-154, -1e-100])
 def test_a_formula_moves_a_body_that_all_but_rests(p: float) -> None:
     """As one does that an event leaves there: in units of such a rest it exceeds the doubles."""
     body = {"inertia": [1, 0.8, 0.8], "quadratic_axes": [0.5, 0, 0]}

@@ -18,9 +18,20 @@ import numpy as np
 from .. import HodoError, models
 from ..models.attitude import ATTITUDE_KEY, check_attitude, keys_of_form, system_of, takes_attitude
 from ..models.base import Model
-from ..models.rigid_body import BodyFrame
+from ..models.rigid_body import BodyFrame, range_mistake
 from ..schema.document import Block, Mistakes, Place, locate, read, write
-from ..schema.kinds import Key, Mistake, Wrong, WrongKey, check_keys, expected, mistakes_where
+from ..schema.kinds import (
+    Key,
+    KeyPath,
+    Mistake,
+    Wrong,
+    WrongKey,
+    as_finite,
+    check_keys,
+    expected,
+    is_list,
+    mistakes_where,
+)
 from ..schema.spelling import other_word, shown, unknown
 from ..text import time_text
 from .derived import DERIVED, LeftOut, constants_of, derivable, missing, remedy_of
@@ -463,7 +474,30 @@ def _values_of(
         else:
             entries[key] = value  # a key of no model, which is refused as unknown
     values, more = check_keys(keys, entries)
-    return values, [*mistakes, *more]
+    data = {key: value for key, value in entries.items() if key in keys.keys() - LIMITS}
+    return values, [*mistakes, *more, *_size_mistakes(data)]
+
+
+SMALLEST_SIZE = 1e-154
+"""The smallest size of a number of a case, if it is not 0, and the inverse of the largest one: the
+squares of both are doubles. Units near a motion's own need nothing beyond."""
+
+LIMITS = {"tol", "max_seconds", "max_steps"}
+"""The keys whose numbers are no data."""
+
+
+def _size_mistakes(value: Any, path: KeyPath = ()) -> Iterator[Mistake]:
+    """The mistake of each number within data whose size is out of range; what stands within an
+    expression is not looked at."""
+    parts: Iterable[tuple[Any, Any]] = ()
+    if isinstance(value, Mapping):
+        parts = value.items()
+    elif is_list(value):
+        parts = enumerate(value)
+    elif size := abs(as_finite(value) or 0.0):
+        yield from ((path, words) for words in range_mistake(size, SMALLEST_SIZE))
+    for key, part in parts:
+        yield from _size_mistakes(part, (*path, key))
 
 
 def _takers(model: type[Model], key: str) -> str:

@@ -311,10 +311,10 @@ def body_constants(inertia: Sequence[float]) -> dict[str, float]:
     return dict(zip(("A1", "A2", "A3"), inertia, strict=True)) | {"g": 1.0}
 
 
-def range_mistake(moment: float, smallest: float = SMALLEST_MOMENT) -> Iterator[str]:
-    """The sentence about a moment of inertia that is not from `smallest` to 1/`smallest`."""
-    if not smallest <= moment <= 1 / smallest:
-        yield f"{moment:g} is out of range, {smallest:g} to {1 / smallest:g}: take other units"
+def range_mistake(size: float, smallest: float = SMALLEST_MOMENT) -> Iterator[str]:
+    """The sentence about the size of a number that is not from `smallest` to 1/`smallest`."""
+    if not smallest <= size <= 1 / smallest:
+        yield f"{size:g} is out of range, {smallest:g} to {1 / smallest:g}: take other units"
 
 
 @dataclass(frozen=True)
