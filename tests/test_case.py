@@ -286,7 +286,7 @@ LINES = [
          ".time.end: 1e+155 is out of range, 1e-154 to 1e+154: take other units"),
         ("damping: [0.1, -1e-160, 0]", 20,
          ".damping.1: 1e-160 is out of range, 1e-154 to 1e+154: take other units"),
-        ("initial: {p: 0, q: 1e-300, r: 1}", 25,
+        ("initial: {p: 0, q: 1e-300, r: 1}", 24,
          ".initial.q: 1e-300 is out of range, 1e-154 to 1e+154: take other units"),
         ("time: {start: 1.7e9, end: 1700000000.00001, samples: 1001}", 58,
          ".time.samples: expected at most 22, by the doubles from start to end, got 1001"),
