@@ -22,18 +22,18 @@ PAPERS = [
 ]
 
 CASES = """\
-defaults: {inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 100}}
+defaults: {inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 50}}
 cases:
   tensor:
     model: torques
     inertia: [[1, 0.05, 0], [0.05, 0.8, 0], [0, 0, 0.6]]
     damping: 0.004
     attitude: yes
-    time: {end: 30}
+    time: {end: 20}
   swept:
     model: linear-diag
     damping: [0.005, 0.004, 0.003]
-    sweep: {damping.2: {linspace: [0.001, 0.009, 3]}}
+    sweep: {damping.2: {linspace: [0.001, 0.009, 2]}}
 """
 
 
