@@ -37,6 +37,7 @@ from ..text import time_text
 from .derived import DERIVED, LeftOut, constants_of, derivable, missing, remedy_of
 from .keys import (
     COMMON,
+    FORMER_KEYS,
     NO_CLOSED_FORM,
     REMARKS,
     all_keys,
@@ -351,7 +352,7 @@ def smooth_samples(system: Model, span: float) -> int:
     The hodograph turns no faster than about the axis of the largest moment at the speed that all of
     the energy has about the axis of the smallest.
     """
-    if system.no_axis_reason or not isinstance(system, BodyFrame):
+    if system.no_axis_reason or not isinstance(system, BodyFrame) or system.is_quadrature:
         return FEWEST_SAMPLES
     A1, A2, A3 = sorted(system.moments.tolist(), reverse=True)
     # By ratios, since moments may be of any size.
@@ -414,6 +415,21 @@ def _method_mistakes(system: Model, values: Mapping[str, Any]) -> Iterator[Mista
         (of_events, ("method",), of_events),
         (is_exact and not system.has_closed_form, ("method",), NO_CLOSED_FORM),
         (
+            values["method"] == "quadrature" and not system.is_quadrature,
+            ("method",),
+            "method quadrature is that of bodies averaged over their turns",
+        ),
+        (
+            system.is_quadrature
+            and (
+                takes_steps
+                or values["method"] not in ("auto", "quadrature")
+                or values["precision"] != "double"
+            ),
+            ("form",),
+            "averaged is a quadrature: leave out method, precision and steps",
+        ),
+        (
             is_exact and takes_steps,
             ("time", "steps"),
             "the closed form takes no steps: name samples, or a method",
@@ -464,6 +480,8 @@ def _values_of(
     for key, value in block.items():
         if key in keys:
             entries[key] = value
+        elif key in FORMER_KEYS:
+            mistakes.append(((WrongKey(key),), FORMER_KEYS[key]))
         elif key in block.inherited or (model is None and ("model" in block or key in all_keys())):
             continue
         elif model and (takers := _takers(model, key)):

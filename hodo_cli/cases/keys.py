@@ -32,11 +32,11 @@ from .sweep_block import SWEEP
 
 SCIPY_METHODS = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
 
-METHODS = ("auto", "taylor", "collocation", *SCIPY_METHODS, "exact")
+METHODS = ("auto", "taylor", "collocation", *SCIPY_METHODS, "exact", "quadrature")
 
 METHOD_PRECISIONS = {
     **dict.fromkeys(("auto", "taylor"), ("double", "extended", "quadruple")),
-    **dict.fromkeys(("collocation", "exact"), ("double", "extended")),
+    **dict.fromkeys(("collocation", "exact", "quadrature"), ("double", "extended")),
 }
 """The precisions of methods; the others have double precision alone."""
 
@@ -57,6 +57,11 @@ def finds_no_stop(method: str, system: Model) -> str:
 
 
 NO_CLOSED_FORM = "method exact needs torques along G: equal damping, a brake, or both, all constant"
+
+FORMER_KEYS = {
+    "mean_start": "averaged motions begin at the start itself, to first order: leave it out",
+}
+"""Keys that earlier versions took, and what to do instead."""
 
 REPLACED_TIMES = {
     "values": {"end", "samples", "steps"},

@@ -21,6 +21,7 @@ from ..integration import (
     choose,
     cross,
     distinct,
+    own_labels,
     principal_omega,
     solve,
 )
@@ -63,7 +64,11 @@ def sampled_motion(
         case.system.variables, trajectory.time, trajectory.variables, events, {}
     )
     if passed is not None:
-        axes = body_of(case).enclosed(principal_omega(trajectory), CERTAIN_ERRORS * EPS)
+        axes = (
+            own_labels(trajectory).labels
+            if case.system.is_quadrature
+            else body_of(case).enclosed(principal_omega(trajectory), CERTAIN_ERRORS * EPS)
+        )
         variables |= label_variables(axes, passed)
     attrs = {"classify_warnings": "\n".join(warnings)}
     return Motion(case, variables, attrs, case.name, has_own_labels=True)

@@ -152,8 +152,8 @@ def worst(errors: Mapping[str, float]) -> float:
 
 def classifiable(case: Case) -> bool:
     """Whether crossings are looked for: not in a motion of too many samples or steps."""
-    short = case.time.samples <= QUADRUPLE_STEPS and taylor_steps(case) < QUADRUPLE_STEPS
-    return short and not case.system.no_axis_reason
+    watched, few = bool(case.system.class_events), case.time.samples <= QUADRUPLE_STEPS
+    return watched and few and taylor_steps(case) < QUADRUPLE_STEPS
 
 
 def perturbed(case: Case) -> Iterator[Case]:

@@ -20,7 +20,7 @@ from ..models import rigid_body
 from ..progress import Progress
 from ..results.groups import label_group
 from ..results.layout import RECORDED, sentence_of_case, units_of_case
-from ..results.motion import Motion, case_of, motion_of
+from ..results.motion import Motion, case_of
 from ..storage import Group, Report, history_line, typed, update
 from ..text import abridged, few, grouped, magnitude, table, to_error
 from .resume import package_digest, results_named, warn_of_changes
@@ -68,10 +68,6 @@ def classified(name: str, group: Group, case: Case) -> tuple[Group | None, dict[
     recorded = typed(group.attributes, RECORDED, name)
     if case.sweep:
         return None, row_of_sweep(case, group)
-    if "enclosed_axis" in case.system.variables:  # labelled by its own integration
-        motion = motion_of(group.variables, group.attributes, name)
-        labelled = Classification(motion.labels, motion.crossings, end_before_time(group))
-        return None, row_of_motion(motion, labelled)
     if remark := why_unlabelled(case, group):
         unlabelled = {"case": name, "start": "-", "end": "-", "unlabelled": remark}
         return None, unlabelled | {"crossings": [], "warnings": [remark, *end_before_time(group)]}
@@ -89,8 +85,11 @@ def classified(name: str, group: Group, case: Case) -> tuple[Group | None, dict[
 
 
 def classification_of(motion: Motion, recorded: Mapping[str, Any]) -> Classification:
-    """The labels and crossings of a stored motion, which is integrated again as is `recorded`.
-    Raises HodoError as `classify` does, or if its samples are no vectors."""
+    """The labels and crossings of a stored motion: those that are stored of a quadrature; another
+    motion is integrated again as is `recorded`. Raises HodoError as `classify` does, or if its
+    samples are no vectors."""
+    if motion.case.system.is_quadrature:
+        return Classification(motion.labels, motion.crossings)
     omega = motion.data["omega"].data
     if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
         raise HodoError(f"{motion.label} is damaged (its omega holds no vectors)")
@@ -162,9 +161,10 @@ def why_unlabelled(case: Case, group: Group) -> str:
     """Why there is nothing to label in a stored case; an empty string if there is."""
     if reason := case.system.no_axis_reason:
         return reason
-    if "omega" not in group.variables:
-        return "omega is not stored"
-    return "" if len(group.variables["omega"].data) else "no samples are stored"
+    needed = "enclosed_axis" if case.system.is_quadrature else "omega"
+    if needed not in group.variables:
+        return f"{needed} is not stored"
+    return "" if len(group.variables[needed].data) else "no samples are stored"
 
 
 def row_of_sweep(case: Case, group: Group) -> dict[str, Any]:

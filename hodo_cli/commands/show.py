@@ -66,6 +66,7 @@ def warn_of_chunks(path: Path) -> None:
 
 METHODS_IN_WORDS = {
     "exact": "in closed form",
+    "quadrature": "averaged over the turns of the free motion to first order, by quadrature",
     "taylor": "by Taylor series of adaptive order and step (heyoka {heyoka}; Biscani and Izzo, "
     "MNRAS 504, 2614, 2021)",
     "collocation": "by collocation (Radau IIA, 16 stages)",
@@ -79,6 +80,8 @@ REFERENCES_IN_WORDS = {
     "extended": "a second integration in extended precision",
     "quadruple": "a second integration in quadruple precision",
     "exact": "the closed form in extended precision",
+    "quadrature": "the same quadrature with more nodes in extended precision, without the error of "
+    "averaging itself, which is of first order",
     "refined": "a second integration at another tolerance",
 }
 """The computations against which errors are measured, by `error_kind`."""
@@ -149,7 +152,9 @@ def sentence_on_methods(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> s
     phrases = []
     for (method, tol), count in methods.items():
         words = METHODS_IN_WORDS.get(method, "by {method}").format(method=method, **libraries)
-        tolerance = "" if method == "exact" else f" at a relative tolerance of {tol:.2g}"
+        tolerance = (
+            "" if method in ("exact", "quadrature") else f" at a relative tolerance of {tol:.2g}"
+        )
         # Of the terms that a Taylor series leaves out: the numbers themselves have 2.2e-16.
         finer = ", below the rounding of double precision" if tol < float_info.epsilon else ""
         phrases.append(f"{count} {words}{tolerance}{finer if tolerance else ''}")

@@ -2,7 +2,15 @@
 Imports engines and what lies below."""
 
 from .choice import AUTOMATIC, MIN_STIFF_STEPS, best, choose, taylor_steps
-from .classify import UNDECIDED, Classification, body_of, classify, cross, principal_omega
+from .classify import (
+    UNDECIDED,
+    Classification,
+    body_of,
+    classify,
+    cross,
+    own_labels,
+    principal_omega,
+)
 from .crossings import (
     CERTAIN_ERRORS,
     Crossing,
@@ -56,6 +64,7 @@ __all__ = [
     "integrate",
     "label_at_start",
     "motion_remarks",
+    "own_labels",
     "principal_omega",
     "references",
     "sample_times",

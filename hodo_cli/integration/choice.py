@@ -13,7 +13,7 @@ from ..models.base import Model, attributes, jacobian, rescaled
 from .solve import even_times, solve
 from .trajectory import Trajectory
 
-AUTOMATIC = ("exact", "taylor", "collocation")
+AUTOMATIC = ("exact", "quadrature", "taylor", "collocation")
 """The methods that `auto` takes: those that are right to the last digits."""
 
 MIN_STIFF_STEPS = 1e4
@@ -40,6 +40,8 @@ def best(case: Case, precision: str) -> tuple[str, str]:
 
     Only the Taylor series works in quadruple precision.
     """
+    if case.system.is_quadrature:
+        return "quadrature", "averaged to first order"
     if precision == "quadruple":
         return "taylor", "quadruple precision"
     # A closed form has no steps to be stored at.

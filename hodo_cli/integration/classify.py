@@ -114,6 +114,15 @@ def classify(
     )
 
 
+def own_labels(motion: Trajectory) -> Classification:
+    """The labels and crossings of a motion by quadrature, as its state and its events tell them."""
+    crossings = []
+    for event in motion.events:
+        start, end, momentum = (event.details[name] for name in ("from", "to", "G"))
+        crossings.append(Crossing(event.time, int(start), int(end), momentum, event.error))
+    return Classification(motion.system.own_labels(motion.state), tuple(crossings))
+
+
 def sample_labels(motion: Trajectory, errors: np.ndarray) -> np.ndarray:
     """The label of each sample of a motion (n,), with these errors (n,)."""
     body = body_of(motion.case)
@@ -424,6 +433,9 @@ def cross(
 ) -> tuple[Trajectory, list[Crossing], tuple[str, ...]]:
     """A case integrated through its samples, its crossings, as far as they are beyond rounding, and
     the warning that some are not."""
+    if case.system.is_quadrature:
+        motion = solve(case, method, precision, tol)
+        return motion, [*own_labels(motion).crossings], ()
     dense = searched(case, method, precision, tol, CERTAIN_ERRORS * EPS)
     absorbing = case.system.absorbing_axes(case.time.start, case.time.end)
     listed = crossings_of(dense, np.full(len(dense.motion.time), EPS), absorbing)

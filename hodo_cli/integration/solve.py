@@ -87,8 +87,8 @@ def solve(
     # A case with such a method is refused when it is read; a comparison of methods may ask for one.
     if message := wrong_precision(method, precision) or finds_no_stop(method, case.system):
         raise HodoError(message)
-    if method == "exact":
-        return closed_form(case, times, precision)
+    if method in ("exact", "quadrature"):
+        return closed_form(case, times, precision, method)
     return attempted(case, method, precision, tol, times, observer)
 
 
@@ -109,6 +109,8 @@ def attempted(
 ) -> Trajectory:
     """The motion of a case by a method that takes steps."""
     system, events = case.system, case.system.run_events
+    if system.is_quadrature:
+        raise HodoError(f"{case.name}: form {case.form} has no rates for method {method}")
     engine = engines.engine_for(method, system, events, tol, precision, is_timed(system, events))
     # Both times from here on, since compiling and imports are paid once for all cases of a model: a
     # case must not run into its limit for being the first. `began` is of this thread's processor,
@@ -152,12 +154,13 @@ def trajectory(
     )  # fmt: skip
 
 
-def closed_form(case: Case, times: np.ndarray, precision: str) -> Trajectory:
-    """The motion of a case from its closed form, in double or extended precision.
+def closed_form(case: Case, times: np.ndarray, precision: str, method: str) -> Trajectory:
+    """The motion of a case from its closed form, or its quadrature, in double or extended
+    precision.
 
     Raises HodoError if the case has none.
     """
-    if not case.system.has_closed_form:
+    if not case.system.has_closed_form or (method == "quadrature") != case.system.is_quadrature:
         raise HodoError(f"{case.name}: {NO_CLOSED_FORM}")
     system, control = case.system, StepControl(max_seconds=case.max_seconds or math.inf)
     began, fp = thread_time(), np.longdouble if precision == "extended" else np.float64
@@ -177,4 +180,4 @@ def closed_form(case: Case, times: np.ndarray, precision: str) -> Trajectory:
         time = case.time.start + outcome.time
         if time <= case.time.end:
             samples.events.append(Occurrence(kind, time, outcome.details or {}))
-    return trajectory(case, "exact", float(np.finfo(fp).eps), samples, control, began)
+    return trajectory(case, method, float(np.finfo(fp).eps), samples, control, began)

@@ -31,6 +31,10 @@ REST_BITS = 2**12
 smallest double."""
 
 
+TO_FIRST_ORDER = ", averaged to first order"
+"""What the meaning of a variable ends with that is averaged over the turns of a body."""
+
+
 class Label(NamedTuple):
     """How one stored variable is labelled in a result file."""
 
@@ -165,6 +169,10 @@ class Model:
     slow_time: ClassVar[bool] = False
     """Whether its time is tau = epsilon t."""
 
+    is_quadrature: ClassVar[bool] = False
+    """Whether its motions are a quadrature: a closed form without rates, which no other method can
+    integrate. Its state then tells the label, and its one event is a crossing."""
+
     may_stop: ClassVar[bool] = False
     """Whether an event may bring its motions to rest, where no axis is enclosed any more."""
 
@@ -257,9 +265,13 @@ class Model:
         raise NotImplementedError
 
     def exact_end(self, fp: type) -> tuple[str, EventOutcome] | None:
-        """The event that ends a motion in closed form, computed in a precision, at its time from
-        the start, and its kind."""
+        """The event of a motion in closed form, computed in a precision, at its time from the
+        start, and its kind."""
         return None
+
+    def own_labels(self, y: np.ndarray) -> np.ndarray:
+        """The enclosed axis (n,) in states (n, m) of a quadrature."""
+        raise NotImplementedError
 
     @property
     def final_axis(self) -> int | None:

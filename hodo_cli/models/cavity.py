@@ -11,7 +11,8 @@ import numpy as np
 
 from ..arithmetic import hypot, sqrt
 from ..schema.kinds import Choice, Key, Mistake, Number, Table, vector
-from .base import Event, Label, mistake_of
+from .averaged import AveragedTurns, turn_means
+from .base import Event, Label, Model, mistake_of
 from .rigid_body import INERTIA, INITIAL, complete
 from .terms.body import BodyUnderTorques
 from .terms.torques import CAVITY, coefficient, degree_under
@@ -100,6 +101,11 @@ class Cavity(BodyUnderTorques):
         if x is None or y is None or any(initial.get(name) is not None for name in "pqrG"):
             raise ValueError("give x and y alone, or p, q and r")
         return sqrt(x), 0.0, sqrt(y)
+
+
+def is_triaxial(data: Mapping[str, Any]) -> bool:
+    """Whether the data are of a body with three different moments."""
+    return len({*data.get("inertia", ())}) == 3
 
 
 def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
@@ -204,10 +210,19 @@ class Averaged(SymmetricCavity):
     (5), (6), with the sign of a' that follows from (2), and +epsilon M3 in r' as in (2) and (6),
     not - as in (5).
 
-    A body with A1 and A2 different is averaged by `AveragedTriaxial`.
+    A body with three different moments is averaged by `AveragedTriaxial`.
     """
 
     form = "averaged"
+
+    @classmethod
+    def of(cls, data: Mapping[str, Any]) -> Model:
+        return (AveragedTriaxial if is_triaxial(data) else Averaged)(**data)
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        """A1 = A2, or three different moments."""
+        yield from AveragedTriaxial.check(data) if is_triaxial(data) else super().check(data)
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
@@ -239,3 +254,44 @@ class AveragedAsPrinted(SymmetricCavity):
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         a, r = Averaged.rhs(t, y, k)
         return -a, r
+
+
+@dataclass(frozen=True)
+class AveragedTriaxial(AveragedTurns, Cavity):
+    """The motion of a body with three different moments averaged over the turns of the free one,
+    to first order and without a torque. |G| is constant, and the fluid turns the body to its axis
+    of largest inertia.
+
+    (2T)' = -(2 kappa/abc) [(a-c)^2 (a+c-b) <p^2 r^2> + (a-b)^2 (a+b-c) <p^2 q^2>
+                            + (b-c)^2 (b+c-a) <q^2 r^2>]
+
+    a >= b >= c are the moments with their axes sorted, <.> is the mean over a turn.
+
+    Source: F. L. Chernousko 1972, averaged.
+    """
+
+    spin_reversal: str
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Besides: no torque."""
+        yield from super().check(data)
+        if any(data.get("torque", ())):
+            sentence = "form averaged of a body with three different moments takes no torque"
+            yield ("torque",), f"{sentence}; form full does"
+
+    def shape_rates(self, side: int, v: Any) -> tuple[Any, Any, Any]:
+        A_e, b, A_o = np.sort(self.moments)[::-side]
+        span, near, far = abs(A_e - A_o), abs(A_e - b), abs(b - A_o)
+        m, _, ss, rest = turn_means(v)
+        sscc = (ss - 2 * rest) / 3  # <sn^2 cn^2>
+        loss = (
+            (A_e + A_o - b) * (1 - ss - m * sscc) / (A_e * A_o)
+            + near * (A_e + b - A_o) * (ss - m * (ss - sscc)) / (A_e * b * span)
+            + m * far * (b + A_o - A_e) * sscc / (b * A_o * span)
+        )
+        rate = side * 2 * self.constants["kappa"] / (A_e * b * A_o) * loss
+        # G^2 (a - c) = A_e X_e + A_o X_o, and X_o/X_e = m near/far.
+        square, ratio = self.momentum_at_start * self.momentum_at_start * span, m * near / far
+        X_e = square / (A_e + A_o * ratio)
+        return rate * square, rate * A_o * ratio * X_e, -rate * A_e * X_e

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from ..schema.kinds import Key, vector
+from .averaged import LinearTurns
 from .rigid_body import INERTIA, INITIAL
 from .terms.body import BodyUnderTorques
 from .terms.torques import degree_under
@@ -43,3 +44,21 @@ class LinearDiag(BodyUnderTorques):
     terms = ("damping",)
     degree = degree_under(terms)
     always_absorbing = True
+
+
+@dataclass(frozen=True)
+class AveragedLinearDiag(LinearTurns, LinearDiag):
+    """The motion averaged over the turns of the free one, to first order in lambda/|omega|.
+
+    The moments of inertia have a part in the start only: lambda alone tells the rest, and scaling
+    it scales the time. Stored are T, |G|, k^2 and the enclosed axis; the separatrix is crossed once
+    at most, at a time that errs by O(ln(|omega|/lambda)/|omega|).
+
+    Source: L. D. Akulenko, D. D. Leshchenko, F. L. Chernousko, Izv. AN SSSR MTT 1982 no. 3, 5.
+    """
+
+    form = "averaged"
+
+    @property
+    def decay(self) -> tuple[float, ...]:
+        return self.damping

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..schema.kinds import Either, Key, Kind, ListOf, Number, Table, matrix
 from . import rigid_body
+from .averaged import LinearTurns
 from .rigid_body import INERTIA, INITIAL
 from .terms.body import BodyUnderTorques
 from .terms.torques import degree_under, tensor_entries
@@ -112,3 +113,24 @@ def slowest_direction(A: np.ndarray, I: np.ndarray) -> tuple[np.ndarray, float]:
     rates, vectors = np.linalg.eigh(I / np.outer(root, root))
     gap = max(rates[1] - rates[0], EQUAL_RATES * rates[0])
     return vectors[:, 0] / root, EQUAL_RATES * rates[2] / gap
+
+
+@dataclass(frozen=True)
+class AveragedTensor(LinearTurns, Tensor):
+    """The motion averaged over the turns of the free one, to first order in I/(A |omega|).
+
+    As linear-diag with lambda_i = I_ii/A_i: the entries off the diagonal drop out. Close to the
+    separatrix that is not so, and the full motion may cross it several times.
+    """
+
+    form = "averaged"
+
+    @property
+    def decay(self) -> tuple[float, ...]:
+        return tuple((np.diag(self.matrix) / self.inertia).tolist())
+
+    @property
+    def warnings(self) -> list[str]:
+        """Besides: entries that drop out."""
+        dropped = "to first order the entries of I off its diagonal drop out"
+        return [*super().warnings, *([] if is_diagonal(self.matrix) else [dropped])]

@@ -292,7 +292,7 @@ def case_variables(
         label = labels.get(name, TIME)
         error = {"error": errors[name]} if name in errors else {}
         # The values keep their own type: a working precision that netCDF lacks must be refused.
-        meanings = AXIS_FLAGS if name == "enclosed_axis" else {}
+        meanings: Mapping[str, Attribute] = {}
         if label == VARIABLE.get(name):
             meanings = {"convention": CONVENTION, "error_units": "rad"}
         attributes = {"long_name": label.long_name, "units": label.units, **error, **meanings}

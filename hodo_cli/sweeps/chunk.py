@@ -18,6 +18,7 @@ from ..integration import (
     classify,
     integrate,
     label_at_start,
+    own_labels,
     sample_times,
     time_of_release,
 )
@@ -53,11 +54,7 @@ memory at once."""
 
 WORTH_COMPILING = 250
 """Members for each number among the constants, from which on it is worth seconds to compile the
-step of averaged equations, at about a millisecond for each member by itself. The nodes of a
-quadrature count among the constants."""
-
-TURNING_FACTOR = 20
-"""By what factor a body averaged over its turns takes longer by itself than a top does."""
+step of averaged equations, at about a millisecond for each member by itself."""
 
 
 @dataclass(frozen=True)
@@ -120,12 +117,9 @@ def reason_alone(case: Case) -> str:
         return other
     if case.system.has_formulas() and formulas_may_change(case):
         return "formulas that may change within a step"
-    passes = any(event.passage is not None for event in case.system.run_events)
     # The step of a body is soon compiled.
     is_body = case.system.starts_with_omega
     fewest = 0 if is_body else WORTH_COMPILING * len(flatten(case.system.constants))
-    if passes:
-        fewest //= TURNING_FACTOR
     too_few = math.prod(shape(case)) < fewest
     return f"fewer than {fewest} members are not worth compiling their step" if too_few else ""
 
@@ -211,7 +205,7 @@ def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np
     single = member(case, number, samples)
     if not system_of_member(case, single.data):
         return Status.INVALID, "", {}
-    if not case.system.no_axis_reason:
+    if not (case.system.no_axis_reason or case.system.is_quadrature):
         # Its crossings need the error of the motion, also where none is asked for if an ensemble
         # has rejected it; `member` leaves it out for all others.
         is_rejected = not reason_alone(case)
@@ -241,9 +235,14 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
         columns["event_release"] = np.array([moves])
     if case.system.no_axis_reason:
         return Status.OK, columns
-    found = classify(case, motion.method, motion.tol, motion.error, variables["omega"])
+    found = (
+        own_labels(motion)
+        if case.system.is_quadrature
+        else classify(case, motion.method, motion.tol, motion.error, variables["omega"])
+    )
+    if not case.system.is_quadrature:
+        columns["separation"] = least_separation_alone(motion)
     labels, crossings = found.labels, [*found.crossings]
-    columns["separation"] = least_separation_alone(motion)
     start = np.array([label_at_start(case, motion.time[0], labels, crossings)])
     member, arrays = np.zeros(len(crossings), dtype=np.int64), crossing_arrays(crossings)
     # Where a brake has stopped the body, the motion goes on at rest.

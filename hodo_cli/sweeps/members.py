@@ -223,6 +223,7 @@ def other_method(case: Case) -> str:
     reasons = {
         f"method {case.method}": case.method not in ("auto", "taylor"),
         f"{case.precision} precision": case.precision != "double",
+        f"form {case.form} is a quadrature": case.system.is_quadrature,
         "heyoka is not installed": not have_taylor(),
         "limits of each member": case.max_steps is not None or case.max_seconds is not None,
     }
