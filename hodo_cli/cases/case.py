@@ -39,6 +39,7 @@ from .keys import (
     COMMON,
     FORMER_KEYS,
     NO_CLOSED_FORM,
+    NO_RATES,
     REMARKS,
     all_keys,
     drop_replaced_times,
@@ -427,7 +428,7 @@ def _method_mistakes(system: Model, values: Mapping[str, Any]) -> Iterator[Mista
                 or values["precision"] != "double"
             ),
             ("form",),
-            "averaged is a quadrature: leave out method, precision and steps",
+            NO_RATES,
         ),
         (
             is_exact and takes_steps,

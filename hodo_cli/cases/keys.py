@@ -58,6 +58,8 @@ def finds_no_stop(method: str, system: Model) -> str:
 
 NO_CLOSED_FORM = "method exact needs torques along G: equal damping, a brake, or both, all constant"
 
+NO_RATES = "form averaged is a quadrature: leave out method, precision and steps"
+
 FORMER_KEYS = {
     "mean_start": "averaged motions begin at the start itself, to first order: leave it out",
 }

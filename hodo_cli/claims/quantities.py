@@ -21,7 +21,6 @@ from ..integration import (
     choose,
     cross,
     distinct,
-    own_labels,
     principal_omega,
     solve,
 )
@@ -65,7 +64,7 @@ def sampled_motion(
     )
     if passed is not None:
         axes = (
-            own_labels(trajectory).labels
+            trajectory.variables["enclosed_axis"]
             if case.system.is_quadrature
             else body_of(case).enclosed(principal_omega(trajectory), CERTAIN_ERRORS * EPS)
         )

@@ -8,7 +8,7 @@ from .classify import (
     body_of,
     classify,
     cross,
-    own_labels,
+    own_crossings,
     principal_omega,
 )
 from .crossings import (
@@ -64,7 +64,7 @@ __all__ = [
     "integrate",
     "label_at_start",
     "motion_remarks",
-    "own_labels",
+    "own_crossings",
     "principal_omega",
     "references",
     "sample_times",

@@ -40,13 +40,12 @@ def best(case: Case, precision: str) -> tuple[str, str]:
 
     Only the Taylor series works in quadruple precision.
     """
-    if case.system.is_quadrature:
-        return "quadrature", "averaged to first order"
     if precision == "quadruple":
         return "taylor", "quadruple precision"
     # A closed form has no steps to be stored at.
     if case.system.has_closed_form and not case.time.steps:
-        return "exact", "closed form"
+        is_mean = case.system.is_quadrature
+        return ("quadrature", "averaged to first order") if is_mean else ("exact", "closed form")
     if not engines.have_taylor():
         return "collocation", "heyoka is not installed"
     if case.time.values:  # of which there may be millions, which would be kept

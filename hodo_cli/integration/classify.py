@@ -114,13 +114,12 @@ def classify(
     )
 
 
-def own_labels(motion: Trajectory) -> Classification:
-    """The labels and crossings of a motion by quadrature, as its state and its events tell them."""
-    crossings = []
-    for event in motion.events:
-        start, end, momentum = (event.details[name] for name in ("from", "to", "G"))
-        crossings.append(Crossing(event.time, int(start), int(end), momentum, event.error))
-    return Classification(motion.system.own_labels(motion.state), tuple(crossings))
+def own_crossings(motion: Trajectory) -> list[Crossing]:
+    """The crossings of a motion by quadrature, which are its events."""
+    return [
+        Crossing(e.time, int(e.details["from"]), int(e.details["to"]), e.details["G"], e.error)
+        for e in motion.events
+    ]
 
 
 def sample_labels(motion: Trajectory, errors: np.ndarray) -> np.ndarray:
@@ -435,7 +434,7 @@ def cross(
     the warning that some are not."""
     if case.system.is_quadrature:
         motion = solve(case, method, precision, tol)
-        return motion, [*own_labels(motion).crossings], ()
+        return motion, own_crossings(motion), ()
     dense = searched(case, method, precision, tol, CERTAIN_ERRORS * EPS)
     absorbing = case.system.absorbing_axes(case.time.start, case.time.end)
     listed = crossings_of(dense, np.full(len(dense.motion.time), EPS), absorbing)

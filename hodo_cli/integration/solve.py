@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import HodoError, engines
 from ..cases.case import Case
-from ..cases.keys import NO_CLOSED_FORM, finds_no_stop, wrong_precision
+from ..cases.keys import NO_CLOSED_FORM, NO_RATES, finds_no_stop, wrong_precision
 from ..engines.protocol import LAST_STEP, Status, StepControl
 from ..engines.units import is_timed
 from .driver import (
@@ -87,7 +87,7 @@ def solve(
     # A case with such a method is refused when it is read; a comparison of methods may ask for one.
     if message := wrong_precision(method, precision) or finds_no_stop(method, case.system):
         raise HodoError(message)
-    if method in ("exact", "quadrature"):
+    if method == "exact" or case.system.is_quadrature:
         return closed_form(case, times, precision, method)
     return attempted(case, method, precision, tol, times, observer)
 
@@ -109,8 +109,6 @@ def attempted(
 ) -> Trajectory:
     """The motion of a case by a method that takes steps."""
     system, events = case.system, case.system.run_events
-    if system.is_quadrature:
-        raise HodoError(f"{case.name}: form {case.form} has no rates for method {method}")
     engine = engines.engine_for(method, system, events, tol, precision, is_timed(system, events))
     # Both times from here on, since compiling and imports are paid once for all cases of a model: a
     # case must not run into its limit for being the first. `began` is of this thread's processor,
@@ -160,9 +158,9 @@ def closed_form(case: Case, times: np.ndarray, precision: str, method: str) -> T
 
     Raises HodoError if the case has none.
     """
-    if not case.system.has_closed_form or (method == "quadrature") != case.system.is_quadrature:
-        raise HodoError(f"{case.name}: {NO_CLOSED_FORM}")
     system, control = case.system, StepControl(max_seconds=case.max_seconds or math.inf)
+    if not system.has_closed_form or (system.is_quadrature and method != "quadrature"):
+        raise HodoError(f"{case.name}: {NO_RATES if system.is_quadrature else NO_CLOSED_FORM}")
     began, fp = thread_time(), np.longdouble if precision == "extended" else np.float64
     samples = SampleBuffer.empty(times, len(system.state), fp)
     # In blocks, for the memory: the closed form makes a dozen arrays of its times.

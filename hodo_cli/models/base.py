@@ -31,10 +31,6 @@ REST_BITS = 2**12
 smallest double."""
 
 
-TO_FIRST_ORDER = ", averaged to first order"
-"""What the meaning of a variable ends with that is averaged over the turns of a body."""
-
-
 class Label(NamedTuple):
     """How one stored variable is labelled in a result file."""
 
@@ -171,7 +167,7 @@ class Model:
 
     is_quadrature: ClassVar[bool] = False
     """Whether its motions are a quadrature: a closed form without rates, which no other method can
-    integrate. Its state then tells the label, and its one event is a crossing."""
+    integrate. Its variables then hold the label, and its one event is a crossing."""
 
     may_stop: ClassVar[bool] = False
     """Whether an event may bring its motions to rest, where no axis is enclosed any more."""
@@ -268,10 +264,6 @@ class Model:
         """The event of a motion in closed form, computed in a precision, at its time from the
         start, and its kind."""
         return None
-
-    def own_labels(self, y: np.ndarray) -> np.ndarray:
-        """The enclosed axis (n,) in states (n, m) of a quadrature."""
-        raise NotImplementedError
 
     @property
     def final_axis(self) -> int | None:

@@ -277,13 +277,16 @@ class AveragedTriaxial(AveragedTurns, Cavity):
         """Besides: no torque."""
         yield from super().check(data)
         if any(data.get("torque", ())):
-            sentence = "form averaged of a body with three different moments takes no torque"
-            yield ("torque",), f"{sentence}; form full does"
+            yield (
+                ("torque",),
+                "form averaged of a body with three different moments takes no torque; form full "
+                "does",
+            )
 
-    def shape_rates(self, side: int, v: Any) -> tuple[Any, Any, Any]:
+    def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
         A_e, b, A_o = np.sort(self.moments)[::-side]
-        span, near, far = abs(A_e - A_o), abs(A_e - b), abs(b - A_o)
-        m, _, ss, rest = turn_means(v)
+        (m, _, ss, rest), span = turn_means(v), abs(A_e - A_o)
+        near, far = abs(A_e - b), abs(b - A_o)
         sscc = (ss - 2 * rest) / 3  # <sn^2 cn^2>
         loss = (
             (A_e + A_o - b) * (1 - ss - m * sscc) / (A_e * A_o)
@@ -294,4 +297,4 @@ class AveragedTriaxial(AveragedTurns, Cavity):
         # G^2 (a - c) = A_e X_e + A_o X_o, and X_o/X_e = m near/far.
         square, ratio = self.momentum_at_start * self.momentum_at_start * span, m * near / far
         X_e = square / (A_e + A_o * ratio)
-        return rate * square, rate * A_o * ratio * X_e, -rate * A_e * X_e
+        return rate * square, *(rate * A_o * ratio * X_e, -rate * A_e * X_e)[::side]

@@ -1,9 +1,10 @@
 """Linear resistance proportional to the angular momentum, component by component."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from ..schema.kinds import Key, vector
-from .averaged import LinearTurns
+from .averaged import AveragedTurns
 from .rigid_body import INERTIA, INITIAL
 from .terms.body import BodyUnderTorques
 from .terms.torques import degree_under
@@ -47,18 +48,23 @@ class LinearDiag(BodyUnderTorques):
 
 
 @dataclass(frozen=True)
-class AveragedLinearDiag(LinearTurns, LinearDiag):
+class AveragedLinearDiag(AveragedTurns, LinearDiag):
     """The motion averaged over the turns of the free one, to first order in lambda/|omega|.
 
-    The moments of inertia have a part in the start only: lambda alone tells the rest, and scaling
-    it scales the time. Stored are T, |G|, k^2 and the enclosed axis; the separatrix is crossed once
-    at most, at a time that errs by O(ln(|omega|/lambda)/|omega|).
+    u > 0:  (ln X)' = -2 [lambda1 <dn^2> + lambda2 (1 - <dn^2>)]
+            (ln Y)' = -2 [lambda3 <cn^2> + lambda2 (1 - <cn^2>)]
+    u < 0:  the same with <dn^2> and <cn^2> exchanged
+
+    X = a(a-c) p^2 + b(b-c) q^2 and Y = b(a-b) q^2 + c(a-c) r^2, moment of inertia^2/time^2;
+    a >= b >= c: the moments of inertia with their axes sorted, here A1 >= A2 >= A3;
+    u = ln[(a-b) X/((b-c) Y)], positive where axis a is enclosed; <dn^2> and <cn^2>: means over a
+    turn for k^2 = e^-|u|; the other symbols are those of the full form. The moments have a part in
+    the start only. The separatrix u = 0 is crossed once at most, at a time that errs by some turns.
 
     Source: L. D. Akulenko, D. D. Leshchenko, F. L. Chernousko, Izv. AN SSSR MTT 1982 no. 3, 5.
     """
 
     form = "averaged"
 
-    @property
-    def decay(self) -> tuple[float, ...]:
-        return self.damping
+    def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
+        return self.linear_rates(self.damping, side, v)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..schema.kinds import Either, Key, Kind, ListOf, Number, Table, matrix
 from . import rigid_body
-from .averaged import LinearTurns
+from .averaged import AveragedTurns
 from .rigid_body import INERTIA, INITIAL
 from .terms.body import BodyUnderTorques
 from .terms.torques import degree_under, tensor_entries
@@ -116,18 +116,18 @@ def slowest_direction(A: np.ndarray, I: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 @dataclass(frozen=True)
-class AveragedTensor(LinearTurns, Tensor):
+class AveragedTensor(AveragedTurns, Tensor):
     """The motion averaged over the turns of the free one, to first order in I/(A |omega|).
 
-    As linear-diag with lambda_i = I_ii/A_i: the entries off the diagonal drop out. Close to the
-    separatrix that is not so, and the full motion may cross it several times.
+    It is the averaged form of linear-diag with lambda_i = I_ii/A_i: the means of p q, q r and p r
+    are 0, so that the entries off the diagonal drop out. Close to the separatrix they do not, and
+    the full motion may cross it several times where this one crosses it once.
     """
 
     form = "averaged"
 
-    @property
-    def decay(self) -> tuple[float, ...]:
-        return tuple((np.diag(self.matrix) / self.inertia).tolist())
+    def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
+        return self.linear_rates((np.diag(self.matrix) / self.inertia).tolist(), side, v)
 
     @property
     def warnings(self) -> list[str]:

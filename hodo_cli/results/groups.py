@@ -1,10 +1,7 @@
 """A case as it is stored: the groups that `run` and `classify` write."""
 
-from dataclasses import replace
-
 from ..cases.case import Case
-from ..integration import Classification, Trajectory, own_labels
-from ..models.base import TO_FIRST_ORDER
+from ..integration import Classification, Trajectory, own_crossings
 from ..models.rigid_body import BodyFrame
 from ..storage import Group, Variable
 from .layout import (
@@ -76,19 +73,13 @@ def case_group(trajectory: Trajectory, digest: str) -> Group:
     events = [event for event in trajectory.events if event.kind != "separatrix"]
     variables = case_variables(labels, trajectory.time, kept, events, trajectory.errors)
     if case.system.is_quadrature:  # labelled as it runs
-        variables |= label_group(own_labels(trajectory), case).variables
+        variables |= label_variables(values["enclosed_axis"], own_crossings(trajectory))
     if derived := [name for name in store if name not in labels]:
         motion = Motion(case, case_variables(labels, trajectory.time, values, (), {}))
         variables |= {name: motion.derived_variable(name) for name in derived}
         variables |= inner_coordinates(variables.values())
     variables |= principal_variables(case)
     return Group(attributes, with_units(variables, case))
-
-
-def averaged(variable: Variable) -> Variable:
-    """A label or a crossing of a motion that is averaged over its turns."""
-    long_name = f"{variable.attrs['long_name']}{TO_FIRST_ORDER}"
-    return replace(variable, attrs={**variable.attrs, "long_name": long_name})
 
 
 def label_group(labelled: Classification, case: Case) -> Group:
@@ -99,8 +90,6 @@ def label_group(labelled: Classification, case: Case) -> Group:
         variables |= inner_coordinates(variables.values())
     if labelled.final is not None:
         variables["final_axis"] = FINAL_AXIS.holding(labelled.final)
-    if case.system.is_quadrature:
-        variables = {name: averaged(variable) for name, variable in variables.items()}
     texts = {
         "classify_warnings": "\n".join(labelled.warnings),
         "predictions": "\n".join(sentence_of_case(words, case) for words in labelled.predictions),

@@ -292,7 +292,7 @@ def case_variables(
         label = labels.get(name, TIME)
         error = {"error": errors[name]} if name in errors else {}
         # The values keep their own type: a working precision that netCDF lacks must be refused.
-        meanings: Mapping[str, Attribute] = {}
+        meanings = AXIS_FLAGS if name == "enclosed_axis" else {}
         if label == VARIABLE.get(name):
             meanings = {"convention": CONVENTION, "error_units": "rad"}
         attributes = {"long_name": label.long_name, "units": label.units, **error, **meanings}
@@ -340,10 +340,14 @@ def label_variables(labels: np.ndarray, crossings: Sequence[Crossing]) -> dict[s
 
 
 def with_units(variables: Mapping[str, Variable], case: Case) -> dict[str, Variable]:
-    """Variables with their units in the units of a case, and labels with their meanings there."""
+    """Variables with their units in the units of a case, and labels and crossings with their
+    meanings there."""
 
-    def of_case(attrs: dict[str, Attribute]) -> dict[str, Attribute]:
+    def of_case(name: str, attrs: dict[str, Attribute]) -> dict[str, Attribute]:
         units = {"units": units_of_case(str(attrs["units"]), case)} if "units" in attrs else {}
-        return {**attrs, **units}
+        names = {*case.system.variables, *CROSSING_COLUMNS, *MEMBER_CLASSIFIED}
+        is_mean = case.system.is_quadrature and name in names
+        words = {"long_name": f"{attrs['long_name']}, averaged to first order"} if is_mean else {}
+        return {**attrs, **units, **words}
 
-    return {name: replace(x, attrs=of_case(x.attrs)) for name, x in variables.items()}
+    return {name: replace(x, attrs=of_case(name, x.attrs)) for name, x in variables.items()}

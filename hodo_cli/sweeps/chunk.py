@@ -14,11 +14,12 @@ from ..batch.memory import keep_freed_memory
 from ..cases.case import Case
 from ..engines.protocol import Status
 from ..integration import (
+    Classification,
     Trajectory,
     classify,
     integrate,
     label_at_start,
-    own_labels,
+    own_crossings,
     sample_times,
     time_of_release,
 )
@@ -236,7 +237,7 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
     if case.system.no_axis_reason:
         return Status.OK, columns
     found = (
-        own_labels(motion)
+        Classification(variables["enclosed_axis"], tuple(own_crossings(motion)))
         if case.system.is_quadrature
         else classify(case, motion.method, motion.tol, motion.error, variables["omega"])
     )

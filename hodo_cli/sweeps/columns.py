@@ -19,7 +19,7 @@ from ..integration import (
     time_of_release,
 )
 from ..models import rigid_body
-from ..models.base import LENGTHS, TO_FIRST_ORDER, rescaled
+from ..models.base import LENGTHS, rescaled
 from ..models.rigid_body import UNDETERMINED
 from ..results.layout import (
     CROSSING_COLUMNS,
@@ -43,15 +43,11 @@ def columns(case: Case) -> dict[str, Stored]:
     final = {
         name: Stored(f"{variable.long_name}{words}", variable.dims[first:], units=variable.units)
         for name, variable in model.variables.items()
+        if is_sampled or name != "enclosed_axis"  # as a label at the end it is `end_axis`
     }
     reduced = MEMBER_CLASSIFIED | (MEMBER_STOPPED if model.may_stop else {})
     if model.no_axis_reason:
         reduced = dict(MEMBER_EVENT)
-    if model.is_quadrature:
-        reduced = {
-            name: column._replace(long_name=f"{column.long_name}{TO_FIRST_ORDER}")
-            for name, column in reduced.items()
-        }
     return final | reduced | MEMBER
 
 

@@ -184,9 +184,10 @@ def member_end(chunk: Chunk, columns: Mapping[str, np.ndarray], i: int) -> Membe
     """The end of a member of a chunk, by its row there."""
     final = {}
     for name, variable in chunk.case.system.variables.items():
-        values = columns[name][i]
-        # A member whose samples are stored has an axis more.
-        final[name] = values[-1] if values.ndim == len(variable.dims) else values
+        if name != "enclosed_axis":  # a label, which has no error
+            values = columns[name][i]
+            # A member whose samples are stored has an axis more.
+            final[name] = values[-1] if values.ndim == len(variable.dims) else values
     if "event_time" in columns and not math.isnan(columns["event_time"][i]):
         final["event_time"] = columns["event_time"][i]
     crossing = math.nan if chunk.case.system.no_axis_reason else columns["crossing_time"][i]
