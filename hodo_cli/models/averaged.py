@@ -22,7 +22,7 @@ Source: L. D. Akulenko, D. D. Leshchenko, F. L. Chernousko, Izv. AN SSSR MTT 198
 import math
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -67,6 +67,7 @@ def turn_means(v: Any) -> tuple[Any, Any, Any, Any]:
     return m, m1, 0.5 + m * total, total
 
 
+@lru_cache(maxsize=16)  # a case asks several times, and exact fractions take 0.2 ms
 @np.errstate(all="ignore")
 def slow_variables(inertia: Any, omega: Any) -> tuple[int, Any, np.ndarray]:
     """The side, v, and ln X and ln Y (2,) at a start, in long double. v is that of the exact D: the
@@ -227,7 +228,7 @@ class AveragedTurns(BodyUnderTorques):
         slow_variables(inertia, omega)
         return omega
 
-    @cached_property
+    @property
     def slow_start(self) -> tuple[int, Any, np.ndarray]:
         """The `slow_variables` at the start."""
         return slow_variables(self.inertia, self.initial_velocity)
