@@ -241,8 +241,7 @@ class AveragedTurns(BodyUnderTorques):
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         # The path anew each time, so that the time that it takes is counted.
         fp, (side, v, logs) = t.dtype.type, self.slow_start
-        begin = np.append(0, logs).astype(fp)
-        self.paths[fp] = path_from(self.mean_rates, side, fp(v), begin)
+        self.paths[fp] = path_from(self.mean_rates, side, fp(v), np.append(0, logs).astype(fp))
         return self.paths[fp].at(t), np.zeros(len(t), dtype=np.intc)
 
     def exact_end(self, fp: type) -> tuple[str, EventOutcome] | None:

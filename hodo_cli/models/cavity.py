@@ -285,8 +285,11 @@ class AveragedTriaxial(AveragedTurns, Cavity):
 
     def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
         A_e, b, A_o = np.sort(self.moments)[::-side]
-        (m, _, ss, rest), span = turn_means(v), abs(A_e - A_o)
-        near, far = abs(A_e - b), abs(b - A_o)
+        (m, _, ss, rest), span, near = turn_means(v), abs(A_e - A_o), abs(A_e - b)
+        far, square = (
+            abs(b - A_o),
+            float(np.exp(self.slow_start[2]) @ np.sort(self.moments)[[2, 0]]),
+        )
         sscc = (ss - 2 * rest) / 3  # <sn^2 cn^2>
         loss = (
             (A_e + A_o - b) * (1 - ss - m * sscc) / (A_e * A_o)
@@ -294,7 +297,7 @@ class AveragedTriaxial(AveragedTurns, Cavity):
             + m * far * (b + A_o - A_e) * sscc / (b * A_o * span)
         )
         rate = side * 2 * self.constants["kappa"] / (A_e * b * A_o) * loss
-        # G^2 (a - c) = A_e X_e + A_o X_o, and X_o/X_e = m near/far.
-        square, ratio = self.momentum_at_start * self.momentum_at_start * span, m * near / far
+        # G^2 (a - c) = a X + c Y = A_e X_e + A_o X_o, and X_o/X_e = m near/far.
+        ratio = m * near / far
         X_e = square / (A_e + A_o * ratio)
         return rate * square, *(rate * A_o * ratio * X_e, -rate * A_e * X_e)[::side]

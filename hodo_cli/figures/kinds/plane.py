@@ -389,7 +389,7 @@ def at_event(motion: Motion, name: str, kind: str, when: float) -> float:
     if kind == "stopped" and name not in OF_ATTITUDE and after < len(values):
         return float(values[after])  # omega does not change any more
     if kind == "separatrix":
-        known = dict.fromkeys(OF_D, 0.0) | {"J": float(sorted(motion.inertia)[1])}
+        known = dict.fromkeys(OF_D, 0.0) | {"J": float(sorted(motion.inertia)[1]), "k2": 1.0}
         if name in known:
             return known[name]
     return float(np.interp(when, motion.time, values))
