@@ -168,7 +168,7 @@ def test_a_fixed_point_draws_motions_to_it_or_is_a_threshold(lam: Any, fixed: fl
     assert rho in (2 / 3, 3 / 4)
     for k2 in (fixed - 1e-3, fixed + 1e-3):
         start = {"p": 1.0, "q": 0.0, "r": (k2 / 0.6) ** 0.5}
-        found = averaged(FIG4, damping=lam, initial=start, time={"end": 1e5, "samples": 101})
+        found = averaged(FIG4, damping=lam, initial=start, time={"end": 1e6, "samples": 101})
         if lam[1] < lam[0]:
             assert found.k2[-1].item() == pytest.approx(fixed, abs=1e-14)
         else:
@@ -257,7 +257,7 @@ def test_what_it_does_not_do_is_refused(body: Any, changes: Any, sentence: str) 
 
 
 def test_large_resistance_and_lost_entries_are_said() -> None:
-    assert "drop out" in averaged(FIG12).attrs["warnings"]
+    assert "to first order I is its diagonal alone" in averaged(FIG12).attrs["warnings"]
     assert "needs weak resistance" in averaged(FIG4, damping=[0.5, 0.4, 0.3]).attrs["warnings"]
     assert averaged(FIG4).attrs["warnings"] == ""
 

@@ -128,6 +128,16 @@ def test_a_method_that_finds_no_stop_has_a_dash(hodo: Hodo, tmp_path: Path) -> N
     assert np.isnan(trials.error.values[0, 1, 0])
 
 
+def test_an_averaged_motion_is_tried_too() -> None:
+    text = CONFIG.replace("damping: [0.05, 0.04, 0.03],", "damping: 0.001, form: averaged,")
+    averaged = parse(text, "x.yaml").cases["a"]
+    reference = bench.reference_motion(averaged)
+    tried = bench.trial(averaged, reference, "quadrature", None, 1, math.inf)
+    assert tried.error < 1e-14
+    assert bench.trial(averaged, reference, "DOP853", 1e-6, 1, math.inf).status != "ok"
+    assert np.isnan(tried.drift)
+
+
 def test_the_fastest_is_taken_among_those_that_are_right() -> None:
     tried = tuple(
         bench.Trial(error=e, run_time=t)

@@ -396,7 +396,7 @@ def test_a_method_that_cannot_take_a_case_is_refused_at_once(keys: str, wrong: s
 
 def test_a_misspelt_torque_is_one_mistake() -> None:
     body = "model: torques, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}, time: {end: 1}"
-    for others in ("", ", attitude: yes", ", form: averaged"):
+    for others in ("", ", attitude: yes"):
         (mistake,) = mistakes(f"cases: {{a: {{{body}{others}, torqe: [0, 0, 1]}}}}")
         assert "did you mean 'torque'?" in mistake
 
@@ -1334,24 +1334,12 @@ def test_a_figure_may_name_every_derived_quantity() -> None:
         ("{kind: series, cases: [one, late], variables: [T]}",
          "figures.f.cases.1: the unit of time is '1' in one, and 'min' in late: one axis has"),
         ("{kind: hodograph, cases: [one, grid]}",
-         "figures.f.cases.1: case grid is a sweep, which only map, curve and share draw"),
+         "figures.f.cases.1: case grid is a sweep, which only map and curve draw"),
         ("{kind: hodograph, cases: top}",
          "figures.f.cases.0: case top stores no angular velocity in body axes, which kind "
          "hodograph"),
         ("{kind: curve, cases: grid, variable: crossings, x: damping.2, by: damping.0, at: [-1]}",
          "figures.f.at.0: expected"),
-        ("{kind: cost, groups: [1], small: [1, 2]}", "figures.f: missing 'cases'"),
-        ("{kind: share, cases: one}", "figures.f.cases.0: case one is no sweep"),
-        ("{kind: cost, cases: [one, one], groups: [1], small: [1, 2]}",
-         "figures.f.groups: expected sizes that add up to the number of cases, 2, got 1"),
-        ("{kind: cost, cases: [one, one], groups: [2], small: [1]}",
-         "figures.f.small: expected one for each of the cases, 2 in all, got 1"),
-        *((f"{{kind: order, cases: [{', '.join(['one'] * len(small))}], groups: {groups}, "
-           f"small: {small}, against: [{', '.join(['one'] * len(small))}]}}",
-           f"figures.f.groups.{i}: expected cases with two values of `small` or more")
-          for groups, small, i in (([1], [1], 0), ([2, 1], [1, 2, 2], 1), ([2], [3, 3], 0))),
-        ("{kind: order, cases: [one, one], groups: [2], small: [1, 2], against: [one, oen]}",
-         "figures.f.against.1: unknown name 'oen'; did you mean 'one'?"),
     ],
 )  # fmt: skip
 def test_names_in_figures_are_checked_when_the_file_is_read(figure: str, said: str) -> None:

@@ -319,9 +319,6 @@ CHECKS = [
        f"time: {{{samples}}}}}", f"{{kind: paper, name: {name}}}", word, None)
       for samples in ("end: 20, samples: 41", "values: [0, 1, 2, 15, 20]")
       for name, word in (("period", "reproduced"), ("period-as-printed", "contradicted"))),
-    *(("{case: turning, form: averaged, mean_start: no}, turning",
-       f"{{kind: paper, name: {name}}}", "not tested", None)
-      for name in ("predicted-sense", "predicted-crossing")),
     # Shorter than a period, and without two times in common: nothing to compare.
     *(("{case: top, form: full, epsilon: 0.1, a: 0, b: 0, time: {end: 0.01, samples: 9}}",
        f"{{kind: paper, name: {name}}}", "not tested", None)
@@ -903,9 +900,6 @@ def test_a_case_with_other_values_is_integrated_for_the_statement_alone(stored: 
 # 11 samples at which the motion is the same but for its size: p = 0.3 cos(t) exp(-c t).
 PERIODS = "model: linear-diag, inertia: [1, 1, 0.5], initial: {p: 0.3, q: 0, r: 2}"
 STEADY = PERIODS.replace("p: 0.3", "p: 0")
-# It stops at the separatrix at 174.56.
-BY_CHANCE = """model: cavity+constant, form: averaged, inertia: [3, 2, 1], kappa: 0.05,
-               torque: [0.0004, 0, 0.0003], initial: {p: 0.1, q: 0.3, r: 0.9}, time: {end: 400}"""
 MISSED = f"""
 defaults: {{time: {{end: {20 * math.pi!r}, samples: 11}}}}
 cases:
@@ -920,20 +914,12 @@ cases:
   # It ends at its crossing, as near as a double can.
   near: {{{TURN.replace("end: 100, samples: 101", "end: 305.358955166711, samples: 2001")},
           damping: [0.005, 0.004, 0.003]}}
-  by-chance: {{{BY_CHANCE}}}
-  chances: {{{BY_CHANCE}, sweep: {{kappa: {{values: [0.04, 0.05]}}}}}}
 """
 UNDECIDED = [
-    *((case, check, "not tested") for case in ("near", "by-chance") for check in (
+    *(("near", check, "not tested") for check in (
         "{kind: crossings, most: 0}", "{kind: crossings, least: 1}", "{kind: axis, end: x1}",
         "{kind: axis, end: x3}", "{kind: bound, of: crossings, most: 0}")),
     ("near", "{kind: axis, start: x1}", "reproduced"),
-    ("by-chance", "{kind: axis, start: x3}", "reproduced"),
-    *((f"{{case: by-chance, at_separatrix: {branch}}}", check, "reproduced")
-      for branch, check in (("other-axis", "{kind: axis, end: x1}"),
-                            ("other-axis", "{kind: crossings, least: 1, most: 1}"))),
-    ("chances", "{kind: average, variable: crossings, most: 0}", "not tested"),
-    ("chances", "{kind: average, variable: start_axis.x3, least: 1}", "reproduced"),
     ("same", "{kind: conserved, of: [p]}", "not tested"),
     ("same", "{kind: bound, of: p, at: always, least: 0.2}", "not tested"),
     ("same", "{kind: bound, of: p, at: end, least: 0.2}", "reproduced"),

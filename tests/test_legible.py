@@ -384,18 +384,6 @@ def check_labels(figure: Any) -> None:
                 assert figure.bbox.y0 <= box.y0 < box.y1 <= figure.bbox.y1
 
 
-def test_a_stop_and_a_passage_have_marks_of_their_own() -> None:
-    made = run(
-        {
-            "model": "torques", "form": "averaged", "inertia": [3, 2, 1], "kappa": 0.05,
-            "brake": 0.0003, "initial": {"p": 0.1, "q": 0.3, "r": 0.9}, "time": {"end": 4000},
-        }
-    )  # fmt: skip
-    (panel,) = plot(made, kind="series", variables=["G"]).axes
-    marks = {str(line.get_label()): line.get_marker() for line in panel.lines}
-    assert marks["separatrix"] != marks["stopped"]
-
-
 @pytest.mark.filterwarnings("ignore:.* bends between its samples")
 def test_marks_of_events_between_samples_have_the_values_of_the_events() -> None:
     """A body that stops at 14.53 has no momentum there, and at the separatrix J is A2 and k^2 is 1:

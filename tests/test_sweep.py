@@ -279,29 +279,6 @@ def test_stored_directions_are_those_of_the_members_in_every_block_of_them() -> 
     assert np.abs(along - data["d_vector"].values).max() < 1e-8  # ten times its turn
 
 
-@pytest.mark.heyoka
-def test_samples_beyond_a_passage_that_the_case_itself_has_not_are_those_of_single_cases(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """With equal coefficients nothing passes the separatrix, with the others of the sweep most
-    members do."""
-    monkeypatch.setattr(chunk, "WORTH_COMPILING", 0)
-    case = one(
-        "model: linear-diag, form: averaged, inertia: [1, 0.8, 0.6], damping: 0.04, error: off, "
-        "initial: {p: 0.8, q: 0.3, r: 0.9}, time: {end: 60, samples: 61}, store: [trajectory], "
-        "sweep: {damping.0: {linspace: [0.04, 0.12, 9]}}"
-    )
-    group = chunk.compute(chunk.Chunk(case, 0, 9))
-    values = {name: variable.data for name, variable in group.variables.items()}
-    assert (values["status"] == OK).all()
-    assert group.attributes["rejections"][Rejection.SAMPLES.code] == 8
-    assert np.isfinite(values["crossing_time"]).sum() > 4
-    for number in range(9):
-        motion = integrate(members.member(case, number, samples=61))
-        for name, known in motion.variables.items():
-            assert values[name][number] == pytest.approx(known, rel=1e-11), name
-
-
 def test_a_start_of_an_averaged_form_on_the_separatrix_is_marked() -> None:
     found = one(f"{FIG4}, form: averaged, initial: {{p: 1, q: 0.5, r: 0}}, "
                 "sweep: {initial.p: {values: [0, 1]}}")  # fmt: skip
@@ -476,20 +453,6 @@ def test_a_corner_that_one_member_in_many_comes_to_is_none_too_few(size: str) ->
     assert np.abs(swept.omega[odd] - single.omega[-1]).max() < 1e-13
 
 
-def test_whole_numbers_vary_through_lists() -> None:
-    """Between the ends of a span there may be others. What is no power of two is no number of nodes
-    of a mean over a turn."""
-    text = f"{SHORT}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, form: averaged".replace(
-        "linear-diag", "torques, quadratic: 0.01"
-    )
-    values = computed(one(f"{text}, sweep: {{nodes: {{values: [16, 40, 64]}}}}"))
-    single = integrate(one(f"{text}, nodes: 16")).variables["momentum"][-1]
-    assert values["status"].tolist() == [OK, INVALID, OK]
-    assert values["momentum"][0] == single
-    with pytest.raises(HodoError, match="a whole number varies through a list"):
-        one(f"{text}, sweep: {{nodes: {{linspace: [16, 64, 3]}}}}")
-
-
 def test_members_that_are_no_body_are_marked() -> None:
     case = one(
         f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: "
@@ -533,7 +496,7 @@ def test_members_with_other_equations_than_their_case_are_marked(
     monkeypatch.setattr(chunk, "WORTH_COMPILING", least)
     case = one(
         f"model: cavity+constant, form: averaged, inertia: [8, {middle}, 4], kappa: 0.6, "
-        f"torque: [0, 0, 0.1], epsilon: 0.1, time: {{end: 10}}, error: off, "
+        f"time: {{end: 10}}, error: off, "
         f"initial: {{{'x: 2, y: 3' if middle == 8 else 'p: 0.1, q: 0.1, r: 1'}}}, "
         f"sweep: {{inertia.1: {{values: [8, 7, 6]}}}}"
     )

@@ -240,45 +240,6 @@ def test_a_step_clears_no_event_that_it_meets() -> None:
 
 # No bit changes.
 
-FLUID = f"model: cavity+constant, {HEAD}, kappa: 0.005"
-TURNING = {
-    "linear-diag": FIG4,
-    "raw": f"{FIG4}, mean_start: no",
-    "one side": FIG4.replace("1, 0.8, 0.6", "0.8, 0.8, 0.6"),
-    "tensor": FIG12,
-    "cavity": FLUID,
-    "stopped": f"{FLUID}, torque: [-0.001, 0.0003, 0.0005]",
-    "other-axis": f"{FLUID}, torque: [-0.001, 0.0003, 0.0005], at_separatrix: other-axis",
-}
-
-
-def averaged(body: str, sweep: str) -> Case:
-    return one(f"{body}, form: averaged, {BALL}, sweep: {{{sweep}}}")
-
-
-@pytest.mark.heyoka
-@pytest.mark.parametrize("body", TURNING)
-def test_members_of_averaged_forms_are_single_cases_and_chunks_change_no_bit(
-    body: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(chunk, "WORTH_COMPILING", 0)
-    case = averaged(TURNING[body], "inertia.2: {values: [0.5, 0.6]}, d: {sphere: {count: 12}}")
-    together = chunk.compute(chunk.Chunk(case, 0, 24))
-    assert together.attributes["rejections"].sum() == 0
-    values = {name: variable.data for name, variable in together.variables.items()}
-    passed = np.isfinite(values["event_time"])
-    assert passed.any() == (body != "one side")
-    assert np.isfinite(values["crossing_time"]).any() == (body not in ("one side", "stopped"))
-    once = values["crossings"] == 1
-    assert np.array_equal(values["crossing_to"][once], values["end_axis"][once])
-    parts = [computed(case, a, b) for a, b in pairwise([0, 1, 15, 24])]
-    single = computed(replace(case, max_steps=10**6))  # a limit has each go by itself
-    for name, column in values.items():
-        again = np.concatenate([part[name] for part in parts])
-        assert np.array_equal(column, again, equal_nan=True), name
-        if name != "steps":
-            assert column == pytest.approx(single[name], rel=1e-11, nan_ok=True), name
-
 
 @pytest.mark.heyoka
 @pytest.mark.parametrize("body", ["linear-diag", "tensor", "drag", "rotor", "other axes"])

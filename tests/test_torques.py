@@ -747,27 +747,6 @@ def test_a_symmetric_body_with_fluid_and_damping_has_a_closed_form() -> None:
     assert tilt - tilt[0] == pytest.approx(kappa * (A - C) * square * fall / (A**3 * C), abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("terms", "time"),
-    [
-        ({"damping": 0.002}, 190.794899636922105),
-        ({"brake": 0.002}, 208.359185063327034),
-    ],
-)
-def test_averaged_fluid_with_a_torque_along_G_crosses_at_the_time_of_its_closed_form(
-    terms: Any, time: float
-) -> None:
-    # J depends on the integral of |G|^2 alone.
-    averaged = run(C, 600, kappa=0.01, form="averaged", mean_start="no", **terms)
-    kinds, times = averaged["event_kind"].values, averaged["event_time"].values
-    at = dict(zip(kinds, times, strict=True))
-    # Two logarithms, of size 5, whose last digits move the passage by 1e-14 of its time; as stated.
-    assert at["separatrix"] == pytest.approx(time, rel=max(1e-14, 2 * averaged.attrs["error"]))
-    assert averaged.attrs["error"] < 3e-14
-    if "brake" in terms:
-        assert at["stopped"] == pytest.approx(math.sqrt(0.9956) / 0.002, rel=1e-14)
-
-
 @pytest.mark.parametrize("inertia", [BODY, [0.7, 1, 0.8]])
 @pytest.mark.parametrize(
     "terms",

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import call
+from conftest import call, few_without_heyoka
 
 import hodo_cli
 from hodo_cli import models
@@ -194,11 +194,12 @@ def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
         "damping: [.05, .04, .03], time: {end: 40, unit: s}, inertia_unit: kg m^2"
     )
     turned = f"{body}, attitude: yes"
+    starts = "p: 0, q: 0, G: 1}, sweep: {direction: {sphere: {count: 9, seed: 1}}}"
     sweep = "sweep: {damping.0: {linspace: [0.04, 0.06, 3]}}"
     figure = "{kind: series, cases: [a], variables: [p, G, T, D, D/2T]}"
     curve = "{kind: curve, cases: [s], variable: crossing_G, x: damping.0}"
     text = f"cases:\n  a: {{{body}}}\n  s: {{{body}, {sweep}}}\n  t: {{{turned}}}\n"
-    text += f"figures:\n  f: {figure}\n"
+    text += f"  d: {{{body.replace('p: .8, q: .5, r: .74}', starts)}}}\nfigures:\n  f: {figure}\n"
     text += f"  c: {curve}\n  b: {{kind: sphere, cases: [a]}}\n"
     text += "  q: {kind: quadrants, cases: [a]}\n  h: {kind: herpolhode, cases: [t]}\n"
     (tmp_path / "u.yaml").write_text(text, encoding="utf-8")
@@ -237,17 +238,49 @@ def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
     assert stored["s"]["crossing_G"].attrs["units"] == "kg m^2/s"
 
 
-def test_averaged_motions_are_alike_in_units_of_any_size() -> None:
+@pytest.mark.parametrize("rate", few_without_heyoka([2.0**-60, 2.0**-30, 2.0**10]))
+@pytest.mark.parametrize("slowness", [1.0, 1e-13])
+def test_averaged_motions_pass_in_any_unit_of_time(rate: float, slowness: float) -> None:
+    # In seconds a body of the sky slows down by 1e-17 of its speed: the terms of a series in them
+    # are below the smallest double, and a passage was lost without a word.
+    def passage(rate: float) -> Any:
+        of_time = 1 / rate, 1.0
+        data = scaled(BODY | {"damping": DAMPING}, of_time)
+        data["damping"] = [slowness * number for number in data["damping"]]
+        time = {"end": 1000 / rate / slowness, "samples": 3}
+        return hodo_cli.run({"model": "linear-diag", "form": "averaged", "time": time} | data)
+
+    here, there = passage(1.0), passage(rate)
+    assert there.attrs["status"] == "ok"
+    assert there.attrs["error"] < 1e-11
+    np.testing.assert_allclose(there.crossing_time * rate, here.crossing_time, rtol=1e-11)
+
+
+TRIAXIAL = {"inertia": [1, 0.8, 0.6], "initial": DATA["linear-diag"]["initial"]}
+
+
+@pytest.mark.parametrize(
+    ("model", "other", "powers"),
+    [
+        ("linear-diag", {}, {"momentum": 1, "J": 0}),
+        ("tensor", {}, {"momentum": 1, "J": 0}),
+        ("cavity+constant", TRIAXIAL, {"momentum": 1, "J": 0}),
+        ("cavity+constant", {}, {"x": 2, "y": 2}),
+    ],
+)
+def test_averaged_motions_are_alike_in_units_of_any_size(
+    model: str, other: dict[str, Any], powers: dict[str, int]
+) -> None:
     def motion(of_time: float) -> Any:
+        data = scaled(DATA[model] | other, (of_time, 1.0))
         time = {"end": 400 * of_time, "samples": 5}
-        case = {"model": "cavity+constant", "form": "averaged", "time": time}
-        return hodo_cli.run(case | scaled(DISC, (of_time, 1.0)))
+        return hodo_cli.run({"model": model, "form": "averaged", "time": time} | data)
 
     here, there = motion(1.0), motion(2.0**-100)
     assert there.attrs["status"] == "ok"
     assert there.attrs["error"] < 1e-11
-    for name in ("x", "y"):
-        np.testing.assert_allclose(there[name] * 2.0**-200, here[name], rtol=1e-11)
+    for name, power in powers.items():
+        np.testing.assert_allclose(there[name] * 2.0 ** (-100 * power), here[name], rtol=1e-11)
 
 
 @pytest.mark.heyoka

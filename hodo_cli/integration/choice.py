@@ -44,8 +44,11 @@ def best(case: Case, precision: str) -> tuple[str, str]:
         return "taylor", "quadruple precision"
     # A closed form has no steps to be stored at.
     if case.system.has_closed_form and not case.time.steps:
-        is_mean = case.system.is_quadrature
-        return ("quadrature", "averaged to first order") if is_mean else ("exact", "closed form")
+        return (
+            ("quadrature", "averaged to first order")
+            if case.system.is_quadrature
+            else ("exact", "closed form")
+        )
     if not engines.have_taylor():
         return "collocation", "heyoka is not installed"
     if case.time.values:  # of which there may be millions, which would be kept

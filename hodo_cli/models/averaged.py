@@ -251,9 +251,9 @@ class AveragedTurns(BodyUnderTorques):
             return None
         time, *logs = path.crossing.tolist()
         state = np.array([[self.slow_start[0], 1.0, *logs]])
-        there = self.output(np.array([time]), state, attributes(self.constants))
+        G = self.output(np.array([time]), state, attributes(self.constants))["momentum"].item()
         before, _, after = (i + 1 for i in inertia_order(self.inertia)[:: self.slow_start[0]])
-        details = {"from": before, "to": after, "G": float(there["momentum"][0])}
+        details = {"from": before, "to": after, "G": G}
         return "separatrix", EventOutcome(time, details, state[0], time)
 
     @staticmethod

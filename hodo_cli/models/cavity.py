@@ -290,14 +290,13 @@ class AveragedTriaxial(AveragedTurns, Cavity):
             abs(b - A_o),
             float(np.exp(self.slow_start[2]) @ np.sort(self.moments)[[2, 0]]),
         )
-        sscc = (ss - 2 * rest) / 3  # <sn^2 cn^2>
+        sscc, ratio = (ss - 2 * rest) / 3, m * near / far  # <sn^2 cn^2>, X_o/X_e
         loss = (
             (A_e + A_o - b) * (1 - ss - m * sscc) / (A_e * A_o)
             + near * (A_e + b - A_o) * (ss - m * (ss - sscc)) / (A_e * b * span)
             + m * far * (b + A_o - A_e) * sscc / (b * A_o * span)
         )
         rate = side * 2 * self.constants["kappa"] / (A_e * b * A_o) * loss
-        # G^2 (a - c) = a X + c Y = A_e X_e + A_o X_o, and X_o/X_e = m near/far.
-        ratio = m * near / far
+        # square = G^2 (a - c) = a X + c Y = A_e X_e + A_o X_o
         X_e = square / (A_e + A_o * ratio)
         return rate * square, *(rate * A_o * ratio * X_e, -rate * A_e * X_e)[::side]

@@ -132,5 +132,7 @@ class AveragedTensor(AveragedTurns, Tensor):
     @property
     def warnings(self) -> list[str]:
         """Besides: entries that drop out."""
-        dropped = "to first order the entries of I off its diagonal drop out"
-        return [*super().warnings, *([] if is_diagonal(self.matrix) else [dropped])]
+        return [
+            *super().warnings,
+            *([] if is_diagonal(self.matrix) else ["to first order I is its diagonal alone"]),
+        ]

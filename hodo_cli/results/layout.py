@@ -343,11 +343,13 @@ def with_units(variables: Mapping[str, Variable], case: Case) -> dict[str, Varia
     """Variables with their units in the units of a case, and labels and crossings with their
     meanings there."""
 
-    averaged = {*case.system.variables, *CROSSING_COLUMNS, *MEMBER_CLASSIFIED}
-
     def of_case(name: str, attrs: dict[str, Attribute]) -> dict[str, Attribute]:
         units = {"units": units_of_case(str(attrs["units"]), case)} if "units" in attrs else {}
-        if case.system.is_quadrature and name in averaged:
+        if case.system.is_quadrature and name in (
+            *case.system.variables,
+            *CROSSING_COLUMNS,
+            *MEMBER_CLASSIFIED,
+        ):
             return {**attrs, **units, "long_name": f"{attrs['long_name']}, averaged to first order"}
         return {**attrs, **units}
 
