@@ -328,7 +328,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
         ),
         "passages": Key(
             Switch("yes", "no"),
-            "mark crossings, and the true ones that an averaged motion predicts",
+            "mark crossings of the separatrix",
             default=False,
         ),
         "insets": Key(ListOf(INSET, least=0), "enlargements inside panels", default=()),
