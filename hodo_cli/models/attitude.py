@@ -10,7 +10,7 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from ..arithmetic import cos, hypot, sin
+from ..arithmetic import hypot
 from ..schema.kinds import (
     Angle,
     Choice,
@@ -26,6 +26,8 @@ from ..schema.kinds import (
 )
 from .base import Bound, Event, EventOutcome, Label, Model, Passage
 from .rigid_body import BodyFrame
+from .terms.body import BodyUnderTorques
+from .theory.attitude import composed, free_attitude, of_euler, turn_of_hodograph
 
 ATTITUDE_KEY = "attitude"
 
@@ -143,35 +145,10 @@ def quaternion_rates(omega: Sequence[Any], Q: Sequence[Any], factor: Any) -> tup
     )
 
 
-def composed(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, ...]:
-    """The components of the rotation `second`, then `first`, from those of both."""
-    a, b, c, d = first
-    e, f, g, h = second
-    return (
-        a * e - b * f - c * g - d * h,
-        a * f + b * e + c * h - d * g,
-        a * g - b * h + c * e + d * f,
-        a * h + b * g - c * f + d * e,
-    )
-
-
 def turned_back(Q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Vectors in space v (3, ...) in the axes of bodies with the attitudes Q (4, ...)."""
     a, b, c, d = Q
     return np.array(composed(composed((a, -b, -c, -d), (0 * a, *v)), Q)[1:])
-
-
-def about_axis(letter: str, angle: Any) -> tuple[Any, ...]:
-    """The rotation by an angle about the axis x, y or z."""
-    return cos(angle / 2), *(sin(angle / 2) * (axis == letter.lower()) for axis in "xyz")
-
-
-def of_euler(sequence: str, angles: Sequence[float]) -> tuple[Any, ...]:
-    """The rotation by angles about axes of the body (capitals) or of space, one after another."""
-    turns = [about_axis(*turn) for turn in zip(sequence, angles, strict=True)]
-    # About axes of the body each turn is seen from those before it, in space from those behind it.
-    first, second, third = turns if sequence.isupper() else turns[::-1]
-    return composed(composed(first, second), third)
 
 
 def aligned(G: Sequence[Any]) -> tuple[Any, ...]:
@@ -192,7 +169,10 @@ def quaternion_at_start(attitude: Any, G: Sequence[Any]) -> tuple[Any, ...]:
     if not isinstance(attitude, Mapping):
         return 1.0, 0.0, 0.0, 0.0
     if attitude["euler"] is not None:
-        return of_euler(attitude["sequence"], attitude["euler"])
+        axes = ["xyz".index(letter) for letter in attitude["sequence"].lower()]
+        # About axes of space each turn is seen from those after it.
+        order = slice(None, None, 1 if attitude["sequence"].isupper() else -1)
+        return of_euler(axes[order], attitude["euler"][order])
     if attitude["align"] is not None:
         return aligned(G)
     length = math.hypot(*attitude["initial"])
@@ -269,7 +249,25 @@ class Oriented(Model):
 
     @property
     def has_closed_form(self) -> bool:
-        return False
+        """That of the attitude is known of free motion alone."""
+        return super().has_closed_form and not any(cast(BodyUnderTorques, self).along_momentum)
+
+    def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        states, exponent = super().exact_states(t)
+        body, start = cast(BodyFrame, self), np.array(self.start)
+        Q = free_attitude(body.moments, body.to_principal(start[:3]), t)
+        Q[:, 1:] = body.from_principal(Q[:, 1:])
+        return np.column_stack((states, *composed(start[-4:].astype(Q.dtype), Q.T))), exponent
+
+    @property
+    def turn(self) -> tuple[float, float, str] | None:
+        """What `turn_of_hodograph` says of a free body; None of any other."""
+        body = cast(BodyFrame, self)
+        omega = body.to_principal(body.omega_at_start)
+        return turn_of_hodograph(body.moments, omega) if self.has_closed_form else None
+
+    def predictions(self, start: float, end: float) -> list[str]:
+        return [*super().predictions(start, end), *(self.turn or ())[2:]]
 
     @property
     def class_events(self) -> tuple[Event, ...]:

@@ -27,6 +27,14 @@ PRINCIPAL = {
 }
 """What is stored of a body that is given by its full tensor of inertia: labels name these axes."""
 
+TURN = {
+    "turn_period": Stored("time of a turn of the hodograph", units="time"),
+    "turn_angle": Stored(
+        "angle by which the enclosed axis goes round G in a turn of the hodograph", units="rad"
+    ),
+}
+"""What is stored of the hodograph of a free body with an attitude."""
+
 GROWTH_RATE = Stored(
     "rate at which a small tilt away from the axis grows, on the mean over a turn",
     ("axis",),
@@ -79,6 +87,10 @@ def case_group(trajectory: Trajectory, digest: str) -> Group:
         variables |= {name: motion.derived_variable(name) for name in derived}
         variables |= inner_coordinates(variables.values())
     variables |= principal_variables(case)
+    turn = getattr(case.system, "turn", None) or ()
+    variables |= {
+        name: kind.holding(x) for (name, kind), x in zip(TURN.items(), turn, strict=False)
+    }
     return Group(attributes, with_units(variables, case))
 
 
