@@ -184,6 +184,8 @@ def remark_on_crossings(case: Case, columns: Mapping[str, np.ndarray], ok: np.nd
     """How many members of a sweep cross, how often and when, of those that ended well."""
     if "crossings" not in columns:
         return case.system.no_axis_reason or '"crossings", their number, is not stored'
+    if reason := case.system.no_separatrix_reason:
+        return reason
     counts = columns["crossings"]
     crossing = ok & (counts > 0)
     remark = f"{crossing.sum()} of {ok.sum()} members cross"

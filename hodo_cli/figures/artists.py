@@ -248,8 +248,7 @@ def axis_handles(motions: Sequence[Motion]) -> list[Line2D]:
         labels_of(motion)[(motion.time <= motion.stop) & motion.G.any(axis=1)] for motion in motions
     )
     present = {int(label) for labels in moving for label in np.unique(labels)}
-    words = {0: "separatrix", -1: "undetermined", 4: "about both", 5: "unseparated"}
-    words[NOT_CLASSIFIED] = "not classified"
+    words = {0: "separatrix", -1: "undetermined", NOT_CLASSIFIED: "not classified"}
     # Others than the axes that are drawn, if a body is given by its full tensor of inertia.
     has_others = any((motion.principal_axes != np.eye(3)).any() for motion in motions)
     about = "about principal axis" if has_others else "about"

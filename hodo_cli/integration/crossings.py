@@ -313,16 +313,10 @@ def _nearest(signs: SignChanges, first: int, last: int) -> float:
     return float(signs.time[first + np.argmin(np.abs(signs.margin[first:last]))])
 
 
-# A body with a rotor: its separatrices are the hodographs through saddles whose place depends on
-# |G|, no polynomial of the state. Each step is looked at in places so near to each other that the
-# distance from a saddle's hodograph has one extremum between two of them at most; there its slope
-# shows it.
-
-
 def has_sides(body: BodyFrame) -> bool:
     """Whether the hodographs of a body may go round different axes: D of two equal moments has one
     sign, since a or b is 0."""
-    return len(set(body.moments.tolist())) == 3
+    return not body.no_separatrix_reason and len(set(body.moments.tolist())) == 3
 
 
 def sides_of(body: BodyFrame, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

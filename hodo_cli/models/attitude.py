@@ -26,8 +26,7 @@ from ..schema.kinds import (
 )
 from .base import Bound, Event, EventOutcome, Label, Model, Passage
 from .rigid_body import BodyFrame
-from .terms.body import BodyUnderTorques
-from .theory.attitude import composed, free_attitude, of_euler, turn_of_hodograph
+from .theory.attitude import about, composed, free_attitude, of_euler, turn_of_hodograph
 
 ATTITUDE_KEY = "attitude"
 
@@ -194,10 +193,28 @@ def without_attitude(function: Callable[..., Any], t: Any, y: Sequence[Any], k: 
     return function(t, y[:-4], k)
 
 
+class Turning(EventOutcome):
+    """An outcome in whose state, which lasts, the body turns at a constant angular velocity."""
+
+    def states(self, times: Any, fp: Any = float) -> np.ndarray:
+        states = super().states(times, fp).copy()
+        omega, Q = (np.array(rows, dtype=fp) for rows in (self.state[:3], self.state[-4:]))
+        speed = np.hypot.reduce(omega)
+        turned = about(omega / (speed or 1), (np.asarray(times, dtype=fp) - fp(self.time)) * speed)
+        states[..., -4:] = np.stack(composed(Q, turned), axis=-1)
+        return states
+
+
 def beside_turning(passage: Passage, t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
-    """A passage of a model, of the state with an attitude, which rests where the body does."""
+    """A passage of a model, of the state with an attitude. Behind the stop of a body with a rotor
+    it is G that rests, and the body turns on."""
     outcome = passage(t, y[:-4], k)
-    return outcome._replace(state=[*outcome.state, *y[-4:]])
+    outcome = outcome._replace(state=[*outcome.state, *y[-4:]])
+    if outcome.onward != math.inf:
+        return outcome
+    # As it turns behind the stop it has turned from the event on, but for a part of 1e-7.
+    lasting = Turning(*outcome._replace(time=float(t)))
+    return lasting._replace(time=outcome.time, state=lasting.states(outcome.time, type(t)).tolist())
 
 
 def beside_attitude(event: Event) -> Event:
@@ -250,7 +267,8 @@ class Oriented(Model):
     @property
     def has_closed_form(self) -> bool:
         """That of the attitude is known of free motion alone."""
-        return super().has_closed_form and not any(cast(BodyUnderTorques, self).along_momentum)
+        along = getattr(self, "along_momentum", None)
+        return super().has_closed_form and along is not None and not any(along)
 
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         states, exponent = super().exact_states(t)

@@ -177,6 +177,9 @@ class Model:
     )
     """Why the enclosed axis does not apply; empty where it does."""
 
+    no_separatrix_reason: ClassVar[str] = ""
+    """Why the enclosed axis is undetermined all along, and D says nothing; empty where it does."""
+
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         """The time derivative of each state variable."""

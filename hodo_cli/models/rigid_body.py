@@ -79,7 +79,14 @@ def accelerations(torque: Sequence[Any], k: Any) -> Components:
 
 def angular_momentum_of(w: Sequence[Any], k: Any) -> Components:
     """G = A omega, and h of a rotor."""
-    return times(k.tensor, w) if hasattr(k, "tensor") else (k.A1 * w[0], k.A2 * w[1], k.A3 * w[2])
+    G = times(k.tensor, w) if hasattr(k, "tensor") else (k.A1 * w[0], k.A2 * w[1], k.A3 * w[2])
+    return vector_sum(G, rotor_of(k)) if hasattr(k, "h1") else G
+
+
+def rotor_of(k: Any) -> Components:
+    """h of a rotor in the units of A omega."""
+    # As every constant of degree 1 it is in units of the time as well, and so is g.
+    return k.h1 / k.g, k.h2 / k.g, k.h3 / k.g
 
 
 UNDETERMINED, SEPARATRIX = -1, 0
@@ -415,7 +422,8 @@ class BodyFrame(Model):
     def enclosed(self, omega: np.ndarray, band: Any = 0.0) -> np.ndarray:
         """The label (n,) of angular velocities (n, 3) along the principal axes, as of
         `enclosed_axis`."""
-        return enclosed_axis(self.moments, omega, band)
+        labels = enclosed_axis(self.moments, omega, band)
+        return np.full_like(labels, UNDETERMINED) if self.no_separatrix_reason else labels
 
     @np.errstate(all="ignore")  # a torque may have no value where a component is 0
     def tilt_growth(self, t: float) -> np.ndarray | None:
@@ -428,7 +436,8 @@ class BodyFrame(Model):
         """
         model, form = type(self), structure(self.constants)
         speed = float(np.linalg.norm(self.start))
-        is_steady = self.principal_axes is None and speed and not contains_time(model, form)
+        is_plain = self.principal_axes is None and not self.no_separatrix_reason
+        is_steady = is_plain and speed and not contains_time(model, form)
         if len(self.state) != 3 or not is_steady:
             return None
         k, omega = attributes(self.constants), speed * np.eye(3)
@@ -445,6 +454,8 @@ class BodyFrame(Model):
     @property
     def class_events(self) -> tuple[Event, ...]:
         moments = self.inertia if self.principal_axes is None else self.moments
+        if self.no_separatrix_reason:
+            return ()
         return (Event("separatrix", Bound(separatrix_function, (inertia_order(moments),))),)
 
 

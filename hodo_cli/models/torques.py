@@ -1,6 +1,7 @@
 """A body under any sum of torques."""
 
 import math
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from .rigid_body import (
     INITIAL,
     body_constants,
     complete,
+    dot,
     is_tensor,
     range_mistake,
 )
@@ -42,6 +44,12 @@ from .theory.closed_form import AlongMomentum, free_motion
 from .theory.dissipation import Dissipation, crossing_predictions, spin_predictions
 from .theory.principal_axes import PrincipalAxes, principal_axes
 
+ROTOR_REASON = "with a rotor D says nothing, and the enclosed axis is undetermined"
+
+ROUNDING_OF_G = 4 * sys.float_info.epsilon
+"""The part of A omega up to which G = A omega + h is what rounding leaves of the sum. Of bodies at
+rest with random tensors it was an eighth of that."""
+
 NEGATIVE_COEFFICIENT = "a negative coefficient drives the body: write that as an expression"
 
 
@@ -59,13 +67,14 @@ class Torques(BodyUnderTorques):
 
     omega = (p, q, r): angular velocity, 1/time (`initial`); A: principal moments of inertia
     (`inertia`), or the full tensor in any body axes, in which all else is then given and stored,
-    while labels name the principal axes; G = A omega. Each coefficient but those of
-    `cavity` and `expression` may be a law of time. Only the terms named are
-    part of the equations. A brake brings G to 0 (event `stopped`): from there on omega is 0, and no
-    axis is enclosed. A formula may jump, have corners or short pulses: steps
-    are compared with the equations at 32,768 places of the span, and begin anew on both sides of
-    what they miss. What is shorter than that may be overlooked. A motion ends at a pole of a
-    formula.
+    while labels name the principal axes; G = A omega + h, with the angular momentum h of a rotor
+    (`rotor`), which turns at constant speed in the body. Each coefficient but those of `cavity`,
+    `rotor` and `expression` may be a law of time. Only the terms named are part of the equations. A
+    brake brings G to 0 (event `stopped`): from there on omega is 0, or -A^-1 h, and no axis is
+    enclosed. With a rotor the enclosed axis is undetermined all along. A formula may jump, have
+    corners or short pulses: steps are compared with the equations at 32,768 places of the span, and
+    begin anew on both sides of what they miss. What is shorter than that may be overlooked. A
+    motion ends at a pole of a formula.
 
     A torque along G, as of equal damping, equal quadratic drag or a brake, changes the clock of the
     free motion and not its path. Under constant damping, a constant brake, or both, the clock has a
@@ -80,6 +89,7 @@ class Torques(BodyUnderTorques):
     torque: Any
     epsilon: float
     brake: Any
+    rotor: Any
     space_torque: Any
     expression: Any
 
@@ -123,6 +133,12 @@ class Torques(BodyUnderTorques):
             coefficient_kind("moment of inertia / time^2"),
             "b of -b G/|G|, which brings a free body to rest in the shortest time",
             unit="moment of inertia / time^2",
+            default=None,
+        ),
+        "rotor": Key(
+            vector(3),
+            "h in G = A omega + h, the angular momentum of a rotor beside the body's",
+            unit="moment of inertia / time",
             default=None,
         ),
         "space_torque": Key(
@@ -230,7 +246,13 @@ class Torques(BodyUnderTorques):
 
     def momentum(self, omega: np.ndarray) -> np.ndarray:
         frame = self.frame
-        return super().momentum(omega) if frame is None else omega @ frame.tensor.astype(float)
+        G = super().momentum(omega) if frame is None else omega @ frame.tensor.astype(float)
+        if self.rotor is None:
+            return G
+        # Of a body that turns at -A^-1 h rounding leaves a G, whose direction would be drawn.
+        rounding = ROUNDING_OF_G * self.moments.max() * np.abs(omega).max(axis=-1, keepdims=True)
+        G = G + np.array(self.rotor)
+        return np.where(np.abs(G).max(axis=-1, keepdims=True) > rounding, G, 0)
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
         """With the terms' own variables behind omega."""
@@ -289,7 +311,7 @@ class Torques(BodyUnderTorques):
         if dissipations and not self.changing_terms:
             of_which = spin_predictions if self.brake is None else self.stop_predictions
             predictions += of_which(dissipations[0])
-        return predictions
+        return [*predictions, *filter(None, [self.no_separatrix_reason])]
 
     def stop_predictions(self, terms: Dissipation) -> list[str]:
         """When the brake stops the body, or between which times: fluid does not change |G|."""
@@ -335,10 +357,23 @@ def mistakes_of_start(data: Mapping[str, Any]) -> Iterator[Mistake]:
     named, inertia, initial = terms_named(data), data.get("inertia"), data.get("initial")
     if not initial:
         return
+    if "rotor" in named and initial.get("G") is not None:
+        yield (
+            ("initial",),
+            "with a rotor |G| does not determine the missing component: give p, q and r",
+        )
     if "brake" in named and inertia:
         with suppress(ValueError):  # another check says so
-            if not any(Torques.velocity(inertia, initial)):
-                yield ("brake",), "a body at rest has no direction to brake in"
+            omega, h = Torques.velocity(inertia, initial), data.get("rotor") or (0.0, 0.0, 0.0)
+            products = (
+                (dot(row, omega) for row in inertia)
+                if is_tensor(inertia)
+                else (A * x for A, x in zip(inertia, omega, strict=True))
+            )
+            G = [x + y for x, y in zip(products, h, strict=True)]
+            if all(abs(x) <= ROUNDING_OF_G * max(map(abs, h)) for x in G):
+                at_rest = "whose G is 0" if any(h) else "at rest"
+                yield ("brake",), f"a body {at_rest} has no direction to brake in"
 
 
 def negative_coefficients(
@@ -376,5 +411,6 @@ def sum_of(names: tuple[str, ...]) -> type[Torques]:
         "fixed_in_space": tuple(TERMS["space_torque"].extra) if "space_torque" in names else (),
         "resisting": frozenset({"brake"}),
         "may_stop": "brake" in names,
+        "no_separatrix_reason": ROTOR_REASON if "rotor" in names else "",
     }
     return dataclass(frozen=True)(type("Torques", (Torques,), attributes_of))

@@ -218,12 +218,18 @@ class Motion:
         """Angular velocity (n, 3) along the principal axes."""
         return self.frame.to_principal(self.omega) if self.frame else self.omega
 
+    def check_separatrix(self) -> None:
+        """Raise HodoError for a body whose motions no separatrix divides by the sign of D."""
+        if reason := self.case.system.no_separatrix_reason:
+            raise HodoError(f"{self.words} has no separatrix to be drawn: {reason}")
+
     @property
     def quadrants(self) -> np.ndarray:
         """(w_l^2, K w_s^2) (n, 2): the separatrix is the diagonal, and D > 0 below it.
 
         Raises HodoError for a body with a rotor, and where K is infinite.
         """
+        self.check_separatrix()
         K = rigid_body.slope(self.inertia)
         if math.isinf(K):
             raise HodoError(
@@ -504,6 +510,7 @@ def _energy(m: Motion) -> np.ndarray:
 
 def _separatrix(m: Motion) -> np.ndarray:
     """D = G^2 - 2 T A_middle, without the cancellation of this difference."""
+    m.check_separatrix()
     outer, inner = rigid_body.separatrix_terms(m.inertia, m.principal_omega.T, m.order)
     return np.asarray(outer - inner)
 
@@ -515,7 +522,7 @@ _ratio = partial(rigid_body.share_of, of_nothing=np.nan)
 def _of_direction(quantity: Callable[[Motion], np.ndarray], m: Motion) -> np.ndarray:
     """A quantity that knows only the direction of omega, of omega at a size near 1: the squares of
     1e-160 have lost their digits. It is no number where omega itself has lost its own."""
-    if "omega" not in m.data:
+    if "omega" not in m.data or m.case.system.no_separatrix_reason:  # h has a size of its own
         return quantity(m)
     size = np.abs(m.omega).max(axis=1, keepdims=True)
     near_1 = np.ldexp(m.omega, -np.frexp(size)[1])

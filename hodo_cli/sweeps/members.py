@@ -163,7 +163,9 @@ def velocities(
             continue
         is_own, A = combination == i, np.array(data["inertia"])
         start = np.array(system.velocity(data["inertia"], data["initial"]))
-        if isinstance(system, BodyFrame) and system.principal_axes is not None:
+        if isinstance(system, BodyFrame) and (
+            system.principal_axes is not None or system.no_separatrix_reason
+        ):
             # G, which is not A omega along the axes of the case, is linear in omega.
             zero, unit = system.momentum(np.zeros(3)), system.momentum(np.eye(3))
             G = np.linalg.norm(system.momentum(start)) * direction[is_own] - zero

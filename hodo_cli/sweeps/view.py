@@ -111,7 +111,8 @@ class SweepView:
             return None
         if not isinstance(body := self.case.system, BodyFrame):
             return np.array(self.case.data["inertia"], dtype=float)
-        return body.moments if body.principal_axes is None else None
+        is_plain = body.principal_axes is None and not body.no_separatrix_reason
+        return body.moments if is_plain else None
 
     def at(self, positions: Mapping[str, int]) -> Case:
         """The case with the values that vary along axes as they are at positions there."""

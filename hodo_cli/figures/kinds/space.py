@@ -252,6 +252,7 @@ def separatrices(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[Bod
 
 def separatrix_of(motion: Motion) -> list[np.ndarray]:
     """The curves (n, 3) of the separatrix of a motion's body in its axes; none without one."""
+    motion.check_separatrix()
     return [circle @ motion.principal_axes for circle in separatrix_circles(motion.inertia)]
 
 

@@ -32,7 +32,7 @@ TENSOR_ROUNDING = 1e-13
 
 ZEROS = (0.0, 0.0, 0.0)
 
-NOT_COVERED = frozenset({"space_torque", "expression"})
+NOT_COVERED = frozenset({"rotor", "space_torque", "expression"})
 """The terms of which the theorems on crossings and tilts say nothing."""
 
 

@@ -1,5 +1,4 @@
-"""The events of a body under torques: the corners of drag where omega_i = 0, and the stages of
-braking, the last of which ends at rest."""
+"""The events of a body under torques: the stages of braking, the last of which ends at rest."""
 
 import math
 from collections.abc import Sequence
@@ -9,11 +8,14 @@ import numpy as np
 
 from ..base import EventOutcome
 from ..rigid_body import (
+    UNDETERMINED,
     accelerations,
     along_principal_axes,
     angular_momentum_of,
     dot,
     enclosed_axis,
+    rotor_of,
+    vector_sum,
 )
 from .laws import coefficient_at
 from .torques import rates_under
@@ -21,9 +23,9 @@ from .torques import rates_under
 DRIVING = frozenset({"torque", "space_torque", "expression"})
 """The torques under which |G| may grow from rest, and fall again."""
 
-STAGES, STAGE_RATIO = 14, 8
+STAGES, STAGES_WITH_ROTOR, STAGE_RATIO = 14, 10, 8
 """How often |G| falls by a ratio, a stage of braking each time, before a brake has all but stopped
-the body: to 2e-13 of it."""
+the body: to 2e-13 of it, with a rotor, whose h hides what is left of G, to 9e-10."""
 
 AS_STRONG = 1e-12
 """The part by which a torque may differ from a brake and counts as equal to it: what comes to rest
@@ -61,19 +63,20 @@ def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: A
     # In units of A1, as in `stage_end`: |G|^2 need not be a double.
     per_A1 = [x / k.A1 for x in G]
     size = k.A1 * dot(per_A1, per_A1) ** 0.5
-    if size > 2 * k.momentum_at_start / STAGE_RATIO**STAGES:
+    stages = STAGES_WITH_ROTOR if hasattr(k, "h1") else STAGES
+    if size > 2 * k.momentum_at_start / STAGE_RATIO**stages:
         state[row] = size / k.A1
         return EventOutcome(float(t), None, state, t)
     b = float(coefficient_at(k, "brake", t))
     N = [*map(float, torque_at_rest(others, t, [*y[3:row], *y[row + 1 :]], k))]
     strength = math.hypot(*N)
     if strength > b * (1 + AS_STRONG):
-        state[:3] = accelerations([x * (size / strength) for x in N], k)
+        state[:3] = omega_of([x * (size / strength) for x in N], k)
         state[row] = size / k.A1
         turned = size / (strength + b) + size / (strength - b)
         return EventOutcome(float(t), None, state, t + turned)
     details = stop_details(np.array(G, float), label_at_stop(np.array(y[:3], float), k))
-    state[:3], state[row] = (0 * size + x for x in (0.0, 0.0, 0.0)), 0 * size
+    state[:3], state[row] = (0 * size + x for x in omega_of((0.0, 0.0, 0.0), k)), 0 * size
     if strength > b * (1 - AS_STRONG):
         left = size / (2 * b)
     else:
@@ -86,14 +89,18 @@ def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: A
 def label_at_stop(omega: np.ndarray, k: Any) -> Any:
     """The label of the direction of G at a stop, by the constants of the motion: one event serves
     many bodies."""
+    if hasattr(k, "h1"):
+        return UNDETERMINED
     A = np.array([k.A1, k.A2, k.A3], float)
     return enclosed_axis(A, np.array(along_principal_axes([*omega], k)), 0.0)
 
 
 def torque_at_rest(others: Sequence[str], t: Any, extra: Sequence[Any], k: Any) -> list[Any]:
     """A sum of torques (3,), by name, where G is 0."""
-    rates = rates_under(others, t, [*(0.0, 0.0, 0.0), *extra], k)[:3]
-    return [*angular_momentum_of(rates, k)]  # A omega', since -omega x G is 0 there
+    rates = rates_under(others, t, [*omega_of((0.0, 0.0, 0.0), k), *extra], k)[:3]
+    # A omega', since -omega x G is 0 there.
+    still = angular_momentum_of((0.0, 0.0, 0.0), k)
+    return [moved - x for moved, x in zip(angular_momentum_of(rates, k), still, strict=True)]
 
 
 @np.errstate(all="ignore")  # of a formula that has no value at a time
@@ -108,3 +115,8 @@ def first_release(
         strength > coefficient_at(k, "brake", t) * (1 + AS_STRONG), t.shape
     )
     return float(t[is_stronger.argmax()]) if is_stronger.any() else math.nan
+
+
+def omega_of(G: Sequence[Any], k: Any) -> Sequence[Any]:
+    """omega (3,) of an angular momentum (3,), that of a rotor included."""
+    return accelerations(vector_sum(G, [-x for x in rotor_of(k)]) if hasattr(k, "h1") else G, k)

@@ -142,9 +142,16 @@ def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> Co
 def cavity_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Sequence[Any]:
-    """The torque of the fluid in a cavity, as of `fluid_torque`."""
-    along = fluid_torque((k.A1, k.A2, k.A3), along_principal_axes(w, k), c[0])
-    return from_principal_axes(along, k)
+    """The torque of the fluid in a cavity of the body: kappa (omega'' + omega x omega'), with
+    omega' and omega'' of free motion, of a gyrostat where there is a rotor."""
+    if not hasattr(k, "h1"):
+        along = fluid_torque((k.A1, k.A2, k.A3), along_principal_axes(w, k), c[0])
+        return from_principal_axes(along, k)
+    G = angular_momentum_of(w, k)
+    turning = vector_product(G, w)
+    first = accelerations(turning, k)
+    second = accelerations(vector_sum(vector_product(turning, w), vector_product(G, first)), k)
+    return [c[0] * x for x in vector_sum(second, vector_product(w, first))]
 
 
 def body_torque(
@@ -161,6 +168,13 @@ def brake_torque(
     G = angular_momentum_of(w, k)
     rate = c[0] / dot(G, G) ** 0.5
     return -(rate * G[0]), -(rate * G[1]), -(rate * G[2])
+
+
+def rotor_torque(
+    t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
+) -> Components:
+    """-omega x h: the reaction of a rotor whose angular momentum h is fixed in the body."""
+    return vector_product(c, w)
 
 
 def space_torque(
@@ -199,6 +213,7 @@ TERMS: Mapping[str, Term] = {
     "kappa": Term(cavity_torque, {"kappa": 3}, coefficients=alone),
     "torque": Term(body_torque, dict.fromkeys(("N1", "N2", "N3"), 0)),
     "brake": Term(brake_torque, {"brake": 0}, extra={"stage_momentum": 1}, coefficients=alone),
+    "rotor": Term(rotor_torque, dict.fromkeys(("h1", "h2", "h3"), 1)),
     "space_torque": Term(
         space_torque,
         {"F": 0},
