@@ -24,6 +24,7 @@ from ..claims.finding import (
 )
 from ..claims.quantities import integrated_motion, number, quantity
 from ..integration import distinct
+from ..models.base import attributes
 from ..models.theory.closed_form import sn_cn_dn
 from ..models.top.nutation import mean_cosine
 from ..results.motion import Motion
@@ -219,9 +220,48 @@ def rates_3_5(m: Motion, t: float, u: np.ndarray, fixed: tuple[Any, Any]) -> np.
     return np.asarray(-(a * equatorial + b * r * (Gz - C * r * u) * (v - u)) / (A * delta))
 
 
+SAMPLES_OF_2_8, PHASES = 20, 500
+"""Samples of a motion at which the mean (2.8) is taken, and places of a half turn of the nutation
+by which it is: their sum is right to rounding where u3 is a part of 1e-3 of u2 - u1 beyond u2."""
+
+
+def equation_2_8(motions: Sequence[Motion]) -> Finding:
+    """The rates of Gz, H and r by the averaged equations are the mean (2.8) over a nutation of
+    those under the torques (3.1)."""
+    pairs = []
+    for m in motions:
+        rows = np.linspace(0, len(m.time) - 1, SAMPLES_OF_2_8).astype(int)
+        by_mean = np.transpose([mean_rates_2_8(m, i) for i in rows])
+        averaged = np.transpose([averaged_rates(m, i) for i in rows])
+        pairs += list(zip(by_mean, averaged, strict=True))
+    return agreement(pairs, 1e-10)
+
+
+def mean_rates_2_8(m: Motion, row: int) -> list[float]:
+    """dGz/dtau, dH/dtau and dr/dtau at a sample by (2.8): the mean over the time of half a
+    nutation, dt ~ dphi/sqrt(u3 - u), u = (u1 + u2)/2 + (u2 - u1)/2 cos phi."""
+    A, C, mu, t = m.inertia[0], m.inertia[2], m.case.data["mu"], m.time[row]
+    a, b = (np.polyval(m.case.data[name][::-1], t) for name in "ab")
+    Gz, H, r, u1, u2, u3 = (quantity(m, name)[row] for name in (*INTEGRALS, *ROOTS))
+    # Midpoints: the integrand is even and periodic, so that equal weights are the best.
+    u = (u1 + u2) / 2 + (u2 - u1) / 2 * np.cos((np.arange(PHASES) + 0.5) * np.pi / PHASES)
+    of_Gz, of_H = -a * (Gz - C * r * u) / A - b * r * u, -a * (2 * H - C * r * r - 2 * mu * u) / A
+    rates = [of_Gz, of_H - b * r * r, np.full(PHASES, -b * r / C)]
+    return [float(np.average(rate, weights=1 / np.sqrt(u3 - u))) for rate in rates]
+
+
+def averaged_rates(m: Motion, row: int) -> list[float]:
+    """dGz/dtau, dH/dtau and dr/dtau at a sample by the equations of the form averaged."""
+    k = attributes(m.case.system.constants)
+    Gz, H, r, u1, u2 = (float(quantity(m, name)[row]) for name in (*INTEGRALS, *ROOTS[:2]))
+    state = Gz - k.C * r, 1 - (2 * H - k.C * r * r) / (2 * k.mu), r, (u2 - u1) / 2
+    U, Z, spin, _ = m.case.system.rhs(float(m.time[row]), state, k)
+    return [U + k.C * spin, k.C * r * spin - k.mu * Z, spin]
+
+
 def averaged_alike(motions: Sequence[Motion]) -> Finding:
-    """Cases in pairs, by (3.5) or by the quadrature (2.8), and by the equations for Gz, H and r
-    that do not divide by u1 - u2, are the same motion."""
+    """Cases in pairs, by (3.5) and by the equations for Gz, H and r that do not divide by u1 - u2,
+    are the same motion."""
     pairs = in_groups(motions, 2)
     # (3.5) loses digits as u1 and u2 meet.
     return agreement([(quantity(a, n), quantity(b, n)) for a, b in pairs for n in INTEGRALS], 1e-9)

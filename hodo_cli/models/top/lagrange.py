@@ -24,12 +24,9 @@ from ..terms.laws import (
 )
 from .nutation import (
     LAW,
-    PERTURBATION,
-    PERTURBATIONS,
     Nutation,
     axial_torque,
     drift,
-    first_integrals,
     mean_cosine,
     nutation,
     nutation_at_start,
@@ -73,8 +70,8 @@ class Top(Model):
         ),
         "m": Key(
             coefficient_kind("moment of inertia / time^2", "tau"),
-            "torque m(tau) about the axis of symmetry, whatever the perturbation; form "
-            "averaged-u refuses it, from `defaults:` too",
+            "torque m(tau) about the axis of symmetry; form averaged-u refuses it, from "
+            "`defaults:` too",
             "moment of inertia / time^2",
             default=None,
         ),
@@ -363,24 +360,18 @@ class FullTop(Top):
 
     p, q, r: angular velocity in body axes, 1/time; gamma: the vertical in body axes, (sin theta sin
     phi, sin theta cos phi, cos theta), in place of the Euler angles, which are singular at theta =
-    0 and pi; M = (p f, q f, M3) (`perturbation`: (-a p, -a q, m - b r) is linear-dissipation,
-    |omega|^2 (-a p, -a q, -b r) + (0, 0, m) cubic-dissipation); the derivative is by t =
-    tau/epsilon (`epsilon`), the stored time is tau. The other symbols are those of the form
-    averaged. With `theta` the motion starts there, at phi = 0 and p = q = 0. Of the motions with
-    initial Gz, H and r, which differ in phase, that is taken which starts at phi = 0 and cos theta
-    = (u1 + u2)/2, where theta grows.
+    0 and pi; M = (-a p, -a q, m - b r); the derivative is by t = tau/epsilon (`epsilon`), the
+    stored time is tau. The other symbols are those of the form averaged. With `theta` the motion
+    starts there, at phi = 0 and p = q = 0. Of the motions with initial Gz, H and r, which differ in
+    phase, that is taken which starts at phi = 0 and cos theta = (u1 + u2)/2, where theta grows.
 
     Source: L. D. Akulenko et al. 2017, eqs (1.1).
     """
 
     epsilon: float
-    perturbation: str
 
     form = "full"
-    keys = Top.keys | {
-        "epsilon": Key(Number(above=0), "small parameter: tau = epsilon t"),
-        "perturbation": PERTURBATION,
-    }
+    keys = Top.keys | {"epsilon": Key(Number(above=0), "small parameter: tau = epsilon t")}
     state = ("p", "q", "r", "gamma1", "gamma2", "gamma3")
     variables = {
         "omega": Label(("time", "axis"), "angular velocity in body axes", "1/time"),
@@ -403,7 +394,7 @@ class FullTop(Top):
         p, q, r, g1, g2, g3 = y
         now = with_mu(k, t)
         A, C, mu, eps = k.A, k.C, now.mu, k.epsilon
-        f, M3 = PERTURBATIONS[k.perturbation](t, *first_integrals(y[:3], y[3:], now), r, g3, now)
+        f, M3 = -coefficient_at(now, "a", t), axial_torque(t, r, now)
         return (
             # By tau = eps t: the free motion is divided by eps, and the eps of the torque drops
             # out.
@@ -421,11 +412,7 @@ class FullTop(Top):
 
     @cached_property
     def constants(self) -> Constants:
-        return {
-            **super().constants,
-            "epsilon": self.epsilon,
-            "perturbation": self.perturbation,
-        }
+        return {**super().constants, "epsilon": self.epsilon}
 
     @property
     def start(self) -> tuple[float, ...]:

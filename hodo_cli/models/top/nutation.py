@@ -3,14 +3,14 @@ the torques, whose coefficients are functions of slow time, its drift under them
 the start."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...arithmetic import as_float, as_numpy_float, at_once, isfinite, sin, sqrt
-from ...schema.kinds import Choice, Either, Key, ListOf, Number
+from ...schema.kinds import Either, ListOf, Number
 from ..terms.laws import coefficient_at, law_mapping
 
 ROOT_ROUNDING = 1e-13
@@ -201,9 +201,9 @@ LAW = Either(
 """A coefficient of resistance as a function of tau."""
 
 
-def axial_torque(tau: Any, r: Any, k: Any, factor: Any = 1) -> Any:
-    """M3 = m - b r, with a factor of the resistance; where a case gives no m it is 0."""
-    resistance = -coefficient_at(k, "b", tau) * r * factor
+def axial_torque(tau: Any, r: Any, k: Any) -> Any:
+    """M3 = m - b r; where a case gives no m it is 0."""
+    resistance = -coefficient_at(k, "b", tau) * r
     return resistance + coefficient_at(k, "m", tau) if hasattr(k, "m") else resistance
 
 
@@ -211,30 +211,3 @@ def with_mu(k: Any, tau: Any) -> Any:
     """The constants of a top with mu as it is at tau."""
     changes = hasattr(k, "mu_law")
     return SimpleNamespace(**vars(k) | {"mu": coefficient_at(k, "mu", tau)}) if changes else k
-
-
-def linear_dissipation(tau: Any, Gz: Any, H: Any, r: Any, u: Any, k: Any) -> tuple[Any, Any]:
-    """M = (-a p, -a q, m - b r); eq. (3.1) where m = 0."""
-    return -coefficient_at(k, "a", tau), axial_torque(tau, r, k)
-
-
-def cubic_dissipation(tau: Any, Gz: Any, H: Any, r: Any, u: Any, k: Any) -> tuple[Any, Any]:
-    """M = |omega|^2 (-a p, -a q, -b r) + (0, 0, m)."""
-    square = (2 * (H - k.mu * u) - k.C * r * r) / k.A + r * r
-    return -square * coefficient_at(k, "a", tau), axial_torque(tau, r, k, square)
-
-
-PERTURBATIONS: Mapping[str, Callable[..., tuple[Any, Any]]] = {
-    "linear-dissipation": linear_dissipation,
-    "cubic-dissipation": cubic_dissipation,
-}
-"""Torques epsilon (p f, q f, M3), eq. (2.3): each returns (f, M3), both functions of tau, Gz, H, r
-and u = cos theta.
-
-To add one, write it with + - * / and ** and name it here; the forms averaged-quadrature and full
-take it.
-"""
-
-PERTURBATION = Key(
-    Choice(*PERTURBATIONS), "form of the torque M = (p f, q f, M3)", default="linear-dissipation"
-)
