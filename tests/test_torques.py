@@ -2,10 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable
 from decimal import Decimal, localcontext
-from functools import cache
-from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +11,6 @@ import pytest
 from conftest import call
 from numpy.polynomial import Polynomial
 from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
 
 import hodo_cli as hodo
 from hodo_cli import HodoError
@@ -96,10 +92,6 @@ END_STATES = {
         (B, 300, {"space_torque": {"size": 0.002, "direction": [0, 0, 1]}, "damping": MEDIUM}),
         (0.043961123015849125, 0.65960590090568003, -0.060932042879763240),
     ),
-    "corners": (
-        (B, 200, {"quadratic_axes": 0.01}),
-        (0.3212734381436, -0.1525009946777, -0.2975600456632),
-    ),
 }
 
 
@@ -123,12 +115,6 @@ CROSSINGS = {
     "damping and fluid": (C, 300, {"damping": 0.002, "kappa": 0.01}, [188.64254989272395]),
     "brake and fluid": (C, 300, {"brake": 0.002, "kappa": 0.01}, [196.96634479644304]),
     "too much damping": (C, 900, {"damping": 0.006, "kappa": 0.01}, []),
-    "quadratic by axes": (
-        {"p": 0.8, "q": 0.3, "r": 1.05},
-        200,
-        {"quadratic_axes": 0.01},
-        [26.0995],
-    ),
 }
 
 
@@ -374,7 +360,7 @@ def test_equal_damping_follows_its_law(law: Any) -> None:
     assert G[1] / G[0] == pytest.approx(math.exp(-exponent), rel=1e-12)
 
 
-POWERS = [("damping", 2), ("damping", 4), ("quadratic_axes", 2), ("torque", 1), ("torque", 5)]
+POWERS = [("damping", 2), ("damping", 4), ("torque", 1), ("torque", 5)]
 """Coefficients under a power of the time by which the rotation about an axis, or its angle, is a
 series in powers of t**3, of t**5 or of t**7."""
 
@@ -392,7 +378,6 @@ def test_a_law_that_is_a_power_of_the_time_is_not_stepped_over(key: str, power: 
     through = 0.1 * end ** (power + 1) / (power + 1)
     expected = {
         "damping": p * np.exp(-through),
-        "quadratic_axes": p / (1 + p * through),
         "torque": p + through / 3,
     }[key]
     members = hodo.sweep({**case, "sweep": {"initial.p": {"values": p.tolist()}}})
@@ -512,10 +497,7 @@ def test_the_models_of_one_torque_are_sums_of_one(model: str, terms: Any) -> Non
             "damping: the base of its power law is 0 at t = -1: start later",
         ),
         ({"torque": [[0] * 20 + [1], 0, 0]}, "torque: its polynomial has more than 20 coeff"),
-        (
-            {"quadratic_axes": 1, "form": "averaged"},
-            "quadratic_axes: form averaged does not take this torque",
-        ),
+        ({"quadratic_axes": 1}, "quadratic_axes: unknown key"),
         ({"expression": [0, "sqrt(-1-t)", 0]}, "expression.1: has no finite value at the start"),
         ({"expression": ["1/t", 0, 0]}, "expression.0: has no finite value at the start"),
     ],
@@ -614,7 +596,6 @@ POWER = {"law": "power", "rate": 0.1, "exponent": 1}
         ({"damping": [fading(0.004, -0.02), 0, {**POWER, "value": 0.003}]}, []),
         ({"damping": [fading(0.004, -0.02), 0, {**POWER, "value": 0.001}]}, ["one crossing"]),
         ({"damping": [fading(0.005), 0, [0.001, 1e-6]]}, []),
-        ({"quadratic_axes": fading(0.01)}, ["one crossing at most, x3 to x1"]),
         ({"resistance": {"diagonal": fading(0.01), "off_diagonal": 0}}, ["one crossing"]),
         # In other axes the laws of a tensor are none.
         (
@@ -661,33 +642,6 @@ def test_predictions_carry_the_units_of_the_case() -> None:
     assert stopped[-1].endswith(" s")
     turning = run(C, 10, kappa=0.03, damping=MEDIUM, **common).attrs["predictions"]
     assert turning.count(" kg m^2/s") == 3
-
-
-@pytest.mark.parametrize(
-    ("start", "torque"),
-    [
-        ((0.5, 0, 0), (0, 0, 0)),
-        ((0, 0, 0), (0.01, 0, 0)),
-        ((0, 0, 0), (0.01, 0.02, 0)),
-        ((0, 0, 0), (0.01, -0.02, 0.03)),
-        ((0, 0, 0), (0.024, 0, -0.02)),
-        ((0.3, 0.4, 0), (0, 0, 0)),
-    ],
-)
-def test_drag_by_axes_begins_at_its_corners(start: Any, torque: Any) -> None:
-    """Of components that are 0 at the start some leave it, at once or later, and others never."""
-    A = np.array(BODY)
-
-    def rates(t: float, w: np.ndarray) -> np.ndarray:
-        return (np.cross(A * w, w) + torque) / A - 0.1 * w * np.abs(w)
-
-    sure = solve_ivp(rates, (0, 20), start, method="DOP853", rtol=1e-12, atol=1e-15).y[:, -1]
-    initial = dict(zip("pqr", start, strict=True))
-    ds = run(initial, 20, quadratic_axes=0.1, torque=list(torque))
-    assert ds.attrs["status"] == "ok"
-    # D has the sign of where the motion goes from its first moment on.
-    assert not (ds.crossing_time < 1e-6).any()
-    assert ds.omega.data[-1] == pytest.approx(sure, abs=1e-9)
 
 
 def test_nothing_is_undecided_behind_a_stop() -> None:
@@ -745,24 +699,6 @@ def test_a_symmetric_body_with_fluid_and_damping_has_a_closed_form() -> None:
     tilt = np.log(np.hypot(G[:, 0], G[:, 1]) / np.abs(G[:, 2]))
     fall = -np.expm1(-2 * rate * t) / (2 * rate)
     assert tilt - tilt[0] == pytest.approx(kappa * (A - C) * square * fall / (A**3 * C), abs=1e-12)
-
-
-@pytest.mark.parametrize("inertia", [BODY, [0.7, 1, 0.8]])
-@pytest.mark.parametrize(
-    "terms",
-    [
-        {"damping": [0.002, 0.001, 0.003], "kappa": 0.01, "torque": [0.0001, 0.0002, -0.0001]},
-        {"resistance": {"diagonal": 0.002, "off_diagonal": 0.0005}, "brake": 0.001},
-        {"damping": {"law": "exponential", "value": 0.004, "rate": 0.01}, "kappa": [0.01, 0.0001]},
-    ],
-)
-def test_means_in_closed_form_are_those_of_the_quadrature(terms: Any, inertia: Any) -> None:
-    common = {"form": "averaged", "inertia": inertia, "error": "off", **terms}
-    closed = run(B, 200, **common)
-    # An expression, of nothing, has a mean by quadrature only.
-    summed = run(B, 200, **common, expression=[0, 0, 0])
-    for name in ("momentum", "J", "kinetic_energy"):
-        assert closed[name].data == pytest.approx(summed[name].data, rel=1e-10)
 
 
 def test_the_stop_of_a_body_is_printed_and_drawn(tmp_path: Path) -> None:
@@ -883,7 +819,7 @@ def test_a_swept_number_has_the_symbol_of_its_coefficient(model: str, key: str, 
 
 ALL_TORQUES: dict[str, Any] = {
     "damping": 0.01, "resistance": [[0.01, 0.001, 0], [0.001, 0.02, 0], [0, 0, 0.01]],
-    "quadratic": 0.01, "quadratic_axes": [0.01, 0.02, 0.03], "kappa": 0.01, "brake": 0.02,
+    "quadratic": 0.01, "kappa": 0.01, "brake": 0.02,
     "torque": [0.01, 0.02, 0.01], "rotor": [0, 0.1, 0.2],
     "space_torque": {"size": 0.01, "direction": [0, 0, 1]},
     "expression": ["-0.01*p", "0", "0.002*cos(0.1*t)"],
@@ -891,275 +827,16 @@ ALL_TORQUES: dict[str, Any] = {
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("beside", [None, "damping", "brake", "rotor", "space_torque"])
-@pytest.mark.parametrize("start", [(0.8, 0.5, 0.74), (0.8, 0.0, 0.0)])
-def test_a_body_under_every_torque_has_an_attitude(
-    start: tuple[float, ...], beside: str | None
-) -> None:
-    """A series against a Runge-Kutta method, which tells of a wrong side of a corner."""
-    for name in ALL_TORQUES if beside is None else ["quadratic_axes"]:
-        torques = {key: ALL_TORQUES[key] for key in (name, beside) if key}
-        case = {"model": "torques", "inertia": [1, 0.8, 0.6], "time": {"end": 20, "samples": 21}}
-        case |= torques | {"initial": dict(zip("pqr", start, strict=True)), "error": "off"}
-        plain, turned, other = (
-            hodo.run(case | keys)
-            for keys in ({}, {"attitude": "yes"}, {"attitude": "yes", "method": "collocation"})
-        )
-        np.testing.assert_allclose(turned.omega, plain.omega, atol=1e-13, err_msg=name)
-        np.testing.assert_allclose(turned.omega, other.omega, atol=1e-9, err_msg=name)
-        np.testing.assert_allclose(turned.attitude, other.attitude, atol=1e-9, err_msg=name)
-
-
-@pytest.mark.parametrize("inertia", list(permutations(BODY)))
-@pytest.mark.parametrize("start", [(0, 0, 0), (0, 0, 0.3), (0, -0.3, 0)])
-def test_drag_by_axes_begins_where_an_attitude_turns_the_torque(start: Any, inertia: Any) -> None:
-    """Which components a torque fixed in space drives, the attitude says: as of a body whose axes
-    coincide with those of space, and a torque that is turned instead."""
-    for angles in ((90, 0, 0), (90, 90, 0), (0, 90, 90), (30, 50, 0), (180, 0, 0)):
-        turn = Rotation.from_euler("ZXZ", angles, degrees=True)
-        in_body = np.round(turn.inv().apply([1, 0, 0]), 15)
-        common = {"inertia": list(inertia), "quadratic_axes": [1, 0.5, 0.7]}
-        ends = [
-            run(
-                dict(zip("pqr", start, strict=True)), 20, **common, error=False,
-                space_torque={"size": 0.1, "direction": direction}, attitude=attitude,
-            ).omega[-1]
-            for direction, attitude in (
-                ([1, 0, 0], {"euler": [f"{angle} deg" for angle in angles]}),
-                (in_body.tolist(), False),
-            )
-        ]  # fmt: skip
-        np.testing.assert_allclose(*ends, atol=1e-9, err_msg=str(angles))
-
-
-def test_drag_by_axes_acts_on_what_another_component_sets_in_motion() -> None:
-    A, c = np.array([0.8, 0.6, 1.0]), np.array([0.06, 0.009, 0.001])
-    resistance = np.array([[0.01, 0.003, 0], [0.003, 0.01, 0.002], [0, 0.002, 0.01]])
-
-    def rates(t: float, w: np.ndarray) -> np.ndarray:
-        torque = np.array([0.01 * math.sin(t), 0, 0]) - c * A * w * np.abs(w) - resistance @ w
-        return (np.cross(A * w, w) + torque) / A
-
-    # Short steps, which no corner disturbs.
-    expected = solve_ivp(rates, (0, 12), np.zeros(3), "DOP853", rtol=1e-12, max_step=0.01).y[:, -1]
-    case = {
-        "model": "torques", "inertia": A.tolist(), "quadratic_axes": c.tolist(),
-        "resistance": resistance.tolist(), "expression": ["0.01*sin(t)", "0", "0"],
-        "initial": dict.fromkeys("pqr", 0), "time": {"end": 12, "samples": 2}, "method": "DOP853",
-    }  # fmt: skip
-    np.testing.assert_allclose(hodo.run(case).omega[-1], expected, atol=1e-11)
-
-
-def pulse(t: float) -> float:
-    return math.exp(-((10 * (t - 5)) ** 2))
-
-
-LATE_DRIVES: dict[str, tuple[list[str], Callable[[float], list[float]]]] = {
-    # 0 in doubles up to t = 2.3.
-    "pulse": (["2*exp(-(10*(t-5))**2)", "0", "0"], lambda t: [2 * pulse(t), 0, 0]),
-    "one after another": (
-        ["0.1*(t - 5 + sqrt((t - 5)**2))", "0", "-exp(-(10*(t - 8))**2)"],
-        lambda t: [0.2 * max(0, t - 5), 0, -pulse(t - 3)],
-    ),
-    "backwards": (["0", "-3*exp(-(10*(t-5))**2)", "0"], lambda t: [0, -3 * pulse(t), 0]),
-}
-
-
-@pytest.mark.parametrize("drive", LATE_DRIVES)
-@pytest.mark.parametrize(
-    ("start", "method"),
-    [
-        ((0, 0, 0.3), "auto"),
-        ((0.3, 0, 0), "DOP853"),
-        # From rest other methods may fail, since their tolerance is of a size.
-        pytest.param((0, 0, 0), "taylor", marks=pytest.mark.heyoka),
-    ],
-)
-def test_drag_by_axes_begins_where_a_component_leaves_0_late(
-    start: Any, method: str, drive: str
-) -> None:
-    texts, torque = LATE_DRIVES[drive]
-    for inertia in permutations(BODY) if (method, drive) == ("taylor", "pulse") else [BODY]:
-        A = np.array(inertia)
-
-        def rates(t: float, w: np.ndarray, A: np.ndarray = A) -> np.ndarray:
-            return (np.cross(A * w, w) + torque(t)) / A - w * np.abs(w)
-
-        with np.errstate(invalid="ignore"):  # at rest it divides 0 by 0
-            sure = solve_ivp(rates, (0, 12), start, "DOP853", rtol=1e-12, atol=1e-15, max_step=0.02)
-        ds = run(
-            dict(zip("pqr", start, strict=True)), 12, inertia=list(inertia), quadratic_axes=1,
-            expression=texts, method=method,
-        )  # fmt: skip
-        np.testing.assert_allclose(ds.omega[-1], sure.y[:, -1], atol=1e-11, err_msg=str(inertia))
-
-
-def test_rotation_about_the_middle_axis_lasts_under_drag_by_axes() -> None:
-    """What stays 0 is 0 exactly: 1e-30 of it would turn the body over."""
-    for drag in ({"expression": ["0.1*p", "0", "0.1*r"]}, {}):
-        ds = run({"p": 0, "q": 5, "r": 0}, 400, quadratic_axes=1e-4, **drag)
-        assert not ds.omega[:, [0, 2]].any()
-        assert ds.omega[-1, 1] > 4
-
-
-def held(t: float) -> float:
-    return 0.05
-
-
-REVERSING: dict[str, tuple[dict[str, Any], Callable[[float], float]]] = {
-    "sine": ({"expression": "0.01*sin(t)"}, lambda t: 0.01 * math.sin(t)),
-    "number": ({"expression": "0.05"}, held),
-    "torque": ({"torque": 0.05}, held),
-    "space": ({"space_torque": 0.05}, held),
-}
-
-
-@cache
-def end_about_one_axis(torque: Callable[[float], float], moment: float, start: float) -> float:
-    """omega at 24, once for all methods; in steps a tenth as long it differs by 1e-12."""
-
-    def rate(t: float, w: np.ndarray) -> np.ndarray:
-        return torque(t) / moment - 0.06 * w * np.abs(w) - 0.01 * w
-
-    ends = solve_ivp(rate, (0, 24), [start], "DOP853", rtol=1e-12, atol=1e-16, max_step=0.1)
-    return float(ends.y[0, -1])
-
-
-# Formulas are one to DOP853, which evaluates them as they are.
-@pytest.mark.parametrize(
-    ("method", "name"),
-    [
-        *(pytest.param("taylor", name, marks=pytest.mark.heyoka) for name in REVERSING),
-        *(("DOP853", name) for name in ("sine", "torque", "space")),
-    ],
-)
-def test_drag_by_axes_sees_a_body_pass_through_rest(method: str, name: str) -> None:
-    """About one axis alone omega vanishes where its component changes its sign."""
-    keys, torque = REVERSING[name]
-    for axis, start in ((0, -0.3), (1, 1e-3), (2, 0.0)):
-        moment, along = [0.8, 0.6, 1.0][axis], np.eye(3)[axis]
-        end = end_about_one_axis(torque, moment, start)
-        case = {
-            "model": "torques", "inertia": [0.8, 0.6, 1.0], "quadratic_axes": 0.06,
-            "damping": 0.01, "initial": dict(zip("pqr", (start * along).tolist(), strict=True)),
-            "time": {"end": 24, "samples": 2}, "method": method,
-        }  # fmt: skip
-        for key, value in keys.items():
-            row = [value if number else 0 for number in along]
-            turned = {"size": value, "direction": along.tolist()}
-            case[key] = (
-                turned if key == "space_torque" else [*map(str, row)] if "exp" in key else row
-            )
-        ds = hodo.run(case)
-        np.testing.assert_allclose(ds.omega[-1], end * along, atol=1e-11)
-        assert ds.attrs["error"] < 1e-8
-
-
-@pytest.mark.parametrize("start", [(0.5, 0.5, 0.5), (0.5, -0.5, 0), (0.25, 0.5, -0.5)])
-@pytest.mark.parametrize(
-    "method", [pytest.param("taylor", marks=pytest.mark.heyoka), "collocation", "DOP853"]
-)
-def test_drag_by_axes_sees_components_vanish_at_one_moment(method: str, start: Any) -> None:
-    """A ball about an axis askew to those of the drag passes through rest: only the first of the
-    zeros of two components was an event, and the other one kept its sign."""
-    w = np.array(start)
-
-    def rates(t: float, w: np.ndarray) -> np.ndarray:
-        return np.multiply(-0.1 / 0.7, np.sign(start)) - 0.1 * w * np.abs(w)
-
-    sure = solve_ivp(rates, (0, 10), w, "DOP853", rtol=1e-12, atol=1e-15, max_step=0.01).y[:, -1]
-    ds = run(
-        dict(zip("pqr", start, strict=True)), 10, inertia=[0.7] * 3, quadratic_axes=0.1,
-        torque=(-0.1 * np.sign(w)).tolist(), method=method,
-    )  # fmt: skip
-    np.testing.assert_allclose(ds.omega[-1], sure, atol=1e-10)
-    assert ds.attrs["error"] < 1e-10
-
-
-@pytest.mark.heyoka
-def test_members_that_all_but_touch_a_corner_are_right() -> None:
-    """About one axis: a start above that of the touch turns back before 0, one below passes it
-    twice. A step that ends at no corner, or does not turn the sign over, is 1e-3 off or more."""
-
-    def rates(t: float, w: np.ndarray) -> np.ndarray:
-        return 0.3 * (t - 2) - 0.5 * w * np.abs(w)
-
-    touch = solve_ivp(rates, (2, 0), [0], "DOP853", rtol=1e-13, atol=1e-16).y[0, -1]
-    near = [sign * 10.0**n for sign in (-1, 1) for n in range(-15, -2, 2)]
-    starts = np.array([*np.linspace(-1, 1, 33), touch, *(touch + x for x in near)])
-    sure = solve_ivp(rates, (0, 5), starts, "DOP853", rtol=1e-12, atol=1e-15, max_step=0.005).y
-    # D of other bodies is 0 where they pass through rest, and they go by themselves.
-    ds = hodo.sweep(
-        {
-            "model": "torques", "inertia": [1, 0.8, 0.8], "quadratic_axes": [0.5, 0, 0],
-            "expression": ["0.3*(t - 2)", "0", "0"], "initial": {"p": 0, "q": 0, "r": 0},
-            "time": {"end": 5}, "sweep": {"initial.p": {"values": starts.tolist()}},
-            "error": "off",
-        }
-    )  # fmt: skip
-    assert ds.attrs["method_reason"] == "side by side, 0 of 48 members by themselves"
-    np.testing.assert_allclose(ds.omega[:, 0], sure[:, -1], atol=1e-13)
-
-
-@pytest.mark.parametrize("p", [0, 1e-154, -1e-154, -1e-100])
-def test_a_formula_moves_a_body_that_all_but_rests(p: float) -> None:
-    """As one does that an event leaves there: in units of such a rest it exceeds the doubles."""
-    body = {"inertia": [1, 0.8, 0.8], "quadratic_axes": [0.5, 0, 0]}
-    case = {"model": "torques", **body, "method": "taylor"}
-    time = {"start": 2.1, "end": 5}
-    start = {"p": p, "q": 0, "r": 0}
-    motion = hodo.run(
-        {**case, "expression": ["0.3*(t - 2)", "0", "0"], "initial": start, "time": time}
+@pytest.mark.parametrize("beside", [None, "rotor"])
+@pytest.mark.parametrize("name", ALL_TORQUES)
+def test_a_body_under_every_torque_has_an_attitude(name: str, beside: str | None) -> None:
+    """A series against a Runge-Kutta method, alone and beside a rotor."""
+    torques = {key: ALL_TORQUES[key] for key in (name, beside) if key}
+    case = {"model": "torques", "inertia": BODY, "initial": B, "time": {"end": 20, "samples": 21}}
+    plain, turned, other = (
+        hodo.run(case | torques | {"error": "off"} | keys)
+        for keys in ({}, {"attitude": "yes"}, {"attitude": "yes", "method": "DOP853"})
     )
-
-    def rates(t: float, w: np.ndarray) -> np.ndarray:
-        return 0.3 * (t - 2) - 0.5 * w * w
-
-    sure = solve_ivp(rates, (2.1, 5), [0], "DOP853", rtol=1e-13, atol=1e-16)
-    assert motion.attrs["status"] == "ok"
-    assert motion["omega"].values[-1, 0] == pytest.approx(sure.y[0, -1], abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("inertia", "drag", "start", "torque", "text", "rotor"),
-    [
-        # The torque begins with 0, and far slower or faster than the body turns.
-        (
-            (0.6, 1, 0.8), (0, 0.02423, 0.020651518), (0, 0, 0),
-            lambda t: (0, 0, -7.262387896115524e-05 * t**2 * (1 - 0.22188649125995643 * t)),
-            ("0", "0", "-7.262387896115524e-05*t**2*(1 - 0.22188649125995643*t)"), 0,
-        ),
-        (
-            (0.75, 0.7, 1.2), (0.068469, 0, 0.0134), (0, 8.816857733777403e-07, 0),
-            lambda t: (-0.0236810748762179 * math.sin(0.473519495633837 * t), 0, 0),
-            ("-0.0236810748762179*sin(0.473519495633837*t)", "0", "0"), 0,
-        ),
-        # q falls by 1e-15 before it rises: its second zero lies at 1e-5 of a step.
-        (
-            (0.75, 0.7, 1.2), (0, 0.07413852582866136, 0.09266026353270806),
-            (1.6009030002886393e-06, 0, -1.0173334091236027e-05),
-            lambda t: (-0.0071907, 0.0003740572120456795 * t**2 * (1 - 0.1075265 * t), 0),
-            ("-0.0071907", "0.0003740572120456795*t**2*(1 - 0.1075265*t)", "0"), 0,
-        ),
-        (
-            (0.8, 1, 0.6), (0.019, 0.043, 0.094), (0, 0, 0),
-            lambda t: (0.0014 * math.cos(1.0856 * t), 0, 0),
-            ("0.0014*cos(1.0856*t)", "0", "0"), -0.0955,
-        ),
-    ],
-)  # fmt: skip
-def test_drag_by_axes_turns_over_soon_after_the_start(
-    inertia: Any, drag: Any, start: Any, torque: Any, text: Any, rotor: float
-) -> None:
-    A, h = np.array(inertia), np.array([rotor, 0, 0])
-
-    def rates(t: float, w: np.ndarray) -> np.ndarray:
-        return (np.cross(A * w + h, w) + torque(t)) / A - np.multiply(drag, w) * np.abs(w)
-
-    expected = solve_ivp(rates, (0, 20), start, "DOP853", rtol=1e-12, atol=1e-16, max_step=0.02)
-    ds = run(
-        dict(zip("pqr", start, strict=True)), 20, inertia=list(inertia), quadratic_axes=list(drag),
-        expression=list(text), **({"rotor": h.tolist()} if rotor else {}),
-    )  # fmt: skip
-    np.testing.assert_allclose(ds.omega[-1], expected.y[:, -1], atol=1e-11)
-    assert ds.attrs["error"] < 1e-11
+    np.testing.assert_allclose(turned.omega, plain.omega, atol=1e-13)
+    np.testing.assert_allclose(turned.omega, other.omega, atol=1e-9)
+    np.testing.assert_allclose(turned.attitude, other.attitude, atol=1e-9)
