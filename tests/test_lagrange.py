@@ -18,14 +18,13 @@ from conftest import few_without_heyoka
 
 import hodo_cli as hodo
 from hodo_cli import Case, HodoError
-from hodo_cli.cases.case import Time, variation
+from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import load, parse
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration import integrate, solve
 from hodo_cli.models import catalogue
 from hodo_cli.models.base import Event
 from hodo_cli.models.top import lagrange, nutation
-from hodo_cli.models.top.nutation import cubic_dissipation
 
 pytestmark = pytest.mark.engines
 
@@ -36,7 +35,7 @@ EVENTS = {
     for row in csv.DictReader((HERE / "data" / "crossings.csv").open())
 }
 FORMS = catalogue()["Lagrange-averaged"]
-AVERAGED = ("averaged", "averaged-u", "averaged-quadrature")
+AVERAGED = ("averaged", "averaged-u")
 CLOSE = 1e-13 if have_taylor() else 1e-9
 """What a motion is right to: rounding by Taylor series, some hundred times its tolerance by
 DOP853."""
@@ -151,18 +150,22 @@ def write(value: Any) -> str:
 
 
 @pytest.mark.parametrize("top", motions(), ids=lambda top: str(top.data["initial"]))
-def test_the_quadrature_of_linear_dissipation_is_the_closed_form(top: Case) -> None:
-    y, other = (
-        start(top),
-        case(
-            form="averaged-quadrature",
-            nodes="64",
-            **{n: write(top.data[n]) for n in ("initial", "a")},
-        ),
+def test_the_averaged_rates_are_the_mean_over_a_nutation(top: Case) -> None:
+    """Of eqs (2.4), by a sum over the phases of a half turn."""
+    (U, Z, r, e), k = start(top), constants(top)
+    a, M3 = nutation.coefficient_at(k, "a", 0.3), nutation.axial_torque(0.3, r, k)
+    Gz, H = U + k.C * r, k.mu * (1 - Z) + k.C * r * r / 2
+    X, w = nutation.nutation((U, Z, r, e), k)
+    cosine = np.cos((np.arange(64) + 0.5) * np.pi / 64)
+    u, weights = 1 - X - e * cosine, 1 / np.sqrt(w + e * cosine)
+    known = (
+        np.average(-a * (Gz - k.C * r * u) / k.A + M3 * u, weights=weights),
+        np.average(-a * (2 * H - k.C * r * r - 2 * k.mu * u) / k.A + M3 * r, weights=weights),
     )
-    assert FORMS["averaged-quadrature"].rhs(0.3, y, constants(other)) == pytest.approx(
-        FORMS["averaged"].rhs(0.3, y, constants(top)), rel=1e-13, abs=1e-15
-    )
+    dU, dZ, dr, _ = FORMS["averaged"].rhs(0.3, (U, Z, r, e), k)
+    assert dr == pytest.approx(M3 / k.C, rel=1e-15)
+    found = dU + k.C * dr, k.C * r * dr - k.mu * dZ
+    assert found == pytest.approx(known, rel=1e-12, abs=1e-14)
 
 
 @pytest.mark.parametrize("name", few_without_heyoka(["case1", "case2", "case3"]))
@@ -185,7 +188,7 @@ def test_the_averaged_motion_is_that_of_the_independent_reference(name: str) -> 
 
 def test_errors_are_as_small_as_promised() -> None:
     cases = [PAPER3[name] for name in ("case1", "case2", "case3")]
-    for top in (*cases, variation(cases[0], {"form": "averaged-quadrature"})):
+    for top in cases:
         assert integrate(top).error < 10 * CLOSE
 
 
@@ -256,9 +259,7 @@ def distance(theta: str, epsilon: float, **given: str) -> np.ndarray:
         "time": "{end: 3, samples: 3001}",
     }
     full = integrate(case(form="full", epsilon=str(epsilon), **given))
-    slow = integrate(
-        case(form="averaged-quadrature" if "perturbation" in given else "averaged", **given)
-    ).variables
+    slow = integrate(case(form="averaged", **given)).variables
     v = full.variables
     Gz, H = nutation.first_integrals(v["omega"].T, v["gamma"].T, constants(full.case))
     return np.array([np.abs(Gz - slow["Gz"]).max(), np.abs(H - slow["H"]).max()])
@@ -284,43 +285,14 @@ def test_full_and_averaged_differ_in_proportion_to_epsilon(
         assert np.polyfit(np.log(small), np.log(column), 1)[0] == pytest.approx(1, abs=0.12)
 
 
-def test_the_cubic_torque_is_the_linear_one_times_the_square_of_the_velocity() -> None:
-    p, q, r, u = 0.3, -0.7, 1.1, 0.4
-    laws = {"a": (0.2,), "b": (0.1,), "a_law": "polynomial", "b_law": "polynomial"}
-    k = SimpleNamespace(A=1.5, C=1.0, mu=0.5, **laws)
-    H = (k.A * (p * p + q * q) + k.C * r * r) / 2 + k.mu * u
-    square = p * p + q * q + r * r
-    found = cubic_dissipation(0.0, 0.0, H, r, u, k)
-    assert found == pytest.approx((-0.2 * square, -0.1 * r * square))
-    # A torque about the axis of symmetry is no resistance.
-    with_m = SimpleNamespace(**vars(k), m=(0.3,), m_law="polynomial")
-    found = cubic_dissipation(0.0, 0.0, H, r, u, with_m)
-    assert found == pytest.approx((-0.2 * square, 0.3 - 0.1 * r * square))
-
-
-@pytest.mark.parametrize("form", ["full", "averaged-quadrature"])
-@pytest.mark.parametrize("perturbation", ["linear-dissipation", "cubic-dissipation"])
-def test_an_axial_torque_alone_spins_the_top_up_at_its_own_rate(
-    form: str, perturbation: str
-) -> None:
-    top = case(form=form, perturbation=perturbation, epsilon="0.05" if form == "full" else "",
+@pytest.mark.parametrize("form", ["full", "averaged"])
+def test_an_axial_torque_alone_spins_the_top_up_at_its_own_rate(form: str) -> None:
+    top = case(form=form, epsilon="0.05" if form == "full" else "",
                a="0", b="0", m="0.2", initial="{theta: 60 deg, r: 2}")  # fmt: skip
     motion = integrate(top)
     spin = motion.variables["omega"][:, 2] if form == "full" else motion.variables["r"]
     C = top.data["inertia"]["C"]
     assert spin == pytest.approx(2 + 0.2 / C * motion.time, rel=1e-12)
-
-
-@pytest.mark.heyoka
-def test_the_quadrature_averages_other_torques_too() -> None:
-    far, near = (
-        distance("60 deg", epsilon, perturbation="cubic-dissipation") for epsilon in (0.02, 0.005)
-    )
-    assert far == pytest.approx(4 * near, rel=0.2)
-    assert near.max() < 5e-3
-    assert distance("60 deg", 0.005, perturbation="linear-dissipation") == pytest.approx(
-        [4.9e-4, 1.07e-3], rel=0.03
-    )
 
 
 @pytest.mark.parametrize(
@@ -469,8 +441,8 @@ def test_a_constant_is_swept_by_its_name(form: str) -> None:
         ({"a": "{law: sine, value: 1}"}, "exponential, power or polynomial"),
         ({"a": "{law: exponential, value: 1}"}, "missing 'rate'"),
         (
-            {"form": "full", "epsilon": "0.1", "perturbation": "quadratic"},
-            "linear-dissipation or cubic-dissipation",
+            {"form": "full", "epsilon": "0.1", "perturbation": "linear-dissipation"},
+            "perturbation: unknown key",
         ),
     ],
 )
@@ -491,43 +463,6 @@ def test_what_makes_the_averages_doubtful_is_said() -> None:
     assert "1 - k^2 = 5.6e-11" in near
 
 
-@pytest.mark.parametrize(
-    ("given", "close"),
-    [
-        # Two nodes leave u2 off by 9.5e-5; what is left here is rounding, of collocation 6e-14.
-        ({"initial": "{theta: 0.03, r: 2}", "nodes": "2", "a": "[0.125]"}, 1e-13),
-        ({"initial": "{theta: 1.5, r: 0.5}", "nodes": "2", "tol": "1e-6"}, 1e-6),
-        # This one comes as near to u2 = u3 as 512 nodes resolve.
-        pytest.param(
-            {"initial": "{theta: 2.0, r: 0.001}", "a": "[-0.5]"}, 1e-11, marks=pytest.mark.heyoka
-        ),
-    ],
-)
-def test_the_nodes_of_the_quadrature_adapt_to_the_motion(
-    given: dict[str, str], close: float
-) -> None:
-    given |= {"b": "[0.1]", "time": "{end: 6, samples: 3}", "error": "on"}
-    motion = integrate(case(form="averaged-quadrature", **given))
-    given.pop("nodes", None)
-    closed = integrate(case(form="averaged", **given))
-    assert not any("nodes" in warning for warning in motion.warnings)
-    assert motion.error < close
-    for name, values in closed.variables.items():
-        off = np.abs(motion.variables[name] - values).max() / np.abs(values).max()
-        assert off < motion.error + 2 * closed.error + 1e-15
-
-
-def test_members_whose_quadrature_is_too_coarse_are_refined() -> None:
-    top = {"model": "Lagrange-averaged", "form": "averaged-quadrature", "mu": 0.5, "a": [0.1],
-           "inertia": {"A": 1.5, "C": 1}, "b": [0.1], "initial": {"theta": 1, "r": 1},
-           "time": {"end": 2}, "nodes": 4, "error": "off"}  # fmt: skip
-    axis = {"initial.theta": {"linspace": [0.5, 1.5, 3]}}
-    found = hodo.sweep({**top, "sweep": axis}).H.values
-    for value, theta in zip(found, (0.5, 1.0, 1.5), strict=True):
-        one = case(initial=f"{{theta: {theta}, r: 1}}", a="[0.1]", b="[0.1]", time="{end: 2}")
-        assert value == pytest.approx(integrate(one).variables["H"][-1], rel=1e-12)
-
-
 @pytest.mark.parametrize("form", FORMS)
 def test_arrays_of_states_are_the_states_one_by_one(form: str) -> None:
     tops = [
@@ -540,7 +475,7 @@ def test_arrays_of_states_are_the_states_one_by_one(form: str) -> None:
 
 
 def test_the_nutation_at_the_start_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    top, calls = case(form="averaged-quadrature"), []
+    top, calls = case(form="averaged"), []
     computed = lagrange.nutation_at_start
     monkeypatch.setattr(
         lagrange, "nutation_at_start", lambda *data: calls.append(data) or computed(*data)
