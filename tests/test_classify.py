@@ -9,6 +9,7 @@ from itertools import permutations
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from conftest import Hodo, classified, few_without_heyoka
@@ -121,14 +122,13 @@ def test_the_start_is_that_of_the_motion_and_not_of_its_first_sample(
     common = "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 0.003]"
     start = "initial: {p: 0.8, q: 0.5, r: 0.74}"
     cases = [
-        f"  {form}{i}: {{{common}, {start}, form: {form}, time: {time}}}\n"
-        for form in ("full", "averaged")
+        f"  full{i}: {{{common}, {start}, time: {time}}}\n"
         for i, time in enumerate(("{values: [900, 950, 1000]}", "{end: 1000, samples: 1}"))
     ]
     (tmp_path / "a.yaml").write_text("cases:\n" + "".join(cases))
     assert hodo("run", "a.yaml").returncode == 0
     rows = json.loads(hodo("classify", "runs/a.h5", "--json").stdout)
-    assert len(rows) == 4
+    assert len(rows) == 2
     for row in rows:
         assert [row["start"], row["end"]] == ["x1", "x3"]
         assert [[c["from"], c["to"]] for c in row["crossings"]] == [["x1", "x3"]]
@@ -398,28 +398,43 @@ def test_of_many_crossings_a_table_shows_the_first_ones_and_the_last() -> None:
 
 
 @pytest.mark.parametrize("order", [*permutations(range(3))])
-@pytest.mark.parametrize("start", ["rest", "cancelled rotor"])
 def test_what_begins_on_no_side_has_crossed_nothing_when_it_stands_on_one(
-    start: str, order: tuple[int, int, int]
+    order: tuple[int, int, int],
 ) -> None:
-    """D < 0 for all t > 0 as p grows with t^7 and r with t^2; and G = A omega + h is 0 at the start
-    alone."""
-    # The moments and velocities of the second have products that are doubles.
-    inertia = (1, 0.8, 0.6) if start == "rest" else (1, 0.75, 0.5)
-    omega = (0, 0, 0) if start == "rest" else (0.5, 0.25, 0.5)
-    torque, momentum = ("0", "0.1*t**3", "0.01*t"), np.multiply(inertia, omega)
-    driven = {
-        "rest": {"expression": [torque[i] for i in order]},
-        "cancelled rotor": {"damping": 0.1, "rotor": [-momentum[i] for i in order]},
-    }
+    """D < 0 for all t > 0 as p grows with t^7 and r with t^2."""
+    inertia, torque = (1, 0.8, 0.6), ("0", "0.1*t**3", "0.01*t")
     ds = hodo_cli.run(
         {
-            "model": "torques", "inertia": [inertia[i] for i in order], **driven[start],
-            "initial": {name: omega[i] for name, i in zip("pqr", order, strict=True)},
+            "model": "torques", "inertia": [inertia[i] for i in order],
+            "expression": [torque[i] for i in order], "initial": dict.fromkeys("pqr", 0),
             "time": {"end": 10, "samples": 11},
         }
     )  # fmt: skip
     assert ds.attrs["classify_warnings"] == ""
     assert ds.crossing_time.size == 0
-    side = order.index(2) + 1 if start == "rest" else rigid_body.UNSEPARATED
-    assert ds.enclosed_axis[:2].values.tolist() == [rigid_body.UNDETERMINED, side]
+    assert ds.enclosed_axis[:2].values.tolist() == [rigid_body.UNDETERMINED, order.index(2) + 1]
+
+
+def test_a_motion_with_a_rotor_encloses_no_axis_and_the_table_says_why(
+    hodo: Hodo, tmp_path: Path
+) -> None:
+    """In a case, whatever D does, and in the members of a sweep."""
+    body = (
+        "model: torques, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 0.003], "
+        "rotor: [0, 0, 0.2], initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 300, samples: 31}"
+    )
+    (tmp_path / "a.yaml").write_text(
+        f"cases:\n  one: {{{body}}}\n"
+        f"  many: {{{body}, sweep: {{rotor.2: {{values: [0.1, 0.2]}}}}}}\n"
+    )
+    assert hodo("run", "a.yaml").returncode == 0
+    rows = json.loads(hodo("classify", "runs/a.h5", "--json").stdout)
+    words = "with a rotor D says nothing, and the enclosed axis is undetermined"
+    one, many = rows
+    assert (one["start"], one["end"], one["crossings"]) == ("undetermined", "undetermined", [])
+    assert one["predictions"] == many["warnings"] == [words]
+    with h5py.File(tmp_path / "runs" / "a.h5") as file:
+        assert (file["one/enclosed_axis"][:] == -1).all()
+        assert file["one/crossing_time"].size == 0
+        for name in ("start_axis", "end_axis"):
+            assert file[f"many/{name}"][:].tolist() == [-1, -1]

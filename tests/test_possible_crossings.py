@@ -35,7 +35,7 @@ def rates(A: Any, terms: theory.Dissipation, brake: Any, torque: Any, w: Any) ->
     second = (cross(A * free, w) + cross(G, free)) / A
     N = np.asarray(terms.kappa)[..., None] * (second + cross(w, free))
     speed = np.sqrt((w * w).sum(-1, keepdims=True))
-    damping = terms.damping + terms.quadratic * speed + terms.quadratic_axes * np.abs(w)
+    damping = terms.damping + terms.quadratic * speed
     N = N - damping * G - brake * G / np.sqrt((G * G).sum(-1, keepdims=True)) + torque
     return free + N / A
 
@@ -125,7 +125,7 @@ def assert_there_and_back(passed: list[tuple[int, float, float]], turning: Any) 
 
 
 def random_terms(draw: np.random.Generator, n: int, *names: str) -> theory.Dissipation:
-    size = {"damping": 0.02, "quadratic": 0.02, "quadratic_axes": 0.04}
+    size = {"damping": 0.02, "quadratic": 0.02}
     given: dict[str, Any] = {
         name: scale * draw.uniform(0, 1, (n, 3)) * (name in names) for name, scale in size.items()
     }
@@ -140,12 +140,11 @@ def random_terms(draw: np.random.Generator, n: int, *names: str) -> theory.Dissi
 SUMS = {
     "damping": ("damping",),
     "quadratic": ("quadratic",),
-    "by axes": ("quadratic_axes",),
-    "three media": ("damping", "quadratic", "quadratic_axes"),
+    "two media": ("damping", "quadratic"),
     "fluid": ("kappa",),
     "fluid and damping": ("kappa", "damping"),
     "fluid and quadratic": ("kappa", "quadratic"),
-    "all": ("kappa", "damping", "quadratic", "quadratic_axes"),
+    "all": ("kappa", "damping", "quadratic"),
 }
 
 
@@ -221,9 +220,6 @@ def test_the_axes_are_those_of_the_body_in_any_order(order: tuple[int, ...]) -> 
     assert theory.axes_never_left([to_smallest]) == places(A == 0.6)
     to_largest = theory.Dissipation(A, given((0.003, 0.004, 0.005)), kappa=0.01)
     assert theory.axes_never_left([to_largest]) == places(A == 1)
-    # Equal coefficients of a drag by axes cross, too; of all others they do not.
-    by_axes = theory.Dissipation(A, quadratic_axes=(0.01, 0.01, 0.01))
-    assert theory.possible_crossings(by_axes) == TO_LARGEST
     equal = theory.Dissipation(A, (0.01,) * 3, (0.02,) * 3)
     assert theory.axes_never_left([equal]) == places(A != 0.8)
 
@@ -240,10 +236,6 @@ def test_the_axes_are_those_of_the_body_in_any_order(order: tuple[int, ...]) -> 
         # Where |omega| counts beside |G|, the sense turns at no one size.
         (
             theory.Dissipation(P1, (0.02, 0, 0), (0.02, 0, 0), kappa=0.1),
-            UNKNOWN,
-        ),
-        (
-            theory.Dissipation(P1, (0.02, 0, 0), quadratic_axes=(0.02, 0, 0), kappa=0.1),
             UNKNOWN,
         ),
         # Negative damping may make G grow, so that the sense turns more than once.
@@ -278,7 +270,7 @@ def test_a_tilt_grows_at_the_rate_of_the_sum(outer: int) -> None:
     A = A[np.diff(np.sort(A)).min(1) > 0.12][:40]
     n, at = len(A), np.arange(len(A))
     axis = np.array([outer_axes(body)[outer] for body in A])
-    media, kappa = draw.uniform(0, 1e-4, (3, n, 3)), draw.uniform(0, 1e-4, n) * A.prod(1)
+    media, kappa = draw.uniform(0, 1e-4, (2, n, 3)), draw.uniform(0, 1e-4, n) * A.prod(1)
     torque = np.zeros((n, 3))
     torque[at, axis] = draw.uniform(-1e-4, 1e-4, n)
     terms = theory.Dissipation(A, *media, kappa=kappa, torque=torque)

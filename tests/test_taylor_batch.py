@@ -1,7 +1,6 @@
 """Power series of the model's own equations, and the compiled step that is made of them."""
 
 import math
-from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -46,8 +45,6 @@ FORMS = {
     "top, power": f"{TOP}, form: full, epsilon: 0.05, "
     "a: {law: power, value: 0.2, rate: 0.3, exponent: -1.5}",
     "top averaged-u": f"{TOP}, {POLYNOMIAL}, form: averaged-u",
-    # With fewer nodes a member is refined, and that alone.
-    "top averaged-quadrature": f"{TOP}, {POLYNOMIAL}, form: averaged-quadrature, nodes: 16",
 }
 
 
@@ -251,7 +248,7 @@ def test_chunks_and_neighbours_change_no_bit(body: str) -> None:
     texts = {
         "linear-diag": f"{FIG4}, {BALL}",
         "tensor": f"{FIG12}, {BALL}",
-        "drag": f"model: torques, {HEAD}, quadratic_axes: [0.005, 0.004, 0.003], {BALL}",
+        "drag": f"model: torques, {HEAD}, quadratic: [0.005, 0.004, 0.003], {BALL}",
         "rotor": f"{with_rotor}, {BALL.replace('G: 1', 'r: 1')}",
         "other axes": f"{turned}, {BALL.replace('G: 1', 'r: 1')}".replace(
             "[0.005, 0.004, 0.003]", "0.005"

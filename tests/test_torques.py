@@ -835,7 +835,7 @@ def test_a_body_under_every_torque_has_an_attitude(name: str, beside: str | None
     case = {"model": "torques", "inertia": BODY, "initial": B, "time": {"end": 20, "samples": 21}}
     plain, turned, other = (
         hodo.run(case | torques | {"error": "off"} | keys)
-        for keys in ({}, {"attitude": "yes"}, {"attitude": "yes", "method": "DOP853"})
+        for keys in ({}, {"attitude": "yes"}, {"attitude": "yes", "method": "collocation"})
     )
     np.testing.assert_allclose(turned.omega, plain.omega, atol=1e-13)
     np.testing.assert_allclose(turned.omega, other.omega, atol=1e-9)
