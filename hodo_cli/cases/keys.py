@@ -56,7 +56,10 @@ def finds_no_stop(method: str, system: Model) -> str:
     return ""
 
 
-NO_CLOSED_FORM = "method exact needs torques along G: equal damping, a brake, or both, all constant"
+NO_CLOSED_FORM = (
+    "method exact needs torques along G: equal damping, a brake, or both, all constant; "
+    "and none with an attitude"
+)
 
 NO_RATES = "form averaged is a quadrature: leave out method, precision and steps"
 
