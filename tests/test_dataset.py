@@ -105,28 +105,6 @@ def test_what_x_and_y_of_the_averaged_cavity_determine() -> None:
     np.testing.assert_allclose(motion_from(data, "fig1")["G"], G, rtol=2e-15)
 
 
-def test_a_passage_to_another_axis_is_a_crossing_with_the_error_of_its_time() -> None:
-    """Not one behind which it is told to stop, nor one that it is turned back at."""
-    opposed = {"model": "cavity+constant", "form": "averaged", "inertia": [1, 0.8, 0.6],
-               "kappa": 0, "torque": [-1e-3, 0, -3e-4], "initial": {"p": 0.8, "q": 0.5, "r": 0.74},
-               "time": {"end": 1000, "samples": 11}}  # fmt: skip
-    passed = {
-        branch: hodo_cli.run(opposed | {"at_separatrix": branch})
-        for branch in ("stop", "reversed", "other-axis")
-    }
-    assert [data.event_to.values.tolist() for data in passed.values()] == [[0], [1], [3]]
-    assert [data.crossing_time.size for data in passed.values()] == [0, 0, 1]
-    other = passed["other-axis"]
-    assert other.crossing_time.values == other.event_time.values
-    assert (other.crossing_from, other.crossing_to) == (1, 3)
-    assert other.crossing_G.values == other.event_momentum.values
-    damped, fine = (
-        hodo_cli.run(FIG4 | {"form": "averaged", "precision": precision})
-        for precision in ("double", "extended")
-    )
-    off = np.abs(damped.crossing_time - fine.crossing_time)
-    assert (off <= damped.crossing_error).all()
-    assert damped.crossing_error.values < 1e-9 * damped.event_time.values
 
 
 def test_what_omega_determines() -> None:
@@ -219,3 +197,22 @@ def test_no_permission(tmp_path: Path) -> None:
     (tmp_path / "a.h5").chmod(0)
     with pytest.raises(HodoError, match="permission denied"):
         hodo_cli.open(tmp_path / "a.h5")
+
+
+@pytest.mark.filterwarnings("ignore:.*has no checksums:UserWarning")
+def test_labels_of_motions_with_a_rotor_in_files_of_0_2_are_read_as_undetermined(
+    tmp_path: Path,
+) -> None:
+    """About both outer axes they were 4, and without a separatrix 5."""
+    body = {"model": "torques", "inertia": [1, 0.8, 0.6], "rotor": [0, 0, 0.2], "damping": 0.01}
+    motion = hodo_cli.run(
+        {**body, "initial": {"p": 1, "q": 2, "r": 3}, "time": {"values": [1, 2, 3]}}
+    )
+    old = motion.assign(enclosed_axis=motion.enclosed_axis.copy(data=np.array([1, 4, 5], "i1")))
+    path = tmp_path / "old.h5"
+    old.to_netcdf(path, group="case", engine="netcdf4")
+    with h5py.File(path, "r+") as file:
+        file.attrs["format_version"] = 1
+    with pytest.warns(UserWarning, match="labels 4 and 5, of motions with a rotor, are read as -1"):
+        again = hodo_cli.open(path)["case"]
+    assert again.enclosed_axis.values.tolist() == [1, -1, -1]

@@ -41,6 +41,7 @@ from ..cases.claim_block import (
 from ..cases.sweep_block import Axis, axes_of, first_values
 from ..integration import body_of
 from ..models import rigid_body
+from ..results.layout import without_old_labels
 from ..results.motion import Motion, case_of, motion_of
 from ..schema.kinds import Wrong
 from ..storage import ResultFile
@@ -329,7 +330,8 @@ def stored_motion(run: ResultFile, name: str) -> Motion:
     """The motion of one case of a result, kept for the next claim about it. Raises HodoError if it
     is damaged."""
     group = run.read(name)
-    return motion_of(group.variables, group.attributes, f"{run.path}: {name}", str(run.path))
+    variables = without_old_labels(group.variables)
+    return motion_of(variables, group.attributes, f"{run.path}: {name}", str(run.path))
 
 
 def standing(claim: Mapping[str, Any], holds: int, total: int) -> int:

@@ -19,7 +19,7 @@ from ..integration import Classification, classify, label_at_start
 from ..models import rigid_body
 from ..progress import Progress
 from ..results.groups import label_group
-from ..results.layout import RECORDED, sentence_of_case, units_of_case
+from ..results.layout import RECORDED, sentence_of_case, units_of_case, without_old_labels
 from ..results.motion import Motion, case_of
 from ..storage import Group, Report, history_line, typed, update
 from ..text import abridged, few, grouped, magnitude, table, to_error
@@ -170,7 +170,7 @@ def why_unlabelled(case: Case, group: Group) -> str:
 def row_of_sweep(case: Case, group: Group) -> dict[str, Any]:
     """The line of a stored sweep in the table of `classify`."""
     row: dict[str, Any] = {"case": case.name, "start": "-", "end": "-", "crossings": []}
-    columns = {name: variable.data for name, variable in group.variables.items()}
+    columns = {name: x.data for name, x in without_old_labels(group.variables).items()}
     if "status" not in columns:  # the sweep failed as a whole
         return {**row, "warnings": [f"{group.attributes['status']}: {group.attributes['message']}"]}
     ok = columns["status"] == Status.OK.code

@@ -22,7 +22,7 @@ from ..cases.sweep_block import axes_of, path_of, put
 from ..schema.spelling import unknown
 from ..storage import Group, ResultFile, open_batch, typed
 from ..text import case_words
-from .layout import SHOWN_ATTRIBUTES, units_of_case
+from .layout import SHOWN_ATTRIBUTES, units_of_case, without_old_labels
 from .motion import Motion, case_of, check_whole
 
 Cases = Mapping[str, xr.Dataset]
@@ -41,7 +41,7 @@ def dataset(group: Group, source: str = "") -> xr.Dataset:
     # an array is one of dask's.
     arrays = {
         name: xr.Variable(v.dims, v.data, dict(v.attrs), fastpath=True)
-        for name, v in group.variables.items()
+        for name, v in without_old_labels(group.variables).items()
     }
     attrs = {k: str(v) if isinstance(v, str) else v for k, v in group.attributes.items()}
     data = xr.Dataset(arrays, attrs=attrs)

@@ -9,6 +9,7 @@ verdicts (`commands.claims`), checksums and the attributes of the file (`storage
 
 import math
 import re
+import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -19,6 +20,7 @@ import numpy as np
 from .. import models
 from ..cases.case import Case, dump
 from ..cases.derived import BODY_AXES, MOMENTUM, PARTS, SPACE_AXES
+from ..cases.sweep_block import AXIS_LABELS
 from ..engines.protocol import Status
 from ..integration import Crossing, Occurrence
 from ..models.attitude import CONVENTION, VARIABLE
@@ -270,6 +272,25 @@ MEMBER_STOPPED = {
 
 ON_REQUEST = ("share", "separation", "steps", "event_release")
 """The columns of a sweep that are stored only where the case asks for them."""
+
+
+OLD_LABELS = (4, 5)
+"""The labels by which files of 0.2 tell motions with a rotor apart: about both outer axes, and
+without a separatrix."""
+
+
+def without_old_labels(variables: Mapping[str, Variable]) -> Mapping[str, Variable]:
+    """Stored variables with the labels of 0.2 for motions with a rotor as -1, which a warning
+    says."""
+    labelled = {"enclosed_axis", *AXIS_LABELS} & variables.keys()
+    old = {x for x in labelled if np.isin(variables[x].data, OLD_LABELS).any()}
+    if old:
+        remark = "the labels 4 and 5, of motions with a rotor, are read as -1 (undetermined)"
+        warnings.warn(remark, stacklevel=3)
+    known = {
+        x: np.where(np.isin(variables[x].data, OLD_LABELS), -1, variables[x].data) for x in old
+    }
+    return {**variables, **{x: replace(variables[x], data=data) for x, data in known.items()}}
 
 
 # Groups
