@@ -362,7 +362,7 @@ def smooth_samples(system: Model, span: float) -> int:
     parts = (math.sqrt(A / A3) * w for A, w in zip(system.moments.tolist(), omega, strict=True))
     speed = math.hypot(*parts)
     rotor: tuple[float, ...] = getattr(system, "rotor", None) or (0.0,)
-    rate = speed * math.sqrt(fastest) + math.hypot(*rotor) / A3
+    rate: float = speed * math.sqrt(fastest) + math.hypot(*rotor) / A3
     turns = max(
         rate / SAMPLE_TURN, speed / TURN_IN_SPACE if ATTITUDE_KEY in system.variables else 0
     )

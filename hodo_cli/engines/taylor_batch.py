@@ -8,7 +8,7 @@ ensemble is cut into parts, does not change it.
 import hashlib
 import math
 import pickle
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial, reduce
 from pathlib import Path
 from time import thread_time
@@ -23,7 +23,6 @@ from ..machine import processor
 from ..models.base import (
     UNIT,
     Event,
-    Level,
     Model,
     Structure,
     count,
@@ -131,8 +130,7 @@ class TaylorStep:
     taken. Rows of the output: the same after the step, the length of the step, and for each event a
     number that is negative where its function may have zeros within the step. That is a lower bound
     on how far the function stays from 0; of motions that cross the separatrix once at most, the
-    product of its values at both ends. Behind these stand, of each of the `levels`, the value at
-    the beginning, how much it changes at its slope there, and a bound on what it does besides.
+    product of its values at both ends.
     """
 
     def __init__(
@@ -383,7 +381,7 @@ def largest_size(y: Sequence[Sequence[Any]], order: int) -> Any:
     return reduce(larger, [absolute(c[order]) for c in y])
 
 
-def least_distance(function: Level, at: SymbolicMotion, step: Any) -> Any:
+def least_distance(function: Callable[..., Any], at: SymbolicMotion, step: Any) -> Any:
     """A lower bound on |D(s)| for s from 0 to `step`, D a function of a motion; negative where it
     shows nothing.
 
@@ -394,7 +392,9 @@ def least_distance(function: Level, at: SymbolicMotion, step: Any) -> Any:
     return absolute(D[0]) + step * smaller(towards_0, hy.expression(0.0)) - curved
 
 
-def slope_and_rest(function: Level, at: SymbolicMotion, step: Any) -> tuple[list[Any], Any]:
+def slope_and_rest(
+    function: Callable[..., Any], at: SymbolicMotion, step: Any
+) -> tuple[list[Any], Any]:
     """The coefficients of a function of a motion, and a bound on its terms within a step from the
     square on. Beyond EVENT_ORDER these are less than the same function of majorants is, as a whole
     less its terms up to there."""
@@ -407,7 +407,7 @@ def slope_and_rest(function: Level, at: SymbolicMotion, step: Any) -> tuple[list
     return D, rest + step * step * total_of_powers([absolute(c) for c in D[2:]], step)
 
 
-def majorant_beyond(order: int, function: Level, at: SymbolicMotion, step: Any) -> Any:
+def majorant_beyond(order: int, function: Callable[..., Any], at: SymbolicMotion, step: Any) -> Any:
     """A bound on the terms beyond an order of a function of a motion within a step.
 
     Raises NotImplementedError where the function has no majorant.
@@ -444,4 +444,4 @@ def smaller(a: Any, b: Any) -> Any:
 
 
 build = lru_cache(maxsize=16)(TaylorStep)
-"""The compiled step for one model, its structure, events and levels."""
+"""The compiled step for one model, its structure and events."""

@@ -83,10 +83,6 @@ class Event(NamedTuple):
     passage: Passage | None = None
 
 
-Level = Callable[[Any, Sequence[Any], Any], Any]
-"""A function (t, y, k) as that of an event, of which the value itself counts."""
-
-
 @dataclass(frozen=True)
 class Bound:
     """A function with its first arguments: as `functools.partial`, but equal to another one of the

@@ -89,9 +89,8 @@ def member_error(case: Case, single: Case, end: MemberEnd) -> MemberError:
     crossing = end.crossing_time
     method = choose(single)[0] if reason_alone(case) else "taylor"
     tol = case.tol or PRECISION[case.precision]
-    # nan where there is no crossing, and then the comparison is false. A rotor's separatrix is no
-    # zero of a function of the state alone.
-    crossings = [crossing] if crossing < case.time.end and single.system.class_events else []
+    # nan where there is no crossing, and then the comparison is false.
+    crossings = [crossing] if crossing < case.time.end else []
     times = np.array([case.time.start, *crossings, case.time.end])
     for by in references(single, method, tol):
         reference = solve(single, by.method, by.precision, by.tol, times)

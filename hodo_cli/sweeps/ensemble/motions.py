@@ -60,8 +60,7 @@ class Rejection(Coded):
 class Passages(NamedTuple):
     """Where (k,) motions pass from one side to another, in order of motion and time: the error that
     the time may have, how long about it the side is uncertain, the sides before and behind it, and
-    the state (m, k) there in units of 2**exponent. A side is the sign of an event's function or, of
-    a body with a rotor, a label."""
+    the state (m, k) there in units of 2**exponent. A side is the sign of an event's function."""
 
     motion: np.ndarray
     time: np.ndarray
@@ -92,9 +91,8 @@ class Passages(NamedTuple):
 class Ensemble:
     """n motions: whose they are among the cases or members asked for, by position (n,), the
     constants of their equations (c, n), flat as `structure` says, their states at the start (m, n),
-    the times at which they begin and end, each one or (n,), their events, the levels that tell
-    their axes, and the tolerance, of which each step takes `looser`. `searches` says whether zeros
-    of events and changes of axes are looked for."""
+    the times at which they begin and end, each one or (n,), their events, and the tolerance, of
+    which each step takes `looser`. `searches` says whether zeros of events are looked for."""
 
     members: np.ndarray
     model: type[Model]
