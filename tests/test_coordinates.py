@@ -105,7 +105,7 @@ MOTION_FIGURES: dict[str, dict[str, Any]] = {
 }
 
 # Several motions each, or none; and sweeps.
-OTHER_FIGURES = {"order", "cost", "map", "curve", "share", "quadrant-sketch"}
+OTHER_FIGURES = {"map", "curve", "quadrant-sketch"}
 
 
 def test_every_kind_is_tried() -> None:
@@ -183,19 +183,6 @@ def test_the_components_that_are_left_are_drawn_by_their_names(motion: xr.Datase
         np.testing.assert_array_equal(axes.lines[0].get_ydata(), expected)
 
 
-@pytest.mark.parametrize("change", SAME_MOTION)
-def test_two_motions_are_compared_time_by_time(motion: xr.Dataset, change: str) -> None:
-    other = hodo.run({**FIG4, "damping": 0.004}, classify=False)
-    keys = {"groups": [2], "small": [1, 0.5], "against": ["case (2)", "case"]}
-    squares = [(data.omega**2 * [1, 0.8, 0.6]).sum("axis") for data in (motion, other)]
-    pair = [SAME_MOTION[change](motion), other]
-    points, _ = hodo.plot(pair, "order", **keys).axes[0].lines
-    assert points.get_ydata()[0] >= float(abs(squares[0] / squares[1] - 1).max()) * (1 - 1e-14)
-    same = hodo.plot([motion, other], "order", **keys).axes[0].lines[0]
-    np.testing.assert_allclose(points.get_ydata(), same.get_ydata(), rtol=1e-14)
-    costs = hodo.plot(pair, "cost", groups=[2], small=[1, 0.5])
-    for axes, name in zip(costs.axes, ("steps", "run_time"), strict=True):
-        assert axes.lines[0].get_ydata().tolist() == [data.attrs[name] for data in pair]
 
 
 SAME_SWEEP: dict[str, Change] = {
@@ -256,11 +243,10 @@ def test_maps_are_those_of_their_dataset(grid: xr.Dataset, change: str) -> None:
 
 
 @pytest.mark.parametrize("change", SAME_SWEEP)
-def test_maps_of_directions_and_shares_are_the_same(ball: xr.Dataset, change: str) -> None:
+def test_maps_of_directions_are_the_same(ball: xr.Dataset, change: str) -> None:
     changed = SAME_SWEEP[change](ball)
     for kind, keys in (
         ("map", {"variable": "crossing_time", "panels": "damping.2"}),
-        ("share", {}),
     ):
         shown, expected = (panels(hodo.plot(data, kind, **keys)) for data in (changed, ball))
         assert shown.keys() == expected.keys()
@@ -373,7 +359,7 @@ def test_what_is_left_without_a_meaning_is_refused_in_one_line(
         (motion.assign_coords(time=motion.time.astype(str)), {}, "holds more than finite numbers"),
         (motion.assign_coords(axis=["a", "b", "c"]), {}, "'a' along 'axis' is none of x1, x2, x3"),
         (motion, across, "the case is no sweep"),
-        (grid, {}, "case sweep is a sweep, which only map, curve and share draw"),
+        (grid, {}, "case sweep is a sweep, which only map and curve draw"),
         (grid.isel({"damping.2": 0}), across, "unknown axis 'damping.2'"),
         (grid.isel({"damping.2": 0, "damping.0": 0}), across, "case sweep is no sweep"),
         (grid.drop_vars("damping.2"), across, "no coordinate of finite numbers"),

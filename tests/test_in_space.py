@@ -358,7 +358,6 @@ REFUSED = [
     ),
     ({"attitude": {"euler": [1, 2, 3], "sequence": "XXZ"}}, "attitude.sequence: expected three of"),
     ({"attitude": {"euler": [1, 2, 3], "sequence": "XyZ"}}, "attitude.sequence: expected three of"),
-    ({"attitude": "yes", "form": "averaged"}, "attitude: is a key of form full, and this is"),
     (
         {"attitude": "yes", "model": "Lagrange-averaged", "form": "averaged", "mu": 1},
         "attitude: is a key of form full, and this is form averaged",
