@@ -212,6 +212,7 @@ def test_a_sweep_of_rotors_is_its_members() -> None:
         {
             "model": "torques", "inertia": BODY, "initial": B, "damping": [0.005, 0.004, 0.003],
             "rotor": [0, 0, 0], "time": {"end": 300}, "sweep": sweep, "error": "off",
+            "store": ["omega", "start_axis", "end_axis", "crossings", "separation"],
         }
     )  # fmt: skip
     single = [run(300, rotor=[0, 0, h], damping=[0.005, 0.004, 0.003]) for h in (0.0, 0.1, 0.2)]
@@ -220,6 +221,7 @@ def test_a_sweep_of_rotors_is_its_members() -> None:
     for name in ("start_axis", "end_axis"):
         assert ds[name].data.tolist() == [-1, -1, -1]
     assert not ds.crossings.data.any()
+    assert np.isinf(ds.separation.data).all()
 
 
 def test_starts_on_a_sphere_have_the_momentum_of_body_and_rotor() -> None:

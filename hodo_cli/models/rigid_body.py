@@ -454,9 +454,8 @@ class BodyFrame(Model):
     @property
     def class_events(self) -> tuple[Event, ...]:
         moments = self.inertia if self.principal_axes is None else self.moments
-        if self.no_separatrix_reason:
-            return ()
-        return (Event("separatrix", Bound(separatrix_function, (inertia_order(moments),))),)
+        separatrix = Bound(separatrix_function, (inertia_order(moments),))
+        return () if self.no_separatrix_reason else (Event("separatrix", separatrix),)
 
 
 def separatrix_function(order: tuple[int, int, int], t: Any, y: Sequence[Any], k: Any) -> Any:

@@ -1,7 +1,6 @@
 """A body under any sum of torques."""
 
 import math
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -46,7 +45,7 @@ from .theory.principal_axes import PrincipalAxes, principal_axes
 
 ROTOR_REASON = "with a rotor D says nothing, and the enclosed axis is undetermined"
 
-ROUNDING_OF_G = 4 * sys.float_info.epsilon
+ROUNDING_OF_G = 4 * float(np.finfo(float).eps)
 """The part of A omega up to which G = A omega + h is what rounding leaves of the sum. Of bodies at
 rest with random tensors it was an eighth of that."""
 
@@ -372,8 +371,8 @@ def mistakes_of_start(data: Mapping[str, Any]) -> Iterator[Mistake]:
             )
             G = [x + y for x, y in zip(products, h, strict=True)]
             if all(abs(x) <= ROUNDING_OF_G * max(map(abs, h)) for x in G):
-                at_rest = "whose G is 0" if any(h) else "at rest"
-                yield ("brake",), f"a body {at_rest} has no direction to brake in"
+                which = "whose G is 0" if any(h) else "at rest"
+                yield ("brake",), f"a body {which} has no direction to brake in"
 
 
 def negative_coefficients(

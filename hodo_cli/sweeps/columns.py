@@ -228,7 +228,9 @@ def separation_at(
     2**exponent (n,)."""
     y = state[:, motions]
     order = rigid_body.inertia_order(e.inertia[:, 0])
-    return rigid_body.separation(e.inertia[:, motions], e.principal_omega(y, motions), order)
+    apart = rigid_body.separation(e.inertia[:, motions], e.principal_omega(y, motions), order)
+    # As of a sphere: with a rotor D = 0 divides nothing.
+    return np.full_like(apart, np.inf) if e.model.no_separatrix_reason else apart
 
 
 def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:

@@ -89,10 +89,8 @@ def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: A
 def label_at_stop(omega: np.ndarray, k: Any) -> Any:
     """The label of the direction of G at a stop, by the constants of the motion: one event serves
     many bodies."""
-    if hasattr(k, "h1"):
-        return UNDETERMINED
-    A = np.array([k.A1, k.A2, k.A3], float)
-    return enclosed_axis(A, np.array(along_principal_axes([*omega], k)), 0.0)
+    A, w = np.array([k.A1, k.A2, k.A3], float), np.array(along_principal_axes([*omega], k))
+    return UNDETERMINED if hasattr(k, "h1") else enclosed_axis(A, w, 0.0)
 
 
 def torque_at_rest(others: Sequence[str], t: Any, extra: Sequence[Any], k: Any) -> list[Any]:
