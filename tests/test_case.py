@@ -1171,7 +1171,7 @@ DIAGONAL = "{diagonal: 0.1, off_diagonal: 0}"
 BODY_UNDER_TORQUES = BODY.replace("linear-diag", "torques")
 
 
-@pytest.mark.parametrize("key", ["damping", "quadratic", "quadratic_axes", "torque"])
+@pytest.mark.parametrize("key", ["damping", "quadratic", "torque"])
 @pytest.mark.parametrize(
     "coefficient", ["0.1", "{law: exponential, value: 0.1, rate: 1}", "[0, 1]"]
 )
@@ -1201,7 +1201,7 @@ def test_the_key_tables_have_every_key_of_each_group() -> None:
     assert len(named["Model `linear-diag`"]) == len(set(named["Model `linear-diag`"]))
     assert {"initial.p", "resistance.diagonal"} <= set(named["Model `tensor`"])
     assert "| `damping` | 3 numbers or one for all |" in groups["Model `linear-diag`"]
-    assert "`perturbation` (form full, averaged-quadrature)" in groups["Model `Lagrange-averaged`"]
+    assert "`epsilon` (form full)" in groups["Model `Lagrange-averaged`"]
     law = {"value", "rate", "exponent", "coefficients"}
     assert set(named["A law of t, or of tau"]) == law  # once, and not for each coefficient
     assert not any(

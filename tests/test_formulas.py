@@ -116,19 +116,6 @@ def test_a_sample_beside_a_jump_is_of_its_own_time() -> None:
 
 
 @pytest.mark.heyoka
-def test_a_corner_in_the_motion_itself_is_met_each_time() -> None:
-    # As `quadratic_axes`, which knows its corners.
-    by_formula = motion([f"-0.02*{x}*sqrt({x}**2)*{a}" for x, a in zip("pqr", A, strict=True)])
-    known = hodo.run(
-        {
-            "model": "torques", "inertia": A, "quadratic_axes": 0.02,
-            "initial": dict(zip("pqr", START, strict=True)), "time": {"end": END, "samples": 101},
-        }
-    )  # fmt: skip
-    assert by_formula.omega.values == pytest.approx(known.omega.values, rel=1e-10, abs=1e-11)
-
-
-@pytest.mark.heyoka
 def test_corners_of_time_and_state_are_met_alike_by_each_method() -> None:
     """|p|, max(0, r) and max(0, sin t): a method that goes over a corner by some points misses the
     equations all along the step, and has to find the corner in it."""
@@ -208,28 +195,11 @@ def test_seconds_since_an_epoch_cost_the_digits_that_are_stated(precision: str) 
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("formula", ["0.01*sqrt(p**2)", "-0.05*p/sqrt(p**2)"])
-def test_a_corner_of_drag_and_of_a_formula_at_one_place(formula: str) -> None:
-    case = {
-        "model": "torques", "inertia": [2, 1.5, 1], "expression": [formula, "0", "0"],
-        "initial": {"p": 0.3, "q": 0.7, "r": -0.9}, "time": {"end": 20, "samples": 21},
-        "quadratic_axes": [0.02, 0.01, 0.03],
-    }  # fmt: skip
-    by_series, by_points = (hodo.run({**case, "method": x}) for x in ("auto", "collocation"))
-    assert by_series.attrs["method"] == "taylor"
-    assert by_series.attrs["status"] == "ok"
-    assert by_series.attrs["error"] < 1e-8
-    # Begun anew at each of the corners, and nowhere else.
-    assert by_series.attrs["steps"] < 120
-    assert by_points.omega.values == pytest.approx(by_series.omega.values, rel=1e-8, abs=1e-9)
-
-
-@pytest.mark.heyoka
 def test_a_body_that_friction_holds_fails_in_words() -> None:
     # It is no number where p = 0, and p stays there.
     ds = hodo.run(
         {
-            "model": "torques", "inertia": [2, 1.5, 1], "quadratic_axes": 0.01,
+            "model": "torques", "inertia": [2, 1.5, 1], "quadratic": 0.01,
             "expression": ["-0.1*p/sqrt(p**2)", "0", "0"], "initial": {"p": 0.3, "q": 0, "r": 0},
             "time": {"end": 20, "samples": 21}, "method": "taylor",
         }
