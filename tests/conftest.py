@@ -11,7 +11,7 @@ import sysconfig
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any, NoReturn, cast
@@ -66,15 +66,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if wanting and not met():
             for item in wanting:
                 item.add_marker(pytest.mark.skip(reason=f"needs {marker}"))
-
-
-def few_without_heyoka(values: Iterable[Any], few: int = 1) -> list[Any]:
-    """All values as parameters, of which only the first few run without heyoka too, where the
-    others would take the same branches."""
-    return [
-        pytest.param(value, marks=[pytest.mark.heyoka] * (i >= few))
-        for i, value in enumerate(values)
-    ]
 
 
 @pytest.fixture

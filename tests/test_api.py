@@ -79,7 +79,6 @@ def test_listed_times_are_the_samples_of_a_case_and_of_members() -> None:
     assert "values: [0.0, 10.0, " in swept.attrs["case"]
 
 
-@pytest.mark.engines
 @pytest.mark.parametrize("method", ["auto", "DOP853"])
 def test_the_steps_of_a_method_are_the_samples(method: str, tmp_path: Path, hodo: Hodo) -> None:
     case = FIG4 | {"method": method, "time": {"end": 400, "steps": "yes"}}
@@ -96,7 +95,6 @@ def test_the_steps_of_a_method_are_the_samples(method: str, tmp_path: Path, hodo
     assert hodo("compare", "a.h5", "a.h5").returncode == 0
 
 
-@pytest.mark.engines
 def test_auto_takes_a_method_with_steps_where_they_are_the_samples() -> None:
     """Also where there is a closed form, which has none."""
     braked = FIG4 | {"model": "torques", "damping": 0, "brake": 0.01}

@@ -17,8 +17,6 @@ from hodo_cli.cases.config import parse
 from hodo_cli.commands import bench
 from hodo_cli.integration import solve
 
-pytestmark = pytest.mark.engines
-
 CONFIG = """
 title: t
 bench: {methods: [auto, DOP853, exact], tols: [1e-4, 1e-8]}

@@ -18,8 +18,6 @@ from hodo_cli.engines import have_taylor
 from hodo_cli.integration import classify, integrate
 from hodo_cli.models import catalogue
 
-pytestmark = pytest.mark.engines
-
 HERE = Path(__file__).parent
 PAPER2 = load(HERE.parent / "configs" / "paper2.yaml").cases
 

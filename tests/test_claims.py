@@ -955,7 +955,6 @@ UNDECIDED = [
 ]  # fmt: skip
 
 
-@pytest.mark.engines
 def test_samples_and_errors_that_do_not_decide_leave_a_statement_untested(tmp_path: Path) -> None:
     claims = [f"cases: [{case}], check: {check}, expect: x" for case, check, _ in UNDECIDED]
     block = claims_block(*claims).replace("expect: x", "expect: reproduced")
@@ -1038,7 +1037,6 @@ def texts(path: Path, name: str) -> list[str]:
         return [text.decode() for text in file["_claims"][name][:]]
 
 
-@pytest.mark.engines
 def test_a_verdict_that_is_not_the_expected_one_is_exit_status_3(
     hodo: Hodo, tmp_path: Path
 ) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from conftest import Hodo, classified, few_without_heyoka
+from conftest import Hodo, classified
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,8 +23,6 @@ from hodo_cli.commands.classify import crossings_line
 from hodo_cli.integration import classify, crossings, integrate
 from hodo_cli.models import rigid_body
 from hodo_cli.results import layout
-
-pytestmark = pytest.mark.engines
 
 BODY = (1.0, 0.8, 0.6)
 # Of Fig 4, for the doubles nearest to its decimals; tests/data/crossings.csv.
@@ -108,7 +106,7 @@ def test_labels_go_on_below_the_smallest_double() -> None:
     assert set(classification.labels) == {1}
 
 
-@pytest.mark.parametrize("samples", few_without_heyoka([1, 2, 17, 5001], 2))
+@pytest.mark.parametrize("samples", [1, 2, 17, 5001])
 def test_crossings_do_not_depend_on_the_sampling(samples: int) -> None:
     (crossing,) = found(replace(FIG4, time=Time(end=1000.0, samples=samples))).crossings
     bound = 1e-12 if engines.have_taylor() else 1e-10

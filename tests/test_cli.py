@@ -47,7 +47,6 @@ def config(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.engines
 def test_the_main_job(hodo: Hodo, config: Path, tmp_path: Path) -> None:
     ran = hodo("run", config)
     assert ran.returncode == 0, ran.stderr
@@ -107,7 +106,6 @@ def test_json_has_no_numbers_that_are_not_finite(hodo: Hodo, config: Path) -> No
         assert [row["error"] for row in rows] == [None, None]
 
 
-@pytest.mark.engines
 def test_finished_cases_are_kept(hodo: Hodo, config: Path, tmp_path: Path) -> None:
     hodo("run", config)
     hodo("classify", "runs/two.h5")
@@ -125,7 +123,6 @@ def test_finished_cases_are_kept(hodo: Hodo, config: Path, tmp_path: Path) -> No
     assert len(crossing) == 1
 
 
-@pytest.mark.engines
 def test_a_change_from_the_command_line(hodo: Hodo, config: Path) -> None:
     ran = hodo("run", config, "--case", "st*", "--set", "stays.damping.0=0.009", "--json")
     (row,) = json.loads(ran.stdout)
@@ -247,7 +244,6 @@ def test_bad_input_is_named_by_its_place_and_writes_nothing(
     assert not (tmp_path / "runs").exists()
 
 
-@pytest.mark.engines
 def test_a_failed_case_is_exit_status_1_and_costs_no_other(hodo: Hodo, config: Path) -> None:
     ran = hodo("run", config, "--set", "turns.max_steps=3")
     assert ran.returncode == 1
@@ -364,7 +360,6 @@ def test_the_summaries_of_the_commands_are_whole(hodo: Hodo) -> None:
     assert "..." not in hodo("--help").stdout.partition("Commands:")[2]
 
 
-@pytest.mark.engines
 def test_a_motion_that_was_broken_off_says_how_far_it_goes(hodo: Hodo, tmp_path: Path) -> None:
     """Its last label is not the axis that it ends about, and its figure is not whole."""
     figures = "figures: {f: {kind: sphere, cases: [turns]}}\n"
@@ -397,7 +392,6 @@ def test_of_two_overrides_of_a_key_the_file_is_named_after_the_last(
         assert (tmp_path / "runs" / f"two,{given[1]}.h5").exists()
 
 
-@pytest.mark.engines
 def test_a_motion_that_an_event_ends_early_says_so(hodo: Hodo, tmp_path: Path) -> None:
     (tmp_path / "spin.yaml").write_text(
         "cases:\n  down: {model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, "
@@ -460,7 +454,6 @@ def two_results(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.engines
 def test_a_merged_result_is_one_that_every_command_reads(two_results: Path) -> None:
     assert call(two_results, "classify", "a.yaml").returncode == 0
     done = call(two_results, "merge", "b.yaml", "runs/a.h5", "--out", "both.h5")
@@ -554,7 +547,6 @@ def test_what_cannot_be_merged_is_one_line_and_writes_nothing(two_results: Path)
     assert done.stderr == "runs/b.h5 is there already: take another name\n"
 
 
-@pytest.mark.engines
 def test_methods_are_a_paragraph_for_a_paper(two_results: Path) -> None:
     done = call(two_results, "show", "--methods", "b.yaml")
     assert done.returncode == 0, done.stderr

@@ -183,8 +183,6 @@ def test_the_components_that_are_left_are_drawn_by_their_names(motion: xr.Datase
         np.testing.assert_array_equal(axes.lines[0].get_ydata(), expected)
 
 
-
-
 SAME_SWEEP: dict[str, Change] = {
     "reversed": lambda data: backward("damping.2")(data),
     "both reversed": lambda data: backward(other_axis(data))(backward("damping.2")(data)),
@@ -245,9 +243,7 @@ def test_maps_are_those_of_their_dataset(grid: xr.Dataset, change: str) -> None:
 @pytest.mark.parametrize("change", SAME_SWEEP)
 def test_maps_of_directions_are_the_same(ball: xr.Dataset, change: str) -> None:
     changed = SAME_SWEEP[change](ball)
-    for kind, keys in (
-        ("map", {"variable": "crossing_time", "panels": "damping.2"}),
-    ):
+    for kind, keys in (("map", {"variable": "crossing_time", "panels": "damping.2"}),):
         shown, expected = (panels(hodo.plot(data, kind, **keys)) for data in (changed, ball))
         assert shown.keys() == expected.keys()
         for name, values in expected.items():

@@ -5,15 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import series
-from conftest import classified, few_without_heyoka
+from conftest import classified
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from hodo_cli import Case
 from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import load
-
-pytestmark = pytest.mark.engines
 
 PAPER1 = load(Path(__file__).parents[1] / "configs" / "paper1.yaml").cases
 
@@ -48,7 +46,7 @@ EACH_MODEL = ["fig4", "fig12"]
 
 @pytest.mark.parametrize(
     "name",
-    few_without_heyoka([*EACH_MODEL, *(name for name in PAPER1 if name not in EACH_MODEL)], 2),
+    [*EACH_MODEL, *(name for name in PAPER1 if name not in EACH_MODEL)],
 )
 def test_crossings_of_the_figures(name):
     case = PAPER1[name]

@@ -105,8 +105,6 @@ def test_what_x_and_y_of_the_averaged_cavity_determine() -> None:
     np.testing.assert_allclose(motion_from(data, "fig1")["G"], G, rtol=2e-15)
 
 
-
-
 def test_what_omega_determines() -> None:
     """Against the definitions, D as G^2 - 2 T A2."""
     m = sample("fig4")

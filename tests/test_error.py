@@ -17,8 +17,6 @@ from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import parse
 from hodo_cli.integration import Trajectory, driver, error, integrate, solve
 
-pytestmark = pytest.mark.engines
-
 SPIN = parse(
     """\
 cases:

@@ -30,7 +30,7 @@ LONG = {
     "horizon-1e5-weak",
 }
 
-pytestmark = [pytest.mark.engines, pytest.mark.filterwarnings("ignore::RuntimeWarning")]
+pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 
 
 def test_there_are_enough_cases_and_each_says_what_is_extreme() -> None:

@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import few_without_heyoka, run_hodo
+from conftest import run_hodo
 from scipy.integrate import solve_ivp
 
 import hodo_cli as hodo
-
-pytestmark = pytest.mark.engines
 
 A = (2.0, 1.4, 3.0)
 START, END = (0.09, 0.062, 0.031), 100.0
@@ -95,7 +93,7 @@ def end_of(name: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", few_without_heyoka(FORMULAS))
+@pytest.mark.parametrize("name", FORMULAS)
 def test_what_is_short_is_not_stepped_over(name: str, method: str) -> None:
     ds, true = motion(FORMULAS[name][0], method=method), end_of(name)
     error = np.linalg.norm(ds.omega[-1] - true) / np.linalg.norm(true)
@@ -371,7 +369,6 @@ def test_an_own_model_sees_it(tmp_path: Path, method: str) -> None:
     assert omega == pytest.approx(pieces(torque, ends), rel=1e-10)
 
 
-@pytest.mark.engines
 def test_a_formula_that_is_0_at_rest_leaves_a_body_there() -> None:
     """Nothing is missed where nothing moves."""
     torque = {"model": "torques", "expression": ["0.1*p", "0", "0"], "inertia": [1, 0.8, 0.6]}

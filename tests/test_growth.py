@@ -14,8 +14,6 @@ from hodo_cli.cases.case import Time
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration import integrate
 
-pytestmark = pytest.mark.engines
-
 A = np.array([1.0, 0.8, 0.6])
 LITERAL = ((0.005, 0.0, 0.005), (0.0, 0.0, 0.0), (0.005, 0.0, 0.005))
 

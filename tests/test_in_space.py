@@ -107,7 +107,6 @@ BOUNDS = {"exact": 2e-14, "taylor": 2e-14, "collocation": 6e-14, "DOP853": 1e-10
 linear algebra rounds on a processor: by its kernels of five of them they were off by 3.2e-14."""
 
 
-@pytest.mark.engines
 @pytest.mark.parametrize(
     "method",
     ["auto", *(pytest.param(m, marks=pytest.mark.heyoka) for m in BOUNDS if m != "exact")],
@@ -173,7 +172,6 @@ def test_nothing_drifts() -> None:
     assert in_space(motion) == pytest.approx(np.tile([0.8, 0.4, 0.444], (11, 1)), abs=2e-12)
 
 
-@pytest.mark.engines
 @pytest.mark.parametrize("size", [500, -500])
 def test_at_any_scale_the_attitude_is_the_same(size: int) -> None:
     s = 2.0**size
@@ -184,7 +182,6 @@ def test_at_any_scale_the_attitude_is_the_same(size: int) -> None:
     assert apart(attitudes(far), attitudes(plain)) < 1e-13
 
 
-@pytest.mark.engines
 def test_back_in_time() -> None:
     """Turned back, with what damped now feeding it, the body comes to where it started from."""
     there, _ = classified(made(40, damping=[0.005, 0.004, 0.003], attitude={"align": "G"}))
@@ -194,7 +191,6 @@ def test_back_in_time() -> None:
     assert apart(attitudes(again)[-1], attitudes(there)[0]) < 1e-12
 
 
-@pytest.mark.engines
 @pytest.mark.parametrize("method", ["auto", "collocation"])
 def test_a_spheroid_in_elementary_functions(method: str) -> None:
     """It turns about G at |G|/A and about its own axis at (A - C) r/A; at rest it does not."""
@@ -225,7 +221,6 @@ def test_the_fluid_keeps_body_and_fluid_together() -> None:
     assert off[0.003] == pytest.approx([0.002234, 2.28e-6], rel=3e-2)
 
 
-@pytest.mark.engines
 def test_a_model_of_ones_own_has_it(tmp_path: Path) -> None:
     """In other processes too, at any scale: under a couple F e fixed in space, G in space is
     G(0) + F t e; the direction that the model carries along is that of e in the body."""
@@ -254,7 +249,6 @@ TOP = {
 }  # fmt: skip
 
 
-@pytest.mark.engines
 def test_the_vertical_of_a_top_is_z() -> None:
     motion = integrate(Case.of(TOP))
     turned = Rotation.from_quat(np.roll(attitudes(motion), -1, axis=1))
@@ -293,7 +287,6 @@ def test_what_follows_from_it() -> None:
         motion_from(run_case(given), "free")["G_space.x"]
 
 
-@pytest.mark.engines
 def test_a_brake_stops_an_attitude_too() -> None:
     """Rows 9 and 10: Q on the way, and G in space; behind the stop the body keeps where it points,
     which is where a free body is at s = |G|/(2 b)."""
@@ -310,7 +303,6 @@ def test_a_brake_stops_an_attitude_too() -> None:
     assert motion.errors["attitude"] < 1e-12
 
 
-@pytest.mark.engines
 @pytest.mark.parametrize("attitude", ["yes", {"align": "G"}, {"euler": [1, 2, 3]}])
 def test_a_couple_fixed_in_space(attitude: Any) -> None:
     """G in space is G(0) + F t e, with e in the space axes of the attitude."""
@@ -589,7 +581,6 @@ def test_angles_that_lose_turns_between_samples_are_named() -> None:
         assert sum("from one sample to the next" in f"{w.message}" for w in caught) == lines
 
 
-@pytest.mark.engines
 @pytest.mark.parametrize("rotor", [[0.1, -0.2, 0.15], [0, 0, 0.2], None])
 @pytest.mark.parametrize("inertia", [[1, 0.8, 0.6], [[1, 0.1, 0], [0.1, 0.8, 0], [0, 0, 0.6]]])
 def test_a_body_with_a_rotor_turns_on_where_a_brake_has_stopped_G(

@@ -17,7 +17,6 @@ from test_docs import snippets
 from hodo_cli.storage import staging
 
 
-@pytest.mark.engines
 def test_a_new_case_file_runs_and_is_never_replaced(hodo: Hodo, tmp_path: Path) -> None:
     done = hodo("init", "mine")
     assert (done.returncode, done.stdout) == (0, "mine.yaml\n")

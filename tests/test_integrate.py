@@ -22,8 +22,6 @@ from hodo_cli.integration import Trajectory, choice, integrate, motion_remarks, 
 from hodo_cli.integration.driver import StepObserver
 from hodo_cli.models import base
 
-pytestmark = pytest.mark.engines
-
 taylor = pytest.mark.heyoka
 
 BODY = (1.0, 0.8, 0.6)

@@ -14,7 +14,6 @@ import mpmath
 import numpy as np
 import pytest
 import series
-from conftest import few_without_heyoka
 
 import hodo_cli as hodo
 from hodo_cli import Case, HodoError
@@ -25,8 +24,6 @@ from hodo_cli.integration import integrate, solve
 from hodo_cli.models import catalogue
 from hodo_cli.models.base import Event
 from hodo_cli.models.top import lagrange, nutation
-
-pytestmark = pytest.mark.engines
 
 HERE = Path(__file__).parent
 PAPER3 = load(HERE.parent / "configs" / "paper3.yaml").cases
@@ -168,7 +165,7 @@ def test_the_averaged_rates_are_the_mean_over_a_nutation(top: Case) -> None:
     assert found == pytest.approx(known, rel=1e-12, abs=1e-14)
 
 
-@pytest.mark.parametrize("name", few_without_heyoka(["case1", "case2", "case3"]))
+@pytest.mark.parametrize("name", ["case1", "case2", "case3"])
 def test_the_averaged_motion_is_that_of_the_independent_reference(name: str) -> None:
     times = [0.5, 1.0, 2.0, 4.0]
     reference, initial = series.paper3(name)

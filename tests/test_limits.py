@@ -13,8 +13,6 @@ from hodo_cli.cases.case import Time
 from hodo_cli.engines import protocol
 from hodo_cli.integration import integrate
 
-pytestmark = pytest.mark.engines
-
 SPINS_UP = """\
 cases:
   grows:

@@ -22,8 +22,6 @@ from hodo_cli.cases.case import Time
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration import integrate
 
-pytestmark = pytest.mark.engines
-
 # Without heyoka most draws go by the same methods, whose integration does not change.
 EVERY_RUN = 9 if have_taylor() else 2
 COUNT = int(os.environ.get("HODO_FUZZ", EVERY_RUN))

@@ -23,8 +23,6 @@ from conftest import ROOT, exact_motion, run_hodo
 from hodo_cli import Case, functions
 from hodo_cli.engines import have_taylor
 
-pytestmark = pytest.mark.engines
-
 COUNT = int(os.environ.get("HODO_FUZZ", "2"))
 OWN = ROOT / "tests" / "own_models" / "waving.py"
 

@@ -230,7 +230,6 @@ EVENTED = (
 """The example with an event at a value of r, and an end at a value of |omega|."""
 
 
-@pytest.mark.engines
 @pytest.mark.parametrize("method", ["auto", "collocation"])
 def test_a_motion_that_an_event_ends_is_labelled_to_its_end(
     hodo: Hodo, folder: Path, method: str
@@ -258,7 +257,6 @@ def test_a_motion_that_an_event_ends_is_labelled_to_its_end(
     assert "one.method: RK45 finds no stop: method auto, taylor or collocation" in done.stderr
 
 
-@pytest.mark.engines
 def test_its_equations_may_have_functions(hodo: Hodo, folder: Path) -> None:
     """By every method and in sweeps: functions that amount to the example's own root."""
     root = "w = (p**2 + q**2 + r**2) ** 0.5"
@@ -283,7 +281,6 @@ def test_its_equations_may_have_functions(hodo: Hodo, folder: Path) -> None:
     assert compared.returncode == 0, compared.stdout
 
 
-@pytest.mark.engines
 def test_crossings_are_found_in_single_cases_and_sweeps_by_any_method(
     hodo: Hodo, folder: Path
 ) -> None:

@@ -22,8 +22,6 @@ from conftest import ROOT, run_hodo
 
 from hodo_cli.engines import have_taylor
 
-pytestmark = pytest.mark.engines
-
 COUNT = int(os.environ.get("HODO_FUZZ", "6"))
 TIMED = ROOT / "tests" / "own_models" / "timed.py"
 LAWS = ["falling", "polynomial", "exponential"]

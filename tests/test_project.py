@@ -146,7 +146,6 @@ def test_the_console_script_runs(hodo: Hodo) -> None:
     assert __version__ in done.stdout
 
 
-@pytest.mark.engines
 def test_heyoka_can_be_hidden_from_processes() -> None:
     hidden = os.environ | {"PYTHONPATH": str(ROOT / "tests" / "without_heyoka")}
     done = subprocess.run(

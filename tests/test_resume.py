@@ -177,7 +177,6 @@ def test_remarks_and_captions_rerun_nothing(copy: Copy) -> None:
         (copy.folder / "a.yaml").write_text(CONFIG)
 
 
-@pytest.mark.engines
 def test_another_version_of_a_library_reruns(monkeypatch: pytest.MonkeyPatch) -> None:
     case = parse(CONFIG, "x").cases["single"]
     before = case_digest(case)

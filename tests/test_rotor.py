@@ -11,8 +11,6 @@ from scipy.spatial.transform import Rotation
 import hodo_cli as hodo
 from hodo_cli import HodoError
 
-pytestmark = pytest.mark.engines
-
 BODY = [1, 0.8, 0.6]
 B = {"p": 0.8, "q": 0.5, "r": 0.74}
 ROTOR = np.array([0.05, 0.1, 0.2])

@@ -37,14 +37,13 @@ from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.writer import Writer, compose
 from hodo_cli.sweeps import chunk, columns, members, summary, sweep
-from hodo_cli.sweeps.ensemble.motions import Rejection
 from hodo_cli.sweeps.members import side_by_side
 from hodo_cli.sweeps.view import SweepView
 
 OK, FAILED, TIMEOUT, INVALID = range(4)
 """The first values of `status`, by their places in its `flag_meanings`."""
 
-pytestmark = [pytest.mark.engines, pytest.mark.usefixtures("quick_steps")]
+pytestmark = pytest.mark.usefixtures("quick_steps")
 
 HEAD = "inertia: [1, 0.8, 0.6], time: {end: 1000}, error: off"
 BALL = "initial: {p: 0, q: 0, G: 1}"

@@ -20,8 +20,6 @@ from hodo_cli.cases.case import Time
 from hodo_cli.engines import protocol
 from hodo_cli.models.base import Event
 
-pytestmark = pytest.mark.engines
-
 SEPARATIONS = [10.0**-n for n in range(2, 11)] + [-1e-3, -1e-6, -1e-8]
 DRAWS = range(int(os.environ.get("HODO_FUZZ", "60")))
 
