@@ -115,10 +115,15 @@ def test_motions_are_those_of_an_integral_in_30_digits(A: Any, w: Any, lam: Any)
     t, *logs = slow.at(rates, u)
     end = mp.mpf(float(t))
     f, *growth = rates(u, slow.side)
-    u, logs = u + f * (end - t), [x + rate * (end - t) for x, rate in zip(logs, growth)]
+    u, logs = (
+        u + f * (end - t),
+        [x + rate * (end - t) for x, rate in zip(logs, growth, strict=False)],
+    )
     X, Y = (mp.exp(x) for x in logs[:: slow.side])
     a, _, c = slow.A
-    found = averaged(body, inertia=A, initial=dict(zip("pqr", w)), time={"values": [0, float(end)]})
+    found = averaged(
+        body, inertia=A, initial=dict(zip("pqr", w, strict=False)), time={"values": [0, float(end)]}
+    )
     expected = {
         "momentum": mp.sqrt((a * X + c * Y) / (a - c)),
         "kinetic_energy": (X + Y) / (a - c) / 2,
@@ -214,7 +219,7 @@ def test_the_order_of_the_axes_changes_no_bit(body: Any) -> None:
             changes["inertia"][axis] = body["inertia"][i]
             changes["initial"]["pqr"[axis]] = w[i]
             damping[axis] = FIG4["damping"][i]
-        base = averaged(body, initial=dict(zip("pqr", w)))
+        base = averaged(body, initial=dict(zip("pqr", w, strict=False)))
         found = averaged(body, **changes, **({"damping": damping} if body is FIG4 else {}))
         for name in ("kinetic_energy", "momentum", "J", "k2", "crossing_time", "crossing_G"):
             assert np.array_equal(found[name], base[name]), (order, name)
