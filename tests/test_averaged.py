@@ -1,5 +1,5 @@
 """Bodies averaged over the turns of their hodograph, to first order: against integrals in 30
-digits, against the full motions, in all orders of the axes, beside the separatrix, and what is refused."""
+digits, against the full motions, in all orders of the axes, and what is refused."""
 
 import json
 from functools import partial
