@@ -166,7 +166,8 @@ def path_from(rates: Rates, side: int, v: Any, begin: np.ndarray) -> Path:
     # About an axis, and at a fixed point, v stays as it is.
     is_steady = not (speed and np.isfinite(z))
     crosses = not is_steady and limit == 0 and rates(-side, NEAREST)[0] > 0
-    far = (SEPARATRIX_Z if crosses else SLOW_Z) - min(z, 0) if limit == 0 else FIXED_POINT_Z
+    to_separatrix = (SEPARATRIX_Z if crosses else SLOW_Z) - min(z, 0)
+    far = to_separatrix if limit == 0 else FIXED_POINT_Z
     reach = AXIS_Z if limit == math.inf else high - low + FIXED_POINT_Z
     until = max(z + 1, reach) if speed > 0 else min(z - 1, -far)
     count = 1 if is_steady else math.ceil(abs(until - z))
