@@ -156,7 +156,7 @@ class Path(NamedTuple):
 
 
 @np.errstate(all="ignore")
-def path_from(rates: Rates, side: int, v: Any, begin: np.ndarray) -> Path:
+def averaged_path(rates: Rates, side: int, v: Any, begin: np.ndarray) -> Path:
     """The motion on a side from v, in its precision, where time, ln X and ln Y are `begin` (3,);
     and then on the other side, if it crosses."""
     low, high = interval(rates, side, v)
@@ -186,7 +186,7 @@ def path_from(rates: Rates, side: int, v: Any, begin: np.ndarray) -> Path:
     series[0, :3] += end - growth
     begins, sides, last_rates = (end - growth)[0], np.full(count, side), rates(side, fp(limit))[1:]
     path = Path(begins, sides, series, fit @ pace, end[:, -1], np.array(last_rates))
-    return path.then(path_from(rates, -side, fp(NEAREST), path.end)) if crosses else path
+    return path.then(averaged_path(rates, -side, fp(NEAREST), path.end)) if crosses else path
 
 
 class AveragedTurns(BodyUnderTorques):
@@ -242,7 +242,7 @@ class AveragedTurns(BodyUnderTorques):
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         # The path anew each time, so that the time that it takes is counted.
         fp, (side, v, logs) = t.dtype.type, self.slow_start
-        self.paths[fp] = path_from(self.mean_rates, side, fp(v), np.append(0, logs).astype(fp))
+        self.paths[fp] = averaged_path(self.mean_rates, side, fp(v), np.append(0, logs).astype(fp))
         return self.paths[fp].at(t), np.zeros(len(t), dtype=np.intc)
 
     def exact_end(self, fp: type) -> tuple[str, EventOutcome] | None:
