@@ -34,7 +34,7 @@ from .terms.body import BodyUnderTorques
 Rates = Callable[[int, Any], tuple[Any, ...]]
 """v', (ln X)' and (ln Y)' on a side at v."""
 
-SEPARATRIX_Z, SLOW_Z, AXIS_Z, FIXED_POINT_Z = 40.0, 690.0, 80.0, 30.0
+SEPARATRIX_Z, SLOW_Z, AXIS_Z, FIXED_POINT_Z = 40.0, 690.0, 80.0, 33.0
 """How far z goes: to a separatrix, where e^-40 is less than rounding; to one that is never reached;
 to an axis, e^-40 beside the smallest difference of two moments; and to a fixed point, nearer to
 which f is rounding."""
