@@ -249,7 +249,7 @@ def spun(rng: random.Random) -> Known:
             "initial": {"x": x, "y": y},
             "time": {"end": 0.9 * end, "samples": rng.choice((2, 5, 11))},
         }
-        | by_any_method(rng)
+        | {"method": rng.choice(("auto", "collocation"))}
     )
     k = case.system.constants
     system = series.cavity_averaged(A, C, k["kappa"], k["N3"], printed=form.endswith("printed"))

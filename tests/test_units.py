@@ -262,7 +262,7 @@ TRIAXIAL = {"inertia": [1, 0.8, 0.6], "initial": DATA["linear-diag"]["initial"]}
     [
         ("linear-diag", {}, {"momentum": 1, "J": 0}),
         ("tensor", {}, {"momentum": 1, "J": 0}),
-        ("cavity+constant", TRIAXIAL, {"momentum": 1, "J": 0}),
+        ("cavity+constant", TRIAXIAL | {"torque": [0.0, 0.0, 0.0]}, {"momentum": 1, "J": 0}),
         ("cavity+constant", {}, {"x": 2, "y": 2}),
     ],
 )

@@ -42,6 +42,7 @@ def symbol(name: str) -> str:
         "G": "|G|",
         "G2": "G^2",
         "J": "J = G^2/2T",
+        "k2": "k^2",
         "omega.x1": "p",
         "omega.x2": "q",
         "omega.x3": "r",
@@ -174,6 +175,7 @@ KEY_SYMBOLS = {
     "torque": "M",
     "quadratic": "c",
     "brake": "b",
+    "rotor": "h",
     "space_torque.size": "F",
     "space_torque.direction": "e",
     "attitude.euler": r"\mathrm{Euler\ angle}",
@@ -181,7 +183,7 @@ KEY_SYMBOLS = {
 }
 
 FROM_ONE = {
-    "damping", "inertia", "torque", "quadratic",
+    "damping", "inertia", "torque", "quadratic", "rotor",
     "space_torque.direction", "attitude.euler",
 }  # fmt: skip
 """The keys of lists of one entry an axis or a turn, whose symbols count from one."""
