@@ -1,8 +1,6 @@
 """hodo: batches of rigid-body rotation experiments, integrated, classified, plotted and checked."""
 
-from collections.abc import Callable
 from importlib import import_module
-from time import time
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -21,15 +19,6 @@ __all__ = [
 ]
 
 __version__ = "0.2.0"
-
-
-STARTED = time()
-"""When this process began to load hodo, in seconds since 1970."""
-
-
-BEFORE_END: list[Callable[[], object]] = []
-"""What is still done when a signal ends the process: what a command lists while it only computes,
-since HDF5 takes no call in the midst of another."""
 
 
 class HodoError(Exception):

@@ -18,13 +18,13 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from . import HodoError
-from .batch.memory import check_memory
-from .cases.case import Case, plain
-from .cases.config import parse
+from .batch import check_memory
+from .cases.case import Case, plain, read_mapping
+from .cases.config import composed_text, parse
 from .cases.derived import DERIVED, derivable
 from .cases.figure_block import FIGURE, FIGURE_KINDS, check_figure
 from .commands.classify import classified, classify_results
-from .commands.merge import extended_text
+from .commands.resume import stored_config
 from .commands.run import finished_case, plans, run_plans
 from .figures import draw
 from .figures.style import user_parameters
@@ -36,8 +36,10 @@ from .results.dataset import (
     quantity_array,
     sweep_axes,
 )
+from .schema.document import Mistakes
 from .schema.kinds import Wrong
 from .schema.spelling import nearest, shown
+from .storage import open_run
 from .sweeps.view import SweepView
 
 __all__ = ["Case", "derive", "open", "plot", "run", "sweep"]
@@ -255,3 +257,16 @@ def _named(several: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
         again = sum(1 for other in named if other == name or other.startswith(f"{name} ("))
         named[f"{name} ({again + 1})" if again else name] = data
     return named
+
+
+def extended_text(path: Path, cases: Mapping[str, Case]) -> str:
+    """The case file of a result with more cases, or others of the same names; of these alone if
+    there is no result yet. Raises HodoError if it cannot be read."""
+    if not os.path.lexists(path):
+        return composed_text(cases)
+    with open_run(path) as run:
+        document = read_mapping(run.text, Mistakes(str(path)))
+        cases = {**stored_config(run).cases, **cases}
+    for section in ("cases", "defaults"):
+        document.pop(section, None)
+    return composed_text(cases, **document)

@@ -17,7 +17,7 @@ from typing import Any, NoReturn, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from . import BEFORE_END, BatchError, HodoError, __version__
+from . import BatchError, HodoError, __version__
 from .machine import RESOURCES
 
 # Before numpy loads. The largest matrices have a hundred rows or two: several threads take longer
@@ -26,20 +26,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def _end(number: int, frame: object) -> NoReturn:
-    """End the process at a signal, at once, or after what `BEFORE_END` lists.
+    """End the command at a signal, by an exception: what is finished is stored first."""
+    raise KeyboardInterrupt(number)
 
-    Results survive that at any moment. An exception would not do: where it arises inside a
-    destructor or a callback of HDF5, it is lost.
-    """
-    command = click.get_current_context(silent=True)
-    kept = b"; finished cases are kept" if command and command.info_name == "run" else b""
-    # Taken from the list first: a second signal ends the process without.
-    while BEFORE_END:
-        with suppress(Exception):
-            BEFORE_END.pop()()
-    # Not click's echo: a signal may arrive while the stream is locked.
-    os.write(2, (b"\n" if os.isatty(2) else b"") + b"interrupted" + kept + b"\n")
-    os._exit(128 + number)
+
+def _end_at_once(lost: Any) -> None:
+    """End the process where that exception is lost, in a destructor."""
+    if isinstance(lost.exc_value, KeyboardInterrupt):
+        os._exit(128 + next(iter(lost.exc_value.args), signal.SIGINT))
+    sys.__unraisablehook__(lost)
 
 
 NEW_OBJECTS = 20_000
@@ -58,9 +53,19 @@ class Hodo(click.Group):
             _refuse(ctx, misused(error))
 
     def invoke(self, ctx: click.Context) -> Any:
+        try:
+            self._invoke(ctx)
+        except KeyboardInterrupt as end:
+            is_run = ctx.invoked_subcommand == "run"
+            _say("interrupted" + "; finished cases are kept" * is_run)
+            ctx.exit(128 + next(iter(end.args), signal.SIGINT))
+
+    def _invoke(self, ctx: click.Context) -> None:
         with ExitStack() as afterwards:
             for number in (signal.SIGINT, signal.SIGTERM):
                 afterwards.callback(signal.signal, number, signal.signal(number, _end))
+            afterwards.callback(setattr, sys, "unraisablehook", sys.unraisablehook)
+            sys.unraisablehook = _end_at_once
             afterwards.callback(gc.set_threshold, *gc.get_threshold())
             gc.set_threshold(NEW_OBJECTS)
             try:
@@ -301,8 +306,8 @@ def _init(name: Path) -> None:
 @_jobs("Run in N processes.")
 @click.option(
     "--scheduler",
-    metavar="dask|tcp://HOST:PORT",
-    help="Run on dask: dask starts N processes here, tcp:// or tls://HOST:PORT joins a scheduler.",
+    metavar="tcp://HOST:PORT",
+    help="Run on the workers of a dask scheduler.",
 )
 @click.option("--dry-run", is_flag=True, help="Print what would run, and why; run nothing.")
 @click.option("--fail-fast", is_flag=True, help="Start no case after the first that fails.")
@@ -337,7 +342,7 @@ def _run(
 
     if quiet and verbose:
         raise HodoError("--quiet and --verbose exclude each other")
-    if jobs > 1 and scheduler not in (None, "dask"):
+    if jobs > 1 and scheduler:
         raise HodoError(f"-j: leave it out, the workers are those of {scheduler}")
     loaded = [load(path, overrides) for path in configs]
     # A file that is named twice is run once.
@@ -517,8 +522,7 @@ def _show(runs: tuple[Path, ...], methods: bool, as_json: bool) -> int:
         return _report(
             [*map(show.methods_of, dict.fromkeys(runs))], show.methods_paragraphs, as_json
         )
-    rows, problems = show.stored_cases(runs)
-    return _report(rows, show.case_table, as_json, problems)
+    return _report(show.stored_cases(runs), show.case_table, as_json)
 
 
 @main.command("merge")
@@ -530,14 +534,12 @@ def _merge(runs: tuple[Path, ...], out: Path) -> None:
     """Write the cases of RUNS into a new result.
 
     RUNS are results (*.h5), or configs with a result in runs/. The new one has their figures and
-    statements too; cases of one name must be equal, and figures of one name with different content
-    get the name of their result added.
+    statements too. What has one name in several results must be equal.
     """
     from .commands import merge, show
 
     merge.merge_results(runs, out)
-    rows, _ = show.stored_cases([out])
-    _report(rows, show.case_table)
+    _report(show.stored_cases([out]), show.case_table)
 
 
 @main.command("schema")

@@ -13,10 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hodo_cli.storage.group import Group, Variable
-from hodo_cli.storage.hdf5 import ResultFile, open_run
-from hodo_cli.storage.output import create
-from hodo_cli.storage.provenance import history_line
+from hodo_cli.storage import Group, ResultFile, Variable, history_line, open_run, save_groups
 
 SAMPLES = 41
 """About how many samples of a motion are kept."""
@@ -77,17 +74,13 @@ def write(run: ResultFile, path: Path) -> None:
         for key, value in run.attributes.items()
         if key not in ("config", "config_path", "history", "format_version")
     }
-    with create(
-        path, {**root, "history": history_line("make reference"), "reference": HOW}
-    ) as output:
-        for name in run.cases():
-            group = run.read(name)
-            if (
-                group.attributes["status"] != "ok"
-                or "precision: quadruple" not in group.attributes["case"]
-            ):
-                sys.exit(f"{run.path}: {name} is no reference: {group.attributes['message']}")
-            output.write(name, thinned(group))
+    groups = {name: run.read(name) for name in run.cases()}
+    for name, group in groups.items():
+        has_digits = "precision: quadruple" in group.attributes["case"]
+        if group.attributes["status"] != "ok" or not has_digits:
+            sys.exit(f"{run.path}: {name} is no reference: {group.attributes['message']}")
+    root |= {"history": history_line("make reference"), "reference": HOW}
+    save_groups(path, {name: thinned(group) for name, group in groups.items()}, root)
 
 
 def events(run: ResultFile) -> list[dict[str, Any]]:

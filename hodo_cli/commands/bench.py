@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
-from ..batch.pool import Pool
-from ..batch.processes import Processes
+from ..batch import Pool
 from ..cases.case import Case
 from ..cases.config import Config, no_case
 from ..cases.keys import finds_no_stop
@@ -46,7 +45,7 @@ from ..integration import (
 )
 from ..models import rigid_body
 from ..progress import Progress
-from ..storage import CONTENT, Group, Variable, create, replacing
+from ..storage import CONTENT, Group, Variable, replacing, save_groups
 from ..text import grouped, magnitude, markdown, seconds, table
 from .resume import attributes_by
 
@@ -356,8 +355,8 @@ def benchmark(config: Config, globs: Sequence[str], out: Path, jobs: int, quiet:
     bench = try_cases([config.cases[name] for name in names], config.bench, jobs, quiet)
     name = Path(config.path).stem
     attributes = {**attributes_by(f"bench {config.path}", config), CONTENT: "trials of methods"}
-    with replacing(out / f"{name}.bench.h5") as draft, create(draft, attributes) as output:
-        output.write("bench", bench)
+    with replacing(out / f"{name}.bench.h5") as draft:
+        save_groups(draft, {"bench": bench}, attributes)
     save(draw_bench(bench, TRIAL_VERDICTS), out / "figures" / f"{name}.png")
     return bench
 
@@ -368,7 +367,7 @@ def try_cases(cases: Sequence[Case], settings: Mapping[str, Any], jobs: int, qui
     methods, tols = settings["methods"], settings["tols"] or (math.nan,)
     trials: dict[str, list[Trial]] = {}
     # In processes even if it is only one: a solver that takes its process down costs its own case.
-    with Pool(Processes(jobs), jobs) as pool, Progress(len(cases), quiet) as progress:
+    with Pool(jobs, always=True) as pool, Progress(len(cases), quiet) as progress:
         tasks = progress.starting(cases, attrgetter("name"))
         for case, outcome in pool.map(partial(trials_of, **settings), tasks):
             if isinstance(outcome, HodoError):

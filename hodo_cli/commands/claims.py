@@ -1,10 +1,8 @@
 """`hodo claims`: verdicts on the claims and errata of a result file."""
 
-import json
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -27,7 +25,7 @@ from ..claims.finding import Verdict
 from ..claims.verdicts import Judge
 from ..papers import finding_of
 from ..progress import Progress
-from ..storage import Group, Report, ResultFile, Update, Variable, history_line, open_run, update
+from ..storage import Group, ResultFile, Update, Variable, history_line, open_run, update
 from ..text import counted, table
 from .resume import content_digest, results_named, stored_config, warn_of_changes
 
@@ -90,8 +88,8 @@ def rows_of_result(changes: Update, config: Config | None) -> dict[str, Rows]:
     # holds the report on errata alone.
     if any(rows.values()) or any(name in run for name, _ in TABLES.values()):
         for topic, (name, columns) in TABLES.items():
-            report = Report(digest, json.dumps(rows)) if topic == "statements" else None
-            changes.write(name, replace(claim_group(rows[topic], columns), report=report))
+            group = claim_group(rows[topic], columns)
+            changes.write(name, group.with_report(digest, rows) if topic == "statements" else group)
     return rows
 
 

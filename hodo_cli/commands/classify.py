@@ -1,6 +1,5 @@
 """`hodo classify`: labels and crossings of stored cases."""
 
-import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
-from ..batch.memory import check_memory
+from ..batch import check_memory
 from ..cases.case import Case, dump
 from ..cases.derived import MOMENTUM
 from ..cases.keys import METHODS
@@ -20,8 +19,8 @@ from ..models import rigid_body
 from ..progress import Progress
 from ..results.groups import label_group
 from ..results.layout import RECORDED, sentence_of_case, units_of_case, without_old_labels
-from ..results.motion import Motion, case_of
-from ..storage import Group, Report, history_line, typed, update
+from ..results.motion import Motion, case_of, motion_of
+from ..storage import Group, history_line, typed, update
 from ..text import abridged, few, grouped, magnitude, table, to_error
 from .resume import package_digest, results_named, warn_of_changes
 
@@ -48,9 +47,8 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
                         if case is None or dump(case) != group.attributes.get("case"):
                             case = case_of(group.attributes, name)
                         labels, row = classified(name, group, case)
-                        report = Report(package_digest(), json.dumps(row))
-                        labels = replace(labels or Group({}, {}), report=report)
-                        changes.write(name, labels, old=group)
+                        labels = labels or Group({}, {})
+                        changes.write(name, labels.with_report(package_digest(), row))
                 except HodoError as error:
                     # What the file itself refuses begins with its path.
                     problems.append(f"{path}: {str(error).removeprefix(f'{path}: ')}")

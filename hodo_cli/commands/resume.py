@@ -1,32 +1,21 @@
 """What need not be done again: whether a stored case is still right, whether its config still says
 the same, and the digests of what the findings of a command depend on."""
 
-import hashlib
 import os
 import warnings
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from shlex import quote
 
 from .. import HodoError, models
-from ..batch.digests import PACKAGE, code_digest, digest, library_digest
+from ..batch import CASE_SOURCES, PACKAGE, SWEEP_SOURCES, code_digest, digest, library_digest
 from ..cases.case import Case, dump
 from ..cases.config import Config, is_bare, load, parse, text_of
 from ..machine import relative_path
 from ..schema.document import YAML_SUFFIXES
-from ..storage import (
-    CONTENT,
-    FinishedCase,
-    Group,
-    ResultFile,
-    holds,
-    result_of,
-    root_attributes,
-    staging_folders,
-)
+from ..storage import CONTENT, FinishedCase, ResultFile, folder_of, result_of, root_attributes
 from ..text import few
 
 FORCED = "--force"
@@ -52,9 +41,8 @@ def case_digest(case: Case) -> str:
 
     Nothing is integrated for it: the method that `auto` takes follows from the three.
     """
-    return "-".join(
-        (code_digest(bool(case.sweep), case.model), library_digest(), _bare_digest(case))
-    )
+    code = code_digest(SWEEP_SOURCES if case.sweep else CASE_SOURCES, case.model)
+    return "-".join((code, library_digest(), _bare_digest(case)))
 
 
 def _bare_digest(case: Case) -> str:
@@ -70,24 +58,12 @@ def rerun_reason(case: Case, done: FinishedCase | None, force: bool) -> str:
     ours, theirs = case_digest(case).split("-"), str(done.attributes.get("hash")).split("-")
     changed = [theirs[i : i + 1] != [part] for i, part in enumerate(ours)]
     reasons = (
-        (bool(done.damage), f"its stored result is damaged ({done.damage})"),
         (force, FORCED),
         # A timeout may be due to another program's work, so what did not end well is tried again.
         (status != "ok", f"its status is {status}"),
         *zip(changed, RERUN_REASONS, strict=True),
     )
     return next((reason for holds, reason in reasons if holds), "")
-
-
-MEASURED_OR_REMARKED = ("run_time", "case")
-"""The attributes in which equal results may differ: the case's remarks may, its hash may not."""
-
-
-def has_all_of(stored: Group, other: Group) -> bool:
-    """Whether a stored case has all that another result of the same case has; it may be labelled
-    besides."""
-    kept = {k: v for k, v in other.attributes.items() if k not in MEASURED_OR_REMARKED}
-    return holds(stored, replace(other, attributes=kept, report=stored.report))
 
 
 def result_named(name: Path) -> tuple[Path, Config | None]:
@@ -100,7 +76,7 @@ def result_named(name: Path) -> tuple[Path, Config | None]:
         return name, None
     config = load(name)
     path = result_of(config.path)
-    if not os.path.lexists(path) and not staging_folders(path):
+    if not os.path.lexists(path) and not folder_of(path).exists():
         how = f"hodo run {quote(str(config.path))}"
         raise HodoError(f"{config.path} has no result {path}: {how} makes it")
     return path, config
@@ -187,7 +163,6 @@ def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -
         name
         for name in run.cases()
         if name in config.cases
-        and name not in run.damaged
         and _bare_digest(config.cases[name]) not in str(run.summary(name, ("hash",)).get("hash"))
     ]
     if changed:
@@ -219,15 +194,16 @@ def _config_of(run: ResultFile) -> Config | None:
 def package_digest() -> str:
     """The digest of all sources of hodo, its pages, scripts and lists too, of models that are not
     its own, and of the libraries that compute."""
-    sources = hashlib.sha256((library_digest() + models.added_models_digest()).encode())
-    for file in sorted(PACKAGE.rglob("*.*")):
-        if file.suffix in (".py", ".html", ".css", ".js", ".yaml"):
-            sources.update(file.read_bytes())
-    return sources.hexdigest()
+    files = [file for file in sorted(PACKAGE.rglob("*.*")) if file.suffix in SOURCE_SUFFIXES]
+    texts = [digest(file.read_text("utf-8")) for file in files]
+    return digest("".join([library_digest(), models.added_models_digest(), *texts]))
+
+
+SOURCE_SUFFIXES = (".py", ".html", ".css", ".js", ".yaml")
 
 
 def content_digest(checksums: Iterable[str], text: str = "") -> str:
     """The digest of stored groups, by their checksums, of a text, and of the code that would
     compute from them; empty if a group has no checksum to go by."""
     known = [package_digest(), text, *checksums]
-    return hashlib.sha256(repr(known).encode()).hexdigest() if all(known[2:]) else ""
+    return digest(repr(known)) if all(known[2:]) else ""

@@ -12,34 +12,29 @@ from typing import Any
 from .. import HodoError
 from ..cases.case import parse_case
 from ..results.layout import MODEL_SOURCE, SUMMARY, typed_as
-from ..storage import ResultFile, chunks_in, open_batch, staging_folders
+from ..storage import ResultFile, folder_of, open_batch
 from ..text import few, grouped, in_bytes, magnitude, seconds, table
 from .resume import result_named, results_named, warn_of_changes
 
 LISTED = SUMMARY | typed_as("case")
 
 
-def stored_cases(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
-    """The cases of result files, with the attributes that a line of the table shows, and a line for
-    every damaged case.
+def stored_cases(paths: Iterable[Path]) -> list[dict[str, Any]]:
+    """The cases of result files, with the attributes that a line of the table shows.
 
     A path may be that of a config. Raises HodoError as `open_batch` does, or if a case has
     no such attributes.
     """
     rows: list[dict[str, Any]] = []
-    problems = []
     for path, config in results_named(paths):
         with open_batch(path) as run:
             warn_of_changes(run, config)
             warn_of_chunks(path)
-            # One damaged case hides no other.
-            problems += [f"{path}: {name} is damaged ({why})" for name, why in run.damaged.items()]
             for name in run.cases():
-                if name not in run.damaged:
-                    row = run.row(name, LISTED)
-                    assumed = assumes_of(row.pop("case"))
-                    rows.append({"run": str(path), "case": name, **row, "assumes": assumed})
-    return rows, problems
+                row = run.row(name, LISTED)
+                assumed = assumes_of(row.pop("case"))
+                rows.append({"run": str(path), "case": name, **row, "assumes": assumed})
+    return rows
 
 
 def assumes_of(text: str) -> str:
@@ -54,8 +49,7 @@ def assumes_of(text: str) -> str:
 
 def warn_of_chunks(path: Path) -> None:
     """Warn of the chunks of sweeps that runs have left beside a result."""
-    chunks = [chunk for folder in staging_folders(path) for chunk in chunks_in(folder)]
-    if chunks:
+    if chunks := [*folder_of(path).glob("chunk-*")]:
         size = in_bytes(sum(chunk.stat().st_size for chunk in chunks if chunk.exists()))
         warnings.warn(
             f"{path}: {len(chunks)} chunks of unfinished sweeps, {size}, lie beside it: "
@@ -96,7 +90,7 @@ def methods_of(path: Path) -> dict[str, str]:
     """
     path, _ = result_named(path)
     with open_batch(path) as run:
-        rows = [row_of_methods(run, name) for name in run.cases() if name not in run.damaged]
+        rows = [row_of_methods(run, name) for name in run.cases()]
         own_models = ", ".join(dict.fromkeys(row["model"] for row in rows if row["is_own_model"]))
         ended_well = [row for row in rows if row["status"] == "ok"]
         if not ended_well:

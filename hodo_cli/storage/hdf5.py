@@ -1,94 +1,344 @@
-"""Result files being read: groups of labelled arrays in HDF5, checked before they are believed."""
+"""Groups of labelled arrays in HDF5 files that netCDF-4 reads too.
 
+Every array of numbers carries `fletcher32`, so that any reader notices a changed bit. A file ends
+with the SHA-256 of all bytes before it, behind the HDF5 part, where other readers do not look: it
+is compared before HDF5 sees a byte, and goes when another program changes the file.
+"""
+
+import hashlib
 import json
 import os
-import stat
+import re
+import shutil
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import lru_cache, partial
-from itertools import islice
+from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-from h5py import h5a, h5d, h5ds, h5g, h5l, h5o, h5t
+from h5py import h5a, h5ds, h5o, h5s, h5t
 
 from .. import BatchError, HodoError
-from ..machine import RESOURCES, memory_limit
-from ..text import first_line, in_bytes
-from .disk import (
-    PATIENCE_OF_READER,
-    SLOWEST_DISK,
-    checksum_fits,
-    inspect_in_child,
-    refusal,
-    refusal_number,
-)
-from .group import Group, Report, Variable, checksum_of, is_number
+from ..machine import RESOURCES
+from ..text import first_line
 from .provenance import CONTENT, FORMAT_VERSION, typed
 
-STRING = h5py.string_dtype()
-TEXT_IN_MEMORY = h5t.py_create(STRING)
-# netCDF-4's own sign of a dimension without a coordinate; its readers look for these very words.
-NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable."
-REPORT_DIGEST, REPORT = "told_mark", "told"
-"""The attributes that hold a report."""
+Attribute = str | int | float | np.ndarray
 
-SHORT_ATTRIBUTES = "listed"
-"""The attribute that holds the short ones of a group once more, as JSON: a batch is listed by one
-attribute a case and not by eleven, each of which takes 10 to 30 us."""
+
+@dataclass(frozen=True)
+class Variable:
+    """A labelled array: numbers that netCDF knows (not bool, half or long double), or strings."""
+
+    dims: tuple[str, ...]
+    data: np.ndarray
+    attrs: dict[str, Attribute] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class StreamedVariables:
+    """Variables too large for memory: their arrays carry only shape and dtype, and the values come
+    from `blocks()` as (name, where, block) when the group is written."""
+
+    names: frozenset[str]
+    blocks: Callable[[], Iterator[tuple[str, Any, np.ndarray]]]
+
+
+@dataclass(frozen=True)
+class Group:
+    """What a group holds. A variable that is named as its only dimension is that dimension's
+    coordinate."""
+
+    attributes: Mapping[str, Attribute]
+    variables: Mapping[str, Variable]
+    streamed: StreamedVariables | None = None
+
+    def with_addition(self, addition: "Group") -> "Group":
+        """This group with what another adds to it or replaces."""
+        attributes = {**self.attributes, **addition.attributes}
+        return Group(attributes, {**self.variables, **addition.variables})
+
+    def with_report(self, digest: str, rows: Any) -> "Group":
+        """This group with what a command prints of it, and the digest of what that depends on
+        besides the group: see `ResultFile.report`."""
+        return self.with_addition(Group({REPORT_DIGEST: digest, REPORT: json.dumps(rows)}, {}))
+
+
+def dimension_sizes(variables: Mapping[str, Variable]) -> dict[str, int]:
+    """The sizes of the dimensions of variables. Raises ValueError for one that has two."""
+    sizes: dict[str, int] = {}
+    for name, variable in variables.items():
+        for dim, size in zip(variable.dims, variable.data.shape, strict=True):
+            if sizes.setdefault(dim, size) != size:
+                raise ValueError(f"{name} has {size} values along {dim}, elsewhere {sizes[dim]}")
+    return sizes
+
+
+# Files
+
+MARK = b"\nhodo sha256 "
+MARK_BYTES = len(MARK) + 64
+"""The bytes behind the HDF5 part of a file that hold the hash of those before."""
+
+
+@contextmanager
+def refused_as(path: Path, parts: Path | None = None) -> Iterator[None]:
+    """Make a BatchError of what the operating system refuses, which says so if there are finished
+    cases in a folder."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        if not (reason := refusal(error)):
+            raise
+        if file := next(filter(os.path.isfile, path.parents), None):
+            reason = f"{file} is a file, not a folder"
+        kept = "; finished cases are kept" if parts and any(parts.glob("c*")) else ""
+        raise BatchError(f"cannot write {path}: {reason}{kept}") from error
+
+
+def refusal(error: BaseException) -> str:
+    """What the operating system said (no space, no permission), or nothing."""
+    # HDF5 gives it in the text of its own errors.
+    quoted = re.search(r"errno = (\d+)", str(error))
+    number = int(quoted[1]) if quoted else getattr(error, "errno", None)
+    return os.strerror(number).lower() if number else ""
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A name for a new file, which takes the place of `path` when the block ends well: a name that
+    exists is complete. Raises BatchError if the operating system refuses it."""
+    with refused_as(path), drafted(path, path.parent) as draft:
+        yield draft
+
+
+@contextmanager
+def drafted(path: Path, folder: Path) -> Iterator[Path]:
+    """As `replacing`, with the draft in a folder of the same disk. Raises OSError."""
+    # What is written through a link goes where it points.
+    path = Path(os.path.realpath(path)) if os.path.islink(path) else path
+    draft = folder / f".{path.name}.{os.getpid()}.draft"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield draft
+        with suppress(FileNotFoundError):
+            shutil.copymode(path, draft)
+        sync(draft)
+        os.replace(draft, path)
+        sync(path.parent)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def sync(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    if os.name == "nt" and path.is_dir():  # which Windows does not open
+        return
+    descriptor = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def create(file: Path, attributes: Mapping[str, Attribute], room: int) -> Iterator[h5py.File]:
+    """A new file with these root attributes, to be filled with at most so many bytes. Raises
+    OSError if these do not fit on the disk."""
+    with h5py.File(file, "w", track_order=True, locking="best-effort") as new:
+        set_attributes(new, {"format_version": FORMAT_VERSION, **attributes})
+    with open(file, "r+b") as disk:
+        # HDF5 takes the process down over a full disk, so the room is taken before.
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(disk.fileno(), 0, disk.seek(0, os.SEEK_END) + room)
+    with h5py.File(file, "r+", locking="best-effort") as new:
+        yield new
+    mark = MARK + hash_of(file, file.stat().st_size).encode()
+    with open(file, "ab") as disk:
+        disk.write(mark)
+
+
+def save_groups(
+    file: Path, groups: Mapping[str, Group], attributes: Mapping[str, Attribute] = {}
+) -> None:
+    """Write a new file with these groups and root attributes. Raises OSError as `create` does."""
+    with create(file, attributes, sum(map(room_for, groups.values()))) as new:
+        for name, group in groups.items():
+            write_group(new, name, group)
+
+
+def room_for(group: Group) -> int:
+    """The bytes that a group takes in a file at most."""
+    arrays = [variable.data for variable in group.variables.values()]
+    texts = [text for data in arrays if data.dtype.kind in "OU" for text in data.flat]
+    texts += [text for text in group.attributes.values() if isinstance(text, str)]
+    numbers = sum(data.nbytes + data.nbytes // 100 + 10_000 for data in arrays)
+    return 100_000 + numbers + sum(4 * len(text) + 200 for text in texts)
+
+
+def hash_of(file: Path, size: int) -> str:
+    """The hash of the first bytes of a file, in hexadecimal digits."""
+    hashed = hashlib.sha256()
+    with open(file, "rb") as disk:
+        while size > 0 and (block := disk.read(min(size, 1 << 20))):
+            hashed.update(block)
+            size -= len(block)
+    return hashed.hexdigest()
+
+
+def is_marked(path: Path) -> bool:
+    """Whether a file has the mark of its bytes. Raises HodoError if that does not fit, and OSError
+    if the file cannot be read."""
+    status = path.stat()
+    return _is_marked(path, status.st_ino, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=4096)
+def _is_marked(path: Path, inode: int, changed: int, size: int) -> bool:
+    with open(path, "rb") as file:
+        file.seek(max(size - MARK_BYTES, 0))
+        mark = file.read()
+    if mark.startswith(MARK) and mark != MARK + hash_of(path, size - MARK_BYTES).encode():
+        sound = "h5py reads what is sound of it"
+        way_out = f"restore it, or move it away and run again; {sound}"
+        raise HodoError(f"{path} is damaged (its checksum does not fit): {way_out}")
+    return mark.startswith(MARK)
+
+
+# Writing
+
+STRING = h5py.string_dtype()
+# netCDF-4's own sign of a dimension without a coordinate; its readers look for these very words.
+NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
+
+REPORT_DIGEST, REPORT, SHORT_ATTRIBUTES, STAMP = "told_mark", "told", "listed", "stamp"
+"""Attributes of a group that are believed only in a file which no other program has changed: what a
+command has printed of it; its short attributes once more, as JSON (a batch is listed by one
+attribute a case and not by eleven, each of which takes 10 to 30 us); and a number that is another
+one after each change."""
+
+BOOKKEEPING = (REPORT_DIGEST, REPORT, SHORT_ATTRIBUTES, STAMP)
 
 HIDDEN = (
-    "CLASS",
-    "NAME",
-    "REFERENCE_LIST",
-    "DIMENSION_LIST",
-    "_Netcdf4Dimid",
-    "_Netcdf4Coordinates",
-    "checksum",
-    REPORT_DIGEST,
-    REPORT,
-    SHORT_ATTRIBUTES,
+    *("CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates"),
+    *("checksum", *BOOKKEEPING),
 )
-"""Attributes that are no data: the links of dimensions, the checksum, the report, and what is there
-twice."""
+"""Attributes that are no data: links of dimensions, and the checksum of files of version 0.2."""
+
+MAX_SHORT_CHARACTERS = 1000
+
+WHOLE_CHUNK = 1 << 16
+"""Numbers of an array that is stored in one piece."""
+
+
+def write_group(file: h5py.File, name: str, group: Group) -> None:
+    """Add a group, or replace it. Raises ValueError if its variables differ in the size of a
+    dimension, and TypeError for an array that netCDF does not know."""
+    file.pop(name, None)
+    amend_group(file.create_group(name, track_order=True), group)
+
+
+def amend_group(target: h5py.Group, group: Group) -> None:
+    """Add attributes and variables to a group, or replace them."""
+    sizes = dimension_sizes(group.variables)
+    kept = {k: v for k, v in short_attributes(target).items() if k not in group.attributes}
+    listed = json.dumps(kept | short_ones(group.attributes))
+    stamp = os.urandom(8).hex()
+    set_attributes(target, {**group.attributes, SHORT_ATTRIBUTES: listed, STAMP: stamp})
+    late = group.streamed.names if group.streamed else ()
+    for name, variable in group.variables.items():
+        if name in sizes and name in target:  # other variables are linked to it
+            target[name][...] = variable.data
+        else:
+            target.pop(name, None)
+            set_attributes(new_dataset(target, name, variable.data, name in late), variable.attrs)
+    for dim, size in sizes.items():
+        if dim in group.variables and not h5ds.is_scale(target[dim].id):
+            target[dim].make_scale(dim)
+        elif dim not in target or target[dim].shape != (size,):
+            target.pop(dim, None)
+            # A big-endian float that is never written, as netCDF-4 makes it: it takes no room.
+            target.create_dataset(dim, (size,), ">f4", track_order=True)
+            target[dim].make_scale(f"{NO_VARIABLE}{size:10d}")
+    attach(target, {name: variable.dims for name, variable in group.variables.items()})
+    for name, where, block in group.streamed.blocks() if group.streamed else ():
+        target[name][where] = block
+
+
+def new_dataset(parent: h5py.Group, name: str, data: np.ndarray, is_late: bool) -> h5py.Dataset:
+    """A new dataset for an array, with its values unless they come later."""
+    is_text = data.dtype.kind in "OU"
+    # Old netCDF readers lose bool, and crash on half and long double.
+    if not is_text and data.dtype.str[1:] not in ("i1", "i2", "i4", "i8", "u1", "u2", "f4", "f8"):
+        raise TypeError(f"{name}: netCDF has no type {data.dtype}")
+    is_checked = bool(not is_text and data.ndim and data.size)
+    chunks = (data.shape if data.size <= WHOLE_CHUNK else True) if is_checked else None
+    return parent.create_dataset(
+        name,
+        data.shape,
+        STRING if is_text else data.dtype,
+        None if is_late else data,
+        chunks=chunks,
+        fletcher32=is_checked,
+        track_order=True,
+    )
+
+
+def attach(group: h5py.Group, dims: Mapping[str, tuple[str, ...]]) -> None:
+    """Link datasets to their dimensions; a scale is attached to others, never to itself."""
+    for name, of_item in dims.items():
+        for i, dim in enumerate(of_item if (name,) != of_item else ()):
+            h5ds.attach_scale(group[name].id, group[dim].id, i)
+
+
+def copy_group(source: h5py.Group, file: h5py.File, name: str) -> None:
+    """Copy a group of another file. HDF5 breaks the links to dimensions: they are made anew."""
+    file.copy(source, name)
+    for item in file[name].values():
+        for link in ("REFERENCE_LIST", "DIMENSION_LIST"):
+            item.attrs.pop(link, None)
+    attach(file[name], dimensions(source))
+
+
+def set_attributes(item: h5py.HLObject, attributes: Mapping[str, Attribute]) -> None:
+    """Set attributes; texts have variable length, which every reader gives back as text. `attrs` of
+    h5py takes three times as long, and a case has forty."""
+    for name, value in attributes.items():
+        if h5a.exists(item.id, name.encode()):
+            h5a.delete(item.id, name.encode())
+        # Half a surrogate cannot be stored, and at a zero C readers would stop.
+        text = str(value).encode("utf-8", "replace").decode().replace("\0", "\ufffd")
+        is_text = isinstance(value, str)
+        data = np.asarray(text, dtype=STRING) if is_text else np.asarray(value)
+        space = h5s.create_simple(data.shape) if data.shape else h5s.create(h5s.SCALAR)
+        kind = h5t.py_create(data.dtype, logical=True)
+        h5a.create(item.id, name.encode(), kind, space).write(data)
+
+
+def short_ones(attributes: Mapping[str, Attribute]) -> dict[str, Any]:
+    """The short texts and numbers among attributes."""
+    arrays = {name: np.asarray(value) for name, value in attributes.items()}
+    plain = {name: array.item() for name, array in arrays.items() if array.shape == ()}
+    return {name: x for name, x in plain.items() if len(str(x)) <= MAX_SHORT_CHARACTERS}
+
+
+# Reading
 
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, MemoryError)
 """What h5py raises when the bytes of a file make no sense."""
 
-INFLATION = 10
-"""A file that this user's hodo has not written may hold so many times its own bytes, as compression
-may save; hodo itself compresses nothing."""
-
-BYTES_IN_ANY_CASE = 256 << 20
-"""What such a file may hold in any case: ten datasets of a sweep of a million members that are all
-nan, which other programs compress to nothing."""
-
-MAX_ITEMS = 1000
-"""Datasets or attributes in a group: ten times those of any case, and far fewer than would keep
-HDF5, which looks for each by its name, busy for minutes."""
-
 
 class ResultFile:
-    """A result file that is open for reading; made by `open_run`.
+    """A result that is open for reading; made by `open_run`. `groups` are the names of all groups;
+    `intact` is whether its bytes are as hodo has written them."""
 
-    `groups` are the names of all groups, in their order; `damaged` says what is wrong with them;
-    `intact` is whether all bytes are as this user's hodo has written them.
-    """
-
-    intact = False  # of an unfinished run, which is no file
-
-    def __init__(self, path: Path, file: h5py.File, damaged: Mapping[str, str] | None) -> None:
-        """`damaged` is None for a file that its checksum vouches for."""
-        self.path = path
-        self.damaged = damaged or {}
-        self.intact = damaged is None
-        self.attributes: dict[str, Any] = _attributes(file)
-        self.groups = dict.fromkeys(file)
-        self._file = file
-        self._bytes_left = memory_limit() if self.intact else bytes_allowed(file.id.get_filesize())
+    def __init__(self, path: Path, file: h5py.File, intact: bool) -> None:
+        self.path, self.intact, self._file = path, intact, file
+        self.attributes, self.groups = attributes_of(file), dict.fromkeys(file)
 
     @property
     def text(self) -> str:
@@ -105,388 +355,134 @@ class ResultFile:
         return name in self.groups
 
     def summary(self, name: str, only: Collection[str] = ()) -> dict[str, Any]:
-        """The attributes of a group (all, or those named), without reading an array.
-
-        Raises HodoError if there is no such group or it is damaged.
-        """
-        short = self._short_attributes(name)
+        """The attributes of a group (all, or those named), without reading an array. Raises
+        HodoError if there is no such group or it is damaged."""
+        # By the name of the group: to open the group first takes twice the time.
+        short = short_attributes(self._file, name) if self.intact else {}
         if only and short.keys() >= {*only}:
             return {key: short[key] for key in only}
         with self.open_group(name) as group:
-            return _attributes(group, only, short)
-
-    def _short_attributes(self, name: str) -> dict[str, Any]:
-        """The short attributes of a group, where they are stored as one; none if it cannot be
-        read."""
-        # Whoever may write the file may have written another copy.
-        if self.intact:
-            with suppress(*DAMAGE):
-                # By the name of the group: to open the group first takes twice the time.
-                listed = h5a.open(self._file.id, SHORT_ATTRIBUTES.encode(), obj_name=encoded(name))
-                return dict(json.loads(str(_one_value(listed))))
-        return {}
+            return attributes_of(group, only)
 
     def row(self, name: str, kinds: Mapping[str, type]) -> dict[str, Any]:
         """Some attributes of a group. Raises HodoError as `summary` does, and as `typed` does."""
         return typed(self.summary(name, kinds), kinds, f"{self.path}: {name}")
 
     def read(self, name: str) -> Group:
-        """A group whole. Raises HodoError if there is no such group, or it is damaged or too
-        large."""
+        """A group whole. Raises HodoError as `summary` does."""
         with self.open_group(name) as group:
-            items = _datasets(group)
-            named = dimensions({key: item.id for key, item in items.items()})
-            variables, size = {}, 0
-            for key, item in items.items():
-                # A dimension without values of its own has a dataset that stands for it.
-                if h5ds.is_scale(item.id) and h5ds.get_scale_name(item.id).startswith(NO_VARIABLE):
-                    continue
-                # Before it is read: HDF5 promises any size that a damaged header names.
-                size += item.nbytes
-                if size > self._bytes_left:
-                    raise HodoError(
-                        f"{self.path}: {name}/{key} does not fit: {in_bytes(size)}, "
-                        f"with {in_bytes(self._bytes_left)} for it"
-                    )
-                data = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
-                dims = named[key] or (key,) * data.ndim
-                variables[key] = Variable(dims, data, _attributes(item))
-            # Whoever may write the file may have written any report.
-            report = _report(group) if self.intact else None
-            attributes = _attributes(group, known=self._short_attributes(name))
-            return Group(attributes, variables, report=report)
+            items = {key: (dims, group[key]) for key, dims in dimensions(group).items()}
+            variables = {
+                key: Variable(dims, values_of(item), attributes_of(item))
+                for key, (dims, item) in items.items()
+            }
+            return Group(attributes_of(group), variables)
 
     def blocks(
         self, name: str, variables: Iterable[str], box: tuple[slice, ...]
     ) -> Iterator[tuple[str, np.ndarray]]:
         """A box of some variables of a group, each with its name: of the first of its dimensions.
-        Raises HodoError as `read` does."""
+        Raises HodoError as `summary` does."""
         with self.open_group(name) as group:
             for key in variables:
-                yield key, _dataset(group, key)[box]
+                yield key, group[key][box]
 
     def report(self, name: str, digest: str) -> Any:
-        """The stored report of a command on a group, if it was made of this digest; None if there
-        is none, or the file is not as hodo has written it. Raises HodoError as `summary` does."""
-        if not self.intact:
-            return None
-        with self.open_group(name) as group:
-            report = _report(group)
-            return json.loads(report.json) if report and report.digest == digest else None
+        """What a command has printed of a group, if that was made of this digest; else None."""
+        known = self.summary(name, (REPORT_DIGEST, REPORT)) if self.intact else {}
+        return json.loads(known[REPORT]) if known.get(REPORT_DIGEST) == digest else None
+
+    def checksum(self, name: str) -> str:
+        """What tells the content of a group from any other without reading it; empty if another
+        program may have changed that."""
+        return str(self.summary(name, (STAMP,)).get(STAMP, "")) if self.intact else ""
 
     @contextmanager
     def open_group(self, name: str) -> Iterator[h5py.Group]:
-        """A group as h5py opens it. Raises HodoError if there is no such group, or it is
-        damaged."""
-        if reason := self.damaged.get(name):
-            raise HodoError(f"{self.path}: {name} is damaged ({reason})")
+        """A group as h5py opens it. Raises HodoError if there is none, or it is damaged."""
+        if name not in self.groups:
+            raise HodoError(f"{self.path}: there is no case {name!r}")
         try:
-            if name and "/" not in name and _is_hard(self._file, name):
-                group = h5o.open(self._file.id, encoded(name))
-                if isinstance(group, h5g.GroupID):
-                    yield h5py.Group(group)
-                    return
+            yield self._file[name]
         except DAMAGE as error:
-            if reason := refusal(error):
-                raise _error_class(error)(f"{self.path} cannot be read: {reason}") from error
             raise HodoError(f"{self.path}: {name} is damaged ({first_line(error)})") from error
-        raise HodoError(f"{self.path}: there is no case {name!r}")
-
-    def check(self, name: str) -> str:
-        """What is wrong with a group (`ROOT`: the attributes of the file), all of it read; an empty
-        string if nothing is."""
-        try:
-            if name == ROOT:
-                fits = _fits(self._file, Group(self.attributes, {}))
-                return "" if fits else "its head has changed"
-            with self.open_group(name) as group:
-                content = self.read(name)
-                # Any number of its texts may be the same long text of a small file. What is read of
-                # one group leaves less to the others.
-                size, room = size_of(content), self._bytes_left
-                if size > room:
-                    return f"it does not fit: {in_bytes(size)}, with {in_bytes(room)} for it"
-                self._bytes_left -= size
-                return "" if _fits(group, content) else "its checksum does not fit"
-        except (HodoError, BatchError) as error:  # a bad sector costs the case that lies there
-            reason = str(error).removeprefix(f"{self.path}: ")
-            return reason.removeprefix(f"{name} is damaged (").removesuffix(")")
-
-    def checksum(self, name: str) -> str:
-        """The checksum that is stored with a group, which tells its content from any other without
-        reading it.
-
-        Empty if there is none, or the file's own does not fit: something may then have been added
-        that no checksum covers. Raises HodoError as `summary` does.
-        """
-        with self.open_group(name) as group:
-            is_known = self.intact and h5a.exists(group.id, b"checksum")
-            return str(_attribute(group, "checksum")) if is_known else ""
 
 
-def bytes_allowed(size: int) -> int:
-    """The bytes that a file of so many may hold, which another user may have made."""
-    return min(memory_limit(), BYTES_IN_ANY_CASE + INFLATION * size)
+def short_attributes(item: h5py.Group, name: str = ".") -> dict[str, Any]:
+    """The short attributes of a group, where they are stored as one; none if it has no such."""
+    text = np.empty((), STRING)
+    with suppress(*DAMAGE):
+        listed = h5a.open(item.id, SHORT_ATTRIBUTES.encode(), obj_name=name.encode())
+        listed.read(text, mtype=h5t.py_create(STRING))
+        return dict(json.loads(text.item()))
+    return {}
 
 
-def size_of(group: Group) -> int:
-    """About how many bytes a group takes in memory."""
-    texts = [text for text in group.attributes.values() if isinstance(text, str)]
-    arrays = [variable.data for variable in group.variables.values()]
-    texts += [text for data in arrays if data.dtype == object for text in data.flat]
-    return sum(data.nbytes for data in arrays) + sum(map(len, texts))
+def attributes_of(item: h5py.HLObject, only: Collection[str] = ()) -> dict[str, Any]:
+    """Attributes as plain values, in their order, or those of `only`, in its order."""
+    # To ask for a few takes less time than to list all.
+    asked = [name for name in only if h5a.exists(item.id, name.encode())]
+    names = asked if only else [name for name in item.attrs if name not in HIDDEN]
+    return {name: plain_value(item.attrs[name]) for name in names}
 
 
-def _fits(item: h5py.HLObject, content: Group) -> bool:
-    """Whether the checksum of an item fits what was read of it: the attributes before the checksum,
-    and so many variables as it covers. One that is not there fits."""
-    names = [*item.attrs]
-    if "checksum" not in names:
-        return True
-    stored = str(item.attrs["checksum"])
-    count = stored.split(":")[1] if stored.count(":") == 2 else ""
-    covered = [name for name in names[: names.index("checksum")] if name not in HIDDEN]
-    variables = islice(content.variables.items(), int(count) if count.isdecimal() else 0)
-    attributes = {name: content.attributes[name] for name in covered}
-    return stored == checksum_of(Group(attributes, dict(variables)))
+def plain_value(value: Any) -> Any:
+    """The value of an attribute as a plain one where it is one."""
+    value = value.item() if isinstance(value, np.generic) else value
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
-def _datasets(group: h5py.Group) -> dict[str, h5py.Dataset]:
-    """What a group holds. Raises ValueError as `_dataset` does."""
-    if len(group) > MAX_ITEMS:
-        raise ValueError(f"it holds {len(group)} datasets")
-    if strange := [name for name in group if not name.isprintable()]:
-        raise ValueError(f"it holds {strange[0]!r}")
-    return {name: _dataset(group, name) for name in group}
+def values_of(item: h5py.Dataset) -> np.ndarray:
+    """The values of a dataset."""
+    return np.asarray(item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()])
 
 
-def _dataset(group: h5py.Group, name: str) -> h5py.Dataset:
-    """An item of a group. Raises ValueError if that is anything but a plain dataset: a link, a
-    group, values in other files or made from other datasets, and elements that are addresses would
-    let a file from a stranger read this machine's files or fill its memory."""
-    if not _is_hard(group, name):
-        raise ValueError(f"{name} is a link")
-    opened = h5o.open(group.id, encoded(name))
-    if not isinstance(opened, h5d.DatasetID):
-        raise ValueError(f"{name} is no dataset")
-    # A small file would fill the memory with one dataset under a thousand names.
-    if h5o.get_info(opened).rc > 1:
-        raise ValueError(f"{name} has other names too")
-    creation, item = opened.get_create_plist(), h5py.Dataset(opened)
-    if creation.get_external_count() or creation.get_layout() == h5d.VIRTUAL:
-        raise ValueError(f"the values of {name} are in other files")
-    has_texts = h5py.check_string_dtype(item.dtype) and item.ndim
-    if item.shape is None or not (is_number(item.dtype) or has_texts):
-        raise ValueError(f"{name} holds neither numbers nor a list of texts")
-    return item
+def dimensions(group: h5py.Group) -> dict[str, tuple[str, ...]]:
+    """The variables of a group with the dimensions of each; not what stands for a dimension without
+    values."""
+    items = {name: item for name, item in group.items() if isinstance(item, h5py.Dataset)}
+    # By place_in_file: HDF5 itself takes milliseconds to find a name.
+    names = {place_in_file(item.id): name for name, item in items.items()}
+    return {
+        name: tuple(names[h5ds.iterate(item.id, i, place_in_file)] for i in range(item.ndim))
+        if h5a.exists(item.id, b"DIMENSION_LIST")
+        else (name,) * item.ndim
+        for name, item in items.items()
+        if not (h5ds.is_scale(item.id) and NO_VARIABLE.encode() in h5ds.get_scale_name(item.id))
+    }
 
 
-def _is_hard(group: h5py.Group, name: str) -> bool:
-    """Whether a group has an item of this name itself, and not in another place or file."""
-    links, link = group.id.links, encoded(name)
-    return bool(links.exists(link) and links.get_info(link).type == h5l.TYPE_HARD)
+def place_in_file(item: h5py.h5d.DatasetID) -> int:
+    """Where a dataset is in its file, which no two share."""
+    return int(h5o.get_info(item).addr)
 
 
 @contextmanager
-def open_run(path: Path | str, is_own: bool = False) -> Iterator[ResultFile]:
-    """A result file, open for reading; one that this process has written and nobody has changed
-    since `is_own`, and not hashed again.
+def open_run(path: Path | str) -> Iterator[ResultFile]:
+    """A result, open for reading.
 
     Raises HodoError if it is missing, unreadable, in use for writing, damaged, not hodo's, or of a
     newer format, and BatchError if the machine cannot open it.
     """
     path = Path(path)
-    damaged = None if is_own else _damage(path)
-    if damaged and "" in damaged:
-        raise HodoError(f"{path} is damaged ({damaged['']})")
-    file = _opened(path)
-    with file:
-        try:
-            run = ResultFile(path, file, damaged)
-        except DAMAGE as error:
-            raise HodoError(f"{path} is damaged ({first_line(error)})") from None
-        _check_head(run, file)
-        yield run
-
-
-def _check_head(run: ResultFile, file: h5py.File) -> None:
-    """Raise HodoError unless a file is a result of hodo in a format that this one reads, with sound
-    attributes and names. Warn of groups without a checksum."""
-    version = run.attributes.get("format_version")
-    if not isinstance(version, int):
-        raise HodoError(f"{run.path} is HDF5, but not a result of hodo (it has no format_version)")
-    if version > FORMAT_VERSION:
-        raise HodoError(
-            f"{run.path} has format version {version}, newer than {FORMAT_VERSION}: "
-            "update hodo to read it"
-        )
-    # A line of a message is one line, and a terminal obeys what it is sent.
-    if strange := [name for name in run.groups if not name.isprintable()]:
-        raise HodoError(f"{run.path} is damaged (a group is named {strange[0]!r})")
-    if reason := run.damaged.get(ROOT):
-        raise HodoError(f"{run.path} is damaged ({reason}): move it away and run again")
-    groups = [] if run.intact else [file[name] for name in run.groups if name not in run.damaged]
-    if any("checksum" not in group.attrs for group in groups):
-        warnings.warn(f"{run.path} has no checksums: damage to it would not show", stacklevel=4)
-
-
-def _opened(path: Path) -> h5py.File:
-    """Raises HodoError if it cannot be opened."""
     try:
-        # Some network file systems have no locks, and a result that is there is complete in any
-        # case.
-        return h5py.File(path, "r", locking="best-effort")
-    except (OSError, ValueError) as error:
-        raise _error_class(error)(f"{path}: {_why_closed(path, error)}") from None
-
-
-def _damage(path: Path) -> Mapping[str, str] | None:
-    """What is wrong with the groups of a file, by their names; None if its checksum fits.
-
-    Raises HodoError if it is no file.
-    """
-    try:
-        status = path.stat()
-        if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
-            raise HodoError(f"{path} is a pipe or a device, not a file")
-        return _inspected(path, status.st_ino, status.st_mtime_ns, status.st_size)
+        intact = is_marked(path)
+        # Some network file systems have no locks, and what is there is complete in any case.
+        file = h5py.File(path, "r", locking="best-effort")
     except OSError as error:
-        raise _error_class(error)(f"{path}: {_why_closed(path, error)}") from None
+        lacks = error.errno in RESOURCES and not isinstance(error, BlockingIOError)
+        raise (BatchError if lacks else HodoError)(f"{path}: {why_closed(error)}") from None
+    with file:
+        version = file.attrs.get("format_version", 0)
+        if not (isinstance(version, np.integer) and 0 < version <= FORMAT_VERSION):
+            raise HodoError(f"{path} is no result of hodo, or of a newer version: update hodo")
+        if not intact:
+            warnings.warn(f"{path} has no checksum: damage to it would not show", stacklevel=3)
+        yield ResultFile(path, file, intact)
 
 
-@lru_cache(maxsize=4096)
-def _inspected(path: Path, inode: int, changed: int, size: int) -> Mapping[str, str] | None:
-    """As `_damage`; to read a file again that has not changed would show nothing new."""
-    if checksum_fits(path):
-        return None
-
-    def checks() -> dict[str, Callable[[], str]]:
-        run = ResultFile(path, _opened(path), {})
-        return {name: partial(run.check, name) for name in [ROOT, *run.groups]}
-
-    patience = PATIENCE_OF_READER + size / SLOWEST_DISK
-    return inspect_in_child(checks, patience, CHECKSUM_COPIES * bytes_allowed(size))
-
-
-CHECKSUM_COPIES = 4
-"""How often the bytes of a group stand in memory while its checksum is made."""
-
-ROOT = "/"
-"""The name under which the root attributes are looked at; no group has it."""
-
-
-def _error_class(error: BaseException) -> type[HodoError | BatchError]:
-    """What an error in reading a file means: the machine lacks something, or the file is wrong."""
-    # In a damaged file HDF5 asks for impossible addresses, and is refused by the system as well. A
-    # file that another program has locked is no lack either.
-    lacks = refusal_number(error) in RESOURCES and not isinstance(error, BlockingIOError)
-    return BatchError if lacks else HodoError
-
-
-def _why_closed(path: Path, error: Exception) -> str:
-    """Why HDF5 does not open a file."""
+def why_closed(error: OSError) -> str:
+    """Why a file cannot be opened."""
     if isinstance(error, BlockingIOError):
         return "locked: another program has it open for writing"
-    if os.path.isdir(path):
-        return "a folder, not a file"
-    for words, reason in REASONS.items():
-        if words in str(error):
-            return reason
-    return refusal(error) or f"damaged ({first_line(error)})"
-
-
-REASONS = {
-    "unable to lock file": "its folder has no file locks; set HDF5_USE_FILE_LOCKING=FALSE",
-    "signature not found": "not an HDF5 file (hodo run makes one of a case file)",
-    "truncated file": "truncated: its end is missing; restore it, or move it away and run again",
-}
-"""Why HDF5 does not open a file, by what it says: its errors have one class for everything."""
-
-
-def _attributes(
-    item: h5py.HLObject, only: Collection[str] = (), known: Mapping[str, Any] = {}
-) -> dict[str, Any]:
-    """Attributes as plain values, in their order, or those of `only`, in its order; without reading
-    those that are `known`. Raises ValueError if they are too many."""
-    if (count := h5a.get_num_attrs(item.id)) > MAX_ITEMS:
-        raise ValueError(f"it has {count} attributes")
-    # To ask for a few takes less time than to list all.
-    names = (
-        [name for name in only if name in known or h5a.exists(item.id, encoded(name))]
-        if only
-        else [*item.attrs]
-    )
-    return {
-        name: known[name] if name in known else _attribute(item, name)
-        for name in names
-        if name not in HIDDEN
-    }
-
-
-def _attribute(item: h5py.HLObject, name: str) -> Any:
-    """The value of one attribute, as a plain one where it is one."""
-    value = _one_value(h5a.open(item.id, encoded(name)))
-    return _plain_value(item, name) if value is None else value
-
-
-def _one_value(stored: h5a.AttrID) -> Any:
-    """The value of an attribute that is one text or one number, as most are; None of another.
-    `attrs` takes four times as long."""
-    # The shape is asked for first: HDF5 writes as many values as there are, whatever room they are
-    # given.
-    kind = stored.get_type() if stored.shape == () else None
-    if isinstance(kind, h5t.TypeStringID) and kind.is_variable_str():
-        text = np.empty((), STRING)
-        stored.read(text, mtype=TEXT_IN_MEMORY)
-        return text.item().decode("utf-8", "surrogateescape")
-    if isinstance(kind, h5t.TypeIntegerID | h5t.TypeFloatID) and is_number(kind.dtype):
-        number = np.empty((), kind.dtype)
-        stored.read(number)
-        return number.item()
-    return None
-
-
-def _plain_value(item: h5py.HLObject, name: str) -> Any:
-    """The value of any attribute, with what other programs store as hodo stores it. Raises
-    ValueError if it holds neither numbers nor texts."""
-    value = item.attrs[name]
-    if isinstance(value, h5py.Empty | bytes):
-        value = value.decode("utf-8", "replace") if isinstance(value, bytes) else ""
-    array = np.asarray(value, dtype=object if isinstance(value, str) else None)
-    if array.dtype == bool:  # which netCDF has not
-        value = array = array.astype(np.int8)
-    if not is_number(array.dtype) and not all(isinstance(text, str) for text in array.flat):
-        raise ValueError(f"its attribute {name!r} is neither a number nor a text")
-    # Plain Python numbers: they compare, print and go into JSON as expected.
-    return array.item() if array.shape == () else value
-
-
-def _report(group: h5py.Group) -> Report | None:
-    """The report that is stored with a group."""
-    names = REPORT_DIGEST, REPORT
-    if not all(h5a.exists(group.id, name.encode()) for name in names):
-        return None
-    return Report(*(str(_attribute(group, name)) for name in names))
-
-
-def encoded(name: str) -> bytes:
-    """A name as HDF5 knows it, whatever bytes it is made of."""
-    return name.encode("utf-8", "surrogateescape")
-
-
-def dimensions(items: Mapping[str, h5d.DatasetID]) -> dict[str, tuple[str, ...]]:
-    """The dimensions of the datasets of a group, by the names of their scales; none of a scale."""
-    # By address: HDF5 itself takes milliseconds to find a name.
-    names = {_address(item): name for name, item in items.items()}
-    return {
-        # The first scale of each: to read the list itself takes twice as long.
-        name: tuple(names[h5ds.iterate(item, i, _address)] for i in range(item.rank))
-        if h5a.exists(item, b"DIMENSION_LIST")
-        else ()
-        for name, item in items.items()
-    }
-
-
-def _address(item: h5d.DatasetID) -> int:
-    """Where something is in its file, which no two things share."""
-    return int(h5o.get_info(item).addr)
+    return refusal(error) or f"no HDF5 file, or a part of one ({first_line(error)})"

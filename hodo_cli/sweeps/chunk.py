@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
-from ..batch.memory import keep_freed_memory
 from ..cases.case import Case
 from ..engines.protocol import Status
 from ..integration import (
@@ -129,7 +128,6 @@ def compute(chunk: Chunk) -> Group:
     """The members of a chunk, reduced to a few numbers each, with the number of those that each
     `Rejection` has left to be integrated alone: the task of a pool."""
     began = thread_time()
-    keep_freed_memory()
     case, taken = chunk.case, chunk.taken
     group = blank_group(case, len(taken), Status.INVALID)
     values = {name: variable.data for name, variable in group.variables.items()}

@@ -297,7 +297,7 @@ class Earlier:
 def earlier_result(case: Case, case_digest: str, stored: FinishedCase | None) -> Earlier | None:
     """The stored result of a sweep to which it only adds values and directions, if all of that
     ended well and was computed by the same code; else None."""
-    if stored is None or stored.damage or stored.attributes.get("status") != "ok":
+    if stored is None or stored.attributes.get("status") != "ok":
         return None
     # Of the digests of code, libraries and case, the first two.
     code, stored_code = (

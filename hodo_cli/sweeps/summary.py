@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import NOT_OF_A_CASE
-from ..batch.pool import Pool
+from ..batch import Pool
 from ..cases.case import Case
 from ..engines import extended
 from ..engines.protocol import PRECISION, Status

@@ -9,13 +9,15 @@ time.
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..batch.digests import digest
-from ..batch.pool import Pool
+from .. import HodoError
+from ..batch import Pool
 from ..cases.case import Case
 from ..cases.keys import keys_of
 from ..cases.sweep_block import axes_of, path_of
@@ -24,29 +26,35 @@ from ..integration import excess_remark, sample_times
 from ..progress import Progress
 from ..results.layout import TIME, Stored, case_attributes, inner_coordinates, with_units
 from ..schema.kinds import Key, Kind
-from ..storage import Attribute, Group, StreamedVariables, Variable, Writer
+from ..storage import (
+    Attribute,
+    Group,
+    StreamedVariables,
+    Variable,
+    chunk_name,
+    chunks_of,
+    folder_of,
+    open_run,
+    put_part,
+)
 from .chunk import LARGEST_CHUNK, Chunk, chunks, compute, lost_chunk, reason_alone
 from .columns import Earlier, lengths, shape, stored_columns
 from .ensemble.motions import Rejection
 from .summary import ERROR_TASKS, Summary, sampled_errors
 
-MANY = 50_000
-"""Members that are worth another process before the first ones have told how long they take."""
-
 
 def run_sweep(
     case: Case,
     case_digest: str,
+    path: Path,
     pool: Pool,
-    writer: Writer,
     resume: bool,
     progress: Progress,
     earlier: Earlier | None = None,
 ) -> Group:
     """All members of a sweep as the group of a result file; the members of an `earlier` result are
     kept and, with `resume`, the chunks that a run with the same digest has stored."""
-    sweep_id = digest(case_digest)
-    stored = writer.chunks(sweep_id) if resume else set()
+    stored = chunks_of(path, case_digest) if resume else {}
     tasks = list(chunks(case, earlier))
     problems: Counter[str] = Counter()
     lost: set[int] = set()
@@ -54,14 +62,19 @@ def run_sweep(
         progress.detail(f"{case.name}: {len(stored)} of {len(tasks)} chunks are kept")
 
     def finished(chunk: Chunk) -> Group:
-        return lost_chunk(chunk) if chunk.first in lost else writer.chunk(sweep_id, chunk.first)
+        if chunk.first in lost:
+            return lost_chunk(chunk)
+        file = folder_of(path) / chunk_name(case_digest, chunk.first)
+        with suppress(HodoError), open_run(file) as part:
+            return part.read("part")
+        # Another run of the same sweep has ended, and has removed its chunks.
+        return chunk.completed(compute(chunk))
 
     def groups() -> Iterator[tuple[Chunk, Group]]:
         """The chunks that are stored, and then the others as they finish."""
         yield from ((chunk, finished(chunk)) for chunk in tasks if chunk.first in stored)
         missing = [chunk for chunk in tasks if chunk.first not in stored]
-        is_long = sum(chunk.last - chunk.first for chunk in missing) > MANY
-        for chunk, outcome in pool.map_brief(compute, missing, is_long):
+        for chunk, outcome in pool.map(compute, missing):
             if isinstance(outcome, Exception):
                 # A chunk that fails costs its own members; the sweep goes on and says how many.
                 problems[str(outcome)] += int(np.count_nonzero(~chunk.taken))
@@ -69,7 +82,7 @@ def run_sweep(
                 yield chunk, lost_chunk(chunk)
             else:
                 group = chunk.completed(outcome)
-                writer.add_chunk(sweep_id, chunk.first, group)
+                put_part(path, chunk_name(case_digest, chunk.first), {"part": group})
                 yield chunk, group
 
     summary = Summary(case, tasks[-1].last, earlier.attributes if earlier else {})

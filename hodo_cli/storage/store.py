@@ -1,0 +1,324 @@
+"""How a result is made, so that a kill costs half a second of work at most.
+
+What is finished lies in a hidden folder beside the result until the run ends: *parts*, complete
+files that take their names in one step. A part holds cases, or a chunk of a sweep. Each says of
+what it is made (the hash of a case or sweep), so that nobody needs to know which process wrote it,
+or whether that lives. `publish` puts the cases into the result: it composes a new file from the
+result that is there now and from the parts, and gives that the name.
+
+Both are done under a lock, one of each folder of results, so that any number of processes may work
+on one result: a part is written before another process publishes, or after it.
+"""
+
+import os
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from .. import BatchError, HodoError
+from .hdf5 import (
+    BOOKKEEPING,
+    Attribute,
+    Group,
+    ResultFile,
+    amend_group,
+    attributes_of,
+    copy_group,
+    create,
+    drafted,
+    is_marked,
+    open_run,
+    refused_as,
+    room_for,
+    save_groups,
+    write_group,
+)
+
+HAVE_FLOCK = find_spec("fcntl") is not None
+"""Whether the system locks files: Windows has other locks."""
+
+if HAVE_FLOCK:
+    import fcntl
+
+HEAD, ORDER = "head.h5", "order"
+"""The file among the parts with the root attributes of the result to be, and the attribute there
+that names its cases in their order. Its text is the whole case file: in each of 10,000 parts it
+would be some 10 GB."""
+
+
+@dataclass(frozen=True)
+class FinishedCase:
+    """A finished case: its name, the file that holds it, and its attributes."""
+
+    name: str
+    file: Path
+    attributes: Mapping[str, Any]
+
+
+def folder_of(path: Path) -> Path:
+    """The folder of the parts of a result."""
+    path = Path(os.path.realpath(path))
+    return path.with_name(f".{path.name}.parts")
+
+
+def parts_of(path: Path, pattern: str = "cases-*.h5") -> list[Path]:
+    """The parts of a result that wait beside it, oldest first; but for those that a disk has torn,
+    or that another process has just taken."""
+    with refused_as(path):
+        return [part for part in sorted(folder_of(path).glob(pattern)) if is_sound(part)]
+
+
+def is_sound(file: Path) -> bool:
+    """Whether a file is there and whole."""
+    with suppress(OSError, HodoError):
+        return is_marked(file)
+    return False
+
+
+def chunks_of(path: Path, sweep: str) -> dict[int, Path]:
+    """The finished chunks of the sweep with this hash by their numbers."""
+    chunks = parts_of(path, f"chunk-{sweep}-*.h5")
+    return {int(chunk.stem.rpartition("-")[2]): chunk for chunk in chunks}
+
+
+def chunk_name(sweep: str, number: int) -> str:
+    """The name of the file of a finished chunk of the sweep with this hash."""
+    return f"chunk-{sweep}-{number}.h5"
+
+
+def part_name() -> str:
+    """A name for a new file with finished cases, behind those of the others."""
+    return f"cases-{time.time_ns():020}-{os.getpid()}.h5"
+
+
+def put_part(
+    path: Path, name: str, groups: Mapping[str, Group], attributes: Mapping[str, Attribute] = {}
+) -> None:
+    """Store what is finished of a result as one of its parts, which survives the death of this
+    process. Raises BatchError if the operating system refuses it."""
+    with locked(path) as folder, drafted(folder / name, folder) as draft:
+        save_groups(draft, groups, attributes)
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[Path]:
+    """The time in which no other process writes a part of a result, or the result; the lock ends
+    with the process. Gives the folder of the parts, which goes if it is empty at the end. Raises
+    BatchError if the operating system refuses it."""
+    folder = folder_of(path)
+    with refused_as(path, folder):
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with lock_of(folder.parent):
+            # As private as the result may be.
+            folder.mkdir(mode=0o700, exist_ok=True)
+            for draft in folder.glob("*.draft"):  # of processes that have died
+                draft.unlink()
+            try:
+                yield folder
+            finally:
+                with suppress(OSError):
+                    folder.rmdir()
+
+
+@contextmanager
+def lock_of(folder: Path) -> Iterator[None]:
+    """The lock of a folder. On a file system that has none, the last writer wins."""
+    if not HAVE_FLOCK:
+        import filelock
+
+        with filelock.FileLock(folder / ".hodo.lock"):
+            yield
+        return
+    # The folder itself: a file would have to stay, since one that is removed may be locked twice.
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def finished_cases(path: Path, only: Collection[str] = ()) -> dict[str, list[FinishedCase]]:
+    """The finished cases of a result and of its parts, the latest first, with some attributes.
+    Raises HodoError as `open_run` does if the result is there and cannot be read."""
+    cases: dict[str, list[FinishedCase]] = {}
+
+    def collect(file: Path) -> None:
+        with open_run(file) as run:
+            for name in run.cases():
+                cases.setdefault(name, []).append(FinishedCase(name, file, run.summary(name, only)))
+
+    for part in parts_of(path)[::-1]:
+        with suppress(HodoError):  # another process has just put it into the result
+            collect(part)
+    if os.path.lexists(path):
+        collect(path)
+    return cases
+
+
+@dataclass
+class Update:
+    """Changes to a result; made by `update`. `seen` holds the hash of each case as it was."""
+
+    run: ResultFile
+    additions: dict[str, Group] = field(default_factory=dict)
+    seen: dict[str, Any] = field(default_factory=dict)
+
+    def write(self, name: str, addition: Group) -> None:
+        """Add attributes and variables to a case, or replace them; a group that begins with `_` is
+        made anew."""
+        self.additions[name] = addition
+
+    def apply(self, file: h5py.File) -> None:
+        """Make the changes to the cases that are still the same; verdicts are about all of them."""
+        now = hashes_of(file)
+        for name, addition in self.additions.items():
+            if name.startswith("_") and now == self.seen:
+                write_group(file, name, addition)
+            elif name in now and now[name] == self.seen[name]:
+                amend_group(file[name], addition)
+
+
+def hashes_of(file: h5py.File) -> dict[str, Any]:
+    """The hashes of the cases in a file."""
+    groups = {name: group for name, group in file.items() if not name.startswith("_")}
+    return {name: attributes_of(group, ("hash",)).get("hash") for name, group in groups.items()}
+
+
+def publish(
+    path: Path,
+    attributes: Mapping[str, Attribute] | None = None,
+    groups: Mapping[str, Group] = {},
+    chosen: Mapping[str, Path] = {},
+    dropped: Collection[str] = (),
+    order: Sequence[str] = (),
+    changes: Update | None = None,
+    line: str = "",
+    others: Sequence[Path] = (),
+) -> None:
+    """Put the parts of a result into it, with new `groups`, a `line` of history, and `changes`; the
+    result is replaced in one step.
+
+    Of a case that several files hold the latest counts, or the one in its `chosen` file. Root
+    attributes that are not given are those of the run that has begun the parts, or of the result.
+    Groups of `others`, which are results themselves, are taken in too.
+    Raises BatchError if the operating system refuses it, and HodoError if the result is damaged.
+    """
+    check_writable(path)
+    with locked(path) as folder:
+        parts, known, head = parts_of(path), root_of(path), root_of(folder / HEAD)
+        order = order or str(head.pop(ORDER, "")).splitlines()
+        root = {**(attributes or head or known)}
+        lines = [*history_of(known), *history_of(root), *filter(None, [line])]
+        root["history"] = "\n".join(dict.fromkeys(lines))
+        sources = sources_of(path, [*others, *parts], chosen) | dict.fromkeys(groups, None)
+        names = [x for x in dict.fromkeys([*order, *sources]) if x in sources and x not in dropped]
+        additions = changes.additions if changes else {}
+        added = [Group(root, {}), *groups.values(), *additions.values()]
+        room = sum(file.stat().st_size for file in {*sources.values()} if file)
+        with (
+            drafted(path, folder) as draft,
+            create(draft, root, room + sum(map(room_for, added))) as file,
+        ):
+            for source, of_source in groupby(names, sources.__getitem__):
+                if source:
+                    copy_groups(source, of_source, file)
+                else:
+                    for name in of_source:
+                        write_group(file, name, groups[name])
+            if changes:
+                changes.apply(file)
+        for part in parts:
+            part.unlink(missing_ok=True)
+
+
+def check_writable(path: Path) -> None:
+    """Raise BatchError if a file is marked as read-only, which replacing it would ignore."""
+    if path.exists() and not path.stat().st_mode & 0o222:
+        raise BatchError(f"{path} is read-only (mode {path.stat().st_mode & 0o777:o}): chmod u+w")
+
+
+def root_of(file: Path) -> dict[str, Any]:
+    """The root attributes of a file; none if there is no such."""
+    if not os.path.lexists(file):
+        return {}
+    with open_run(file) as run:
+        return run.attributes
+
+
+def history_of(root: Mapping[str, Attribute]) -> list[str]:
+    """The lines of a history."""
+    return str(root.get("history", "")).splitlines()
+
+
+def sources_of(path: Path, parts: Sequence[Path], chosen: Mapping[str, Path]) -> dict[str, Any]:
+    """The file, a result or one of its parts, from which each group is taken."""
+    sources: dict[str, Path] = {}
+    for file in [*([path] if os.path.lexists(path) else []), *parts]:
+        with open_run(file) as run:
+            is_chosen = (x for x in run.groups if x not in sources or chosen.get(x, file) == file)
+            sources |= dict.fromkeys(is_chosen, file)
+    return sources
+
+
+def copy_groups(source: Path, names: Iterable[str], file: h5py.File) -> None:
+    """Copy groups of a file; where another program has changed that, without what hodo believes in
+    its own files alone."""
+    with open_run(source) as run:
+        for name in names:
+            with run.open_group(name) as group:
+                copy_group(group, file, name)
+            for key in () if run.intact else BOOKKEEPING:
+                file[name].attrs.pop(key, None)
+
+
+def tidy(path: Path, is_needless: Callable[[str], bool] = lambda sweep: False) -> None:
+    """Remove the chunks beside a result of sweeps with such a hash and, if nothing waits there any
+    more, the folder of its parts."""
+    if not folder_of(path).exists():
+        return
+    with locked(path) as folder:
+        for chunk in folder.glob("chunk-*"):
+            if is_needless(chunk.stem.removeprefix("chunk-").rpartition("-")[0]):
+                chunk.unlink()
+        if not any(folder.glob("c*")):
+            (folder / HEAD).unlink(missing_ok=True)
+
+
+def settle(path: Path) -> None:
+    """Put into a result what runs have finished that were killed, or have not ended. Raises as
+    `publish` does."""
+    if parts_of(path):
+        publish(path)
+        tidy(path)
+
+
+@contextmanager
+def open_batch(path: Path | str) -> Iterator[ResultFile]:
+    """A result, open for reading, with all that is finished of it. Raises as `open_run` and
+    `publish` do."""
+    settle(Path(path))
+    with open_run(path) as run:
+        yield run
+
+
+@contextmanager
+def update(path: Path | str, line: str = "") -> Iterator[Update]:
+    """Change a result, which is replaced at the end, with a line of history, if there is anything
+    to change. Another process may replace it meanwhile: the changes apply to the cases that are
+    still the same. Raises as `open_run` and `publish` do."""
+    path = Path(path)
+    with open_batch(path) as run:
+        yield (changes := Update(run))
+        if changes.additions:
+            changes.seen = {x: run.summary(x, ("hash",)).get("hash") for x in run.cases()}
+    if changes.additions:
+        publish(path, changes=changes, line=line)
