@@ -18,7 +18,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from .. import HodoError
-from ..batch.pool import pool
+from ..batch import Pool
 from ..cases.config import Config, load
 from ..cases.figure_block import FILM_FORMATS, PAGE_DATA, DrawnFigure
 from ..machine import library_version, relative_path
@@ -173,9 +173,7 @@ def draw_missing(folders: Sequence["FigureFolder"], formats: Sequence[str], jobs
     """Draw the figures of which a file is not as it would be, in so many processes."""
     pending = sum(len(folder.to_draw) for folder in folders)
     kept = sum(len(folder.names) for folder in folders) - pending
-    # A process takes a second to load what draws: with this one, there is one less.
-    workers = pool(jobs if pending else 1, takes_part=True)
-    with workers, Progress(pending) as progress:
+    with Pool(jobs if pending else 1) as workers, Progress(pending) as progress:
         if kept:
             progress.say(f"{kept} of {kept + pending} figures are kept; --force draws them anew")
         for folder in folders:
@@ -242,10 +240,7 @@ class FigureFolder:
         figures = {name: with_content(spec) for name, spec in config.figures.items()}
         self.known_config = replace(config, path="", figures=figures)
         self.names, self.formats = [*dict.fromkeys(names or config.figures)], formats
-        self.checksums = {
-            name: (name not in run.damaged and run.checksum(name)) or UNKNOWN_CONTENT
-            for name in run.groups
-        }
+        self.checksums = {name: run.checksum(name) or UNKNOWN_CONTENT for name in run.groups}
         self.record = read_record(self.path)
         self.problems: dict[str, str] = {}
         self.to_draw = [

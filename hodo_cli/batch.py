@@ -1,0 +1,280 @@
+"""Independent tasks, in this process, in others, or on dask; and the digests of what computes."""
+
+import hashlib
+import logging
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent import futures
+from concurrent.futures import Executor, Future
+from functools import cache
+from itertools import islice
+from multiprocessing import connection
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+from . import NOT_OF_A_CASE, BatchError, HodoError, models
+from .cases.case import Case
+from .engines import have_taylor
+from .machine import library_version, memory_size
+from .text import first_line, in_bytes
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+LOST = HodoError("its process died: killed, or out of memory")
+"""The outcome of a task whose process has died."""
+
+OTHER_CODE = (
+    "a worker computes with other code or libraries (hodo, heyoka, numpy, scipy) than this "
+    "process: start both anew"
+)
+
+TASKS_AHEAD = 128
+"""Tasks that a scheduler elsewhere is given before the first is finished: more than it is likely to
+have workers."""
+
+TRIES_BESIDE_OTHERS = 2
+"""How often a task is tried beside others: a worker may be killed for memory that others take."""
+
+
+class Pool:
+    """Applies functions to tasks: here if `jobs` is 1 (unless `always` elsewhere), in so many
+    processes, or on the workers of a dask scheduler at tcp://HOST:PORT. A context manager, which
+    gives up what is not finished.
+
+    Raises BatchError if no scheduler answers, and ModuleNotFoundError without dask.
+    """
+
+    def __init__(self, jobs: int = 1, scheduler: str | None = None, always: bool = False) -> None:
+        self._jobs, self._is_here = jobs, jobs == 1 and not (scheduler or always)
+        self._client = connected(scheduler) if scheduler else None
+        self._executor: Executor | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._end()
+        if self._client:
+            self._client.close()
+
+    def map(
+        self, function: Callable[[Task], Result], tasks: Iterable[Task]
+    ) -> Iterator[tuple[Task, Result | Exception]]:
+        """Each task with what the function makes of it, or the exception that it raises, as they
+        are finished.
+
+        Tasks are drawn when they are needed, so that a sweep of a billion members never stands in
+        memory. One whose process dies is tried again, at last with no other beside it, before it
+        comes back with a HodoError. Raises BatchError if a worker computes with other code, or dask
+        fails, and what `NOT_OF_A_CASE` lists.
+        """
+        supply, alone, running = iter(tasks), list[Task](), dict[Future[Any], tuple[Task, int]]()
+        ahead = TASKS_AHEAD if self._client else 2 * self._jobs
+        while True:
+            for task in islice(supply, (1 if self._is_here else ahead) - len(running)):
+                running[self._submit(function, task)] = task, 1
+            if not running:
+                break
+            done = futures.wait(running, return_when=futures.FIRST_COMPLETED).done
+            outcomes = {future: outcome(future) for future in done}
+            for future in [future for future, result in outcomes.items() if result is not LOST]:
+                yield running.pop(future)[0], outcomes[future]
+            if any(result is LOST for result in outcomes.values()):
+                # A process has died, over which of the tasks nobody knows.
+                self._end()
+                lost, running = [*running.values()], {}
+                for task, tries in lost:
+                    if tries == TRIES_BESIDE_OTHERS:
+                        alone.append(task)
+                    else:
+                        running[self._submit(function, task)] = task, tries + 1
+        for task in alone:
+            yield task, outcome(self._submit(function, task))
+            self._end()
+
+    def _submit(self, function: Callable[[Task], Result], task: Task) -> Future[Any]:
+        """Hand a task to the executor, which begins with the first one."""
+        if self._is_here:
+            return done_now(function, task)
+        if self._executor is None:
+            client = self._client
+            self._executor = client.get_executor(pure=False) if client else Processes(self._jobs)
+        return self._executor.submit(with_digest, function, task)
+
+    def _end(self) -> None:
+        """End the workers, in the middle of a task or not."""
+        if self._executor:
+            self._executor.shutdown(wait=False)
+        self._executor = None
+
+
+class Processes(futures.ProcessPoolExecutor):
+    """Processes of this machine, which end when this executor is shut down, or with this process,
+    whatever they do."""
+
+    def __init__(self, workers: int) -> None:
+        # A fork starts in a millisecond, with all that is loaded. It is safe on Linux alone, and
+        # where no thread may hold a lock.
+        is_safe = sys.platform == "linux" and threading.active_count() == 1
+        # What Python imports to start a process comes from no current folder either.
+        os.environ.setdefault("PYTHONSAFEPATH", "1")
+        context = multiprocessing.get_context("fork" if is_safe else "spawn")
+        super().__init__(workers, context, begin)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes."""
+        # There is a public call for it from Python 3.14 on.
+        for process in [*(self._processes or {}).values()]:
+            process.kill()
+        super().shutdown(cancel_futures=True)
+
+
+def begin() -> None:
+    """Prepare a worker: it ends when its parent is gone, in whatever way; and signals, which a
+    terminal sends to all processes, and the output are its parent's affair."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    os.dup2(2, 1)
+    parent = multiprocessing.parent_process()
+
+    def end_with_parent() -> None:
+        connection.wait([parent.sentinel] if parent else [])
+        os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
+
+
+def connected(address: str) -> Any:
+    """A client of a dask scheduler, by dask's own configuration. Raises BatchError if there is
+    none."""
+    import distributed
+
+    # dask logs with tracebacks what ends up as one line here.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)
+    connect: Callable[..., Any] = distributed.Client
+    try:
+        return connect(address, timeout=10, set_as_default=False)
+    except Exception as error:  # what answers there may be any program
+        # A client that has never been one would wait 20 s for its own end, and complain.
+        setattr(connect, "__del__", lambda client: None)  # noqa: B010
+        reason = f"no dask scheduler answers at {address}: {first_line(error)}"
+        raise BatchError(reason) from None
+
+
+def with_digest(function: Callable[[Task], Result], task: Task) -> tuple[str, Result]:
+    """What a worker does: the digest of what computes there, and what a function makes of a
+    task."""
+    try:
+        return process_digest(), function(task)
+    except SystemExit as error:  # of a model that is not hodo's
+        raise HodoError(f"its model calls exit({error})") from error
+    except OSError as error:
+        raise BatchError(f"the operating system refuses it: {error}") from error
+
+
+def done_now(function: Callable[[Task], Result], task: Task) -> Future[Any]:
+    """What this process makes of a task."""
+    future: Future[Any] = Future()
+    try:
+        future.set_result(with_digest(function, task))
+    except Exception as error:
+        future.set_exception(error)
+    return future
+
+
+def outcome(future: Future[Any]) -> Any:
+    """What a task has given, or its exception. Raises what no task is to blame for."""
+    try:
+        digest_there, result = future.result()
+    except NOT_OF_A_CASE:
+        raise
+    except futures.BrokenExecutor:
+        return LOST
+    except Exception as error:
+        if type(error).__name__ == "KilledWorker":  # dask has tried it on several
+            return HodoError(str(LOST))
+        if type(error).__module__.startswith(("distributed", "concurrent")):
+            raise BatchError(f"the dask scheduler has failed: {first_line(error)}") from None
+        return error
+    if digest_there != process_digest():
+        raise BatchError(OTHER_CODE)
+    return result
+
+
+# Digests
+
+PACKAGE = Path(__file__).parent
+
+CASE_SOURCES = ("models", "engines", "integration", "arithmetic.py", "schema/expression.py")
+"""The sources that decide the numbers of a single case, and what its formulas mean."""
+
+SWEEP_SOURCES = (*CASE_SOURCES, "sweeps", "cases/sweep_block.py")
+"""The sources that decide the numbers of a sweep: the members' motions, and how members are made
+and reduced."""
+
+
+@cache
+def code_digest(parts: tuple[str, ...], model: str = "") -> str:
+    """The digest of the code that computes, and of the model where hodo does not have it."""
+    # A part is a module, or a folder of modules.
+    files = [file for part in parts for file in [PACKAGE / part, *(PACKAGE / part).rglob("*.py")]]
+    lines = [
+        f"{file.relative_to(PACKAGE).as_posix()} {digest(file.read_text('utf-8'))}"
+        for file in sorted(files)
+        if file.suffix == ".py"
+    ]
+    return digest("\n".join(lines) + (models.added_models_digest(model) if model else ""))
+
+
+@cache
+def library_digest() -> str:
+    """The digest of the versions of the libraries whose arithmetic ends up in results."""
+    versions = [library_version(name) for name in ("heyoka", "numpy", "scipy")]
+    # `auto` takes other methods where heyoka is hidden or its wheel does not load.
+    return digest(f"{versions} {have_taylor()}")
+
+
+@cache
+def process_digest() -> str:
+    """The digest of the code, the libraries and the added models of this process, as they were at
+    its first task."""
+    return f"{code_digest(SWEEP_SOURCES)}-{library_digest()}-{models.added_models_digest()}"
+
+
+def digest(text: str) -> str:
+    """A hash, short enough to be read and long enough that no two texts share it by chance."""
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+BYTES_PER_NUMBER = 75
+"""Peak of memory for each number of each sample (the state and the stored variables), rounded up
+from what cases of every model took: 10 to 30 when they were integrated, 67 when they were
+classified."""
+
+
+def lack_of_memory(case: Case, jobs: int = 1) -> str:
+    """Why the samples of a case do not fit into the memory of one of so many processes; an empty
+    text if they do."""
+    if case.sweep and "trajectory" not in case.store:
+        return ""  # reduced members are computed and written chunk by chunk
+    system, have = case.system, memory_size() // jobs
+    numbers = len(system.state) + sum(variable.width for variable in system.variables.values())
+    if (needed := case.time.samples * numbers * BYTES_PER_NUMBER) <= have:
+        return ""
+    share = f" for each of {jobs} processes" if jobs > 1 else ""
+    return (
+        f"{case.time.samples:,} samples would take about {in_bytes(needed)} of memory, and there "
+        f"are {in_bytes(have)}{share}"
+    )
+
+
+def check_memory(case: Case) -> None:
+    """Raise HodoError if the samples of a case do not fit into memory: a process that takes too
+    much is killed without a word."""
+    if message := lack_of_memory(case):
+        raise HodoError(f"{case.name}: {message}")
