@@ -12,16 +12,9 @@ import click
 
 Item = TypeVar("Item")
 
-SECONDS_HIDDEN = 0.5
-"""Seconds before a line is shown: what is done by then needs none, nor the library that draws
-it."""
-
-TICK_SECONDS = 0.2
-"""Seconds between two drawings of the line."""
-
-SMOOTHING = 0.1
-"""How much the latest tick counts in the estimate of what is left. Tasks differ, so it is taken
-over some ten ticks; but not over all, because the last task may be the long one."""
+SECONDS_HIDDEN, TICK_SECONDS = 0.5, 0.2
+"""Seconds before a line is shown, since what is done by then needs none, nor the library that draws
+it; and between two drawings of it."""
 
 MOST_NAMED = 3
 """Tasks that the line names at most: the first ones run, and the others may still wait for a
@@ -40,32 +33,25 @@ class Progress:
     """
 
     def __init__(self, total: int, quiet: bool = False, verbose: bool = False) -> None:
-        self._total = total
-        self._done = 0
-        self._quiet = quiet
-        self._verbose = verbose
-        # A log file gets whole lines: what is written over on a terminal is unreadable there.
-        self._live = sys.stderr.isatty() and not quiet
-        self._colour = False if os.environ.get("NO_COLOR") else None  # None: on a terminal
+        self._total, self._done, self._quiet, self._verbose = total, 0, quiet, verbose
         self._running: dict[str, float] = {}
         self._line: Any = None
-        self._lock = threading.RLock()
-        self._ended = threading.Event()
-        self._drawing = threading.Thread(target=self._draw_on, daemon=True)
+        self._lock, self._ended = threading.RLock(), threading.Event()
 
     def __enter__(self) -> Self:
         self._warned = warnings.showwarning
-        if self._live:
+        # A log file gets whole lines: what is written over on a terminal is unreadable there.
+        if sys.stderr.isatty() and not self._quiet:
             warnings.showwarning = self._warn
-            self._drawing.start()
+            # In a thread, so that the clock goes on while a library works.
+            threading.Thread(target=self._draw_on, daemon=True).start()
         return self
 
     def __exit__(self, *exception: object) -> None:
-        if self._live:
-            self._ended.set()
-            self._drawing.join()
-            with self._cleared():
-                warnings.showwarning = self._warned
+        warnings.showwarning = self._warned
+        self._ended.set()
+        with self._cleared():
+            pass
 
     def say(self, line: str) -> None:
         """A line, unless quiet."""
@@ -85,11 +71,9 @@ class Progress:
         """Count a task that is finished, and print its problem if it has one."""
         self._done += 1
         self._running.pop(name, None)
-        count = f"[{self._done}/{self._total}] {name}"
-        if problem:
-            self._echo(f"{count}: {click.style(problem, fg='red')}")
-        else:
-            self.detail(f"{count}: ok")
+        tell = self._echo if problem else self.detail
+        end = click.style(problem, fg="red") if problem else "ok"
+        tell(f"[{self._done}/{self._total}] {name}: {end}")
 
     def starting(self, items: Iterable[Item], name: Callable[[Item], str] = str) -> Iterator[Item]:
         """Items that stand for tasks of these names, each of which runs from when it is taken."""
@@ -105,7 +89,7 @@ class Progress:
 
     def _echo(self, line: str) -> None:
         with self._cleared(), suppress(OSError, ValueError):  # the log is full, or closed
-            click.echo(line, err=True, color=self._colour)
+            click.echo(line, err=True, color=False if os.environ.get("NO_COLOR") else None)
 
     def _warn(self, *warning: Any, **rest: Any) -> None:
         with self._cleared():
@@ -120,48 +104,33 @@ class Progress:
             yield
 
     def _draw_on(self) -> None:
-        """Draw the line now and then. In a thread, so that its clock goes on while a library
-        works."""
+        """Draw the line now and then."""
         wait = SECONDS_HIDDEN
         while not self._ended.wait(wait):
             wait = TICK_SECONDS
             with self._lock:
-                self._draw()
+                if not self._ended.is_set():
+                    self._draw()
 
     def _draw(self) -> None:
-        if self._line is None:
-            self._line = _line(self._total)
+        line = self._line = self._line or line_of_terminal(self._total)
         running = dict(self._running)
-        line, now = self._line, min(self._done + sum(running.values()), self._total)
-        line.set_description_str(f"{self._done}/{self._total}", refresh=False)
         named = [*running.items()][:MOST_NAMED]
         words = [f"{name} {100 * share:.0f} %" if share else name for name, share in named]
+        line.set_description_str(f"{self._done}/{self._total}", refresh=False)
         line.set_postfix_str(", ".join(words), refresh=False)
-        # An update by nothing would count as a tick in which nothing was done.
-        if now != line.n:
-            line.update(now - line.n)
-        else:
-            line.refresh()
+        line.n = min(self._done + sum(running.values()), self._total)
+        line.refresh()
 
 
-def _line(total: int) -> Any:
+def line_of_terminal(total: int) -> Any:
     """A line of tqdm's. It is imported here, because only a terminal wants it."""
     from tqdm import tqdm
 
     # A terminal that does not say how large it is (`script`, some editors) would get no line.
-    known = os.get_terminal_size(sys.stderr.fileno()).columns > 0
-    columns, lines = (None, None) if known else (80, 24)
+    is_known = os.get_terminal_size(sys.stderr.fileno()).columns > 0
+    size = {} if is_known else {"ncols": 80, "nrows": 24}
     # Its own lock is a semaphore of the system, which a process that is killed leaves behind.
     tqdm.set_lock(threading.RLock())
-    return tqdm(
-        desc=f"0/{total}",
-        total=total,
-        bar_format=LINE,
-        leave=False,
-        dynamic_ncols=known,
-        ncols=columns,
-        nrows=lines,
-        mininterval=0,
-        miniters=0,
-        smoothing=SMOOTHING,
-    )
+    tqdm.monitor_interval = 0
+    return tqdm(total=total, bar_format=LINE, leave=False, dynamic_ncols=is_known, **size)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arithmetic import SYMBOLS
 from ..models.base import Constants, Event, Model, Structure, attributes, count, flatten, namespace
-from ..private import CACHE_FOLDER, private_folder
+from ..private import cache_folder
 from .polynomial import TAYLOR
 from .protocol import NORM_BAND, PRECISION, EventRoot, Status, StepControl, Stretch
 from .stepwise import zero
@@ -29,7 +29,7 @@ CODE_LIMIT = 128 << 20
 if "HEYOKA_CACHE_DIR" not in os.environ:
     # Where the user's folder cannot be had, or is not private, heyoka keeps its own.
     with suppress(OSError, RuntimeError, ValueError):
-        hy.llvm_state.set_diskcache_path(private_folder(*CACHE_FOLDER) / "heyoka")
+        hy.llvm_state.set_diskcache_path(cache_folder() / "heyoka")
         hy.llvm_state.set_diskcache_limit(CODE_LIMIT)
 
 SYMBOLS[hy.expression] = hy
