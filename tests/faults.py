@@ -1,31 +1,39 @@
-"""Faults made on purpose: I/O calls that fail from the N-th on, data that were never synced, bytes
-that have changed. What `test_damage.py` tries by sample, and `make stress` all over."""
+"""Faults made on purpose, seen through commands and files alone: processes that are killed, calls
+that fail, a disk that loses its power or fills, processes that meet, bytes that have changed.
+
+Each trial takes an empty folder and a number of tries, raises AssertionError where something
+finished is lost or a number is wrong, and returns what it counted. `test_safety.py` tries a few of
+each, `stress.py` hundreds.
+"""
 
 import ctypes
 import errno
 import json
 import os
+import pickle
 import random
+import re
+import resource
+import select
 import shutil
+import signal
 import subprocess
 import sys
+import sysconfig
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import chdir
 from functools import partial
+from itertools import cycle, islice
 from pathlib import Path
 from typing import Any, NamedTuple
-from unittest.mock import patch
 
+import h5py
 import numpy as np
-from click.testing import CliRunner, Result
+from conftest import call, limit
 
-from hodo_cli import HodoError
-from hodo_cli.cli import main
-from hodo_cli.storage import disk, hdf5
-from hodo_cli.storage.hdf5 import open_run
-
-CONFIG = """\
+PAIR = """\
 defaults:
   model: linear-diag
   inertia: [1, 0.8, 0.6]
@@ -43,32 +51,228 @@ claims:
      check: {kind: axis, start: x1, end: x3}}
 """
 
-SMALL = CONFIG.partition("  b:")[0] + "figures:" + CONFIG.partition("figures:")[2]
-SMALL = SMALL.replace("[a, b]", "[a]")
+SINGLE = PAIR.partition("  b:")[0] + "figures:" + PAIR.partition("figures:")[2]
+SINGLE = SINGLE.replace("[a, b]", "[a]")
 """The first case alone, where a trial takes long."""
 
-Motions = dict[str, np.ndarray]
+BATCH = (
+    "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 1000, samples: 2001}}\n"
+    "cases:\n"
+) + "".join(
+    f"  c{i}: {{damping: [0.005, 0.004, 0.00{i % 9 + 1}], "
+    f"initial: {{p: 0.8, q: 0.{i + 1}, r: 0.74}}}}\n"
+    for i in range(16)
+)
+
+SWEEP = """\
+cases:
+  s:
+    model: linear-diag
+    inertia: [1, 0.8, 0.6]
+    damping: [0.005, 0.004, 0.003]
+    initial: {p: 0.8, q: 0.5, r: 0.74}
+    time: {end: 400}
+    error: off
+    sweep: {damping.2: {linspace: [0.001, 0.009, 120]}, damping.0: {linspace: [0.004, 0.006, 100]}}
+"""
+"""12,000 members in a dozen chunks."""
+
+Numbers = dict[str, dict[str, np.ndarray]]
+Count = Counter[str]
 
 
-def hodo(*arguments: object) -> Result:
-    """A command in this process."""
-    return CliRunner().invoke(main, [str(word) for word in arguments])
+def written(folder: Path, config: str) -> Path:
+    """A case file `x.yaml` in a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "x.yaml").write_text(config)
+    return folder
+
+
+def prepared(folder: Path, config: str = PAIR, classify: bool = True) -> Numbers:
+    """A result `x.h5` of `x.yaml` in a folder, with labels if need be; its numbers."""
+    written(folder, config)
+    for command in (["run", "x.yaml", "--out", "."], ["classify", "x.h5"][: 2 * classify]):
+        if command:
+            done = call(folder, *command)
+            assert done.returncode == 0, done.stderr
+    return numbers(folder / "x.h5")
+
+
+def numbers(path: Path, only: Sequence[str] = ()) -> Numbers:
+    """The numeric arrays of every case in a result, or of those named, by h5py alone."""
+    with h5py.File(path, "r") as file:
+        return {
+            name: {
+                key: item[()]
+                for key, item in case.items()
+                if item.ndim and item.dtype.kind in "fiu" and (not only or key in only)
+            }
+            for name, case in file.items()
+            if not name.startswith("_")
+        }
+
+
+def same(found: Numbers, right: Numbers) -> None:
+    """The motions that were found are the right ones, all of them, to the bit."""
+    assert found.keys() == right.keys()
+    for name, arrays in right.items():
+        for key in arrays.keys() & {"omega", "time", "end_axis", "crossings", "status"}:
+            assert np.array_equal(found[name][key], arrays[key]), f"{name}: {key}"
+
+
+def nothing_waits(folder: Path, *names: str) -> None:
+    """A folder holds these files and nothing else that takes room."""
+    visible = sorted(name for name in os.listdir(folder) if not name.startswith("."))
+    hidden = [path for path in folder.rglob(".*") if path.is_file() and path.stat().st_size]
+    assert (visible, hidden) == (sorted(names), []), (visible, hidden)
+
+
+# Kills.
+
+SIGNALS = {signal.SIGKILL: (-9,), signal.SIGTERM: (143, -15), signal.SIGINT: (130, -2)}
+"""What a command returns that a signal ended: a process that has not come so far as to catch it
+dies of it."""
+
+
+def started(folder: Path, *arguments: object, **options: Any) -> subprocess.Popen[str]:
+    """A command as a process and session of its own."""
+    script = Path(sysconfig.get_path("scripts")) / "hodo"
+    return subprocess.Popen(
+        [str(script), *map(str, arguments)],
+        cwd=folder,
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        **options,
+    )
+
+
+def killed(folder: Path, kill: signal.Signals, after: float, *arguments: str) -> tuple[bool, str]:
+    """A command that gets a signal after so many seconds: whether this was its end, and what it has
+    said. Ctrl-C goes to its workers too, as on a terminal; the other signals to the command alone.
+    """
+    with started(folder, *arguments) as process:
+        time.sleep(after)
+        (os.killpg if kill == signal.SIGINT else os.kill)(process.pid, kill)
+        said = process.communicate()[1]
+    assert process.returncode in (0, *SIGNALS[kill]), (process.returncode, said)
+    if process.returncode >= 0:
+        assert "Traceback" not in said, said
+        assert ("interrupted" in said) == (process.returncode > 0), said
+    deadline = time.monotonic() + 60
+    while alive := members(process.pid):
+        assert time.monotonic() < deadline, f"workers outlive the command: {alive}"
+        time.sleep(0.01)
+    return process.returncode != 0, said
+
+
+def members(session: int) -> list[int]:
+    """The living processes of a session."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            pid, fields = stat.parent.name, stat.read_text().rpartition(")")[2].split()
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if int(fields[3]) == session and fields[0] != "Z":
+            found.append(int(pid))
+    return found
+
+
+def moments(tries: int, took: float) -> Iterator[tuple[signal.Signals, float]]:
+    """Signals in turn, at random moments of a command that takes so many seconds."""
+    chance = random.Random(1)
+    return ((kill, took * chance.uniform(0.2, 1.1)) for kill in islice(cycle(SIGNALS), tries))
+
+
+def timed(folder: Path, *arguments: str) -> float:
+    """The seconds that a command takes when it is left alone."""
+    began = time.monotonic()
+    with started(folder, *arguments) as process:
+        said = process.communicate()[1]
+    assert process.returncode == 0, said
+    return time.monotonic() - began
+
+
+def kill_runs(folder: Path, tries: int, config: str = BATCH) -> Count:
+    """Kill runs, in one process and in two, three times in a row from nothing; the fourth is left
+    to finish the work. What was said to be finished is kept, and all ends to the bit as without
+    kills."""
+    written(folder, config)
+    took = timed(folder, "run", "x.yaml", "--out", "right")
+    right, count, finished = numbers(folder / "right" / "x.h5"), Count(), set[str]()
+    for i, (kill, after) in enumerate(moments(tries, took)):
+        out, jobs = f"run{i // 3}", ("-j", "2") if i % 2 else ()
+        command = ("run", "x.yaml", "--out", out, "-v")
+        ended, said = killed(folder, kill, after, *command, *jobs)
+        finished |= {*re.findall(r"^\[\d+/\d+\] (\w+): ok$", said, re.MULTILINE)}
+        count.update({"tried": 1, kill.name: 1, "ended by the signal": ended})
+        if i % 3 == 2 or i == tries - 1:
+            done = call(folder, *command)
+            assert done.returncode == 0, done.stderr
+            kept = {*re.findall(r"^(\w+): is kept", done.stderr, re.MULTILINE)}
+            assert finished <= kept, f"{finished - kept} had finished"
+            parts = re.search(r"(\d+) of \d+ chunks are kept", done.stderr)
+            found = numbers(folder / out / "x.h5")
+            assert [*found] == [*right], "not in the order of the case file"
+            same(found, right)
+            nothing_waits(folder / out, "x.h5")
+            count["finished cases kept"] += len(kept)
+            count["chunks kept"] += int(parts[1]) if parts else 0
+            finished = set()
+            shutil.rmtree(folder / out)
+    return count
+
+
+def kill_sweeps(folder: Path, tries: int) -> Count:
+    """As `kill_runs`, of one sweep: its chunks are taken over, to the bit."""
+    return kill_runs(folder, tries, SWEEP)
+
+
+def kill_classifications(folder: Path, tries: int) -> Count:
+    """Kill `classify` on a file of finished cases: it is as before or has its labels; every third
+    time the command is repeated, and ends."""
+    right = prepared(folder / "right", BATCH, classify=False)
+    shutil.copytree(folder / "right", folder / "trial")
+    took, count = timed(folder, "classify", "trial/x.h5"), Count()
+    for i, (kill, after) in enumerate(moments(tries, took)):
+        out = folder / f"trial{i}"
+        shutil.copytree(folder / "right", out)
+        ended, _ = killed(folder, kill, after, "classify", f"{out.name}/x.h5")
+        same(numbers(out / "x.h5"), right)
+        count.update({"tried": 1, kill.name: 1, "ended by the signal": ended})
+        if i % 3 == 2:
+            done = call(folder, "classify", f"{out.name}/x.h5")
+            assert done.returncode == 0, done.stderr
+            nothing_waits(out, "x.h5", "x.yaml")
+            assert all("crossing_time" in case for case in numbers(out / "x.h5").values())
+        shutil.rmtree(out)
+    return count
+
+
+# A command in a fork of this process, which has all libraries already.
 
 
 def forked(
     told: Path,
+    folder: Path,
     arguments: Sequence[object],
     before: Callable[[], object] = lambda: None,
     after: Callable[[], int] = lambda: 0,
 ) -> int:
-    """A command in a process that has all modules already, which `ended` awaits."""
+    """Start a command in a process, which `ended` awaits."""
     if child := os.fork():
         return child
-    before()
-    done = hodo(*arguments)
-    bug = [] if isinstance(done.exception, SystemExit | None) else [repr(done.exception)]
-    count = after()
-    told.write_text(json.dumps([done.exit_code, done.stderr.splitlines() + bug, count]))
+    try:
+        before()
+        done = call(folder, *arguments)
+        answer: tuple[int, list[str], int] = (done.returncode, done.stderr.splitlines(), after())
+    except BaseException as error:
+        answer = (1, [f"Traceback: {error!r}"], 0)
+    for kind in (resource.RLIMIT_FSIZE, resource.RLIMIT_NOFILE):
+        limit(kind, resource.getrlimit(kind)[1])
+    told.write_text(json.dumps(answer))
     os._exit(0)
 
 
@@ -76,48 +280,99 @@ def ended(child: int, told: Path) -> tuple[int, list[str], int]:
     """The exit status of a forked command, what it said, and the number that `after` gave."""
     assert os.waitpid(child, 0)[1] == 0, "the process died"
     status, said, count = json.loads(told.read_text())
-    assert not [line for line in said if "Traceback" in line or "Error(" in line], said
+    assert not [line for line in said if "Traceback" in line], said
     return status, said, count
 
 
-def prepared(folder: Path, config: str = CONFIG) -> Motions:
-    """A classified result `x.h5` of `x.yaml` in a folder; its motions."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "x.yaml").write_text(config)
-    for command in (["run", folder / "x.yaml", "--out", folder], ["classify", folder / "x.h5"]):
-        done = hodo(*command)
-        assert done.exit_code == 0, done.output
-    return motions(folder / "x.h5")
+def within(seconds: float, action: Callable[[], Any]) -> Any:
+    """What an action returns in a process of its own, or the exception that it raises; None if it
+    dies or takes longer. HDF5 may do either on a damaged file."""
+    reader, writer = os.pipe()
+    if not (child := os.fork()):
+        try:
+            answer = action()
+        except BaseException as error:
+            answer = OSError(str(error))
+        with os.fdopen(writer, "wb") as pipe:
+            pickle.dump(answer, pipe)
+        os._exit(0)
+    os.close(writer)
+    with os.fdopen(reader, "rb") as pipe:
+        has_answer = select.select([pipe], [], [], seconds)[0]
+        if not has_answer:
+            os.kill(child, signal.SIGKILL)
+        data = pipe.read() if has_answer else b""
+    os.waitpid(child, 0)
+    return pickle.loads(data) if data else None
 
 
-def motions(path: Path) -> Motions:
-    """What the cases of a result hold."""
-    with open_run(path) as run:
-        return {name: run.read(name).variables["omega"].data for name in run.cases()}
+# A disk that is full.
 
 
-def right_or_named(path: Path, right: Motions) -> str:
-    """A damaged result is refused as a whole, or its damaged cases are, and the others are right;
-    what was found."""
-    try:
-        with open_run(path) as run:
-            refused = 0
-            for name in right:
-                try:
-                    omega = run.read(name).variables["omega"].data
-                except HodoError as error:
-                    is_one_line(error)
-                    refused += 1
-                else:
-                    assert np.array_equal(omega, right[name]), f"{name} is wrong in silence"
-    except HodoError as error:
-        is_one_line(error)
-        return "refused"
-    return "a case named" if refused else "right"
+def fill_disk(folder: Path, tries: int) -> Count:
+    """Let no file grow beyond a size, which stands for a full disk: one line, nothing half there,
+    and the next run ends."""
+    right, count, chance = prepared(folder / "x", classify=False), Count(), random.Random(8)
+    size = (folder / "x" / "x.h5").stat().st_size
+    for i in range(tries):
+        shutil.copytree(folder / "x", out := folder / f"full{i}")
+        if i % 2:
+            (out / "x.h5").unlink()
+        most = chance.randrange(500, int(1.3 * size))
+        little = partial(limit, resource.RLIMIT_FSIZE, most)
+        command = ["run", "x.yaml", "--out", ".", "--force", "--quiet"]
+        status, said, _ = ended(forked(folder / "told", out, command, little), folder / "told")
+        assert status in (0, 2), said
+        assert status == 0 or (len(said) == 1 and "too large" in said[0]), said
+        if i % 2 == 0 or status == 0:
+            same(numbers(out / "x.h5"), right)
+        again = call(out, "run", "x.yaml", "--out", ".", "--quiet")
+        assert again.returncode == 0, again.stderr
+        same(numbers(out / "x.h5"), right)
+        nothing_waits(out, "x.h5", "x.yaml")
+        count.update({"tried": 1, "refused" if status else "ended well": 1})
+        shutil.rmtree(out)
+    return count
 
 
-def is_one_line(error: HodoError) -> None:
-    assert "\n" not in str(error)
+# Processes that meet.
+
+
+def crowds(folder: Path, tries: int) -> Count:
+    """Two to twenty commands on one result at once: a run that replaces the cases, and runs,
+    classifications and claims, each some time after the first."""
+    count, chance = Count(), random.Random(5)
+    right = prepared(folder / "right")
+    run = ["run", "x.yaml", "--out", ".", "--quiet"]
+    kinds = {
+        "run --force": [*run, "--force"],
+        "run": run,
+        "classify": ["classify", "x.h5"],
+        "claims": ["claims", "x.h5"],
+    }
+    for i in range(tries):
+        shutil.copytree(folder / "right", out := folder / f"crowd{i}")
+        names = ["run --force", *chance.choices([*kinds], k=1 + i % 19)]
+        reports = [folder / f"said{j}" for j in range(len(names))]
+        delays = [0.0, *(chance.uniform(0, 0.3) for _ in names[1:])]
+        children = [
+            forked(report, out, kinds[name], partial(time.sleep, delay))
+            for report, name, delay in zip(reports, names, delays, strict=True)
+        ]
+        for child, name, report in zip(children, names, reports, strict=True):
+            status, said, _ = ended(child, report)
+            # A run may end before claims are judged; the labels have gone with the old cases.
+            is_late = name == "claims" and "has no labels" in str(said)
+            assert status == 0 or is_late, (name, said)
+        same(numbers(out / "x.h5"), right)
+        nothing_waits(out, "x.h5", "x.yaml")
+        shutil.rmtree(out)
+        size = "2 to 9 processes" if len(names) < 10 else "10 to 20 processes"
+        count.update(["tried", size, *names])
+    return count
+
+
+# Bytes that have changed.
 
 
 def flipped(path: Path, chance: random.Random) -> None:
@@ -125,17 +380,6 @@ def flipped(path: Path, chance: random.Random) -> None:
     data = bytearray(path.read_bytes())
     data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
     path.write_bytes(data)
-
-
-def without_labels(path: Path) -> None:
-    """Make a result anew, without labels, from a copy of its config in another folder: `run` makes
-    it once more if it is forced, though the numbers are equal."""
-    path.unlink()
-    origin = path.with_name("origin")
-    origin.mkdir()
-    config = shutil.copy(path.with_suffix(".yaml"), origin)
-    assert hodo("run", config, "--out", path.parent).exit_code == 0
-    shutil.rmtree(origin)
 
 
 def zeroed(path: Path, chance: random.Random, size: int = 512) -> None:
@@ -151,20 +395,52 @@ def truncated(path: Path, chance: random.Random) -> None:
     os.truncate(path, chance.randrange(path.stat().st_size))
 
 
-def sealed_by_a_stranger(path: Path) -> None:
-    """Give a file a checksum that fits all its bytes, under another user's secret."""
-    with (
-        patch.object(disk, "secret", lambda: bytes(32)),
-        open(path, "r+b", buffering=0) as file,
-    ):
-        disk.append_checksum(file)  # type: ignore[arg-type]
-    hdf5._inspected.cache_clear()
+def by_xarray(path: Path, names: Sequence[str]) -> Numbers:
+    """The numeric arrays of cases in a result, by xarray on netCDF4 or, where h5py is loaded, on
+    h5netcdf."""
+    import xarray
+
+    found = {}
+    for name in names:
+        with xarray.open_dataset(path, group=name, engine="h5netcdf", decode_cf=False) as case:
+            found[name] = {
+                str(key): variable.values
+                for key, variable in case.variables.items()
+                if variable.ndim and variable.dtype.kind in "fiu"
+            }
+    return found
 
 
-def equal(found: Motions, right: Motions) -> None:
-    assert found.keys() == right.keys()
-    for name, omega in right.items():
-        assert np.array_equal(found[name], omega), name
+def change_bytes(folder: Path, tries: int) -> Count:
+    """Flip a bit of a result, clear a block or cut the end off: hodo refuses it in one line, leaves
+    it alone and says the way out, or what it prints is right; h5py and xarray never read a number
+    that is silently wrong."""
+    right = prepared(folder / "right")
+    count, chance, spoilt = Count(), random.Random(3), folder / "spoilt.h5"
+    readers = {"h5py": numbers, "xarray": partial(by_xarray, names=[*right])}
+    for _, spoil in zip(range(tries), cycle((flipped, flipped, zeroed, truncated)), strict=False):
+        shutil.copy(folder / "right" / "x.h5", spoilt)
+        spoil(spoilt, chance)
+        damaged = spoilt.read_bytes()
+        command = partial(call, folder, "compare", "spoilt.h5", "right/x.h5")
+        done = within(20, command)
+        assert isinstance(done, subprocess.CompletedProcess), f"hodo dies or hangs: {done}"
+        assert done.returncode in (0, 2), (done.stdout, done.stderr)
+        if done.returncode == 2:
+            assert len(done.stderr.splitlines()) == 1, done.stderr
+            assert "spoilt.h5" in done.stderr, done.stderr
+        assert spoilt.read_bytes() == damaged
+        count.update(["tried", f"hodo: {'refused' if done.returncode else 'right'}"])
+        for reader, read in readers.items():
+            found = within(20, partial(read, spoilt))
+            is_read = isinstance(found, dict)
+            for name, arrays in right.items() if is_read else ():
+                for key, data in arrays.items():
+                    values = found.get(name, {}).get(key)
+                    is_same = values is None or np.array_equal(values, data, equal_nan=True)
+                    assert is_same, f"{reader}: {name}/{key} is wrong in silence ({spoil.__name__})"
+            count[f"{reader}: {'right' if is_read else 'refused'}"] += 1
+    return count
 
 
 # The N-th call of the operating system fails, in whatever library it is made.
@@ -176,37 +452,40 @@ COMMANDS = {
 }
 
 
-def compiled(folder: Path) -> Path:
-    """The library of `faults.c`, in a folder."""
+def preloaded(trial: str, folder: Path, *limits: int) -> Count:
+    """A trial (`PRELOADED`) in a process in which the library of `faults.c` stands before all
+    others."""
     library, source = folder / "faults.so", Path(__file__).with_suffix(".c")
-    subprocess.run(
-        ["gcc", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", "-o", library, source, "-ldl"],
-        check=True,
-    )
-    return library
-
-
-def preloaded(library: Path, trial: str, folder: Path, *numbers: int) -> dict[str, int]:
-    """A trial (`TRIALS`) in a process that has the library; what it counts."""
+    build = ["gcc", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", "-o", library, source, "-ldl"]
+    subprocess.run(build, check=True)
     done = subprocess.run(
-        [sys.executable, __file__, trial, library, folder, *map(str, numbers)],
+        [sys.executable, __file__, trial, library, folder, *map(str, limits)],
         env={**os.environ, "LD_PRELOAD": str(library)},
-        check=True,
-        stdout=subprocess.PIPE,
+        capture_output=True,
         text=True,
     )
-    return dict(json.loads(done.stdout))
+    assert done.returncode == 0, done.stderr[-2000:]
+    count = Count(json.loads(done.stdout))
+    return count + Count({"tried": count.total()})
 
 
-def calls_fail(library: Path, folder: Path, most: int, step: int = 1) -> Counter[str]:
-    """Each command with its N-th call failing that reads or writes, once and for ever, for every N
-    up to so many, or each `step`-th."""
+def fail_calls(folder: Path, most: int, step: int = 1) -> Count:
+    """Let the N-th call that reads or writes fail in a run, a classification or figures, once and
+    for ever, for every N up to so many, or each `step`-th."""
+    return preloaded("calls", folder, most, step)
+
+
+def lose_power(folder: Path, tries: int) -> Count:
+    """Lose the power at so many moments of a first run, of another and of a classification."""
+    return preloaded("power", folder, tries)
+
+
+def calls_fail(library: Path, folder: Path, most: int, step: int) -> Count:
     arm = ctypes.CDLL(str(library)).faults_arm
-    right, count = prepared(folder / "x", SMALL), Counter[str]()
-    shutil.copytree(folder / "x", folder / "plain")
-    without_labels(folder / "plain" / "x.h5")
-    with chdir(folder / "x"):
-        assert hodo(*COMMANDS["plot"]).exit_code == 0
+    right, count = prepared(folder / "plain", SINGLE, classify=False), Count()
+    shutil.copytree(folder / "plain", folder / "x")
+    for command in ("classify", "plot"):
+        assert call(folder / "x", *COMMANDS[command]).returncode == 0
     for name in COMMANDS:
         for kind in range(4):
             reads, forever = divmod(kind, 2)
@@ -221,7 +500,7 @@ def calls_fail(library: Path, folder: Path, most: int, step: int = 1) -> Counter
     return count
 
 
-def one_fails(folder: Path, name: str, right: Motions, arm: Callable[[], object]) -> int:
+def one_fails(folder: Path, name: str, right: Numbers, arm: Callable[[], object]) -> int:
     """One command of which a call fails, and the same that follows it: nothing is lost, or half
     there. The number of its calls."""
     work, told = folder / "work", folder / "told"
@@ -229,38 +508,36 @@ def one_fails(folder: Path, name: str, right: Motions, arm: Callable[[], object]
     shutil.copytree(folder / "plain", work)
     if name == "plot":
         shutil.copy(folder / "x" / "x.h5", work)
-    with chdir(work):
-        status, said, count = ended(forked(told, COMMANDS[name], arm, _calls), told)
-        assert status in (0, 2) or (status == 1 and name != "run"), (status, said)
-        assert status != 2 or len(said) == 1 or name == "plot", said  # a figure has a line too
-        equal(motions(work / "x.h5"), right)
-        drawn = files_of(folder / "x" / "figures")
-        half = [  # the page shows what could be drawn
-            path
-            for path, data in files_of(work / "figures").items()
-            if path.suffix in (".png", ".csv") and drawn[path] != data
-        ]
-        assert not half, half
-        again = hodo(*COMMANDS[name])
-        assert again.exit_code == 0, (said, again.output)
-    equal(motions(work / "x.h5"), right)
-    assert [path.name for path in work.glob("*.h5")] == ["x.h5"]
-    # An empty folder stays where the disk refuses to remove it, until the next draft of that file.
-    hidden = [path for path in work.rglob(".*") if not path.is_dir() or any(path.iterdir())]
-    assert not hidden, (said, hidden)
+    child = forked(told, work, COMMANDS[name], arm, calls_so_far)
+    status, said, count = ended(child, told)
+    assert status in (0, 2) or (status == 1 and name != "run"), (status, said)
+    assert status != 2 or len(said) == 1 or name == "plot", said  # a figure has a line too
+    same(numbers(work / "x.h5"), right)
+    drawn = files_of(folder / "x" / "figures")
+    half = [
+        path
+        for path, data in files_of(work / "figures").items()
+        if path.suffix in (".png", ".csv") and drawn[path] != data
+    ]
+    assert not half, half
+    again = call(work, *COMMANDS[name])
+    assert again.returncode == 0, (said, again.stderr)
+    same(numbers(work / "x.h5"), right)
+    nothing_waits(work, "x.h5", "x.yaml", *(["figures"] * (name == "plot")))
     assert name != "plot" or files_of(work / "figures") == drawn
     return count
 
 
-def _calls() -> int:
+def calls_so_far() -> int:
     return int(ctypes.CDLL(None).faults_count())
 
 
 def files_of(folder: Path) -> dict[Path, bytes]:
+    """The pictures and tables below a folder."""
     return {
         path.relative_to(folder): path.read_bytes()
         for path in folder.rglob("*")
-        if path.is_file() and not path.name.startswith(".")
+        if path.is_file() and path.suffix in (".png", ".csv")
     }
 
 
@@ -309,9 +586,9 @@ class PowerlessDisk:
             self.bytes[call.inode][1].append(call)
         elif call.what == "sync" and call.inode in self.folders:
             path = self.folders[call.inode]
-            self.names[path] = named(*self.names[path]), []
+            self.names[path] = names_after(*self.names[path]), []
         elif call.what == "sync":
-            self.bytes[call.inode] = written(*self.bytes[call.inode]), []
+            self.bytes[call.inode] = bytes_after(*self.bytes[call.inode]), []
         else:
             if call.what == "mkdir":
                 self.folders[call.inode], self.names[call.path] = call.path, ({}, [])
@@ -331,73 +608,67 @@ class PowerlessDisk:
         """Make the folder as it may be found when the power is back."""
         target.mkdir()
         synced, changes = self.names[at or self.folder]
-        for name, inode in named(synced, of_names(changes)).items():
+        for name, inode in names_after(synced, of_names(changes)).items():
             if inode in self.folders:
                 self.start_again(target / name, of_names, of_bytes, self.folders[inode])
             else:
                 synced_bytes, writes = self.bytes[inode]
-                (target / name).write_bytes(written(synced_bytes, of_bytes(writes)))
+                (target / name).write_bytes(bytes_after(synced_bytes, of_bytes(writes)))
 
 
-def named(names: dict[str, int], changes: list[tuple[str, int | None]]) -> dict[str, int]:
+def names_after(names: dict[str, int], changes: list[tuple[str, int | None]]) -> dict[str, int]:
     """The names in a folder after some changes."""
     new: dict[str, int | None] = {**names, **dict(changes)}
     return {name: inode for name, inode in new.items() if inode is not None}
 
 
-def written(content: bytes, writes: list[Call]) -> bytes:
+def bytes_after(content: bytes, writes: list[Call]) -> bytes:
     """What is in a file after some writes."""
     data = bytearray(content)
-    for call in writes:
-        end = call.offset + len(call.data)
+    for write in writes:
+        end = write.offset + len(write.data)
         data.extend(bytes(max(end - len(data), 0)))
-        if call.what == "cut":
-            del data[call.offset :]
-        data[call.offset : end] = call.data
+        if write.what == "cut":
+            del data[write.offset :]
+        data[write.offset : end] = write.data
     return bytes(data)
 
 
-def power_fails(library: Path, folder: Path, tries: int) -> Counter[str]:
+def power_fails(library: Path, folder: Path, tries: int) -> Count:
     """Lose the power after so many random calls of a command and, each time, all that was not
     synced, all but names, nothing, or what chance takes: the next run gives the right result, and a
     result that was there is never gone. At the end of a command its result is on the disk."""
-    right, count, chance = prepared(folder / "x"), Counter[str](), random.Random(7)
-    shutil.copytree(folder / "x", folder / "plain")
-    for name in ("x", "plain"):
-        without_labels(folder / name / "x.h5")
-    (folder / "new").mkdir()
-    shutil.copy(folder / "x" / "x.yaml", folder / "new")
-    for start, command in (("new", "run"), ("x", "run"), ("plain", "classify")):
-        work, log, after = folder / "work", folder / "log", folder / "after"
+    right, count = prepared(folder / "x", SINGLE, classify=False), Count()
+    written(folder / "new", SINGLE)
+    chance = random.Random(7)
+    for start, command in (("new", "run"), ("x", "run"), ("x", "classify")):
+        work, log, after, told = (folder / name for name in ("work", "log", "after", "told"))
         shutil.rmtree(work, ignore_errors=True)
         shutil.copytree(folder / start, work)
         log.write_bytes(b"")
         disk, begin = PowerlessDisk(work), ctypes.CDLL(str(library)).faults_log
-        with chdir(work):
-            before = partial(begin, bytes(work), bytes(log))
-            assert (
-                ended(forked(folder / "told", COMMANDS[command], before), folder / "told")[0] == 0
-            )
+        before = partial(begin, bytes(work), bytes(log))
+        assert ended(forked(told, work, COMMANDS[command], before), told)[0] == 0
         calls = [*calls_in(log.read_bytes())]
-        last = set(chance.sample(range(len(calls)), min(tries, len(calls)))) | {len(calls)}
+        last = {*chance.sample(range(len(calls)), min(tries, len(calls))), len(calls)}
         for number in range(len(calls) + 1):
             for state, choices in states(chance).items() if number in last else ():
                 shutil.rmtree(after, ignore_errors=True)
                 disk.start_again(after, *choices)
+                is_done = number == len(calls)
                 case = f"{command} on {start}, {state} after {number} of {len(calls)} calls"
-                if start != "new" or number == len(calls):
-                    equal(motions(after / "x.h5"), right)
-                if command == "classify" and number == len(calls):
-                    with open_run(after / "x.h5") as run:
-                        assert "enclosed_axis" in run.read("a").variables, case
+                if start != "new" or is_done:
+                    same(numbers(after / "x.h5"), right)
+                if command == "classify" and is_done:
+                    assert "enclosed_axis" in numbers(after / "x.h5")["a"], case
                 with chdir(after):
-                    again = hodo("run", "x.yaml", "--out", ".", "--quiet")
-                assert again.exit_code == 0, (case, again.output)
-                equal(motions(after / "x.h5"), right)
-                assert sorted(os.listdir(after)) == ["x.h5", "x.yaml"], case
+                    again = call(after, "run", "x.yaml", "--out", ".", "--quiet")
+                assert again.returncode == 0, (case, again.stderr)
+                same(numbers(after / "x.h5"), right)
+                nothing_waits(after, "x.h5", "x.yaml")
                 count[f"{command} on {start}: {state}"] += 1
-            for call in calls[number : number + 1]:
-                disk.apply(call)
+            for one in calls[number : number + 1]:
+                disk.apply(one)
     return count
 
 
@@ -414,8 +685,64 @@ def states(chance: random.Random) -> dict[str, tuple[Choice, Choice]]:
     }
 
 
-TRIALS = {"calls": calls_fail, "power": power_fails}
+# Sources that change during a run.
+
+EDIT = """
+_before = LinearDiag.rhs
+LinearDiag.rhs = staticmethod(lambda t, y, k: tuple(1.25 * v for v in _before(t, y, k)))
+"""
+"""What is added to the source of a model, so that it computes other numbers."""
+
+
+def edit_code(folder: Path, tries: int) -> Count:
+    """Edit the source of a model at a random moment of a run: every case that is stored has the
+    numbers that belong to its hash, and the next run has those of the new source."""
+    package = Path(__file__).parents[1] / "hodo_cli"
+    shutil.copytree(package, folder / "hodo_cli", ignore=shutil.ignore_patterns("__pycache__"))
+    source = folder / "hodo_cli" / "models" / "linear_diag.py"
+    written(folder, PAIR)
+    old, count, chance = source.read_text(), Count(), random.Random(6)
+
+    def run(out: str, edited_after: float = 0.0, jobs: int = 1) -> tuple[int, str]:
+        command = [sys.executable, "-m", "hodo_cli.cli", "run", "x.yaml", "--quiet", "--out", out]
+        options = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+        with subprocess.Popen([*command, "-j", str(jobs)], cwd=folder, **options) as process:
+            if edited_after:
+                time.sleep(edited_after)
+                source.write_text(old + EDIT)
+            said = process.communicate()[1]
+        assert process.returncode in (0, 2), said
+        assert len(said.splitlines()) == (process.returncode == 2), said
+        return process.returncode, said
+
+    motions: dict[str, np.ndarray] = {}
+    for text in (old, old + EDIT):
+        source.write_text(text)
+        began = time.monotonic()
+        assert run("right")[0] == 0
+        took, newest = time.monotonic() - began, by_hash(folder / "right" / "x.h5")
+        motions |= newest
+    for i in range(tries):
+        source.write_text(old)
+        status, _ = run(f"run{i}", took * chance.uniform(0.1, 1), 1 + i % 2)
+        result = folder / f"run{i}" / "x.h5"
+        stored = by_hash(result) if result.exists() else {}
+        for mark, omega in stored.items():
+            assert np.array_equal(omega, motions[mark]), f"run{i}: stale"
+        count.update(["tried", "refused" if status else "ended well"])
+        assert run(f"run{i}")[0] == 0
+        assert by_hash(result).keys() == newest.keys()
+    return count
+
+
+def by_hash(path: Path) -> dict[str, np.ndarray]:
+    """The motions in a result by the hashes of their cases."""
+    with h5py.File(path) as file:
+        return {str(x.attrs["hash"]): x["omega"][()] for x in file.values() if "omega" in x}
+
+
+PRELOADED = {"calls": calls_fail, "power": power_fails}
 
 if __name__ == "__main__":
-    trial, library, folder, *numbers = sys.argv[1:]
-    print(json.dumps(TRIALS[trial](Path(library), Path(folder), *map(int, numbers))))
+    trial, library, folder, *limits = sys.argv[1:]
+    print(json.dumps(PRELOADED[trial](Path(library), Path(folder), *map(int, limits))))

@@ -26,7 +26,7 @@ from hodo_cli.cases.config import load, parse
 from hodo_cli.cases.derived import DERIVED, STORED_VARIABLES
 from hodo_cli.claims import verdicts
 from hodo_cli.commands import claims
-from hodo_cli.storage.hdf5 import open_run
+from hodo_cli.storage import open_run
 
 # libyaml's, where there is one: of a paper they take a twentieth of the time.
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

@@ -17,9 +17,7 @@ from conftest import ROOT, call
 
 from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import load
-from hodo_cli.storage.group import Group, Variable
-from hodo_cli.storage.hdf5 import open_run
-from hodo_cli.storage.output import create
+from hodo_cli.storage import Group, Variable, open_run, save_groups
 
 REFERENCE = ROOT / "runs" / "reference"
 CASES = ("fig1-1", "fig4", "fig12-all-entries")
@@ -37,9 +35,7 @@ def groups(names: tuple[str, ...] = CASES) -> dict[str, Group]:
 
 
 def write(path: Path, cases: dict[str, Group]) -> Path:
-    with create(path, {}) as output:
-        for name, group in cases.items():
-            output.write(name, group)
+    save_groups(path, cases)
     return path
 
 

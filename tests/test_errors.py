@@ -2,12 +2,8 @@
 line; and a result never needs its config."""
 
 import ast
-import errno
-import io
 import os
 import resource
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import chdir
 from functools import partial
@@ -16,12 +12,10 @@ from pathlib import Path
 import h5py
 import pytest
 from click.testing import CliRunner, Result
-from conftest import call_apart, limit, process_state, wait_until
+from conftest import call_apart, limit
 
 from hodo_cli import NOT_OF_A_CASE, BatchError, HodoError
 from hodo_cli.cli import main
-from hodo_cli.storage import disk as disks
-from hodo_cli.storage.hdf5 import open_run
 
 CONFIG = """\
 defaults:
@@ -41,13 +35,8 @@ figures:
 PACKAGE = Path(__file__).parents[1] / "hodo_cli"
 
 MAY_TAKE_ALL = {
-    "cli.py": 1,  # stores what it can before a signal ends the process
-    "batch/dask.py": 4,  # dask raises anything, which becomes a BatchError
-    "batch/processes.py": 3,  # sends what a worker raises, or says that it cannot be sent
+    "batch.py": 2,  # dask raises anything; and what a task raises is handed on as its result
     "models/own.py": 2,  # a user's own file may raise anything
-    "storage/disk.py": 1,  # the last words of a process that only looks
-    "batch/pool.py": 1,  # hands it on as the result of a call, as processes do
-    "storage/writer.py": 4,  # stores what it can, and raises what came first
 }
 """How many handlers of every exception a module has that are right without `NOT_OF_A_CASE`."""
 
@@ -113,7 +102,7 @@ def test_labels_that_cannot_be_stored_are_one_line(folder: Path) -> None:
     little = partial(limit, resource.RLIMIT_FSIZE, 4000)
     full = call_apart(folder, "classify", "x.h5", preexec_fn=little)
     assert full.returncode == 2
-    assert full.stderr == "cannot write x.h5: file too large; finished cases are kept\n"
+    assert full.stderr == "cannot write x.h5: file too large\n"
     (folder / "x.h5").chmod(0o444)
     marked = hodo("classify", "x.h5")
     assert marked.exit_code == 2
@@ -130,7 +119,11 @@ def test_too_few_descriptors_are_one_line(folder: Path) -> None:
             limit(resource.RLIMIT_NOFILE, most)
 
         done = call_apart(folder, "classify", "x.h5", preexec_fn=few)
-        if "site-packages" not in done.stderr and "importlib" not in done.stderr:
+        if (
+            done.returncode
+            and "site-packages" not in done.stderr
+            and "importlib" not in done.stderr
+        ):
             said.add(done.stderr)
     assert said
     assert all(line.count("\n") == 1 for line in said), said
@@ -154,40 +147,12 @@ def rename_config(file: Path, name: str) -> None:
     """Let a result say that its config is another one."""
     with h5py.File(file, "r+") as result:
         result.attrs["config_path"] = name
-        del result.attrs["checksum"]
-
-
-def test_a_folder_that_cannot_be_listed_fails_no_sweep(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    real, left = os.listdir, [0]
-
-    def listdir(path: str = ".") -> list[str]:
-        if str(path).endswith(".partial"):
-            left[0] -= 1
-            if left[0] == 0:
-                raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))
-        return real(path)
-
-    monkeypatch.setattr(os, "listdir", listdir)
-    for at in range(1, 12):
-        left[0] = at
-        done = hodo("run", "x.yaml", "--out", ".", "--case", "s", "--force")
-        if left[0] > 0:
-            break
-        assert done.exit_code in (0, 2), done.output
-        if done.exit_code:
-            assert "input/output error" in done.stderr.splitlines()[-1]
-        with open_run(folder / "x.h5") as run:
-            if "s" in run:
-                assert run.row("s", {"status": str}) == {"status": "ok"}
-    assert at > 1
 
 
 def test_a_bug_of_the_machine_in_a_task_ends_the_batch() -> None:
-    from hodo_cli.batch.pool import pool
+    from hodo_cli.batch import Pool
 
-    with pool(1) as workers, pytest.raises(BatchError, match="No such file"):
+    with Pool(1) as workers, pytest.raises(BatchError, match="No such file"):
         list(workers.map(open, ["/no/such/file"]))
 
 
@@ -224,49 +189,6 @@ def test_names_that_are_no_files_elsewhere_are_refused(
 def test_a_method_that_is_none_is_one_line(folder: Path) -> None:
     with h5py.File(folder / "x.h5", "r+") as result:
         result["a"].attrs["method"] = "magic"
-        del result["a"].attrs["checksum"]
     done = hodo("classify", "x.h5")
     assert done.exit_code == 1
     assert "x.h5: a: this hodo has no method 'magic': run it again" in done.stderr
-
-
-class Busy(io.FileIO):
-    """What a file is that would block: it takes nothing for now."""
-
-    def write(self, data: object) -> None:  # type: ignore[override]
-        return None
-
-
-class BusyDisk(disks.BufferedFile, Busy):
-    """A result on such a file."""
-
-
-def test_a_disk_that_takes_nothing_for_now_ends_the_writing(tmp_path: Path) -> None:
-    with pytest.raises(BlockingIOError), BusyDisk(tmp_path / "x") as disk:
-        disk.write(b"data")
-
-
-def test_a_worker_that_is_stopped_ends_with_its_parent() -> None:
-    script = (
-        "import os, signal\n"
-        "from hodo_cli.batch.pool import pool\n"
-        "with pool(2) as workers:\n"
-        "    ((_, pid),) = workers.map(eval, ['__import__(\"os\").getpid()'])\n"
-        "    os.kill(pid, signal.SIGSTOP)\n"
-        "    print(pid, flush=True)\n"
-        "    os._exit(130)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-    wait_until(lambda: process_state(int(done.stdout)) in ("", "Z"))
-
-
-def test_one_dataset_under_many_names_is_refused(folder: Path) -> None:
-    """Sealed or not: the seal of a stranger fits."""
-    with h5py.File(folder / "x.h5", "r+") as result:
-        for i in range(200):
-            result["a"][f"omega{i}"] = result["a/omega"]
-    with (folder / "x.h5").open("r+b", buffering=0) as file:
-        disks.append_checksum(file)
-    done = hodo("classify", "x.h5")
-    assert done.exit_code == 1
-    assert "a is damaged (omega has other names too)" in done.stderr

@@ -7,14 +7,11 @@ import subprocess
 import sys
 import tomllib
 import zipfile
-from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from conftest import ROOT, Hodo
 from test_docs import snippets
-
-from hodo_cli.storage import staging
 
 
 def test_a_new_case_file_runs_and_is_never_replaced(hodo: Hodo, tmp_path: Path) -> None:
@@ -116,26 +113,6 @@ def test_hodo_works_without_what_windows_lacks(hodo: Hodo, tmp_path: Path) -> No
     assert "turning: is kept" in hodo("run", "mine", "--dry-run", env=lacking).stdout
     left = {path.name for path in (tmp_path / "runs").iterdir()}
     assert left - {".hodo.lock"} == {"figures", "mine.h5"}
-
-
-@pytest.mark.parametrize("flock", [True, False])
-def test_the_staging_folder_of_a_living_process_is_not_taken(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flock: bool
-) -> None:
-    if not flock:
-        pytest.importorskip("filelock")
-    monkeypatch.setattr(staging, "HAVE_FLOCK", flock)
-    path = tmp_path / "a.h5"
-    with staging.Staging(path) as living:
-        (living / "1.h5").write_text("x")
-        with staging.Staging(path) as other:
-            assert other.dead == []
-    with staging.Staging(path) as other, other.publishing():
-        assert other.dead == [living.folder]
-        with ExitStack() as held:
-            assert not staging._lock(tmp_path, held)
-    with ExitStack() as held:
-        assert staging._lock(tmp_path, held)
 
 
 def test_the_environment_of_conda_has_every_dependency() -> None:

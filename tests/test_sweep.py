@@ -2,10 +2,10 @@
 is stored."""
 
 import math
-import os
 import re
 import shutil
-import signal
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,13 @@ import numpy as np
 import pytest
 import series
 import xarray as xr
-from conftest import ROOT, Hodo, classified, exact_motion, exit_status, in_child
+from conftest import ROOT, Hodo, classified, exact_motion, wait_until
 from hypothesis import given
 from hypothesis import strategies as st
 
 import hodo_cli
 from hodo_cli import Case, HodoError, models
-from hodo_cli.batch import pool as pools
-from hodo_cli.batch.pool import pool
+from hodo_cli.batch import Pool
 from hodo_cli.cases import sweep_block
 from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import load, parse
@@ -33,9 +32,7 @@ from hodo_cli.integration import choice, cross, integrate
 from hodo_cli.models import base, rigid_body
 from hodo_cli.progress import Progress
 from hodo_cli.results import layout
-from hodo_cli.storage.group import Group, Variable
-from hodo_cli.storage.hdf5 import open_run
-from hodo_cli.storage.writer import Writer, compose
+from hodo_cli.storage import Group, Variable, open_run
 from hodo_cli.sweeps import chunk, columns, members, summary, sweep
 from hodo_cli.sweeps.members import side_by_side
 from hodo_cli.sweeps.view import SweepView
@@ -594,7 +591,7 @@ cases:
   stopped: {{{body}, brake: 0.01, time: {{end: 400}}, sweep: {{brake: {{values: [0.01, 0.02]}}}}}}
   decayed: {{{body}, damping: 9, time: {{end: 400}}, sweep: {{damping.0: {{values: [8, 9]}}}}}}
 """
-    stored = results(tmp_path, text, pool(1))
+    stored = results(tmp_path, text, Pool(1))
     with h5py.File(stored) as file:
         stopped, decayed = (dict(file[name].attrs) for name in ("stopped", "decayed"))
     assert stopped["error"] < 1e-14
@@ -672,7 +669,7 @@ def results(folder: Path, text: str, workers: Any) -> Path:
 def test_swept_trajectories_are_stored_with_the_times_of_their_samples(tmp_path: Path) -> None:
     # Few members and short: without heyoka each takes a second, and what is stored is the same.
     text = SMALL.replace("count: 400", "count: 1").replace("end: 300", "end: 30")
-    with h5py.File(results(tmp_path, text, pool(1))) as file:
+    with h5py.File(results(tmp_path, text, Pool(1))) as file:
         paths, case = file["paths"], parse_case(file["paths"].attrs["case"])
         scales = [scale[0].name.rpartition("/")[2] for scale in paths["omega"].dims]
         assert scales == ["resistance.diagonal", "time", "axis"]
@@ -814,7 +811,7 @@ def test_a_sweep_says_how_many_members_went_alone_and_why(tmp_path: Path) -> Non
 
 @pytest.mark.heyoka
 def test_a_sweep_is_stored_with_its_axes(tmp_path: Path) -> None:
-    with h5py.File(results(tmp_path, SMALL, pool(1))) as file:
+    with h5py.File(results(tmp_path, SMALL, Pool(1))) as file:
         ball, case = file["ball"], parse_case(file["ball"].attrs["case"])
         assert ball["crossing_time"].shape == (3, 400)
         named = [
@@ -842,16 +839,15 @@ def test_processes_and_repeats_change_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.undo()  # steps that round as those of workers do
-    monkeypatch.setattr(pools, "START_SECONDS", 0)  # however quick they are
     for name in "ab":
         (tmp_path / name).mkdir()
     # Still more than a task of measuring errors has.
     monkeypatch.setattr(summary, "RANDOM_MEMBERS", 40)
     monkeypatch.setattr(summary, "NEAREST_MEMBERS", 10)
-    first = results(tmp_path / "a", SMALL, pool(1)).read_bytes()
+    first = results(tmp_path / "a", SMALL, Pool(1)).read_bytes()
     with (
         h5py.File(tmp_path / "a" / "a.h5") as one,
-        h5py.File(results(tmp_path / "b", SMALL, pool(2))) as two,
+        h5py.File(results(tmp_path / "b", SMALL, Pool(2))) as two,
     ):
         for name in one["ball"]:
             if one["ball"][name].dtype.kind in "if":
@@ -862,29 +858,23 @@ def test_processes_and_repeats_change_nothing(
             one["ball"].attrs["error_quantiles"].tolist()
             == two["ball"].attrs["error_quantiles"].tolist()
         )
-    assert results(tmp_path / "a", SMALL, pool(1)).read_bytes() == first
+    assert results(tmp_path / "a", SMALL, Pool(1)).read_bytes() == first
 
 
 @pytest.mark.heyoka
 def test_a_killed_sweep_goes_on_from_its_last_chunk(
     tmp_path: Path, hodo: Hodo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.undo()  # steps that round as those of the other process do
     text = SMALL.replace("count: 400", "count: 600").replace("time:", "error: off, time:")
     (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
-    add, done = Writer.add_chunk, 3
-
-    def add_some(of: Writer, stamp: str, number: int, group: Group) -> None:
-        if len(list(tmp_path.glob("runs/.a.h5.*.partial/part-*.h5"))) == done:
-            os.kill(os.getpid(), signal.SIGKILL)
-        add(of, stamp, number, group)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(Writer, "add_chunk", add_some)
-        child = in_child(lambda: hodo("run", "a.yaml", "--case", "ball"))
-    assert exit_status(child) == -signal.SIGKILL
+    command = [sys.executable, "-m", "hodo_cli.cli", "run", "a.yaml", "--case", "ball"]
+    with subprocess.Popen(command, cwd=tmp_path) as process:
+        wait_until(lambda: len([*tmp_path.glob("runs/.a.h5.parts/chunk-*.h5")]) >= 3)
+        process.kill()
+    done = len([*tmp_path.glob("runs/.a.h5.parts/chunk-*.h5")])
+    assert 3 <= done < 9
     assert not (tmp_path / "runs" / "a.h5").exists()
-    kept = f"ball: will run: it has no result yet; {done} of its 9 chunks are kept"
-    assert kept in hodo("run", "a.yaml", "--case", "ball", "--dry-run").stdout
     # Another sweep in its place lets them lie until they are pruned.
     (tmp_path / "a.yaml").write_text(text.replace("count: 600", "count: 20"), encoding="utf-8")
     assert hodo("run", "a.yaml", "--case", "ball").returncode == 0
@@ -951,7 +941,7 @@ def stored_sweeps(folder: Path, *texts: str) -> Group:
     """The last of some sweeps, of which each is run onto the result of the one before."""
     folder.mkdir()
     for text in texts:
-        path = results(folder, f"title: t\ncases:\n  a: {{{text}}}\n", pool(1))
+        path = results(folder, f"title: t\ncases:\n  a: {{{text}}}\n", Pool(1))
     with open_run(path) as stored:
         return stored.read("a")
 
@@ -982,7 +972,7 @@ def test_a_sweep_that_grows_computes_its_new_members_only(
     as_before = chunk.integrated_alone
     monkeypatch.setattr(chunk, "prepare", members_of)
     monkeypatch.setattr(chunk, "integrated_alone", alone)
-    path = results(tmp_path / "grown", f"title: t\ncases:\n  a: {{{after}}}\n", pool(1))
+    path = results(tmp_path / "grown", f"title: t\ncases:\n  a: {{{after}}}\n", Pool(1))
     with open_run(path) as stored:
         grown = stored.read("a")
     assert len(set(computed_now)) == whole - first > 0
@@ -999,11 +989,12 @@ def test_a_sweep_that_grows_computes_its_new_members_only(
 def test_an_earlier_result_that_another_run_has_grown_is_not_read(tmp_path: Path) -> None:
     text = f"{FIG4}, {BALL}, sweep: {{d: {{sphere: {{count: NEW}}}}}}"
     few, many = (f"title: t\ncases:\n  a: {{{text.replace('NEW', n)}}}\n" for n in ("9", "20"))
-    path = results(tmp_path, few, pool(1))
+    path = results(tmp_path, few, Pool(1))
     (tmp_path / "a.yaml").write_text(many, encoding="utf-8")
     (plan,) = run.plans([load(tmp_path / "a.yaml")], tmp_path, (), False)
-    earlier, case = plan.earlier("a"), plan.config.cases["a"]
-    results(tmp_path, many, pool(1))
+    case = plan.config.cases["a"]
+    earlier = plan.earlier(case)
+    results(tmp_path, many, Pool(1))
     assert earlier is not None
     with pytest.raises(HodoError, match="another run has replaced a: run it again"):
         earlier.completed(case, 0, 20, Group({}, {}))
@@ -1103,7 +1094,7 @@ def test_a_chunk_whose_worker_dies_is_marked(
         return as_before(task)
 
     monkeypatch.setattr(sweep, "compute", compute)
-    with h5py.File(results(tmp_path, text, pool(1))) as file:
+    with h5py.File(results(tmp_path, text, Pool(1))) as file:
         ball = file["ball"]
         failed = (ball["status"][:] == FAILED).sum()
         assert 0 < failed < ball["status"].size
@@ -1577,8 +1568,8 @@ def test_the_error_of_the_top_is_measured(tmp_path: Path) -> None:
 
 
 def sweep_of(case: Case, folder: Path) -> Group:
-    with compose(folder / "a.h5", {}) as writer:
-        return sweep.run_sweep(case, "mark", pool(1), writer, False, Progress(1, quiet=True))
+    quiet = Progress(1, quiet=True)
+    return sweep.run_sweep(case, "mark", folder / "a.h5", Pool(1), False, quiet)
 
 
 @pytest.mark.heyoka

@@ -1,0 +1,354 @@
+"""Nothing that was computed is lost, and nothing is silently wrong: what `faults.py` tries, a few
+of each, and what commands do beside results that are unfinished, shared, foreign or damaged.
+
+`make stress` tries each class of faults hundreds of times.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import faults
+import h5py
+import numpy as np
+import pytest
+from conftest import Hodo, wait_until
+from faults import BATCH, numbers, prepared, same, written
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="forks, signals and /proc")
+needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc compiles what watches calls")
+
+
+# Faults at random moments: few of each.
+
+
+def test_killed_runs_lose_nothing(tmp_path: Path) -> None:
+    assert faults.kill_runs(tmp_path, 3)["ended by the signal"]
+
+
+def test_killed_sweeps_lose_nothing(tmp_path: Path) -> None:
+    faults.kill_sweeps(tmp_path, 3)
+
+
+def test_killed_classifications_lose_nothing(tmp_path: Path) -> None:
+    faults.kill_classifications(tmp_path, 3)
+
+
+def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
+    assert faults.fill_disk(tmp_path, 8)["refused"]
+
+
+def test_a_crowd_of_processes_loses_nothing(tmp_path: Path) -> None:
+    faults.crowds(tmp_path, 5)
+
+
+def test_changed_bytes_are_never_taken_for_numbers(tmp_path: Path) -> None:
+    count = faults.change_bytes(tmp_path, 24)
+    assert count["h5py: refused"], "no trial has met the arrays"
+    assert count["hodo: refused"] >= 20
+
+
+@needs_gcc
+def test_nothing_is_lost_when_a_call_fails(tmp_path: Path) -> None:
+    count = faults.fail_calls(tmp_path, 60, 29)
+    assert len(count) >= 10  # of three commands, reading and writing, once and for ever
+
+
+@needs_gcc
+def test_nothing_that_was_synced_is_lost_with_the_power(tmp_path: Path) -> None:
+    assert faults.lose_power(tmp_path, 2)["tried"] >= 24
+
+
+# A run that has not ended.
+
+
+@contextmanager
+def running(folder: Path, config: str) -> Iterator["subprocess.Popen[str]"]:
+    """A run with its result in the folder, which is killed at the end if it still runs."""
+    written(folder, config)
+    with faults.started(folder, "run", "x.yaml", "--out", ".", "-v") as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+SLOW = "damping: [1.0e-9, 2.0e-9, 3.0e-9], initial: {p: 0.8, q: 0.5, r: 0.74}, time: {samples: 11"
+LONG = BATCH + f"  mid: {{{SLOW}, end: 200000}}}}\n  last: {{{SLOW}, end: 1000000}}}}\n"
+"""A batch whose last case takes some seconds, and the one before so long that it is stored at once,
+with those before it."""
+
+
+def finished_in(process: "subprocess.Popen[str]", many: int) -> None:
+    """Wait until a run has said that so many cases are finished."""
+    assert process.stderr
+    while many:
+        line = process.stderr.readline()
+        assert line, "the run has ended"
+        many -= line.rstrip().endswith(": ok")
+
+
+def test_what_a_living_run_has_finished_can_be_looked_at(tmp_path: Path, hodo: Hodo) -> None:
+    with running(tmp_path, LONG) as process:
+        finished_in(process, 12)
+        shown = hodo("show", "x.h5")
+        assert shown.returncode == 0, shown.stderr
+        assert shown.stdout.count("linear-diag") >= 12
+        assert hodo("classify", "x.h5").returncode == 0
+        assert process.poll() is None, "the run has ended too early"
+        process.kill()
+        process.wait()
+    again = hodo("run", "x.yaml", "--out", ".", "-v", "--case", "c*")
+    assert again.returncode == 0, again.stderr
+    assert again.stderr.count(": is kept") >= 12
+    labelled = [
+        name for name, case in numbers(tmp_path / "x.h5").items() if "enclosed_axis" in case
+    ]
+    assert len(labelled) >= 12, "labels are lost"
+
+
+def test_cases_that_are_added_and_changed_beside_an_unfinished_run(
+    tmp_path: Path, hodo: Hodo
+) -> None:
+    with running(tmp_path, LONG) as process:
+        finished_in(process, 12)
+    changed = LONG.replace("p: 0.8, q: 0.3", "p: 0.7, q: 0.3").partition("  mid")[0]
+    (tmp_path / "x.yaml").write_text(
+        changed + "  new: {damping: 0.004, initial: {p: 1, q: 1, r: 1}}\n"
+    )
+    done = hodo("run", "x.yaml", "--out", ".", "-v")
+    assert done.returncode == 0, done.stderr
+    assert "c2: will run: its case has changed" in done.stderr
+    found = numbers(tmp_path / "x.h5")
+    assert {*found} - {"mid"} == {*(f"c{i}" for i in range(16)), "new"}
+    assert found["c2"]["omega"][0, 0] == 0.7
+
+
+def test_two_runs_at_once_both_end_well(tmp_path: Path, hodo: Hodo) -> None:
+    written(tmp_path, BATCH)
+    halves = [
+        faults.started(tmp_path, "run", "x.yaml", "--out", ".", "--case", pattern)
+        for pattern in ("c?", "c1?")
+    ]
+    assert [process.wait() for process in halves] == [0, 0]
+    for process in halves:
+        process.communicate()
+    assert {*numbers(tmp_path / "x.h5")} == {f"c{i}" for i in range(16)}
+    assert hodo("run", "x.yaml", "--out", ".", "-v").stderr.count(": is kept") == 16
+
+
+def test_a_worker_that_is_killed_costs_its_own_task(tmp_path: Path) -> None:
+    written(tmp_path, LONG)
+    with faults.started(tmp_path, "run", "x.yaml", "--out", ".", "-j", "2", "-v") as process:
+        finished_in(process, 4)
+        for child in set(faults.members(process.pid)) - {process.pid}:
+            os.kill(child, 9)
+        said = process.communicate()[1]
+    assert process.returncode == 0, said
+    assert len(numbers(tmp_path / "x.h5")) == 18
+
+
+# What `run` replaces, and what not.
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a classified result."""
+    prepared(tmp_path_factory.mktemp("made") / "made")
+    return tmp_path_factory.getbasetemp() / "made0" / "made"
+
+
+@pytest.fixture
+def result(made: Path, tmp_path: Path) -> Path:
+    """A copy of it, in the folder in which `hodo` runs."""
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+    return tmp_path / "x.h5"
+
+
+def changed(result: Path, old: str, new: str) -> None:
+    config = result.with_suffix(".yaml")
+    text = config.read_text()
+    assert old in text
+    config.write_text(text.replace(old, new, 1))
+
+
+RUN = ("run", "x.yaml", "--out", ".", "-v")
+
+
+def test_a_failure_does_not_replace_a_good_result(result: Path, hodo: Hodo) -> None:
+    before = numbers(result)
+    changed(result, "a: {", "a: {max_steps: 2, ")
+    done = hodo(*RUN, "--force")
+    assert done.returncode == 1
+    assert "its earlier result is kept" in done.stderr
+    same(numbers(result), before)
+
+
+def test_a_case_that_has_left_the_case_file_stays_until_it_is_pruned(
+    result: Path, hodo: Hodo
+) -> None:
+    changed(result, "  b: {damping: [0.03, 0.04, 0.05]}\n", "")
+    changed(result, "cases: [a, b]", "cases: [a]")
+    before = numbers(result)
+    done = hodo(*RUN)
+    assert "b: is kept" in done.stderr
+    assert "--prune drops it" in done.stderr
+    same(numbers(result), before)
+    assert hodo(*RUN, "--prune").returncode == 0
+    assert [*numbers(result)] == ["a", "s"]
+
+
+def test_the_result_of_another_folder_is_not_replaced(result: Path, hodo: Hodo) -> None:
+    before = result.read_bytes()
+    (result.parent / "other").mkdir()
+    other = Path(shutil.copy(result.with_suffix(".yaml"), result.parent / "other"))
+    other.write_text(other.read_text().replace("p: 0.8", "p: 0.7"))
+    done = hodo("run", "other/x.yaml", "--out", ".")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "holds the results of x.yaml, not of other/x.yaml" in done.stderr
+    assert result.read_bytes() == before
+    assert hodo("run", "other/x.yaml", "--out", ".", "--force").returncode == 0
+
+
+def test_overrides_go_into_a_file_of_their_own(result: Path, hodo: Hodo) -> None:
+    before = result.read_bytes()
+    done = hodo("run", "x.yaml", "--out", ".", "--set", "a.damping.0=0.02", "--case", "a")
+    assert done.returncode == 0, done.stderr
+    assert result.read_bytes() == before
+    assert [*numbers(result.with_name("x,a.damping.0=0.02.h5"))] == ["a"]
+
+
+def test_remarks_are_renewed_without_a_run(result: Path, hodo: Hodo) -> None:
+    before = numbers(result)
+    changed(result, "a: {", "a: {note: As measured., ")
+    done = hodo(*RUN)
+    assert done.stderr.count(": is kept: nothing that it depends on has changed") == 3
+    same(numbers(result), before)
+    with h5py.File(result) as file:
+        assert "As measured." in file["a"].attrs["case"]
+    assert "enclosed_axis" in numbers(result)["a"]
+
+
+def test_nothing_to_do_leaves_the_file_alone(result: Path, hodo: Hodo) -> None:
+    before = result.read_bytes()
+    for command in (RUN, ("classify", "x.h5")):
+        assert hodo(*command).returncode == 0
+        assert result.read_bytes() == before
+
+
+# Files that are damaged, foreign or guarded.
+
+
+READERS = {
+    "run": RUN,
+    "run --force": (*RUN, "--force"),
+    "classify": ("classify", "x.h5"),
+    "show": ("show", "x.h5"),
+    "claims": ("claims", "x.h5"),
+    "plot": ("plot", "x.h5"),
+    "compare": ("compare", "x.h5", "x.h5"),
+}
+
+
+@pytest.mark.parametrize("command", READERS)
+def test_a_damaged_result_is_refused_in_one_line(result: Path, hodo: Hodo, command: str) -> None:
+    data = bytearray(result.read_bytes())
+    place = data.index(numbers(result, ["omega"])["a"]["omega"][:1].tobytes()[:8])
+    data[place] ^= 1
+    result.write_bytes(data)
+    done = hodo(*READERS[command])
+    assert done.returncode == 2
+    assert done.stderr.startswith("x.h5 is damaged (its checksum does not fit)")
+    assert "move it away" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert result.read_bytes() == data
+
+
+def test_every_numeric_array_has_a_checksum_of_its_own(result: Path) -> None:
+    """So that h5py and xarray notice a changed bit."""
+    with h5py.File(result) as file:
+        arrays = [
+            item
+            for case in file.values()
+            for item in case.values()
+            if item.ndim
+            and item.size
+            and item.dtype.kind in "fiu"
+            and b"not a netCDF variable" not in bytes(str(item.attrs.get("NAME", "")), "utf-8")
+        ]
+        assert len(arrays) > 20
+        assert [item.name for item in arrays if not item.fletcher32] == []
+
+
+def test_a_file_that_another_program_has_changed_is_read_with_a_warning(
+    result: Path, hodo: Hodo
+) -> None:
+    before = numbers(result)
+    with h5py.File(result, "r+") as file:
+        file["a"]["mine"] = np.arange(3.0)
+    shown = hodo("show", "x.h5")
+    assert shown.returncode == 0
+    assert "x.h5 has no checksum" in shown.stderr
+    assert hodo("classify", "x.h5").returncode == 0
+    del before["a"]["time"]
+    found = numbers(result)
+    assert np.array_equal(found["a"]["omega"], before["a"]["omega"])
+
+
+def test_a_result_behind_a_link_stays_there_and_keeps_its_mode(result: Path, hodo: Hodo) -> None:
+    (result.parent / "store").mkdir()
+    target = result.rename(result.parent / "store" / "y.h5")
+    result.symlink_to(target)
+    target.chmod(0o640)
+    assert hodo(*RUN, "--force").returncode == 0
+    assert result.is_symlink()
+    assert target.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_folder_that_cannot_be_written_into(result: Path, hodo: Hodo) -> None:
+    if os.geteuid() == 0:
+        pytest.skip("root may write everywhere")
+    result.parent.chmod(0o555)
+    try:
+        done = hodo(*RUN, "--force")
+    finally:
+        result.parent.chmod(0o755)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "permission denied" in done.stderr
+
+
+def test_code_that_is_edited_during_a_run_is_noticed(tmp_path: Path) -> None:
+    faults.edit_code(tmp_path, 1)
+
+
+def test_workers_import_nothing_from_the_current_folder(tmp_path: Path) -> None:
+    """A file of a common name, such as numpy.py, does not run in a worker."""
+    written(tmp_path, BATCH)
+    for name in ("numpy", "heyoka", "h5py", "random", "xarray"):
+        (tmp_path / f"{name}.py").write_text("open('owned', 'w')\n")
+    with faults.started(tmp_path, "run", "x.yaml", "--out", ".", "-j", "2") as process:
+        said = process.communicate()[1]
+    assert process.returncode == 0, said
+    assert not (tmp_path / "owned").exists()
+
+
+def test_a_stopped_run_ends_within_a_second_of_a_signal(tmp_path: Path, hodo: Hodo) -> None:
+    with running(tmp_path, LONG) as process:
+        finished_in(process, 12)
+        time.sleep(0.3)  # the long case has begun
+        began = time.monotonic()
+        process.terminate()
+        said = process.communicate()[1]
+    assert process.returncode == 143, said
+    assert time.monotonic() - began < 3  # a second, on a machine that has nothing else to do
+    assert "interrupted" in said
+    wait_until(lambda: not faults.members(process.pid))
+    assert hodo("show", "x.h5").returncode == 0
+    assert sys.platform != "linux" or len(numbers(tmp_path / "x.h5")) >= 12
