@@ -7,6 +7,7 @@ is compared before HDF5 sees a byte, and goes when another program changes the f
 
 import hashlib
 import json
+import math
 import os
 import re
 import shutil
@@ -14,13 +15,13 @@ import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-from h5py import h5a, h5ds, h5o, h5s, h5t
+from h5py import h5a, h5d, h5ds, h5g, h5o, h5p, h5s, h5t
 
 from .. import BatchError, HodoError
 from ..machine import RESOURCES
@@ -213,7 +214,7 @@ def _is_marked(path: Path, inode: int, changed: int, size: int) -> bool:
 
 STRING = h5py.string_dtype()
 # netCDF-4's own sign of a dimension without a coordinate; its readers look for these very words.
-NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
+NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable."
 
 REPORT_DIGEST, REPORT, SHORT_ATTRIBUTES, STAMP = "told_mark", "told", "listed", "stamp"
 """Attributes of a group that are believed only in a file which no other program has changed: what a
@@ -231,15 +232,19 @@ HIDDEN = (
 
 MAX_SHORT_CHARACTERS = 1000
 
-WHOLE_CHUNK = 1 << 16
-"""Numbers of an array that is stored in one piece."""
+LARGEST_CHUNK_OF_FILE = 1 << 16
+"""Numbers that share a checksum at most."""
+
+
+# The calls that h5py has for everybody take two to four times as long as its low-level ones: a case
+# has five datasets and forty attributes, which is half of what it costs to run a short one.
 
 
 def write_group(file: h5py.File, name: str, group: Group) -> None:
     """Add a group, or replace it. Raises ValueError if its variables differ in the size of a
     dimension, and TypeError for an array that netCDF does not know."""
     file.pop(name, None)
-    amend_group(file.create_group(name, track_order=True), group)
+    amend_group(h5py.Group(h5g.create(file.id, name.encode(), LINK, TRACKED_GROUP)), group)
 
 
 def amend_group(target: h5py.Group, group: Group) -> None:
@@ -250,63 +255,81 @@ def amend_group(target: h5py.Group, group: Group) -> None:
     stamp = os.urandom(8).hex()
     set_attributes(target, {**group.attributes, SHORT_ATTRIBUTES: listed, STAMP: stamp})
     late = group.streamed.names if group.streamed else ()
+    items = datasets_of(target)
     for name, variable in group.variables.items():
-        if name in sizes and name in target:  # other variables are linked to it
-            target[name][...] = variable.data
-        else:
-            target.pop(name, None)
-            set_attributes(new_dataset(target, name, variable.data, name in late), variable.attrs)
+        if name in items and name not in sizes:  # others are linked to what is a dimension
+            target.id.unlink(name.encode())
+        if name not in items or name not in sizes:
+            items[name] = new_dataset(target, name, file_type(name, variable.data), variable.data)
+        set_attributes(h5py.Dataset(items[name]), variable.attrs)
+        if name not in late:
+            kind = np.require(variable.data, file_type(name, variable.data), "C")
+            items[name].write(h5s.ALL, h5s.ALL, kind, types(kind.dtype)[1])
     for dim, size in sizes.items():
-        if dim in group.variables and not h5ds.is_scale(target[dim].id):
-            target[dim].make_scale(dim)
-        elif dim not in target or target[dim].shape != (size,):
+        if dim in group.variables and not h5ds.is_scale(items[dim]):
+            h5ds.set_scale(items[dim], dim.encode())
+        elif dim not in items or items[dim].shape != (size,):
             target.pop(dim, None)
             # A big-endian float that is never written, as netCDF-4 makes it: it takes no room.
-            target.create_dataset(dim, (size,), ">f4", track_order=True)
-            target[dim].make_scale(f"{NO_VARIABLE}{size:10d}")
-    attach(target, {name: variable.dims for name, variable in group.variables.items()})
+            items[dim] = new_dataset(target, dim, np.dtype(">f4"), np.empty(size), is_empty=True)
+            h5ds.set_scale(items[dim], NO_VARIABLE + b"%10d" % size)
+    attach(items, {name: variable.dims for name, variable in group.variables.items()})
     for name, where, block in group.streamed.blocks() if group.streamed else ():
-        target[name][where] = block
+        h5py.Dataset(items[name])[where] = block
 
 
-def new_dataset(parent: h5py.Group, name: str, data: np.ndarray, is_late: bool) -> h5py.Dataset:
-    """A new dataset for an array, with its values unless they come later."""
-    is_text = data.dtype.kind in "OU"
-    # Old netCDF readers lose bool, and crash on half and long double.
-    if not is_text and data.dtype.str[1:] not in ("i1", "i2", "i4", "i8", "u1", "u2", "f4", "f8"):
+def file_type(name: str, data: np.ndarray) -> Any:
+    """The type of an array in the file. Raises TypeError for one that old netCDF readers lose
+    (bool), or crash on (half and long double)."""
+    if data.dtype.kind in "OU":
+        return STRING
+    if data.dtype.str[1:] not in ("i1", "i2", "i4", "i8", "u1", "u2", "u4", "f4", "f8"):
         raise TypeError(f"{name}: netCDF has no type {data.dtype}")
-    is_checked = bool(not is_text and data.ndim and data.size)
-    chunks = (data.shape if data.size <= WHOLE_CHUNK else True) if is_checked else None
-    return parent.create_dataset(
-        name,
-        data.shape,
-        STRING if is_text else data.dtype,
-        None if is_late else data,
-        chunks=chunks,
-        fletcher32=is_checked,
-        track_order=True,
-    )
+    return data.dtype
 
 
-def attach(group: h5py.Group, dims: Mapping[str, tuple[str, ...]]) -> None:
+def new_dataset(
+    parent: h5py.Group, name: str, dtype: np.dtype, data: np.ndarray, is_empty: bool = False
+) -> h5d.DatasetID:
+    """A new dataset for an array, without its values."""
+    properties = TRACKED_DATASET
+    if dtype != STRING and data.ndim and data.size and not is_empty:
+        properties = TRACKED_DATASET.copy()
+        properties.set_chunk(chunk_of(data.shape))
+        properties.set_fletcher32()
+    space = h5s.create_simple(data.shape) if data.ndim else SCALAR
+    return h5d.create(parent.id, name.encode(), types(dtype)[0], space, properties, LINK)
+
+
+def chunk_of(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """The shape of the pieces that have a checksum each: runs of neighbours in their order."""
+    chunk = [*shape]
+    while math.prod(chunk) > LARGEST_CHUNK_OF_FILE:
+        i = next(i for i, size in enumerate(chunk) if size > 1)
+        chunk[i] = -(-chunk[i] // 2)
+    return tuple(chunk)
+
+
+def attach(items: Mapping[str, h5d.DatasetID], dims: Mapping[str, tuple[str, ...]]) -> None:
     """Link datasets to their dimensions; a scale is attached to others, never to itself."""
     for name, of_item in dims.items():
         for i, dim in enumerate(of_item if (name,) != of_item else ()):
-            h5ds.attach_scale(group[name].id, group[dim].id, i)
+            h5ds.attach_scale(items[name], items[dim], i)
 
 
 def copy_group(source: h5py.Group, file: h5py.File, name: str) -> None:
     """Copy a group of another file. HDF5 breaks the links to dimensions: they are made anew."""
-    file.copy(source, name)
-    for item in file[name].values():
-        for link in ("REFERENCE_LIST", "DIMENSION_LIST"):
-            item.attrs.pop(link, None)
-    attach(file[name], dimensions(source))
+    h5o.copy(source.id, b".", file.id, name.encode(), lcpl=LINK)
+    items = datasets_of(h5py.Group(h5g.open(file.id, name.encode())))
+    for item in items.values():
+        for link in (b"REFERENCE_LIST", b"DIMENSION_LIST"):
+            if h5a.exists(item, link):
+                h5a.delete(item, link)
+    attach(items, dimensions(source))
 
 
 def set_attributes(item: h5py.HLObject, attributes: Mapping[str, Attribute]) -> None:
-    """Set attributes; texts have variable length, which every reader gives back as text. `attrs` of
-    h5py takes three times as long, and a case has forty."""
+    """Set attributes; texts have variable length, which every reader gives back as text."""
     for name, value in attributes.items():
         if h5a.exists(item.id, name.encode()):
             h5a.delete(item.id, name.encode())
@@ -314,9 +337,30 @@ def set_attributes(item: h5py.HLObject, attributes: Mapping[str, Attribute]) -> 
         text = str(value).encode("utf-8", "replace").decode().replace("\0", "\ufffd")
         is_text = isinstance(value, str)
         data = np.asarray(text, dtype=STRING) if is_text else np.asarray(value)
-        space = h5s.create_simple(data.shape) if data.shape else h5s.create(h5s.SCALAR)
-        kind = h5t.py_create(data.dtype, logical=True)
-        h5a.create(item.id, name.encode(), kind, space).write(data)
+        space = h5s.create_simple(data.shape) if data.shape else SCALAR
+        in_file, in_memory = types(data.dtype)
+        h5a.create(item.id, name.encode(), in_file, space).write(data, in_memory)
+
+
+@cache
+def types(dtype: np.dtype) -> tuple[h5t.TypeID, h5t.TypeID]:
+    """A type as HDF5 names it in a file and in memory."""
+    return h5t.py_create(dtype, logical=True), h5t.py_create(dtype)
+
+
+def tracked(kind: h5p.PropClassID) -> h5p.PropOCID:
+    """How groups or datasets are created: the order of creation is tracked throughout, without
+    which netCDF-4 cannot append."""
+    properties = h5p.create(kind)
+    properties.set_obj_track_times(False)
+    properties.set_attr_creation_order(h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED)
+    return properties
+
+
+TRACKED_GROUP, TRACKED_DATASET = tracked(h5p.GROUP_CREATE), tracked(h5p.DATASET_CREATE)
+TRACKED_GROUP.set_link_creation_order(h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED)
+SCALAR, LINK = h5s.create(h5s.SCALAR), h5p.create(h5p.LINK_CREATE)
+LINK.set_char_encoding(h5t.CSET_UTF8)
 
 
 def short_ones(attributes: Mapping[str, Attribute]) -> dict[str, Any]:
@@ -410,11 +454,9 @@ class ResultFile:
 
 def short_attributes(item: h5py.Group, name: str = ".") -> dict[str, Any]:
     """The short attributes of a group, where they are stored as one; none if it has no such."""
-    text = np.empty((), STRING)
     with suppress(*DAMAGE):
         listed = h5a.open(item.id, SHORT_ATTRIBUTES.encode(), obj_name=name.encode())
-        listed.read(text, mtype=h5t.py_create(STRING))
-        return dict(json.loads(text.item()))
+        return dict(json.loads(one_value(listed)))
     return {}
 
 
@@ -423,13 +465,29 @@ def attributes_of(item: h5py.HLObject, only: Collection[str] = ()) -> dict[str, 
     # To ask for a few takes less time than to list all.
     asked = [name for name in only if h5a.exists(item.id, name.encode())]
     names = asked if only else [name for name in item.attrs if name not in HIDDEN]
-    return {name: plain_value(item.attrs[name]) for name in names}
+    return {name: attribute_of(item, name) for name in names}
 
 
-def plain_value(value: Any) -> Any:
-    """The value of an attribute as a plain one where it is one."""
+def attribute_of(item: h5py.HLObject, name: str) -> Any:
+    """The value of an attribute, as a plain one where it is one."""
+    value = one_value(h5a.open(item.id, name.encode()))
+    value = item.attrs[name] if value is None else value
     value = value.item() if isinstance(value, np.generic) else value
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def one_value(stored: h5a.AttrID) -> Any:
+    """The value of an attribute that is one text or one number, as most are; None of another."""
+    kind = stored.get_type() if stored.shape == () else None
+    if isinstance(kind, h5t.TypeStringID) and kind.is_variable_str():
+        text = np.empty((), STRING)
+        stored.read(text, mtype=types(STRING)[1])
+        return text.item()
+    if isinstance(kind, h5t.TypeIntegerID | h5t.TypeFloatID):
+        number = np.empty((), kind.dtype)
+        stored.read(number)
+        return number[()]
+    return None
 
 
 def values_of(item: h5py.Dataset) -> np.ndarray:
@@ -437,22 +495,28 @@ def values_of(item: h5py.Dataset) -> np.ndarray:
     return np.asarray(item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()])
 
 
+def datasets_of(group: h5py.Group) -> dict[str, h5d.DatasetID]:
+    """What a group holds, by names."""
+    objects = {name: h5o.open(group.id, name.encode()) for name in group}
+    return {name: item for name, item in objects.items() if isinstance(item, h5d.DatasetID)}
+
+
 def dimensions(group: h5py.Group) -> dict[str, tuple[str, ...]]:
     """The variables of a group with the dimensions of each; not what stands for a dimension without
     values."""
-    items = {name: item for name, item in group.items() if isinstance(item, h5py.Dataset)}
-    # By place_in_file: HDF5 itself takes milliseconds to find a name.
-    names = {place_in_file(item.id): name for name, item in items.items()}
+    items = datasets_of(group)
+    # By their places: HDF5 itself takes milliseconds to find a name.
+    names = {place_in_file(item): name for name, item in items.items()}
     return {
-        name: tuple(names[h5ds.iterate(item.id, i, place_in_file)] for i in range(item.ndim))
-        if h5a.exists(item.id, b"DIMENSION_LIST")
-        else (name,) * item.ndim
+        name: tuple(names[h5ds.iterate(item, i, place_in_file)] for i in range(item.rank))
+        if h5a.exists(item, b"DIMENSION_LIST")
+        else (name,) * item.rank
         for name, item in items.items()
-        if not (h5ds.is_scale(item.id) and NO_VARIABLE.encode() in h5ds.get_scale_name(item.id))
+        if not (h5ds.is_scale(item) and h5ds.get_scale_name(item).startswith(NO_VARIABLE))
     }
 
 
-def place_in_file(item: h5py.h5d.DatasetID) -> int:
+def place_in_file(item: h5d.DatasetID) -> int:
     """Where a dataset is in its file, which no two share."""
     return int(h5o.get_info(item).addr)
 
