@@ -9,10 +9,10 @@ import mpmath
 import numpy as np
 import pytest
 import series
-from hodo_cli.models.theory.attitude import carlson, free_attitude
 from scipy.spatial.transform import Rotation
 
 from hodo_cli.models.theory import closed_form
+from hodo_cli.models.theory.attitude import carlson, free_attitude
 from hodo_cli.models.theory.closed_form import AlongMomentum
 
 A = np.array([1.0, 0.8, 0.6])

@@ -19,7 +19,7 @@ from ..models import rigid_body
 from ..progress import Progress
 from ..results.groups import label_group
 from ..results.layout import RECORDED, sentence_of_case, units_of_case, without_old_labels
-from ..results.motion import Motion, case_of, motion_of
+from ..results.motion import Motion, case_of
 from ..storage import Group, history_line, typed, update
 from ..text import abridged, few, grouped, magnitude, table, to_error
 from .resume import package_digest, results_named, warn_of_changes
