@@ -19,15 +19,14 @@ from matplotlib.figure import Figure
 
 from . import HodoError
 from .batch import check_memory
-from .cases.case import Case, plain, read_mapping
+from .cases.case import Case, as_plain
 from .cases.config import composed_text, parse
-from .cases.derived import DERIVED, derivable
-from .cases.figure_block import FIGURE, FIGURE_KINDS, check_figure
+from .cases.figure_block import FIGURE, FIGURE_KINDS, merged_style
 from .commands.classify import classified, classify_results
 from .commands.resume import stored_config
 from .commands.run import finished_case, plans, run_plans
-from .figures import draw
-from .figures.style import user_parameters
+from .figures import draw, user_parameters
+from .quantities import QUANTITIES, derivable, stored_name
 from .results.dataset import (
     StoredCases,
     cases_of_file,
@@ -36,8 +35,8 @@ from .results.dataset import (
     quantity_array,
     sweep_axes,
 )
-from .schema.document import Mistakes
-from .schema.kinds import Wrong
+from .schema.document import Source, read_mapping
+from .schema.kinds import Wrong, check_tagged
 from .schema.spelling import nearest, shown
 from .storage import open_run
 from .sweeps.view import SweepView
@@ -201,16 +200,18 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
     # A sketch of quadrants draws bodies and takes no cases.
     keys_of_kind = FIGURE_KINDS.get(kind, {}) if isinstance(kind, str) else {}
     cases_key = {"cases": list(cases)} if "cases" in keys_of_kind else {}
-    spec, mistakes = FIGURE.check_keys({**cases_key, **plain({"kind": kind, **keys})})
-    if mistakes := [*mistakes, *check_figure(spec)]:
+    spec, mistakes = check_tagged(FIGURE, {**cases_key, **as_plain({"kind": kind, **keys})})
+    if mistakes:
         raise HodoError(str(Wrong(*mistakes)))
+    spec["style"] = merged_style(spec["style"])
     return draw(spec, cases, rc=user_parameters()).figure
 
 
 @as_usual
 def derive(data: xr.Dataset, *names: str) -> xr.Dataset:
     """A dataset with quantities that follow from its variables, such as `T`, `G_space` or `psi`, by
-    the names of docs/results.md; of a sweep, at the ends of its members.
+    the names of docs/results.md; of a sweep, at the ends of its members. D/2T is the variable
+    D_per_2T, as in files.
 
     Raises HodoError for a name that is no quantity, or one that the dataset lacks variables for.
     """
@@ -222,11 +223,12 @@ def derive(data: xr.Dataset, *names: str) -> xr.Dataset:
     if sweep_axes(data) or ("members" in data.attrs and "time" not in data.dims):
         swept = SweepView.of("sweep", data)
         _check_quantities(names, swept.sources)
-        return data.assign({name: swept.derived(name) for name in names})
+        return data.assign({stored_name(name): swept.derived(name) for name in names})
     motion = motion_from(data, "case")
     _check_quantities(names, motion.sources)
     arrays = {
-        name: quantity_array(name, motion.quantity(name), ["time"], motion.case) for name in names
+        stored_name(name): quantity_array(name, motion.quantity(name), ["time"], motion.case)
+        for name in names
     }
     # By their times, whose order in a dataset may be another.
     return data.assign({name: x.assign_coords(time=motion.time) for name, x in arrays.items()})
@@ -235,9 +237,9 @@ def derive(data: xr.Dataset, *names: str) -> xr.Dataset:
 def _check_quantities(names: Sequence[str], sources: set[str]) -> None:
     """Raise HodoError for a name that is no quantity, with those that follow from these sources."""
     for name in names:
-        if name not in DERIVED:
+        if name not in QUANTITIES:
             raise HodoError(
-                f"unknown quantity {name!r}{nearest(name, DERIVED)} "
+                f"unknown quantity {name!r}{nearest(name, QUANTITIES)} "
                 f"(it has {', '.join(derivable(sources))})"
             )
 
@@ -265,7 +267,7 @@ def extended_text(path: Path, cases: Mapping[str, Case]) -> str:
     if not os.path.lexists(path):
         return composed_text(cases)
     with open_run(path) as run:
-        document = read_mapping(run.text, Mistakes(str(path)))
+        document = read_mapping(run.text, Source(str(path)))
         cases = {**stored_config(run).cases, **cases}
     for section in ("cases", "defaults"):
         document.pop(section, None)

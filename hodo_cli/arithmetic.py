@@ -133,7 +133,7 @@ def _function(name: str) -> Callable[[Any], Any]:
     return applied
 
 
-sin, cos, exp, log, sqrt = map(_function, ("sin", "cos", "exp", "log", "sqrt"))
+sin, cos, exp, log, sqrt, tanh = map(_function, ("sin", "cos", "exp", "log", "sqrt", "tanh"))
 
 
 def abs(x: Any) -> Any:
@@ -177,6 +177,13 @@ def whole_power(x: Any, n: int) -> Any:
     return half * half * x if n % 2 else half * half
 
 
+def size_of(x: Any) -> Any:
+    """|x| of an expression: of a series and of an engine's symbol by a root, which has no value at
+    the corner itself."""
+    is_plain = isinstance(x, Column | float | int | np.ndarray | np.generic)
+    return abs(x) if is_plain else sqrt(x * x)
+
+
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "+": operator.add,
     "-": operator.sub,
@@ -188,6 +195,9 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "sin": sin,
     "cos": cos,
     "exp": exp,
+    "log": log,
+    "abs": size_of,
+    "tanh": tanh,
 }
 """What may stand in an expression, by the words of its tree."""
 

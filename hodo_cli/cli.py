@@ -240,7 +240,7 @@ def _files(name: str, **how: Any) -> Callable[[Command], Command]:
     return click.argument(name, type=click.Path(path_type=Path), shell_complete=_configs, **how)
 
 
-FORMATS = ("png", "svg", "pdf", "csv", "html", "gif", "mp4")
+FORMATS = ("png", "svg", "pdf", "csv", "html", "gif")
 """The formats that a figure is written in."""
 
 RUNS = _files("runs", nargs=-1, required=True)
@@ -419,7 +419,7 @@ def _claims(runs: tuple[Path, ...], as_json: bool, markdown: bool) -> int:
     multiple=True,
     default=("png",),
     show_default=True,
-    help="Format to write (repeatable); gif and mp4 are films, of figures of kind body.",
+    help="Format to write (repeatable); gif is a film, of figures of kind body.",
 )
 @_folder("runs/figures")
 @click.option("--force", is_flag=True, help="Draw unchanged figures again too.")
@@ -509,8 +509,9 @@ def _bench(
 @main.command("show")
 @RUNS
 @click.option("--methods", is_flag=True, help="Print a paragraph for a paper on each instead.")
+@click.option("--latex", is_flag=True, help="Print the table of cases for a paper, in LaTeX.")
 @JSON
-def _show(runs: tuple[Path, ...], methods: bool, as_json: bool) -> int:
+def _show(runs: tuple[Path, ...], methods: bool, latex: bool, as_json: bool) -> int:
     """List the cases in RUNS.
 
     RUNS are results (*.h5), or configs with a result in runs/. A line says how a case was
@@ -522,7 +523,8 @@ def _show(runs: tuple[Path, ...], methods: bool, as_json: bool) -> int:
         return _report(
             [*map(show.methods_of, dict.fromkeys(runs))], show.methods_paragraphs, as_json
         )
-    return _report(show.stored_cases(runs), show.case_table, as_json)
+    rows = show.stored_cases(runs, with_data=latex)
+    return _report(rows, show.latex_table if latex else show.case_table, as_json)
 
 
 @main.command("merge")
@@ -548,7 +550,7 @@ def _schema(table: bool) -> None:
     """Print the JSON Schema of case files."""
     from .cases.key_tables import json_schema, key_tables
 
-    click.echo(key_tables() if table else json.dumps(json_schema(), indent=2, ensure_ascii=False))
+    click.echo(key_tables() if table else json.dumps(json_schema(), indent=1, ensure_ascii=False))
 
 
 if __name__ == "__main__":

@@ -224,7 +224,7 @@ def schema() -> dict[str, Any]:
 
 def figure_kinds() -> set[str]:
     """The kinds of figure that a case file may have."""
-    kinds = schema()["properties"]["figures"]["additionalProperties"]["oneOf"]
+    kinds = schema()["properties"]["figures"]["anyOf"][0]["additionalProperties"]["oneOf"]
     return {keys["properties"]["kind"]["enum"][0] for keys in kinds}
 
 

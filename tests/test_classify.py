@@ -3,6 +3,7 @@ engine."""
 
 import json
 import math
+import re
 from dataclasses import replace
 from fractions import Fraction
 from itertools import permutations
@@ -436,3 +437,30 @@ def test_a_motion_with_a_rotor_encloses_no_axis_and_the_table_says_why(
         assert file["one/crossing_time"].size == 0
         for name in ("start_axis", "end_axis"):
             assert file[f"many/{name}"][:].tolist() == [-1, -1]
+
+
+def test_a_body_at_rest_under_a_torque_has_no_growth_of_a_tilt(hodo: Hodo, tmp_path: Path) -> None:
+    body = "model: torques, inertia: [3, 2, 1], torque: [0.1, 0, 0], initial: {p: 0, q: 0, r: 0}"
+    (tmp_path / "a.yaml").write_text(f"cases:\n  a: {{{body}, time: {{end: 10}}}}\n")
+    assert hodo("run", "a.yaml").returncode == 0
+    done = hodo("classify", "a.yaml", "--json")
+    assert "inf" not in done.stdout.lower()
+    (row,) = json.loads(done.stdout)
+    assert "x1" not in row["growth"]
+
+
+def test_a_damaged_case_keeps_no_labels_from_the_others(hodo: Hodo, tmp_path: Path) -> None:
+    body = "model: linear-diag, inertia: [3, 2, 1], initial: {p: 1, q: 0.2, r: 0.1}"
+    cases = "".join(f"  {name}: {{{body}, time: {{end: 5}}}}\n" for name in "abc")
+    (tmp_path / "a.yaml").write_text(f"cases:\n{cases}")
+    assert hodo("run", "a.yaml").returncode == 0
+    path = tmp_path / "runs" / "a.h5"
+    with h5py.File(path, "r+") as file:
+        del file["a/time"]
+        file["b"].attrs["case"] = "no: case"
+    done = hodo("classify", "runs/a.h5")
+    assert done.returncode == 1
+    assert re.search(r"^runs/a\.h5: a is damaged", done.stderr, re.MULTILINE)
+    assert re.search(r"^runs/a\.h5: b: ", done.stderr, re.MULTILINE)
+    with h5py.File(path) as file:
+        assert [name for name in "abc" if "enclosed_axis" in file[name]] == ["c"]

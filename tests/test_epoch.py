@@ -18,7 +18,7 @@ defaults:
   time: {{start: {START}, end: {START + 600}, samples: 1201, unit: s}}
 cases:
   turning: {{damping: [0.005, 0.004, 0.003]}}
-  pole: {{expression: [0.001/(t-{START + 30}), 0, 0]}}
+  pole: {{expression: [0.001/(t - 30), 0, 0], time: {{epoch: {START}}}}}
   braked: {{brake: 0.01, damping: 0.001}}
   broken: {{damping: [0.005, 0.004, 0.003], max_steps: 20}}
   starts:

@@ -521,8 +521,8 @@ def test_figures_take_the_momentum_of_body_and_fluid() -> None:
     [
         [0.02, -0.0002],
         [0.02, -0.0004, 5e-6],
-        {"law": "exponential", "value": 0.02, "rate": 0.05},
-        {"law": "power", "value": 0.02, "rate": 0.05, "exponent": -1},
+        "0.02*exp(-0.05*t)",
+        "0.02*(1 + 0.05*t)**-1",
     ],
 )
 def test_the_momentum_of_body_and_fluid_stays_under_a_law_of_time_too(law: Any) -> None:

@@ -15,6 +15,7 @@ PACKAGE = ROOT / "hodo_cli"
 LAYERS = (
     "text schema progress arithmetic machine private",
     "models storage",
+    "quantities",
     "cases",
     "engines",
     "integration batch",

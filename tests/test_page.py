@@ -3,14 +3,15 @@ send."""
 
 import json
 import re
-import shutil
-from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import pytest
 from conftest import call
+
+pytest_plugins = ("browser",)
 
 CONFIG = """
 title: {title}
@@ -21,10 +22,9 @@ cases:
   calm: {{initial: {{p: 0.8, q: 0.1, r: 0.1}}, time: {{end: 10}}, assumes: {{r0: a guess}}}}
 figures:
   space: {{kind: hodograph, cases: fig4, caption: {title}}}
-  wide: {{kind: hodograph, cases: fig4, projections: [x1x2]}}
+  space-wide: {{kind: hodograph, cases: fig4, projections: [x1x2]}}
   both: {{kind: series, cases: [fig4, calm], variables: [G]}}
-  crossings-fig4: {{kind: quadrants, cases: fig4}}
-  wrong: {{kind: phase, cases: fig4, x: p, y: q, style: {{log: y}}}}
+  wrong: {{kind: phase, cases: fig4, x: p, y: qq}}
 {more}
 """
 CLAIMS = """
@@ -47,7 +47,7 @@ errata:
 BAD = "'<script>alert(\"&\")</script>'"
 
 
-class Reader(HTMLParser):
+class Tags(HTMLParser):
     """The tags of a page with their attributes; every tag that is opened is closed."""
 
     EMPTY = ("meta", "img", "input", "br")
@@ -58,7 +58,6 @@ class Reader(HTMLParser):
         self._opened: list[str] = []
         self.text = page.read_text(encoding="utf-8")
         self.feed(self.text)
-        assert not self._opened
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append((tag, {name: value or "" for name, value in attrs}))
@@ -72,211 +71,108 @@ class Reader(HTMLParser):
         return [attributes for name, attributes in self.tags if name == tag]
 
 
-def plotted(folder: Path, **titles: str) -> Path:
-    """The folder of the page of case files by their names, with these titles; a name that begins
-    with paper has statements and errata."""
-    for name, title in titles.items():
-        more = CLAIMS if name.startswith("paper") else ""
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the page of a paper and of another case file, which comes before it."""
+    folder = tmp_path_factory.mktemp("drawn")
+    for name, title, more in (("alpha", "A", ""), ("paper", BAD, CLAIMS)):
         (folder / f"{name}.yaml").write_text(CONFIG.format(title=title, more=more))
-    files = [f"{name}.yaml" for name in titles]
-    judged = [file for file in files if file.startswith("paper")]
-    for command in (["run", "--quiet", *files], ["classify", *files], ["claims", *judged]):
-        done = call(folder, *command)
+    for command in (["run", "--quiet"], ["classify"], ["claims"]):
+        files = ["alpha.yaml", "paper.yaml"][command == ["claims"] :]
+        done = call(folder, *command, *files)
         assert done.returncode == 0, done.stderr
-    done = call(folder, "plot", *files, "--format", "png", "--format", "csv")
+    formats = ("--format", "png", "--format", "html")
+    done = call(folder, "plot", "alpha.yaml", "paper.yaml", *formats, "--alone", "alone.html")
     assert done.returncode == 1, done.stderr
-    assert "reaches below zero" in done.stderr
+    assert done.stderr.count("unknown variable 'qq'") == 1
     return folder
 
 
-@pytest.fixture(scope="module")
-def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the page of a paper and of two other case files."""
-    return plotted(tmp_path_factory.mktemp("drawn"), beta="B", alpha="A", paper=BAD)
-
-
-@pytest.fixture
-def place(drawn: Path, tmp_path: Path) -> Path:
-    """A copy of it, to be changed."""
-    return Path(shutil.copytree(drawn, tmp_path / "copy"))
-
-
-def page_in(folder: Path) -> Reader:
-    """The page of a folder."""
-    return Reader(folder / "runs" / "figures" / "index.html")
-
-
-def data_in(folder: Path, name: str) -> dict[str, Any]:
-    """What a folder keeps for the page."""
-    return dict(json.loads((folder / "runs" / "figures" / name / "page.json").read_text()))
-
-
-def test_the_page_asks_no_network_and_escapes_what_files_say(drawn: Path) -> None:
-    page = page_in(drawn)
-    assert len(page.of("script")) == 1
-    assert page.of("script") == [{}]
-    assert not page.of("link")
-    assert "http" not in page.text
+def test_a_page_shows_all_and_links_both_ways(folder: Path) -> None:
+    figures = folder / "runs/figures"
+    page = Tags(figures / "index.html")
     ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
-    assert len(ids) == len(set(ids))
-    assert {"paper", "paper/space", "paper/both", "paper/statement/once"} <= {*ids}
-    assert "so it is in the reprint" in page.text
-    images = page.of("img")
-    assert [image["src"] for image in images[:3]] == [
-        f"paper/{name}.png" for name in ("space", "wide", "both")
-    ]
-    assert {image["loading"] for image in images} == {"lazy"}
-    assert images[0]["alt"] == (
-        "Hodograph of the angular momentum in body axes; case fig4; "
-        "encloses x1 first and x3 last, with 1 crossing of the separatrix"
-    )
-    for link in (attributes["href"] for attributes in page.of("a")):
-        where = (
-            link[1:] in ids
-            if link.startswith("#")
-            else (drawn / "runs" / "figures" / link).resolve().is_file()
-        )
-        assert where, link
-    for text in (
-        "Not drawn",
-        "305.3589551667",
-        "initial p = 0.8, q = 0.5, r = 0.74; time 0 to 400",
-        "Assumed: r0: a guess",
-        "a remark",
-        "reproduced",
-        "15 figures (3 not drawn)",
-    ):
+    assert len(ids) == len({*ids})
+    assert {"paper", "paper/space", "paper/both", "paper/claims/once", "paper/errata/sign"} <= {
+        *ids
+    }
+    # Papers first.
+    assert ids.index("paper") < ids.index("alpha")
+    links = [unquote(attributes["href"]) for attributes in page.of("a")]
+    for link in links:
+        known = link[1:] in ids if link.startswith("#") else (figures / link).is_file()
+        assert known, link
+    # From a figure to its statements, and from these to it.
+    assert links.count("#paper/claims/once") == links.count("#paper/errata/sign") == 4
+    assert links.count("#paper/space") == 2
+    for text in ("Not drawn", "305.3589551", "r0: a guess", "so it is in the reprint",
+                 "1 more of space: space-wide", "1 reproduced", "a remark"):  # fmt: skip
         assert text in page.text, text
 
 
-def test_what_a_folder_keeps_is_data_and_no_html(drawn: Path) -> None:
-    data = data_in(drawn, "paper")
-
-    def texts(value: Any) -> Iterator[str]:
-        if isinstance(value, dict | list):
-            for item in value.values() if isinstance(value, dict) else value:
-                yield from texts(item)
-        elif isinstance(value, str):
-            yield value
-
-    assert not [text for text in texts(data) if re.search(r"</?(td|a|p|tr|div|b|i)\b", text)]
-    assert data["title"] == BAD.strip("'")
-    assert data["statements"][0]["verdict"] == "reproduced"
+def test_a_page_asks_no_network_and_runs_nothing_that_files_say(folder: Path) -> None:
+    for file in (folder / "runs/figures/index.html", folder / "runs/figures/paper/space.html"):
+        page = Tags(file)
+        assert "alert(&#34;&amp;&#34;)" in page.text or "alert(&quot;&amp;&quot;)" in page.text
+        assert "<script>alert" not in page.text
+        assert "http" not in page.text
+        assert not page.of("link")
+    assert {image["loading"] for image in Tags(folder / "runs/figures/index.html").of("img")} == {
+        "lazy"
+    }
 
 
-def test_papers_come_first_and_the_others_as_they_are_named(place: Path) -> None:
-    assert sections_in(place) == ["paper", "beta", "alpha"]
-    # What was drawn before stays, behind what is drawn now.
-    assert call(place, "plot", "alpha.yaml").returncode == 1
-    assert sections_in(place) == ["paper", "alpha", "beta"]
+def test_one_file_can_be_sent_alone(folder: Path) -> None:
+    page = Tags(folder / "alone.html")
+    assert all(image["src"].startswith("data:image/png;base64,") for image in page.of("img"))
+    assert len(page.of("img")) == 6
+    assert all(attributes["href"].startswith("#") for attributes in page.of("a"))
 
 
-def sections_in(folder: Path) -> list[str]:
-    """The results that a page shows, in their order."""
-    return re.findall('<section id="([a-z0-9]+)"><h2>', page_in(folder).text)
+def test_a_page_leaves_out_what_it_cannot_read(folder: Path, tmp_path: Path) -> None:
+    out = folder / "runs/figures"
+    for name, record in (
+        ("odd", "[]"), ("older", '{"space.png": {}}'),
+        ("gone", json.dumps({"result": "../gone.h5", "figures": {}})),
+    ):  # fmt: skip
+        (out / name).mkdir(exist_ok=True)
+        (out / name / "drawn.json").write_text(record)
+    (folder / "runs/alpha.h5").touch()
+    done = call(folder, "plot", "alpha.yaml")
+    assert "figures are kept" in done.stderr
+    page = Tags(out / "index.html")
+    assert {"paper", "alpha"} <= {a["id"] for _, a in page.tags if "id" in a}
+    assert "gone" not in page.text
 
 
-def test_a_page_reads_well_without_eyes(drawn: Path) -> None:
-    """Each table has a caption or stands under a summary, each head a scope; links lead past the
-    index and back."""
-    page = page_in(drawn)
-    assert "<title>Figures: &lt;script&gt;" in page.text
-    assert " and 2 more</title>" in page.text
-    assert {head.get("scope") for head in page.of("th")} == {"col"}
-    tables = len(page.of("table"))
-    assert tables == len(page.of("caption")) + len(page.of("details")) > 4
-    links = [link["href"] for link in page.of("a")]
-    assert links[0] == "#figures"
-    assert "#top" in links
-    assert [span["role"] for span in page.of("span") if "role" in span] == ["status"]
+# In a browser
 
 
-def test_one_file_can_be_sent_alone(place: Path) -> None:
-    done = call(place, "plot", "paper.yaml", "--alone", "sent/all.html")
-    assert done.stdout.endswith("sent/all.html\n")
-    page = Reader(place / "sent" / "all.html")
-    pictures = [image["src"] for image in page.of("img")]
-    assert len(pictures) == 12
-    assert all(source.startswith("data:image/png;base64,iVBOR") for source in pictures)
-    assert all(link["href"].startswith("#") for link in page.of("a"))
-    # Nor are there words of links that are none.
-    assert ">CSV<" in page_in(place).text
-    assert "CSV" not in re.sub("<[^>]*>", "", page.text)
-    done = call(place, "plot", "paper.yaml", "space", "--alone", "all.html")
-    assert done.returncode == 2
-    assert "--alone" in done.stderr
+@pytest.mark.parametrize(("width", "dark"), [(1300, False), (390, True)])
+def test_a_reader_finds_and_unfolds(reader: Any, folder: Path, width: int, dark: bool) -> None:
+    opened = reader(folder / "runs/figures/index.html", width, dark=dark)
+    page = opened.page
+    # Nothing is wider than the window, and dark is dark.
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    shown = page.evaluate("getComputedStyle(document.querySelector('.family')).backgroundColor")
+    assert (shown == "rgb(34, 34, 34)") is dark
+    assert not page.locator("[id='paper/space-wide']").is_visible()
+    page.goto(page.url + "#paper/space-wide")
+    assert page.locator("[id='paper/space-wide']").is_visible()
+    page.fill("#find", "reprint")
+    assert page.locator("[id='paper/errata/sign']").is_visible()
+    assert not page.locator("[id='paper/space']").is_visible()
+    assert re.fullmatch(r"\d+ of \d+", page.text_content("#count"))
+    page.fill("#find", "")
+    assert page.locator("[id='paper/space']").is_visible()
+    assert opened.is_clean()
 
 
-def test_a_page_leaves_out_what_it_cannot_read(place: Path) -> None:
-    data, folder = data_in(place, "alpha"), place / "runs" / "figures"
-    (folder / "old").mkdir()
-    for text in ("[]", "{", '{"title": ""}', json.dumps({**data, "figures": 1}), "[" * 100_000):
-        (folder / "old" / "page.json").write_text(text)
-        assert call(place, "plot", "paper.yaml").returncode == 1
-        assert sections_in(place) == ["paper", "alpha", "beta"]
+def test_a_checker_has_nothing_serious_against_the_page(reader: Any, folder: Path) -> None:
+    from axe_playwright_python.sync_playwright import Axe
 
-
-STRANGE = (
-    "<script>alert(1)</script>",
-    '"><img src=x onerror=alert(1)>',
-    "javascript:alert(1)",
-    "java\tscript:alert(1)",
-    "//elsewhere/x",
-    "http://elsewhere/x.png",
-    "\\\\elsewhere\\x.html",
-    "' onclick=alert(1) '",
-)
-
-
-def test_a_page_runs_nothing_that_another_folder_brings(place: Path) -> None:
-    """A folder of figures may be a stranger's: each text and file name in it is an attack once."""
-    own, data, folder = page_in(place), data_in(place, "paper"), place / "runs" / "figures"
-
-    def attacked(value: Any, text: str) -> Any:
-        if isinstance(value, dict):
-            return {key: attacked(item, text) for key, item in value.items()}
-        if isinstance(value, list):
-            return [attacked(item, text) for item in value]
-        return text if isinstance(value, str) else value
-
-    for i, text in enumerate(STRANGE):
-        (folder / f"old{i}").mkdir()
-        file = attacked({**data, "run": f"old{i}"}, text)
-        for figure in file["figures"]:
-            figure["problem"] = ""
-            figure["files"] = [text, f"{text}.png", f"{text}.html"]
-        (folder / f"old{i}" / "page.json").write_text(json.dumps(file))
-    assert call(place, "plot", "paper.yaml").returncode == 1
-    page = page_in(place)
-    assert page.text.count("<h2>") == 3 + len(STRANGE)
-    assert {tag for tag, _ in page.tags} == {tag for tag, _ in own.tags} | {"br", "i"}
-    known = {name for _, attributes in own.tags for name in attributes}
-    assert {name for _, attributes in page.tags for name in attributes} <= known
-    assert len(page.of("script")) == 1
-    for _, attributes in page.tags:
-        for name in {"href", "src"} & attributes.keys():
-            address = attributes[name]
-            assert not address.startswith(("//", "/", "\\"))
-            assert ":" not in address
-
-
-def test_results_of_one_title_are_told_apart(tmp_path: Path) -> None:
-    page = page_in(plotted(tmp_path, first="One", second="One", paper="Other"))
-    headings = re.findall("<h2>(.*?)</h2>", page.text)
-    assert headings == ["Other", "One (first)", "One (second)"]
-
-
-def test_a_page_says_what_varies_in_a_sweep(tmp_path: Path) -> None:
-    (tmp_path / "s.yaml").write_text("""
-cases:
-  s:
-    {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 0.003],
-     initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 400},
-     sweep: {damping.0: {values: [0.004, 0.005]}, damping.2: {linspace: [0.001, 0.003, 3]}}}
-figures: {f: {kind: map, cases: s, variable: crossing_time, x: damping.0, y: damping.2}}
-""")
-    for command in ("run", "plot"):
-        done = call(tmp_path, command, "s.yaml")
-        assert done.returncode == 0, done.stderr
-    text = (tmp_path / "runs" / "figures" / "index.html").read_text(encoding="utf-8")
-    assert "2 values of damping.0; 3 values of damping.2" in text
+    for name in ("index.html", "paper/space.html"):
+        opened = reader(folder / "runs/figures" / name)
+        found = Axe().run(opened.page).response["violations"]
+        serious = [x["id"] for x in found if x["impact"] in ("serious", "critical")]
+        assert not serious, (name, serious)

@@ -40,10 +40,8 @@ FORMS = {
     "time: {end: 30}",
     "top": f"{TOP}, {POLYNOMIAL}, form: full, epsilon: 0.05",
     "top averaged": f"{TOP}, {POLYNOMIAL}",
-    "top, exponential": f"{TOP}, form: full, epsilon: 0.05, "
-    "a: {law: exponential, value: 0.2, rate: 0.3}",
-    "top, power": f"{TOP}, form: full, epsilon: 0.05, "
-    "a: {law: power, value: 0.2, rate: 0.3, exponent: -1.5}",
+    "top, exponential": f"{TOP}, form: full, epsilon: 0.05, a: 0.2*exp(-0.3*t)",
+    "top, power": f"{TOP}, form: full, epsilon: 0.05, a: 0.2*exp(-1.5*log(1 + 0.3*t))",
     "top averaged-u": f"{TOP}, {POLYNOMIAL}, form: averaged-u",
 }
 

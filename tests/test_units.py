@@ -13,8 +13,8 @@ from conftest import call
 
 import hodo_cli
 from hodo_cli import models
+from hodo_cli.quantities import QUANTITIES
 from hodo_cli.results.dataset import motion_from
-from hodo_cli.results.motion import QUANTITIES
 
 SECOND, MOMENT = 2.0, 3.0
 """The factors by which the numbers of a time and of a moment of inertia grow, in smaller units."""
@@ -176,7 +176,7 @@ def test_keys_of_a_sweep_have_units_too() -> None:
     ],
 )
 def test_keys_within_a_swept_key_have_their_own_units(key: str, units: str) -> None:
-    law = {"law": "power", "value": 0.1, "rate": 0.1, "exponent": -1}
+    law = "0.1*(1 + 0.1*t)**-1"
     swept = hodo_cli.sweep(
         {"model": "torques", "inertia": [3, 2, 1], "initial": {"p": 1, "q": 1, "r": 1}}
         | {"damping": [0.1, 0.1, law], "quadratic": law, "torque": [0, law, 0]}

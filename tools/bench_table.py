@@ -1,20 +1,15 @@
-"""Print error against run time of a bench, in Markdown, and draw it: `python tools/bench_table.py
-runs/error_time.bench.h5 docs/error_time.svg`.
+"""Print error against run time of a bench, in Markdown: `python tools/bench_table.py
+runs/error_time.bench.h5`.
 
 The table has a row for each case and method, and a column for every other tolerance.
 """
 
-import re
 import sys
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 import xarray
 
-from hodo_cli.commands.bench import TRIAL_VERDICTS
-from hodo_cli.figures.kinds.costs import draw_bench
-from hodo_cli.figures.sheet import SHEET_STYLE, save
 from hodo_cli.text import magnitude, seconds
 
 STEP = 2
@@ -45,10 +40,3 @@ def rows(trials: xarray.Dataset) -> Iterator[Sequence[str]]:
 if __name__ == "__main__":
     bench = xarray.load_dataset(sys.argv[1], group="bench", engine="netcdf4")
     print("\n".join(f"| {' | '.join(row)} |" for row in rows(bench)))
-    sheet = draw_bench(bench, TRIAL_VERDICTS)
-    # Letters as text take a fifth of the bytes that their outlines do.
-    sheet.figure.parameters = {**SHEET_STYLE, "svg.fonttype": "none"}
-    save(sheet, Path(sys.argv[2]))
-    # A tenth of a point is finer than any screen.
-    text = re.sub(r"(\d\.\d)\d+", r"\1", Path(sys.argv[2]).read_text(encoding="utf-8"))
-    Path(sys.argv[2]).write_text(re.sub(r"\n *", "\n", text), encoding="utf-8")

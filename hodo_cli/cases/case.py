@@ -1,43 +1,45 @@
-"""Case files: from YAML to frozen cases, checked, and back.
+"""Cases: from the entries of a case file to frozen records, checked, and back.
 
 The keys of a case are `model`, `form`, those of its model's form, and COMMON. A value is taken from
-the first of: an override (`--set`), the case, the file's `defaults:`, the key's own default. A
-mistake is reported with its file, line, column, key and nearest spelling; all mistakes of a file
-are raised together, as one HodoError with a line for each.
+the first of: an override (`--set`), the case, the file's `defaults:`, the key's own default.
 """
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Never, TypeVar
+from typing import Any, Never
 
 import numpy as np
 
 from .. import HodoError, models
 from ..models.attitude import ATTITUDE_KEY, check_attitude, keys_of_form, system_of, takes_attitude
-from ..models.base import Model
+from ..models.base import CONSTANTS_KEY, Model
 from ..models.rigid_body import BodyFrame, range_mistake
-from ..schema.document import Block, Mistakes, Place, locate, read, write
+from ..models.time_laws import expressions_of, name_mistakes
+from ..quantities import QUANTITIES, constants_of, derivable, missing, remedy_of
+from ..schema.document import Source, read_mapping, write
+from ..schema.expression import names_in, parse_expression
 from ..schema.kinds import (
-    Key,
     KeyPath,
     Mistake,
     Wrong,
     WrongKey,
     as_finite,
+    check,
     check_keys,
     expected,
     is_list,
     mistakes_where,
+    unknown_names,
 )
-from ..schema.spelling import other_word, shown, unknown
+from ..schema.spelling import other_word, shown
 from ..text import time_text
-from .derived import DERIVED, LeftOut, constants_of, derivable, missing, remedy_of
 from .keys import (
     COMMON,
     FORMER_KEYS,
+    MERGED_KEYS,
     NO_CLOSED_FORM,
     NO_RATES,
     REMARKS,
@@ -48,7 +50,7 @@ from .keys import (
     most_samples,
     wrong_precision,
 )
-from .sweep_block import SWEEP, Axis, axes_of, check_axes, first_values, storable
+from .sweep_block import SWEEP, Axis, axes_of, check_axes, first_values, given, storable
 
 # Safe as a group of HDF5 (no slash), as a file, and in a shell; `_` in front is kept for groups
 # that are no cases.
@@ -59,22 +61,18 @@ NAME_RULE = (
 
 
 class FrozenDict(dict[str, Any]):
-    """A dict that cannot be changed, so that it has a hash: what holds it can be a key itself.
-
-    It is a dict, and not some other mapping, so that it equals one and is written as one.
-    """
+    """A dict that cannot be changed, so that what holds it can be a key itself."""
 
     def __hash__(self) -> int:  # type: ignore[override]
         return hash(frozenset(self.items()))
 
-    def __reduce__(self) -> tuple[type["FrozenDict"], tuple[dict[str, Any]]]:
+    def __reduce__(self) -> Any:
         return FrozenDict, (dict(self),)  # or else pickle fills it entry by entry
 
     def _refuse(self, *_: Any, **__: Any) -> Never:
         raise TypeError("the data of a case do not change: make another with dataclasses.replace")
 
-    __setitem__ = __delitem__ = __ior__ = _refuse
-    clear = pop = popitem = setdefault = update = _refuse
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
 
 
 def frozen(value: Any) -> Any:
@@ -86,19 +84,26 @@ def frozen(value: Any) -> Any:
     return tuple(map(frozen, value)) if isinstance(value, list | tuple) else value
 
 
+def as_plain(value: Any) -> Any:
+    """Arrays of numpy, tuples and ranges as lists, its numbers as Python's."""
+    if isinstance(value, Mapping):
+        return {str(key): as_plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return (value.astype(float) if value.dtype.kind == "f" else value).tolist()
+    return [as_plain(item) for item in value] if isinstance(value, list | tuple | range) else value
+
+
 @dataclass(frozen=True, kw_only=True)
 class Time:
-    """Span and number of samples of a case; a single sample is taken at the end, and there is no
-    other where the motion ends at its start. `values` are the times of the samples where they are
-    not evenly spaced; with `steps` the method's own steps are the samples, and their number is not
-    known here."""
+    """Span and samples of a case: evenly spaced, or listed in `values`."""
 
     start: float = 0.0
     end: float
     samples: int = 1001
     unit: str = "1"
     values: tuple[float, ...] | None = None
-    steps: bool = False
+    epoch: float | None = None
+    mirrored: bool = False
 
     def __post_init__(self) -> None:
         if self.start == self.end:
@@ -107,32 +112,34 @@ class Time:
     @property
     def entries(self) -> dict[str, Any]:
         """The keys of a case file that state it."""
-        sampled = "steps" if self.steps else "samples"
-        span = ("values",) if self.values else ("end", sampled)
-        return {key: getattr(self, key) for key in ("start", *span, "unit")}
+        span = ("values",) if self.values else ("end", "samples")
+        epoch = () if self.epoch is None else ("epoch",)
+        return {key: getattr(self, key) for key in ("start", *span, *epoch, "unit")}
 
     def text(self, time: float, digits: int = 6) -> str:
         """A time of the motion, to so many digits of what has passed since the start."""
-        return time_text(time, self.start, digits)
+        sign = -1 if self.mirrored else 1
+        return time_text(sign * time, sign * self.start, digits)
+
+    @property
+    def runs_backward(self) -> bool:
+        """Whether its end lies before its start."""
+        return self.end < self.start
+
+    @property
+    def rising(self) -> "Time":
+        """The same span by a time with another sign, which rises where this one falls."""
+        values = self.values and tuple(-time for time in self.values)
+        return replace(self, start=-self.start, end=-self.end, values=values, mirrored=True)
 
     def listed(self, times: np.ndarray) -> "Time":
         """The same span with samples at just these times (n,)."""
         values = tuple(times.tolist())
-        return replace(self, end=values[-1], samples=len(values), values=values, steps=False)
+        return replace(self, end=values[-1], samples=len(values), values=values)
 
     def resampled(self, samples: int) -> "Time":
         """The same span with so many samples, evenly spaced."""
         return replace(self, samples=samples, values=None)
-
-
-def plain(value: Any) -> Any:
-    """Arrays of numpy, tuples and ranges as lists, its numbers as Python's, those of extended
-    precision rounded to doubles as the numbers of a file are: what a YAML file can say."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return (value.astype(float) if value.dtype.kind == "f" else value).tolist()
-    return [plain(item) for item in value] if isinstance(value, list | tuple | range) else value
 
 
 @dataclass(frozen=True)
@@ -159,12 +166,6 @@ class Case:
     assumes: Mapping[str, str] = field(default_factory=dict)
     sweep: Mapping[str, Any] | None = None
 
-    def __new__(cls, *positional: Any, **_: Any) -> "Case":
-        """Raises HodoError for a mapping, which a notebook may try."""
-        if positional and isinstance(positional[0], Mapping):
-            raise HodoError("Case.of makes a case of a mapping")
-        return super().__new__(cls)
-
     def __post_init__(self) -> None:
         for name in ("data", "sweep", "store", "assumes"):
             # The way into a frozen dataclass.
@@ -182,23 +183,22 @@ class Case:
         """
         try:
             if not isinstance(entries, Mapping):
-                raise expected("a Case or a mapping of its keys to values", entries)
-            return checked_case(name, Block(plain(entries)))
+                raise expected({"title": "a Case or a mapping of its keys to values"}, entries)
+            return checked_case(name, as_plain(entries))
         except Wrong as error:
             raise HodoError(str(error)) from None
 
     @cached_property
     def system(self) -> Model:
-        """The equations of its model with the numbers of this case.
-
-        Raises HodoError if there is no such model.
-        """
-        return system_of(models.find(self.model, self.form), self.data)
+        """The equations of its model with its numbers. Raises HodoError without such a model."""
+        form = models.find(self.model, self.form)
+        return system_of(form, self.data, self.time.epoch, self.time.mirrored)
 
     def rests_on(self, variable: str) -> bool:
         """Whether a variable of its model is stored, or quantities are that may follow from it."""
-        stored = self.store or (variable,)
-        return variable in stored or not self.system.variables.keys() >= {*stored}
+        return variable in (self.store or (variable,)) or not self.system.variables.keys() >= {
+            *self.store
+        }
 
     def leaves_out(self, lacks: Iterable[str]) -> bool:
         """Whether its `store:` is why it lacks some variables."""
@@ -207,18 +207,18 @@ class Case:
     @property
     def entries(self) -> dict[str, Any]:
         """The keys of a case file that describe it, complete, but for its name."""
-        common = {name: key.kind.written(getattr(self, name)) for name, key in COMMON.items()}
-        common["time"] = self.time.entries
+        common = {name: getattr(self, name) for name in COMMON} | {"time": self.time.entries}
         present = {k: value for k, value in common.items() if value != {}}
-        entries = {"model": self.model, "form": self.form, **self.data, **present}
-        return {key: _written(value) for key, value in entries.items() if value is not None}
+        return dict(given({"model": self.model, "form": self.form, **self.data, **present}))
 
     @cached_property
     def lines(self) -> Mapping[str, str]:
         """The case as YAML, complete: its lines by their keys. They are its text and, but for the
         remarks, its digest."""
-        entries = {"name": self.name, **self.entries}
-        return {key: f"{key}: {write(value)}\n" for key, value in entries.items()}
+        return {
+            key: f"{key}: {write(value)}\n"
+            for key, value in {"name": self.name, **self.entries}.items()
+        }
 
 
 def dump(case: Case, remarks: bool = True) -> str:
@@ -231,271 +231,113 @@ def dump(case: Case, remarks: bool = True) -> str:
 
 def parse_case(text: str) -> Case:
     """The case in a text written by `dump`. Raises HodoError, one line for each mistake."""
-    return _read_as(text, lambda block: checked_case(block.pop("name", None), block))
+    source = Source("case")
+    entries = dict(read_mapping(text, source))
+    source.raise_any()
+    try:
+        return checked_case(entries.pop("name", None), entries)
+    except Wrong as error:
+        note_all(error.mistakes, source)
+        raise source.error() from None
 
 
 def parse_axes(text: str) -> list[Axis]:
-    """The axes of the case in such a text, none without a sweep; its model need not be there.
-    Raises HodoError as `parse_case` does."""
-    return _read_as(text, lambda block: axes_of(SWEEP.check(block.get("sweep", {}))))
+    """The axes of the case in such a text, none without a sweep; its model need not be there."""
+    sweep = read_mapping(text, Source("case")).get("sweep")
+    return axes_of(check(SWEEP, sweep) if sweep else {})
 
 
-_Taken = TypeVar("_Taken")
-
-
-def _read_as(text: str, taken: Callable[[Block], _Taken]) -> _Taken:
-    """What is taken of the mapping that a text holds. Raises HodoError as `parse_case` does."""
-    mistakes = Mistakes("case")
-    block = read_mapping(text, mistakes)
-    mistakes.raise_any()
-    try:
-        return taken(block)
-    except Wrong as error:
-        add_mistakes(error.mistakes, block, mistakes)
-        raise mistakes.error() from None
-
-
-def read_mapping(text: str, mistakes: Mistakes) -> Block:
-    """The mapping that a text holds. Raises HodoError if it holds anything else."""
-    document = read(text, mistakes)
-    if isinstance(document, Block):
-        return document
-    mistakes.fail(Place(1, 1), f"expected a mapping of keys to values, got {shown(document)}")
-
-
-def _written(data: Any) -> Any:
-    """Data as a case file says them: without the optional keys that are left out, and with the
-    words yes and no."""
-    if isinstance(data, bool):
-        return "yes" if data else "no"
-    if not isinstance(data, dict):
-        return data
-    return {key: _written(value) for key, value in data.items() if value is not None}
-
-
-def add_mistakes(faults: Iterable[Mistake], document: Block, mistakes: Mistakes) -> None:
-    """Add the faults within a document, with their places. What a case has inherited is called by
+def note_all(faults: Iterable[Mistake], source: Source) -> None:
+    """Note the faults within a document, with their places. What a case has inherited is called by
     its path in `defaults`."""
     for path, sentence in faults:
-        place, inherited = locate(document, path)
-        if isinstance(sentence, LeftOut):
-            place, _ = locate(document, ("cases", sentence.case, "store"))
-        mistakes.add(place, sentence, ("defaults", *path[2:]) if inherited else path)
+        shown_path = at = path
+        if path[:1] == ("cases",) and len(path) > 2 and _is_inherited(source.document, *path[1:]):
+            shown_path = at = ("defaults", *path[2:])
+        override = _override_of(path, source)
+        source.note(override or source.locate(at), sentence, path if override else shown_path)
 
 
-def checked_case(name: Any, block: Block) -> Case:
-    """The case that a merged block describes. Raises Wrong with all that is wrong with it."""
+def _override_of(path: KeyPath, source: Source) -> str:
+    """The override that has put there what is wrong at a path; empty if none has."""
+    parts = tuple(map(str, path))
+    heads = (parts[:n] for n in range(len(parts), 2, -1))
+    texts = [source.overridden[head] for head in heads if head in source.overridden]
+    if path and isinstance(path[-1], WrongKey):  # a key that is there for what is put below it
+        texts += [text for at, text in source.overridden.items() if at[: len(parts)] == parts]
+    return next(iter(texts), "")
+
+
+def _is_inherited(document: Any, case: Any, *path: Any) -> bool:
+    own, common = document["cases"].get(case), document.get("defaults")
+    for key in path[: 1 + (path[:1] != () and path[0] in MERGED_KEYS)]:
+        if not isinstance(own, Mapping) or not isinstance(common, Mapping) or key not in common:
+            return False
+        if key not in own:
+            return True
+        own, common = own[key], common[key]
+    return False
+
+
+def checked_case(name: Any, block: Mapping[str, Any], inherited: Collection[str] = ()) -> Case:
+    """The case that merged entries describe, of which some are `inherited`: those that its model
+    does not take do not count. Raises Wrong with all that is wrong with it."""
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise Wrong(((), f"{NAME_RULE}, not {shown(name)}"))
     model, keys = keys_in(block)
-    values, mistakes = _values_of(block, model, keys)
+    entries, foreign = _entries_of(model, keys, block, inherited)
+    values, mistakes = check_keys(keys, entries)
+    mistakes += foreign
+    own = {key: x for key, x in entries.items() if key in keys and key not in LIMITS}
+    mistakes += _size_mistakes(own)
     if model is None:
         raise Wrong(*mistakes)
-    data = _data_of(model, values)
-    system = _sound_system(model, data, values, mistakes)
+    # A case without an attitude is the same whether it says so or not.
+    without = set() if values.get(ATTITUDE_KEY) else {ATTITUDE_KEY}
+    data = {key: values[key] for key in keys_of_form(model) if key in values.keys() - without}
+    if data.get(CONSTANTS_KEY):
+        data[CONSTANTS_KEY], unused = _constants_named(model, data, inherited)
+        mistakes += unused
+    data |= first_values(values.get("sweep") or {}, model, data)
+    # What the case as a whole seems to lack may stand under a key that is misspelt or wrong.
+    of_data = [*_data_mistakes(model, data, None if mistakes else values["time"])]
+    mistakes += [mistake for mistake in of_data if mistake[0] or not mistakes]
+    epoch = values["time"]["epoch"] if "time" in values else None
+    system: Model | None = None if mistakes else system_of(model, data, epoch)
+    mistakes += _store_mistakes(model, system, values)
+    mistakes += _method_mistakes(system, values) if system else ()
+    if values.get("sweep") and system and not mistakes:
+        mistakes += check_axes(values["sweep"], type(system), {**values, **data})
+    if mistakes or system is None:
+        raise Wrong(*mistakes)
     common = {key: values[key] for key in COMMON} | {"time": _sampled_time(system, values)}
     return Case(name=name, model=model.name, form=model.form, data=data, **common)
 
 
-def _data_of(model: type[Model], values: Mapping[str, Any]) -> dict[str, Any]:
-    """The data of a case of a model, among its values; those of the first member of a sweep."""
-    # A case without an attitude is the same whether it says so or not.
-    without = set() if values.get(ATTITUDE_KEY) else {ATTITUDE_KEY}
-    data = {key: values[key] for key in keys_of_form(model) if key in values.keys() - without}
-    return data | first_values(values.get("sweep") or {}, model, data)
-
-
-def _sound_system(
-    model: type[Model], data: Mapping[str, Any], values: Mapping[str, Any], known: Sequence[Mistake]
-) -> Model:
-    """The model with the data of a case. Raises Wrong with the mistakes that are known, and all
-    that is wrong with the case as a whole."""
-    mistakes = [*known]
-    # What the case as a whole seems to lack may stand under a key that is misspelt or wrong.
-    of_data = [*_data_mistakes(model, data, None if mistakes else values["time"])]
-    mistakes += [mistake for mistake in of_data if mistake[0] or not mistakes]
-    system = None if mistakes else system_of(model, data)
-    mistakes += _store_mistakes(model, system, values)
-    if system:
-        mistakes += _method_mistakes(system, values)
-    if system and values["sweep"] and not mistakes:
-        mistakes += check_axes(values["sweep"], type(system), {**values, **data})
-    if mistakes or system is None:
-        raise Wrong(*mistakes)
-    return system
-
-
-def _sampled_time(system: Model, values: Mapping[str, Any]) -> Time:
-    """The time of a case, with the number of samples that it does not name."""
-    time, start, end = values["time"], values["time"]["start"], values["time"]["end"]
-    if time["samples"] is not None:
-        return Time(**time)
-    number = FEWEST_SAMPLES if values["sweep"] else smooth_samples(system, end - start)
-    return Time(**time | {"samples": min(number, most_samples(start, end))})
-
-
-FEWEST_SAMPLES, MOST_SAMPLES = 1001, 50_001
-"""The samples of a case that does not name their number."""
-
-SAMPLE_TURN = math.radians(12)
-"""The angle by which a hodograph may turn from one sample to the next; figures warn above 15
-degrees."""
-
-TURN_IN_SPACE = math.radians(6)
-"""The same of what a body with an attitude carries along: a herpolhode fills its figure with few
-turns, where corners of twice as many degrees are seen."""
-
-
-def smooth_samples(system: Model, span: float) -> int:
-    """The number of samples of a span that makes the hodograph of a body which turns as at the
-    start a smooth line, and its curves in space where it has an attitude.
-
-    The hodograph turns no faster than about the axis of the largest moment at the speed that all of
-    the energy has about the axis of the smallest.
-    """
-    if system.no_axis_reason or not isinstance(system, BodyFrame) or system.is_quadrature:
-        return FEWEST_SAMPLES
-    A1, A2, A3 = sorted(system.moments.tolist(), reverse=True)
-    # By ratios, since moments may be of any size.
-    fastest = max((A1 - A2) / A2 * (A1 - A3) / A3, (A1 - A3) / A1 * (A2 - A3) / A2)
-    omega = system.to_principal(np.array(system.start[:3])).tolist()
-    parts = (math.sqrt(A / A3) * w for A, w in zip(system.moments.tolist(), omega, strict=True))
-    speed = math.hypot(*parts)
-    rotor: tuple[float, ...] = getattr(system, "rotor", None) or (0.0,)
-    rate: float = speed * math.sqrt(fastest) + math.hypot(*rotor) / A3
-    turns = max(
-        rate / SAMPLE_TURN, speed / TURN_IN_SPACE if ATTITUDE_KEY in system.variables else 0
-    )
-    # First the least of the two: no integer is infinite.
-    return max(FEWEST_SAMPLES, math.ceil(min(span * turns, MOST_SAMPLES - 1)) + 1)
-
-
-MERGED_KEYS = ("time", "assumes")
-"""The keys of which a case changes single entries, and takes the others over."""
-
-
-def merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> Block:
-    """A case's own entries over those of `defaults` or of another case, which are marked as
-    inherited."""
-    block = Block(own).over(common)
-    for key in MERGED_KEYS:
-        ours, theirs = own.get(key), common.get(key)
-        if isinstance(ours, Mapping) and isinstance(theirs, Mapping):
-            block[key] = Block(ours).over(theirs)
-            if key == "time":
-                drop_replaced_times(block[key], ours)
-    return block
-
-
-def variation(case: Case, changes: Mapping[str, Any]) -> Case:
-    """A case with other values at some keys, under its own name. Raises Wrong with all that is
-    wrong with these."""
-    return checked_case(case.name, merged(case.entries, changes))
-
-
-def _data_mistakes(
-    model: type[Model], data: Mapping[str, Any], time: Mapping[str, Any] | None
-) -> Iterator[Mistake]:
-    """The mistakes of data that are each right by themselves, and over a span, if one is given."""
-    model_data = {key: value for key, value in data.items() if key != ATTITUDE_KEY}
-    mistakes = [*model.check(model_data), *check_attitude(model, data)]
-    yield from mistakes
-    if time and not mistakes:
-        yield from model.check_span(model_data, time["start"], time["end"])
-
-
-def _method_mistakes(system: Model, values: Mapping[str, Any]) -> Iterator[Mistake]:
-    """Why a case cannot be integrated, as far as its keys and its equations tell."""
-    is_exact, takes_steps = values["method"] == "exact", values["time"]["steps"]
-    of_equations = models.mistake_in(system)
-    of_precision = wrong_precision(values["method"], values["precision"])
-    # Equations with a mistake may have it in their events.
-    of_events = "" if of_equations else finds_no_stop(values["method"], system)
-    return mistakes_where(
-        (of_equations, ("model",), of_equations),
-        (of_precision, ("precision",), of_precision),
-        (of_events, ("method",), of_events),
-        (is_exact and not system.has_closed_form, ("method",), NO_CLOSED_FORM),
-        (
-            values["method"] == "quadrature" and not system.is_quadrature,
-            ("method",),
-            "method quadrature is that of bodies averaged over their turns",
-        ),
-        (
-            system.is_quadrature
-            and (
-                takes_steps
-                or values["method"] not in ("auto", "quadrature")
-                or values["precision"] != "double"
-            ),
-            ("form",),
-            NO_RATES,
-        ),
-        (
-            is_exact and takes_steps,
-            ("time", "steps"),
-            "the closed form takes no steps: name samples, or a method",
-        ),
-        (
-            values["sweep"] and takes_steps,
-            ("time", "steps"),
-            "the members of a sweep have one list of times",
-        ),
-    )
-
-
-def _store_mistakes(
-    model: type[Model], system: Model | None, values: Mapping[str, Any]
-) -> Iterator[Mistake]:
-    """The mistakes in `store:`: variables that the case does not have, and quantities that do not
-    follow from them. Without a system it is not known which do."""
-    # The class that stands in for a form with these data has other variables than the form.
-    form, is_swept = type(system) if system else model, bool(values.get("sweep"))
-    valid = storable(form) if is_swept else list(form.variables)
-    sources = {*form.variables, *(constants_of(system, values) if system else ())}
-    for i, name in enumerate(values.get("store", ())):
-        # A mistaken attitude makes no system, and would be stored if it were right.
-        if name in valid or (name == ATTITUDE_KEY and system is None):
-            continue
-        if name == ATTITUDE_KEY and takes_attitude(form):
-            yield ("store", i), f"this case has no attitude{remedy_of([ATTITUDE_KEY])}"
-        elif name not in DERIVED:
-            derived = [] if is_swept else derivable(sources)
-            yield ("store", i), unknown(f"variable {name!r}", name, [*valid, *derived])
-        elif is_swept:
-            yield ("store", i), f"figures and averages derive {name} of what a sweep stores"
-        elif system and (lacks := missing(name, sources)):
-            needed = f"{' and '.join(lacks)}, which this case does not have"
-            yield ("store", i), f"{name} needs {needed}{remedy_of(lacks)}"
-
-
-def _values_of(
-    block: Block, model: type[Model] | None, keys: Mapping[str, Key]
+def _entries_of(
+    model: type[Model] | None,
+    keys: Collection[str],
+    block: Mapping[str, Any],
+    inherited: Collection[str],
 ) -> tuple[dict[str, Any], list[Mistake]]:
-    """The values of a case by its keys, and the mistakes in them; a key of another form is one.
-
-    Left out besides are defaults that its model does not take; the keys of every model where none
-    is named; and all keys of a model that is not known, which may be its own.
-    """
-    entries: dict[str, Any] = {}
-    mistakes: list[Mistake] = []
+    """The entries of a case that count, and the mistake of each that is a key of other models."""
+    entries, foreign = {}, list[Mistake]()
+    others: Collection[str] = ()
+    if model is None:
+        # One that is not known has keys of its own, and without any each key may be right.
+        others = block if "model" in block else all_keys()
     for key, value in block.items():
-        if key in keys:
-            entries[key] = value
-        elif key in FORMER_KEYS:
-            mistakes.append(((WrongKey(key),), FORMER_KEYS[key]))
-        elif key in block.inherited or (model is None and ("model" in block or key in all_keys())):
-            continue
-        elif model and (takers := _takers(model, key)):
+        is_strange = key not in keys and key not in inherited and key not in others
+        if is_strange and key in FORMER_KEYS:
+            foreign.append(((WrongKey(key),), FORMER_KEYS[key]))
+        elif is_strange and model and (takers := _takers(model, key)):
             # Likeness alone would take one model's key for another's: torque for store.
             word = other_word(key, keys)
             hint = f"; did you mean {word!r}?" if word else ""
-            mistakes.append(((WrongKey(key),), f"is a key of {takers}{hint}"))
-        else:
-            entries[key] = value  # a key of no model, which is refused as unknown
-    values, more = check_keys(keys, entries)
-    data = {key: value for key, value in entries.items() if key in keys.keys() - LIMITS}
-    return values, [*mistakes, *more, *_size_mistakes(data)]
+            foreign.append(((WrongKey(key),), f"is a key of {takers}{hint}"))
+        elif key in keys or is_strange:
+            entries[key] = value
+    return entries, foreign
 
 
 SMALLEST_SIZE = 1e-154
@@ -518,6 +360,178 @@ def _size_mistakes(value: Any, path: KeyPath = ()) -> Iterator[Mistake]:
         yield from ((path, words) for words in range_mistake(size, SMALLEST_SIZE))
     for key, part in parts:
         yield from _size_mistakes(part, (*path, key))
+
+
+def _sampled_time(system: Model, values: Mapping[str, Any]) -> Time:
+    """The time of a case, with the number of samples that it does not name."""
+    time, start, end = values["time"], values["time"]["start"], values["time"]["end"]
+    if time["samples"] is not None:
+        return Time(**time)
+    number = FEWEST_SAMPLES if values["sweep"] else smooth_samples(system, abs(end - start))
+    return Time(**time | {"samples": min(number, most_samples(start, end))})
+
+
+FEWEST_SAMPLES, MOST_SAMPLES = 1001, 50_001
+SAMPLE_TURN, TURN_IN_SPACE = math.radians(12), math.radians(6)
+"""The angles by which a hodograph, and what a body carries along in space, may turn from one sample
+to the next."""
+
+
+def smooth_samples(system: Model, span: float) -> int:
+    """The number of samples of a span that makes the hodograph of a body which turns as at the
+    start a smooth line, and its curves in space where it has an attitude.
+
+    The hodograph turns no faster than about the axis of the largest moment at the speed that all of
+    the energy has about the axis of the smallest.
+    """
+    if system.no_axis_reason or not isinstance(system, BodyFrame) or system.is_quadrature:
+        return FEWEST_SAMPLES
+    A1, A2, A3 = sorted(system.moments.tolist(), reverse=True)
+    # By ratios, since moments may be of any size.
+    fastest = max((A1 - A2) / A2 * (A1 - A3) / A3, (A1 - A3) / A1 * (A2 - A3) / A2)
+    omega = system.to_principal(np.array(system.start[:3])).tolist()
+    speed = math.hypot(
+        *(math.sqrt(A / A3) * w for A, w in zip(system.moments.tolist(), omega, strict=True))
+    )
+    rotor: tuple[float, ...] = getattr(system, "rotor", None) or (0.0,)
+    rate: float = speed * math.sqrt(fastest) + math.hypot(*rotor) / A3
+    turns = max(
+        rate / SAMPLE_TURN, speed / TURN_IN_SPACE if ATTITUDE_KEY in system.variables else 0
+    )
+    # First the least of the two: no integer is infinite.
+    return max(FEWEST_SAMPLES, math.ceil(min(span * turns, MOST_SAMPLES - 1)) + 1)
+
+
+def merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    """A case's own entries over those of `defaults` or of another case; an empty one takes an entry
+    of these back."""
+    both = {k: v for k, v in {**common, **own}.items() if v is not None or k not in common}
+    for key in MERGED_KEYS:
+        ours, theirs = own.get(key), common.get(key)
+        if isinstance(ours, Mapping) and isinstance(theirs, Mapping):
+            both[key] = merged(theirs, ours)
+            if key == "time":
+                drop_replaced_times(both[key], ours)
+    return both
+
+
+def inherited_keys(common: Mapping[str, Any], own: Mapping[str, Any]) -> set[str]:
+    """The keys, and the names of constants, that a case does not give itself."""
+    ours, theirs = (_entries_at(entries, CONSTANTS_KEY) for entries in (own, common))
+    return {*(common.keys() - own), *(f"{CONSTANTS_KEY}.{name}" for name in theirs.keys() - ours)}
+
+
+def _entries_at(entries: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    value = entries.get(key)
+    return value if isinstance(value, Mapping) else {}
+
+
+def variation(case: Case, changes: Mapping[str, Any]) -> Case:
+    """A case with other values at some keys, under its own name. Raises Wrong."""
+    entries = case.entries
+    return checked_case(case.name, merged(entries, changes), inherited_keys(entries, changes))
+
+
+def _expressions(model: type[Model], data: Mapping[str, Any]) -> Iterable[tuple[KeyPath, str]]:
+    """The expressions of a case, whose model takes constants, by their paths."""
+    others = {ATTITUDE_KEY, *(key for key, rule in model.keys.items() if "enum" in rule)}
+    return expressions_of({k: value for k, value in data.items() if k not in others})
+
+
+def _constants_named(
+    model: type[Model], data: Mapping[str, Any], inherited: Collection[str]
+) -> tuple[dict[str, float] | None, list[Mistake]]:
+    """The constants that expressions of a case name, and the mistake of each other one that is not
+    inherited."""
+    constants, texts = data[CONSTANTS_KEY], (text for _, text in _expressions(model, data))
+    named = set[str]().union(*(names_in(parse_expression(text)) for text in texts))
+    unused = [name for name in constants if name not in named]
+    mistakes: list[Mistake] = [
+        ((CONSTANTS_KEY, WrongKey(name)), "no expression of the case names it")
+        for name in unused
+        if f"{CONSTANTS_KEY}.{name}" not in inherited
+    ]
+    return {name: x for name, x in constants.items() if name in named} or None, mistakes
+
+
+def _data_mistakes(
+    model: type[Model], data: Mapping[str, Any], time: Mapping[str, Any] | None
+) -> Iterator[Mistake]:
+    """The mistakes of data that are each right by themselves, and over a span, if one is given."""
+    model_data = {key: value for key, value in data.items() if key != ATTITUDE_KEY}
+    of_model = model.check(model_data)
+    if model.is_rounded(data):  # which members of sweeps are not forgiven
+        of_model = (mistake for mistake in of_model if mistake[0][:1] != ("inertia",))
+    mistakes = [*of_model, *check_attitude(model, data)]
+    if CONSTANTS_KEY in data:
+        named, has_attitude = data[CONSTANTS_KEY] or {}, bool(data.get(ATTITUDE_KEY))
+        mistakes += name_mistakes(_expressions(model, data), named, has_attitude)
+    yield from mistakes
+    if time and not mistakes:
+        epoch, is_backward = time["epoch"] or 0.0, time["end"] < time["start"]
+        yield from model.check_span(model_data, time["start"] - epoch, time["end"] - epoch)
+        if is_backward and ("averaged" in model.form or data.get("brake") is not None):
+            what = "a brake" if data.get("brake") is not None else f"form {model.form}"
+            yield ("time", "end"), f"a motion of {what} runs forward: take an end after the start"
+
+
+def _method_mistakes(system: Model, values: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Why a case cannot be integrated, as far as its keys and its equations tell."""
+    is_exact, of_equations = values["method"] == "exact", models.mistake_in(system)
+    of_precision = wrong_precision(values["method"], values["precision"])
+    # Equations with a mistake may have it in their events.
+    of_events = "" if of_equations else finds_no_stop(values["method"], system)
+    return mistakes_where(
+        (of_equations, ("model",), of_equations),
+        (of_precision, ("precision",), of_precision),
+        (of_events, ("method",), of_events),
+        (is_exact and not system.has_closed_form, ("method",), NO_CLOSED_FORM),
+        (
+            values["method"] == "quadrature" and not system.is_quadrature,
+            ("method",),
+            "method quadrature is that of bodies averaged over their turns",
+        ),
+        (
+            system.is_quadrature
+            and (values["method"] not in ("auto", "quadrature") or values["precision"] != "double"),
+            ("form",),
+            NO_RATES,
+        ),
+        (
+            values["sweep"] and values["time"]["end"] < values["time"]["start"],
+            ("time", "end"),
+            "a sweep runs forward: take an end after the start",
+        ),
+    )
+
+
+def _store_mistakes(
+    model: type[Model], system: Model | None, values: Mapping[str, Any]
+) -> Iterator[Mistake]:
+    """The mistakes in `store:`: variables that the case does not have, and quantities that do not
+    follow from them. Without a system it is not known which do."""
+    form, is_swept = type(system) if system else model, bool(values.get("sweep"))
+    valid = storable(form) if is_swept else list(form.variables)
+    sources = {*form.variables, *(constants_of(system, values) if system else ())}
+    for i, name in enumerate(values.get("store", ())):
+        lacks = missing(name, sources) if name in QUANTITIES and system else []
+        if name in valid or (name == ATTITUDE_KEY and system is None):
+            continue
+        if name == ATTITUDE_KEY and takes_attitude(form):
+            yield ("store", i), f"this case has no attitude{remedy_of([ATTITUDE_KEY])}"
+        elif name not in QUANTITIES:
+            yield from unknown_names(
+                "variable",
+                {("store", i): name},
+                [*valid, *([] if is_swept else derivable(sources))],
+            )
+        elif is_swept or lacks:
+            needed = (
+                "figures and averages derive it"
+                if is_swept
+                else f"it needs {' and '.join(lacks)}{remedy_of(lacks)}"
+            )
+            yield ("store", i), f"{name} is not stored: {needed}"
 
 
 def _takers(model: type[Model], key: str) -> str:

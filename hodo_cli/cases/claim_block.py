@@ -2,13 +2,14 @@
 and how each of them is checked."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
-from itertools import chain, product
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..schema.document import Mistakes, read
+from ..quantities import OVER_TIME
+from ..schema.document import Source
 from ..schema.kinds import (
     NAMES,
     Choice,
@@ -21,6 +22,7 @@ from ..schema.kinds import (
     Mapped,
     Mistake,
     Number,
+    Rule,
     Table,
     Text,
     Variant,
@@ -31,8 +33,7 @@ from ..schema.kinds import (
     unknown_names,
     within,
 )
-from .derived import DERIVED, OVER_TIME, constants_of, lack_of
-from .figure_block import FORMULA, quantities_in
+from .figure_block import FORMULA
 from .sweep_block import SWEEP, axes_of, check_axes, first_values
 
 REPRODUCED, PLOTTING, CONTRADICTED = "reproduced", "reproduced to plotting accuracy", "contradicted"
@@ -63,26 +64,21 @@ SINGLE_NUMBERS = {
     "end_of_spin": "time at which r reaches 0; infinite if it does not",
     "rebound_u3": "time at which u3 touches 1, where |Gz| = C |r|; infinite if it does not",
 }
-"""The quantities that are one number of a motion; `claims.quantities` computes them."""
-
-NEEDED_BY_NUMBER = {"rebound_u3": "Gz"} | dict.fromkeys(
-    ("turns", "visible_turns_x1", "visible_turns_x3", "area_largest", "area_smallest"), "omega"
-)
-"""The variable or quantity over time from which a number is computed that not every model has."""
+"""The quantities that are one number of a motion; `claims.measures` computes them."""
 
 QUANTITY_NAMES = {**OVER_TIME, **SINGLE_NUMBERS}
 
 
 AXIS = Choice("x1", "x2", "x3")
-QUANTITY = Choice(*QUANTITY_NAMES, title="a quantity")
+QUANTITY = Choice(*QUANTITY_NAMES, title="a quantity") | {"definition": "quantity"}
 AT = Key(Choice("start", "end"), "where a quantity over time is taken", default="end")
-CURVE = Choice(*OVER_TIME, title="a quantity over time")
+CURVE = Choice(*OVER_TIME, title="a quantity over time") | {"definition": "curve"}
 SEVERAL = Key(ListOf(CURVE), "quantities over time")
 # Of a curve that changes its sign the change may be twice the largest value; a check to which every
 # curve conforms is none.
 RELATIVE = Number(least=0, below=1)
 
-CHECK_KINDS: dict[str, dict[str, Key]] = {
+CHECK_KINDS: dict[str, dict[str, Rule]] = {
     "axis": {
         "start": Key(
             AXIS,
@@ -209,13 +205,13 @@ def checks_of_papers() -> dict[str, PaperCheck]:
     text = CHECKS_OF_PAPERS.read_text(encoding="utf-8")
     return {
         name: PaperCheck(module, entries.get("models", ()), is_trend=section == "trends")
-        for module, entries in read(text, Mistakes(CHECKS_OF_PAPERS.name)).items()
+        for module, entries in Source(CHECKS_OF_PAPERS.name).read(text).items()
         for section in ("checks", "trends")
         for name in entries.get(section, ())
     }
 
 
-CHECK = Variant("kind", CHECK_KINDS, "how it is checked")
+CHECK = Variant("kind", CHECK_KINDS, "how it is checked") | {"definition": "check"}
 ID = Key(Text(least=1), "name")
 WHERE = Key(Text(least=1), "section, figure or equation of the text")
 REMARK = Key(Text(), "remark", default="")
@@ -311,6 +307,7 @@ ERRATUM_KEYS = {
 `corrected`, which must comply; a check without readings shows both. Without a check it is seen by
 reading."""
 
+
 CaseOf = Callable[[Any], Any]
 """The case of an entry of `cases:`; None for one that has mistakes of its own. Raises Wrong for an
 entry that describes no case."""
@@ -338,8 +335,8 @@ def case_name(case: Any) -> str:
 
 def cross_check(claims: Any, errata: Any, case_of: CaseOf) -> Iterator[Mistake]:
     """The mistakes that only several keys of the claims and errata show together: ids given twice,
-    cases that are not there, checks that every motion meets or none, sweeps that a case cannot
-    make."""
+    cases that are not there, checks that every motion meets or none, ranges of keys that a case
+    does not have. What only the motions show is said when they are judged."""
     ids: dict[str, list[str]] = {"errata": [], "claims": []}
     # Errata first, since claims name them.
     for section, items, keys in (("errata", errata, ERRATUM_KEYS), ("claims", claims, CLAIM)):
@@ -365,204 +362,72 @@ def _check_entry(section: str, entry: Mapping[str, Any], case_of: CaseOf) -> Ite
         return
     declared = entry["readings"]
     has_both_forms = entry.get("erratum") or (section == "errata" and declared)
-    yield from mistakes_where(
-        (
-            has_both_forms and declared.keys() != {READ_AS_PRINTED, READ_CORRECTED},
-            ("readings",),
-            f"expected two readings, {READ_AS_PRINTED!r} and {READ_CORRECTED!r}",
-        ),
-        ("" in declared, ("readings",), "a reading has no name"),
-        (
-            declared and entry["cases"],
-            ("cases",),
-            "each reading has its own cases, so leave these out",
-        ),
-    )
-    is_seen_by_reading = not (declared or entry["cases"] or entry["check"])
-    if section == "errata" and is_seen_by_reading:
-        return
+    if has_both_forms and declared.keys() != {READ_AS_PRINTED, READ_CORRECTED}:
+        yield ("readings",), f"expected two readings, {READ_AS_PRINTED!r} and {READ_CORRECTED!r}"
+    if section == "errata" and not (declared or entry["cases"] or entry["check"]):
+        return  # it is seen by reading
     for name, reading in readings(entry).items():
         prefix: KeyPath = ("readings", name) if declared else ()
-        own = declared.get(name, {})
-        paths = {key: (*prefix, key) if own.get(key) else (key,) for key in ("check", "over")}
-        yield from _check_reading(reading, prefix, paths, case_of)
+        yield from within(prefix, _check_reading(reading, case_of))
 
 
-def _check_reading(
-    reading: Mapping[str, Any], prefix: KeyPath, paths: Mapping[str, KeyPath], case_of: CaseOf
-) -> Iterator[Mistake]:
-    """The mistakes of a claim under one reading, which stands at `prefix`, with its check and its
-    members at `paths`."""
-    names, check, over = reading["cases"], reading["check"], reading.get("over")
-    if not names:
-        yield (*prefix, "cases"), "names no case"
-    if check is None:
-        yield prefix, "has no check"
+def _check_reading(reading: Mapping[str, Any], case_of: CaseOf) -> Iterator[Mistake]:
+    """The mistakes of a claim under one reading."""
+    check, entries, known = reading["check"], reading["cases"], list[Any]()
+    if not entries or check is None:
+        yield (), "names no case" if check else "has no check"
         return
-    cases, mistakes = _check_cases(names, case_of, is_swept=check["kind"] == "average")
-    yield from within(prefix, mistakes)
-    for mistakes_of_check in (
-        _check_check(check, len(names)),
-        _check_models(check, cases),
-        _check_quantities(check, cases, is_stored=not over),
-    ):
-        yield from within(paths["check"], mistakes_of_check)
-    yield from within(paths["over"], _check_over(over or {}, cases))
-    yield from _check_members(reading, over)
-
-
-def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
-    """The mistakes of a check of so many cases: it needs a key, contradicts itself, or takes
-    another number of cases."""
-    kind, least, most = check["kind"], check.get("least"), check.get("most")
-    yield from (
-        ((), f"needs {' or '.join(keys)}: without, every motion meets it")
-        for keys in NEEDED.get(kind, ())
-        if all(check[key] in (None, ()) for key in keys)
-    )
-    if least is not None and most is not None and least > most:
-        yield ("most",), f"expected at least {least:g}, which is the lower bound, got {most:g}"
-    match kind:
-        case "value":
-            yield from _check_values(check, count)
-        case "crossings" if check["from"] and check["from"] == check["to"]:
-            yield ("to",), f"expected another axis than {check['to']}, which a crossing leaves"
-        case "order" if count < 2:
-            yield (), f"compares the values of two cases or more, got {count}"
-        case "order" if check["by"] and count % check["by"]:
-            yield ("by",), f"expected a divisor of the number of cases, {count}, got {check['by']}"
-        case "average":
-            yield from _check_average(check, count)
-        case "paper":
-            yield from unknown_names("check", {("name",): check["name"]}, checks_of_papers())
-
-
-def _check_average(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
-    """The mistakes of a check of averages over so many cases."""
-    return mistakes_where(
-        (
-            count not in (1, 2),
-            (),
-            "a check of kind average takes one case, or two whose distance it averages",
-        ),
-        (
-            check["sense"] and len(check["at"] + check["along"]) < 2,
-            ("sense",),
-            "compares the averages listed in `at`, or the ranges in `along`: list at least two",
-        ),
-        (
-            check["sense"] and check["at"] and check["along"],
-            ("along",),
-            "`sense` compares the averages listed in `at`, and a range is none: make it a "
-            "statement of its own",
-        ),
-    )
-
-
-def _check_values(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
-    """The mistakes of the values that a check expects of so many cases."""
-    values = check["values"]
-    named: dict[KeyPath, str] = {("values", WrongKey(name)): name for name in values}
-    yield from unknown_names("quantity", named, QUANTITY_NAMES)
-    for name in QUANTITY_NAMES.keys() & values:
-        if (n := len(values[name])) != count:
-            yield ("values", name), f"expected a number for each case, {count} in all, got {n}"
-        if any(values[name]) and check["within"] >= max(map(abs, values[name])):
-            yield ("within",), f"expected less than the values of {name!r} themselves"
-
-
-def _check_models(check: Mapping[str, Any], cases: Iterable[Any]) -> Iterator[Mistake]:
-    """The mistake of a check of one text that meets a case of a model that the text is not
-    about."""
-    paper_check = checks_of_papers().get(check.get("name", ""))
-    for case in cases:
-        if paper_check and paper_check.models and case.model not in paper_check.models:
-            models = " or ".join(paper_check.models)
-            yield ("name",), f"is for cases of model {models}, and {case.name} is {case.model}"
-
-
-def _check_quantities(
-    check: Mapping[str, Any], cases: Iterable[Any], is_stored: bool
-) -> Iterator[Mistake]:
-    """The mistakes of a check of quantities that do not follow from what its cases store, or from
-    the variables of the model for cases that no result stores."""
-    named = check.get("of", ())
-    names = [
-        *([named] if isinstance(named, str) else named),
-        *(name for name in check.get("values", ()) if name in QUANTITY_NAMES),
-        *(["turns"] if check.get("turns") else []),
-        *sorted(quantities_in(check.get("formula", "0"))),
-    ]
-    for case, name in product(cases, names):
-        variables = (case.store if is_stored else ()) or case.system.variables
-        sources = {*variables, *constants_of(case.system, case.data)}
-        base = NEEDED_BY_NUMBER.get(name, name.partition(".")[0])
-        if base in sources or base in SINGLE_NUMBERS:
-            continue
-        of_model = f"case {case.name} ({case.model}, {case.form}) has no {name}"
-        if message := lack_of(case, base, sources, name) if base in DERIVED else of_model:
-            yield (), message
-            return
-
-
-def _check_members(reading: Mapping[str, Any], over: Any) -> Iterator[Mistake]:
-    """The mistakes in the keys that choose and count the members of `over`."""
-    name, has_share = reading["check"].get("name", ""), reading.get("share") is not None
-    is_trend = name in checks_of_papers() and checks_of_papers()[name].is_trend
-    no_members = "the members of `over`, which is not there"
-    return mistakes_where(
-        (reading.get("start") and not over, ("start",), f"is about {no_members}"),
-        (has_share and not over, ("share",), f"is about {no_members}"),
-        (is_trend and not over, ("check",), f"{name!r} compares {no_members}"),
-        (
-            is_trend and has_share,
-            ("share",),
-            f"{name!r} compares all members, and is decided by no share",
-        ),
-        (
-            reading["check"]["kind"] == "average" and over,
-            ("over",),
-            "a check of kind average takes the members of its cases' own sweeps",
-        ),
-    )
-
-
-def _check_cases(
-    entries: Sequence[Any], case_of: CaseOf, is_swept: bool
-) -> tuple[list[Any], list[Mistake]]:
-    """The cases of the entries of `cases:` that have no mistake, and the mistakes: of the entries,
-    and sweeps where a check takes single motions, or the other way round."""
-    cases: list[Any] = []
-    mistakes: list[Mistake] = []
+    is_swept = check["kind"] == "average"
+    sweep = f"{'no' if is_swept else 'a'} sweep, which this check does not take"
     for i, entry in enumerate(entries):
         try:
             case = case_of(entry)
         except Wrong as error:
-            mistakes += within(("cases", i), error.mistakes)
+            yield from within(("cases", i), error.mistakes)
             continue
         if case is not None and bool(case.sweep) != is_swept:
-            words = "a sweep, where a statement needs a single motion: use `over`"
-            mistakes.append(
-                (("cases", i), words if case.sweep else f"case {case.name} is no sweep")
-            )
-        elif case is not None:
-            cases.append(case)
-    return cases, mistakes
+            yield ("cases", i), f"case {case.name} is {sweep}"
+        known += [] if case is None else [case]
+    yield from within(("check",), _check_check(check, len(entries)))
+    if reading.get("over") and known:
+        yield from _check_members(reading["over"], known[0])
+
+
+def _check_members(over: Mapping[str, Any], case: Any) -> Iterator[Mistake]:
+    """The mistakes of the ranges of a claim about a case."""
+    if math.prod(map(len, axes_of(over))) > MOST_MEMBERS:
+        says = f"more than {MOST_MEMBERS:,} members, each of which is integrated by itself"
+        yield ("over",), says
+        return
+    model = type(case.system)
+    entries = {**vars(case), **case.data, **first_values(over, model, case.data)}
+    # A case's own sweep stands at `sweep`, a claim's at `over`.
+    mistakes = check_axes(over, model, entries)
+    yield from ((("over", *path[1:]), sentence) for path, sentence in mistakes)
 
 
 MOST_MEMBERS = 100_000
 """Members that a claim may have: some milliseconds each make minutes of them."""
 
 
-def _check_over(ranges: Mapping[str, Any], cases: Iterable[Any]) -> Iterator[Mistake]:
-    """The sweep of a claim against each of its cases; a mistake in several is noted once."""
-    if math.prod(map(len, axes_of(ranges))) > MOST_MEMBERS:
-        yield (), f"more than {MOST_MEMBERS:,} members, each of which is integrated by itself"
-    elif ranges:
-        by_path: dict[KeyPath, str] = {}
-        for case in cases:
-            model, data = type(case.system), case.data
-            entries = {**vars(case), **data, **first_values(ranges, model, data)}
-            by_path |= dict(check_axes(ranges, model, entries))
-        # A case's own sweep stands at `sweep`, a claim's at `over`.
-        yield from ((path[1:], message) for path, message in by_path.items())
+def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
+    """The mistakes of a check of so many cases: a key that it needs, or the number of cases."""
+    kind, values = check["kind"], check.get("values", {})
+    yield from (
+        ((), f"needs {' or '.join(keys)}: without, every motion meets it")
+        for keys in NEEDED.get(kind, ())
+        if all(check[key] in (None, ()) for key in keys)
+    )
+    named: dict[KeyPath, str] = {("values", WrongKey(name)): name for name in values}
+    yield from unknown_names("quantity", named, QUANTITY_NAMES)
+    is_uneven = kind == "order" and (count < 2 or count % (check["by"] or 1))
+    yield from mistakes_where(
+        (is_uneven, (), f"does not compare {count} cases in groups of two or more"),
+        (kind == "average" and count > 2, (), "a check of kind average takes one case, or two"),
+    )
+    of_each = f"expected a number for each case, {count} in all, got "
+    yield from (
+        (("values", name), f"{of_each}{len(x)}") for name, x in values.items() if len(x) != count
+    )
+    if kind == "paper":
+        yield from unknown_names("check", {("name",): check["name"]}, checks_of_papers())

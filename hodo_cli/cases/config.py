@@ -1,7 +1,7 @@
 """Case files as a whole: from YAML text, and values that `--set` puts into it, to a checked
 Config."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -10,19 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from .. import HodoError
-from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Block, Items, Mistakes, Place, read, write
+from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Place, Source, read_mapping, write
 from ..schema.kinds import (
-    REQUIRED,
-    Either,
-    Key,
     KeyPath,
-    Kind,
-    ListOf,
     Mistake,
-    Table,
     Wrong,
     WrongKey,
+    check,
     check_keys,
+    check_tagged,
     is_list,
     unknown_names,
     within,
@@ -34,16 +30,15 @@ from .case import (
     NAME,
     NAME_RULE,
     Case,
-    add_mistakes,
     checked_case,
+    inherited_keys,
     merged,
-    read_mapping,
+    note_all,
     variation,
 )
-from .derived import DERIVED
-from .figure_block import FIGURE, Drawable, check_drawn, check_figure, merged_style
+from .figure_block import FIGURE, merged_style
 from .keys import SECTIONS, all_keys, drop_replaced_times, keys_in
-from .sweep_block import axes_of, storable
+from .sweep_block import swept_path
 
 
 @dataclass(frozen=True)
@@ -153,7 +148,7 @@ def text_of(path: Path, name: str) -> str:
     if raw.startswith(b"\x89HDF"):
         raise HodoError(f"{name}: a result, where a case file (*.yaml) is expected")
     if len(raw) > MAX_BYTES:
-        Mistakes(name).fail(Place(1, 1), f"larger than {MAX_BYTES // 10**6} MB; split the file")
+        Source(name).fail(Place(1, 1), f"larger than {MAX_BYTES // 10**6} MB; split the file")
     # Editors on Windows put a byte order mark before the text. `read` refuses what is no UTF-8.
     return raw.decode("utf-8-sig", errors="surrogateescape")
 
@@ -167,57 +162,55 @@ def no_case(globs: Sequence[str], names: Iterable[str]) -> HodoError:
 
 def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = False) -> Config:
     """The config in a text; `name` stands for the file in messages. Raises HodoError as `load`
-    does.
-
-    The statements of a text that is stored in a result were checked against its cases by `run`: a
-    check of theirs that another version calls by another name keeps nobody from reading the rest.
-    """
-    mistakes = Mistakes(name)
-    document = read_mapping(text, mistakes)
-    # `figures:` with nothing below it is a section that is left out; a name that is no section is a
-    # mistake all the same.
-    present = {
-        section: value
-        for section, value in document.items()
-        if value is not None or section not in SECTIONS
-    }
+    does. The statements of a text that is `stored` in a result were checked by `run`."""
+    source = Source(name)
+    document = read_mapping(text, source)
+    # `figures:` with nothing below it is a section that is left out.
+    present = {k: value for k, value in document.items() if value is not None or k not in SECTIONS}
     sections, faults = check_keys(SECTIONS, present)
     if "cases" not in present:
         # Every name of a case would be a mistake besides, and hide this one.
-        add_mistakes(faults, document, mistakes)
-        raise mistakes.error()
-    named = sections.get("cases", Block())
-    blocks, case_faults = _case_blocks(
-        named, sections.get("defaults") or Block(), overrides, mistakes
-    )
-    # A mistake may stand in what a case inherits or an override changes.
-    named.update(blocks)
-    cases = _cases(blocks, document, mistakes)
+        note_all(faults, source)
+        raise source.error()
+    named, defaults = sections.get("cases", {}), sections.get("defaults") or {}
+    entries, more = _entries("cases", named)
+    faults += more
+    blocks = {case: merged(defaults, block) for case, block in entries.items()}
+    inherited = {case: inherited_keys(defaults, block) for case, block in entries.items()}
+    faults += _default_mistakes(defaults, [*blocks.values()])
+    for override in overrides:
+        _apply_override(override, blocks, source)
+    cases = {}
+    for case, block in blocks.items():
+        try:
+            cases[case] = checked_case(case, block, inherited[case])
+        except Wrong as error:
+            faults += within(("cases", case), error.mistakes)
     figures, figure_faults = _figures(sections.get("figures") or {}, named, sections.get("style"))
-    figure_faults += _figure_mistakes(figures, cases, with_sizes=not overrides)
-    faults += [*case_faults, *figure_faults]
+    faults += figure_faults
     if "cases" in sections and not named:
         faults.append((("cases",), "there is no case"))
     if not stored:
         case_named = partial(_case_named, cases, named)
         faults += claim_block.cross_check(present.get("claims"), present.get("errata"), case_named)
-    add_mistakes(faults, document, mistakes)
-    mistakes.raise_any()
-    kept = {key: sections[key] for key in ("title", "references", "claims", "errata", "bench")}
-    return Config(name, text, cases, figures, **kept, overrides=(*overrides,))
+    note_all(faults, source)
+    source.raise_any()
+    others = {key: sections[key] for key in ("title", "references", "claims", "errata", "bench")}
+    return Config(name, text, cases, figures, **others, overrides=(*overrides,))
 
 
 def located(config: Config, path: KeyPath, message: str) -> HodoError:
     """The error for a mistake in a config that only a result shows, with file, line and column."""
-    mistakes = Mistakes(config.path)
-    add_mistakes([(path, message)], read_mapping(config.text, mistakes), mistakes)
-    return mistakes.error()
+    source = Source(config.path)
+    read_mapping(config.text, source)
+    note_all([(path, message)], source)
+    return source.error()
 
 
 def _case_named(cases: Mapping[str, Case], names: Iterable[str], entry: Any) -> Case | None:
     """The case that a statement names, as it is or with other values; None if the case has
     mistakes. Raises Wrong for an entry that describes no case."""
-    changes = dict(entry) if isinstance(entry, Mapping) else {}
+    changes = {} if isinstance(entry, str) else dict(entry)
     name = changes.pop("case", None) if changes else entry
     if not isinstance(name, str):
         raise Wrong(((), "missing 'case', the name of the case that has other values here"))
@@ -244,104 +237,38 @@ def composed_text(cases: Mapping[str, Case], **sections: Any) -> str:
     return "\n".join([*lines, ""])
 
 
-def _entries(section: str, named: Mapping[str, Any]) -> tuple[dict[str, Block], list[Mistake]]:
+def _entries(section: str, named: Mapping[str, Any]) -> tuple[dict[str, Any], list[Mistake]]:
     """The entries of a section that have a proper name and are mappings, and the mistakes in the
     others."""
-    entries: dict[str, Block] = {}
+    entries: dict[str, Any] = {}
     mistakes: list[Mistake] = []
     for name, value in named.items():
         if not NAME.fullmatch(name):
             mistakes.append(((section, WrongKey(name)), NAME_RULE))
-        elif not isinstance(value, Block):
+        elif not isinstance(value, Mapping):
             mistakes.append(((section, name), f"expected a mapping, got {shown(value)}"))
         else:
             entries[name] = value
     return entries, mistakes
 
 
-def _case_blocks(
-    named: Block, defaults: Block, overrides: Sequence[str], mistakes: Mistakes
-) -> tuple[dict[str, Block], list[Mistake]]:
-    """The keys of each case over the defaults, as overrides change them, and what is wrong with
-    names of cases and with defaults; what is wrong with overrides is added to `mistakes`."""
-    entries, faults = _entries("cases", named)
-    blocks = {case: merged(defaults, block) for case, block in entries.items()}
-    for override in overrides:
-        _apply_override(override, blocks, mistakes)
-    return blocks, [*faults, *_default_mistakes(defaults, blocks.values())]
-
-
-def _cases(blocks: Mapping[str, Block], document: Block, mistakes: Mistakes) -> dict[str, Case]:
-    """The cases without a mistake; the mistakes in the others are added."""
-    cases = {}
-    for name, block in blocks.items():
-        try:
-            cases[name] = checked_case(name, block)
-        except Wrong as error:
-            add_mistakes(within(("cases", name), error.mistakes), document, mistakes)
-    return cases
-
-
-def _default_mistakes(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:
+def _default_mistakes(defaults: Mapping[str, Any], blocks: Sequence[Any]) -> list[Mistake]:
     """A mistake for each of the defaults that no case takes."""
-    models_of_blocks = [(block, *keys_in(block)) for block in blocks]
-    if any(model is None and "model" in block for block, model, _ in models_of_blocks):
-        return  # it may have keys of its own
+    models = [(block, *keys_in(block)) for block in blocks]
+    if any(model is None and "model" in block for block, model, _ in models):
+        return []  # it may have keys of its own
     # A case without a model may take any key that there is.
-    accepted = {
-        key for _, model, keys in models_of_blocks for key in (keys if model else all_keys())
-    }
-    for key in defaults.keys() - accepted:
-        is_key = key in all_keys()
-        message = "no case here takes this key" if is_key else unknown("key", key, sorted(accepted))
-        yield ("defaults", WrongKey(key)), message
-
-
-def _figure_mistakes(
-    figures: Mapping[str, Mapping[str, Any]], cases: Mapping[str, Case], with_sizes: bool
-) -> Iterator[Mistake]:
-    """The mistakes that keep figures from drawing their cases; none where a case is itself
-    wrong."""
-    drawn = {name for values in figures.values() for name in values.get("cases", ())}
-    known = {name: drawable(cases[name]) for name in cases.keys() & drawn}
-    for name, values in figures.items():
-        if all(case in cases for case in values.get("cases", ())):
-            yield from within(("figures", name), check_drawn(values, known, with_sizes))
-
-
-def drawable(case: Case) -> Drawable:
-    """The properties of a case on which figures rest."""
-    axes = axes_of(case.sweep or {})
-    sphere = next((axis.name for axis in axes if axis.sphere is not None), "")
-    own = {name: "".join(label.dims[1:]) for name, label in case.system.variables.items()}
-    return Drawable(
-        case.name,
-        case,
-        variables=_columns_drawn(case, own) if case.sweep else _variables_drawn(case, own),
-        times=(case.time.start, case.time.end),
-        units={"time": case.time.unit, "moments of inertia": case.inertia_unit},
-        axes={axis.name: len(axis) for axis in axes},
-        sphere=sphere,
-    )
-
-
-def _variables_drawn(case: Case, own: Mapping[str, str]) -> dict[str, str]:
-    """The variables that a figure of a motion may draw, each with the dimension of its parts, which
-    is known of the model's `own`."""
-    dims = {**{name: quantity.dim for name, quantity in DERIVED.items()}, **own}
-    # Labels are stored by `classify`, whatever the model.
-    variables = {x: dims.get(x, "") for x in (*(case.store or own), "enclosed_axis", "time")}
-    # As a vector, too, of which `G` alone is the length.
-    return variables | ({"G": "axis"} if "omega" in variables else {})
-
-
-def _columns_drawn(case: Case, own: Mapping[str, str]) -> dict[str, str]:
-    """As `_variables_drawn`, for the columns of a sweep."""
-    # Of the variables of a trajectory a member has no single value.
-    without = {"trajectory", *(own if "trajectory" in case.store else ())}
-    names = [x for x in case.store if x != "trajectory"] or storable(type(case.system))
-    dims = {**own, "share": "axis"}
-    return {name: dims.get(name, "") for name in names if name not in without}
+    taken = {key for _, model, keys in models for key in (keys if model else all_keys())}
+    return [
+        (
+            ("defaults", WrongKey(key)),
+            "no case here takes this key"
+            if key in all_keys()
+            else unknown("key", key, sorted(taken)),
+        )
+        for key in defaults
+        if key not in taken
+    ]
 
 
 def _figures(
@@ -352,7 +279,7 @@ def _figures(
     entries, mistakes = _entries("figures", section)
     figures = {}
     for name, block in entries.items():
-        values, wrong = FIGURE.check_keys(block)
+        values, wrong = check_tagged(FIGURE, block)
         if fault := file_name_fault(name, entries):
             mistakes.append((("figures", WrongKey(name)), fault))
         if values.get("cases") == ():
@@ -360,84 +287,66 @@ def _figures(
         for key, valid in (("cases", cases), ("scale_with", section)):
             named: dict[KeyPath, str] = {(key, i): x for i, x in enumerate(values.get(key, ()))}
             wrong += unknown_names("name", named, valid)
-        mistakes += within(("figures", name), [*wrong, *check_figure(values)])
+        mistakes += within(("figures", name), wrong)
         figures[name] = {**values, "style": merged_style(style, values.get("style"))}
     return figures, mistakes
 
 
-def _apply_override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> None:
+def _apply_override(text: str, blocks: dict[str, Any], source: Source) -> None:
     """Apply one override to the blocks of the cases that it names."""
-    place = Place(1, 1, text)
     target, equals, value = text.partition("=")
     parts = target.strip().split(".")
     if not equals or not 2 <= len(parts) <= 50:
-        mistakes.add(place, "an override reads CASE.KEY=VALUE")
+        source.note(text, "an override reads CASE.KEY=VALUE")
         return
-    *begin, last = parts
-    case, within_case = _longest_name(begin, lambda name: bool(_blocks_named(name, blocks)))
-    names, path = _blocks_named(case, blocks), [*within_case, last]
+    # Names of cases contain points: the longest that exists is meant, or the first part.
+    heads = (".".join(parts[:n]) for n in range(len(parts) - 1, 0, -1))
+    pattern = next((x for x in heads if any(fnmatchcase(name, x) for name in blocks)), parts[0])
+    path = parts[pattern.count(".") + 1 :]
+    if path[0] == "sweep" and len(path) > 1:
+        path = ["sweep", *swept_path(path[1:])]
+    names = [pattern] if pattern in blocks else [x for x in blocks if fnmatchcase(x, pattern)]
     if not names:
-        mistakes.add(place, unknown(f"case {parts[0]!r}", parts[0], blocks))
+        source.note(text, unknown(f"case {parts[0]!r}", parts[0], blocks))
+    source.override = text
     with suppress(HodoError):  # what is wrong with the text of a value is noted
-        new = read(value, mistakes, text)
+        new = source.read(value)
         for name in names:
-            kind = Table(keys_in(blocks[name])[1])
             try:
-                blocks[name] = _with_value(blocks[name], kind, path, new, place)
-                if path[0] == "time" and isinstance(time := blocks[name]["time"], Block):
-                    drop_replaced_times(time, dict.fromkeys(path[1:2], new))
+                blocks[name] = _with_override(blocks[name], path, new)
+                source.overridden["cases", name, *path] = text
             except ValueError as error:
-                mistakes.add(place, str(error), ("cases", name, *path))
+                source.note(text, str(error), ("cases", name, *path))
+    source.override = ""
 
 
-def _longest_name(parts: Sequence[str], exists: Callable[[str], bool]) -> tuple[str, Sequence[str]]:
-    """The name that parts of a path begin with, and the parts behind it: names of cases and keys of
-    sweeps contain points, so the longest that exists is meant, or the first part."""
-    lengths = range(len(parts), 0, -1)
-    n = next((n for n in lengths if exists(".".join(parts[:n]))), 1)
-    return ".".join(parts[:n]), parts[n:]
+def _with_override(block: Mapping[str, Any], path: Sequence[str], new: Any) -> dict[str, Any]:
+    """A case's entries with another value at a path. Raises ValueError if there is no such path."""
+    head, rule = path[0], keys_in(block)[1].get(path[0])
+    before = block.get(head, (rule or {}).get("default"))
+    with suppress(Wrong):  # which is found below
+        # What stands for a list of equal ones has no components until it is written out.
+        before = check(rule, before) if rule and len(path) > 1 else before
+    changed = {**block, head: with_value(before, path[1:], new)}
+    if head == "time" and isinstance(changed["time"], dict):
+        drop_replaced_times(changed["time"], dict.fromkeys(path[1:2], new))
+    return changed
 
 
-def _blocks_named(pattern: str, blocks: Mapping[str, Block]) -> list[str]:
-    """The cases of a name or, if there is none, those that match it."""
-    matching = [name for name in blocks if fnmatchcase(name, pattern)]
-    return [pattern] if pattern in blocks else matching
-
-
-ANYTHING = Key(Kind(), "", default=None)
-"""A key of which nothing is known but where it stands."""
-
-
-def _with_value(node: Any, kind: Kind, path: Sequence[str], new: Any, place: Place) -> Any:
-    """A copy of a value of some kind with `new` at a path within it. Raises ValueError, with a
-    sentence, if there is no such path."""
+def with_value(value: Any, path: Sequence[str], new: Any) -> Any:
+    """A copy of a value with `new` at a path within it. Raises ValueError, with a sentence, if
+    there is no such path."""
     if not path:
         return new
-    node = _written_out(node, kind, path[0])
-    if is_list(node):
-        if not path[0].isdecimal() or int(path[0]) >= len(node):
-            positions = f"a list whose positions are 0 to {len(node) - 1}"
-            where = positions if node else "an empty list"
-            raise ValueError(f"there is no {path[0]!r} in {where}")
-        items, i = Items(node, getattr(node, "places", [place] * len(node))), int(path[0])
-        items[i], items.places[i] = _with_value(node[i], ANYTHING.kind, path[1:], new, place), place
-        return items
-    if node not in (None, REQUIRED) and not isinstance(node, Mapping):
-        raise ValueError(f"there is no {path[0]!r} in {shown(node)}")
-    block = Block(node if isinstance(node, Mapping) else {})
-    head, tail = _longest_name(path, block.__contains__)
-    key = kind.keys.get(head, ANYTHING) if isinstance(kind, Table) else ANYTHING
-    value = _with_value(block.get(head, key.default), key.kind, tail, new, place)
-    block.put(head, value, *(block.places.get(head, (place, place)) if tail else (place, place)))
-    return block
-
-
-def _written_out(node: Any, kind: Kind, head: str) -> Any:
-    """A value, as a list if it stands for one of equal ones and `head` is a position there:
-    `damping: 0.004` has no component 2 until it is written out."""
-    kinds = kind.kinds if isinstance(kind, Either) else (kind,)
-    lists = [option for option in kinds if isinstance(option, ListOf) and option.takes(node)]
-    is_key = isinstance(node, Mapping) and not head.isdecimal()
-    if node in (None, REQUIRED) or is_list(node) or is_key or not lists:
-        return node
-    return [node] * (lists[0].length or 1)
+    if value is None or isinstance(value, Mapping):
+        entries = {key: item for key, item in (value or {}).items() if item is not None}
+        return {**entries, path[0]: with_value(entries.get(path[0]), path[1:], new)}
+    if not is_list(value):
+        raise ValueError(f"there is no {path[0]!r} in {shown(value)}")
+    if not path[0].isdecimal() or int(path[0]) >= len(value):
+        positions = (
+            f"a list whose positions are 0 to {len(value) - 1}" if value else "an empty list"
+        )
+        raise ValueError(f"there is no {path[0]!r} in {positions}")
+    i = int(path[0])
+    return [*value[:i], with_value(value[i], path[1:], new), *value[i + 1 :]]

@@ -2,114 +2,90 @@
 docs/case-files.md, one a group of keys, and the JSON Schema for editors."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
 from .. import models
-from ..models.attitude import keys_of_form
-from ..models.base import Model
-from ..models.terms.laws import law_mapping
-from ..schema import kinds
-from ..schema.document import write
-from ..schema.kinds import Choice, Either, Key, ListOf, Table, Variant
+from ..models.attitude import ATTITUDE, keys_of_form
+from ..schema.document import resolve_scalar, write
+from ..schema.kinds import BOUNDS, Choice, Key, Rule, Table, words
 from ..text import grouped, markdown
 from . import claim_block, figure_block
-from .case import MERGED_KEYS, NAME
+from .case import NAME
 from .keys import COMMON, SECTIONS, keys_of
+from .sweep_block import SWEEP
 
 Row = tuple[str, str, str, str, str]
 """Path, value, unit, default and meaning of a key."""
 
 
-def _default(key: Key) -> str:
-    """The default as it would be written in a case file."""
-    if key.default is kinds.REQUIRED:
-        return "required"
-    return "" if key.default is None else f"`{write(key.kind.written(key.default))}`"
+def _written(rule: Rule) -> Any:
+    """The default of a key as a case file says it; None where there is none."""
+    default = rule.get("default")
+    return rule["enum"][not default] if isinstance(default, bool) else default
 
 
-TIME_LAW = law_mapping("of the coefficient", "t")
-
-
-def _within(key: Key) -> Iterator[tuple[str, Mapping[str, Key]]]:
-    """The keys inside a key's value, each set with the words that choose it; not those of a law,
-    which a dozen keys have in common and a table of its own gives once."""
-    for kind in key.kind.kinds if isinstance(key.kind, Either) else (key.kind,):
-        inner = kind.kind if isinstance(kind, ListOf) else kind
-        if isinstance(inner, Table):
-            yield "", inner.keys
-        elif isinstance(kind, Variant) and kind.tag != TIME_LAW.tag:
-            yield from ((f" ({kind.tag}: {name})", keys) for name, keys in kind.tables.items())
-
-
-def _rows(path: str, key: Key, chosen: str = "") -> Iterator[Row]:
+def _rows(path: str, rule: Rule, chosen: str = "") -> Iterator[Row]:
     """The row of a key, then the rows of the keys inside it."""
-    yield f"`{path}`{chosen}", str(key.kind), key.unit, _default(key), key.doc
-    for words, keys in _within(key):
-        for name, inner in keys.items():
-            yield from _rows(f"{path}.{name}", inner, words)
+    written = _written(rule)
+    is_word = isinstance(written, str) and resolve_scalar(written or "~") == written
+    shown = written if is_word else write(written)
+    default = f"`{shown}`" if written is not None else ""
+    default = default if "default" in rule else "required"
+    yield f"`{path}`{chosen}", words(rule), rule["unit"], default, rule["description"]
+    for option in rule.get("anyOf", [rule]):
+        inner = option.get("items", option)
+        for name, keys in {"": inner.get("properties", {}), **inner.get("tables", {})}.items():
+            of_tag = f" ({inner.get('tag')}: {name})" if name else ""
+            yield from chain.from_iterable(
+                _rows(f"{path}.{key}", x, of_tag) for key, x in keys.items()
+            )
 
 
-def _table(keys: Mapping[str, Key]) -> list[Row]:
-    return [row for name, key in keys.items() for row in _rows(name, key)]
+def _table(keys: Mapping[str, Rule]) -> list[Row]:
+    return [row for name, rule in keys.items() for row in _rows(name, rule)]
 
 
-Groups = Iterator[tuple[str, list[Row]]]
-"""The heading and the rows of each table."""
-
-
-def _cases() -> Groups:
+def _groups() -> Iterator[tuple[str, list[Row]]]:
+    """The heading and the rows of each table."""
+    # Statements have tables of their own.
+    yield (
+        "The file",
+        [row for row in _table(SECTIONS) if not re.match(r"`(claims|errata)\.", row[0])],
+    )
     catalogue = models.catalogue()
-    head = {"model": Key(Choice(*catalogue), "equations of motion")}
-    yield "Every case", _table(head | COMMON)
+    yield "Every case", _table({"model": keys_of(None, None)[1]["model"]} | COMMON)
     for model, forms in catalogue.items():
-        _, keys_of_first = keys_of(model, None)
-        head = {"form": keys_of_first["form"]}
+        head = {"form": keys_of(model, None)[1]["form"]}
         takers = grouped(
             (row, name) for name, form in forms.items() for row in _table(head | keys_of_form(form))
         )
         # A key that only some forms take names them.
-        rows = [
-            row if taking == [*forms] else (f"{row[0]} (form {', '.join(taking)})", *row[1:])
-            for row, taking in takers.items()
-        ]
-        yield f"Model `{model}`", rows
-    laws = ((f" ({TIME_LAW.tag}: {name})", keys) for name, keys in TIME_LAW.tables.items())
-    rows = [
-        row for words, keys in laws for name, key in keys.items() for row in _rows(name, key, words)
-    ]
-    yield "A law of t, or of tau", rows
-
-
-def _figures() -> Groups:
-    kinds_of_figure = figure_block.FIGURE_KINDS
-    every, *others = kinds_of_figure.values()
+        yield (
+            f"Model `{model}`",
+            [
+                row if taking == [*forms] else (f"{row[0]} (form {', '.join(taking)})", *row[1:])
+                for row, taking in takers.items()
+            ],
+        )
+    every, *others = figure_block.FIGURE_KINDS.values()
     # A key stands under "most figures" if most of the kinds take it, with the same meaning.
     shared = {
-        name: key
-        for name, key in every.items()
-        if sum(keys.get(name) == key for keys in others) > len(others) / 2
+        k: x for k, x in every.items() if sum(keys.get(k) == x for keys in others) > len(others) / 2
     }
-    yield "Most figures", _table(figure_block.FIGURE.head(*kinds_of_figure) | shared)
-    for name, keys in kinds_of_figure.items():
-        if own_keys := {key: value for key, value in keys.items() if shared.get(key) != value}:
-            yield f"Figure `{name}`", _table(own_keys)
-
-
-def _claims() -> Groups:
+    yield "Most figures", _table({"kind": figure_block.FIGURE["head"]} | shared)
+    for name, keys in figure_block.FIGURE_KINDS.items():
+        yield f"Figure `{name}`", _table({k: x for k, x in keys.items() if shared.get(k) != x})
     yield "Every claim", [row for row in _table(claim_block.CLAIM) if "(kind: " not in row[0]]
-    for name, keys in claim_block.CHECK.tables.items():
-        yield f"Check `{name}`", _table({f"check.{key}": value for key, value in keys.items()})
+    for name, keys in claim_block.CHECK_KINDS.items():
+        yield f"Check `{name}`", _table({f"check.{key}": x for key, x in keys.items()})
 
 
 def key_tables() -> str:
     """Every key of a case file, in Markdown: a heading and a table for each group."""
     header = ("key", "value", "unit", "default", "meaning")
-    # Statements have tables of their own.
-    sections = [row for row in _table(SECTIONS) if not re.match(r"`(claims|errata)\.", row[0])]
-    groups = chain([("The file", sections)], _cases(), _figures(), _claims())
-    tables = [(heading, markdown(header, rows)) for heading, rows in groups]
+    tables = [(heading, markdown(header, rows)) for heading, rows in _groups() if rows]
     # The components of a vector have their meaning in common.
     named = grouped((meaning, f"`{x}`") for x, meaning in claim_block.QUANTITY_NAMES.items())
     quantities = [(", ".join(names), meaning) for meaning, names in named.items()]
@@ -117,94 +93,83 @@ def key_tables() -> str:
     return "\n".join(f"### {heading}\n\n{table}" for heading, table in tables)
 
 
-EMPTY = {"anyOf": {"type": "null"}, "oneOf": {"type": "null"}, "enum": None, "type": "null"}
-"""The entry for an empty value under each word of JSON Schema that lists what a value may be."""
+# The words of a rule that its JSON Schema takes over; the rest is built from others or ours alone.
+_TAKEN_OVER = (
+    *("type", "enum", "pattern", *BOUNDS),
+    *("minLength", "maxLength", "minItems", "maxItems", "minProperties", "maxProperties"),
+)
 
 
-def _or_empty(rule: Mapping[str, Any]) -> dict[str, Any]:
-    """JSON Schema of a value that may be left empty."""
-    word = next(word for word in EMPTY if word in rule)
-    listed = rule[word] if isinstance(rule[word], list) else [rule[word]]
-    return {**rule, word: [*listed, EMPTY[word]]}
+def schema_of(rule: Rule, is_partial: bool = False) -> dict[str, Any]:
+    """A rule as JSON Schema alone, or a reference to its definition; `is_partial` without keys that
+    are required, and with empty values."""
+    words = {word: rule[word] for word in ("description",) if word in rule}
+    words |= {} if _written(rule) is None else {"default": _written(rule)}
+    if "definition" in rule:
+        return words | {"$ref": f"#/$defs/{rule['definition']}"}
+    return words | _schema_in_full(rule, is_partial)
 
 
-def _of_case(name: str, rule: dict[str, Any]) -> dict[str, Any]:
-    """JSON Schema of a key of a case or of the defaults: an empty value takes a default back, also
-    of an entry of what is merged entry by entry."""
-    if name in MERGED_KEYS:
-        entries = {key: _or_empty(entry) for key, entry in rule.get("properties", {}).items()}
-        others = rule["additionalProperties"] and _or_empty(rule["additionalProperties"])
-        rule = rule | {"properties": entries, "additionalProperties": others, "minProperties": 0}
-    return _or_empty(rule)
+def _schema_in_full(rule: Rule, is_partial: bool = False) -> dict[str, Any]:
+    if "tag" in rule:
+        heads = {name: Key(Choice(name), rule["head"]["description"]) for name in rule["tables"]}
+        tables = (Table({rule["tag"]: heads[name]} | keys) for name, keys in rule["tables"].items())
+        return {"oneOf": [schema_of(table) for table in tables]}
+    of_inner = _or_empty if is_partial else schema_of
+    schema: dict[str, Any] = {word: rule[word] for word in _TAKEN_OVER if word in rule}
+    schema |= {"anyOf": [*map(schema_of, rule["anyOf"])]} if "anyOf" in rule else {}
+    schema |= {"items": schema_of(rule["items"])} if "items" in rule else {}
+    if (each := rule.get("additionalProperties")) is not None:
+        schema |= {"additionalProperties": of_inner(each)}
+    if (keys := rule.get("properties")) is None:
+        return schema
+    required = [name for name, key in keys.items() if "default" not in key and not is_partial]
+    schema |= {"required": required} if required else {}
+    return schema | _closed({name: of_inner(key) for name, key in keys.items()})
 
 
-def _closed(form: dict[str, Any], classes: Iterable[type[Model]]) -> dict[str, Any]:
-    """JSON Schema of a case of one of some forms of a model."""
-    rules = {}
-    keys = (item for form_class in classes for item in keys_of_form(form_class).items())
-    for name, of_forms in grouped((name, key.schema()) for name, key in keys).items():
-        distinct = [rule for i, rule in enumerate(of_forms) if rule not in of_forms[:i]]
-        rules[name] = _or_empty(distinct[0] if len(distinct) == 1 else {"anyOf": distinct})
-    return {
-        "properties": dict.fromkeys(("model", *COMMON), True) | form | rules,
-        "additionalProperties": False,
-    }
+def _closed(properties: dict[str, Any]) -> dict[str, Any]:
+    return {"properties": properties, "additionalProperties": False}
 
 
-def _of_model(forms: Mapping[str, type[Model]]) -> dict[str, Any]:
-    """JSON Schema of a case of a model, whose keys are those of its form if it names one."""
-    by_form = [
-        {
-            "if": {"properties": {"form": {"const": form}}, "required": ["form"]},
-            "then": _closed({"form": True}, [form_class]),
-        }
-        for form, form_class in forms.items()
-    ]
-    return _closed({"form": _or_empty({"enum": list(forms)})}, forms.values()) | {"allOf": by_form}
+def _or_empty(rule: Rule) -> dict[str, Any]:
+    """JSON Schema of a key of a case, or of the defaults: an empty value takes a default back."""
+    schema = schema_of(rule, is_partial=True)
+    described = {word: schema.pop(word) for word in ("description", "default") if word in schema}
+    return described | {"anyOf": [schema, {"type": "null"}]}
+
+
+DEFINED = (
+    *(claim_block.CHECK, claim_block.QUANTITY, claim_block.CURVE),
+    *(SWEEP, ATTITUDE, figure_block.STYLE),
+)
+"""The rules that several keys have."""
 
 
 def json_schema() -> dict[str, Any]:
-    """JSON Schema (2020-12) of the case files.
-
-    No key is required of a case, since `defaults:` may supply it; the keys of a model are closed
-    only where the case or the defaults name the model. Conditions that join several keys (the
-    triangle inequality, say) are beyond a schema. It takes all that `load` takes but for a wrong
-    value in `defaults:` that no case inherits.
-    """
+    """JSON Schema (2020-12) of the case files. No key is required of a case, since `defaults:` may
+    supply it; the keys of a model are closed only where the case names the model."""
     catalogue = models.catalogue()
-    head = {"model": {"enum": list(catalogue), "description": "equations of motion"}}
-    common = {name: _of_case(name, key.schema()) for name, key in COMMON.items()}
-    defined = {f"model{i}": _of_model(forms) for i, forms in enumerate(catalogue.values())}
-    rules, defaults = [], []
-    for model, definition in zip(catalogue, defined, strict=True):
+    common = {name: _or_empty(rule) for name, rule in COMMON.items()}
+    head = {"model": {"enum": [*catalogue]}}
+    rules = []
+    for model, forms in catalogue.items():
+        keys = {k: _or_empty(x) for form in forms.values() for k, x in keys_of_form(form).items()}
+        form = {"form": {"enum": [*forms, None]}}
         named = {"properties": {"model": {"const": model}}, "required": ["model"]}
-        then = {"$ref": f"#/$defs/{definition}"}
-        rules.append({"if": named, "then": then})
-        inherited = {"if": {"properties": {"model": False}}, "then": then}
-        defaults.append(
-            {
-                "if": {"properties": {"defaults": named}, "required": ["defaults"]},
-                "then": {"properties": {"cases": {"additionalProperties": inherited}}},
-            }
-        )
-    sections = {name: key.schema() for name, key in SECTIONS.items()}
-    names = {"propertyNames": {"pattern": f"^{NAME.pattern}$"}}
-    sections["cases"] |= names | {
-        "additionalProperties": {"$ref": "#/$defs/case"},
-        "minProperties": 1,
-    }
-    sections["figures"] |= names | {"additionalProperties": figure_block.FIGURE.schema()}
-    sections["defaults"] |= {"properties": {"model": _or_empty(head["model"])} | common}
-    # A section with nothing below it is one that is left out.
-    optional = {name: _or_empty(rule) for name, rule in sections.items() if name != "cases"}
+        known = dict.fromkeys([*head, *common], True)  # which every case states
+        rules.append({"if": named, "then": _closed(known | form | keys)})
+    sections = {name: _or_empty(rule) for name, rule in SECTIONS.items()}
+    names = {"propertyNames": {"pattern": f"^{NAME.pattern}$"}, "type": "object"}
+    case = {"type": "object", "properties": head | common, "allOf": rules}
+    sections["cases"] = names | {"additionalProperties": case, "minProperties": 1}
+    figures = names | {"additionalProperties": schema_of(figure_block.FIGURE)}
+    sections["figures"] = {"anyOf": [figures, {"type": "null"}]}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "hodo case file",
         "type": "object",
-        "properties": sections | optional,
         "required": ["cases"],
-        "additionalProperties": False,
-        "allOf": defaults,
-        "$defs": defined
-        | {"case": {"type": "object", "properties": head | common, "allOf": rules}},
+        **_closed(sections),
+        "$defs": {rule["definition"]: _schema_in_full(rule) for rule in DEFINED},
     }

@@ -1,7 +1,7 @@
 """The keys of case files: those of every case, and the sections of a file."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from itertools import pairwise
 from typing import Any
@@ -9,7 +9,6 @@ from typing import Any
 from .. import models
 from ..models.attitude import keys_of_form
 from ..models.base import Model
-from ..schema.document import Block
 from ..schema.kinds import (
     NAMES,
     Choice,
@@ -20,13 +19,12 @@ from ..schema.kinds import (
     Mapped,
     Mistake,
     Number,
+    Rule,
     Switch,
     Table,
     Text,
     Wrong,
-    expected,
 )
-from ..schema.spelling import near
 from . import claim_block, figure_block
 from .sweep_block import SWEEP
 
@@ -61,106 +59,116 @@ NO_CLOSED_FORM = (
     "and none with an attitude"
 )
 
-NO_RATES = "form averaged is a quadrature: leave out method, precision and steps"
+NO_RATES = "form averaged is a quadrature: leave out method and precision"
 
 FORMER_KEYS = {
     "mean_start": "averaged motions begin at the start itself, to first order: leave it out",
 }
 """Keys that earlier versions took, and what to do instead."""
 
-REPLACED_TIMES = {
-    "values": {"end", "samples", "steps"},
-    "end": {"values"},
-    "samples": {"values", "steps"},
-    "steps": {"samples", "values"},
-}
-"""The keys of `time:` that do not count where one of the others is changed: samples are listed,
-evenly spaced, or the steps of the method."""
+REPLACED_TIMES = {"values": {"end", "samples"}, "end": {"values"}, "samples": {"values"}}
+"""The keys of `time:` that do not count where one of the others is changed: samples are listed, or
+evenly spaced."""
 
 
 def drop_replaced_times(time: dict[str, Any], given: Mapping[str, Any]) -> None:
     """Remove from the keys of `time:` those that do not count beside some that are given now."""
-    told = [name for name, value in given.items() if value not in ("no", False, None)]
+    told = [name for name, value in given.items() if value is not None]
     for key in set().union(*(REPLACED_TIMES.get(name, ()) for name in told)) - given.keys():
         time.pop(key, None)
 
 
-class TimeSpan(Table):
+def _time_span(time: dict[str, Any]) -> dict[str, Any]:
     """The keys of `time:`. Times that are listed set `end` and `samples`."""
-
-    def check(self, value: Any) -> dict[str, Any]:
-        time = super().check(value)
-        if mistakes := [*_time_mistakes(time)]:
-            raise Wrong(*mistakes)
-        listed = time["values"]
-        return time | {"end": listed[-1], "samples": len(listed)} if listed else time
+    if mistakes := [*_time_mistakes(time)]:
+        raise Wrong(*mistakes)
+    listed = time["values"]
+    return time | {"end": listed[-1], "samples": len(listed)} if listed else time
 
 
 def _time_mistakes(time: Mapping[str, Any]) -> Iterator[Mistake]:
-    """The mistakes that several keys of `time:` make: an end that is missing, lies before the
-    start, or so far behind it that the span is no double; stored times that do not rise, or stand
-    beside an end."""
+    """The mistakes that several keys of `time:` make: an end that is missing, or so far from the
+    start that the span is no double; stored times that turn back, or stand beside an end."""
     values, start, end = time["values"] or (), time["start"], time["end"]
-    for key, words in (("values", "values:"), ("steps", "steps: yes")):
-        others = [name for name in ("end", "samples", "values") if name in REPLACED_TIMES[key]]
-        if time[key] and (idle := [other for other in others if time[other] is not None]):
-            yield (idle[0],), f"leave it out where {words} gives the times"
-    yield from (
-        (("values", i), f"expected a time after {before:g}, got {after:g}")
-        for i, (before, after) in enumerate(pairwise(values), 1)
-        if not before < after
-    )
-    if values and values[0] < start:
-        yield ("values", 0), f"expected no time before start, {start:g}, got {values[0]:g}"
-    if not values and end is None:
+    if values:
+        yield from _order_mistakes(start, values)
+        if idle := [name for name in ("end", "samples") if time[name] is not None]:
+            yield (idle[0],), "leave it out where values: gives the times"
+    elif end is None:
         yield (), "missing 'end'"
-    if values or end is None:
-        return
-    if not 0 <= end - start < math.inf:
+    elif not math.isfinite(end - start):
         yield ("end",), f"the span from {start:g} to {end:g} is not possible"
     elif (time["samples"] or 1) > (most := most_samples(start, end)):
         words = f"expected at most {most}, by the doubles from start to end"
         yield ("samples",), f"{words}, got {time['samples']}"
 
 
+def _order_mistakes(start: float, values: Sequence[float]) -> Iterator[Mistake]:
+    """The mistakes of times that do not all rise from the start, or fall from it."""
+    is_backward = values[-1] < start
+    side = "before" if is_backward else "after"
+    if values[0] > start if is_backward else values[0] < start:
+        other = "after" if is_backward else "before"
+        yield ("values", 0), f"expected no time {other} start, {start:g}, got {values[0]:g}"
+    for i, (last, time) in enumerate(pairwise(values), 1):
+        if not (time < last if is_backward else time > last):
+            yield ("values", i), f"expected a time {side} {last:g}, got {time:g}"
+
+
 def most_samples(start: float, end: float) -> float:
     """How many samples of a span are different doubles; at an end at the start all are one."""
     # Of times that lie two doubles apart no two are rounded to one.
     grain = 2 * math.ulp(max(abs(start), abs(end)))
-    return max(2, int((end - start) / grain) + 1) if start < end else math.inf
+    return max(2, int(abs(end - start) / grain) + 1) if start != end else math.inf
 
 
-SPAN = TimeSpan(
+def _time_answer(value: Any) -> str:
+    """What to write where `time:` is the end alone, or start and end."""
+    match value:
+        case int() | float():
+            return f"; write {{end: {value:g}}}"
+        case [int() | float() as start, int() | float() as end]:
+            return f"; write {{start: {start:g}, end: {end:g}}}"
+    return ""
+
+
+SPAN = Table(
     {
         "start": Key(Number(), "time of the initial data", "time", 0.0),
         "end": Key(
             Number(),
-            "time at which the integration ends, not before start (required without values)",
+            "time at which the integration ends; before start it runs backward (required without "
+            "values)",
             "time",
             None,
         ),
         "samples": Key(
             Integer(least=1, most=10**15),
             "number of stored times, evenly spaced from start to end; 1 stores the end alone, and "
-            "so does an end at the start "
-            "(default: so many that a figure of the motion is smooth, 1001 to 50001; they follow "
-            "the turns of the body, not a torque that changes faster)",
+            "so does an end at the start (default: so many that a figure of the motion is smooth, "
+            "1001 to 50001; they follow the turns of the body, not a torque that changes faster)",
             default=None,
         ),
         "values": Key(
             ListOf(Number()),
-            "instead of end and samples: the stored times, rising, none before start",
+            "instead of end and samples: the stored times, all rising from start, or falling",
             "time",
             None,
         ),
-        "steps": Key(
-            Switch("yes", "no"),
-            "yes, instead of samples: the stored times are the steps that the method takes",
-            default=False,
+        "epoch": Key(
+            Number(),
+            "the time from which t counts in expressions and polynomials (default: 0)",
+            "time",
+            None,
         ),
         "unit": Key(Text(), "unit of time, where the data have one", default="1"),
-    }
+    },
+    convert=_time_span,
+    answer=_time_answer,
 )
+
+MERGED_KEYS = ("time", "assumes", "constants")
+"""The keys of which a case changes single entries, and takes the others over."""
 
 REMARKS = ("note", "assumes")
 """The keys of a case that say something about it and change none of its numbers."""
@@ -241,12 +249,12 @@ SECTIONS = {
     "defaults": Key(
         Mapped(),
         "values for every case that takes the key, unless the case gives it or takes it back by "
-        "`null`; `time` and `assumes` are merged key by key",
+        "`null`; `time`, `assumes` and `constants` are merged key by key",
         default=None,
     ),
     "cases": Key(Mapped(), "the experiments, by name"),
     "figures": Key(Mapped(), "what `hodo plot` draws, by name", default=None),
-    "style": Key(Table(figure_block.LOOK), "look of all figures", default=None),
+    "style": Key(figure_block.STYLE, "look of all figures", default=None),
     "bench": Key(BENCH, "what `hodo bench` tries on every case", default=None),
     "claims": Key(
         ListOf(Table(claim_block.CLAIM), least=0, title="a list of statements (`- id: ...`)"),
@@ -261,30 +269,20 @@ SECTIONS = {
 }
 
 
-class ModelName(Choice):
-    """The name of a model."""
-
-    def check(self, value: Any) -> Any:
-        if isinstance(value, str) and value not in self.names and near(value, self.names) is None:
-            how = "hodo --models FILE.py ..., in Python HODO_MODELS=FILE.py before it starts"
-            raise expected(self, value, f" (from a file of your own: {how})")
-        return super().check(value)
-
-
 @cache
-def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, dict[str, Key]]:
+def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, dict[str, Rule]]:
     """The class of a model's form (None: the first) and every key of its cases; no class if there
     is no such form."""
     forms = models.forms_of(model or "")
     first = next(iter(forms), "")
-    head = {"model": Key(ModelName(*models.model_names()), "equations of motion")}
+    head = {"model": Key(Choice(*models.model_names()), "equations of motion")}
     if forms:
         head["form"] = Key(Choice(*forms), "form of the equations", default=first)
     form_class = forms.get(first if form is None else form)
     return form_class, head | (keys_of_form(form_class) if form_class else {}) | COMMON
 
 
-def keys_in(block: Block) -> tuple[type[Model] | None, dict[str, Key]]:
+def keys_in(block: Mapping[str, Any]) -> tuple[type[Model] | None, dict[str, Rule]]:
     """`keys_of` for the model and form that a case names, rightly or not."""
     model, form = block.get("model"), block.get("form")
     return keys_of(

@@ -14,39 +14,43 @@ count from zero.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from ..models.attitude import ATTITUDE_KEY, keys_of_form, start_to_vary
+from ..models.attitude import keys_of_form
 from ..models.base import Model
 from ..schema.kinds import (
-    Angle,
     Each,
-    Either,
     Integer,
     Key,
     KeyPath,
-    Kind,
     ListOf,
     Mistake,
     Number,
     OneOf,
+    Rate,
+    Rule,
     Table,
-    Variant,
     Wrong,
     all_right,
+    check,
     check_parts,
     expected,
+    is_list,
     mistakes_where,
     within,
+    words,
 )
 from ..schema.spelling import unknown
 
 MOST_SWEEP_MEMBERS = 10**9
 """Members that one sweep may have."""
+
+SPAN_WORDS = "[first, last, number of values]"
 
 DRAWN_AT_ONCE = 4096
 """Directions that are drawn from one generator, so that any part of a sphere can be drawn by
@@ -72,51 +76,65 @@ encloses an axis."""
 STOP_COLUMNS = ("event_time", "event_from", "event_release")
 """The columns of a member that may come to rest."""
 
-AXIS_LABELS = ("crossing_from", "crossing_to", "start_axis", "end_axis", "event_from")
-"""The reduced columns that are labels of axes, whose mean would mean nothing."""
-
 
 class InDegrees(float):
-    """A value of a range that was given as "5 deg", in radians: only an angle takes it."""
+    """A number in radians that a case gives as a text in degrees, for a key that takes such."""
+
+    text: str
 
 
-@dataclass(frozen=True)
-class RangeValue(Number):
-    """A number, or an angle as text."""
+def Ranged(above: float | None = None) -> Rule:
+    """A value of a swept key: a number or, for an angle or a rate, a text in degrees."""
 
-    def check(self, value: Any) -> float:
+    def value_of(value: Any) -> float:
         if not isinstance(value, str):
-            return super().check(value)
-        try:
-            angle = Angle().check(value)
-        except Wrong:
-            raise expected("a number, or an angle such as '60 deg'", value) from None
-        return InDegrees(super().check(angle))
+            return float(check(Number(above), value))
+        number = InDegrees(check(Rate(), value))
+        number.text = value
+        return number
 
-    def schema(self) -> dict[str, Any]:
-        return {"anyOf": [super().schema(), Angle().schema()]}
+    return Rate() | {"title": words(Number(above)), "whole": value_of}
 
 
-class Span(ListOf):
+def _of_one_kind(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Values of which all are given in degrees, or none."""
+    if len({isinstance(value, InDegrees) for value in values}) > 1:
+        raise Wrong(((), "expected all values in degrees, or none"))
+    return values
+
+
+def Span(above: float | None = None, more: str = "") -> Rule:
     """First value, last value and number of values, all in one list."""
+    title = f"{SPAN_WORDS}{more}"
+    count = Integer(least=1, most=MOST_SWEEP_MEMBERS)
 
-    def check(self, value: Any) -> tuple[Any, ...]:
-        first, last, _ = super().check(value)
-        count = all_right(*check_parts([(2, Integer(least=1, most=MOST_SWEEP_MEMBERS), value[2])]))
-        return first, last, count[2]
+    def span(value: Any) -> tuple[Any, ...]:
+        if not is_list(value) or len(value) != 3:
+            raise expected(rule, value)
+        kinds = (Ranged(above), Ranged(above), count)
+        parts = ((i, *pair) for i, pair in enumerate(zip(kinds, value, strict=True)))
+        first, last, number = all_right(*check_parts(parts)).values()
+        return *_of_one_kind((first, last)), number
+
+    rule = ListOf(Ranged(), length=3, title=title, whole=span)
+    return rule
 
 
-SPAN_WORDS = "[first, last, number of values]"
 RANGES = {
-    "linspace": Key(Span(RangeValue(), length=3, title=SPAN_WORDS), "", default=None),
-    "logspace": Key(
-        Span(RangeValue(above=0), length=3, title=f"{SPAN_WORDS}, first and last > 0"),
-        "",
-        default=None,
-    ),
-    "values": Key(ListOf(RangeValue()), "", default=None),
+    "linspace": Key(Span(), "", default=None),
+    "logspace": Key(Span(0, ", first and last > 0"), "", default=None),
+    "values": Key(ListOf(Ranged(), convert=_of_one_kind), "", default=None),
 }
-ZIPPED = Each(OneOf(RANGES), "keys to ranges")
+
+
+def _values_answer(value: Any) -> str:
+    """What to write where values stand without their word."""
+    is_numbers = is_list(value) and all(isinstance(x, int | float) for x in value)
+    listed = ", ".join(f"{x:g}" for x in value) if is_numbers else ""
+    return f"; write {{values: [{listed}]}}" if 0 < len(listed) < 60 else ""
+
+
+ZIPPED = Each(OneOf(RANGES, answer=_values_answer), "keys to ranges")
 DIRECTIONS = Table(
     {
         "count": Key(Integer(least=1, most=MOST_SWEEP_MEMBERS), "number of directions"),
@@ -129,9 +147,11 @@ SWEEP = Each(
             **RANGES,
             "zip": Key(ZIPPED, "", default=None),
             "sphere": Key(DIRECTIONS, "", default=None),
-        }
+        },
+        answer=_values_answer,
     ),
     "keys (damping.2) to {linspace: [first, last, number]}, logspace, values, zip or sphere",
+    definition="sweep",
 )
 """The `sweep:` block by itself; `check_axes` holds it against the case in which it stands."""
 
@@ -215,6 +235,15 @@ def axes_of(sweep: Mapping[str, Any]) -> list[Axis]:
     return axes
 
 
+def swept_path(path: Sequence[str]) -> list[str]:
+    """A path within `sweep:` by its keys, which contain points themselves."""
+    words = {*RANGES, "zip", "sphere"}
+    n = next((i for i, part in enumerate(path) if part in words), len(path)) or 1
+    within_axis = [*path[n + 1 :]]
+    rest = swept_path(within_axis) if path[n : n + 1] == ["zip"] and within_axis else within_axis
+    return [".".join(path[:n]), *path[n : n + 1], *rest]
+
+
 def path_of(key: str) -> KeyPath:
     """Where the value of a key such as damping.2 stands; positions count from zero."""
     return tuple(int(step) if step.isdecimal() else step for step in key.split("."))
@@ -226,66 +255,88 @@ def first_values(
     """The first values of those swept keys of a case that it does not give itself: it is then of
     the same kind as its members."""
     values = {}
-    ranges = [ranged for axis in axes_of(sweep) for ranged in axis.ranges]
-    if attitude := start_to_vary(model, data.get(ATTITUDE_KEY), [path for path, _ in ranges]):
-        values[ATTITUDE_KEY] = attitude
-    # A key that may be left out, and is, has the value None.
-    absent = {(name,): key.kind for name, key in model.keys.items() if data.get(name, "") is None}
-    for path, value_range in ranges:
-        (span,) = value_range.values()
-        first = span[0]
-        if path in absent and absent[path].takes(first):
-            values[str(path[0])] = absent[path].check(first)
+    for path, value_range in (ranged for axis in axes_of(sweep) for ranged in axis.ranges):
+        ((first, *_),) = value_range.values()
+        if len(path) == 1 and path[0] in model.keys and data.get(str(path[0]), "") is None:
+            with suppress(Wrong):
+                values[str(path[0])] = check(model.keys[str(path[0])], first)
     return values
 
 
 def check_axes(
     sweep: Mapping[str, Any], model: type[Model], data: Mapping[str, Any]
 ) -> Iterator[Mistake]:
-    """The mistakes of a checked `sweep:` block in a case with these data and other keys: keys that
-    are not there or no numbers of the model, values that the keys do not take, zipped ranges of
-    unequal lengths, too many members."""
-    axes = axes_of(sweep)
-    swept: dict[KeyPath, str] = {}
+    """The mistakes of a checked `sweep:` block in a case with these data: is the case right with
+    the values of a range there? Of a span the ends decide, since every bound is an interval."""
+    axes, keys = axes_of(sweep), keys_of_form(model)
+    swept: list[KeyPath] = []
     for axis in axes:
         yield from within(("sweep", axis.name), _check_axis(axis, axes, model))
-        for key, (key_path, value_range) in zip(axis.keys, axis.ranges, strict=True):
-            zipped = ("zip", key) if "zip" in sweep[axis.name] else ()
-            mistakes = _check_range(value_range, key, model, data)
-            for known in (known for known in swept if known[: len(key_path)] == key_path):
-                hint = "" if known == key_path else f"; an axis of all of {key} goes before it"
-                name = ".".join(map(str, known))
-                mistakes.append(((), f"{name} varies along {swept[known]} already{hint}"))
-            swept[key_path] = axis.name
-            yield from within(("sweep", axis.name, *zipped), mistakes)
+        for name, (path, value_range) in zip(axis.keys, axis.ranges, strict=True):
+            at = ("sweep", axis.name, *(("zip", name) if "zip" in sweep[axis.name] else ()))
+            if path[0] not in keys:
+                yield at, _unknown_path(name, path, keys, data)
+                continue
+            if any(known[: len(path)] == path for known in swept):
+                yield at, f"{name} varies along another axis already, or a part of it does"
+            swept.append(path)
+            if not _has_number(data, path):
+                yield at, f"the case has no such number: {name}"
+                continue
+            ((word, span),) = value_range.items()
+            for i, value in enumerate(span if word == "values" else span[:2]):
+                yield from within(
+                    (*at, word, i), _wrong_value(keys[str(path[0])], data, path, value)
+                )
     if math.prod(map(len, axes)) > MOST_SWEEP_MEMBERS:
         yield ("sweep",), f"more than {MOST_SWEEP_MEMBERS:.0e} members"
+
+
+def _unknown_path(
+    name: str, path: KeyPath, keys: Mapping[str, Rule], data: Mapping[str, Any]
+) -> str:
+    """What is wrong with a swept key that no key of the model is."""
+    if path[0] in data:
+        return f"{name} is no number of the model, and is not swept"
+    # As p of `initial.p`.
+    inner = [
+        f"{key}.{path[0]}" for key, rule in keys.items() if path[0] in rule.get("properties", ())
+    ]
+    answer = f"; did you mean {inner[0]!r}?" if inner else ""
+    return unknown(f"key {name!r}", str(path[0]), keys, answer)
+
+
+def _has_number(data: Any, path: KeyPath) -> bool:
+    """Whether there is a place for a number at a path of the data of a case."""
+    try:
+        with_number(data[path[0]], path[1:], 0.0)
+    except (LookupError, TypeError):
+        return False
+    return True
+
+
+def _wrong_value(rule: Rule, data: Any, path: KeyPath, value: float) -> Iterator[Mistake]:
+    """What is wrong with one value of a swept key."""
+    new = value.text if isinstance(value, InDegrees) else value
+    try:
+        check(rule, given(with_number(data[path[0]], path[1:], new)))
+    except Wrong as error:
+        yield from (((), sentence) for _, sentence in error.mistakes)
 
 
 def _check_axis(axis: Axis, axes: Sequence[Axis], model: type[Model]) -> Iterator[Mistake]:
     """The mistakes of one of some axes, but for those of its ranges."""
     spheres = [other.name for other in axes if other.sphere is not None]
     counts = sorted({_length(value_range) for _, value_range in axis.ranges})
+    taken = {axis.name, *axis.keys} & {*RESERVED, *storable(model)}
     return mistakes_where(
-        (
-            axis.name in RESERVED,
-            (),
-            f"{axis.name} is a dimension of every result; call the axis otherwise",
-        ),
-        *(
-            (name in storable(model), (), f"{name} is a variable of the result: call it otherwise")
-            for name in dict.fromkeys((axis.name, *axis.keys))
-        ),
+        (taken, (), f"{min(taken, default='')} is a name in every result: call the axis otherwise"),
         (
             axis.name in spheres and not model.starts_with_omega,
             ("sphere",),
             "only the start of a body-frame model has a direction",
         ),
-        (
-            axis.name in spheres[1:] and model.starts_with_omega,
-            ("sphere",),
-            "one axis may be a sphere",
-        ),
+        (axis.name in spheres[1:], ("sphere",), "one axis may be a sphere"),
         (
             len(counts) > 1,
             ("zip",),
@@ -294,81 +345,14 @@ def _check_axis(axis: Axis, axes: Sequence[Axis], model: type[Model]) -> Iterato
     )
 
 
-def _check_range(
-    value_range: Mapping[str, Any], key: str, model: type[Model], data: Any
-) -> list[Mistake]:
-    """The mistakes of one range: its key is not there or takes no number, does not take some of the
-    values, or is left out by the case since others say as much."""
-    keys = keys_of_form(model)
-    declared, value = _declared(key, keys, data)
-    if declared is None:
-        return [((), _no_such_number(key, keys, data))]
-    inner = _of_shape(declared, value)
-    # A number stands for a vector, or for a polynomial of that constant alone.
-    of_numbers = isinstance(inner, ListOf) and (inner.length is not None or len(value or ()) == 1)
-    if not (isinstance(inner, Number | Angle) or of_numbers) or not declared.takes(0.0):
-        return [((), "is not a number, so it cannot be swept")]
-    ((word, span),) = value_range.items()
-    if isinstance(inner, Integer) and word != "values":
-        return [((word,), "a whole number varies through a list, {values: [...]}")]
-    values = span if word == "values" else span[:2]  # a span ends with the number of values
-    _, mistakes = check_parts((i, declared, item) for i, item in enumerate(values))
-    if any(isinstance(item, InDegrees) for item in values) and not isinstance(inner, Angle):
-        mistakes.insert(0, ((), "expected numbers, got an angle in degrees"))
-    if mistakes or value is not None:
-        return [*within((word,), mistakes)]
-    model_data = {name: data[name] for name in model.keys if name in data}
-    first = put(model_data, path_of(key), span[0])
-    return [((), sentence) for _, sentence in model.check(first)]
+def given(data: Any) -> Any:
+    """Resolved data without the optional keys that are left out."""
+    if not isinstance(data, Mapping):
+        return data
+    return {key: given(value) for key, value in data.items() if value is not None}
 
 
-def _declared(key: str, keys: Mapping[str, Key], data: Any) -> tuple[Kind | None, Any]:
-    """The kind and the value of a swept key in the data of a case; no kind if it is not there."""
-    kind: Kind | None = Table(keys)
-    for step in path_of(key):
-        kind, data = _part(_of_shape(kind, data), step, data)
-    return kind, data
-
-
-def _no_such_number(key: str, keys: Mapping[str, Key], data: Any) -> str:
-    """What is wrong with a swept key that the model does not have. One of a law (`damping.rate`)
-    needs the position of the law where there is a list of them."""
-    head, _, name = key.partition(".")
-    if head in keys:
-        laws = data[head] if isinstance(data.get(head), tuple) else ()
-        right = [i for i, law in enumerate(laws) if isinstance(law, Mapping) and name in law]
-        hint = f"; did you mean '{head}.{right[0]}.{name}'?" if right else ""
-        return f"{unknown(f'key {key!r}', head, [])}: its case has no such number{hint}"
-    if head in data:
-        return "is no number of the model, so it cannot be swept"
-    blocks = [name for name in keys if isinstance(data.get(name), Mapping) and key in data[name]]
-    if blocks:
-        return f"unknown key {key!r}; did you mean '{blocks[0]}.{key}'?"
-    return unknown(f"key {key!r}", head, list(keys))
-
-
-def _part(kind: Kind | None, step: str | int, value: Any) -> tuple[Kind | None, Any]:
-    """The kind and the value of what stands at a key or position of a value; no kind where nothing
-    does."""
-    if isinstance(kind, Variant):
-        kind = Table(kind.tables[value[kind.tag]])
-    if isinstance(kind, ListOf) and isinstance(step, int) and step < len(value or ()):
-        return kind.kind, value[step]
-    # One law that is given for all axes.
-    if isinstance(kind, ListOf) and value and value.count(value[0]) == len(value):
-        return _part(_of_shape(kind.kind, value[0]), step, value[0])
-    if isinstance(kind, Table) and isinstance(value, Mapping) and step in kind.keys:
-        return kind.keys[str(step)].kind, value.get(step)
-    return None, None
-
-
-def _of_shape(kind: Kind | None, value: Any) -> Kind | None:
-    """Of several kinds that a value may have, the first one that has its shape."""
-    kinds = kind.kinds if isinstance(kind, Either) else ()
-    return next((option for option in kinds if option.takes(value)), kind)
-
-
-def put(value: Any, path: Sequence[str | int], new: float) -> Any:
+def with_number(value: Any, path: Sequence[str | int], new: Any) -> Any:
     """A copy of resolved case data with `new` at a path; where a vector or one law for all axes
     stands, in all of its components."""
     if not path:
@@ -378,7 +362,7 @@ def put(value: Any, path: Sequence[str | int], new: float) -> Any:
         return (new,) * len(value) if isinstance(value, tuple) else new
     head, *tail = path
     if isinstance(value, Mapping):
-        return {**value, head: put(value[head], tail, new)}
+        return {**value, head: with_number(value[head], tail, new)}
     if isinstance(head, str):
-        return tuple(put(item, path, new) for item in value)
-    return (*value[:head], put(value[head], tail, new), *value[head + 1 :])
+        return tuple(with_number(item, path, new) for item in value)
+    return (*value[:head], with_number(value[head], tail, new), *value[head + 1 :])

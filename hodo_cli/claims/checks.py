@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..cases.claim_block import SINGLE_NUMBERS
 from ..models import rigid_body
 from ..results.motion import Motion
 from .finding import (
@@ -26,21 +27,21 @@ from .finding import (
     in_percent,
     listed,
 )
-from .quantities import (
-    between_samples,
-    check_course,
+from .measures import (
     check_margin,
     check_reached,
     enclosed_at,
     error_of,
+    extremes,
     known_crossings,
+    known_too_roughly,
+    largest_size,
     law_values,
-    near_extremes,
     number,
     quantity,
-    quantity_from_start,
     range_of,
     turns_at,
+    vector_size,
 )
 
 if TYPE_CHECKING:
@@ -154,12 +155,13 @@ def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 
 class Limit(NamedTuple):
-    """A bound on a quantity: the side on which values violate it, the bound itself, and the value
-    nearest to it, or farthest beyond."""
+    """A bound of a quantity in one motion: the side on which values violate it, the bound itself,
+    the value nearest to it, or farthest beyond, and the motion."""
 
     side: str
     value: float
     nearest: float
+    motion: Motion
 
     @property
     def violation(self) -> float:
@@ -170,80 +172,67 @@ class Limit(NamedTuple):
 
 def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     """A quantity against a bound; decided by its value nearest to the bound, or farthest beyond."""
-    name, least, most = check["of"], check["least"], check["most"]
-    everywhere = check["at"] == "always"
-    values = [
-        quantity_from_start(m, name) if everywhere else np.array([number(m, name, check["at"])])
-        for m in motions
-    ]
-    low, high = (float(extreme(np.concatenate(values))) for extreme in (np.min, np.max))
-    limits = [Limit("above", most, high)] if most is not None else []
-    limits += [Limit("below", least, low)] if least is not None else []
+    name, everywhere = check["of"], check["at"] == "always"
+    limits, ends = [], []
+    for m in motions:
+        low, high = extremes(m, name) if everywhere else (number(m, name, check["at"]),) * 2
+        ends.append((low, high))
+        for side, value, nearest in (
+            ("above", check["most"], high),
+            ("below", check["least"], low),
+        ):
+            if value is not None:
+                limits.append(Limit(side, value, nearest, m))
+    for limit in limits:
+        check_reached(limit.motion, name, limit.value)
     decisive = max(limits, key=lambda limit: limit.violation)
-    for m, limit in itertools.product(motions, limits):
-        check_reached(m, name, limit.value)
-        if check["at"] == "end":
-            check_margin(name, number(m, name) - limit.value, m)
-    # As the axis of a figure would reach, which shows both the values and the bound.
-    scale = max(*(range_of(m, name) for m in motions), *(abs(limit.value) for limit in limits))
-    # A bound that is met is met at any scale: a time that is infinite has none.
-    violation = decisive.violation
-    deviation = 0.0 if violation <= 0 else deviation_beyond(violation / scale, ROUNDING)
-    is_of_sign = any(limit.value == 0 for limit in limits)
-    if deviation and is_of_sign and any(changes_sign(m, name) for m in motions):
-        deviation = math.inf
-    deciding = [(m, x) for m, x in zip(motions, values, strict=True) if decisive.nearest in x]
-    for m, x in deciding:
-        # At the start, where it is given, a quantity has no error.
-        is_start = len(x) > 1 and x[0] == decisive.nearest
-        if everywhere and not is_start and error_of(m, name) > ROUNDING * scale:
-            check_margin(name, violation, m)
+    is_single = name in SINGLE_NUMBERS
     digits = max(digits_to_show(limit.nearest, limit.violation) for limit in limits)
-    of_case = "".join(among(motions, m) for m, _ in deciding[:1])
-    words = (
-        f"{name} from {low:.{digits}g} to {high:.{digits}g}{of_case}"
-        if everywhere
-        else f"{name} = {listed((x[0] for x in values), digits)}"
-    )
+    low, high = min(low for low, _ in ends), max(high for _, high in ends)
+    words = f"{name} from {low:.{digits}g} to {high:.{digits}g}{among(motions, decisive.motion)}"
+    if not everywhere:
+        words = f"{name} = {listed((low for low, _ in ends), digits)}"
+    deviation_of = number_deviation if is_single else course_deviation
     return Finding(
-        deviation,
+        max(deviation_of(x.motion, name, x.violation) for x in limits),
         number=decisive.nearest,
         evidence=words,
-        contradicted_by=" or ".join(f"a value {x.side} {x.value:g}" for x in limits),
+        contradicted_by=" or ".join(dict.fromkeys(f"a value {x.side} {x.value:g}" for x in limits)),
     )
 
 
-def changes_sign(m: Motion, name: str) -> bool:
-    """Whether a quantity has both signs in a motion: a bound of 0 is then about its sign, whose
-    size does not matter."""
-    values = quantity(m, name)
-    return float(values.min()) < 0 < float(values.max())
+def number_deviation(m: Motion, name: str, violation: float) -> float:
+    """The deviation of a single number of a motion, by its size. Raises Undecidable where it is
+    nearer to its bound than its error."""
+    check_margin(name, violation, m)
+    # A bound that is met is met at any scale: a time that is infinite has none.
+    return 0.0 if violation <= 0 else deviation_beyond(violation / range_of(m, name), ROUNDING)
 
 
 def course_deviation(
-    m: Motion, name: str, difference: float, scale: float, allowed: float
+    m: Motion, name: str, difference: float, allowed: float = 0.0, scale: float | None = None
 ) -> float:
-    """The deviation that a difference in the course of a quantity makes, relative to a scale; none
-    where the error of the quantity makes it. Raises Undecidable where that would contradict."""
-    deviation = deviation_beyond(difference / scale, allowed)
-    if deviation > PLOTTING_ACCURACY:
-        check_margin(name, difference - allowed * scale, m)
-    return deviation if difference - allowed * scale > error_of(m, name) else 0.0
+    """The deviation that a difference in the course of a quantity makes beyond the one allowed,
+    relative to a scale: its own range unless another is given.
+
+    It is none up to 1e-12 of the largest |value| of the quantity, and up to the quantity's error.
+    Raises Undecidable where that error decides, is above plotting accuracy, and is more than any
+    result may have.
+    """
+    scale = range_of(m, name) if scale is None else scale
+    violation = difference - allowed
+    if abs(violation) <= ROUNDING * largest_size(m, name):
+        return 0.0
+    error = error_of(m, name)
+    hidden = max(PLOTTING_ACCURACY * scale, ROUNDING * vector_size(m, name))
+    if abs(violation) < error and error > hidden:
+        raise known_too_roughly(name, error, violation, m)
+    return 0.0 if violation <= error else deviation_beyond(difference / scale, 0.0)
 
 
 def among(motions: Sequence[Motion], m: Motion) -> str:
     """The case that decides, in words, where a check has several."""
     return f", {m.words}" if len(motions) > 1 else ""
-
-
-def largest_ratio(
-    differences: Sequence[tuple[Motion, str, float, float]],
-) -> tuple[float, Motion]:
-    """The largest of the differences relative to their sizes, or the first that is not a number,
-    and the motion that has it."""
-    ratios = [difference / size for *_, difference, size in differences]
-    largest = int(np.argmax(ratios))
-    return ratios[largest], differences[largest][0]
 
 
 def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -252,11 +241,11 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
     sign = 1 if check["sense"] == "falls" else -1
     violations: dict[str, tuple[float, str, str]] = {}
     for name, m in itertools.product(check["of"], motions):
-        values = sign * quantity_from_start(m, name)
+        values = sign * quantity(m, name)
         # How far each value is above the least before it: a slow climb counts, not only a single
         # step.
         climb = values - np.minimum.accumulate(values)
-        if violation := course_deviation(m, name, float(climb.max()), range_of(m, name), ROUNDING):
+        if violation := course_deviation(m, name, float(climb.max())):
             when = m.case.time.text(m.time[climb.argmax()], 4)
             largest = violation, when, among(motions, m)
             violations[name] = max(violations.get(name, largest), largest)
@@ -314,15 +303,14 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
 def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Constants of the motion; decided by the largest relative change."""
     changes = [
-        (m, name, float(np.ptp(quantity_from_start(m, name))), m.largest(name))
+        (m, name, float(np.ptp(quantity(m, name))))
         for m, name in itertools.product(motions, check["of"])
     ]
-    worst, m = largest_ratio(changes)
+    worst, deviation, of_case = relative_differences(changes, check["within"], motions)
     return Finding(
-        max(course_deviation(*change, check["within"]) for change in changes),
+        deviation,
         number=worst,
-        evidence=f"{', '.join(check['of'])}: relative change at most {worst:.2g}"
-        + among(motions, m),
+        evidence=f"{', '.join(check['of'])}: relative change at most {worst:.2g}{of_case}",
         contradicted_by=f"a relative change above {max(check['within'], PLOTTING_ACCURACY):g}",
     )
 
@@ -331,17 +319,32 @@ def formula(check: Keys, motions: Sequence[Motion]) -> Finding:
     """A quantity against a law; decided by the largest difference over its largest value."""
     name, law = check["of"], check["formula"]
     differences = [
-        (m, name, float(np.abs(quantity(m, name) - law_values(m, law)).max()), m.largest(name))
-        for m in motions
+        (m, name, float(np.abs(quantity(m, name) - law_values(m, law)).max())) for m in motions
     ]
-    worst, m = largest_ratio(differences)
+    worst, deviation, of_case = relative_differences(differences, check["within"], motions)
     return Finding(
-        max(course_deviation(*apart, check["within"]) for apart in differences),
+        deviation,
         number=worst,
         evidence=f"{name} and {law}: at most {worst:.2g} apart, relative to the largest {name}"
-        + among(motions, m),
+        + of_case,
         contradicted_by=f"a relative difference above {max(check['within'], PLOTTING_ACCURACY):g}",
     )
+
+
+def relative_differences(
+    differences: Sequence[tuple[Motion, str, float]], within: float, motions: Sequence[Motion]
+) -> tuple[float, float, str]:
+    """The largest of the differences relative to the largest |value| of their quantity, or the
+    first that is not a number; the deviation that they make; and the case that decides, in
+    words."""
+    sizes = [largest_size(m, name) for m, name, _ in differences]
+    ratios = [x / size for (*_, x), size in zip(differences, sizes, strict=True)]
+    deviations = [
+        course_deviation(m, name, x, within * size, size)
+        for (m, name, x), size in zip(differences, sizes, strict=True)
+    ]
+    i = int(np.argmax(ratios))
+    return ratios[i], max(deviations), among(motions, differences[i][0])
 
 
 MOTION_CHECKS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
@@ -372,7 +375,7 @@ def motion_finding(check: Keys, motions: Sequence[Motion]) -> Finding:
     """
     find = MOTION_CHECKS[check["kind"]]
     try:
-        finding = find(check, motions)
+        return find(check, motions)
     except Undecidable:
         if check["kind"] not in OF_EACH_MOTION:
             raise
@@ -382,34 +385,6 @@ def motion_finding(check: Keys, motions: Sequence[Motion]) -> Finding:
                 if not alone.holds:
                     return replace(alone, evidence=alone.evidence + among(motions, m))
         raise
-    of_course = check["kind"] in ("monotone", "conserved", "formula")
-    if not finding.holds or not (of_course or check.get("at") == "always"):
-        return finding
-    for m in motions:
-        check_course(m, [check["of"]] if isinstance(check["of"], str) else check["of"])
-    finer = find(check, [finer_motion(check, m) for m in motions])
-    return max(finer, finding, key=lambda found: found.deviation)
-
-
-BEYOND_SAMPLES = 0.5
-"""How far from its samples, relative to their range, a quantity may lie between them: those of a
-component leave out 3 %, those of a product of three some 30 %."""
-
-
-def finer_motion(check: Keys, m: Motion) -> Motion:
-    """A motion with samples where a statement about the course of a quantity that holds at samples
-    may fail between them."""
-    finer = between_samples(m)
-    if check["kind"] != "bound":
-        return finer
-    values = quantity(finer, check["of"])
-    room = BEYOND_SAMPLES * float(np.ptp(values))
-    least, most = check["least"], check["most"]
-    is_near = (
-        least is not None and values.min() - least <= room,
-        most is not None and most - values.max() <= room,
-    )
-    return near_extremes(finer, check["of"]) if len(values) > 1 and any(is_near) else finer
 
 
 def averages(check: Keys, swept: "SweepView") -> Finding:

@@ -49,7 +49,13 @@ from ..sweeps.members import members_as_cases, side_by_side
 from ..text import grouped
 from .checks import averages, motion_finding
 from .finding import ROUNDING, Finding, Undecidable, Verdict, in_percent
-from .quantities import integrated_motion, sampled_motion
+from .measures import (
+    FEWEST_A_STEP,
+    check_followed,
+    followed,
+    integrated_motion,
+    sampled_motion,
+)
 
 
 @lru_cache(maxsize=16)
@@ -131,21 +137,38 @@ class Motions:
 
     _known: dict[Case, Motion] = field(default_factory=dict)
 
-    def of(self, members: Sequence[Sequence[Case]]) -> Iterator[list[Motion]]:
-        """The motions of each member's cases. Raises Undecidable if one stops before its end."""
+    def of(self, members: Sequence[Sequence[Case]], along: bool = False) -> Iterator[list[Motion]]:
+        """The motions of each member's cases, `along` with samples that follow them. Raises
+        Undecidable if one stops before its end."""
+        if along:
+            members = [[*map(followed, cases)] for cases in members]
         size = max(1, MOST_VARIED_SAMPLES // sum(case.time.samples for case in members[0]))
         for i in range(0, len(members), size):
             if sum(len(m.time) for m in self._known.values()) > MOST_VARIED_SAMPLES:
                 self._known.clear()
             block = members[i : i + size]
-            self._integrate(dict.fromkeys(itertools.chain(*block)))
+            self._integrate(itertools.chain(*block))
+            if along:
+                block = self._finer(block)
             yield from ([self._known[case] for case in cases] for cases in block)
+
+    def _finer(self, members: Sequence[Sequence[Case]]) -> list[list[Case]]:
+        """The cases of members with more samples, and their motions too, where these have few to a
+        step of their method."""
+        known = {case: self._known[case] for case in itertools.chain(*members)}
+        steps = {case: m.attrs["steps"] for case, m in known.items()}
+        few = {case for case, m in known.items() if len(m.time) < FEWEST_A_STEP * steps[case]}
+        # As many for all, so that they go side by side.
+        most = max((steps[case] for case in few), default=0)
+        finer = {case: followed(case, most) for case in few}
+        self._integrate(finer.values())
+        return [[finer.get(case, case) for case in cases] for cases in members]
 
     def _integrate(self, cases: Iterable[Case]) -> None:
         """Integrate the cases that are not known, side by side where that is possible."""
-        new = [case for case in cases if case not in self._known]
-        for case, followed in zip(new, side_by_side(new), strict=True):
-            self._known[case] = sampled_motion(*followed) if followed else integrated_motion(case)
+        new = [case for case in dict.fromkeys(cases) if case not in self._known]
+        for case, found in zip(new, side_by_side(new), strict=True):
+            self._known[case] = sampled_motion(*found) if found else integrated_motion(case)
 
 
 @dataclass(frozen=True)
@@ -218,27 +241,32 @@ class Judge:
             return case
         return changed_case(case, {key: value for key, value in entry.items() if key != "case"})
 
-    def _motions(self, entries: Sequence[Any]) -> list[Motion]:
-        """The motions of entries of `cases:`, in order: stored ones, and those of cases with other
-        values."""
-        new = [self._case(entry) for entry in entries if not isinstance(entry, str)]
-        varied = iter(next(self.varied.of([new])) if new else ())
-        return [
-            stored_motion(self.run, entry) if isinstance(entry, str) else next(varied)
-            for entry in entries
-        ]
+    def _motions(self, check: Mapping[str, Any], entries: Sequence[Any]) -> list[Motion]:
+        """The motions of entries of `cases:`, in order: as they are stored, or integrated where
+        they have other values or the check is decided along them."""
+        along = is_of_course(check)
+        new = [self._case(entry) for entry in entries if along or not isinstance(entry, str)]
+        varied = iter(next(self.varied.of([new], along)) if new else ())
+        motions = []
+        for entry in entries:
+            if not isinstance(entry, str):
+                motions.append(next(varied))
+                continue
+            stored = stored_motion(self.run, entry)
+            motions.append(with_errors(next(varied), stored) if along else stored)
+        return motions
 
     def _measured(self, claim: Mapping[str, Any]) -> Verdict:
         """The verdict on a claim by the motions of its cases, in order, or by the members of its
         `over:`. Raises as `claim`."""
         check = claim["check"]
         if not claim["over"]:
-            return by_finding(self._decide(check, self._motions(claim["cases"])))
+            return by_finding(self._decide(check, self._motions(check, claim["cases"])))
         cases = tuple(map(self._case, claim["cases"]))
         varied = members(cases, frozen(claim["over"]), claim["start"])
         if not varied:
             raise HodoError(f"no member starts about {claim['start']}")
-        by_member = self.varied.of([*varied.values()])
+        by_member = self.varied.of([*varied.values()], is_of_course(check))
         # A trend is about all members at once, so no single member can decide it.
         if check["kind"] == "paper" and checks_of_papers()[check["name"]].is_trend:
             return by_finding(self._decide(check, [*by_member]))
@@ -254,6 +282,9 @@ class Judge:
     def _decide(self, check: Mapping[str, Any], motions: Sequence[Any]) -> Finding:
         """The finding of one check on one set of motions, or of a trend on the motions of each
         member. Raises HodoError for motions that it is not for."""
+        if is_of_course(check):
+            for m in motions:
+                check_followed(m)
         if check["kind"] != "paper":
             return motion_finding(check, motions)
         name = check["name"]
@@ -332,6 +363,27 @@ def stored_motion(run: ResultFile, name: str) -> Motion:
     group = run.read(name)
     variables = without_old_labels(group.variables)
     return motion_of(variables, group.attributes, f"{run.path}: {name}", str(run.path))
+
+
+READ_ALONG = {
+    *("turns", "visible_turns_x1", "visible_turns_x3", "area_largest", "area_smallest"),
+    *("end_of_spin", "rebound_u3"),
+}
+"""The single numbers that are read off the course of a motion."""
+
+
+def is_of_course(check: Mapping[str, Any]) -> bool:
+    """Whether a check is decided along the motion, and not by its last sample and its events; its
+    first sample may come after the start."""
+    named = {check.get("of")} if isinstance(check.get("of"), str) else {*check.get("values", ())}
+    along = check["kind"] in ("monotone", "conserved", "formula") or check.get("at", "end") != "end"
+    return bool(along or check.get("turns") or named & READ_ALONG)
+
+
+def with_errors(m: Motion, stored: Motion) -> Motion:
+    """A motion with the crossings, events and measured errors of the stored one."""
+    known = {k: v for k, v in stored.data.items() if k.startswith(("crossing", "event"))}
+    return replace(m, data={**m.data, **known}, attrs=stored.attrs, path=stored.path)
 
 
 def standing(claim: Mapping[str, Any], holds: int, total: int) -> int:

@@ -1,8 +1,5 @@
 """`hodo bench`: error against run time, every case of a config by every method at every
-tolerance, each judged by the best that can be computed of the case.
-
-What draws is imported late: the processes that try cases need none of it.
-"""
+tolerance, each judged by the best that can be computed of the case."""
 
 import math
 import warnings
@@ -13,7 +10,7 @@ from functools import partial
 from itertools import chain, cycle, product, repeat
 from operator import attrgetter
 from pathlib import Path
-from time import perf_counter, thread_time
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -27,15 +24,11 @@ from ..engines import have_quadruple
 from ..engines.protocol import Status
 from ..integration import (
     ERROR_LIMIT_ASKED,
-    Crossing,
     Trajectory,
     best,
-    body_of,
     choose,
-    cross,
     errors_against,
     motion_remarks,
-    principal_omega,
     sample_times,
     solve,
     solved,
@@ -43,7 +36,6 @@ from ..integration import (
     thinned,
     with_measured_error,
 )
-from ..models import rigid_body
 from ..progress import Progress
 from ..storage import CONTENT, Group, Variable, replacing, save_groups
 from ..text import grouped, magnitude, markdown, seconds, table
@@ -82,51 +74,30 @@ SINGLE_RUN_SECONDS = 1.0
 REPEAT_SECONDS, MAX_REPEATS = 0.05, 50
 """Seconds of repeated runs, and their number, after which the least time does not fall further."""
 
-CONSERVED_TOL = 1e-15
-"""The relative change below which a quantity counts as conserved: 1e4 steps in extended precision
-round by less."""
-
-
-@dataclass(frozen=True)
-class ReferenceMotion:
-    """The motion of a case, better than any method gives it in double precision, at samples of the
-    case.
-
-    `floor` is the change that one ulp in the data makes; `conserved` are the positions, among T and
-    |G|, of the quantities that it conserves.
-    """
-
-    motion: Trajectory
-    floor: float
-    crossings: tuple[Crossing, ...]
-    conserved: tuple[int, ...]
-
 
 @dataclass(frozen=True)
 class Trial:
     """A case by one method at one tolerance. Not a number stands for what does not apply.
 
     `method` is the one that auto took; `run_time` is the least of several, in seconds of the
-    processor, without imports; `compile_time` is what the first run in the process took beyond it;
-    `drift` is the largest relative change of what the motion conserves.
+    processor, without imports; `floor` is the error that one ulp in the data makes.
     """
 
     method: str = ""
     status: str = ""
     error: float = math.nan
-    crossing_error: float = math.nan
     run_time: float = math.nan
-    compile_time: float = math.nan
     steps: float = math.nan
-    rhs_evaluations: float = math.nan
-    drift: float = math.nan
     floor: float = math.nan
     message: str = ""
 
 
-def reference_motion(case: Case) -> ReferenceMotion:
-    """The best that can be computed of a case: in quadruple precision unless that takes too
-    long."""
+def reference_motion(case: Case) -> tuple[Trajectory, float]:
+    """The motion of a case, better than any method gives it in double precision, at samples of the
+    case; and the change that one ulp in the data makes.
+
+    It is integrated in quadruple precision unless that takes too long.
+    """
     every = sample_times(case)
     times = every[thinned(len(every))]
     method, _ = best(case, "extended")
@@ -137,9 +108,7 @@ def reference_motion(case: Case) -> ReferenceMotion:
     floor = max(worst(errors_against(case, perturbation, motion)) for perturbation in moved)
     if method == "taylor" and have_quadruple() and taylor_steps(case) < QUADRUPLE_STEPS:
         motion = solve(case, method, "quadruple", times=times)
-    crossings = cross(case, method, "extended", None)[1] if classifiable(case) else []
-    conserved = tuple(i for i, change in enumerate(drifts(motion)) if change <= CONSERVED_TOL)
-    return ReferenceMotion(motion, floor, tuple(crossings), conserved)
+    return motion, floor
 
 
 def worst(errors: Mapping[str, float]) -> float:
@@ -180,54 +149,34 @@ def _moved(value: Any, towards: Iterator[float]) -> Any:
     return value
 
 
-def drifts(motion: Trajectory) -> list[float]:
-    """The largest relative changes of T and |G|, for a motion whose state is the angular
-    velocity."""
-    if [*motion.case.system.variables] != ["omega"] or not len(motion.time):
-        return []
-    A, omega = body_of(motion.case).moments.astype(np.longdouble), principal_omega(motion)
-    size = np.ldexp(np.longdouble(1), motion.exponent - motion.exponent[0])
-    with np.errstate(all="ignore"):
-        energy = rigid_body.kinetic_energy(A, omega) * size**2
-        momentum = np.sqrt(np.square(rigid_body.angular_momentum(A, omega)).sum(axis=-1)) * size
-        return [float(np.max(np.abs(values / values[0] - 1))) for values in (energy, momentum)]
-
-
 def trial(
     case: Case,
-    reference: ReferenceMotion,
+    reference: tuple[Trajectory, float],
     method: str,
     tol: float | None,
     repeats: int,
     max_seconds: float,
 ) -> Trial:
-    """One case by one method at one tolerance, timed and judged."""
+    """One case by one method at one tolerance, timed and judged by its reference and the effect of
+    one ulp."""
+    true_motion, floor = reference
     if finds_no_stop(method, case.system):
-        return Trial(method, NOT_TRIED, floor=reference.floor)
+        return Trial(method, NOT_TRIED, floor=floor)
     case = replace(case, method=method, tol=tol, max_seconds=max_seconds)
     try:
         choose(case)  # the time does not include the trial for stiffness
-        began = thread_time()
         motion = solved(case, *choose(case))
-        first = thread_time() - began
     except HodoError as mistake:
-        return Trial(method, "failed with a message", message=str(mistake), floor=reference.floor)
-    run_time = least_time(case, motion, repeats)
-    thin = compared(motion)
-    error = worst(errors_against(case, thin, reference.motion)) if motion.succeeded else math.nan
-    changes = drifts(thin)
+        return Trial(method, "failed with a message", message=str(mistake), floor=floor)
+    errors = errors_against(case, compared(motion), true_motion) if motion.succeeded else {}
+    error = worst(errors)
     return Trial(
         method=motion.method,
-        status=verdict(motion, error, reference.floor),
+        status=verdict(motion, error, floor),
         error=error,
-        crossing_error=error_of_crossings(motion, reference),
-        run_time=run_time,
-        compile_time=max(first - run_time, 0.0),
+        run_time=least_time(case, motion, repeats),
         steps=motion.steps,
-        rhs_evaluations=motion.evaluations or math.nan,
-        # One that ran out of time before its first sample has none.
-        drift=max((changes[i] for i in reference.conserved if changes), default=math.nan),
-        floor=reference.floor,
+        floor=floor,
         message=motion.message,
     )
 
@@ -261,21 +210,6 @@ def verdict(motion: Trajectory, error: float, floor: float) -> str:
     return "inaccurate, as stated" if any(remarks) else "SILENT"
 
 
-def error_of_crossings(motion: Trajectory, reference: ReferenceMotion) -> float:
-    """The largest relative error of a crossing's time; infinite if the crossings are not the true
-    ones, and no number where there are none to compare."""
-    if not (reference.crossings and motion.succeeded):
-        return math.nan
-    crossings = cross(motion.case, motion.method, motion.case.precision, motion.tol)[1]
-    if [(c.start, c.end) for c in crossings] != [(c.start, c.end) for c in reference.crossings]:
-        # Times of crossings that are not the true ones cannot be compared.
-        return math.inf
-    return max(
-        abs(a.time - b.time) / abs(b.time)
-        for a, b in zip(crossings, reference.crossings, strict=True)
-    )
-
-
 def trials_of(
     case: Case, methods: Sequence[str], tols: Sequence[float], repeats: int, max_seconds: float
 ) -> tuple[list[Trial], float]:
@@ -302,12 +236,8 @@ MEASURED = {
     "method": ("method taken", ""),
     "status": ("what the result is worth", ""),
     "error": ("largest relative error of a stored variable", "1"),
-    "crossing_error": ("largest relative error of the time of a crossing", "1"),
     "run_time": ("least processor time of an integration", "s"),
-    "compile_time": ("time that the first integration took beyond its run time", "s"),
     "steps": ("steps", "1"),
-    "rhs_evaluations": ("evaluations of the equations", "1"),
-    "drift": ("largest relative change of what is conserved", "1"),
     "floor": ("error that one ulp in the data makes", "1"),
     "message": ("why it stopped", ""),
 }
@@ -338,7 +268,7 @@ def table_of_trials(
 
 
 def benchmark(config: Config, globs: Sequence[str], out: Path, jobs: int, quiet: bool) -> Group:
-    """Try the cases of a config, all or those that match, and store the trials and their figure.
+    """Try the cases of a config, all or those that match, and store the trials.
 
     Raises HodoError if the config has no `bench:` section, no case matches, or a file cannot be
     written.
@@ -349,15 +279,15 @@ def benchmark(config: Config, globs: Sequence[str], out: Path, jobs: int, quiet:
         )
     if not (names := config.matching(globs)):
         raise no_case(globs, config.cases)
-    from ..figures.kinds.costs import draw_bench
-    from ..figures.sheet import save
-
     bench = try_cases([config.cases[name] for name in names], config.bench, jobs, quiet)
     name = Path(config.path).stem
     attributes = {**attributes_by(f"bench {config.path}", config), CONTENT: "trials of methods"}
     with replacing(out / f"{name}.bench.h5") as draft:
         save_groups(draft, {"bench": bench}, attributes)
-    save(draw_bench(bench, TRIAL_VERDICTS), out / "figures" / f"{name}.png")
+    if len(bench.variables["tol"].data) > 1:
+        from ..figures.costs import draw_bench  # late: the processes that try cases draw nothing
+
+        draw_bench(bench, out / "figures" / f"{name}.bench.svg")
     return bench
 
 

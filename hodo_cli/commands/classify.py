@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,22 +10,24 @@ import numpy as np
 from .. import HodoError
 from ..batch import check_memory
 from ..cases.case import Case, dump
-from ..cases.derived import MOMENTUM
+from ..cases.config import Config
 from ..cases.keys import METHODS
 from ..engines.protocol import Status
 from ..integration import Classification, classify, label_at_start
 from ..models import rigid_body
 from ..progress import Progress
+from ..quantities import MOMENTUM
 from ..results.groups import label_group
 from ..results.layout import RECORDED, sentence_of_case, units_of_case, without_old_labels
 from ..results.motion import Motion, case_of
-from ..storage import Group, history_line, typed, update
+from ..storage import Group, Update, history_line, typed, update
 from ..text import abridged, few, grouped, magnitude, table, to_error
 from .resume import package_digest, results_named, warn_of_changes
 
 
 def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
-    """Label the cases of result files; the lines of the table, and why cases are missing there.
+    """Label the cases of result files; the lines of the table, and why cases are missing there: a
+    case that cannot be labelled keeps no other from its labels.
 
     A path may be that of a config. Raises HodoError if a file cannot be read or replaced.
     """
@@ -39,40 +40,50 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
             warn_of_changes(changes.run, config)
             for name in progress.through(changes.run.cases()):
                 try:
-                    row = changes.run.report(name, package_digest())
-                    if row is None:
-                        group = changes.run.read(name)
-                        case = config.cases.get(name) if config else None
-                        # To parse a short case anew takes a tenth of what it takes to label it.
-                        if case is None or dump(case) != group.attributes.get("case"):
-                            case = case_of(group.attributes, name)
-                        labels, row = classified(name, group, case)
-                        labels = labels or Group({}, {})
-                        changes.write(name, labels.with_report(package_digest(), row))
+                    rows.append({"run": str(path), **labelled_case(name, changes, config)})
                 except HodoError as error:
                     # What the file itself refuses begins with its path.
-                    problems.append(f"{path}: {str(error).removeprefix(f'{path}: ')}")
-                    continue
-                rows.append({"run": str(path), **row})
+                    words = str(error).removeprefix(f"{path}: ")
+                    problems.append(
+                        f"{path}: {words if words.startswith(name) else f'{name}: {words}'}"
+                    )
+                except (LookupError, OSError, RuntimeError, ValueError) as error:
+                    problems.append(f"{path}: {name} is damaged ({error!r})")
     return rows, problems
+
+
+def labelled_case(name: str, changes: Update, config: Config | None) -> dict[str, Any]:
+    """The line of a stored case, which is labelled unless it has been. Raises HodoError as
+    `classified` does."""
+    told = changes.run.report(name, package_digest())
+    if told is not None:
+        return dict(told)
+    group = changes.run.read(name)
+    case = config.cases.get(name) if config else None
+    # To parse a short case anew takes a tenth of what it takes to label it.
+    if case is None or dump(case) != group.attributes.get("case"):
+        case = case_of(group.attributes, name)
+    labels, row = classified(name, group, case)
+    changes.write(name, (labels or Group({}, {})).with_report(package_digest(), row))
+    return row
 
 
 def classified(name: str, group: Group, case: Case) -> tuple[Group | None, dict[str, Any]]:
     """The group that `classify` adds to a stored case (None if labels do not apply to it), and the
     line of the table.
 
-    Raises HodoError as `classify` does.
+    Raises HodoError as `integration.classify` does.
     """
     recorded = typed(group.attributes, RECORDED, name)
     if case.sweep:
         return None, row_of_sweep(case, group)
+    message = str(group.attributes.get("message", ""))
+    ended_early = [message] if message and group.attributes.get("status") == Status.OK else []
     if remark := why_unlabelled(case, group):
         unlabelled = {"case": name, "start": "-", "end": "-", "unlabelled": remark}
-        return None, unlabelled | {"crossings": [], "warnings": [remark, *end_before_time(group)]}
+        return None, unlabelled | {"crossings": [], "warnings": [remark, *ended_early]}
     if recorded["method"] not in METHODS:
         raise HodoError(f"{name}: this hodo has no method {recorded['method']!r}: run it again")
-    if case.time.steps:
-        case = replace(case, time=case.time.listed(group.variables["time"].data))
     motion = Motion(case, group.variables, label=name)
     labelled = classification_of(motion, recorded)
     row = row_of_motion(motion, labelled) | {"events": events_of(motion, labelled)}
@@ -84,12 +95,11 @@ def classified(name: str, group: Group, case: Case) -> tuple[Group | None, dict[
 
 def classification_of(motion: Motion, recorded: Mapping[str, Any]) -> Classification:
     """The labels and crossings of a stored motion: those that are stored of a quadrature; another
-    motion is integrated again as is `recorded`. Raises HodoError as `classify` does, or if its
-    samples are no vectors."""
+    motion is integrated again as is `recorded`. Raises HodoError if its samples are no vectors."""
     if motion.case.system.is_quadrature:
         return Classification(motion.labels, motion.crossings)
     omega = motion.data["omega"].data
-    if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
+    if omega.dtype.kind != "f" or omega.shape != (len(motion.time), 3):
         raise HodoError(f"{motion.label} is damaged (its omega holds no vectors)")
     # Classifying may take five times the memory of integrating: labels and crossings are found in
     # long double.
@@ -113,46 +123,36 @@ def events_of(motion: Motion, labelled: Classification) -> list[dict[str, Any]]:
     ]
 
 
-def end_before_time(group: Group) -> tuple[str, ...]:
-    """The message of a stored motion that ended well before its time; none of one that did not."""
-    message = str(group.attributes.get("message", ""))
-    return (message,) if message and group.attributes.get("status") == Status.OK else ()
-
-
-CROSSING_UNITS = {"time": "time", "G": MOMENTUM}
-"""The units of what the table says of a crossing, in words."""
-
-
 def row_of_motion(motion: Motion, labelled: Classification) -> dict[str, Any]:
     """The line of a labelled motion in the table."""
-    case = motion.case
+    case, names = motion.case, rigid_body.LABELS
     start = label_at_start(case, motion.time[0], labelled.labels, labelled.crossings)
+    rates = () if labelled.growth is None else labelled.growth.tolist()
+    crossings = [
+        {
+            "time": c.time,
+            "error": c.error,
+            "from": names[c.start],
+            "to": names[c.end],
+            "G": c.momentum,
+        }
+        for c in labelled.crossings
+    ]
     return {
         "case": motion.label,
-        "start": rigid_body.LABELS[start],
-        "end": rigid_body.LABELS[int(labelled.labels[-1])],
-        "growth": growth_by_axis(labelled.growth),
-        "final": "" if labelled.final is None else rigid_body.LABELS[labelled.final],
+        "start": names[start],
+        "end": names[int(labelled.labels[-1])],
+        # None about the middle axis, nor of a body that does not turn.
+        "growth": {names[i]: rate for i, rate in enumerate(rates, 1) if math.isfinite(rate)},
+        "final": "" if labelled.final is None else names[labelled.final],
         "predictions": [sentence_of_case(words, case) for words in labelled.predictions],
-        "crossings": [
-            {
-                "time": c.time,
-                "error": c.error,
-                "from": rigid_body.LABELS[c.start],
-                "to": rigid_body.LABELS[c.end],
-                "G": c.momentum,
-            }
-            for c in labelled.crossings
-        ],
-        "units": {name: units_of_case(words, case) for name, words in CROSSING_UNITS.items()},
+        "crossings": crossings,
+        "units": {
+            "time": units_of_case("time", case),
+            "G": units_of_case(MOMENTUM, case),
+        },
         "warnings": list(labelled.warnings),
     }
-
-
-def growth_by_axis(rates: np.ndarray | None) -> dict[str, float]:
-    """The rates at which a tilt away from each axis grows, by the axis, but for the middle one."""
-    numbered = enumerate(() if rates is None else rates.tolist(), 1)
-    return {rigid_body.LABELS[i]: rate for i, rate in numbered if not np.isnan(rate)}
 
 
 def why_unlabelled(case: Case, group: Group) -> str:

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from .. import HodoError
-from ..cases.case import Case, parse_case, read_mapping
+from ..cases.case import Case, parse_case
 from ..cases.config import composed_text, parse
-from ..schema.document import Mistakes
+from ..schema.document import Source, read_mapping
 from ..storage import open_batch, publish
 from .resume import attributes_by, check_cases, result_named, stored_config
 
@@ -28,7 +28,7 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
     for path in results:
         with open_batch(path) as run:
             check_cases(run)
-            document = read_mapping(run.text, Mistakes(str(path)))
+            document = read_mapping(run.text, Source(str(path)))
             config = stored_config(run)
             stored = {name: run.summary(name, ("hash", "case")) for name in run.cases()}
         cases = config.cases | cases | {x: parse_case(row["case"]) for x, row in stored.items()}

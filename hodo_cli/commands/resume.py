@@ -199,7 +199,7 @@ def package_digest() -> str:
     return digest("".join([library_digest(), models.added_models_digest(), *texts]))
 
 
-SOURCE_SUFFIXES = (".py", ".html", ".css", ".js", ".yaml")
+SOURCE_SUFFIXES = (".py", ".html", ".mplstyle", ".yaml")
 
 
 def content_digest(checksums: Iterable[str], text: str = "") -> str:

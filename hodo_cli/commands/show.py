@@ -1,5 +1,7 @@
 """`hodo show`: the cases in result files, and how they were computed, as a paper says it."""
 
+import math
+import re
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -9,18 +11,22 @@ from sys import float_info
 from textwrap import fill
 from typing import Any
 
+import numpy as np
+
 from .. import HodoError
 from ..cases.case import parse_case
+from ..quantities import angle_turned
 from ..results.layout import MODEL_SOURCE, SUMMARY, typed_as
-from ..storage import ResultFile, folder_of, open_batch
+from ..storage import Group, ResultFile, folder_of, open_batch
 from ..text import few, grouped, in_bytes, magnitude, seconds, table
 from .resume import result_named, results_named, warn_of_changes
 
 LISTED = SUMMARY | typed_as("case")
 
 
-def stored_cases(paths: Iterable[Path]) -> list[dict[str, Any]]:
-    """The cases of result files, with the attributes that a line of the table shows.
+def stored_cases(paths: Iterable[Path], with_data: bool = False) -> list[dict[str, Any]]:
+    """The cases of result files, with the attributes that a line of the table shows; `with_data`
+    also the settings of each case that say which motion it is.
 
     A path may be that of a config. Raises HodoError as `open_batch` does, or if a case has
     no such attributes.
@@ -32,8 +38,13 @@ def stored_cases(paths: Iterable[Path]) -> list[dict[str, Any]]:
             warn_of_chunks(path)
             for name in run.cases():
                 row = run.row(name, LISTED)
-                assumed = assumes_of(row.pop("case"))
+                text = row.pop("case")
+                assumed = assumes_of(text)
                 rows.append({"run": str(path), "case": name, **row, "assumes": assumed})
+                if with_data:
+                    case = parse_case(text)
+                    span = {"start": case.time.start, "end": case.time.end}
+                    rows[-1]["data"] = in_words({**case.data, "t": span})
     return rows
 
 
@@ -114,10 +125,13 @@ def methods_of(path: Path) -> dict[str, str]:
 
 def row_of_methods(run: ResultFile, name: str) -> dict[str, Any]:
     """What the paragraph says of a case. A sweep is as many motions as it has members, of which a
-    sample is measured."""
-    row = run.row(name, SUMMARY | typed_as("tol", "error_kind"))
+    sample is measured. The error of an attitude is an angle, and stands by itself."""
+    row = run.row(name, SUMMARY | typed_as("tol", "error_kind", "case"))
     more = run.summary(name, ("members", "error_sample", MODEL_SOURCE))
     motions = int(more.get("members", 1))
+    row |= {"off": math.nan, "turned": math.nan}
+    if "\nattitude:" in row.pop("case") and "members" not in more:
+        row |= errors_of_attitude(run.read(name))
     return {
         "case": name,
         **row,
@@ -125,6 +139,17 @@ def row_of_methods(run: ResultFile, name: str) -> dict[str, Any]:
         "motions_measured": int(more.get("error_sample", motions)),
         "is_own_model": MODEL_SOURCE in more,
     }
+
+
+def errors_of_attitude(group: Group) -> dict[str, float]:
+    """The error of a stored motion without its attitude, the angle by which this is `off`, and the
+    angle `turned`; empty if these are not stored."""
+    errors = {name: float(x.attrs.get("error", math.nan)) for name, x in group.variables.items()}
+    off, known = errors.pop("attitude", math.nan), [x for x in errors.values() if x >= 0]
+    if math.isnan(off) or not known or "omega" not in group.variables:
+        return {}
+    time, omega = (group.variables[name].data for name in ("time", "omega"))
+    return {"error": max(known), "off": off, "turned": angle_turned(time, omega)}
 
 
 def methods_paragraphs(rows: Iterable[Mapping[str, str]]) -> str:
@@ -175,7 +200,40 @@ def sentence_on_errors(rows: Sequence[Mapping[str, Any]]) -> str:
             if kind in REFERENCES_IN_WORDS
             else f"not measured in {motions} of them"
         )
+    posed = max(rows, key=lambda row: float(np.nan_to_num(row["off"], nan=-1)))
+    if posed["off"] >= 0:
+        turned = f"{posed['case']}, which turns by {posed['turned']:.3g} rad"
+        phrases.append(f"attitudes are off by at most {magnitude(posed['off'])} rad ({turned})")
     return f"The relative errors of the stored variables are {'; '.join(phrases)}."
+
+
+def latex_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The table of cases for a paper, in LaTeX, by the rules of the package booktabs."""
+    header = ("case", "model", "data", "method", "error")
+    lines = [
+        (row["case"], f"{row['model']} ({row['form']})", row["data"], row["method"],
+         magnitude(row["error"]))
+        for row in rows
+    ]  # fmt: skip
+    head, *body = (" & ".join(map(latex, line)) + r" \\" for line in (header, *lines))
+    begin, end = r"\begin{tabular}{llp{0.5\textwidth}ll}", r"\end{tabular}"
+    return "\n".join([begin, r"\toprule", head, r"\midrule", *body, r"\bottomrule", end])
+
+
+def in_words(value: Any) -> str:
+    """A setting in a line: lists in parentheses, and mappings as `key = value`."""
+    if isinstance(value, Mapping):
+        known = {key: in_words(x) for key, x in value.items() if x not in (None, "", ())}
+        return ", ".join(f"{key} {x}" if "=" in x else f"{key} = {x}" for key, x in known.items())
+    if isinstance(value, tuple):
+        return f"({', '.join(map(in_words, value))})"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def latex(text: str) -> str:
+    """A text in LaTeX: its signs escaped, and numbers with powers of ten."""
+    escaped = re.sub(r"([&%$#_{}])", r"\\\1", text)
+    return re.sub(r"(\d)e\+?(-?)0*(\d+)\b", r"\1$\\times10^{\2\3}$", escaped)
 
 
 def case_table(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -46,24 +46,6 @@ class Series:
         solution: Series = self._new(lambda k: rule(solution, k))
         return solution
 
-    def functions(
-        self,
-        values: Callable[[Any], Sequence[Any]],
-        slopes: Callable[["Series", Sequence["Series"]], Sequence["Series"]],
-    ) -> list["Series"]:
-        """Functions f of this series x with x df/dx = slopes(x, f), by their values at x[0].
-
-        A function that takes many operations, an elliptic integral say, takes them once and not
-        for each coefficient.
-        """
-        # Where x is 0, and stays so, nothing grows.
-        growth = self._new(lambda k: (k + 1) * self[k + 1]) / (self + TINY_DIVISOR)
-        return integrals(
-            values(self[0]),
-            lambda solution: [growth * slope for slope in slopes(self, solution)],
-            self._new,
-        )
-
     def __neg__(self) -> "Series":
         return self._new(lambda k: -self[k])
 
@@ -169,6 +151,15 @@ class Series:
     def sqrt(self) -> "Series":
         """The square root."""
         return self**0.5
+
+    def tanh(self) -> "Series":
+        """The hyperbolic tangent, from h' = (1 - h^2) y'."""
+        slope: Series = self._new(lambda k: (1.0 if k == 0 else 0.0) - square[k])
+        tangent: Series = self._new(
+            lambda k: self._slope_times(slope, k) if k else arithmetic.tanh(self[0])
+        )
+        square = tangent * tangent
+        return tangent
 
     def sin(self) -> "Series":
         """The sine."""

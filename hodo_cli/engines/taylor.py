@@ -44,7 +44,7 @@ UNROLLED_NODES = 150
 than the steps of most motions."""
 
 OPTIMISED_NODES = 10_000
-"""The largest system that the compiler optimises. Beyond are averaged systems, which take tens of
+"""The largest system that the compiler optimises. Beyond are averaged tops, which take tens of
 steps."""
 
 BLIND_RATIO = 1.35

@@ -27,7 +27,6 @@ from ..models.base import (
     Structure,
     count,
     kinds_of_variables,
-    moving,
     namespace,
 )
 from ..private import cached_code
@@ -214,7 +213,7 @@ class TaylorStep:
         lost = lost + ((remaining - after) - step)
         steps = steps + hy.select(hy.gt(remaining, 0.0), hy.expression(1.0), hy.expression(0.0))
         after = hy.select(hy.gt(excessive, MOST_EXCESS), hy.expression(math.nan), after)
-        # Averaged systems are large.
+        # Averaged tops are large.
         is_large = sum(map(len, self.model.rhs(*self._symbols()))) > OPTIMISED_NODES
         if self.model.has_formulas() and not is_large:
             is_met = hy.lte(self._missed(at, y, step), 0.0)
@@ -270,12 +269,6 @@ class SymbolicMotion(NamedTuple):
     time: Series
     state: list[Series]
     k: Any
-
-
-def size_within(model: type[Model], y: Sequence[Any], step: Any) -> Any:
-    """About how large a motion, its series given, is within a step."""
-    rows = np.arange(len(y))[moving(model)].tolist()
-    return total([absolute(y[i][0]) + step * absolute(y[i][1]) for i in rows])
 
 
 def compiled_function(inputs: list[Any], rows: list[Any], opt_level: int) -> Any:

@@ -42,8 +42,7 @@ def best(case: Case, precision: str) -> tuple[str, str]:
     """
     if precision == "quadruple":
         return "taylor", "quadruple precision"
-    # A closed form has no steps to be stored at.
-    if case.system.has_closed_form and not case.time.steps:
+    if case.system.has_closed_form:
         return (
             ("quadrature", "averaged to first order")
             if case.system.is_quadrature

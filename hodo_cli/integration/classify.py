@@ -76,6 +76,9 @@ def classify(
 
     Raises HodoError if the motion differs from the stored one by more than its error allows.
     """
+    if case.time.runs_backward:
+        rising = replace(case, time=case.time.rising)
+        return in_time_of(case, classify(rising, method, tol, error, omega))
     unmeasured = UNMEASURED_ERROR_IN_TOLS * max(EPS, tol)
     expected = unmeasured if math.isnan(error) else max(EPS, error)
     # Also of an error that was measured, because between few samples it may be larger.
@@ -120,6 +123,15 @@ def own_crossings(motion: Trajectory) -> list[Crossing]:
         Crossing(e.time, int(e.details["from"]), int(e.details["to"]), e.details["G"], e.error)
         for e in motion.events
     ]
+
+
+def in_time_of(case: Case, found: Classification) -> Classification:
+    """What was found of a motion that runs backward, by a time with another sign, in that of its
+    case."""
+    crossings = tuple(replace(crossing, time=-crossing.time) for crossing in found.crossings)
+    events = tuple(replace(event, time=-event.time) for event in found.events)
+    growth = case.system.tilt_growth(case.time.start)
+    return replace(found, crossings=crossings, events=events, growth=growth)
 
 
 def sample_labels(motion: Trajectory, errors: np.ndarray) -> np.ndarray:

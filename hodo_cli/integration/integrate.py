@@ -9,11 +9,12 @@ import numpy as np
 
 from ..cases.case import Case
 from ..engines.protocol import Status
-from ..models.base import Model, attributes
+from ..models.base import Model, attributes, has_formula_of_time
+from ..quantities import angle_turned
 from ..text import time_digits, to_error
 from .choice import choose
 from .error import with_measured_error
-from .solve import solve, step_times, with_seconds_left
+from .solve import solve, with_seconds_left
 from .step_checks import POLE
 from .trajectory import Trajectory
 
@@ -38,12 +39,9 @@ def integrate(case: Case) -> Trajectory:
     Raises HodoError if its method is not available here. A case that stops early comes back with
     status `timeout` or `failed` and the samples it reached.
     """
-    # Chosen once: at given times a closed form would be chosen, which has no steps.
-    method, reason = choose(case)
-    sampled = case
-    if case.time.steps:
-        sampled = replace(case, time=case.time.listed(step_times(case, method)))
-    motion = timed(solved(sampled, method, reason))
+    if case.time.runs_backward:
+        return in_time_of_case(integrate(replace(case, time=case.time.rising)), case)
+    motion = timed(solved(case, *choose(case)))
     # The start alone, which a motion that fails at once is left with, has no error to measure.
     if case.error and (motion.succeeded or (motion.time > case.time.start).any()):
         motion = with_measured_error(motion)
@@ -52,6 +50,25 @@ def integrate(case: Case) -> Trajectory:
         message=motion.message or early_end(motion),
         warnings=(*model_warnings(motion), *motion_remarks(motion)),
     )
+
+
+def in_time_of_case(motion: Trajectory, case: Case) -> Trajectory:
+    """The motion of a case that runs backward from one whose time has another sign."""
+    events = tuple(replace(event, time=-event.time) for event in motion.events)
+    return motion.with_remarks(case=case, system=case.system, time=-motion.time, events=events)
+
+
+FAR_SPANS = 100
+"""So many spans from 0 a time counts from an epoch; hardly a law that names t counts from there."""
+
+
+def epoch_warning(case: Case) -> list[str]:
+    """The warning of expressions whose time counts from 0, far from the motion."""
+    time, spans = case.time, abs(case.time.start) / (abs(case.time.end - case.time.start) or 1.0)
+    if time.epoch is not None or spans <= FAR_SPANS or not has_formula_of_time(case.system):
+        return []
+    words = "spans before start" if time.start > 0 else "spans behind start"
+    return [f"t counts from 0, {spans:.0f} {words}: write epoch: {time.start:.15g}, or epoch: 0"]
 
 
 def early_end(motion: Trajectory) -> str:
@@ -72,7 +89,11 @@ def model_warnings(motion: Trajectory) -> list[str]:
     system, state, end = motion.system, motion.state.astype(float), motion.time[-1:].tolist()
     if not end:
         return system.warnings
-    warnings = system.warnings + system.validity_warnings(motion.time, state, motion.tol)
+    warnings = [
+        *system.warnings,
+        *epoch_warning(motion.case),
+        *system.warnings_within(motion.case.time.start, end[0]),
+    ]
     # Not read off the samples: between two of them a body may stop and a torque grow.
     stop = next((event.time for event in motion.events if event.kind == "stopped"), math.nan)
     k = attributes(system.constants)
@@ -105,12 +126,22 @@ def motion_remarks(motion: Trajectory) -> Iterator[str]:
     """Remarks on a motion: an error larger than was asked for, or unknown, a probability far from
     its limit, and infinite values."""
     case = motion.case
-    yield from excess_remark(case, motion.error, motion.tol)
+    yield from excess_remark(case, error_to_judge(motion), motion.tol)
     if case.error and math.isnan(motion.error):
         yield "the error could not be measured"
     for name, values in motion.variables.items():
         if case.rests_on(name) and not np.isfinite(values).all():
             yield f"{name} exceeds the largest double, and is stored as infinite or nan there"
+
+
+def error_to_judge(motion: Trajectory) -> float:
+    """The largest measured error; that of an attitude, an angle, by the angle that the body has
+    turned, where this is more than a radian."""
+    errors, variables = dict(motion.errors), motion.variables
+    if not {"attitude", "omega"} <= {*errors} & {*variables}:
+        return motion.error
+    errors["attitude"] /= max(1.0, angle_turned(motion.time, variables["omega"]))
+    return max(errors.values())
 
 
 def excess_remark(case: Case, error: float, tol: float) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """Case -> Trajectory: the motion of a case by one method."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import thread_time
 from typing import Any
 
@@ -46,26 +46,6 @@ def sample_times(case: Case) -> np.ndarray:
         return np.array(time.values)
     few = time.samples == 1
     return np.array([time.end]) if few else np.linspace(time.start, time.end, time.samples)
-
-
-@dataclass
-class StepTimes(StepObserver):
-    """Notes when each step ends."""
-
-    times: list[float]
-
-    def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
-        """See `Observer`."""
-        self.times.append(float(self.clock.exact(end)))
-
-
-def step_times(case: Case, method: str) -> np.ndarray:
-    """The start of a case, the ends (n,) of the steps that a method takes, and the end of the
-    case; of a method that takes steps, which the closed form does not."""
-    observer, span = StepTimes([]), (case.time.start, case.time.end)
-    solve(case, method, case.precision, case.tol, np.array(span[1:]), observer)
-    inner = [time for time in observer.times if span[0] < time < span[1]]
-    return distinct([*inner, *span])
 
 
 @np.errstate(all="ignore")  # what overflows ends a motion, and its status says so

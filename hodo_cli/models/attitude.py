@@ -3,9 +3,10 @@ from body to space beside it."""
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
+from types import SimpleNamespace
 from typing import Any, ClassVar, cast
 
 import numpy as np
@@ -16,15 +17,25 @@ from ..schema.kinds import (
     Choice,
     Either,
     Key,
-    KeyPath,
     ListOf,
     Mistake,
+    Rule,
     Switch,
     Table,
     Text,
     vector,
 )
-from .base import Bound, Event, EventOutcome, Label, Model, Passage
+from .base import (
+    CONSTANTS_KEY,
+    Bound,
+    Event,
+    EventOutcome,
+    Label,
+    Model,
+    Passage,
+    backward,
+    fields_of,
+)
 from .rigid_body import BodyFrame
 from .theory.attitude import about, composed, free_attitude, of_euler, turn_of_hodograph
 
@@ -56,6 +67,7 @@ ATTITUDE = Key(
                 ),
             }
         ),
+        definition="attitude",
     ),
     "where the body points, stored as a quaternion: yes (body and space axes coincide at the start;"
     " of a top: z is the vertical), or how it starts",
@@ -81,13 +93,28 @@ def takes_attitude(form: type[Model]) -> bool:
     return form.quaternion_factor is not None and form.state[:3] == ("p", "q", "r")
 
 
-def keys_of_form(form: type[Model]) -> dict[str, Key]:
+def keys_of_form(form: type[Model]) -> dict[str, Rule]:
     """The keys of a form's cases, its own and what any of its kind takes."""
     return {**form.keys, ATTITUDE_KEY: ATTITUDE} if takes_attitude(form) else form.keys
 
 
-def system_of(form: type[Model], data: Mapping[str, Any]) -> Model:
-    """The object of a form with these data, with an attitude where they name one."""
+def system_of(
+    form: type[Model], data: Mapping[str, Any], epoch: float | None = None, mirrored: bool = False
+) -> Model:
+    """The object of a form with these data, with an attitude where they name one; expressions count
+    t from an epoch, and a `mirrored` motion runs backward."""
+    if CONSTANTS_KEY in form.keys:
+        data = {CONSTANTS_KEY: None, **data}
+    data = fields_of(data, -epoch if epoch and mirrored else epoch)
+    if not mirrored:
+        return _plain_system(form, data)
+    system = _plain_system(form, data)
+    values = {field.name: getattr(system, field.name) for field in fields(system)}
+    form_backward: type[Model] = backward(type(system))  # type: ignore[arg-type]
+    return form_backward(**values)
+
+
+def _plain_system(form: type[Model], data: dict[str, Any]) -> Model:
     system = form.of({name: value for name, value in data.items() if name != ATTITUDE_KEY})
     if not data.get(ATTITUDE_KEY):
         return system
@@ -115,21 +142,6 @@ def check_attitude(form: type[Model], data: Mapping[str, Any]) -> Iterator[Mista
             "expected three of X, Y, Z or of x, y, z, no two neighbours equal, "
             f"got {attitude['sequence']!r}",
         )
-
-
-COINCIDING = {"initial": (1.0, 0.0, 0.0, 0.0), "euler": (0.0, 0.0, 0.0)}
-"""The start of `attitude: yes` by the keys that state it as numbers."""
-
-
-def start_to_vary(form: type[Model], attitude: Any, paths: Iterable[KeyPath]) -> Any:
-    """The value of `attitude` of which a sweep varies numbers at some paths: where a case gives
-    none, that of body and space axes that coincide."""
-    below = (path for path in paths if path[0] == ATTITUDE_KEY and len(path) > 1)
-    varied = {str(path[1]) for path in below} & {*COINCIDING}
-    is_open = attitude in (None, True) and takes_attitude(form) and form.start_attitude is None
-    if not is_open or len(varied) != 1:
-        return attitude
-    return ATTITUDE.kind.check({name: COINCIDING[name] for name in varied})
 
 
 def quaternion_rates(omega: Sequence[Any], Q: Sequence[Any], factor: Any) -> tuple[Any, ...]:
@@ -324,8 +336,9 @@ def with_attitude(plain: type[Model]) -> type[Model]:
     """A form whose state has the quaternion besides: Q' = Q (0, omega)/2."""
 
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        seen = SimpleNamespace(**vars(k), attitude=y[-4:]) if hasattr(k, "expression1") else k
         return (
-            *plain.rhs(t, y[:-4], k),
+            *plain.rhs(t, y[:-4], seen),
             *quaternion_rates(y[:3], y[-4:], plain.quaternion_factor(k)),
         )
 

@@ -13,7 +13,13 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..schema.kinds import Key, KeyPath, Mistake
+from ..schema.kinds import KeyPath, Mistake, Rule
+
+EPOCH_NAME = "time.epoch"
+
+CONSTANTS_KEY, CONSTANTS_FIELD = "constants", "case_constants"
+"""The key of a case for the constants that its expressions name, and the field of a model for it:
+the constants of a model are the numbers of its equations."""
 
 OWN_FOLDER = str(Path(__file__).parents[1])
 """The folder of the package, with the models that are its own."""
@@ -113,7 +119,7 @@ class Model:
 
     name: ClassVar[str]
     form: ClassVar[str]
-    keys: ClassVar[dict[str, Key]]
+    keys: ClassVar[dict[str, Rule]]
     state: ClassVar[tuple[str, ...]]
     variables: ClassVar[dict[str, Label]]
 
@@ -200,6 +206,11 @@ class Model:
         yield from ()
 
     @classmethod
+    def is_rounded(cls, data: Mapping[str, Any]) -> bool:
+        """Whether moments of inertia that no body has are those of one, rounded to decimals."""
+        return False
+
+    @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
         """What is wrong with right values in a motion from one time to another."""
         yield from ()
@@ -279,9 +290,8 @@ class Model:
         """What the data say against the model's own assumptions."""
         return []
 
-    def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
-        """What a motion (n,), (n, m), right to a tolerance, says against the model's own
-        assumptions."""
+    def warnings_within(self, start: float, end: float) -> list[str]:
+        """What they say against them between two times."""
         return []
 
     @classmethod
@@ -307,6 +317,60 @@ class Model:
     def class_events(self) -> tuple[Event, ...]:
         """Events that only `classify` looks for."""
         return ()
+
+
+def fields_of(data: Mapping[str, Any], epoch: float | None = None) -> dict[str, Any]:
+    """The data of a case by the fields of its model: an epoch is one of its constants, which no
+    expression can name."""
+    if CONSTANTS_KEY not in data:
+        return dict(data)
+    # As pairs, which can be hashed.
+    named = [*(data[CONSTANTS_KEY] or {}).items(), *([(EPOCH_NAME, epoch)] if epoch else [])]
+    others = {key: value for key, value in data.items() if key != CONSTANTS_KEY}
+    return others | {CONSTANTS_FIELD: tuple(named)}
+
+
+def in_reverse(rhs: Callable[..., Any], t: Any, y: Sequence[Any], k: Any) -> Any:
+    """The rates of a motion that runs backward, by a time that rises."""
+    if hasattr(k, EPOCH):
+        k = SimpleNamespace(**vars(k) | {EPOCH: -k.epoch})
+    return [-rate for rate in rhs(-t, y, k)]
+
+
+class Backward(Model):
+    """The class before a form's own in a motion that runs backward: the time of its equations is
+    that of the case with another sign, so that it rises. What theory says of the motion forward
+    does not count."""
+
+    always_absorbing = False
+
+    @property
+    def final_axis(self) -> int | None:
+        return None
+
+    def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return super().exact_states(-t)
+
+    def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
+        return frozenset()
+
+    def predictions(self, start: float, end: float) -> list[str]:
+        return []
+
+    def warnings_within(self, start: float, end: float) -> list[str]:
+        return []
+
+
+@cache
+def backward(form: Any) -> Any:
+    """A form with its equations in reverse."""
+
+    def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
+        return dict(form.output(-t, y, k))
+
+    rhs = staticmethod(Bound(in_reverse, (form.rhs,)))
+    own = {"__module__": form.__module__, "rhs": rhs, "output": staticmethod(output)}
+    return type(f"{form.__name__}Backward", (Backward, form), own)
 
 
 def mistake_of(at: KeyPath, function: Callable[..., object], *arguments: Any) -> Iterator[Mistake]:
@@ -423,6 +487,9 @@ def stacked(rates: Sequence[Any], y: np.ndarray) -> np.ndarray:
 # Equations that contain the time, as functions of the engine's time s, in units that fit the
 # motion: the case's own time is t = k.time_start + s k.time_unit.
 
+EPOCH = "epoch"
+"""The constant from which t counts in expressions and polynomials, where a case names it."""
+
 START, UNIT, VELOCITY = "time_start", "time_unit", "velocity_unit"
 """The constants by which equations in other units know the case's own: the time at which a
 stretch begins, and the units of time and of velocity."""
@@ -458,8 +525,12 @@ def _is_lost(function: Callable[..., Any], y: Sequence[Any], k: Any) -> bool:
 
 
 def in_engine_time(function: Callable[..., Any], s: Any, y: Sequence[Any], k: Any) -> Any:
-    """A function (t, y, k) of the case's own time as one of the engine's time."""
-    return function(k.time_start + s * k.time_unit, y, k)
+    """A function (t, y, k) of the case's own time as one of the engine's time; with an epoch, from
+    which its time then counts, two numbers near each other are subtracted first."""
+    if not hasattr(k, EPOCH):
+        return function(k.time_start + s * k.time_unit, y, k)
+    since_epoch = (k.time_start - k.epoch) + s * k.time_unit
+    return function(since_epoch, y, SimpleNamespace(**vars(k) | {EPOCH: 0.0}))
 
 
 def in_engine_unit(rhs: Callable[..., Any], s: Any, y: Sequence[Any], k: Any) -> Any:

@@ -5,7 +5,7 @@ others."""
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from .terms.torques import CAVITY, coefficient, degree_under
 CAVITY_INITIAL = Key(
     Table(
         {
-            **cast(Table, INITIAL.kind).keys,
+            **INITIAL["properties"],
             "x": Key(
                 Number(least=0),
                 "p^2 + q^2; x and y replace p, q and r",

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .. import HodoError
-from ..schema.kinds import Key, Mistake, Number, Table, vector
+from ..schema.kinds import Key, Mistake, Number, Rate, Table, is_list, vector
 from .base import (
     Bound,
     Constants,
@@ -25,7 +25,7 @@ from .base import (
     mistake_of,
     structure,
 )
-from .theory.principal_axes import one_exceeds_others
+from .theory.principal_axes import excess_of_rounding, one_exceeds_others
 
 # By the constants k: A1, A2, A3 along the principal axes; `principal_axes`, `tensor` and `inverse`
 # (9,), row by row, of a body that is given by its full tensor in the axes of its case; h1, h2, h3
@@ -256,24 +256,37 @@ SMALLEST_MOMENT = 1e-100
 """The smallest moment of inertia whose cube is a double, and the inverse of the largest one."""
 
 INERTIA = Key(
-    vector(3, above=0), "principal moments of inertia A1, A2, A3", unit="moment of inertia"
+    vector(3, above=0)
+    | {"answer": lambda _: "; a full tensor is a key of other models, as torques"},
+    "principal moments of inertia A1, A2, A3",
+    unit="moment of inertia",
 )
 """Three moments in any order; `BodyFrame.check` asks for the triangle inequality and the range of
 SMALLEST_MOMENT besides."""
 
+
+def components_answer(value: Any) -> str:
+    """What to write where a start is given as a list of p, q and r."""
+    if not is_list(value) or len(value) != 3 or not all(isinstance(w, int | float) for w in value):
+        return ""
+    p, q, r = value
+    return f"; write {{p: {p:g}, q: {q:g}, r: {r:g}}}"
+
+
 INITIAL = Key(
     Table(
         {
-            "p": Key(Number(), "angular velocity about x1", unit="1/time", default=None),
-            "q": Key(Number(), "angular velocity about x2", unit="1/time", default=None),
-            "r": Key(Number(), "angular velocity about x3", unit="1/time", default=None),
+            "p": Key(Rate(), "angular velocity about x1", unit="1/time", default=None),
+            "q": Key(Rate(), "angular velocity about x2", unit="1/time", default=None),
+            "r": Key(Rate(), "angular velocity about x3", unit="1/time", default=None),
             "G": Key(
                 Number(above=0),
                 "|G|, instead of one of p, q, r, which is then the positive root",
                 unit="moment of inertia / time",
                 default=None,
             ),
-        }
+        },
+        answer=components_answer,
     ),
     "initial angular velocity in body axes",
 )
@@ -346,6 +359,11 @@ class BodyFrame(Model):
     def output(cls, t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         others = {name: y[:, i] for i, name in enumerate(cls.state) if name in cls.variables}
         return {"omega": y[:, :3], **others}
+
+    @classmethod
+    def is_rounded(cls, data: Mapping[str, Any]) -> bool:
+        A = data.get("inertia")
+        return A is not None and not is_tensor(A) and excess_of_rounding(A) > 0
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..schema.kinds import Either, Key, Kind, ListOf, Number, Table, matrix
+from ..schema.kinds import Either, Key, ListOf, Number, Rule, Table, matrix
 from . import rigid_body
 from .averaged import AveragedTurns
 from .rigid_body import INERTIA, INITIAL
@@ -16,19 +16,16 @@ from .terms.torques import degree_under, tensor_entries
 from .theory.principal_axes import is_diagonal
 
 
-def resistance_key(entry: Kind, **more: Any) -> Key:
+def resistance_key(entry: Rule, **more: Any) -> Rule:
     """The key of a tensor of resistance whose entries are of a kind."""
     unit = "moment of inertia / time"
     two = {
         "diagonal": Key(entry, "every I_ii", unit=unit),
         "off_diagonal": Key(entry, "every I_ij, i != j", unit=unit),
     }
-    row = ListOf(entry, length=3, title="3 numbers, polynomials in t or laws")
-    rows = (
-        matrix(3)
-        if isinstance(entry, Number)
-        else ListOf(row, length=3, title="3 rows of 3 numbers or laws")
-    )
+    row = ListOf(entry, length=3, title="3 numbers or expressions in t")
+    of_expressions = ListOf(row, length=3, title="3 rows of 3 numbers or expressions in t")
+    rows = matrix(3) if entry.get("type") == "number" else of_expressions
     return Key(Either(rows, Table(two)), "tensor I of -I omega", unit=unit, **more)
 
 

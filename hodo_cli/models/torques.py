@@ -1,18 +1,26 @@
 """A body under any sum of torques."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ..arithmetic import evaluate, isfinite
-from ..schema.expression import Expression, parse_expression
+from ..schema.expression import Expression
 from ..schema.kinds import Either, Key, ListOf, Mistake, Number, Table, vector
-from .base import Bound, Constants, Event, EventOutcome, Model, mistake_of
+from .base import (
+    CONSTANTS_FIELD,
+    CONSTANTS_KEY,
+    Bound,
+    Constants,
+    Event,
+    EventOutcome,
+    Model,
+    mistake_of,
+)
 from .rigid_body import (
     INITIAL,
     body_constants,
@@ -30,18 +38,19 @@ from .terms.events import (
     stage_end,
     stop_details,
 )
-from .terms.laws import (
-    coefficient_kind,
-    coefficients_kind,
-    is_law,
-    law_mistakes,
-    least_value,
-    zero_of_base,
-)
-from .terms.torques import CAVITY, TERMS, VARIABLES, coefficient, degree_under
+from .terms.torques import CAVITY, TERMS, coefficient, degree_under
 from .theory.closed_form import AlongMomentum, free_motion
 from .theory.dissipation import Dissipation, crossing_predictions, spin_predictions
-from .theory.principal_axes import PrincipalAxes, principal_axes
+from .theory.principal_axes import PrincipalAxes, principal_axes, symmetric
+from .time_laws import (
+    CONSTANTS,
+    VELOCITIES,
+    coefficient_kind,
+    coefficients_kind,
+    expressions_of,
+    is_law,
+    value_mistakes,
+)
 
 ROTOR_REASON = "with a rotor D says nothing, and the enclosed axis is undetermined"
 
@@ -91,6 +100,9 @@ class Torques(BodyUnderTorques):
     rotor: Any
     space_torque: Any
     expression: Any
+    case_constants: Any
+
+    has_laws: ClassVar[bool] = False
 
     name = "torques"
     form = "full"
@@ -100,39 +112,38 @@ class Torques(BodyUnderTorques):
                 Either(Number(above=0), vector(3)),
                 length=3,
                 title="3 positive numbers, or 3 rows of 3 numbers",
+                convert=symmetric,
             ),
             "principal moments of inertia A1, A2, A3; or the full tensor, in the axes of all else",
             unit="moment of inertia",
         ),
+        "constants": CONSTANTS,
         "damping": Key(
-            coefficients_kind("1/time"),
-            "coefficients lambda_i of -lambda_i A_i omega_i",
-            unit="1/time",
-            default=None,
+            coefficients_kind(), "coefficients lambda_i of -lambda_i A_i omega_i", "1/time", None
         ),
-        "resistance": resistance_key(coefficient_kind("moment of inertia / time"), default=None),
+        "resistance": resistance_key(coefficient_kind(), default=None),
         "quadratic": Key(
-            coefficients_kind("1"), "coefficients c_i of -c_i |omega| A_i omega_i", default=None
+            coefficients_kind(), "coefficients c_i of -c_i |omega| A_i omega_i", default=None
         ),
         "cavity": CAVITY,
         "kappa": Key(
-            coefficient_kind("moment of inertia * time"),
+            coefficient_kind(),
             "rho P0/nu of a fluid, instead of `cavity`",
-            unit="moment of inertia * time",
-            default=None,
+            "moment of inertia * time",
+            None,
         ),
         "torque": Key(
-            coefficients_kind("moment of inertia / time^2"),
+            coefficients_kind(),
             "torque M1, M2, M3, constant in the body",
-            unit="moment of inertia / time^2",
-            default=None,
+            "moment of inertia / time^2",
+            None,
         ),
         "epsilon": Key(Number(), "small parameter, the factor of `torque`", default=1.0),
         "brake": Key(
-            coefficient_kind("moment of inertia / time^2"),
+            coefficient_kind(),
             "b of -b G/|G|, which brings a free body to rest in the shortest time",
-            unit="moment of inertia / time^2",
-            default=None,
+            "moment of inertia / time^2",
+            None,
         ),
         "rotor": Key(
             vector(3),
@@ -144,9 +155,7 @@ class Torques(BodyUnderTorques):
             Table(
                 {
                     "size": Key(
-                        coefficient_kind("moment of inertia / time^2"),
-                        "F of the torque F e",
-                        "moment of inertia / time^2",
+                        coefficient_kind(), "F of the torque F e", "moment of inertia / time^2"
                     ),
                     "direction": Key(
                         vector(3),
@@ -159,10 +168,15 @@ class Torques(BodyUnderTorques):
             default=None,
         ),
         "expression": Key(
-            ListOf(Expression(VARIABLES), length=3, title="3 expressions in p, q, r and t"),
-            "torque N1, N2, N3: numbers, p, q, r, t, + - * / **, sqrt, sin, cos, exp",
-            unit="moment of inertia / time^2",
-            default=None,
+            ListOf(
+                Expression(None, "an expression in p, q, r, t and constants"),
+                length=3,
+                title="3 expressions in p, q, r, t and constants",
+            ),
+            "torque N1, N2, N3: decimals, names, + - * / **, sqrt, sin, cos, exp, log, abs, tanh; "
+            "with `attitude` also y1 to y3 and z1 to z3, the space axes y and z in the body",
+            "moment of inertia / time^2",
+            None,
         ),
         "initial": INITIAL,
     }
@@ -177,8 +191,9 @@ class Torques(BodyUnderTorques):
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Model:
         """The object of the form whose equations have just the terms that the data name."""
-        named = terms_named(data)
-        return sum_of(named)(**data)
+        given = coefficients_of(data, data[CONSTANTS_FIELD])
+        has_laws = any(is_law(x) for entries in given.values() for x in entries)
+        return sum_of(terms_named(data), has_laws)(**data)
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -188,7 +203,7 @@ class Torques(BodyUnderTorques):
         yield from mistakes_of_tensor(data) if is_given_as_tensor else super().check(data)
         if not named and data.keys() >= TERMS.keys():
             yield (), f"no torque is named ({', '.join(TERMS)}); damping: 0 is free motion"
-        yield from negative_coefficients(data, lambda x: 0.0 if is_law(x) else x)
+        yield from negative_coefficients(data)
         if data.get("cavity") is not None:
             yield from mistake_of(("cavity",), coefficient, data["cavity"], data.get("kappa"))
         if (space := data.get("space_torque")) and not any(space["direction"]):
@@ -198,19 +213,14 @@ class Torques(BodyUnderTorques):
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
         """Besides: laws with values, no drive and no poles from the start on."""
-        yield from law_mistakes(coefficients_of(data), start)
-        yield from negative_coefficients(
-            data, lambda x: is_law(x) and start > zero_of_base(x) and least_value(x, start, end)
-        )
-        omega = [(data.get("initial") or {}).get(name) for name in "pqr"]
-        if None not in omega:  # else given by G
-            for i, text in enumerate(data.get("expression") or ()):
-                if not is_finite_at(text, [*omega, start]):
-                    yield ("expression", i), "has no finite value at the start of the motion"
+        given = (data.get("initial") or {}).items()
+        known = {name: w for name, w in given if name in VELOCITIES and w is not None}
+        known |= {"t": start, **(data.get(CONSTANTS_KEY) or {})}
+        yield from value_mistakes(expressions_of(data), known)
 
     @classmethod
     def has_formulas(cls) -> bool:
-        return "expression" in cls.terms or super().has_formulas()
+        return "expression" in cls.terms or cls.has_laws or super().has_formulas()
 
     @cached_property
     def constants(self) -> Constants:
@@ -375,35 +385,28 @@ def mistakes_of_start(data: Mapping[str, Any]) -> Iterator[Mistake]:
                 yield ("brake",), f"a body {which} has no direction to brake in"
 
 
-def negative_coefficients(
-    data: Mapping[str, Any], least: Callable[[Any], float]
-) -> Iterator[Mistake]:
-    """The mistakes of coefficients of which only positive ones resist, by their least values."""
-    for name in ("quadratic", "kappa", "brake"):
-        value = data.get(name)
-        for i, entry in enumerate(() if value is None else TERMS[name].coefficients(value)):
-            if least(entry) < 0:
-                yield (name, i) if len(TERMS[name].degree) > 1 else (name,), NEGATIVE_COEFFICIENT
-
-
-def is_finite_at(text: str, values: Sequence[Any]) -> bool:
-    """Whether an expression has a value where its variables have these."""
-    try:
-        named = dict(zip(VARIABLES, values, strict=True))
-        return isfinite(evaluate(parse_expression(text, VARIABLES), named))
-    except (ValueError, ArithmeticError):
-        return False
+def negative_coefficients(data: Mapping[str, Any]) -> Iterator[Mistake]:
+    """The mistakes of constant coefficients of which only positive ones resist."""
+    with suppress(KeyError, ArithmeticError, ValueError):  # of expressions, which others see
+        given = coefficients_of(data, data.get(CONSTANTS_KEY) or ())
+        for name in ("quadratic", "kappa", "brake"):
+            for i, entry in enumerate(given.get(name, ())):
+                if not is_law(entry) and entry < 0:
+                    is_one = len(TERMS[name].degree) == 1
+                    yield (name,) if is_one else (name, i), NEGATIVE_COEFFICIENT
 
 
 @cache
-def sum_of(names: tuple[str, ...]) -> type[Torques]:
-    """The form of `Torques` whose equations have the terms of these names only: a class for each
-    sum, since an engine compiles the equations of a class once for all its cases."""
+def sum_of(names: tuple[str, ...], has_laws: bool = False) -> type[Torques]:
+    """The form of `Torques` whose equations have the terms of these names only, with coefficients
+    that change with time or without: a class for each sum, since an engine compiles the equations
+    of a class once for all its cases."""
     extra = {row: power for name in names for row, power in TERMS[name].extra.items()}
     attributes_of = {
         "__module__": __name__,
         "__doc__": Torques.__doc__,
         "terms": names,
+        "has_laws": has_laws,
         "state": ("p", "q", "r", *extra),
         "state_degree": {name: power for name, power in extra.items() if power != 1},
         "degree": degree_under(names),

@@ -19,7 +19,7 @@ from ..claims.finding import (
     in_percent,
     listed,
 )
-from ..claims.quantities import first_time, in_region, number, swept_angle, zero_times
+from ..claims.measures import first_time, in_region, number, swept_angle, zero_times
 from ..engines import have_taylor
 from ..engines.protocol import EPS
 from ..integration import solve

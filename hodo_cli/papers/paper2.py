@@ -18,7 +18,7 @@ from ..claims.finding import (
     in_groups,
     listed,
 )
-from ..claims.quantities import end_of_spin, integrated_motion, quantity
+from ..claims.measures import end_of_spin, integrated_motion, quantity
 from ..claims.verdicts import changed_case
 from ..models.base import attributes
 from ..models.terms.torques import reynolds

@@ -22,7 +22,7 @@ from ..claims.finding import (
     in_groups,
     listed,
 )
-from ..claims.quantities import integrated_motion, number, quantity
+from ..claims.measures import integrated_motion, number, quantity
 from ..integration import distinct
 from ..models.base import attributes
 from ..models.theory.closed_form import sn_cn_dn

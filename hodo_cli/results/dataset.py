@@ -17,8 +17,8 @@ import xarray as xr
 
 from .. import HodoError
 from ..cases.case import Case, parse_axes
-from ..cases.derived import DERIVED, PARTS
-from ..cases.sweep_block import axes_of, path_of, put
+from ..cases.sweep_block import axes_of, path_of, with_number
+from ..quantities import PARTS, QUANTITIES
 from ..schema.spelling import unknown
 from ..storage import Group, ResultFile, open_batch, typed
 from ..text import case_words
@@ -125,7 +125,7 @@ def case_in(data: xr.Dataset, owner: str) -> Case:
     keys = (key for axis in axes_of(case.sweep or {}) for key in axis.keys)
     case_data = case.data
     for key in (key for key in keys if key in data.variables and not data.variables[key].dims):
-        case_data = put(case_data, path_of(key), float(data.variables[key].data))
+        case_data = with_number(case_data, path_of(key), float(data.variables[key].data))
     return case if case_data is case.data else replace(case, data=case_data)
 
 
@@ -165,9 +165,9 @@ def motion_from(data: xr.Dataset, name: str, label: str = "") -> Motion:
 
 
 def quantity_array(name: str, values: np.ndarray, dims: Sequence[str], case: Case) -> xr.DataArray:
-    """The values of a quantity of `DERIVED` over some dimensions and its own components, with its
+    """The values of a quantity over some dimensions and its own components, with its
     meaning and units."""
-    quantity = DERIVED[name]
+    quantity = QUANTITIES[name]
     parts = {quantity.dim: [*PARTS[quantity.dim]]} if quantity.dim else {}
     words = {"long_name": quantity.long_name, "units": units_of_case(quantity.units, case)}
     return xr.DataArray(values, parts, (*dims, *parts), attrs=words)
@@ -186,6 +186,8 @@ def motions_of(cases: Cases, names: Sequence[str], labels: Sequence[str] = ()) -
     Raises HodoError as `motion_from` does, or if one has no samples.
     """
     labelled = zip_longest(names, labels[: len(names)], fillvalue="")
+    if swept := next((name for name in names if sweep_axes(cases[name])), None):
+        raise HodoError(f"{case_words(swept)} is a sweep, which only maps and curves draw")
     motions = [motion_from(cases[name], name, label) for name, label in labelled]
     for motion in motions:
         if not motion.sampled:
@@ -215,7 +217,6 @@ class StoredCases(Mapping[str, xr.Dataset]):
     ) -> None:  # fmt: skip
         """`reader` opens the file for each reading. Raises HodoError as `open_batch` does."""
         self.path, self._reader, self.cache = path, reader, cache
-        self.asked: set[str] = set()
         with reader() as run:
             self._names = tuple(run.cases())
             self._groups = frozenset(run.groups)
@@ -242,7 +243,6 @@ class StoredCases(Mapping[str, xr.Dataset]):
             raise HodoError(f"{self.path}: {name} is damaged ({error})") from error
 
     def __contains__(self, name: object) -> bool:
-        self.asked.add(str(name))
         return name in self._groups
 
     def __iter__(self) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from ..cases.case import Case
 from ..integration import Classification, Trajectory, own_crossings
 from ..models.rigid_body import BodyFrame
+from ..quantities import stored_name
 from ..storage import Group, Variable
 from .layout import (
     AXIS_FLAGS,
@@ -84,7 +85,7 @@ def case_group(trajectory: Trajectory, digest: str) -> Group:
         variables |= label_variables(values["enclosed_axis"], own_crossings(trajectory))
     if derived := [name for name in store if name not in labels]:
         motion = Motion(case, case_variables(labels, trajectory.time, values, (), {}))
-        variables |= {name: motion.derived_variable(name) for name in derived}
+        variables |= {stored_name(name): motion.derived_variable(name) for name in derived}
         variables |= inner_coordinates(variables.values())
     variables |= principal_variables(case)
     turn = getattr(case.system, "turn", None) or ()

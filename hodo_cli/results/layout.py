@@ -19,13 +19,12 @@ import numpy as np
 
 from .. import models
 from ..cases.case import Case, dump
-from ..cases.derived import BODY_AXES, MOMENTUM, PARTS, SPACE_AXES
-from ..cases.sweep_block import AXIS_LABELS
 from ..engines.protocol import Status
 from ..integration import Crossing, Occurrence
 from ..models.attitude import CONVENTION, VARIABLE
 from ..models.base import Label
 from ..models.rigid_body import LABELS
+from ..quantities import BODY_AXES, MOMENTUM, PARTS, SPACE_AXES
 from ..storage import Attribute, Variable
 
 # Units: products of powers of the units that a case gives
@@ -273,6 +272,9 @@ MEMBER_STOPPED = {
 ON_REQUEST = ("share", "separation", "steps", "event_release")
 """The columns of a sweep that are stored only where the case asks for them."""
 
+
+AXIS_LABELS = ("crossing_from", "crossing_to", "start_axis", "end_axis", "event_from")
+"""The variables of cases and sweeps that are labels of axes, besides `enclosed_axis`."""
 
 OLD_LABELS = (4, 5)
 """The labels by which files of 0.2 tell motions with a rotor apart: about both outer axes, and

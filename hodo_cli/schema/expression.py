@@ -1,9 +1,10 @@
-"""Expressions of a case file: formulas in named variables, read by a walk over a syntax tree.
+"""Expressions of a case file: formulas in named variables, read by Python's parser and a walk over
+its syntax tree.
 
 Nothing of a text is ever evaluated as code. It is tested word by word first, so that what Python's
-parser would take besides (hexadecimal, 1_0, 1j, True, comments, letters of other scripts that it
-turns into ASCII) never reaches the parser. Its tree is then taken apart node by node, and a node
-that is not known is refused.
+parser would take besides (hexadecimal, 1_0, comments, letters of other scripts that it turns into
+ASCII) never reaches it. Its tree is then taken apart node by node, and a node that is not known is
+refused.
 """
 
 import ast
@@ -11,13 +12,11 @@ import math
 import operator
 import re
 from collections.abc import Callable, Mapping
-from contextlib import suppress
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from .kinds import Kind, Wrong, as_finite, expected
-from .spelling import number_advice, unknown
+from .kinds import Rule, Wrong, as_finite, expected
+from .spelling import shown, unknown
 
 LONGEST, MOST_NODES, DEEPEST, LARGEST_EXPONENT = 500, 200, 30, 16
 """Characters, nodes, levels of nesting, and the exponent: more than a torque takes, and few enough
@@ -31,11 +30,15 @@ FUNCTIONS: Mapping[str, Callable[..., float]] = {
     "sin": math.sin,
     "cos": math.cos,
     "exp": math.exp,
+    "log": math.log,
+    "abs": abs,
+    "tanh": math.tanh,
 }
+"""The functions of an expression, each of one argument, as they are of a constant."""
 
-_OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
+OPERATOR_WORDS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 
-_OF_FLOATS: Mapping[str, Callable[..., float]] = {
+OF_CONSTANTS: Mapping[str, Callable[..., float]] = {
     **FUNCTIONS,
     "+": operator.add,
     "-": operator.sub,
@@ -44,6 +47,20 @@ _OF_FLOATS: Mapping[str, Callable[..., float]] = {
     "**": operator.pow,
     "neg": operator.neg,
 }
+
+OTHER_FUNCTIONS = {
+    "pi": "3.141592653589793",
+    "e": "2.718281828459045",
+    "tan": "sin(x)/cos(x)",
+    "sinh": "(exp(x) - exp(-x))/2",
+    "cosh": "(exp(x) + exp(-x))/2",
+    "pow": "x**n",
+    "ln": "log(x)",
+    "sign": "tanh(x/width), or x/abs(x) for a jump",
+    "y": "y1, y2 or y3",
+    "z": "z1, z2 or z3",
+}
+"""What is written instead of names that are none here."""
 
 # Without the leading zeros of 007, which Python's parser refuses for reasons of its own.
 _DIGITS = r"(?!0+[1-9][0-9]*(?![0-9.eE]))(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
@@ -54,33 +71,26 @@ _WORD = re.compile(
 )
 
 
-@dataclass(frozen=True)
-class Expression(Kind):
-    """A formula in variables of these names, resolved to its text; a number is one too. A title
-    stands for a list of names that is too long to read."""
+def Expression(names: tuple[str, ...] | None, title: str) -> Rule:
+    """An expression in variables of these names, or of any that its case explains, resolved to its
+    text; a number is one too."""
 
-    names: tuple[str, ...]
-    title: str = ""
-
-    def check(self, value: Any) -> str:
+    def text_of(value: Any) -> str:
         if isinstance(value, str):
-            parse_expression(value, self.names)
-            return str(value)
-        if as_finite(value) is None:
-            raise expected(self, value)
-        return repr(float(value))
+            parse_expression(value, names)
+        elif as_finite(value) is None:
+            raise expected(rule, value)
+        return value if isinstance(value, str) else repr(float(value))
 
-    def schema(self) -> dict[str, Any]:
-        return {"anyOf": [{"type": "string", "maxLength": LONGEST}, {"type": "number"}]}
-
-    def __str__(self) -> str:
-        return self.title or f"an expression in {', '.join(self.names)}"
+    text = {"type": "string", "maxLength": LONGEST}
+    rule = {"anyOf": [text, {"type": "number"}], "title": title, "whole": text_of}
+    return rule
 
 
 @lru_cache(maxsize=256)
-def parse_expression(text: str, names: tuple[str, ...]) -> Tree:
-    """The tree of an expression in variables of these names, its constants folded; its value is
-    that of `arithmetic.evaluate`. Raises Wrong, with the column.
+def parse_expression(text: str, names: tuple[str, ...] | None = None) -> Tree:
+    """The tree of an expression in variables of these names, or of any names, its constants folded;
+    its value is that of `arithmetic.evaluate`. Raises Wrong, with the column.
 
     Numbers are decimals; + - * / ** with a whole number as exponent, signs, parentheses, and the
     functions of FUNCTIONS.
@@ -94,18 +104,11 @@ def parse_expression(text: str, names: tuple[str, ...]) -> Tree:
     try:
         body = ast.parse(line, mode="eval").body
     except (SyntaxError, MemoryError, RecursionError) as error:
-        # An offset of 0 is the end of the text.
-        position = indent + (getattr(error, "offset", None) or len(line) + 1) - 1
-        message = error.msg if isinstance(error, SyntaxError) else "too many nested parentheses"
-        # Python's own words elsewhere speak of commas, or of nothing but invalid syntax.
-        parentheses = re.search(r"[()]|parenthes", message)
-        raise _wrong(
-            position, message if parentheses else "an operand or an operator is missing"
-        ) from None
+        raise _wrong(*_syntax_mistake(error, line, indent)) from None
     nodes = sum(isinstance(node, ast.expr) for node in ast.walk(body))
     if nodes > MOST_NODES:
         raise _wrong(indent, f"{nodes} numbers, names and operations, more than {MOST_NODES}")
-    return _Walk(line, indent).tree(body, 1)
+    return _tree(body, indent, 1)
 
 
 def names_in(tree: Tree) -> set[str]:
@@ -120,84 +123,93 @@ def _wrong(position: int, sentence: str) -> Wrong:
     return Wrong(((), f"column {position + 1} of the expression: {sentence}"))
 
 
-def _check_words(text: str, names: tuple[str, ...]) -> None:
+def _check_words(text: str, names: tuple[str, ...] | None) -> None:
     """That all of a text is numbers, known names and operators. Raises Wrong."""
-    valid = [*names, *FUNCTIONS]
     for word in _WORD.finditer(text):
         number, name, other = word.groups()
         if other:
-            what = f"unexpected {other!r}{'; a power is **' if other == '^' else ''}"
-            if other in "0123456789":
-                what = "not a decimal number; a product is written with its *, as 2*p"
-            raise _wrong(word.start(), what)
-        if name and name not in valid:
-            advice = number_advice(name)
-            what = f"name {name!r}{advice}"
-            raise _wrong(word.start(), unknown(what, "" if advice else name, valid))
+            hint = "; a power is **" if other == "^" else ""
+            is_number = other in "0123456789"
+            raise _wrong(
+                word.start(),
+                "not a decimal number; a product is written with its *, as 2*p"
+                if is_number
+                else f"unexpected {other!r}{hint}",
+            )
         if number and not math.isfinite(float(number)):
             raise _wrong(word.start(), "a number too large for a double")
+        is_call = bool(re.match(r" *\(", text[word.end() :]))
+        is_name = name not in FUNCTIONS if names is None else name in names
+        is_known = name in FUNCTIONS if is_call else is_name
+        if name and not is_known:
+            raise _wrong(word.start(), _unknown_name(name, names, is_call))
 
 
-@dataclass(frozen=True)
-class _Walk:
-    """The way through one syntax tree; its line begins `indent` columns into the text."""
+def _unknown_name(name: str, names: tuple[str, ...] | None, is_call: bool) -> str:
+    if name in FUNCTIONS:
+        return f"{name} is a function of one argument: {name}(x)"
+    answer = f"; write {OTHER_FUNCTIONS[name]}" if name in OTHER_FUNCTIONS else ""
+    what, valid = ("function", FUNCTIONS) if is_call else ("name", [*(names or ()), *FUNCTIONS])
+    return unknown(f"{what} {shown(name)}", name, valid, answer)
 
-    line: str
-    indent: int
 
-    def wrong(self, node: ast.expr, sentence: str) -> Wrong:
-        return _wrong(self.indent + node.col_offset, sentence)
+def _syntax_mistake(error: BaseException, line: str, indent: int) -> tuple[int, str]:
+    """Where and why Python's parser refuses a line."""
+    if not isinstance(error, SyntaxError):
+        return indent, "too many nested parentheses"
+    # Python's own words elsewhere speak of commas, or of nothing but invalid syntax.
+    says = error.msg if re.search(r"[()]|parenthes", error.msg) else "an operand or an operator is "
+    # An offset of 0 is the end of the text.
+    position = indent + (error.offset or len(line) + 1) - 1
+    return position, says if says == error.msg else f"{says}missing"
 
-    def source(self, node: ast.expr) -> str:
-        return self.line[node.col_offset : node.end_col_offset]
 
-    def tree(self, node: ast.expr, level: int) -> Tree:
-        """The tree of one node. Raises Wrong."""
-        if level > DEEPEST:
-            raise self.wrong(node, f"nested more than {DEEPEST} levels deep")
-        match node:
-            case ast.Constant():
-                return float(self.source(node))
-            case ast.Name(id=name) if name not in FUNCTIONS:
-                return name
-            case ast.Attribute(value=ast.Name(id=vector), attr=part):
-                return f"{vector}.{part}"
-            case ast.UnaryOp(op=ast.UAdd()):
-                return self.tree(node.operand, level + 1)
-            case ast.UnaryOp(op=ast.USub()):
-                return self.folded(node, "neg", self.tree(node.operand, level + 1))
-            case ast.BinOp() if type(node.op) in _OPERATORS:
-                # A long sum leans to the left and is not nested for that.
-                operand, word = self.tree(node.left, level), _OPERATORS[type(node.op)]
-                if word == "**":
-                    return self.folded(node, word, operand, self.exponent(node.right))
-                return self.folded(node, word, operand, self.tree(node.right, level + 1))
-            case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if (
-                name in FUNCTIONS
-            ):
-                return self.folded(node, name, self.tree(argument, level + 1))
-        raise self.wrong(node, "expected a number, a variable, or a function of one argument")
+def _tree(node: ast.expr, indent: int, level: int) -> Tree:
+    """The tree of one node of a line that begins `indent` columns into its text. Raises Wrong."""
+    if level > DEEPEST:
+        raise _wrong(indent + node.col_offset, f"nested more than {DEEPEST} levels deep")
+    match node:
+        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
+            return float(number)
+        case ast.Name(id=name) if name not in FUNCTIONS:
+            return name
+        case ast.Attribute(value=ast.Name(id=vector), attr=part):
+            return f"{vector}.{part}"
+        case ast.UnaryOp(op=ast.UAdd()):
+            return _tree(node.operand, indent, level + 1)
+        case ast.UnaryOp(op=ast.USub()):
+            return _folded(node, indent, "neg", _tree(node.operand, indent, level + 1))
+        case ast.BinOp() if type(node.op) in OPERATOR_WORDS:
+            # A long sum leans to the left and is not nested for that.
+            left, right = _tree(node.left, indent, level), _tree(node.right, indent, level + 1)
+            if isinstance(node.op, ast.Pow):
+                right = _exponent(indent + node.right.col_offset, right)
+            return _folded(node, indent, OPERATOR_WORDS[type(node.op)], left, right)
+        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in FUNCTIONS:
+            return _folded(node, indent, name, _tree(argument, indent, level + 1))
+    says = "expected a number, a variable, or a function of one argument"
+    raise _wrong(indent + node.col_offset, says)
 
-    def exponent(self, node: ast.expr) -> int:
-        """A whole number, in digits only. Raises Wrong."""
-        value = None
-        with suppress(ValueError):  # it is no literal: q, or 1+1
-            value = ast.literal_eval(node)
-        if not isinstance(value, int) or abs(value) > LARGEST_EXPONENT:
-            most = LARGEST_EXPONENT
-            raise self.wrong(node, f"an exponent is a whole number from {-most} to {most}")
-        return value
 
-    def folded(self, node: ast.expr, word: str, *operands: Any) -> Tree:
-        """An operation, or its value where its operands are constants. Raises Wrong."""
-        if word == "/" and operands[1] == 0:
-            raise self.wrong(node, "a division by 0")
-        if any(isinstance(operand, str | tuple) for operand in operands):
-            return word, *operands
-        try:
-            value = float(_OF_FLOATS[word](*operands))
-        except (ArithmeticError, ValueError):
-            value = math.nan
-        if not math.isfinite(value):
-            raise self.wrong(node, f"{self.source(node)} is not a finite number")
-        return value
+def _exponent(at: int, tree: Tree) -> int:
+    if not isinstance(tree, float) or tree % 1 or abs(tree) > LARGEST_EXPONENT:
+        most = LARGEST_EXPONENT
+        hint = "; a root is sqrt(x)" if tree == 0.5 else ""
+        raise _wrong(at, f"an exponent is a whole number from {-most} to {most}{hint}")
+    return int(tree)
+
+
+def _folded(node: ast.expr, indent: int, word: str, *operands: Any) -> Tree:
+    """An operation, or its value where its operands are constants. Raises Wrong."""
+    at = indent + node.col_offset
+    if word == "/" and operands[1] == 0:
+        raise _wrong(at, "a division by 0")
+    if any(isinstance(operand, str | tuple) for operand in operands):
+        return word, *operands
+    try:
+        value = float(OF_CONSTANTS[word](*operands))
+    except (ArithmeticError, ValueError):
+        value = math.nan
+    if not math.isfinite(value):
+        raise _wrong(at, f"{ast.unparse(node)} is not a finite number")
+    return value

@@ -1,25 +1,30 @@
-"""The vocabulary in which models, figures and cases declare the keys that they take.
+"""Rules of values: JSON Schema with a few words more, which a reader of case files follows, an
+editor, and the tables of the documentation.
 
-A kind checks plain values (None, bool, int, float, str, list, dict): `check(value)` returns the
-resolved value, or raises Wrong with every mistake within it. `schema()` is the same rule as JSON
-Schema, `str(kind)` the same in a few words.
+A rule is a dict. Besides the words of JSON Schema it may have `title` (the value in words), `unit`,
+`default` (a key with one may be left out), `definition` (its name in a schema that has it several
+times), `repeat` (a value alone stands for so many), `tag` and
+`tables` (one key names the set of the others), `answer` (what to write instead of a value of the
+wrong shape), `convert` (resolves a value of the right shape, or raises Wrong) and `whole` (checks
+and resolves any value by itself).
 """
 
 import math
 import operator
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, ClassVar
+import sys
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from typing import Any
 
 from .spelling import DECIMAL_HINT, near, nearest, number_advice, shown, unknown
 
-KeyPath = tuple[str | int, ...]
-"""Where a value stands within another: keys and zero-based positions."""
+Rule = dict[str, Any]
 
+KeyPath = tuple[str | int, ...]
 Mistake = tuple[KeyPath, str]
 """Where something is wrong, and a sentence that says what is right."""
+
+REQUIRED: Any = object()
 
 
 class Wrong(Exception):
@@ -30,7 +35,6 @@ class Wrong(Exception):
         self.mistakes = mistakes
 
     def __str__(self) -> str:
-        """A line for each: the key, and what is right."""
         lines = ((".".join(map(str, path)), sentence) for path, sentence in self.mistakes)
         return "\n".join(f"{path}: {sentence}" if path else sentence for path, sentence in lines)
 
@@ -39,8 +43,181 @@ class WrongKey(str):
     """The last part of a path whose mistake is the key itself, not its value."""
 
 
-REQUIRED: Any = object()
-"""The default of a key that must be given."""
+MOST_STRANGE = 100
+"""Unknown keys of one mapping that are reported: each is compared with all valid ones."""
+
+BOUNDS = {
+    "exclusiveMinimum": (">", operator.gt),
+    "minimum": (">=", operator.ge),
+    "exclusiveMaximum": ("<", operator.lt),
+    "maximum": ("<=", operator.le),
+}
+
+
+# Rules
+
+
+def Key(rule: Rule, doc: str, unit: str = "1", default: Any = REQUIRED) -> Rule:
+    """The rule of a key: that of its value, its meaning, unit and default."""
+    optional = {} if default is REQUIRED else {"default": default}
+    return rule | {"description": doc, "unit": unit} | optional
+
+
+def Number(
+    above: Any = None, least: Any = None, below: Any = None, most: Any = None, type: str = "number"
+) -> Rule:
+    """A finite number within these bounds."""
+    bounds = zip(BOUNDS, (above, least, below, most), strict=True)
+    return {"type": type} | {word: bound for word, bound in bounds if bound is not None}
+
+
+def Integer(**bounds: Any) -> Rule:
+    """A whole number within such bounds."""
+    return Number(**bounds, type="integer")
+
+
+def Choice(*names: str, title: str = "") -> Rule:
+    """One of some names."""
+    *others, last = names
+    listed = " or ".join(filter(None, [", ".join(others), last]))
+    return {"enum": [*names], "title": title or listed}
+
+
+def Switch(yes: str, no: str) -> Rule:
+    """Either of two words, or YAML's true and false, resolved to a bool."""
+    return Choice(yes, no) | {"enum": [yes, no, True, False], "convert": lambda x: x in (yes, True)}
+
+
+def Text(least: int = 0) -> Rule:
+    """A text of at least so many characters."""
+    return {"type": "string"} | ({"minLength": least} if least else {})
+
+
+ANGLE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?(deg|rad)", re.ASCII)
+
+
+def _in_radians(rule: Rule, value: Any) -> float:
+    """An angle, or a rate, given as a number or as such a text."""
+    text = ANGLE.fullmatch(value) if isinstance(value, str) else None
+    number = as_finite(float(text[1]) if text else value)
+    if number is None:
+        raise expected(rule, value)
+    return math.radians(number) if text and text[2] == "deg" else number
+
+
+def _or_degrees(number: Rule, title: str, whole: Callable[[Rule, Any], float]) -> Rule:
+    """A number, or a text with a unit of angle."""
+    text = Text() | {"pattern": f"^{ANGLE.pattern}$"}
+    rule: Rule = {"anyOf": [number, text], "title": title}
+    return rule | {"whole": lambda value: whole(rule, value)}
+
+
+def Angle(polar: bool = False) -> Rule:
+    """An angle in radians, or text such as "60 deg"; a `polar` one is from 0 to pi."""
+
+    def angle(rule: Rule, value: Any) -> float:
+        found = _in_radians(rule, value)
+        if not polar or 0 <= found <= math.pi:
+            return found
+        is_degrees = not isinstance(value, str) and 0 <= found <= 180
+        hint = f"; degrees are written as '{found:.9g} deg'" if is_degrees else ""
+        raise expected(rule, value, hint)
+
+    title = f"an angle{' from 0 to pi' if polar else ''} in radians, or such as '60 deg'"
+    return _or_degrees(Number(least=0, most=math.pi) if polar else Number(), title, angle)
+
+
+def Rate() -> Rule:
+    """A component of an angular velocity in radians, or text such as "2.5 deg", both a unit of
+    time."""
+    return _or_degrees(Number(), "a finite number, or such as '2.5 deg'", _in_radians)
+
+
+def ListOf(
+    rule: Rule,
+    least: int = 1,
+    length: int | None = None,
+    alone: bool = False,
+    title: str = "",
+    **more: Any,
+) -> Rule:
+    """A list: at least so many, or exactly `length`; with `alone` a value by itself is a list."""
+    title = title or f"a list{' of one or more' if least else ''}: {words(rule)}"
+    several = {"type": "array", "items": rule, "minItems": length or least, "title": title}
+    several |= {"maxItems": length} if length else {}
+    either = {"anyOf": [rule, several], "title": title, "repeat": length or 1}
+    return (either if alone else several) | more
+
+
+def vector(n: int, above: float | None = None, scalar: bool = False) -> Rule:
+    """So many numbers; with `scalar` one number stands for all."""
+    word, _, limits = words(Number(above)).partition("number")
+    title = f"{n} {word}numbers{limits}" + (" or one for all" if scalar else "")
+    return ListOf(Number(above), length=n, alone=scalar, title=title)
+
+
+def matrix(n: int) -> Rule:
+    """A square of numbers, row by row."""
+    return ListOf(vector(n), length=n, title=f"{n} rows of {n} numbers")
+
+
+NAMES = ListOf(Text(), least=0, alone=True, title="a name or a list of names")
+
+
+def Mapped() -> Rule:
+    """Any mapping."""
+    return {"type": "object"}
+
+
+def Table(keys: Mapping[str, Rule], **more: Any) -> Rule:
+    """A mapping with these keys."""
+    return {"type": "object", "properties": keys, "title": f"a mapping of {', '.join(keys)}"} | more
+
+
+def OneOf(keys: Mapping[str, Rule], **more: Any) -> Rule:
+    """A mapping with one of these keys."""
+
+    def given(values: Any) -> Any:
+        return {name: value for name, value in values.items() if value is not None}
+
+    title = f"one of {', '.join(keys)}"
+    return Table(keys, title=title, minProperties=1, maxProperties=1, convert=given, **more)
+
+
+def Variant(tag: str, tables: Mapping[str, Mapping[str, Rule]], doc: str) -> Rule:
+    """A mapping in which one key names the set of the others."""
+    head = Key(Choice(*tables), doc)
+    title = f"a mapping with {tag}: {head['title']}"
+    return {"type": "object", "tag": tag, "tables": tables, "head": head, "title": title}
+
+
+def Each(rule: Rule, title: str, least: int = 1, **more: Any) -> Rule:
+    """A mapping of names to values of one kind, at least so many; `title` says what to what."""
+    each = {"type": "object", "additionalProperties": rule, "minProperties": least}
+    return each | {"title": f"a mapping of {title}"} | more
+
+
+def Either(*rules: Rule, **more: Any) -> Rule:
+    """A value of one of these kinds."""
+    return {"anyOf": [*rules]} | more
+
+
+def words(rule: Rule) -> str:
+    """The values that a rule takes, in words."""
+    match rule:
+        case {"title": title}:
+            return str(title)
+        case {"anyOf": rules}:
+            return ", or ".join(map(words, rules))
+        case {"type": "string" | "object" as name}:
+            return {"string": "text", "object": "a mapping"}[name]
+    signs = (f"{sign} {rule[word]:g}" for word, (sign, _) in BOUNDS.items() if word in rule)
+    positive = "positive " if rule.get("exclusiveMinimum") == 0 else ""
+    limits = ", ".join(sign for sign in signs if sign != "> 0")
+    return f"{positive}{rule['type']} {limits}".rstrip()
+
+
+# The checks of values
 
 
 def is_list(value: Any) -> bool:
@@ -48,43 +225,33 @@ def is_list(value: Any) -> bool:
     return isinstance(value, list | tuple)
 
 
-class Kind:
-    """The methods of every kind."""
-
-    def check(self, value: Any) -> Any:
-        """The resolved value. Raises Wrong."""
-        raise NotImplementedError
-
-    def schema(self) -> dict[str, Any]:
-        """JSON Schema of the values that `check` takes."""
-        raise NotImplementedError
-
-    def written(self, value: Any) -> Any:
-        """A resolved value as a case file says it."""
-        return value
-
-    def takes(self, value: Any) -> bool:
-        """Whether a value has the outer shape of this kind: mapping, list or scalar."""
-        return not (is_list(value) or isinstance(value, Mapping))
+SHAPES: dict[str, Any] = {"array": (list, tuple), "object": Mapping}
 
 
-@dataclass(frozen=True)
-class Key:
-    """One key: the kind of its value, its meaning, its unit, and its default (None: may be left
-    out)."""
+def takes(rule: Rule, value: Any) -> bool:
+    """Whether a value has the outer shape of a rule: mapping, list or scalar."""
+    if "anyOf" in rule:
+        return any(takes(option, value) for option in rule["anyOf"])
+    if "enum" in rule:
+        return isinstance(value, str) or any(value is name for name in rule["enum"])
+    shape = SHAPES.get(rule["type"])
+    return isinstance(value, shape) if shape else not isinstance(value, list | tuple | Mapping)
 
-    kind: Kind
-    doc: str
-    unit: str = "1"
-    default: Any = REQUIRED
 
-    def schema(self) -> dict[str, Any]:
-        """The kind's schema with the key's meaning and default."""
-        entries = {"description": self.doc, "default": self.kind.written(self.default)}
-        none: tuple[Any, ...] = ("", None, REQUIRED)
-        return self.kind.schema() | {
-            word: entry for word, entry in entries.items() if entry not in none
-        }
+def expected(rule: Rule, value: Any, hint: str = "") -> Wrong:
+    """The mistake of a value that is something else than its rule says."""
+    what = words(rule)
+    if rule.get("type") in ("number", "integer") and "title" not in rule:
+        finite = "finite " if as_finite(value) is None else ""
+        what = f"an {what}" if what.startswith("integer") else f"a {finite}{what}"
+    answer = rule["answer"](value) if "answer" in rule else ""
+    return Wrong(((), f"expected {what}, got {shown(value)}{hint or answer}"))
+
+
+def as_finite(value: Any) -> float | None:
+    """The value as a finite double, or None if it is none; a bool is no number."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) if is_number and abs(value) <= sys.float_info.max else None
 
 
 def within(prefix: KeyPath, mistakes: Iterable[Mistake]) -> Iterator[Mistake]:
@@ -92,52 +259,132 @@ def within(prefix: KeyPath, mistakes: Iterable[Mistake]) -> Iterator[Mistake]:
     return (((*prefix, *path), sentence) for path, sentence in mistakes)
 
 
-def mistakes_where(*rules: tuple[object, KeyPath, str]) -> Iterator[Mistake]:
-    """The mistakes of those rules whose condition holds: the condition, the path, the sentence."""
-    return ((path, sentence) for is_wrong, path, sentence in rules if is_wrong)
-
-
-Part = tuple[str | int, Kind, Any]
-"""A value within another: its key or position, the kind that it should be, and itself."""
-
-
-def check_parts(parts: Iterable[Part]) -> tuple[dict[Any, Any], list[Mistake]]:
+def check_parts(parts: Iterable[tuple[Any, Rule, Any]]) -> tuple[dict[Any, Any], list[Mistake]]:
     """The resolved values by key, without those that are wrong, and all mistakes."""
     values: dict[Any, Any] = {}
     mistakes: list[Mistake] = []
-    for key, kind, value in parts:
+    for key, rule, value in parts:
         try:
-            values[key] = kind.check(value)
+            values[key] = check(rule, value)
         except Wrong as error:
             mistakes += within((key,), error.mistakes)
     return values, mistakes
 
 
-def all_right(values: dict[Any, Any], mistakes: Sequence[Mistake]) -> dict[Any, Any]:
-    """The values, where there is no mistake. Raises Wrong."""
+def all_right(values: dict[Any, Any], mistakes: Collection[Mistake]) -> dict[Any, Any]:
+    """The values. Raises Wrong if there are mistakes."""
     if mistakes:
         raise Wrong(*mistakes)
     return values
 
 
+def keys_of_tag(rule: Rule, value: Mapping[str, Any]) -> Mapping[str, Rule]:
+    """The keys of a mapping whose tag names them; the tag alone where it is none."""
+    name = value.get(rule["tag"])
+    others = rule["tables"].get(name, {}) if isinstance(name, str) else {}
+    return {rule["tag"]: rule["head"]} | others
+
+
+def check_tagged(rule: Rule, value: Mapping[str, Any]) -> tuple[dict[str, Any], list[Mistake]]:
+    """As `check_keys`. Without the tag it is not known which other keys are right."""
+    keys = keys_of_tag(rule, value)
+    return check_keys(keys, {k: value[k] for k in value if len(keys) > 1 or k in keys})
+
+
 def check_keys(
-    keys: Mapping[str, Key], entries: Mapping[str, Any]
+    keys: Mapping[str, Rule], entries: Mapping[str, Any]
 ) -> tuple[dict[str, Any], list[Mistake]]:
     """The values of `keys` with defaults filled in, without those that are missing or wrong, and
     all mistakes."""
-    values, mistakes = check_parts(
-        (name, key.kind, entries[name]) for name, key in keys.items() if name in entries
-    )
-    strange = [name for name in entries if name not in keys]
+    values, mistakes = check_parts((k, keys[k], entries[k]) for k in keys if k in entries)
+    strange = [name for name in entries if name not in keys][:MOST_STRANGE]
     mistakes += [((WrongKey(name),), unknown("key", name, keys)) for name in strange]
-    required = [name for name, key in keys.items() if key.default is REQUIRED]
     # One that is misspelt is not missing as well.
-    present = {*entries, *(near(name, keys) for name in strange)}
-    if missing := [repr(name) for name in required if name not in present]:
+    absent = [k for k in keys if k not in {*entries, *(near(name, keys) for name in strange)}]
+    if missing := [repr(name) for name in absent if "default" not in keys[name]]:
         mistakes.append(((), f"missing {', '.join(missing)}"))
-    values |= {name: keys[name].default for name in keys.keys() - {*entries, *required}}
-    # In the order in which the keys are declared, which is that in a stored case.
+    values |= {k: keys[k]["default"] for k in keys if k not in entries and "default" in keys[k]}
     return {name: values[name] for name in keys if name in values}, mistakes
+
+
+def check(rule: Rule, value: Any) -> Any:
+    """The resolved value. Raises Wrong with every mistake in it."""
+    if "whole" in rule:
+        return rule["whole"](value)
+    if not takes(rule, value):
+        raise expected(rule, value)
+    kind = next((word for word in ("anyOf", "enum") if word in rule), rule.get("type", ""))
+    resolved = CHECKS[kind](rule, value)
+    return rule["convert"](resolved) if "convert" in rule else resolved
+
+
+def _any_of(rule: Rule, value: Any) -> Any:
+    problems = []
+    for option in (option for option in rule["anyOf"] if takes(option, value)):
+        try:
+            resolved = check(option, value)
+            stands_for_all = "repeat" in rule and not is_list(value)
+            return (resolved,) * rule["repeat"] if stands_for_all else resolved
+        except Wrong as error:
+            problems.append(error)
+    # Only one kind was meant, so its own mistakes say more than a list of all kinds.
+    raise problems[0] if len(problems) == 1 else expected(rule, value)
+
+
+def _word(rule: Rule, value: Any) -> Any:
+    if value in rule["enum"]:
+        return value
+    raise expected(rule, value, nearest(value, [x for x in rule["enum"] if isinstance(x, str)]))
+
+
+def _text(rule: Rule, value: Any) -> str:
+    if isinstance(value, str) and len(value) >= rule.get("minLength", 0):
+        return value
+    raise expected(rule, value, "; put it in quotes" if isinstance(value, int | float) else "")
+
+
+def _items(rule: Rule, value: Any) -> tuple[Any, ...]:
+    most, each = rule.get("maxItems", math.inf), rule["items"]
+    if not rule["minItems"] <= len(value) <= most:
+        # YAML takes [0,005, 0,004, 0,003] for six numbers.
+        raise expected(rule, value, DECIMAL_HINT if 0 in value and len(value) > most else "")
+    if value and all(is_list(item) and not takes(each, item) for item in value):
+        raise expected(rule, value)  # one mistake, not one an item
+    parts = ((i, each, item) for i, item in enumerate(value))
+    return tuple(all_right(*check_parts(parts)).values())
+
+
+def _entries(rule: Rule, value: Mapping[str, Any]) -> Any:
+    if not rule.get("minProperties", 0) <= len(value) <= rule.get("maxProperties", math.inf):
+        raise expected(rule, value)
+    if "properties" in rule:
+        return all_right(*check_keys(rule["properties"], value))
+    if "tag" in rule:
+        return all_right(*check_tagged(rule, value))
+    if each := rule.get("additionalProperties"):
+        return all_right(*check_parts((name, each, item) for name, item in value.items()))
+    return value
+
+
+def _number(rule: Rule, value: Any) -> float:
+    number, is_whole = as_finite(value), rule["type"] == "integer"
+    if number is None:
+        raise expected(rule, value, number_advice(value))
+    in_bounds = all(holds(value, rule[word]) for word, (_, holds) in BOUNDS.items() if word in rule)
+    if not in_bounds or (is_whole and number % 1):
+        raise expected(rule, value)
+    return int(value) if is_whole else number
+
+
+CHECKS: dict[str, Callable[[Rule, Any], Any]] = {
+    "anyOf": _any_of,
+    "enum": _word,
+    "string": _text,
+    "array": _items,
+    "object": _entries,
+    "number": _number,
+    "integer": _number,
+}
 
 
 def unknown_names(
@@ -151,371 +398,6 @@ def unknown_names(
     )
 
 
-def expected(what: object, value: Any, hint: str = "") -> Wrong:
-    """The mistake of a value that is something else than it should be."""
-    return Wrong(((), f"expected {what}, got {shown(value)}{hint}"))
-
-
-def as_finite(value: Any) -> float | None:
-    """The value as a finite double, or None if it is none; a bool is no number."""
-    # Python's bool is an int, so `true` would pass as 1.
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    try:
-        number = float(value)
-    except OverflowError:
-        return None
-    return number if math.isfinite(number) else None
-
-
-Holds = Callable[[float, float], bool]
-BOUNDS: dict[str, tuple[str, str, Holds]] = {
-    "above": (">", "exclusiveMinimum", operator.gt),
-    "least": (">=", "minimum", operator.ge),
-    "below": ("<", "exclusiveMaximum", operator.lt),
-    "most": ("<=", "maximum", operator.le),
-}
-"""The bounds that a number can have: sign, JSON Schema's word, and when it holds."""
-
-
-@dataclass(frozen=True)
-class Number(Kind):
-    """A finite number within bounds, resolved to a float."""
-
-    above: float | None = None
-    least: float | None = None
-    below: float | None = None
-    most: float | None = None
-    word: ClassVar[str] = "number"
-
-    @cached_property
-    def bounds(self) -> list[tuple[float, str, str, Holds]]:
-        """The bounds that are set: value, sign, JSON Schema's word, and when it holds."""
-        return [
-            (x, *rule) for name, rule in BOUNDS.items() if (x := getattr(self, name)) is not None
-        ]
-
-    def allows(self, number: float) -> bool:
-        """Whether a number is within the bounds."""
-        return all(holds(number, bound) for bound, _, _, holds in self.bounds)
-
-    def check(self, value: Any) -> float:
-        number = as_finite(value)
-        if number is None:
-            raise expected(f"a finite {self}", value, number_advice(value))
-        if not self.allows(value):
-            raise expected(f"a {self}", value)
-        return number
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": self.word} | {rule: bound for bound, _, rule, _ in self.bounds}
-
-    def __str__(self) -> str:
-        signs = (f"{sign} {bound:g}" for bound, sign, _, _ in self.bounds)
-        limits = ", ".join(sign for sign in signs if sign != "> 0")
-        return f"{'positive ' if self.above == 0 else ''}{self.word} {limits}".rstrip()
-
-
-class Integer(Number):
-    """A whole number; 5e3 is one too."""
-
-    word = "integer"
-
-    def check(self, value: Any) -> int:
-        number = as_finite(value)
-        if number is None or number != int(number) or not self.allows(value):
-            raise expected(f"an {self}", value)
-        # Not int(number): a double has lost the last digits of integers beyond 2^53.
-        return int(value)
-
-
-class Choice(Kind):
-    """One of a few words; a title stands for a list of them that is too long to read."""
-
-    def __init__(self, *names: str, title: str = "") -> None:
-        self.names, self.title = names, title
-
-    def check(self, value: Any) -> Any:
-        if isinstance(value, str) and value in self.names:
-            return str(value)
-        raise expected(self, value, nearest(value, self.names) if isinstance(value, str) else "")
-
-    def takes(self, value: Any) -> bool:
-        return isinstance(value, str)
-
-    def schema(self) -> dict[str, Any]:
-        return {"enum": list(self.names)}
-
-    def __str__(self) -> str:
-        *names, last = self.names
-        return self.title or (f"{', '.join(names)} or {last}" if names else last)
-
-
-class Switch(Choice):
-    """One of two words, the first for yes, or YAML's true and false; resolved to a bool."""
-
-    def check(self, value: Any) -> bool:
-        return value if isinstance(value, bool) else super().check(value) == self.names[0]
-
-    def written(self, value: Any) -> Any:
-        return self.names[not value] if isinstance(value, bool) else value
-
-    def takes(self, value: Any) -> bool:
-        return isinstance(value, bool) or super().takes(value)
-
-    def schema(self) -> dict[str, Any]:
-        return {"enum": [*self.names, True, False]}
-
-
-@dataclass(frozen=True)
-class Text(Kind):
-    """Any text, of at least so many characters."""
-
-    least: int = 0
-
-    def check(self, value: Any) -> str:
-        if isinstance(value, str) and len(value) >= self.least:
-            return str(value)
-        is_plain = isinstance(value, bool) or as_finite(value) is not None
-        raise expected(self, value, "; put it in quotes" if is_plain else "")
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "string"} | ({"minLength": self.least} if self.least else {})
-
-    def __str__(self) -> str:
-        return "text"
-
-
-# One space at most between number and unit.
-ANGLE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)([eE][-+]?\d+)?) ?(deg|rad)", re.ASCII)
-
-
-@dataclass(frozen=True)
-class Angle(Kind):
-    """An angle in radians, or text such as "60 deg"; resolved to radians, degrees by
-    `math.radians`. A `polar` angle is one from 0 to pi."""
-
-    polar: bool = False
-
-    def check(self, value: Any) -> float:
-        text = ANGLE.fullmatch(value) if isinstance(value, str) else None
-        number = as_finite(float(text[1]) if text else value)
-        if number is None:
-            raise expected(self, value)
-        angle = math.radians(number) if text and text[3] == "deg" else number
-        if self.polar and not 0 <= angle <= math.pi:
-            is_in_degrees = not text and 0 <= number <= 180
-            hint = f"; degrees are written as '{number:.9g} deg'" if is_in_degrees else ""
-            raise expected(self, value, hint)
-        return angle
-
-    def schema(self) -> dict[str, Any]:
-        bounds = {"minimum": 0, "maximum": math.pi} if self.polar else {}
-        text = {"type": "string", "pattern": f"^{ANGLE.pattern}$"}
-        return {"anyOf": [{"type": "number"} | bounds, text]}
-
-    def __str__(self) -> str:
-        return f"an angle{' from 0 to pi' if self.polar else ''} in radians, or such as '60 deg'"
-
-
-@dataclass(frozen=True)
-class ListOf(Kind):
-    """A list of values of a kind, resolved to a tuple: at least so many, or exactly `length`; with
-    `alone` a value by itself means a list of one, or that all `length` are equal."""
-
-    kind: Kind
-    least: int = 1
-    length: int | None = None
-    alone: bool = False
-    title: str = ""
-
-    def check(self, value: Any) -> tuple[Any, ...]:
-        if self.alone and self.kind.takes(value):
-            return (self.kind.check(value),) * (self.length or 1)
-        if not is_list(value):
-            raise expected(self, value)
-        length = self.length or len(value)
-        if not self.least <= len(value) == length:
-            # YAML takes [0,005, 0,004, 0,003] for six numbers, and [1, 0,8, 0,6] for five.
-            is_split = isinstance(self.kind, Number) and 0 in value and len(value) > length
-            raise expected(self, value, DECIMAL_HINT if is_split else "")
-        if self.length == 3 and isinstance(self.kind, Number) and all(map(is_list, value)):
-            raise Wrong(((), f"expected {self}; a tensor is a key of other models, as torques"))
-        parts = ((i, self.kind, item) for i, item in enumerate(value))
-        return tuple(all_right(*check_parts(parts)).values())
-
-    def schema(self) -> dict[str, Any]:
-        item = self.kind.schema()
-        bounds = {"minItems": self.length or self.least, "maxItems": self.length}
-        several = {"type": "array", "items": item} | {k: n for k, n in bounds.items() if n}
-        return {"anyOf": [item, several]} if self.alone else several
-
-    def takes(self, value: Any) -> bool:
-        return is_list(value) or (self.alone and self.kind.takes(value))
-
-    def __str__(self) -> str:
-        return self.title or f"a list{' of one or more' if self.least else ''}: {self.kind}"
-
-
-def vector(n: int, above: float | None = None, scalar: bool = False) -> ListOf:
-    """A list of n numbers; with `scalar` one number means that all are equal."""
-    number = Number(above)
-    word, _, limits = str(number).partition("number")
-    title = f"{n} {word}numbers{limits}" + (" or one for all" if scalar else "")
-    return ListOf(number, length=n, alone=scalar, title=title)
-
-
-def matrix(n: int) -> ListOf:
-    """A list of n rows of n numbers."""
-    return ListOf(vector(n), length=n, title=f"{n} rows of {n} numbers")
-
-
-NAMES = ListOf(Text(), least=0, alone=True, title="a name or a list of names")
-"""A name or a list of names, resolved to a tuple."""
-
-
-@dataclass(frozen=True)
-class Mapped(Kind):
-    """A mapping; used by itself, one whose entries are checked elsewhere."""
-
-    def check(self, value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return value
-        raise expected(self, value)
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "object"}
-
-    def takes(self, value: Any) -> bool:
-        return isinstance(value, Mapping)
-
-    def __str__(self) -> str:
-        return "a mapping"
-
-
-@dataclass(frozen=True)
-class Table(Mapped):
-    """A mapping with fixed keys."""
-
-    keys: Mapping[str, Key]
-
-    def check(self, value: Any) -> dict[str, Any]:
-        return all_right(*check_keys(self.keys, super().check(value)))
-
-    def schema(self) -> dict[str, Any]:
-        required = [name for name, key in self.keys.items() if key.default is REQUIRED]
-        return {
-            "type": "object",
-            "properties": {name: key.schema() for name, key in self.keys.items()},
-            "additionalProperties": False,
-        } | ({"required": required} if required else {})
-
-    def __str__(self) -> str:
-        return f"a mapping of {', '.join(self.keys)}"
-
-
-@dataclass(frozen=True)
-class Variant(Mapped):
-    """A mapping in which one key, `tag`, names the set of the other keys; `doc` is its meaning."""
-
-    tag: str
-    tables: Mapping[str, Mapping[str, Key]]
-    doc: str
-
-    def check(self, value: Any) -> dict[str, Any]:
-        return all_right(*self.check_keys(super().check(value)))
-
-    def check_keys(self, value: Mapping[str, Any]) -> tuple[dict[str, Any], list[Mistake]]:
-        """The values with defaults filled in, and all mistakes, as `check_keys` of a table."""
-        name = value.get(self.tag)
-        if isinstance(name, str) and name in self.tables:
-            return check_keys({**self.head(*self.tables), **self.tables[name]}, value)
-        # Which other keys are right is not known without the name.
-        return check_keys(self.head(*self.tables), {key: name for key in value if key == self.tag})
-
-    def head(self, *names: str) -> dict[str, Key]:
-        """The key that names the others, where it may be one of these names."""
-        return {self.tag: Key(Choice(*names), self.doc)}
-
-    def schema(self) -> dict[str, Any]:
-        return {
-            "oneOf": [
-                Table({**self.head(name), **keys}).schema() for name, keys in self.tables.items()
-            ]
-        }
-
-    def __str__(self) -> str:
-        return f"a mapping with {self.tag}: {Choice(*self.tables)}"
-
-
-@dataclass(frozen=True)
-class Each(Mapped):
-    """A mapping of any names, at least so many, to values of one kind."""
-
-    kind: Kind
-    title: str
-    least: int = 1
-
-    def check(self, value: Any) -> dict[str, Any]:
-        if len(super().check(value)) < self.least:
-            raise expected(self, value)
-        return all_right(*check_parts((name, self.kind, item) for name, item in value.items()))
-
-    def schema(self) -> dict[str, Any]:
-        bounds = {"minProperties": self.least} if self.least else {}
-        return {"type": "object", "additionalProperties": self.kind.schema()} | bounds
-
-    def __str__(self) -> str:
-        return f"a mapping of {self.title}"
-
-
-@dataclass(frozen=True)
-class OneOf(Table):
-    """A mapping with exactly one of some optional keys."""
-
-    def check(self, value: Any) -> dict[str, Any]:
-        if isinstance(value, Mapping) and len(value) != 1:
-            given = f", of {len(value)} keys: {shown(', '.join(value))}" if value else ""
-            raise expected(self, value, given)
-        values = super().check(value)
-        return {name: values[name] for name in value}
-
-    def schema(self) -> dict[str, Any]:
-        return {
-            "oneOf": [
-                Table({name: Key(key.kind, key.doc)}).schema() for name, key in self.keys.items()
-            ]
-        }
-
-    def __str__(self) -> str:
-        return f"one of {', '.join(self.keys)}"
-
-
-class Either(Kind):
-    """One of several kinds, chosen by the shape of the value, so that messages stay precise.
-
-    Where several kinds take the shape, the first without a mistake counts.
-    """
-
-    def __init__(self, *kinds: Kind) -> None:
-        self.kinds = kinds
-
-    def check(self, value: Any) -> Any:
-        problems = []
-        for kind in self.kinds:
-            if kind.takes(value):
-                try:
-                    return kind.check(value)
-                except Wrong as error:
-                    problems.append(error)
-        # Only one kind was meant, so its own mistakes say more than a list of all kinds.
-        raise problems[0] if len(problems) == 1 else expected(self, value)
-
-    def schema(self) -> dict[str, Any]:
-        return {"anyOf": [kind.schema() for kind in self.kinds]}
-
-    def takes(self, value: Any) -> bool:
-        return any(kind.takes(value) for kind in self.kinds)
-
-    def __str__(self) -> str:
-        return ", or ".join(map(str, self.kinds))
+def mistakes_where(*rules: tuple[object, KeyPath, str]) -> Iterator[Mistake]:
+    """The mistakes of those rules whose condition holds: the condition, the path, the sentence."""
+    return ((path, sentence) for is_wrong, path, sentence in rules if is_wrong)

@@ -11,7 +11,7 @@ import numpy as np
 from .. import models
 from ..arithmetic import BranchDivergence, Column, member_values
 from ..cases.case import Case
-from ..cases.sweep_block import axes_of, put
+from ..cases.sweep_block import axes_of, with_number
 from ..engines import have_taylor
 from ..engines.protocol import EPS
 from ..integration import Crossing, Trajectory, sample_times
@@ -58,18 +58,22 @@ def described(case: Case, paths: Sequence[KeyPath], values: Sequence[Any]) -> De
     vary."""
     data = case.data
     for path, new in zip(paths, values, strict=True):
-        data = put(data, path, new)
+        data = with_number(data, path, new)
     return data, system_of_member(case, data)
 
 
 def system_of_member(case: Case, data: Mapping[str, Any]) -> Model | None:
     """The equations of a member with these data; None where they describe no body, no start,
     nothing that lasts over the span, or what has other equations than the case."""
-    model, span = type(case.system), (case.time.start, case.time.end)
-    if any(model.check(data)) or any(model.check_span(data, *span)):
+    model, epoch = type(case.system), case.time.epoch
+    span = (case.time.start - (epoch or 0.0), case.time.end - (epoch or 0.0))
+    # A rounded body of the case itself is forgiven, and no one that a sweep makes.
+    is_own = data.get("inertia") is case.data.get("inertia") and model.is_rounded(data)
+    wrong = (path for path, _ in model.check(data) if not is_own or path[:1] != ("inertia",))
+    if any(True for _ in wrong) or any(model.check_span(data, *span)):
         return None
     # Of another class the variables are others too, for which the sweep has no columns.
-    system = system_of(models.find(case.model, case.form), data)
+    system = system_of(models.find(case.model, case.form), data, epoch)
     return system if type(system) is model else None
 
 
@@ -255,8 +259,9 @@ def side_by_side(cases: Sequence[Case]) -> list[CrossedMotion | None]:
         for n in np.flatnonzero(outcome.accepted):
             case, state = cases[e.members[n]], outcome.samples[:, n].T
             motion = Trajectory(
-                case, case.system, "taylor", e.tol, times, state, outcome.sample_exponent[n]
-            )
+                case, case.system, "taylor", e.tol, times, state, outcome.sample_exponent[n],
+                steps=int(outcome.steps[n]),
+            )  # fmt: skip
             motions[e.members[n]] = motion, tuple(crossings.get(n, ()))
     return motions
 

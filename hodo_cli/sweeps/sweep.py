@@ -25,7 +25,7 @@ from ..engines.protocol import EPS, IVP, Status
 from ..integration import excess_remark, sample_times
 from ..progress import Progress
 from ..results.layout import TIME, Stored, case_attributes, inner_coordinates, with_units
-from ..schema.kinds import Key, Kind
+from ..schema.kinds import Rule
 from ..storage import (
     Attribute,
     Group,
@@ -225,15 +225,15 @@ def stated_unit(case: Case, name: str) -> str:
     # From key to key within, as long as these are named: an entry of a list has the list's unit.
     for name_of_key in map(str, path_of(name)):
         if key := keys.get(name_of_key):
-            unit, keys = key.unit, keys_inside(key.kind)
+            unit, keys = key["unit"], keys_inside(key)
     return unit
 
 
-def keys_inside(kind: Kind) -> dict[str, Key]:
-    """The keys of the mappings that a value of a kind may be, or be a list of."""
-    kinds = [*getattr(kind, "kinds", ()), *filter(None, [getattr(kind, "kind", None)])]
-    tables = [getattr(kind, "keys", {}), *getattr(kind, "tables", {}).values()]
-    return dict(chain.from_iterable(x.items() for x in (*tables, *map(keys_inside, kinds))))
+def keys_inside(rule: Rule) -> dict[str, Rule]:
+    """The keys of the mappings that a value of a rule may be, or be a list of."""
+    tables = [rule.get("properties", {}), *rule.get("tables", {}).values()]
+    inner = [*rule.get("anyOf", ()), *([rule["items"]] if "items" in rule else ())]
+    return dict(chain.from_iterable(x.items() for x in (*tables, *map(keys_inside, inner))))
 
 
 def box(sizes: tuple[int, ...], first: int, last: int) -> tuple[slice, ...]:

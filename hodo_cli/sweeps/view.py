@@ -11,9 +11,9 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..cases.derived import BODY_AXES, DERIVED, PARTS, constants_of, lack_of
 from ..cases.sweep_block import axes_of, path_of
 from ..models.rigid_body import BodyFrame
+from ..quantities import BODY_AXES, PARTS, QUANTITIES, constants_of, lack_of
 from ..results.dataset import (
     case_in,
     ordered,
@@ -22,7 +22,7 @@ from ..results.dataset import (
     sweep_axes,
     swept_names,
 )
-from ..results.motion import QUANTITIES, Motion, check_whole
+from ..results.motion import Motion, check_whole
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -95,13 +95,6 @@ class SweepView:
         named = [*swept_names(self.data), *map(str, self.data.coords)]
         along = [key for key in named if self.data.variables[key].dims == (name,)]
         return list(dict.fromkeys(along))
-
-    def numbers_along(self, name: str) -> list[str]:
-        """The keys of a case that vary along an axis, together if they are several: numbers each;
-        the axis itself where no key does."""
-        variables, keys = self.data.variables, swept_names(self.data)
-        along = [key for key in keys if variables[key].dims == (name,)]
-        return [key for key in along if variables[key].dtype.kind in "fiu"] or [name]
 
     def body(self) -> np.ndarray | None:
         """A1, A2, A3 if all members have the same body."""
@@ -191,7 +184,7 @@ class SweepView:
     def variable(self, name: str) -> "xr.DataArray":
         """A stored variable, or a quantity that follows from those. Raises HodoError if there is
         none of this name."""
-        if name not in self.data and name in DERIVED:
+        if name not in self.data and name in QUANTITIES:
             return self.derived(name)
         if name not in self.data:
             has = [str(key) for key, v in self.data.items() if self.axes.keys() <= {*v.dims}]
@@ -209,7 +202,7 @@ class SweepView:
         return {*self.ends} | constants_of(self.case.system, self.case.data)
 
     def derived(self, name: str) -> "xr.DataArray":
-        """A quantity of `DERIVED` at the ends of the members, by what is stored of them.
+        """A quantity at the ends of the members, by what is stored of them.
 
         Raises HodoError if the sweep lacks what it needs.
         """
@@ -236,7 +229,7 @@ class SweepView:
         return quantity_array(name, values, order, self.case).transpose(*self.axes, ...)
 
     def _quantity(self, name: str, at: Mapping[str, int], others: Sequence[str]) -> np.ndarray:
-        """A quantity of `DERIVED` of the members (n,) of one body, which stands at these positions,
+        """A quantity of the members (n,) of one body, which stands at these positions,
         along all other axes; no number for one that has come to nothing."""
         # As the samples of a motion.
         members = self.data[self.ends].isel(at)
@@ -247,14 +240,14 @@ class SweepView:
         members = members.assign_coords(
             time=("time", np.full(members.sizes["time"], self.case.time.end))
         )
-        needed = {x for needs in DERIVED[name].needs for x in needs} & {*members}
+        needed = {x for needs in QUANTITIES[name].needs for x in needs} & {*members}
         stored = (np.asarray(members[x]).reshape(members.sizes["time"], -1) for x in needed)
         known = np.isfinite(np.concatenate([*stored], axis=1)).all(1)
-        parts = [len(PARTS[dim]) for dim in DERIVED[name].dims[1:]]
+        parts = [len(PARTS[dim]) for dim in QUANTITIES[name].dims[1:]]
         values = np.full((len(known), *parts), np.nan)
         if known.any():
             motion = Motion(self.at(at), members.isel(time=np.flatnonzero(known)).variables)
-            values[known] = QUANTITIES[name](motion)
+            values[known] = QUANTITIES[name].formula(motion)
         return values
 
     def distance(self, other: "SweepView", variable: str, against: str) -> "SweepView":

@@ -1,29 +1,25 @@
 """A rigid body under a sum of torques: what follows from the coefficients that its case gives."""
 
-import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ..base import REST_BITS, Constants
-from ..rigid_body import BodyFrame, body_constants, inertia_order
+from ...text import grouped, time_text
+from ..base import CONSTANTS_FIELD, REST_BITS, Constants
+from ..rigid_body import BodyFrame, body_constants, is_tensor
 from ..theory.closed_form import AlongMomentum, free_motion, scaled_motion
-from ..theory.dissipation import (
-    Dissipation,
-    axes_never_left,
-    axis_weights,
-    tilt_growth_rates,
-)
-from ..theory.principal_axes import is_diagonal
-from .laws import (
-    dimensional_values,
+from ..theory.dissipation import Dissipation, axes_never_left, tilt_growth_rates
+from ..theory.principal_axes import excess_of_rounding, is_diagonal
+from ..time_laws import (
+    CaseConstants,
+    first_negative,
     is_law,
     law_constants,
+    named_constants,
+    resolved,
     scaled,
-    times_of_all_signs,
-    value_at,
 )
 from .torques import TERMS, cavity_warnings, coefficient, rates_under, weak
 
@@ -31,6 +27,12 @@ TENSOR_ROUNDING = 1e-13
 """The part of the largest entry of a tensor below which one is the rounding of a change of axes."""
 
 ZEROS = (0.0, 0.0, 0.0)
+
+RESISTING = ("damping", "quadratic", "kappa", "brake")
+"""The terms of which negative coefficients drive the body."""
+
+PLACES = 4097
+"""The times at which coefficients are looked at for negative values."""
 
 NOT_COVERED = frozenset({"rotor", "space_torque", "expression"})
 """The terms of which the theorems on crossings and tilts say nothing."""
@@ -42,23 +44,31 @@ def terms_named(data: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(name for name in TERMS if name in given)
 
 
-def coefficients_of(data: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
+def coefficients_of(
+    data: Mapping[str, Any], constants: CaseConstants
+) -> dict[str, tuple[Any, ...]]:
     """The coefficients of each term that a case names, numbers or laws, in the order of the term's
     constants; those of `torque` times epsilon."""
     if data.get("cavity") is not None:
         data = {**data, "kappa": coefficient(data["cavity"])}
-    given = {name: TERMS[name].coefficients(data[name]) for name in terms_named(data)}
+    named = {name: TERMS[name].coefficients(data[name]) for name in terms_named(data)}
+    given = {name: tuple(resolved(x, constants) for x in values) for name, values in named.items()}
     if "torque" in given:
         given["torque"] = tuple(scaled(x, data.get("epsilon", 1.0)) for x in given["torque"])
     return given
 
 
+def rounding_warnings(inertia: Any) -> list[str]:
+    """The warning of moments of which one exceeds the sum of the others as rounding makes it."""
+    excess = 0.0 if is_tensor(inertia) else excess_of_rounding(inertia)
+    says = f"one moment exceeds the sum of the other two by {excess:.3g}, as rounding may make it"
+    return [says] if excess else []
+
+
 def damping_warnings(damping: Sequence[Any]) -> list[str]:
-    """Warnings of coefficients, numbers or laws, that no medium has."""
+    """Warnings of coefficients that no medium has; of laws nothing is said here."""
     negative = ", ".join(
-        f"lambda{i}(t) where it is below 0" if is_law(x) else f"lambda{i} = {x:g}"
-        for i, x in enumerate(damping, 1)
-        if min(dimensional_values(x)) < 0
+        f"lambda{i} = {x:g}" for i, x in enumerate(damping, 1) if not is_law(x) and x < 0
     )
     return [f"negative damping feeds energy in: {negative}"] if negative else []
 
@@ -96,7 +106,7 @@ class BodyUnderTorques(BodyFrame):
     @property
     def term_coefficients(self) -> dict[str, tuple[Any, ...]]:
         """The coefficients of each term, numbers or laws."""
-        return coefficients_of(vars(self))
+        return coefficients_of(vars(self), vars(self).get(CONSTANTS_FIELD, ()))
 
     @cached_property
     def constants(self) -> Constants:
@@ -104,7 +114,8 @@ class BodyUnderTorques(BodyFrame):
         for term, entries in self.term_coefficients.items():
             for name, entry in zip(TERMS[term].degree, entries, strict=True):
                 constants |= law_constants(name, entry)
-        return constants | body_constants(self.inertia)
+        names = named_constants(vars(self).get(CONSTANTS_FIELD, ())) if self.has_expressions else {}
+        return constants | body_constants(self.inertia) | names
 
     @property
     def changing_terms(self) -> frozenset[str]:
@@ -114,18 +125,36 @@ class BodyUnderTorques(BodyFrame):
         )
 
     @property
+    def has_expressions(self) -> bool:
+        """Whether its equations hold expressions, which may name constants of the case."""
+        return bool(self.changing_terms) or "expression" in self.terms
+
+    @property
     def momentum_at_start(self) -> float:
         """|G| at the start."""
         return float(np.hypot.reduce(self.momentum(self.omega_at_start)))
 
     def dissipations(self, start: float, end: float) -> tuple[Dissipation, ...]:
-        """The torques as the theorems on crossings and tilts take them, at such times between two
-        that what excludes a crossing at these excludes it always: one time where they are
-        constant. Empty where the theorems do not cover them."""
-        times = self.decisive_times(start, end)
-        if self.term_coefficients.keys() & NOT_COVERED or any(map(math.isnan, times)):
+        """The torques as the theorems on crossings and tilts take them; empty where they are not
+        constant, or not covered. A brake has no part in them."""
+        given = self.term_coefficients
+        if not NOT_COVERED.isdisjoint(given) or self.changing_terms - {"brake"}:
             return ()
-        return tuple(map(self.dissipation_at, times))
+        terms = Dissipation(
+            self.moments,
+            damping=given.get("damping", ZEROS),
+            quadratic=given.get("quadratic", ZEROS),
+            kappa=given.get("kappa", ZEROS)[0],
+            torque=self.to_principal(np.array(given.get("torque", ZEROS))),
+        )
+        if "resistance" not in given:
+            return (terms,)
+        I, axes = np.reshape(given["resistance"], (3, 3)), self.principal_axes
+        if axes is not None:
+            I = axes @ I @ axes.T
+            I = np.where(np.abs(I) > TENSOR_ROUNDING * np.abs(I).max(), I, 0)
+        damping = tuple((np.array(terms.damping) + np.diag(I) / self.moments).tolist())
+        return (terms._replace(damping=damping, covered=is_diagonal(I)),)
 
     def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
         return axes_never_left(self.dissipations(start, end))
@@ -139,45 +168,15 @@ class BodyUnderTorques(BodyFrame):
         rates = tilt_growth_rates(dissipations[0], np.copysign(np.linalg.norm(omega), omega))
         return rates if np.isfinite(rates).any() else None
 
-    def dissipation_at(self, t: float) -> Dissipation:
-        """The torques at a time, all of them covered by the theorems."""
-        coefficients = self.term_coefficients.items()
-        given = {term: tuple(value_at(x, t) for x in entries) for term, entries in coefficients}
-        terms = Dissipation(
-            self.moments,
-            damping=given.get("damping", ZEROS),
-            quadratic=given.get("quadratic", ZEROS),
-            kappa=given.get("kappa", ZEROS)[0],
-            torque=self.to_principal(np.array(given.get("torque", ZEROS))),
-        )
-        if "resistance" not in given:
-            return terms
-        I, axes = np.reshape(given["resistance"], (3, 3)), self.principal_axes
-        if axes is not None:
-            I = axes @ I @ axes.T
-            I = np.where(np.abs(I) > TENSOR_ROUNDING * np.abs(I).max(), I, 0)
-        damping = tuple((np.array(terms.damping) + np.diag(I) / self.moments).tolist())
-        return terms._replace(damping=damping, covered=is_diagonal(I))
-
-    def decisive_times(self, start: float, end: float) -> set[float]:
-        """Times between two at which the coefficients that the theorems compare have every order
-        that they have there; not a number where no formula tells them."""
-        # A brake has no part in the theorems.
-        given, changing = self.term_coefficients, self.changing_terms - {"brake"}
-        if not changing or start == end:
-            return {start}
-        across = [x for i, x in enumerate(given.get("resistance", ())) if i % 4]
-        is_turned = self.principal_axes is not None and "resistance" in changing
-        is_summed = {"damping", "resistance"} <= given.keys()
-        if is_turned or is_summed or "torque" in changing or any(map(is_law, across)):
-            return {math.nan}
-        order, weights = inertia_order(self.moments), axis_weights(self.moments)
-        pairs = [(given["kappa"][0], 0.0)] if "kappa" in given else []
-        for name in given.keys() & weights.keys():
-            entries = given[name][::4] if name == "resistance" else given[name]
-            first, _, last = (scaled(entries[i], weights[name][i]) for i in order)
-            pairs.append((first, last))
-        return {t for pair in pairs for t in times_of_all_signs(*pair, start, end)}
+    def warnings_within(self, start: float, end: float) -> list[str]:
+        """Which coefficients under a law of time are negative, and from when on."""
+        times, constants = np.linspace(start, end, PLACES), vars(self).get(CONSTANTS_FIELD, ())
+        laws = ((k, x) for k, c in self.term_coefficients.items() for x in c if is_law(x))
+        first = [(k, first_negative(x, times, constants)) for k, x in laws if k in RESISTING]
+        return [
+            f"{term} is negative from t = {time_text(min(when), start)} on: it drives the body"
+            for term, when in grouped((k, t) for k, t in first if t is not None).items()
+        ]
 
     @property
     def warnings(self) -> list[str]:
@@ -188,6 +187,7 @@ class BodyUnderTorques(BodyFrame):
         omega = self.to_principal(self.omega_at_start)
         (kappa,), torque = given.get("kappa", (0.0,)), given.get("torque", ZEROS)
         return [
+            *rounding_warnings(vars(self)["inertia"]),
             *damping_warnings(self.term_coefficients.get("damping", ())),
             *tensor_warnings(np.reshape(given.get("resistance", np.zeros(9)), (3, 3))),
             *weak(self.moments, omega, kappa, torque),

@@ -26,12 +26,14 @@ from ..rigid_body import (
     vector_product,
     vector_sum,
 )
-from .laws import coefficient_at
+from ..time_laws import (
+    SPACE_COMPONENTS,
+    VELOCITIES,
+    coefficient_at,
+    values_of_names,
+)
 
 Function = Callable[[Any, Sequence[Any], Sequence[Any], Any, Sequence[Any]], Sequence[Any]]
-
-VARIABLES = ("p", "q", "r", "t")
-"""The variables of an expression."""
 
 
 class Term(NamedTuple):
@@ -195,12 +197,23 @@ def direction_rates(
 def expression_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Components:
-    """Three formulas in p, q, r and t, in the case's own units whatever those of the motion."""
-    values = dict(zip(VARIABLES, [*(k.velocity_unit * x for x in w), t], strict=True))
+    """Three expressions, in the case's own units whatever those of the motion."""
+    values = dict(zip(VELOCITIES, (k.velocity_unit * x for x in w), strict=True))
+    values |= {**values_of_names(k, t), **space_components(getattr(k, "attitude", None))}
     factor = k.time_unit / k.velocity_unit
     texts = k.expression1, k.expression2, k.expression3
-    N1, N2, N3 = (factor * evaluate(parse_expression(text, VARIABLES), values) for text in texts)
+    N1, N2, N3 = (factor * evaluate(parse_expression(text), values) for text in texts)
     return N1, N2, N3
+
+
+def space_components(Q: Sequence[Any] | None) -> dict[str, Any]:
+    """The components along body axes of the space axes y and z, by an attitude Q; none without."""
+    if Q is None:
+        return {}
+    a, b, c, d = Q
+    y = 2 * (b * c + a * d), a * a - b * b + c * c - d * d, 2 * (c * d - a * b)
+    z = 2 * (b * d - a * c), 2 * (c * d + a * b), a * a - b * b - c * c + d * d
+    return dict(zip(SPACE_COMPONENTS, (*y, *z), strict=True))
 
 
 ENTRIES = tuple(f"I{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))

@@ -59,14 +59,6 @@ class SenseReversal(NamedTuple):
     mean: float
 
 
-def axis_weights(inertia: Any) -> dict[str, list[float]]:
-    """The factors (3,) of the coefficients of a term, by its key, with which those of the outer
-    axes are compared in D'."""
-    A = np.asarray(inertia, float)
-    weights = {"damping": np.ones(3), "quadratic": np.ones(3), "resistance": 1 / A}
-    return {key: w.tolist() for key, w in weights.items()}
-
-
 @np.errstate(all="ignore")
 def turning_momenta(terms: Dissipation) -> SenseReversal:
     """Where fluid and damping change places."""
@@ -171,8 +163,10 @@ def tilt_growth_rates(terms: Dissipation, omega: Any) -> np.ndarray:
     driven = np.where(torque == 0, 0, torque / (A * omega))
     growth = _above_others(damping) + _above_others(quadratic) * w
     growth = growth - driven - kappa * fluid * w * w / 2
-    # For an axis whose moment is the middle one too, a symmetric body has no such turn.
-    return np.where(np.sort(A, axis=-1)[..., 1:2] == A, np.nan, growth)
+    # A symmetric body has no such turn about an axis whose moment is the middle one too; nor has a
+    # body that starts from rest about an axis of its torque.
+    has_none = (np.sort(A, axis=-1)[..., 1:2] == A) | np.isinf(driven)
+    return np.where(has_none, np.nan, growth)
 
 
 def _above_others(rates: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """The principal axes of a body whose inertia is given as a full tensor, in other axes."""
 
 from collections.abc import Sequence
+from decimal import Decimal
 from functools import lru_cache
 from itertools import combinations, permutations
 from typing import Any, NamedTuple
@@ -33,6 +34,32 @@ def one_exceeds_others(moments: Sequence[Any] | np.ndarray) -> bool:
     """Whether one of three moments is larger than the sum of the others, which no body has.
     Equality is allowed, of a flat disc, to the rounding of the moments."""
     return bool(2 * max(moments) > sum(moments) * (1 + 4 * np.finfo(float).eps))
+
+
+def excess_of_rounding(moments: Sequence[float]) -> float:
+    """By how much one of three moments is larger than the sum of the others, where that is one unit
+    of its last decimal at most, as rounding makes it; else 0."""
+    *others, largest = sorted(moments)
+    excess = largest - sum(others)
+    return excess if 0 < excess <= last_digit(largest) else 0.0
+
+
+def last_digit(x: float) -> float:
+    """One unit of the last digit of the shortest decimal of a number, and its rounding."""
+    return 10.0 ** int(Decimal(repr(float(x))).as_tuple().exponent) * (1 + 1e-9)
+
+
+def symmetric(tensor: Sequence[Any]) -> Sequence[Any]:
+    """A tensor whose entries differ from their transposes by one unit of the last decimal at most,
+    as rounding makes it, as its symmetric part; other values as they are."""
+    if not all(isinstance(row, tuple) for row in tensor):
+        return tensor
+    rows = [list(row) for row in tensor]
+    for i, j in combinations(range(3), 2):
+        a, b = rows[i][j], rows[j][i]
+        if a != b and abs(a - b) <= last_digit(max(a, b, key=abs)):
+            rows[i][j] = rows[j][i] = (a + b) / 2
+    return tuple(map(tuple, rows))
 
 
 def is_diagonal(tensor: np.ndarray) -> bool:

@@ -3,24 +3,28 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ...arithmetic import cos, sin, sqrt
-from ...schema.kinds import Angle, Key, Mistake, Number, Table
-from ..base import Constants, Event, Label, Model, attributes, mistake_of
-from ..terms.laws import (
+from ...schema.kinds import Angle, Key, Mistake, Number, Rate, Table
+from ..base import CONSTANTS_KEY, Constants, Event, Label, Model, attributes, fields_of, mistake_of
+from ..time_laws import (
+    CONSTANTS,
     coefficient_at,
     coefficient_kind,
-    dimensional_values,
+    expressions_of,
     is_law,
     law_constants,
-    law_mistakes,
     least_value,
+    length_mistakes,
+    named_constants,
+    resolved,
     slope_at,
     value_at,
+    value_mistakes,
 )
 from .nutation import (
     LAW,
@@ -47,9 +51,10 @@ class Top(Model):
     inertia: Mapping[str, float]
     mu: Any
     m: Any
-    a: tuple[float, ...] | Mapping[str, Any]
-    b: tuple[float, ...] | Mapping[str, Any]
+    a: tuple[float, ...] | str
+    b: tuple[float, ...] | str
     initial: Mapping[str, float | None]
+    case_constants: Any
 
     name = "Lagrange-averaged"
     keys = {
@@ -63,18 +68,19 @@ class Top(Model):
             "moments of inertia about the fixed point",
         ),
         "mu": Key(
-            coefficient_kind("moment of inertia / time^2", "tau", above=0),
-            "largest restoring moment (heavy top: mass g l); forms averaged and full take a law "
-            "of tau, the others a number alone, from `defaults:` too",
+            coefficient_kind(above=0, polynomial="tau", expression=False),
+            "largest restoring moment (heavy top: mass g l); forms averaged and full take a "
+            "polynomial, the others a number alone, from `defaults:` too",
             "moment of inertia / time^2",
         ),
         "m": Key(
-            coefficient_kind("moment of inertia / time^2", "tau"),
-            "torque m(tau) about the axis of symmetry; form averaged-u refuses it, from "
-            "`defaults:` too",
+            coefficient_kind(polynomial="tau"),
+            "torque m(tau) about the axis of symmetry; form "
+            "averaged-u refuses it, from `defaults:` too",
             "moment of inertia / time^2",
             default=None,
         ),
+        "constants": CONSTANTS,
         "a": Key(LAW, "equatorial coefficient of resistance a(tau)", "moment of inertia / time"),
         "b": Key(LAW, "axial coefficient of resistance b(tau)", "moment of inertia / time"),
         "initial": Key(
@@ -83,7 +89,7 @@ class Top(Model):
                     "theta": Key(
                         Angle(polar=True), "angle of nutation, with p = q = 0", "rad", None
                     ),
-                    "r": Key(Number(), "angular velocity about the axis of symmetry", "1/time"),
+                    "r": Key(Rate(), "angular velocity about the axis of symmetry", "1/time"),
                     "Gz": Key(
                         Number(), "vertical angular momentum", "moment of inertia / time", None
                     ),
@@ -94,11 +100,23 @@ class Top(Model):
         ),
     }
     slow_time = True
+    has_laws: ClassVar[bool] = False
+    """Whether coefficients are expressions."""
     has_changing_mu: ClassVar[bool] = True
     has_axial_torque: ClassVar[bool] = True
     no_axis_reason = (
         "gravity turns G in space, so no separatrix of free motion divides its hodographs"
     )
+
+    @classmethod
+    def of(cls, data: Mapping[str, Any]) -> Model:
+        """The object of this form, or of its like that knows of expressions."""
+        has_laws = any(True for _ in expressions_of([data[name] for name in LAW_KEYS]))
+        return (_with_laws(cls) if has_laws else cls)(**data)  # type: ignore[arg-type]
+
+    @classmethod
+    def has_formulas(cls) -> bool:
+        return cls.has_laws or super().has_formulas()
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -110,21 +128,29 @@ class Top(Model):
                 f"no body has C = {inertia['C']:g} larger than 2 A = {2 * inertia['A']:g}",
             )
         if is_law(data.get("mu")) and not cls.has_changing_mu:
-            yield ("mu",), f"form {cls.form} takes a constant mu; forms averaged and full take laws"
+            yield (
+                ("mu",),
+                f"form {cls.form} takes a constant mu; averaged and full take a polynomial",
+            )
         if data.get("m") is not None and not cls.has_axial_torque:
             yield ("m",), f"form {cls.form} has no m, which all other forms have"
         if {"inertia", "mu", "initial"} <= set(data):
             # Neither the start nor what a form asks of it depends on the keys that may be missing.
-            top = cls(**{**dict.fromkeys(cls.keys), **data})
+            top = cls(**fields_of({**dict.fromkeys(cls.keys), **data}))
             yield from mistake_of(("initial",), top.refuse_start)
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
-        yield from law_mistakes({name: [data[name]] for name in LAW_KEYS}, start, "tau")
+        yield from length_mistakes(data, LAW_KEYS)
+        known = {"t": start, **(data.get(CONSTANTS_KEY) or {})}
+        yield from value_mistakes(expressions_of({name: data[name] for name in LAW_KEYS}), known)
         if not is_law(data["mu"]):
             return
         if start:
-            yield ("mu",), "a law of mu begins with the initial data: take time.start 0"
+            yield (
+                ("mu",),
+                "a polynomial of mu begins with the initial data: take time.start 0, or an epoch",
+            )
         elif (least := least_value(data["mu"], start, end)) <= 0:
             yield ("mu",), f"mu falls to {least:.6g} in the span, and has to stay positive"
 
@@ -147,16 +173,23 @@ class Top(Model):
         constants: dict[str, Any] = {**self.inertia}
         for name in LAW_KEYS:
             if (coefficient := getattr(self, name)) is not None:
-                constants |= law_constants(name, coefficient)
-        return constants
+                law = resolved(coefficient, self.case_constants)
+                constants |= law_constants(name, law)
+        return constants | named_constants(self.case_constants)
 
     @property
     def warnings(self) -> list[str]:
         return [
             f"{name} has a negative coefficient: where {name}(tau) < 0 the torque feeds energy in"
             for name, coefficient in (("a", self.a), ("b", self.b))
-            if min(dimensional_values(coefficient)) < 0
+            if isinstance(coefficient, tuple) and min(coefficient) < 0
         ]
+
+
+@cache
+def _with_laws(form: type[Top]) -> type[Top]:
+    """A form whose coefficients are expressions: a class, since an engine asks it."""
+    return type(form.__name__, (form,), {"__module__": form.__module__, "has_laws": True})
 
 
 @dataclass(frozen=True)

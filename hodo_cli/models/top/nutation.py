@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...arithmetic import as_float, as_numpy_float, at_once, isfinite, sin, sqrt
-from ...schema.kinds import Either, ListOf, Number
-from ..terms.laws import coefficient_at, law_mapping
+from ..time_laws import coefficient_at, coefficient_kind
 
 ROOT_ROUNDING = 1e-13
 """How far below 0 the rounding of Gz, H and r may bring ((u2 - u1)/2)^2."""
@@ -194,11 +193,8 @@ def roots_of_motion(omega: Sequence[Any], gamma: Sequence[Any], k: Any) -> tuple
     return 1 - X - e, 1 - X + e, 1 + y
 
 
-LAW = Either(
-    ListOf(Number(), alone=True, title="a number, or a polynomial in tau: [a0, a1, ...]"),
-    law_mapping("moment of inertia / time", "tau"),
-)
-"""A coefficient of resistance as a function of tau."""
+LAW = coefficient_kind(polynomial="tau", repeat=1)
+"""A coefficient of resistance as a function of tau; a number is a polynomial of one."""
 
 
 def axial_torque(tau: Any, r: Any, k: Any) -> Any:
@@ -209,5 +205,6 @@ def axial_torque(tau: Any, r: Any, k: Any) -> Any:
 
 def with_mu(k: Any, tau: Any) -> Any:
     """The constants of a top with mu as it is at tau."""
-    changes = hasattr(k, "mu_law")
-    return SimpleNamespace(**vars(k) | {"mu": coefficient_at(k, "mu", tau)}) if changes else k
+    if not isinstance(k.mu, tuple):
+        return k
+    return SimpleNamespace(**vars(k) | {"mu": coefficient_at(k, "mu", tau)})

@@ -1,0 +1,141 @@
+"""One page with every figure, statement and number of the results that were drawn into a folder.
+All that it shows is read from the result files, but for the names of the pictures; it opens from
+disk and asks no network for anything."""
+
+import json
+import os
+from base64 import b64encode
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from .. import HodoError
+from ..cases.claim_block import cases_of
+from ..cases.config import Config
+from ..machine import relative_path
+from ..models.rigid_body import LABELS
+from ..storage import ResultFile, open_batch, replacing
+from ..text import grouped, magnitude, seconds
+from .resume import stored_config
+
+PAGES = jinja2.Environment(
+    loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True
+)
+PAGES.filters |= {"magnitude": magnitude, "seconds": seconds}
+
+ABOUT = {
+    "model": str, "form": str, "method": str, "steps": int, "error": float, "error_kind": str,
+    "run_time": float, "case": str, "status": str, "message": str, "warnings": str,
+}  # fmt: skip
+"""The attributes of a case that the page shows."""
+
+Entry = dict[str, Any]
+"""What the template shows of a result, a figure or a statement, by name."""
+
+PICTURES = {".png": "png", ".svg": "svg+xml"}
+"""The suffixes of files that a browser shows, and their kinds."""
+
+
+def write_page(path: Path, sections: Sequence[Entry], alone: bool) -> None:
+    """Write the page with these sections; `alone` has its pictures in it, and no links to files.
+
+    Raises HodoError if that is refused.
+    """
+    totals = Counter(row["verdict"] for section in sections for row in section["statements"])
+    template = PAGES.get_template("page.html")
+    with replacing(path) as draft:
+        text = template.render(sections=sections, totals=totals, alone=alone)
+        draft.write_text(text, encoding="utf-8")
+
+
+def sections_of(folder: Path, alone: bool = False) -> Iterator[Entry]:
+    """The section of each result of which a folder holds figures, papers first."""
+    found = []
+    for file in sorted(folder.glob("*/drawn.json")):
+        # Of a result that is gone, or a record of another version, there is no section.
+        with suppress(HodoError, ValueError, KeyError, TypeError):
+            record = json.loads(file.read_text(encoding="utf-8"))
+            with open_batch(os.path.normpath(folder / record["result"])) as run:
+                found.append(section_of(run, file.parent, record["figures"], alone))
+    yield from sorted(found, key=lambda section: not section["errata"])
+
+
+def section_of(run: ResultFile, folder: Path, drawn: Mapping[str, Any], alone: bool) -> Entry:
+    """What the page shows of one result."""
+    config, rows = stored_config(run), {name: run.row(name, ABOUT) for name in run.cases()}
+    judged = {
+        group: [*verdicts(run, group, entries)]
+        for group, entries in (("_claims", config.claims), ("_errata", config.errata))
+    }
+    figures = [
+        figure_of(config, name, drawn.get(name, {}), folder, alone) for name in config.figures
+    ]
+    for figure in figures:
+        cases = {*figure["shown"]}
+        every = [row for group in judged.values() for row in group]
+        figure["statements"] = [row for row in every if cases & {*row["cases"]}]
+        figure["cases"] = {name: rows[name] for name in figure["shown"] if name in rows}
+        for row in figure["statements"]:
+            row["figures"].append(figure["name"])
+    return {
+        "name": run.path.stem, "title": config.title or run.path.name,
+        "references": config.references, "file": relative_path(run.path, folder.parent),
+        "families": grouped((figure["name"].partition("-")[0], figure) for figure in figures),
+        "cases": rows, "statements": judged["_claims"], "errata": judged["_errata"],
+        "crossings": {name: [*crossing_rows(run, name)] for name in rows},
+    }  # fmt: skip
+
+
+def figure_of(
+    config: Config, name: str, drawn: Mapping[str, Any], folder: Path, alone: bool
+) -> Entry:
+    """A figure of a config with its files in a folder."""
+    spec, recorded = config.figures[name], sorted(drawn.get("files", ()))
+    files = [folder / file for file in recorded if (folder / file).exists()]
+    shown = spec.get("cases", ())
+    known = [config.cases[case].assumes for case in shown if case in config.cases]
+    texts = [": ".join(item) for assumes in known for item in assumes.items()]
+    images = [image_of(file, folder, alone) for file in files if file.suffix in PICTURES]
+    links = [(file.suffix[1:].upper(), relative_path(file, folder.parent)) for file in files]
+    return {
+        "name": name, "caption": spec["caption"], "shown": shown, "files": links,
+        "problem": drawn.get("problem", ""), "notes": drawn.get("warnings", ()),
+        "image": images[0] if images else "", "assumed": dict.fromkeys(texts),
+        "wide": any(map(is_wide, files)),
+    }  # fmt: skip
+
+
+def is_wide(file: Path) -> bool:
+    """Whether a picture is a PNG as wide as a page: its first chunk begins with its width."""
+    return file.suffix == ".png" and int.from_bytes(file.read_bytes()[16:20], "big") > 1400
+
+
+def image_of(file: Path, folder: Path, alone: bool) -> str:
+    """The address of a picture from the page, or the picture itself."""
+    if not alone:
+        return relative_path(file, folder.parent)
+    return f"data:image/{PICTURES[file.suffix]};base64,{b64encode(file.read_bytes()).decode()}"
+
+
+def verdicts(run: ResultFile, group: str, entries: Sequence[Entry]) -> Iterator[Entry]:
+    """The statements or misprints that `hodo claims` has judged."""
+    if group not in run:
+        return
+    stored, about = run.read(group).variables, {entry["id"]: cases_of(entry) for entry in entries}
+    for i, name in enumerate(stored["claim"].data.tolist()):
+        texts = {key: str(values.data[i]) for key, values in stored.items() if key != "number"}
+        cases = about.get(str(name), [])
+        yield {"kind": group[1:], **texts, "cases": cases, "figures": []}
+
+
+def crossing_rows(run: ResultFile, name: str) -> Iterator[Sequence[str]]:
+    """The crossings of a case: time, error, from, to, |G|."""
+    stored = run.read(name).variables
+    if "crossing_time" in stored and "members" not in stored:
+        columns = (stored[f"crossing_{key}"].data for key in ("time", "error", "from", "to", "G"))
+        for time, error, start, end, G in zip(*columns, strict=True):
+            yield f"{time:.15g}", magnitude(error), LABELS[int(start)], LABELS[int(end)], f"{G:.6g}"

@@ -1,0 +1,220 @@
+"""A motion between its samples: each variable of the state is there the cubic that has the values
+and the rates of both samples, the rates by the equations of the motion's own case. Whether this is
+the curve is asked of the equations too."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..models.attitude import QUATERNION
+from ..models.base import attributes, has_formula_of_time, stacked
+from ..results.motion import Motion
+from ..storage import Variable
+
+VISIBLE = 0.0015
+"""How far from a curve, as a part of its size, a line may be: 0.06 mm in a column."""
+
+LARGEST_ERROR = 0.03
+"""How far from its size a curve may be of which the eye still reads the values."""
+
+MOST_PLACES = 24
+"""The most lines between two samples; where more were needed, the cubic is no curve any more."""
+
+JUMPS = 2
+"""Intervals that may each hold a jump, which the eye sees however many samples there are."""
+
+SLOW = ("G", "G2", "T", "J", "D", "D/2T", "separatrix_distance", "Gz", "H", "u1", "u2", "u3")
+"""The quantities that do not change with the turns of a free body."""
+
+IN_SPACE = ("herpolhode", "axis-trace", "body")
+"""The kinds of figures that draw what the body carries along."""
+
+
+@dataclass(frozen=True, eq=False)
+class Course(Motion):
+    """A motion with places between the samples that are stored."""
+
+    samples: Any = None
+    """The motion as it is stored."""
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Values over time (n,); of what torques alone change a line between samples, since the
+        small error of the cubics would make it oscillate."""
+        if name not in SLOW:
+            return super().__getitem__(name)
+        return np.asarray(np.interp(self.time, self.samples.time, self.samples[name]))
+
+
+@dataclass(frozen=True)
+class Cubics:
+    """The state y (k, n) of a motion at its samples, and its rates there, in the order of the
+    model's `state`."""
+
+    motion: Motion
+    y: np.ndarray
+    slope: np.ndarray
+
+    @np.errstate(all="ignore")
+    def rates(self, time: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """The rates of states (k, ...) at times (...) by the equations; 0 where they are none."""
+        system = self.motion.case.system
+        times = np.broadcast_to(time, y.shape[1:])
+        found = stacked(system.rhs(times, [*y], attributes(system.constants)), y)
+        return np.asarray(np.nan_to_num(found, posinf=0, neginf=0))
+
+    def terms(self, i: Any) -> tuple[np.ndarray, ...]:
+        """The coefficients (k, ...) of the cubics in the part of the intervals i (...)."""
+        h, a, b = np.diff(self.motion.time)[i], self.y[:, i], self.y[:, i + 1]
+        u, v = h * self.slope[:, i], h * self.slope[:, i + 1]
+        return a, u, 3 * (b - a) - 2 * u - v, 2 * (a - b) + u + v
+
+    def at(self, i: Any, s: np.ndarray) -> np.ndarray:
+        """The state (k, ...) at parts s of the intervals i, both (...)."""
+        a, u, c, d = self.terms(i)
+        return np.asarray(a + s * (u + s * (c + s * d)))
+
+
+def cubics_of(m: Motion) -> Cubics | None:
+    """The cubics of a motion; None where its state is not all stored, as that of most means."""
+    known = {str(x): m.stored(x) for x, v in m.data.items() if v.dims == ("time",)}
+    for name, parts in (("gamma", ("gamma1", "gamma2", "gamma3")), ("attitude", QUATERNION)):
+        known |= dict(zip(parts, m.stored(name).T, strict=True)) if name in m.data else {}
+    known |= dict(zip("pqr", m.principal_omega.T, strict=True)) if "omega" in m.data else {}
+    if len(m.time) < 2 or not known.keys() >= {*m.case.system.state}:
+        return None
+    y = np.array([known[name] for name in m.case.system.state])
+    bare = Cubics(m, y, y)
+    return replace(bare, slope=bare.rates(m.time, y))
+
+
+def course(m: Motion, cubics: Cubics | None) -> Course:
+    """A motion with as many places between its samples as smooth curves need."""
+    if cubics is None:
+        return Course(m.case, m.data, m.attrs, m.label, m.path, m.has_own_labels, m)
+    bow = np.abs(np.diff(m.time) * np.diff(cubics.slope, axis=1)) / 8
+    y = np.abs(cubics.y)
+    size = sizes(m, np.maximum(y[:, 1:], y[:, :-1]) + SMALLEST_SEEN * y.max(axis=1, keepdims=True))
+    needed = np.sqrt((bow / size).max(axis=0) / VISIBLE)
+    places = np.clip(np.ceil(np.nan_to_num(needed)), 1, MOST_PLACES).astype(int)
+    i = np.repeat(np.arange(len(places)), places)
+    s = (np.arange(len(i)) - (np.cumsum(places) - places)[i]) / places[i]
+    time = np.append(m.time[i] + s * np.diff(m.time)[i], m.time[-1])
+    y = np.concatenate([cubics.at(i, s), cubics.y[:, -1:]], axis=1)
+    data = {
+        name: interpolated(v, m.time, time) for name, v in m.data.items() if v.dims == ("time",)
+    }
+    data |= {name: v for name, v in m.data.items() if "time" not in v.dims}
+    data |= dict(vectors_of(m, y))
+    if "enclosed_axis" in data:
+        follow_crossings(m, np.append(i, len(m.time) - 1), time, data["enclosed_axis"].data)
+    return Course(m.case, data, m.attrs, m.label, m.path, m.has_own_labels, m)
+
+
+SMALLEST_SEEN = 1e-3
+"""The size, as a part of the largest, below which a variable is 0 for the eye."""
+
+
+def sizes(m: Motion, size: np.ndarray) -> np.ndarray:
+    """Sizes (k, ...) of the state with that of the largest component for all of a vector."""
+    for name, part in (("omega", slice(0, 3)), ("attitude", slice(-4, None))):
+        if name in m.data:
+            size[part] = size[part].max(axis=0)
+    return np.asarray(np.maximum(size, math.ulp(0)))
+
+
+def interpolated(variable: Any, known: np.ndarray, time: np.ndarray) -> Variable:
+    """A variable over known times at others: numbers by lines, labels as at the sample before."""
+    if variable.dtype.kind == "f":
+        values = np.interp(time, known, variable.data)
+    else:
+        values = variable.data[np.searchsorted(known, time, "right") - 1]
+    return Variable(("time",), values, dict(variable.attrs))
+
+
+def vectors_of(m: Motion, y: np.ndarray) -> Iterator[tuple[str, Variable]]:
+    """The variables that are the numbers (k, n) of a state."""
+    names = m.case.system.state
+    for name in names:
+        if name in m.data:
+            yield name, Variable(("time",), y[names.index(name)], dict(m.data[name].attrs))
+    if "omega" in m.data:
+        omega = m.frame.from_principal(y[:3].T) if m.frame else y[:3].T
+        yield "omega", Variable(("time", "axis"), omega, dict(m.data["omega"].attrs))
+    if "gamma" in m.data:
+        yield "gamma", Variable(("time", "axis"), y[3:6].T, dict(m.data["gamma"].attrs))
+    if "attitude" in m.data:
+        Q = y[-4:] / np.linalg.norm(y[-4:], axis=0)
+        yield "attitude", Variable(("time", "quaternion"), Q.T, dict(m.data["attitude"].attrs))
+
+
+def follow_crossings(m: Motion, i: np.ndarray, time: np.ndarray, labels: np.ndarray) -> None:
+    """Let labels at places after the samples i change at the crossings themselves."""
+    for crossing in m.crossings:
+        after = np.searchsorted(m.time, crossing.time, "right") - 1
+        labels[(i == after) & (time >= crossing.time)] = crossing.end
+
+
+def remark(m: Motion, cubics: Cubics, kind: str, names: Sequence[str], drawn: slice) -> str:
+    """The warning about a motion that leaves its cubics between the samples by what the eye sees;
+    an empty text where it does not.
+
+    The rates of the cubics are compared with those of the equations at places on the cubics.
+    """
+    state, n = m.case.system.state, len(m.time[drawn]) - 1
+    if n < 1:
+        return ""
+    by_time = has_formula_of_time(m.case.system)
+    parts = max(16, TIMES_ASKED // n) if by_time else 4
+    i, s = np.meshgrid(np.arange(n) + drawn.start, (np.arange(parts) + 0.5) / parts)
+    h, (_, u, c, d) = np.diff(m.time)[i], cubics.terms(i)
+    size = sizes(m, np.abs(cubics.y[:, drawn]).max(axis=1))[:, None, None]
+    rates = h * cubics.rates(m.time[i] + s * h, cubics.at(i, s)) / size
+    path = np.cumsum(rates - (u + s * (2 * c + 3 * s * d)) / size, axis=1) / parts
+    in_space = kind in IN_SPACE or any("_space" in name or name in TURNING for name in names)
+    rows = [x for x, name in enumerate(state) if name in names] or [*range(len(state))[:3]]
+    rows += [*range(len(state))[-4:]] if in_space and "attitude" in m.data else []
+    path, away = path[rows], np.abs(path[rows]).max(axis=(0, 1))
+    if np.sort(away)[-min(JUMPS + 1, n)] <= LARGEST_ERROR:
+        return ""
+    worst = int(away.argmax())
+    turn = float(np.abs(rates[rows, :, worst]).max())
+    swings = int((np.diff(np.sign(path[:, :, worst]), axis=1) != 0).sum(axis=1).max()) * by_time
+    finer = max(1.5, turn, 3 * swings, (away[worst] / VISIBLE) ** 0.25)
+    return f"{m.name} is not known between its samples: {advice(m, h[0, worst] / finer)}"
+
+
+TIMES_ASKED = 2**15
+"""The times at which a torque is asked between the samples of a motion."""
+
+TURNING = ("rotation", "psi", "theta", "phi")
+"""The quantities that follow from the attitude, besides vectors in space."""
+
+
+def bend_remark(m: Motion, name: str, drawn: slice) -> str:
+    """The warning about a quantity that a line through its samples leaves between them by what the
+    eye sees, as a parabola through three neighbours does; an empty text without."""
+    time, values = m.time[drawn], m[name][drawn].astype(float)
+    known = values[np.isfinite(values)]
+    height = float(np.ptp(known)) if len(known) > 2 else 0.0
+    # Of what is constant the rounding alone would be seen.
+    if height <= 1e-6 * np.abs(known).max(initial=0) or m[name].dtype.kind != "f":
+        return ""
+    before, after = np.diff(time)[:-1], np.diff(time)[1:]
+    chord = (after * values[:-2] + before * values[2:]) / (before + after)
+    longer = np.maximum(before, after)
+    bow = np.abs(values[1:-1] - chord) * longer / np.minimum(before, after) / 4 / height
+    if not np.fmax.reduce(bow) > LARGEST_ERROR:
+        return ""
+    step = longer[np.nanargmax(bow)] / math.sqrt(4 * np.nanmax(bow) / LARGEST_ERROR)
+    return f"{name} of {m.name} bends between its samples: {advice(m, step)}"
+
+
+def advice(m: Motion, step: float) -> str:
+    """The number of samples of the whole case that are such a step of time apart."""
+    time = m.case.time
+    instead = ", in place of its values" if time.values else ""
+    samples = math.ceil(abs(time.end - time.start) / step) + 1
+    return f"time: {{samples: {samples}}}{instead} draws it"

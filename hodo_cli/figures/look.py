@@ -1,0 +1,470 @@
+"""A figure under construction: its panels, legend and the record of what it shows; the colours and
+marks that all kinds share. The style is matplotlib's own, from `hodo.mplstyle`."""
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap, Normalize, to_hex, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from .. import HodoError
+from ..quantities import symbol
+from ..results.motion import Motion, units_in_words
+from ..schema.spelling import unknown
+from .between import Course
+from .words import LogNumbers, Words, keep_formulas, without_tex, wrapped
+
+Look = dict[str, Any]
+
+STYLE = Path(__file__).with_name("hodo.mplstyle")
+COLUMN, PAGE = 84 / 25.4, 174 / 25.4
+"""Widths of a journal's column and page, inches."""
+
+LEAST_PANEL = 40 / 25.4
+"""The least width of a panel with its words, inches: two stand in a column."""
+
+SCREEN = 150
+"""Dots per inch in a notebook."""
+
+NOT_CLASSIFIED = -2
+
+# The palette of Okabe and Ito, its orange and sky darker, for a contrast of 3 to 1 on white.
+COLOURS = {
+    "blue": "#0072B2", "orange": "#BF8200", "green": "#009E73", "sky": "#2E8FCB",
+    "red": "#D55E00", "purple": "#CC79A7", "black": "#000000", "grey": "#8A8A8A",
+}  # fmt: skip
+LINES: dict[str, Any] = {"": "-", "solid": "-", "dashed": (0, (5, 1.5)), "dotted": (0, (1, 1))}
+GREY = "#666666"
+AXIS_LOOKS = {
+    1: ("#0072B2", "about $x_1$"), 2: ("#009E73", "about $x_2$"), 3: ("#BF8200", "about $x_3$"),
+    0: ("#555555", "separatrix"),
+    -1: ("#8A8A8A", "undetermined"), NOT_CLASSIFIED: ("#000000", "not classified"),
+}  # fmt: skip
+"""The colour of each enclosed axis, in every figure, and its words."""
+
+START: Look = {"ls": "", "marker": "o", "ms": 4, "mfc": "white", "mec": "black", "mew": 0.6}
+END: Look = {"ls": "", "marker": "s", "ms": 2.8, "mfc": "black", "mec": "black", "mew": 0.6}
+CROSSING: Look = {"ls": "", "marker": "D", "ms": 3.6, "mfc": "#F0E442", "mec": "black", "mew": 0.6}
+SEPARATRIX: Look = {"color": "black", "lw": 0.7, "ls": (0, (3.2, 2.1))}
+
+TIME_COLOURS = ListedColormap(matplotlib.colormaps["plasma"](np.linspace(0, 0.63, 64)))
+"""The colours of a curve by time; brighter ones are not seen on white."""
+
+
+class Drawing(Figure):
+    """A figure that is drawn and saved with parameters of matplotlib of its own, wherever that is.
+    A notebook shows it by itself: as an image or, where the body moves, as the page that plays."""
+
+    parameters: Any = {}
+    page: Any = None
+    film: Any = None
+    """What makes the page that plays, and the film, of a figure that moves."""
+
+    def styled(self) -> AbstractContextManager[None]:
+        """The context in which the figure's own parameters count."""
+        return matplotlib.rc_context(self.parameters)
+
+    def draw(self, renderer: Any) -> None:
+        with self.styled():
+            keep_formulas(renderer)
+            super().draw(renderer)
+
+    def savefig(self, fname: Any, **keys: Any) -> None:
+        """As matplotlib does; to a name that ends with .gif, what moves as a film."""
+        with self.styled():
+            if self.film and str(fname).endswith(".gif"):
+                self.film(Path(fname))
+            else:
+                super().savefig(fname, **keys)
+
+    def _repr_png_(self) -> bytes:
+        image = io.BytesIO()
+        self.savefig(image, format="png", dpi=SCREEN)
+        return image.getvalue()
+
+    def _repr_html_(self) -> str | None:
+        if not self.page:
+            return None
+        source, size = escape(self.page()), 'width="560" height="640" style="border: 0"'
+        return f'<iframe srcdoc="{source}" {size} title="moving body"></iframe>'
+
+
+@dataclass
+class Sheet:
+    """A figure being drawn: the entry of a case file that describes it, the entries of its legend
+    besides labelled lines, a record of every value that it shows, what a viewer turns, the units of
+    what is recorded, and the motions of other figures with which it shares its scale."""
+
+    figure: Drawing
+    spec: Mapping[str, Any]
+    handles: list[Any] = field(default_factory=list)
+    table: list[tuple[str, dict[str, np.ndarray]]] = field(default_factory=list)
+    scene: dict[str, Any] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    others: Sequence[Motion] = ()
+
+    def columns(self, width: float, most: int) -> int:
+        """How many panels, up to some, have room side by side in a figure that is so wide, inches,
+        where its style sets no width."""
+        return max(1, min(most, int(self.width(width) / LEAST_PANEL)))
+
+    def width(self, usual: float) -> float:
+        """The width in inches that the style of the figure sets, or else the usual one."""
+        given = self.spec["style"].get("width")
+        named = {"column": COLUMN, "page": PAGE, None: usual}
+        return float(named[given] if given in named else given / 25.4)
+
+    def panels(
+        self, width: float, height: float, n: int = 1, columns: int = 1, **grid: Any
+    ) -> list[Axes]:
+        """n panels in rows of some columns, of a figure of this shape in inches."""
+        size, style = self.width(width), self.spec["style"]
+        title = 0.2 if self.spec["title"] else 0.0
+        high = style["height"] / 25.4 if "height" in style else (height + title) * size / width
+        self.figure.set_size_inches(size, high)
+        places = self.figure.subplots(math.ceil(n / columns), columns, squeeze=False, **grid)
+        axes = [*places.ravel()]
+        for spare in axes[n:]:
+            spare.remove()
+        for lowest in axes[max(0, n - columns) : n]:
+            # Also above a place that stays empty, where matplotlib leaves the ticks to it.
+            lowest.tick_params(labelbottom=True)
+        return axes[:n]
+
+    def record(self, curve: str, **columns: Any) -> None:
+        """Note the values (n,) that a curve shows, by the names of what they are; further ones of
+        the same samples go beside those noted before."""
+        for name, known in self.table:
+            shared = known.keys() & columns.keys()
+            same = (np.array_equal(known[x], columns[x], equal_nan=True) for x in shared)
+            if name == curve and shared and all(same):
+                known |= columns
+                return
+        self.table.append((curve, columns))
+
+    def record_vector(
+        self, m: Course, values: np.ndarray, names: Iterable[str], label: str = ""
+    ) -> None:
+        """Note a vector (n, k) of the samples of a motion by the names of its components."""
+        columns = dict(zip(names, values.T, strict=True))
+        self.record(label or m.label, time=m.samples.time, **columns)
+
+    def csv(self) -> str:
+        """A row for each sample of each curve, a column for each quantity with its units; what a
+        curve does not have stays empty."""
+        names = dict.fromkeys(name for _, columns in self.table for name in columns)
+        heads = {name: f"{name} [{self.units[name]}]" for name in names if name in self.units}
+        text = io.StringIO()
+        writer = csv.DictWriter(text, ["curve", *names], restval="", lineterminator="\n")
+        writer.writerow({"curve": "curve", **dict(zip(names, names, strict=True)), **heads})
+        for curve, columns in self.table:
+            name = without_tex(curve)
+            # A spreadsheet would compute what begins so.
+            first = {"curve": f"'{name}" if name[:1] in "=+-@" else name}
+            for row in zip(*(np.asarray(c).tolist() for c in columns.values()), strict=True):
+                writer.writerow(first | dict(zip(columns, row, strict=True)))
+        return text.getvalue()
+
+    def finish(self) -> None:
+        """Set what the style says of the panels, and add title and legend."""
+        panels = [axes for axes in self.figure.axes if axes.get_subplotspec() is not None]
+        for axes in panels:
+            try:
+                axes.set(**self.spec["style"].get("axes", {}))
+            except (AttributeError, TypeError, ValueError) as error:
+                raise HodoError(f"style: axes: {str(error).splitlines()[0]}") from None
+            for axis in (axes.xaxis, axes.yaxis):
+                if axis.get_scale() == "log":
+                    axis.set_major_formatter(LogNumbers())
+                    axis.set_minor_formatter(LogNumbers(minor_thresholds=(1.5, 0.4)))
+        across = int(self.figure.get_figwidth() * 18)
+        if self.spec["title"]:
+            self.figure.suptitle(wrapped(self.spec["title"], across))
+        lines = [line for axes in panels for line in axes.get_lines()]
+        named = [(str(handle.get_label()), handle) for handle in (*lines, *self.handles)]
+        entries = {label: h for label, h in reversed(named) if label and label[0] != "_"}
+        if entries:
+            self.add_legend([*reversed(entries.values())], across)
+
+    def add_legend(self, handles: list[Any], across: int) -> None:
+        """A legend below the panels, in as many columns as fit into a width in letters."""
+        for handle in handles:
+            handle.set_label(wrapped(str(handle.get_label()), across - 8))
+        texts = [without_tex(str(handle.get_label())).splitlines() for handle in handles]
+        # A line with its gaps is some ten letters wide.
+        wide = [10 + max(map(len, lines)) for lines in texts]
+        fits = (
+            n
+            for n in range(len(wide), 1, -1)
+            if sum(max(wide[i::n]) for i in range(n)) <= 1.3 * across
+        )
+        rows = math.ceil(len(wide) / next(fits, 1))
+        columns = math.ceil(len(wide) / rows)
+        # matplotlib fills column by column.
+        ordered = [handle for column in range(columns) for handle in handles[column::columns]]
+        if "height" not in self.spec["style"]:
+            lines = sum(max(map(len, texts[i : i + columns])) for i in range(0, len(wide), columns))
+            self.figure.set_figheight(self.figure.get_figheight() + 0.14 * lines)
+        place: Look = {"loc": "outside lower center", "ncols": columns, "columnspacing": 1.2}
+        self.figure.legend(handles=ordered, **place)
+
+
+def looks(n: int, names: Sequence[str] = (), solid: bool = False) -> list[Look]:
+    """Colours and lines of n curves: first the named ones, such as "blue dashed", then the
+    cycle of the style."""
+    named = [name.partition(" ") for name in names]
+    for colour, _, line in named:
+        if colour not in COLOURS or line not in LINES:
+            wrong = f"style {f'{colour} {line}'.strip()!r}"
+            raise HodoError(f"styles: {unknown(wrong, colour, [*COLOURS, *LINES])}")
+    given = [{"color": COLOURS[colour], "ls": LINES[line]} for colour, _, line in named]
+    cycle = [*matplotlib.rcParams["axes.prop_cycle"]]
+    cycle *= 1 + n // len(cycle)
+    free = [
+        {"color": way.get("color", "black"), "ls": "-" if solid else way.get("linestyle", "-")}
+        for way in cycle[len(given) :]
+    ]
+    return [*given, *free][:n]
+
+
+def labels_of(m: Motion) -> np.ndarray:
+    """The enclosed axis (n,), NOT_CLASSIFIED where `hodo classify` has not been run."""
+    return m.labels if m.classified else np.full(len(m.time), NOT_CLASSIFIED)
+
+
+def time_span(motions: Sequence[Motion]) -> tuple[float, float]:
+    """From when the first motion begins to when the last one ends or comes to rest."""
+    return min(m.time[0] for m in motions), max(min(m.time[-1], m.stop) for m in motions)
+
+
+def colours_of(
+    motions: Sequence[Motion], spec: Mapping[str, Any]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """For each motion colours (m, 3) and the index in them of each place (n,): by time, by the
+    enclosed axis, or one a case."""
+    colour = spec.get("colour", "axis")
+    if colour == "axis":
+        labels = sorted(AXIS_LOOKS)
+        palette = np.array([to_rgb(AXIS_LOOKS[label][0]) for label in labels])
+        return [(palette, np.searchsorted(labels, labels_of(m))) for m in motions]
+    if colour == "time":
+        first, last = time_span(motions)
+        palette = np.asarray(TIME_COLOURS.colors)[:, :3]
+        parts = [(m.time - first) / (last - first or 1) for m in motions]
+        return [(palette, (63 * np.clip(part, 0, 1)).astype(int)) for part in parts]
+    ways = looks(len(motions), spec.get("styles", ()), solid=True)
+    return [
+        (np.array([to_rgb(way["color"])]), np.zeros(len(m.time), int))
+        for m, way in zip(motions, ways, strict=True)
+    ]
+
+
+def colour_legend(sheet: Sheet, panels: Sequence[Axes], motions: Sequence[Motion]) -> None:
+    """The entries of the colours, or the bar of those by time."""
+    colour = sheet.spec.get("colour", "axis")
+    if colour == "axis":
+        # A body at rest goes round no axis, and draws no curve.
+        moving = [labels_of(m)[(m.time <= m.stop) & m.G.any(axis=1)] for m in motions]
+        seen = sorted({*np.concatenate(moving).tolist()}, key=lambda x: (x < 1, x))
+        # Other axes than those that are drawn, if a body is given by its full tensor of inertia.
+        turned = any((m.principal_axes != np.eye(3)).any() for m in motions)
+        for look, words in (AXIS_LOOKS[label] for label in seen):
+            words = words.replace("about", "about principal axis") if turned else words
+            sheet.handles.append(Line2D([], [], color=look, lw=1.5, label=words))
+    elif colour == "time":
+        scale = matplotlib.cm.ScalarMappable(Normalize(*time_span(motions)), TIME_COLOURS)
+        colour_bar(sheet, scale, panels, time_label(sheet.spec, motions[0]))
+    else:
+        ways = looks(len(motions), sheet.spec.get("styles", ()), solid=True)
+        named = zip(motions, ways, strict=True)
+        sheet.handles += [Line2D([], [], **way, label=m.label) for m, way in named]
+
+
+def colour_bar(
+    sheet: Sheet, scale: Any, panels: Sequence[Axes], label: str, arrows: str = "neither"
+) -> Any:
+    """The scale of the colours of some panels below them, with arrows at the ends beyond which
+    there are values: "neither", "min", "max" or "both"."""
+    place: Look = {"location": "bottom", "fraction": 0.04, "pad": 0.02, "shrink": 0.7, "aspect": 45}
+    bar = sheet.figure.colorbar(scale, ax=panels, panchor=False, extend=arrows, **place)
+    bar.set_label(wrapped(label, int(sheet.figure.get_figwidth() * 17)))
+    return bar
+
+
+def pieces(*keys: np.ndarray) -> list[slice]:
+    """The stretches of a curve on which all keys (n,) are constant, each reaching the next."""
+    table = np.stack(keys, axis=-1)
+    cuts = (np.flatnonzero((table[1:] != table[:-1]).any(axis=-1)) + 1).tolist()
+    return [slice(a, b + 1) for a, b in zip([0, *cuts], [*cuts, len(table)], strict=True)]
+
+
+def curves(
+    axes: Axes, motions: Sequence[Course], spec: Mapping[str, Any], points: Sequence[np.ndarray],
+    size: float = 0,
+) -> None:  # fmt: skip
+    """The curves (n, 2) of motions in a plane with their marks and, of several, their names; of a
+    panel of a size, if it does not show all."""
+    for m, values, (palette, code) in zip(motions, points, colours_of(motions, spec), strict=True):
+        parts = pieces(code)
+        lines = [values[part] for part in parts]
+        colours = [palette[code[part.start]] for part in parts]
+        look: Look = {"linewidths": 0.8 * width_of(m), "alpha": 0.85}
+        axes.add_collection(LineCollection(lines, colors=colours, **look))
+        marks(axes, values, m.at(m.crossing_time, values), size=size)
+    axes.autoscale_view()
+    name_curves(axes, names_beside(motions, spec), points)
+
+
+def names_beside(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[str]:
+    """The names of several motions whose colours show something else; none of others."""
+    is_named = len(motions) > 1 and spec.get("colour", "axis") != "case"
+    return [m.label for m in motions] if is_named else []
+
+
+def name_curves(
+    axes: Axes, names: Sequence[str], points: Sequence[np.ndarray], colours: Sequence[Any] = ()
+) -> None:
+    """Name curves (n, 2) beside nine of their places where they are far from the others."""
+    known = [curve[np.isfinite(curve).all(axis=1)] for curve in points]
+    thin = [curve[:: max(1, len(curve) // 200)] for curve in known]
+    for i, name in enumerate(names):
+        if len(thin[i]):
+            others = np.concatenate([*thin[:i], *thin[i + 1 :], np.full((1, 2), 1e9)])
+            apart = np.hypot(*(thin[i][:, None] - others).T).min(axis=0)
+            places = thin[i][np.argsort(-apart, kind="stable")[: max(1, len(apart) // 4)]]
+            colour = colours[i] if colours else "black"
+            Words(axes, name, places[:: max(1, len(places) // 9)], color=colour)
+
+
+def marks(
+    axes: Axes, curve: np.ndarray, crossings: np.ndarray, reach: float = math.inf, size: float = 0
+) -> None:
+    """The start, the end and the numbered crossings of a curve (n, 2), those within reach; of a
+    panel of a size, if it does not show all."""
+    for look, points in ((START, curve[:1]), (END, curve[-1:]), (CROSSING, crossings)):
+        shown = points[(np.abs(points) <= reach).all(axis=1)]
+        (line,) = axes.plot(*shown.T, **look, zorder=6, clip_on=reach < math.inf)
+        # A mark may stick out of its panel; the layout would make room for it.
+        line.set_in_layout(False)
+    whole = float(np.ptp(curve, axis=0).max()) if reach == math.inf else 2 * reach
+    number_marks(axes, crossings, NUMBER_ROOM * (size or whole))
+
+
+def number_marks(axes: Axes, crossings: np.ndarray, room: float) -> None:
+    """Number several crossings (n, 2) in time; those within some room have one place for it."""
+    together: list[tuple[np.ndarray, list[str]]] = []
+    for number, point in enumerate(crossings if len(crossings) > 1 else (), 1):
+        near = [names for at, names in together if np.abs(at - point).max() < room]
+        if near:
+            near[0].append(str(number))
+        elif np.isfinite(point).all():
+            together.append((point, [str(number)]))
+    for point, names in together:
+        words = ", ".join(names if len(names) < 4 else [names[0], "...", names[-1]])
+        Words(axes, words, [point], toward=(1, 1), size="x-small")
+
+
+NUMBER_ROOM = 0.04
+"""The part of a curve's size below which two marks have one place for their numbers."""
+
+
+def mark_legend(sheet: Sheet, motions: Sequence[Motion]) -> None:
+    """The entries of start, end and crossings, with the times that a single motion has."""
+    m, tau = motions[0], sheet.spec.get("time") or "t"
+    unit = "" if m.units("time") == "1" else f" {m.units('time')}"
+    ends = {
+        f"stop, ${tau} = {m.stop:.6g}${unit}" if m.stop < math.inf
+        else f"end, ${tau} = {m.case.time.text(m.time[-1])}${unit}"
+        for m in motions
+    }  # fmt: skip
+    words = "$D = 0$"
+    if len(motions) == 1:
+        several = len(m.crossing_time) > 1
+        # With its last zeros, which tell how exact a number is.
+        times = [f"{t:#.6g}".removesuffix(".") for t in m.crossing_time[:CROSSINGS_NAMED]]
+        numbered = [f"{t} ({i})" if several else t for i, t in enumerate(times, 1)]
+        more = ", ..." if len(m.crossing_time) > CROSSINGS_NAMED else ""
+        words += f" at ${tau}$ = {', '.join(numbered)}{more}{unit}"
+    sheet.handles += [Line2D([], [], **START, label="start")]
+    sheet.handles += [Line2D([], [], **END, label=ends.pop() if len(ends) == 1 else "end")]
+    if any(len(m.crossing_time) for m in motions):
+        sheet.handles += [Line2D([], [], **CROSSING, label=words)]
+
+
+CROSSINGS_NAMED = 12
+"""The most times of crossings in a legend, which grows by a line with every five."""
+
+
+def width_of(m: Motion) -> float:
+    """A line width, the thinner the longer the hodograph winds."""
+    size = max(float(np.abs(m.G).max()), math.ulp(0))
+    length = np.linalg.norm(np.diff(m.G / size, axis=0), axis=-1).sum()
+    return float(np.interp(length, [15, 120], [1.1, 0.5]) * matplotlib.rcParams["lines.linewidth"])
+
+
+def check_zoom(zoom: float, nearest: float) -> None:
+    """Raise HodoError if curves that come no nearer to the origin are not in a panel to `zoom`."""
+    if nearest >= zoom:
+        raise HodoError(
+            f"zoom: {zoom:g} shows nothing: the curves come no nearer to the origin than "
+            f"{nearest:.4g}"
+        )
+
+
+def unit(m: Motion, name: str, power: int = 1) -> str:
+    """The units of a variable in brackets, in TeX: a dash for a number, and nothing where the unit
+    of the moments of inertia is not known."""
+    stated = m.units(name)
+    if "inertia" in units_in_words(m, name) and m.case.inertia_unit == "1":
+        return "[–]" if m.units("time") == "1" else ""
+    if stated == "1":
+        return "[–]"
+    return f"[{raised(stated + (f'^{power}' if power > 1 else ''))}]"
+
+
+def raised(units: str) -> str:
+    """Units with their powers in TeX."""
+    return re.sub(r"\^(-?\d+)", r"$^{\1}$", units)
+
+
+def axis_label(m: Motion, name: str) -> str:
+    """The symbol and the units of a variable."""
+    return f"${symbol(name)}$ {unit(m, name)}".rstrip()
+
+
+def time_label(spec: Mapping[str, Any], m: Motion) -> str:
+    """The symbol and the units of time."""
+    return f"${spec.get('time') or 't'}$ {unit(m, 'time')}"
+
+
+def stroke(points: Any, colour: Any = "black", time: np.ndarray | None = None, **kind: Any) -> Look:
+    """A line, mark, arrow or face (n, 3) of a scene, for the viewer: `of` body or space; without
+    the points that are no numbers."""
+    places = np.asarray(points, float)
+    known = np.isfinite(places).all(axis=-1)
+    size = float(np.abs(places[known]).max(initial=0)) or 1.0
+    # Five digits, whatever the units.
+    kind["points"] = places[known].round(5 - math.floor(math.log10(size))).tolist()
+    if time is not None:
+        kind["time"] = time[known].tolist()
+    return {"colour": to_hex(colour), **kind}
+
+
+def check_units(motions: Iterable[Motion], name: str) -> None:
+    """Raise HodoError if motions have a variable in different units: one scale has one unit."""
+    units = {m.units(name): f"{m.units(name)!r} in {m.name}" for m in motions}
+    if len(units) > 1:
+        raise HodoError(f"{name} is in {' and '.join(units.values())}: one scale has one unit")

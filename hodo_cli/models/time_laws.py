@@ -1,0 +1,276 @@
+"""Coefficients that change with time: polynomials in the slow time of a top, and expressions in t
+and the constants that a case names.
+
+A constant NAME of a model that follows a polynomial holds its coefficients. Of an expression it
+holds a factor, which carries the unit, and NAME_law is the text; the constants of the case are then
+among those of the model, so that one compilation serves all their values.
+"""
+
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..arithmetic import evaluate, horner, isfinite
+from ..schema.expression import FUNCTIONS, LONGEST, names_in, parse_expression
+from ..schema.kinds import (
+    Each,
+    Either,
+    Key,
+    KeyPath,
+    ListOf,
+    Mistake,
+    Number,
+    Rule,
+    Wrong,
+    WrongKey,
+    check,
+    expected,
+    is_list,
+    within,
+    words,
+)
+from .base import EPOCH, EPOCH_NAME
+
+MOST_COEFFICIENTS = 20
+"""How many a polynomial may have. A series of the least order sees no higher power of the time from
+t = 0, and in powers of t few fits hold that many digits."""
+
+VELOCITIES = ("p", "q", "r")
+SPACE_COMPONENTS = ("y1", "y2", "y3", "z1", "z2", "z3")
+"""The components along body axes of the axes y and z of space."""
+
+CONSTANT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
+TAKEN_NAMES = {*VELOCITIES, "t", *SPACE_COMPONENTS, "e", "pi", *FUNCTIONS}
+"""The names that mean something else in an expression."""
+
+
+CaseConstants = Mapping[str, Any] | Iterable[tuple[str, Any]]
+"""The constants of a case, as a mapping or as pairs."""
+
+
+class Formula(NamedTuple):
+    """An expression in t and constants, times a factor."""
+
+    factor: Any
+    text: str
+
+
+def as_expression(value: Any) -> str:
+    """The expression to write instead of what was a law of time once: a mapping with `law`, or the
+    coefficients of a polynomial."""
+    match value:
+        case {"law": "exponential", "value": a, "rate": rate}:
+            text = f"{a}*exp(-{rate}*t)"
+        case {"law": "power", "value": a, "rate": rate, "exponent": n}:
+            is_whole = isinstance(n, int | float) and not n % 1
+            base = f"(1 + {rate}*t)"
+            text = f"{a}*{base}**{n:.0f}" if is_whole else f"{a}*exp({n}*log{base})"
+        case {"law": "polynomial", "coefficients": [*numbers]} | [*numbers] if numbers:
+            powers = ["", "*t", *(f"*t**{i}" for i in range(2, len(numbers)))]
+            terms = [f"{a}{power}" for a, power in zip(numbers, powers, strict=False) if a != 0]
+            text = " + ".join(terms) or "0"
+        case _:
+            return ""
+    text = text.replace("--", "").replace("+ -", "- ")
+    return f'; write "{text}"' if "{" not in text and len(text) < 200 else ""
+
+
+def coefficient_kind(
+    above: float | None = None, polynomial: str = "", expression: bool = True, repeat: int = 0
+) -> Rule:
+    """The kind of one coefficient: a number, which may have a bound, or an expression in t; in this
+    time it may be a polynomial. With `repeat` a value alone is a tuple of so many."""
+    number = Number(above=above)
+    listed = ListOf(Number(), title=f"a polynomial in {polynomial}: [a0, a1, ...]")
+    kinds = [number, *([listed] if polynomial else [])]
+    named = [f"a {words(number)}", *([words(listed)] if polynomial else [])]
+    title = ", or ".join([*named, *(["an expression in t"] if expression else [])])
+
+    def coefficient(value: Any) -> Any:
+        if polynomial and is_list(value):
+            return check(listed, value)
+        resolved = check(number, value) if isinstance(value, float | int) else None
+        if expression and isinstance(value, str):
+            tree = parse_expression(value)
+            resolved = check(number, tree) if isinstance(tree, float) else value
+        if resolved is None:
+            raise expected(rule, value)
+        # Of a polynomial a number is the first coefficient, and an expression is none.
+        is_alone = isinstance(resolved, str) and polynomial
+        return (resolved,) * repeat if repeat and not is_alone else resolved
+
+    text = [{"type": "string", "maxLength": LONGEST}] if expression else []
+    rule = Either(*kinds, *text, title=title, whole=coefficient, answer=as_expression)
+    return rule
+
+
+def coefficients_kind() -> Rule:
+    """The kind of three coefficients, one an axis, or of one for all."""
+    title = "3 numbers or expressions in t, or one for all"
+    of_each = ListOf(coefficient_kind(), length=3, title=title)
+    return Either(of_each, coefficient_kind(), repeat=3, title=title, answer=as_expression)
+
+
+def _named(values: Mapping[str, float]) -> Mapping[str, float]:
+    """The constants, if each of their names may be one."""
+    mistakes: list[Mistake] = []
+    for name in values:
+        if name in TAKEN_NAMES:
+            mistakes.append(((WrongKey(name),), "means something else in an expression"))
+        elif not CONSTANT_NAME.fullmatch(name):
+            rule = "the name of a constant is a letter, then letters, digits and _, 40 in all"
+            mistakes.append(((WrongKey(name),), rule))
+    if mistakes:
+        raise Wrong(*mistakes)
+    return values
+
+
+CONSTANTS = Key(
+    Each(Number(), "names to numbers", least=0, convert=_named),
+    "numbers that expressions may name; merged with those of `defaults` name by name, and swept as "
+    "`constants.NAME`",
+    default=None,
+)
+
+
+def expressions_of(value: Any, path: KeyPath = ()) -> Iterator[tuple[KeyPath, str]]:
+    """The expressions among the data of a case, by their paths."""
+    if isinstance(value, str):
+        yield path, value
+    items: Iterable[tuple[Any, Any]] = value.items() if isinstance(value, Mapping) else ()
+    for key, item in enumerate(value) if is_list(value) else items:
+        yield from expressions_of(item, (*path, key))
+
+
+def name_mistakes(
+    expressions: Iterable[tuple[KeyPath, str]],
+    constants: Mapping[str, float],
+    has_attitude: bool,
+) -> Iterator[Mistake]:
+    """The mistakes of expressions that name what their case does not have."""
+    for path, text in expressions:
+        is_torque = path[0] == "expression"
+        known: tuple[str, ...] = (*VELOCITIES, "t") if is_torque else ("t",)
+        space = names_in(parse_expression(text)) & {*SPACE_COMPONENTS}
+        if is_torque and space and not has_attitude:
+            yield path, f"{min(space)} needs attitude: yes"
+            continue
+        known += SPACE_COMPONENTS if is_torque and has_attitude else ()
+        try:
+            parse_expression(text, (*known, *constants))
+        except Wrong as error:
+            yield from within(path, error.mistakes)
+
+
+def is_law(coefficient: Any) -> bool:
+    """Whether a coefficient changes with time."""
+    return isinstance(coefficient, tuple | Formula)
+
+
+def resolved(coefficient: Any, constants: CaseConstants) -> Any:
+    """A coefficient as given in a case: a number, which it is too where no t stands in its
+    expression, a polynomial, or a Formula."""
+    if not isinstance(coefficient, str):
+        return coefficient
+    tree = parse_expression(coefficient)
+    return Formula(1.0, coefficient) if "t" in names_in(tree) else evaluate(tree, dict(constants))
+
+
+def scaled(coefficient: Any, factor: Any) -> Any:
+    """A coefficient times a factor."""
+    if isinstance(coefficient, Formula):
+        return coefficient._replace(factor=factor * coefficient.factor)
+    if isinstance(coefficient, tuple):
+        return tuple(factor * x for x in coefficient)
+    return factor * coefficient
+
+
+def law_constants(name: str, coefficient: Any) -> dict[str, Any]:
+    """The constants of a model that stand for a coefficient."""
+    if isinstance(coefficient, Formula):
+        return {name: coefficient.factor, f"{name}_law": coefficient.text}
+    return {name: coefficient}
+
+
+def named_constants(constants: CaseConstants) -> dict[str, Any]:
+    """The constants of a model that stand for those of its case."""
+    named = dict(constants)
+    epoch = {EPOCH: named.pop(EPOCH_NAME)} if EPOCH_NAME in named else {}
+    if not named:
+        return epoch
+    return epoch | {"constants": (*named.values(),), "constant_names": " ".join(named)}
+
+
+def since_epoch(k: Any, t: Any) -> Any:
+    """The time as expressions and polynomials count it."""
+    return t - getattr(k, EPOCH) if hasattr(k, EPOCH) else t
+
+
+def values_of_names(k: Any, t: Any) -> dict[str, Any]:
+    """t and the constants of a case by their names, from the constants of its model."""
+    names = getattr(k, "constant_names", "").split()
+    constants = zip(names, getattr(k, "constants", ()), strict=True)
+    return {"t": since_epoch(k, t), **dict(constants)}
+
+
+def coefficient_at(k: Any, name: str, t: Any) -> Any:
+    """The value of a coefficient at the time t, from the constants of a model."""
+    value, text = getattr(k, name), getattr(k, f"{name}_law", None)
+    if text is not None:
+        return value * evaluate(parse_expression(text), values_of_names(k, t))
+    return horner(value, since_epoch(k, t)) if isinstance(value, tuple) else value
+
+
+def slope_at(k: Any, name: str, t: Any) -> Any:
+    """The derivative by time of a coefficient that follows a polynomial."""
+    terms = [i * c for i, c in enumerate(getattr(k, name))][1:]
+    return horner(terms, since_epoch(k, t)) if terms else 0 * t
+
+
+def value_at(coefficient: Any, t: Any, constants: CaseConstants = ()) -> Any:
+    """The value of a coefficient at a time t, or at several; a number at any time."""
+    k = SimpleNamespace(**law_constants("c", coefficient), **named_constants(constants))
+    return coefficient_at(k, "c", t)
+
+
+def least_value(polynomial: Sequence[float], start: float, end: float) -> float:
+    """The smallest value of a polynomial between two times."""
+    start, end = sorted((start, end))
+    turns = np.polynomial.Polynomial(polynomial).deriv().roots().real.tolist()
+    return float(min(horner(polynomial, t) for t in (start, *turns, end) if start <= t <= end))
+
+
+def first_negative(coefficient: Any, times: np.ndarray, constants: CaseConstants) -> float | None:
+    """The first of some times at which a coefficient is negative, if there is one."""
+    with np.errstate(all="ignore"):
+        is_negative = np.broadcast_to(value_at(coefficient, times, constants) < 0, times.shape)
+    return float(times[is_negative.argmax()]) if is_negative.any() else None
+
+
+def value_mistakes(
+    expressions: Iterable[tuple[KeyPath, str]], variables: Mapping[str, Any]
+) -> Iterator[Mistake]:
+    """The mistakes of expressions without a value where their variables have these values."""
+    for path, text in expressions:
+        tree = parse_expression(text)
+        # What is not known, as a component that G stands for, decides nothing.
+        if names_in(tree) <= variables.keys() and not _has_value(tree, variables):
+            yield path, "has no finite value at the start of the motion"
+
+
+def _has_value(tree: Any, variables: Mapping[str, Any]) -> bool:
+    try:
+        return isfinite(evaluate(tree, variables))
+    except (ValueError, ArithmeticError):
+        return False
+
+
+def length_mistakes(coefficients: Mapping[str, Any], names: Collection[str]) -> Iterator[Mistake]:
+    """The mistakes of polynomials that are too long."""
+    for name in names:
+        value = coefficients.get(name)
+        if isinstance(value, tuple) and len(value) > MOST_COEFFICIENTS:
+            yield (name,), f"its polynomial has more than {MOST_COEFFICIENTS} coefficients"

@@ -1,0 +1,467 @@
+"""Figures: the values that they show, their words, their formats, and what is refused."""
+
+import csv
+import io
+import re
+import warnings
+from collections.abc import Iterator
+from itertools import combinations, pairwise
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import matplotlib.image
+import numpy as np
+import pytest
+from conftest import Hodo, figure_kinds
+from drawings import FIGURES, drawn, entries_of, results_in
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex
+
+import hodo_cli as api
+from hodo_cli import HodoError
+
+CROSSING = {
+    "model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [0.015, 0.004, 0.003],
+    "initial": {"p": 0.8, "q": 0.5, "r": 0.74},
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return results_in(tmp_path_factory.mktemp("results"))
+
+
+def motion(end: float = 100, samples: int = 501, **keys: Any) -> Any:
+    """A damped body, or what other keys make of it."""
+    return api.run({**CROSSING, "time": {"end": end, "samples": samples}, "error": "off", **keys})
+
+
+# Six rules of legibility, for every figure of the case files
+
+
+def boxes(texts: Any) -> list[Any]:
+    """The places of texts that are seen, pixels."""
+    return [x.get_window_extent() for x in texts if x.get_visible() and x.get_text().strip()]
+
+
+def all_texts(figure: Any) -> Iterator[Any]:
+    """Every text of a figure but for numbers at ticks."""
+    yield from [figure._suptitle] if figure._suptitle else []
+    for axes in figure.axes:
+        yield from (*axes.texts, axes.title, axes.xaxis.label, axes.yaxis.label)
+    for legend in figure.legends:
+        yield from legend.get_texts()
+
+
+@pytest.mark.parametrize(("config", "name"), FIGURES)
+def test_a_figure_is_legible(results: Path, config: str, name: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        figure = drawn(results, config, name)
+    texts = [x for x in all_texts(figure) if x.get_visible() and x.get_text().strip()]
+    # 1. Nothing is cut off.
+    for text in texts:
+        box = text.get_window_extent()
+        ends = (box.x0, box.y0, figure.bbox.x1 - box.x1, figure.bbox.y1 - box.y1)
+        assert min(ends) >= -1, text.get_text()
+    # 2. No word is on another one.
+    for a, b in combinations(texts, 2):
+        one, other = (x.get_window_extent().padded(-1.5) for x in (a, b))
+        assert not one.overlaps(other), (a.get_text(), b.get_text())
+    # 3. Letters are of six points at least.
+    assert min(text.get_fontsize() for text in texts) >= 5.5
+    panels = [axes for axes in figure.axes if axes.get_subplotspec()]
+    for axes in panels:
+        # 4. A panel has room, and is on no other.
+        assert axes.bbox.width > 100 * 18 / 25.4
+        others = (x.bbox for x in panels if x is not axes)
+        assert not any(axes.bbox.padded(-1).overlaps(box) for box in others)
+        # 5. Numbers at ticks stand apart.
+        for axis, side in ((axes.xaxis, "x"), (axes.yaxis, "y")):
+            ticks = sorted(boxes(axis.get_ticklabels()), key=lambda box: getattr(box, f"{side}0"))
+            places = [(getattr(b, f"{side}0"), getattr(b, f"{side}1")) for b in ticks]
+            shown = [p for p in places if axes.bbox.intervalx[0] - 9 <= p[1]]
+            assert all(a[1] <= b[0] + 2 for a, b in pairwise(shown)) or axes.name == "hammer"
+    # 6. No two entries of a legend look the same or have the same words.
+    for legend in figure.legends:
+        words = [text.get_text() for text in legend.get_texts()]
+        assert len(words) == len({*words})
+        ways = [
+            (to_hex(line.get_color()), str(line.get_linestyle()), line.get_marker())
+            for line in legend.get_lines()
+            if line.get_marker() in ("None", None)
+        ]
+        assert len(ways) == len({*map(str, ways)})
+
+
+# Values
+
+
+def table(run: Hodo, folder: Path, *command: object) -> tuple[list[str], list[list[str]]]:
+    """The head and the rows of the CSV that `hodo plot` names."""
+    done = run("plot", *command, "--format", "csv")
+    assert done.returncode == 0, done.stderr
+    head, *rows = csv.reader(io.StringIO((folder / done.stdout.split()[0]).read_text("utf-8")))
+    return head, rows
+
+
+def test_a_table_has_a_row_for_each_stored_sample(
+    hodo: Hodo, tmp_path: Path, results: Path
+) -> None:
+    data = api.open(results / "paper1.h5")["fig4"]
+    head, rows = table(hodo, tmp_path, results / "paper1.h5", "fig4")
+    assert head == ["curve", "time", "G.x1", "G.x2", "G.x3"]
+    values = np.array(rows)[:, 1:].astype(float)
+    np.testing.assert_array_equal(values[:, 0], data.time)
+    np.testing.assert_array_equal(values[:, 1:], data.omega * [1, 0.8, 0.6])
+
+
+def test_curves_have_plain_names_and_variables_their_units(
+    hodo: Hodo, tmp_path: Path, results: Path
+) -> None:
+    head, rows = table(hodo, tmp_path, results / "paper2.h5", "fig1")
+    assert head == ["curve", "time [s]", "x [1/s^2]", "y [1/s^2]"]
+    _, rows = table(hodo, tmp_path, results / "paper3.h5", "figure")
+    assert {row[0] for row in rows} >= {"case 1, θ^0 = 5°", "case 3, θ^0 = 150°"}
+
+
+def test_every_format_of_every_kind(hodo: Hodo, tmp_path: Path) -> None:
+    keys = {
+        "axis-trace": "axes: [x1, x3]", "quadrant-sketch": "bodies: [[1, 0.8, 0.6], [1, 1, 0.6]]",
+        "series": "variables: [G, omega.x1, psi]", "phase": "x: p, y: q", "body": "seconds: 0.3",
+        "map": "variable: crossing_time, x: damping.0, y: q", "sphere": "ellipsoid: yes",
+        "curve": "variable: crossing_time, x: damping.0, by: q",
+    }  # fmt: skip
+    sweeps = ("map", "curve")
+    entries = "".join(
+        f"  {kind}: {{kind: {kind}"
+        + f", cases: [{'grid' if kind in sweeps else 'one'}]" * (kind != "quadrant-sketch")
+        + (f", {keys[kind]}" if kind in keys else "")
+        + "}\n"
+        for kind in sorted(figure_kinds())
+    )
+    (tmp_path / "c.yaml").write_text(
+        "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.015, 0.004, 0.003],\n"
+        "  initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 60, samples: 201}}\ncases:\n"
+        "  one: {attitude: yes}\n  grid:\n    sweep:\n      damping.0: {values: [0.01, 0.015]}\n"
+        "      q: {zip: {initial.q: {values: [0.3, 0.5]}}}\nfigures:\n" + entries
+    )
+    assert hodo("run", "c.yaml").returncode == 0
+    assert hodo("classify", "runs/c.h5").returncode == 0
+    formats = ("png", "svg", "pdf", "csv", "html", "gif")
+    asked = [word for suffix in formats for word in ("--format", suffix)]
+    done = hodo("plot", "c.yaml", *asked)
+    assert done.returncode == 0, done.stderr
+    begins = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF", "html": b"<!DOC", "gif": b"GIF89"}
+    for kind in figure_kinds():
+        for suffix in formats:
+            file = tmp_path / "runs/figures/c" / f"{kind}.{suffix}"
+            assert file.exists() == (suffix != "gif" or kind == "body")
+            if suffix in begins and file.exists():
+                assert file.read_bytes().startswith(begins[suffix])
+    # The same results give the same bytes.
+    before = {x: x.read_bytes() for x in tmp_path.glob("runs/figures/c/phase.*")}
+    assert hodo("plot", "c.yaml", "phase", *asked, "--force").returncode == 0
+    assert before == {x: x.read_bytes() for x in before}
+
+
+def lines_of(axes: Any) -> list[np.ndarray]:
+    """The curves of a panel."""
+    segments = [
+        path.vertices for c in axes.collections if isinstance(c, LineCollection)
+        for path in c.get_paths()
+    ]  # fmt: skip
+    return segments + [line.get_xydata() for line in axes.lines if len(line.get_xdata()) > 9]
+
+
+# Between samples
+
+
+def test_a_curve_between_few_samples_is_that_of_many() -> None:
+    """A body that turns by a radian between its samples is drawn as one with 200 times as many,
+    to a part in 250."""
+    keys = {"damping": [0, 0, 0], "attitude": True}
+    few, many = motion(60, 61, **keys), motion(60, 12001, **keys)
+    for kind in ("herpolhode", "phase"):
+        more = {"x": "omega.x1", "y": "omega.x2"} if kind == "phase" else {}
+        one, other = (
+            np.concatenate(lines_of(api.plot(data, kind, **more).axes[0])) for data in (few, many)
+        )
+        apart = np.hypot(*(one[:, None] - other).T).min(axis=0)
+        assert len(one) > 4 * 61
+        assert apart.max() < np.abs(other).max() / 250
+
+
+def test_a_curve_changes_its_colour_at_the_crossing() -> None:
+    data = motion(300, 31)
+    parts = [
+        path.vertices for path in api.plot(data, "quadrants").axes[0].collections[0].get_paths()
+    ]
+    assert len(parts) == 2
+    # On the diagonal, though no sample is near it.
+    assert abs(np.subtract(*parts[0][-1])) < 0.05 * np.abs(parts[0]).max()
+
+
+FAST = "20*3.14159265358979*0.5*cos(20*3.14159265358979*t)"
+
+
+@pytest.mark.parametrize(
+    ("formula", "samples", "variables", "coarse"),
+    [
+        # r oscillates between 0.5 and 1.5, with a sample in each period, at one phase or another.
+        (FAST, 101, ["r"], True),
+        (FAST, 138, ["omega.x3"], True),
+        (FAST, 3601, ["r", "G"], False),
+        # A component that no torque turns is a line between its samples.
+        (FAST, 101, ["p"], False),
+        ("0.02*cos(0.2*t)", 101, ["r", "T"], False),
+        # A pulse is a jump for the eye, also between two samples.
+        ("0.5*exp(-900*(t - 4.71)**2)", 201, ["r"], False),
+        ("-0.01*r", 101, ["r"], False),
+    ],
+)
+def test_a_torque_that_changes_between_the_samples_is_warned_of_once(
+    formula: str, samples: int, variables: list[str], coarse: bool
+) -> None:
+    case = {"model": "torques", "inertia": [2, 1.5, 1], "expression": ["0", "0", formula],
+            "initial": {"p": 0, "q": 0, "r": 1}, "error": "off"}  # fmt: skip
+    data = api.run({**case, "time": {"end": 10, "samples": samples}})
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        api.plot(data, "series", variables=variables)
+    assert ["not known between" in str(w.message) for w in caught] == [True] * coarse
+
+
+@pytest.mark.parametrize("part", [slice(None), slice(100, 300)])
+def test_the_samples_that_a_warning_advises_are_those_of_the_case(part: slice) -> None:
+    """Also where a part of it is drawn; with as many there is no warning."""
+    spun = {"damping": [0, 0, 0], "initial": {"p": 8, "q": 5, "r": 7.4}}
+    data = motion(300, 401, **spun).isel(time=part)
+    with pytest.warns(UserWarning, match="not known between its samples") as caught:
+        api.plot(data)
+    samples = int(re.search(r"samples: (\d+)", str(caught[0].message))[1])
+    assert 800 < samples < 6000
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        api.plot(motion(300, samples, **spun))
+
+
+def test_a_quantity_without_a_state_that_bends_is_warned_of(results: Path) -> None:
+    data = api.open(results / "paper3.h5")["case1"].isel(time=slice(None, None, 100))
+    with pytest.warns(UserWarning, match="bends between its samples: time: {samples: "):
+        api.plot(data, "series", variables=["u3"])
+
+
+# What is drawn, kind by kind
+
+
+def test_moments_of_a_body_stand_two_a_row() -> None:
+    data = motion(10, 101, attitude=True)
+    figure = api.plot(data, "body", moments=[0, 2, 4, 6])
+    figure.draw_without_rendering()
+    tops = [axes.bbox.y1 for axes in figure.axes]
+    assert tops[0] == pytest.approx(tops[1])
+    assert tops[2] == pytest.approx(tops[3])
+    assert tops[2] < tops[0] - 100
+    assert [axes.get_title()[-1] for axes in figure.axes] == ["0", "2", "4", "6"]
+
+
+def test_the_whole_quadrant_is_the_smaller_panel(results: Path) -> None:
+    whole, enlarged = drawn(results, "paper1", "fig13").axes
+    assert enlarged.bbox.width > 1.5 * whole.bbox.width
+    assert whole.get_xlim()[1] > enlarged.get_xlim()[1]
+
+
+@pytest.mark.parametrize("inertia", [[1, 0.8, 0.6], [0.6, 1, 0.8]])
+def test_polhodes_lie_on_the_ellipsoid_of_inertia(inertia: list[float]) -> None:
+    """2 T is one number on it, and its longest axis is 1."""
+    data = motion(20, 201, inertia=inertia, damping=[0, 0, 0])
+    figure = api.plot(data, "sphere", ellipsoid=True, view=[0, 0])
+    # Seen along x1, the outline has the semi-axes of x2 and x3.
+    outline = figure.axes[0].patches[0].get_xy()
+    lengths = np.sqrt(min(inertia) / np.array(inertia))
+    np.testing.assert_allclose(outline.max(axis=0), lengths[1:], rtol=1e-3)
+
+
+def test_a_map_without_a_value_says_so_and_a_logarithmic_axis_has_plain_numbers(
+    hodo: Hodo, tmp_path: Path
+) -> None:
+    (tmp_path / "c.yaml").write_text(
+        "cases:\n  grid: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0.004,\n"
+        "    initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 5},\n"
+        "    sweep: {initial.q: {values: [0.4, 0.5]}, initial.p: {logspace: [20, 80, 5]}}}\n"
+        "figures:\n  m: {kind: map, cases: [grid], variable: crossing_time, x: initial.p,"
+        " y: initial.q}\n  g: {kind: map, cases: [grid], variable: G, x: initial.p, y: initial.q}\n"
+    )
+    assert hodo("run", "c.yaml").returncode == 0
+    done = hodo("plot", "c.yaml", "--format", "svg")
+    assert done.returncode == 0, done.stderr
+    assert "no crossing" in re.sub(
+        r"<!-- | -->", "", (tmp_path / "runs/figures/c/m.svg").read_text()
+    )
+    figure = api.plot(
+        api.open(tmp_path / "runs/c.h5")["grid"], "map",
+        variable="G", x="initial.p", y="initial.q",
+    )  # fmt: skip
+    figure.draw_without_rendering()
+    axis = figure.axes[0].xaxis
+    shown = [x.get_text() for x in (*axis.get_ticklabels(), *axis.get_ticklabels(minor=True))]
+    assert {"20", "40"} <= {*shown}
+    assert not any("times" in text for text in shown)
+
+
+def test_a_user_has_a_look_of_their_own_and_a_figure_keeps_it() -> None:
+    data = motion(10, 101)
+    with matplotlib.rc_context({"font.size": 14, "axes.facecolor": "#eeeeee"}):
+        figure = api.plot(data, "phase", x="p", y="q")
+    assert figure.axes[0].xaxis.label.get_fontsize() == 14
+    assert to_hex(figure.axes[0].get_facecolor()) == "#eeeeee"
+    own = api.plot(data, "phase", x="p", y="q", style={"rc": {"font.size": 6}})
+    assert own.axes[0].xaxis.label.get_fontsize() == 6
+
+
+def test_a_style_sets_the_size_and_each_panel(tmp_path: Path) -> None:
+    data = motion(10, 101)
+    for width, mm in (("column", 84), ("page", 174), (100, 100)):
+        figure = api.plot(data, style={"width": width, "height": 60})
+        np.testing.assert_allclose(25.4 * figure.get_size_inches(), [mm, 60])
+    style = {"axes": {"yscale": "log", "xlim": [1, 5]}}
+    axes = api.plot(data, "series", variables=["G"], style=style).axes[0]
+    assert axes.get_yscale() == "log"
+    assert axes.get_xlim() == (1, 5)
+    api.plot(data, zoom=0.9, style={"width": "column"}).savefig(tmp_path / "narrow.png", dpi=50)
+    assert matplotlib.image.imread(tmp_path / "narrow.png").shape[1] == int(50 * 84 / 25.4)
+
+
+# Mistakes
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "said"),
+    [
+        ("series", {"variables": ["w1"]}, "unknown variable 'w1'"),
+        ("series", {"variables": ["omega.x4"]}, "unknown variable 'omega.x4'"),
+        ("series", {"variables": ["G"], "span": [200, 300]}, "span: holds no sample of case"),
+        ("phase", {"x": "p", "y": "Tt"}, "unknown variable 'Tt'"),
+        ("hodograph", {"zoom": 1e-9}, "zoom: 1e-09 shows nothing"),
+        ("herpolhode", {}, "has no attitude, which kind herpolhode needs: write `attitude: yes`"),
+        ("body", {}, "has no attitude, which kind body needs"),
+        ("hodograph", {"styles": ["bleu"], "colour": "case"}, "styles: unknown style 'bleu'; did"),
+        ("map", {"variable": "G", "x": "a", "y": "b"}, "case case is no sweep"),
+        ("hodograph", {"style": {"rc": {"animation.ffmpeg_path": "/bin/sh"}}}, "no other group"),
+        ("hodograph", {"style": {"rc": {"text.usetex": True}}}, "no other group"),
+        ("hodograph", {"style": {"rc": {"figure.hooks": ["os:getpid"]}}}, "no other group"),
+        ("hodograph", {"style": {"rc": {"font.sise": 9}}}, "parameter 'font.sise'; did"),
+        ("hodograph", {"style": {"rc": {"font.size": "big"}}}, "style: rc: font.size: "),
+        ("hodograph", {"style": {"axes": {"xlimm": [0, 1]}}}, "style: axes: "),
+        ("hodograph", {"style": {"axes": {"xscale": "lgo"}}}, "style: axes: "),
+        ("hodograph", {"style": {"legend": "none"}}, "legend"),
+        ("series", {"variables": ["G"], "insets": [
+            {"panel": "T", "case": "case", "variables": ["G"]}]}, "insets"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_one_sentence(kind: str, keys: dict[str, Any], said: str) -> None:
+    with pytest.raises(HodoError, match=re.escape(said)) as refused:
+        api.plot(motion(10, 101), kind, **keys)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_figure_without_room_is_refused() -> None:
+    figure = api.plot(motion(10, 101), "invariants", style={"width": 20, "height": 20})
+    with pytest.raises(HodoError, match="20 mm by 20 mm have no room for the panels"):
+        figure.draw_without_rendering()
+
+
+def test_samples_that_are_no_numbers_have_no_place_on_a_curve() -> None:
+    data = motion(10, 101)
+    data.omega[5] = np.nan
+    with pytest.raises(HodoError, match=r"omega of .* is no number at 0\.5: draw the samples"):
+        api.plot(data)
+    api.plot(data.dropna("time"))
+
+
+def test_one_scale_has_one_unit() -> None:
+    seconds = motion(10, 101, time={"end": 10, "unit": "s"})
+    with pytest.raises(HodoError, match=r"time is in '1' in .* and 's' in .*: one scale"):
+        api.plot([motion(10, 101), seconds], "series", variables=["G"])
+
+
+def test_two_bodies_have_no_quadrants_in_common() -> None:
+    with pytest.raises(HodoError, match="motions of several bodies"):
+        api.plot([motion(10, 101), motion(10, 101, inertia=[1, 0.9, 0.6])], "quadrants")
+
+
+# The command
+
+CONFIG = """
+defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74},
+           time: {end: 20, samples: 201}, damping: 0.004}
+cases: {a: {}, b: {damping: 0.005}}
+figures:
+  one: {kind: hodograph, cases: [a]}
+  two: {kind: series, cases: [a, b], variables: [G]}
+  gone: {kind: hodograph, cases: [b], zoom: 1e-9}
+"""
+
+
+@pytest.fixture
+def config(hodo: Hodo, tmp_path: Path) -> Path:
+    (tmp_path / "c.yaml").write_text(CONFIG)
+    assert hodo("run", "c.yaml").returncode == 0
+    return tmp_path / "c.yaml"
+
+
+def test_a_figure_that_cannot_be_drawn_costs_no_other(hodo: Hodo, config: Path) -> None:
+    done = hodo("plot", "c.yaml", "--format", "csv")
+    assert done.returncode == 1
+    assert "gone: zoom: 1e-09 shows nothing" in done.stderr
+    assert "runs/c.h5 is not classified: run `hodo classify runs/c.h5`" in done.stderr
+    assert (config.parent / "runs/figures/c/two.csv").exists()
+    assert "Not drawn: zoom" in (config.parent / "runs/figures/index.html").read_text("utf-8")
+    done = hodo("plot", "c.yaml", "oen")
+    assert done.returncode == 2
+    assert "unknown figure 'oen'; did you mean 'one'?" in done.stderr
+
+
+def test_only_what_has_changed_is_drawn(hodo: Hodo, config: Path) -> None:
+    folder = config.parent / "runs/figures/c"
+    asked = ("one", "two", "--format", "csv")
+    hodo("plot", "c.yaml", *asked)
+    times = {file: file.stat().st_mtime_ns for file in folder.glob("*.csv")}
+    done = hodo("plot", "c.yaml", *asked)
+    assert "2 of 2 figures are kept; --force draws them anew" in done.stderr
+    assert times == {file: file.stat().st_mtime_ns for file in times}
+    config.write_text(CONFIG.replace("variables: [G]", "variables: [T]"))
+    done = hodo("plot", "c.yaml", *asked)
+    assert "1 of 2 figures are kept" in done.stderr
+    assert "T" in (folder / "two.csv").read_text().splitlines()[0]
+    # What another hand has changed is drawn again, and another format beside it.
+    (folder / "one.csv").write_text("")
+    hodo("plot", "c.yaml", *asked, "--format", "svg")
+    assert (folder / "one.csv").stat().st_size
+    assert (folder / "one.svg").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (["one", "--format", "gif"], "no figure moves: only one of kind body makes a film"),
+        (["one", "--alone", "x.html"], "--alone shows all figures: give no names"),
+        (["--format", "csv", "--alone", "x.html"], "--format png or svg"),
+    ],
+)
+def test_what_cannot_be_written_is_refused(
+    hodo: Hodo, config: Path, command: list[str], said: str
+) -> None:
+    done = hodo("plot", "c.yaml", *command)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert not (config.parent / "runs/figures").exists()
+
+
+def test_figures_of_the_papers_are_all_there() -> None:
+    assert {f"fig{i}" for i in range(1, 20)} <= {*entries_of("paper1")}
+    assert {f"fig{i}" for i in range(1, 5)} <= {*entries_of("paper2")}
+    for paper in ("paper1", "paper2", "paper3"):
+        assert all(entry["title"] and entry["caption"] for entry in entries_of(paper).values())
