@@ -101,7 +101,7 @@ def _output() -> Iterator[None]:
         sys.stdout.flush()
 
 
-EXTRAS = dict.fromkeys(("dask", "distributed"), "dask distributed cryptography")
+EXTRAS = dict.fromkeys(("dask", "distributed"), "dask distributed")
 """What to install for the libraries that only some users need."""
 
 
