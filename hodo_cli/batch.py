@@ -55,6 +55,10 @@ class Pool:
         self._executor: Executor | None = None
 
     def __enter__(self) -> Self:
+        if not (self._is_here or self._client):
+            # The processes start now, before a thread begins that a fork must not meet.
+            self._executor = Processes(self._jobs)
+            self._executor.submit(int)
         return self
 
     def __exit__(self, *exception: object) -> None:

@@ -33,6 +33,7 @@ def _end(number: int, frame: object) -> NoReturn:
 def _end_at_once(lost: Any) -> None:
     """End the process where that exception is lost, in a destructor."""
     if isinstance(lost.exc_value, KeyboardInterrupt):
+        os.write(2, b"interrupted\n")
         os._exit(128 + next(iter(lost.exc_value.args), signal.SIGINT))
     sys.__unraisablehook__(lost)
 
@@ -101,7 +102,7 @@ def _output() -> Iterator[None]:
         sys.stdout.flush()
 
 
-EXTRAS = dict.fromkeys(("dask", "distributed"), "dask distributed cryptography")
+EXTRAS = dict.fromkeys(("dask", "distributed"), "dask distributed")
 """What to install for the libraries that only some users need."""
 
 

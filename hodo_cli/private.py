@@ -1,5 +1,6 @@
 """Compiled code that is kept for later processes, in a folder of the user's own."""
 
+import hashlib
 import os
 import pickle
 from collections.abc import Callable
@@ -31,21 +32,25 @@ MOST_FILES = 250
 def cached_code(key: str, compiled: Callable[[], Any]) -> Any:
     """What `compiled` returns, from the disk if a process has stored it under this key.
 
-    It is a pickle, which could run anything: so it lies in a folder that is the user's alone.
+    It is a pickle, which could run anything: so it lies in a folder that is the user's alone. Its
+    hash stands before it, since of other bytes, such as those of another version, a pickle makes
+    anything too.
     """
     try:
         file = cache_folder() / f"{key}.code"
     except (OSError, RuntimeError):
         return compiled()
-    with suppress(OSError, EOFError, pickle.UnpicklingError):
-        code = pickle.loads(file.read_bytes())
-        os.utime(file)
-        return code
+    with suppress(OSError):
+        stored = file.read_bytes()
+        if hashlib.sha256(stored[32:]).digest() == stored[:32]:
+            os.utime(file)
+            return pickle.loads(stored[32:])
     code = compiled()
     with suppress(OSError):  # the disk is full
         # Its name says so, that drafts which a kill has left go with the oldest.
         draft = file.with_name(f"{file.name}.{os.getpid()}")
-        draft.write_bytes(pickle.dumps(code))
+        data = pickle.dumps(code)
+        draft.write_bytes(hashlib.sha256(data).digest() + data)
         os.replace(draft, file)
         for old in sorted(file.parent.glob("*.code*"), key=os.path.getmtime)[:-MOST_FILES]:
             old.unlink(missing_ok=True)

@@ -2,6 +2,7 @@
 digits, against the full motions, in all orders of the axes, and what is refused."""
 
 import json
+import math
 from functools import partial
 from itertools import permutations
 from pathlib import Path
@@ -132,7 +133,9 @@ def test_motions_are_those_of_an_integral_in_30_digits(A: Any, w: Any, lam: Any)
         "k2": mp.exp(-u),
     }
     for name, value in expected.items():
-        assert found[name][-1].item() == pytest.approx(float(value), rel=ROUNDING, abs=0), name
+        # X and Y are exponentials: an ulp of a large logarithm is as much of them.
+        bound = ROUNDING + 2.0**-52 * abs(math.log(abs(float(value)) ** 2))
+        assert found[name][-1].item() == pytest.approx(float(value), rel=bound, abs=0), name
     assert found["enclosed_axis"].values.tolist() == [2 - slow.side] * 2
     assert found.attrs["method"] == "quadrature"
     assert found.attrs["error"] < ROUNDING

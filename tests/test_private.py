@@ -33,12 +33,13 @@ def test_processes_that_begin_together_store_one_code_of_the_users_own(folder: P
     assert folder.stat().st_mode & 0o777 == 0o700
 
 
-@pytest.mark.parametrize("damage", ["cut", "empty"])
+@pytest.mark.parametrize("damage", ["cut", "empty", "of another version"])
 def test_code_that_a_disk_has_torn_is_compiled_anew(folder: Path, damage: str) -> None:
     assert private.cached_code("key", lambda: "sound") == "sound"
     file = folder / "key.code"
     sound = file.read_bytes()
-    file.write_bytes({"cut": sound[:-1], "empty": b""}[damage])
+    others = sound[16:] + bytes(range(128, 160))
+    file.write_bytes({"cut": sound[:-1], "empty": b"", "of another version": others}[damage])
     assert private.cached_code("key", lambda: "new") == "new"
     assert private.cached_code("key", lambda: "other") == "new"
 

@@ -18,9 +18,9 @@ PACKAGE = ROOT / "hodo_cli"
 
 # A heavy library and the only modules that may import it; netCDF4 is for those who read results.
 IMPORTERS = {
-    "dask": "batch/dask.py",
-    "distributed": "batch/dask.py",
-    "h5py": "storage/hdf5.py storage/output.py",
+    "dask": "batch.py",
+    "distributed": "batch.py",
+    "h5py": "storage/hdf5.py storage/store.py",
     "heyoka": "engines/taylor.py engines/taylor_batch.py",
     "matplotlib": "figures/ api.py",
     "netCDF4": "",

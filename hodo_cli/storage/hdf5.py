@@ -15,9 +15,9 @@ import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
@@ -158,8 +158,9 @@ def create(file: Path, attributes: Mapping[str, Attribute], room: int) -> Iterat
             os.posix_fallocate(disk.fileno(), 0, disk.seek(0, os.SEEK_END) + room)
     with h5py.File(file, "r+", locking="best-effort") as new:
         yield new
-    mark = MARK + hash_of(file, file.stat().st_size).encode()
-    with open(file, "ab") as disk:
+    with open(file, "r+b") as disk:
+        mark = MARK + hash_of(disk, disk.seek(0, os.SEEK_END)).encode()
+        disk.seek(0, os.SEEK_END)
         disk.write(mark)
 
 
@@ -181,29 +182,37 @@ def room_for(group: Group) -> int:
     return 100_000 + numbers + sum(4 * len(text) + 200 for text in texts)
 
 
-def hash_of(file: Path, size: int) -> str:
-    """The hash of the first bytes of a file, in hexadecimal digits."""
+def hash_of(file: BinaryIO, size: int) -> str:
+    """The hash of the first bytes of an open file, in hexadecimal digits."""
     hashed = hashlib.sha256()
-    with open(file, "rb") as disk:
-        while size > 0 and (block := disk.read(min(size, 1 << 20))):
-            hashed.update(block)
-            size -= len(block)
+    file.seek(0)
+    while size > 0 and (block := file.read(min(size, 1 << 20))):
+        hashed.update(block)
+        size -= len(block)
     return hashed.hexdigest()
 
 
+_marks: dict[tuple[Path, int, int, int], bool] = {}
+
+
 def is_marked(path: Path) -> bool:
-    """Whether a file has the mark of its bytes. Raises HodoError if that does not fit, and OSError
-    if the file cannot be read."""
-    status = path.stat()
-    return _is_marked(path, status.st_ino, status.st_mtime_ns, status.st_size)
+    """Whether a file has the mark of its bytes; looked at once, until the file changes.
 
-
-@lru_cache(maxsize=4096)
-def _is_marked(path: Path, inode: int, changed: int, size: int) -> bool:
+    Raises HodoError if the mark does not fit, and OSError if the file cannot be read.
+    """
+    # By one descriptor: a name may stand for another file a moment later.
     with open(path, "rb") as file:
-        file.seek(max(size - MARK_BYTES, 0))
-        mark = file.read()
-    if mark.startswith(MARK) and mark != MARK + hash_of(path, size - MARK_BYTES).encode():
+        status = os.fstat(file.fileno())
+        key = path, status.st_ino, status.st_mtime_ns, status.st_size
+        if key not in _marks:
+            _marks[key] = _fits(path, file, status.st_size)
+    return _marks[key]
+
+
+def _fits(path: Path, file: BinaryIO, size: int) -> bool:
+    file.seek(max(size - MARK_BYTES, 0))
+    mark = file.read(MARK_BYTES)
+    if mark.startswith(MARK) and mark != MARK + hash_of(file, size - MARK_BYTES).encode():
         sound = "h5py reads what is sound of it"
         way_out = f"restore it, or move it away and run again; {sound}"
         raise HodoError(f"{path} is damaged (its checksum does not fit): {way_out}")
