@@ -12,7 +12,7 @@ import numpy as np
 from . import HodoError
 from .models import added_variables, rigid_body
 from .models.base import Label, Model, attributes
-from .models.time_laws import coefficient_at
+from .models.terms.time_laws import coefficient_at
 from .models.top.nutation import first_integrals, roots_of_motion, with_mu
 from .text import case_words
 

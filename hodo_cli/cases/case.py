@@ -17,7 +17,7 @@ from .. import HodoError, models
 from ..models.attitude import ATTITUDE_KEY, check_attitude, keys_of_form, system_of, takes_attitude
 from ..models.base import CONSTANTS_KEY, Model
 from ..models.rigid_body import BodyFrame, range_mistake
-from ..models.time_laws import expressions_of, name_mistakes
+from ..models.terms.time_laws import expressions_of, name_mistakes
 from ..quantities import QUANTITIES, constants_of, derivable, missing, remedy_of
 from ..schema.document import Source, read_mapping, write
 from ..schema.expression import names_in, parse_expression

@@ -35,7 +35,7 @@ from .measures import (
     extremes,
     known_crossings,
     known_too_roughly,
-    largest_size,
+    largest_magnitude,
     law_values,
     number,
     quantity,
@@ -221,7 +221,7 @@ def course_deviation(
     """
     scale = range_of(m, name) if scale is None else scale
     violation = difference - allowed
-    if abs(violation) <= ROUNDING * largest_size(m, name):
+    if abs(violation) <= ROUNDING * largest_magnitude(m, name):
         return 0.0
     error = error_of(m, name)
     hidden = max(PLOTTING_ACCURACY * scale, ROUNDING * vector_size(m, name))
@@ -337,7 +337,7 @@ def relative_differences(
     """The largest of the differences relative to the largest |value| of their quantity, or the
     first that is not a number; the deviation that they make; and the case that decides, in
     words."""
-    sizes = [largest_size(m, name) for m, name, _ in differences]
+    sizes = [largest_magnitude(m, name) for m, name, _ in differences]
     ratios = [x / size for (*_, x), size in zip(differences, sizes, strict=True)]
     deviations = [
         course_deviation(m, name, x, within * size, size)

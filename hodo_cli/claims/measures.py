@@ -234,7 +234,7 @@ def range_of(m: Motion, name: str) -> float:
     return max(size, math.ulp(0))
 
 
-def largest_size(m: Motion, name: str) -> float:
+def largest_magnitude(m: Motion, name: str) -> float:
     """The largest |value| of a quantity, no less than the smallest double."""
     return max(float(np.abs(quantity(m, name)).max()), math.ulp(0))
 

@@ -20,14 +20,14 @@ from ..schema.spelling import unknown
 from ..storage import replacing
 from .between import SLOW, Course, bend_remark, course, cubics_of, remark
 from .body import body, film
-from .look import STYLE, Drawing, Sheet, check_units
+from .look import STYLE_SHEET, Drawing, Sheet, check_units
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, samples_in, series
 from .space import axis_trace, herpolhode, hodograph, sphere
 from .viewer import page_of
 from .words import Layout
 
-KINDS: dict[str, tuple[Callable[[Sheet, Sequence[Course]], None], tuple[str, ...]]] = {
+KINDS_DRAWN: dict[str, tuple[Callable[[Sheet, Sequence[Course]], None], tuple[str, ...]]] = {
     "hodograph": (hodograph, ("omega",)),
     "sphere": (sphere, ("omega",)),
     "herpolhode": (herpolhode, ("omega_space", "G_space")),
@@ -97,7 +97,7 @@ def draw(
         if name not in cases:
             owner = getattr(cases, "path", "the data")
             raise HodoError(f"{owner} has no result of case {name} yet: run it first")
-    with matplotlib.style.context(["default", STYLE, dict(rc), dict(own)]):
+    with matplotlib.style.context(["default", STYLE_SHEET, dict(rc), dict(own)]):
         figure = Drawing(layout=Layout(w_pad=0.04, h_pad=0.06, wspace=0.04))
         figure.parameters = matplotlib.rcParams.copy()
         sheet = Sheet(figure, spec)
@@ -122,7 +122,7 @@ def draw_motions(sheet: Sheet, cases: Cases, figures: Mapping[str, Mapping[str, 
             raise HodoError(f"scale_with: {unknown(f'figure {name!r}', name, figures)}")
     beside = [case for name in others for case in figures[name]["cases"]]
     sheet.others = motions_of(cases, beside)
-    draw_kind, needs = KINDS[spec["kind"]]
+    draw_kind, needs = KINDS_DRAWN[spec["kind"]]
     check_variables([*motions, *sheet.others], spec["kind"], needs)
     check_units(motions, "time")
     cubics = [cubics_of(m) for m in motions]

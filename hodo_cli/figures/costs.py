@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..storage import Group, replacing
-from .look import PAGE, STYLE, looks
+from .look import PAGE, STYLE_SHEET, looks
 
 MIN_ERROR = 1e-18
 """What is drawn of an error of 0 on a logarithmic scale."""
@@ -19,7 +19,7 @@ def draw_bench(trials: Group, path: Path) -> None:
     """Draw error against run time, of trials as they are stored, over case, method and tolerance,
     into a file: a panel for each case and a line for each method."""
     style = {"svg.fonttype": "none", "svg.hashsalt": "hodo"}
-    with matplotlib.style.context(["default", STYLE, style]), replacing(path) as draft:
+    with matplotlib.style.context(["default", STYLE_SHEET, style]), replacing(path) as draft:
         figure = Figure(layout="constrained")
         work_precision(figure, {name: x.data for name, x in trials.variables.items()})
         figure.savefig(draft, format=path.suffix[1:], metadata={"Date": None, "Creator": None})

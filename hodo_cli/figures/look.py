@@ -29,7 +29,7 @@ from .words import LogNumbers, Words, keep_formulas, without_tex, wrapped
 
 Look = dict[str, Any]
 
-STYLE = Path(__file__).with_name("hodo.mplstyle")
+STYLE_SHEET = Path(__file__).with_name("hodo.mplstyle")
 COLUMN, PAGE = 84 / 25.4, 174 / 25.4
 """Widths of a journal's column and page, inches."""
 

@@ -50,7 +50,7 @@ MOST_COUNTS = 8
 """The largest difference of counts that have a colour each: of more, colours are too alike."""
 
 KEY_SYMBOLS = {
-    "damping": r"\lambda", "inertia": "A", "torque": "M", "quadratic": "c",
+    "damping": r"\lambda", "inertia": "A", "torque": "M", "quadratic": "c", "rotor": "h",
     "kappa": r"\kappa", "epsilon": r"\varepsilon", "mu": r"\mu", "theta": r"\theta",
     "diagonal": "I_{ii}", "off_diagonal": "I_{ij}", "brake": "b", "resistance": "I",
 }  # fmt: skip

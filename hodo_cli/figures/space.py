@@ -225,6 +225,7 @@ def sphere(sheet: Sheet, motions: Sequence[Course]) -> None:
     on the ellipsoid of inertia of the first, the polhodes."""
     paths = [GlobeCurve(m, direction(m), m.label) for m in motions]
     for m in motions:
+        m.check_separatrix()
         names = [f"G.x{i}/|G|" for i in (1, 2, 3)]
         sheet.record_vector(m, direction(m.samples), names)
     surface = ellipsoid_of(motions[0]) if sheet.spec["ellipsoid"] else np.asarray

@@ -38,11 +38,7 @@ from .terms.events import (
     stage_end,
     stop_details,
 )
-from .terms.torques import CAVITY, TERMS, coefficient, degree_under
-from .theory.closed_form import AlongMomentum, free_motion
-from .theory.dissipation import Dissipation, crossing_predictions, spin_predictions
-from .theory.principal_axes import PrincipalAxes, principal_axes, symmetric
-from .time_laws import (
+from .terms.time_laws import (
     CONSTANTS,
     VELOCITIES,
     coefficient_kind,
@@ -51,6 +47,10 @@ from .time_laws import (
     is_law,
     value_mistakes,
 )
+from .terms.torques import CAVITY, TERMS, coefficient, degree_under
+from .theory.closed_form import AlongMomentum, free_motion
+from .theory.dissipation import Dissipation, crossing_predictions, spin_predictions
+from .theory.principal_axes import PrincipalAxes, principal_axes, symmetric
 
 ROTOR_REASON = "with a rotor D says nothing, and the enclosed axis is undetermined"
 

@@ -12,7 +12,7 @@ from ..rigid_body import BodyFrame, body_constants, is_tensor
 from ..theory.closed_form import AlongMomentum, free_motion, scaled_motion
 from ..theory.dissipation import Dissipation, axes_never_left, tilt_growth_rates
 from ..theory.principal_axes import excess_of_rounding, is_diagonal
-from ..time_laws import (
+from .time_laws import (
     CaseConstants,
     first_negative,
     is_law,

@@ -17,7 +17,7 @@ from ..rigid_body import (
     rotor_of,
     vector_sum,
 )
-from ..time_laws import coefficient_at
+from .time_laws import coefficient_at
 from .torques import rates_under
 
 DRIVING = frozenset({"torque", "space_torque", "expression"})

@@ -26,7 +26,7 @@ from ..rigid_body import (
     vector_product,
     vector_sum,
 )
-from ..time_laws import (
+from .time_laws import (
     SPACE_COMPONENTS,
     VELOCITIES,
     coefficient_at,

@@ -11,7 +11,7 @@ import numpy as np
 from ...arithmetic import cos, sin, sqrt
 from ...schema.kinds import Angle, Key, Mistake, Number, Rate, Table
 from ..base import CONSTANTS_KEY, Constants, Event, Label, Model, attributes, fields_of, mistake_of
-from ..time_laws import (
+from ..terms.time_laws import (
     CONSTANTS,
     coefficient_at,
     coefficient_kind,

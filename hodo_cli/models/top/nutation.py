@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...arithmetic import as_float, as_numpy_float, at_once, isfinite, sin, sqrt
-from ..time_laws import coefficient_at, coefficient_kind
+from ..terms.time_laws import coefficient_at, coefficient_kind
 
 ROOT_ROUNDING = 1e-13
 """How far below 0 the rounding of Gz, H and r may bring ((u2 - u1)/2)^2."""

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arithmetic import evaluate, horner, isfinite
-from ..schema.expression import FUNCTIONS, LONGEST, names_in, parse_expression
-from ..schema.kinds import (
+from ...arithmetic import evaluate, horner, isfinite
+from ...schema.expression import FUNCTIONS, LONGEST, names_in, parse_expression
+from ...schema.kinds import (
     Each,
     Either,
     Key,
@@ -32,7 +32,7 @@ from ..schema.kinds import (
     within,
     words,
 )
-from .base import EPOCH, EPOCH_NAME
+from ..base import EPOCH, EPOCH_NAME
 
 MOST_COEFFICIENTS = 20
 """How many a polynomial may have. A series of the least order sees no higher power of the time from
