@@ -176,8 +176,8 @@ def test_bad_files_give_one_line(tmp_path: Path) -> None:
         newer.attrs["format_version"] = 2
     expected = {
         "folder": "a folder, not a file",
-        "foreign": "no format_version",
-        "newer": "format version 2, newer than 1: update hodo",
+        "foreign": "not a result of hodo",
+        "newer": "newer format than this hodo reads: update hodo",
         "text": "not an HDF5 file",
         "truncated": "truncated: its end is missing",
         "missing": "no such file or directory",

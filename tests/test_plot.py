@@ -1108,9 +1108,6 @@ def test_a_sheet_and_a_config_are_found_from_any_folder(
         shown = call(tmp_path / folder, "show", "../work/runs/c.h5")
         assert "a, b" in shown.stderr
         assert "c.yaml" in shown.stderr
-    merged = call(tmp_path / "work", "merge", "runs/c.h5", "--out", "runs/d.h5")
-    assert merged.returncode == 0, merged.stderr
-    assert call(tmp_path / "work", "plot", "runs/d.h5", "of-a").returncode == 0
     # Where no path leads there, as from one drive of Windows to another, the whole one is taken.
     monkeypatch.setattr(os.path, "relpath", fail_as_windows)
     done = hodo("plot", "work/runs/c.h5", "--out", "figs", "--force")

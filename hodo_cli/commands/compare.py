@@ -390,7 +390,7 @@ def differing_settings(cases: Sequence[Case], a: Group, b: Group) -> Iterator[Li
     `cases` is empty where the text of one of them cannot be read.
     """
     if not cases:
-        if a.attributes.get("case") != b.attributes.get("case"):
+        if str(a.attributes.get("case")) != str(b.attributes.get("case")):
             yield "case", math.inf, "damaged, or of another version of hodo"
         return
     ours, theirs = (settings_by_path("", case.entries) for case in cases)
