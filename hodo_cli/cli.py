@@ -56,7 +56,11 @@ class Hodo(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         try:
             self._invoke(ctx)
-        except KeyboardInterrupt as end:
+        except (KeyboardInterrupt, ImportError) as error:
+            # Where a signal ends the loading of a compiled library, this is what it raises.
+            end = error.__cause__ or error
+            if not isinstance(end, KeyboardInterrupt):
+                raise
             is_run = ctx.invoked_subcommand == "run"
             _say("interrupted" + "; finished cases are kept" * is_run)
             ctx.exit(128 + next(iter(end.args), signal.SIGINT))

@@ -19,8 +19,8 @@ def relative_path(path: str | Path, folder: str | Path) -> str:
     """A path as it is seen from a folder, with slashes on every system; the whole path where none
     leads there, as from another drive of Windows."""
     with suppress(ValueError):
-        path = os.path.relpath(path, folder)
-    return Path(path).as_posix()
+        return Path(os.path.relpath(path, folder)).as_posix()
+    return Path(os.path.abspath(path)).as_posix()
 
 
 def memory_size() -> int:

@@ -460,7 +460,7 @@ def preloaded(trial: str, folder: Path, *limits: int) -> Count:
     subprocess.run(build, check=True)
     done = subprocess.run(
         [sys.executable, __file__, trial, library, folder, *map(str, limits)],
-        env={**os.environ, "LD_PRELOAD": str(library)},
+        env={**os.environ, "LD_PRELOAD": str(library), "PYTHONPATH": str(source.parent)},
         capture_output=True,
         text=True,
     )

@@ -161,8 +161,16 @@ def test_bad_files_give_one_line(tmp_path: Path) -> None:
         pass
     with h5py.File(tmp_path / "newer.h5", "w") as newer:
         newer.attrs["format_version"] = 2
-    for name in ("folder", "foreign", "newer", "text", "truncated", "missing"):
-        with pytest.raises(HodoError) as raised:
+    expected = {
+        "folder": "a folder, not a file",
+        "foreign": "not a result of hodo",
+        "newer": "newer format than this hodo reads: update hodo",
+        "text": "not an HDF5 file",
+        "truncated": "truncated: its end is missing",
+        "missing": "no such file or directory",
+    }
+    for name, message in expected.items():
+        with pytest.raises(HodoError, match=message) as raised:
             hodo_cli.open(tmp_path / f"{name}.h5")
         assert "\n" not in str(raised.value)
         assert f"{name}.h5" in str(raised.value)

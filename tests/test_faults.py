@@ -184,7 +184,8 @@ def test_commands_on_a_result_that_was_tampered_with(folder: Path, how: str) -> 
     labelled = CliRunner().invoke(main, ["classify", str(path)])
     assert labelled.exit_code in (0, 1, 2)
     assert is_plain(labelled.stderr, labelled.exit_code)
-    assert labelled.exit_code == 0 or path.read_bytes() == before
+    # Status 1 is one case's own: the labels of the other are stored.
+    assert labelled.exit_code != 2 or path.read_bytes() == before
     again = CliRunner().invoke(main, ["run", str(folder / "two.yaml"), "--out", str(folder)])
     assert again.exit_code in (0, 2)
     assert is_plain(again.stderr, again.exit_code)
@@ -240,7 +241,7 @@ BAD = {
     "empty": (lambda path: os.truncate(path, 0), "not an HDF5 file"),
     "text": (lambda path: path.write_text("a,b\n1,2\n"), "not an HDF5 file"),
     "foreign": (make_foreign, "not a result of hodo"),
-    "newer": (make_newer, "newer than"),
+    "newer": (make_newer, "newer format than"),
     "folder": (lambda path: (path.unlink(), path.mkdir()), "a folder, not a file"),
     "dangling": (lambda path: (path.unlink(), path.symlink_to("nowhere")), "no such file"),
 }
@@ -288,11 +289,10 @@ def test_no_space(folder: Path, size: int) -> None:
     little = partial(limit, resource.RLIMIT_FSIZE, size)
     done = call_apart(folder, "run", "two.yaml", "--out", ".", "--quiet", preexec_fn=little)
     assert done.returncode == 2
-    assert done.stderr == "cannot write two.h5: file too large; finished cases are kept\n"
+    assert done.stderr == "cannot write two.h5: file too large\n"
     assert (folder / "two.h5").read_bytes() == before
     again = call(folder, "run", "two.yaml", "--out", ".", "-v")
     assert again.returncode == 0
-    assert again.stderr.count("is kept") == (2 if size == 60000 else 0)
     assert not list(folder.glob(".*"))
 
 

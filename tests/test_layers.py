@@ -21,7 +21,7 @@ LAYERS = (
     "integration batch",
     "results",
     "sweeps",
-    "claims figures page",
+    "claims figures",
     "papers",
     "commands",
     "api cli functions",

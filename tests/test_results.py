@@ -187,12 +187,12 @@ def with_version(path: Path, version: int | None) -> None:
 
 BAD: dict[str, tuple[Callable[[Path], Any], str]] = {
     "missing": (lambda path: path.unlink(), "no such file or directory"),
-    "folder": (lambda path: (path.unlink(), path.mkdir()), "is a directory"),
-    "empty": (lambda path: path.write_bytes(b""), "no HDF5 file"),
-    "text": (lambda path: path.write_text("cases:\n"), "no HDF5 file"),
-    "truncated": (lambda path: os.truncate(path, path.stat().st_size // 2), "no HDF5 file"),
-    "foreign": (lambda path: with_version(path, None), "no result of hodo"),
-    "newer": (lambda path: with_version(path, 2), "or of a newer version: update hodo"),
+    "folder": (lambda path: (path.unlink(), path.mkdir()), "a folder, not a file"),
+    "empty": (lambda path: path.write_bytes(b""), "not an HDF5 file"),
+    "text": (lambda path: path.write_text("cases:\n"), "not an HDF5 file"),
+    "truncated": (lambda path: os.truncate(path, path.stat().st_size // 2), "truncated"),
+    "foreign": (lambda path: with_version(path, None), "not a result of hodo"),
+    "newer": (lambda path: with_version(path, 2), "newer format than this hodo reads: update hodo"),
 }
 
 

@@ -35,7 +35,12 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
         entries: dict[tuple[str, str], Any] = {("title", config.title): config.title}
         entries |= {("references", config.references): config.references}
         entries |= {("case", name): row["hash"] for name, row in stored.items()}
-        entries |= {("figures", name): x for name, x in (document.get("figures") or {}).items()}
+        # The style of a file is that of its figures, and of no others.
+        style = document.get("style") or {}
+        entries |= {
+            ("figures", name): figure | {"style": style | (figure.get("style") or {})}
+            for name, figure in (document.get("figures") or {}).items()
+        }
         for section in ("claims", "errata"):
             entries |= {(section, entry["id"]): entry for entry in document.get(section) or ()}
         for (section, name), entry in entries.items():

@@ -202,7 +202,9 @@ class Plan:
     def renew_remarks(self) -> None:
         """Store the texts of the cases that are kept with the remarks that they have now."""
         texts = {name: dump(self.config.cases[name]) for name in self.kept}
-        renewed = {x: y for x, y in texts.items() if y != self.stored[x].attributes["case"]}
+        renewed = {
+            x: y for x, y in texts.items() if y != str(self.stored[x].attributes.get("case"))
+        }
         if renewed:
             with update(self.path) as changes:
                 for name, text in renewed.items():

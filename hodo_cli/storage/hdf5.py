@@ -547,8 +547,10 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
         raise (BatchError if lacks else HodoError)(f"{path}: {why_closed(error)}") from None
     with file:
         version = file.attrs.get("format_version", 0)
-        if not (isinstance(version, np.integer) and 0 < version <= FORMAT_VERSION):
-            raise HodoError(f"{path} is no result of hodo, or of a newer version: update hodo")
+        if not (isinstance(version, np.integer) and version > 0):
+            raise HodoError(f"{path} is not a result of hodo")
+        if version > FORMAT_VERSION:
+            raise HodoError(f"{path} has a newer format than this hodo reads: update hodo")
         if not intact:
             warnings.warn(f"{path} has no checksum: damage to it would not show", stacklevel=3)
         yield ResultFile(path, file, intact)
@@ -558,4 +560,8 @@ def why_closed(error: OSError) -> str:
     """Why a file cannot be opened."""
     if isinstance(error, BlockingIOError):
         return "locked: another program has it open for writing"
-    return refusal(error) or f"no HDF5 file, or a part of one ({first_line(error)})"
+    if isinstance(error, IsADirectoryError):
+        return "a folder, not a file"
+    if "truncated file" in str(error):
+        return "truncated: its end is missing"
+    return refusal(error) or "not an HDF5 file (hodo run makes one of a case file)"
