@@ -92,7 +92,7 @@ def refused_as(path: Path, parts: Path | None = None) -> Iterator[None]:
     cases in a folder."""
     try:
         yield
-    except (OSError, RuntimeError) as error:
+    except DAMAGE as error:
         if not (reason := refusal(error)):
             raise
         if file := next(filter(os.path.isfile, path.parents), None):
@@ -546,14 +546,24 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
         lacks = error.errno in RESOURCES and not isinstance(error, BlockingIOError)
         raise (BatchError if lacks else HodoError)(f"{path}: {why_closed(error)}") from None
     with file:
-        version = file.attrs.get("format_version", 0)
-        if not (isinstance(version, np.integer) and version > 0):
-            raise HodoError(f"{path} is not a result of hodo")
-        if version > FORMAT_VERSION:
-            raise HodoError(f"{path} has a newer format than this hodo reads: update hodo")
+        run = _result_of(path, file, intact)
         if not intact:
             warnings.warn(f"{path} has no checksum: damage to it would not show", stacklevel=3)
-        yield ResultFile(path, file, intact)
+        yield run
+
+
+def _result_of(path: Path, file: h5py.File, intact: bool) -> ResultFile:
+    """A file that h5py has opened. Raises HodoError if it is no result, or is damaged."""
+    try:
+        run = ResultFile(path, file, intact)
+    except DAMAGE as error:
+        raise HodoError(f"{path}: {refusal(error) or f'damaged ({first_line(error)})'}") from error
+    version = run.attributes.get("format_version", 0)
+    if not (isinstance(version, int) and version > 0):
+        raise HodoError(f"{path} is not a result of hodo")
+    if version > FORMAT_VERSION:
+        raise HodoError(f"{path} has a newer format than this hodo reads: update hodo")
+    return run
 
 
 def why_closed(error: OSError) -> str:
