@@ -285,6 +285,10 @@ def amend_group(target: h5py.Group, group: Group) -> None:
     attach(items, {name: variable.dims for name, variable in group.variables.items()})
     for name, where, block in group.streamed.blocks() if group.streamed else ():
         h5py.Dataset(items[name])[where] = block
+    # What HDF5 still holds it writes when Python frees a dataset, where an error is lost. To flush
+    # the file would give back the room that is taken.
+    for name in group.variables:
+        items[name].flush()
 
 
 def file_type(name: str, data: np.ndarray) -> Any:
