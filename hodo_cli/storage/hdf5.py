@@ -21,7 +21,7 @@ from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
-from h5py import h5a, h5d, h5ds, h5g, h5o, h5p, h5s, h5t
+from h5py import h5a, h5d, h5ds, h5f, h5g, h5o, h5p, h5s, h5t
 
 from .. import BatchError, HodoError
 from ..machine import RESOURCES
@@ -156,7 +156,7 @@ def create(file: Path, attributes: Mapping[str, Attribute], room: int) -> Iterat
         # HDF5 takes the process down over a full disk, so the room is taken before.
         if hasattr(os, "posix_fallocate"):
             os.posix_fallocate(disk.fileno(), 0, disk.seek(0, os.SEEK_END) + room)
-    with h5py.File(file, "r+", locking="best-effort") as new:
+    with h5py.File(h5f.open(os.fsencode(file), h5f.ACC_RDWR, AT_ONCE)) as new:
         yield new
     with open(file, "r+b") as disk:
         mark = MARK + hash_of(disk, disk.seek(0, os.SEEK_END)).encode()
@@ -285,10 +285,6 @@ def amend_group(target: h5py.Group, group: Group) -> None:
     attach(items, {name: variable.dims for name, variable in group.variables.items()})
     for name, where, block in group.streamed.blocks() if group.streamed else ():
         h5py.Dataset(items[name])[where] = block
-    # What HDF5 still holds it writes when Python frees a dataset, where an error is lost. To flush
-    # the file would give back the room that is taken.
-    for name in group.variables:
-        items[name].flush()
 
 
 def file_type(name: str, data: np.ndarray) -> Any:
@@ -372,6 +368,14 @@ def tracked(kind: h5p.PropClassID) -> h5p.PropOCID:
 
 TRACKED_GROUP, TRACKED_DATASET = tracked(h5p.GROUP_CREATE), tracked(h5p.DATASET_CREATE)
 TRACKED_GROUP.set_link_creation_order(h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED)
+# What HDF5 holds back it writes when Python frees a dataset, where an error is lost.
+AT_ONCE = h5p.create(h5p.FILE_ACCESS)
+AT_ONCE.set_fclose_degree(h5f.CLOSE_STRONG)
+AT_ONCE.set_sieve_buf_size(0)
+AT_ONCE.set_cache(0, 0, 0, 0)
+# As `h5py.File` has them; a draft is open to one process alone.
+AT_ONCE.set_libver_bounds(h5f.LIBVER_EARLIEST, h5f.LIBVER_LATEST)
+AT_ONCE.set_file_locking(False, True)
 SCALAR, LINK = h5s.create(h5s.SCALAR), h5p.create(h5p.LINK_CREATE)
 LINK.set_char_encoding(h5t.CSET_UTF8)
 
