@@ -125,10 +125,19 @@ class Processes(futures.ProcessPoolExecutor):
         # A fork starts in a millisecond, with all that is loaded. It is safe on Linux alone, and
         # where no thread may hold a lock.
         is_safe = sys.platform == "linux" and threading.active_count() == 1
-        # What Python imports to start a process comes from no current folder either.
-        os.environ.setdefault("PYTHONSAFEPATH", "1")
         context = multiprocessing.get_context("fork" if is_safe else "spawn")
         super().__init__(workers, context, begin)
+
+    def submit(self, *task: Any, **keywords: Any) -> Any:
+        """Submit a task, for which a process may be started."""
+        before = os.environ.get("PYTHONSAFEPATH")
+        # What Python imports to start a process comes from no current folder either.
+        os.environ["PYTHONSAFEPATH"] = before or "1"
+        try:
+            return super().submit(*task, **keywords)
+        finally:
+            if before is None:
+                del os.environ["PYTHONSAFEPATH"]
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes."""

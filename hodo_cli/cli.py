@@ -25,8 +25,13 @@ from .machine import RESOURCES
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
+_received: list[int] = []
+"""The signals that are to end the command."""
+
+
 def _end(number: int, frame: object) -> NoReturn:
     """End the command at a signal, by an exception: what is finished is stored first."""
+    _received.append(number)
     raise KeyboardInterrupt(number)
 
 
@@ -54,16 +59,18 @@ class Hodo(click.Group):
             _refuse(ctx, misused(error))
 
     def invoke(self, ctx: click.Context) -> Any:
+        _received.clear()
         try:
             self._invoke(ctx)
-        except (KeyboardInterrupt, ImportError) as error:
-            # Where a signal ends the loading of a compiled library, this is what it raises.
-            end = error.__cause__ or error
-            if not isinstance(end, KeyboardInterrupt):
+        except click.exceptions.Exit:
+            raise
+        except BaseException as error:
+            # Where a signal meets a compiled library, any error may come out of that.
+            if not (_received or isinstance(error, KeyboardInterrupt)):
                 raise
             is_run = ctx.invoked_subcommand == "run"
             _say("interrupted" + "; finished cases are kept" * is_run)
-            ctx.exit(128 + next(iter(end.args), signal.SIGINT))
+            ctx.exit(128 + next(iter(_received), signal.SIGINT))
 
     def _invoke(self, ctx: click.Context) -> None:
         with ExitStack() as afterwards:
@@ -81,6 +88,8 @@ class Hodo(click.Group):
                         status = super().invoke(ctx)
                     ctx.exit(status or 0)
             except SHOWN_IN_A_LINE as error:
+                if _received:
+                    raise
                 # click does not say of which command an option lacks its value.
                 if isinstance(error, click.BadOptionUsage) and (name := ctx.invoked_subcommand):
                     error.ctx = click.Context(self.commands[name], ctx, name)

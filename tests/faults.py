@@ -528,6 +528,45 @@ def one_fails(folder: Path, name: str, right: Numbers, arm: Callable[[], object]
     return count
 
 
+def fail_writes(folder: Path, most: int) -> Count:
+    """Let each of the first calls that write fail once in a classification: the file is as before,
+    or has all labels, right to the bit."""
+    return preloaded("writes", folder, most)
+
+
+def writes_fail(library: Path, folder: Path, most: int) -> Count:
+    arm = ctypes.CDLL(str(library)).faults_arm
+    before = prepared(folder / "plain", SINGLE, classify=False)
+    after, count = prepared(folder / "x", SINGLE), Count()
+    for first in range(1, most + 1):
+        work, told = folder / "work", folder / "told"
+        shutil.rmtree(work, ignore_errors=True)
+        shutil.copytree(folder / "plain", work)
+        fault = partial(arm, bytes(work), first, 0, 0, errno.EIO)
+        child = forked(told, work, COMMANDS["classify"], fault)
+        # HDF5 2.0 ends the process itself where a copy of a group fails.
+        is_dead = os.waitpid(child, 0)[1] != 0
+        status, said = (2, []) if is_dead else json.loads(told.read_text())[:2]
+        arm(b"", 0, 0, 0, 0)
+        assert status in (0, 2), (first, said)
+        assert len(said) <= 1, (first, said)
+        found = numbers(work / "x.h5")
+        is_new = "crossing_time" in found["a"]
+        assert is_new or status == 2, first
+        same_arrays(found, after if is_new else before)
+        count["died" if is_dead else f"status {status}"] += 1
+    return count
+
+
+def same_arrays(found: Numbers, right: Numbers) -> None:
+    """All arrays are the right ones, to the bit."""
+    assert found.keys() == right.keys()
+    for name, arrays in right.items():
+        assert found[name].keys() == arrays.keys()
+        for key, data in arrays.items():
+            assert np.array_equal(found[name][key], data, equal_nan=True), f"{name}: {key}"
+
+
 def calls_so_far() -> int:
     return int(ctypes.CDLL(None).faults_count())
 
@@ -741,7 +780,7 @@ def by_hash(path: Path) -> dict[str, np.ndarray]:
         return {str(x.attrs["hash"]): x["omega"][()] for x in file.values() if "omega" in x}
 
 
-PRELOADED = {"calls": calls_fail, "power": power_fails}
+PRELOADED = {"calls": calls_fail, "writes": writes_fail, "power": power_fails}
 
 if __name__ == "__main__":
     trial, library, folder, *limits = sys.argv[1:]

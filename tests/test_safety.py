@@ -60,6 +60,12 @@ def test_nothing_is_lost_when_a_call_fails(tmp_path: Path) -> None:
 
 
 @needs_gcc
+def test_a_write_that_fails_is_never_taken_for_done(tmp_path: Path) -> None:
+    count = faults.fail_writes(tmp_path, 40)
+    assert count["status 2"] >= 30
+
+
+@needs_gcc
 def test_nothing_that_was_synced_is_lost_with_the_power(tmp_path: Path) -> None:
     assert faults.lose_power(tmp_path, 2)["tried"] >= 24
 

@@ -21,7 +21,7 @@ from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
-from h5py import h5a, h5d, h5ds, h5g, h5o, h5p, h5s, h5t
+from h5py import h5a, h5d, h5ds, h5f, h5g, h5o, h5p, h5s, h5t
 
 from .. import BatchError, HodoError
 from ..machine import RESOURCES
@@ -92,7 +92,7 @@ def refused_as(path: Path, parts: Path | None = None) -> Iterator[None]:
     cases in a folder."""
     try:
         yield
-    except (OSError, RuntimeError) as error:
+    except DAMAGE as error:
         if not (reason := refusal(error)):
             raise
         if file := next(filter(os.path.isfile, path.parents), None):
@@ -156,7 +156,7 @@ def create(file: Path, attributes: Mapping[str, Attribute], room: int) -> Iterat
         # HDF5 takes the process down over a full disk, so the room is taken before.
         if hasattr(os, "posix_fallocate"):
             os.posix_fallocate(disk.fileno(), 0, disk.seek(0, os.SEEK_END) + room)
-    with h5py.File(file, "r+", locking="best-effort") as new:
+    with h5py.File(h5f.open(os.fsencode(file), h5f.ACC_RDWR, AT_ONCE)) as new:
         yield new
     with open(file, "r+b") as disk:
         mark = MARK + hash_of(disk, disk.seek(0, os.SEEK_END)).encode()
@@ -368,6 +368,14 @@ def tracked(kind: h5p.PropClassID) -> h5p.PropOCID:
 
 TRACKED_GROUP, TRACKED_DATASET = tracked(h5p.GROUP_CREATE), tracked(h5p.DATASET_CREATE)
 TRACKED_GROUP.set_link_creation_order(h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED)
+# What HDF5 holds back it writes when Python frees a dataset, where an error is lost.
+AT_ONCE = h5p.create(h5p.FILE_ACCESS)
+AT_ONCE.set_fclose_degree(h5f.CLOSE_STRONG)
+AT_ONCE.set_sieve_buf_size(0)
+AT_ONCE.set_cache(0, 0, 0, 0)
+# As `h5py.File` has them; a draft is open to one process alone.
+AT_ONCE.set_libver_bounds(h5f.LIBVER_EARLIEST, h5f.LIBVER_LATEST)
+AT_ONCE.set_file_locking(False, True)
 SCALAR, LINK = h5s.create(h5s.SCALAR), h5p.create(h5p.LINK_CREATE)
 LINK.set_char_encoding(h5t.CSET_UTF8)
 
@@ -546,14 +554,24 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
         lacks = error.errno in RESOURCES and not isinstance(error, BlockingIOError)
         raise (BatchError if lacks else HodoError)(f"{path}: {why_closed(error)}") from None
     with file:
-        version = file.attrs.get("format_version", 0)
-        if not (isinstance(version, np.integer) and version > 0):
-            raise HodoError(f"{path} is not a result of hodo")
-        if version > FORMAT_VERSION:
-            raise HodoError(f"{path} has a newer format than this hodo reads: update hodo")
+        run = _result_of(path, file, intact)
         if not intact:
             warnings.warn(f"{path} has no checksum: damage to it would not show", stacklevel=3)
-        yield ResultFile(path, file, intact)
+        yield run
+
+
+def _result_of(path: Path, file: h5py.File, intact: bool) -> ResultFile:
+    """A file that h5py has opened. Raises HodoError if it is no result, or is damaged."""
+    try:
+        run = ResultFile(path, file, intact)
+    except DAMAGE as error:
+        raise HodoError(f"{path}: {refusal(error) or f'damaged ({first_line(error)})'}") from error
+    version = run.attributes.get("format_version", 0)
+    if not (isinstance(version, int) and version > 0):
+        raise HodoError(f"{path} is not a result of hodo")
+    if version > FORMAT_VERSION:
+        raise HodoError(f"{path} has a newer format than this hodo reads: update hodo")
+    return run
 
 
 def why_closed(error: OSError) -> str:
