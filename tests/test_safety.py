@@ -84,8 +84,11 @@ def running(folder: Path, config: str) -> Iterator["subprocess.Popen[str]"]:
             process.kill()
 
 
-SLOW = "damping: [1.0e-9, 2.0e-9, 3.0e-9], initial: {p: 0.8, q: 0.5, r: 0.74}, time: {samples: 11"
-LONG = BATCH + f"  mid: {{{SLOW}, end: 200000}}}}\n  last: {{{SLOW}, end: 1000000}}}}\n"
+SLOW = (
+    "damping: [1.0e-9, 2.0e-9, 3.0e-9], initial: {p: 0.8, q: 0.5, r: 0.74}, error: off, "
+    "time: {samples: 11"
+)
+LONG = BATCH + f"  mid: {{{SLOW}, end: 200000}}}}\n  last: {{{SLOW}, end: 700000}}}}\n"
 """A batch whose last case takes some seconds, and the one before so long that it is stored at once,
 with those before it."""
 
