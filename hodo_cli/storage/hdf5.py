@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
-from glob import escape
+from glob import escape, glob
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -98,7 +98,7 @@ def refused_as(path: Path, parts: Path | None = None) -> Iterator[None]:
             raise
         if file := next(filter(os.path.isfile, path.parents), None):
             reason = f"{file} is a file, not a folder"
-        kept = "; finished cases are kept" if parts and any(parts.glob("c*")) else ""
+        kept = "; finished cases are kept" if parts and glob("c*", root_dir=parts) else ""
         raise BatchError(f"cannot write {path}: {reason}{kept}") from error
 
 
