@@ -82,6 +82,7 @@ def cluster_with_certificates(tmp_path: Path) -> Iterator[tuple[str, dict[str, s
     """The address of a scheduler with a worker, and what the environment must hold to use it."""
     from distributed import LocalCluster, Security
 
+    pytest.importorskip("cryptography")  # makes the certificates
     security = Security.temporary()
     names = {}
     for name, text in {

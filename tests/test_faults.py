@@ -301,7 +301,7 @@ def test_a_folder_that_cannot_be(folder: Path, hodo: Hodo) -> None:
         done = hodo("run", "two.yaml", "--out", out, "--quiet")
         assert done.returncode == 2
         assert done.stderr.count("\n") == 1
-    long = folder / f"{'n' * 240}.yaml"
+    long = folder / f"{'n' * 250}.yaml"
     shutil.copy(folder / "two.yaml", long)
     assert "file name too long" in hodo("run", long).stderr
 

@@ -16,6 +16,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
+from glob import escape, glob
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -97,7 +98,7 @@ def refused_as(path: Path, parts: Path | None = None) -> Iterator[None]:
             raise
         if file := next(filter(os.path.isfile, path.parents), None):
             reason = f"{file} is a file, not a folder"
-        kept = "; finished cases are kept" if parts and any(parts.glob("c*")) else ""
+        kept = "; finished cases are kept" if parts and glob("c*", root_dir=parts) else ""
         raise BatchError(f"cannot write {path}: {reason}{kept}") from error
 
 
@@ -113,8 +114,23 @@ def refusal(error: BaseException) -> str:
 def replacing(path: Path) -> Iterator[Path]:
     """A name for a new file, which takes the place of `path` when the block ends well: a name that
     exists is complete. Raises BatchError if the operating system refuses it."""
-    with refused_as(path), drafted(path, path.parent) as draft:
-        yield draft
+    with refused_as(path):
+        for left in path.parent.glob(f".{escape(path.name)}.*.draft"):
+            if not is_running(int(left.name.split(".")[-2])):
+                left.unlink()
+        with drafted(path, path.parent) as draft:
+            yield draft
+
+
+def is_running(process: int) -> bool:
+    """Whether there is a process of this number on this machine; Windows is not asked."""
+    with suppress(PermissionError):
+        try:
+            if os.name != "nt":
+                os.kill(process, 0)
+        except ProcessLookupError:
+            return False
+    return True
 
 
 @contextmanager
