@@ -45,8 +45,7 @@ def test_auto_is_right_or_says_so(name: str) -> None:
     result = bench.trial(case, bench.reference_motion(case), "auto", None, 1, math.inf)
     assert result.status not in ("SILENT", "timeout"), result
     # No number with a closed form; the most is 9,321 steps of the series.
-    assert not result.rhs_evaluations > 300_000, result
-    assert result.drift != result.drift or result.drift <= max(1e-13, 30 * result.floor)
+    assert not result.steps > 15_000, result
     if name == "middle-axis":
         # It comes back to the axis, and of what was small there only rounding is left by then:
         # 1e-12 to 1e-10 of it, by chance.
