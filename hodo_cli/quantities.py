@@ -2,9 +2,11 @@
 meanings, units and formulas. Case files, `store:`, figures, statements, sweeps and `derive` all
 read it. Imports models and what lies below."""
 
+import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +37,8 @@ class Samples:
         """The values of a stored variable. Raises KeyError if it is not stored."""
         if (key := stored_name(name)) not in self.data:  # xarray's own error lists all variables
             raise KeyError(name)
-        return np.asarray(self.data[key].data)
+        # The digits of a sum hang on how its terms lie in memory, where axes are exchanged.
+        return np.asarray(self.data[key].data, order="C")
 
     @cached_property
     def time(self) -> np.ndarray:
@@ -128,6 +131,17 @@ def _separatrix(m: Samples) -> np.ndarray:
 _ratio = partial(rigid_body.share_of, of_nothing=np.nan)
 
 
+def _of_direction(formula: Callable[[Samples], np.ndarray], m: Samples) -> np.ndarray:
+    """A formula in which the size of omega cancels, of omega at a size near 1: the squares of
+    1e-160 have lost their digits. It gives no number where omega has lost its own."""
+    if "omega" not in m.data or m.case.system.no_separatrix_reason:  # h has a size of its own
+        return formula(m)
+    size = np.abs(m.omega).max(axis=-1, keepdims=True)
+    near_1 = np.ldexp(m.omega, -np.frexp(size)[1])
+    known = np.where(size < sys.float_info.min, np.nan, near_1)
+    return formula(Samples(m.case, {"omega": SimpleNamespace(data=known)}))
+
+
 def _momentum_over_energy(m: Samples) -> np.ndarray:
     """J = G^2/2T, which an averaged form stores."""
     return m.stored("J") if "J" in m.data else _ratio(2 * _energy(m), _momentum(m) ** 2)
@@ -140,16 +154,16 @@ def _separatrix_ratio(m: Samples) -> np.ndarray:
     return _ratio(2 * _energy(m), _separatrix(m))
 
 
-def _tilt(m: Samples) -> np.ndarray:
-    """The angle between G and x3; no number where G is 0."""
-    across, along = np.hypot(m.G[:, 0], m.G[:, 1]), m.G[:, 2]
-    return np.where(m.G.any(axis=1), np.arctan2(across, along), np.nan)
-
-
 def direction(m: Samples) -> np.ndarray:
-    """G/|G| (n, 3) in body axes, nan where the body is at rest."""
+    """G/|G| (n, 3) in body axes, nan where the body is at rest or G has lost its digits."""
     size = _momentum(m)[:, None]
-    return np.asarray(m.G / np.where(size > 0, size, np.nan))
+    return np.asarray(m.G / np.where(size >= sys.float_info.min, size, np.nan))
+
+
+def _tilt(m: Samples) -> np.ndarray:
+    """The angle between G and x3; no number where G has no direction."""
+    across, along = np.hypot(m.G[:, 0], m.G[:, 1]), m.G[:, 2]
+    return np.where(_momentum(m) < sys.float_info.min, np.nan, np.arctan2(across, along))
 
 
 def _of_top(of_state: Callable[..., Any], i: int, m: Samples) -> np.ndarray:
@@ -226,19 +240,23 @@ QUANTITIES = {
     "G": Quantity("|G|", "|G|", MOMENTUM, (*BODY, ("momentum",), ("x", "y")), _momentum),
     "G2": Quantity("G^2", "G^2", MOMENTUM2, BODY, lambda m: (m.G * m.G).sum(axis=-1)),
     "T": Quantity("T", "kinetic energy", ENERGY, (*BODY, ("kinetic_energy",)), _energy),
-    "J": Quantity("G^2/2T", "G^2/2T", MOMENT, (*BODY, AVERAGED), _momentum_over_energy),
+    "J": Quantity(
+        "G^2/2T", "G^2/2T", MOMENT, (*BODY, AVERAGED),
+        partial(_of_direction, _momentum_over_energy),
+    ),
     "D": Quantity("D", "G^2 - 2 T A2, A2 the middle moment", MOMENTUM2, BODY, _separatrix),
     "D/2T": Quantity(
-        "D/2T", "G^2/2T - A2", MOMENT, (*BODY, (*AVERAGED, "inertia")), _separatrix_ratio
+        "D/2T", "G^2/2T - A2", MOMENT, (*BODY, (*AVERAGED, "inertia")),
+        partial(_of_direction, _separatrix_ratio),
     ),
     "x1_direction": Quantity(
         "|G_1|/|G|", "|G1|/|G|, 1 where G lies along x1", "1", BODY,
-        lambda m: _ratio(_momentum(m), np.abs(m.G[:, 0])),
+        lambda m: np.abs(direction(m)[:, 0]),
     ),
     "tilt": Quantity(r"\mathrm{tilt}", "angle between G and x3, in radians", "rad", BODY, _tilt),
     "separatrix_distance": Quantity(
         "|D|/G^2", "|D|/G^2", "1", BODY,
-        lambda m: _ratio(_momentum(m) ** 2, np.abs(_separatrix(m))),
+        partial(_of_direction, lambda m: _ratio(_momentum(m) ** 2, np.abs(_separatrix(m)))),
     ),
     "speed": Quantity(
         r"|\omega|", "|omega|", RATE, OMEGA, lambda m: np.hypot.reduce(m.omega, axis=-1)

@@ -154,7 +154,7 @@ def test_the_fluid_of_a_gyrostat_is_that_of_its_free_motion() -> None:
             "kappa": 0.01,
         },
         {"rotor": ROTOR, "kappa": 0.02, "damping": 0.004, "brake": 0.001},
-        {"damping": {"law": "exponential", "value": 0.01, "rate": 0.02}},
+        {"damping": "0.01*exp(-0.02*t)"},
         # In closed form.
         {"damping": 0.004, "brake": 0.002, "attitude": "yes"},
     ],

@@ -80,13 +80,13 @@ def test_a_direction_keeps_its_digits_until_omega_has_none(dying: xr.Dataset) ->
     """The squares of omega lose theirs from 1e-154 on, twice as early."""
     omega, A = np.array([0.8, 0.5, 0.74]), np.array([1, 0.8, 0.6])
     G2, energy = np.sum((A * omega) ** 2), np.sum(A * omega**2) / 2
-    names = ("J", "D/2T", "separatrix_distance", "tilt", "x1_direction")
-    values = hodo.derive(dying, *names)
+    names = ("J", "D_per_2T", "separatrix_distance", "tilt", "x1_direction")
+    values = hodo.derive(dying, *(name.replace("_per_", "/") for name in names))
     is_normal = np.abs(dying.omega).max("axis").values > 2.3e-308
     assert 700 < is_normal.sum() < 720
     J = G2 / (2 * energy)
     # Constants of the free motion.
-    for name, constant in (("J", J), ("D/2T", J - 0.8), ("separatrix_distance", 1 - 0.8 / J)):
+    for name, constant in (("J", J), ("D_per_2T", J - 0.8), ("separatrix_distance", 1 - 0.8 / J)):
         np.testing.assert_allclose(values[name][is_normal], constant, rtol=1e-12)
     # The stretched time, and with it the direction, stands still from 50 on.
     for name in ("tilt", "x1_direction"):
@@ -99,7 +99,7 @@ def test_a_direction_keeps_its_digits_until_omega_has_none(dying: xr.Dataset) ->
 def test_a_direction_of_a_huge_motion_has_its_digits() -> None:
     scale = {key: 1e100 * value for key, value in BODY["initial"].items()}
     fast = hodo.run({**BODY, "damping": 0, "initial": scale, "time": {"end": 1e-99, "samples": 9}})
-    np.testing.assert_allclose(hodo.derive(fast, "D/2T")["D/2T"], 0.0533032107893475, rtol=1e-12)
+    np.testing.assert_allclose(hodo.derive(fast, "D/2T").D_per_2T, 0.0533032107893475, rtol=1e-12)
 
 
 def test_a_sphere_shows_no_direction_of_lost_digits(dying: xr.Dataset) -> None:

@@ -269,13 +269,20 @@ SECTIONS = {
 }
 
 
+def _own_model(name: Any) -> str:
+    """Where a model that hodo does not have comes from."""
+    how = "hodo --models FILE.py ..., in Python HODO_MODELS=FILE.py before it starts"
+    return f" (from a file of your own: {how})" if isinstance(name, str) else ""
+
+
 @cache
 def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, dict[str, Rule]]:
     """The class of a model's form (None: the first) and every key of its cases; no class if there
     is no such form."""
     forms = models.forms_of(model or "")
     first = next(iter(forms), "")
-    head = {"model": Key(Choice(*models.model_names()), "equations of motion")}
+    names = Choice(*models.model_names()) | {"answer": _own_model}
+    head = {"model": Key(names, "equations of motion")}
     if forms:
         head["form"] = Key(Choice(*forms), "form of the equations", default=first)
     form_class = forms.get(first if form is None else form)

@@ -74,7 +74,8 @@ class Units:
         if not model.degree:
             return cls(0, int(clock_rates(model, attributes(k), y)))
         orders = orders_of_constants(model, k)
-        t = moment.time if moment else 0.0
+        # Of numpy: Python's own numbers raise an error where a formula divides by 0.
+        t = np.asarray(moment.time if moment else 0.0)[()]
         units = cls.of_exponent(
             model, orders, fitting_exponent(model, orders, y, exponent, falling)
         )

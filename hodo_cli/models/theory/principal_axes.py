@@ -45,8 +45,10 @@ def excess_of_rounding(moments: Sequence[float]) -> float:
 
 
 def last_digit(x: float) -> float:
-    """One unit of the last digit of the shortest decimal of a number, and its rounding."""
-    return 10.0 ** int(Decimal(repr(float(x))).as_tuple().exponent) * (1 + 1e-9)
+    """One unit of the last digit of the shortest decimal of a number, and its rounding; at most a
+    hundredth of it, since 0.1 is not the rounding of 0.2."""
+    unit = 10.0 ** int(Decimal(repr(float(x))).as_tuple().exponent) * (1 + 1e-9)
+    return min(unit, abs(x) / 100)
 
 
 def symmetric(tensor: Sequence[Any]) -> Sequence[Any]:
