@@ -76,8 +76,7 @@ def test_commands_tell_times_since_an_epoch_apart(folder: Path) -> None:
     verdicts = call(folder, "claims", "c.yaml").stdout
     assert seconds(verdicts)[-1] == pytest.approx(crossing, abs=0.1)
     assert 0 < seconds(verdicts)[0] < 600
-    drawn = call(folder, "plot", "c.yaml").stderr
-    assert sorted(seconds(drawn)) == sorted([broken, broken_at_pole])
+    assert seconds(call(folder, "plot", "c.yaml").stderr) == [broken]
 
 
 def test_figures_tell_times_since_an_epoch_apart(folder: Path) -> None:
@@ -97,8 +96,6 @@ def test_figures_tell_times_since_an_epoch_apart(folder: Path) -> None:
     )
     figure = hodo.plot(body, kind="body")
     assert [seconds(axes.get_title()) for axes in figure.axes] == [[0], [30], [60]]
-    (digits,) = re.findall(r'"digits": ?(\d+)', figure.film.page())
-    assert seconds(f"{START + 59.9:.{digits}g}") == [pytest.approx(59.9, abs=1e-2)]
 
 
 def test_a_stop_whose_error_is_not_measured_is_told_as_well(tmp_path: Path) -> None:

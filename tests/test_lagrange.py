@@ -397,7 +397,7 @@ def test_a_constant_is_swept_by_its_name(form: str) -> None:
             np.testing.assert_array_equal(
                 np.ravel(by_name[variable]), np.ravel(by_place[variable]), err_msg=str(variable)
             )
-        with pytest.raises(HodoError, match=f"sweep.{name}: is not a number"):
+        with pytest.raises(HodoError, match=f"sweep.{name}: {name} is not a number"):
             hodo.sweep(keys | {name: [1, 0.1], "sweep": {name: values}})
 
 

@@ -85,19 +85,20 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
             "{damping.2: {logspace: [0, 2, 5]}}",
             "sweep.damping.2.logspace.0: expected a positive number, got 0",
         ),
-        ("{damping.3: {values: [1]}}", "cases.a.sweep.damping.3: unknown key 'damping.3'"),
+        ("{damping.3: {values: [1]}}", "sweep.damping.3: the case has no such number: damping.3"),
         ("{dampng: {values: [1]}}", "did you mean 'damping'?"),
-        ("{time.end: {values: [1]}}", "sweep.time.end: is no number of the model, so it cannot be"),
-        ("{tol: {values: [1]}}", "sweep.tol: is no number of the model, so it cannot be swept"),
+        ("{time.end: {values: [1]}}", "sweep.time.end: time.end is no number of the model"),
+        ("{tol: {values: [1]}}", "sweep.tol: tol is no number of the model, and is not swept"),
         (
             "{inertia.0: {values: [1, -1]}}",
             "sweep.inertia.0.values.1: expected a positive number, got -1",
         ),
-        ("{initial: {values: [1]}}", "sweep.initial: is not a number"),
-        ("{time: {sphere: {count: 2}}}", "time is a dimension of every result"),
-        ("{principal: {sphere: {count: 2}}}", "principal is a dimension of every result"),
-        ("{omega: {sphere: {count: 2}}}", "omega is a variable of the result: call it otherwise"),
-        ("{status: {zip: {damping.0: {values: [1]}}}}", "status is a variable of the result"),
+        ("{initial: {values: [1]}}", "expected a mapping of p, q, r, G, got 1.0"),
+        ("{inertia: {values: [1]}}", "sweep.inertia: inertia is not a number: name one of its"),
+        ("{time: {sphere: {count: 2}}}", "time is a name in every result: call the axis otherwise"),
+        ("{principal: {sphere: {count: 2}}}", "principal is a name in every result"),
+        ("{omega: {sphere: {count: 2}}}", "omega is a name in every result"),
+        ("{status: {zip: {damping.0: {values: [1]}}}}", "status is a name in every result"),
         (
             "{d: {sphere: {count: 0}}}",
             "sweep.d.sphere.count: expected an integer >= 1, <= 1e+09, got 0",
@@ -109,11 +110,11 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
         ),
         (
             "{damping.2: {values: [1]}, d: {zip: {damping.2: {values: [1]}}}}",
-            "damping.2 varies along damping.2 already",
+            "damping.2 varies along another axis already, or a part of it does",
         ),
         (
             "{d: {zip: {damping.2: {values: [1]}}}, damping: {values: [1, 2]}}",
-            "damping.2 varies along d already; an axis of all of damping goes before it",
+            "damping varies along another axis already, or a part of it does",
         ),
         (
             "{initial.r: {values: [1, 2]}}",
@@ -137,7 +138,7 @@ def test_a_mistake_in_a_sweep_is_named_with_its_place(block: str, message: str) 
 
 def test_a_key_of_what_the_case_does_not_give_is_refused() -> None:
     """A cavity is given by `kappa` or by `cavity`, whose keys are there all the same."""
-    with pytest.raises(HodoError, match=r"unknown key 'cavity.kappa': its case has no such number"):
+    with pytest.raises(HodoError, match=r"the case has no such number: cavity\.kappa"):
         one(f"{HEAD}, {BALL}, model: torques, kappa: 0.1, "
             "sweep: {cavity.kappa: {values: [0.3]}}")  # fmt: skip
 
@@ -463,16 +464,14 @@ def test_members_that_are_no_body_are_marked() -> None:
 @pytest.mark.parametrize(
     ("torque", "swept"),
     [
-        ("brake: [0.05, 0.01]", "brake.1: {values: [0.01, -0.04]}"),
-        ("damping: 0.01*(1 + 0.1*t)**-2",
-         "damping.rate: {values: [0.1, 0.5]}"),
+        ("constants: {k: 0.1}, damping: 0.01*(1 + k*t)**-2", "constants.k: {values: [0.1, 0.5]}"),
         ("expression: [1e-3/(q*q + (p - 0.1)**2), 0, 0]", "initial.q: {values: [0.5, 0]}"),
     ],
 )  # fmt: skip
 def test_members_whose_single_cases_are_refused_for_their_span_are_marked(
     torque: str, swept: str, alone: str
 ) -> None:
-    """By a brake that would drive, a power of 0, and a formula without a value at the start."""
+    """By a power of 0, and a formula without a value at the start."""
     case = one(
         f"model: torques, {torque}, inertia: [1, 0.8, 0.6], initial: {{p: 0.1, q: 0.5, r: 0.7}}, "
         f"time: {{start: -2, end: 2}}, error: off, {alone}sweep: {{{swept}}}"
@@ -922,7 +921,7 @@ GROWING = {
         ("30",), ("40",),
     ),
     "members that a brake holds": (
-        f"model: torques, {HEAD}, torque: [[0, 0.005], 0, 0], brake: 0.1, "
+        f"model: torques, {HEAD}, torque: [0.005*t, 0, 0], brake: 0.1, "
         "initial: {p: 0.2, q: 0.4, r: 0.9}, sweep: {initial.p: {values: NEW}}",
         ("[0.1, 0.2]",), ("[0.15, 0.2, 0.1]",),
     ),
@@ -1015,19 +1014,6 @@ def test_a_sweep_that_changes_otherwise_is_computed_anew(tmp_path: Path) -> None
         changed = text.replace(old, new)
         grown = stored_sweeps(tmp_path / f"{i}", text, changed)
         assert "earlier" not in grown.attributes["method_reason"], new
-
-
-def test_what_a_sweep_takes_on_the_disk_is_foreseen() -> None:
-    case = one(
-        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, store: [omega, trajectory], "
-        "sweep: {damping.2: {values: [0.001, 0.002, 0.003]}}"
-    )
-    case = replace(case, time=replace(case.time, samples=101))
-    values, kept = computed(case), columns.stored_columns(case)
-    assert set(kept) == {"omega", "status"}
-    stored = sum(values[name].nbytes for name in kept)
-    assert stored == 3 * (101 * 3 * 8 + 1)
-    assert stored <= columns.stored_bytes(case) < 1.02 * stored
 
 
 def test_the_line_of_a_sweep_counts_members_that_ended_well() -> None:
@@ -1137,7 +1123,7 @@ def test_chunks_are_boxes_in_order(sizes: list[int], most: int) -> None:
 
 def test_the_columns_that_say_which_axis_are_those_that_have_no_mean() -> None:
     stored = layout.MEMBER_CLASSIFIED | layout.MEMBER_STOPPED
-    assert {name for name, column in stored.items() if column.flags} == {*sweep_block.AXIS_LABELS}
+    assert {name for name, column in stored.items() if column.flags} == {*layout.AXIS_LABELS}
 
 
 START = {"p": 1, "q": 0.2, "r": 0.3}
@@ -1607,31 +1593,10 @@ def test_crossings_that_no_bound_decides_are_left_to_the_single_case() -> None:
 
 
 @pytest.mark.heyoka
-def test_a_key_of_one_law_for_all_axes_varies_in_all_of_them() -> None:
-    law = "0.02*exp(-1.5*log(1 + 0.1*t))"
-    text = f"""\
-cases:
-  a: {{model: torques, inertia: [1, 0.8, 0.6], initial: {{p: 1, q: 1, r: 1}}, time: {{end: 9}},
-      damping: {law}, sweep: {{damping.rate: {{values: [0.1, 0.2]}}}}}}
-"""
-    case = parse(text, "a.yaml").cases["a"]
-    swept = hodo_cli.sweep(case)
-    for rate, omega in zip((0.1, 0.2), swept.omega.data, strict=True):
-        damping = ({**case.data["damping"][0], "rate": rate},) * 3
-        alone = hodo_cli.run(replace(case, sweep=None, data=case.data | {"damping": damping}))
-        np.testing.assert_allclose(omega, alone.omega[-1], rtol=1e-13)
-    # Of laws that differ one is named with its position.
-    text = text.replace(law, f"[0.1, {law}, 0]")
-    with pytest.raises(HodoError, match=r"no such number; did you mean 'damping\.1\.rate'\?$"):
-        parse(text, "a.yaml")
-    assert parse(text.replace("damping.rate", "damping.1.rate"), "a.yaml").cases["a"].sweep
-
-
-@pytest.mark.heyoka
 def test_the_end_of_a_member_is_that_of_its_own_time() -> None:
     """An upright top that an event ends, under a weight that changes: H contains mu at that time,
     not at the end of the span, where mu is larger."""
-    weight = "0.5*exp(0.1*t)"
+    weight = [0.5, 0.05]
     top = {"model": "Lagrange-averaged", "inertia": {"A": 1.5, "C": 1}, "mu": weight, "a": 0.125,
            "b": 0.3, "initial": {"theta": 0, "r": 2}, "time": {"end": 2, "samples": 2}}  # fmt: skip
     alone = hodo_cli.run(top)

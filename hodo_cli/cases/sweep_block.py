@@ -16,7 +16,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
@@ -280,14 +280,7 @@ def check_axes(
             if any(known[: len(path)] == path for known in swept):
                 yield at, f"{name} varies along another axis already, or a part of it does"
             swept.append(path)
-            if not _has_number(data, path):
-                yield at, f"the case has no such number: {name}"
-                continue
-            ((word, span),) = value_range.items()
-            for i, value in enumerate(span if word == "values" else span[:2]):
-                yield from within(
-                    (*at, word, i), _wrong_value(keys[str(path[0])], data, path, value)
-                )
+            yield from within(at, _check_range(value_range, path, keys[str(path[0])], model, data))
     if math.prod(map(len, axes)) > MOST_SWEEP_MEMBERS:
         yield ("sweep",), f"more than {MOST_SWEEP_MEMBERS:.0e} members"
 
@@ -306,13 +299,41 @@ def _unknown_path(
     return unknown(f"key {name!r}", str(path[0]), keys, answer)
 
 
-def _has_number(data: Any, path: KeyPath) -> bool:
-    """Whether there is a place for a number at a path of the data of a case."""
+def _check_range(
+    value_range: Mapping[str, Any],
+    path: KeyPath,
+    rule: Rule,
+    model: type[Model],
+    data: Mapping[str, Any],
+) -> Iterator[Mistake]:
+    """What is wrong with the range of one swept key of this rule."""
+    name = ".".join(map(str, path))
     try:
-        with_number(data[path[0]], path[1:], 0.0)
-    except (LookupError, TypeError):
-        return False
-    return True
+        present = reduce(_part, path, data)
+    except LookupError:
+        yield (), f"the case has no such number: {name}"
+        return
+    # One number stands for three equal ones, but for no polynomial of several coefficients.
+    if isinstance(present, tuple) and (path[1:] or rule.get("repeat", 1) != len(present)):
+        yield (), f"{name} is not a number: name one of its places, such as {name}.0"
+        return
+    ((word, span),) = value_range.items()
+    mistakes: list[Mistake] = []
+    for i, value in enumerate(span if word == "values" else span[:2]):
+        mistakes += within((word, i), _wrong_value(rule, data, path, value))
+    if present is None and not mistakes:  # other keys of the case may say as much
+        of_model = {key: data[key] for key in model.keys if key in data}
+        of_first = model.check(with_number(of_model, path, span[0]))
+        mistakes = [((), sentence) for _, sentence in of_first]
+    yield from mistakes
+
+
+def _part(data: Any, step: str | int) -> Any:
+    """What stands at one step of a path in the data of a case. Raises LookupError for nothing."""
+    is_there = isinstance(data, Mapping if isinstance(step, str) else tuple)
+    if not is_there:
+        raise LookupError
+    return data[step]
 
 
 def _wrong_value(rule: Rule, data: Any, path: KeyPath, value: float) -> Iterator[Mistake]:
@@ -353,8 +374,8 @@ def given(data: Any) -> Any:
 
 
 def with_number(value: Any, path: Sequence[str | int], new: Any) -> Any:
-    """A copy of resolved case data with `new` at a path; where a vector or one law for all axes
-    stands, in all of its components."""
+    """A copy of resolved case data with `new` at a path; where a vector stands, in all of its
+    components."""
     if not path:
         if isinstance(value, int) and isinstance(new, float):
             return int(new)  # a count stays one
@@ -363,6 +384,4 @@ def with_number(value: Any, path: Sequence[str | int], new: Any) -> Any:
     head, *tail = path
     if isinstance(value, Mapping):
         return {**value, head: with_number(value[head], tail, new)}
-    if isinstance(head, str):
-        return tuple(with_number(item, path, new) for item in value)
     return (*value[:head], with_number(value[head], tail, new), *value[head + 1 :])

@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 from .. import HodoError
+from ..text import time_text
 from .between import Course
 from .look import AXIS_LOOKS, COLOURS, GREY, PAGE, Look, Sheet, stroke
 from .plane import samples_in
@@ -130,7 +131,7 @@ def draw_moment(axes: Axes, scene: Any, i: int, symbol: str) -> None:
             name = part["name"].replace("ω", r"\omega").replace("x", "x_" if not of_space else "x")
             arrow(axes, (0, 0), tip[:2], f"${name}$", shade, 2 if of_space else 5)
     axes.set(xlim=(-1.3, 1.3), ylim=(-1.3, 1.3), aspect="equal")
-    axes.set_title(f"${symbol}$ = {scene['time'][i]:.5g}")
+    axes.set_title(f"${symbol}$ = {time_text(scene['time'][i], scene['time'][0], 5)}")
     axes.set_axis_off()
 
 

@@ -24,6 +24,7 @@ from .. import HodoError
 from ..quantities import symbol
 from ..results.motion import Motion, units_in_words
 from ..schema.spelling import unknown
+from ..text import time_digits, time_text
 from .between import Course
 from .words import LogNumbers, Words, keep_formulas, without_tex, wrapped
 
@@ -385,8 +386,9 @@ def mark_legend(sheet: Sheet, motions: Sequence[Motion]) -> None:
     """The entries of start, end and crossings, with the times that a single motion has."""
     m, tau = motions[0], sheet.spec.get("time") or "t"
     unit = "" if m.units("time") == "1" else f" {m.units('time')}"
+    start = m.case.time.start
     ends = {
-        f"stop, ${tau} = {m.stop:.6g}${unit}" if m.stop < math.inf
+        f"stop, ${tau} = {time_text(m.stop, start)}${unit}" if m.stop < math.inf
         else f"end, ${tau} = {m.case.time.text(m.time[-1])}${unit}"
         for m in motions
     }  # fmt: skip
@@ -394,7 +396,8 @@ def mark_legend(sheet: Sheet, motions: Sequence[Motion]) -> None:
     if len(motions) == 1:
         several = len(m.crossing_time) > 1
         # With its last zeros, which tell how exact a number is.
-        times = [f"{t:#.6g}".removesuffix(".") for t in m.crossing_time[:CROSSINGS_NAMED]]
+        crossed = m.crossing_time[:CROSSINGS_NAMED]
+        times = [f"{t:#.{time_digits(t, start)}g}".removesuffix(".") for t in crossed]
         numbered = [f"{t} ({i})" if several else t for i, t in enumerate(times, 1)]
         more = ", ..." if len(m.crossing_time) > CROSSINGS_NAMED else ""
         words += f" at ${tau}$ = {', '.join(numbered)}{more}{unit}"

@@ -13,6 +13,7 @@ from matplotlib.colors import LinearSegmentedColormap, ListedColormap, Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
 
 from .. import HodoError
 from ..models.rigid_body import inertia_order, separatrix_circles, separatrix_terms
@@ -358,6 +359,9 @@ def sweep_curve(sheet: Sheet, cases: Cases) -> None:
         sheet.record(name, **{spec["x"]: x, spec["variable"]: values})
     if spec["level"] is not None:
         axes.axhline(spec["level"], **SEPARATRIX)
+    every = np.concatenate([values for *_, values in drawn])
+    if not (every[np.isfinite(every)] % 1).any():  # as numbers of crossings
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     first = drawn[0][0]
     said = meaning(first, spec, [spec["x"]])
     axes.set(xlabel=axis_name(first, spec["x"]), ylabel=said)

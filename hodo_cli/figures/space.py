@@ -343,14 +343,15 @@ def herpolhode(sheet: Sheet, motions: Sequence[Course]) -> None:
     """omega in space, projected along the G of the start."""
     (axes,) = sheet.panels(COLUMN, 1.05 * COLUMN)
     planes = [across(m.vector("G_space")[0]) for m in motions]
+    # The axes of the plane are those of space only where G points along z.
+    prime = "" if np.abs(np.array(planes) - np.eye(2, 3)).max() < 1e-9 else "'"
     for m, plane in zip(motions, planes, strict=True):
         values = m.samples.vector("omega_space") @ plane.T
-        sheet.record_vector(m, values, ("omega_space.x", "omega_space.y"))
+        sheet.record_vector(m, values, [f"omega_space.{x}{prime}" for x in "xy"])
     points = [m.vector("omega_space") @ plane.T for m, plane in zip(motions, planes, strict=True)]
     curves(axes, motions, sheet.spec, points)
     look: Look = {"marker": "+", "ls": "", "color": "black", "ms": 6}
     axes.plot(0, 0, **look)
-    prime = "" if np.abs(np.array(planes) - np.eye(2, 3)).max() < 1e-9 else "'"
     labels = [rf"$\omega_{{{x}{prime}}}$ {unit(motions[0], 'omega')}" for x in "xy"]
     axes.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
     colour_legend(sheet, [axes], motions)

@@ -356,7 +356,8 @@ def _items(rule: Rule, value: Any) -> tuple[Any, ...]:
 
 def _entries(rule: Rule, value: Mapping[str, Any]) -> Any:
     if not rule.get("minProperties", 0) <= len(value) <= rule.get("maxProperties", math.inf):
-        raise expected(rule, value)
+        listed = shown(", ".join(map(str, value)))
+        raise expected(rule, value, f", of {len(value)} keys: {listed}" if value else "")
     if "properties" in rule:
         return all_right(*check_keys(rule["properties"], value))
     if "tag" in rule:
