@@ -25,9 +25,9 @@ from ..claims.finding import Verdict
 from ..claims.verdicts import Judge
 from ..papers import finding_of
 from ..progress import Progress
+from ..results.resume import content_digest, results_named, stored_config, warn_of_changes
 from ..storage import Group, ResultFile, Update, Variable, history_line, open_run, update
 from ..text import counted, table
-from .resume import content_digest, results_named, stored_config, warn_of_changes
 
 Rows = list[dict[str, Any]]
 
