@@ -47,7 +47,7 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
                     problems.append(
                         f"{path}: {words if words.startswith(name) else f'{name}: {words}'}"
                     )
-                except (LookupError, OSError, RuntimeError, ValueError) as error:
+                except (LookupError, RuntimeError, ValueError) as error:
                     problems.append(f"{path}: {name} is damaged ({error!r})")
     return rows, problems
 

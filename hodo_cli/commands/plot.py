@@ -92,7 +92,7 @@ def results_to_draw(paths: Sequence[Path], names: Sequence[str]) -> Iterator[ToD
     for a figure that is not there."""
     for path, config in results_named(paths):
         with open_batch(path) as run:
-            warn_of_changes(run, config)
+            warn_of_changes(run, config, "plot")
             config = config or stored_config(run)
             checksums = {name: run.checksum(name) for name in run.groups}
             wanted = dict.fromkeys(names or config.figures)
