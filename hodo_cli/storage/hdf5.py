@@ -350,9 +350,7 @@ def copy_group(source: h5py.Group, file: h5py.File, name: str) -> None:
         for link in (b"REFERENCE_LIST", b"DIMENSION_LIST"):
             if h5a.exists(item, link):
                 h5a.delete(item, link)
-    with suppress(
-        KeyError
-    ):  # another program has removed a dimension, which is seen when it is read
+    with suppress(KeyError):  # a dimension that another program has removed
         attach(items, dimensions(source))
 
 
