@@ -23,7 +23,6 @@ from .cases.case import Case, as_plain
 from .cases.config import composed_text, parse
 from .cases.figure_block import FIGURE, FIGURE_KINDS, merged_style
 from .commands.classify import classified, classify_results
-from .commands.resume import stored_config
 from .commands.run import finished_case, plans, run_plans
 from .figures import draw, user_parameters
 from .quantities import QUANTITIES, derivable, stored_name
@@ -35,6 +34,7 @@ from .results.dataset import (
     quantity_array,
     sweep_axes,
 )
+from .results.resume import stored_config
 from .schema.document import Source, read_mapping
 from .schema.kinds import Wrong, check_tagged
 from .schema.spelling import nearest, shown

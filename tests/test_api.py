@@ -76,39 +76,7 @@ def test_listed_times_are_the_samples_of_a_case_and_of_members() -> None:
     swept = api.sweep(FIG4 | {"time": {"values": times}, "store": "trajectory", "sweep": sweep})
     assert swept.time.values.tolist() == times
     np.testing.assert_allclose(swept.omega[0], listed.omega, rtol=0, atol=1e-12)
-    assert "values: [0.0, 10.0, " in swept.attrs["case"]
-
-
-@pytest.mark.parametrize("method", ["auto", "DOP853"])
-def test_the_steps_of_a_method_are_the_samples(method: str, tmp_path: Path, hodo: Hodo) -> None:
-    case = FIG4 | {"method": method, "time": {"end": 400, "steps": "yes"}}
-    data = api.run(case, to=tmp_path / "a.h5")
-    assert data.sizes["time"] == data.attrs["steps"] + 1
-    assert data.time.values[[0, -1]].tolist() == [0, 400]
-    assert (np.diff(data.time) > 0).all()
-    assert data.crossing_time.values == pytest.approx([305.358955166711], rel=1e-9)
-    fine = api.run(case | {"time": {"values": data.time.values}})
-    np.testing.assert_allclose(data.omega, fine.omega, rtol=0, atol=1e-14)
-    before = (tmp_path / "a.h5").read_bytes()
-    api.run(case, to=tmp_path / "a.h5")
-    assert (tmp_path / "a.h5").read_bytes() == before
-    assert hodo("compare", "a.h5", "a.h5").returncode == 0
-
-
-def test_auto_takes_a_method_with_steps_where_they_are_the_samples() -> None:
-    """Also where there is a closed form, which has none."""
-    braked = FIG4 | {"model": "torques", "damping": 0, "brake": 0.01}
-    for body in (FIG4 | {"damping": 0.1}, FIG4 | {"damping": 0}, braked):
-        data = api.run(body | {"time": {"end": 1, "steps": True}})
-        assert data.attrs["method"] in ("taylor", "collocation")
-        assert data.sizes["time"] == data.attrs["steps"] + 1
-        assert data.attrs["error"] < 1e-14
-    equal = FIG4 | {"damping": 0.1, "time": {"end": 1, "steps": True}}
-    with pytest.raises(HodoError, match="the closed form takes no steps: name samples"):
-        api.run(equal | {"method": "exact"})
-    with pytest.raises(HodoError, match="the members of a sweep have one list of times"):
-        api.sweep(FIG4 | {"time": {"end": 1, "steps": "yes"},
-                          "sweep": {"damping.0": {"values": [1]}}})  # fmt: skip
+    assert '"values": [0.0, 10.0, ' in swept.attrs["case"]
 
 
 def test_several_cases_give_a_list_and_a_file_that_commands_read(
@@ -119,7 +87,7 @@ def test_several_cases_give_a_list_and_a_file_that_commands_read(
     for options in ({}, {"jobs": 2}, {"to": tmp_path / "runs" / "mine.h5"}):
         datasets = api.run([FIG4, slow], **options)
         assert [data.attrs["case"].splitlines()[0] for data in datasets] == [
-            "name: case1", "name: slow",
+            'name: "case1"', 'name: "slow"',
         ]  # fmt: skip
         xr.testing.assert_equal(datasets[0], single)
         assert datasets[1].attrs["method"] == "exact"
@@ -214,11 +182,11 @@ def test_numbers_of_numpy_are_numbers() -> None:
             {**FIG4, "damping": [1, 2]},
             "damping: expected 3 numbers or one for all, got a list of 2",
         ),
+        ({**FIG4, "damping": 1 + 2j}, "damping: expected a finite number, got (1+2j)"),
         (
-            {**FIG4, "damping": 1 + 2j},
-            "damping: expected a finite number, got an object of type complex",
+            {**FIG4, "damping": len},
+            "damping: expected a finite number, got <built-in func",
         ),
-        ({**FIG4, "damping": len}, "got an object of type builtin_function_or_method"),
         ({**FIG4, "dampin": 1}, "dampin: unknown key; did you mean 'damping'?"),
         ({}, "missing 'model', 'time'"),
         ({**FIG4, "sweep": {"damping.2": {"values": [1]}}}, "use hodo.sweep"),
@@ -257,7 +225,8 @@ def test_a_figure_is_drawn_of_datasets() -> None:
     (axes,) = figure.axes
     omega = made.omega.values
     for line in axes.lines:
-        np.testing.assert_allclose(line.get_ydata(), (omega**2 @ [1, 0.8, 0.6]) / 2, rtol=1e-15)
+        drawn = np.interp(made.time, line.get_xdata(), line.get_ydata())
+        np.testing.assert_allclose(drawn, (omega**2 @ [1, 0.8, 0.6]) / 2, rtol=1e-12)
     assert figure._repr_png_().startswith(b"\x89PNG")
     with pytest.raises(HodoError, match=r"kind: expected .* did you mean .hodograph."):
         api.plot(made, kind="hodograf")
@@ -289,7 +258,7 @@ def test_the_notebook_of_the_docs_runs(capsys: pytest.CaptureFixture[str]) -> No
 
 
 @pytest.mark.heyoka
-def test_curves_of_a_sweep_show_its_values_and_where_there_is_none() -> None:
+def test_curves_of_a_sweep_show_its_values() -> None:
     ranges = {"damping.2": {"linspace": [0.003, 0.007, 5]}, "damping.0": {"values": [0.005, 0.006]}}
     made = api.sweep({**FIG4, "sweep": ranges})
     figure = api.plot(made, kind="curve", variable="crossing_time", x="damping.2", by="damping.0")
@@ -299,21 +268,17 @@ def test_curves_of_a_sweep_show_its_values_and_where_there_is_none() -> None:
         r"$\lambda_1 = 0.005$",
         r"$\lambda_1 = 0.006$",
     ]
-    crosses = [line for line in axes.lines if line.get_marker() == "x"]
-    for i, (line, none) in enumerate(zip(curves, crosses, strict=True)):
-        values = made.crossing_time.values[:, i]
-        np.testing.assert_array_equal(line.get_ydata(), values)
-        np.testing.assert_array_equal(none.get_xdata(), made["damping.2"].values[np.isnan(values)])
+    assert np.isnan(made.crossing_time.values).any()
+    for i, line in enumerate(curves):
+        np.testing.assert_array_equal(line.get_ydata(), made.crossing_time.values[:, i])
     over = {"variable": "crossing_time", "x": "damping.2", "y": "damping.0"}
     (words,) = api.plot(made, kind="map", **over).legends
     assert [text.get_text() for text in words.get_texts()] == ["no crossing"]
     mean = api.plot(made, kind="curve", variable="crossing_G", x="damping.2").axes[0]
-    assert mean.get_ylabel().replace("\n", " ") == (
-        "|G| at the crossing, mean over damping.0 of the members that have one"
-    )
+    assert mean.get_ylabel().replace("\n", " ") == "$|G|$ at $t_1$, mean over damping.0"
     several = api.plot([made, made], kind="curve", variable="end_axis.x1", x="damping.2")
     shares = (made.end_axis == 1).mean("damping.0").values
-    for line in several.axes[0].lines[::2]:
+    for line in several.axes[0].lines:
         np.testing.assert_allclose(line.get_ydata(), shares)
     for wrong, message in (
         ({"x": "damping.1"}, "x: unknown axis 'damping.1' of sweep sweep; did you mean"),
@@ -353,8 +318,8 @@ def test_ranges_of_an_angle_may_be_in_degrees() -> None:
         api.sweep({**top, "sweep": both}), kind="curve", variable="u2", x="mu", by="initial.theta"
     )
     entries = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert entries == {rf"$\theta = {angle}$°" for angle in (30, 45, 60)}
-    with pytest.raises(HodoError, match="expected numbers, got an angle in degrees"):
+    assert entries == {rf"$\theta = {angle}$ deg" for angle in (30, 45, 60)}
+    with pytest.raises(HodoError, match="only angles and angular velocities are given in degrees"):
         api.sweep({**FIG4, "sweep": {"damping.2": {"values": ["5 deg"]}}})
     with pytest.raises(HodoError, match="expected"):
         api.sweep({**FIG4, "sweep": {"damping.2": {"values": ["five"]}}})

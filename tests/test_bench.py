@@ -133,3 +133,20 @@ def test_verdicts_name_what_limits_a_result(hodo: Hodo, tmp_path: Path) -> None:
     status = hodo_cli.open(tmp_path / "runs" / "a.bench.h5")["bench"].status.values.ravel()
     assert status[0] in ("accurate", "limited by the data")
     assert status[1] == "timeout"
+
+
+def test_a_method_that_finds_no_stop_has_a_dash(hodo: Hodo, tmp_path: Path) -> None:
+    """In the map of verdicts too, and it is no failure."""
+    (tmp_path / "a.yaml").write_text(
+        "bench: {methods: [auto, DOP853]}\n"
+        "cases:\n"
+        "  spin: {model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 1,\n"
+        "         torque: [0, 0, -0.1], initial: {x: 1, y: 1}, time: {end: 20, samples: 11}}\n"
+    )
+    done = hodo("bench", "a.yaml")
+    assert done.returncode == 0, done.stderr
+    assert "spin: 1 accurate (" in done.stderr
+    assert done.stdout.splitlines()[1].split()[-1] == "-"
+    trials = hodo_cli.open(tmp_path / "runs" / "a.bench.h5")["bench"]
+    assert trials.status.values.ravel().tolist() == ["accurate", "-"]
+    assert np.isnan(trials.error.values[0, 1, 0])

@@ -148,7 +148,7 @@ def test_a_result_knows_what_was_changed_for_it(hodo: Hodo, tmp_path: Path) -> N
     assert hodo("show", result).stderr == ""
     assert hodo("merge", result, "--out", "runs/merged.h5").returncode == 0
     with h5py.File(tmp_path / "runs/merged.h5") as file:
-        assert "end: 10" in str(file.attrs["config"])
+        assert '"end": 10' in str(file.attrs["config"])
     (tmp_path / "a.yaml").write_text(text.replace("0.05", "0.06"))
     assert "hodo run a.yaml --set turns.time.end=10" in hodo("show", result).stderr
 
@@ -429,7 +429,7 @@ def test_a_case_that_is_not_run_again_is_merged_as_it_was_run(two_results: Path)
     done = call(two_results, "merge", "a.yaml", "--out", "runs/c.h5")
     assert done.returncode == 0, done.stderr
     with h5py.File(two_results / "runs/c.h5") as file:
-        assert [*re.findall(r"end: (\d+)", str(file.attrs["config"]))] == ["20", "40"]
+        assert [*re.findall(r'"end": (\d+)', str(file.attrs["config"]))] == ["20", "40"]
 
 
 def test_what_cannot_be_merged_is_one_line_and_writes_nothing(two_results: Path) -> None:
@@ -548,7 +548,7 @@ def test_json_is_printed_whatever_else_is_asked_for(
         (["run", "-j", "2", "--scheduler", "tcp://127.0.0.1:9"], "-j: leave it out, the workers"),
         (
             ["plot", "--alone", "a.html", "--format", "csv"],
-            "--alone embeds all figures: give no figure names",
+            "--alone shows all figures: give no names",
         ),
     ],
 )

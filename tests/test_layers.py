@@ -13,7 +13,7 @@ PACKAGE = ROOT / "hodo_cli"
 
 # From the ground up; what stands in one row does not see its neighbours.
 LAYERS = (
-    "text schema progress arithmetic machine private",
+    "text schema progress arithmetic machine",
     "models storage",
     "quantities",
     "cases",

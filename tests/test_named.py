@@ -48,35 +48,41 @@ def test_a_config_stands_for_its_result(config: Path, command: str) -> None:
     assert "has changed" not in lines[0]
 
 
-CHANGED = "a.yaml has changed since the run: hodo run "
-
-
 def test_an_edited_caption_is_seen(config: Path) -> None:
     config.write_text(CONFIG.replace("cases: [first, second]", "cases: [first], title: other"))
-    assert CHANGED in hodo("plot", "runs/a.h5", "--format", "csv").stderr
+    said = (
+        "runs/a.h5: the figures of a.yaml have changed since its run: hodo plot a.yaml takes them"
+    )
+    assert said in hodo("plot", "runs/a.h5", "--format", "csv").stderr
     assert "second" in Path("runs/figures/a/f.csv").read_text()
-    hodo("plot", "a", "f", "--format", "csv")
+    assert not hodo("plot", "a", "f", "--format", "csv").stderr
     assert "second" not in Path("runs/figures/a/f.csv").read_text()
+    assert not hodo("claims", "runs/a.h5").stderr  # which are as they were
 
 
 def test_an_edited_claim_is_checked(config: Path) -> None:
     config.write_text(CONFIG.replace("most: 9", "least: 9"))
     stored, told = hodo("claims", "runs/a.h5"), hodo("claims", "a.yaml")
-    assert CHANGED in stored.stderr
+    assert "the claims of a.yaml have changed since its run" in stored.stderr
     assert (stored.exit_code, "reproduced" in stored.stdout) == (0, True)
     assert (told.exit_code, "contradicted" in told.stdout) == (3, True)
+    assert not told.stderr
+    assert hodo("claims", "runs/a.h5").exit_code == 0
 
 
 @pytest.mark.parametrize("name", ["runs/a.h5", "a"])
 def test_a_case_that_has_changed_since_is_named(config: Path, name: str) -> None:
-    config.write_text(CONFIG.replace("damping: 0.1", "damping: 0.3"))
+    config.write_text(CONFIG.replace("damping: 0.1", "damping: 0.3").replace("[0.2", "[0.20"))
     for command in ("show", "classify", "plot"):
-        assert CHANGED in hodo(command, name).stderr
+        said = "first has changed in a.yaml since the run; `hodo run a.yaml` runs it again\n"
+        assert f"runs/a.h5: {said}" in hodo(command, name).stderr
 
 
-def test_a_broken_config_is_a_mistake_where_it_is_named(config: Path) -> None:
+def test_remarks_are_no_change_and_a_broken_config_is_no_mistake(config: Path) -> None:
+    config.write_text(CONFIG.replace("damping: 0.1", "damping: 0.1, note: new"))
+    assert not hodo("show", "a").stderr
     config.write_text("cases: []")
-    assert hodo("show", "runs/a.h5").exit_code == 0
+    assert not hodo("show", "runs/a.h5").stderr
     assert hodo("show", "a.yaml").exit_code == 2
 
 

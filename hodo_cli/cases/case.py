@@ -166,6 +166,12 @@ class Case:
     assumes: Mapping[str, str] = field(default_factory=dict)
     sweep: Mapping[str, Any] | None = None
 
+    def __new__(cls, *positional: Any, **_: Any) -> "Case":
+        """Raises HodoError for a mapping, which a notebook may try."""
+        if positional and isinstance(positional[0], Mapping):
+            raise HodoError("Case.of makes a case of a mapping")
+        return super().__new__(cls)
+
     def __post_init__(self) -> None:
         for name in ("data", "sweep", "store", "assumes"):
             # The way into a frozen dataclass.

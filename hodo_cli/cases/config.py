@@ -200,9 +200,14 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
 
 
 def located(config: Config, path: KeyPath, message: str) -> HodoError:
-    """The error for a mistake in a config that only a result shows, with file, line and column."""
+    """The error for a mistake in a config that only a result shows, with file, line and column, or
+    the override."""
     source = Source(config.path)
-    read_mapping(config.text, source)
+    document = read_mapping(config.text, source)
+    defaults = document.get("defaults") or {}
+    blocks = {name: merged(defaults, block) for name, block in document["cases"].items()}
+    for override in config.overrides:
+        _apply_override(override, blocks, source)
     note_all([(path, message)], source)
     return source.error()
 

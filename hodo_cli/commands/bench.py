@@ -37,9 +37,9 @@ from ..integration import (
     with_measured_error,
 )
 from ..progress import Progress
+from ..results.resume import attributes_by
 from ..storage import CONTENT, Group, Variable, replacing, save_groups
 from ..text import grouped, magnitude, markdown, seconds, table
-from .resume import attributes_by
 
 # One case by one method at one tolerance
 

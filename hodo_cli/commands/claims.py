@@ -25,9 +25,9 @@ from ..claims.finding import Verdict
 from ..claims.verdicts import Judge
 from ..papers import finding_of
 from ..progress import Progress
+from ..results.resume import content_digest, results_named, stored_config, warn_of_changes
 from ..storage import Group, ResultFile, Update, Variable, history_line, open_run, update
 from ..text import counted, table
-from .resume import content_digest, results_named, stored_config, warn_of_changes
 
 Rows = list[dict[str, Any]]
 
@@ -57,7 +57,7 @@ def judge_results(paths: Iterable[Path]) -> dict[str, Rows]:
     tables: dict[str, Rows] = {name: [] for name in TABLES}
     for path, config in results_named(paths):
         with update(path, history_line(f"hodo claims {path}")) as changes:
-            warn_of_changes(changes.run, config)
+            warn_of_changes(changes.run, config, "claims")
             rows = rows_of_result(changes, config)
         if not any(rows.values()):
             warnings.warn(f"{path} has no claims: or errata:", stacklevel=2)

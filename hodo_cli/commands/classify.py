@@ -20,9 +20,9 @@ from ..quantities import MOMENTUM
 from ..results.groups import label_group
 from ..results.layout import RECORDED, sentence_of_case, units_of_case, without_old_labels
 from ..results.motion import Motion, case_of
+from ..results.resume import package_digest, results_named, warn_of_changes
 from ..storage import Group, Update, history_line, typed, update
 from ..text import abridged, few, grouped, magnitude, table, to_error
-from .resume import package_digest, results_named, warn_of_changes
 
 
 def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
@@ -47,7 +47,7 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
                     problems.append(
                         f"{path}: {words if words.startswith(name) else f'{name}: {words}'}"
                     )
-                except (LookupError, OSError, RuntimeError, ValueError) as error:
+                except (LookupError, RuntimeError, ValueError) as error:
                     problems.append(f"{path}: {name} is damaged ({error!r})")
     return rows, problems
 

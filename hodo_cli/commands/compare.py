@@ -20,9 +20,9 @@ from .. import HodoError
 from ..cases.case import parse_case
 from ..models import rigid_body
 from ..results.motion import check_whole
+from ..results.resume import check_cases, result_named, warn_of_changes
 from ..storage import Group, ResultFile, Variable, open_run
 from ..text import counted, magnitude, table
-from .resume import check_cases, result_named, warn_of_changes
 
 # Looser than the results' 1e-12, so that another machine's compiler changes no verdict, and tighter
 # than any figure shows.

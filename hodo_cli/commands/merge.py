@@ -8,9 +8,9 @@ from typing import Any
 from .. import HodoError
 from ..cases.case import Case, parse_case
 from ..cases.config import composed_text, parse
+from ..results.resume import attributes_by, check_cases, result_named, stored_config
 from ..schema.document import Source, read_mapping
 from ..storage import open_batch, publish
-from .resume import attributes_by, check_cases, result_named, stored_config
 
 
 def merge_results(paths: Iterable[Path], out: Path) -> None:

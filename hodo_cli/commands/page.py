@@ -18,9 +18,9 @@ from ..cases.claim_block import cases_of
 from ..cases.config import Config
 from ..machine import relative_path
 from ..models.rigid_body import LABELS
+from ..results.resume import stored_config
 from ..storage import ResultFile, open_batch, replacing
 from ..text import grouped, magnitude, seconds
-from .resume import stored_config
 
 PAGES = jinja2.Environment(
     loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True

@@ -17,10 +17,10 @@ from ..batch import Pool
 from ..cases.config import Config
 from ..machine import library_version, relative_path
 from ..progress import Progress
+from ..results.resume import content_digest, results_named, stored_config, warn_of_changes
 from ..schema.document import YAML_SUFFIXES
 from ..storage import open_batch, replacing
 from ..text import few, grouped
-from .resume import content_digest, results_named, stored_config, warn_of_changes
 
 FILMS = ("gif",)
 PAGE_FILE, DRAWN_RECORD = "index.html", "drawn.json"
@@ -92,7 +92,7 @@ def results_to_draw(paths: Sequence[Path], names: Sequence[str]) -> Iterator[ToD
     for a figure that is not there."""
     for path, config in results_named(paths):
         with open_batch(path) as run:
-            warn_of_changes(run, config)
+            warn_of_changes(run, config, "plot")
             config = config or stored_config(run)
             checksums = {name: run.checksum(name) for name in run.groups}
             wanted = dict.fromkeys(names or config.figures)

@@ -21,6 +21,15 @@ from ..integration import Trajectory, integrate
 from ..progress import Progress
 from ..results.groups import case_group
 from ..results.layout import SUMMARY
+from ..results.resume import (
+    CONFIG_PATH,
+    FORCED,
+    attributes_by,
+    case_digest,
+    check_origin,
+    path_from,
+    rerun_reason,
+)
 from ..storage import (
     HEAD,
     ORDER,
@@ -37,15 +46,6 @@ from ..storage import (
     update,
 )
 from ..text import few, file_name_fault, grouped
-from .resume import (
-    CONFIG_PATH,
-    FORCED,
-    attributes_by,
-    case_digest,
-    check_origin,
-    path_from,
-    rerun_reason,
-)
 
 if TYPE_CHECKING:
     pass

@@ -17,9 +17,9 @@ from .. import HodoError
 from ..cases.case import parse_case
 from ..quantities import angle_turned
 from ..results.layout import MODEL_SOURCE, SUMMARY, typed_as
+from ..results.resume import result_named, results_named, warn_of_changes
 from ..storage import Group, ResultFile, folder_of, open_batch
 from ..text import few, grouped, in_bytes, magnitude, seconds, table
-from .resume import result_named, results_named, warn_of_changes
 
 LISTED = SUMMARY | typed_as("case")
 

@@ -51,10 +51,11 @@ class Stepwise(Engine):
         passed: list[EventRoot] = []
         while going and stop is None:
             before = solver.y.copy()
-            if problem := problem_of_step(solver):
-                control.give_up(Status.FAILED, problem)
+            try:
+                dense = advance(solver)
+            except ValueError as error:
+                control.give_up(Status.FAILED, str(error))
                 break
-            dense = solver.dense_output()
             roots = self._roots(constants, solver.t_old, solver.t, dense, before)
             stop = next((root for root in roots if self.events[root.event].terminal), None)
             passed += [root for root in roots if not self.events[root.event].terminal]
@@ -103,16 +104,18 @@ class Stepwise(Engine):
         return sorted(roots, key=lambda root: root.time)
 
 
-def problem_of_step(solver: Any) -> str:
-    """Take a step; why there is none, or an empty string."""
-    try:
-        message = solver.step()
-    except ValueError as error:  # as SciPy's implicit methods, of a matrix that is not finite
-        return str(error)
+def advance(solver: Any) -> Callable[[Any], np.ndarray]:
+    """Take a step; the motion within it.
+
+    Raises ValueError if there is none, or no time left: SciPy's implicit methods do, of a matrix
+    that is not finite, and the rates, which DOP853 asks for again within the step.
+    """
+    message = solver.step()
     # LSODA returns success with nan where an equation is not Lipschitz.
     if solver.status == "failed" or not np.isfinite(solver.y).all():
-        return message or "the state became infinite or not a number"
-    return ""
+        raise ValueError(message or "the state became infinite or not a number")
+    dense: Callable[[Any], np.ndarray] = solver.dense_output()
+    return dense
 
 
 def between(zeros: Zeros, row: int) -> np.ndarray:

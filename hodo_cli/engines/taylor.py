@@ -13,8 +13,8 @@ import heyoka as hy
 import numpy as np
 
 from ..arithmetic import SYMBOLS
+from ..machine import cache_folder
 from ..models.base import Constants, Event, Model, Structure, attributes, count, flatten, namespace
-from ..private import cache_folder
 from .polynomial import TAYLOR
 from .protocol import NORM_BAND, PRECISION, EventRoot, Status, StepControl, Stretch
 from .stepwise import zero

@@ -19,7 +19,7 @@ import numpy as np
 
 from .. import arithmetic
 from ..arithmetic import horner
-from ..machine import processor
+from ..machine import cached_code, processor
 from ..models.base import (
     UNIT,
     Event,
@@ -29,7 +29,6 @@ from ..models.base import (
     kinds_of_variables,
     namespace,
 )
-from ..private import cached_code
 from . import series as series_module
 from .series import TINY_DIVISOR, Series, constant, motion, total
 from .taylor import BLIND_RATIO, OPTIMISED_NODES

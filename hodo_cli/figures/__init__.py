@@ -115,6 +115,12 @@ def draw(
 def draw_motions(sheet: Sheet, cases: Cases, figures: Mapping[str, Mapping[str, Any]]) -> None:
     """Draw a figure of motions, and warn of those whose samples are too few."""
     spec = sheet.spec
+    named = "bodies" if "bodies" in spec else "cases"
+    count, given = len(spec.get(named, ())), len(spec["labels"])
+    if given > count:
+        raise HodoError(
+            f"labels: expected one for each of the {named}, {count} in all, got {given}"
+        )
     motions = motions_of(cases, spec.get("cases", ()), spec["labels"])
     sheet.spec = {**spec, "time": symbol_of_time(spec, motions)}
     for name in (others := spec.get("scale_with", ())):

@@ -1,6 +1,7 @@
 """Figures of sweeps: a variable over one axis, over two, or over the directions of the start."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from itertools import chain, repeat
 from typing import Any
@@ -95,10 +96,23 @@ Cell = tuple[SweepView, str, str, np.ndarray]
 """A panel or curve: its sweep, its name in the picture and in tables, and its values."""
 
 
+def check_axes(spec: Mapping[str, Any]) -> None:
+    """Raise HodoError if a map has one axis of two, or an axis is drawn twice."""
+    given = {key: spec[key] for key in ("x", "y", "panels", "by") if spec.get(key)}
+    if spec["kind"] == "map" and len(alone := given.keys() & {"x", "y"}) == 1:
+        (missing,) = {"x", "y"} - alone
+        raise HodoError(f"missing '{missing}': a map has x and y, or neither")
+    firsts: dict[str, str] = {}
+    for key, name in given.items():
+        if (first := firsts.setdefault(name, key)) != key:
+            raise HodoError(f"{key}: {name} is the axis of '{first}' already")
+
+
 def cells(sheet: Sheet, cases: Cases, keep: Sequence[str], along: str | None) -> list[Cell]:
     """Each panel or curve of a figure of sweeps, with the values over the axes to keep. Raises
-    HodoError for an axis that is not there, or that has several units."""
+    HodoError as `check_axes` does, and for an axis that is not there or has several units."""
     spec, found = sheet.spec, []
+    check_axes(spec)
     labels, units = chain(spec["labels"], repeat("")), dict[str, str]()
     for name, data in cases.items():
         if "members" not in data.attrs:
@@ -204,7 +218,7 @@ def sweep_map(sheet: Sheet, cases: Cases) -> None:
         named = words or {1: yes, 0: "otherwise"}
         of = f"{said}: " if words else ""
         sheet.handles += [
-            Patch(fc=colours(norm(value)), label=of + word)
+            Patch(fc=colours(norm(value)), label=of + re.sub(r"^x([123])$", r"$x_\1$", word))
             for value, word in named.items()
             if value in known
         ]

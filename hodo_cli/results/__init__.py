@@ -1,3 +1,3 @@
-"""What is stored of a motion, and what follows from it: names and units, quantities, datasets, how
-far two results are apart, and trials of methods.
+"""What is stored of a motion, and what follows from it: names and units, quantities, datasets, and
+what of a result need not be done again.
 Imports storage, integration and what lies below."""

@@ -350,7 +350,8 @@ def copy_group(source: h5py.Group, file: h5py.File, name: str) -> None:
         for link in (b"REFERENCE_LIST", b"DIMENSION_LIST"):
             if h5a.exists(item, link):
                 h5a.delete(item, link)
-    attach(items, dimensions(source))
+    with suppress(KeyError):  # a dimension that another program has removed
+        attach(items, dimensions(source))
 
 
 def set_attributes(item: h5py.HLObject, attributes: Mapping[str, Attribute]) -> None:

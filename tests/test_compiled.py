@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from conftest import Hodo
 
-from hodo_cli import private
+from hodo_cli import machine
 
-COMPILE = "from hodo_cli.private import cached_code; print(cached_code('key', lambda: [1, 2]))"
+COMPILE = "from hodo_cli.machine import cached_code; print(cached_code('key', lambda: [1, 2]))"
 
 
 @pytest.fixture
@@ -28,37 +28,37 @@ def test_processes_that_begin_together_store_one_code_of_the_users_own(folder: P
         for _ in range(4)
     ]
     assert {process.communicate()[0] for process in processes} == {"[1, 2]\n"}
-    assert private.cached_code("key", lambda: "anew") == [1, 2]
+    assert machine.cached_code("key", lambda: "anew") == [1, 2]
     assert os.listdir(folder) == ["key.code"]
     assert folder.stat().st_mode & 0o777 == 0o700
 
 
 @pytest.mark.parametrize("damage", ["cut", "empty", "of another version"])
 def test_code_that_a_disk_has_torn_is_compiled_anew(folder: Path, damage: str) -> None:
-    assert private.cached_code("key", lambda: "sound") == "sound"
+    assert machine.cached_code("key", lambda: "sound") == "sound"
     file = folder / "key.code"
     sound = file.read_bytes()
     others = sound[16:] + bytes(range(128, 160))
     file.write_bytes({"cut": sound[:-1], "empty": b"", "of another version": others}[damage])
-    assert private.cached_code("key", lambda: "new") == "new"
-    assert private.cached_code("key", lambda: "other") == "new"
+    assert machine.cached_code("key", lambda: "new") == "new"
+    assert machine.cached_code("key", lambda: "other") == "new"
 
 
 def test_a_folder_that_others_can_reach_is_not_used(folder: Path) -> None:
-    assert private.cached_code("key", lambda: 1) == 1
+    assert machine.cached_code("key", lambda: 1) == 1
     folder.chmod(0o755)
-    assert private.cached_code("key", lambda: 2) == 2
+    assert machine.cached_code("key", lambda: 2) == 2
     folder.chmod(0o700)
-    assert private.cached_code("key", lambda: 3) == 1
+    assert machine.cached_code("key", lambda: 3) == 1
 
 
 def test_the_code_that_was_used_last_stays(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(private, "MOST_FILES", 2)
+    monkeypatch.setattr(machine, "MOST_FILES", 2)
     for name in "ab":
-        private.cached_code(name, lambda: bytes(10))
+        machine.cached_code(name, lambda: bytes(10))
         os.utime(folder / f"{name}.code", (1, 1 + ord(name)))
-    private.cached_code("a", bytes)  # is used, so that b is the oldest
-    private.cached_code("c", lambda: bytes(10))
+    machine.cached_code("a", bytes)  # is used, so that b is the oldest
+    machine.cached_code("c", lambda: bytes(10))
     assert sorted(os.listdir(folder)) == ["a.code", "c.code"]
 
 
