@@ -83,8 +83,12 @@ def test_only_options_that_exist_are_named(name: str) -> None:
 @documents
 def test_only_targets_that_exist_are_named(name: str) -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    targets = set(re.findall(r"^([a-z]+):", makefile, re.MULTILINE))
-    assert set(re.findall(r"(?:`|^ {4})make ([a-z]+)", DOCUMENTS[name], re.MULTILINE)) <= targets
+    targets = set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
+    assert set(re.findall(r"(?:`|^ {4})make ([a-z-]+)", DOCUMENTS[name], re.MULTILINE)) <= targets
+
+
+def test_the_case_of_the_readme_comes_with_the_package() -> None:
+    assert snippets("README.md", "yaml") == [(ROOT / "configs/satellite.yaml").read_text("utf-8")]
 
 
 def test_readme_starts_with_the_figures_and_the_tests() -> None:
