@@ -242,12 +242,12 @@ def test_the_result_format_is_documented_whole(tmp_path: Path) -> None:
 
 
 def test_the_example_of_a_model_loses_the_energy_that_it_says() -> None:
-    source = next(s for s in snippets("docs/models.md", "python") if "class " in s)
+    source = next(s for s in snippets("docs/own-models.md", "python") if "class " in s)
     scope: dict[str, Any] = {
         "__package__": "hodo_cli.models",
         "__name__": "hodo_cli.models.quadratic_drag",
     }
-    exec(compile(source, "models.md", "exec"), scope)
+    exec(compile(source, "own-models.md", "exec"), scope)
     model = scope["QuadraticDrag"]
     body = model(inertia=(1.0, 0.8, 0.6), initial={}, drag=0.1)
     k = SimpleNamespace(**body.constants)
