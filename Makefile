@@ -1,4 +1,5 @@
-# `make` or `make help` lists the targets. Each of them makes .venv first if need be, so a fresh clone needs no other step.
+# `make` lists the targets of every day, `make all-targets` all of them. Each makes .venv first if need be, so a fresh clone
+# needs no other step.
 
 PAPERS := $(wildcard configs/paper*.yaml)
 SWEEPS := configs/sweep_crossing.yaml configs/sweep_resistance.yaml
@@ -32,13 +33,16 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup run classify claims figures sweeps speed compare reference test lowest stress lint bench docs lock clean
+.PHONY: help all-targets setup run classify claims figures sweeps speed compare reference test lowest stress lint bench docs lock clean
 
-help:  ## List the targets
+help:
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
-	@echo "  CONFIGS=mine.yaml limits run, classify and figures to the case files named."
+	@echo "  CONFIGS=mine.yaml limits run, classify and figures to the case files named; make all-targets lists the rest."
 
-setup: $(READY)  ## Make .venv with what running needs (by uv if it is installed, else by venv and pip)
+all-targets:
+	@awk -F ':.*#[#:] ' '/^[a-z-]+:.*#[#:] / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup: $(READY)  #: Make .venv with what running needs (by uv if it is installed, else by venv and pip)
 
 run: $(READY)  ## Integrate every case of the papers into runs/ (finished cases are not run again)
 	$(BIN)/hodo run $(CONFIGS)
@@ -57,18 +61,18 @@ sweeps: $(READY)  ## Run the ensembles but for the million, and draw their maps 
 	$(BIN)/hodo classify $(SWEEPS:configs/%.yaml=runs/%.h5)
 	$(BIN)/hodo plot $(SWEEPS:configs/%.yaml=runs/%.h5)
 
-speed: $(READY)  ## Time sweeps beside plain loops (some 3 minutes); renews docs/sweeps.md
+speed: $(READY)  #: Time sweeps beside plain loops (some 3 minutes); renews docs/sweeps.md
 	($(BIN)/python tools/machine.py; $(BIN)/python tools/sweep_speed.py) \
 		| $(BIN)/python tools/tables.py docs/sweeps.md speed
 
-compare: $(READY)  ## Run the papers anew and compare with runs/reference (OPTIONS='--rtol 1e-8' without heyoka)
+compare: $(READY)  #: Run the papers anew and compare with runs/reference (OPTIONS='--rtol 1e-8' without heyoka)
 	$(BIN)/hodo run $(PAPERS) --force --quiet --out build/compare >/dev/null
 	$(BIN)/hodo classify $(PAPERS:configs/%.yaml=build/compare/%.h5) >/dev/null
 	@status=0; for paper in $(PAPERS:configs/%.yaml=%); do \
 		$(BIN)/hodo compare $(OPTIONS) build/compare/$$paper.h5 runs/reference/$$paper.h5 || status=$$?; \
 	done; exit $$status
 
-reference: $(READY)  ## Compute runs/reference anew, in quadruple precision
+reference: $(READY)  #: Compute runs/reference anew, in quadruple precision
 	$(BIN)/hodo run $(PAPERS) --set '*.precision=quadruple' --force --quiet --out build/reference
 	$(BIN)/hodo classify $(QUADRUPLE)
 	$(BIN)/python tools/reference.py runs/reference $(QUADRUPLE)
@@ -76,47 +80,51 @@ reference: $(READY)  ## Compute runs/reference anew, in quadruple precision
 test: lint  ## The checks of `lint`, then the whole test suite
 	$(PYTEST)
 
-lowest: $(LOWEST)  ## The tests that meet the libraries most, with the lowest versions that pyproject.toml allows
+lowest: $(LOWEST)  #: The tests that meet the libraries most, with the lowest versions that pyproject.toml allows
 	$(dir $(LOWEST))bin/pytest -q -n logical --maxprocesses 4 --dist loadfile -p no:cacheprovider $(MEETING)
 
-stress: $(TOOLS)  ## Kill runs, lose the power, let calls fail, let twenty commands meet, feed the loader bad inputs (some 30 minutes)
+stress: $(TOOLS)  #: Kill runs, lose the power, let calls fail, let twenty commands meet, feed the loader bad inputs (some 30 minutes)
 	$(BIN)/python tests/stress.py
 	HODO_FUZZ=5000 $(PYTEST) tests/test_fuzz.py
 
-lint: $(TOOLS)  ## ruff on everything (rules and format), mypy --strict on the package
+lint: $(TOOLS)  #: ruff on everything (rules and format), mypy --strict on the package
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/mypy
 
-bench: $(READY)  ## Error against run time, and the extreme cases (10 minutes); renews docs/accuracy.md
+bench: $(READY)  #: Error against run time, and the extreme cases (10 minutes); renews docs/accuracy.md
 	@mkdir -p runs; status=0; for config in error_time extreme; do \
 		$(BIN)/hodo bench configs/$$config.yaml -j 2 --markdown > runs/$$config.md || status=1; \
-		($(BIN)/python tools/machine.py; cat runs/$$config.md) \
+		($(BIN)/python tools/machine.py; grep -v '| accurate |' runs/$$config.md) \
 			| $(BIN)/python tools/tables.py docs/accuracy.md "bench: $$config"; \
 	done; \
-	$(BIN)/python tools/bench_table.py runs/error_time.bench.h5 \
-		| $(BIN)/python tools/tables.py docs/accuracy.md "table: error_time"; \
 	cp runs/figures/error_time.bench.svg docs/error_time.svg; \
 	exit $$status
 
-docs: claims  ## Renew what the documents quote from the program, and what they say of the papers
-	$(BIN)/hodo schema --table | $(BIN)/python tools/tables.py docs/case-files.md keys
+docs: claims  #: Renew what the documents quote from the program, and what they say of the papers
+	mkdir -p build; $(BIN)/hodo schema --table > build/keys.md
+	sed '/^### Most figures/,$$d' build/keys.md | $(BIN)/python tools/tables.py docs/case-files.md keys
+	sed '/^### Most figures/,/^### Every claim/!d; /^### Every claim/d' build/keys.md \
+		| $(BIN)/python tools/tables.py docs/figures.md keys
+	sed '/^### Every claim/,$$!d' build/keys.md | $(BIN)/python tools/tables.py docs/claims.md keys
 	$(BIN)/python tools/models.py | $(BIN)/python tools/tables.py docs/models.md models
 	for paper in $(PAPERS:configs/%.yaml=%); do \
 		$(BIN)/hodo claims runs/$$paper.h5 --markdown \
 			| $(BIN)/python tools/tables.py docs/$$paper.md $$paper; \
 	done
-	for picture in fig4=paper1/fig4 paper1=paper1/fig12-readings paper2=paper2/x paper3=paper3/u3; do \
+	$(BIN)/hodo run configs/satellite.yaml
+	$(BIN)/hodo classify runs/satellite.h5
+	for picture in satellite=satellite/satellite paper1=paper1/fig12-readings paper2=paper2/x paper3=paper3/u3; do \
 		figure=$${picture#*=}; \
 		$(BIN)/hodo plot configs/$${figure%/*}.yaml $${figure#*/} --format svg --out build/pictures; \
 		cp build/pictures/$$figure.svg docs/$${picture%=*}.svg; \
 	done
 
-lock:  ## Renew both lock files from pyproject.toml (needs uv; UPGRADE=--upgrade takes newer versions)
+lock:  #: Renew both lock files from pyproject.toml (needs uv; UPGRADE=--upgrade takes newer versions)
 	$(LOCK) $(UPGRADE) --all-extras --output-file requirements-dev.lock pyproject.toml
 	$(LOCK) --upgrade --extra build --constraint requirements-dev.lock --output-file requirements.lock pyproject.toml
 
-clean:  ## Remove results, figures and caches; keep .venv and runs/reference
+clean:  #: Remove results, figures and caches; keep .venv and runs/reference
 	[ ! -d runs ] || find runs -mindepth 1 -maxdepth 1 ! -name reference -exec rm -rf {} +
 	rm -rf build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find hodo_cli tests -name __pycache__ -prune -exec rm -rf {} +

@@ -1140,13 +1140,19 @@ def test_a_page_has_the_gravest_in_full_and_everything_in_tables(tmp_path: Path)
         assert call(tmp_path, *command.split()).returncode == 0
     done = call(tmp_path, "claims", "page.yaml", "--markdown")
     assert (done.returncode, done.stderr) == (0, "")
-    head, full, errata, statements, taken = done.stdout.split("\n\n## ")
+    told, *tables = done.stdout.split("\n\n<details>\n<summary>")
+    head, full = told.split("\n\n## ")
+    titles, folded = zip(*(table.split("</summary>\n\n") for table in tables), strict=True)
+    assert [title.split()[0] for title in titles] == ["Errata", "Every", "What"]
+    errata, statements, taken = (
+        text.removesuffix("\n\n</details>") for text in map(str.rstrip, folded)
+    )
     assert head == ("2 statements: 1 reproduced, 1 contradicted. 1 erratum: 1 by reading.")
     assert full.splitlines()[2:] == [
         "- **Fig 2**: It turns round x3. *вокруг* **Contradicted**: x1. Remark: not \\*so\\*."
     ]
     assert errata.splitlines()[-1] == "| eq. 1 | + | - | by reading |  |"
-    rows = statements.splitlines()[4:]
+    rows = statements.splitlines()[2:]
     assert len(rows) == 2
     assert rows[1].startswith("| Fig 2 | It turns round x3. | contradicted | x1; not \\*so\\* | ")
     assert rows[0].startswith("| Fig 1 | It turns \\| round x\\_1. | reproduced | x1 | ")

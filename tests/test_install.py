@@ -115,15 +115,16 @@ def test_hodo_works_without_what_windows_lacks(hodo: Hodo, tmp_path: Path) -> No
     assert left - {".hodo.lock"} == {"figures", "mine.h5"}
 
 
-def test_the_environment_of_conda_has_every_dependency() -> None:
+@pytest.mark.parametrize("file", ["environment.yml", "conda-recipe/meta.yaml"])
+def test_conda_installs_every_dependency(file: str) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    text = (ROOT / "environment.yml").read_text(encoding="utf-8").lower()
+    text = (ROOT / file).read_text(encoding="utf-8").lower().replace(" >=", ">=")
     # conda-forge calls these two otherwise.
     called = {"heyoka": "heyoka.py", "matplotlib": "matplotlib-base"}
     for wanted in project["dependencies"]:
         name, least = re.match(r"([A-Za-z0-9-]+)(>=[0-9.]+)", wanted).groups()
         name = called.get(name.lower(), name.lower())
-        assert re.search(rf"^  - {re.escape(name + least)}(?= |$)", text, re.MULTILINE), wanted
+        assert re.search(rf"^ +- {re.escape(name + least)}(?= |$)", text, re.MULTILINE), wanted
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")

@@ -17,7 +17,7 @@ from test_docs import snippets
 
 import hodo_cli
 
-EXAMPLE, HEAVY = (text for text in snippets("docs/models.md", "python") if "class " in text)
+EXAMPLE, HEAVY = (text for text in snippets("docs/own-models.md", "python") if "class " in text)
 CONFIG = """\
 defaults: {inertia: [1, 0.8, 0.6], time: {end: 10, samples: 3},
            initial: {p: 0.8, q: 0.5, r: 0.74}}
@@ -189,7 +189,7 @@ def test_the_heavy_body_of_the_documents_keeps_its_integrals(hodo: Hodo, tmp_pat
     """Of Kovalevskaya's body, T + L.z, G.z and her own; the vertical is where the quaternion has
     it, of members with random starts too, and a member of a sweep over the tilt is the single
     case."""
-    config = next(text for text in snippets("docs/models.md", "yaml") if "model: heavy" in text)
+    config = next(text for text in snippets("docs/own-models.md", "yaml") if "model: heavy" in text)
     (tmp_path / "heavy.py").write_text(HEAVY, encoding="utf-8")
     body = config.removeprefix("cases:\n")
     tilts = "    sweep: {attitude.euler.1: {values: [0.3, 1.0471975511965976]}}\n"

@@ -80,14 +80,15 @@ def test_nothing_imports_the_command_line() -> None:
     ]
 
 
-def test_every_target_is_explained_by_help() -> None:
+def test_every_target_is_explained() -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     phony = re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)
     assert phony
     listed = subprocess.run(
-        ["make", "-s", "help"], cwd=ROOT, capture_output=True, text=True, check=True
+        ["make", "-s", "all-targets"], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
-    assert re.findall(r"^  ([a-z]+) ", listed, re.MULTILINE) == phony[1].split()
+    explained = re.findall(r"^  ([a-z]+) ", listed, re.MULTILINE)
+    assert ["help", "all-targets", *explained] == phony[1].split()
 
 
 HEAVY = {

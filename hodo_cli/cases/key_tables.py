@@ -56,27 +56,37 @@ def _groups() -> Iterator[tuple[str, list[Row]]]:
     )
     catalogue = models.catalogue()
     yield "Every case", _table({"model": keys_of(None, None)[1]["model"]} | COMMON)
-    for model, forms in catalogue.items():
-        head = {"form": keys_of(model, None)[1]["form"]}
-        takers = grouped(
-            (row, name) for name, form in forms.items() for row in _table(head | keys_of_form(form))
-        )
-        # A key that only some forms take names them.
-        yield (
-            f"Model `{model}`",
-            [
-                row if taking == [*forms] else (f"{row[0]} (form {', '.join(taking)})", *row[1:])
-                for row, taking in takers.items()
-            ],
-        )
+    takers = grouped(
+        (row, (model, name))
+        for model, forms in catalogue.items()
+        for name, form in forms.items()
+        for row in _table(keys_of_form(form))
+    )
+    alone: dict[str, list[Row]] = {model: [] for model in catalogue}
+    shared: list[Row] = []
+    for row, taking in takers.items():
+        named = grouped(taking)
+        table = shared if len(named) > 1 else alone[next(iter(named))]
+        # A key names the forms that take it where others do not, and its models beside them.
+        words = [
+            f"{model if table is shared else 'form'} {', '.join(forms)}"
+            if forms != [*catalogue[model]]
+            else model * (table is shared)
+            for model, forms in named.items()
+        ]
+        table.append((f"{row[0]} ({'; '.join(words)})".removesuffix(" ()"), *row[1:]))
+    yield "Several models", shared
+    for model in catalogue:
+        form = _table({"form": keys_of(model, None)[1]["form"]})
+        yield f"Model `{model}`", form + alone[model]
     every, *others = figure_block.FIGURE_KINDS.values()
     # A key stands under "most figures" if most of the kinds take it, with the same meaning.
-    shared = {
+    common = {
         k: x for k, x in every.items() if sum(keys.get(k) == x for keys in others) > len(others) / 2
     }
-    yield "Most figures", _table({"kind": figure_block.FIGURE["head"]} | shared)
+    yield "Most figures", _table({"kind": figure_block.FIGURE["head"]} | common)
     for name, keys in figure_block.FIGURE_KINDS.items():
-        yield f"Figure `{name}`", _table({k: x for k, x in keys.items() if shared.get(k) != x})
+        yield f"Figure `{name}`", _table({k: x for k, x in keys.items() if common.get(k) != x})
     yield "Every claim", [row for row in _table(claim_block.CLAIM) if "(kind: " not in row[0]]
     for name, keys in claim_block.CHECK_KINDS.items():
         yield f"Check `{name}`", _table({f"check.{key}": x for key, x in keys.items()})

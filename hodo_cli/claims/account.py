@@ -16,8 +16,8 @@ OURS = "not in the paper"
 GRAVEST = (CONTRADICTED, AS_PRINTED, ONCE_CORRECTED, UNDERDETERMINED)
 """The verdicts on statements that do not simply hold, the gravest first."""
 
-IN_FULL = 5
-"""The most statements that are told in full: authors read these first."""
+IN_FULL = 3
+"""The most statements that are told in full: authors read these first, and unfold the tables."""
 
 HEADERS = {
     "errata": ("where", "printed", "should be", "verdict", "shown by"),
@@ -33,13 +33,18 @@ def account(
     cases: Iterable[Case],
 ) -> str:
     """The verdicts on a paper as text in Markdown, which begins with these counts."""
-    sections = {
-        "What does not simply hold": "\n".join(map(in_full, gravest(statements))),
+    told = "\n".join(map(in_full, gravest(statements)))
+    tables = {
         "Errata": table_of("errata", map(erratum_cells, errata)),
         "Every statement": table_of("statements", map(statement_cells, statements)),
         "What is left open, and what is taken here": table_of("assumptions", assumptions(cases)),
     }
-    parts = (f"## {heading}\n\n{text}" for heading, text in sections.items() if text)
+    parts = [f"## What does not simply hold\n\n{told}"] if told else []
+    parts += [
+        f"<details>\n<summary>{heading}</summary>\n\n{table}\n\n</details>"
+        for heading, table in tables.items()
+        if table
+    ]
     return "\n\n".join([f"{'. '.join(counts)}.", *parts])
 
 
