@@ -2,7 +2,7 @@
 docs/case-files.md, one a group of keys, and the JSON Schema for editors."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
@@ -47,6 +47,18 @@ def _table(keys: Mapping[str, Rule]) -> list[Row]:
     return [row for name, rule in keys.items() for row in _rows(name, rule)]
 
 
+def _takers(named: Mapping[str, Sequence[str]], catalogue: Mapping[str, Mapping[str, Any]]) -> str:
+    """Which forms, of which models, take a key; nothing where all forms of its one model do."""
+    some = {
+        model: "" if [*forms] == [*catalogue[model]] else ", ".join(forms)
+        for model, forms in named.items()
+    }
+    if len(some) == 1:
+        (forms_of_one,) = some.values()
+        return f" (form {forms_of_one})" if forms_of_one else ""
+    return f" ({'; '.join(f'{model} {forms}'.rstrip() for model, forms in some.items())})"
+
+
 def _groups() -> Iterator[tuple[str, list[Row]]]:
     """The heading and the rows of each table."""
     # Statements have tables of their own.
@@ -67,14 +79,7 @@ def _groups() -> Iterator[tuple[str, list[Row]]]:
     for row, taking in takers.items():
         named = grouped(taking)
         table = shared if len(named) > 1 else alone[next(iter(named))]
-        # A key names the forms that take it where others do not, and its models beside them.
-        words = [
-            f"{model if table is shared else 'form'} {', '.join(forms)}"
-            if forms != [*catalogue[model]]
-            else model * (table is shared)
-            for model, forms in named.items()
-        ]
-        table.append((f"{row[0]} ({'; '.join(words)})".removesuffix(" ()"), *row[1:]))
+        table.append((row[0] + _takers(named, catalogue), *row[1:]))
     yield "Several models", shared
     for model in catalogue:
         form = _table({"form": keys_of(model, None)[1]["form"]})
