@@ -144,7 +144,7 @@ class Motion(Samples):
 
     @cached_property
     def labels(self) -> np.ndarray:
-        """The enclosed axis (n,). Raises HodoError if `classify` has not been run, or finds none."""
+        """The enclosed axis (n,). Raises HodoError if `classify` was not run, or finds none."""
         if not self.classified:
             command = f"run `hodo classify {quote(self.path)}` first"
             how = self.case.system.no_axis_reason
