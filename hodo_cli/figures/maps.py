@@ -109,7 +109,7 @@ def check_axes_differ(spec: Mapping[str, Any]) -> None:
 
 def cells(sheet: Sheet, cases: Cases, keep: Sequence[str], along: str | None) -> list[Cell]:
     """Each panel or curve of a figure of sweeps, with the values over the axes to keep. Raises
-    HodoError as `check_axes_differ` does, and for an axis that is not there or has several units."""
+    HodoError as `check_axes_differ` does, and for an axis that is missing or has several units."""
     spec, found = sheet.spec, []
     check_axes_differ(spec)
     labels, units = chain(spec["labels"], repeat("")), dict[str, str]()
