@@ -548,7 +548,7 @@ def test_a_verdict_has_one_scale_whatever_the_quantity_and_its_name(tmp_path: Pa
     """A bound is missed by parts of the own range of a quantity, and a law by parts of its own
     largest value; over all quantities under all their names."""
     case = yaml.safe_load(SCALED)["cases"]
-    names = [name for name in CHECK_KINDS["formula"]["of"]["enum"] if name != "D/2T"]
+    names = [name for name in schema()["$defs"]["quantity"]["enum"] if name != "D/2T"]
     claims, expected = [], []
     for which in case:
         motion = hodo_cli.run(case[which], name=which)
@@ -666,12 +666,6 @@ MISTAKEN = [
     (f"readings: {{a: {{cases: slow, shar: 1}}}}, {FALLS}", "readings.a.shar: unknown key"),
     (f"cases: {{case: slow, assumes: {{r0: ''}}}}, {FALLS}",
      "cases.0.assumes.r0: expected text, got ''"),
-    ("cases: slow, check: {kind: bound, of: u1, most: 1}",
-     "check: case slow has no gamma, which u1 needs"),
-    ("cases: slow, check: {kind: value, values: {rebound_u3: [1]}, within: 0.1}",
-     "check: case slow has no gamma, which rebound_u3 needs"),
-    ("cases: stopping, check: {kind: bound, of: area_largest, least: 1}",
-     "check: case stopping (cavity+constant, averaged) has no area_largest"),
 ]  # fmt: skip
 """Claims as a case file may not give them, and why."""
 
@@ -689,6 +683,29 @@ def refusal_in_last_line(text: str) -> str:
     place, _, message = str(raised.value).partition(": ")
     assert re.fullmatch(rf"c\.yaml:{len(text.splitlines())}:\d+", place)
     return message
+
+
+LACKING = [
+    ("cases: slow, check: {kind: bound, of: u1, most: 1}",
+     "case slow has no gamma, which u1 needs"),
+    ("cases: slow, check: {kind: value, values: {rebound_u3: [1]}, within: 0.1}",
+     "case slow has no gamma, which Gz needs"),
+    ("cases: stopping, check: {kind: bound, of: area_largest, least: 1}",
+     "case stopping has no labels of the enclosed axis: averaged over the hodograph's turns: "
+     "it circles x3, and crosses nothing"),
+]  # fmt: skip
+"""Claims of what their cases do not have, and the words that say so."""
+
+
+@pytest.mark.parametrize(("claim", "words"), LACKING)
+def test_what_a_case_lacks_is_told_when_the_claim_is_judged(
+    stored: Path, claim: str, words: str
+) -> None:
+    (stored / "c.yaml").write_text(MOTIONS + claims_block(f"{claim}, expect: reproduced"))
+    done = call(stored, "claims", "c.yaml")
+    place = rf"c\.yaml:{len((stored / 'c.yaml').read_text().splitlines())}:\d+: claims\.0\.check: "
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch(place + re.escape(words), done.stderr.splitlines()[-1])
 
 
 def test_a_case_with_other_values_is_integrated_for_the_statement_alone(stored: Path) -> None:

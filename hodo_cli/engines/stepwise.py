@@ -52,7 +52,7 @@ class Stepwise(Engine):
         while going and stop is None:
             before = solver.y.copy()
             try:
-                dense = step_of(solver)
+                dense = motion_of_step(solver)
             except ValueError as error:
                 control.give_up(Status.FAILED, str(error))
                 break
@@ -104,7 +104,7 @@ class Stepwise(Engine):
         return sorted(roots, key=lambda root: root.time)
 
 
-def step_of(solver: Any) -> Callable[[Any], np.ndarray]:
+def motion_of_step(solver: Any) -> Callable[[Any], np.ndarray]:
     """Take a step; the motion within it.
 
     Raises ValueError if there is none, or no time left: SciPy's implicit methods do, of a matrix

@@ -96,7 +96,7 @@ Cell = tuple[SweepView, str, str, np.ndarray]
 """A panel or curve: its sweep, its name in the picture and in tables, and its values."""
 
 
-def check_drawn_axes(spec: Mapping[str, Any]) -> None:
+def check_axes_differ(spec: Mapping[str, Any]) -> None:
     """Raise HodoError if a map has one axis of two, or an axis is drawn twice."""
     given = {key: spec[key] for key in ("x", "y", "panels", "by") if spec.get(key)}
     if spec["kind"] == "map" and len(alone := given.keys() & {"x", "y"}) == 1:
@@ -110,9 +110,9 @@ def check_drawn_axes(spec: Mapping[str, Any]) -> None:
 
 def cells(sheet: Sheet, cases: Cases, keep: Sequence[str], along: str | None) -> list[Cell]:
     """Each panel or curve of a figure of sweeps, with the values over the axes to keep. Raises
-    HodoError as `check_drawn_axes` does, and for an axis that is not there or has several units."""
+    HodoError as `check_axes_differ` does, and for an axis that is missing or has several units."""
     spec, found = sheet.spec, []
-    check_drawn_axes(spec)
+    check_axes_differ(spec)
     labels, units = chain(spec["labels"], repeat("")), dict[str, str]()
     for name, data in cases.items():
         if "members" not in data.attrs:

@@ -144,10 +144,11 @@ class Motion(Samples):
 
     @cached_property
     def labels(self) -> np.ndarray:
-        """The enclosed axis (n,). Raises HodoError if `classify` has not been run."""
+        """The enclosed axis (n,). Raises HodoError if `classify` was not run, or finds none."""
         if not self.classified:
             command = f"run `hodo classify {quote(self.path)}` first"
-            how = command if self.path else "classify it first"
+            how = self.case.system.no_axis_reason
+            how = how or (command if self.path else "classify it first")
             raise HodoError(f"{self.words} has no labels of the enclosed axis: {how}")
         labels = self.stored("enclosed_axis")
         if self.has_own_labels:
