@@ -41,7 +41,6 @@ FORMS = {
     "top": f"{TOP}, {POLYNOMIAL}, form: full, epsilon: 0.05",
     "top averaged": f"{TOP}, {POLYNOMIAL}",
     "top, exponential": f"{TOP}, form: full, epsilon: 0.05, a: 0.2*exp(-0.3*t)",
-    "top, power": f"{TOP}, form: full, epsilon: 0.05, a: 0.2/((1 + 0.3*t)*sqrt(1 + 0.3*t))",
     "top averaged-u": f"{TOP}, {POLYNOMIAL}, form: averaged-u",
 }
 
