@@ -281,10 +281,19 @@ def test_curves_of_a_sweep_show_its_values() -> None:
     for line in several.axes[0].lines:
         np.testing.assert_allclose(line.get_ydata(), shares)
     for wrong, message in (
-        ({"x": "damping.1"}, "x: unknown axis 'damping.1' of sweep sweep; did you mean"),
-        ({"x": "damping.2", "by": "damping.0", "at": [2]}, "at.0: .* positions 0 to 1, not 2"),
-        ({"x": "damping.2", "variable": "nothing"}, "variable: unknown variable 'nothing'"),
-        ({"x": "damping.2", "variable": "end_axis"}, "variable: end_axis is a label, without a"),
+        ({"x": "damping.1"}, "sweep sweep has no axis damping.1 .its axes: damping.2, damping.0"),
+        (
+            {"x": "damping.2", "by": "damping.0", "at": [2]},
+            "the sweep has no position 2 on an axis 'damping.0'",
+        ),
+        (
+            {"x": "damping.2", "variable": "nothing"},
+            "the sweep has no variable 'nothing' .it has: omega, ",
+        ),
+        (
+            {"x": "damping.2", "variable": "end_axis"},
+            "end_axis is a label, without a mean: name a share",
+        ),
     ):
         with pytest.raises(HodoError, match=message):
             api.plot(made, kind="curve", **{"variable": "crossing_time", **wrong})
