@@ -16,7 +16,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -308,8 +308,10 @@ def _check_range(
 ) -> Iterator[Mistake]:
     """What is wrong with the range of one swept key of this rule."""
     name = ".".join(map(str, path))
+    present: Any = data
     try:
-        present = reduce(_part, path, data)
+        for step in path:
+            present = _part(present, step)
     except LookupError:
         yield (), f"the case has no such number: {name}"
         return
@@ -373,7 +375,7 @@ def given(data: Any) -> Any:
     return {key: given(value) for key, value in data.items() if value is not None}
 
 
-def with_number(value: Any, path: Sequence[str | int], new: Any) -> Any:
+def with_number(value: Any, path: Sequence[Any], new: Any) -> Any:
     """A copy of resolved case data with `new` at a path; where a vector stands, in all of its
     components."""
     if not path:
