@@ -308,9 +308,10 @@ def _check_range(
 ) -> Iterator[Mistake]:
     """What is wrong with the range of one swept key of this rule."""
     name = ".".join(map(str, path))
-    whole: Any = data
+    present: Any = data
     try:
-        present = reduce(_part, path, whole)
+        for step in path:
+            present = _part(present, step)
     except LookupError:
         yield (), f"the case has no such number: {name}"
         return
