@@ -319,6 +319,7 @@ def test_a_file_is_labelled_told_and_drawn(hodo: Hodo, tmp_path: Path) -> None:
     for name in ("momentum", "kinetic_energy", "J", "k2", "enclosed_axis", "crossing_time"):
         assert stored[name].attrs["long_name"].count("averaged to first order") == 1
     names = ["G", "T", "J", "D/2T", "k2"]
-    panels = hodo_cli.plot(stored, "series", variables=names, passages=True).axes
-    marks = [line for axes in panels for line in axes.lines if line.get_marker() == "D"]
-    assert [mark.get_ydata()[0] for mark in marks[2:]] == pytest.approx([0.8, 0, 1])
+    panels = hodo_cli.plot(stored, "series", variables=names).axes
+    assert [axes.lines[0].get_ydata()[0] for axes in panels[:2]] == pytest.approx(
+        [float(stored.momentum[0]), float(stored.kinetic_energy[0])]
+    )
