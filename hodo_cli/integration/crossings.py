@@ -21,7 +21,7 @@ from ..engines.polynomial import bernstein_coefficients, isolate, rounding, valu
 from ..engines.protocol import EPS
 from ..engines.units import Units
 from ..models import rigid_body
-from ..models.base import Event, Model, rescaled
+from ..models.base import Equations, Event, rescaled
 from ..models.rigid_body import UNDETERMINED, BodyFrame, inertia_order, margin
 from .driver import StepBuffer
 
@@ -55,7 +55,7 @@ def label_at_start(
     body, label = case.system, int(labels[0])
     if label != UNDETERMINED or first_sample == case.time.start or not isinstance(body, BodyFrame):
         return label
-    omega = body.to_principal(np.array([body.start[:3]], dtype=float))
+    omega = np.array([body.start[:3]], dtype=float)
     return int(body.enclosed(omega, CERTAIN_ERRORS * EPS)[0])
 
 
@@ -120,16 +120,10 @@ class CrossingSearch(StepBuffer):
         if not has_sides(self.body):
             return
         # In double for all: few steps come near D = 0, and long double is several times slower.
-        near = self._near(self.along_axes(series.astype(float)), ends.astype(float))
+        near = self._near(series[:, :3].astype(float), ends.astype(float))
         if near.size:
-            b, noise = self._bernstein(self.along_axes(series[near]), ends[near])
+            b, noise = self._bernstein(series[near, :3], ends[near])
             self._search(b, noise, ends[near])
-
-    def along_axes(self, series: np.ndarray) -> np.ndarray:
-        """The coefficients (n, 3, degree + 1) of the components along the principal axes, from
-        those of states (n, m, degree + 1)."""
-        axes, omega = self.body.principal_axes, series[:, :3]
-        return omega if axes is None else np.asarray(axes.astype(series.dtype) @ omega)
 
     def _bernstein(self, c: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The Bernstein coefficients (n, 3, degree + 1) of steps, and the rounding (n,) of a form.
@@ -215,7 +209,7 @@ class CrossingSearch(StepBuffer):
 @np.errstate(all="ignore")
 def time_to_zero(
     event: Event,
-    model: type[Model],
+    model: Equations,
     k: Mapping[str, Any],
     t: Any,
     y: np.ndarray,

@@ -28,8 +28,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .base import EventOutcome, Label, attributes
+from .body import Body, LinearDiag, Tensor
 from .rigid_body import inertia_order, separatrix_terms
-from .terms.body import BodyUnderTorques
+from .theory.principal_axes import is_diagonal
 
 Rates = Callable[[int, Any], tuple[Any, ...]]
 """v', (ln X)' and (ln Y)' on a side at v."""
@@ -189,7 +190,7 @@ def averaged_path(rates: Rates, side: int, v: Any, begin: np.ndarray) -> Path:
     return path.then(averaged_path(rates, -side, fp(NEAREST), path.end)) if crosses else path
 
 
-class AveragedTurns(BodyUnderTorques):
+class AveragedTurns(Body):
     """A body averaged over its turns, by the mean rates of its slow variables; see above."""
 
     state = ("side", "k2", "ln_X", "ln_Y")
@@ -284,3 +285,45 @@ class AveragedTurns(BodyUnderTorques):
         ratio = max(map(abs, self.mean_rates(side, v)[1:])) / 2 / n
         large = f"averaging needs weak resistance: its rate over that of the turns is {ratio:.2g}"
         return [*super().warnings, *([large] if ratio > LARGE_RATIO else [])]
+
+
+class AveragedLinearDiag(AveragedTurns, LinearDiag):
+    """The motion averaged over the turns of the free one, to first order in lambda/|omega|.
+
+    u > 0:  (ln X)' = -2 [lambda1 <dn^2> + lambda2 (1 - <dn^2>)]
+            (ln Y)' = -2 [lambda3 <cn^2> + lambda2 (1 - <cn^2>)]
+    u < 0:  the same with <dn^2> and <cn^2> exchanged
+
+    X = a(a-c) p^2 + b(b-c) q^2 and Y = b(a-b) q^2 + c(a-c) r^2, moment of inertia^2/time^2;
+    a >= b >= c: the moments of inertia with their axes sorted, here A1 >= A2 >= A3;
+    u = ln[(a-b) X/((b-c) Y)], positive where axis a is enclosed; <dn^2> and <cn^2>: means over a
+    turn for k^2 = e^-|u|; the other symbols are those of the full form. The moments have a part in
+    the start only. The separatrix u = 0 is crossed once at most, at a time that errs by some turns.
+
+    Source: L. D. Akulenko, D. D. Leshchenko, F. L. Chernousko, Izv. AN SSSR MTT 1982 no. 3, 5.
+    """
+
+    form = "averaged"
+
+    def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
+        return self.linear_rates(self.damping, side, v)
+
+
+class AveragedTensor(AveragedTurns, Tensor):
+    """The motion averaged over the turns of the free one, to first order in I/(A |omega|).
+
+    It is the averaged form of linear-diag with lambda_i = I_ii/A_i: the means of p q, q r and p r
+    are 0, so that the entries off the diagonal drop out. Close to the separatrix they do not, and
+    the full motion may cross it several times where this one crosses it once.
+    """
+
+    form = "averaged"
+
+    def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
+        return self.linear_rates((np.diag(self.resistance_matrix) / self.inertia).tolist(), side, v)
+
+    @property
+    def warnings(self) -> list[str]:
+        """Besides: entries that drop out."""
+        says = "to first order I is its diagonal alone"
+        return [*super().warnings, *([] if is_diagonal(self.resistance_matrix) else [says])]

@@ -1,6 +1,5 @@
-"""A body with a cavity full of viscous fluid, under a torque that is constant in body axes: the
-full equations, and the averaged ones of symmetric bodies, where two amplitudes say all, and of all
-others."""
+"""The averaged equations of a body with a cavity full of viscous fluid, under a torque that is
+constant in body axes: of symmetric bodies, where two amplitudes say all, and of all others."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,98 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ..arithmetic import hypot, sqrt
-from ..schema.kinds import Choice, Key, Mistake, Number, Table, vector
+from ..arithmetic import hypot
+from ..schema.kinds import Choice, Key, Mistake
 from .averaged import AveragedTurns, turn_means
-from .base import Event, Label, Model, mistake_of
-from .rigid_body import INERTIA, INITIAL, complete
-from .terms.body import BodyUnderTorques
-from .terms.torques import CAVITY, coefficient, degree_under
-
-CAVITY_INITIAL = Key(
-    Table(
-        {
-            **INITIAL["properties"],
-            "x": Key(
-                Number(least=0),
-                "p^2 + q^2; x and y replace p, q and r",
-                unit="1/time^2",
-                default=None,
-            ),
-            "y": Key(Number(least=0), "r^2 (then r >= 0)", unit="1/time^2", default=None),
-        }
-    ),
-    "initial angular velocity: p, q, r, or x and y (then p = sqrt(x), q = 0, r = sqrt(y))",
-)
-
-
-@dataclass(frozen=True)
-class Cavity(BodyUnderTorques):
-    """A rigid body with a cavity full of a very viscous fluid, under a torque constant in body
-    axes.
-
-    A1 p' + (A3 - A2) q r = kappa/(A1 A2 A3) p [A3 (A1 - A3)(A1 + A3 - A2) r^2
-                                                + A2 (A1 - A2)(A1 + A2 - A3) q^2] + epsilon M1
-    and cyclically
-
-    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of
-    inertia of body and fluid together (`inertia`); kappa = rho P0/nu, moment of inertia * time
-    (`cavity`, or `kappa`); M1, M2, M3: constant torque (`torque`) with its factor epsilon
-    (`epsilon`). Assumed: small Reynolds number, torques small beside |omega| |G|. The fluid's
-    torque is internal: without M, |G| is constant and the energy falls.
-
-    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eq.
-    (2), where A1 = A2; F. L. Chernousko 1972 for the triaxial body. Their eq. (1) has epsilon^2,
-    (2) epsilon.
-    """
-
-    cavity: Mapping[str, float | None] | None
-    kappa: float | None
-    torque: tuple[float, float, float]
-    epsilon: float
-
-    name = "cavity+constant"
-    form = "full"
-    keys = {
-        "inertia": INERTIA,
-        "cavity": CAVITY,
-        "kappa": Key(
-            Number(least=0),
-            "rho P0/nu, instead of `cavity`",
-            "moment of inertia * time",
-            default=None,
-        ),
-        "torque": Key(
-            vector(3),
-            "constant torque M1, M2, M3",
-            unit="moment of inertia / time^2",
-            default=(0.0, 0.0, 0.0),
-        ),
-        "epsilon": Key(Number(), "small parameter, the factor of the torque", default=1.0),
-        "initial": CAVITY_INITIAL,
-    }
-    terms = ("kappa", "torque")
-    degree = degree_under(terms)
-
-    @classmethod
-    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        """Besides: the fluid is given in one way."""
-        yield from super().check(data)
-        if {"cavity", "kappa"} <= set(data):
-            cavity = data["cavity"]
-            yield from mistake_of(("cavity",) if cavity else (), coefficient, cavity, data["kappa"])
-
-    @staticmethod
-    def velocity(
-        inertia: Sequence[float], initial: Mapping[str, float | None]
-    ) -> tuple[float, ...]:
-        """Besides: from x and y alone, p = sqrt(x), q = 0 and r = sqrt(y)."""
-        x, y = initial.get("x"), initial.get("y")
-        if x is None and y is None:
-            return complete(inertia, initial)
-        if x is None or y is None or any(initial.get(name) is not None for name in "pqrG"):
-            raise ValueError("give x and y alone, or p, q and r")
-        return sqrt(x), 0.0, sqrt(y)
+from .base import Event, Label, Model
+from .body import Cavity
 
 
 def is_triaxial(data: Mapping[str, Any]) -> bool:
@@ -117,7 +29,7 @@ def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
 class SymmetricCavity(Cavity):
     """What the forms in a = sqrt(p^2 + q^2) and r share."""
 
-    spin_reversal: str
+    spin_reversal: str = "stop"
 
     keys = Cavity.keys | {
         "spin_reversal": Key(
@@ -216,8 +128,8 @@ class Averaged(SymmetricCavity):
     form = "averaged"
 
     @classmethod
-    def of(cls, data: Mapping[str, Any]) -> Model:
-        return (AveragedTriaxial if is_triaxial(data) else Averaged)(**data)
+    def form_of(cls, data: Mapping[str, Any]) -> type[Model]:
+        return AveragedTriaxial if is_triaxial(data) else cls
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -270,7 +182,7 @@ class AveragedTriaxial(AveragedTurns, Cavity):
     Source: F. L. Chernousko 1972, averaged.
     """
 
-    spin_reversal: str
+    spin_reversal: str = "stop"
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:

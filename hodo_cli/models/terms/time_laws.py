@@ -32,7 +32,10 @@ from ...schema.kinds import (
     within,
     words,
 )
-from ..base import EPOCH, EPOCH_NAME
+
+EPOCH, EPOCH_NAME = "epoch", "time.epoch"
+"""The constant from which t counts in expressions and polynomials, where a case names it; and its
+name among the constants of a case, which no expression can name."""
 
 MOST_COEFFICIENTS = 20
 """How many a polynomial may have. A series of the least order sees no higher power of the time from

@@ -19,42 +19,17 @@ Source: R. Montgomery, Am. J. Phys. 59 (1991) 394, for psi over a turn.
 """
 
 import math
-from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
-from ...arithmetic import cos, sin
+from ..attitude import of_euler
+from ..euler import about, composed
 from .closed_form import FreeTurn, free_motion, free_turn, in_own_units
 
 DUPLICATIONS = 30
 """By the duplication theorem, each of which takes the arguments four times nearer to each other;
 their squared distances count. From 1e-60 and 1 they take six until they are of one size."""
-
-
-def about(axis: Any, angle: Any) -> tuple[Any, ...]:
-    """The rotation by an angle about an axis (3,) of length 1."""
-    return cos(angle / 2), *(sin(angle / 2) * x for x in axis)
-
-
-def composed(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, ...]:
-    """The components of the rotation `second`, then `first`, from those of both."""
-    a, b, c, d = first
-    e, f, g, h = second
-    return (
-        a * e - b * f - c * g - d * h,
-        a * f + b * e + c * h - d * g,
-        a * g - b * h + c * e + d * f,
-        a * h + b * g - c * f + d * e,
-    )
-
-
-def of_euler(axes: Sequence[int], angles: Sequence[Any]) -> tuple[Any, ...]:
-    """The rotation by three angles about axes (0, 1, 2) of the body, one after another."""
-    first, second, third = (
-        about(np.eye(3)[i].tolist(), angle) for i, angle in zip(axes, angles, strict=True)
-    )
-    return composed(composed(first, second), third)
 
 
 def free_attitude(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:

@@ -3,14 +3,14 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ...arithmetic import cos, sin, sqrt
 from ...schema.kinds import Angle, Key, Mistake, Number, Rate, Table
-from ..base import CONSTANTS_KEY, Constants, Event, Label, Model, attributes, fields_of, mistake_of
+from ..base import CONSTANTS_KEY, Constants, Event, Label, Model, attributes, mistake_of
 from ..terms.time_laws import (
     CONSTANTS,
     coefficient_at,
@@ -54,7 +54,6 @@ class Top(Model):
     a: tuple[float, ...] | str
     b: tuple[float, ...] | str
     initial: Mapping[str, float | None]
-    case_constants: Any
 
     name = "Lagrange-averaged"
     keys = {
@@ -100,23 +99,11 @@ class Top(Model):
         ),
     }
     slow_time = True
-    has_laws: ClassVar[bool] = False
-    """Whether coefficients are expressions."""
     has_changing_mu: ClassVar[bool] = True
     has_axial_torque: ClassVar[bool] = True
     no_axis_reason = (
         "gravity turns G in space, so no separatrix of free motion divides its hodographs"
     )
-
-    @classmethod
-    def of(cls, data: Mapping[str, Any]) -> Model:
-        """The object of this form, or of its like that knows of expressions."""
-        has_laws = any(True for _ in expressions_of([data[name] for name in LAW_KEYS]))
-        return (_with_laws(cls) if has_laws else cls)(**data)  # type: ignore[arg-type]
-
-    @classmethod
-    def has_formulas(cls) -> bool:
-        return cls.has_laws or super().has_formulas()
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -136,7 +123,8 @@ class Top(Model):
             yield ("m",), f"form {cls.form} has no m, which all other forms have"
         if {"inertia", "mu", "initial"} <= set(data):
             # Neither the start nor what a form asks of it depends on the keys that may be missing.
-            top = cls(**fields_of({**dict.fromkeys(cls.keys), **data}))
+            known = {**dict.fromkeys(cls.keys), **data}
+            top = cls(**{name: x for name, x in known.items() if name != CONSTANTS_KEY})
             yield from mistake_of(("initial",), top.refuse_start)
 
     @classmethod
@@ -184,12 +172,6 @@ class Top(Model):
             for name, coefficient in (("a", self.a), ("b", self.b))
             if isinstance(coefficient, tuple) and min(coefficient) < 0
         ]
-
-
-@cache
-def _with_laws(form: type[Top]) -> type[Top]:
-    """A form whose coefficients are expressions: a class, since an engine asks it."""
-    return type(form.__name__, (form,), {"__module__": form.__module__, "has_laws": True})
 
 
 @dataclass(frozen=True)
@@ -416,8 +398,7 @@ class FullTop(Top):
         """1/epsilon: the derivatives are by tau."""
         return 1 / k.epsilon
 
-    @staticmethod
-    def start_attitude(start: Sequence[Any]) -> tuple[Any, ...]:
+    def attitude_at(self, start: np.ndarray) -> tuple[Any, ...]:
         """The turn by theta about x1, with the vertical along z: phi = psi = 0."""
         theta = math.atan2(start[4], start[5])
         return math.cos(theta / 2), math.sin(theta / 2), 0.0, 0.0
