@@ -195,9 +195,8 @@ class Case:
 
     def rests_on(self, variable: str) -> bool:
         """Whether a variable of its model is stored, or quantities are that may follow from it."""
-        return variable in (
-            self.store or (variable,)
-        ) or not self.system.equations.variables.keys() >= {*self.store}
+        known = self.system.equations.variables.keys()
+        return variable in (self.store or (variable,)) or not known >= {*self.store}
 
     def leaves_out(self, lacks: Iterable[str]) -> bool:
         """Whether its `store:` is why it lacks some variables."""
