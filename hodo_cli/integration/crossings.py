@@ -112,7 +112,7 @@ class CrossingSearch(StepBuffer):
     parts: list[SignChanges] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.A = self.body.moments
+        self.A = self.body.exact_moments
         self.order = inertia_order(self.A)
 
     def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
@@ -138,11 +138,12 @@ class CrossingSearch(StepBuffer):
     def _near(self, c: np.ndarray, times: np.ndarray) -> np.ndarray:
         """The steps (k,) in which |margin| may be `uncertainty` or less."""
         b, noise = self._bernstein(c, times)
+        A = self.A.astype(c.dtype)
         # |margin| is at least the smaller |form| over sqrt(a^2 + b^2) |omega|.
-        scale = np.hypot(*rigid_body.separatrix_roots(self.A, self.order))
+        scale = np.hypot(*rigid_body.separatrix_roots(A, self.order))
         most = scale * np.sqrt(np.square(np.abs(b).max(axis=2)).sum(axis=1))
         bound = np.maximum(self.uncertainty * most, noise)[:, None]
-        forms = rigid_body.separatrix_forms(self.A, b.swapaxes(0, 1), self.order)
+        forms = rigid_body.separatrix_forms(A, b.swapaxes(0, 1), self.order)
         clear = (forms > bound).all(axis=2) | (forms < -bound).all(axis=2)
         return np.flatnonzero(~clear.all(axis=0))
 
@@ -316,7 +317,7 @@ def has_sides(body: BodyFrame) -> bool:
 def sides_of(body: BodyFrame, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The margin (n,) of angular velocities (n, 3) along the principal axes, and the label (n,) of
     the side on which they stand."""
-    A = body.moments
+    A = body.exact_moments
     order = inertia_order(A)
     signed = margin(A, omega, order)
     return signed, np.where(signed > 0, order[0] + 1, order[2] + 1)

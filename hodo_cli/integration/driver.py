@@ -172,8 +172,8 @@ class Propagation:
         kind = Clock if self.model.degree or self.is_timed else AbsoluteClock
         self.clock = kind(fp(self.start), fp(0))
         self.units = units_at_start(system, self.window)
-        exact = system.extended_start if fp is np.longdouble else np.array(system.initial_state)
-        self.y = rescaled(self.model, exact, -self.units.exponent).astype(fp)
+        exact = np.array(system.initial_state) if fp is np.float64 else system.extended_start
+        self.y = in_precision(rescaled(self.model, exact, -self.units.exponent), fp)
         self.samples = SampleBuffer.empty(self.times, len(exact), fp)
         self.samples.fill(self.start, self.y, self.units.exponent)
         # Whether small components may need shorter steps, see `longest_step`: not those of a model

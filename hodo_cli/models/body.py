@@ -199,8 +199,8 @@ class Body(BodyFrame):
         return principal_axes(self.inertia) if is_tensor(self.inertia) else None
 
     @property
-    def moments(self) -> np.ndarray:
-        return super().moments if self.frame is None else self.frame.moments.astype(float)
+    def exact_moments(self) -> np.ndarray:
+        return super().exact_moments if self.frame is None else self.frame.moments
 
     @property
     def principal_axes(self) -> np.ndarray | None:

@@ -117,7 +117,7 @@ def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray
     with the digits of `omega` where its terms cancel: few places are that near, and ten times the
     work is to be done at each in long double.
     """
-    signed = _margin(A, omega.astype(float), order)
+    signed = _margin(np.asarray(A, dtype=float), omega.astype(float), order)
     near = np.abs(signed) < CANCELLING_MARGIN
     if omega.dtype != np.float64 and near.any():
         signed[near] = _margin(np.asarray(A, dtype=omega.dtype), omega[near], order)
@@ -368,9 +368,15 @@ class BodyFrame(Model):
         return body_constants(self.inertia)
 
     @property
+    def exact_moments(self) -> np.ndarray:
+        """The principal moments of inertia (3,) in long double: those of a full tensor are no
+        doubles, and a touch of the separatrix shows their rounding."""
+        return np.array(self.inertia, dtype=np.longdouble)
+
+    @property
     def moments(self) -> np.ndarray:
         """The principal moments of inertia (3,)."""
-        return np.array(self.inertia, dtype=float)
+        return self.exact_moments.astype(float)
 
     @property
     def principal_axes(self) -> np.ndarray | None:
@@ -398,7 +404,7 @@ class BodyFrame(Model):
     def enclosed(self, omega: np.ndarray, band: Any = 0.0) -> np.ndarray:
         """The label (n,) of angular velocities (n, 3) along the principal axes, as of
         `enclosed_axis`."""
-        labels = enclosed_axis(self.moments, omega, band)
+        labels = enclosed_axis(self.exact_moments, omega, band)
         return np.full_like(labels, UNDETERMINED) if self.no_separatrix_reason else labels
 
     @np.errstate(all="ignore")  # a torque may have no value where a component is 0
