@@ -13,7 +13,7 @@ from . import HodoError
 from .models import added_variables, rigid_body
 from .models.base import Label, Model, attributes
 from .models.terms.time_laws import coefficient_at
-from .models.top.nutation import first_integrals, roots_of_motion, with_mu
+from .models.top import first_integrals, roots_of_motion, with_mu
 from .text import case_words
 
 BODY_AXES = ("x1", "x2", "x3")

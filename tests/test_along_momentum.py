@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hodo_cli.models.theory import closed_form
-from hodo_cli.models.theory.closed_form import AlongMomentum
+from hodo_cli.models.theory.exact import AlongMomentum
 
 A = np.array([1.0, 0.8, 0.6])
 B, C = np.array([0.8, 0.5, 0.74]), np.array([0.5, 0.25, 1.4])

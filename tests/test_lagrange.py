@@ -24,7 +24,7 @@ from hodo_cli.engines import have_taylor
 from hodo_cli.integration import integrate, solve
 from hodo_cli.models import catalogue
 from hodo_cli.models.base import Event
-from hodo_cli.models.top import lagrange, nutation
+from hodo_cli.models import top as lagrange
 
 HERE = Path(__file__).parent
 PAPER3 = load(HERE.parent / "configs" / "paper3.yaml").cases

@@ -12,10 +12,10 @@ from .base import Label, Model
 from .own import OwnFile, equations_mistake, forms_in, load_own
 
 MODELS = {
-    "cavity+constant": ("body", "cavity"),
+    "cavity+constant": ("body", "averaged"),
     "linear-diag": ("body", "averaged"),
     "tensor": ("body", "averaged"),
-    "Lagrange-averaged": ("top.lagrange",),
+    "Lagrange-averaged": ("top",),
     "torques": ("body",),
 }
 """The modules of hodo's own models, each imported where its model is asked for."""

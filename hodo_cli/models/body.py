@@ -41,8 +41,13 @@ from .terms.time_laws import (
     scaled,
     value_mistakes,
 )
-from .theory.attitude import free_attitude, turn_of_hodograph
-from .theory.closed_form import AlongMomentum, free_motion, scaled_motion
+from .theory.exact import (
+    AlongMomentum,
+    free_attitude,
+    free_motion,
+    scaled_motion,
+    turn_of_hodograph,
+)
 from .theory.principal_axes import (
     PrincipalAxes,
     excess_of_rounding,
