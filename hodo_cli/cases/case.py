@@ -16,7 +16,7 @@ import numpy as np
 from .. import HodoError, models
 from ..models.attitude import check_attitude, keys_of_form, takes_attitude
 from ..models.base import ATTITUDE_KEY, CONSTANTS_KEY, Equations, Model
-from ..models.rigid_body import BodyFrame, range_mistake
+from ..models.rigid_body import BodyFrame, is_rounded, range_mistake
 from ..models.terms.time_laws import expressions_of, name_mistakes
 from ..quantities import QUANTITIES, constants_of, derivable, missing, remedy_of
 from ..schema.document import Source, read_mapping, write
@@ -456,7 +456,7 @@ def _data_mistakes(
     """The mistakes of data that are each right by themselves, and over a span, if one is given."""
     model_data = {key: value for key, value in data.items() if key != ATTITUDE_KEY}
     of_model = model.check(model_data)
-    if model.is_rounded(data):  # which members of sweeps are not forgiven
+    if is_rounded(data):  # which members of sweeps are not forgiven
         of_model = (mistake for mistake in of_model if mistake[0][:1] != ("inertia",))
     mistakes = [*of_model, *check_attitude(model, data)]
     if CONSTANTS_KEY in data:

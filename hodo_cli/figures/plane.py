@@ -331,6 +331,7 @@ def bounds(panels: Sequence[Axes], m: Motion) -> None:
         panels[0].plot(m.time, m["G2"] / (2 * A), **look)
     system = m.case.system
     # Fluid does not change G.
-    known = isinstance(system, Body) and system.constant_damping("kappa")
-    for rate in {min(known), max(known)} if known else ():
+    terms = system.dissipation if isinstance(system, Body) else None
+    alone = terms and {*system.equations.terms} <= {"damping", "kappa"} and terms.damping
+    for rate in {min(alone), max(alone)} if alone else ():
         panels[1].plot(m.time, m["G2"][0] * np.exp(-2 * rate * (m.time - m.time[0])), **look)

@@ -10,7 +10,8 @@ import numpy as np
 from ..cases.case import Case
 from ..engines.protocol import Status
 from ..models.attitude import warnings_of
-from ..models.base import Equations, attributes, has_formula_of_time
+from ..models.base import attributes, has_formula_of_time
+from ..models.brake import first_release
 from ..quantities import angle_turned
 from ..text import time_digits, to_error
 from .choice import choose
@@ -96,7 +97,7 @@ def model_warnings(motion: Trajectory) -> list[str]:
     # Not read off the samples: between two of them a body may stop and a torque grow.
     stop = next((event.time for event in motion.events if event.kind == "stopped"), math.nan)
     k = attributes(system.constants)
-    moves = time_of_release(system.equations, k, stop, end[0], state[-1], PLACES_AT_REST)
+    moves = time_of_release(k, stop, end[0], state[-1], PLACES_AT_REST)
     if not math.isnan(moves):
         warnings.append(
             "at rest the other torques are stronger than the brake from "
@@ -107,7 +108,6 @@ def model_warnings(motion: Trajectory) -> list[str]:
 
 
 def time_of_release(
-    model: Equations,
     k: Any,
     stop: float,
     end: float,
@@ -118,7 +118,7 @@ def time_of_release(
     to so many parts of the time until the end; nan where it has not stopped, or would not."""
     if not stop < end:
         return math.nan
-    return model.form.release(np.linspace(stop, end, places + 1), [*state], k)
+    return first_release(np.linspace(stop, end, places + 1), [*state], k)
 
 
 def motion_remarks(motion: Trajectory) -> Iterator[str]:

@@ -19,10 +19,14 @@ from ..schema.kinds import (
     Switch,
     Table,
     Text,
+    mistakes_where,
     vector,
 )
 from .base import ATTITUDE_KEY, Model
 from .euler import about, composed
+
+AXIS_SEQUENCES = r"(?!.*(.)\1)([XYZ]{3}|[xyz]{3})"
+"""Axes of Euler's angles: no two neighbours are equal."""
 
 SEQUENCE = "ZXZ"
 """The sequence of Euler's angles where none is named: precession, nutation, spin."""
@@ -81,22 +85,37 @@ def check_attitude(form: type[Model], data: Mapping[str, Any]) -> Iterator[Mista
     attitude = data.get(ATTITUDE_KEY)
     if not isinstance(attitude, Mapping):
         return
+    initial, euler, sequence = attitude["initial"], attitude["euler"], attitude["sequence"]
     ways = [name for name in ("initial", "euler", "align") if attitude[name] is not None]
-    if not form.starts_with_omega:
-        yield (ATTITUDE_KEY,), "the start of a top says where it points: write `attitude: yes`"
-    elif len(ways) != 1:
-        named = " and ".join(ways) or "none"
-        yield (ATTITUDE_KEY,), f"give one of initial, euler and align, not {named}"
-    if attitude["initial"] is not None and not any(attitude["initial"]):
-        yield (ATTITUDE_KEY, "initial"), "a quaternion of length 0 is no attitude"
-    elif attitude["euler"] is None and attitude["sequence"] != SEQUENCE:
-        yield (ATTITUDE_KEY, "sequence"), "orders the angles of `euler`, which is not there"
-    if not re.fullmatch(r"(?!.*(.)\1)([XYZ]{3}|[xyz]{3})", attitude["sequence"]):
-        yield (
+    is_top, is_sequence = not form.starts_with_omega, re.fullmatch(AXIS_SEQUENCES, sequence)
+    named = " and ".join(ways) or "none"
+    yield from mistakes_where(
+        (
+            is_top,
+            (ATTITUDE_KEY,),
+            "the start of a top says where it points: write `attitude: yes`",
+        ),
+        (
+            not is_top and len(ways) != 1,
+            (ATTITUDE_KEY,),
+            f"give one of initial, euler and align, not {named}",
+        ),
+        (
+            initial is not None and not any(initial),
+            (ATTITUDE_KEY, "initial"),
+            "a quaternion of length 0 is no attitude",
+        ),
+        (
+            euler is None and sequence != SEQUENCE,
             (ATTITUDE_KEY, "sequence"),
-            "expected three of X, Y, Z or of x, y, z, no two neighbours equal, "
-            f"got {attitude['sequence']!r}",
-        )
+            "orders the angles of `euler`, which is not there",
+        ),
+        (
+            not is_sequence,
+            (ATTITUDE_KEY, "sequence"),
+            f"expected three of X, Y, Z or of x, y, z, no two neighbours equal, got {sequence!r}",
+        ),
+    )
 
 
 def of_euler(axes: Sequence[int], angles: Sequence[Any]) -> tuple[Any, ...]:
@@ -159,15 +178,19 @@ def attitude_warnings(attitude: Any) -> list[str]:
     if not isinstance(attitude, Mapping):
         return []
     initial, euler, sequence = attitude["initial"], attitude["euler"], attitude["sequence"]
-    if initial is not None and abs(math.hypot(*initial) - 1) > UNIT_LENGTH_TOL:
-        return [f"the attitude at the start has length {math.hypot(*initial):.9g}: it is made 1"]
-    if euler is not None and abs(angle := max(euler, key=abs)) > 2 * math.pi:
-        return [f"euler: {angle:.9g} is more than a turn: degrees are written as '{angle:.9g} deg'"]
-    if euler is not None:
-        pole = math.sin(euler[1]) if sequence[0] == sequence[2] else math.cos(euler[1])
-        if abs(pole) <= UNIT_LENGTH_TOL:
-            return [
-                f"the start is at a pole of the sequence {sequence}: its first and last angle turn "
-                "about one axis there, and the attitude shows no more than their sum or difference"
-            ]
-    return []
+    length, widest = math.hypot(*(initial or (1.0,))), max(euler or (0.0,), key=abs)
+    _, middle, _ = euler or (0.0, 1.0, 0.0)
+    pole = math.sin(middle) if sequence[0] == sequence[2] else math.cos(middle)
+    sentences = {
+        f"the attitude at the start has length {length:.9g}: it is made 1": (
+            abs(length - 1) > UNIT_LENGTH_TOL
+        ),
+        f"euler: {widest:.9g} is more than a turn: degrees are written as '{widest:.9g} deg'": (
+            abs(widest) > 2 * math.pi
+        ),
+        f"the start is at a pole of the sequence {sequence}: its first and last angle turn about "
+        "one axis there, and the attitude shows no more than their sum or difference": (
+            abs(pole) <= UNIT_LENGTH_TOL
+        ),
+    }
+    return [sentence for sentence, applies in sentences.items() if applies]

@@ -33,6 +33,7 @@ from ..schema.kinds import Choice, Key, Mistake
 from .base import Event, EventOutcome, Label, Model, attributes
 from .body import Body, Cavity, LinearDiag, Tensor
 from .rigid_body import inertia_order, separatrix_terms
+from .theory.exact import sum_along_mean
 from .theory.principal_axes import is_diagonal
 
 Rates = Callable[[int, Any], tuple[Any, ...]]
@@ -46,6 +47,9 @@ which f is rounding."""
 NEAREST = math.exp(-SEPARATRIX_Z)
 """The v at which a motion leaves the separatrix."""
 
+MEAN_STEPS = 8
+"""Enough for long doubles at 1 - m = e^-40."""
+
 NODES, REFERENCE_NODES = 20, 26
 """The points of a panel of z: the integrands are analytic where |Im z| < pi/2, so that each term of
 their series is 6 times as small as the one before. The second number is that of long doubles."""
@@ -58,17 +62,11 @@ LARGE_RATIO = 0.1
 
 
 def turn_means(v: Any) -> tuple[Any, Any, Any, Any]:
-    """m, 1 - m, S = <sn^2> over a turn, and (S - 1/2)/m, at v (...): by the arithmetic-geometric
-    mean, as sums of positive terms, in which nothing cancels."""
+    """m, 1 - m, S = <sn^2> over a turn, and (S - 1/2)/m, at v (...): sums of positive terms, in
+    which nothing cancels."""
     m, m1 = np.exp(-v), -np.expm1(-v)
-    root = np.sqrt(m1)
-    a, b, c = (1 + root) / 2, np.sqrt(root), m / (2 + 2 * root)
-    term = total = 1 / (2 + 2 * root) ** 2
-    while np.any(term > 1e-20 * total):
-        a, b = (a + b) / 2, np.sqrt(a * b)
-        term, c = term * c * c / (8 * a * a), c * c / (4 * a)
-        total = total + term
-    return m, m1, 0.5 + m * total, total
+    excess = sum_along_mean(m * m / 4, (1 + m1) / 2, np.sqrt(m1), MEAN_STEPS) / 4
+    return m, m1, 0.5 + m * excess, excess
 
 
 @lru_cache(maxsize=16)  # a case asks several times, and exact fractions take 0.2 ms

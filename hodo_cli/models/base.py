@@ -229,11 +229,6 @@ class Model:
         yield from ()
 
     @classmethod
-    def is_rounded(cls, data: Mapping[str, Any]) -> bool:
-        """Whether moments of inertia that no body has are those of one, rounded to decimals."""
-        return False
-
-    @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
         """What is wrong with right values in a motion from one time to another."""
         yield from ()
@@ -265,20 +260,6 @@ class Model:
         """The initial state."""
         raise NotImplementedError
 
-    @staticmethod
-    def velocity(
-        inertia: Sequence[float], initial: Mapping[str, float | None]
-    ) -> tuple[float, ...]:
-        """The angular velocity (3,) that the data of a model say that starts with one.
-
-        Raises ValueError, with a sentence, unless they say it in exactly one way.
-        """
-        raise NotImplementedError
-
-    def starts(self, omega: np.ndarray) -> np.ndarray:
-        """The states (m, ...) of such a model for angular velocities (..., 3) at the start."""
-        raise NotImplementedError
-
     @classmethod
     def rows(cls, terms: Sequence[str]) -> dict[str, int]:
         """The variables of the state under these terms, and the power of the unit of omega that
@@ -301,14 +282,6 @@ class Model:
     def initial_state(self) -> tuple[float, ...]:
         """The start, and the attitude there."""
         return self.with_attitude(np.array(self.start)) if self.attitude else self.start
-
-    def initial_states(self, omega: np.ndarray) -> np.ndarray:
-        """`starts`, and the attitudes there."""
-        starts = self.starts(omega)
-        if not self.attitude:
-            return starts
-        each = map(self.with_attitude, starts.reshape(len(starts), -1).T)
-        return np.array([*each]).T.reshape(-1, *starts.shape[1:])
 
     def with_attitude(self, start: np.ndarray) -> tuple[Any, ...]:
         """A start and the attitude there, with what is fixed in space along the state's axes."""
@@ -376,12 +349,6 @@ class Model:
     def warnings_within(self, start: float, end: float) -> list[str]:
         """What they say against them between two times."""
         return []
-
-    @classmethod
-    def release(cls, t: np.ndarray, y: Sequence[Any], k: Any) -> float:
-        """The first of some times (n,) at which a body that an event has brought to rest in a state
-        y, and that stays there, would move again; nan if it would not."""
-        return math.nan
 
     @property
     def run_events(self) -> tuple[Event, ...]:

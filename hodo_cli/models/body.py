@@ -14,7 +14,7 @@ from ..schema.expression import Expression
 from ..schema.kinds import Either, Key, ListOf, Mistake, Number, Rule, Table, matrix, vector
 from ..text import grouped, time_text
 from .base import CONSTANTS_KEY, REST_BITS, TERMS_NAME, Constants, Event, EventOutcome, mistake_of
-from .brake import STOPPED, first_release, stop_details
+from .brake import STOPPED, stop_details
 from .euler import DEGREE, TERMS, composed, rates_under
 from .rigid_body import (
     INERTIA,
@@ -156,8 +156,6 @@ class Body(BodyFrame):
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         return rates_under(k.terms.split(), t, y, k)
-
-    release = staticmethod(first_release)
 
     @classmethod
     def rows(cls, terms: Sequence[str]) -> dict[str, int]:
@@ -386,15 +384,6 @@ class Body(BodyFrame):
         return [f"stops after {first:.6g} to {last:.6g} [time]"]
 
     # The motion in closed form
-
-    def constant_damping(self, *others: str) -> tuple[float, ...] | None:
-        """The rates lambda_i of constant linear damping, where besides it no torques act but those
-        of these names; else None."""
-        given = self.term_coefficients
-        acting = {term for term, entries in given.items() if term in NOT_COVERED or any(entries)}
-        damping = given.get("damping", ZEROS)
-        is_alone = acting <= {"damping", *others} and not any(map(is_law, damping))
-        return damping if is_alone else None
 
     @property
     def along_momentum(self) -> AlongMomentum | None:

@@ -117,21 +117,14 @@ def composed(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, ...]:
     return (
         a * e - b * f - c * g - d * h,
         a * f + b * e + c * h - d * g,
-        a * g - b * h + c * e + d * f,
+        a * g + d * f - b * h + c * e,
         a * h + b * g - c * f + d * e,
     )
 
 
 def quaternion_rates(omega: Sequence[Any], Q: Sequence[Any], factor: Any) -> tuple[Any, ...]:
     """Q' = factor Q (0, omega)/2."""
-    p, q, r = (factor * x / 2 for x in omega)
-    a, b, c, d = Q
-    return (
-        -(b * p) - c * q - d * r,
-        a * p + c * r - d * q,
-        a * q + d * p - b * r,
-        a * r + b * q - c * p,
-    )
+    return composed(Q, (0.0, *(factor * x / 2 for x in omega)))
 
 
 def turned_back(Q: Sequence[Any], v: Sequence[Any]) -> tuple[Any, ...]:
@@ -162,11 +155,6 @@ class Term(NamedTuple):
     rates: Function | None = None
     coefficients: Callable[[Any], tuple[Any, ...]] = tuple
     in_case_axes: bool = False
-
-
-def alone(coefficient: Any) -> tuple[Any, ...]:
-    """The coefficients of a term that has but this one."""
-    return (coefficient,)
 
 
 def tensor_entries(tensor: Sequence[Sequence[Any]] | Mapping[str, Any]) -> tuple[Any, ...]:
@@ -303,9 +291,14 @@ TERMS: Mapping[str, Term] = {
         resistance_torque, dict.fromkeys(ENTRIES, 1), coefficients=tensor_entries, in_case_axes=True
     ),
     "quadratic": Term(quadratic_torque, dict.fromkeys(("c1", "c2", "c3"), 2), by_momentum=True),
-    "kappa": Term(cavity_torque, {"kappa": 3}, coefficients=alone),
+    "kappa": Term(cavity_torque, {"kappa": 3}, coefficients=lambda value: (value,)),
     "torque": Term(body_torque, dict.fromkeys(("N1", "N2", "N3"), 0), in_case_axes=True),
-    "brake": Term(brake_torque, {"brake": 0}, extra={"stage_momentum": 1}, coefficients=alone),
+    "brake": Term(
+        brake_torque,
+        {"brake": 0},
+        extra={"stage_momentum": 1},
+        coefficients=lambda value: (value,),
+    ),
     "rotor": Term(rotor_torque, dict.fromkeys(("h1", "h2", "h3"), 1)),
     "space_torque": Term(
         space_torque,

@@ -182,14 +182,10 @@ def slope(A: Sequence[float] | np.ndarray) -> float:
     The separatrix is w_l^2 = K w_s^2. Raises HodoError for a spherical body, which has none.
     Source: Rachinskaya, eqs (7)-(8).
     """
-    largest, middle, smallest = (A[i] for i in inertia_order(A))
-    if largest == smallest:
+    outer, inner = separatrix_terms(A, (1.0, 1.0, 1.0), inertia_order(A))
+    if not (outer or inner):
         raise HodoError("a body with three equal moments of inertia has no quadrants")
-    return (
-        math.inf
-        if largest == middle
-        else smallest * (middle - smallest) / (largest * (largest - middle))
-    )
+    return inner / outer if outer else math.inf
 
 
 SMALLEST_MOMENT = 1e-100
@@ -235,6 +231,12 @@ INITIAL = Key(
 def is_tensor(inertia: Any) -> bool:
     """Whether moments of inertia, as a case gives them, are a full tensor or have a row of one."""
     return inertia is not None and any(isinstance(row, tuple) for row in inertia)
+
+
+def is_rounded(data: Mapping[str, Any]) -> bool:
+    """Whether moments of inertia that no body has are those of one, rounded to decimals."""
+    A = data.get("inertia")
+    return isinstance(A, tuple) and not is_tensor(A) and excess_of_rounding(A) > 0
 
 
 def complete(inertia: Sequence[float], initial: Mapping[str, float | None]) -> tuple[float, ...]:
@@ -312,11 +314,6 @@ class BodyFrame(Model):
         return {"omega": omega, **others}
 
     @classmethod
-    def is_rounded(cls, data: Mapping[str, Any]) -> bool:
-        A = data.get("inertia")
-        return A is not None and not is_tensor(A) and excess_of_rounding(A) > 0
-
-    @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
         """What no body, or no start of a form, can be; its moments are from `smallest` to
         1/`smallest`."""
@@ -353,7 +350,16 @@ class BodyFrame(Model):
         G = self.momentum(self.from_principal(start[:3]))
         return quaternion_at_start(self.attitude, G.tolist())
 
+    def initial_states(self, omega: np.ndarray) -> np.ndarray:
+        """`starts`, and the attitudes there."""
+        starts = self.starts(omega)
+        if not self.attitude:
+            return starts
+        each = map(self.with_attitude, starts.reshape(len(starts), -1).T)
+        return np.array([*each]).T.reshape(-1, *starts.shape[1:])
+
     def starts(self, omega: np.ndarray) -> np.ndarray:
+        """The states (m, ...) for angular velocities (..., 3) at the start."""
         w = np.moveaxis(omega, -1, 0)
         if len(self.state) == len(w):
             return w.copy()

@@ -232,7 +232,7 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
     if case.system.equations.may_stop:
         k, (stop,) = attributes(case.system.constants), columns["event_time"]
         end, state = case.time.end, motion.state[-1].astype(float)
-        moves = time_of_release(case.system.equations, k, stop, end, state)
+        moves = time_of_release(k, stop, end, state)
         columns["event_release"] = np.array([moves])
     if case.system.no_axis_reason:
         return Status.OK, columns

@@ -189,7 +189,7 @@ def releases(e: Ensemble, motions: np.ndarray, stop: np.ndarray, state: np.ndarr
     """When (n,) those of some motions (n,) that have stopped by some times (n,) would move again,
     from the states (m, k) of all motions at their end; nan where they would not."""
     return np.array([
-        time_of_release(e.model, e.named(i), time, e.span[1], state[:, i])
+        time_of_release(e.named(i), time, e.span[1], state[:, i])
         for i, time in zip(motions, stop, strict=True)
     ])  # fmt: skip
 

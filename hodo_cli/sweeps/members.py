@@ -17,7 +17,7 @@ from ..engines.protocol import EPS
 from ..integration import Crossing, Trajectory, sample_times
 from ..models.attitude import check_attitude, warnings_of
 from ..models.base import UNIT, Model, contains_time, flatten
-from ..models.rigid_body import BodyFrame
+from ..models.rigid_body import BodyFrame, is_rounded
 from ..schema.kinds import KeyPath
 from ..text import grouped
 from .columns import (
@@ -68,7 +68,7 @@ def system_of_member(case: Case, data: Mapping[str, Any]) -> Model | None:
     form, epoch = type(case.system), case.time.epoch
     span = (case.time.start - (epoch or 0.0), case.time.end - (epoch or 0.0))
     # A rounded body of the case itself is forgiven, and no one that a sweep makes.
-    is_own = data.get("inertia") is case.data.get("inertia") and form.is_rounded(data)
+    is_own = data.get("inertia") is case.data.get("inertia") and is_rounded(data)
     wrong = (path for path, _ in form.check(data) if not is_own or path[:1] != ("inertia",))
     if any(True for _ in wrong) or any(check_attitude(form, data)):
         return None
@@ -118,7 +118,7 @@ def prepare(case: Case, members: np.ndarray) -> list[Ensemble]:
         ensemble_of(case, system, positions, system.initial_states(omega[positions]))
         for i, (_, system) in enumerate(sets)
         for positions in [np.flatnonzero(combination == i)]
-        if system is not None
+        if isinstance(system, BodyFrame)
     )
 
 

@@ -233,6 +233,23 @@ def sn_cn_dn(u: np.ndarray, complementary: Any) -> tuple[np.ndarray, np.ndarray,
     return sn / length, cn / length, dn
 
 
+def sum_along_mean(d: Any, w: Any, b: Any, steps: int) -> Any:
+    """The sum of 2^n c_n down the arithmetic-geometric mean of sqrt((w + b)/2) and sqrt(b), with
+    c_0 = 1/(2 (w + b)), c_{n+1} = d c_n^2/(16 a_{n+1}^2) and w^2 - b^2 = d: 2 (2 <sn^2> - 1)/m for
+    m = 2 sqrt d/(w + sqrt d), where w + sqrt d = 1. All terms are positive, and each step doubles
+    the digits.
+
+    Source: M. Abramowitz and I. A. Stegun, 17.6, with c_{n+1} = c_n^2/(4 a_{n+1}).
+    """
+    a, b, c = ((w + b) / 2) ** 0.5, b**0.5, 1 / (2 * (w + b))
+    total, factor = c, 1
+    for _ in range(steps):
+        a, b = (a + b) / 2, (a * b) ** 0.5
+        c, factor = d * c * c / (16 * a * a), 2 * factor
+        total = total + factor * c
+    return total
+
+
 class AlongMomentum(NamedTuple):
     """The rates lambda and beta of a torque along G at the start, 1/time, beta at least 0 and in
     long double: near the stop, where g = 1 - beta t is small, its rounding shows."""
