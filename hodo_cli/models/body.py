@@ -11,7 +11,18 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..schema.expression import Expression
-from ..schema.kinds import Either, Key, ListOf, Mistake, Number, Rule, Table, matrix, vector
+from ..schema.kinds import (
+    Either,
+    Key,
+    ListOf,
+    Mistake,
+    Number,
+    Rule,
+    Table,
+    matrix,
+    mistakes_where,
+    vector,
+)
 from ..text import grouped, time_text
 from .base import CONSTANTS_KEY, REST_BITS, TERMS_NAME, Constants, Event, EventOutcome, mistake_of
 from .brake import STOPPED, stop_details
@@ -272,17 +283,35 @@ class Body(BodyFrame):
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
         """Also what the terms ask of each other, of the body and of the start."""
         named, inertia, fluid = terms_named(data), data.get("inertia"), data.get("cavity")
+        space, h = data.get("space_torque"), data.get("rotor")
+        has_G = (data.get("initial") or {}).get("G") is not None
         yield from mistakes_of_tensor(data) if is_tensor(inertia) else super().check(data)
-        if not named and data.keys() >= TERMS.keys():
-            yield (), f"no torque is named ({', '.join(TERMS)}); damping: 0 is free motion"
-        yield from negative_coefficients(data)
         if fluid is not None or (cls.has_fluid and {"cavity", "kappa"} <= data.keys()):
-            yield from mistake_of(
-                ("cavity",) if fluid else (), coefficient, fluid, data.get("kappa")
-            )
-        if (space := data.get("space_torque")) and not any(space["direction"]):
-            yield ("space_torque", "direction"), "a direction has a length, and this one has none"
-        yield from mistakes_of_start(data)
+            at = ("cavity",) if fluid else ()
+            yield from mistake_of(at, coefficient, fluid, data.get("kappa"))
+        yield from negative_coefficients(data)
+        yield from mistakes_where(
+            (
+                not named and data.keys() >= TERMS.keys(),
+                (),
+                f"no torque is named ({', '.join(TERMS)}); damping: 0 is free motion",
+            ),
+            (
+                space and not any(space["direction"]),
+                ("space_torque", "direction"),
+                "a direction has a length, and this one has none",
+            ),
+            (
+                h and has_G,
+                ("initial",),
+                "with a rotor |G| does not determine the missing component: give p, q and r",
+            ),
+            (
+                "brake" in named and is_at_rest(data),
+                ("brake",),
+                f"a body {'whose G is 0' if h else 'at rest'} has no direction to brake in",
+            ),
+        )
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
@@ -299,12 +328,28 @@ class Body(BodyFrame):
         # Of what changes with time only the damping is judged, coefficient by coefficient.
         coefficients, changing = self.term_coefficients.items(), self.changing_terms
         given = {term: entries for term, entries in coefficients if term not in changing}
-        omega = self.omega_at_start
+        damping = self.term_coefficients.get("damping", ())
+        feeding = [
+            f"lambda{i} = {x:g}" for i, x in enumerate(damping, 1) if not is_law(x) and x < 0
+        ]
         (kappa,), torque = given.get("kappa", (0.0,)), given.get("torque", ZEROS)
+        I, omega = np.reshape(given.get("resistance", np.zeros(9)), (3, 3)), self.omega_at_start
+        values = np.linalg.eigvalsh(I / 2 + I.T / 2)
+        named = ", ".join(f"{value:.6g}" for value in values)
+        excess = 0.0 if is_tensor(self.inertia) else excess_of_rounding(self.inertia)
+        sentences = {
+            f"one moment exceeds the sum of the other two by {excess:.3g}, as rounding may make "
+            "it": excess > 0,
+            f"negative damping feeds energy in: {', '.join(feeding)}": bool(feeding),
+            f"the tensor is not dissipative: its symmetric part has the eigenvalues {named}": (
+                values[0] < -1e-12 * abs(values[-1])
+            ),
+            # One that is given in decimals, turned into other axes, is symmetric to its last
+            # digits.
+            "the tensor is not symmetric": np.abs(I - I.T).max() > 1e-9 * np.abs(I).max(),
+        }
         return [
-            *rounding_warnings(self.inertia),
-            *damping_warnings(self.term_coefficients.get("damping", ())),
-            *tensor_warnings(np.reshape(given.get("resistance", np.zeros(9)), (3, 3))),
+            *(sentence for sentence, applies in sentences.items() if applies),
             *weak(self.moments, omega, kappa, torque),
             *cavity_warnings(self.cavity, self.moments, omega),
         ]
@@ -443,36 +488,6 @@ class Body(BodyFrame):
         return turn_of_hodograph(self.moments, self.omega_at_start) if is_free else None
 
 
-def rounding_warnings(inertia: Any) -> list[str]:
-    """The warning of moments of which one exceeds the sum of the others as rounding makes it."""
-    excess = 0.0 if is_tensor(inertia) else excess_of_rounding(inertia)
-    says = f"one moment exceeds the sum of the other two by {excess:.3g}, as rounding may make it"
-    return [says] if excess else []
-
-
-def damping_warnings(damping: Sequence[Any]) -> list[str]:
-    """Warnings of coefficients that no medium has; of laws nothing is said here."""
-    negative = ", ".join(
-        f"lambda{i} = {x:g}" for i, x in enumerate(damping, 1) if not is_law(x) and x < 0
-    )
-    return [f"negative damping feeds energy in: {negative}"] if negative else []
-
-
-def tensor_warnings(I: np.ndarray) -> list[str]:
-    """Warnings of a tensor that no medium has."""
-    values = np.linalg.eigvalsh(I / 2 + I.T / 2)
-    messages = []
-    if values[0] < -1e-12 * abs(values[-1]):
-        named = ", ".join(f"{value:.6g}" for value in values)
-        messages.append(
-            f"the tensor is not dissipative: its symmetric part has the eigenvalues {named}"
-        )
-    # A tensor given in decimals, turned into other axes, is symmetric to its last digits.
-    if np.abs(I - I.T).max() > 1e-9 * np.abs(I).max():
-        messages.append("the tensor is not symmetric")
-    return messages
-
-
 def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
     """The mistakes of a body that is given by a full tensor of inertia, and of its start."""
     inertia = data["inertia"]
@@ -485,31 +500,19 @@ def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
     yield from [*wrong, *sizes[:1]]
     if "initial" in data:
         yield from mistake_of(("initial",), complete, inertia, data["initial"])
-    for name in ("damping", "quadratic"):
-        entries = data.get(name) or (0.0,)
-        if any(x != entries[0] for x in entries):
-            yield (
-                (name,),
-                "acts about principal axes: give the three moments as `inertia`, or `resistance`",
-            )
+    says = "acts about principal axes: give the three moments as `inertia`, or `resistance`"
+    terms = {name: data.get(name) or (0.0,) for name in ("damping", "quadratic")}
+    yield from (((name,), says) for name, x in terms.items() if any(one != x[0] for one in x))
 
 
-def mistakes_of_start(data: Mapping[str, Any]) -> Iterator[Mistake]:
-    """The mistakes of a start with which a rotor or a brake has no meaning."""
-    named, inertia, initial = terms_named(data), data.get("inertia"), data.get("initial")
-    if not initial:
-        return
-    if "rotor" in named and initial.get("G") is not None:
-        yield (
-            ("initial",),
-            "with a rotor |G| does not determine the missing component: give p, q and r",
-        )
-    if "brake" in named and inertia:
-        with suppress(ValueError):  # another check says so
-            body = Body(inertia, initial, rotor=data.get("rotor"))
-            if not body.momentum(np.array(body.initial_velocity)).any():
-                which = "whose G is 0" if any(data.get("rotor") or ()) else "at rest"
-                yield ("brake",), f"a body {which} has no direction to brake in"
+def is_at_rest(data: Mapping[str, Any]) -> bool:
+    """Whether G is 0 at a start, as far as that is right."""
+    if not (data.get("inertia") and data.get("initial")):
+        return False
+    body = Body(data["inertia"], data["initial"], rotor=data.get("rotor"))
+    with suppress(ValueError):  # another check says so
+        return not body.momentum(np.array(body.initial_velocity)).any()
+    return False
 
 
 def negative_coefficients(data: Mapping[str, Any]) -> Iterator[Mistake]:

@@ -114,16 +114,12 @@ def cavity_warnings(
         return []
     number, b, speed = reynolds(cavity, omega), radius_of(cavity), math.hypot(*omega)
     mass = 4 / 3 * math.pi * b**3 * cavity["density"]
-    moment, messages = 0.4 * mass * b * b, []
-    if number > NOT_SMALL:
-        messages.append(
-            f"the flow is not slow: its Reynolds number b^2 |omega|/nu is {number:.3g} (b = "
-            f"{b:.3g}, |omega| = {speed:.3g}, nu = {cavity['viscosity']:.3g})"
-        )
-    if moment > A.min():
-        messages.append(
-            f"no body: a sphere with this P0 has b = {b:.3g}, and its fluid a mass of {mass:.5g} "
-            f"and a moment of inertia of {moment:.5g}, more than the {A.min():g} of body and fluid "
-            "together"
-        )
-    return messages
+    moment = 0.4 * mass * b * b
+    sentences = {
+        f"the flow is not slow: its Reynolds number b^2 |omega|/nu is {number:.3g} (b = "
+        f"{b:.3g}, |omega| = {speed:.3g}, nu = {cavity['viscosity']:.3g})": number > NOT_SMALL,
+        f"no body: a sphere with this P0 has b = {b:.3g}, and its fluid a mass of {mass:.5g} "
+        f"and a moment of inertia of {moment:.5g}, more than the {A.min():g} of body and fluid "
+        "together": moment > A.min(),
+    }
+    return [sentence for sentence, applies in sentences.items() if applies]
