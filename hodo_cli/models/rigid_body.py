@@ -239,38 +239,42 @@ def is_rounded(data: Mapping[str, Any]) -> bool:
     return isinstance(A, tuple) and not is_tensor(A) and excess_of_rounding(A) > 0
 
 
-def complete(inertia: Sequence[float], initial: Mapping[str, float | None]) -> tuple[float, ...]:
+def complete(inertia: Sequence[float], initial: Mapping[str, Any]) -> tuple[float, ...]:
     """(p, q, r) from initial data in which |G| may stand for one of them, or x and y for all: p =
     sqrt(x), q = 0 and r = sqrt(y).
 
     Raises ValueError, with a sentence, if that cannot be done.
     """
-    x, y = initial.get("x"), initial.get("y")
-    if x is not None and y is not None and not any(initial.get(c) is not None for c in "pqrG"):
-        return sqrt(x), 0.0, sqrt(y)
-    if x is not None or y is not None:
-        raise ValueError("give x and y alone, or p, q and r")
+    given = {name for name, value in initial.items() if value is not None}
+    missing = [axis for axis in "pqr" if axis not in given]
+    has_G, by_squares = "G" in given, given & {"x", "y"}
+    wrong = {
+        "give x and y alone, or p, q and r": by_squares and given != {"x", "y"},
+        "with a full tensor of inertia G stands for no component: give all": (
+            has_G and is_tensor(inertia)
+        ),
+        f"{' and '.join(missing)} missing: give p, q and r, or two of them and G": (
+            missing and not (has_G or by_squares)
+        ),
+        "G stands for exactly one of p, q, r: leave that one out and give the other two": (
+            has_G and len(missing) != 1
+        ),
+    }
+    for sentence in (sentence for sentence, is_so in wrong.items() if is_so):
+        raise ValueError(sentence)
     omega = [initial.get(axis) for axis in "pqr"]
-    missing = [axis for axis, value in zip("pqr", omega, strict=True) if value is None]
-    momentum = initial.get("G")
-    if momentum is not None and is_tensor(inertia):
-        raise ValueError("with a full tensor of inertia G stands for no component: give all")
-    if momentum is None and missing:
-        raise ValueError(f"{' and '.join(missing)} missing: give p, q and r, or two of them and G")
-    if momentum is None:
+    if by_squares:
+        return sqrt(initial["x"]), 0.0, sqrt(initial["y"])
+    if not missing:
         return tuple(omega)  # type: ignore[arg-type]
-    if len(missing) != 1:
-        raise ValueError(
-            "G stands for exactly one of p, q, r: leave that one out and give the other two"
-        )
     with localcontext(prec=100):  # exact but for the root, so that the result is the nearest double
         pairs = [(Decimal(A), w) for A, w in zip(inertia, omega, strict=True)]
         square = sum((A * Decimal(w)) ** 2 for A, w in pairs if w is not None)
-        remainder = Decimal(momentum) ** 2 - square
+        remainder = Decimal(initial["G"]) ** 2 - square
         if remainder < 0:
             raise ValueError(
                 f"|G| is at least {Decimal(square).sqrt():.6g} with the two given, "
-                f"so G: {momentum:.6g} leaves no {missing[0]}"
+                f"so G: {initial['G']:.6g} leaves no {missing[0]}"
             )
         roots = [float(remainder.sqrt() / A) if w is None else w for A, w in pairs]
     return tuple(roots)
