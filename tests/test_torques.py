@@ -502,7 +502,7 @@ def test_only_the_terms_named_are_in_the_equations() -> None:
         "name: free\nmodel: torques\ninertia: [1, 0.8, 0.6]\ndamping: 0\n"
         "initial: {p: 1, q: 0, r: 0}\ntime: {end: 1}"
     )
-    assert case.system.state == ("p", "q", "r")
+    assert case.system.equations.state == ("p", "q", "r")
     assert set(case.system.constants) == {"lam1", "lam2", "lam3", "A1", "A2", "A3", "g"}
 
 
