@@ -84,7 +84,7 @@ class StepCheck(StepBuffer):
         self.longest, self.change, self.at_once = 0.0, None, 512
         self.at_begin = self.control.steps, self.control.evaluations
         self.verdict = Status.OK, ""
-        self.kinds = kinds_of_variables(type(self.system))
+        self.kinds = kinds_of_variables(self.system.equations)
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
         self.longest = max(self.longest, float(end - start))
@@ -217,12 +217,12 @@ class StepCheck(StepBuffer):
     def _rates(self, t: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The rates of states (m, ...) by the engine's time, at times (...) of the case."""
         k = self._constants(state.dtype.type)
-        rates = stacked(self.system.rhs(t, [*state], k), state)
+        rates = stacked(self.system.equations.rhs(t, [*state], k), state)
         # The degrees of constants give rates by the engine's time; without them it is told.
-        return np.asarray(rates if self.system.degree else rates / self.clock.factor)
+        return np.asarray(rates if self.system.equations.degree else rates / self.clock.factor)
 
     def _constants(self, number: Any) -> SimpleNamespace:
-        constants = self.units.constants(type(self.system), self.system.constants)
+        constants = self.units.constants(self.system.equations, self.system.constants)
         return attributes(constants, number)
 
     def _excess(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -236,7 +236,7 @@ class StepCheck(StepBuffer):
         parts = max(self.tol**0.5, grain) * (ends[:, 1] - ends[:, 0]) / self.longest
         allowed = np.maximum(parts, max(DEFECT, 100 * self.tol))
         # Without units of its own a motion has the error of one of size 1, however small it is.
-        least = SIZE_AT_REST if self.system.degree else 1.0
+        least = SIZE_AT_REST if self.system.equations.degree else 1.0
         sizes = [np.abs(b[:, kind]).max(axis=(1, 2)).clip(least) for kind in self.kinds]
         missed = [np.abs(slope - rates)[kind].max(axis=0) for kind in self.kinds]
         pairs = zip(missed, sizes, strict=True)

@@ -102,9 +102,9 @@ def may_hide_in_time(system: Model) -> bool:
     if not has_formula_of_time(system):
         return False
     # Of a state that is no number, so that the sign of no slope follows from it.
-    y, k = [math.nan] * len(system.state), attributes(system.constants)
+    y, k = [math.nan] * len(system.equations.state), attributes(system.constants)
     try:
-        return max(as_time(rate).power for rate in system.rhs(TimeInRates(), y, k)) > 1
+        return max(as_time(rate).power for rate in system.equations.rhs(TimeInRates(), y, k)) > 1
     except (TypeError, AttributeError, ValueError, ArithmeticError, HodoError):
         return True
 
@@ -191,10 +191,12 @@ def may_have_corner(system: Model) -> bool:
     """Whether equations hold |x|, written as the root of a square, or something of which that is
     not known."""
     # Any numbers serve that no formula makes equal; sums of these are exact in any order.
-    values = np.random.default_rng(0).integers(2**18, 2**20, 1 + len(system.state)) / 2**20
+    values = (
+        np.random.default_rng(0).integers(2**18, 2**20, 1 + len(system.equations.state)) / 2**20
+    )
     t, *y = map(factor, values.tolist())
     try:
-        system.rhs(t, y, attributes(system.constants))
+        system.equations.rhs(t, y, attributes(system.constants))
     except (Corner, TypeError, AttributeError, ValueError, ArithmeticError, HodoError):
         return True
     return False
