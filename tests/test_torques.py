@@ -574,22 +574,6 @@ def test_classify_says_what_theory_foretells(terms: Any, predictions: list[str])
         assert re.match(pattern, sentence)
 
 
-@pytest.mark.parametrize(
-    ("torque", "words"),
-    [
-        ([0.05, 0, 0], "x1 at 0.5: stable"),
-        ([0, 0.04, 0], "x2 at 0.5: unstable"),
-        ([0, 0.004, 0], "x2 at 0.05: stable"),
-    ],
-)
-def test_a_torque_against_damping_holds_a_rotation(torque: Any, words: str) -> None:
-    ds = run(C, 400, torque=torque, damping=0.1)
-    assert ds.attrs["predictions"] == f"the torque holds a rotation about {words}"
-    axis = int(words[1]) - 1
-    is_held = np.abs(np.delete(ds.omega.data[-1], axis)).max() < 1e-6
-    assert is_held == ("unstable" not in words)
-
-
 def test_predictions_carry_the_units_of_the_case() -> None:
     time = {"end": 10, "samples": 11, "unit": "s"}
     common = {"time": time, "inertia_unit": "kg m^2"}
