@@ -853,3 +853,15 @@ def test_a_body_with_a_rotor_turns_on_behind_its_stop(precision: str) -> None:
     ds = run(C, 60, **terms)
     assert ds.omega.values[-1] == pytest.approx([-0.3, 0, -0.1 / 0.6], abs=1e-15)
     assert ds.attrs["error"] < 1e-13
+
+
+def test_a_start_along_the_middle_axis_of_a_full_tensor_stands_on_no_side() -> None:
+    # Its components along the other axes are rounding, which is as large as they are.
+    inertia = [
+        [0.9429504720292667, -0.014318834801310954, 0.13438143593915208],
+        [-0.014318834801310954, 0.7775784870607602, 0.0632787863921575],
+        [0.13438143593915208, 0.0632787863921575, 0.6794710409099731],
+    ]
+    start = {"p": 0.1619507948751688, "q": -0.8432005295425412, "r": -0.26212394155222163}
+    ds = run(start, 1e-3, inertia=inertia, damping=0, method="taylor")
+    assert ds.enclosed_axis.values[0] == 0
