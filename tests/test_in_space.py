@@ -401,7 +401,7 @@ def test_a_top_says_itself_where_it_points() -> None:
     ],
 )
 def test_warned(attitude: dict[str, Any], words: str) -> None:
-    warnings = made(1, attitude=attitude).system.warnings
+    warnings = integrate(made(1, attitude=attitude)).warnings
     assert [warning[: len(words)] for warning in warnings] == ([words] if words else [])
 
 
