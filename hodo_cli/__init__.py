@@ -1,5 +1,6 @@
 """hodo: batches of rigid-body rotation experiments, integrated, classified, plotted and checked."""
 
+import time
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,9 @@ __all__ = [
 ]
 
 __version__ = "0.2.0"
+
+STARTED = time.time()
+"""When this process began to load hodo: a source that changes afterwards may be loaded or not."""
 
 
 class HodoError(Exception):

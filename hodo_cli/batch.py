@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent import futures
 from concurrent.futures import Executor, Future
@@ -16,7 +17,7 @@ from multiprocessing import connection
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-from . import NOT_OF_A_CASE, BatchError, HodoError, models
+from . import NOT_OF_A_CASE, STARTED, BatchError, HodoError, models
 from .cases.case import Case
 from .engines import have_taylor
 from .machine import library_version, memory_size
@@ -32,6 +33,8 @@ OTHER_CODE = (
     "a worker computes with other code or libraries (hodo, heyoka, numpy, scipy) than this "
     "process: start both anew"
 )
+
+EDITED = "the code of hodo has changed since this process began: start it anew"
 
 TASKS_AHEAD = 128
 """Tasks that a scheduler elsewhere is given before the first is finished: more than it is likely to
@@ -183,7 +186,9 @@ def with_digest(function: Callable[[Task], Result], task: Task) -> tuple[str, Re
     """What a worker does: the digest of what computes there, and what a function makes of a
     task."""
     try:
-        return process_digest(), function(task)
+        known, result = process_digest(), function(task)
+        check_unedited()
+        return known, result
     except SystemExit as error:  # of a model that is not hodo's
         raise HodoError(f"its model calls exit({error})") from error
     except OSError as error:
@@ -232,14 +237,27 @@ and reduced."""
 
 
 @cache
+def sources(parts: tuple[str, ...]) -> list[Path]:
+    """The files of parts of the package; a part is a module, or a folder of modules."""
+    files = [file for part in parts for file in [PACKAGE / part, *(PACKAGE / part).rglob("*.py")]]
+    return sorted(file for file in files if file.suffix == ".py")
+
+
+def check_unedited() -> None:
+    """Raise BatchError if a source of what computes has changed since this process began: what is
+    loaded of it may then be older or newer than its digest."""
+    # Not the time of the content, which copying keeps; one ahead of our clock is another clock's.
+    changed = max(file.stat().st_ctime for file in sources(SWEEP_SOURCES))
+    if STARTED < changed <= time.time():
+        raise BatchError(EDITED)
+
+
+@cache
 def code_digest(parts: tuple[str, ...], model: str = "") -> str:
     """The digest of the code that computes, and of the model where hodo does not have it."""
-    # A part is a module, or a folder of modules.
-    files = [file for part in parts for file in [PACKAGE / part, *(PACKAGE / part).rglob("*.py")]]
     lines = [
         f"{file.relative_to(PACKAGE).as_posix()} {digest(file.read_text('utf-8'))}"
-        for file in sorted(files)
-        if file.suffix == ".py"
+        for file in sources(parts)
     ]
     return digest("\n".join(lines) + (models.added_models_digest(model) if model else ""))
 
