@@ -1,6 +1,7 @@
 """Motions that the data feed energy into: they end, and the data are warned of before the run."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from hodo_cli import Case, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.engines import protocol
 from hodo_cli.integration import integrate
+from hodo_cli.models.rigid_body import BodyFrame
 
 SPINS_UP = """\
 cases:
@@ -120,25 +122,25 @@ def test_every_method_has_a_last_step(method: str, monkeypatch: pytest.MonkeyPat
     assert motion.message.startswith("max_steps: stopped after 50 steps")
 
 
-class Outflow:
-    """h' = -sqrt(h) from h(0) = 1, which is empty at t = 2 and has no real rate below 0."""
+@dataclass(frozen=True)
+class Outflow(BodyFrame):
+    """p' = -sqrt(p) from p(0) = 1, which is 0 at t = 2 and has no real rate below 0."""
 
-    degree: dict[str, int] = {}
-    constants: dict[str, float] = {}
-    state = ("h",)
+    name = "outflow"
+    form = "full"
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        return (-(y[0] ** 0.5),)
+        return -(y[0] ** 0.5), 0 * y[1], 0 * y[2]
 
 
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
 @pytest.mark.parametrize("method", [name for name in DRIVEN if name != "taylor"])
 def test_equations_that_leave_the_real_numbers_end_the_motion(method: str) -> None:
     # A root of a negative number is complex to Python, and a solver would go on with a part of it.
-    engine = engines.engine_for(method, Outflow(), (), 1e-6, "double")  # type: ignore[arg-type]
+    engine = engines.engine_for(method, Outflow((1.0, 1.0, 1.0), {}), (), 1e-6, "double")
     control = protocol.StepControl(max_steps=10_000)
-    stretch = engine.integrate({}, np.array([1.0]), np.linspace(0, 4, 17), control)
+    stretch = engine.integrate({}, np.array([1.0, 0.0, 0.0]), np.linspace(0, 4, 17), control)
     assert control.status == "failed"
     assert float(stretch.time[0]) < 2.2
     times = np.linspace(0, 4, 17)[: len(stretch.rows)]
