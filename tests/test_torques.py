@@ -286,14 +286,14 @@ def test_members_that_would_move_again_are_counted(alone: dict[str, str]) -> Non
     law = ["-0.004*t", 0, 0]
     case = {"model": "torques", "inertia": [3, 2, 1], "torque": law, "initial": SPIN, **alone}
     case |= {"time": {"end": 40}, "store": ["event_time", "event_release"]}
-    members = hodo.sweep({**case, "sweep": {"brake": {"linspace": [0.1003, 0.2003, 5]}}})
+    members = hodo.sweep({**case, "sweep": {"brake": {"linspace": [0.1003, 0.2003, 3]}}})
     b, stop, release = (members[name].values for name in ("brake", *case["store"]))
     assert stop == pytest.approx((np.sqrt(b * b + 0.024) - b) / 0.004, abs=1e-9)
     assert (np.isfinite(release) == (b < 0.16)).all()
     late = release[b < 0.16] - b[b < 0.16] / 0.004
     assert (abs(late) < (40 - stop[b < 0.16]) / 2**12).all()
-    assert members.attrs["released"] == 3
-    assert members.attrs["warnings"].startswith("3 of 5 members stay at rest")
+    assert members.attrs["released"] == 2
+    assert members.attrs["warnings"].startswith("2 of 3 members stay at rest")
 
 
 @pytest.mark.parametrize(("m", "u"), [(1e-95, 1e-28), (1e95, 1e29), (1, 1e-70)])

@@ -220,6 +220,9 @@ class BatchState:
         restored = remaining + lost
         lost += remaining - restored
         np.copyto(remaining, restored, where=going)
+        # Of a step without a length the next is the same: its series is larger than doubles are.
+        remaining[going & (self.output[len(columns.rows)] == 0)] = np.nan
+        going &= ~np.isnan(remaining)
         # An averaged motion is slow at the separatrix only, where its steps are the shorter.
         if self.pauses == 1 and self.ensemble.passing is None:
             span = np.ldexp(self.ensemble.lengths[0, columns.motion], columns.rate)
