@@ -15,7 +15,7 @@ from ..text import time_digits, to_error
 from .choice import choose
 from .error import with_measured_error
 from .solve import solve, with_seconds_left
-from .step_checks import POLE
+from .step_checks import HELD, NOT_SMOOTH
 from .trajectory import Trajectory
 
 ERROR_LIMIT_ASKED = 1e-12
@@ -46,7 +46,6 @@ def integrate(case: Case) -> Trajectory:
     if case.error and (motion.succeeded or (motion.time > case.time.start).any()):
         motion = with_measured_error(motion)
     return motion.with_remarks(
-        case=case,
         message=motion.message or early_end(motion),
         warnings=(*model_warnings(motion), *motion_remarks(motion)),
     )
@@ -175,8 +174,8 @@ def solved(case: Case, method: str, reason: str) -> Trajectory:
         and method == "taylor"
         # Not after a timeout: the user has said how long a case may take.
         and motion.status is Status.FAILED
-        and not motion.message.startswith(POLE)
         and case.precision != "quadruple"
+        and not motion.message.startswith((HELD, NOT_SMOOTH))
     ):
         rest = with_seconds_left(case, motion)
         other = solve(rest, "collocation", case.precision, case.tol)

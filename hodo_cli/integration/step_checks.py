@@ -1,15 +1,13 @@
-"""Checks of the steps of a motion: whether they meet its equations, whose formulas may change or
-have a pole within them, and whether what approximates these is accurate."""
+"""A check of the steps of a motion whose equations hold formulas of a user's own."""
 
+import bisect
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from ..engines import extended
 from ..engines.polynomial import bernstein_coefficients, values_and_slopes
-from ..engines.protocol import EPS, Engine, Status, StepControl
+from ..engines.protocol import Engine, Status, StepControl
 from ..engines.units import Clock, Units
 from ..models.base import Model, attributes, kinds_of_variables, stacked
 from ..text import time_text
@@ -31,214 +29,140 @@ SIZE_AT_REST = 1e-150
 """The least size of a state to which it is relative: a body at rest has none. Its square is a
 double."""
 
-MIN_GAP, MIN_ULPS = 1e-9, 4
-"""How far from a change steps end and begin: in the time in which a motion changes by its own size,
-so that its square is below the rounding of a double, and in rounding errors of the time."""
+UNRESOLVED, MISSED_THERE = 4, 1e-9
+"""The length, in rounding errors of the time, of a step that is not to be cut, and what it may miss
+its equations by: as much as a jump makes whose time is rounded, and no pole."""
 
-PARTS, ROUNDS, MAX_CORNER = 128, 9, 2.0
-"""Parts of an interval in search of a change, and how often one or two of them are divided again:
-to the rounding of a long double, since a jump is gone over by the rates on both sides. Of a corner,
-from which an excess grows gradually to no more than this, a part of MIN_GAP will do."""
+PARTS, ROUNDS = 128, 3
+"""The parts of an interval in which a step begins to miss its equations, and how often one of them
+is divided again: a second step then ends within 1e-6 of that place."""
 
-MOST_CHANGES = 10_000
-"""How many changes of its formulas a motion may have."""
+MOST_CUTS, MOST_AT_ONE_PLACE, ONE_PLACE = 10_000, 64, 2.0**-30
+"""How many steps of a motion may be cut, and how many of them within this part of its span."""
 
-MOST_AT_ONE_PLACE, NEARBY = 64, 16
-"""How many of them may follow each other within so many MIN_GAP."""
+SHORTEST = 2.0**-60
+"""The part of the span below which a step is too short, where as many follow each other: they are
+of a motion that comes ever nearer to a place where its rates jump."""
 
-POLE = "the equations have a pole at t = "
-"""How the message of a motion begins that comes to one: no method leads it on from there."""
-
-SHORT_STEP, AHEAD = 1e7, 1e5
-"""The length of a step, in rounding errors of the time, below which a pole is looked for, and how
-many such steps ahead: collocation takes short ones, since the rounding of a time near a pole makes
-much of its rates."""
-
-BESIDE, FARTHER = 4, 1024
-"""A distance from a pole, in rounding errors of the time, and how many times farther from it the
-rates are smaller by as much."""
+HELD, NOT_SMOOTH = "held at ", "its formulas are not smooth near t = "
+"""How the message begins of a motion whose steps would be cut for ever: no method leads it on."""
 
 
 @dataclass
 class StepCheck(StepBuffer):
-    """Compares the polynomials of steps with their equations all along, and notes where they begin
-    to differ.
+    """Compares the polynomials of steps with their equations all along, and cuts a step where it
+    begins to miss them: at a time of `breaks`, from which the motion begins anew.
 
     A series knows a formula by its derivatives at the start of a step, and other methods by its
-    values at some points: they pass a short pulse, and a series a corner too, without a trace.
-    `changes` are the times of such places, each with one before and one behind it, between which
-    the motion is to go straight on: begun anew there, it misses nothing.
+    values at some points: they pass a short pulse, and a series a corner too, without a trace. Cut
+    again and again, a step is so short in the end that it misses nothing by a jump.
     """
 
     system: Model
-    end: float
     span: float
     tol: float
     control: StepControl
-    changes: list[np.ndarray] = field(default_factory=list)
-    at_one_place: int = 0
-    pole: Any = None
+    breaks: list[float] = field(default_factory=list)
+    too_short: int = 0
 
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
         super().begin(engine, clock, units)
-        self.longest, self.change, self.at_once = 0.0, None, 512
-        self.at_begin = self.control.steps, self.control.evaluations
-        self.verdict = Status.OK, ""
+        self.longest, self.at_once, self.is_cut = 0.0, 512, False
         self.kinds = kinds_of_variables(type(self.system))
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
-        self.longest = max(self.longest, float(end - start))
+        length = float(end - start)
+        self.longest = max(self.longest, length)
         self.enough = self.at_once / self.points
         super().__call__(start, end, series)
+        is_short = length < SHORTEST * self.span * self.clock.factor
+        self.too_short = self.too_short + 1 if is_short else 0
+        if self.too_short == MOST_AT_ONE_PLACE:
+            self._give_up(start, series[:, 0])
 
     @property
     def points(self) -> int:
         """The number of places at which each of the steps noted is compared."""
         return 8 + int(POINTS_CHECKED * self.longest / self.clock.factor / self.span)
 
-    def flush(self) -> None:
-        super().flush()
-        control = self.control
-        is_at_begin = control.steps == self.at_begin[0]
-        if control.status is Status.FAILED and is_at_begin and self.change is None:
-            # A series that begins at a corner has no number.
-            self.note(extended(np.array([self.clock.high, self.clock.low])).sum())
-        if self.change is not None:
-            control.take_back(*self.at_begin)
-            if self.verdict[0] is not Status.OK:
-                control.give_up(*self.verdict)
-
     def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
-        """Compare steps; those behind the first change of a stretch are of another motion."""
-        if self.pole is not None and self.clock.exact_times(ends[0, 0]) > self.changes[-1][1]:
-            self.change = np.full(3, self.pole)
-            pole = time_text(float(self.pole), self.end - self.span)
-            self.verdict = Status.FAILED, f"{POLE}{pole}"
+        """Compare steps; those behind a cut are of another motion."""
+        if self.is_cut:
             return
         # Nearer to each other towards the ends, where collocation has no points of its own.
         x = (1 - np.cos(np.pi * np.arange(self.points + 1) / self.points)) / 2
-        b = self._bernstein(series.astype(float), ends)
-        missed = ~(self._excess(ends.astype(float), x, b) <= 1)
-        if self.change is None and missed.any():
+        missed = ~(self._excess(ends.astype(float), x, series.astype(float)) <= 1)
+        if missed.any():
             step, first = np.argwhere(missed)[0]
-            ends, b = ends[step : step + 1], self._bernstein(series, ends)[step : step + 1]
-            # A series is right up to a corner; what goes over it by some points is wrong all along.
-            low, high = (x[first - 1], x[first]) if first else (0, 1)
-            place = self._place(ends, b, low, high, is_onset=first > 0)
-            self.note(self.clock.exact_times(ends[0, 0] + place * (ends[0, 1] - ends[0, 0])))
-        self.look_for_pole(ends, b)
+            only = slice(step, step + 1)
+            self._cut(ends[only], series[only], x[max(first - 1, 0)], x[first])
         self.longest = 0.0
         self.at_once = min(2 * self.at_once, POINTS_AT_ONCE)
 
-    def look_for_pole(self, ends: np.ndarray, b: np.ndarray) -> None:
-        """Note a pole of the equations, towards which steps become ever shorter: the motion is to
-        begin anew before the first short one, and to end there."""
-        times = self.clock.exact_times(ends)
-        grain = EPS * (np.abs(times[:, 0]) + self.span)
-        is_short = np.diff(times)[:, 0] < SHORT_STEP * grain
-        if self.pole is None and is_short.any():
-            step = is_short.argmax()
-            self.pole = self._pole(ends[step], b[step, :, 0], grain[step])
-            if self.pole is None:
-                return
-            before = min(times[step, 0], self.pole - 2 * self._aside(self.pole))
-            if self.change is None or self.change[1] > before:
-                self.note(before)
-
-    def _pole(self, ends: np.ndarray, y: np.ndarray, grain: Any) -> Any:
-        """The time of a pole of the equations soon behind the start of a step with the state y, or
-        None: their rates grow by the inverse of the distance at least, down to the rounding."""
-
-        def rates(s: np.ndarray) -> np.ndarray:
-            state = np.repeat(y[:, None], len(s), axis=1)
-            return np.asarray(np.abs(self._rates(self.clock.exact_times(s), state)).max(axis=0))
-
-        start, width = extended(ends[:1])[0], AHEAD * (ends[1] - ends[0])
+    def _cut(self, ends: np.ndarray, series: np.ndarray, low: float, high: float) -> None:
+        """Let a step end where it begins to miss its equations, between two parts of it; halfway
+        to the later one if it misses them from its start."""
         for _ in range(ROUNDS):
-            places = start + width * np.linspace(0, 1, PARTS + 1)
-            largest = rates(places).argmax()
-            start, width = places[max(largest - 1, 0)], 2 * width / PARTS
-        beside = BESIDE * grain * self.clock.factor
-        near, farther = rates(places[largest] + beside * np.array([1, FARTHER]))
-        pole = grain * np.round(self.clock.exact_times(places[largest]) / grain) + 0.0
-        return pole if 2 * near > FARTHER * farther and pole <= self.end else None
+            places = np.linspace(low, high, PARTS + 1)
+            first = (~(self._excess(ends, places, series)[0] <= 1)).argmax()
+            low, high = places[max(first - 1, 0)], places[first]
+        start, length = ends[0, 0], ends[0, 1] - ends[0, 0]
+        begin, at, end = self.clock.exact_times(start + np.array([0, low or high / 2, 1]) * length)
+        cut = max(float(at), np.nextafter(float(begin), np.inf))
+        bisect.insort(self.breaks, cut)
+        self.is_cut = self.control.is_over = True
+        here = bisect.bisect(self.breaks, cut + ONE_PLACE * self.span)
+        here -= bisect.bisect(self.breaks, cut - ONE_PLACE * self.span)
+        if not cut < end or here > MOST_AT_ONE_PLACE or len(self.breaks) > MOST_CUTS:
+            self._give_up(start, series[0, :, 0])
 
-    def note(self, at: Any) -> None:
-        """Note a change at some time: the stretch ends, to be begun anew."""
-        aside = self._aside(at)
-        is_beyond = not self.changes or at > self.changes[-1][1] + NEARBY * aside
-        self.at_one_place = 0 if is_beyond else self.at_one_place + 1
-        # Begun anew it may miss its equations sooner than before.
-        while self.changes and self.changes[-1][1] >= at:
-            self.changes.pop()
-        self.change = np.array([at - aside, at, at + aside])
-        self.changes.append(self.change)
-        if self.at_one_place > MOST_AT_ONE_PLACE:
-            self.verdict = Status.FAILED, "its formulas change ever again within its steps"
-        if len(self.changes) > MOST_CHANGES:
-            message = f"stopped: its formulas change more than {MOST_CHANGES} times"
-            self.verdict = Status.TIMEOUT, message
+    def _give_up(self, s: Any, y: np.ndarray) -> None:
+        """End the motion in the state y (m,) at the time s of the engine: its steps would be cut
+        for ever."""
+        time = float(self.clock.exact_times(np.array(s)))
+        when = time_text(time, time - self.span)
+        held = [f"omega_{i + 1}" for i in range(3) if self._is_held(i, time, y.astype(float))]
+        cause = f"{HELD}{' = '.join(held)} = 0 by its expression at t = " if held else NOT_SMOOTH
+        self.is_cut = self.control.is_over = True
+        self.verdict = Status.FAILED, f"{cause}{when}"
 
-    def _aside(self, at: Any) -> Any:
-        """How far from a change at some time steps end and begin."""
-        # A series that begins at a corner overflows, and the formula may be no number there.
-        gap = MIN_GAP * min(1 / self.clock.factor, self.span)
-        return np.maximum(gap, MIN_ULPS * np.spacing(float(at)))
+    def _is_held(self, i: int, time: float, y: np.ndarray) -> bool:
+        """Whether the rates in a state y (m,) lead a component of the angular velocity back to 0
+        from both sides of it, however near."""
+        if not self.system.starts_with_omega:
+            return False
+        aside = max(4 * abs(y[i]), 2.0**-40 * np.abs(y).max()) * np.array([1, 1 / 16, -1 / 16, -1])
+        beside = np.repeat(y[:, None], 4, axis=1)
+        beside[i] = aside
+        outer, inner, behind, beyond = self._rates(np.full(4, time), beside)[i]
+        return bool(2 * inner < outer < inner / 2 < 0 < behind / 2 < beyond < 2 * behind)
 
-    def _place(self, ends: np.ndarray, b: np.ndarray, low: Any, high: Any, is_onset: bool) -> Any:
-        """Where between two places a step begins to miss its equations; where it misses them from
-        its start, which is no `onset`, where the rates have their sharpest bend."""
-        low, width, length = b.dtype.type(low), high - low, ends[0, 1] - ends[0, 0]
-        for _ in range(ROUNDS):
-            places = low + width * np.linspace(0, 1, PARTS + 1)
-            if is_onset:
-                excess = self._excess(ends, places, b)[0]
-                first, parts = max((~(excess <= 1)).argmax() - 1, 0), 1
-            else:
-                bend = np.abs(np.diff(self._slopes(ends, places, b)[2], 2)).max(axis=0)
-                first, parts = bend.argmax(), 2
-            low, width = places[first], width * parts / PARTS
-            if is_onset and width * length < MIN_GAP / 8 and excess[first + 1] < MAX_CORNER:
-                break
-        return low + width / 2
-
-    def _bernstein(self, series: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        length = (ends[:, 1] - ends[:, 0]).astype(series.dtype)
-        return bernstein_coefficients(series.copy(), length, self.engine.basis)
-
-    def _slopes(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> tuple[Any, Any, Any]:
-        """The states in steps at places x (k,), the slopes of these by x, and those of their
-        equations, each (m, n, k)."""
-        length = ends[:, 1:] - ends[:, :1]
-        t = self.clock.exact_times(ends[:, :1] + x * length).astype(b.dtype)
-        state, slope = (part.swapaxes(0, 1) for part in values_and_slopes(b, x[None]))
-        return state, slope, length * self._rates(t, state)
-
-    def _rates(self, t: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The rates of states (m, ...) by the engine's time, at times (...) of the case."""
-        k = self._constants(state.dtype.type)
-        rates = stacked(self.system.rhs(t, [*state], k), state)
-        # The degrees of constants give rates by the engine's time; without them it is told.
-        return np.asarray(rates if self.system.degree else rates / self.clock.factor)
-
-    def _constants(self, number: Any) -> SimpleNamespace:
-        constants = self.units.constants(type(self.system), self.system.constants)
-        return attributes(constants, number)
-
-    def _excess(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> np.ndarray:
+    @np.errstate(all="ignore")
+    def _excess(self, ends: np.ndarray, x: np.ndarray, series: np.ndarray) -> np.ndarray:
         """How far steps miss their equations (n, k) at places x (k,): beyond 1 something has
         changed."""
-        _, slope, rates = self._slopes(ends, x, b)
+        length = np.diff(ends)
+        b = bernstein_coefficients(series, length[:, 0], self.engine.basis)
+        state, slope = (part.swapaxes(0, 1) for part in values_and_slopes(b, x[None]))
+        times = self.clock.exact_times(ends[:, :1] + x * length).astype(float)
+        missed = np.abs(slope - length * self._rates(times, state))
         # Between the ends of a step its polynomial has half of the digits at worst, and formulas
         # of seconds since an epoch, which are rounded, have fewer.
-        latest = np.abs(self.clock.exact_times(ends)).max().astype(b.dtype)
-        grain = GRAINS * np.spacing(latest) * self.clock.factor / self.longest
-        parts = max(self.tol**0.5, grain) * (ends[:, 1] - ends[:, 0]) / self.longest
+        grain = np.spacing(np.abs(times).max()) * self.clock.factor
+        parts = max(self.tol**0.5, GRAINS * grain / self.longest) * length / self.longest
         allowed = np.maximum(parts, max(DEFECT, 100 * self.tol))
+        allowed = np.where(length < UNRESOLVED * grain, MISSED_THERE, allowed)
         # Without units of its own a motion has the error of one of size 1, however small it is.
         least = SIZE_AT_REST if self.system.degree else 1.0
-        sizes = [np.abs(b[:, kind]).max(axis=(1, 2)).clip(least) for kind in self.kinds]
-        missed = [np.abs(slope - rates)[kind].max(axis=0) for kind in self.kinds]
-        pairs = zip(missed, sizes, strict=True)
-        excess = np.max([part / (allowed * size)[:, None] for part, size in pairs], axis=0)
-        return np.asarray(excess)
+        sizes = [np.abs(b[:, kind]).max(axis=(1, 2)).clip(least)[:, None] for kind in self.kinds]
+        pairs = zip(self.kinds, sizes, strict=True)
+        excess = [missed[kind].max(axis=0) / (allowed * size) for kind, size in pairs]
+        return np.asarray(np.max(excess, axis=0))
+
+    @np.errstate(all="ignore")
+    def _rates(self, times: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The rates of states (m, ...) by the engine's time, at times (...) of the case."""
+        k = attributes(self.units.constants(type(self.system), self.system.constants))
+        rates = stacked(self.system.rhs(times, [*state], k), state)
+        # The degrees of constants give rates by the engine's time; without them it is told.
+        return np.asarray(rates if self.system.degree else rates / self.clock.factor)

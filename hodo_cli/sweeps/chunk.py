@@ -38,7 +38,7 @@ from .columns import (
 )
 from .ensemble.advance import advance, measure_crossings
 from .ensemble.motions import Rejection
-from .formulas import formulas_may_change
+from .formulas import may_hide_in_time
 from .members import ensemble_of, member, other_method, prepare, system_of_member
 
 LARGEST_CHUNK, SMALLEST_CHUNK = 32768, 256
@@ -115,8 +115,8 @@ def reason_alone(case: Case) -> str:
     side."""
     if other := other_method(case):
         return other
-    if case.system.has_formulas() and formulas_may_change(case):
-        return "formulas that may change within a step"
+    if may_hide_in_time(case.system):
+        return "formulas of the time that may change within a step"
     # The step of a body is soon compiled.
     is_body = case.system.starts_with_omega
     fewest = 0 if is_body else WORTH_COMPILING * len(flatten(case.system.constants))
