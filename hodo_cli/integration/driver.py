@@ -30,6 +30,7 @@ from ..models.base import (
     rescaled,
     state_powers,
 )
+from .breaks import NO_BREAK, Break, Gap
 from .trajectory import Occurrence
 
 SAMPLES_AT_ONCE = 1 << 16
@@ -173,35 +174,52 @@ class Propagation:
         return TimeWindow(float(self.clock.high), self.span) if self.is_timed else None
 
     def run(
-        self, control: StepControl, observer: StepBuffer | None, breaks: list[float]
+        self, control: StepControl, observer: StepBuffer | None, breaks: list[Break]
     ) -> SampleBuffer:
         """Integrate through the sample times, with new units whenever the motion has outgrown them,
-        and beginning anew at the times of `breaks`, of which the observer may add some.
+        and over the `breaks`, in order, of which the observer may add some.
 
         Ends early at a terminal event, whose time and state are then the last ones, or when the
         control says so.
         """
         self.begin()
-        self.breaks = breaks
         self.control, self.observer = control, observer or StepBuffer()
         control.band = norm_band(self.engine, self.system, self.is_falling)
         control.rows = None if isinstance(self.moving, slice) else self.moving
         control.observer = observer
+        clock, fp = self.clock, self.engine.dtype
         while not self.samples.is_complete and self.control.status is Status.OK:
-            self.clock.factor = float(np.ldexp(1.0, self.units.rate))
-            exponent = self.integrate()
+            clock.factor = float(np.ldexp(1.0, self.units.rate))
+            ahead = breaks[bisect.bisect_left(breaks, Break(float(clock.high), -math.inf)) :]
+            at = next((at for at in ahead if clock.until(fp(at.onward)) > 0), NO_BREAK)
+            # Already from so near to it that its time may be that of the present, rounded.
+            if 4 * clock.until(fp(at.time)) < clock.until(fp(at.onward)):
+                self.go_straight_on(at.onward)
+                continue
+            exponent = self.integrate(at.time)
             if not self.observer.is_cut:
                 self.change_units(exponent)
         return self.samples
 
-    def integrate(self) -> int:
-        """Integrate in the present units, through as many samples as these serve; the exponent of
-        the unit of omega in which the state is then."""
+    def go_straight_on(self, end: float) -> None:
+        """Go straight on to a time over a change of formulas, or end where none leads on."""
+        clock, fp = self.clock, self.engine.dtype
+        times = np.append(self.samples.ahead(end).astype(fp), fp(end))
+        elapsed = clock.until(times) * fp(clock.factor)
+        gap = Gap(self.system, self.units, clock, self.y, elapsed[-1])
+        if problem := gap.problem(self.start):
+            self.control.give_up(Status.FAILED, problem)
+            return
+        *states, self.y = gap.states_after(elapsed)
+        self.samples.add(np.reshape(states, (-1, len(self.y))), self.units.exponent)
+        clock.restart(fp(end))
+
+    def integrate(self, stop: float) -> int:
+        """Integrate in the present units, through as many samples as these serve, to a time at
+        most; the exponent of the unit of omega in which the state is then."""
         samples, units, clock = self.samples, self.units, self.clock
         block = samples.time[samples.done :][:SAMPLES_AT_ONCE].astype(self.engine.dtype)
         times = block
-        ahead = self.breaks[bisect.bisect_left(self.breaks, float(clock.high)) :]
-        stop = next((time for time in ahead if clock.until(time) > 0), math.inf)
         if stop < block[-1]:
             block = block[block < stop]
             times = np.append(block, self.engine.dtype(stop))
@@ -223,14 +241,15 @@ class Propagation:
         stretch = self.engine.integrate(k, self.y, grid, self.control)
         self.observer.flush()
         if self.observer.is_cut:
-            self.control.steps, self.control.evaluations = spent
-            self.control.status, self.control.message = self.observer.verdict
+            self.control.take_back(*spent)
+            if self.observer.verdict[0] is not Status.OK:
+                self.control.give_up(*self.observer.verdict)
             return int(units.exponent)
         samples.events += [
             Occurrence(self.events[root.event].kind, float(clock.exact(root.time)))
             for root in stretch.roots
         ]
-        # The first row is where it began, and one behind the samples is at a restart.
+        # The first row is where it began, and one behind the samples is at a break.
         samples.add(stretch.rows[1 : len(block) + 1], units.exponent)
         if stretch.stop:
             return self.pass_event(stretch.stop)

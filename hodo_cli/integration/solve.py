@@ -100,7 +100,7 @@ def attempted(
     is_checked = system.has_formulas() and bool((times > case.time.start).any())
     try:
         propagation = Propagation(engine, system, case.time.start, times, events)
-        check = StepCheck(system, propagation.span, engine.tol, control)
+        check = StepCheck(system, case.time.start, propagation.span, engine.tol, control)
         if is_checked:
             samples = propagation.run(control, check, check.breaks)
         if observer or not is_checked:

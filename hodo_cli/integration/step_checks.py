@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from ..engines import extended
 from ..engines.polynomial import bernstein_coefficients, values_and_slopes
 from ..engines.protocol import Engine, Status, StepControl
 from ..engines.units import Clock, Units
-from ..models.base import Model, attributes, kinds_of_variables, stacked
-from ..text import time_text
+from ..models.base import Model, kinds_of_variables
+from .breaks import Break, not_smooth, rates
 from .driver import StepBuffer
 
 POINTS_CHECKED, POINTS_AT_ONCE = 1 << 15, 1 << 13
@@ -29,23 +30,17 @@ SIZE_AT_REST = 1e-150
 """The least size of a state to which it is relative: a body at rest has none. Its square is a
 double."""
 
-UNRESOLVED, MISSED_THERE = 4, 1e-9
-"""The length, in rounding errors of the time, of a step that is not to be cut, and what it may miss
-its equations by: as much as a jump makes whose time is rounded, and no pole."""
-
-PARTS, ROUNDS = 128, 3
+PARTS, ROUNDS = 128, 9
 """The parts of an interval in which a step begins to miss its equations, and how often one of them
-is divided again: a second step then ends within 1e-6 of that place."""
+is divided again: to the rounding of the time."""
 
-MOST_CUTS, MOST_AT_ONE_PLACE, ONE_PLACE = 10_000, 64, 2.0**-30
-"""How many steps of a motion may be cut, and how many of them within this part of its span."""
+MOST_BREAKS, MOST_AT_ONE_PLACE, ONE_PLACE = 10_000, 64, 2.0**-16
+"""How many breaks a motion may have, and how many of them within this part of its span."""
 
-SHORTEST = 2.0**-60
-"""The part of the span below which a step is too short, where as many follow each other: they are
-of a motion that comes ever nearer to a place where its rates jump."""
-
-HELD, NOT_SMOOTH = "held at ", "its formulas are not smooth near t = "
-"""How the message begins of a motion whose steps would be cut for ever: no method leads it on."""
+SHORT, SHORT_STEPS, BESIDE, ULPS_BESIDE = 2.0**-46, 64, 2.0**-40, 8
+"""The part of the time since its start below which a step of a motion is short. So many of them
+come ever nearer to a place where its rates change at once; it is taken straight over that place
+from as near as this, or from some rounding errors of the time."""
 
 
 @dataclass
@@ -59,26 +54,34 @@ class StepCheck(StepBuffer):
     """
 
     system: Model
+    start: float
     span: float
     tol: float
     control: StepControl
-    breaks: list[float] = field(default_factory=list)
-    too_short: int = 0
+    breaks: list[Break] = field(default_factory=list)
+    short_steps: int = 0
 
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
         super().begin(engine, clock, units)
         self.longest, self.at_once, self.is_cut = 0.0, 512, False
+        self.last = engine.dtype(0)
         self.kinds = kinds_of_variables(type(self.system))
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
-        length = float(end - start)
+        length, elapsed = float(end - start), float(self.clock.exact(end)) - self.start
         self.longest = max(self.longest, length)
         self.enough = self.at_once / self.points
+        self.last = end
         super().__call__(start, end, series)
-        is_short = length < SHORTEST * self.span * self.clock.factor
-        self.too_short = self.too_short + 1 if is_short else 0
-        if self.too_short == MOST_AT_ONE_PLACE:
-            self._give_up(start, series[:, 0])
+        is_short = length < SHORT * elapsed * self.clock.factor
+        self.short_steps = self.short_steps + 1 if is_short else 0
+        if self.short_steps == SHORT_STEPS and not self.is_cut:
+            self._pass_over(self.last)
+
+    def flush(self) -> None:
+        super().flush()
+        if self.control.status is Status.FAILED and not self.is_cut:
+            self._pass_over(self.last)
 
     @property
     def points(self) -> int:
@@ -95,74 +98,50 @@ class StepCheck(StepBuffer):
         if missed.any():
             step, first = np.argwhere(missed)[0]
             only = slice(step, step + 1)
-            self._cut(ends[only], series[only], x[max(first - 1, 0)], x[first])
+            self._pass_over(self._onset(ends[only], series[only], x[max(first - 1, 0)], x[first]))
         self.longest = 0.0
         self.at_once = min(2 * self.at_once, POINTS_AT_ONCE)
 
-    def _cut(self, ends: np.ndarray, series: np.ndarray, low: float, high: float) -> None:
-        """Let a step end where it begins to miss its equations, between two parts of it; halfway
-        to the later one if it misses them from its start."""
+    def _onset(self, ends: np.ndarray, series: np.ndarray, low: float, high: float) -> Any:
+        """The time of the engine at which a step begins to miss its equations, between two parts of
+        it."""
         for _ in range(ROUNDS):
             places = np.linspace(low, high, PARTS + 1)
             first = (~(self._excess(ends, places, series)[0] <= 1)).argmax()
             low, high = places[max(first - 1, 0)], places[first]
-        start, length = ends[0, 0], ends[0, 1] - ends[0, 0]
-        begin, at, end = self.clock.exact_times(start + np.array([0, low or high / 2, 1]) * length)
-        cut = max(float(at), np.nextafter(float(begin), np.inf))
-        bisect.insort(self.breaks, cut)
-        self.is_cut = self.control.is_over = True
-        here = bisect.bisect(self.breaks, cut + ONE_PLACE * self.span)
-        here -= bisect.bisect(self.breaks, cut - ONE_PLACE * self.span)
-        if not cut < end or here > MOST_AT_ONE_PLACE or len(self.breaks) > MOST_CUTS:
-            self._give_up(start, series[0, :, 0])
+        return ends[0, 0] + high * (ends[0, 1] - ends[0, 0])
 
-    def _give_up(self, s: Any, y: np.ndarray) -> None:
-        """End the motion in the state y (m,) at the time s of the engine: its steps would be cut
-        for ever."""
-        time = float(self.clock.exact_times(np.array(s)))
-        when = time_text(time, time - self.span)
-        held = [f"omega_{i + 1}" for i in range(3) if self._is_held(i, time, y.astype(float))]
-        cause = f"{HELD}{' = '.join(held)} = 0 by its expression at t = " if held else NOT_SMOOTH
+    def _pass_over(self, at: Any) -> None:
+        """Let the steps of the stretch be taken anew, and the motion go straight on over a time of
+        the engine."""
+        begin, place = self.clock.exact_times(extended(np.array([at * 0, at]))).astype(float)
+        near = BESIDE * ((place - self.start) or self.span)
+        near = max(near, ULPS_BESIDE * np.spacing(abs(place)))
+        bisect.insort(self.breaks, Break(place + near / 2, max(place - near / 2, begin)))
         self.is_cut = self.control.is_over = True
-        self.verdict = Status.FAILED, f"{cause}{when}"
-
-    def _is_held(self, i: int, time: float, y: np.ndarray) -> bool:
-        """Whether the rates in a state y (m,) lead a component of the angular velocity back to 0
-        from both sides of it, however near."""
-        if not self.system.starts_with_omega:
-            return False
-        aside = max(4 * abs(y[i]), 2.0**-40 * np.abs(y).max()) * np.array([1, 1 / 16, -1 / 16, -1])
-        beside = np.repeat(y[:, None], 4, axis=1)
-        beside[i] = aside
-        outer, inner, behind, beyond = self._rates(np.full(4, time), beside)[i]
-        return bool(2 * inner < outer < inner / 2 < 0 < behind / 2 < beyond < 2 * behind)
+        aside = ONE_PLACE * self.span
+        at_one_place = sum(abs(other.time - place) < aside for other in self.breaks)
+        if at_one_place > MOST_AT_ONE_PLACE or len(self.breaks) > MOST_BREAKS:
+            self.verdict = Status.FAILED, not_smooth(place, self.start)
 
     @np.errstate(all="ignore")
     def _excess(self, ends: np.ndarray, x: np.ndarray, series: np.ndarray) -> np.ndarray:
         """How far steps miss their equations (n, k) at places x (k,): beyond 1 something has
         changed."""
         length = np.diff(ends)
-        b = bernstein_coefficients(series, length[:, 0], self.engine.basis)
+        b = bernstein_coefficients(series.copy(), length[:, 0], self.engine.basis)
         state, slope = (part.swapaxes(0, 1) for part in values_and_slopes(b, x[None]))
         times = self.clock.exact_times(ends[:, :1] + x * length).astype(float)
-        missed = np.abs(slope - length * self._rates(times, state))
+        missed = np.abs(slope - length * rates(self.system, self.units, self.clock, times, state))
         # Between the ends of a step its polynomial has half of the digits at worst, and formulas
         # of seconds since an epoch, which are rounded, have fewer.
         grain = np.spacing(np.abs(times).max()) * self.clock.factor
-        parts = max(self.tol**0.5, GRAINS * grain / self.longest) * length / self.longest
+        longest = max(self.longest, 1.0)
+        parts = max(self.tol**0.5, GRAINS * grain / longest) * length / longest
         allowed = np.maximum(parts, max(DEFECT, 100 * self.tol))
-        allowed = np.where(length < UNRESOLVED * grain, MISSED_THERE, allowed)
         # Without units of its own a motion has the error of one of size 1, however small it is.
         least = SIZE_AT_REST if self.system.degree else 1.0
         sizes = [np.abs(b[:, kind]).max(axis=(1, 2)).clip(least)[:, None] for kind in self.kinds]
         pairs = zip(self.kinds, sizes, strict=True)
         excess = [missed[kind].max(axis=0) / (allowed * size) for kind, size in pairs]
         return np.asarray(np.max(excess, axis=0))
-
-    @np.errstate(all="ignore")
-    def _rates(self, times: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The rates of states (m, ...) by the engine's time, at times (...) of the case."""
-        k = attributes(self.units.constants(type(self.system), self.system.constants))
-        rates = stacked(self.system.rhs(times, [*state], k), state)
-        # The degrees of constants give rates by the engine's time; without them it is told.
-        return np.asarray(rates if self.system.degree else rates / self.clock.factor)
