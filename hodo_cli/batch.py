@@ -276,7 +276,8 @@ def lack_of_memory(case: Case, jobs: int = 1) -> str:
     if case.sweep and "trajectory" not in case.store:
         return ""  # reduced members are computed and written chunk by chunk
     system, have = case.system, memory_size() // jobs
-    numbers = len(system.state) + sum(variable.width for variable in system.variables.values())
+    model = system.equations
+    numbers = len(model.state) + sum(variable.width for variable in model.variables.values())
     if (needed := case.time.samples * numbers * BYTES_PER_NUMBER) <= have:
         return ""
     share = f" for each of {jobs} processes" if jobs > 1 else ""

@@ -13,7 +13,7 @@ from . import HodoError
 from .models import added_variables, rigid_body
 from .models.base import Label, Model, attributes
 from .models.terms.time_laws import coefficient_at
-from .models.top.nutation import first_integrals, roots_of_motion, with_mu
+from .models.top import first_integrals, roots_of_motion, with_mu
 from .text import case_words
 
 BODY_AXES = ("x1", "x2", "x3")
@@ -68,7 +68,7 @@ class Samples:
     def principal_axes(self) -> np.ndarray:
         """The principal axes, row by row (3, 3), in the axes of vectors."""
         axes = self.frame.principal_axes if self.frame else None
-        return np.eye(3) if axes is None else axes
+        return np.eye(3) if axes is None else axes.astype(float)
 
     @cached_property
     def inertia(self) -> np.ndarray:
@@ -362,7 +362,7 @@ OVER_TIME = {
 def constants_of(system: Model, data: Mapping[str, Any]) -> set[str]:
     """The constants of a body on which quantities rest."""
     names = {"inertia"} if data.get("inertia") else set()
-    has_fluid = "attitude" in system.variables and "kappa" in system.constants
+    has_fluid = system.attitude and "kappa" in system.constants
     return names | {"kappa"} if has_fluid else names
 
 
@@ -387,7 +387,7 @@ def lack_of(case: Any, name: str, sources: Collection[str], user: str) -> str:
     """What is wrong with a case that lacks what a variable or quantity, which the `user` names,
     needs besides these variables and constants, and what mends it; an empty string if it has all.
     """
-    known = case.system.variables
+    known = case.system.equations.variables
     if not (lacks := missing(name, sources, known)):
         return ""
     variables = " and ".join(lacks)

@@ -8,8 +8,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from hodo_cli.models.theory import closed_form
-from hodo_cli.models.theory.closed_form import AlongMomentum
+from hodo_cli.models.theory import exact
+from hodo_cli.models.theory.exact import AlongMomentum
 
 A = np.array([1.0, 0.8, 0.6])
 B, C = np.array([0.8, 0.5, 0.74]), np.array([0.5, 0.25, 1.4])
@@ -105,7 +105,7 @@ def test_a_motion_is_the_free_one_at_another_clock(name: str) -> None:
     """Against Taylor series of order 30 and more in 176 bits and more."""
     start, (damping, brake), t, omega = TABLE[name]
     slowed, clock = AlongMomentum(damping, brake / np.hypot.reduce(A * start)).clock(t)
-    (free,) = closed_form.free_motion(A, start, np.array([clock]))
+    (free,) = exact.free_motion(A, start, np.array([clock]))
     assert slowed * free == pytest.approx(omega, abs=5e-15)
 
 
@@ -117,7 +117,7 @@ def test_stops_and_directions_at_them() -> None:
         law = AlongMomentum(damping, 0.01 / G_B)
         assert law.clock(law.stop)[1] == pytest.approx(s, rel=1e-15)
     law = AlongMomentum(0, 0.01 / G_B)
-    G = A * closed_form.free_motion(A, B, np.array([law.clock(law.stop)[1]]))[0]
+    G = A * exact.free_motion(A, B, np.array([law.clock(law.stop)[1]]))[0]
     direction = [0.576436209452822, -0.809786879333248, 0.109391528426027]
     assert G / np.hypot.reduce(G) == pytest.approx(direction, abs=1e-14)
     # Unequal damping is bounded by its largest and its smallest rate.

@@ -11,9 +11,8 @@ import pytest
 import series
 from scipy.spatial.transform import Rotation
 
-from hodo_cli.models.theory import closed_form
-from hodo_cli.models.theory.attitude import carlson, free_attitude
-from hodo_cli.models.theory.closed_form import AlongMomentum
+from hodo_cli.models.theory import exact
+from hodo_cli.models.theory.exact import AlongMomentum, carlson, free_attitude
 
 A = np.array([1.0, 0.8, 0.6])
 B, C = np.array([0.8, 0.5, 0.74]), np.array([0.5, 0.25, 1.4])
@@ -72,9 +71,9 @@ def test_times_in_long_double_give_its_digits() -> None:
     found = free_attitude(A, B, np.array(times, dtype=np.longdouble))
     states = series.states(kinematics(A.tolist()), [*B.tolist(), *ONE.tolist()], times, bits=160)
     for row, state in zip(found, states, strict=True):
-        for x, exact in zip(row, state[3:], strict=True):
+        for x, truth in zip(row, state[3:], strict=True):
             high = float(x)
-            assert abs(Fraction(high) + Fraction(float(x - high)) - exact) < 3e-17
+            assert abs(Fraction(high) + Fraction(float(x - high)) - truth) < 3e-17
 
 
 @pytest.mark.parametrize("y", [1e-60, 1e-8, 0.3, 1.0])
@@ -172,6 +171,6 @@ def test_the_branch_is_continuous_and_G_stands_still() -> None:
         Q = free_attitude(A, start, times)
         assert np.linalg.norm(np.diff(Q, axis=0), axis=1).max() < 0.02
         assert np.linalg.norm(Q, axis=1) == pytest.approx(1, abs=1e-15 * 4)
-        G = A * closed_form.free_motion(A, start, times)
+        G = A * exact.free_motion(A, start, times)
         in_space = Rotation.from_quat(Q, scalar_first=True).apply(G)
         assert in_space == pytest.approx(np.tile(A * start, (len(times), 1)), abs=4e-14)

@@ -27,7 +27,7 @@ from hodo_cli import Case, HodoError, derive, plot, sweep
 from hodo_cli import run as run_case
 from hodo_cli.cases.config import parse
 from hodo_cli.integration import Trajectory, integrate, solve
-from hodo_cli.models.theory.attitude import free_attitude
+from hodo_cli.models.theory.exact import free_attitude
 from hodo_cli.results.dataset import motion_from
 
 COUNT = int(os.environ.get("HODO_FUZZ", "60"))

@@ -23,8 +23,8 @@ from hodo_cli.cases.config import load, parse
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration import integrate, solve
 from hodo_cli.models import catalogue
+from hodo_cli.models import top as lagrange
 from hodo_cli.models.base import Event
-from hodo_cli.models.top import lagrange, nutation
 
 HERE = Path(__file__).parent
 PAPER3 = load(HERE.parent / "configs" / "paper3.yaml").cases
@@ -97,7 +97,7 @@ def test_the_mean_by_the_arithmetic_geometric_mean_is_that_by_elliptic_integrals
         m = 2 * e_ / (w_ + e_)
         expected = w_ - (w_ + e_) * mpmath.ellipe(m) / mpmath.ellipk(m)
         # w - e has only the digits that two doubles leave it; the mean depends on its logarithm.
-        assert abs(e * e * nutation.mean_cosine(e, w) - expected) < 1e-15 * max(1, 1e-3 / m1) * abs(
+        assert abs(e * e * lagrange.mean_cosine(e, w) - expected) < 1e-15 * max(1, 1e-3 / m1) * abs(
             expected
         )
 
@@ -151,9 +151,9 @@ def write(value: Any) -> str:
 def test_the_averaged_rates_are_the_mean_over_a_nutation(top: Case) -> None:
     """Of eqs (2.4), by a sum over the phases of a half turn."""
     (U, Z, r, e), k = start(top), constants(top)
-    a, M3 = nutation.coefficient_at(k, "a", 0.3), nutation.axial_torque(0.3, r, k)
+    a, M3 = lagrange.coefficient_at(k, "a", 0.3), lagrange.axial_torque(0.3, r, k)
     Gz, H = U + k.C * r, k.mu * (1 - Z) + k.C * r * r / 2
-    X, w = nutation.nutation((U, Z, r, e), k)
+    X, w = lagrange.nutation((U, Z, r, e), k)
     cosine = np.cos((np.arange(64) + 0.5) * np.pi / 64)
     u, weights = 1 - X - e * cosine, 1 / np.sqrt(w + e * cosine)
     known = (
@@ -259,7 +259,7 @@ def distance(theta: str, epsilon: float, **given: str) -> np.ndarray:
     full = integrate(case(form="full", epsilon=str(epsilon), **given))
     slow = integrate(case(form="averaged", **given)).variables
     v = full.variables
-    Gz, H = nutation.first_integrals(v["omega"].T, v["gamma"].T, constants(full.case))
+    Gz, H = lagrange.first_integrals(v["omega"].T, v["gamma"].T, constants(full.case))
     return np.array([np.abs(Gz - slow["Gz"]).max(), np.abs(H - slow["H"]).max()])
 
 
@@ -306,7 +306,7 @@ def test_a_start_by_integrals_is_that_by_the_angle(theta: str) -> None:
     full = case(form="full", epsilon="0.1", initial=initial)
     p, q, r, *gamma = start(full)
     assert math.hypot(*gamma) == pytest.approx(1, rel=1e-15)
-    assert nutation.first_integrals((p, q, r), gamma, constants(full)) == pytest.approx(
+    assert lagrange.first_integrals((p, q, r), gamma, constants(full)) == pytest.approx(
         (values["Gz"], values["H"]), rel=1e-14
     )
 
@@ -317,7 +317,7 @@ def test_a_full_start_may_pass_through_the_vertical() -> None:
     )  # Gz = C r: u2 = 1, and it moves there
     p, q, r, *gamma = start(full)
     assert math.hypot(*gamma) == pytest.approx(1, rel=1e-15)
-    assert nutation.first_integrals((p, q, r), gamma, constants(full)) == pytest.approx(
+    assert lagrange.first_integrals((p, q, r), gamma, constants(full)) == pytest.approx(
         (2, 3.3), rel=1e-14
     )
 
@@ -341,7 +341,7 @@ def test_regular_precession_stays_regular() -> None:
     U = -X * math.sqrt(2 * Amu * y)
     c = (-U + math.sqrt(U * U - 4 * Amu * (2 * (2 * X - y - 2) - X * X + 2 * X * y))) / 2
     state = (U, 2 * X - y - 2 + c * c / (2 * Amu), c / k.C, 0.0)
-    assert nutation.nutation(state, k) == pytest.approx((X, X + y), rel=1e-13)
+    assert lagrange.nutation(state, k) == pytest.approx((X, X + y), rel=1e-13)
     rates = FORMS["averaged"].rhs(0.3, state, k)
     assert rates[3] == 0
     near = FORMS["averaged"].rhs(0.3, (*state[:3], 1e-8), k)

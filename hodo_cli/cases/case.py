@@ -14,9 +14,9 @@ from typing import Any, Never
 import numpy as np
 
 from .. import HodoError, models
-from ..models.attitude import ATTITUDE_KEY, check_attitude, keys_of_form, system_of, takes_attitude
-from ..models.base import CONSTANTS_KEY, Model
-from ..models.rigid_body import BodyFrame, range_mistake
+from ..models.attitude import check_attitude, keys_of_form, takes_attitude
+from ..models.base import ATTITUDE_KEY, CONSTANTS_KEY, Equations, Model
+from ..models.rigid_body import BodyFrame, is_rounded, range_mistake
 from ..models.terms.time_laws import expressions_of, name_mistakes
 from ..quantities import QUANTITIES, constants_of, derivable, missing, remedy_of
 from ..schema.document import Source, read_mapping, write
@@ -172,7 +172,6 @@ class Case:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def __getstate__(self) -> dict[str, Any]:
-        # Another process makes its own: some classes of models exist only where a case is.
         return {name: value for name, value in vars(self).items() if name != "system"}
 
     @classmethod
@@ -192,17 +191,16 @@ class Case:
     def system(self) -> Model:
         """The equations of its model with its numbers. Raises HodoError without such a model."""
         form = models.find(self.model, self.form)
-        return system_of(form, self.data, self.time.epoch, self.time.mirrored)
+        return form.of(self.data, self.time.epoch, self.time.mirrored)
 
     def rests_on(self, variable: str) -> bool:
         """Whether a variable of its model is stored, or quantities are that may follow from it."""
-        return variable in (self.store or (variable,)) or not self.system.variables.keys() >= {
-            *self.store
-        }
+        known = self.system.equations.variables.keys()
+        return variable in (self.store or (variable,)) or not known >= {*self.store}
 
     def leaves_out(self, lacks: Iterable[str]) -> bool:
         """Whether its `store:` is why it lacks some variables."""
-        return bool(self.store) and self.system.variables.keys() >= {*lacks}
+        return bool(self.store) and self.system.equations.variables.keys() >= {*lacks}
 
     @property
     def entries(self) -> dict[str, Any]:
@@ -303,11 +301,11 @@ def checked_case(name: Any, block: Mapping[str, Any], inherited: Collection[str]
     of_data = [*_data_mistakes(model, data, None if mistakes else values["time"])]
     mistakes += [mistake for mistake in of_data if mistake[0] or not mistakes]
     epoch = values["time"]["epoch"] if "time" in values else None
-    system: Model | None = None if mistakes else system_of(model, data, epoch)
+    system: Model | None = None if mistakes else model.of(data, epoch)
     mistakes += _store_mistakes(model, system, values)
     mistakes += _method_mistakes(system, values) if system else ()
     if values.get("sweep") and system and not mistakes:
-        mistakes += check_axes(values["sweep"], type(system), {**values, **data})
+        mistakes += check_axes(values["sweep"], system.equations, {**values, **data})
     if mistakes or system is None:
         raise Wrong(*mistakes)
     common = {key: values[key] for key in COMMON} | {"time": _sampled_time(system, values)}
@@ -389,15 +387,13 @@ def smooth_samples(system: Model, span: float) -> int:
     A1, A2, A3 = sorted(system.moments.tolist(), reverse=True)
     # By ratios, since moments may be of any size.
     fastest = max((A1 - A2) / A2 * (A1 - A3) / A3, (A1 - A3) / A1 * (A2 - A3) / A2)
-    omega = system.to_principal(np.array(system.start[:3])).tolist()
+    omega = system.start[:3]
     speed = math.hypot(
         *(math.sqrt(A / A3) * w for A, w in zip(system.moments.tolist(), omega, strict=True))
     )
     rotor: tuple[float, ...] = getattr(system, "rotor", None) or (0.0,)
     rate: float = speed * math.sqrt(fastest) + math.hypot(*rotor) / A3
-    turns = max(
-        rate / SAMPLE_TURN, speed / TURN_IN_SPACE if ATTITUDE_KEY in system.variables else 0
-    )
+    turns = max(rate / SAMPLE_TURN, speed / TURN_IN_SPACE if system.attitude else 0)
     # First the least of the two: no integer is infinite.
     return max(FEWEST_SAMPLES, math.ceil(min(span * turns, MOST_SAMPLES - 1)) + 1)
 
@@ -460,7 +456,7 @@ def _data_mistakes(
     """The mistakes of data that are each right by themselves, and over a span, if one is given."""
     model_data = {key: value for key, value in data.items() if key != ATTITUDE_KEY}
     of_model = model.check(model_data)
-    if model.is_rounded(data):  # which members of sweeps are not forgiven
+    if is_rounded(data):  # which members of sweeps are not forgiven
         of_model = (mistake for mistake in of_model if mistake[0][:1] != ("inertia",))
     mistakes = [*of_model, *check_attitude(model, data)]
     if CONSTANTS_KEY in data:
@@ -510,14 +506,14 @@ def _store_mistakes(
 ) -> Iterator[Mistake]:
     """The mistakes in `store:`: variables that the case does not have, and quantities that do not
     follow from them. Without a system it is not known which do."""
-    form, is_swept = type(system) if system else model, bool(values.get("sweep"))
+    form, is_swept = system.equations if system else Equations(model), bool(values.get("sweep"))
     valid = storable(form) if is_swept else list(form.variables)
     sources = {*form.variables, *(constants_of(system, values) if system else ())}
     for i, name in enumerate(values.get("store", ())):
         lacks = missing(name, sources) if name in QUANTITIES and system else []
         if name in valid or (name == ATTITUDE_KEY and system is None):
             continue
-        if name == ATTITUDE_KEY and takes_attitude(form):
+        if name == ATTITUDE_KEY and takes_attitude(model):
             yield ("store", i), f"this case has no attitude{remedy_of([ATTITUDE_KEY])}"
         elif name not in QUANTITIES:
             yield from unknown_names(

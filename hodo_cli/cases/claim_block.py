@@ -399,10 +399,10 @@ def _check_members(over: Mapping[str, Any], case: Any) -> Iterator[Mistake]:
         says = f"more than {MOST_MEMBERS:,} members, each of which is integrated by itself"
         yield ("over",), says
         return
-    model = type(case.system)
-    entries = {**vars(case), **case.data, **first_values(over, model, case.data)}
+    system = case.system
+    entries = {**vars(case), **case.data, **first_values(over, type(system), case.data)}
     # A case's own sweep stands at `sweep`, a claim's at `over`.
-    mistakes = check_axes(over, model, entries)
+    mistakes = check_axes(over, system.equations, entries)
     yield from ((("over", *path[1:]), sentence) for path, sentence in mistakes)
 
 

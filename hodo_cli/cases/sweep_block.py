@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..models.attitude import keys_of_form
-from ..models.base import Model
+from ..models.base import Equations, Model
 from ..schema.kinds import (
     Each,
     Integer,
@@ -215,12 +215,12 @@ def _length(value_range: Mapping[str, Any]) -> int:
     return len(value) if word == "values" else int(value[2])
 
 
-def storable(model: type[Model]) -> list[str]:
+def storable(model: Equations) -> list[str]:
     """The variables that `store:` may name in a sweep of a model."""
     columns: tuple[str, ...] = MEMBER_COLUMNS
     if model.may_stop:
         columns += STOP_COLUMNS
-    if model.no_axis_reason:
+    if model.form.no_axis_reason:
         columns = ("event_time",)
     return [*model.variables, *columns, "steps", "status", "trajectory"]
 
@@ -264,11 +264,11 @@ def first_values(
 
 
 def check_axes(
-    sweep: Mapping[str, Any], model: type[Model], data: Mapping[str, Any]
+    sweep: Mapping[str, Any], model: Equations, data: Mapping[str, Any]
 ) -> Iterator[Mistake]:
     """The mistakes of a checked `sweep:` block in a case with these data: is the case right with
     the values of a range there? Of a span the ends decide, since every bound is an interval."""
-    axes, keys = axes_of(sweep), keys_of_form(model)
+    axes, keys = axes_of(sweep), keys_of_form(model.form)
     swept: list[KeyPath] = []
     for axis in axes:
         yield from within(("sweep", axis.name), _check_axis(axis, axes, model))
@@ -324,7 +324,7 @@ def _wrong_value(rule: Rule, data: Any, path: KeyPath, value: float) -> Iterator
         yield from (((), sentence) for _, sentence in error.mistakes)
 
 
-def _check_axis(axis: Axis, axes: Sequence[Axis], model: type[Model]) -> Iterator[Mistake]:
+def _check_axis(axis: Axis, axes: Sequence[Axis], model: Equations) -> Iterator[Mistake]:
     """The mistakes of one of some axes, but for those of its ranges."""
     spheres = [other.name for other in axes if other.sphere is not None]
     counts = sorted({_length(value_range) for _, value_range in axis.ranges})
@@ -332,7 +332,7 @@ def _check_axis(axis: Axis, axes: Sequence[Axis], model: type[Model]) -> Iterato
     return mistakes_where(
         (taken, (), f"{min(taken, default='')} is a name in every result: call the axis otherwise"),
         (
-            axis.name in spheres and not model.starts_with_omega,
+            axis.name in spheres and not model.form.starts_with_omega,
             ("sphere",),
             "only the start of a body-frame model has a direction",
         ),

@@ -81,7 +81,7 @@ def sampled_motion(
     if passed is not None:  # a crossing is an event too, of which the labels tell more
         events = tuple(Occurrence(e.kind, e.time) for e in events if e.kind != "separatrix")
     variables = case_variables(
-        case.system.variables, trajectory.time, trajectory.variables, events, {}
+        case.system.equations.variables, trajectory.time, trajectory.variables, events, {}
     )
     if passed is not None:
         axes = (

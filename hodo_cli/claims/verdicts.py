@@ -112,7 +112,7 @@ def starting_axes(cases: Sequence[Case]) -> list[str]:
     for of_body in grouped((body, i) for i, body in enumerate(bodies)).values():
         body = body_of(cases[of_body[0]])
         omega = np.array([cases[i].system.start[:3] for i in of_body])
-        labels = body.enclosed(body.to_principal(omega), ROUNDING)
+        labels = body.enclosed(omega, ROUNDING)
         for i, label in zip(of_body, labels.tolist(), strict=True):
             names[i] = rigid_body.LABELS[label]
     return names

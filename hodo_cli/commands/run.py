@@ -18,6 +18,7 @@ from ..batch import Pool, digest, lack_of_memory
 from ..cases.case import Case, dump
 from ..cases.config import Config, located, no_case
 from ..integration import Trajectory, integrate
+from ..models.attitude import warnings_of
 from ..progress import Progress
 from ..results.groups import case_group
 from ..results.layout import SUMMARY
@@ -377,7 +378,7 @@ def early_warnings(case: Case) -> list[str]:
     """The objections to its model that the data of a case raise, or those of the members at the
     ends of a sweep."""
     if not case.sweep:
-        return case.system.warnings
+        return warnings_of(case.system)
     from ..sweeps.members import warnings_of_ends  # only sweeps need them
 
     return warnings_of_ends(case)

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from .. import HodoError
-from ..models.base import Event, Model, of_engine_time, structure
+from ..models.base import Event, Model, of_engine_time
 from .protocol import Engine
 
 
@@ -67,15 +67,15 @@ def engine_for(
 
     Raises HodoError if it needs what is not installed. The precision is one of the method's own.
     """
-    model, form = type(system), structure(system.constants)
+    model = system.equations
     if is_timed:
         # The engine's time begins with each stretch, in units that fit the motion.
-        model, form, events = of_engine_time(model, form, events)
+        model, events = of_engine_time(model, events)
     if method == "taylor":
         check_heyoka(precision)
         from . import taylor
 
-        return taylor.compiled(model, form, events, tol, precision)  # type: ignore[arg-type]
+        return taylor.compiled(model, events, tol, precision)
     if method == "collocation":
         from .collocation import Collocation
 

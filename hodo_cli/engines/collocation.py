@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ..models.base import Event, Model, jacobian, kinds_of_variables, stacked
+from ..models.base import Equations, Event, jacobian, kinds_of_variables, stacked
 from .polynomial import LEGENDRE
 from .protocol import StepControl
 from .stepwise import Stepwise, chebyshev
@@ -42,7 +42,7 @@ class Collocation(Stepwise):
 
     def __init__(
         self,
-        model: type[Model],
+        model: Equations,
         events: tuple[Event, ...],
         tol: float | None,
         precision: str,
@@ -77,7 +77,7 @@ class Steps:
 
     def __init__(
         self,
-        model: type[Model],
+        model: Equations,
         k: Any,
         y: np.ndarray,
         start: Any,

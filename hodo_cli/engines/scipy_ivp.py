@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, OdeSolver, Radau
 
-from ..models.base import Constants, Model, jacobian
+from ..models.base import Constants, Equations, jacobian
 from .protocol import EPS, IVP, StepControl, Stretch
 from .stepwise import Stepwise
 
@@ -28,7 +28,7 @@ LEAST_TOL = 100 * EPS
 class Ivp(Stepwise):
     """One of SciPy's solvers, with the state scaled to about 1."""
 
-    def __init__(self, method: str, model: type[Model], tol: float | None) -> None:
+    def __init__(self, method: str, model: Equations, tol: float | None) -> None:
         super().__init__(())
         self.method, self.model = SOLVERS[method], model
         self.degree = DEGREES[method]

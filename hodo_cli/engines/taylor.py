@@ -13,7 +13,15 @@ import heyoka as hy
 import numpy as np
 
 from ..arithmetic import SYMBOLS
-from ..models.base import Constants, Event, Model, Structure, attributes, count, flatten, namespace
+from ..models.base import (
+    Constants,
+    Equations,
+    Event,
+    attributes,
+    count,
+    flatten,
+    namespace,
+)
 from ..private import cache_folder
 from .polynomial import TAYLOR
 from .protocol import NORM_BAND, PRECISION, EventRoot, Status, StepControl, Stretch
@@ -61,8 +69,7 @@ class Taylor:
 
     def __init__(
         self,
-        model: type[Model],
-        structure: Structure,
+        model: Equations,
         events: tuple[Event, ...],
         tol: float | None,
         precision: str,
@@ -76,7 +83,7 @@ class Taylor:
         # The integrator keeps its state, parameters and roots: it serves one stretch at a time.
         self.lock = Lock()
         y = [hy.expression(name) for name in model.state]
-        k = namespace(structure, [hy.par[i] for i in range(count(structure))])
+        k = namespace(model.structure, [hy.par[i] for i in range(count(model.structure))])
         rhs = model.rhs(hy.time, y, k)
         size = sum(map(len, rhs))
         functions = [event.function(hy.time, y, k) for event in events]

@@ -22,9 +22,8 @@ from ..arithmetic import horner
 from ..machine import processor
 from ..models.base import (
     UNIT,
+    Equations,
     Event,
-    Model,
-    Structure,
     count,
     kinds_of_variables,
     namespace,
@@ -134,11 +133,10 @@ class TaylorStep:
 
     def __init__(
         self,
-        model: type[Model],
-        structure: Structure,
+        model: Equations,
         events: tuple[Event, ...],
     ) -> None:
-        self.model, self.structure = model, structure
+        self.model, self.structure = model, model.structure
         self.events = events
         self._key, self._series = self._digest(), dict[int, Any]()
         self._step = cached_code(f"{self._key}-step", self._compiled_step)
@@ -174,7 +172,7 @@ class TaylorStep:
         # Not their text, which is cut where it is long.
         equations = pickle.dumps([*self.model.rhs(t, y, k), *(of(t, y, k) for of in functions)])
         kinds = [event.passage is None for event in self.events]
-        model = self.structure, kinds, self.model.always_absorbing, self.model.has_formulas()
+        model = self.structure, kinds, self.model.always_absorbing, self.model.has_formulas
         compiler = WIDTH, hy.__version__, processor(), STEP_SOURCES
         return hashlib.sha256(equations + repr((model, *compiler)).encode()).hexdigest()[:32]
 
@@ -215,7 +213,7 @@ class TaylorStep:
         after = hy.select(hy.gt(excessive, MOST_EXCESS), hy.expression(math.nan), after)
         # Averaged tops are large.
         is_large = sum(map(len, self.model.rhs(*self._symbols()))) > OPTIMISED_NODES
-        if self.model.has_formulas() and not is_large:
+        if self.model.has_formulas and not is_large:
             is_met = hy.lte(self._missed(at, y, step), 0.0)
             after = hy.select(is_met, after, hy.expression(math.nan))
         end = [total_of_powers(c, step) for c in y]

@@ -14,6 +14,7 @@ from ..models.base import (
     UNIT,
     VELOCITY,
     Constants,
+    Equations,
     Event,
     Model,
     attributes,
@@ -23,7 +24,6 @@ from ..models.base import (
     moving,
     rescaled,
     state_powers,
-    structure,
 )
 from . import extended
 
@@ -70,7 +70,7 @@ class Units:
     @classmethod
     def fit(
         cls,
-        model: type[Model],
+        model: Equations,
         k: Mapping[str, Any],
         y: np.ndarray,
         exponent: Any = 0,
@@ -102,7 +102,7 @@ class Units:
         return cls(units.exponent, rate)
 
     @classmethod
-    def of_exponent(cls, model: type[Model], orders: Mapping[str, Any], exponent: Any) -> "Units":
+    def of_exponent(cls, model: Equations, orders: Mapping[str, Any], exponent: Any) -> "Units":
         """The units of omega 2**exponent, whose time is short for all that the constants of a
         model, of these binary orders of magnitude, may do."""
         rate = exponent
@@ -113,7 +113,7 @@ class Units:
         return cls(np.asarray(exponent).astype(np.intc)[()], np.ceil(rate).astype(np.intc)[()])
 
     def speeds(
-        self, model: type[Model], k: Mapping[str, Any], y: np.ndarray, exponent: Any, t: Any
+        self, model: Equations, k: Mapping[str, Any], y: np.ndarray, exponent: Any, t: Any
     ) -> tuple[np.ndarray, np.ndarray]:
         """How fast motions at the time t, and their derivatives, change in these units, at a state
         y in units of 2**exponent; 0 where they do not.
@@ -131,7 +131,7 @@ class Units:
         second = np.array(np.broadcast_arrays(*model.rhs(t, [*(y + 1e-20j * along)], scaled)))
         return speed, np.abs(second.imag / 1e-20).max(axis=0)
 
-    def constants(self, model: type[Model], k: Mapping[str, Any]) -> dict[str, Any]:
+    def constants(self, model: Equations, k: Mapping[str, Any]) -> dict[str, Any]:
         """The constants of the equations in these units."""
         scaled = {
             name: in_unit(k[name], (degree - 1) * self.exponent - self.rate)
@@ -141,7 +141,7 @@ class Units:
         return {**k} | scaled | {name: np.ldexp(1.0, units[name]) for name in units if name in k}
 
 
-def orders_of_constants(model: type[Model], k: Mapping[str, Any]) -> dict[str, Any]:
+def orders_of_constants(model: Equations, k: Mapping[str, Any]) -> dict[str, Any]:
     """The binary orders of magnitude (...) of the constants of a model, by moments of inertia: in
     logarithms, because their products may leave the range of doubles."""
     with np.errstate(divide="ignore"):  # log2(0) = -inf: a term that is absent sets no unit
@@ -150,7 +150,7 @@ def orders_of_constants(model: type[Model], k: Mapping[str, Any]) -> dict[str, A
 
 
 def fitting_exponent(
-    model: type[Model], orders: Mapping[str, Any], y: np.ndarray, exponent: Any, falling: Any
+    model: Equations, orders: Mapping[str, Any], y: np.ndarray, exponent: Any, falling: Any
 ) -> Any:
     """The binary order of magnitude (...) of the unit of omega that fits states y, in units of
     2**exponent, and what torques make of them; of a `falling` motion the state alone counts."""
@@ -160,11 +160,11 @@ def fitting_exponent(
     return np.where(np.isfinite(fitting), fitting, 0)  # neither motion nor torque: any unit serves
 
 
-def order_by_torques(model: type[Model], orders: Mapping[str, Any]) -> Any:
+def order_by_torques(model: Equations, orders: Mapping[str, Any]) -> Any:
     """The binary order of magnitude (...) of omega that torques N make from rest, about sqrt(N/A)
     in 1/sqrt(N/A); minus infinity without any."""
     constant = [name for name, degree in model.degree.items() if degree == 0]
-    torques = (orders[name] for name in constant if name not in model.resisting)
+    torques = (orders[name] for name in constant if name not in model.form.resisting)
     return np.ceil(reduce(np.maximum, torques, -np.inf) / 2)
 
 
@@ -172,7 +172,7 @@ FALLING_BITS = 16
 """The binary orders of magnitude above that of its torques from which on a motion is falling."""
 
 
-def is_falling(model: type[Model], k: Mapping[str, Any], y: np.ndarray) -> np.ndarray:
+def is_falling(model: Equations, k: Mapping[str, Any], y: np.ndarray) -> np.ndarray:
     """Whether motions with starts (m, ...) begin so far above what constant torques make of them
     that they lose digits in units of what the torques make: they decay by many orders of magnitude
     before they settle."""
@@ -185,7 +185,7 @@ def largest_of(constant: Any) -> Any:
     return np.abs(constant).max(axis=0) if isinstance(constant, tuple) else np.abs(constant)
 
 
-def order_of_magnitude(model: type[Model], y: np.ndarray) -> np.ndarray:
+def order_of_magnitude(model: Equations, y: np.ndarray) -> np.ndarray:
     """The binary order of magnitude of the unit of omega that fits states (m,) or (m, n); minus
     infinity at rest."""
     rows = moving(model)
@@ -199,7 +199,7 @@ RESOLVED_STEP = 1.5
 a series is then right to the last digit of it."""
 
 
-def longest_step(model: type[Model], k: Constants, t: float, y: np.ndarray) -> float:
+def longest_step(model: Equations, k: Constants, t: float, y: np.ndarray) -> float:
     """The longest step that follows what is small in a state (m,): an infinitesimal change of it
     grows or turns at the rates of the Jacobian's eigenvalues. What only decays needs no steps."""
     slopes = jacobian(model, attributes(k), t, y)
@@ -215,7 +215,7 @@ MODERATE_BITS = 16
 own unit of time."""
 
 
-def clock_rates(model: type[Model], k: SimpleNamespace, y: np.ndarray) -> np.ndarray:
+def clock_rates(model: Equations, k: SimpleNamespace, y: np.ndarray) -> np.ndarray:
     """The rate (...), as a power of two, of the clock of motions with starts (m, ...), of a model
     without degrees; 0 for the case's own.
 
@@ -232,16 +232,18 @@ def clock_rates(model: type[Model], k: SimpleNamespace, y: np.ndarray) -> np.nda
 def is_timed(system: Model, events: tuple[Event, ...] = ()) -> bool:
     """Whether the equations or events of a motion are to be told the time of the case: they contain
     it, and the motion has units of its own."""
-    if not system.degree:
+    if not system.equations.degree:
         return bool(units_at_start(system).rate)
-    return contains_time(type(system), structure(system.constants), events)
+    return contains_time(system.equations, events)
 
 
 @lru_cache(maxsize=64)
 def units_at_start(system: Model, moment: TimeWindow | None = None) -> Units:
     """The units that fit a motion as it begins: its trial, the motion itself and its reference ask
     for them."""
-    return Units.fit(type(system), system.constants, np.array(system.start), moment=moment)
+    return Units.fit(
+        system.equations, system.constants, np.array(system.initial_state), moment=moment
+    )
 
 
 @dataclass

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..models.attitude import QUATERNION
-from ..models.base import attributes, has_formula_of_time, stacked
+from ..models.base import QUATERNION, attributes, has_formula_of_time, stacked
 from ..results.motion import Motion
 from ..storage import Variable
 
@@ -62,7 +61,7 @@ class Cubics:
         """The rates of states (k, ...) at times (...) by the equations; 0 where they are none."""
         system = self.motion.case.system
         times = np.broadcast_to(time, y.shape[1:])
-        found = stacked(system.rhs(times, [*y], attributes(system.constants)), y)
+        found = stacked(system.equations.rhs(times, [*y], attributes(system.constants)), y)
         return np.asarray(np.nan_to_num(found, posinf=0, neginf=0))
 
     def terms(self, i: Any) -> tuple[np.ndarray, ...]:
@@ -83,9 +82,9 @@ def cubics_of(m: Motion) -> Cubics | None:
     for name, parts in (("gamma", ("gamma1", "gamma2", "gamma3")), ("attitude", QUATERNION)):
         known |= dict(zip(parts, m.stored(name).T, strict=True)) if name in m.data else {}
     known |= dict(zip("pqr", m.principal_omega.T, strict=True)) if "omega" in m.data else {}
-    if len(m.time) < 2 or not known.keys() >= {*m.case.system.state}:
+    if len(m.time) < 2 or not known.keys() >= {*m.case.system.equations.state}:
         return None
-    y = np.array([known[name] for name in m.case.system.state])
+    y = np.array([known[name] for name in m.case.system.equations.state])
     bare = Cubics(m, y, y)
     return replace(bare, slope=bare.rates(m.time, y))
 
@@ -136,7 +135,7 @@ def interpolated(variable: Any, known: np.ndarray, time: np.ndarray) -> Variable
 
 def vectors_of(m: Motion, y: np.ndarray) -> Iterator[tuple[str, Variable]]:
     """The variables that are the numbers (k, n) of a state."""
-    names = m.case.system.state
+    names = m.case.system.equations.state
     for name in names:
         if name in m.data:
             yield name, Variable(("time",), y[names.index(name)], dict(m.data[name].attrs))
@@ -163,7 +162,7 @@ def remark(m: Motion, cubics: Cubics, kind: str, names: Sequence[str], drawn: sl
 
     The rates of the cubics are compared with those of the equations at places on the cubics.
     """
-    state, n = m.case.system.state, len(m.time[drawn]) - 1
+    state, n = m.case.system.equations.state, len(m.time[drawn]) - 1
     if n < 1:
         return ""
     by_time = has_formula_of_time(m.case.system)

@@ -16,7 +16,7 @@ from matplotlib.patheffects import withStroke
 
 from .. import HodoError
 from ..models.rigid_body import inertia_order, separatrix_circles, separatrix_terms
-from ..models.theory.dissipation import turning_momenta
+from ..models.theory.theorems import turning_momenta
 from ..results.dataset import Cases
 from ..sweeps.view import SweepView
 from .look import (
@@ -278,11 +278,9 @@ def contour(
 def balance(case: Any) -> float:
     """|G| at the start over that at which the sense of crossings turns on the mean. Raises
     HodoError for a sweep whose torques no theorem takes."""
-    body, time = case.system, case.time
-    if len(terms := body.dissipations(time.start, time.end)) != 1:
+    if not (terms := case.system.dissipation):
         raise HodoError("theory: no theorem predicts the sense of crossings of the sweep")
-    start = body.momentum(np.array(body.start[:3]))
-    return float(np.linalg.norm(start) / turning_momenta(*terms).mean)
+    return float(case.system.momentum_at_start / turning_momenta(terms).mean)
 
 
 def globe(

@@ -11,8 +11,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Wedge
 
 from .. import HodoError
+from ..models.body import Body
 from ..models.rigid_body import inertia_order, slope
-from ..models.terms.body import BodyUnderTorques
 from ..quantities import symbol
 from ..results.motion import Motion, formula_values
 from ..schema.spelling import unknown
@@ -331,6 +331,7 @@ def bounds(panels: Sequence[Axes], m: Motion) -> None:
         panels[0].plot(m.time, m["G2"] / (2 * A), **look)
     system = m.case.system
     # Fluid does not change G.
-    known = isinstance(system, BodyUnderTorques) and system.constant_damping("kappa")
-    for rate in {min(known), max(known)} if known else ():
+    terms = system.dissipation if isinstance(system, Body) else None
+    alone = terms and {*system.equations.terms} <= {"damping", "kappa"} and terms.damping
+    for rate in {min(alone), max(alone)} if alone else ():
         panels[1].plot(m.time, m["G2"][0] * np.exp(-2 * rate * (m.time - m.time[0])), **look)

@@ -40,10 +40,11 @@ NO_BREAK = Break(math.inf, math.inf)
 def rates(system: Model, units: Units, clock: Clock, t: Any, y: np.ndarray) -> np.ndarray:
     """The rates by the engine's time of states y (m, ...) in some units, at times (...) of the
     case."""
-    k = attributes(units.constants(type(system), system.constants), y.dtype.type)
-    by_time = stacked(system.rhs(t, [*y], k), y)
+    equations = system.equations
+    k = attributes(units.constants(equations, system.constants), y.dtype.type)
+    by_time = stacked(equations.rhs(t, [*y], k), y)
     # The degrees of constants give rates by the engine's time; without them it is told.
-    return np.asarray(by_time if system.degree else by_time / y.dtype.type(clock.factor))
+    return np.asarray(by_time if equations.degree else by_time / y.dtype.type(clock.factor))
 
 
 def not_smooth(time: float, start: float) -> str:

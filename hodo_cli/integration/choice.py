@@ -85,7 +85,9 @@ def taylor_steps(case: Case, path: Trajectory | None = None) -> float:
     if path is None:
         moment = None if span is None else TimeWindow(case.time.start, span)
         rates = [
-            fastest_rate(system, end, np.array(system.start), 0, units_at_start(system, moment))
+            fastest_rate(
+                system, end, np.array(system.initial_state), 0, units_at_start(system, moment)
+            )
         ]
     else:
         end, rates = float(path.time[-1]), []
@@ -93,7 +95,7 @@ def taylor_steps(case: Case, path: Trajectory | None = None) -> float:
             path.time.tolist(), path.state.astype(float), path.exponent.tolist(), strict=True
         ):
             moment = None if span is None else TimeWindow(t, span)
-            units = Units.fit(type(system), system.constants, state, exponent, moment)
+            units = Units.fit(system.equations, system.constants, state, exponent, moment)
             rates.append(fastest_rate(system, t, state, exponent, units))
     # A Taylor step at full precision covers some 8 units of the fastest rate: right to 25 % for a
     # stiff motion, for which it decides, and a third of the steps that others take.
@@ -102,7 +104,7 @@ def taylor_steps(case: Case, path: Trajectory | None = None) -> float:
 
 def fastest_rate(system: Model, t: float, state: np.ndarray, exponent: int, units: Units) -> float:
     """The fastest rate in a state (m,), in units of omega of 2**exponent, by units that fit it."""
-    model, k = type(system), attributes(units.constants(type(system), system.constants))
+    model, k = system.equations, attributes(units.constants(system.equations, system.constants))
     y = rescaled(model, state, exponent - units.exponent)
     slopes, moving = jacobian(model, k, t, y), np.array(model.rhs(t, [*y], k), dtype=float) != 0
     # A variable that keeps its value, such as a side, moves no other, however much hangs on it.

@@ -86,7 +86,7 @@ def classify(
     dense = searched(case, method, case.precision, tol, CERTAIN_ERRORS * largest)
     motion, samples = dense.motion, dense.rows[: len(omega)]
     check_stored(motion, samples, omega, expected)
-    absorbing = case.system.absorbing_axes(case.time.start, case.time.end)
+    absorbing = absorbing_axes(case)
     everywhere, reference = labels_on_one_side(dense, largest), None
     listed = CrossingList([], [], [])
     if everywhere is None:
@@ -131,7 +131,15 @@ def in_time_of(case: Case, found: Classification) -> Classification:
     crossings = tuple(replace(crossing, time=-crossing.time) for crossing in found.crossings)
     events = tuple(replace(event, time=-event.time) for event in found.events)
     growth = case.system.tilt_growth(case.time.start)
-    return replace(found, crossings=crossings, events=events, growth=growth)
+    # What theory says of the motion forward does not count.
+    theory = replace(found, growth=growth, final=None, predictions=())
+    return replace(theory, crossings=crossings, events=events)
+
+
+def absorbing_axes(case: Case) -> frozenset[int]:
+    """The axes that a motion never leaves once it encloses them."""
+    span = case.time.start, case.time.end
+    return frozenset() if case.time.mirrored else case.system.absorbing_axes(*span)
 
 
 def sample_labels(motion: Trajectory, errors: np.ndarray) -> np.ndarray:
@@ -196,8 +204,7 @@ def body_of(case: Case) -> BodyFrame:
 def principal_omega(motion: Trajectory) -> np.ndarray:
     """The angular velocities (n, 3) of a motion along the principal axes, in units of
     2**exponent."""
-    body = body_of(motion.case)
-    return body.to_principal(extended(motion.omega))
+    return extended(motion.omega)
 
 
 def with_checks(samples: np.ndarray, checks: np.ndarray) -> np.ndarray:
@@ -292,7 +299,7 @@ def start_error(case: Case) -> float:
     to that rounding stands on neither side, in every precision.
     """
     body = body_of(case)
-    A, omega = body.moments, body.to_principal(body.omega_at_start)
+    A, omega = body.moments, body.omega_at_start
     return EPS * math.sqrt(float(rigid_body.near_middle_axis(A, omega)))
 
 
@@ -448,7 +455,7 @@ def cross(
         motion = solve(case, method, precision, tol)
         return motion, own_crossings(motion), ()
     dense = searched(case, method, precision, tol, CERTAIN_ERRORS * EPS)
-    absorbing = case.system.absorbing_axes(case.time.start, case.time.end)
+    absorbing = absorbing_axes(case)
     listed = crossings_of(dense, np.full(len(dense.motion.time), EPS), absorbing)
     warnings = undecided_warning(listed.undecided)
     return dense.motion.at(dense.rows), listed.crossings, warnings

@@ -21,7 +21,7 @@ from ..engines.polynomial import bernstein_coefficients, isolate, rounding, valu
 from ..engines.protocol import EPS
 from ..engines.units import Units
 from ..models import rigid_body
-from ..models.base import Event, Model, rescaled
+from ..models.base import Equations, Event, rescaled
 from ..models.rigid_body import UNDETERMINED, BodyFrame, inertia_order, margin
 from .driver import StepBuffer
 
@@ -55,7 +55,7 @@ def label_at_start(
     body, label = case.system, int(labels[0])
     if label != UNDETERMINED or first_sample == case.time.start or not isinstance(body, BodyFrame):
         return label
-    omega = body.to_principal(np.array([body.start[:3]], dtype=float))
+    omega = np.array([body.start[:3]], dtype=float)
     return int(body.enclosed(omega, CERTAIN_ERRORS * EPS)[0])
 
 
@@ -112,7 +112,7 @@ class CrossingSearch(StepBuffer):
     parts: list[SignChanges] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.A = self.body.moments
+        self.A = self.body.exact_moments
         self.order = inertia_order(self.A)
 
     def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
@@ -120,16 +120,10 @@ class CrossingSearch(StepBuffer):
         if not has_sides(self.body):
             return
         # In double for all: few steps come near D = 0, and long double is several times slower.
-        near = self._near(self.along_axes(series.astype(float)), ends.astype(float))
+        near = self._near(series[:, :3].astype(float), ends.astype(float))
         if near.size:
-            b, noise = self._bernstein(self.along_axes(series[near]), ends[near])
+            b, noise = self._bernstein(series[near, :3], ends[near])
             self._search(b, noise, ends[near])
-
-    def along_axes(self, series: np.ndarray) -> np.ndarray:
-        """The coefficients (n, 3, degree + 1) of the components along the principal axes, from
-        those of states (n, m, degree + 1)."""
-        axes, omega = self.body.principal_axes, series[:, :3]
-        return omega if axes is None else np.asarray(axes.astype(series.dtype) @ omega)
 
     def _bernstein(self, c: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The Bernstein coefficients (n, 3, degree + 1) of steps, and the rounding (n,) of a form.
@@ -144,11 +138,12 @@ class CrossingSearch(StepBuffer):
     def _near(self, c: np.ndarray, times: np.ndarray) -> np.ndarray:
         """The steps (k,) in which |margin| may be `uncertainty` or less."""
         b, noise = self._bernstein(c, times)
+        A = self.A.astype(c.dtype)
         # |margin| is at least the smaller |form| over sqrt(a^2 + b^2) |omega|.
-        scale = np.hypot(*rigid_body.separatrix_roots(self.A, self.order))
+        scale = np.hypot(*rigid_body.separatrix_roots(A, self.order))
         most = scale * np.sqrt(np.square(np.abs(b).max(axis=2)).sum(axis=1))
         bound = np.maximum(self.uncertainty * most, noise)[:, None]
-        forms = rigid_body.separatrix_forms(self.A, b.swapaxes(0, 1), self.order)
+        forms = rigid_body.separatrix_forms(A, b.swapaxes(0, 1), self.order)
         clear = (forms > bound).all(axis=2) | (forms < -bound).all(axis=2)
         return np.flatnonzero(~clear.all(axis=0))
 
@@ -215,7 +210,7 @@ class CrossingSearch(StepBuffer):
 @np.errstate(all="ignore")
 def time_to_zero(
     event: Event,
-    model: type[Model],
+    model: Equations,
     k: Mapping[str, Any],
     t: Any,
     y: np.ndarray,
@@ -322,7 +317,7 @@ def has_sides(body: BodyFrame) -> bool:
 def sides_of(body: BodyFrame, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The margin (n,) of angular velocities (n, 3) along the principal axes, and the label (n,) of
     the side on which they stand."""
-    A = body.moments
+    A = body.exact_moments
     order = inertia_order(A)
     signed = margin(A, omega, order)
     return signed, np.where(signed > 0, order[0] + 1, order[2] + 1)

@@ -22,6 +22,7 @@ from ..engines.units import (
 )
 from ..models.base import (
     REST_BITS,
+    Equations,
     Event,
     EventOutcome,
     Model,
@@ -146,12 +147,12 @@ class Propagation:
         times: np.ndarray,
         events: tuple[Event, ...],
     ) -> None:
-        model = type(system)
+        model = system.equations
         self.engine, self.system, self.model, self.events = engine, system, model, events
         self.start, self.times = start, times
         self.span = float(times[-1]) - start if len(times) else 0.0
         self.is_timed, self.moving = is_timed(system, events), moving(model)
-        y0 = np.array(system.start)
+        y0 = np.array(system.initial_state)
         self.is_falling = bool(model.degree) and bool(is_falling(model, system.constants, y0))
 
     def begin(self) -> None:
@@ -160,8 +161,8 @@ class Propagation:
         kind = Clock if self.model.degree or self.is_timed else AbsoluteClock
         self.clock = kind(fp(self.start), fp(0))
         self.units = units_at_start(system, self.window)
-        exact = system.extended_start if fp is np.longdouble else np.array(system.start)
-        self.y = rescaled(self.model, exact, -self.units.exponent).astype(fp)
+        exact = np.array(system.initial_state) if fp is np.float64 else system.extended_start
+        self.y = in_precision(rescaled(self.model, exact, -self.units.exponent), fp)
         self.samples = SampleBuffer.empty(self.times, len(exact), fp)
         self.samples.fill(self.start, self.y, self.units.exponent)
         # Whether small components may need shorter steps, see `longest_step`: not those of a model
@@ -298,7 +299,13 @@ class Propagation:
         self.y = scaled_by(self.model, self.y, exponent - self.units.exponent)
 
 
-def scaled_by(model: type[Model], y: np.ndarray, exponent: int) -> np.ndarray:
+def in_precision(values: np.ndarray, fp: Any) -> np.ndarray:
+    """Long doubles or doubles in any precision; to a quadruple there is no way but by doubles."""
+    high = values.astype(float)
+    return np.asarray(high.astype(fp) + (values - high).astype(float).astype(fp))
+
+
+def scaled_by(model: Equations, y: np.ndarray, exponent: int) -> np.ndarray:
     """A state (m,) in units of omega that are 2**exponent times as small, in any precision."""
     factors = [2.0 ** (exponent * power) for power in state_powers(model).tolist()]
     return np.asarray(y * np.array(factors).astype(y.dtype))
@@ -311,7 +318,9 @@ def norm_band(engine: Engine, system: Model, falling: bool) -> tuple[float, floa
     needs none, and under a torque that is constant the motion settles at a size of its own, unless
     it begins far above it.
     """
-    constant = {name for name, degree in system.degree.items() if degree == 0} - system.resisting
+    constant = {
+        name for name, degree in system.equations.degree.items() if degree == 0
+    } - system.resisting
     forced = any(np.any(system.constants[name]) for name in constant)
-    turning = np.array(system.start)[moving(type(system))].any()
-    return engine.band if system.degree and turning and (falling or not forced) else None
+    turning = np.array(system.initial_state)[moving(system.equations)].any()
+    return engine.band if system.equations.degree and turning and (falling or not forced) else None

@@ -138,7 +138,7 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
             error_over_span(error, time, case.time.start) for time, error in apart
         )
     judged, better, resting = outputs_compared(case.system, motion, reference)
-    for name, variable in case.system.variables.items():
+    for name, variable in case.system.equations.variables.items():
         if case.rests_on(name) and judged[name].dtype.kind != "i":  # a label has no error
             errors[name] = error_of_variable(variable.dims, judged[name], better[name], resting)
     return errors
@@ -161,12 +161,12 @@ def outputs_compared(
     sizes = motion.exponent, reference.exponent
     # One of the two may be called at rest a step before the other. Between two different stops one
     # rests while the other does not, by the error of the event.
-    moving = inf if system.may_stop else -REST_BITS / 2
+    moving = inf if system.equations.may_stop else -REST_BITS / 2
     resting = (np.minimum(*sizes) <= -REST_BITS) & (np.maximum(*sizes) < moving)
     shift = np.where(resting, 0, sizes[0] - sizes[1])
     judged = variables_in_units(system, motion, shift, float)
     better = variables_in_units(system, reference, 0, np.longdouble)
-    if system.has_formulas() and system.degree:
+    if system.equations.has_formulas and system.equations.degree:
         fits = np.abs(sizes[1]) < MODERATE_SIZE
         judged = where_fits(fits, variables_in_units(system, motion, sizes[0], float), judged)
         better = where_fits(
@@ -186,9 +186,9 @@ def variables_in_units(
     """The variables (n, ...) of a motion in doubles or long doubles, with states in units of omega
     that are 2**shift (n,) times as small as its own."""
     state = motion.state.astype(float) if fp is float else extended(motion.state)
-    if system.degree and np.any(shift):
-        state = rescaled(type(system), state, shift)
-    return system.output(motion.time, state, attributes(system.constants, fp))
+    if system.equations.degree and np.any(shift):
+        state = rescaled(system.equations, state, shift)
+    return system.equations.output(motion.time, state, attributes(system.constants, fp))
 
 
 def where_fits(

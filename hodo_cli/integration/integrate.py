@@ -9,7 +9,9 @@ import numpy as np
 
 from ..cases.case import Case
 from ..engines.protocol import Status
-from ..models.base import Model, attributes, has_formula_of_time
+from ..models.attitude import warnings_of
+from ..models.base import attributes, has_formula_of_time
+from ..models.brake import first_release
 from ..quantities import angle_turned
 from ..text import time_digits, to_error
 from .breaks import HELD, NOT_SMOOTH
@@ -24,7 +26,7 @@ ERROR_LIMIT_ASKED = 1e-12
 SHORT_SECONDS = 0.02
 """Seconds of a motion whose time is doubled by what only the first of a process pays."""
 
-_TIMED_KINDS: set[tuple[type[Model], str]] = set()
+_TIMED_KINDS: set[tuple[type, str]] = set()
 """The kinds of motions that this process has timed."""
 
 PLACES_AT_REST, PLACES_OF_MEMBER = 2**15, 2**12
@@ -87,16 +89,14 @@ def model_warnings(motion: Trajectory) -> list[str]:
     """The warnings of the model of a motion about its data and its course."""
     system, state, end = motion.system, motion.state.astype(float), motion.time[-1:].tolist()
     if not end:
-        return system.warnings
-    warnings = [
-        *system.warnings,
-        *epoch_warning(motion.case),
-        *system.warnings_within(motion.case.time.start, end[0]),
-    ]
+        return warnings_of(system)
+    warnings = [*warnings_of(system), *epoch_warning(motion.case)]
+    if not motion.case.time.mirrored:  # of coefficients as they follow each other forward
+        warnings += system.warnings_within(motion.case.time.start, end[0])
     # Not read off the samples: between two of them a body may stop and a torque grow.
     stop = next((event.time for event in motion.events if event.kind == "stopped"), math.nan)
     k = attributes(system.constants)
-    moves = time_of_release(type(system), k, stop, end[0], state[-1], PLACES_AT_REST)
+    moves = time_of_release(k, stop, end[0], state[-1], PLACES_AT_REST)
     if not math.isnan(moves):
         warnings.append(
             "at rest the other torques are stronger than the brake from "
@@ -107,7 +107,6 @@ def model_warnings(motion: Trajectory) -> list[str]:
 
 
 def time_of_release(
-    model: type[Model],
     k: Any,
     stop: float,
     end: float,
@@ -118,7 +117,7 @@ def time_of_release(
     to so many parts of the time until the end; nan where it has not stopped, or would not."""
     if not stop < end:
         return math.nan
-    return model.release(np.linspace(stop, end, places + 1), [*state], k)
+    return first_release(np.linspace(stop, end, places + 1), [*state], k)
 
 
 def motion_remarks(motion: Trajectory) -> Iterator[str]:

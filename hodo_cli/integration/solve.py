@@ -97,7 +97,7 @@ def attempted(
     limits = case.max_steps or LAST_STEP[method], case.max_seconds or math.inf
     control = StepControl(*limits)
     # What begins and ends at one time has no steps.
-    is_checked = system.has_formulas() and bool((times > case.time.start).any())
+    is_checked = system.equations.has_formulas and bool((times > case.time.start).any())
     try:
         propagation = Propagation(engine, system, case.time.start, times, events)
         check = StepCheck(system, case.time.start, propagation.span, engine.tol, control)
@@ -138,11 +138,12 @@ def closed_form(case: Case, times: np.ndarray, precision: str, method: str) -> T
     if not system.has_closed_form or (system.is_quadrature and method != "quadrature"):
         raise HodoError(f"{case.name}: {NO_RATES if system.is_quadrature else NO_CLOSED_FORM}")
     began, fp = thread_time(), np.longdouble if precision == "extended" else np.float64
-    samples = SampleBuffer.empty(times, len(system.state), fp)
+    samples = SampleBuffer.empty(times, len(system.equations.state), fp)
     # In blocks, for the memory: the closed form makes a dozen arrays of its times.
     while not samples.is_complete and control.has_time():
         block: np.ndarray = samples.time[samples.done :][:SAMPLES_AT_ONCE].astype(fp)
-        samples.add(*system.exact_states(block - case.time.start))
+        elapsed = block - case.time.start
+        samples.add(*system.exact_states(-elapsed if case.time.mirrored else elapsed))
     outgrown = samples.exponent > LARGEST_EXPONENT
     lost = (outgrown | ~np.isfinite(samples.state).all(axis=1))[: samples.done]
     if lost.any():

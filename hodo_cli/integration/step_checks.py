@@ -65,7 +65,7 @@ class StepCheck(StepBuffer):
         super().begin(engine, clock, units)
         self.longest, self.at_once, self.is_cut = 0.0, 512, False
         self.last = engine.dtype(0)
-        self.kinds = kinds_of_variables(type(self.system))
+        self.kinds = kinds_of_variables(self.system.equations)
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
         length, elapsed = float(end - start), float(self.clock.exact(end)) - self.start
@@ -140,7 +140,7 @@ class StepCheck(StepBuffer):
         parts = max(self.tol**0.5, GRAINS * grain / longest) * length / longest
         allowed = np.maximum(parts, max(DEFECT, 100 * self.tol))
         # Without units of its own a motion has the error of one of size 1, however small it is.
-        least = SIZE_AT_REST if self.system.degree else 1.0
+        least = SIZE_AT_REST if self.system.equations.degree else 1.0
         sizes = [np.abs(b[:, kind]).max(axis=(1, 2)).clip(least)[:, None] for kind in self.kinds]
         pairs = zip(self.kinds, sizes, strict=True)
         excess = [missed[kind].max(axis=0) / (allowed * size) for kind, size in pairs]

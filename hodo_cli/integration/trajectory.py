@@ -56,7 +56,7 @@ class Trajectory:
     @classmethod
     def failed(cls, case: Case, message: str) -> "Trajectory":
         """A case that could not be integrated: no samples."""
-        state, tol = np.empty((0, len(case.system.state))), case.tol or float("nan")
+        state, tol = np.empty((0, len(case.system.equations.state))), case.tol or float("nan")
         time, exponent = np.empty(0), np.empty(0, dtype=np.int64)
         return cls(
             case, case.system, case.method, tol, time, state, exponent, status=Status.FAILED,
@@ -83,8 +83,8 @@ class Trajectory:
     def variables(self) -> dict[str, np.ndarray]:
         """The variables (n, ...) of its model by name, in double precision and true size."""
         system = self.case.system
-        state = rescaled(type(system), self.state.astype(float), self.exponent)
-        return system.output(self.time, state, attributes(system.constants))
+        state = rescaled(system.equations, self.state.astype(float), self.exponent)
+        return system.equations.output(self.time, state, attributes(system.constants))
 
     def with_remarks(self, **remarks: Any) -> "Trajectory":
         """The same motion with another message, other warnings or the case that was asked for."""

@@ -12,11 +12,11 @@ from .base import Label, Model
 from .own import OwnFile, equations_mistake, forms_in, load_own
 
 MODELS = {
-    "cavity+constant": "cavity",
-    "linear-diag": "linear_diag",
-    "tensor": "tensor",
-    "Lagrange-averaged": "top.lagrange",
-    "torques": "torques",
+    "cavity+constant": ("body", "averaged"),
+    "linear-diag": ("body", "averaged"),
+    "tensor": ("body", "averaged"),
+    "Lagrange-averaged": ("top",),
+    "torques": ("body",),
 }
 """The modules of hodo's own models, each imported where its model is asked for."""
 
@@ -36,9 +36,8 @@ def model_names() -> tuple[str, ...]:
 @cache
 def forms_of(name: str) -> Mapping[str, type[Model]]:
     """The classes of a model by form, the first of which is its default; none of an unknown one."""
-    known = (
-        forms_in(import_module(f"{__name__}.{MODELS[name]}")) if name in MODELS else _own_forms()
-    )
+    modules = (import_module(f"{__name__}.{module}") for module in MODELS.get(name, ()))
+    known = [form for module in modules for form in forms_in(module)] or _own_forms()
     return {form.form: form for form in known if form.name == name}
 
 

@@ -20,16 +20,21 @@ Source: L. D. Akulenko, D. D. Leshchenko, F. L. Chernousko, Izv. AN SSSR MTT 198
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache, cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .base import EventOutcome, Label, attributes
+from ..arithmetic import hypot
+from ..schema.kinds import Choice, Key, Mistake
+from .base import Event, EventOutcome, Label, Model, attributes
+from .body import Body, Cavity, LinearDiag, Tensor
 from .rigid_body import inertia_order, separatrix_terms
-from .terms.body import BodyUnderTorques
+from .theory.exact import sum_along_mean
+from .theory.principal_axes import is_diagonal
 
 Rates = Callable[[int, Any], tuple[Any, ...]]
 """v', (ln X)' and (ln Y)' on a side at v."""
@@ -41,6 +46,9 @@ which f is rounding."""
 
 NEAREST = math.exp(-SEPARATRIX_Z)
 """The v at which a motion leaves the separatrix."""
+
+MEAN_STEPS = 8
+"""Enough for long doubles at 1 - m = e^-40."""
 
 NODES, REFERENCE_NODES = 20, 26
 """The points of a panel of z: the integrands are analytic where |Im z| < pi/2, so that each term of
@@ -54,17 +62,11 @@ LARGE_RATIO = 0.1
 
 
 def turn_means(v: Any) -> tuple[Any, Any, Any, Any]:
-    """m, 1 - m, S = <sn^2> over a turn, and (S - 1/2)/m, at v (...): by the arithmetic-geometric
-    mean, as sums of positive terms, in which nothing cancels."""
+    """m, 1 - m, S = <sn^2> over a turn, and (S - 1/2)/m, at v (...): sums of positive terms, in
+    which nothing cancels."""
     m, m1 = np.exp(-v), -np.expm1(-v)
-    root = np.sqrt(m1)
-    a, b, c = (1 + root) / 2, np.sqrt(root), m / (2 + 2 * root)
-    term = total = 1 / (2 + 2 * root) ** 2
-    while np.any(term > 1e-20 * total):
-        a, b = (a + b) / 2, np.sqrt(a * b)
-        term, c = term * c * c / (8 * a * a), c * c / (4 * a)
-        total = total + term
-    return m, m1, 0.5 + m * total, total
+    excess = sum_along_mean(m * m / 4, (1 + m1) / 2, np.sqrt(m1), MEAN_STEPS) / 4
+    return m, m1, 0.5 + m * excess, excess
 
 
 @lru_cache(maxsize=16)  # a case asks several times, and exact fractions take 0.2 ms
@@ -189,7 +191,7 @@ def averaged_path(rates: Rates, side: int, v: Any, begin: np.ndarray) -> Path:
     return path.then(averaged_path(rates, -side, fp(NEAREST), path.end)) if crosses else path
 
 
-class AveragedTurns(BodyUnderTorques):
+class AveragedTurns(Body):
     """A body averaged over its turns, by the mean rates of its slow variables; see above."""
 
     state = ("side", "k2", "ln_X", "ln_Y")
@@ -284,3 +286,247 @@ class AveragedTurns(BodyUnderTorques):
         ratio = max(map(abs, self.mean_rates(side, v)[1:])) / 2 / n
         large = f"averaging needs weak resistance: its rate over that of the turns is {ratio:.2g}"
         return [*super().warnings, *([large] if ratio > LARGE_RATIO else [])]
+
+
+class AveragedLinearDiag(AveragedTurns, LinearDiag):
+    """The motion averaged over the turns of the free one, to first order in lambda/|omega|.
+
+    u > 0:  (ln X)' = -2 [lambda1 <dn^2> + lambda2 (1 - <dn^2>)]
+            (ln Y)' = -2 [lambda3 <cn^2> + lambda2 (1 - <cn^2>)]
+    u < 0:  the same with <dn^2> and <cn^2> exchanged
+
+    X = a(a-c) p^2 + b(b-c) q^2 and Y = b(a-b) q^2 + c(a-c) r^2, moment of inertia^2/time^2;
+    a >= b >= c: the moments of inertia with their axes sorted, here A1 >= A2 >= A3;
+    u = ln[(a-b) X/((b-c) Y)], positive where axis a is enclosed; <dn^2> and <cn^2>: means over a
+    turn for k^2 = e^-|u|; the other symbols are those of the full form. The moments have a part in
+    the start only. The separatrix u = 0 is crossed once at most, at a time that errs by some turns.
+
+    Source: L. D. Akulenko, D. D. Leshchenko, F. L. Chernousko, Izv. AN SSSR MTT 1982 no. 3, 5.
+    """
+
+    form = "averaged"
+
+    def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
+        return self.linear_rates(self.damping, side, v)
+
+
+class AveragedTensor(AveragedTurns, Tensor):
+    """The motion averaged over the turns of the free one, to first order in I/(A |omega|).
+
+    It is the averaged form of linear-diag with lambda_i = I_ii/A_i: the means of p q, q r and p r
+    are 0, so that the entries off the diagonal drop out. Close to the separatrix they do not, and
+    the full motion may cross it several times where this one crosses it once.
+    """
+
+    form = "averaged"
+
+    def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
+        return self.linear_rates((np.diag(self.resistance_matrix) / self.inertia).tolist(), side, v)
+
+    @property
+    def warnings(self) -> list[str]:
+        """Besides: entries that drop out."""
+        says = "to first order I is its diagonal alone"
+        return [*super().warnings, *([] if is_diagonal(self.resistance_matrix) else [says])]
+
+
+# A cavity full of viscous fluid: of symmetric bodies two amplitudes say all
+
+
+def is_triaxial(data: Mapping[str, Any]) -> bool:
+    """Whether the data are of a body with three different moments."""
+    return len({*data.get("inertia", ())}) == 3
+
+
+def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
+    """r of a symmetric body, as an event."""
+    return y[1]
+
+
+@dataclass(frozen=True)
+class SymmetricCavity(Cavity):
+    """What the forms in a = sqrt(p^2 + q^2) and r share."""
+
+    spin_reversal: str = "stop"
+
+    keys = Cavity.keys | {
+        "spin_reversal": Key(
+            Choice("stop", "continue"), "what to do where r reaches 0", default="stop"
+        ),
+    }
+    state = ("a", "r")
+    degree = {"kappa": 3, "N3": 0}
+    class_events = ()
+    variables = {
+        "x": Label(("time",), "square of the equatorial angular velocity, p^2 + q^2", "1/time^2"),
+        "y": Label(("time",), "square of the axial angular velocity, r^2", "1/time^2"),
+    }
+    no_axis_reason = "averaged over the hodograph's turns: it circles x3, and crosses nothing"
+
+    @staticmethod
+    def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
+        a, r = y.T
+        return {"x": a * a, "y": r * r}
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Besides: A1 = A2."""
+        yield from super().check(data)
+        A = data.get("inertia")
+        if A is not None and A[0] != A[1]:
+            yield (
+                ("inertia",),
+                f"form {cls.form} needs A1 = A2, not {A[0]} and {A[1]}; form full does not",
+            )
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        p, q, r = super().start
+        return hypot(p, q), r
+
+    @property
+    def extended_start(self) -> np.ndarray:
+        # The roots of x and y have digits that a double has not, and x and y are what is stored.
+        squares = [self.initial.get(name) for name in "xy"]
+        if None not in squares:
+            return np.sqrt(np.array(squares, dtype=np.longdouble))
+        p, q, r = np.array(super().start, dtype=np.longdouble)
+        return np.array([np.hypot(p, q), r])
+
+    def starts(self, omega: np.ndarray) -> np.ndarray:
+        p, q, r = np.moveaxis(omega, -1, 0)
+        return np.stack((np.hypot(p, q), r))
+
+    @property
+    def warnings(self) -> list[str]:
+        """Besides: M1 and M2 where the turns do not average them away."""
+        A, _, C = self.inertia
+        a, r = self.start
+        dropped = abs(self.epsilon) * math.hypot(*self.torque[:2])
+        turning = abs((C - A) * r) * a
+        if not dropped:
+            return super().warnings
+        ratio = f"{dropped / turning:.3g}" if turning else "infinite"
+        return [
+            *super().warnings,
+            "averaging drops M1 and M2, which is right while "
+            "epsilon |(M1, M2)| / (|C - A| |r| a) is small: "
+            f"it is {ratio} at the start, and grows as r falls",
+        ]
+
+    @property
+    def run_events(self) -> tuple[Event, ...]:
+        """The end of spin of a body that spins, or begins to."""
+        event = Event("end_of_spin", axial_spin, terminal=self.spin_reversal == "stop")
+        return (event,) if self.start[1] or self.constants["N3"] else ()
+
+
+@dataclass(frozen=True)
+class Averaged(SymmetricCavity):
+    """The motion of an axisymmetric body (A1 = A2 = A, A3 = C) averaged over the turning of (p, q)
+    about x3.
+
+    a' = -kappa C (C - A) a r^2 / A^3
+    r' = kappa (C - A) a^2 r / (A C) + epsilon M3 / C
+
+    a = sqrt(p^2 + q^2) and r, 1/time; stored are x = a^2 and y = r^2; the other symbols are those
+    of the full form. Without M1 and M2 this is no approximation but an identity of the full
+    equations. With them it is right to first order in epsilon, until r, and with it the frequency
+    |(C - A) r/A|, has become small. r reaches 0 in finite time where M3 opposes it: the end of
+    spin, an event that ends the motion or is passed (`spin_reversal`). In y the equations are not
+    Lipschitz there, and solvers stop or go astray.
+
+    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eqs
+    (5), (6), with the sign of a' that follows from (2), and +epsilon M3 in r' as in (2) and (6),
+    not - as in (5).
+
+    A body with three different moments is averaged by `AveragedTriaxial`.
+    """
+
+    form = "averaged"
+
+    @classmethod
+    def form_of(cls, data: Mapping[str, Any]) -> type[Model]:
+        return AveragedTriaxial if is_triaxial(data) else cls
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        """A1 = A2, or three different moments."""
+        yield from AveragedTriaxial.check(data) if is_triaxial(data) else super().check(data)
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        a, r = y
+        return (
+            -k.kappa * k.A3 * (k.A3 - k.A1) / k.A1**3 * a * r * r,
+            k.kappa * (k.A3 - k.A1) / (k.A1 * k.A3) * a * a * r + k.N3 / k.A3,
+        )
+
+
+@dataclass(frozen=True)
+class AveragedAsPrinted(SymmetricCavity):
+    """The averaged equations with the sign of a' as printed in eqs (5) and (6), to reproduce the
+    paper's figures.
+
+    a' = +kappa C (C - A) a r^2 / A^3
+
+    With this sign the fluid's torque, though internal, changes |G|: without M, x - C^2 y/A^2 is
+    constant, where it should be x + C^2 y/A^2 = (G/A)^2. Everything else is as in the form
+    averaged.
+
+    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eqs
+    (5), (6).
+    """
+
+    form = "averaged-as-printed"
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        a, r = Averaged.rhs(t, y, k)
+        return -a, r
+
+
+@dataclass(frozen=True)
+class AveragedTriaxial(AveragedTurns, Cavity):
+    """The motion of a body with three different moments averaged over the turns of the free one,
+    to first order and without a torque. |G| is constant, and the fluid turns the body to its axis
+    of largest inertia.
+
+    (2T)' = -(2 kappa/abc) [(a-c)^2 (a+c-b) <p^2 r^2> + (a-b)^2 (a+b-c) <p^2 q^2>
+                            + (b-c)^2 (b+c-a) <q^2 r^2>]
+
+    a >= b >= c are the moments with their axes sorted, <.> is the mean over a turn.
+
+    Source: F. L. Chernousko 1972, averaged.
+    """
+
+    spin_reversal: str = "stop"
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Besides: no torque."""
+        yield from super().check(data)
+        if any(data.get("torque", ())):
+            yield (
+                ("torque",),
+                "form averaged of a body with three different moments takes no torque; form full "
+                "does",
+            )
+
+    def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
+        A_e, b, A_o = np.sort(self.moments)[::-side]
+        (m, _, ss, rest), span, near = turn_means(v), abs(A_e - A_o), abs(A_e - b)
+        far, square = (
+            abs(b - A_o),
+            float(np.exp(self.slow_start[2]) @ np.sort(self.moments)[[2, 0]]),
+        )
+        sscc, ratio = (ss - 2 * rest) / 3, m * near / far  # <sn^2 cn^2>, X_o/X_e
+        loss = (
+            (A_e + A_o - b) * (1 - ss - m * sscc) / (A_e * A_o)
+            + near * (A_e + b - A_o) * (ss - m * (ss - sscc)) / (A_e * b * span)
+            + m * far * (b + A_o - A_e) * sscc / (b * A_o * span)
+        )
+        rate = side * 2 * self.constants["kappa"] / (A_e * b * A_o) * loss
+        # square = G^2 (a - c) = a X + c Y = A_e X_e + A_o X_o
+        X_e = square / (A_e + A_o * ratio)
+        return rate * square, *(rate * A_o * ratio * X_e, -rate * A_e * X_e)[::side]

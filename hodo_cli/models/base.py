@@ -4,8 +4,8 @@ units of its state and of its time, and the Jacobian of its equations."""
 import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,18 +14,21 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ..schema.kinds import KeyPath, Mistake, Rule
+from .euler import about, composed, in_case_axes, quaternion_rates, turned_back
+from .terms.time_laws import EPOCH, EPOCH_NAME, CaseConstants
 
-EPOCH_NAME = "time.epoch"
-
-CONSTANTS_KEY, CONSTANTS_FIELD = "constants", "case_constants"
-"""The key of a case for the constants that its expressions name, and the field of a model for it:
-the constants of a model are the numbers of its equations."""
+ATTITUDE_KEY, CONSTANTS_KEY = "attitude", "constants"
+"""The keys of a case for where the body points, and for the constants that its expressions name."""
 
 OWN_FOLDER = str(Path(__file__).parents[1])
 """The folder of the package, with the models that are its own."""
 
 Constants = Mapping[str, float | tuple[float, ...] | str]
 """Numbers and tuples of numbers by name; a string is structure, which chooses between equations."""
+
+Structure = tuple[tuple[str, int | str], ...]
+"""What of the constants is structure: each name with its length (0 for a plain number), or its
+string."""
 
 
 LENGTHS = {"axis": 3, "quaternion": 4, "principal": 3, "space": 3}
@@ -50,23 +53,38 @@ class Label(NamedTuple):
         return math.prod(LENGTHS.get(dim, 1) for dim in self.dims)
 
 
+QUATERNION = ("attitude_a", "attitude_b", "attitude_c", "attitude_d")
+"""The variables that an attitude adds to the state."""
+
+ATTITUDE_VARIABLE = {
+    ATTITUDE_KEY: Label(("time", "quaternion"), "attitude, from body to space axes")
+}
+
+
 class EventOutcome(NamedTuple):
     """What an event does to a motion: it goes on from the time `onward` in another state, or ends
     in that state where `onward` is None.
 
     `time` is what is stored as the event's time, with the numbers of `details`; nothing is stored
-    of an event whose `details` are None. A state that lasts has `onward` infinite.
+    of an event whose `details` are None. A state that lasts has `onward` infinite; a body with an
+    attitude turns on in it at `spin` (3,), along the axes of the quaternion that ends the state.
     """
 
     time: float
     details: Mapping[str, float] | None
     state: Sequence[Any]
     onward: Any = None
+    spin: Sequence[Any] = ()
 
     def states(self, times: Any, fp: Any = float) -> np.ndarray:
         """The states (..., m) at times (...) from the event to `onward`, in a precision."""
-        state = np.array(self.state, dtype=fp)
-        return np.broadcast_to(state, (*np.shape(times), len(state)))
+        state, omega = np.array(self.state, dtype=fp), np.array(self.spin, dtype=fp)
+        states = np.broadcast_to(state, (*np.shape(times), len(state)))
+        if omega.any():
+            speed, elapsed = np.hypot.reduce(omega), np.asarray(times, dtype=fp) - fp(self.time)
+            turned = composed(state[-4:], about(omega / speed, elapsed * speed))
+            states = np.concatenate((states[..., :-4], np.stack(turned, axis=-1)), axis=-1)
+        return states
 
 
 Passage = Callable[[Any, Sequence[Any], Any], EventOutcome]
@@ -112,10 +130,21 @@ class Model:
     `rhs(t, y, k)` and the events are written with + - * / and **, and with the functions of
     `arithmetic`, so that numbers, arrays and the symbols of an engine all pass through the same
     lines. `k` has the names of `constants` as attributes. They are functions of the class, because
-    an engine compiles them once for all cases.
+    an engine compiles them once for all cases of one `Equations`.
 
-    `t` is the case's own time in `rhs`, in events and in `output`, whatever the units.
+    `t` is the case's own time in `rhs`, in events and in `output`, whatever the units. Behind the
+    variables of `state` an event sees the quaternion of an attitude.
     """
+
+    attitude: Any = field(default=None, kw_only=True)
+    """Where the body points at the start, as its case says; nothing where no attitude is wanted."""
+
+    case_constants: CaseConstants = field(default=(), kw_only=True)
+    """The constants that its expressions name, as pairs, and the epoch from which they count t:
+    `constants` are the numbers of its equations."""
+
+    is_backward: bool = field(default=False, kw_only=True)
+    """Whether the time of its motion, which rises, is that of the case with another sign."""
 
     name: ClassVar[str]
     form: ClassVar[str]
@@ -150,9 +179,6 @@ class Model:
     """The factor of Q' = Q (0, omega)/2 as a function of k, of a model whose motions may have an
     attitude Q."""
 
-    start_attitude: ClassVar[Any] = None
-    """Q at the start as a function of the start, where the start says it."""
-
     fixed_in_space: ClassVar[tuple[str, ...]] = ()
     """Three variables of the state: the components along body axes of a vector that is fixed in
     space, where its components are those of the start, if an attitude says how the two differ."""
@@ -179,9 +205,6 @@ class Model:
     )
     """Why the enclosed axis does not apply; empty where it does."""
 
-    no_separatrix_reason: ClassVar[str] = ""
-    """Why the enclosed axis is undetermined all along, and D says nothing; empty where it does."""
-
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         """The time derivative of each state variable."""
@@ -206,19 +229,26 @@ class Model:
         yield from ()
 
     @classmethod
-    def is_rounded(cls, data: Mapping[str, Any]) -> bool:
-        """Whether moments of inertia that no body has are those of one, rounded to decimals."""
-        return False
-
-    @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
         """What is wrong with right values in a motion from one time to another."""
         yield from ()
 
     @classmethod
-    def of(cls, data: Mapping[str, Any]) -> "Model":
-        """The object with these data, of this class or of one that stands in for it."""
-        return cls(**data)
+    def of(
+        cls, data: Mapping[str, Any], epoch: float | None = None, is_backward: bool = False
+    ) -> "Model":
+        """The object with the data of a case, whose expressions count t from an epoch."""
+        own = dict(data)
+        # As pairs, which can be hashed.
+        named = (own.pop(CONSTANTS_KEY, None) or {}) if CONSTANTS_KEY in cls.keys else {}
+        since = {EPOCH_NAME: -epoch if is_backward else epoch} if epoch else {}
+        named = tuple((named | since).items())
+        return cls.form_of(data)(**own, case_constants=named, is_backward=is_backward)
+
+    @classmethod
+    def form_of(cls, data: Mapping[str, Any]) -> "type[Model]":
+        """The class for these data: this one, or one that stands in for it."""
+        return cls
 
     @cached_property
     def constants(self) -> Constants:
@@ -230,25 +260,51 @@ class Model:
         """The initial state."""
         raise NotImplementedError
 
-    @staticmethod
-    def velocity(
-        inertia: Sequence[float], initial: Mapping[str, float | None]
-    ) -> tuple[float, ...]:
-        """The angular velocity (3,) that the data of a model say that starts with one.
+    @classmethod
+    def rows(cls, terms: Sequence[str]) -> dict[str, int]:
+        """The variables of the state under these terms, and the power of the unit of omega that
+        each carries."""
+        return {name: cls.state_degree.get(name, 1) for name in cls.state}
 
-        Raises ValueError, with a sentence, unless they say it in exactly one way.
-        """
-        raise NotImplementedError
+    @cached_property
+    def equations(self) -> "Equations":
+        """Its equations without their numbers."""
+        return Equations(
+            type(self), structure(self.constants), bool(self.attitude), self.is_backward
+        )
 
-    def starts(self, omega: np.ndarray) -> np.ndarray:
-        """The states (m, ...) of such a model for angular velocities (..., 3) at the start."""
+    @property
+    def no_separatrix_reason(self) -> str:
+        """As of its equations."""
+        return self.equations.no_separatrix_reason
+
+    @cached_property
+    def initial_state(self) -> tuple[float, ...]:
+        """The start, and the attitude there."""
+        return self.with_attitude(np.array(self.start)) if self.attitude else self.start
+
+    def with_attitude(self, start: np.ndarray) -> tuple[Any, ...]:
+        """A start and the attitude there, with what is fixed in space along the state's axes."""
+        Q = self.attitude_at(start)
+        rows = [i for i, name in enumerate(self.equations.state) if name in self.fixed_in_space]
+        if rows:
+            start[rows] = self.to_principal(np.array(turned_back(Q, [*start[rows]])))
+        return *start.tolist(), *Q
+
+    def to_principal(self, vectors: np.ndarray) -> np.ndarray:
+        """Vectors (..., 3) in the axes of the case along those of the state, in their own
+        precision."""
+        return vectors
+
+    def attitude_at(self, start: np.ndarray) -> tuple[Any, ...]:
+        """The quaternion at a start."""
         raise NotImplementedError
 
     @property
     def extended_start(self) -> np.ndarray:
-        """The start (m,) in long double, where its rounding to doubles costs digits: a reference
-        begins from it."""
-        return np.array(self.start, dtype=np.longdouble)
+        """The initial state (m,) in long double, where its rounding to doubles costs digits: a
+        reference begins from it."""
+        return np.array(self.initial_state, dtype=np.longdouble)
 
     def tilt_growth(self, t: float) -> np.ndarray | None:
         """The rates (3,) at which a small tilt away from each body axis grows at a time; None where
@@ -294,20 +350,6 @@ class Model:
         """What they say against them between two times."""
         return []
 
-    @classmethod
-    def release(cls, t: np.ndarray, y: Sequence[Any], k: Any) -> float:
-        """The first of some times (n,) at which a body that an event has brought to rest in a state
-        y, and that stays there, would move again; nan if it would not."""
-        return math.nan
-
-    @classmethod
-    def has_formulas(cls) -> bool:
-        """Whether its equations hold formulas of a user's own, in which anything may happen within
-        a step: those of a model from outside the package do."""
-        forms = (base for base in cls.__mro__ if issubclass(base, Model))
-        modules = (sys.modules[form.__module__] for form in forms)
-        return any(not str(module.__file__).startswith(OWN_FOLDER) for module in modules)
-
     @property
     def run_events(self) -> tuple[Event, ...]:
         """Events that belong to the motion itself and are recorded whenever it is integrated."""
@@ -319,58 +361,106 @@ class Model:
         return ()
 
 
-def fields_of(data: Mapping[str, Any], epoch: float | None = None) -> dict[str, Any]:
-    """The data of a case by the fields of its model: an epoch is one of its constants, which no
-    expression can name."""
-    if CONSTANTS_KEY not in data:
-        return dict(data)
-    # As pairs, which can be hashed.
-    named = [*(data[CONSTANTS_KEY] or {}).items(), *([(EPOCH_NAME, epoch)] if epoch else [])]
-    others = {key: value for key, value in data.items() if key != CONSTANTS_KEY}
-    return others | {CONSTANTS_FIELD: tuple(named)}
+@dataclass(frozen=True)
+class Equations:
+    """The equations of all motions of a form that have one structure: what is compiled once. Behind
+    the form's own variables stands the quaternion of an attitude.
 
+    With the constants `time_start` and `time_unit` they are functions of an engine's time s, in
+    units that fit the motion: the case's own is t = time_start + s time_unit.
+    """
 
-def in_reverse(rhs: Callable[..., Any], t: Any, y: Sequence[Any], k: Any) -> Any:
-    """The rates of a motion that runs backward, by a time that rises."""
-    if hasattr(k, EPOCH):
-        k = SimpleNamespace(**vars(k) | {EPOCH: -k.epoch})
-    return [-rate for rate in rhs(-t, y, k)]
+    form: type[Model]
+    structure: Structure = ()
+    has_attitude: bool = False
+    is_backward: bool = False
 
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """The names of the constants."""
+        return frozenset(name for name, _ in self.structure)
 
-class Backward(Model):
-    """The class before a form's own in a motion that runs backward: the time of its equations is
-    that of the case with another sign, so that it rises. What theory says of the motion forward
-    does not count."""
+    @cached_property
+    def terms(self) -> tuple[str, ...]:
+        """The torques, of a form whose structure names them."""
+        return tuple(str(dict(self.structure).get(TERMS_NAME, "")).split())
 
-    always_absorbing = False
+    @cached_property
+    def rows(self) -> dict[str, int]:
+        """The variables of the state, and the power of the unit of omega that each carries."""
+        return self.form.rows(self.terms) | dict.fromkeys(QUATERNION * self.has_attitude, 0)
+
+    @cached_property
+    def state(self) -> tuple[str, ...]:
+        """The variables of the state."""
+        return tuple(self.rows)
+
+    @cached_property
+    def degree(self) -> dict[str, int]:
+        """The degree in the angular velocity of the terms that each constant multiplies."""
+        return {name: n for name, n in self.form.degree.items() if name in self.names}
 
     @property
-    def final_axis(self) -> int | None:
-        return None
+    def variables(self) -> dict[str, Label]:
+        """What is stored."""
+        return self.form.variables | (ATTITUDE_VARIABLE if self.has_attitude else {})
 
-    def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return super().exact_states(-t)
+    @property
+    def may_stop(self) -> bool:
+        """Whether an event may bring a motion to rest, where no axis is enclosed any more."""
+        return self.form.may_stop or "brake" in self.terms
 
-    def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
-        return frozenset()
+    @property
+    def no_separatrix_reason(self) -> str:
+        """Why the enclosed axis is undetermined all along, and D says nothing; empty where it
+        does."""
+        says = "with a rotor D says nothing, and the enclosed axis is undetermined"
+        return says if "rotor" in self.terms else ""
 
-    def predictions(self, start: float, end: float) -> list[str]:
-        return []
+    @property
+    def always_absorbing(self) -> bool:
+        """As of the form; what theory says of a motion forward does not count backward."""
+        return self.form.always_absorbing and not self.is_backward
 
-    def warnings_within(self, start: float, end: float) -> list[str]:
-        return []
+    @cached_property
+    def has_formulas(self) -> bool:
+        """Whether they hold formulas of a user's own, in which anything may happen within a step:
+        those of a model from outside the package do."""
+        forms = (base for base in self.form.__mro__ if issubclass(base, Model))
+        files = [str(sys.modules[form.__module__].__file__) for form in forms]
+        has_laws = any(name.endswith("_law") for name in self.names)
+        is_own = not all(file.startswith(OWN_FOLDER) for file in files)
+        return has_laws or is_own or "expression" in self.terms
 
+    def rhs(self, t: Any, y: Sequence[Any], k: Any) -> Sequence[Any]:
+        """The time derivative of each state variable."""
+        t, k = self.in_case_time(t, k)
+        if self.has_attitude:
+            k = SimpleNamespace(**vars(k), attitude=y[-4:])
+            own, factor = y[:-4], self.form.quaternion_factor(k)
+            turning = quaternion_rates(in_case_axes(y[:3], k), y[-4:], factor)
+            rates: Sequence[Any] = (*self.form.rhs(t, own, k), *turning)
+        else:
+            rates = self.form.rhs(t, y, k)
+        rates = [-rate for rate in rates] if self.is_backward else rates
+        # The degrees of constants give rates by the engine's time; without them it is told.
+        is_own_unit = self.degree or START not in self.names
+        return rates if is_own_unit else [rate * k.time_unit for rate in rates]
 
-@cache
-def backward(form: Any) -> Any:
-    """A form with its equations in reverse."""
+    def output(self, t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
+        """The stored variables from the times (n,) and the states (n, m), in the dtype of `y`."""
+        t, k = self.in_case_time(t, k)
+        if not self.has_attitude:
+            return self.form.output(t, y, k)
+        return self.form.output(t, y[:, :-4], k) | dict.fromkeys(ATTITUDE_VARIABLE, y[:, -4:])
 
-    def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
-        return dict(form.output(-t, y, k))
-
-    rhs = staticmethod(Bound(in_reverse, (form.rhs,)))
-    own = {"__module__": form.__module__, "rhs": rhs, "output": staticmethod(output)}
-    return type(f"{form.__name__}Backward", (Backward, form), own)
+    def in_case_time(self, t: Any, k: Any) -> tuple[Any, Any]:
+        """The time as the form's own equations know it, and the constants."""
+        if START in self.names:
+            t, k = from_engine_time(t, k)
+        if self.is_backward:
+            t, k = -t, with_epoch(k, -k.epoch) if hasattr(k, EPOCH) else k
+        return t, k
 
 
 def mistake_of(at: KeyPath, function: Callable[..., object], *arguments: Any) -> Iterator[Mistake]:
@@ -379,11 +469,6 @@ def mistake_of(at: KeyPath, function: Callable[..., object], *arguments: Any) ->
         function(*arguments)
     except ValueError as error:
         yield at, str(error)
-
-
-Structure = tuple[tuple[str, int | str], ...]
-"""What of the constants is structure: each name with its length (0 for a plain number), or its
-string."""
 
 
 def structure(k: Constants) -> Structure:
@@ -423,15 +508,15 @@ def namespace(of: Structure, numbers: Iterable[Any]) -> SimpleNamespace:
     return SimpleNamespace(**{name: constant(length) for name, length in of})
 
 
-def state_powers(model: type[Model]) -> np.ndarray:
+def state_powers(model: Equations) -> np.ndarray:
     """The power of the unit of omega that each state variable carries (m,); none has one where the
     model has no units of its own."""
-    powers = [model.state_degree.get(name, 1) if model.degree else 0 for name in model.state]
+    powers = [power if model.degree else 0 for power in model.rows.values()]
     # Of C's int, because ldexp takes ten times as long by a wider one.
     return np.array(powers, dtype=np.intc)
 
 
-def rescaled(model: type[Model], y: np.ndarray, exponent: Any) -> np.ndarray:
+def rescaled(model: Equations, y: np.ndarray, exponent: Any) -> np.ndarray:
     """States (..., m) in units of omega that are 2**exponent (...) times as small: as they are
     where `exponent` is that of their own units."""
     # Laid out in memory as columns of motions are: a view (n, m) of those stays one.
@@ -439,14 +524,14 @@ def rescaled(model: type[Model], y: np.ndarray, exponent: Any) -> np.ndarray:
     return np.asarray(np.ldexp(y, powers))
 
 
-def moving(model: type[Model]) -> np.ndarray | slice:
+def moving(model: Equations) -> np.ndarray | slice:
     """The positions of the state variables that carry a unit of omega: those that tell how large a
     motion is."""
     powers = state_powers(model)
     return np.flatnonzero(powers) if model.degree and not powers.all() else slice(None)
 
 
-def kinds_of_variables(model: type[Model]) -> list[np.ndarray]:
+def kinds_of_variables(model: Equations) -> list[np.ndarray]:
     """The positions of the state variables that carry a unit of omega, and of those that carry
     none, if there are any: the one may decay by any factor beside the other, so that each kind has
     its own size."""
@@ -462,7 +547,7 @@ def in_unit(constant: Any, exponent: Any) -> Any:
     return np.ldexp(constant, exponent)
 
 
-def jacobian(model: type[Model], k: SimpleNamespace, t: Any, y: np.ndarray) -> np.ndarray:
+def jacobian(model: Equations, k: SimpleNamespace, t: Any, y: np.ndarray) -> np.ndarray:
     """d rhs / d y at y (m,) or (m, n), shape (m, m) or (m, m, n), exact to rounding: the imaginary
     part of the rhs at a complex step.
 
@@ -484,34 +569,21 @@ def stacked(rates: Sequence[Any], y: np.ndarray) -> np.ndarray:
     return rows
 
 
-# Equations that contain the time, as functions of the engine's time s, in units that fit the
-# motion: the case's own time is t = k.time_start + s k.time_unit.
-
-EPOCH = "epoch"
-"""The constant from which t counts in expressions and polynomials, where a case names it."""
+TERMS_NAME = "terms"
+"""The constant, a string, that names the torques of a body."""
 
 START, UNIT, VELOCITY = "time_start", "time_unit", "velocity_unit"
 """The constants by which equations in other units know the case's own: the time at which a
 stretch begins, and the units of time and of velocity."""
 
 
-def contains_time(model: type[Model], form: Structure, events: tuple[Event, ...] = ()) -> bool:
-    """Whether the rates of a model with constants of a structure, or the functions of events,
-    contain the time: they are then not a number where the time is none."""
-    return _contains_time(model, form, events)  # type: ignore[arg-type]
-
-
-def has_formula_of_time(system: Model) -> bool:
-    """Whether equations hold a formula of a user's own, and contain the time: between two times
-    they may then do anything."""
-    return system.has_formulas() and contains_time(type(system), structure(system.constants))
-
-
 @lru_cache(maxsize=64)
 @np.errstate(all="ignore")
-def _contains_time(model: type[Model], form: Structure, events: tuple[Event, ...]) -> bool:
+def contains_time(model: Equations, events: tuple[Event, ...] = ()) -> bool:
+    """Whether the rates of a model, or the functions of events, contain the time: they are then
+    not a number where the time is none."""
     # Any numbers serve that no formula makes 0 or equal.
-    k = namespace(form, [1.1 + i / 7 for i in range(count(form))])
+    k = namespace(model.structure, [1.1 + i / 7 for i in range(count(model.structure))])
     y = [np.float64(0.3 + i / 11) for i in range(len(model.state))]
     functions = (model.rhs, *(event.function for event in events))
     return any(_is_lost(function, y, k) for function in functions)
@@ -524,32 +596,37 @@ def _is_lost(function: Callable[..., Any], y: Sequence[Any], k: Any) -> bool:
         return True  # what such a time disturbs contains it
 
 
-def in_engine_time(function: Callable[..., Any], s: Any, y: Sequence[Any], k: Any) -> Any:
-    """A function (t, y, k) of the case's own time as one of the engine's time; with an epoch, from
-    which its time then counts, two numbers near each other are subtracted first."""
+def has_formula_of_time(system: Model) -> bool:
+    """Whether equations hold a formula of a user's own, and contain the time: between two times
+    they may then do anything."""
+    return system.equations.has_formulas and contains_time(system.equations)
+
+
+def with_epoch(k: Any, epoch: Any) -> SimpleNamespace:
+    """Constants with another epoch."""
+    return SimpleNamespace(**vars(k) | {EPOCH: epoch})
+
+
+def from_engine_time(s: Any, k: Any) -> tuple[Any, Any]:
+    """The case's own time by the engine's, and the constants; of a case with an epoch it counts
+    from there: two numbers near each other are subtracted first."""
     if not hasattr(k, EPOCH):
-        return function(k.time_start + s * k.time_unit, y, k)
-    since_epoch = (k.time_start - k.epoch) + s * k.time_unit
-    return function(since_epoch, y, SimpleNamespace(**vars(k) | {EPOCH: 0.0}))
+        return k.time_start + s * k.time_unit, k
+    return (k.time_start - k.epoch) + s * k.time_unit, with_epoch(k, 0.0)
 
 
-def in_engine_unit(rhs: Callable[..., Any], s: Any, y: Sequence[Any], k: Any) -> Any:
-    """Rates by the engine's time, of equations whose constants are those of the case's own time."""
-    return [rate * k.time_unit for rate in in_engine_time(rhs, s, y, k)]
+def in_engine_time(function: Callable[..., Any], s: Any, y: Sequence[Any], k: Any) -> Any:
+    """A function (t, y, k) of the case's own time as one of the engine's time."""
+    t, k = from_engine_time(s, k)
+    return function(t, y, k)
 
 
 def of_engine_time(
-    model: type[Model], form: Structure, events: tuple[Event, ...]
-) -> tuple[type[Model], Structure, tuple[Event, ...]]:
-    """The same equations, constants and events, as functions of the engine's time."""
+    model: Equations, events: tuple[Event, ...]
+) -> tuple[Equations, tuple[Event, ...]]:
+    """The same equations, and events, as functions of the engine's time."""
     of_engine = (
         event._replace(function=Bound(in_engine_time, (event.function,))) for event in events
     )
-    form = tuple({**dict(form), START: 0, UNIT: 0}.items())
-    return _of_engine_time(model), form, tuple(of_engine)  # type: ignore[arg-type]
-
-
-@cache
-def _of_engine_time(model: type[Model]) -> type[Model]:
-    rhs = Bound(in_engine_time if model.degree else in_engine_unit, (model.rhs,))
-    return type(f"{model.__name__}OfEngineTime", (model,), {"rhs": staticmethod(rhs)})
+    form = tuple({**dict(model.structure), START: 0, UNIT: 0}.items())
+    return replace(model, structure=form), tuple(of_engine)

@@ -99,7 +99,7 @@ def forms_in(module: ModuleType) -> list[type[Model]]:
 def _class_mistakes(form: type[Model], taken: tuple[str, ...]) -> Iterator[str]:
     """What is wrong with how a class states its name and its keys."""
     keys, base = {*getattr(form, "keys", ())}, form.__mro__[1]
-    lone = keys ^ {field.name for field in fields(form) if field.init}
+    lone = keys ^ {field.name for field in fields(form) if field.init and not field.kw_only}
     # A dataclass takes an attribute that it inherits for the default of its field.
     lost = keys & {*dir(base)} - {field.name for field in fields(base)}
     sentences = {

@@ -12,7 +12,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .. import HodoError
+from ..arithmetic import sqrt
 from ..schema.kinds import Key, Mistake, Number, Rate, Table, is_list, vector
+from .attitude import quaternion_at_start
 from .base import (
     Bound,
     Constants,
@@ -20,74 +22,12 @@ from .base import (
     Label,
     Model,
     attributes,
-    contains_time,
     jacobian,
     mistake_of,
-    structure,
+    stacked,
 )
+from .euler import in_case_axes, times
 from .theory.principal_axes import excess_of_rounding, one_exceeds_others
-
-# By the constants k: A1, A2, A3 along the principal axes; `principal_axes`, `tensor` and `inverse`
-# (9,), row by row, of a body that is given by its full tensor in the axes of its case; h1, h2, h3
-# of a rotor. Vectors are three components: numbers, arrays or an engine's symbols.
-
-Components = tuple[Any, Any, Any]
-
-
-def times(matrix: Sequence[Any], v: Sequence[Any]) -> Components:
-    """The product of a matrix, given row by row (9,), and a vector."""
-    x, y, z = v
-    a, b, c, d, e, f, g, h, i = matrix
-    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
-
-
-def vector_product(a: Sequence[Any], b: Sequence[Any]) -> Components:
-    """The vector product a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
-    """The scalar product a.b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def vector_sum(a: Sequence[Any], b: Sequence[Any]) -> Components:
-    """The sum of two vectors."""
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-def along_principal_axes(v: Sequence[Any], k: Any) -> Sequence[Any]:
-    """The components along the principal axes of a vector (3,) in the axes of the case."""
-    return times(k.principal_axes, v) if hasattr(k, "principal_axes") else v
-
-
-def from_principal_axes(v: Sequence[Any], k: Any) -> Sequence[Any]:
-    """The inverse of `along_principal_axes`."""
-    if not hasattr(k, "principal_axes"):
-        return v
-    a, b, c, d, e, f, g, h, i = k.principal_axes
-    return times((a, d, g, b, e, h, c, f, i), v)
-
-
-def accelerations(torque: Sequence[Any], k: Any) -> Components:
-    """The angular acceleration that a torque gives a body; with a full tensor of inertia by its
-    inverse."""
-    if hasattr(k, "tensor"):
-        return times(k.inverse, torque)
-    return torque[0] / k.A1, torque[1] / k.A2, torque[2] / k.A3
-
-
-def angular_momentum_of(w: Sequence[Any], k: Any) -> Components:
-    """G = A omega, and h of a rotor."""
-    G = times(k.tensor, w) if hasattr(k, "tensor") else (k.A1 * w[0], k.A2 * w[1], k.A3 * w[2])
-    return vector_sum(G, rotor_of(k)) if hasattr(k, "h1") else G
-
-
-def rotor_of(k: Any) -> Components:
-    """h of a rotor in the units of A omega."""
-    # As every constant of degree 1 it is in units of the time as well, and so is g.
-    return k.h1 / k.g, k.h2 / k.g, k.h3 / k.g
-
 
 UNDETERMINED, SEPARATRIX = -1, 0
 LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
@@ -177,7 +117,7 @@ def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray
     with the digits of `omega` where its terms cancel: few places are that near, and ten times the
     work is to be done at each in long double.
     """
-    signed = _margin(A, omega.astype(float), order)
+    signed = _margin(np.asarray(A, dtype=float), omega.astype(float), order)
     near = np.abs(signed) < CANCELLING_MARGIN
     if omega.dtype != np.float64 and near.any():
         signed[near] = _margin(np.asarray(A, dtype=omega.dtype), omega[near], order)
@@ -242,14 +182,10 @@ def slope(A: Sequence[float] | np.ndarray) -> float:
     The separatrix is w_l^2 = K w_s^2. Raises HodoError for a spherical body, which has none.
     Source: Rachinskaya, eqs (7)-(8).
     """
-    largest, middle, smallest = (A[i] for i in inertia_order(A))
-    if largest == smallest:
+    outer, inner = separatrix_terms(A, (1.0, 1.0, 1.0), inertia_order(A))
+    if not (outer or inner):
         raise HodoError("a body with three equal moments of inertia has no quadrants")
-    return (
-        math.inf
-        if largest == middle
-        else smallest * (middle - smallest) / (largest * (largest - middle))
-    )
+    return inner / outer if outer else math.inf
 
 
 SMALLEST_MOMENT = 1e-100
@@ -297,30 +233,48 @@ def is_tensor(inertia: Any) -> bool:
     return inertia is not None and any(isinstance(row, tuple) for row in inertia)
 
 
-def complete(inertia: Sequence[float], initial: Mapping[str, float | None]) -> tuple[float, ...]:
-    """(p, q, r) from initial data in which |G| may stand for one of them.
+def is_rounded(data: Mapping[str, Any]) -> bool:
+    """Whether moments of inertia that no body has are those of one, rounded to decimals."""
+    A = data.get("inertia")
+    return isinstance(A, tuple) and not is_tensor(A) and excess_of_rounding(A) > 0
+
+
+def complete(inertia: Sequence[float], initial: Mapping[str, Any]) -> tuple[float, ...]:
+    """(p, q, r) from initial data in which |G| may stand for one of them, or x and y for all: p =
+    sqrt(x), q = 0 and r = sqrt(y).
 
     Raises ValueError, with a sentence, if that cannot be done.
     """
+    given = {name for name, value in initial.items() if value is not None}
+    missing = [axis for axis in "pqr" if axis not in given]
+    has_G, by_squares = "G" in given, given & {"x", "y"}
+    wrong = {
+        "give x and y alone, or p, q and r": by_squares and given != {"x", "y"},
+        "with a full tensor of inertia G stands for no component: give all": (
+            has_G and is_tensor(inertia)
+        ),
+        f"{' and '.join(missing)} missing: give p, q and r, or two of them and G": (
+            missing and not (has_G or by_squares)
+        ),
+        "G stands for exactly one of p, q, r: leave that one out and give the other two": (
+            has_G and len(missing) != 1
+        ),
+    }
+    for sentence in (sentence for sentence, is_so in wrong.items() if is_so):
+        raise ValueError(sentence)
     omega = [initial.get(axis) for axis in "pqr"]
-    missing = [axis for axis, value in zip("pqr", omega, strict=True) if value is None]
-    momentum = initial.get("G")
-    if momentum is None and missing:
-        raise ValueError(f"{' and '.join(missing)} missing: give p, q and r, or two of them and G")
-    if momentum is None:
+    if by_squares:
+        return sqrt(initial["x"]), 0.0, sqrt(initial["y"])
+    if not missing:
         return tuple(omega)  # type: ignore[arg-type]
-    if len(missing) != 1:
-        raise ValueError(
-            "G stands for exactly one of p, q, r: leave that one out and give the other two"
-        )
     with localcontext(prec=100):  # exact but for the root, so that the result is the nearest double
         pairs = [(Decimal(A), w) for A, w in zip(inertia, omega, strict=True)]
         square = sum((A * Decimal(w)) ** 2 for A, w in pairs if w is not None)
-        remainder = Decimal(momentum) ** 2 - square
+        remainder = Decimal(initial["G"]) ** 2 - square
         if remainder < 0:
             raise ValueError(
                 f"|G| is at least {Decimal(square).sqrt():.6g} with the two given, "
-                f"so G: {momentum:.6g} leaves no {missing[0]}"
+                f"so G: {initial['G']:.6g} leaves no {missing[0]}"
             )
         roots = [float(remainder.sqrt() / A) if w is None else w for A, w in pairs]
     return tuple(roots)
@@ -358,12 +312,10 @@ class BodyFrame(Model):
     @classmethod
     def output(cls, t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         others = {name: y[:, i] for i, name in enumerate(cls.state) if name in cls.variables}
-        return {"omega": y[:, :3], **others}
-
-    @classmethod
-    def is_rounded(cls, data: Mapping[str, Any]) -> bool:
-        A = data.get("inertia")
-        return A is not None and not is_tensor(A) and excess_of_rounding(A) > 0
+        omega = y[:, :3]
+        if hasattr(k, "principal_axes"):
+            omega = np.stack(in_case_axes([*omega.T], k), axis=-1)
+        return {"omega": omega, **others}
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -395,10 +347,23 @@ class BodyFrame(Model):
 
     @property
     def omega_at_start(self) -> np.ndarray:
-        """The angular velocity (3,) at the start, as the data give it."""
-        return np.array(self.initial_velocity)
+        """The angular velocity (3,) at the start along the principal axes."""
+        return self.to_principal(np.array(self.initial_velocity))
+
+    def attitude_at(self, start: np.ndarray) -> tuple[Any, ...]:
+        G = self.momentum(self.from_principal(start[:3]))
+        return quaternion_at_start(self.attitude, G.tolist())
+
+    def initial_states(self, omega: np.ndarray) -> np.ndarray:
+        """`starts`, and the attitudes there."""
+        starts = self.starts(omega)
+        if not self.attitude:
+            return starts
+        each = map(self.with_attitude, starts.reshape(len(starts), -1).T)
+        return np.array([*each]).T.reshape(-1, *starts.shape[1:])
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
+        """The states (m, ...) for angular velocities (..., 3) at the start."""
         w = np.moveaxis(omega, -1, 0)
         if len(self.state) == len(w):
             return w.copy()
@@ -413,9 +378,15 @@ class BodyFrame(Model):
         return body_constants(self.inertia)
 
     @property
+    def exact_moments(self) -> np.ndarray:
+        """The principal moments of inertia (3,) in long double: those of a full tensor are no
+        doubles, and a touch of the separatrix shows their rounding."""
+        return np.array(self.inertia, dtype=np.longdouble)
+
+    @property
     def moments(self) -> np.ndarray:
         """The principal moments of inertia (3,)."""
-        return np.array(self.inertia, dtype=float)
+        return self.exact_moments.astype(float)
 
     @property
     def principal_axes(self) -> np.ndarray | None:
@@ -425,49 +396,54 @@ class BodyFrame(Model):
 
     def momentum(self, omega: np.ndarray) -> np.ndarray:
         """G (..., 3) of angular velocities (..., 3), both in the axes of the case."""
-        return angular_momentum(self.moments, omega)
+        return self.from_principal(angular_momentum(self.moments, self.to_principal(omega)))
+
+    def velocities(self, G: np.ndarray) -> np.ndarray:
+        """The inverse of `momentum`."""
+        return self.from_principal(self.to_principal(G) / self.moments)
 
     def to_principal(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors (..., 3) along the principal axes, in their own precision."""
         axes = self.principal_axes
-        return vectors if axes is None else np.asarray(vectors @ axes.T.astype(vectors.dtype))
+        return vectors if axes is None else turned(axes, vectors)
 
     def from_principal(self, vectors: np.ndarray) -> np.ndarray:
         """Vectors (..., 3) along the principal axes in the axes of the case."""
         axes = self.principal_axes
-        return vectors if axes is None else np.asarray(vectors @ axes.astype(vectors.dtype))
+        return vectors if axes is None else turned(axes.T, vectors)
 
     def enclosed(self, omega: np.ndarray, band: Any = 0.0) -> np.ndarray:
         """The label (n,) of angular velocities (n, 3) along the principal axes, as of
         `enclosed_axis`."""
-        labels = enclosed_axis(self.moments, omega, band)
+        labels = enclosed_axis(self.exact_moments, omega, band)
         return np.full_like(labels, UNDETERMINED) if self.no_separatrix_reason else labels
 
     @np.errstate(all="ignore")  # a torque may have no value where a component is 0
     def tilt_growth(self, t: float) -> np.ndarray | None:
-        """From the equations alone, at the speed of the start; not a number for an axis that a
-        torque drives rotation away from. None where rotation about an axis lets no rate be told: at
-        rest, where the equations contain the time, and where the state holds more than omega.
+        """On the mean over a turn, from the equations at a time, at the speed of the start and in
+        the sense of each component there; not a number for the middle axis, about which free
+        rotation is unstable. None at rest, with a rotor, and under torques that are fixed in space
+        or hang on the attitude.
 
         With w_i' the rate of the speed w, and J the Jacobian of the equations there, it is
-        (J_jj + J_kk)/2 - w_i'/w: a tilt turns, and the mean of its growth is half the trace.
+        (J_jj + J_kk)/2 - w_i'/w to first order in the torques: a tilt turns, and the mean of its
+        growth is half the trace. Torques across the axis have means of 0. Where the rate is
+        positive the motion leaves the axis, though not always for the other one: it may end as an
+        oscillation of constant shape on the same side.
         """
-        model, form = type(self), structure(self.constants)
-        speed = float(np.linalg.norm(self.start))
-        is_plain = self.principal_axes is None and not self.no_separatrix_reason
-        is_steady = is_plain and speed and not contains_time(model, form)
-        if len(self.state) != 3 or not is_steady:
+        model, omega, k = self.equations, self.omega_at_start, attributes(self.constants)
+        others = {*self.fixed_in_space} & {*model.state} or self.no_separatrix_reason
+        if others or (self.attitude and model.has_formulas) or not omega.any():
             return None
-        k, omega = attributes(self.constants), speed * np.eye(3)
-        along = np.diagonal(jacobian(model, k, 0.0, omega)).T  # J_ii (i, axis)
-        rates = np.array(np.broadcast_arrays(*model.rhs(0.0, [*omega], k))) / speed
-        along_axis = np.diag(rates)
-        growth = (along.sum(axis=0) - np.diag(along)) / 2 - along_axis
-        scale = np.maximum(np.abs(along).max(axis=0), np.abs(along_axis))
+        speed = np.copysign(np.linalg.norm(omega), omega)
+        y = np.repeat(np.array(self.initial_state)[:, None], 3, axis=1)
+        y[:3] = np.diag(speed)
+        own = np.diagonal(jacobian(model, k, t, y)[:3, :3]).T  # J_ii (i, axis)
+        along = np.diag(stacked(model.rhs(t, [*y], k), y)[:3]) / speed
+        growth = (own.sum(axis=0) - np.diag(own)) / 2 - along
+        scale = np.maximum(np.abs(own).max(axis=0), np.abs(along))
         growth = np.where(np.abs(growth) <= 4 * np.finfo(float).eps * scale, 0, growth)
-        across = np.abs(rates - np.diag(along_axis)).max(axis=0)
-        steady = (across == 0) & (np.sort(self.moments)[1] != self.moments)
-        return np.where(steady, growth, np.nan) if steady.any() else None
+        growth = np.where(np.sort(self.moments)[1] == self.moments, np.nan, growth)
+        return growth if np.isfinite(growth).any() else None
 
     @property
     def class_events(self) -> tuple[Event, ...]:
@@ -476,8 +452,14 @@ class BodyFrame(Model):
         return () if self.no_separatrix_reason else (Event("separatrix", separatrix),)
 
 
+def turned(axes: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Vectors (..., 3) along axes, row by row (3, 3), in their own precision."""
+    # Not by a product of matrices, whose last digits hang on their number of columns.
+    rows = axes.astype(vectors.dtype).ravel()
+    return np.stack(times([*rows], [*np.moveaxis(vectors, -1, 0)]), axis=-1)
+
+
 def separatrix_function(order: tuple[int, int, int], t: Any, y: Sequence[Any], k: Any) -> Any:
     """D of bodies with one order of the moments, as an event."""
-    omega = along_principal_axes(y[:3], k)
-    outer, inner = separatrix_terms((k.A1, k.A2, k.A3), omega, order)
+    outer, inner = separatrix_terms((k.A1, k.A2, k.A3), y[:3], order)
     return outer - inner

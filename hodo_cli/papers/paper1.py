@@ -23,7 +23,7 @@ from ..claims.measures import first_time, in_region, number, swept_angle, zero_t
 from ..engines import have_taylor
 from ..engines.protocol import EPS
 from ..integration import solve
-from ..models.theory.closed_form import damped_motion, free_motion, sn_cn_dn
+from ..models.theory.exact import damped_motion, free_motion, sn_cn_dn
 from ..results.motion import Motion
 
 

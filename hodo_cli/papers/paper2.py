@@ -21,7 +21,7 @@ from ..claims.finding import (
 from ..claims.measures import end_of_spin, integrated_motion, quantity
 from ..claims.verdicts import changed_case
 from ..models.base import attributes
-from ..models.terms.torques import reynolds
+from ..models.terms.fluid import reynolds
 from ..results.motion import Motion
 
 SMALLER = (1.0, 0.3, 0.1, 0.03, 0.01)

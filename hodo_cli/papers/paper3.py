@@ -25,8 +25,8 @@ from ..claims.finding import (
 from ..claims.measures import integrated_motion, number, quantity
 from ..integration import distinct
 from ..models.base import attributes
-from ..models.theory.closed_form import sn_cn_dn
-from ..models.top.nutation import mean_cosine
+from ..models.theory.exact import sn_cn_dn
+from ..models.top import mean_cosine
 from ..results.motion import Motion
 
 ROOTS = ("u1", "u2", "u3")

@@ -50,7 +50,7 @@ def principal_variables(case: Case) -> dict[str, Variable]:
     body = case.system
     if not isinstance(body, BodyFrame) or body.principal_axes is None:
         return {}
-    values = body.principal_axes, body.moments
+    values = body.principal_axes.astype(float), body.moments
     stored = {
         name: kind.holding(x) for (name, kind), x in zip(PRINCIPAL.items(), values, strict=True)
     }
@@ -77,7 +77,7 @@ def case_group(trajectory: Trajectory, digest: str) -> Group:
         message=trajectory.message,
         warnings="\n".join(trajectory.warnings),
     )
-    labels, values, store = case.system.variables, trajectory.variables, case.store
+    labels, values, store = case.system.equations.variables, trajectory.variables, case.store
     kept = {name: data for name, data in values.items() if not store or name in store}
     events = [event for event in trajectory.events if event.kind != "separatrix"]
     variables = case_variables(labels, trajectory.time, kept, events, trajectory.errors)

@@ -21,8 +21,8 @@ from .. import models
 from ..cases.case import Case, dump
 from ..engines.protocol import Status
 from ..integration import Crossing, Occurrence
-from ..models.attitude import CONVENTION, VARIABLE
-from ..models.base import Label
+from ..models.attitude import CONVENTION
+from ..models.base import ATTITUDE_VARIABLE, Label
 from ..models.rigid_body import LABELS
 from ..quantities import BODY_AXES, MOMENTUM, PARTS, SPACE_AXES
 from ..storage import Attribute, Variable
@@ -316,7 +316,7 @@ def case_variables(
         error = {"error": errors[name]} if name in errors else {}
         # The values keep their own type: a working precision that netCDF lacks must be refused.
         meanings = AXIS_FLAGS if name == "enclosed_axis" else {}
-        if label == VARIABLE.get(name):
+        if label == ATTITUDE_VARIABLE.get(name):
             meanings = {"convention": CONVENTION, "error_units": "rad"}
         attributes = {"long_name": label.long_name, "units": label.units, **error, **meanings}
         stored[name] = Variable(label.dims, data, attributes)
@@ -369,7 +369,7 @@ def with_units(variables: Mapping[str, Variable], case: Case) -> dict[str, Varia
     def of_case(name: str, attrs: dict[str, Attribute]) -> dict[str, Attribute]:
         units = {"units": units_of_case(str(attrs["units"]), case)} if "units" in attrs else {}
         if case.system.is_quadrature and name in (
-            *case.system.variables,
+            *case.system.equations.variables,
             *CROSSING_COLUMNS,
             *MEMBER_CLASSIFIED,
         ):

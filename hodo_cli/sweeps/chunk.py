@@ -90,7 +90,9 @@ def chunks(case: Case, earlier: Earlier | None = None) -> Iterator[Chunk]:
     if reason_alone(case):
         most = min(most, MEMBERS_ALONE)
     if "trajectory" in case.store:
-        most = min(most, max(1, MOST_SAMPLED // (case.time.samples * len(case.system.state))))
+        most = min(
+            most, max(1, MOST_SAMPLED // (case.time.samples * len(case.system.equations.state)))
+        )
     for first, last in boxes(sizes, most):
         yield Chunk(case, first, last, earlier)
 
@@ -227,10 +229,10 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
     case, variables = motion.case, motion.variables
     columns = {name: values[-1:] for name, values in variables.items()}
     columns |= event_columns({0: motion.events}, 1)
-    if case.system.may_stop:
+    if case.system.equations.may_stop:
         k, (stop,) = attributes(case.system.constants), columns["event_time"]
         end, state = case.time.end, motion.state[-1].astype(float)
-        moves = time_of_release(type(case.system), k, stop, end, state)
+        moves = time_of_release(k, stop, end, state)
         columns["event_release"] = np.array([moves])
     if case.system.no_axis_reason:
         return Status.OK, columns
@@ -245,7 +247,7 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
     start = np.array([label_at_start(case, motion.time[0], labels, crossings)])
     member, arrays = np.zeros(len(crossings), dtype=np.int64), crossing_arrays(crossings)
     # Where a brake has stopped the body, the motion goes on at rest.
-    stop = columns["event_time"] if case.system.may_stop else motion.time[-1:]
+    stop = columns["event_time"] if case.system.equations.may_stop else motion.time[-1:]
     columns |= label_columns(start, labels[-1:], member, arrays, stop, case.time)
     return Status.UNDECIDED if found.hidden else Status.OK, columns
 
@@ -253,7 +255,7 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
 def least_separation_alone(motion: Trajectory) -> np.ndarray:
     """The smaller separation (1,) from the separatrix of start and end of a single case."""
     case, only = motion.case, np.zeros(1, dtype=np.intc)
-    e = ensemble_of(case, case.system, only, case.system.start)
+    e = ensemble_of(case, case.system, only, case.system.initial_state)
     at_start = separation_at(e, only, e.start, only)
     at_end = separation_at(e, only, motion.state[-1:].T.astype(float), motion.exponent[-1:])
     return np.asarray(np.minimum(at_start, at_end))

@@ -38,7 +38,7 @@ from .ensemble.motions import Ensemble, Outcome, Passages
 def columns(case: Case) -> dict[str, Stored]:
     """All columns to which the members of a sweep are reduced: the variables at the end or, where
     trajectories are stored, at every sample."""
-    model, is_sampled = case.system, "trajectory" in case.store
+    model, is_sampled = case.system.equations, "trajectory" in case.store
     words, first = ("", 0) if is_sampled else (", at the end", 1)
     final = {
         name: Stored(f"{variable.long_name}{words}", variable.dims[first:], units=variable.units)
@@ -46,7 +46,7 @@ def columns(case: Case) -> dict[str, Stored]:
         if is_sampled or name != "enclosed_axis"  # as a label at the end it is `end_axis`
     }
     reduced = MEMBER_CLASSIFIED | (MEMBER_STOPPED if model.may_stop else {})
-    if model.no_axis_reason:
+    if model.form.no_axis_reason:
         reduced = dict(MEMBER_EVENT)
     return final | reduced | MEMBER
 
@@ -55,7 +55,7 @@ def stored_columns(case: Case) -> dict[str, Stored]:
     """The columns that are stored in the result."""
     asked = set(case.store) - {"trajectory"}
     if asked and "trajectory" in case.store:
-        asked |= set(case.system.variables)  # whose samples are the trajectory
+        asked |= set(case.system.equations.variables)  # whose samples are the trajectory
     return {
         name: column
         for name, column in columns(case).items()
@@ -168,7 +168,7 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
         final |= output_of(e, accepted, e.times, samples, exponent)
     events = {int(row[i]): met for i, met in outcome.events.items() if is_accepted[i]}
     final |= event_columns(events, len(accepted)) | {"steps": outcome.steps[accepted]}
-    if e.model.no_axis_reason:
+    if e.model.form.no_axis_reason:
         final["event_time"][member] = passed.time  # of several, the last one counts
         return final
     sides = outcome.start_side[accepted], outcome.end_side[accepted]
@@ -189,7 +189,7 @@ def releases(e: Ensemble, motions: np.ndarray, stop: np.ndarray, state: np.ndarr
     """When (n,) those of some motions (n,) that have stopped by some times (n,) would move again,
     from the states (m, k) of all motions at their end; nan where they would not."""
     return np.array([
-        time_of_release(e.model, e.named(i), time, e.span[1], state[:, i])
+        time_of_release(e.named(i), time, e.span[1], state[:, i])
         for i, time in zip(motions, stop, strict=True)
     ])  # fmt: skip
 
@@ -220,14 +220,14 @@ def separation_at(
     2**exponent (n,)."""
     y = state[:, motions]
     order = rigid_body.inertia_order(e.inertia[:, 0])
-    apart = rigid_body.separation(e.inertia[:, motions], e.principal_omega(y, motions), order)
+    apart = rigid_body.separation(e.inertia[:, motions], y[:3], order)
     # As of a sphere: with a rotor D = 0 divides nothing.
     return np.full_like(apart, np.inf) if e.model.no_separatrix_reason else apart
 
 
 def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:
     """Passages (k,) through the separatrix, as CROSSING_COLUMNS."""
-    G = e.inertia[:, passed.motion] * e.principal_omega(passed.state, passed.motion)
+    G = e.inertia[:, passed.motion] * passed.state[:3]
     return {
         "crossing_time": passed.time,
         "crossing_error": passed.error,

@@ -67,8 +67,8 @@ def may_hide_in_time(system: Model) -> bool:
     if not has_formula_of_time(system):
         return False
     # Of a state that is no number, so that the sign of no slope follows from it.
-    y, k = [math.nan] * len(system.state), attributes(system.constants)
+    y, k = [math.nan] * len(system.equations.state), attributes(system.constants)
     try:
-        return max(as_time(rate).power for rate in system.rhs(TimeInRates(), y, k)) > 1
+        return max(as_time(rate).power for rate in system.equations.rhs(TimeInRates(), y, k)) > 1
     except (TypeError, AttributeError, ValueError, ArithmeticError, HodoError):
         return True

@@ -15,9 +15,9 @@ from ..cases.sweep_block import axes_of, with_number
 from ..engines import have_taylor
 from ..engines.protocol import EPS
 from ..integration import Crossing, Trajectory, sample_times
-from ..models.attitude import system_of
-from ..models.base import UNIT, Model, contains_time, flatten, structure
-from ..models.rigid_body import BodyFrame, times
+from ..models.attitude import check_attitude, warnings_of
+from ..models.base import UNIT, Model, contains_time, flatten
+from ..models.rigid_body import BodyFrame, is_rounded
 from ..schema.kinds import KeyPath
 from ..text import grouped
 from .columns import (
@@ -30,13 +30,13 @@ from .ensemble.motions import Ensemble
 
 def ensemble_of(case: Case, system: Model, members: np.ndarray, start: Iterable[Any]) -> Ensemble:
     """The motions of members (n,) that a system describes, with starts of their own."""
-    model, k, events = type(system), system.constants, (*system.run_events, *system.class_events)
-    form, numbers = structure(k), [*flatten(k)]
-    if model.degree and contains_time(model, form, events) and (UNIT, 0) not in form:
-        form, numbers = (*form, (UNIT, 0)), [*numbers, 1.0]
+    model, events = system.equations, (*system.run_events, *system.class_events)
+    numbers = [*flatten(system.constants)]
+    if model.degree and contains_time(model, events) and UNIT not in model.names:
+        model, numbers = replace(model, structure=(*model.structure, (UNIT, 0))), [*numbers, 1.0]
     constants, starts = (rows(values, len(members)) for values in (numbers, tuple(start)))
     times, tol = (case.time.start, case.time.end), case.tol or EPS
-    return Ensemble(members, model, form, constants, starts, times, events, tol)
+    return Ensemble(members, model, constants, starts, times, events, tol)
 
 
 def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
@@ -65,16 +65,19 @@ def described(case: Case, paths: Sequence[KeyPath], values: Sequence[Any]) -> De
 def system_of_member(case: Case, data: Mapping[str, Any]) -> Model | None:
     """The equations of a member with these data; None where they describe no body, no start,
     nothing that lasts over the span, or what has other equations than the case."""
-    model, epoch = type(case.system), case.time.epoch
+    form, epoch = type(case.system), case.time.epoch
     span = (case.time.start - (epoch or 0.0), case.time.end - (epoch or 0.0))
     # A rounded body of the case itself is forgiven, and no one that a sweep makes.
-    is_own = data.get("inertia") is case.data.get("inertia") and model.is_rounded(data)
-    wrong = (path for path, _ in model.check(data) if not is_own or path[:1] != ("inertia",))
-    if any(True for _ in wrong) or any(model.check_span(data, *span)):
+    is_own = data.get("inertia") is case.data.get("inertia") and is_rounded(data)
+    wrong = (path for path, _ in form.check(data) if not is_own or path[:1] != ("inertia",))
+    if any(True for _ in wrong) or any(check_attitude(form, data)):
         return None
-    # Of another class the variables are others too, for which the sweep has no columns.
-    system = system_of(models.find(case.model, case.form), data, epoch)
-    return system if type(system) is model else None
+    if any(form.check_span(data, *span)):
+        return None
+    # With other terms the variables are others too, for which the sweep has no columns.
+    system = models.find(case.model, case.form).of(data, epoch)
+    is_alike = system.equations.terms == case.system.equations.terms
+    return system if is_alike and type(system) is form else None
 
 
 def combinations(
@@ -112,10 +115,10 @@ def prepare(case: Case, members: np.ndarray) -> list[Ensemble]:
     sets = [described(case, paths, row) for row in values.T.tolist()]
     omega = velocities(sets, combination, direction)
     return alike(
-        ensemble_of(case, system, positions, system.starts(omega[positions]))
+        ensemble_of(case, system, positions, system.initial_states(omega[positions]))
         for i, (_, system) in enumerate(sets)
         for positions in [np.flatnonzero(combination == i)]
-        if system is not None
+        if isinstance(system, BodyFrame)
     )
 
 
@@ -129,7 +132,7 @@ def prepared_by_branch(
         with np.errstate(all="ignore"):  # columns refuse what is not finite
             _, system = described(case, paths, [*map(Column, values[:, positions])])
         if system is not None:
-            yield ensemble_of(case, system, positions, system.start)
+            yield ensemble_of(case, system, positions, system.initial_state)
             return
     except BranchDivergence as branches:
         for branch in (branches.where, ~branches.where):
@@ -140,12 +143,12 @@ def prepared_by_branch(
     for position, row in zip(positions[:, None], values[:, positions].T.tolist(), strict=True):
         _, system = described(case, paths, row)
         if system is not None:
-            yield ensemble_of(case, system, position, system.start)
+            yield ensemble_of(case, system, position, system.initial_state)
 
 
 def alike(ensembles: Iterable[Ensemble]) -> list[Ensemble]:
     """Ensembles, joined where they can share a compiled step."""
-    kinds = grouped(((e.structure, e.events), e) for e in ensembles)
+    kinds = grouped(((e.model, e.events), e) for e in ensembles)
     return [joined(kind) for kind in kinds.values()]
 
 
@@ -162,22 +165,13 @@ def velocities(
     """The angular velocities (n, 3) at the start that have these directions (n, 3) of G, and |G| of
     the data of their combination (n,); nan for data that describe no body or no start."""
     omega = np.full(direction.shape, np.nan)
-    for i, (data, system) in enumerate(sets):
+    for i, (_, system) in enumerate(sets):
         if system is None:
             continue
-        is_own, A = combination == i, np.array(data["inertia"])
-        start = np.array(system.velocity(data["inertia"], data["initial"]))
-        if isinstance(system, BodyFrame) and (
-            system.principal_axes is not None or system.no_separatrix_reason
-        ):
-            # G, which is not A omega along the axes of the case, is linear in omega.
-            zero, unit = system.momentum(np.zeros(3)), system.momentum(np.eye(3))
-            G = np.linalg.norm(system.momentum(start)) * direction[is_own] - zero
-            # Not by a product of matrices, whose last digits hang on their number of columns.
-            inverse = np.linalg.inv((unit - zero).T).ravel().tolist()
-            omega[is_own] = np.stack(times(inverse, G.T), axis=-1)
-        else:
-            omega[is_own] = np.linalg.norm(A * start, axis=-1) * direction[is_own] / A
+        assert isinstance(system, BodyFrame)
+        G = system.momentum(np.array(system.initial_velocity))
+        is_own = combination == i
+        omega[is_own] = system.velocities(np.linalg.norm(G) * direction[is_own])
     return omega
 
 
@@ -217,7 +211,7 @@ def warnings_of_ends(case: Case) -> list[str]:
         for number, end in ({0: "first", total - 1: "last"} if total > 1 else {0: "first"}).items()
         for single in [member(case, number)]
         if (system := system_of_member(case, single.data))
-        for warning in system.warnings
+        for warning in warnings_of(system)
     )
     whose = f"of {total} members (only the first and the last are checked)"
     return [f"{' and '.join(by)} {whose}: {warning}" for warning, by in given.items()]
@@ -270,8 +264,8 @@ def ensembles_of(cases: Sequence[Case]) -> Iterator[Ensemble]:
     """The ensembles that single cases make, where there are enough of one kind."""
     kinds = grouped(
         (
-            (type(case.system), case.time, case.tol),
-            ensemble_of(case, case.system, np.array([i]), case.system.start),
+            (case.system.equations, case.time, case.tol),
+            ensemble_of(case, case.system, np.array([i]), case.system.initial_state),
         )
         for i, case in enumerate(cases)
         if watches_separatrix(case)
@@ -283,5 +277,5 @@ def ensembles_of(cases: Sequence[Case]) -> Iterator[Ensemble]:
 def watches_separatrix(case: Case) -> bool:
     """Whether an ensemble finds the crossings of a case, with a step that is soon compiled."""
     system = case.system
-    is_small = bool(system.degree) and not system.no_axis_reason
+    is_small = bool(system.equations.degree) and not system.no_axis_reason
     return is_small and not other_method(case) and not system.run_events

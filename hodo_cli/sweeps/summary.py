@@ -110,7 +110,9 @@ def final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> float
     for name in reference.variables.keys() & final.keys():
         better = reference.variables[name]
         judged = np.concatenate((better[:-1], final[name][None]))
-        errors.append(error_of_variable(reference.system.variables[name].dims, judged, better))
+        errors.append(
+            error_of_variable(reference.system.equations.variables[name].dims, judged, better)
+        )
     return max(errors)
 
 
@@ -127,7 +129,7 @@ def crossing_error(reference: Trajectory) -> float:
     system, second = reference.case.system, reference.at(slice(1, 2))
     (event,) = system.class_events
     state, k = extended(second.state).T, system.constants
-    return float(time_to_zero(event, type(system), k, second.time, state, second.exponent)[0])
+    return float(time_to_zero(event, system.equations, k, second.time, state, second.exponent)[0])
 
 
 class Summary:
@@ -182,7 +184,7 @@ class Summary:
 def member_end(chunk: Chunk, columns: Mapping[str, np.ndarray], i: int) -> MemberEnd:
     """The end of a member of a chunk, by its row there."""
     final = {}
-    for name, variable in chunk.case.system.variables.items():
+    for name, variable in chunk.case.system.equations.variables.items():
         if name != "enclosed_axis":  # a label, which has no error
             values = columns[name][i]
             # A member whose samples are stored has an axis more.

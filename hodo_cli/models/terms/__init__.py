@@ -1,3 +1,2 @@
-"""The torques that models are sums of, one small function each, the laws of time that their
-coefficients follow, their events, and a body under any sum. Imports the rigid body and its theory,
-no model."""
+"""What a case may give as a term: coefficients that change with time, and the fluid in a cavity.
+Imports no model."""

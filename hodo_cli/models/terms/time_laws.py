@@ -7,7 +7,7 @@ among those of the model, so that one compilation serves all their values.
 """
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -32,7 +32,10 @@ from ...schema.kinds import (
     within,
     words,
 )
-from ..base import EPOCH, EPOCH_NAME
+
+EPOCH, EPOCH_NAME = "epoch", "time.epoch"
+"""The constant from which t counts in expressions and polynomials, where a case names it; and its
+name among the constants of a case, which no expression can name."""
 
 MOST_COEFFICIENTS = 20
 """How many a polynomial may have. A series of the least order sees no higher power of the time from
@@ -84,7 +87,8 @@ def coefficient_kind(
     """The kind of one coefficient: a number, which may have a bound, or an expression in t; in this
     time it may be a polynomial. With `repeat` a value alone is a tuple of so many."""
     number = Number(above=above)
-    listed = ListOf(Number(), title=f"a polynomial in {polynomial}: [a0, a1, ...]")
+    title = f"a polynomial in {polynomial}: [a0, a1, ...], {MOST_COEFFICIENTS} at most"
+    listed = ListOf(Number(), title=title, maxItems=MOST_COEFFICIENTS)
     kinds = [number, *([listed] if polynomial else [])]
     named = [f"a {words(number)}", *([words(listed)] if polynomial else [])]
     title = ", or ".join([*named, *(["an expression in t"] if expression else [])])
@@ -116,13 +120,13 @@ def coefficients_kind() -> Rule:
 
 def _named(values: Mapping[str, float]) -> Mapping[str, float]:
     """The constants, if each of their names may be one."""
-    mistakes: list[Mistake] = []
-    for name in values:
-        if name in TAKEN_NAMES:
-            mistakes.append(((WrongKey(name),), "means something else in an expression"))
-        elif not CONSTANT_NAME.fullmatch(name):
-            rule = "the name of a constant is a letter, then letters, digits and _, 40 in all"
-            mistakes.append(((WrongKey(name),), rule))
+    taken = "means something else in an expression"
+    rule = "the name of a constant is a letter, then letters, digits and _, 40 in all"
+    mistakes: list[Mistake] = [
+        ((WrongKey(name),), taken if name in TAKEN_NAMES else rule)
+        for name in values
+        if name in TAKEN_NAMES or not CONSTANT_NAME.fullmatch(name)
+    ]
     if mistakes:
         raise Wrong(*mistakes)
     return values
@@ -266,11 +270,3 @@ def _has_value(tree: Any, variables: Mapping[str, Any]) -> bool:
         return isfinite(evaluate(tree, variables))
     except (ValueError, ArithmeticError):
         return False
-
-
-def length_mistakes(coefficients: Mapping[str, Any], names: Collection[str]) -> Iterator[Mistake]:
-    """The mistakes of polynomials that are too long."""
-    for name in names:
-        value = coefficients.get(name)
-        if isinstance(value, tuple) and len(value) > MOST_COEFFICIENTS:
-            yield (name,), f"its polynomial has more than {MOST_COEFFICIENTS} coefficients"

@@ -24,11 +24,6 @@ class PrincipalAxes(NamedTuple):
     moments: np.ndarray
     axes: np.ndarray
 
-    @property
-    def inverse(self) -> np.ndarray:
-        """The inverse of the tensor (3, 3)."""
-        return np.asarray(self.axes.T / self.moments @ self.axes)
-
 
 def one_exceeds_others(moments: Sequence[Any] | np.ndarray) -> bool:
     """Whether one of three moments is larger than the sum of the others, which no body has.

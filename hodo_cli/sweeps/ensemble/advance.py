@@ -40,7 +40,7 @@ def advance(e: Ensemble) -> Outcome:
             batch.pause()
         if e.event:
             decide_passages(e, e.event, batch.candidates, outcome)
-    if e.model.degree and e.model.starts_with_omega:
+    if e.model.degree and e.model.form.starts_with_omega:
         stop_at_rest(outcome)
     if not e.model.degree:
         outcome.reject(clock_rates(e.model, e.named(), e.start) != 0, Rejection.UNIT)
@@ -125,7 +125,7 @@ def steps_of(candidates: list[TakenSteps], certain: np.ndarray) -> TakenSteps | 
 def zeros_within(e: Ensemble, event: Event, steps: TakenSteps) -> tuple[Passages, np.ndarray]:
     """The zeros in steps that may have some, and the motions that are undecided."""
     powers, begin = steps.powers(e.step, event), steps.start
-    noise = e.uncertainty(event, begin.time, begin.state, begin.named(e.structure))
+    noise = e.uncertainty(event, begin.time, begin.state, begin.named(e.model.structure))
     zeros = zeros_of(*without_start(e, begin, powers, noise))
     undecided = begin.motion[zeros.row[~zeros.sure]]
     # From here on a row is a zero, no longer a step.
@@ -168,7 +168,7 @@ def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
     passed = outcome.passages
     first = np.flatnonzero(passed.is_first & outcome.accepted[passed.motion])
     # Where no motion crosses twice, errors do not grow beside the separatrix.
-    if not first.size or e.model.no_axis_reason or e.model.always_absorbing:
+    if not first.size or e.model.form.no_axis_reason or e.model.always_absorbing:
         return
     motion, time = passed.motion[first], passed.time[first]
     again = replace(

@@ -141,7 +141,7 @@ class BatchState:
         """Whether (k,) an event's function differs in sign at the ends of the steps just taken in
         some columns."""
         e, ends = self.ensemble, (at.chosen(columns) for at in (steps.start, self.columns))
-        values = (event.function(at.time, [*at.state], at.named(e.structure)) for at in ends)
+        values = (event.function(at.time, [*at.state], at.named(e.model.structure)) for at in ends)
         return np.asarray(np.multiply(*values) < 0)
 
     def passing(self, event: Event, steps: TakenSteps, columns: np.ndarray) -> np.ndarray:
@@ -196,7 +196,7 @@ class BatchState:
         assert event is not None
         assert event.passage is not None
         try:
-            passage = event.passage(time, state, namespace(self.ensemble.structure, numbers))
+            passage = event.passage(time, state, namespace(self.ensemble.model.structure, numbers))
         except (ValueError, ArithmeticError):  # a step has led beyond the passage itself
             columns.clock[0, column] = np.nan
             return False

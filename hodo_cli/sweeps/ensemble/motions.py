@@ -16,14 +16,13 @@ from ...integration import Occurrence
 from ...models.base import (
     UNIT,
     VELOCITY,
+    Equations,
     Event,
-    Model,
     Structure,
     moving,
     namespace,
     stacked,
 )
-from ...models.rigid_body import along_principal_axes
 
 if TYPE_CHECKING:
     from ...engines.taylor_batch import TaylorStep
@@ -90,13 +89,13 @@ class Passages(NamedTuple):
 @dataclass(frozen=True)
 class Ensemble:
     """n motions: whose they are among the cases or members asked for, by position (n,), the
-    constants of their equations (c, n), flat as `structure` says, their states at the start (m, n),
-    the times at which they begin and end, each one or (n,), their events, and the tolerance, of
-    which each step takes `looser`. `searches` says whether zeros of events are looked for."""
+    constants of their equations (c, n), flat as its `structure` says, their states at the start
+    (m, n), the times at which they begin and end, each one or (n,), their events, and the
+    tolerance, of which each step takes `looser`. `searches` says whether zeros of events are looked
+    for."""
 
     members: np.ndarray
-    model: type[Model]
-    structure: Structure
+    model: Equations
     constants: np.ndarray
     start: np.ndarray
     span: tuple[Any, Any]
@@ -113,8 +112,7 @@ class Ensemble:
 
         # Its code is the same whether the event ends a motion or not.
         events = tuple(event._replace(terminal=False) for event in self.events)
-        model: Any = self.model  # a class has a hash, whatever its protocol says
-        return taylor_batch.build(model, self.structure, events)
+        return taylor_batch.build(self.model, events)
 
     @cached_property
     def event(self) -> Event | None:
@@ -140,18 +138,13 @@ class Ensemble:
 
     def named(self, motions: Any = slice(None)) -> SimpleNamespace:
         """The constants of some motions by name."""
-        return namespace(self.structure, list(self.constants[:, motions]))
+        return namespace(self.model.structure, list(self.constants[:, motions]))
 
     @cached_property
     def inertia(self) -> np.ndarray:
         """A1, A2, A3 (3, n)."""
         k = self.named()
         return np.array([k.A1, k.A2, k.A3])
-
-    def principal_omega(self, y: np.ndarray, motions: np.ndarray) -> np.ndarray:
-        """The angular velocities (3, k) along the principal axes of some motions (k,) of bodies, in
-        states y (m, k)."""
-        return np.array(along_principal_axes([*y[:3]], self.named(motions)))
 
     @cached_property
     def onset(self) -> np.ndarray:
@@ -182,7 +175,7 @@ class Ensemble:
     @cached_property
     def scaled_rows(self) -> dict[str, np.ndarray]:
         """The rows (r, 1) of those constants that change with the units, by name."""
-        rows = vars(namespace(self.structure, range(len(self.constants))))
+        rows = vars(namespace(self.model.structure, range(len(self.constants))))
         scaled = {*self.model.degree, UNIT, VELOCITY} & rows.keys()
         return {name: np.atleast_1d(rows[name])[:, None] for name in scaled}
 

@@ -1,24 +1,25 @@
-"""The events of a body under torques: the stages of braking, the last of which ends at rest."""
+"""The stages of braking, the last of which ends at rest."""
 
 import math
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from ..base import EventOutcome
-from ..rigid_body import (
-    UNDETERMINED,
+from .base import Event, EventOutcome
+from .euler import (
+    TERMS,
     accelerations,
-    along_principal_axes,
     angular_momentum_of,
     dot,
-    enclosed_axis,
+    in_case_axes,
+    rates_under,
     rotor_of,
     vector_sum,
 )
-from .time_laws import coefficient_at
-from .torques import rates_under
+from .rigid_body import UNDETERMINED, enclosed_axis
+from .terms.time_laws import coefficient_at
 
 DRIVING = frozenset({"torque", "space_torque", "expression"})
 """The torques under which |G| may grow from rest, and fall again."""
@@ -32,26 +33,31 @@ AS_STRONG = 1e-12
 against it stays there."""
 
 
+def drives(k: Any) -> bool:
+    """Whether |G| may grow from rest."""
+    return not DRIVING.isdisjoint(k.terms.split())
+
+
 def stop_details(G: np.ndarray, label: Any) -> dict[str, float]:
     """The details of a stop as they are stored: the direction of G (3,), and the label."""
     direction = G / np.hypot.reduce(G)
     return dict(zip(("G1", "G2", "G3", "from"), map(float, (*direction, label)), strict=True))
 
 
-def stage_end(row: int, is_driven: bool, t: Any, y: Sequence[Any], k: Any) -> Any:
+def stage_end(t: Any, y: Sequence[Any], k: Any) -> Any:
     """|G|^2 less what it is where a stage of braking ends, in units of A1^2; 0 too where |G| of a
     body that a torque drives has grown as much, so that from there its stages are as many again.
 
-    A row of the state holds |G|/A1 as the stage began: an engine's tolerance is a part of the
-    largest variable or event, and |G| itself would be the largest by far of a heavy body.
+    y[3] holds |G|/A1 as the stage began: an engine's tolerance is a part of the largest variable or
+    event, and |G| itself would be the largest by far of a heavy body.
     """
     G = [x / k.A1 for x in angular_momentum_of(y[:3], k)]
-    square, at_begin = dot(G, G), y[row] * y[row]
+    square, at_begin = dot(G, G), y[3] * y[3]
     left = square - at_begin / STAGE_RATIO**2
-    return left * (at_begin - square / STAGE_RATIO**2) if is_driven else left
+    return left * (at_begin - square / STAGE_RATIO**2) if drives(k) else left
 
 
-def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
+def braked_stage(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
     """The passage at the end of a stage of braking, beside other torques: to another one, or to
     rest.
 
@@ -65,49 +71,56 @@ def braked_stage(row: int, others: Sequence[str], t: Any, y: Sequence[Any], k: A
     size = k.A1 * dot(per_A1, per_A1) ** 0.5
     stages = STAGES_WITH_ROTOR if hasattr(k, "h1") else STAGES
     if size > 2 * k.momentum_at_start / STAGE_RATIO**stages:
-        state[row] = size / k.A1
+        state[3] = size / k.A1
         return EventOutcome(float(t), None, state, t)
     b = float(coefficient_at(k, "brake", t))
-    N = [*map(float, torque_at_rest(others, t, [*y[3:row], *y[row + 1 :]], k))]
+    N = [*map(float, torque_at_rest(t, y, k))]
     strength = math.hypot(*N)
     if strength > b * (1 + AS_STRONG):
         state[:3] = omega_of([x * (size / strength) for x in N], k)
-        state[row] = size / k.A1
+        state[3] = size / k.A1
         turned = size / (strength + b) + size / (strength - b)
         return EventOutcome(float(t), None, state, t + turned)
-    details = stop_details(np.array(G, float), label_at_stop(np.array(y[:3], float), k))
-    state[:3], state[row] = (0 * size + x for x in omega_of((0.0, 0.0, 0.0), k)), 0 * size
+    # By the constants: one event serves many bodies.
+    A, omega = np.array([k.A1, k.A2, k.A3], float), np.array(y[:3], float)
+    label = UNDETERMINED if hasattr(k, "h1") else enclosed_axis(A, omega, 0.0)
+    details = stop_details(np.array(in_case_axes(G, k), float), label)
+    state[:3], state[3] = (0 * size + x for x in omega_of((0.0, 0.0, 0.0), k)), 0 * size
     if strength > b * (1 - AS_STRONG):
         left = size / (2 * b)
     else:
         # By ratios, since momenta and torques may be of any size.
         along = sum(n / b * (x / size) for n, x in zip(N, G, strict=True))
         left = size / b * (1 + along) / (1 - (strength / b) ** 2)
-    return EventOutcome(float(t + left), details, state, math.inf)
+    # It turns as behind the stop from the event on, but for a part of 1e-7.
+    spin = in_case_axes(state[:3], k) if attitude_in(y, k) else ()
+    at_event = EventOutcome(float(t), details, state, math.inf, tuple(spin))
+    stop = float(t + left)
+    return at_event._replace(time=stop, state=at_event.states(stop, type(t)).tolist())
 
 
-def label_at_stop(omega: np.ndarray, k: Any) -> Any:
-    """The label of the direction of G at a stop, by the constants of the motion: one event serves
-    many bodies."""
-    A, w = np.array([k.A1, k.A2, k.A3], float), np.array(along_principal_axes([*omega], k))
-    return UNDETERMINED if hasattr(k, "h1") else enclosed_axis(A, w, 0.0)
+def attitude_in(y: Sequence[Any], k: Any) -> Sequence[Any]:
+    """The quaternion behind the variables of the torques in a state; empty without an attitude."""
+    return y[3 + sum(len(TERMS[name].extra) for name in k.terms.split()) :]
 
 
-def torque_at_rest(others: Sequence[str], t: Any, extra: Sequence[Any], k: Any) -> list[Any]:
-    """A sum of torques (3,), by name, where G is 0."""
-    rates = rates_under(others, t, [*omega_of((0.0, 0.0, 0.0), k), *extra], k)[:3]
+def torque_at_rest(t: Any, y: Sequence[Any], k: Any) -> list[Any]:
+    """The sum of the torques (3,) beside the brake where G is 0."""
+    others = [name for name in k.terms.split() if name != "brake"]
+    at_rest = omega_of((0.0, 0.0, 0.0), k)
+    seen = SimpleNamespace(**vars(k), attitude=attitude_in(y, k) or None)
     # A omega', since -omega x G is 0 there.
-    still = angular_momentum_of((0.0, 0.0, 0.0), k)
-    return [moved - x for moved, x in zip(angular_momentum_of(rates, k), still, strict=True)]
+    rates = rates_under(others, t, [*at_rest, *y[4:]], seen)[:3]
+    return [A * rate for A, rate in zip((k.A1, k.A2, k.A3), rates, strict=True)]
 
 
 @np.errstate(all="ignore")  # of a formula that has no value at a time
-def first_release(
-    row: int, others: Sequence[str], t: np.ndarray, y: Sequence[Any], k: Any
-) -> float:
+def first_release(t: np.ndarray, y: Sequence[Any], k: Any) -> float:
     """The first of some times (n,) at which other torques are stronger than the brake that holds a
     body at rest in the state y; nan where they never are."""
-    N = torque_at_rest(others, t, [*y[3:row], *y[row + 1 :]], k)
+    if not drives(k):
+        return math.nan
+    N = torque_at_rest(t, y, k)
     strength = np.sqrt(sum(x * x for x in N))
     is_stronger = np.broadcast_to(
         strength > coefficient_at(k, "brake", t) * (1 + AS_STRONG), t.shape
@@ -118,3 +131,7 @@ def first_release(
 def omega_of(G: Sequence[Any], k: Any) -> Sequence[Any]:
     """omega (3,) of an angular momentum (3,), that of a rotor included."""
     return accelerations(vector_sum(G, [-x for x in rotor_of(k)]) if hasattr(k, "h1") else G, k)
+
+
+STOPPED = Event("stopped", stage_end, True, braked_stage)
+"""The end of each stage of braking; the body is at rest after the last of them."""

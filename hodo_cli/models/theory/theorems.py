@@ -1,5 +1,5 @@
-"""What follows from a sum of torques alone: which way a motion crosses the separatrix, whether a
-small tilt away from a steady rotation grows, and which rotation a torque holds.
+"""What follows from a sum of torques alone: which way a motion crosses the separatrix, which
+rotation a torque holds, and which axis is enclosed in the end.
 
 With a > b > c the moments of inertia and 1, 2, 3 their axes, let D = 0 at a given |G|. One number
 is left, sigma in 0 to 1:
@@ -20,24 +20,23 @@ turns the body to axis 1, slow, the damping turns it back to axis 3. Averaged ov
 beside the separatrix the sense turns where kappa G^2 f = lambda_1 - lambda_3, f = (2 alpha +
 beta)/3.
 
-All of it holds for a diagonal tensor of resistance (lambda_i += I_ii/A_i), and without a torque
-fixed in the body or in space, an expression or a rotor. Under laws of time D' is that of each
-moment: what excludes a crossing has to do so at all times, and "two at most" need not hold. A body
-with two equal moments never crosses.
+All of it holds for constant coefficients, for a diagonal tensor of resistance too (lambda_i +=
+I_ii/A_i), and without a torque fixed in the body or in space, an expression or a rotor. A body with
+two equal moments never crosses.
 """
 
-from collections.abc import Sequence
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..rigid_body import inertia_order
+from ..rigid_body import SEPARATRIX, enclosed_axis, inertia_order
+from .principal_axes import is_diagonal
 
 
 class Dissipation(NamedTuple):
     """The coefficients of a sum of torques by body axis (3,), but for kappa; `torque` is constant
-    in the body. `covered` is False where there are others, whose means over a turn are 0, so that
-    they count in no growth of a tilt, but may make the motion cross."""
+    in the body. `covered` is False where there are others."""
 
     inertia: Any
     damping: Any = (0.0, 0.0, 0.0)
@@ -102,78 +101,32 @@ def possible_crossings(terms: Dissipation) -> frozenset[int] | None:
     return frozenset({1, -1}) if turns else None
 
 
-def axes_never_left(moments: Sequence[Dissipation]) -> frozenset[int]:
-    """The body axes, 1 to 3, each of which is enclosed for ever once it is; by what a sum of
-    torques is at all decisive moments."""
-    known = [senses for terms in moments if (senses := possible_crossings(terms)) is not None]
-    if not known or len(known) < len(moments):
-        return frozenset()
-    largest, _, smallest = inertia_order(moments[0].inertia)
-    possible = frozenset().union(*known)
+def axes_never_left(terms: Dissipation) -> frozenset[int]:
+    """The body axes, 1 to 3, each of which is enclosed for ever once it is."""
+    largest, _, smallest = inertia_order(terms.inertia)
+    senses = possible_crossings(terms)
+    possible = {-1, 1} if senses is None else senses
     leaving = {largest + 1: -1, smallest + 1: 1}
     return frozenset(axis for axis, sense in leaving.items() if sense not in possible)
 
 
-def crossing_predictions(moments: Sequence[Dissipation]) -> list[str]:
-    """Which crossings are possible, in a sentence, by what a sum of torques is at all decisive
-    moments."""
-    if not moments:
-        return []
-    largest, _, smallest = inertia_order(moments[0].inertia)
+def crossing_predictions(terms: Dissipation) -> list[str]:
+    """Which crossings are possible, in a sentence."""
+    largest, _, smallest = inertia_order(terms.inertia)
     up, down = f"x{smallest + 1} to x{largest + 1}", f"x{largest + 1} to x{smallest + 1}"
     at_most_one = {
-        frozenset({largest + 1, smallest + 1}): "no crossing is possible",
-        frozenset({smallest + 1}): f"one crossing at most, {down}",
-        frozenset({largest + 1}): f"one crossing at most, {up}",
+        frozenset[int](): "no crossing is possible",
+        frozenset({-1}): f"one crossing at most, {down}",
+        frozenset({1}): f"one crossing at most, {up}",
     }
-    if never_left := axes_never_left(moments):
-        return [at_most_one[never_left]]
-    terms, *others = moments
-    if others or possible_crossings(terms) != frozenset({1, -1}):
-        return []
+    possible = possible_crossings(terms)
+    if possible is None or possible in at_most_one:
+        return [] if possible is None else [at_most_one[possible]]
     fluid, damping, mean = (f"{G:.6g} [moment of inertia / time]" for G in turning_momenta(terms))
     return [
         f"only {up} above |G| = {fluid}, only {down} below {damping}; on the mean the sense turns "
         f"at {mean}"
     ]
-
-
-@np.errstate(divide="ignore", invalid="ignore")
-def tilt_growth_rates(terms: Dissipation, omega: Any) -> np.ndarray:
-    """The rate (..., 3) at which a small tilt away from rotation about each body axis, at the speed
-    omega (..., 3), grows on the mean over a turn; not a number for the middle axis, about which
-    free rotation is unstable.
-
-    With i the axis, j and k the others, w = |omega_i|, and M a torque fixed in the body it is
-
-        lambda_i - (lambda_j + lambda_k)/2 + [c_i - (c_j + c_k)/2] w + e_i w - M_i/(A_i omega_i)
-            - (F_j + F_k) w^2/2,    F_j = kappa (A_i - A_j)(A_i + A_j - A_k)/(A_j^2 A_k),
-
-    the other letters as above, to first order in the torques. A torque along G
-    adds nothing: it slows rotation and tilt alike. Where the rate is positive the motion leaves the
-    axis, though not always for the other one: it may end as an oscillation of constant shape on the
-    same side.
-    """
-    A, damping, quadratic, torque, omega = (
-        np.asarray(x, float) for x in (*terms[:3], terms.torque, omega)
-    )
-    w, kappa = np.abs(omega), np.asarray(terms.kappa, float)[..., None]
-    j, k = np.roll(A, -1, -1), np.roll(A, -2, -1)
-    fluid = (A - j) * (A + j - k) / (j * j * k) + (A - k) * (A + k - j) / (k * k * j)
-    driven = np.where(torque == 0, 0, torque / (A * omega))
-    growth = _above_others(damping) + _above_others(quadratic) * w
-    growth = growth - driven - kappa * fluid * w * w / 2
-    # A symmetric body has no such turn about an axis whose moment is the middle one too; nor has a
-    # body that starts from rest about an axis of its torque.
-    has_none = (np.sort(A, axis=-1)[..., 1:2] == A) | np.isinf(driven)
-    return np.where(has_none, np.nan, growth)
-
-
-def _above_others(rates: np.ndarray) -> np.ndarray:
-    """Each rate (..., 3) less the mean of the other two; 0 where it is their rounding."""
-    others = (np.roll(rates, -1, -1) + np.roll(rates, -2, -1)) / 2
-    rounding = 4 * np.finfo(float).eps * np.abs(rates).max(-1, keepdims=True)
-    return np.where(np.abs(rates - others) <= rounding, 0, rates - others)
 
 
 def driven_spin(terms: Dissipation, i: int) -> tuple[float, bool]:
@@ -202,3 +155,45 @@ def spin_predictions(terms: Dissipation) -> list[str]:
         f"the torque holds a rotation about x{axis + 1} at {omega:.6g} [time^-1]: "
         f"{'stable' if stable else 'unstable'}"
     ]
+
+
+EQUAL_RATES = 1e-12
+"""Rates of decay whose ratio differs from 1, or from 0, by no more are taken to be equal, or 0:
+rounding may have made the difference."""
+
+
+def final_axis(A: np.ndarray, I: np.ndarray, start: np.ndarray) -> int | None:
+    """The axis that is enclosed in the end of a motion with omega (3,) at the start, when the
+    rotation has become slower than its damping: A omega' = -I omega then, and omega turns to the
+    eigenvector of A^-1 I that decays most slowly.
+
+    None unless I is symmetric and takes energy out of every motion; none either at rest, and where
+    that eigenvector is not known from others, or lies on the separatrix, as the middle axis does.
+    """
+    values = np.linalg.eigvalsh(I)
+    # A kernel, or an eigenvalue that is rounding, stops no motion: omega x A omega decides.
+    if not start.any() or (I != I.T).any() or values[0] <= EQUAL_RATES * values[-1]:
+        return None
+    # A rotation about a body axis that I leaves alone lasts for ever.
+    turning = np.flatnonzero(start)
+    is_steady = len(turning) == 1 and not np.delete(I, turning, axis=0)[:, turning].any()
+    direction, error = (start, 0.0) if is_steady else slowest_direction(A, I)
+    label = int(enclosed_axis(A, direction, error))
+    if is_steady or label != SEPARATRIX or not is_diagonal(I):
+        return label if label > 0 else None
+    # D' = -2 lambda D for each of the two outer axes: what is about one decays more slowly.
+    largest, _, smallest = inertia_order(A)
+    rate = np.diag(I) / A
+    if math.isclose(rate[largest], rate[smallest], rel_tol=EQUAL_RATES):
+        return None
+    return 1 + (largest if rate[largest] < rate[smallest] else smallest)
+
+
+def slowest_direction(A: np.ndarray, I: np.ndarray) -> tuple[np.ndarray, float]:
+    """The direction (3,) of the solution of A omega' = -I omega that decays most slowly, with what
+    rounding may turn it by; I is symmetric."""
+    # A^-1 I has the eigenvalues of this symmetric matrix, and its eigenvectors times A^(1/2).
+    root = np.sqrt(A)
+    rates, vectors = np.linalg.eigh(I / np.outer(root, root))
+    gap = max(rates[1] - rates[0], EQUAL_RATES * rates[0])
+    return vectors[:, 0] / root, EQUAL_RATES * rates[2] / gap

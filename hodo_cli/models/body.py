@@ -1,0 +1,724 @@
+"""One rigid body under a sum of torques, A omega' + omega x A omega = N, and the key tables of the
+models that are such a sum: `linear-diag`, `tensor`, `cavity+constant` and `torques`."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..schema.expression import Expression
+from ..schema.kinds import (
+    Either,
+    Key,
+    ListOf,
+    Mistake,
+    Number,
+    Rule,
+    Table,
+    matrix,
+    mistakes_where,
+    vector,
+)
+from ..text import grouped, time_text
+from .base import CONSTANTS_KEY, REST_BITS, TERMS_NAME, Constants, Event, EventOutcome, mistake_of
+from .brake import STOPPED, stop_details
+from .euler import DEGREE, TERMS, composed, rates_under
+from .rigid_body import (
+    INERTIA,
+    INITIAL,
+    BodyFrame,
+    body_constants,
+    complete,
+    is_tensor,
+    range_mistake,
+)
+from .terms.fluid import CAVITY, cavity_warnings, coefficient, weak
+from .terms.time_laws import (
+    CONSTANTS,
+    VELOCITIES,
+    CaseConstants,
+    coefficient_kind,
+    coefficients_kind,
+    expressions_of,
+    first_negative,
+    is_law,
+    law_constants,
+    named_constants,
+    resolved,
+    scaled,
+    value_mistakes,
+)
+from .theory.exact import (
+    AlongMomentum,
+    free_attitude,
+    free_motion,
+    scaled_motion,
+    turn_of_hodograph,
+)
+from .theory.principal_axes import (
+    PrincipalAxes,
+    excess_of_rounding,
+    is_diagonal,
+    principal_axes,
+    symmetric,
+)
+from .theory.theorems import (
+    Dissipation,
+    axes_never_left,
+    crossing_predictions,
+    final_axis,
+    spin_predictions,
+)
+
+ROUNDING_OF_G = 4 * float(np.finfo(float).eps)
+"""The part of A omega up to which G = A omega + h is what rounding leaves of the sum. Of bodies at
+rest with random tensors it was an eighth of that."""
+
+NEGATIVE_COEFFICIENT = "a negative coefficient drives the body: write that as an expression"
+
+TENSOR_ROUNDING = 1e-13
+"""The part of the largest entry of a tensor below which one is the rounding of a change of axes."""
+
+ZEROS = (0.0, 0.0, 0.0)
+
+RESISTING = ("damping", "quadratic", "kappa", "brake")
+"""The terms of which negative coefficients drive the body."""
+
+PLACES = 4097
+"""The times at which coefficients are looked at for negative values."""
+
+NOT_COVERED = frozenset({"rotor", "space_torque", "expression"})
+"""The terms of which the theorems on crossings say nothing."""
+
+
+def terms_named(data: Mapping[str, Any]) -> tuple[str, ...]:
+    """The terms that a case names, in the order of TERMS."""
+    given = {"kappa" if name == "cavity" else name for name, x in data.items() if x is not None}
+    return tuple(name for name in TERMS if name in given)
+
+
+def coefficients_of(
+    data: Mapping[str, Any], constants: CaseConstants
+) -> dict[str, tuple[Any, ...]]:
+    """The coefficients of each term that a case names, numbers or laws, in the order of the term's
+    constants; those of `torque` times epsilon."""
+    if data.get("cavity") is not None:
+        data = {**data, "kappa": coefficient(data["cavity"])}
+    named = {name: TERMS[name].coefficients(data[name]) for name in terms_named(data)}
+    given = {name: tuple(resolved(x, constants) for x in values) for name, values in named.items()}
+    if "torque" in given:
+        given["torque"] = tuple(scaled(x, data.get("epsilon", 1.0)) for x in given["torque"])
+    return given
+
+
+@dataclass(frozen=True)
+class Body(BodyFrame):
+    """A rigid body under any sum of torques.
+
+    A omega' + omega x G = N, the sum of what the case names:
+
+    -lambda_i A_i omega_i (`damping`), -I omega (`resistance`), -c_i |omega| A_i omega_i
+    (`quadratic`), the fluid's torque of
+    cavity+constant (`kappa` or `cavity`), epsilon M, constant in the body (`torque`, `epsilon`), -b
+    G/|G| (`brake`), F e, e fixed in space (`space_torque`), and three formulas in p, q, r and t
+    (`expression`).
+
+    omega = (p, q, r): angular velocity, 1/time (`initial`); A: principal moments of inertia
+    (`inertia`), or the full tensor in any body axes, in which all else is then given and stored,
+    while labels name the principal axes; G = A omega + h, with the angular momentum h of a rotor
+    (`rotor`), which turns at constant speed in the body. Each coefficient but those of `cavity`,
+    `rotor` and `expression` may be a law of time. Only the terms named are part of the equations. A
+    brake brings G to 0 (event `stopped`): from there on omega is 0, or -A^-1 h, and no axis is
+    enclosed. With a rotor the enclosed axis is undetermined all along. A formula may jump, have
+    corners or short pulses: steps are compared with the equations at 32,768 places of the span, and
+    begin anew on both sides of what they miss. What is shorter than that may be overlooked. A
+    motion ends at a pole of a formula.
+
+    A torque along G, as of equal damping, equal quadratic drag or a brake, changes the clock of the
+    free motion and not its path. Under constant damping, a constant brake, or both, the clock has a
+    closed form, and so has the motion (method exact).
+    """
+
+    damping: Any = None
+    resistance: Any = None
+    quadratic: Any = None
+    cavity: Any = None
+    kappa: Any = None
+    torque: Any = None
+    epsilon: float = 1.0
+    brake: Any = None
+    rotor: Any = None
+    space_torque: Any = None
+    expression: Any = None
+
+    degree = DEGREE
+    resisting = frozenset({"brake"})
+    fixed_in_space = tuple(TERMS["space_torque"].extra)
+    has_fluid: ClassVar[bool] = False
+    """Whether a case has to name a fluid."""
+
+    says_crossings: ClassVar[bool] = False
+    """Whether its predictions tell which crossings its torques allow."""
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        return rates_under(k.terms.split(), t, y, k)
+
+    @classmethod
+    def rows(cls, terms: Sequence[str]) -> dict[str, int]:
+        own = super().rows(terms)
+        return own | {row: n for name in terms for row, n in TERMS[name].extra.items()}
+
+    @cached_property
+    def terms(self) -> tuple[str, ...]:
+        """The torques that act, by the keys of TERMS."""
+        return terms_named(vars(self))
+
+    @cached_property
+    def term_coefficients(self) -> dict[str, tuple[Any, ...]]:
+        """The coefficients of each term, numbers or laws."""
+        return coefficients_of(vars(self), self.case_constants)
+
+    @cached_property
+    def constants(self) -> Constants:
+        constants: dict[str, Any] = {}
+        if self.expression is not None:
+            constants |= {f"expression{i}": text for i, text in enumerate(self.expression, 1)}
+            constants |= {"velocity_unit": 1.0, "time_unit": 1.0}
+        if self.brake is not None:
+            constants["momentum_at_start"] = self.momentum_at_start
+        for term, entries in self.term_coefficients.items():
+            for name, entry in zip(TERMS[term].degree, entries, strict=True):
+                constants |= law_constants(name, entry)
+        constants |= body_constants(self.inertia) | {TERMS_NAME: " ".join(self.terms)}
+        if self.changing_terms or self.expression is not None:
+            constants |= named_constants(self.case_constants)
+        if (frame := self.frame) is None:
+            return constants
+        if self.rotor is not None:
+            h = self.to_principal(np.array(self.rotor, dtype=np.longdouble))
+            constants |= dict(zip(TERMS["rotor"].degree, h, strict=True))
+        axes = tuple(frame.axes.ravel())
+        return constants | body_constants([*frame.moments]) | {"principal_axes": axes}
+
+    # The body and its start
+
+    @cached_property
+    def frame(self) -> PrincipalAxes | None:
+        """The principal axes of a body that is given by its full tensor of inertia."""
+        return principal_axes(self.inertia) if is_tensor(self.inertia) else None
+
+    @property
+    def exact_moments(self) -> np.ndarray:
+        return super().exact_moments if self.frame is None else self.frame.moments
+
+    @property
+    def principal_axes(self) -> np.ndarray | None:
+        return None if self.frame is None else self.frame.axes
+
+    @property
+    def momentum_at_start(self) -> float:
+        """|G| at the start."""
+        return float(np.hypot.reduce(self.momentum(np.array(self.initial_velocity))))
+
+    def momentum(self, omega: np.ndarray) -> np.ndarray:
+        """Also h of a rotor."""
+        G = super().momentum(omega)
+        if self.rotor is None:
+            return G
+        # Of a body that turns at -A^-1 h rounding leaves a G, whose direction would be drawn.
+        rounding = ROUNDING_OF_G * self.moments.max() * np.abs(omega).max(axis=-1, keepdims=True)
+        G = G + np.array(self.rotor)
+        return np.where(np.abs(G).max(axis=-1, keepdims=True) > rounding, G, 0)
+
+    def velocities(self, G: np.ndarray) -> np.ndarray:
+        return super().velocities(G if self.rotor is None else G - np.array(self.rotor))
+
+    def starts(self, omega: np.ndarray) -> np.ndarray:
+        """With the terms' own variables after omega."""
+        w = self.to_principal(omega)
+        e = self.direction if self.attitude else self.to_principal(self.direction)
+        extra = {
+            "brake": [np.hypot.reduce(self.momentum(omega), axis=-1) / self.moments[0]],
+            "space_torque": [np.full(w.shape[:-1], x) for x in e],
+        }
+        columns = (x for name in self.terms for x in extra.get(name, ()))
+        return np.stack([*np.moveaxis(w, -1, 0), *columns])
+
+    @cached_property
+    def start(self) -> tuple[float, ...]:
+        omega = self.initial_velocity
+        has_more = self.frame is not None or any(TERMS[name].extra for name in self.terms)
+        return tuple(self.starts(np.array(omega)).tolist()) if has_more else omega
+
+    @property
+    def extended_start(self) -> np.ndarray:
+        y = super().extended_start
+        y[:3] = self.to_principal(np.array(self.initial_velocity, dtype=np.longdouble))
+        return y
+
+    @property
+    def direction(self) -> np.ndarray:
+        """e of the torque fixed in space (3,), of length 1."""
+        direction = np.array(self.space_torque["direction"] if self.space_torque else (1.0, 0, 0))
+        unit = direction / np.abs(direction).max()
+        return np.asarray(unit / np.linalg.norm(unit))
+
+    @property
+    def resistance_matrix(self) -> np.ndarray:
+        """The tensor I of the resistance (3, 3), of constant entries."""
+        return np.reshape(self.term_coefficients["resistance"], (3, 3))
+
+    @property
+    def run_events(self) -> tuple[Event, ...]:
+        return () if self.brake is None else (STOPPED,)
+
+    # What is wrong with data, and what to say of them
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Also what the terms ask of each other, of the body and of the start."""
+        named, inertia, fluid = terms_named(data), data.get("inertia"), data.get("cavity")
+        space, h = data.get("space_torque"), data.get("rotor")
+        has_G = (data.get("initial") or {}).get("G") is not None
+        yield from mistakes_of_tensor(data) if is_tensor(inertia) else super().check(data)
+        if fluid is not None or (cls.has_fluid and {"cavity", "kappa"} <= data.keys()):
+            at = ("cavity",) if fluid else ()
+            yield from mistake_of(at, coefficient, fluid, data.get("kappa"))
+        yield from negative_coefficients(data)
+        yield from mistakes_where(
+            (
+                not named and data.keys() >= TERMS.keys(),
+                (),
+                f"no torque is named ({', '.join(TERMS)}); damping: 0 is free motion",
+            ),
+            (
+                space and not any(space["direction"]),
+                ("space_torque", "direction"),
+                "a direction has a length, and this one has none",
+            ),
+            (
+                h and has_G,
+                ("initial",),
+                "with a rotor |G| does not determine the missing component: give p, q and r",
+            ),
+            (
+                "brake" in named and is_at_rest(data),
+                ("brake",),
+                f"a body {'whose G is 0' if h else 'at rest'} has no direction to brake in",
+            ),
+        )
+
+    @classmethod
+    def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
+        """Also expressions without a value at the start."""
+        given = (data.get("initial") or {}).items()
+        known = {name: w for name, w in given if name in VELOCITIES and w is not None}
+        known |= {"t": start, **(data.get(CONSTANTS_KEY) or {})}
+        torques = {name: data[name] for name in TERMS if name in data}
+        yield from value_mistakes(expressions_of(torques), known)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What no medium has, and torques for which a theory does not hold."""
+        # Of what changes with time only the damping is judged, coefficient by coefficient.
+        coefficients, changing = self.term_coefficients.items(), self.changing_terms
+        given = {term: entries for term, entries in coefficients if term not in changing}
+        damping = self.term_coefficients.get("damping", ())
+        feeding = [
+            f"lambda{i} = {x:g}" for i, x in enumerate(damping, 1) if not is_law(x) and x < 0
+        ]
+        (kappa,), torque = given.get("kappa", (0.0,)), given.get("torque", ZEROS)
+        I, omega = np.reshape(given.get("resistance", np.zeros(9)), (3, 3)), self.omega_at_start
+        values = np.linalg.eigvalsh(I / 2 + I.T / 2)
+        named = ", ".join(f"{value:.6g}" for value in values)
+        excess = 0.0 if is_tensor(self.inertia) else excess_of_rounding(self.inertia)
+        sentences = {
+            f"one moment exceeds the sum of the other two by {excess:.3g}, as rounding may make "
+            "it": excess > 0,
+            f"negative damping feeds energy in: {', '.join(feeding)}": bool(feeding),
+            f"the tensor is not dissipative: its symmetric part has the eigenvalues {named}": (
+                values[0] < -1e-12 * abs(values[-1])
+            ),
+            # One that is given in decimals, turned into other axes, is symmetric to its last
+            # digits.
+            "the tensor is not symmetric": np.abs(I - I.T).max() > 1e-9 * np.abs(I).max(),
+        }
+        return [
+            *(sentence for sentence, applies in sentences.items() if applies),
+            *weak(self.moments, omega, kappa, torque),
+            *cavity_warnings(self.cavity, self.moments, omega),
+        ]
+
+    def warnings_within(self, start: float, end: float) -> list[str]:
+        """Which coefficients under a law of time are negative, and from when on."""
+        times, constants = np.linspace(start, end, PLACES), self.case_constants
+        laws = ((k, x) for k, c in self.term_coefficients.items() for x in c if is_law(x))
+        first = [(k, first_negative(x, times, constants)) for k, x in laws if k in RESISTING]
+        return [
+            f"{term} is negative from t = {time_text(min(when), start)} on: it drives the body"
+            for term, when in grouped((k, t) for k, t in first if t is not None).items()
+        ]
+
+    @property
+    def changing_terms(self) -> frozenset[str]:
+        """The terms that have a coefficient under a law of time."""
+        return frozenset(
+            term for term, entries in self.term_coefficients.items() if any(map(is_law, entries))
+        )
+
+    # What theory says of the motion
+
+    @property
+    def dissipation(self) -> Dissipation | None:
+        """The torques as the theorems on crossings take them; None where they are not constant, or
+        not covered. A brake has no part in them."""
+        given = self.term_coefficients
+        if not NOT_COVERED.isdisjoint(self.terms) or self.changing_terms - {"brake"}:
+            return None
+        terms = Dissipation(
+            self.moments,
+            damping=given.get("damping", ZEROS),
+            quadratic=given.get("quadratic", ZEROS),
+            kappa=given.get("kappa", ZEROS)[0],
+            torque=self.to_principal(np.array(given.get("torque", ZEROS))),
+        )
+        if "resistance" not in given:
+            return terms
+        I, axes = self.resistance_matrix, self.principal_axes
+        if axes is not None:
+            I = (axes @ I @ axes.T).astype(float)
+            I = np.where(np.abs(I) > TENSOR_ROUNDING * np.abs(I).max(), I, 0)
+        damping = tuple((np.array(terms.damping) + np.diag(I) / self.moments).tolist())
+        return terms._replace(damping=damping, covered=is_diagonal(I))
+
+    def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
+        terms = self.dissipation
+        return axes_never_left(terms) if terms else frozenset()
+
+    @property
+    def final_axis(self) -> int | None:
+        is_constant = self.terms == ("resistance",) and not self.changing_terms
+        if not is_constant or self.frame is not None:
+            return None
+        return final_axis(np.array(self.inertia), self.resistance_matrix, self.omega_at_start)
+
+    def predictions(self, start: float, end: float) -> list[str]:
+        """Which crossings are possible, which rotation is held, when a brake stops the body, and
+        how a free body with an attitude turns."""
+        predictions = []
+        if self.says_crossings and (terms := self.dissipation):
+            of_which = spin_predictions if self.brake is None else self.stop_predictions
+            predictions += crossing_predictions(terms)
+            predictions += [] if self.changing_terms else of_which(terms)
+        return [*predictions, *filter(None, [self.no_separatrix_reason]), *(self.turn or ())[2:]]
+
+    def stop_predictions(self, terms: Dissipation) -> list[str]:
+        """When the brake stops the body, or between which times: fluid does not change |G|."""
+        others = self.quadratic, any(terms.torque)
+        if not self.brake or not terms.covered or any(others):
+            return []
+        rate = np.longdouble(self.brake / self.momentum_at_start)
+        first, last = (AlongMomentum(of(terms.damping), rate).stop for of in (max, min))
+        if first == last:
+            return [f"stops after {first:.15g} [time]"] if math.isfinite(first) else []
+        return [f"stops after {first:.6g} to {last:.6g} [time]"]
+
+    # The motion in closed form
+
+    @property
+    def along_momentum(self) -> AlongMomentum | None:
+        """The rates of equal damping, a brake, or both, all constant; None for other sums, and
+        where a brake has nothing to brake."""
+        given = self.term_coefficients
+        damping, brake = given.get("damping", (0.0,)), given.get("brake", (0.0,))
+        others = given.keys() - {"damping", "brake"} or self.changing_terms
+        if others or len(set(damping)) > 1:
+            return None
+        if "brake" not in given:
+            return AlongMomentum(damping[0], np.longdouble(0))
+        omega = np.array(self.initial_velocity, dtype=np.longdouble)
+        momentum = np.hypot.reduce(self.momentum(omega))
+        return AlongMomentum(damping[0], brake[0] / momentum) if momentum else None
+
+    @property
+    def has_closed_form(self) -> bool:
+        """That of an attitude is known of free motion alone."""
+        along = self.along_momentum
+        return along is not None and not (self.attitude and any(along))
+
+    def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        A, omega = self.moments, self.omega_at_start
+        along = self.along_momentum
+        assert along is not None
+        if not along.brake:
+            state, exponent = scaled_motion(A, omega, along.damping, t)
+        else:
+            g, s = along.clock(t)
+            slowed, exponent = np.frexp(g)
+            state = slowed[:, np.newaxis] * free_motion(A, omega, s)
+            exponent = np.where(slowed > 0, exponent, -REST_BITS)
+        # The variable of a brake: there are no stages of braking here.
+        rows = [*state.T, *np.zeros((int("brake" in self.terms), len(t)), dtype=state.dtype)]
+        if self.attitude:
+            Q = free_attitude(A, omega, t)
+            Q[:, 1:] = self.from_principal(Q[:, 1:])
+            rows += composed(np.array(self.initial_state[-4:], dtype=Q.dtype), Q.T)
+        return np.column_stack(rows), exponent
+
+    def exact_end(self, fp: type) -> tuple[str, EventOutcome] | None:
+        """When and how a brake stops a body of closed form; None without a stop."""
+        along = self.along_momentum
+        if along is None or np.isinf(along.stop):
+            return None
+        _, s = along.clock(np.array([along.stop], dtype=fp))
+        omega = free_motion(self.moments, self.omega_at_start, s)
+        momentum = self.from_principal(self.moments * omega)
+        details = stop_details(momentum[0], self.enclosed(omega)[0])
+        return "stopped", EventOutcome(float(along.stop), details, ())
+
+    @property
+    def turn(self) -> tuple[float, float, str] | None:
+        """What `turn_of_hodograph` says of a free body with an attitude; None of any other."""
+        is_free = self.attitude and self.has_closed_form
+        return turn_of_hodograph(self.moments, self.omega_at_start) if is_free else None
+
+
+def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
+    """The mistakes of a body that is given by a full tensor of inertia, and of its start."""
+    inertia = data["inertia"]
+    if not all(isinstance(row, tuple) for row in inertia):
+        yield ("inertia",), "expected 3 positive numbers, or 3 rows of 3 numbers, got some of each"
+        return
+    wrong = [*mistake_of(("inertia",), principal_axes, inertia)]
+    moments = () if wrong else principal_axes(inertia).moments
+    sizes = [(("inertia",), words) for A in moments for words in range_mistake(float(A))]
+    yield from [*wrong, *sizes[:1]]
+    if "initial" in data:
+        yield from mistake_of(("initial",), complete, inertia, data["initial"])
+    says = "acts about principal axes: give the three moments as `inertia`, or `resistance`"
+    terms = {name: data.get(name) or (0.0,) for name in ("damping", "quadratic")}
+    yield from (((name,), says) for name, x in terms.items() if any(one != x[0] for one in x))
+
+
+def is_at_rest(data: Mapping[str, Any]) -> bool:
+    """Whether G is 0 at a start, as far as that is right."""
+    if not (data.get("inertia") and data.get("initial")):
+        return False
+    body = Body(data["inertia"], data["initial"], rotor=data.get("rotor"))
+    with suppress(ValueError):  # another check says so
+        return not body.momentum(np.array(body.initial_velocity)).any()
+    return False
+
+
+def negative_coefficients(data: Mapping[str, Any]) -> Iterator[Mistake]:
+    """The mistakes of constant coefficients of which only positive ones resist."""
+    with suppress(KeyError, ArithmeticError, ValueError):  # of expressions, which others see
+        given = coefficients_of(data, data.get(CONSTANTS_KEY) or ())
+        for name in ("quadratic", "kappa", "brake"):
+            for i, entry in enumerate(given.get(name, ())):
+                if not is_law(entry) and entry < 0:
+                    is_one = len(TERMS[name].degree) == 1
+                    yield (name,) if is_one else (name, i), NEGATIVE_COEFFICIENT
+
+
+# The key tables
+
+RATE, TORQUE = "1/time", "moment of inertia / time^2"
+RESISTANCE, FLUID = "moment of inertia / time", "moment of inertia * time"
+
+
+def resistance_key(entry: Rule, **more: Any) -> Rule:
+    """The key of a tensor of resistance whose entries are of a kind."""
+    two = {
+        "diagonal": Key(entry, "every I_ii", unit=RESISTANCE),
+        "off_diagonal": Key(entry, "every I_ij, i != j", unit=RESISTANCE),
+    }
+    row = ListOf(entry, length=3, title="3 numbers or expressions in t")
+    of_expressions = ListOf(row, length=3, title="3 rows of 3 numbers or expressions in t")
+    rows = matrix(3) if entry.get("type") == "number" else of_expressions
+    return Key(Either(rows, Table(two)), "tensor I of -I omega", unit=RESISTANCE, **more)
+
+
+class LinearDiag(Body):
+    """A rigid body in a medium that resists each component of its angular momentum linearly.
+
+    A1 p' + (A3 - A2) q r = -lambda1 A1 p
+    A2 q' + (A1 - A3) p r = -lambda2 A2 q
+    A3 r' + (A2 - A1) p q = -lambda3 A3 r
+
+    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of
+    inertia (`inertia`); lambda1, lambda2, lambda3: coefficients of resistance, 1/time (`damping`),
+    all zero for free motion. Assumed: constant coefficients, about the same axes as the inertia.
+
+    D changes sign at most once: with l and s the axes of largest and smallest inertia, where D = 0
+    dD/dt = -2 (lambda_l - lambda_s) A_l (A_l - A_m) w_l^2, which never changes sign.
+
+    Source: A. L. Rachinskaya, rotation of a rigid body in a resistant medium, eqs (1)-(4).
+    """
+
+    name = "linear-diag"
+    form = "full"
+    keys = {
+        "inertia": INERTIA,
+        "damping": Key(
+            vector(3, scalar=True),
+            "coefficients of resistance lambda_i; a scalar means all three equal",
+            unit=RATE,
+            default=ZEROS,
+        ),
+        "initial": INITIAL,
+    }
+    always_absorbing = True
+
+
+class Tensor(Body):
+    """A rigid body in a medium that resists its angular velocity through a constant tensor I.
+
+    A1 p' + (A3 - A2) q r = -(I11 p + I12 q + I13 r)      and cyclically
+
+    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of
+    inertia (`inertia`); I: tensor of resistance, moment of inertia / time (`resistance`). Assumed:
+    I is constant. It takes energy out of every motion only if its symmetric part is positive
+    semi-definite; a tensor that feeds energy in runs too, with a warning.
+
+    Source: A. L. Rachinskaya, rotation of a rigid body in a resistant medium, eqs (9)-(11).
+    """
+
+    name = "tensor"
+    form = "full"
+    keys = {
+        "inertia": INERTIA,
+        "resistance": resistance_key(Number()),
+        "initial": INITIAL,
+    }
+
+
+class Cavity(Body):
+    """A rigid body with a cavity full of a very viscous fluid, under a torque constant in body
+    axes.
+
+    A1 p' + (A3 - A2) q r = kappa/(A1 A2 A3) p [A3 (A1 - A3)(A1 + A3 - A2) r^2
+                                                + A2 (A1 - A2)(A1 + A2 - A3) q^2] + epsilon M1
+    and cyclically
+
+    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of
+    inertia of body and fluid together (`inertia`); kappa = rho P0/nu, moment of inertia * time
+    (`cavity`, or `kappa`); M1, M2, M3: constant torque (`torque`) with its factor epsilon
+    (`epsilon`). Assumed: small Reynolds number, torques small beside |omega| |G|. The fluid's
+    torque is internal: without M, |G| is constant and the energy falls.
+
+    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eq.
+    (2), where A1 = A2; F. L. Chernousko 1972 for the triaxial body. Their eq. (1) has epsilon^2,
+    (2) epsilon.
+    """
+
+    name = "cavity+constant"
+    form = "full"
+    keys = {
+        "inertia": INERTIA,
+        "cavity": CAVITY,
+        "kappa": Key(Number(least=0), "rho P0/nu, instead of `cavity`", FLUID, default=None),
+        "torque": Key(vector(3), "constant torque M1, M2, M3", unit=TORQUE, default=ZEROS),
+        "epsilon": Key(Number(), "small parameter, the factor of the torque", default=1.0),
+        "initial": Key(
+            Table(
+                {
+                    **INITIAL["properties"],
+                    "x": Key(
+                        Number(least=0),
+                        "p^2 + q^2; x and y replace p, q and r",
+                        unit="1/time^2",
+                        default=None,
+                    ),
+                    "y": Key(Number(least=0), "r^2 (then r >= 0)", unit="1/time^2", default=None),
+                }
+            ),
+            "initial angular velocity: p, q, r, or x and y (then p = sqrt(x), q = 0, r = sqrt(y))",
+        ),
+    }
+    has_fluid = True
+
+
+class Torques(Body):  # noqa: D101
+    __doc__ = Body.__doc__
+
+    name = "torques"
+    form = "full"
+    keys = {
+        "inertia": Key(
+            ListOf(
+                Either(Number(above=0), vector(3)),
+                length=3,
+                title="3 positive numbers, or 3 rows of 3 numbers",
+                convert=symmetric,
+            ),
+            "principal moments of inertia A1, A2, A3; or the full tensor, in the axes of all else",
+            unit="moment of inertia",
+        ),
+        "constants": CONSTANTS,
+        "damping": Key(
+            coefficients_kind(), "coefficients lambda_i of -lambda_i A_i omega_i", RATE, None
+        ),
+        "resistance": resistance_key(coefficient_kind(), default=None),
+        "quadratic": Key(
+            coefficients_kind(), "coefficients c_i of -c_i |omega| A_i omega_i", default=None
+        ),
+        "cavity": CAVITY,
+        "kappa": Key(
+            coefficient_kind(),
+            "rho P0/nu of a fluid, instead of `cavity`",
+            FLUID,
+            None,
+        ),
+        "torque": Key(
+            coefficients_kind(),
+            "torque M1, M2, M3, constant in the body",
+            TORQUE,
+            None,
+        ),
+        "epsilon": Key(Number(), "small parameter, the factor of `torque`", default=1.0),
+        "brake": Key(
+            coefficient_kind(),
+            "b of -b G/|G|, which brings a free body to rest in the shortest time",
+            TORQUE,
+            None,
+        ),
+        "rotor": Key(
+            vector(3),
+            "h in G = A omega + h, the angular momentum of a rotor beside the body's",
+            unit=RESISTANCE,
+            default=None,
+        ),
+        "space_torque": Key(
+            Table(
+                {
+                    "size": Key(coefficient_kind(), "F of the torque F e", TORQUE),
+                    "direction": Key(
+                        vector(3),
+                        "e, of any length, in the space axes of `attitude`, else the body's at the"
+                        " start",
+                    ),
+                }
+            ),
+            "a torque fixed in space",
+            default=None,
+        ),
+        "expression": Key(
+            ListOf(
+                Expression(None, "an expression in p, q, r, t and constants"),
+                length=3,
+                title="3 expressions in p, q, r, t and constants",
+            ),
+            "torque N1, N2, N3: decimals, names, + - * / **, sqrt, sin, cos, exp, log, abs, tanh; "
+            "with `attitude` also y1 to y3 and z1 to z3, the space axes y and z in the body",
+            TORQUE,
+            None,
+        ),
+        "initial": INITIAL,
+    }
+    says_crossings = True

@@ -1,1 +1,0 @@
-"""The Lagrange top: its forms, its torques as functions of slow time, and its nutation."""
