@@ -739,7 +739,7 @@ def edit_code(folder: Path, tries: int) -> Count:
     numbers that belong to its hash, and the next run has those of the new source."""
     package = Path(__file__).parents[1] / "hodo_cli"
     shutil.copytree(package, folder / "hodo_cli", ignore=shutil.ignore_patterns("__pycache__"))
-    source = folder / "hodo_cli" / "models" / "linear_diag.py"
+    source = folder / "hodo_cli" / "models" / "body.py"
     written(folder, PAIR)
     old, count, chance = source.read_text(), Count(), random.Random(6)
 

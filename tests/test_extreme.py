@@ -19,7 +19,7 @@ from hodo_cli.cases.config import load
 from hodo_cli.commands import bench
 from hodo_cli.engines import collocation
 from hodo_cli.integration import choice, integrate, solve
-from hodo_cli.models.base import Model
+from hodo_cli.models.base import Equations, Model
 
 CASES = load(Path(__file__).parents[1] / "configs" / "extreme.yaml").cases
 LONG = {
@@ -136,11 +136,19 @@ class Decay(Model):
         return -y[0], 0 * y[1]
 
 
+DECAY = Equations(Decay)
+
+
 def test_collocation_does_not_pass_over_a_decay_that_it_has_to_resolve() -> None:
     # At a step of 1e16 decay times every stage is 0 to rounding, and only the start shows that
     # something is missed.
     steps = collocation.Steps(
-        Decay, SimpleNamespace(), np.array([1.0, 1.0]), np.float64(0), np.float64(1e18), 1e-14
+        Equations(Decay),
+        SimpleNamespace(),
+        np.array([1.0, 1.0]),
+        np.float64(0),
+        np.float64(1e18),
+        1e-14,
     )
     steps.h = np.float64(1e16)
     assert steps.step() is None
@@ -162,7 +170,12 @@ def test_collocation_takes_a_shorter_step_where_its_equations_are_singular(
 
     monkeypatch.setattr(np.linalg, "solve", singular_at_first)
     steps = collocation.Steps(
-        Decay, SimpleNamespace(), np.array([1.0, 1.0]), np.float64(0), np.float64(1), 1e-14
+        Equations(Decay),
+        SimpleNamespace(),
+        np.array([1.0, 1.0]),
+        np.float64(0),
+        np.float64(1),
+        1e-14,
     )
     assert steps.step() is None
     assert steps.t == 1 / 4

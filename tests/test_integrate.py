@@ -133,7 +133,7 @@ def test_implicit_methods_are_given_the_jacobian_and_no_others(method: str) -> N
     # Two for the size of the first step; finite differences take one more for each variable.
     assert solver.nfev <= 2
     if method in ("Radau", "BDF"):
-        given = base.jacobian(case.system, k, 0.0, start)
+        given = base.jacobian(case.system.equations, k, 0.0, start)
         assert np.array_equal(solver.J, given)
 
 

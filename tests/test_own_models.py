@@ -337,7 +337,7 @@ def test_its_powers_keep_their_digits_where_a_component_passes_zero(
         ("x = 1\nraise ValueError('no\\nno')\n", ":2: ValueError: no"),
         ("x = 1\nexit(0)\n", ":2: SystemExit: 0"),
         ("x = 1\n", ": there is no model in it (a class with `name` and `form`)"),
-        ("from hodo_cli.models.tensor import Tensor\n", ": there is no model in it (a class with"),
+        ("from hodo_cli.models.body import Tensor\n", ": there is no model in it (a class with"),
         (
             EXAMPLE.replace('"quadratic-drag"', '"linear-diag"'),
             ": QuadraticDrag: there is already a model 'linear-diag'",

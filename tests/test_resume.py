@@ -58,7 +58,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Copy:
 @pytest.mark.parametrize(
     ("source", "reruns"),
     [
-        ("models/cavity.py", {"single", "swept"}),
+        ("models/body.py", {"single", "swept"}),
         ("engines/collocation.py", {"single", "swept"}),
         ("integration/error.py", {"single", "swept"}),
         ("schema/expression.py", {"single", "swept"}),

@@ -155,7 +155,7 @@ def test_store_names_what_a_sweep_has() -> None:
     cavity = "model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, "
     cavity += "initial: {x: 1, y: 1}, time: {end: 9}"
     for model in (one(f"{FIG4}, {BALL}"), one(cavity), one(f"{FIG4}, {BALL}, form: averaged")):
-        names = {*sweep_block.storable(type(model.system))} - {"trajectory", "enclosed_axis"}
+        names = {*sweep_block.storable(model.system.equations)} - {"trajectory", "enclosed_axis"}
         assert set(columns.columns(model)) == names
     triaxial = cavity.replace("[8, 8, 4]", "[8, 7, 4]")
     assert one(f"{triaxial}, store: [J]").store == ("J",)
@@ -325,9 +325,9 @@ def test_members_are_prepared_at_once_as_one_by_one(
     for some in found:
         for i, *numbers in zip(some.members, some.constants.T, some.start.T, strict=True):
             system = singles[i].system
-            assert some.structure == base.structure(system.constants)
+            assert some.model == system.equations
             assert some.events == (*system.run_events, *system.class_events)
-            known = [base.flatten(system.constants), system.start]
+            known = [base.flatten(system.constants), system.initial_state]
             assert [x.tolist() for x in numbers] == [[*of] for of in known]
     # Those that are refused go one by one, and the others in a part for each way they take.
     assert len(calls) < 100 + len(every) - len(at)

@@ -102,12 +102,17 @@ def test_a_step_ends_where_heyoka_is(name: str, tol: float) -> None:
     from hodo_cli.engines import taylor_batch
 
     case = swept(name)
-    model, k = type(case.system), case.system.constants
-    form, y0 = base.structure(k), case.system.start
+    model, k, y0 = case.system.equations, case.system.constants, case.system.initial_state
     y = hy.make_vars(*(f"y{i}" for i in range(len(y0))))
     numbers = [hy.par[i] for i in range(len(base.flatten(k)))]
     ta = hy.taylor_adaptive(
-        list(zip(y, model.rhs(hy.time, list(y), base.namespace(form, numbers)), strict=True)),
+        list(
+            zip(
+                y,
+                model.rhs(hy.time, list(y), base.namespace(model.structure, numbers)),
+                strict=True,
+            )
+        ),
         list(y0),
         compact_mode=True,
     )
@@ -192,11 +197,11 @@ def test_the_rest_of_an_events_series_is_bounded(which: str) -> None:
     from hodo_cli.engines import taylor_batch
 
     case = one(FORMS["tensor"])
-    k = base.namespace(base.structure(case.system.constants), base.flatten(case.system.constants))
+    k = base.attributes(case.system.constants)
     event = case.system.class_events[0] if which == "separatrix" else Event(which, signed)
     step, order = 1.5, taylor_batch.EVENT_ORDER
     for start in np.random.default_rng(4).standard_normal((50, 3)).tolist():
-        time, state = power_series.motion(type(case.system).rhs, 0.5, start, k)
+        time, state = power_series.motion(case.system.equations.rhs, 0.5, start, k)
         series = event.function(time, state, k)
         rest = sum(abs(series[i]) * step**i for i in range(order + 1, taylor_batch.SERIES_ORDER))
         at = taylor_batch.SymbolicMotion([], time, state, k)
@@ -213,7 +218,7 @@ def test_a_step_clears_no_event_that_it_meets() -> None:
     from hodo_cli.engines import taylor_batch
 
     case = one(FORMS["tensor"])
-    form, k = base.structure(case.system.constants), base.flatten(case.system.constants)
+    k = base.flatten(case.system.constants)
     (separatrix,) = case.system.class_events
     tilt = Event("tilt", lambda t, y, k: separatrix.function(t, y, k) / (2 + y[0] * y[0]))
     n = 400 * taylor_batch.WIDTH
@@ -222,7 +227,7 @@ def test_a_step_clears_no_event_that_it_meets() -> None:
     stride = taylor_batch.stride(1e-12, None)
     constants = np.repeat([[number] for number in (50.0, *k, stride)], n, axis=1)
     for event in (separatrix, tilt):
-        step = taylor_batch.build(type(case.system), form, (event,))
+        step = taylor_batch.build(case.system.equations, (event,))
         out = np.empty((step.rows, n))
         step(columns, constants, out)
         length, clear = out[-2:]

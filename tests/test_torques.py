@@ -502,7 +502,7 @@ def test_only_the_terms_named_are_in_the_equations() -> None:
         "name: free\nmodel: torques\ninertia: [1, 0.8, 0.6]\ndamping: 0\n"
         "initial: {p: 1, q: 0, r: 0}\ntime: {end: 1}"
     )
-    assert case.system.state == ("p", "q", "r")
+    assert case.system.equations.state == ("p", "q", "r")
     assert set(case.system.constants) == {"lam1", "lam2", "lam3", "A1", "A2", "A3", "g"}
 
 
@@ -850,3 +850,20 @@ def test_the_crossing_of_a_full_tensor_errs_by_no_more_than_it_states(precision:
     (time,), (error,) = ds.crossing_time.values.tolist(), ds.crossing_error.values.tolist()
     assert abs(float(Decimal(time) - Decimal("0.532815565650707653645"))) <= 2 * error
     assert error < 1e-14
+
+
+def test_a_brake_stops_a_body_under_a_torque_that_hangs_on_its_attitude() -> None:
+    terms = {"brake": 0.05, "expression": ["0.01*z1", "-0.02*y2", 0], "attitude": True}
+    ds = run(C, 60, **terms)
+    assert ds.attrs["status"] == "ok"
+    assert not ds.omega.values[-1].any()
+    assert ds.attrs["error"] < 1e-13
+
+
+@pytest.mark.parametrize("precision", ["double", "extended"])
+def test_a_body_with_a_rotor_turns_on_behind_its_stop(precision: str) -> None:
+    # Its reference in the next wider precision turns on by as much.
+    terms = {"brake": 0.05, "rotor": [0.3, 0, 0.1], "attitude": True, "precision": precision}
+    ds = run(C, 60, **terms)
+    assert ds.omega.values[-1] == pytest.approx([-0.3, 0, -0.1 / 0.6], abs=1e-15)
+    assert ds.attrs["error"] < 1e-13

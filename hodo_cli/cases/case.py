@@ -302,6 +302,8 @@ def checked_case(name: Any, block: Mapping[str, Any], inherited: Collection[str]
     mistakes += [mistake for mistake in of_data if mistake[0] or not mistakes]
     epoch = values["time"]["epoch"] if "time" in values else None
     system: Model | None = None if mistakes else model.of(data, epoch)
+    if system and (of_equations := models.mistake_in(system)):
+        mistakes, system = [(("model",), of_equations)], None
     mistakes += _store_mistakes(model, system, values)
     mistakes += _method_mistakes(system, values) if system else ()
     if values.get("sweep") and system and not mistakes:
@@ -473,12 +475,9 @@ def _data_mistakes(
 
 def _method_mistakes(system: Model, values: Mapping[str, Any]) -> Iterator[Mistake]:
     """Why a case cannot be integrated, as far as its keys and its equations tell."""
-    is_exact, of_equations = values["method"] == "exact", models.mistake_in(system)
+    is_exact, of_events = values["method"] == "exact", finds_no_stop(values["method"], system)
     of_precision = wrong_precision(values["method"], values["precision"])
-    # Equations with a mistake may have it in their events.
-    of_events = "" if of_equations else finds_no_stop(values["method"], system)
     return mistakes_where(
-        (of_equations, ("model",), of_equations),
         (of_precision, ("precision",), of_precision),
         (of_events, ("method",), of_events),
         (is_exact and not system.has_closed_form, ("method",), NO_CLOSED_FORM),

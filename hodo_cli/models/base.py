@@ -80,9 +80,12 @@ class EventOutcome(NamedTuple):
         """The states (..., m) at times (...) from the event to `onward`, in a precision."""
         state, omega = np.array(self.state, dtype=fp), np.array(self.spin, dtype=fp)
         states = np.broadcast_to(state, (*np.shape(times), len(state)))
-        if omega.any():
-            speed, elapsed = np.hypot.reduce(omega), np.asarray(times, dtype=fp) - fp(self.time)
-            turned = composed(state[-4:], about(omega / speed, elapsed * speed))
+        if (omega != 0).any():
+            # By what a quadruple has too, which is no type of numpy's.
+            peak = np.abs(omega).max()
+            speed = peak * np.sqrt(np.square(omega / peak).sum())
+            angle = (np.asarray(times, dtype=fp) - fp(self.time)) * speed
+            turned = composed(state[-4:], about(omega / speed, angle))
             states = np.concatenate((states[..., :-4], np.stack(turned, axis=-1)), axis=-1)
         return states
 
@@ -436,9 +439,10 @@ class Equations:
         """The time derivative of each state variable."""
         t, k = self.in_case_time(t, k)
         if self.has_attitude:
-            k = SimpleNamespace(**vars(k), attitude=y[-4:])
             own, factor = y[:-4], self.form.quaternion_factor(k)
             turning = quaternion_rates(in_case_axes(y[:3], k), y[-4:], factor)
+            if "expression" in self.terms:
+                k = SimpleNamespace(**vars(k), attitude=y[-4:])
             rates: Sequence[Any] = (*self.form.rhs(t, own, k), *turning)
         else:
             rates = self.form.rhs(t, y, k)
