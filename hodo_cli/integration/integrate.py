@@ -23,12 +23,6 @@ from .trajectory import Trajectory
 ERROR_LIMIT_ASKED = 1e-12
 """The error that a motion may have whose tolerance is at the limit of its precision."""
 
-SHORT_SECONDS = 0.02
-"""Seconds of a motion whose time is doubled by what only the first of a process pays."""
-
-_TIMED_KINDS: set[tuple[type, str]] = set()
-"""The kinds of motions that this process has timed."""
-
 PLACES_AT_REST, PLACES_OF_MEMBER = 2**15, 2**12
 """How many intervals of the time that a brake holds a body are looked through for stronger torques:
 as many as the places at which formulas are looked at in a motion; and of a member of a sweep, whose
@@ -43,7 +37,7 @@ def integrate(case: Case) -> Trajectory:
     """
     if case.time.runs_backward:
         return in_time_of_case(integrate(replace(case, time=case.time.rising)), case)
-    motion = timed(solved(case, *choose(case)))
+    motion = solved(case, *choose(case))
     # The start alone, which a motion that fails at once is left with, has no error to measure.
     if case.error and (motion.succeeded or (motion.time > case.time.start).any()):
         motion = with_measured_error(motion)
@@ -151,17 +145,6 @@ def excess_remark(case: Case, error: float, tol: float) -> Iterator[str]:
         if case.tol and case.tol < asked:
             words = f"{asked:.0e}, about as little as rounding allows"
         yield f"the measured error {error:.1e} is more than ten times {words}"
-
-
-def timed(motion: Trajectory) -> Trajectory:
-    """A motion; with its second run time if it is short and the first of its kind in this process,
-    which pays for what all later ones find ready."""
-    case, kind = motion.case, (motion.case.system.__class__, motion.method)
-    if kind not in _TIMED_KINDS and motion.run_time < SHORT_SECONDS and motion.succeeded:
-        again = solve(case, motion.method, case.precision, case.tol)
-        motion = replace(motion, run_time=min(motion.run_time, again.run_time))
-    _TIMED_KINDS.add(kind)
-    return motion
 
 
 def solved(case: Case, method: str, reason: str) -> Trajectory:
