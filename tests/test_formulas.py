@@ -203,6 +203,8 @@ def test_a_body_that_friction_holds_fails_in_words() -> None:
         }
     )  # fmt: skip
     assert ds.attrs["status"] == "failed"
+    assert ds.attrs["message"] == "held at omega_1 = 0 by its expression at t = 5.08567"
+    assert len(ds.time) == 6
     assert np.isfinite(ds.omega).all()
 
 
@@ -222,7 +224,7 @@ def test_a_pole_is_named_after_few_steps(
 ) -> None:
     motion = hodo.run(torqued(formula, start, method), classify=False)
     assert motion.attrs["status"] == "failed"
-    assert motion.attrs["message"] == f"the equations have a pole at t = {pole:.6g}"
+    assert motion.attrs["message"] == f"its formulas are not smooth near t = {pole:.6g}"
     assert motion.attrs["steps"] < 1000
     assert pole - 0.1 < motion.time.values[-1] < pole
 
@@ -230,13 +232,11 @@ def test_a_pole_is_named_after_few_steps(
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     "formula",
-    ["1/sqrt(sqrt((5.5-t)**2))", "sin(5.5-t)/(5.5-t)", "1/(20.001-t)", "1/(1e-4+(5.5-t)**2)"],
+    ["sin(5.5-t)/(5.5-t)", "1/(20.001-t)", "1/(1e-4+(5.5-t)**2)"],
 )
 def test_what_is_no_pole_on_the_way_is_passed(formula: str, method: str) -> None:
-    """Rates that grow more slowly, or to a bound; and a pole behind the end."""
-    # Collocation would take thousands of steps for the last digit beside a root that is 0.
-    tol = {"tol": 1e-13} if method == "collocation" else {}
-    motion = hodo.run(torqued(formula, 0, method) | tol, classify=False)
+    """Rates that grow to a bound; and a pole behind the end."""
+    motion = hodo.run(torqued(formula, 0, method), classify=False)
     assert (motion.attrs["status"], motion.time.values[-1]) == ("ok", 20)
 
 

@@ -37,6 +37,11 @@ is divided again: to the rounding of the time."""
 MOST_BREAKS, MOST_AT_ONE_PLACE, ONE_PLACE = 10_000, 64, 2.0**-16
 """How many breaks a motion may have, and how many of them within this part of its span."""
 
+NEAR_POLE, AHEAD, FARTHER = 2.0**-27, 1e5, 1024
+"""The part of the time since its start below which a step of a motion may be one towards a pole,
+how many such steps ahead a pole is looked for, and how many times farther from it the rates are
+smaller by as much."""
+
 SHORT, SHORT_STEPS, BESIDE, ULPS_BESIDE = 2.0**-46, 64, 2.0**-40, 8
 """The part of the time since its start below which a step of a motion is short. So many of them
 come ever nearer to a place where its rates change at once; it is taken straight over that place
@@ -95,6 +100,12 @@ class StepCheck(StepBuffer):
         # Nearer to each other towards the ends, where collocation has no points of its own.
         x = (1 - np.cos(np.pi * np.arange(self.points + 1) / self.points)) / 2
         missed = ~(self._excess(ends.astype(float), x, series.astype(float)) <= 1)
+        elapsed = self.clock.exact_times(ends[:, 1]) - self.start
+        is_near = np.diff(ends)[:, 0] < NEAR_POLE * elapsed * self.clock.factor
+        if is_near.any() and self._meets_pole(
+            ends[is_near.argmax()], series[is_near.argmax(), :, 0]
+        ):
+            return
         if missed.any():
             step, first = np.argwhere(missed)[0]
             only = slice(step, step + 1)
@@ -111,18 +122,44 @@ class StepCheck(StepBuffer):
             low, high = places[max(first - 1, 0)], places[first]
         return ends[0, 0] + high * (ends[0, 1] - ends[0, 0])
 
+    def _meets_pole(self, ends: np.ndarray, y: np.ndarray) -> bool:
+        """Whether the equations have a pole soon behind a step from a state y (m,): their rates
+        grow by the inverse of the distance, down to the rounding. A gap then leads over it."""
+
+        def size(s: np.ndarray) -> Any:
+            state = np.repeat(y[:, None].astype(float), len(s), axis=1)
+            times = self.clock.exact_times(s)
+            return np.abs(rates(self.system, self.units, self.clock, times, state)).max(axis=0)
+
+        begin, width = ends[0], AHEAD * (ends[1] - ends[0])
+        for _ in range(ROUNDS):
+            places = begin + width * np.linspace(0, 1, PARTS + 1)
+            largest = int(size(places).argmax())
+            begin, width = places[max(largest - 1, 0)], 2 * width / PARTS
+        first, pole = self.clock.exact_times(np.array([ends[0], places[largest]])).astype(float)
+        beside = 4 * np.spacing(abs(pole) + self.span) * self.clock.factor
+        near, farther = size(places[largest] + beside * np.array([1, FARTHER]))
+        is_pole = 2 * near > FARTHER * farther and pole <= self.start + self.span
+        # Once: the steps up to the gap may be as short.
+        if is_pole and not any(gap.time < pole < gap.onward for gap in self.breaks):
+            self._note(Break(2 * pole - first, first))
+        return self.is_cut
+
     def _pass_over(self, at: Any) -> None:
-        """Let the steps of the stretch be taken anew, and the motion go straight on over a time of
-        the engine."""
+        """Let the motion go straight on over a time of the engine."""
         begin, place = self.clock.exact_times(extended(np.array([at * 0, at]))).astype(float)
         near = BESIDE * ((place - self.start) or self.span)
         near = max(near, ULPS_BESIDE * np.spacing(abs(place)))
-        bisect.insort(self.breaks, Break(place + near / 2, max(place - near / 2, begin)))
+        self._note(Break(place + near / 2, max(place - near / 2, begin)))
+
+    def _note(self, gap: Break) -> None:
+        """Let the steps of the stretch be taken anew, and the motion go straight on over a gap."""
+        bisect.insort(self.breaks, gap)
         self.is_cut = self.control.is_over = True
         aside = ONE_PLACE * self.span
-        at_one_place = sum(abs(other.time - place) < aside for other in self.breaks)
+        at_one_place = sum(abs(other.time - gap.time) < aside for other in self.breaks)
         if at_one_place > MOST_AT_ONE_PLACE or len(self.breaks) > MOST_BREAKS:
-            self.verdict = Status.FAILED, not_smooth(place, self.start)
+            self.verdict = Status.FAILED, not_smooth(gap.time, self.start)
 
     @np.errstate(all="ignore")
     def _excess(self, ends: np.ndarray, x: np.ndarray, series: np.ndarray) -> np.ndarray:
