@@ -106,7 +106,11 @@ class Gap:
             return f"{HELD}{held} = 0 by its expression at t = {time_text(time, start)}"
         sides = (float(self.change) + d * np.array([-1, 1]) for d in (1 / 16, 1 / 2))
         near, far = (np.abs(self.rates_at(x, self.before).astype(float)) for x in sides)
-        return "" if np.nanmax(near) <= MOST_GROWTH * np.nanmax(far) else not_smooth(time, start)
+        if np.nanmax(near) <= MOST_GROWTH * np.nanmax(far):
+            return ""
+        place = float(self.clock.exact(self.length * self.change))
+        grain = float(self.length) / self.clock.factor / CHANGE_PARTS
+        return not_smooth(grain * round(place / grain), start)
 
     def held(self) -> str:
         """The components of the angular velocity, or all of it, that the rates lead back to 0 from
