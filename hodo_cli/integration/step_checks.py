@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..engines import extended
-from ..engines.polynomial import bernstein_coefficients, values_and_slopes
+from ..engines.polynomial import TAYLOR, bernstein_coefficients, values_and_slopes
 from ..engines.protocol import Engine, Status, StepControl
 from ..engines.units import Clock, Units
 from ..models.base import Model, kinds_of_variables
@@ -115,12 +115,19 @@ class StepCheck(StepBuffer):
 
     def _onset(self, ends: np.ndarray, series: np.ndarray, low: float, high: float) -> Any:
         """The time of the engine at which a step begins to miss its equations, between two parts of
-        it."""
+        it; of a step by points, and of one that misses them from its start, at which their rates
+        have the sharpest bend: what goes over a change by some points is wrong all along."""
+        is_onset = self.engine.basis == TAYLOR and low < high
+        low, high = (low, high) if is_onset else (0.0, 1.0)
         for _ in range(ROUNDS):
             places = np.linspace(low, high, PARTS + 1)
-            first = (~(self._excess(ends, places, series)[0] <= 1)).argmax()
-            low, high = places[max(first - 1, 0)], places[first]
-        return ends[0, 0] + high * (ends[0, 1] - ends[0, 0])
+            if is_onset:
+                first = (~(self._excess(ends, places, series)[0] <= 1)).argmax()
+                low, high = places[max(first - 1, 0)], places[first]
+            else:
+                bend = np.abs(np.diff(self._along(ends, places, series)[2][:, 0], 2)).max(axis=0)
+                low, high = places[bend.argmax()], places[bend.argmax() + 2]
+        return ends[0, 0] + (high if is_onset else (low + high) / 2) * (ends[0, 1] - ends[0, 0])
 
     def _meets_pole(self, ends: np.ndarray, y: np.ndarray) -> bool:
         """Whether the equations have a pole soon behind a step from a state y (m,): their rates
@@ -166,10 +173,8 @@ class StepCheck(StepBuffer):
         """How far steps miss their equations (n, k) at places x (k,): beyond 1 something has
         changed."""
         length = np.diff(ends)
-        b = bernstein_coefficients(series.copy(), length[:, 0], self.engine.basis)
-        state, slope = (part.swapaxes(0, 1) for part in values_and_slopes(b, x[None]))
-        times = self.clock.exact_times(ends[:, :1] + x * length).astype(float)
-        missed = np.abs(slope - length * rates(self.system, self.units, self.clock, times, state))
+        b, times, rated, slope = self._along(ends, x, series)
+        missed = np.abs(slope - rated)
         # Between the ends of a step its polynomial has half of the digits at worst, and formulas
         # of seconds since an epoch, which are rounded, have fewer.
         grain = np.spacing(np.abs(times).max()) * self.clock.factor
@@ -182,3 +187,12 @@ class StepCheck(StepBuffer):
         pairs = zip(self.kinds, sizes, strict=True)
         excess = [missed[kind].max(axis=0) / (allowed * size) for kind, size in pairs]
         return np.asarray(np.max(excess, axis=0))
+
+    def _along(self, ends: np.ndarray, x: np.ndarray, series: np.ndarray) -> tuple[Any, ...]:
+        """The Bernstein coefficients of steps, and at places x (k,) of these the times (n, k) of
+        the case, and by x the slopes (m, n, k) of the equations and of the steps."""
+        length = np.diff(ends)
+        b = bernstein_coefficients(series.copy(), length[:, 0], self.engine.basis)
+        state, slope = (part.swapaxes(0, 1) for part in values_and_slopes(b, x[None]))
+        times = self.clock.exact_times(ends[:, :1] + x * length).astype(float)
+        return b, times, length * rates(self.system, self.units, self.clock, times, state), slope

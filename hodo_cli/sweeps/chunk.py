@@ -118,7 +118,7 @@ def reason_alone(case: Case) -> str:
     if other := other_method(case):
         return other
     if may_hide_in_time(case.system):
-        return "formulas of the time that may change within a step"
+        return "formulas that may change within a step"
     # The step of a body is soon compiled.
     is_body = case.system.starts_with_omega
     fewest = 0 if is_body else WORTH_COMPILING * len(flatten(case.system.constants))
