@@ -376,3 +376,27 @@ def test_a_formula_that_is_0_at_rest_leaves_a_body_there() -> None:
     motion = hodo.run(torque | rest)
     assert motion.attrs["status"] == "ok"
     assert not motion.omega.any()
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize(
+    "formula", [["0", "0", "-100*r"], ["-100*p", "-100*q", "-100*r"], ["0", "0", "-100*r*(1+r**2)"]]
+)
+def test_a_motion_that_dies_out_ends_at_rest(formula: list[str]) -> None:
+    start = {"p": 0, "q": 0, "r": 1}
+    ds = motion(formula, initial=start, time={"end": 40, "samples": 81})
+    assert (ds.attrs["status"], ds.attrs["error"] < 1e-12) == ("ok", True)
+    assert (ds.omega[-1] == 0).all()
+
+
+@pytest.mark.parametrize("method", METHODS[:2])
+@pytest.mark.parametrize("aside", [0, 0.2])
+def test_dry_friction_ends_at_once_with_one_cause(method: str, aside: float) -> None:
+    case = {
+        "model": "torques", "inertia": [2, 2, 2], "expression": ["0", "0", "-0.1*r/sqrt(r**2)"],
+        "initial": {"p": aside, "q": 0, "r": 1}, "time": {"end": 40, "samples": 41},
+    }  # fmt: skip
+    ds = hodo.run({**case, "method": method})
+    assert ds.attrs["message"] == "held at omega_3 = 0 by its expression at t = 20"
+    assert ds.attrs["steps"] < 500
+    assert ds.time.values[-1] >= 19
