@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from hodo_cli.models.theory import exact
-from hodo_cli.models.theory.exact import AlongMomentum
 
 A = np.array([1.0, 0.8, 0.6])
 B, C = np.array([0.8, 0.5, 0.74]), np.array([0.5, 0.25, 1.4])
@@ -40,7 +39,7 @@ SIZES = (0.0, 1e-9, 0.02, 3.0)
 def test_size_and_clock_are_the_integrals(rates: tuple[float, ...]) -> None:
     """For rates of every ratio, where a formula might cancel, at times up to the stop or where the
     size has fallen far."""
-    law = AlongMomentum(*rates)
+    law = exact.AlongMomentum(*rates)
     end = float(law.stop) if np.isfinite(law.stop) else 8 / max(rates)
     with mpmath.workdps(22):
         for t in end * np.array([1e-6, 0.3, 0.99]):
@@ -65,7 +64,7 @@ def test_size_and_clock_are_the_integrals(rates: tuple[float, ...]) -> None:
 def test_negative_damping_may_keep_a_body_from_rest(
     rates: tuple[float, float], stops: bool
 ) -> None:
-    law = AlongMomentum(*rates)
+    law = exact.AlongMomentum(*rates)
     assert np.isfinite(law.stop) == stops
     end = float(law.stop) if stops else 20.0
     with mpmath.workdps(30):
@@ -78,7 +77,7 @@ def test_negative_damping_may_keep_a_body_from_rest(
 
 
 def test_long_doubles() -> None:
-    long = AlongMomentum(0.004, 0.01)
+    long = exact.AlongMomentum(0.004, 0.01)
     with mpmath.workdps(30):
         damping, brake = mpmath.mpf(0.004), mpmath.mpf(0.01)
         free = mpmath.odefun(lambda t, y: [-(brake + damping * y[0]), y[0]], 0, [1, 0])
@@ -104,7 +103,7 @@ TABLE = {
 def test_a_motion_is_the_free_one_at_another_clock(name: str) -> None:
     """Against Taylor series of order 30 and more in 176 bits and more."""
     start, (damping, brake), t, omega = TABLE[name]
-    slowed, clock = AlongMomentum(damping, brake / np.hypot.reduce(A * start)).clock(t)
+    slowed, clock = exact.AlongMomentum(damping, brake / np.hypot.reduce(A * start)).clock(t)
     (free,) = exact.free_motion(A, start, np.array([clock]))
     assert slowed * free == pytest.approx(omega, abs=5e-15)
 
@@ -112,20 +111,20 @@ def test_a_motion_is_the_free_one_at_another_clock(name: str) -> None:
 def test_stops_and_directions_at_them() -> None:
     stop = {(0, 0.01): 99.856697321711977, (0.004, 0.01): 84.015679138909045}
     for (damping, brake), time in stop.items():
-        assert AlongMomentum(damping, brake / G_B).stop == pytest.approx(time, rel=1e-15)
+        assert exact.AlongMomentum(damping, brake / G_B).stop == pytest.approx(time, rel=1e-15)
     for damping, s in ((0, 49.928348660855989), (0.004, 39.659378408459034)):
-        law = AlongMomentum(damping, 0.01 / G_B)
+        law = exact.AlongMomentum(damping, 0.01 / G_B)
         assert law.clock(law.stop)[1] == pytest.approx(s, rel=1e-15)
-    law = AlongMomentum(0, 0.01 / G_B)
+    law = exact.AlongMomentum(0, 0.01 / G_B)
     G = A * exact.free_motion(A, B, np.array([law.clock(law.stop)[1]]))[0]
     direction = [0.576436209452822, -0.809786879333248, 0.109391528426027]
     assert G / np.hypot.reduce(G) == pytest.approx(direction, abs=1e-14)
     # Unequal damping is bounded by its largest and its smallest rate.
-    bounds = [float(AlongMomentum(rate, 0.002 / G_B).stop) for rate in (0.005, 0.003)]
+    bounds = [float(exact.AlongMomentum(rate, 0.002 / G_B).stop) for rate in (0.005, 0.003)]
     assert bounds == pytest.approx([250.348, 305.144], abs=5e-4)
     assert bounds[0] < 267.05497187079620 < bounds[1]
 
 
 def test_fluid_leaves_the_size_alone() -> None:
-    law = AlongMomentum(0, 0.002 / G_C)
+    law = exact.AlongMomentum(0, 0.002 / G_C)
     assert law.clock(100.0)[0] * G_C == pytest.approx(0.79779757466131375639, rel=4e-16)

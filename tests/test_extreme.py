@@ -19,7 +19,7 @@ from hodo_cli.cases.config import load
 from hodo_cli.commands import bench
 from hodo_cli.engines import collocation
 from hodo_cli.integration import choice, integrate, solve
-from hodo_cli.models.base import Equations, Model
+from hodo_cli.models import base
 
 CASES = load(Path(__file__).parents[1] / "configs" / "extreme.yaml").cases
 LONG = {
@@ -126,7 +126,7 @@ def test_the_closed_form_in_long_double_is_right_to_its_last_digits(damping: flo
     assert np.array_equal(exact_motion(case, path.time).dtype, np.float64)
 
 
-class Decay(Model):
+class Decay(base.Model):
     """y' = -y beside what stays."""
 
     state = ("y", "c")
@@ -136,14 +136,14 @@ class Decay(Model):
         return -y[0], 0 * y[1]
 
 
-DECAY = Equations(Decay)
+DECAY = base.Equations(Decay)
 
 
 def test_collocation_does_not_pass_over_a_decay_that_it_has_to_resolve() -> None:
     # At a step of 1e16 decay times every stage is 0 to rounding, and only the start shows that
     # something is missed.
     steps = collocation.Steps(
-        Equations(Decay),
+        base.Equations(Decay),
         SimpleNamespace(),
         np.array([1.0, 1.0]),
         np.float64(0),
@@ -170,7 +170,7 @@ def test_collocation_takes_a_shorter_step_where_its_equations_are_singular(
 
     monkeypatch.setattr(np.linalg, "solve", singular_at_first)
     steps = collocation.Steps(
-        Equations(Decay),
+        base.Equations(Decay),
         SimpleNamespace(),
         np.array([1.0, 1.0]),
         np.float64(0),

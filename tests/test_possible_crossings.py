@@ -305,33 +305,3 @@ def test_equal_rates_cancel_and_the_middle_axis_has_none() -> None:
     assert np.isnan(growth[1])
     symmetric = growth_of_a_tilt(theory.Dissipation((1, 1, 0.6)), np.ones(3))
     assert np.isnan(symmetric).tolist() == [True, True, False]
-
-
-def test_a_driven_rotation_is_stable_where_its_eigenvalues_say_so() -> None:
-    """2000 bodies, about each of their axes, by the Jacobian of the equations as printed."""
-    draw = np.random.default_rng(4)
-    n = 2000
-    A, damping = bodies(draw, n), draw.uniform(0.01, 1, (n, 3))
-    torque = draw.normal(size=(n, 3))
-    sums = [
-        theory.Dissipation(body, rates, torque=N)
-        for body, rates, N in zip(A, damping, torque, strict=True)
-    ]
-    omega, stable = np.array(
-        [[theory.driven_spin(terms, i) for i in range(3)] for terms in sums]
-    ).transpose(2, 0, 1)
-    for axis in range(3):
-        w = np.zeros((n, 3))
-        w[:, axis] = omega[:, axis]
-        p, q, r = w.T
-        A1, A2, A3 = A.T
-        jacobian = np.zeros((n, 3, 3))
-        jacobian[:, 0, 1], jacobian[:, 0, 2] = (A2 - A3) / A1 * r, (A2 - A3) / A1 * q
-        jacobian[:, 1, 0], jacobian[:, 1, 2] = (A3 - A1) / A2 * r, (A3 - A1) / A2 * p
-        jacobian[:, 2, 0], jacobian[:, 2, 1] = (A1 - A2) / A3 * q, (A1 - A2) / A3 * p
-        jacobian -= damping[:, :, None] * np.eye(3)
-        expected = np.linalg.eigvals(jacobian).real.max(-1) < 0
-        assert (stable[:, axis].astype(bool) == expected).all()
-        middle = np.argsort(A)[:, 1] == axis
-        assert stable[~middle, axis].all()
-        assert 0 < stable[middle, axis].sum() < middle.sum()

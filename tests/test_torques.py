@@ -503,7 +503,9 @@ def test_only_the_terms_named_are_in_the_equations() -> None:
         "initial: {p: 1, q: 0, r: 0}\ntime: {end: 1}"
     )
     assert case.system.equations.state == ("p", "q", "r")
-    assert set(case.system.constants) == {"lam1", "lam2", "lam3", "A1", "A2", "A3", "g"}
+    assert case.system.equations.terms == ("damping",)
+    numbers = {name for name, x in case.system.constants.items() if not isinstance(x, str)}
+    assert numbers == {"lam1", "lam2", "lam3", "A1", "A2", "A3", "g"}
 
 
 @pytest.mark.parametrize(
@@ -572,22 +574,6 @@ def test_classify_says_what_theory_foretells(terms: Any, predictions: list[str])
     assert len(told) == len(predictions)
     for sentence, pattern in zip(told, predictions, strict=True):
         assert re.match(pattern, sentence)
-
-
-@pytest.mark.parametrize(
-    ("torque", "words"),
-    [
-        ([0.05, 0, 0], "x1 at 0.5: stable"),
-        ([0, 0.04, 0], "x2 at 0.5: unstable"),
-        ([0, 0.004, 0], "x2 at 0.05: stable"),
-    ],
-)
-def test_a_torque_against_damping_holds_a_rotation(torque: Any, words: str) -> None:
-    ds = run(C, 400, torque=torque, damping=0.1)
-    assert ds.attrs["predictions"] == f"the torque holds a rotation about {words}"
-    axis = int(words[1]) - 1
-    is_held = np.abs(np.delete(ds.omega.data[-1], axis)).max() < 1e-6
-    assert is_held == ("unstable" not in words)
 
 
 def test_predictions_carry_the_units_of_the_case() -> None:
@@ -867,3 +853,15 @@ def test_a_body_with_a_rotor_turns_on_behind_its_stop(precision: str) -> None:
     ds = run(C, 60, **terms)
     assert ds.omega.values[-1] == pytest.approx([-0.3, 0, -0.1 / 0.6], abs=1e-15)
     assert ds.attrs["error"] < 1e-13
+
+
+def test_a_start_along_the_middle_axis_of_a_full_tensor_stands_on_no_side() -> None:
+    # Its components along the other axes are rounding, which is as large as they are.
+    inertia = [
+        [0.9429504720292667, -0.014318834801310954, 0.13438143593915208],
+        [-0.014318834801310954, 0.7775784870607602, 0.0632787863921575],
+        [0.13438143593915208, 0.0632787863921575, 0.6794710409099731],
+    ]
+    start = {"p": 0.1619507948751688, "q": -0.8432005295425412, "r": -0.26212394155222163}
+    ds = run(start, 1e-3, inertia=inertia, damping=0, method="taylor")
+    assert ds.enclosed_axis.values[0] == 0

@@ -296,9 +296,12 @@ def start_error(case: Case) -> float:
     """The error of a start: each of its components is right to its own last bit.
 
     So D is right to the rounding of its terms, however near the middle axis. A start whose D is 0
-    to that rounding stands on neither side, in every precision.
+    to that rounding stands on neither side, in every precision. Along the principal axes of a full
+    tensor each component is a sum, right to the last bit of the largest one.
     """
     body = body_of(case)
+    if body.principal_axes is not None:
+        return EPS
     A, omega = body.moments, body.omega_at_start
     return EPS * math.sqrt(float(rigid_body.near_middle_axis(A, omega)))
 

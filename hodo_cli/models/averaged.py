@@ -515,11 +515,9 @@ class AveragedTriaxial(AveragedTurns, Cavity):
 
     def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
         A_e, b, A_o = np.sort(self.moments)[::-side]
-        (m, _, ss, rest), span, near = turn_means(v), abs(A_e - A_o), abs(A_e - b)
-        far, square = (
-            abs(b - A_o),
-            float(np.exp(self.slow_start[2]) @ np.sort(self.moments)[[2, 0]]),
-        )
+        m, _, ss, rest = turn_means(v)
+        span, near, far = abs(A_e - A_o), abs(A_e - b), abs(b - A_o)
+        square = float(np.exp(self.slow_start[2]) @ np.sort(self.moments)[[2, 0]])
         sscc, ratio = (ss - 2 * rest) / 3, m * near / far  # <sn^2 cn^2>, X_o/X_e
         loss = (
             (A_e + A_o - b) * (1 - ss - m * sscc) / (A_e * A_o)

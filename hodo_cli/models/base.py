@@ -244,7 +244,7 @@ class Model:
         own = dict(data)
         # As pairs, which can be hashed.
         named = (own.pop(CONSTANTS_KEY, None) or {}) if CONSTANTS_KEY in cls.keys else {}
-        since = {EPOCH_NAME: -epoch if is_backward else epoch} if epoch else {}
+        since = {EPOCH_NAME: (-1 if is_backward else 1) * epoch} if epoch else {}
         named = tuple((named | since).items())
         return cls.form_of(data)(**own, case_constants=named, is_backward=is_backward)
 

@@ -71,7 +71,6 @@ from .theory.theorems import (
     axes_never_left,
     crossing_predictions,
     final_axis,
-    spin_predictions,
 )
 
 ROUNDING_OF_G = 4 * float(np.finfo(float).eps)
@@ -408,13 +407,12 @@ class Body(BodyFrame):
         return final_axis(np.array(self.inertia), self.resistance_matrix, self.omega_at_start)
 
     def predictions(self, start: float, end: float) -> list[str]:
-        """Which crossings are possible, which rotation is held, when a brake stops the body, and
-        how a free body with an attitude turns."""
+        """Which crossings are possible, when a brake stops the body, and how a free body with an
+        attitude turns."""
         predictions = []
         if self.says_crossings and (terms := self.dissipation):
-            of_which = spin_predictions if self.brake is None else self.stop_predictions
             predictions += crossing_predictions(terms)
-            predictions += [] if self.changing_terms else of_which(terms)
+            predictions += [] if self.changing_terms else self.stop_predictions(terms)
         return [*predictions, *filter(None, [self.no_separatrix_reason]), *(self.turn or ())[2:]]
 
     def stop_predictions(self, terms: Dissipation) -> list[str]:

@@ -1,5 +1,5 @@
-"""What follows from a sum of torques alone: which way a motion crosses the separatrix, which
-rotation a torque holds, and which axis is enclosed in the end.
+"""What follows from a sum of torques alone: which way a motion crosses the separatrix, and
+which axis is enclosed in the end.
 
 With a > b > c the moments of inertia and 1, 2, 3 their axes, let D = 0 at a given |G|. One number
 is left, sigma in 0 to 1:
@@ -126,34 +126,6 @@ def crossing_predictions(terms: Dissipation) -> list[str]:
     return [
         f"only {up} above |G| = {fluid}, only {down} below {damping}; on the mean the sense turns "
         f"at {mean}"
-    ]
-
-
-def driven_spin(terms: Dissipation, i: int) -> tuple[float, bool]:
-    """The rotation omega_i = M_i/(lambda_i A_i) that a torque M along body axis i alone holds
-    against damping, and whether it is stable.
-
-    A tilt (w_j, w_k) has the eigenvalues x of (x + lambda_j)(x + lambda_k) = (A_k - A_i)(A_i - A_j)
-    omega_i^2/(A_j A_k), which is negative but for the middle axis.
-    """
-    A, damping, j, k = terms.inertia, terms.damping, (i + 1) % 3, (i + 2) % 3
-    omega = terms.torque[i] / (damping[i] * A[i])
-    product = (A[k] - A[i]) * (A[i] - A[j]) / (A[j] * A[k]) * omega * omega
-    return omega, damping[j] + damping[k] > 0 and damping[j] * damping[k] > product
-
-
-def spin_predictions(terms: Dissipation) -> list[str]:
-    """The rotation that a torque along one axis holds against damping alone, in a sentence."""
-    others = *terms.quadratic, terms.kappa
-    if any(others) or not terms.covered or np.count_nonzero(terms.torque) != 1:
-        return []
-    axis = int(np.flatnonzero(terms.torque)[0])
-    if not terms.damping[axis] > 0:
-        return []
-    omega, stable = driven_spin(terms, axis)
-    return [
-        f"the torque holds a rotation about x{axis + 1} at {omega:.6g} [time^-1]: "
-        f"{'stable' if stable else 'unstable'}"
     ]
 
 
