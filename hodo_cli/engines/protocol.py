@@ -176,11 +176,11 @@ class StepControl:
         return self.give_up(Status.TIMEOUT, f"max_seconds: stopped after {self.max_seconds:g} s")
 
     def take_back(self, steps: int, evaluations: int) -> None:
-        """Go back to these counts: the steps since then are of no motion, and how they ended counts
-        for nothing, but their seconds are spent."""
-        self.steps, self.evaluations, self.is_over = steps, evaluations, True
-        self._next_check, self.status, self.message = steps + 1.0, Status.OK, ""
-        self.has_time()
+        """Go back to these counts: the steps since then are of no motion, and that they failed
+        counts for nothing, but their seconds are spent."""
+        self.steps, self.evaluations, self._next_check = steps, evaluations, steps + 1.0
+        if self.status is Status.FAILED:
+            self.status, self.message = Status.OK, ""
 
     def give_up(self, status: Status, message: str) -> bool:
         """Record that the motion ends here, and why: the first reason counts."""

@@ -32,12 +32,22 @@ SLOWEST_EXPONENT = -1000
 motion's own would leave the range of doubles."""
 
 
+LEAST_EXPONENT = -960
+"""The binary order of magnitude of omega below which formulas are told that of this one, and their
+torques taken to be in proportion to omega: in the case's own units both would leave the doubles."""
+
+
 class TimeWindow(NamedTuple):
     """A time of motions whose equations contain it, and how long they last; both one number, or one
     for each of n motions."""
 
     time: Any
     span: Any
+
+
+LEAST_EXPONENT = -960
+"""The binary order of magnitude of omega below which formulas are told that of this one, and their
+torques taken to be in proportion to omega: in the case's own units both would leave the doubles."""
 
 
 PASSING_BITS = 40
@@ -79,21 +89,11 @@ class Units:
         units = cls.of_exponent(
             model, orders, fitting_exponent(model, orders, y, exponent, falling)
         )
+        if VELOCITY in k:
+            # Of formulas nothing is known: in a time as long as a motion is slow they may make more
+            # than a double holds.
+            units = cls(units.exponent, np.maximum(units.rate, 0))
         speed, turn = units.speeds(model, k, y, exponent, t)
-        if (beyond := ~np.isfinite(speed)).any():
-            # A formula's torque beside a motion that is almost at rest: in units of time as long as
-            # this rest it exceeds the doubles.
-            units = cls(units.exponent, np.where(beyond, 0, units.rate))
-            speed, turn = units.speeds(model, k, y, exponent, t)
-        if (units.least_exponent(speed, turn) > units.exponent).any():
-            # Of the torque alone: what is in proportion to the motion vanishes with it.
-            at_rest = y.copy()
-            at_rest[moving(model)] = 0
-            with np.errstate(all="ignore"):  # a brake has no direction at rest
-                forced, _ = units.speeds(model, k, at_rest, exponent, t)
-            least = units.least_exponent(forced, turn)
-            units = cls.of_exponent(model, orders, np.fmax(units.exponent, least))
-            speed, turn = units.speeds(model, k, y, exponent, t)
         # The bound of the rates may be far too fast: a body that turns steadily about an axis needs
         # no steps.
         slower = np.frexp(np.where(speed > 0, np.maximum(speed, turn), 0.0))[1]
@@ -128,21 +128,9 @@ class Units:
         speed = np.abs(rate).max(axis=0)
         along = np.divide(rate, speed, out=np.zeros_like(rate), where=speed > 0)
         # The second derivative by a complex step, as in `jacobian`: it sees what turns at constant
-        # speed.
-        second = np.array(np.broadcast_arrays(*model.rhs(t, [*(y + 1e-100j * along)], scaled)))
-        return speed, np.abs(second.imag / 1e-100).max(axis=0)
-
-    @np.errstate(all="ignore")
-    def least_exponent(self, speed: np.ndarray, turn: np.ndarray) -> np.ndarray:
-        """The binary order of magnitude of omega below which a motion passes through 0, where
-        torques make so much of it in a moment.
-
-        It is then as large as they make it: in units of what it is just there, the powers of the
-        time would leave the range of doubles.
-        """
-        order = np.log2(speed)
-        reached = np.fmin(order - np.log2(turn), (order + self.rate - self.exponent) / 2)
-        return np.asarray(self.exponent + np.ceil(reached) - PASSING_BITS)
+        # speed. Of a longer one, which a formula is told in the case's own units.
+        second = np.array(np.broadcast_arrays(*model.rhs(t, [*(y + 1e-20j * along)], scaled)))
+        return speed, np.abs(second.imag / 1e-20).max(axis=0)
 
     def constants(self, model: Equations, k: Mapping[str, Any]) -> dict[str, Any]:
         """The constants of the equations in these units."""
@@ -150,7 +138,7 @@ class Units:
             name: in_unit(k[name], (degree - 1) * self.exponent - self.rate)
             for name, degree in model.degree.items()
         }
-        units = {VELOCITY: self.exponent, UNIT: -self.rate}
+        units = {VELOCITY: np.maximum(self.exponent, LEAST_EXPONENT), UNIT: -self.rate}
         return {**k} | scaled | {name: np.ldexp(1.0, units[name]) for name in units if name in k}
 
 

@@ -90,16 +90,6 @@ class CrossingList(NamedTuple):
     undecided: list[float]
 
 
-class StepView(NamedTuple):
-    """Places of steps, each (k,): label, margin, |G|, and the rate by x at which the nearest
-    boundary comes nearer, relative to |omega|."""
-
-    label: np.ndarray
-    margin: np.ndarray
-    momentum: np.ndarray
-    rate: np.ndarray
-
-
 @dataclass
 class CrossingSearch(StepBuffer):
     """Searches the steps of a motion for zeros of D.
@@ -181,17 +171,6 @@ class CrossingSearch(StepBuffer):
         the ends `times` (n, 2)."""
         order = np.lexsort((x, row))
         row, x, vanishes = row[order], x[order], vanishes[order]
-        view = self._view(b, row, x)
-        start, end = self.clock.exact_times(times.T).astype(float)
-        rate = np.nan_to_num(view.rate / (end - start)[row]).astype(float)
-        within = times[row, 0] + x * (times[row, 1] - times[row, 0])
-        time = self.clock.exact_times(within).astype(float)
-        margin = np.where(vanishes, 0, view.margin).astype(float)
-        self.parts.append(SignChanges(time, margin, vanishes, rate, view.momentum, view.label))
-
-    @np.errstate(divide="ignore", invalid="ignore")
-    def _view(self, b: np.ndarray, row: np.ndarray, x: np.ndarray) -> StepView:
-        """The motion at places x (k,) in steps with Bernstein coefficients b (n, 3, degree + 1)."""
         A, motion = self.A.astype(b.dtype), values_and_slopes(b[row], x[:, None])
         omega, slope = (values[:, :, 0] for values in motion)
         values, changes = (
@@ -200,11 +179,16 @@ class CrossingSearch(StepBuffer):
         # Near the separatrix the margin is the smaller form, up to a factor of at most sqrt 2.
         change = np.where(values[0] < values[1], *changes)
         scale = np.hypot(*rigid_body.separatrix_roots(A, self.order))
-        rate = change / (scale * np.sqrt(np.square(omega).sum(axis=1)))
+        relative = change / (scale * np.sqrt(np.square(omega).sum(axis=1)))
         momentum = np.sqrt(np.square(rigid_body.angular_momentum(A, omega)).sum(axis=1))
         momentum = np.ldexp(momentum.astype(float), self.units.exponent)
         margin, label = sides_of(self.body, omega)
-        return StepView(label, margin, momentum, rate)
+        start, end = self.clock.exact_times(times.T).astype(float)
+        rate = np.nan_to_num(relative / (end - start)[row]).astype(float)
+        within = times[row, 0] + x * (times[row, 1] - times[row, 0])
+        time = self.clock.exact_times(within).astype(float)
+        margin = np.where(vanishes, 0, margin).astype(float)
+        self.parts.append(SignChanges(time, margin, vanishes, rate, momentum, label))
 
 
 @np.errstate(all="ignore")

@@ -1,6 +1,7 @@
 """The driver of the engines: from a start through the sample times, in units that fit the motion at
 every moment."""
 
+import bisect
 import math
 from dataclasses import dataclass, field
 from typing import Any
@@ -28,9 +29,9 @@ from ..models.base import (
     attributes,
     moving,
     rescaled,
-    stacked,
     state_powers,
 )
+from .breaks import NO_BREAK, Break, Gap
 from .trajectory import Occurrence
 
 SAMPLES_AT_ONCE = 1 << 16
@@ -92,45 +93,33 @@ class SampleBuffer:
         self.done += 1
 
 
-class StepObserver:
-    """Sees every step of a motion, as an `Observer` that knows in which units the step is; `change`
-    (3,) is set if the steps of a stretch are to be taken anew, straight on over a change of the
-    rates, whose time it is, between one before and one behind it."""
-
-    change: np.ndarray | None = None
-
-    def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
-        """The steps from here on are in these units, their times those of the clock."""
-        self.engine, self.clock, self.units = engine, clock, units
-
-    def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
-        """See `Observer`."""
-        raise NotImplementedError
-
-    def flush(self) -> None:
-        """The units are about to change, or the motion has ended."""
-
-
 STEPS_AT_ONCE = 512
 """Steps that are examined together: numpy's overhead, some 0.1 ms, is then 0.2 us a step."""
 
 
-class StepBuffer(StepObserver):
-    """Keeps the steps of a motion, and examines `enough` of them at once."""
+class StepBuffer:
+    """Sees every step of a motion, as an `Observer` that knows in which units the step is, and
+    examines `enough` of them at once. `is_cut` is set where the steps of a stretch are to be taken
+    anew, up to the next of the `breaks`; the `verdict` is then that of the motion."""
 
     enough: float = STEPS_AT_ONCE
+    is_cut = False
+    verdict = Status.OK, ""
 
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
-        super().begin(engine, clock, units)
+        """The steps from here on are in these units, their times those of the clock."""
+        self.engine, self.clock, self.units = engine, clock, units
         self.ends, self.series = list[tuple[Any, Any]](), list[np.ndarray]()
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
+        """See `Observer`."""
         self.ends.append((start, end))
         self.series.append(series.copy())
         if len(self.ends) >= self.enough:
             self.flush()
 
     def flush(self) -> None:
+        """Examine what is kept: the units are about to change, or the motion has ended."""
         if not self.ends:
             return
         ends, series = np.array(self.ends, dtype=self.engine.dtype), np.array(self.series)
@@ -186,67 +175,55 @@ class Propagation:
         return TimeWindow(float(self.clock.high), self.span) if self.is_timed else None
 
     def run(
-        self, control: StepControl, observer: StepObserver | None, restarts: np.ndarray
+        self, control: StepControl, observer: StepBuffer | None, breaks: list[Break]
     ) -> SampleBuffer:
-        """Integrate through the sample times, with new units whenever the motion has outgrown them;
-        straight on over each of the `restarts` (k, 3), the times before, at and behind a sudden
-        change of the rates.
+        """Integrate through the sample times, with new units whenever the motion has outgrown them,
+        and over the `breaks`, in order, of which the observer may add some.
 
         Ends early at a terminal event, whose time and state are then the last ones, or when the
         control says so.
         """
         self.begin()
-        self.restarts = in_precision(restarts, self.engine.dtype)
-        self.control, self.observer = control, observer or StepObserver()
+        self.control, self.observer = control, observer or StepBuffer()
         control.band = norm_band(self.engine, self.system, self.is_falling)
         control.rows = None if isinstance(self.moving, slice) else self.moving
         control.observer = observer
+        clock, fp = self.clock, self.engine.dtype
         while not self.samples.is_complete and self.control.status is Status.OK:
-            self.clock.factor = float(np.ldexp(1.0, self.units.rate))
-            while len(self.restarts) and self.clock.until(self.restarts[0, 2]) <= 0:
-                self.restarts = self.restarts[1:]
-            if len(self.restarts) and self.clock.until(self.restarts[0, 0]) <= 0:
-                self.go_straight_on(*self.restarts[0, 1:])
-            else:
-                exponent = self.integrate()
-                if self.observer.change is None:
-                    self.change_units(exponent)
+            clock.factor = float(np.ldexp(1.0, self.units.rate))
+            ahead = breaks[bisect.bisect_left(breaks, Break(float(clock.high), -math.inf)) :]
+            at = next((at for at in ahead if clock.until(fp(at.onward)) > 0), NO_BREAK)
+            # Already from so near to it that its time may be that of the present, rounded.
+            if 4 * clock.until(fp(at.time)) < clock.until(fp(at.onward)):
+                self.go_straight_on(at.onward)
+                continue
+            exponent = self.integrate(at.time)
+            if not self.observer.is_cut:
+                self.change_units(exponent)
         return self.samples
 
-    def go_straight_on(self, at: Any, end: Any) -> None:
-        """Go on to the time `end` by the rates of the present, and from the time `at` of a sudden
-        change by those of the end."""
-        clock, y, fp = self.clock, self.y, self.engine.dtype
-        k = attributes(self.units.constants(self.model, self.system.constants), fp)
-
-        def rates(t: Any, y: np.ndarray) -> np.ndarray:
-            return np.asarray(stacked(self.system.equations.rhs(t, [*y], k), y) * fp(clock.factor))
-
-        # At the change itself, as a motion may begin, its formula may be no number.
-        before = rates(clock.exact(fp(0)) if clock.until(at) > 0 else end, y)
-        # By the state there: what the motion itself switches has the old rates in the present one.
-        behind = rates(end, y + clock.until(end) * before)
-        # From now to each sample on the way and to the end, and the part of it before the change.
-        elapsed = clock.until(np.append(self.samples.ahead(float(end)).astype(fp), end))
-        change = max(clock.until(at), fp(0))
-        earlier = np.minimum(elapsed, change)
-        states = y + np.outer(earlier, before) + np.outer(elapsed - earlier, behind)
-        if not np.isfinite(states.astype(float)).all():
-            self.control.give_up(Status.FAILED, "the state became infinite or not a number")
+    def go_straight_on(self, end: float) -> None:
+        """Go straight on to a time over a change of formulas, or end where none leads on."""
+        clock, fp = self.clock, self.engine.dtype
+        times = np.append(self.samples.ahead(end).astype(fp), fp(end))
+        elapsed = clock.until(times) * fp(clock.factor)
+        gap = Gap(self.system, self.units, clock, self.y, elapsed[-1])
+        if problem := gap.problem(self.start):
+            self.control.give_up(Status.FAILED, problem)
             return
-        self.samples.add(states[:-1], self.units.exponent)
-        self.y = states[-1]
-        clock.restart(end)
+        *states, self.y = gap.states_after(elapsed)
+        self.samples.add(np.reshape(states, (-1, len(self.y))), self.units.exponent)
+        clock.restart(fp(end))
 
-    def integrate(self) -> int:
-        """Integrate in the present units, through as many samples as these serve; the exponent of
-        the unit of omega in which the state is then."""
+    def integrate(self, stop: float) -> int:
+        """Integrate in the present units, through as many samples as these serve, to a time at
+        most; the exponent of the unit of omega in which the state is then."""
         samples, units, clock = self.samples, self.units, self.clock
         block = samples.time[samples.done :][:SAMPLES_AT_ONCE].astype(self.engine.dtype)
         times = block
-        if len(self.restarts) and (stop := self.restarts[0, 0]) < block[-1]:
+        if stop < block[-1]:
             block = block[block < stop]
-            times = np.append(block, stop)
+            times = np.append(block, self.engine.dtype(stop))
         grid = clock.grid(times)
         if not math.isfinite(float(grid[-1])):
             raise OverflowError
@@ -261,16 +238,19 @@ class Propagation:
         self.control.is_over = False
         self.observer.begin(self.engine, clock, units)
         k = k | clock.constants if self.is_timed else k
+        spent = self.control.steps, self.control.evaluations
         stretch = self.engine.integrate(k, self.y, grid, self.control)
         self.observer.flush()
-        if self.observer.change is not None:
-            self.restarts = in_precision(self.observer.change[None], self.engine.dtype)
+        if self.observer.is_cut:
+            self.control.take_back(*spent)
+            if self.observer.verdict[0] is not Status.OK:
+                self.control.give_up(*self.observer.verdict)
             return int(units.exponent)
         samples.events += [
             Occurrence(self.events[root.event].kind, float(clock.exact(root.time)))
             for root in stretch.roots
         ]
-        # The first row is where it began, and one behind the samples is at a restart.
+        # The first row is where it began, and one behind the samples is at a break.
         samples.add(stretch.rows[1 : len(block) + 1], units.exponent)
         if stretch.stop:
             return self.pass_event(stretch.stop)

@@ -14,20 +14,14 @@ from ..models.base import attributes, has_formula_of_time
 from ..models.brake import first_release
 from ..quantities import angle_turned
 from ..text import time_digits, to_error
+from .breaks import HELD, NOT_SMOOTH
 from .choice import choose
 from .error import with_measured_error
 from .solve import solve, with_seconds_left
-from .step_checks import POLE
 from .trajectory import Trajectory
 
 ERROR_LIMIT_ASKED = 1e-12
 """The error that a motion may have whose tolerance is at the limit of its precision."""
-
-SHORT_SECONDS = 0.02
-"""Seconds of a motion whose time is doubled by what only the first of a process pays."""
-
-_TIMED_KINDS: set[tuple[type, str]] = set()
-"""The kinds of motions that this process has timed."""
 
 PLACES_AT_REST, PLACES_OF_MEMBER = 2**15, 2**12
 """How many intervals of the time that a brake holds a body are looked through for stronger torques:
@@ -43,12 +37,11 @@ def integrate(case: Case) -> Trajectory:
     """
     if case.time.runs_backward:
         return in_time_of_case(integrate(replace(case, time=case.time.rising)), case)
-    motion = timed(solved(case, *choose(case)))
+    motion = solved(case, *choose(case))
     # The start alone, which a motion that fails at once is left with, has no error to measure.
     if case.error and (motion.succeeded or (motion.time > case.time.start).any()):
         motion = with_measured_error(motion)
     return motion.with_remarks(
-        case=case,
         message=motion.message or early_end(motion),
         warnings=(*model_warnings(motion), *motion_remarks(motion)),
     )
@@ -154,17 +147,6 @@ def excess_remark(case: Case, error: float, tol: float) -> Iterator[str]:
         yield f"the measured error {error:.1e} is more than ten times {words}"
 
 
-def timed(motion: Trajectory) -> Trajectory:
-    """A motion; with its second run time if it is short and the first of its kind in this process,
-    which pays for what all later ones find ready."""
-    case, kind = motion.case, (motion.case.system.__class__, motion.method)
-    if kind not in _TIMED_KINDS and motion.run_time < SHORT_SECONDS and motion.succeeded:
-        again = solve(case, motion.method, case.precision, case.tol)
-        motion = replace(motion, run_time=min(motion.run_time, again.run_time))
-    _TIMED_KINDS.add(kind)
-    return motion
-
-
 def solved(case: Case, method: str, reason: str) -> Trajectory:
     """A case by the method that was chosen for a reason: by collocation where `auto` has taken the
     series and that fails."""
@@ -174,8 +156,8 @@ def solved(case: Case, method: str, reason: str) -> Trajectory:
         and method == "taylor"
         # Not after a timeout: the user has said how long a case may take.
         and motion.status is Status.FAILED
-        and not motion.message.startswith(POLE)
         and case.precision != "quadruple"
+        and not motion.message.startswith((HELD, NOT_SMOOTH))
     ):
         rest = with_seconds_left(case, motion)
         other = solve(rest, "collocation", case.precision, case.tol)

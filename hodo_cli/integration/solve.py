@@ -18,7 +18,7 @@ from .driver import (
     SAMPLES_AT_ONCE,
     Propagation,
     SampleBuffer,
-    StepObserver,
+    StepBuffer,
 )
 from .step_checks import StepCheck
 from .trajectory import Occurrence, Trajectory
@@ -55,7 +55,7 @@ def solve(
     precision: str = "double",
     tol: float | None = None,
     times: np.ndarray | None = None,
-    observer: StepObserver | None = None,
+    observer: StepBuffer | None = None,
 ) -> Trajectory:
     """The motion of a case by one method; the run time is the processor's, without imports and
     compilation.
@@ -85,7 +85,7 @@ def attempted(
     precision: str,
     tol: float | None,
     times: np.ndarray,
-    observer: StepObserver | None = None,
+    observer: StepBuffer | None = None,
 ) -> Trajectory:
     """The motion of a case by a method that takes steps."""
     system, events = case.system, case.system.run_events
@@ -100,17 +100,15 @@ def attempted(
     is_checked = system.equations.has_formulas and bool((times > case.time.start).any())
     try:
         propagation = Propagation(engine, system, case.time.start, times, events)
-        changes = np.empty((0, 3))
+        check = StepCheck(system, case.time.start, propagation.span, engine.tol, control)
         if is_checked:
-            check = StepCheck(system, times[-1], propagation.span, engine.tol, control)
-            samples = propagation.run(control, check, changes)
-            changes = np.reshape(check.changes, (-1, 3))
+            samples = propagation.run(control, check, check.breaks)
         if observer or not is_checked:
             control = StepControl(*limits)
-            samples = propagation.run(control, observer, changes)
+            samples = propagation.run(control, observer, check.breaks)
     except ArithmeticError as error:
         raise HodoError(f"{case.name}: its numbers exceed the range of doubles") from error
-    return trajectory(case, method, engine.tol, samples, control, began, len(changes))
+    return trajectory(case, method, engine.tol, samples, control, began)
 
 
 def trajectory(
@@ -120,7 +118,6 @@ def trajectory(
     samples: SampleBuffer,
     control: StepControl,
     began: float,
-    restarts: int = 0,
 ) -> Trajectory:
     """The motion that ends now: its known samples and what they cost since `began`."""
     spent, known = thread_time() - began, slice(samples.done)
@@ -128,7 +125,6 @@ def trajectory(
         case, case.system, method, tol,
         samples.time[known], samples.state[known], samples.exponent[known], tuple(samples.events),
         control.steps, control.evaluations, spent, control.status, control.message,
-        restarts=restarts,
     )  # fmt: skip
 
 

@@ -1,18 +1,17 @@
-"""Checks of the steps of a motion: whether they meet its equations, whose formulas may change or
-have a pole within them, and whether what approximates these is accurate."""
+"""A check of the steps of a motion whose equations hold formulas of a user's own."""
 
+import bisect
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from ..engines import extended
-from ..engines.polynomial import bernstein_coefficients, values_and_slopes
-from ..engines.protocol import EPS, Engine, Status, StepControl
+from ..engines.polynomial import TAYLOR, bernstein_coefficients, values_and_slopes
+from ..engines.protocol import Engine, Status, StepControl
 from ..engines.units import Clock, Units
-from ..models.base import Model, attributes, kinds_of_variables, stacked
-from ..text import time_text
+from ..models.base import Model, kinds_of_variables
+from .breaks import Break, not_smooth, rates
 from .driver import StepBuffer
 
 POINTS_CHECKED, POINTS_AT_ONCE = 1 << 15, 1 << 13
@@ -31,214 +30,169 @@ SIZE_AT_REST = 1e-150
 """The least size of a state to which it is relative: a body at rest has none. Its square is a
 double."""
 
-MIN_GAP, MIN_ULPS = 1e-9, 4
-"""How far from a change steps end and begin: in the time in which a motion changes by its own size,
-so that its square is below the rounding of a double, and in rounding errors of the time."""
+PARTS, ROUNDS = 128, 9
+"""The parts of an interval in which a step begins to miss its equations, and how often one of them
+is divided again: to the rounding of the time."""
 
-PARTS, ROUNDS, MAX_CORNER = 128, 9, 2.0
-"""Parts of an interval in search of a change, and how often one or two of them are divided again:
-to the rounding of a long double, since a jump is gone over by the rates on both sides. Of a corner,
-from which an excess grows gradually to no more than this, a part of MIN_GAP will do."""
+MOST_BREAKS, MOST_AT_ONE_PLACE, ONE_PLACE = 10_000, 64, 2.0**-16
+"""How many breaks a motion may have, and how many of them within this part of its span."""
 
-MOST_CHANGES = 10_000
-"""How many changes of its formulas a motion may have."""
+NEAR_POLE, AHEAD, FARTHER = 2.0**-27, 1e5, 1024
+"""The part of the time since its start below which a step of a motion may be one towards a pole,
+how many such steps ahead a pole is looked for, and how many times farther from it the rates are
+smaller by as much."""
 
-MOST_AT_ONE_PLACE, NEARBY = 64, 16
-"""How many of them may follow each other within so many MIN_GAP."""
-
-POLE = "the equations have a pole at t = "
-"""How the message of a motion begins that comes to one: no method leads it on from there."""
-
-SHORT_STEP, AHEAD = 1e7, 1e5
-"""The length of a step, in rounding errors of the time, below which a pole is looked for, and how
-many such steps ahead: collocation takes short ones, since the rounding of a time near a pole makes
-much of its rates."""
-
-BESIDE, FARTHER = 4, 1024
-"""A distance from a pole, in rounding errors of the time, and how many times farther from it the
-rates are smaller by as much."""
+SHORT, SHORT_STEPS, BESIDE, ULPS_BESIDE = 2.0**-46, 64, 2.0**-40, 8
+"""The part of the time since its start below which a step of a motion is short. So many of them
+come ever nearer to a place where its rates change at once; it is taken straight over that place
+from as near as this, or from some rounding errors of the time."""
 
 
 @dataclass
 class StepCheck(StepBuffer):
-    """Compares the polynomials of steps with their equations all along, and notes where they begin
-    to differ.
+    """Compares the polynomials of steps with their equations all along, and cuts a step where it
+    begins to miss them: at a time of `breaks`, from which the motion begins anew.
 
     A series knows a formula by its derivatives at the start of a step, and other methods by its
-    values at some points: they pass a short pulse, and a series a corner too, without a trace.
-    `changes` are the times of such places, each with one before and one behind it, between which
-    the motion is to go straight on: begun anew there, it misses nothing.
+    values at some points: they pass a short pulse, and a series a corner too, without a trace. Cut
+    again and again, a step is so short in the end that it misses nothing by a jump.
     """
 
     system: Model
-    end: float
+    start: float
     span: float
     tol: float
     control: StepControl
-    changes: list[np.ndarray] = field(default_factory=list)
-    at_one_place: int = 0
-    pole: Any = None
+    breaks: list[Break] = field(default_factory=list)
+    short_steps: int = 0
 
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
         super().begin(engine, clock, units)
-        self.longest, self.change, self.at_once = 0.0, None, 512
-        self.at_begin = self.control.steps, self.control.evaluations
-        self.verdict = Status.OK, ""
+        self.longest, self.at_once, self.is_cut = 0.0, 512, False
+        self.last = engine.dtype(0)
         self.kinds = kinds_of_variables(self.system.equations)
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
-        self.longest = max(self.longest, float(end - start))
+        length, elapsed = float(end - start), float(self.clock.exact(end)) - self.start
+        self.longest = max(self.longest, length)
         self.enough = self.at_once / self.points
+        self.last = end
         super().__call__(start, end, series)
+        is_short = length < SHORT * elapsed * self.clock.factor
+        self.short_steps = self.short_steps + 1 if is_short else 0
+        if self.short_steps == SHORT_STEPS and not self.is_cut:
+            self._pass_over(self.last)
+
+    def flush(self) -> None:
+        super().flush()
+        if self.control.status is Status.FAILED and not self.is_cut:
+            self._pass_over(self.last)
 
     @property
     def points(self) -> int:
         """The number of places at which each of the steps noted is compared."""
         return 8 + int(POINTS_CHECKED * self.longest / self.clock.factor / self.span)
 
-    def flush(self) -> None:
-        super().flush()
-        control = self.control
-        is_at_begin = control.steps == self.at_begin[0]
-        if control.status is Status.FAILED and is_at_begin and self.change is None:
-            # A series that begins at a corner has no number.
-            self.note(extended(np.array([self.clock.high, self.clock.low])).sum())
-        if self.change is not None:
-            control.take_back(*self.at_begin)
-            if self.verdict[0] is not Status.OK:
-                control.give_up(*self.verdict)
-
     def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
-        """Compare steps; those behind the first change of a stretch are of another motion."""
-        if self.pole is not None and self.clock.exact_times(ends[0, 0]) > self.changes[-1][1]:
-            self.change = np.full(3, self.pole)
-            pole = time_text(float(self.pole), self.end - self.span)
-            self.verdict = Status.FAILED, f"{POLE}{pole}"
+        """Compare steps; those behind a cut are of another motion."""
+        if self.is_cut:
             return
         # Nearer to each other towards the ends, where collocation has no points of its own.
         x = (1 - np.cos(np.pi * np.arange(self.points + 1) / self.points)) / 2
-        b = self._bernstein(series.astype(float), ends)
-        missed = ~(self._excess(ends.astype(float), x, b) <= 1)
-        if self.change is None and missed.any():
+        missed = ~(self._excess(ends.astype(float), x, series.astype(float)) <= 1)
+        elapsed = self.clock.exact_times(ends[:, 1]) - self.start
+        is_near = np.diff(ends)[:, 0] < NEAR_POLE * elapsed * self.clock.factor
+        if is_near.any() and self._meets_pole(
+            ends[is_near.argmax()], series[is_near.argmax(), :, 0]
+        ):
+            return
+        if missed.any():
             step, first = np.argwhere(missed)[0]
-            ends, b = ends[step : step + 1], self._bernstein(series, ends)[step : step + 1]
-            # A series is right up to a corner; what goes over it by some points is wrong all along.
-            low, high = (x[first - 1], x[first]) if first else (0, 1)
-            place = self._place(ends, b, low, high, is_onset=first > 0)
-            self.note(self.clock.exact_times(ends[0, 0] + place * (ends[0, 1] - ends[0, 0])))
-        self.look_for_pole(ends, b)
+            only = slice(step, step + 1)
+            self._pass_over(self._onset(ends[only], series[only], x[max(first - 1, 0)], x[first]))
         self.longest = 0.0
         self.at_once = min(2 * self.at_once, POINTS_AT_ONCE)
 
-    def look_for_pole(self, ends: np.ndarray, b: np.ndarray) -> None:
-        """Note a pole of the equations, towards which steps become ever shorter: the motion is to
-        begin anew before the first short one, and to end there."""
-        times = self.clock.exact_times(ends)
-        grain = EPS * (np.abs(times[:, 0]) + self.span)
-        is_short = np.diff(times)[:, 0] < SHORT_STEP * grain
-        if self.pole is None and is_short.any():
-            step = is_short.argmax()
-            self.pole = self._pole(ends[step], b[step, :, 0], grain[step])
-            if self.pole is None:
-                return
-            before = min(times[step, 0], self.pole - 2 * self._aside(self.pole))
-            if self.change is None or self.change[1] > before:
-                self.note(before)
-
-    def _pole(self, ends: np.ndarray, y: np.ndarray, grain: Any) -> Any:
-        """The time of a pole of the equations soon behind the start of a step with the state y, or
-        None: their rates grow by the inverse of the distance at least, down to the rounding."""
-
-        def rates(s: np.ndarray) -> np.ndarray:
-            state = np.repeat(y[:, None], len(s), axis=1)
-            return np.asarray(np.abs(self._rates(self.clock.exact_times(s), state)).max(axis=0))
-
-        start, width = extended(ends[:1])[0], AHEAD * (ends[1] - ends[0])
+    def _onset(self, ends: np.ndarray, series: np.ndarray, low: float, high: float) -> Any:
+        """The time of the engine at which a step begins to miss its equations, between two parts of
+        it; of a step by points, and of one that misses them from its start, at which their rates
+        have the sharpest bend: what goes over a change by some points is wrong all along."""
+        is_onset = self.engine.basis == TAYLOR and low < high
+        low, high = (low, high) if is_onset else (0.0, 1.0)
         for _ in range(ROUNDS):
-            places = start + width * np.linspace(0, 1, PARTS + 1)
-            largest = rates(places).argmax()
-            start, width = places[max(largest - 1, 0)], 2 * width / PARTS
-        beside = BESIDE * grain * self.clock.factor
-        near, farther = rates(places[largest] + beside * np.array([1, FARTHER]))
-        pole = grain * np.round(self.clock.exact_times(places[largest]) / grain) + 0.0
-        return pole if 2 * near > FARTHER * farther and pole <= self.end else None
-
-    def note(self, at: Any) -> None:
-        """Note a change at some time: the stretch ends, to be begun anew."""
-        aside = self._aside(at)
-        is_beyond = not self.changes or at > self.changes[-1][1] + NEARBY * aside
-        self.at_one_place = 0 if is_beyond else self.at_one_place + 1
-        # Begun anew it may miss its equations sooner than before.
-        while self.changes and self.changes[-1][1] >= at:
-            self.changes.pop()
-        self.change = np.array([at - aside, at, at + aside])
-        self.changes.append(self.change)
-        if self.at_one_place > MOST_AT_ONE_PLACE:
-            self.verdict = Status.FAILED, "its formulas change ever again within its steps"
-        if len(self.changes) > MOST_CHANGES:
-            message = f"stopped: its formulas change more than {MOST_CHANGES} times"
-            self.verdict = Status.TIMEOUT, message
-
-    def _aside(self, at: Any) -> Any:
-        """How far from a change at some time steps end and begin."""
-        # A series that begins at a corner overflows, and the formula may be no number there.
-        gap = MIN_GAP * min(1 / self.clock.factor, self.span)
-        return np.maximum(gap, MIN_ULPS * np.spacing(float(at)))
-
-    def _place(self, ends: np.ndarray, b: np.ndarray, low: Any, high: Any, is_onset: bool) -> Any:
-        """Where between two places a step begins to miss its equations; where it misses them from
-        its start, which is no `onset`, where the rates have their sharpest bend."""
-        low, width, length = b.dtype.type(low), high - low, ends[0, 1] - ends[0, 0]
-        for _ in range(ROUNDS):
-            places = low + width * np.linspace(0, 1, PARTS + 1)
+            places = np.linspace(low, high, PARTS + 1)
             if is_onset:
-                excess = self._excess(ends, places, b)[0]
-                first, parts = max((~(excess <= 1)).argmax() - 1, 0), 1
+                first = (~(self._excess(ends, places, series)[0] <= 1)).argmax()
+                low, high = places[max(first - 1, 0)], places[first]
             else:
-                bend = np.abs(np.diff(self._slopes(ends, places, b)[2], 2)).max(axis=0)
-                first, parts = bend.argmax(), 2
-            low, width = places[first], width * parts / PARTS
-            if is_onset and width * length < MIN_GAP / 8 and excess[first + 1] < MAX_CORNER:
-                break
-        return low + width / 2
+                bend = np.abs(np.diff(self._along(ends, places, series)[2][:, 0], 2)).max(axis=0)
+                low, high = places[bend.argmax()], places[bend.argmax() + 2]
+        return ends[0, 0] + (high if is_onset else (low + high) / 2) * (ends[0, 1] - ends[0, 0])
 
-    def _bernstein(self, series: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        length = (ends[:, 1] - ends[:, 0]).astype(series.dtype)
-        return bernstein_coefficients(series.copy(), length, self.engine.basis)
+    def _meets_pole(self, ends: np.ndarray, y: np.ndarray) -> bool:
+        """Whether the equations have a pole soon behind a step from a state y (m,): their rates
+        grow by the inverse of the distance, down to the rounding. A gap then leads over it."""
 
-    def _slopes(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> tuple[Any, Any, Any]:
-        """The states in steps at places x (k,), the slopes of these by x, and those of their
-        equations, each (m, n, k)."""
-        length = ends[:, 1:] - ends[:, :1]
-        t = self.clock.exact_times(ends[:, :1] + x * length).astype(b.dtype)
-        state, slope = (part.swapaxes(0, 1) for part in values_and_slopes(b, x[None]))
-        return state, slope, length * self._rates(t, state)
+        def size(s: np.ndarray) -> Any:
+            state = np.repeat(y[:, None].astype(float), len(s), axis=1)
+            times = self.clock.exact_times(s)
+            return np.abs(rates(self.system, self.units, self.clock, times, state)).max(axis=0)
 
-    def _rates(self, t: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The rates of states (m, ...) by the engine's time, at times (...) of the case."""
-        k = self._constants(state.dtype.type)
-        rates = stacked(self.system.equations.rhs(t, [*state], k), state)
-        # The degrees of constants give rates by the engine's time; without them it is told.
-        return np.asarray(rates if self.system.equations.degree else rates / self.clock.factor)
+        begin, width = ends[0], AHEAD * (ends[1] - ends[0])
+        for _ in range(ROUNDS):
+            places = begin + width * np.linspace(0, 1, PARTS + 1)
+            largest = int(size(places).argmax())
+            begin, width = places[max(largest - 1, 0)], 2 * width / PARTS
+        first, pole = self.clock.exact_times(np.array([ends[0], places[largest]])).astype(float)
+        beside = 4 * np.spacing(abs(pole) + self.span) * self.clock.factor
+        near, farther = size(places[largest] + beside * np.array([1, FARTHER]))
+        is_pole = 2 * near > FARTHER * farther and pole <= self.start + self.span
+        # Once: the steps up to the gap may be as short.
+        if is_pole and not any(gap.time < pole < gap.onward for gap in self.breaks):
+            self._note(Break(2 * pole - first, first))
+        return self.is_cut
 
-    def _constants(self, number: Any) -> SimpleNamespace:
-        constants = self.units.constants(self.system.equations, self.system.constants)
-        return attributes(constants, number)
+    def _pass_over(self, at: Any) -> None:
+        """Let the motion go straight on over a time of the engine."""
+        begin, place = self.clock.exact_times(extended(np.array([at * 0, at]))).astype(float)
+        near = BESIDE * ((place - self.start) or self.span)
+        near = max(near, ULPS_BESIDE * np.spacing(abs(place)))
+        self._note(Break(place + near / 2, max(place - near / 2, begin)))
 
-    def _excess(self, ends: np.ndarray, x: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def _note(self, gap: Break) -> None:
+        """Let the steps of the stretch be taken anew, and the motion go straight on over a gap."""
+        bisect.insort(self.breaks, gap)
+        self.is_cut = self.control.is_over = True
+        aside = ONE_PLACE * self.span
+        at_one_place = sum(abs(other.time - gap.time) < aside for other in self.breaks)
+        if at_one_place > MOST_AT_ONE_PLACE or len(self.breaks) > MOST_BREAKS:
+            self.verdict = Status.FAILED, not_smooth(gap.time, self.start)
+
+    @np.errstate(all="ignore")
+    def _excess(self, ends: np.ndarray, x: np.ndarray, series: np.ndarray) -> np.ndarray:
         """How far steps miss their equations (n, k) at places x (k,): beyond 1 something has
         changed."""
-        _, slope, rates = self._slopes(ends, x, b)
+        length = np.diff(ends)
+        b, times, rated, slope = self._along(ends, x, series)
+        missed = np.abs(slope - rated)
         # Between the ends of a step its polynomial has half of the digits at worst, and formulas
         # of seconds since an epoch, which are rounded, have fewer.
-        latest = np.abs(self.clock.exact_times(ends)).max().astype(b.dtype)
-        grain = GRAINS * np.spacing(latest) * self.clock.factor / self.longest
-        parts = max(self.tol**0.5, grain) * (ends[:, 1] - ends[:, 0]) / self.longest
+        grain = np.spacing(np.abs(times).max()) * self.clock.factor
+        longest = max(self.longest, 1.0)
+        parts = max(self.tol**0.5, GRAINS * grain / longest) * length / longest
         allowed = np.maximum(parts, max(DEFECT, 100 * self.tol))
         # Without units of its own a motion has the error of one of size 1, however small it is.
         least = SIZE_AT_REST if self.system.equations.degree else 1.0
-        sizes = [np.abs(b[:, kind]).max(axis=(1, 2)).clip(least) for kind in self.kinds]
-        missed = [np.abs(slope - rates)[kind].max(axis=0) for kind in self.kinds]
-        pairs = zip(missed, sizes, strict=True)
-        excess = np.max([part / (allowed * size)[:, None] for part, size in pairs], axis=0)
-        return np.asarray(excess)
+        sizes = [np.abs(b[:, kind]).max(axis=(1, 2)).clip(least)[:, None] for kind in self.kinds]
+        pairs = zip(self.kinds, sizes, strict=True)
+        excess = [missed[kind].max(axis=0) / (allowed * size) for kind, size in pairs]
+        return np.asarray(np.max(excess, axis=0))
+
+    def _along(self, ends: np.ndarray, x: np.ndarray, series: np.ndarray) -> tuple[Any, ...]:
+        """The Bernstein coefficients of steps, and at places x (k,) of these the times (n, k) of
+        the case, and by x the slopes (m, n, k) of the equations and of the steps."""
+        length = np.diff(ends)
+        b = bernstein_coefficients(series.copy(), length[:, 0], self.engine.basis)
+        state, slope = (part.swapaxes(0, 1) for part in values_and_slopes(b, x[None]))
+        times = self.clock.exact_times(ends[:, :1] + x * length).astype(float)
+        return b, times, length * rates(self.system, self.units, self.clock, times, state), slope

@@ -32,8 +32,7 @@ class Trajectory:
     precision, scaled: a state of a model with units of its own is in units of omega of 2**exponent,
     with `exponent` (n,). `evaluations` of the equations: for a series, one for each order of each
     step. `status` and `message` say why a motion ended before its time, if it did. `errors` holds
-    the measured error of each variable. `restarts` counts the places where steps begin anew because
-    a formula of the user's changes there.
+    the measured error of each variable.
     """
 
     case: Case
@@ -53,7 +52,6 @@ class Trajectory:
     warnings: tuple[str, ...] = ()
     errors: Mapping[str, float] = field(default_factory=dict)
     error_kind: str = "none"
-    restarts: int = 0
 
     @classmethod
     def failed(cls, case: Case, message: str) -> "Trajectory":

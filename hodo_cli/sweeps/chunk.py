@@ -38,7 +38,7 @@ from .columns import (
 )
 from .ensemble.advance import advance, measure_crossings
 from .ensemble.motions import Rejection
-from .formulas import formulas_may_change
+from .formulas import may_hide_in_time
 from .members import ensemble_of, member, other_method, prepare, system_of_member
 
 LARGEST_CHUNK, SMALLEST_CHUNK = 32768, 256
@@ -117,7 +117,7 @@ def reason_alone(case: Case) -> str:
     side."""
     if other := other_method(case):
         return other
-    if case.system.equations.has_formulas and formulas_may_change(case):
+    if may_hide_in_time(case.system):
         return "formulas that may change within a step"
     # The step of a body is soon compiled.
     is_body = case.system.starts_with_omega

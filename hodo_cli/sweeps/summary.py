@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from time import thread_time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,9 +67,10 @@ class MemberError(NamedTuple):
     problem: str = ""
 
 
-def probe(case: Case, ends: Sequence[MemberEnd]) -> list[MemberError]:
-    """The errors of some members; an exception costs its own member."""
-    errors = []
+def probe(case: Case, ends: Sequence[MemberEnd]) -> tuple[list[MemberError], float]:
+    """The errors of some members, and the seconds that they cost; an exception costs its own
+    member."""
+    errors, began = [], thread_time()
     singles = members_as_cases(case, np.array([end.number for end in ends]), samples=2)
     for end, single in zip(ends, singles, strict=True):
         try:
@@ -77,7 +79,7 @@ def probe(case: Case, ends: Sequence[MemberEnd]) -> list[MemberError]:
             raise
         except Exception as error:  # of whatever kind, since the sweep itself is computed
             errors.append(MemberError(problem=str(error) or type(error).__name__))
-    return errors
+    return errors, thread_time() - began
 
 
 def member_error(case: Case, single: Case, end: MemberEnd) -> MemberError:
@@ -204,7 +206,7 @@ def sampled_errors(
     pool: Pool, summary: Summary, report: Callable[[float], object]
 ) -> dict[str, Any]:
     """Quantiles of the measured errors; the summary counts members that have none. `report` is
-    called with the finished share of them."""
+    called with the finished share of them. The summary's run time is then with theirs."""
     asked = summary.ends
     sizes = [largest(end) for end in asked]
     ends = [end for end, size in zip(asked, sizes, strict=True) if size > LEAST_SIZE]
@@ -213,8 +215,9 @@ def sampled_errors(
     for i, (task, outcome) in enumerate(pool.map(partial(probe, summary.case), tasks), 1):
         report(i / len(tasks))
         if isinstance(outcome, Exception):
-            outcome = [MemberError(problem=str(outcome))] * len(task)
-        errors += outcome
+            outcome = [MemberError(problem=str(outcome))] * len(task), 0.0
+        errors += outcome[0]
+        summary.run_time += outcome[1]
     summary.unmeasured = Counter(error.problem for error in errors if error.problem)
     small, unknown = sum(x <= LEAST_SIZE for x in sizes), sum(map(math.isnan, sizes))
     summary.unmeasured[f"they end below {LEAST_SIZE:g}"] = small
