@@ -126,16 +126,17 @@ class Body(BodyFrame):
     G/|G| (`brake`), F e, e fixed in space (`space_torque`), and three formulas in p, q, r and t
     (`expression`).
 
-    omega = (p, q, r): angular velocity, 1/time (`initial`); A: principal moments of inertia
-    (`inertia`), or the full tensor in any body axes, in which all else is then given and stored,
-    while labels name the principal axes; G = A omega + h, with the angular momentum h of a rotor
-    (`rotor`), which turns at constant speed in the body. Each coefficient but those of `cavity`,
-    `rotor` and `expression` may be a law of time. Only the terms named are part of the equations. A
-    brake brings G to 0 (event `stopped`): from there on omega is 0, or -A^-1 h, and no axis is
-    enclosed. With a rotor the enclosed axis is undetermined all along. A formula may jump, have
-    corners or short pulses: steps are compared with the equations at 32,768 places of the span, and
-    begin anew on both sides of what they miss. What is shorter than that may be overlooked. A
-    motion ends at a pole of a formula.
+    omega = (p, q, r): angular velocity, 1/time (`initial`). A: principal moments of inertia
+    (`inertia`), or the full tensor in any body axes; all else is then given and stored in these
+    axes, and labels name the principal ones. G = A omega + h, with the angular momentum h of a
+    rotor (`rotor`) that turns at constant speed in the body. Each coefficient but those of
+    `cavity` and `rotor` may be an expression in t and constants. Only the terms named are part of
+    the equations.
+
+    A brake brings G to 0 (event `stopped`): from then on omega is 0, or -A^-1 h, and no axis is
+    enclosed. With a rotor the enclosed axis is undetermined. A formula may jump or have corners:
+    each step is compared with the equations, and one that misses them is cut. A motion ends at a
+    pole of a formula, and where a formula holds a component at 0, as dry friction does.
 
     A torque along G, as of equal damping, equal quadratic drag or a brake, changes the clock of the
     free motion and not its path. Under constant damping, a constant brake, or both, the clock has a
@@ -354,7 +355,7 @@ class Body(BodyFrame):
         ]
 
     def warnings_within(self, start: float, end: float) -> list[str]:
-        """Which coefficients under a law of time are negative, and from when on."""
+        """Which coefficients that change with time are negative, and from when on."""
         times, constants = np.linspace(start, end, PLACES), self.case_constants
         laws = ((k, x) for k, c in self.term_coefficients.items() for x in c if is_law(x))
         first = [(k, first_negative(x, times, constants)) for k, x in laws if k in RESISTING]
@@ -365,7 +366,7 @@ class Body(BodyFrame):
 
     @property
     def changing_terms(self) -> frozenset[str]:
-        """The terms that have a coefficient under a law of time."""
+        """The terms that have a coefficient that changes with time."""
         return frozenset(
             term for term, entries in self.term_coefficients.items() if any(map(is_law, entries))
         )
