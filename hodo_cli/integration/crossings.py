@@ -23,7 +23,7 @@ from ..engines.units import Units
 from ..models import rigid_body
 from ..models.base import Equations, Event, rescaled
 from ..models.rigid_body import UNDETERMINED, BodyFrame, inertia_order, margin
-from .driver import StepBuffer
+from .step_checks import StepBuffer
 
 CERTAIN_ERRORS = 8.0
 """D counts where its margin is so many times the error of the state. The error can shift the margin

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ..engines import extended
 from ..engines.protocol import Engine, EventRoot, Status, StepControl, uneven
 from ..engines.units import (
     AbsoluteClock,
@@ -31,7 +30,7 @@ from ..models.base import (
     rescaled,
     state_powers,
 )
-from .breaks import NO_BREAK, Break, Gap
+from .step_checks import NO_BREAK, Break, Gap, StepBuffer
 from .trajectory import Occurrence
 
 SAMPLES_AT_ONCE = 1 << 16
@@ -91,48 +90,6 @@ class SampleBuffer:
         self.state = np.concatenate((self.state[known], state[None]))
         self.exponent = np.append(self.exponent[known], exponent)
         self.done += 1
-
-
-STEPS_AT_ONCE = 512
-"""Steps that are examined together: numpy's overhead, some 0.1 ms, is then 0.2 us a step."""
-
-
-class StepBuffer:
-    """Sees every step of a motion, as an `Observer` that knows in which units the step is, and
-    examines `enough` of them at once. `is_cut` is set where the steps of a stretch are to be taken
-    anew, up to the next of the `breaks`; the `verdict` is then that of the motion."""
-
-    enough: float = STEPS_AT_ONCE
-    is_cut = False
-    verdict = Status.OK, ""
-
-    def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
-        """The steps from here on are in these units, their times those of the clock."""
-        self.engine, self.clock, self.units = engine, clock, units
-        self.ends, self.series = list[tuple[Any, Any]](), list[np.ndarray]()
-
-    def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
-        """See `Observer`."""
-        self.ends.append((start, end))
-        self.series.append(series.copy())
-        if len(self.ends) >= self.enough:
-            self.flush()
-
-    def flush(self) -> None:
-        """Examine what is kept: the units are about to change, or the motion has ended."""
-        if not self.ends:
-            return
-        ends, series = np.array(self.ends, dtype=self.engine.dtype), np.array(self.series)
-        self.ends.clear()
-        self.series.clear()
-        if self.engine.dtype is not np.float64:
-            ends, series = extended(ends), extended(series)
-        self.examine(ends, series)
-
-    def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
-        """Look at steps with these ends (n, 2) and coefficients (n, m, degree + 1): doubles, or
-        long doubles where the motion is finer."""
-        raise NotImplementedError
 
 
 class Propagation:

@@ -14,10 +14,10 @@ from ..models.base import attributes, has_formula_of_time
 from ..models.brake import first_release
 from ..quantities import angle_turned
 from ..text import time_digits, to_error
-from .breaks import HELD, NOT_SMOOTH
 from .choice import choose
 from .error import with_measured_error
 from .solve import solve, with_seconds_left
+from .step_checks import HELD, NOT_SMOOTH
 from .trajectory import Trajectory
 
 ERROR_LIMIT_ASKED = 1e-12

@@ -18,9 +18,8 @@ from .driver import (
     SAMPLES_AT_ONCE,
     Propagation,
     SampleBuffer,
-    StepBuffer,
 )
-from .step_checks import StepCheck
+from .step_checks import StepBuffer, StepCheck
 from .trajectory import Occurrence, Trajectory
 
 
