@@ -244,8 +244,9 @@ class Model:
         own = dict(data)
         # As pairs, which can be hashed.
         named = (own.pop(CONSTANTS_KEY, None) or {}) if CONSTANTS_KEY in cls.keys else {}
-        since = {EPOCH_NAME: (-1 if is_backward else 1) * epoch} if epoch else {}
-        named = tuple((named | since).items())
+        if epoch:
+            named = named | {EPOCH_NAME: -epoch if is_backward else epoch}
+        named = tuple(named.items())
         return cls.form_of(data)(**own, case_constants=named, is_backward=is_backward)
 
     @classmethod
