@@ -165,65 +165,27 @@ def is_plain(said: str, status: int) -> bool:
 
 
 @pytest.mark.parametrize("how", TAMPERINGS)
-def test_readers_of_a_result_that_was_tampered_with(folder: Path, how: str) -> None:
+def test_commands_on_a_result_that_was_tampered_with(folder: Path, how: str) -> None:
     right = shutil.copy(folder / "two.h5", folder / "right.h5")
     path = tampered(folder, how)
-    for command in (["compare", path, right], ["compare", right, path], ["claims", path]):
-        done = CliRunner().invoke(main, [str(word) for word in command])
-        assert done.exit_code in (0, 2, 3), done.exception
-        assert is_plain(done.stderr, done.exit_code if done.exit_code == 2 else 0)
-
-
-@pytest.mark.parametrize("how", TAMPERINGS)
-def test_commands_on_a_result_that_was_tampered_with(folder: Path, how: str) -> None:
-    path = tampered(folder, how)
     before = path.read_bytes()
-    shown = CliRunner().invoke(main, ["show", str(path)])
-    assert shown.exit_code in (0, 1, 2)
-    assert is_plain(shown.stderr, shown.exit_code)
-    labelled = CliRunner().invoke(main, ["classify", str(path)])
-    assert labelled.exit_code in (0, 1, 2)
-    assert is_plain(labelled.stderr, labelled.exit_code)
-    # Status 1 is one case's own: the labels of the other are stored.
-    assert labelled.exit_code != 2 or path.read_bytes() == before
-    again = CliRunner().invoke(main, ["run", str(folder / "two.yaml"), "--out", str(folder)])
-    assert again.exit_code in (0, 2)
-    assert is_plain(again.stderr, again.exit_code)
-    assert "Traceback" not in shown.output + labelled.output + again.output
+    for command, statuses in (
+        (("compare", path, right), (0, 2, 3)),
+        (("compare", right, path), (0, 2, 3)),
+        (("claims", path), (0, 2, 3)),
+        (("plot", path, "--out", folder / "figures"), (0, 1, 2)),
+        (("show", path), (0, 1, 2)),
+        (("classify", path), (0, 1, 2)),
+        (("run", folder / "two.yaml", "--out", folder), (0, 2)),
+    ):
+        path.write_bytes(before)  # which a command before may have given its labels
+        done = CliRunner().invoke(main, [str(word) for word in command])
+        assert done.exit_code in statuses, (command, done.exception)
+        assert is_plain(done.stderr, 0 if done.exit_code == 3 else done.exit_code), command
+        assert "Traceback" not in done.output, command
+        # Status 1 is one case's own: the labels of the other are stored.
+        assert done.exit_code != 2 or path.read_bytes() == before, command
     assert not Path("owned").exists()
-
-
-PLOT = """\
-import sys, traceback
-from pathlib import Path
-from hodo_cli.cli import main
-for path in map(Path, sys.argv[1:]):
-    print(path.stem, flush=True, file=sys.stderr)
-    try:
-        out = path.parent / "figures" / path.stem
-        main(["plot", str(path), "--out", str(out)], prog_name="hodo")
-    except SystemExit as done:
-        print("status", done.code, file=sys.stderr)
-"""
-
-
-def test_figures_of_results_that_were_tampered_with(folder: Path) -> None:
-    paths = []
-    for i, how in enumerate(TAMPERINGS):
-        (folder / str(i)).mkdir()
-        shutil.copy(folder / "two.h5", folder / str(i))
-        paths.append(tampered(folder / str(i), how).rename(folder / f"{i}.h5"))
-    done = subprocess.run(
-        [sys.executable, "-c", PLOT, *paths],
-        capture_output=True,
-        text=True,
-        cwd=folder,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr[-3000:]
-    assert "Traceback" not in done.stderr, done.stderr
-    assert done.stderr.count("\nstatus ") == len(TAMPERINGS)
-    assert not (folder / "owned").exists()
 
 
 def make_newer(path: Path) -> None:
@@ -248,21 +210,22 @@ BAD = {
 
 
 @pytest.mark.parametrize("how", BAD)
-@pytest.mark.parametrize("command", ["run", "classify", "show"])
-def test_a_file_that_is_no_result_is_left_alone(folder: Path, how: str, command: str) -> None:
+def test_a_file_that_is_no_result_is_left_alone(folder: Path, how: str) -> None:
     path = folder / "two.h5"
     spoil, reason = BAD[how]
     spoil(path)
     before = path.read_bytes() if path.is_file() else None
-    arguments = (
-        [str(folder / "two.yaml"), "--out", str(folder)] if command == "run" else [str(path)]
-    )
-    done = CliRunner().invoke(main, [command, *arguments])
-    assert done.exit_code == 2
-    assert str(path) in done.stderr
-    assert reason in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert (path.read_bytes() if path.is_file() else None) == before
+    for command in (
+        ("run", folder / "two.yaml", "--out", folder),
+        ("classify", path),
+        ("show", path),
+    ):
+        done = CliRunner().invoke(main, [str(word) for word in command])
+        assert done.exit_code == 2
+        assert str(path) in done.stderr
+        assert reason in done.stderr
+        assert done.stderr.count("\n") == 1
+        assert (path.read_bytes() if path.is_file() else None) == before
     assert not list(folder.glob(".*"))
 
 
@@ -279,7 +242,7 @@ def test_a_locked_file(folder: Path, hodo: Hodo) -> None:
             assert done.stderr == "two.h5: locked: another program has it open for writing\n"
 
 
-@pytest.mark.parametrize("size", [2000, 12000, 30000, 60000])
+@pytest.mark.parametrize("size", [12000, 60000])
 def test_no_space(folder: Path, size: int) -> None:
     """A limit on the size of files stands for a full disk; the sizes end the writing of a case, or
     of the whole."""

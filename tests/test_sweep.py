@@ -187,16 +187,17 @@ def test_directions_are_uniform_and_any_part_of_them_can_be_drawn() -> None:
 # Members are single cases
 
 
-LATE = {"values": [400, 420, 440]}, {"values": [400, 440]}, {"end": 440, "samples": 1}
-
-
 @pytest.mark.heyoka  # without it, collocation would be compared with itself
-@pytest.mark.parametrize("time", LATE, ids=str)
 @pytest.mark.parametrize(
-    ("form", "store"), [("full", []), ("full", ["trajectory"]), ("averaged", ["trajectory"])]
+    ("form", "store", "time"),
+    [
+        ("full", [], {"end": 440, "samples": 1}),
+        ("full", ["trajectory"], {"values": [400, 420, 440]}),
+        ("averaged", ["trajectory"], {"values": [400, 440]}),
+    ],
 )
 def test_a_member_starts_about_the_axis_of_its_start_whenever_its_samples_begin(
-    time: dict[str, Any], form: str, store: list[str]
+    form: str, store: list[str], time: dict[str, Any]
 ) -> None:
     wanted = ["start_axis", "end_axis", "crossings", "crossing_time"]
     wanted += ["share"] if form == "full" else []
@@ -297,16 +298,16 @@ RELEASED, THROWN = "initial: {theta: 60 deg, r: 1.7}", "initial: {Gz: 1.7, H: 2,
 FULL = f"{TOP}, form: full, epsilon: 0.02"
 
 PREPARED = (
-    f"{FIG4}, {BODY_MOVES}, sweep: {{inertia.1: {{linspace: [0.3, 1.7, 999]}}}}",
-    f"{FIG12}, {BODY_MOVES}, sweep: {{resistance.diagonal: {{linspace: [0, 0.1, 999]}}}}",
-    f"{FLUID}, inertia: [8, 7, 4], {BODY_MOVES}, sweep: {{kappa: {{linspace: [0, 1, 999]}}}}",
+    f"{FIG4}, {BODY_MOVES}, sweep: {{inertia.1: {{linspace: [0.3, 1.7, 199]}}}}",
+    f"{FIG12}, {BODY_MOVES}, sweep: {{resistance.diagonal: {{linspace: [0, 0.1, 199]}}}}",
+    f"{FLUID}, inertia: [8, 7, 4], {BODY_MOVES}, sweep: {{kappa: {{linspace: [0, 1, 199]}}}}",
     f"{FLUID}, inertia: [8, 8, 4], form: averaged, initial: {{x: 1, y: 1}}, "
-    "sweep: {initial.y: {linspace: [0, 1, 999]}}",
-    f"{FULL}, {RELEASED}, sweep: {{initial.theta: {{linspace: [0, 3.14, 999]}}}}",
-    f"{FULL}, {THROWN}, sweep: {{initial.Gz: {{linspace: [1, 2, 999]}}}}",
-    f"{TOP}, form: averaged, {RELEASED}, sweep: {{inertia.C: {{linspace: [0.1, 4, 999]}}}}",
-    f"{TOP}, form: averaged-u, {RELEASED}, sweep: {{initial.r: {{linspace: [-2, 2, 999]}}}}",
-    f"{TOP}, form: averaged, {THROWN}, sweep: {{initial.H: {{linspace: [1, 3, 999]}}}}",
+    "sweep: {initial.y: {linspace: [0, 1, 199]}}",
+    f"{FULL}, {RELEASED}, sweep: {{initial.theta: {{linspace: [0, 3.14, 199]}}}}",
+    f"{FULL}, {THROWN}, sweep: {{initial.Gz: {{linspace: [1, 2, 199]}}}}",
+    f"{TOP}, form: averaged, {RELEASED}, sweep: {{inertia.C: {{linspace: [0.1, 4, 199]}}}}",
+    f"{TOP}, form: averaged-u, {RELEASED}, sweep: {{initial.r: {{linspace: [-2, 2, 199]}}}}",
+    f"{TOP}, form: averaged, {THROWN}, sweep: {{initial.H: {{linspace: [1, 3, 199]}}}}",
 )
 """Sweeps that take models through their branches."""
 
@@ -315,7 +316,7 @@ PREPARED = (
 def test_members_are_prepared_at_once_as_one_by_one(
     text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    case, every = one(text), np.arange(999)
+    case, every = one(text), np.arange(199)
     singles = [*members.members_as_cases(case, every, 2)]
     ready = [i for i in every if not any(type(case.system).check(singles[i].data))]
     calls, described = [], members.described
@@ -331,7 +332,7 @@ def test_members_are_prepared_at_once_as_one_by_one(
             known = [base.flatten(system.constants), system.initial_state]
             assert [x.tolist() for x in numbers] == [[*of] for of in known]
     # Those that are refused go one by one, and the others in a part for each way they take.
-    assert len(calls) < 100 + len(every) - len(at)
+    assert len(calls) < 20 + len(every) - len(at)
 
 
 @pytest.mark.heyoka
@@ -370,7 +371,7 @@ def test_the_last_sample_is_the_end_whatever_rounding_has_taken_from_the_time() 
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("size", [1e-150, 1e-3, 1.0, 1e150])
+@pytest.mark.parametrize("size", [1e-150, 1e150])
 def test_members_are_right_relative_to_their_size(size: float) -> None:
     """Against the closed form; by the end the motion has fallen by up to e^-100, and |omega|^2 may
     not be a double."""
@@ -427,9 +428,6 @@ def test_starts_that_decide_nothing() -> None:
 @pytest.mark.parametrize(
     "size",
     [
-        "sqrt(p**2)",
-        "sqrt(p*p)",
-        "2*sqrt(p**2/4)",
         "sqrt(4*p*p)/2",
         # Which only the steps themselves show.
         "sqrt(1-cos(p)**2)",
@@ -532,13 +530,12 @@ def test_the_end_of_spin_of_members() -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("alone", ["", ", max_steps: 100000"])
 @pytest.mark.parametrize(
-    ("torques", "axes"),
+    ("torques", "axes", "alone"),
     [
-        ("damping: [0.2, 0.1, 0.03]", {1, 3}),
-        ("kappa: 0.3", {1}),
-        ("rotor: [0, 0, 0.1], damping: 0.04", {rigid_body.UNDETERMINED}),
+        ("damping: [0.2, 0.1, 0.03]", {1, 3}, ""),
+        ("kappa: 0.3", {1}, ", max_steps: 100000"),
+        ("rotor: [0, 0, 0.1], damping: 0.04", {rigid_body.UNDETERMINED}, ""),
     ],
 )
 def test_members_stop_as_their_single_cases(torques: str, axes: set[int], alone: str) -> None:
@@ -683,14 +680,11 @@ IN_ANY_AXES = (
 SLOWED = "inertia: [2, 1.5, 1], damping: [0.03, 0.02, 0.01]"
 TORQUES = {
     "fixed in space": f"space_torque: {{size: 0.01, direction: [1, 0, 2]}}, {BESIDE}",
-    "of a brake": f"brake: 0.004, {BESIDE}",
     "of a brake that stops some": f"brake: 0.009, {BESIDE}",
     "of a brake that stops all": f"brake: 0.03, torque: [0, 1e-3, 0], {BESIDE}",
-    "in other axes": IN_ANY_AXES,
     "in other axes, of fluid": f"kappa: 0.02, torque: [0.01, 0, 0.02], {IN_ANY_AXES}",
     "in other axes, with an attitude": f"attitude: yes, quadratic: 0.01, {IN_ANY_AXES}",
     "in other axes, of a brake that stops some": f"brake: 0.009, {IN_ANY_AXES}",
-    "of a rotor": f"rotor: [0.1, 0.1, 0.15], {SLOWED}",
     "of a rotor beside a brake": f"rotor: [0, 0.3, 0], brake: 0.02, {SLOWED}",
     "of a rotor of a body with two equal moments": (
         f"rotor: [0.2, 0.1, 0.1], {SLOWED.replace('1.5', '2')}"
@@ -899,10 +893,10 @@ GROWING = {
         "direction: {sphere: {count: NEW, seed: 1}}}",
         ("3", "8"), ("5", "20"),
     ),
-    "even ratios": (
-        f"{FIG12}, initial: {{p: 0.2, q: 0.4, r: 0.9}}, "
+    "trajectories along even ratios": (
+        f"{FIG12}, initial: {{p: 0.2, q: 0.4, r: 0.9}}, store: [omega, trajectory], "
         "sweep: {resistance.diagonal: {logspace: [1e-3, 1e-1, NEW]}}",
-        ("5",), ("9",),
+        ("3",), ("5",),
     ),
     "values between, by another method": (
         f"{SHORT}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, method: DOP853, sweep: {{"
@@ -910,11 +904,6 @@ GROWING = {
         "body: {zip: {inertia.1: {values: NEW}, inertia.2: {values: NEW}}}}",
         ("[0.1, 0.2]", "[0.7, 0.8]", "[0.6, 0.5]"),
         ("[0.15, 0.2, 0.3, 0.1]", "[0.7, 0.9, 0.8]", "[0.6, 0.5, 0.5]"),
-    ),
-    "trajectories": (
-        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, store: [trajectory], "
-        "sweep: {initial.p: {values: NEW}}",
-        ("[0.8, 0.1]",), ("[0.1, 0.7, 0.8]",),
     ),
     "few columns": (
         f"{FIG4}, {BALL}, store: [crossing_time], sweep: {{d: {{sphere: {{count: NEW}}}}}}",
@@ -1291,7 +1280,7 @@ BESIDE = (
 
 # Without heyoka members are single cases, whose side test_motions.py tries; here they take minutes.
 @pytest.mark.heyoka
-@pytest.mark.parametrize(("last", "error"), [(1e-3, "on"), (1.001e-3, "on"), (1.001e-3, "off")])
+@pytest.mark.parametrize(("last", "error"), [(1e-3, "on"), (1.001e-3, "off")])
 def test_members_beside_the_middle_axis_cross_as_they_must(last: float, error: str) -> None:
     damping = [1e-3, 5e-3, last]
     case = one(f"{BESIDE}, damping: {damping}, error: {error}")
@@ -1315,8 +1304,7 @@ def test_members_beside_the_middle_axis_cross_as_they_must(last: float, error: s
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("end", [100, 1000])
-@pytest.mark.parametrize("part", [1e-2, -1e-2])
+@pytest.mark.parametrize(("end", "part"), [(100, 1e-2), (1000, -1e-2)])
 def test_no_member_crosses_where_equal_coefficients_forbid_it(end: float, part: float) -> None:
     """From 3e-10 beside the middle axis, where rounding decides, to 1e-2, where it does not."""
     p = np.logspace(-9.5, -2, 24)
@@ -1374,7 +1362,7 @@ def test_the_time_of_a_crossing_is_right_to_the_error_that_the_member_states(kin
     crossing = np.flatnonzero(decided & (found["crossings"] > 0) & np.isfinite(found["separation"]))
     assert len(crossing) >= 5
     assert np.isfinite(found["crossing_error"][crossing]).all()
-    for i in crossing[:25].tolist():
+    for i in crossing[:8].tolist():
         true = cross(members.member(case, i), "taylor", "extended", None)[1][0]
         off = abs(found["crossing_time"][i] - true.time)
         assert off <= found["crossing_error"][i]
@@ -1403,16 +1391,15 @@ def test_an_early_crossing_in_a_long_span_has_its_digits(end: float) -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("end", [5e3, 1e4])
-def test_a_decayed_member_has_the_labels_of_its_case(end: float) -> None:
+def test_a_decayed_member_has_the_labels_of_its_case() -> None:
     """Below 1e-1233 a motion is at rest, and has no label."""
     case = one(
         "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.5, 0.4, 0.3], "
-        f"initial: {{p: 0.8, q: 0.5, r: 0.99}}, time: {{end: {end}}}, error: off, "
+        "initial: {p: 0.8, q: 0.5, r: 0.99}, time: {end: 1e4}, error: off, "
         "sweep: {initial.p: {values: [0.77, 0.83]}}"
     )
     beside, alone = computed(case), computed(replace(case, max_steps=10**6))
-    assert set(beside["end_axis"]) == ({3} if end < 8e3 else {-1})
+    assert set(beside["end_axis"]) == {-1}
     for name in ("start_axis", "end_axis", "crossings", "crossing_from", "crossing_to"):
         assert beside[name].tolist() == alone[name].tolist()
     for name in ("crossing_time", "share", "separation"):
@@ -1453,7 +1440,7 @@ def test_early_samples_in_a_long_span_have_their_digits() -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("size", [1e-150, 1e-14, 1e17, 1e150])
+@pytest.mark.parametrize("size", [1e-150, 1e17])
 def test_the_errors_of_a_sweep_are_measured_at_every_scale(size: float, tmp_path: Path) -> None:
     case = one(
         "model: linear-diag, inertia: [1, 0.8, 0.6], "
@@ -1476,8 +1463,9 @@ def test_a_sweep_that_failed_as_a_whole_is_a_line_of_the_table() -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("attitude", ["", ", attitude: yes"])
-@pytest.mark.parametrize("inertia", ["[8, 8, 4]", "[8, 4, 4]"])
+@pytest.mark.parametrize(
+    ("inertia", "attitude"), [("[8, 8, 4]", ", attitude: yes"), ("[8, 4, 4]", "")]
+)
 def test_a_body_with_two_equal_moments_is_not_searched_for_crossings(
     inertia: str, attitude: str
 ) -> None:

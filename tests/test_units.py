@@ -164,25 +164,23 @@ def test_keys_of_a_sweep_have_units_too() -> None:
     assert not (axes.get_yticks() % 1).any()
 
 
-@pytest.mark.parametrize(
-    ("key", "units"),
-    [
-        ("attitude.euler.1", "rad"),
-        ("damping.0", "1/s"),
-        ("quadratic", "1"),
-        ("torque.1", "kg m^2/s^2"),
-        ("constants.k", "1"),
-    ],
-)
-def test_keys_within_a_swept_key_have_their_own_units(key: str, units: str) -> None:
+def test_keys_within_a_swept_key_have_their_own_units() -> None:
+    units = {
+        "attitude.euler.1": "rad",
+        "damping.0": "1/s",
+        "quadratic": "1",
+        "torque.1": "kg m^2/s^2",
+        "constants.k": "1",
+    }
     law = "0.1*(1 + k*t)**-1"
     swept = hodo_cli.sweep(
         {"model": "torques", "inertia": [3, 2, 1], "initial": {"p": 1, "q": 1, "r": 1}}
         | {"damping": [0.1, 0.1, law], "quadratic": 0.1, "torque": 0.1, "constants": {"k": 0.1}}
         | {"attitude": {"euler": [0.1, 0.2, 0.3]}, "inertia_unit": "kg m^2"}
-        | {"time": {"end": 1, "unit": "s"}, "sweep": {key: {"values": [0.1, 0.2]}}}
+        | {"time": {"end": 1, "unit": "s"}, "error": "off"}
+        | {"sweep": {key: {"values": [0.2]} for key in units}}
     )
-    assert swept.coords[key].attrs["units"] == units
+    assert {key: swept.coords[key].attrs["units"] for key in units} == units
 
 
 def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
@@ -231,7 +229,7 @@ def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
     assert stored["s"]["crossing_G"].attrs["units"] == "kg m^2/s"
 
 
-@pytest.mark.parametrize("rate", [2.0**-60, 2.0**-30, 2.0**10])
+@pytest.mark.parametrize("rate", [2.0**-60, 2.0**10])
 @pytest.mark.parametrize("slowness", [1.0, 1e-13])
 def test_averaged_motions_pass_in_any_unit_of_time(rate: float, slowness: float) -> None:
     # In seconds a body of the sky slows down by 1e-17 of its speed: the terms of a series in them
