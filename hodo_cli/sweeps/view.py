@@ -31,14 +31,6 @@ ANGLES = {"theta", "euler"}
 """The keys of cases that are angles, or lists of some."""
 
 
-def round_degrees(angle: float) -> float | None:
-    """The degrees of an angle in radians if they are a round number, in which it was given then;
-    None if not. A case holds every angle in radians."""
-    degrees = math.degrees(angle)
-    rounded = round(degrees, 6)
-    return rounded if abs(degrees - rounded) <= 4 * math.ulp(degrees) else None
-
-
 KEYS_OF_MOTION = ("initial", "attitude", "damping", "resistance")
 """The keys that change a motion and not what follows from its variables."""
 
@@ -284,8 +276,8 @@ class SweepView:
         return replace(self, data=data)
 
     def ticks(self, name: str) -> tuple[np.ndarray, bool]:
-        """The values (n,) along an axis, of the first of its keys and in its `unit`, or of a key,
-        and whether they go in even ratios.
+        """The values (n,) along an axis, of the first of its keys, or of a key, and whether they
+        go in even ratios.
 
         Raises HodoError if it has no finite numbers.
         """
@@ -294,23 +286,16 @@ class SweepView:
         if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
             message = "no coordinate of finite numbers, which a scale needs"
             raise HodoError(f"axis {name} of sweep {self.name} has {message}")
-        if self.unit(name) == "deg":
-            # Without what the way to radians and back has added.
-            values = np.round(np.degrees(values), 9)
         return values, in_even_ratios(values)
 
     def unit(self, name: str) -> str:
-        """The unit of the values along an axis: that of its coordinate or, of an angle, degrees if
-        its first and last values are round ones, else radians."""
+        """The unit of the values along an axis: that of its coordinate, and of an angle radians."""
         variable = self.data.variables[self.key(name)]
-        if (stored := str(variable.attrs.get("units", "1"))) not in ("1", "rad"):
+        if (stored := str(variable.attrs.get("units", "1"))) != "1":
             return stored
         # An angle itself, or an entry of a list of angles.
         is_angle = not ANGLES.isdisjoint(self.key(name).split(".")[-2:])
-        if not (is_angle and variable.size):
-            return ""
-        ends = float(variable.data.min()), float(variable.data.max())
-        return "rad" if None in map(round_degrees, ends) else "deg"
+        return "rad" if is_angle else ""
 
     def key(self, name: str) -> str:
         """The first key that varies along an axis."""
