@@ -281,12 +281,6 @@ def test_the_samples_that_a_warning_advises_are_those_of_the_case(part: slice) -
         api.plot(motion(300, samples, **spun))
 
 
-def test_a_quantity_without_a_state_that_bends_is_warned_of(results: Path) -> None:
-    data = api.open(results / "paper3.h5")["case1"].isel(time=slice(None, None, 100))
-    with pytest.warns(UserWarning, match="bends between its samples: time: {samples: "):
-        api.plot(data, "series", variables=["u3"])
-
-
 # What is drawn, kind by kind
 
 
