@@ -26,7 +26,7 @@ from ..results.motion import Motion, units_in_words
 from ..schema.spelling import unknown
 from ..text import time_digits, time_text
 from .between import Course
-from .words import LogNumbers, Words, keep_formulas, without_tex, wrapped
+from .words import LogNumbers, Words, without_tex, wrapped
 
 Look = dict[str, Any]
 
@@ -80,7 +80,6 @@ class Drawing(Figure):
 
     def draw(self, renderer: Any) -> None:
         with self.styled():
-            keep_formulas(renderer)
             super().draw(renderer)
 
     def savefig(self, fname: Any, **keys: Any) -> None:
