@@ -31,7 +31,6 @@ from .look import (
     Sheet,
     looks,
     raised,
-    stroke,
 )
 from .space import pale
 from .words import HALO, without_tex, wrapped
@@ -334,13 +333,6 @@ def globe(
         axes.annotate(text, at, (3, -9 if at[1] > 0 else 3), **place)
     columns = {f"G.x{i + 1}/|G|": directions[:, i] for i in range(3)}
     sheet.record(name, **columns, **{sheet.spec["variable"]: values})
-    if not sheet.scene:  # the viewer turns the first map
-        colours = look["cmap"](look["norm"](np.ma.masked_invalid(values)))[:, :3]
-        strokes = [
-            stroke([d], colour, kind="mark", name=f"{value:.6g}")
-            for d, colour, value in zip(directions, colours, values, strict=True)
-        ]
-        sheet.scene |= {"globe": True, "strokes": strokes}
 
 
 SPHERE_AXES = {
