@@ -85,7 +85,7 @@ lowest: $(LOWEST)  #: The tests that meet the libraries most, with the lowest ve
 
 stress: $(TOOLS)  #: Kill runs, lose the power, let calls fail, let twenty commands meet, feed the loader bad inputs (some 30 minutes)
 	$(BIN)/python tests/stress.py
-	HODO_FUZZ=5000 $(PYTEST) tests/test_fuzz.py
+	HODO_FUZZ=5000 $(PYTEST) tests/test_fuzz.py tests/test_figures.py
 
 lint: $(TOOLS)  #: ruff on everything (rules and format), mypy --strict on the package
 	$(BIN)/ruff check .

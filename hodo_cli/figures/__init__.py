@@ -2,7 +2,7 @@
 importer of matplotlib; it reads datasets and knows no command and no claim."""
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from ..results.dataset import Cases, motions_of
 from ..results.motion import Motion
 from ..schema.spelling import unknown
 from ..storage import replacing
-from .between import SLOW, Course, bend_remark, course, cubics_of, remark
+from .between import SLOW, Course, Cubics, course, cubics_of, remark
 from .body import body, film
 from .look import STYLE_SHEET, Drawing, Sheet, check_units
 from .maps import sweep_curve, sweep_map
@@ -139,18 +139,17 @@ def draw_motions(sheet: Sheet, cases: Cases, figures: Mapping[str, Mapping[str, 
         if (stated := motions[0].units("y" if square else name)) != "1" and not bare:
             sheet.units[name] = stated
     for m, cubic in zip(motions, cubics, strict=True):
-        for line in filter(None, remarks_on(m, cubic, spec)):
+        if cubic and (line := remark_on(m, cubic, spec)):
             warnings.warn(line, stacklevel=3)
 
 
-def remarks_on(m: Motion, cubics: Any, spec: Mapping[str, Any]) -> Iterator[str]:
-    """The warnings about a motion that its samples do not show; an empty text for none."""
+def remark_on(m: Motion, cubics: Cubics, spec: Mapping[str, Any]) -> str:
+    """The warning about a motion that its samples do not show; an empty text for none."""
     kind, drawn = spec["kind"], samples_in(m, spec.get("span"))
     names = [spec["x"], spec["y"]] if kind == "phase" else [*spec.get("variables", ())]
-    slow = [name for name in names if name in SLOW or not cubics]
-    if cubics and (not names or len(slow) < len(names) or has_formula_of_time(m.case.system)):
-        yield remark(m, cubics, kind, names, drawn)
-    yield from (bend_remark(m, name, drawn) for name in slow)
+    # What torques alone change has lines between samples.
+    is_slow = names and {*names} <= {*SLOW} and not has_formula_of_time(m.case.system)
+    return "" if is_slow else remark(m, cubics, kind, names, drawn)
 
 
 def check_variables(motions: Sequence[Motion], kind: str, needs: Sequence[str]) -> None:

@@ -192,25 +192,6 @@ TURNING = ("rotation", "psi", "theta", "phi")
 """The quantities that follow from the attitude, besides vectors in space."""
 
 
-def bend_remark(m: Motion, name: str, drawn: slice) -> str:
-    """The warning about a quantity that a line through its samples leaves between them by what the
-    eye sees, as a parabola through three neighbours does; an empty text without."""
-    time, values = m.time[drawn], m[name][drawn].astype(float)
-    known = values[np.isfinite(values)]
-    height = float(np.ptp(known)) if len(known) > 2 else 0.0
-    # Of what is constant the rounding alone would be seen.
-    if height <= 1e-6 * np.abs(known).max(initial=0) or m[name].dtype.kind != "f":
-        return ""
-    before, after = np.diff(time)[:-1], np.diff(time)[1:]
-    chord = (after * values[:-2] + before * values[2:]) / (before + after)
-    longer = np.maximum(before, after)
-    bow = np.abs(values[1:-1] - chord) * longer / np.minimum(before, after) / 4 / height
-    if not np.fmax.reduce(bow) > LARGEST_ERROR:
-        return ""
-    step = longer[np.nanargmax(bow)] / math.sqrt(4 * np.nanmax(bow) / LARGEST_ERROR)
-    return f"{name} of {m.name} bends between its samples: {advice(m, step)}"
-
-
 def advice(m: Motion, step: float) -> str:
     """The number of samples of the whole case that are such a step of time apart."""
     time = m.case.time

@@ -29,13 +29,11 @@ from .look import (
     SEPARATRIX,
     Look,
     Sheet,
-    colour_bar,
     looks,
     raised,
-    stroke,
 )
 from .space import pale
-from .words import HALO, without_tex
+from .words import HALO, without_tex, wrapped
 
 NO_VALUE = "#E4E4E4"
 """The colour of members without a value, a grey that no colour map contains."""
@@ -234,7 +232,10 @@ def scale_beside(
     low, high = float(norm.vmin or 0), float(norm.vmax or 0)
     ends = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}
     arrows = ends[int(known.min() < low), int(known.max() > high)]
-    bar = colour_bar(sheet, ScalarMappable(norm, colours), panels, words, arrows)
+    place: Look = {"location": "bottom", "fraction": 0.04, "pad": 0.02, "shrink": 0.7, "aspect": 45}
+    scale = ScalarMappable(norm, colours)
+    bar = sheet.figure.colorbar(scale, ax=panels, panchor=False, extend=arrows, **place)
+    bar.set_label(wrapped(words, int(sheet.figure.get_figwidth() * 17)))
     if colours.N <= MOST_COUNTS + 1:
         bar.set_ticks(np.linspace(low, high, 2 * colours.N + 1)[1::2].tolist())
 
@@ -332,13 +333,6 @@ def globe(
         axes.annotate(text, at, (3, -9 if at[1] > 0 else 3), **place)
     columns = {f"G.x{i + 1}/|G|": directions[:, i] for i in range(3)}
     sheet.record(name, **columns, **{sheet.spec["variable"]: values})
-    if not sheet.scene:  # the viewer turns the first map
-        colours = look["cmap"](look["norm"](np.ma.masked_invalid(values)))[:, :3]
-        strokes = [
-            stroke([d], colour, kind="mark", name=f"{value:.6g}")
-            for d, colour, value in zip(directions, colours, values, strict=True)
-        ]
-        sheet.scene |= {"globe": True, "strokes": strokes}
 
 
 SPHERE_AXES = {

@@ -6,17 +6,13 @@ import textwrap
 import unicodedata
 import warnings
 from collections.abc import Iterator
-from functools import lru_cache
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.collections import LineCollection
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.mathtext import MathTextParser
 from matplotlib.text import Annotation
 from matplotlib.ticker import LogFormatterSciNotation
 
@@ -55,35 +51,6 @@ def wrapped(text: str, width: int) -> str:
     for i, formula in enumerate(formulas_in):
         text = re.sub(chr(0xE000 + i) + "+", formula.replace("\\", r"\\"), text, count=1)
     return text
-
-
-# Before matplotlib 3.11 they set formulas as images, which their parsers call otherwise.
-PIXELS = "path" if matplotlib.__version_info__ >= (3, 11) else "agg"
-
-FORMULAS_KEPT = 2000
-"""More than the figures of a paper have; matplotlib keeps 50, and none for the next figure."""
-
-Setter: Any = MathTextParser
-
-
-class Formulas(Setter):  # type: ignore[misc]
-    """What sets formulas, and keeps them: figures share labels, and one takes milliseconds."""
-
-    _parse_cached = lru_cache(FORMULAS_KEPT)(Setter._parse_cached.__wrapped__)
-
-
-@lru_cache
-def formulas(fonts: str, output: str) -> Formulas:
-    """What sets formulas in letters of these fonts."""
-    return Formulas(output)
-
-
-def keep_formulas(renderer: Any) -> None:
-    """Let what draws a figure keep its formulas for the next one."""
-    fonts = matplotlib.rcParams["mathtext.fontset"]
-    renderer._text2path.mathtext_parser = formulas(fonts, "path")
-    if isinstance(renderer, RendererAgg):
-        renderer.mathtext_parser = formulas(fonts, PIXELS)
 
 
 class LogNumbers(LogFormatterSciNotation):
