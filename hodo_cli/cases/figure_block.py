@@ -116,7 +116,7 @@ INSET = Table(
 )
 
 SPHERE = {
-    "colour": Key(Choice("axis", "case"), COLOUR, default="case"),
+    "colour": Key(Choice("axis", "time", "case"), COLOUR, default="case"),
     "view": VIEW,
 }
 
@@ -130,7 +130,7 @@ FIGURE_KINDS: dict[str, dict[str, Rule]] = {
     "hodograph": STYLED
     | TIME_KEYS
     | {
-        "colour": Key(Choice("axis", "case"), COLOUR, default="axis"),
+        "colour": Key(Choice("axis", "time", "case"), COLOUR, default="axis"),
         "view": VIEW,
         "projections": Key(
             ListOf(Choice("x1x2", "x1x3", "x2x3"), least=0),
@@ -151,7 +151,7 @@ FIGURE_KINDS: dict[str, dict[str, Rule]] = {
     },
     "herpolhode": STYLED
     | TIME_KEYS
-    | {"colour": Key(Choice("axis", "case"), COLOUR, default="case")},
+    | {"colour": Key(Choice("axis", "time", "case"), COLOUR, default="case")},
     "axis-trace": STYLED
     | TIME_KEYS
     | SPHERE

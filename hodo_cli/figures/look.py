@@ -16,7 +16,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import ListedColormap, Normalize, to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -60,6 +60,9 @@ START: Look = {"ls": "", "marker": "o", "ms": 4, "mfc": "white", "mec": "black",
 END: Look = {"ls": "", "marker": "s", "ms": 2.8, "mfc": "black", "mec": "black", "mew": 0.6}
 CROSSING: Look = {"ls": "", "marker": "D", "ms": 3.6, "mfc": "#F0E442", "mec": "black", "mew": 0.6}
 SEPARATRIX: Look = {"color": "black", "lw": 0.7, "ls": (0, (3.2, 2.1))}
+
+TIME_COLOURS = ListedColormap(matplotlib.colormaps["plasma"](np.linspace(0, 0.63, 64)))
+"""The colours of a curve by time; brighter ones are not seen on white."""
 
 
 class Drawing(Figure):
@@ -242,16 +245,26 @@ def labels_of(m: Motion) -> np.ndarray:
     return m.labels if m.classified else np.full(len(m.time), NOT_CLASSIFIED)
 
 
+def time_span(motions: Sequence[Motion]) -> tuple[float, float]:
+    """From when the first motion begins to when the last one ends or comes to rest."""
+    return min(m.time[0] for m in motions), max(min(m.time[-1], m.stop) for m in motions)
+
+
 def colours_of(
     motions: Sequence[Motion], spec: Mapping[str, Any]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """For each motion colours (m, 3) and the index in them of each place (n,): by the enclosed
-    axis, or one a case."""
+    """For each motion colours (m, 3) and the index in them of each place (n,): by time, by the
+    enclosed axis, or one a case."""
     colour = spec.get("colour", "axis")
     if colour == "axis":
         labels = sorted(AXIS_LOOKS)
         palette = np.array([to_rgb(AXIS_LOOKS[label][0]) for label in labels])
         return [(palette, np.searchsorted(labels, labels_of(m))) for m in motions]
+    if colour == "time":
+        first, last = time_span(motions)
+        palette = np.asarray(TIME_COLOURS.colors)[:, :3]
+        parts = [(m.time - first) / (last - first or 1) for m in motions]
+        return [(palette, (63 * np.clip(part, 0, 1)).astype(int)) for part in parts]
     ways = looks(len(motions), spec.get("styles", ()), solid=True)
     return [
         (np.array([to_rgb(way["color"])]), np.zeros(len(m.time), int))
@@ -259,8 +272,8 @@ def colours_of(
     ]
 
 
-def colour_legend(sheet: Sheet, motions: Sequence[Motion]) -> None:
-    """The entries of the colours."""
+def colour_legend(sheet: Sheet, panels: Sequence[Axes], motions: Sequence[Motion]) -> None:
+    """The entries of the colours, or the bar of those by time."""
     colour = sheet.spec.get("colour", "axis")
     if colour == "axis":
         # A body at rest goes round no axis, and draws no curve.
@@ -271,10 +284,24 @@ def colour_legend(sheet: Sheet, motions: Sequence[Motion]) -> None:
         for look, words in (AXIS_LOOKS[label] for label in seen):
             words = words.replace("about", "about principal axis") if turned else words
             sheet.handles.append(Line2D([], [], color=look, lw=1.5, label=words))
+    elif colour == "time":
+        scale = matplotlib.cm.ScalarMappable(Normalize(*time_span(motions)), TIME_COLOURS)
+        colour_bar(sheet, scale, panels, time_label(sheet.spec, motions[0]))
     else:
         ways = looks(len(motions), sheet.spec.get("styles", ()), solid=True)
         named = zip(motions, ways, strict=True)
         sheet.handles += [Line2D([], [], **way, label=m.label) for m, way in named]
+
+
+def colour_bar(
+    sheet: Sheet, scale: Any, panels: Sequence[Axes], label: str, arrows: str = "neither"
+) -> Any:
+    """The scale of the colours of some panels below them, with arrows at the ends beyond which
+    there are values: "neither", "min", "max" or "both"."""
+    place: Look = {"location": "bottom", "fraction": 0.04, "pad": 0.02, "shrink": 0.7, "aspect": 45}
+    bar = sheet.figure.colorbar(scale, ax=panels, panchor=False, extend=arrows, **place)
+    bar.set_label(wrapped(label, int(sheet.figure.get_figwidth() * 17)))
+    return bar
 
 
 def pieces(*keys: np.ndarray) -> list[slice]:

@@ -29,11 +29,12 @@ from .look import (
     SEPARATRIX,
     Look,
     Sheet,
+    colour_bar,
     looks,
     raised,
 )
 from .space import pale
-from .words import HALO, without_tex, wrapped
+from .words import HALO, without_tex
 
 NO_VALUE = "#E4E4E4"
 """The colour of members without a value, a grey that no colour map contains."""
@@ -232,10 +233,7 @@ def scale_beside(
     low, high = float(norm.vmin or 0), float(norm.vmax or 0)
     ends = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}
     arrows = ends[int(known.min() < low), int(known.max() > high)]
-    place: Look = {"location": "bottom", "fraction": 0.04, "pad": 0.02, "shrink": 0.7, "aspect": 45}
-    scale = ScalarMappable(norm, colours)
-    bar = sheet.figure.colorbar(scale, ax=panels, panchor=False, extend=arrows, **place)
-    bar.set_label(wrapped(words, int(sheet.figure.get_figwidth() * 17)))
+    bar = colour_bar(sheet, ScalarMappable(norm, colours), panels, words, arrows)
     if colours.N <= MOST_COUNTS + 1:
         bar.set_ticks(np.linspace(low, high, 2 * colours.N + 1)[1::2].tolist())
 

@@ -234,7 +234,7 @@ def quadrants(sheet: Sheet, motions: Sequence[Course]) -> None:
     if zoom is not None:
         panels[0].set(anchor="N")
         panels[1].set_title("enlarged")
-    colour_legend(sheet, motions)
+    colour_legend(sheet, panels, motions)
     mark_legend(sheet, motions)
 
 

@@ -109,7 +109,7 @@ def hodograph(sheet: Sheet, motions: Sequence[Course]) -> None:
         curves(axes, motions, spec, [m.G[:, [i, j]] for m in motions])
         labels = [axis_label(motions[0], f"G.x{k + 1}") for k in (i, j)]
         axes.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
-    colour_legend(sheet, motions)
+    colour_legend(sheet, panels, motions)
     mark_legend(sheet, motions)
 
 
@@ -275,7 +275,7 @@ def on_globe(
     axes.set_axis_off()
     motions = [path.motion for path in paths]
     if not by_case:
-        colour_legend(sheet, motions)
+        colour_legend(sheet, [axes], motions)
     elif arms[0] == "$x$":
         named = zip(paths, ways, strict=True)
         sheet.handles += [Line2D([], [], **way, label=path.label) for path, way in named]
@@ -354,7 +354,7 @@ def herpolhode(sheet: Sheet, motions: Sequence[Course]) -> None:
     axes.plot(0, 0, **look)
     labels = [rf"$\omega_{{{x}{prime}}}$ {unit(motions[0], 'omega')}" for x in "xy"]
     axes.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
-    colour_legend(sheet, motions)
+    colour_legend(sheet, [axes], motions)
     sheet.handles.append(Line2D([], [], **look, label="$G$ at the start"))
     mark_legend(sheet, motions)
 
