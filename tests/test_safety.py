@@ -28,15 +28,15 @@ needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc compiles wha
 
 
 def test_killed_runs_lose_nothing(tmp_path: Path) -> None:
-    assert faults.kill_runs(tmp_path, 2)["ended by the signal"]
+    assert faults.kill_runs(tmp_path, 3)["ended by the signal"]
 
 
 def test_killed_sweeps_lose_nothing(tmp_path: Path) -> None:
-    faults.kill_sweeps(tmp_path, 2)
+    faults.kill_sweeps(tmp_path, 3)
 
 
 def test_killed_classifications_lose_nothing(tmp_path: Path) -> None:
-    faults.kill_classifications(tmp_path, 2)
+    faults.kill_classifications(tmp_path, 3)
 
 
 def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
