@@ -163,7 +163,7 @@ def test_failures_are_said_at_once_and_at_the_end(config: Path) -> None:
     lines = done.stderr.splitlines()
     assert lines[:4] == [f"{name}: will run: it has no result yet" for name in "abcd"]
     assert lines[4] == "[1/4] a: ok"
-    assert lines[5].startswith("[2/4] b: failed: the state became")
+    assert lines[5].startswith("[2/4] b: failed: its formulas are not smooth near t = ")
     assert lines[6].startswith("[3/4] c: timeout: max_steps: stopped after 2 steps")
     assert lines[7] == "[4/4] d: ok"
     assert lines[8] == "2 of 4 cases did not end well: b (failed), c (timeout)"

@@ -224,9 +224,13 @@ def test_a_pole_is_named_after_few_steps(
 ) -> None:
     motion = hodo.run(torqued(formula, start, method), classify=False)
     assert motion.attrs["status"] == "failed"
-    assert motion.attrs["message"] == f"its formulas are not smooth near t = {pole:.6g}"
+    words, _, time = motion.attrs["message"].rpartition(" ")
+    assert words == "its formulas are not smooth near t ="
+    # "Near": the steps towards a pole end before it.
+    assert float(time) == pytest.approx(pole, abs=1e-4)
     assert motion.attrs["steps"] < 1000
-    assert pole - 0.1 < motion.time.values[-1] < pole
+    # Steps are examined together, and samples of those that are taken back are lost.
+    assert pole - 1 < motion.time.values[-1] < pole
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -19,7 +19,7 @@ from hodo_cli.engines import protocol
 from hodo_cli.engines.polynomial import bernstein_coefficients
 from hodo_cli.engines.units import Clock
 from hodo_cli.integration import Trajectory, choice, integrate, motion_remarks, solve
-from hodo_cli.integration.driver import StepObserver
+from hodo_cli.integration.step_checks import StepBuffer
 from hodo_cli.models import base
 
 taylor = pytest.mark.heyoka
@@ -213,9 +213,9 @@ def test_steps_that_are_taken_back_spend_seconds(monkeypatch: pytest.MonkeyPatch
     assert integrate(replace(case, max_seconds=20.0)).status == "timeout"
 
 
-def test_rates_that_are_no_numbers_end_a_motion_by_a_method_of_scipy() -> None:
-    """As those of a torque that stays while what it brakes falls below all numbers: a step from
-    there would be tried for ever, whatever `max_seconds` says."""
+def test_a_motion_that_dies_out_ends_at_rest_by_a_method_of_scipy() -> None:
+    """What a torque brakes falls below all numbers: a step from there would be tried for ever,
+    whatever `max_seconds` says."""
     given = {
         "model": "torques",
         "inertia": [1, 0.8, 0.6],
@@ -226,9 +226,9 @@ def test_rates_that_are_no_numbers_end_a_motion_by_a_method_of_scipy() -> None:
         "method": "RK45",
     }
     motion = integrate(Case.of(given))
-    assert motion.status == "failed"
-    assert motion.message == "the state became infinite or not a number"
-    assert len(motion.time) > 1
+    assert motion.status == "ok"
+    assert not motion.variables["omega"][-1].any()
+    assert len(motion.time) == 201
 
 
 @pytest.mark.parametrize("method", ["DOP853", "RK45", "LSODA", "Radau", "BDF"])
@@ -272,16 +272,18 @@ def test_a_body_at_rest_stays_there_without_a_torque(method: str) -> None:
         assert not motion.variables["omega"].any()
 
 
-class NotedSteps(StepObserver):
+class NotedSteps(StepBuffer):
     """Notes the ends of each step (2,), in the time of the case, and the states there (m, 2)."""
 
+    enough = 1
+
     def __init__(self) -> None:
-        self.ends, self.states = list[np.ndarray](), list[np.ndarray]()
+        self.noted, self.states = list[np.ndarray](), list[np.ndarray]()
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
         b = bernstein_coefficients(series[None].copy(), np.array([end - start]), self.engine.basis)
         ends = self.clock.exact_times(np.array([start, end])).astype(float)
-        self.ends.append(ends)
+        self.noted.append(ends)
         self.states.append(np.ldexp(b[0][:, [0, -1]].astype(float), self.units.exponent)[:3])
 
 
@@ -300,7 +302,7 @@ def test_steps_are_seen_up_to_the_event_that_ends_them(method: str, precision: s
     case, steps = Case.of(given | span), NotedSteps()
     motion = solve(case, method, precision, observer=steps)
     assert motion.events[-1].kind == "stopped"
-    ends, states = np.array(steps.ends), np.array(steps.states)
+    ends, states = np.array(steps.noted), np.array(steps.states)
     np.testing.assert_allclose(ends[1:, 0], ends[:-1, 1], rtol=1e-14)
     np.testing.assert_allclose(states[1:, :, 0], states[:-1, :, 1], rtol=1e-9, atol=1e-9)
     assert ends[-1, 1] < motion.events[-1].time

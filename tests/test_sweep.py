@@ -618,10 +618,12 @@ def test_an_error_is_measured() -> None:
     def end(omega: np.ndarray, time: np.ndarray) -> summary.MemberEnd:
         return summary.MemberEnd(0, {"omega": omega[0]}, time[0])
 
-    ((error, off, kind, _),) = summary.probe(case, [end(values["omega"], values["crossing_time"])])
+    ((error, off, kind, _),), _ = summary.probe(
+        case, [end(values["omega"], values["crossing_time"])]
+    )
     assert (error < 1e-12, off < 1e-9, kind) == (True, True, "extended")
     wrong = values["omega"] * (1 + 1e-9)
-    ((error, off, _, _),) = summary.probe(case, [end(wrong, values["crossing_time"] + 1e-6)])
+    ((error, off, _, _),), _ = summary.probe(case, [end(wrong, values["crossing_time"] + 1e-6)])
     assert error == pytest.approx(1e-9, rel=1e-3)
     assert off == pytest.approx(1e-6, rel=1e-3)
 

@@ -157,7 +157,8 @@ def solved(case: Case, method: str, reason: str) -> Trajectory:
         # Not after a timeout: the user has said how long a case may take.
         and motion.status is Status.FAILED
         and case.precision != "quadruple"
-        and not motion.message.startswith((HELD, NOT_SMOOTH))
+        # No method leads on from there; a series that cannot begin may know no derivatives alone.
+        and not (motion.steps and motion.message.startswith((HELD, NOT_SMOOTH)))
     ):
         rest = with_seconds_left(case, motion)
         other = solve(rest, "collocation", case.precision, case.tol)

@@ -111,7 +111,9 @@ class Gap:
             return f"{HELD}{held} = 0 by its expression at t = {time_text(time, start)}"
         sides = (float(self.change) + d * np.array([-1, 1]) for d in (1 / 16, 1 / 2))
         near, far = (np.abs(self.rates_at(x, self.before).astype(float)) for x in sides)
-        if np.nanmax(near) <= MOST_GROWTH * np.nanmax(far):
+        # Rates that are no numbers at a place count for nothing.
+        largest, before = (np.fmax.reduce(x, axis=None, initial=0) for x in (near, far))
+        if largest <= MOST_GROWTH * before:
             return ""
         place = float(self.clock.exact(self.length * self.change))
         grain = float(self.length) / self.clock.factor / CHANGE_PARTS
