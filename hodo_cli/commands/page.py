@@ -135,7 +135,8 @@ def verdicts(run: ResultFile, group: str, entries: Sequence[Entry]) -> Iterator[
 def crossing_rows(run: ResultFile, name: str) -> Iterator[Sequence[str]]:
     """The crossings of a case: time, error, from, to, |G|."""
     stored = run.read(name).variables
-    if "crossing_time" in stored and "members" not in stored:
+    # The members of a sweep have no such dimension.
+    if "crossing_time" in stored and "crossing" in stored["crossing_time"].dims:
         columns = (stored[f"crossing_{key}"].data for key in ("time", "error", "from", "to", "G"))
         for time, error, start, end, G in zip(*columns, strict=True):
             yield f"{time:.15g}", magnitude(error), LABELS[int(start)], LABELS[int(end)], f"{G:.6g}"

@@ -122,7 +122,7 @@ class Gap:
     def held(self) -> str:
         """The components of the angular velocity, or all of it, that the rates lead back to 0 from
         both sides; an empty string if there are none."""
-        if not self.system.starts_with_omega:
+        if not self.system.starts_with_omega or "brake" in self.system.equations.terms:
             return ""
         y = self.y.astype(float)
         ways = np.maximum(4 * np.abs(y), HELD_WITHIN * np.abs(y).max()) * np.eye(len(y))
