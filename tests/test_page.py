@@ -20,8 +20,8 @@ defaults: {{model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 
 cases:
   fig4: {{initial: {{p: 0.8, q: 0.5, r: 0.74}}, time: {{end: 400}}, note: a remark}}
   calm: {{initial: {{p: 0.8, q: 0.1, r: 0.1}}, time: {{end: 10}}, assumes: {{r0: a guess}}}}
-  swept: {{initial: {{p: 0.8, q: 0.5, r: 0.74}}, time: {{end: 400}}, error: off, store: [crossing_time],
-          sweep: {{damping.2: {{values: [0.003, 0.004]}}}}}}
+  swept: {{initial: {{p: 0.8, q: 0.5, r: 0.74}}, time: {{end: 400}}, error: off,
+          store: [crossing_time], sweep: {{damping.2: {{values: [0.003, 0.004]}}}}}}
 figures:
   space: {{kind: hodograph, cases: fig4, caption: {title}}}
   space-wide: {{kind: hodograph, cases: fig4, projections: [x1x2]}}
