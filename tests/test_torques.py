@@ -477,6 +477,10 @@ def test_the_models_of_one_torque_are_sums_of_one(model: str, terms: Any) -> Non
         ({"damping": "log(t)"}, "damping.0: has no finite value at the start"),
         ({"damping": 1, "form": "averaged"}, "form: expected full, got 'averaged'"),
         ({"expression": [0, "sqrt(-1-t)", 0]}, "expression.1: has no finite value at the start"),
+        (
+            {"brake": 0.01, "expression": [0, 0, "-r/sqrt(r**2)"]},
+            "expression.2: has no finite value at rest",
+        ),
         ({"expression": ["1/t", 0, 0]}, "expression.0: has no finite value at the start"),
     ],
 )

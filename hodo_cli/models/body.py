@@ -315,12 +315,17 @@ class Body(BodyFrame):
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
-        """Also expressions without a value at the start."""
+        """Also expressions without a value at the start, or at rest beside a brake."""
         given = (data.get("initial") or {}).items()
         known = {name: w for name, w in given if name in VELOCITIES and w is not None}
         known |= {"t": start, **(data.get(CONSTANTS_KEY) or {})}
         torques = {name: data[name] for name in TERMS if name in data}
-        yield from value_mistakes(expressions_of(torques), known)
+        expressions = [*expressions_of(torques)]
+        mistakes = [*value_mistakes(expressions, known)]
+        if data.get("brake") is not None and data.get("rotor") is None and not mistakes:
+            at_rest = known | dict.fromkeys(VELOCITIES, 0.0)
+            mistakes += value_mistakes(expressions, at_rest, "at rest, to which the brake leads")
+        yield from mistakes
 
     @property
     def warnings(self) -> list[str]:

@@ -255,14 +255,16 @@ def first_negative(coefficient: Any, times: np.ndarray, constants: CaseConstants
 
 
 def value_mistakes(
-    expressions: Iterable[tuple[KeyPath, str]], variables: Mapping[str, Any]
+    expressions: Iterable[tuple[KeyPath, str]],
+    variables: Mapping[str, Any],
+    where: str = "at the start of the motion",
 ) -> Iterator[Mistake]:
     """The mistakes of expressions without a value where their variables have these values."""
     for path, text in expressions:
         tree = parse_expression(text)
         # What is not known, as a component that G stands for, decides nothing.
         if names_in(tree) <= variables.keys() and not _has_value(tree, variables):
-            yield path, "has no finite value at the start of the motion"
+            yield path, f"has no finite value {where}"
 
 
 def _has_value(tree: Any, variables: Mapping[str, Any]) -> bool:
