@@ -118,12 +118,6 @@ def worst(errors: Mapping[str, float]) -> float:
     )
 
 
-def classifiable(case: Case) -> bool:
-    """Whether crossings are looked for: not in a motion of too many samples or steps."""
-    watched, few = bool(case.system.class_events), case.time.samples <= QUADRUPLE_STEPS
-    return watched and few and taylor_steps(case) < QUADRUPLE_STEPS
-
-
 def perturbed(case: Case) -> Iterator[Case]:
     """The case with every number of its data moved by one ulp: all upwards, and every other one
     downwards.

@@ -50,11 +50,6 @@ LEAST_EXPONENT = -960
 torques taken to be in proportion to omega: in the case's own units both would leave the doubles."""
 
 
-PASSING_BITS = 40
-"""The binary orders of magnitude by which a motion that passes through 0 is smaller than what its
-torques make of it in a moment."""
-
-
 @dataclass(frozen=True)
 class Units:
     """omega = 2**exponent W and s = 2**rate (t - origin), for one motion or for arrays (n,).
