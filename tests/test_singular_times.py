@@ -17,7 +17,7 @@ def spun_up(torque):
 
 
 @pytest.mark.parametrize(
-    "torque, last",
+    ("torque", "last"),
     [
         ("0.1/sqrt(abs(t-3.3333))", 3),
         ("0.1*exp(-log(abs(t-3.3333))/3)", 3),
