@@ -456,8 +456,9 @@ def _plot(
 
     Without FIGURE all figures are drawn, and a page that shows them. A figure is drawn again when
     its entry in the case file, its cases or hodo have changed. RUN is a result (*.h5), or a config
-    with a result in runs/; a config's figures are read anew. A figure that cannot be drawn (because
-    its case failed, say) is reported in one line; the others are drawn, and the exit status is 1.
+    with a result in runs/; a config's figures are read anew. A second RUN is named with its ending
+    (*.h5, *.yaml). A figure that cannot be drawn (because its case failed, say) is reported in one
+    line; the others are drawn, and the exit status is 1.
     """
     from .commands import plot
 

@@ -29,3 +29,15 @@ def test_the_worst_members_are_among_those_measured():
         (many.attrs["crossing_error_quantiles"], np.nanmax(times)),
     ):
         assert true / 2 < errors[-1] < 2 * true
+
+
+def test_errors_of_averaged_members_are_known_with_and_without_a_crossing():
+    """Whose crossings are no zeros of a function that has an error of its own."""
+    averaged = BODY | {"model": "linear-diag", "form": "averaged", "damping": [0.02, 0.05, 0.03]}
+    del averaged["kappa"], averaged["brake"]
+    averaged["sweep"] = {"direction": {"sphere": {"count": 40, "seed": 1}}}
+    balls = hodo.sweep(averaged)
+    crossing = np.isfinite(balls.crossing_time.values)
+    assert 0 < crossing.sum() < crossing.size
+    assert balls.attrs["error_sample"] == 40
+    assert "no measured error" not in balls.attrs["warnings"]

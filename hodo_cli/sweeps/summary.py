@@ -140,8 +140,10 @@ def member_error(case: Case, single: Case, end: MemberEnd) -> MemberError:
     crossing = end.crossing_time
     method = choose(single)[0] if reason_alone(case) else "taylor"
     tol = case.tol or PRECISION[case.precision]
-    # nan where there is no crossing, and then the comparison is false.
-    crossings = [crossing] if crossing < case.time.end else []
+    # nan where there is no crossing, and then the comparison is false. Averaged motions have no
+    # function whose zero a crossing is.
+    is_crossing = crossing < case.time.end and not case.system.is_quadrature
+    crossings = [crossing] if is_crossing else []
     times = np.array([case.time.start, *crossings, case.time.end])
     for by in references(single, method, tol):
         by_tol = by.tol or (EXTENDED_TOL if by.precision == "extended" else None)
