@@ -313,7 +313,7 @@ def nested(depth: int, step: TaylorStep, *arguments: np.ndarray) -> None:
         step(*arguments)
 
 
-def stride(tol: float, looser: float, passing: Event | None) -> float:
+def stride(tol: float, passing: Event | None, looser: float = 1.0) -> float:
     """The longest step that so many tolerances allow, in radii of convergence (`radius`); shorter
     on the way through an event, where more tolerances shorten it further, so that steps differ."""
     longest = math.exp((math.log(max(looser * tol, 2.0**-62)) - 0.7) / (SERIES_ORDER - 3))
