@@ -373,7 +373,8 @@ class StepCheck(StepBuffer):
 
         def relative(missed: np.ndarray) -> np.ndarray:
             pairs = zip(self.kinds, sizes, strict=True)
-            return np.max([missed[kind].max(axis=0) / (allowed * size) for kind, size in pairs], 0)
+            each = [missed[kind].max(axis=0) / (allowed * size) for kind, size in pairs]
+            return np.asarray(np.max(each, axis=0))
 
         if not (relative(missed) > 1).any():
             return relative(missed)

@@ -261,7 +261,7 @@ class Earlier:
     def kept(self) -> int:
         """The number of those that are in the earlier result."""
         return math.prod(
-            before if isinstance(before, int) else np.count_nonzero(before >= 0)
+            before if isinstance(before, int) else int((before >= 0).sum())
             for before in self.indices
         )
 

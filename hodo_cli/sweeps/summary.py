@@ -88,14 +88,14 @@ def differences(case: Case, ends: Sequence[MemberEnd]) -> np.ndarray:
         again = reduced_ensemble(e, outcome, case.time)
         for row, i in enumerate(group.members[outcome.accepted].tolist()):
             end = ends[i]
-            states = [relative_distance(end.final[name], again[name][row]) for name in end.final]
+            states = [part_apart(end.final[name], again[name][row]) for name in end.final]
             crossing = again.get("crossing_time", np.full(row + 1, math.nan))[row]
             if math.isnan(crossing) == math.isnan(end.crossing_time):
                 apart[i] = max(states), abs(crossing - end.crossing_time)
     return apart
 
 
-def relative_distance(a: np.ndarray, b: np.ndarray) -> float:
+def part_apart(a: np.ndarray, b: np.ndarray) -> float:
     """How far two values of a variable are apart, relative to its size."""
     return float(np.abs(a - b).max() / max(np.abs(a).max(), LEAST_SIZE))
 
@@ -262,8 +262,8 @@ def sampled_errors(
     theirs."""
     began, asked = thread_time(), summary.ends
     sizes = [largest(end) for end in asked]
-    ends = [end for end, size in zip(asked, sizes, strict=True) if size > LEAST_SIZE]
-    ends, others = worst_first(summary.case, ends)
+    known_ends = [end for end, size in zip(asked, sizes, strict=True) if size > LEAST_SIZE]
+    ends, others = worst_first(summary.case, known_ends)
     summary.run_time += thread_time() - began
     tasks = [ends[i : i + MEMBERS_PER_TASK] for i in range(0, len(ends), MEMBERS_PER_TASK)]
     errors: list[MemberError] = []
