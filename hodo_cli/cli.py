@@ -482,12 +482,10 @@ def _plot(
 def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: bool) -> int:
     """Compare the result A with the reference B.
 
-    A and B are results (*.h5), or configs with a result in runs/. Every case, label, crossing and
-    value of B is compared.
-    The scaled error is |a - b| / (atol + rtol |b|), where |b| is the length of a vector and the
-    amplitude of a scalar about that time; exit status 3 if it exceeds 1 anywhere. Times of
-    crossings and events may differ by 100 times rtol, stated errors by a factor of 30; sample
-    times, labels, units and warnings are equal or not.
+    A and B are results (*.h5), or configs with a result in runs/. A value differs where
+    |a - b| > atol + rtol max|b|, with the maximum over all times. Times of crossings and events may
+    also be off by ten times their stated errors. Labels, counts, units and the numbers of the cases
+    have to be equal. Exit status 3 if anything differs.
     """
     from .commands import compare
 
