@@ -3,7 +3,7 @@ docs/, and the JSON Schema for editors."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain
+from itertools import chain, zip_longest
 from typing import Any
 
 from .. import models
@@ -121,19 +121,25 @@ def _groups() -> Iterator[tuple[str, str, list[Row]]]:
 def key_tables() -> str:
     """Every key of a case file, in Markdown: a table a page, with a row in bold before each
     group."""
-    pages = grouped(
+    headed = (
         (page, row)
         for page, heading, rows in _groups()
         for row in rows and [(f"**{heading}**", "", "", "", ""), *rows]
     )
     tables = [
         (page, markdown(("key", "value", "unit", "default", "meaning"), rows))
-        for page, rows in pages.items()
+        for page, rows in grouped(headed).items()
     ]
     # The components of a vector have their meaning in common.
     named = grouped((meaning, f"`{x}`") for x, meaning in claim_block.QUANTITY_NAMES.items())
     quantities = [(", ".join(names), meaning) for meaning, names in named.items()]
-    tables.append(("Quantities of checks", markdown(("quantity", "meaning"), quantities)))
+    pairs = zip_longest(quantities[::2], quantities[1::2], fillvalue=("", ""))
+    tables.append(
+        (
+            "Quantities of checks",
+            markdown(("quantity", "meaning") * 2, ((*left, *right) for left, right in pairs)),
+        )
+    )
     return "\n".join(f"## {heading}\n\n{table}" for heading, table in tables)
 
 
