@@ -87,8 +87,11 @@ def _groups() -> Iterator[tuple[str, str, list[Row]]]:
         table.append((row[0] + _takers(named, catalogue), *row[1:]))
     yield "Keys of case files", "Several models", shared
     for model in catalogue:
-        form = _table({"form": keys_of(model, None)[1]["form"]})
-        yield "Keys of case files", f"Model `{model}`", form + alone[model]
+        yield (
+            "Keys of case files",
+            f"Model `{model}`",
+            _table({"form": keys_of(model, None)[1]["form"]}) + alone[model],
+        )
     first, *others = figure_block.FIGURE_KINDS.values()
     # A key stands under "most figures" if most of the kinds take it, with the same meaning.
     common = {
@@ -121,25 +124,21 @@ def _groups() -> Iterator[tuple[str, str, list[Row]]]:
 def key_tables() -> str:
     """Every key of a case file, in Markdown: a table a page, with a row in bold before each
     group."""
-    headed = (
+    pages = grouped(
         (page, row)
         for page, heading, rows in _groups()
         for row in rows and [(f"**{heading}**", "", "", "", ""), *rows]
     )
     tables = [
         (page, markdown(("key", "value", "unit", "default", "meaning"), rows))
-        for page, rows in grouped(headed).items()
+        for page, rows in pages.items()
     ]
     # The components of a vector have their meaning in common.
     named = grouped((meaning, f"`{x}`") for x, meaning in claim_block.QUANTITY_NAMES.items())
     quantities = [(", ".join(names), meaning) for meaning, names in named.items()]
-    pairs = zip_longest(quantities[::2], quantities[1::2], fillvalue=("", ""))
-    tables.append(
-        (
-            "Quantities of checks",
-            markdown(("quantity", "meaning") * 2, ((*left, *right) for left, right in pairs)),
-        )
-    )
+    halves = zip_longest(quantities[::2], quantities[1::2], fillvalue=("", ""))
+    rows = ((*left, *right) for left, right in halves)
+    tables.append(("Quantities of checks", markdown(("quantity", "meaning") * 2, rows)))
     return "\n".join(f"## {heading}\n\n{table}" for heading, table in tables)
 
 
