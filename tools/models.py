@@ -123,7 +123,8 @@ def markdown(paragraph: str) -> str:
 
 def accounts(cls: type[Model]) -> Iterator[str]:
     """The docstring of a form; in place of a paragraph that names another class, that class's."""
-    for paragraph in (inspect.getdoc(cls) or "").split("\n\n"):
+    docstring = (inspect.getdoc(cls) or "").replace("\n\nSource", "\nSource")
+    for paragraph in docstring.split("\n\n"):
         names = re.findall(r"`([A-Z]\w+)`", paragraph)
         named = [getattr(sys.modules[cls.__module__], name) for name in names]
         if named:
