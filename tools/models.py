@@ -121,9 +121,10 @@ def markdown(paragraph: str) -> str:
     return display(paragraph) if is_equation else sentence(paragraph)
 
 
-def accounts(cls: type[Model]) -> Iterator[str]:
-    """The docstring of a form; in place of a paragraph that names another class, that class's."""
-    docstring = (inspect.getdoc(cls) or "").replace("\n\nSource", "\nSource")
+def accounts(cls: type[Model], lead: str = "") -> Iterator[str]:
+    """The docstring of a form after a lead; in place of a paragraph that names another class, the
+    docstring of that class."""
+    docstring = lead + (inspect.getdoc(cls) or "").replace("\n\nSource", "\nSource")
     for paragraph in docstring.split("\n\n"):
         names = re.findall(r"`([A-Z]\w+)`", paragraph)
         named = [getattr(sys.modules[cls.__module__], name) for name in names]
@@ -138,10 +139,8 @@ def sections() -> Iterator[str]:
     for name, forms in models.catalogue().items():
         yield f"## `model: {name}`"
         for form, cls in forms.items():
-            if len(forms) > 1:
-                default = " (the default)" if form == next(iter(forms)) else ""
-                yield f"### `form: {form}`{default}"
-            yield from accounts(cls)
+            default = " (the default)" if form == next(iter(forms)) else ""
+            yield from accounts(cls, f"**`form: {form}`**{default}: " * (len(forms) > 1))
 
 
 if __name__ == "__main__":
