@@ -97,7 +97,7 @@ def sentence(text: str) -> str:
     """A paragraph with its formulas in TeX, in lines of a page."""
     # A formula stays on one line.
     words = (inline(x).replace(" ", "~") if is_math else x for is_math, x in parts(text))
-    lines = textwrap.wrap(" ".join(words), 134, break_long_words=False, break_on_hyphens=False)
+    lines = textwrap.wrap(" ".join(words), 138, break_long_words=False, break_on_hyphens=False)
     return "\n".join(re.sub(r"^([-+#])", r"\\\1", line.replace("~", " ")) for line in lines)
 
 
