@@ -1157,7 +1157,7 @@ def test_a_page_has_the_gravest_in_full_and_everything_in_tables(tmp_path: Path)
         assert call(tmp_path, *command.split()).returncode == 0
     done = call(tmp_path, "claims", "page.yaml", "--markdown")
     assert (done.returncode, done.stderr) == (0, "")
-    told, *tables = done.stdout.split("\n\n<details>\n<summary>")
+    told, *tables = done.stdout.split("\n\n<details><summary>")
     head, full = told.split("\n\n## ")
     titles, folded = zip(*(table.split("</summary>\n\n") for table in tables), strict=True)
     assert [title.split()[0] for title in titles] == ["Errata", "Every", "What"]

@@ -254,7 +254,7 @@ def test_no_such_file(hodo: Hodo) -> None:
 def test_the_schema_accepts_the_papers(hodo: Hodo) -> None:
     schema = json.loads(hodo("schema").stdout)
     assert schema["$schema"].endswith("2020-12/schema")
-    assert hodo("schema", "--table").stdout.startswith("### The file\n\n| key |")
+    assert hodo("schema", "--table").stdout.startswith("## Keys of case files\n\n| key |")
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,9 @@
-"""The keys of case files for readers, made from the keys themselves: the tables of
-docs/case-files.md, one a group of keys, and the JSON Schema for editors."""
+"""The keys of case files for readers, made from the keys themselves: the tables of three pages of
+docs/, and the JSON Schema for editors."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain
+from itertools import chain, zip_longest
 from typing import Any
 
 from .. import models
@@ -59,15 +59,20 @@ def _takers(named: Mapping[str, Sequence[str]], catalogue: Mapping[str, Mapping[
     return f" ({'; '.join(f'{model} {forms}'.rstrip() for model, forms in some.items())})"
 
 
-def _groups() -> Iterator[tuple[str, list[Row]]]:
-    """The heading and the rows of each table."""
-    # Statements have tables of their own.
+def _groups() -> Iterator[tuple[str, str, list[Row]]]:
+    """Each group of keys: the heading of its page, its own heading and its rows."""
+    # Statements and looks have tables of their own.
     yield (
+        "Keys of case files",
         "The file",
-        [row for row in _table(SECTIONS) if not re.match(r"`(claims|errata)\.", row[0])],
+        [row for row in _table(SECTIONS) if not re.match(r"`(claims|errata|style)\.", row[0])],
     )
     catalogue = models.catalogue()
-    yield "Every case", _table({"model": keys_of(None, None)[1]["model"]} | COMMON)
+    yield (
+        "Keys of case files",
+        "Every case",
+        _table({"model": keys_of(None, None)[1]["model"]} | COMMON),
+    )
     takers = grouped(
         (row, (model, name))
         for model, forms in catalogue.items()
@@ -80,32 +85,61 @@ def _groups() -> Iterator[tuple[str, list[Row]]]:
         named = grouped(taking)
         table = shared if len(named) > 1 else alone[next(iter(named))]
         table.append((row[0] + _takers(named, catalogue), *row[1:]))
-    yield "Several models", shared
+    yield "Keys of case files", "Several models", shared
     for model in catalogue:
-        form = _table({"form": keys_of(model, None)[1]["form"]})
-        yield f"Model `{model}`", form + alone[model]
-    every, *others = figure_block.FIGURE_KINDS.values()
+        yield (
+            "Keys of case files",
+            f"Model `{model}`",
+            _table({"form": keys_of(model, None)[1]["form"]}) + alone[model],
+        )
+    first, *others = figure_block.FIGURE_KINDS.values()
     # A key stands under "most figures" if most of the kinds take it, with the same meaning.
     common = {
-        k: x for k, x in every.items() if sum(keys.get(k) == x for keys in others) > len(others) / 2
+        k: x for k, x in first.items() if sum(keys.get(k) == x for keys in others) > len(others) / 2
     }
-    yield "Most figures", _table({"kind": figure_block.FIGURE["head"]} | common)
+    yield (
+        "Keys of figures",
+        "Most figures",
+        _table({"kind": figure_block.FIGURE["head"]} | common),
+    )
     for name, keys in figure_block.FIGURE_KINDS.items():
-        yield f"Figure `{name}`", _table({k: x for k, x in keys.items() if common.get(k) != x})
-    yield "Every claim", [row for row in _table(claim_block.CLAIM) if "(kind: " not in row[0]]
+        yield (
+            "Keys of figures",
+            f"Figure `{name}`",
+            _table({k: x for k, x in keys.items() if common.get(k) != x}),
+        )
+    yield (
+        "Keys of statements",
+        "Every claim",
+        [row for row in _table(claim_block.CLAIM) if "(kind: " not in row[0]],
+    )
     for name, keys in claim_block.CHECK_KINDS.items():
-        yield f"Check `{name}`", _table({f"check.{key}": x for key, x in keys.items()})
+        yield (
+            "Keys of statements",
+            f"Check `{name}`",
+            _table({f"check.{key}": x for key, x in keys.items()}),
+        )
 
 
 def key_tables() -> str:
-    """Every key of a case file, in Markdown: a heading and a table for each group."""
-    header = ("key", "value", "unit", "default", "meaning")
-    tables = [(heading, markdown(header, rows)) for heading, rows in _groups() if rows]
+    """Every key of a case file, in Markdown: a table a page, with a row in bold before each
+    group."""
+    pages = grouped(
+        (page, row)
+        for page, heading, rows in _groups()
+        for row in rows and [(f"**{heading}**", "", "", "", ""), *rows]
+    )
+    tables = [
+        (page, markdown(("key", "value", "unit", "default", "meaning"), rows))
+        for page, rows in pages.items()
+    ]
     # The components of a vector have their meaning in common.
     named = grouped((meaning, f"`{x}`") for x, meaning in claim_block.QUANTITY_NAMES.items())
     quantities = [(", ".join(names), meaning) for meaning, names in named.items()]
-    tables.append(("Quantities of checks", markdown(("quantity", "meaning"), quantities)))
-    return "\n".join(f"### {heading}\n\n{table}" for heading, table in tables)
+    halves = zip_longest(quantities[::2], quantities[1::2], fillvalue=("", ""))
+    rows = ((*left, *right) for left, right in halves)
+    tables.append(("Quantities of checks", markdown(("quantity", "meaning") * 2, rows)))
+    return "\n".join(f"## {heading}\n\n{table}" for heading, table in tables)
 
 
 # The words of a rule that its JSON Schema takes over; the rest is built from others or ours alone.

@@ -11,13 +11,13 @@ from ..text import few, grouped, markdown
 VerdictRow = Mapping[str, Any]
 
 OURS = "not in the paper"
-"""How the place of a statement begins that is not the paper's."""
+"""The beginning of `where` for a statement that is not the paper's."""
 
 GRAVEST = (CONTRADICTED, AS_PRINTED, ONCE_CORRECTED, UNDERDETERMINED)
 """The verdicts on statements that do not simply hold, the gravest first."""
 
 IN_FULL = 3
-"""The most statements that are told in full: authors read these first, and unfold the tables."""
+"""The most statements in full: authors read these first, and unfold the tables."""
 
 HEADERS = {
     "errata": ("where", "printed", "should be", "verdict", "shown by"),
@@ -32,16 +32,16 @@ def account(
     errata: Sequence[VerdictRow],
     cases: Iterable[Case],
 ) -> str:
-    """The verdicts on a paper as text in Markdown, which begins with these counts."""
-    told = "\n".join(map(in_full, gravest(statements)))
+    """The verdicts on a paper as Markdown, after the sentences `counts`."""
+    items = "\n".join(map(in_full, gravest(statements)))
     tables = {
         "Errata": table_of("errata", map(erratum_cells, errata)),
         "Every statement": table_of("statements", map(statement_cells, statements)),
         "What is left open, and what is taken here": table_of("assumptions", assumptions(cases)),
     }
-    parts = [f"## What does not simply hold\n\n{told}"] if told else []
+    parts = [f"## What does not simply hold\n\n{items}"] if items else []
     parts += [
-        f"<details>\n<summary>{heading}</summary>\n\n{table}\n\n</details>"
+        f"<details><summary>{heading}</summary>\n\n{table}\n\n</details>"
         for heading, table in tables.items()
         if table
     ]
@@ -60,7 +60,7 @@ def gravest(statements: Iterable[VerdictRow]) -> list[VerdictRow]:
 
 
 def in_full(row: VerdictRow) -> str:
-    """A statement in the paper's words and ours, with its verdict and the remarks, as an item."""
+    """A statement as an item of a list: ours, the paper's words, the verdict and remarks."""
     parts = [f"**{escaped(row['where'])}**: {escaped(row['statement'])}"]
     parts += [f"*{escaped(row['original'])}*"] if row["original"] else []
     parts += [f"**{row['verdict'].capitalize()}**: {escaped(row['evidence'])}."]
@@ -82,12 +82,12 @@ def statement_cells(row: VerdictRow) -> Sequence[str]:
 
 
 def with_remark(reason: str, note: str) -> str:
-    """What decides, and the remark where there is one."""
+    """The reason of a verdict, followed by the remark if there is one."""
     return f"{reason}; {note}" if reason and note else reason or note
 
 
 def assumptions(cases: Iterable[Case]) -> list[Sequence[str]]:
-    """What cases take that the paper leaves open: each once, with the names of its cases."""
+    """What the paper leaves open: each assumption once, with the names of its cases."""
     pairs = ((taken, case.name) for case in cases for taken in case.assumes.items())
     return [(*taken, few(names)) for taken, names in grouped(pairs).items()]
 
@@ -99,5 +99,5 @@ def table_of(topic: str, rows: Iterable[Sequence[str]]) -> str:
 
 
 def escaped(text: str) -> str:
-    """Text on one line, with no character that Markdown obeys."""
+    """Text on one line, with the characters of Markdown's syntax escaped."""
     return re.sub(r"([\\*_<\[])", r"\\\1", " ".join(text.split()))
