@@ -6,6 +6,7 @@ import textwrap
 import unicodedata
 import warnings
 from collections.abc import Iterator
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,15 @@ def without_tex(text: str) -> str:
         return re.sub(r"[_{}\\]", "", re.sub(r"\\(?:var)?([a-z]+)", letter, bare))
 
     return re.sub(r"\$([^$]*)\$", letters, text)
+
+
+def in_html(text: str) -> str:
+    """A label in HTML, with its indices."""
+
+    def indexed(formula: re.Match[str]) -> str:
+        return re.sub(r"_(\w|\{[^{}]*\})", r"<sub>\1</sub>", formula[0])
+
+    return without_tex(re.sub(r"\$[^$]*\$", indexed, escape(text)))
 
 
 def wrapped(text: str, width: int) -> str:
