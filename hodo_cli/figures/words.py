@@ -109,7 +109,8 @@ class Words(Annotation):
         best = int((hidden + near / 50 + 1000 * ~inside.all(-1)).argmin())
         i, j = divmod(best, len(self.shifts))
         self.xy, self.xyann = tuple(self.places[i]), tuple(offsets[j] / point)
-        grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 5)] * 2), -1).reshape(-1, 2)
+        # As dense as strokes are, or words would rather hide words than lines.
+        grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 12)] * 2), -1).reshape(-1, 2)
         return np.asarray(middles[best] + grid * half)
 
 
