@@ -231,6 +231,9 @@ def sphere(sheet: Sheet, motions: Sequence[Course]) -> None:
     surface = ellipsoid_of(motions[0]) if sheet.spec["ellipsoid"] else np.asarray
     first = {m.inertia.tobytes(): m for m in reversed(motions)}
     on_globe(sheet, paths, ("$x_1$", "$x_2$", "$x_3$"), [*first.values()], surface)
+    if sheet.spec["ellipsoid"]:
+        Q, A = motions[0].principal_axes, motions[0].inertia
+        sheet.scene["normal"] = (Q.T * A @ Q / A.max()).tolist()
 
 
 def axis_trace(sheet: Sheet, motions: Sequence[Course]) -> None:
@@ -251,7 +254,7 @@ def on_globe(
 ) -> None:  # fmt: skip
     """Curves on a globe, its far side pale, with the separatrices of bodies."""
     (axes,), V = sheet.panels(COLUMN, 1.05 * COLUMN), view_matrix(sheet.spec["view"])
-    sheet.scene |= {"globe": surface is np.asarray, "strokes": []}
+    sheet.scene |= {"globe": surface is np.asarray, "normal": np.eye(3).tolist(), "strokes": []}
     globe_below(sheet, axes, V, bodies, surface)
     for foot, name in zip(np.eye(3), arms, strict=True):
         tail = surface(foot)
