@@ -16,7 +16,7 @@ from .look import Sheet
 from .space import view_matrix
 from .words import in_html, without_tex
 
-SHAPES = {"o": "○", "s": "■", "D": "◇"}
+LETTERS_OF_MARKS = {"o": "○", "s": "■", "D": "◇"}
 """The marks of a legend as letters."""
 
 
@@ -24,7 +24,10 @@ def legend_of(sheet: Sheet) -> Iterator[str]:
     """The entries of the legend of a figure's picture, in HTML."""
     for words, handle in {handle.get_label(): handle for handle in sheet.handles}.items():
         line = "━━" if handle.get_linestyle() == "-" else "╍╍"
-        shape, colour = SHAPES.get(handle.get_marker(), line), handle.get_markeredgecolor()
+        shape, colour = (
+            LETTERS_OF_MARKS.get(handle.get_marker(), line),
+            handle.get_markeredgecolor(),
+        )
         yield f'<span><i style="color: {to_hex(colour)}">{shape}</i> {in_html(words)}</span>'
 
 
