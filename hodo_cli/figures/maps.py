@@ -58,7 +58,7 @@ KEY_SYMBOLS = {
 
 VARIABLE_WORDS = {
     "crossing_time": "time of the crossing, ${t}_1$",
-    "crossing_G": "$|G|$ at the crossing, ${t}_1$",
+    "crossing_G": "$|G|$ at ${t}_1$",
 }
 """Words for variables whose meanings are longer than an axis, with the symbol of time."""
 
