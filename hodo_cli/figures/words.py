@@ -100,7 +100,7 @@ class Words(Annotation):
         point = self.get_figure(root=True).dpi / 72  # type: ignore[union-attr]
         box = self.get_window_extent()
         half = np.array([box.width, box.height]) / 2
-        offsets = self.shifts * (half + 2.5 * point)
+        offsets = self.shifts * (half + 4 * point)  # clear of a mark there
         seen = panel.transData.transform(self.places)
         middles = (seen[:, None] + offsets).reshape(-1, 2)
         inside = (middles - half >= panel.bbox.min) & (middles + half <= panel.bbox.max)
