@@ -40,6 +40,10 @@ PICTURES = {".png": "png", ".svg": "svg+xml"}
 """The suffixes of files that a browser shows, and their kinds."""
 
 
+LINKS = {"body": "play", **dict.fromkeys(("hodograph", "sphere", "axis-trace"), "turn")}
+"""The links to the pages of figures that move, by their kinds."""
+
+
 def write_page(path: Path, sections: Sequence[Entry], alone: bool) -> None:
     """Write the page with these sections; `alone` has its pictures in it, and no links to files.
 
@@ -100,7 +104,11 @@ def figure_of(
     known = [config.cases[case].assumes for case in shown if case in config.cases]
     texts = [": ".join(item) for assumes in known for item in assumes.items()]
     images = [image_of(file, folder, alone) for file in files if file.suffix in PICTURES]
-    links = [(file.suffix[1:].upper(), relative_path(file, folder.parent)) for file in files]
+    words = {".html": LINKS.get(spec["kind"], "HTML")}
+    links = [
+        (words.get(file.suffix, file.suffix[1:].upper()), relative_path(file, folder.parent))
+        for file in files
+    ]
     return {
         "name": name, "caption": spec["caption"], "shown": shown, "files": links,
         "problem": drawn.get("problem", ""), "notes": drawn.get("warnings", ()),

@@ -119,7 +119,7 @@ def in_space(
 ) -> None:  # fmt: skip
     """Hodographs in a view V with body axes of these lengths, paler the farther they are; those
     parts alone of which no component is beyond the reach."""
-    body_axes(sheet, axes, V, arms, reach == math.inf)
+    body_axes(sheet, axes, V, arms, motions[0] if reach == math.inf else None)
     chosen = zip(motions, colours_of(motions, sheet.spec), strict=True)
     flat = {}
     # The longest curve first, so that it does not bury the short ones.
@@ -146,17 +146,19 @@ def in_space(
 
 
 def body_axes(
-    sheet: Sheet, axes: Axes, V: np.ndarray, arms: tuple[np.ndarray, np.ndarray], to_turn: bool
+    sheet: Sheet, axes: Axes, V: np.ndarray, arms: tuple[np.ndarray, np.ndarray], m: Motion | None
 ) -> None:
     """The axes of G1, G2, G3 through the origin, with round values on those that the view does not
-    shorten too much."""
+    shorten too much; of a motion that is shown whole with units, and for the viewer."""
     up, down = arms
     step = round_step(float(up.max()))
     for i, direct in enumerate(np.eye(3)):
         tail, tip, along = -down[i] * direct, up[i] * direct, (V @ direct)[:2]
         # Else a right-handed frame would look like its mirror image.
         colour = to_hex(tuple(pale(GREY))) if (V @ tip)[2] < -1e-9 else GREY
-        arrow(axes, (V @ tail)[:2], (V @ tip)[:2], f"$G_{i + 1}$", colour)
+        # Once for all three, which have one scale: each longer name would lie on a curve.
+        name = axis_label(m, "G.x3") if m and i == 2 else f"$G_{i + 1}$"
+        arrow(axes, (V @ tail)[:2], (V @ tip)[:2], name, colour)
         for count in range(1, int(0.87 * up[i] / step) + 1) if math.hypot(*along) > 0.5 else ():
             at = tuple(along * count * step)
             axes.plot(*at, ".", ms=2, color=GREY)
@@ -165,7 +167,7 @@ def body_axes(
             look: Look = {"size": "x-small", "color": GREY, "va": "center", "path_effects": HALO}
             words = f"{count * step:.6g}"
             axes.annotate(words, at, shift, textcoords="offset points", zorder=5, **look)
-        if to_turn:
+        if m:
             ends = stroke([tail, tip], GREY, name=f"G{i + 1}", kind="axis")
             sheet.scene.setdefault("strokes", []).append(ends)
 
@@ -231,6 +233,9 @@ def sphere(sheet: Sheet, motions: Sequence[Course]) -> None:
     surface = ellipsoid_of(motions[0]) if sheet.spec["ellipsoid"] else np.asarray
     first = {m.inertia.tobytes(): m for m in reversed(motions)}
     on_globe(sheet, paths, ("$x_1$", "$x_2$", "$x_3$"), [*first.values()], surface)
+    if sheet.spec["ellipsoid"]:
+        Q, A = motions[0].principal_axes, motions[0].inertia
+        sheet.scene["normal"] = (Q.T * A @ Q / A.max()).tolist()
 
 
 def axis_trace(sheet: Sheet, motions: Sequence[Course]) -> None:
@@ -251,7 +256,7 @@ def on_globe(
 ) -> None:  # fmt: skip
     """Curves on a globe, its far side pale, with the separatrices of bodies."""
     (axes,), V = sheet.panels(COLUMN, 1.05 * COLUMN), view_matrix(sheet.spec["view"])
-    sheet.scene |= {"globe": surface is np.asarray, "strokes": []}
+    sheet.scene |= {"globe": surface is np.asarray, "normal": np.eye(3).tolist(), "strokes": []}
     globe_below(sheet, axes, V, bodies, surface)
     for foot, name in zip(np.eye(3), arms, strict=True):
         tail = surface(foot)
