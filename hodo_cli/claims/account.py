@@ -33,7 +33,10 @@ def account(
     cases: Iterable[Case],
 ) -> str:
     """The verdicts on a paper as Markdown, after the sentences `counts`."""
-    items = "\n".join(map(in_full, gravest(statements)))
+    doubted = gravest(statements)
+    items = "\n".join(map(in_full, doubted[:IN_FULL]))
+    if (more := len(doubted) - IN_FULL) > 0:
+        items += f"\n- {more} more, in the table of every statement"
     tables = {
         "Errata": table_of("errata", map(erratum_cells, errata)),
         "Every statement": table_of("statements", map(statement_cells, statements)),
@@ -54,9 +57,9 @@ def is_ours(row: VerdictRow) -> bool:
 
 
 def gravest(statements: Iterable[VerdictRow]) -> list[VerdictRow]:
-    """The statements of the paper that do not simply hold, the gravest first; IN_FULL at most."""
+    """The statements of the paper that do not simply hold, the gravest first."""
     doubted = [row for row in statements if row["verdict"] in GRAVEST and not is_ours(row)]
-    return sorted(doubted, key=lambda row: GRAVEST.index(row["verdict"]))[:IN_FULL]
+    return sorted(doubted, key=lambda row: GRAVEST.index(row["verdict"]))
 
 
 def in_full(row: VerdictRow) -> str:

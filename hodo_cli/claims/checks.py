@@ -30,6 +30,7 @@ from .finding import (
 from .measures import (
     check_margin,
     check_reached,
+    decides_unless,
     enclosed_at,
     error_of,
     extremes,
@@ -392,6 +393,7 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
     axes, against bounds, or how they follow each other; decided by the last average.
     """
     name = check["variable"]
+    decides_unless(swept.says_nothing(name))
     at: Sequence[Mapping[str, int]] = check["at"] or ([] if check["along"] else [{}])
     means = [float(swept.values(name, (), position)) for position in at]
     for along in check["along"]:
