@@ -98,7 +98,7 @@ class Words(Annotation):
         """Stand where they hide the least of the dark points (n, 2) of a panel, pixels; returns
         some of the points that are dark then."""
         point = self.get_figure(root=True).dpi / 72  # type: ignore[union-attr]
-        half = self.get_window_extent().size / 2
+        half = np.array(self.get_window_extent().size) / 2
         offsets = self.shifts * (half + 4 * point)  # clear of a mark there
         seen = panel.transData.transform(self.places)
         middles = (seen[:, None] + offsets).reshape(-1, 2)
