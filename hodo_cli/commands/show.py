@@ -4,7 +4,7 @@ import math
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
 from sys import float_info
@@ -107,8 +107,7 @@ def methods_of(path: Path) -> dict[str, str]:
         ended_well = [row for row in rows if row["status"] == "ok"]
         if not ended_well:
             raise HodoError(f"{path} holds no case that ended well")
-        names = {row["case"] for row in ended_well}
-        others = [name for name in run.cases() if name not in names]
+        others = [row["case"] for row in rows if row["status"] != "ok"]
         cited = filter(None, (f"{run.attributes.get('source')}", run.attributes.get("references")))
         sentences = (
             sentence_on_methods(run, ended_well),
@@ -128,17 +127,18 @@ def methods_of(path: Path) -> dict[str, str]:
 def row_of_methods(run: ResultFile, name: str) -> dict[str, Any]:
     """What the paragraph says of a case. A sweep is as many motions as it has members, of which a
     sample is measured. The error of an attitude is an angle, and stands by itself."""
-    row = run.row(name, SUMMARY | typed_as("tol", "error_kind", "case"))
+    row = {"off": math.nan, "turned": math.nan} | run.row(
+        name, SUMMARY | typed_as("tol", "error_kind", "case")
+    )
     more = run.summary(name, ("members", "error_sample", MODEL_SOURCE))
     motions = int(more.get("members", 1))
-    row |= {"off": math.nan, "turned": math.nan}
-    ranges = ranges_in_words(parse_axes(row["case"]))
+    axes = parse_axes(row["case"]) if "members" in more else []
     if "\nattitude:" in row.pop("case") and "members" not in more:
         row |= errors_of_attitude(run.read(name))
     return {
         "case": name,
         **row,
-        "swept": [f"{'.'.join(map(str, path))} {words}" for path, words in ranges.items()],
+        "swept": [f"{'.'.join(map(str, path))} {words}" for path, words in ranges_in_words(axes)],
         "motions": motions,
         "motions_measured": int(more.get("error_sample", motions)),
         "is_own_model": MODEL_SOURCE in more,
@@ -224,34 +224,31 @@ def latex_table(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join([begin, r"\toprule", head, r"\midrule", *body, r"\bottomrule", end])
 
 
-def ranges_in_words(axes: Iterable[Axis]) -> dict[Sequence[Any], str]:
-    """The ranges of what a sweep varies, by the paths of the keys."""
-    ranges: dict[Sequence[Any], str] = {}
+def ranges_in_words(axes: Iterable[Axis]) -> Iterator[tuple[Sequence[Any], str]]:
+    """The paths of the keys that a sweep varies, with their ranges."""
     for axis in axes:
         if axis.sphere:
-            ranges["initial", "direction"] = f"{len(axis)} at random"
+            yield ("initial", "direction"), f"{len(axis)} at random"
         for path, value_range in axis.ranges:
             ((word, span),) = value_range.items()
             ends = span if word == "values" else span[:2]
-            ranges[path] = f"{min(ends):g} to {max(ends):g} in {len(axis)} values"
-    return ranges
+            yield path, f"{min(ends):g} to {max(ends):g} in {len(axis)} values"
 
 
 def data_in_words(case: Case) -> str:
     """The data of a case in a line: what its model does not take by default, with units; of a key
     that a sweep varies its range."""
-    data, ranges = dict(case.data), ranges_in_words(axes_of(case.sweep or {}))
-    if ("initial", "direction") in ranges:  # |G| stays
+    data, axes = dict(case.data), axes_of(case.sweep or {})
+    if any(axis.sphere for axis in axes):  # |G| stays
         body: Any = case.system
         G = body.momentum(body.from_principal(np.array(body.start[:3])))
-        of_G = {"G": float(np.hypot.reduce(G)), "direction": None}
-        data["initial"] = dict.fromkeys(data["initial"]) | of_G
-    for path, words in ranges.items():
+        data["initial"] = {**dict.fromkeys(data["initial"]), "G": math.hypot(*G), "direction": None}
+    for path, words in ranges_in_words(axes):
         data = with_number(data, path, words)
     _, rules = keys_of(case.model, case.form)
     given = {key: x for key, x in data.items() if x != rules[key].get("default")}
-    span = f"t = {case.time.start:g} to {case.time.end:g} [{case.time.unit}]"
-    return f"{in_words(given, case)}, {span.removesuffix(' [1]')}"
+    span = f"{case.time.start:g} to {case.time.end:g} [{case.time.unit}]".removesuffix(" [1]")
+    return f"{in_words(given, case)}, t = {span}"
 
 
 def in_words(value: Any, case: Case, key: str = "") -> str:
@@ -260,10 +257,9 @@ def in_words(value: Any, case: Case, key: str = "") -> str:
     if isinstance(value, Mapping):
         inner = ((k, in_words(x, case, f"{key}.{k}")) for k, x in value.items() if x is not None)
         return ", ".join(f"{k} {x}" if "=" in x else f"{k} = {x}" for k, x in inner if x)
+    words = f"{value:g}" if isinstance(value, float) else str(value).removesuffix(".0")
     if isinstance(value, tuple):
         words = f"({', '.join(in_words(x, case) for x in value)})"
-    else:
-        words = f"{value:g}" if isinstance(value, float) else str(value).removesuffix(".0")
     stated = stated_unit(case, key.removeprefix("."))
     is_open = {"mass", "length"} | ({"inertia"} if case.inertia_unit == "1" else set())
     unit = "1" if any(word in stated for word in is_open) else units_of_case(stated, case)

@@ -228,8 +228,7 @@ def sphere(sheet: Sheet, motions: Sequence[Course]) -> None:
     paths = [GlobeCurve(m, direction(m), m.label) for m in motions]
     for m in motions:
         m.check_separatrix()
-        names = [f"G.x{i}/|G|" for i in (1, 2, 3)]
-        sheet.record_vector(m, direction(m.samples), names)
+        sheet.record_vector(m, direction(m.samples), [f"G.x{i}/|G|" for i in (1, 2, 3)])
     surface = ellipsoid_of(motions[0]) if sheet.spec["ellipsoid"] else np.asarray
     first = {m.inertia.tobytes(): m for m in reversed(motions)}
     on_globe(sheet, paths, ("$x_1$", "$x_2$", "$x_3$"), [*first.values()], surface)
@@ -244,9 +243,9 @@ def axis_trace(sheet: Sheet, motions: Sequence[Course]) -> None:
     for m in motions:
         for axis in sheet.spec["axes"]:
             label = f"${axis[0]}_{axis[1]}$" + f", {m.label}" * (len(motions) > 1)
-            names = [f"{axis}_space.{x}" for x in "xyz"]
-            sheet.record_vector(m, m.samples.vector(f"{axis}_space"), names, label)
-            paths.append(GlobeCurve(m, m.vector(f"{axis}_space"), label))
+            name = f"{axis}_space"
+            sheet.record_vector(m, m.samples.vector(name), [f"{name}.{x}" for x in "xyz"], label)
+            paths.append(GlobeCurve(m, m.vector(name), label))
     on_globe(sheet, paths, ("$x$", "$y$", "$z$"), [], np.asarray)
 
 
@@ -282,8 +281,8 @@ def on_globe(
     if not by_case:
         colour_legend(sheet, [axes], motions)
     elif arms[0] == "$x$":
-        named = zip(paths, ways, strict=True)
-        sheet.handles += [Line2D([], [], **way, label=path.label) for path, way in named]
+        for path, way in zip(paths, ways, strict=True):
+            sheet.handles.append(Line2D([], [], **way, label=path.label))
     if bodies and any(separatrix_circles(m.inertia) for m in bodies):
         sheet.handles.append(Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"))
     mark_legend(sheet, motions)
@@ -351,8 +350,9 @@ def herpolhode(sheet: Sheet, motions: Sequence[Course]) -> None:
     # The axes of the plane are those of space only where G points along z.
     prime = "" if np.abs(np.array(planes) - np.eye(2, 3)).max() < 1e-9 else "'"
     for m, plane in zip(motions, planes, strict=True):
-        values = m.samples.vector("omega_space") @ plane.T
-        sheet.record_vector(m, values, [f"omega_space.{x}{prime}" for x in "xy"])
+        sheet.record_vector(
+            m, m.samples.vector("omega_space") @ plane.T, [f"omega_space.{x}{prime}" for x in "xy"]
+        )
     points = [m.vector("omega_space") @ plane.T for m, plane in zip(motions, planes, strict=True)]
     curves(axes, motions, sheet.spec, points)
     look: Look = {"marker": "+", "ls": "", "color": "black", "ms": 6}

@@ -40,15 +40,15 @@ def page_of(sheet: Sheet, title: str, about: str = "", folder: str = "") -> str:
         sheet.figure.savefig(picture, format="svg", metadata={"Date": None, "Creator": None})
         coded = b64encode(picture.getvalue()).decode()
         image = f'<img alt="{escape(about)}" src="data:image/svg+xml;base64,{coded}">'
-    view = view_matrix(sheet.spec.get("view", (24.0, 35.0))).tolist()
     time, of = without_tex(f"${sheet.spec.get('time', 't')}$"), sheet.units.get("time", "")
-    scene = {"view": view, "symbol": time, "unit": of and f" {of}", **sheet.scene}
+    view = view_matrix(sheet.spec.get("view", (24.0, 35.0)))
+    scene = {"view": view.tolist(), "symbol": time, "unit": of and f" {of}", **sheet.scene}
     # A name may hold what ends a script.
     data = json.dumps(scene).replace("</", "<\\/")
-    place = f"../index.html#{quote(folder)}/{quote(title)}"
-    back = f'<p><a href="{place}">All figures</a></p>' if folder else ""
+    back = f'<a href="../index.html#{quote(folder)}/{quote(title)}">All figures</a>'
     shell = Template(Path(__file__).with_name("viewer.html").read_text(encoding="utf-8"))
     return shell.substitute(
         title=escape(title), heading=in_html(sheet.spec["title"] or title), about=escape(about),
-        legend="".join(legend_of(sheet)) if sheet.scene else "", data=data, image=image, back=back,
+        legend="".join(legend_of(sheet)) if sheet.scene else "", data=data, image=image,
+        back=back if folder else "",
     )  # fmt: skip

@@ -98,12 +98,12 @@ class Words(Annotation):
         """Stand where they hide the least of the dark points (n, 2) of a panel, pixels; returns
         some of the points that are dark then."""
         point = self.get_figure(root=True).dpi / 72  # type: ignore[union-attr]
-        box = self.get_window_extent()
-        half = np.array([box.width, box.height]) / 2
+        half = np.array(self.get_window_extent().size) / 2
         offsets = self.shifts * (half + 4 * point)  # clear of a mark there
         seen = panel.transData.transform(self.places)
         middles = (seen[:, None] + offsets).reshape(-1, 2)
-        inside = (middles - half >= panel.bbox.min) & (middles + half <= panel.bbox.max)
+        frame = panel.bbox.padded(-2 * point)
+        inside = (middles - half >= frame.min) & (middles + half <= frame.max)
         away = np.abs(dark - middles[:, None])
         hidden, near = ((away < half + x * point).all(-1).sum(-1) for x in (1, 6))
         best = int((hidden + near / 50 + 1000 * ~inside.all(-1)).argmin())
