@@ -198,7 +198,7 @@ class Axis:
     def directions(self, index: np.ndarray) -> np.ndarray:
         """The unit vectors (n, 3) of a sphere at positions (n,), uniform and independent."""
         assert self.sphere is not None
-        # The seed is the block's number, so that any process draws any part, and chunks do not
+        # The seed includes the block's number: any process draws any part, and chunks do not
         # matter.
         occurring, block = np.unique(index // DRAWN_AT_ONCE, return_inverse=True)
         drawn = [
