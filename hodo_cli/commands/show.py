@@ -1,4 +1,4 @@
-"""`hodo show`: the cases in result files, and how they were computed, as a paper says it."""
+"""`hodo show`: the cases in result files, and how they were computed, in words for a paper."""
 
 import math
 import re
@@ -26,10 +26,10 @@ LISTED = SUMMARY | typed_as("case")
 
 def stored_cases(paths: Iterable[Path], with_data: bool = False) -> list[dict[str, Any]]:
     """The cases of result files, with the attributes that a line of the table shows; `with_data`
-    also the settings of each case that say which motion it is.
+    adds the settings of each case that determine its motion.
 
-    A path may be that of a config. Raises HodoError as `open_batch` does, or if a case has
-    no such attributes.
+    A path may be that of a config. Raises HodoError as `open_batch` does, or if a case lacks such
+    attributes.
     """
     rows: list[dict[str, Any]] = []
     for path, config in results_named(paths):
@@ -49,7 +49,7 @@ def stored_cases(paths: Iterable[Path], with_data: bool = False) -> list[dict[st
 
 
 def assumes_of(text: str) -> str:
-    """The values that a stored case takes and its source does not print, in one line."""
+    """The values that a stored case assumes because its source does not print them, in one line."""
     if "\nassumes:" not in text:  # so that of many cases those few are parsed that assume something
         return ""
     try:
@@ -59,7 +59,7 @@ def assumes_of(text: str) -> str:
 
 
 def warn_of_chunks(path: Path) -> None:
-    """Warn of the chunks of sweeps that runs have left beside a result."""
+    """Warn of unfinished chunks of sweeps next to a result."""
     if chunks := [*folder_of(path).glob("chunk-*")]:
         size = in_bytes(sum(chunk.stat().st_size for chunk in chunks if chunk.exists()))
         warnings.warn(
@@ -89,7 +89,7 @@ REFERENCES_IN_WORDS = {
     "averaging itself, which is of first order",
     "refined": "a second integration at another tolerance",
 }
-"""The computations against which errors are measured, by `error_kind`."""
+"""The references of measured errors in words, by `error_kind`."""
 
 
 def methods_of(path: Path) -> dict[str, str]:
@@ -97,7 +97,7 @@ def methods_of(path: Path) -> dict[str, str]:
     tolerances, measured errors, models of the author's own, and what to cite. The path may be that
     of a config.
 
-    Raises HodoError as `open_batch` does, or if the result holds no case that ended well.
+    Raises HodoError as `open_batch` does, or if no case of the result ended well.
     """
     path, _ = result_named(path)
     with open_batch(path) as run:
@@ -124,8 +124,8 @@ def methods_of(path: Path) -> dict[str, str]:
 
 
 def row_of_methods(run: ResultFile, name: str) -> dict[str, Any]:
-    """What the paragraph says of a case. A sweep is as many motions as it has members, of which a
-    sample is measured. The error of an attitude is an angle, and stands by itself."""
+    """The numbers of a case for the paragraph. A sweep counts as many motions as it has members, of
+    which a sample is measured. The error of an attitude is an angle, and is listed by itself."""
     row = run.row(name, SUMMARY | typed_as("tol", "error_kind", "case"))
     more = run.summary(name, ("members", "error_sample", MODEL_SOURCE))
     motions = int(more.get("members", 1))
@@ -142,8 +142,8 @@ def row_of_methods(run: ResultFile, name: str) -> dict[str, Any]:
 
 
 def errors_of_attitude(group: Group) -> dict[str, float]:
-    """The error of a stored motion without its attitude, the angle by which this is `off`, and the
-    angle `turned`; empty if these are not stored."""
+    """The error of a stored motion without its attitude, the angle `off` by which that is wrong,
+    and the angle `turned`; empty if these are not stored."""
     errors = {name: float(x.attrs.get("error", math.nan)) for name, x in group.variables.items()}
     off, known = errors.pop("attitude", math.nan), [x for x in errors.values() if x >= 0]
     if math.isnan(off) or not known or "omega" not in group.variables:
@@ -158,12 +158,12 @@ def methods_paragraphs(rows: Iterable[Mapping[str, str]]) -> str:
 
 
 def stored_version(run: ResultFile, library: str) -> str:
-    """The version of a library by which a result was made."""
+    """The version of a library with which a result was made."""
     return str(run.attributes.get(f"{library}_version", "of unknown version"))
 
 
 def sentence_on_methods(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> str:
-    """The sentence on methods and tolerances: how many motions were computed by which."""
+    """The sentence on methods and tolerances, with the number of motions of each."""
     libraries = {name: stored_version(run, name) for name in ("heyoka", "scipy")}
     methods = Counter[tuple[str, float]]()
     for row in rows:
@@ -174,7 +174,7 @@ def sentence_on_methods(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> s
         tolerance = (
             "" if method in ("exact", "quadrature") else f" at a relative tolerance of {tol:.2g}"
         )
-        # Of the terms that a Taylor series leaves out: the numbers themselves have 2.2e-16.
+        # The bound is on the omitted terms of a Taylor series; the numbers themselves have 2.2e-16.
         finer = ", below the rounding of double precision" if tol < float_info.epsilon else ""
         phrases.append(f"{count} {words}{tolerance}{finer if tolerance else ''}")
     models = ", ".join(dict.fromkeys(f"{row['model']} ({row['form']})" for row in rows))
@@ -186,8 +186,8 @@ def sentence_on_methods(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> s
 
 
 def sentence_on_errors(rows: Sequence[Mapping[str, Any]]) -> str:
-    """The sentence on measured errors, by what they were measured against; a sweep has them of a
-    sample of its members."""
+    """The sentence on measured errors, by their references; a sweep has errors of a sample of its
+    members."""
     phrases, kinds = [], grouped((row["error_kind"], row) for row in rows)
     for kind, of_kind in kinds.items():
         worst = max(of_kind, key=itemgetter("error"))
@@ -221,7 +221,7 @@ def latex_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def in_words(value: Any) -> str:
-    """A setting in a line: lists in parentheses, and mappings as `key = value`."""
+    """A setting in one line: lists in parentheses, and mappings as `key = value`."""
     if isinstance(value, Mapping):
         known = {key: in_words(x) for key, x in value.items() if x not in (None, "", ())}
         return ", ".join(f"{key} {x}" if "=" in x else f"{key} = {x}" for key, x in known.items())
@@ -231,14 +231,14 @@ def in_words(value: Any) -> str:
 
 
 def latex(text: str) -> str:
-    """A text in LaTeX: its signs escaped, and numbers with powers of ten."""
+    """A text in LaTeX, with its signs escaped, and numbers with powers of ten."""
     escaped = re.sub(r"([&%$#_{}])", r"\\\1", text)
     return re.sub(r"(\d)e\+?(-?)0*(\d+)\b", r"\1$\\times10^{\2\3}$", escaped)
 
 
 def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Cases with their method, cost, error and warnings; below them, once each, the warnings that
-    several cases share, and what cases assume where that is known."""
+    """The cases with their method, cost, error and warnings; below them, once each, warnings that
+    several cases share and, where it is known, what cases assume."""
     header = ("case", "model", "form", "method", "steps", "run time", "error", "warnings")
     names = grouped(
         (text, row["case"])
@@ -268,6 +268,6 @@ def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def remarks(row: Mapping[str, Any]) -> list[str]:
-    """How a case ended, unless well and at its time, and its warnings."""
+    """The end of a case, unless it ended well and at its time, and its warnings."""
     ended = row["message"] if row["status"] == "ok" else f"{row['status']}: {row['message']}"
     return [*filter(None, [ended]), *row["warnings"].splitlines()]

@@ -163,8 +163,8 @@ def sync(path: Path) -> None:
 
 @contextmanager
 def create(file: Path, attributes: Mapping[str, Attribute], room: int) -> Iterator[h5py.File]:
-    """A new file with these root attributes and room for `room` more bytes, which gets hodo's mark at
-    the end. Raises OSError if they do not fit on the disk."""
+    """A new file with these root attributes and room for `room` more bytes, which gets hodo's mark
+    at the end. Raises OSError if they do not fit on the disk."""
     with h5py.File(file, "w", track_order=True, locking="best-effort") as new:
         set_attributes(new, {"format_version": FORMAT_VERSION, **attributes})
     with open(file, "r+b") as disk:

@@ -283,8 +283,8 @@ def copy_groups(source: Path, names: Iterable[str], file: h5py.File) -> None:
 
 
 def tidy(path: Path, is_needless: Callable[[str], bool] = lambda sweep: False) -> None:
-    """Remove the chunks of sweeps whose hash `is_needless` and, if nothing is left there, the folder of
-    the parts."""
+    """Remove the chunks of sweeps whose hash `is_needless` and, if nothing is left there, the
+    folder of the parts."""
     if not folder_of(path).exists():
         return
     with locked(path) as folder:
