@@ -1,5 +1,5 @@
-"""The page of one figure, which needs no other file: what is in space turns, and what moves plays;
-of another figure the picture."""
+"""The page of one figure, which needs no other file: figures in space turn, and a moving body
+plays; other figures are pictures."""
 
 import io
 import json
@@ -15,8 +15,8 @@ from .words import without_tex
 
 
 def page_of(sheet: Sheet, title: str, about: str = "", folder: str = "") -> str:
-    """The page with the strokes of a sheet's scene, or with its picture where it has none; with a
-    link to the page of all figures where it stands in a folder beside it."""
+    """The page with the strokes of a sheet's scene, or with its picture if it has none, and with a
+    link to the page of all figures if that is in the same folder."""
     image = ""
     if not sheet.scene:
         picture = io.BytesIO()
@@ -26,7 +26,7 @@ def page_of(sheet: Sheet, title: str, about: str = "", folder: str = "") -> str:
     view = view_matrix(sheet.spec.get("view", (24.0, 35.0))).tolist()
     time, of = without_tex(f"${sheet.spec.get('time', 't')}$"), sheet.units.get("time", "")
     scene = {"view": view, "symbol": time, "unit": of and f" {of}", **sheet.scene}
-    # A name may hold what ends a script.
+    # A name may contain the end of a script.
     data = json.dumps(scene).replace("</", "<\\/")
     place = f"../index.html#{quote(folder)}/{quote(title)}"
     back = f'<p><a href="{place}">All figures</a></p>' if folder else ""
