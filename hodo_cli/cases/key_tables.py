@@ -137,9 +137,10 @@ def key_tables() -> str:
     named = grouped((meaning, f"`{x}`") for x, meaning in claim_block.QUANTITY_NAMES.items())
     quantities = [(", ".join(names), meaning) for meaning, names in named.items()]
     halves = zip_longest(quantities[::2], quantities[1::2], fillvalue=("", ""))
-    rows = ((*left, *right) for left, right in halves)
-    tables.append(("Quantities of checks", markdown(("quantity", "meaning") * 2, rows)))
-    return "\n".join(f"## {heading}\n\n{table}" for heading, table in tables)
+    in_two = markdown(("quantity", "meaning") * 2, ((*left, *right) for left, right in halves))
+    return "\n".join(
+        f"## {heading}\n\n{table}" for heading, table in [*tables, ("Quantities of checks", in_two)]
+    )
 
 
 # The words of a rule that go into its JSON Schema unchanged; the others are translated or are

@@ -279,7 +279,8 @@ def edges(values: np.ndarray, ratios: bool) -> np.ndarray:
 def contour(
     sheet: Sheet, axes: Axes, of: tuple[np.ndarray, ...], level: float, look: Look, words: str
 ) -> None:
-    """Draw the contour of values (n, m) over x and y at a level; return its entry of the legend."""
+    """Draw the contour of values (n, m) over x and y at a level, and add its entry to the
+    legend."""
     x, y, values = of
     reached = np.fmin.reduce(values, axis=None) <= level < np.fmax.reduce(values, axis=None)
     if reached and min(values.shape) > 1:

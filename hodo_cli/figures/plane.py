@@ -324,8 +324,8 @@ def invariants(sheet: Sheet, motions: Sequence[Course]) -> None:
 
 
 def bounds(panels: Sequence[Axes], m: Motion) -> None:
-    """The bounds of T, G^2/2A_largest and G^2/2A_smallest, and of G^2, its exponentials, if
-    constant damping alone changes it."""
+    """Draw the bounds of T, G^2/2A_largest and G^2/2A_smallest, and those of G^2, its exponentials,
+    if constant damping alone changes it."""
     look: Look = {"color": GREY, "lw": 0.5, "ls": "-"}
     for A in (min(m.inertia), max(m.inertia)):
         panels[0].plot(m.time, m["G2"] / (2 * A), **look)
