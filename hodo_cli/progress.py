@@ -72,9 +72,9 @@ class Progress:
         """Count a task that is finished, and print its problem if it has one."""
         self._done += 1
         self._running.pop(name, None)
-        tell = self._echo if problem else self.detail
+        show = self._echo if problem else self.detail
         end = click.style(problem, fg="red") if problem else "ok"
-        tell(f"[{self._done}/{self._total}] {name}: {end}")
+        show(f"[{self._done}/{self._total}] {name}: {end}")
 
     def starting(self, items: Iterable[Item], name: Callable[[Item], str] = str) -> Iterator[Item]:
         """The items for tasks of these names; a task counts as running once its item is taken."""

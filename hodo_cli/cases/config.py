@@ -140,8 +140,8 @@ def text_of(path: Path, name: str) -> str:
         # In lower case, as in the message of a missing result.
         reason = str(getattr(error, "strerror", None) or error).lower()
         shown_name = name if name.isprintable() else repr(name)
-        beside = [str(x) for x in path.parent.glob("*") if x.suffix in YAML_SUFFIXES]
-        others = [*beside, *(x.stem for x in BUNDLED_CONFIGS.glob("*.yaml"))]
+        nearby = [str(x) for x in path.parent.glob("*") if x.suffix in YAML_SUFFIXES]
+        others = [*nearby, *(x.stem for x in BUNDLED_CONFIGS.glob("*.yaml"))]
         near = nearest(name, [other for other in others if other != name])
         raise HodoError(f"{shown_name}: {reason}{near}") from None
     if raw.startswith(b"\x89HDF"):

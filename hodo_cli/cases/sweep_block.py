@@ -291,7 +291,7 @@ def _unknown_path(
 ) -> str:
     """What is wrong with a swept key that the model does not have."""
     if path[0] in data:
-        return f"{name} is no number of the model, and is not swept"
+        return f"{name} is not a number of the model, and cannot be swept"
     # For example p of `initial.p`.
     inner = [
         f"{key}.{path[0]}" for key, rule in keys.items() if path[0] in rule.get("properties", ())

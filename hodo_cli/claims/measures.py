@@ -78,7 +78,7 @@ def sampled_motion(
     if not trajectory.succeeded:
         words = f"{case_words(case.name)}, integrated for the statement"
         raise Undecidable(f"{words}: {trajectory.status} {trajectory.message}")
-    if passed is not None:  # a crossing is an event too, of which the labels tell more
+    if passed is not None:  # the labels say more of a crossing than its event
         events = tuple(Occurrence(e.kind, e.time) for e in events if e.kind != "separatrix")
     variables = case_variables(
         case.system.equations.variables, trajectory.time, trajectory.variables, events, {}
@@ -118,7 +118,7 @@ def known_values(m: Motion, name: str, values: np.ndarray) -> np.ndarray:
     """Values over time (n,) of a motion. Raises Undecidable if one of them is nan."""
     if (missing := np.isnan(values)).any():
         when = m.case.time.text(m.time[int(missing.argmax())])
-        raise Undecidable(f"{name} of {m.words} is no number at {when}")
+        raise Undecidable(f"{name} of {m.words} has no value at {when}")
     return values
 
 

@@ -158,8 +158,8 @@ class Plan:
         """Print which results are dropped, what runs if asked, and the warnings that the data
         give."""
         for row in self.planned():
-            tell = progress.say if row["plan"] == CASE_DROPPED else progress.detail
-            tell(plan_lines([row]))
+            show = progress.say if row["plan"] == CASE_DROPPED else progress.detail
+            show(plan_lines([row]))
         # Before the run, because a motion into which the data feed energy may run to its last step.
         cases = self.config.cases
         warned = ((text, name) for name in self.reasons for text in early_warnings(cases[name]))

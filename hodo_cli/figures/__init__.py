@@ -127,8 +127,8 @@ def draw_motions(sheet: Sheet, cases: Cases, figures: Mapping[str, Mapping[str, 
     for name in (others := spec.get("scale_with", ())):
         if name not in figures:
             raise HodoError(f"scale_with: {unknown(f'figure {name!r}', name, figures)}")
-    beside = [case for name in others for case in figures[name]["cases"]]
-    sheet.others = motions_of(cases, beside)
+    sharing = [case for name in others for case in figures[name]["cases"]]
+    sheet.others = motions_of(cases, sharing)
     draw_kind, needs = KINDS_DRAWN[spec["kind"]]
     check_variables([*motions, *sheet.others], spec["kind"], needs)
     check_units(motions, "time")
@@ -166,7 +166,7 @@ def check_variables(motions: Sequence[Motion], kind: str, needs: Sequence[str]) 
         if "omega" in needs and (missing := ~np.isfinite(m.omega).all(axis=-1)).any():
             when = m.case.time.text(m.time[missing.argmax()])
             raise HodoError(
-                f"omega of {m.words} is no number at {when}: draw the samples that have one, "
+                f"omega of {m.words} has no value at {when}: draw the samples that have one, "
                 "as data.dropna('time') selects them"
             )
 

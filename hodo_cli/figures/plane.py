@@ -99,7 +99,7 @@ def series_curve(sheet: Sheet, axes: Axes, m: Course, name: str, look: Look) -> 
     time, values = m.samples.time[stored], m.samples[name][stored]
     sheet.record(m.label, time=time, **{name: values})
     if not np.isfinite(values).any():
-        warnings.warn(f"{name} of {m.name} is no number at any sample: no curve", stacklevel=2)
+        warnings.warn(f"{name} of {m.name} has no value at any sample: no curve", stacklevel=2)
     if law := spec["formula"].get(name):
         fitted = formula_values(m.samples, law)[stored]
         words = f"${symbol(name)}$ = {law}".replace("**", "^").replace("*", " · ")

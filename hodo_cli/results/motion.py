@@ -218,7 +218,7 @@ class Motion(Samples):
         return np.stack([np.interp(times, self.time, column) for column in values.T], axis=-1)
 
 
-@np.errstate(all="ignore")  # what is no number is a gap in a curve, and meets no bound
+@np.errstate(all="ignore")  # nan is a gap in a curve, and meets no bound
 def formula_values(motion: Motion, text: str) -> np.ndarray:
     """The values (n,) of a formula in the time `t` and the variables of a motion.
 
