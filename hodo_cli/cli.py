@@ -456,8 +456,9 @@ def _plot(
 
     Without FIGURE all figures are drawn, and a page that shows them. A figure is drawn again when
     its entry in the case file, its cases or hodo have changed. RUN is a result (*.h5), or a config
-    with a result in runs/; a config's figures are read anew. A figure that cannot be drawn (because
-    its case failed, say) is reported in one line; the others are drawn, and the exit status is 1.
+    with a result in runs/; a config's figures are read anew. A second RUN is named with its ending
+    (*.h5, *.yaml). A figure that cannot be drawn (because its case failed, say) is reported in one
+    line; the others are drawn, and the exit status is 1.
     """
     from .commands import plot
 
@@ -482,10 +483,10 @@ def _plot(
 def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: bool) -> int:
     """Compare the result A with the reference B.
 
-    A and B are results (*.h5), or configs with a result in runs/. A value differs where
-    |a - b| > atol + rtol max|b|, with the maximum over all times. Times of crossings and events may
-    also be off by ten times their stated errors. Labels, counts, units and the numbers of the cases
-    have to be equal. Exit status 3 if anything differs.
+    A and B are results (*.h5), or configs with a result in runs/. Every case and every variable of
+    B is compared: |a - b| <= atol + rtol max|b|, and times may also be off by ten times their
+    stated errors. Labels, units, how a case ended and its numbers have to be equal; how it was
+    computed is not compared. Exit status 3 if anything differs.
     """
     from .commands import compare
 

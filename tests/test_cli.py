@@ -460,7 +460,7 @@ def test_what_cannot_be_merged_is_one_line_and_writes_nothing(two_results: Path)
     with h5py.File(two_results / "bare.h5", "w") as file:
         file.attrs["format_version"] = 1
         file.create_group("turns")
-    assert "bare.h5 holds no case file\n" in call(two_results, "plot", "bare.h5").stderr
+    assert "bare.h5 holds no cases\n" in call(two_results, "plot", "bare.h5").stderr
     done = call(two_results, "merge", "a.yaml", "b.yaml", "--out", "runs/b.h5")
     assert done.stderr.startswith("runs/b.h5 is there already")
 

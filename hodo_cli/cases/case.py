@@ -297,18 +297,22 @@ def checked_case(name: Any, block: Mapping[str, Any], inherited: Collection[str]
     values, mistakes = check_keys(keys, entries)
     mistakes += foreign
     own = {key: x for key, x in entries.items() if key in keys and key not in LIMITS}
-    mistakes += _size_mistakes(own)
+    sizes = [*_size_mistakes(own)]
     if model is None:
-        raise Wrong(*mistakes)
+        raise Wrong(*mistakes, *sizes)
     # A case without an attitude is the same whether it says so or not.
     without = set() if values.get(ATTITUDE_KEY) else {ATTITUDE_KEY}
     data = {key: values[key] for key in keys_of_form(model) if key in values.keys() - without}
     if data.get(CONSTANTS_KEY):
         data[CONSTANTS_KEY], unused = _constants_named(model, data, inherited)
-        mistakes += unused
+        # An expression that cannot be read may name them.
+        mistakes += () if mistakes or sizes else unused
     data |= first_values(values.get("sweep") or {}, model, data)
     # A key that seems to be missing may be there under a misspelt name.
-    of_data = [*_data_mistakes(model, data, None if mistakes else values["time"])]
+    of_data = [*_data_mistakes(model, data, None if mistakes or sizes else values["time"])]
+    # A model's own range for a number is the narrower one.
+    judged = {path for path, _ in of_data}
+    mistakes += [mistake for mistake in sizes if mistake[0] not in judged]
     mistakes += [mistake for mistake in of_data if mistake[0] or not mistakes]
     epoch = values["time"]["epoch"] if "time" in values else None
     system: Model | None = None if mistakes else model.of(data, epoch)

@@ -90,13 +90,19 @@ class Plan:
         """For each requested case, why it runs or not; and for each stored case that has left the
         config, whether it stays."""
         plans = {
-            name: f"will run: {self.reasons[name]}"
+            name: f"will run: {self.reasons[name]}{self.members_kept(name)}"
             if name in self.reasons
             else "is kept: nothing that it depends on has changed"
             for name in self.asked
         }
         plans |= dict.fromkeys(self.left, CASE_DROPPED if self.prune else CASE_KEPT)
         return [{"run": str(self.path), "case": name, "plan": plans[name]} for name in plans]
+
+    def members_kept(self, name: str) -> str:
+        """How many members of a sweep that has grown are not computed again; else empty."""
+        case = self.config.cases[name]
+        earlier = self.earlier(case) if case.sweep and name in self.stored else None
+        return f"; {earlier.kept} of {earlier.members} members are kept" if earlier else ""
 
     def execute(
         self, pool: Pool, progress: Progress, fail_fast: bool = False

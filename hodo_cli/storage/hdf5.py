@@ -423,10 +423,18 @@ class ResultFile:
         return str(self.attributes.get("config", ""))
 
     def cases(self) -> list[str]:
-        """The names of the cases, in the order of the case file: the groups that do not begin with
-        `_`, unless the file states other content."""
-        is_other = CONTENT in self.attributes
-        return [name for name in self.groups if not (is_other or name.startswith("_"))]
+        """The names of the cases, in the order of the case file: the groups that hold the text of a
+        case and do not begin with `_`, unless the file states other content."""
+        if CONTENT in self.attributes:
+            return []
+        return [name for name in self.groups if not name.startswith("_") and self._has_case(name)]
+
+    def _has_case(self, name: str) -> bool:
+        """Whether a group holds the text of a case, as the groups of other programs do not."""
+        try:
+            return bool(h5a.exists(self._file.id, b"case", obj_name=name.encode()))
+        except DAMAGE:  # which is reported where the group is read
+            return True
 
     def __contains__(self, name: str) -> bool:
         return name in self.groups
