@@ -1222,7 +1222,7 @@ def torques(entries: str, **more: str) -> str:
         ("damping: 1, sweep: {p: {values: [1]}}",
          ["sweep.p: unknown key 'p'; did you mean 'initial.p'? ..."]),
         ("damping: 1, sweep: {time.end: {values: [1]}}",
-         ["sweep.time.end: time.end is no number of the model, and is not swept"]),
+         ["sweep.time.end: time.end is not a number of the model, and cannot be swept"]),
         ("damping: 1, sweep: {initial.p: {values: [1 deg, 2]}}",
          ["sweep.initial.p.values: expected all values in degrees, or none"]),
         ("damping: 1, sweep: {damping.0: {values: [1 deg]}}",

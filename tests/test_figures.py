@@ -404,7 +404,7 @@ def test_a_figure_without_room_is_refused() -> None:
 def test_samples_that_are_no_numbers_have_no_place_on_a_curve() -> None:
     data = motion(10, 101)
     data.omega[5] = np.nan
-    with pytest.raises(HodoError, match=r"omega of .* is no number at 0\.5: draw the samples"):
+    with pytest.raises(HodoError, match=r"omega of .* has no value at 0\.5: draw the samples"):
         api.plot(data)
     api.plot(data.dropna("time"))
 

@@ -1,6 +1,6 @@
 """One page with every figure, statement and number of the results that were drawn into a folder.
-All that it shows is read from the result files, but for the names of the pictures; it opens from
-disk and asks no network for anything."""
+Everything in it except the names of the pictures is read from the result files. It opens from disk
+and needs no network."""
 
 import json
 import os
@@ -34,16 +34,17 @@ ABOUT = {
 """The attributes of a case that the page shows."""
 
 Entry = dict[str, Any]
-"""What the template shows of a result, a figure or a statement, by name."""
+"""The values of a result, a figure or a statement for the template, by name."""
 
 PICTURES = {".png": "png", ".svg": "svg+xml"}
-"""The suffixes of files that a browser shows, and their kinds."""
+"""The suffixes of files that a browser shows, and their media types."""
 
 
 def write_page(path: Path, sections: Sequence[Entry], alone: bool) -> None:
-    """Write the page with these sections; `alone` has its pictures in it, and no links to files.
+    """Write the page with these sections; an `alone` page includes its pictures, and has no links
+    to files.
 
-    Raises HodoError if that is refused.
+    Raises HodoError if the file cannot be written.
     """
     totals = Counter(row["verdict"] for section in sections for row in section["statements"])
     page = PAGES.get_template("page.html").render(sections=sections, totals=totals, alone=alone)
@@ -52,10 +53,10 @@ def write_page(path: Path, sections: Sequence[Entry], alone: bool) -> None:
 
 
 def sections_of(folder: Path, alone: bool = False) -> Iterator[Entry]:
-    """The section of each result of which a folder holds figures, papers first."""
+    """The sections of all results with figures in a folder, papers first."""
     found = []
     for file in sorted(folder.glob("*/drawn.json")):
-        # Of a result that is gone, or a record of another version, there is no section.
+        # A missing result, or a record of another version, has no section.
         with suppress(HodoError, ValueError, KeyError, TypeError):
             record = json.loads(file.read_text(encoding="utf-8"))
             with open_batch(os.path.normpath(folder / record["result"])) as run:
@@ -64,7 +65,7 @@ def sections_of(folder: Path, alone: bool = False) -> Iterator[Entry]:
 
 
 def section_of(run: ResultFile, folder: Path, drawn: Mapping[str, Any], alone: bool) -> Entry:
-    """What the page shows of one result."""
+    """The section of one result."""
     config, rows = stored_config(run), {name: run.row(name, ABOUT) for name in run.cases()}
     judged = {
         group: [*verdicts(run, group, entries)]
@@ -109,7 +110,7 @@ def figure_of(
 
 
 def is_wide(file: Path) -> bool:
-    """Whether a picture is a PNG as wide as a page: its first chunk begins with its width."""
+    """Whether a picture is a PNG as wide as a page, by the width in its first chunk."""
     return file.suffix == ".png" and int.from_bytes(file.read_bytes()[16:20], "big") > 1400
 
 

@@ -1,4 +1,4 @@
-"""`hodo show`: the cases in result files, and how they were computed, as a paper says it."""
+"""`hodo show`: the cases in result files, and how they were computed, in words for a paper."""
 
 import math
 import re
@@ -29,10 +29,10 @@ LISTED = SUMMARY | typed_as("case")
 
 def stored_cases(paths: Iterable[Path], with_data: bool = False) -> list[dict[str, Any]]:
     """The cases of result files, with the attributes that a line of the table shows; `with_data`
-    also the settings of each case that say which motion it is.
+    adds the settings of each case that determine its motion.
 
-    A path may be that of a config. Raises HodoError as `open_batch` does, or if a case has
-    no such attributes.
+    A path may be that of a config. Raises HodoError as `open_batch` does, or if a case lacks such
+    attributes.
     """
     rows: list[dict[str, Any]] = []
     for path, config in results_named(paths):
@@ -50,7 +50,7 @@ def stored_cases(paths: Iterable[Path], with_data: bool = False) -> list[dict[st
 
 
 def assumes_of(text: str) -> str:
-    """The values that a stored case takes and its source does not print, in one line."""
+    """The values that a stored case assumes because its source does not print them, in one line."""
     if "\nassumes:" not in text:  # so that of many cases those few are parsed that assume something
         return ""
     try:
@@ -60,7 +60,7 @@ def assumes_of(text: str) -> str:
 
 
 def warn_of_chunks(path: Path) -> None:
-    """Warn of the chunks of sweeps that runs have left beside a result."""
+    """Warn of unfinished chunks of sweeps next to a result."""
     if chunks := [*folder_of(path).glob("chunk-*")]:
         size = in_bytes(sum(chunk.stat().st_size for chunk in chunks if chunk.exists()))
         warnings.warn(
@@ -90,7 +90,7 @@ REFERENCES_IN_WORDS = {
     "averaging itself, which is of first order",
     "refined": "a second integration at another tolerance",
 }
-"""The computations against which errors are measured, by `error_kind`."""
+"""The references of measured errors in words, by `error_kind`."""
 
 
 def methods_of(path: Path) -> dict[str, str]:
@@ -98,7 +98,7 @@ def methods_of(path: Path) -> dict[str, str]:
     tolerances, measured errors, models of the author's own, and what to cite. The path may be that
     of a config.
 
-    Raises HodoError as `open_batch` does, or if the result holds no case that ended well.
+    Raises HodoError as `open_batch` does, or if no case of the result ended well.
     """
     path, _ = result_named(path)
     with open_batch(path) as run:
@@ -146,8 +146,8 @@ def row_of_methods(run: ResultFile, name: str) -> dict[str, Any]:
 
 
 def errors_of_attitude(group: Group) -> dict[str, float]:
-    """The error of a stored motion without its attitude, the angle by which this is `off`, and the
-    angle `turned`; empty if these are not stored."""
+    """The error of a stored motion without its attitude, the angle `off` by which that is wrong,
+    and the angle `turned`; empty if these are not stored."""
     errors = {name: float(x.attrs.get("error", math.nan)) for name, x in group.variables.items()}
     off, known = errors.pop("attitude", math.nan), [x for x in errors.values() if x >= 0]
     if math.isnan(off) or not known or "omega" not in group.variables:
@@ -162,12 +162,12 @@ def methods_paragraphs(rows: Iterable[Mapping[str, str]]) -> str:
 
 
 def stored_version(run: ResultFile, library: str) -> str:
-    """The version of a library by which a result was made."""
+    """The version of a library with which a result was made."""
     return str(run.attributes.get(f"{library}_version", "of unknown version"))
 
 
 def sentence_on_methods(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> str:
-    """The sentence on methods and tolerances: how many motions were computed by which."""
+    """The sentence on methods and tolerances, with the number of motions of each."""
     libraries = {name: stored_version(run, name) for name in ("heyoka", "scipy")}
     methods = Counter[tuple[str, float]]()
     for row in rows:
@@ -178,7 +178,7 @@ def sentence_on_methods(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> s
         tolerance = (
             "" if method in ("exact", "quadrature") else f" at a relative tolerance of {tol:.2g}"
         )
-        # Of the terms that a Taylor series leaves out: the numbers themselves have 2.2e-16.
+        # The bound is on the omitted terms of a Taylor series; the numbers themselves have 2.2e-16.
         finer = ", below the rounding of double precision" if tol < float_info.epsilon else ""
         phrases.append(f"{count} {words}{tolerance}{finer if tolerance else ''}")
     models = ", ".join(dict.fromkeys(f"{row['model']} ({row['form']})" for row in rows))
@@ -190,8 +190,8 @@ def sentence_on_methods(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> s
 
 
 def sentence_on_errors(rows: Sequence[Mapping[str, Any]]) -> str:
-    """The sentence on measured errors, by what they were measured against; a sweep has them of a
-    sample of its members."""
+    """The sentence on measured errors, by their references; a sweep has errors of a sample of its
+    members."""
     phrases, kinds = [], grouped((row["error_kind"], row) for row in rows)
     for kind, of_kind in kinds.items():
         worst = max(of_kind, key=itemgetter("error"))
@@ -267,15 +267,15 @@ def in_words(value: Any, case: Case, key: str = "") -> str:
 
 
 def latex(text: str) -> str:
-    """A text in LaTeX: its signs escaped, and numbers with powers of ten."""
+    """A text in LaTeX, with its signs escaped, and numbers with powers of ten."""
     escaped = re.sub(r"([&%$#_{}])", r"\\\1", text)
     escaped = re.sub(r"\^(-?\d+)", r"$^{\1}$", escaped)
     return re.sub(r"(\d)e\+?(-?)0*(\d+)\b", r"\1$\\times10^{\2\3}$", escaped)
 
 
 def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Cases with their method, cost, error and warnings; below them, once each, the warnings that
-    several cases share, and what cases assume where that is known."""
+    """The cases with their method, cost, error and warnings; below them, once each, warnings that
+    several cases share and, where it is known, what cases assume."""
     header = ("case", "model", "form", "method", "steps", "run time", "error", "warnings")
     names = grouped(
         (text, row["case"])
@@ -305,6 +305,6 @@ def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def remarks(row: Mapping[str, Any]) -> list[str]:
-    """How a case ended, unless well and at its time, and its warnings."""
+    """The end of a case, unless it ended well and at its time, and its warnings."""
     ended = row["message"] if row["status"] == "ok" else f"{row['status']}: {row['message']}"
     return [*filter(None, [ended]), *row["warnings"].splitlines()]

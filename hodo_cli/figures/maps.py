@@ -42,13 +42,13 @@ NO_VALUE = "#E4E4E4"
 LEVEL: Look = {
     "color": "white", "lw": 0.9, "path_effects": [withStroke(linewidth=2, foreground="black")],
 }  # fmt: skip
-"""A contour, seen on every colour, and on a white page."""
+"""A contour that is visible on every colour, and on a white page."""
 
 THEORY: Look = {"color": "#D55E00", "lw": 1.4, "ls": (0, (3.4, 1.4))}
 """A curve of theory over a map."""
 
 MOST_COUNTS = 8
-"""The largest difference of counts that have a colour each: of more, colours are too alike."""
+"""The largest difference of counts with a colour each: of more, the colours are too alike."""
 
 KEY_SYMBOLS = {
     "damping": r"\lambda", "inertia": "A", "torque": "M", "quadratic": "c", "rotor": "h",
@@ -99,7 +99,7 @@ Cell = tuple[SweepView, str, str, np.ndarray]
 
 
 def check_axes_differ(spec: Mapping[str, Any]) -> None:
-    """Raise HodoError if a map has one axis of two, or an axis is drawn twice."""
+    """Raise HodoError if a map names only one of two axes, or an axis is drawn twice."""
     given = {key: spec[key] for key in ("x", "y", "panels", "by") if spec.get(key)}
     if spec["kind"] == "map" and len(alone := given.keys() & {"x", "y"}) == 1:
         (missing,) = {"x", "y"} - alone
@@ -166,8 +166,8 @@ def meaning(cells_drawn: Sequence[Cell], spec: Mapping[str, Any], keep: Sequence
 def scale_of(
     spec: Mapping[str, Any], known: np.ndarray, labelled: bool
 ) -> tuple[Normalize, ListedColormap | LinearSegmentedColormap]:
-    """The scale and the colours of a map of known values (n,): of labels, and of the share of one,
-    those of the axes in every figure."""
+    """The scale and the colours of a map of known values (n,). Labels, and the share of a label,
+    have the colours of the axes in every figure."""
     low, high = spec["range"] or (float(known.min()), float(known.max()))
     part = spec["variable"].rpartition(".")[2]
     plasma = ListedColormap(matplotlib.colormaps["plasma"](np.linspace(0, 0.93, 256)))
@@ -177,7 +177,7 @@ def scale_of(
     if part in ("x1", "x2", "x3"):
         colour = AXIS_LOOKS[int(part[1])][0]
         ends: Any = [tuple(pale(colour, 0.88)), colour]
-        # All of one kind has another colour where all say yes than where all say no.
+        # If all values are equal, all yes has another colour than all no.
         alike = np.isin(known, (0, 1)).all() or low == high
         ends_of_scale = (0, 1) if alike and not spec["range"] else (low, high)
         return Normalize(*ends_of_scale), LinearSegmentedColormap.from_list(part, ends)
@@ -190,7 +190,8 @@ def scale_of(
 
 
 def sweep_map(sheet: Sheet, cases: Cases) -> None:
-    """A variable over two axes, or over the directions of the start, a panel a position."""
+    """Draw a variable over two axes, or over the directions of the start, a panel for each
+    position."""
     spec = sheet.spec
     keep = [spec["x"], spec["y"]] if spec["x"] else []
     drawn = cells(sheet, cases, keep, spec["panels"])
@@ -235,7 +236,8 @@ def sweep_map(sheet: Sheet, cases: Cases) -> None:
 def scale_beside(
     sheet: Sheet, panels: Sequence[Axes], look: tuple[Normalize, Any], known: np.ndarray, words: str
 ) -> None:
-    """The bar of the colours of a map, with arrows at the ends beyond which there are values."""
+    """Draw the bar of the colours of a map, with arrows at the ends beyond which there are
+    values."""
     norm, colours = look
     low, high = float(norm.vmin or 0), float(norm.vmax or 0)
     ends = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}
@@ -248,7 +250,7 @@ def scale_beside(
 def plane(
     sheet: Sheet, axes: Axes, swept: SweepView, name: str, values: np.ndarray, look: Look
 ) -> None:
-    """An image over two axes, with a level and the curve of theory."""
+    """Draw an image over two axes, with a level and the curve of theory."""
     spec = sheet.spec
     (x, even_x), (y, even_y) = swept.ticks(spec["x"]), swept.ticks(spec["y"])
     axes.set(
@@ -277,8 +279,8 @@ MANY_CELLS = 20
 
 
 def edges(values: np.ndarray, ratios: bool) -> np.ndarray:
-    """The edges (n + 1,) of cells about values (n,), half way between them, in even ratios or
-    not."""
+    """The edges (n + 1,) of cells about values (n,), half way between them, by differences or
+    ratios."""
     x = np.log(values) if ratios else values
     alone = 0.5 if ratios else 0.1 * abs(x[0]) or 0.5
     half = np.diff(x) / 2 if len(x) > 1 else np.array([alone])
@@ -291,7 +293,8 @@ def edges(values: np.ndarray, ratios: bool) -> np.ndarray:
 def contour(
     sheet: Sheet, axes: Axes, of: tuple[np.ndarray, ...], level: float, look: Look, words: str
 ) -> None:
-    """The contour of values (n, m) over x and y at a level, and its entry of the legend."""
+    """Draw the contour of values (n, m) over x and y at a level, and add its entry to the
+    legend."""
     x, y, values = of
     reached = np.fmin.reduce(values, axis=None) <= level < np.fmax.reduce(values, axis=None)
     if reached and min(values.shape) > 1:
@@ -304,8 +307,8 @@ def contour(
 
 
 def balance(case: Any) -> float:
-    """|G| at the start over that at which the sense of crossings turns on the mean. Raises
-    HodoError for a sweep whose torques no theorem takes."""
+    """|G| at the start over the |G| at which the sense of crossings turns on the mean. Raises
+    HodoError for a sweep whose torques no theorem covers."""
     if not (terms := case.system.dissipation):
         raise HodoError("theory: no theorem predicts the sense of crossings of the sweep")
     return float(case.system.momentum_at_start / turning_momenta(terms).mean)
@@ -314,8 +317,8 @@ def balance(case: Any) -> float:
 def globe(
     sheet: Sheet, axes: Axes, swept: SweepView, name: str, values: np.ndarray, look: Look
 ) -> None:
-    """An equal-area map of the directions of G at the start, each cell of the nearest direction on
-    its own side of the separatrix."""
+    """Draw an equal-area map of the directions of G at the start; each cell has the value of the
+    nearest direction on its own side of the separatrix."""
     from scipy.spatial import cKDTree  # late: it loads half of SciPy
 
     directions, A = swept.directions(), swept.body()
@@ -362,7 +365,7 @@ def outside(directions: np.ndarray, A: np.ndarray | None) -> np.ndarray:
 
 
 def sweep_curve(sheet: Sheet, cases: Cases) -> None:
-    """A variable over one axis: a curve a sweep, or a curve an entry of another axis."""
+    """Draw a variable over one axis: a curve for each sweep, or for each value of another axis."""
     spec = sheet.spec
     (axes,) = sheet.panels(COLUMN, 0.85 * COLUMN)
     drawn = cells(sheet, cases, [spec["x"]], spec["by"])

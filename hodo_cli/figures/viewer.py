@@ -1,5 +1,5 @@
-"""The page of one figure, which needs no other file: what is in space turns, and what moves plays;
-of another figure the picture."""
+"""The page of one figure, which needs no other file: figures in space turn, and a moving body
+plays; other figures are pictures."""
 
 import io
 import json
@@ -32,8 +32,8 @@ def legend_of(sheet: Sheet) -> Iterator[str]:
 
 
 def page_of(sheet: Sheet, title: str, about: str = "", folder: str = "") -> str:
-    """The page with the strokes of a sheet's scene, or with its picture where it has none; with a
-    link to the page of all figures where it stands in a folder beside it."""
+    """The page with the strokes of a sheet's scene, or with its picture if it has none, and with a
+    link to the page of all figures if that is in the same folder."""
     image = ""
     if not sheet.scene:
         picture = io.BytesIO()
