@@ -33,10 +33,7 @@ def account(
     cases: Iterable[Case],
 ) -> str:
     """The verdicts on a paper as Markdown, after the sentences `counts`."""
-    doubted = gravest(statements)
-    items = "\n".join(map(in_full, doubted[:IN_FULL]))
-    if (more := len(doubted) - IN_FULL) > 0:
-        items += f"\n- {more} more, in the table of every statement"
+    items = "\n".join(map(in_full, gravest(statements)))
     tables = {
         "Errata": table_of("errata", map(erratum_cells, errata)),
         "Every statement": table_of("statements", map(statement_cells, statements)),
@@ -57,9 +54,9 @@ def is_ours(row: VerdictRow) -> bool:
 
 
 def gravest(statements: Iterable[VerdictRow]) -> list[VerdictRow]:
-    """The statements of the paper that do not simply hold, the gravest first."""
+    """The statements of the paper that do not simply hold, the gravest first; IN_FULL at most."""
     doubted = [row for row in statements if row["verdict"] in GRAVEST and not is_ours(row)]
-    return sorted(doubted, key=lambda row: GRAVEST.index(row["verdict"]))
+    return sorted(doubted, key=lambda row: GRAVEST.index(row["verdict"]))[:IN_FULL]
 
 
 def in_full(row: VerdictRow) -> str:

@@ -30,7 +30,6 @@ from .finding import (
 from .measures import (
     check_margin,
     check_reached,
-    decides_unless,
     enclosed_at,
     error_of,
     extremes,
@@ -390,7 +389,6 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
     """Averages over the members of a sweep (all, or at positions), or their range along axes,
     compared with bounds or in order; decided by the last average."""
     name = check["variable"]
-    decides_unless(swept.says_nothing(name))
     at: Sequence[Mapping[str, int]] = check["at"] or ([] if check["along"] else [{}])
     means = [float(swept.values(name, (), position)) for position in at]
     for along in check["along"]:

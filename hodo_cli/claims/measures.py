@@ -14,6 +14,7 @@ from ..integration import (
     CERTAIN_ERRORS,
     UNDECIDED,
     Crossing,
+    Occurrence,
     Trajectory,
     body_of,
     choose,
@@ -78,7 +79,7 @@ def sampled_motion(
         words = f"{case_words(case.name)}, integrated for the statement"
         raise Undecidable(f"{words}: {trajectory.status} {trajectory.message}")
     if passed is not None:  # a crossing is an event too, of which the labels tell more
-        events = tuple(event for event in events if event.kind != "separatrix")
+        events = tuple(Occurrence(e.kind, e.time) for e in events if e.kind != "separatrix")
     variables = case_variables(
         case.system.equations.variables, trajectory.time, trajectory.variables, events, {}
     )
@@ -133,16 +134,8 @@ def number(m: Motion, name: str, at: str = "end") -> float:
     return float(quantity(m, name)[0 if at == "start" else -1])
 
 
-def undefined_axes(m: Motion) -> str:
-    """Why a motion encloses no axis; an empty text if it does."""
-    reason = m.case.system.no_separatrix_reason
-    return f"{m.words}: {reason}" if reason else ""
-
-
 def undecided_crossings(m: Motion) -> str:
     """Why it is open whether a motion crosses the separatrix; an empty text if it is known."""
-    if undefined := undefined_axes(m):
-        return undefined
     warnings = str(m.attrs.get("classify_warnings", "")).splitlines()
     remarks = [f"{m.words}: {warning}" for warning in warnings if UNDECIDED in warning]
     return next(iter(remarks), "")
@@ -158,7 +151,6 @@ def enclosed_at(m: Motion, moment: str) -> str:
     """The axis enclosed at "start" or "end". Raises Undecidable if there is none, or if it is open:
     a motion may be nearer to the separatrix than its error, or stop there."""
     label = m.labels_at_ends[moment == "end"]
-    decides_unless(undefined_axes(m))
     if label == rigid_body.SEPARATRIX:
         decides_unless(undecided_crossings(m))
     if label == rigid_body.UNDETERMINED:
@@ -280,9 +272,7 @@ def is_about(m: Motion, axis: int, least: float) -> np.ndarray:
 
 def turns_about(m: Motion, axis: int, least: float = 0.0) -> list[float]:
     """The turns that G makes about an axis in each stretch of the motion that `is_about` it, in
-    order. A stretch reaches from edge to edge, which lie between samples. Raises Undecidable beside
-    a rotor."""
-    decides_unless(undefined_axes(m))
+    order. A stretch reaches from edge to edge, which lie between samples."""
     inside = np.r_[False, is_about(m, axis, least), False]
     angle, edges = angle_about(m, axis), np.flatnonzero(np.diff(inside)).tolist()
     times = [edge_time(m, edge, least) for edge in edges]
@@ -310,8 +300,7 @@ def edge_time(m: Motion, i: int, least: float) -> float:
 
 def turns_at(m: Motion, moment: str) -> float:
     """The turns that G makes in the stretch of "start" or "end" about the axis that it encloses
-    there; 0 where it goes round no single axis. Raises Undecidable beside a rotor."""
-    decides_unless(undefined_axes(m))
+    there; 0 where it goes round no single axis."""
     i = 0 if moment == "start" else -1
     axis = m.labels_at_ends[i] - 1
     turns = turns_about(m, axis) if axis in range(3) else []

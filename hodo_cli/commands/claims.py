@@ -194,8 +194,7 @@ def verdict_page(paths: Iterable[Path], rows: Mapping[str, Rows]) -> str:
             cases += (config or stored_config(run)).cases.values()
     statements, errata = rows["statements"], rows["errata"]
     own = [row for row in statements if not is_ours(row)]
-    counts = [totals("statement", own, VERDICTS)]
-    counts += [totals("erratum", errata, MISPRINTS)] if errata else []
+    counts = (totals("statement", own, VERDICTS), totals("erratum", errata, MISPRINTS))
     return account(counts, statements, errata, cases)
 
 

@@ -50,10 +50,6 @@ def same_values(a: "xr.DataArray | None", b: "xr.DataArray | None") -> bool:
     return np.allclose(a.data, b.transpose(*a.dims).data, rtol=EQUAL_STEPS, atol=0)
 
 
-OF_THE_SEPARATRIX = ("start_axis", "end_axis", "share", "crossing", "event_from")
-"""How the names of the columns begin that mean nothing without a separatrix."""
-
-
 @dataclass(frozen=True)
 class SweepView:
     """A sweep: the name of its case, the case, and its dataset, whose last dimensions are `time`
@@ -141,12 +137,6 @@ class SweepView:
             raise HodoError(f"{variable} is a label, without a mean: name a share, {shares}")
         return np.asarray(self._counted(column).isel(at).mean(averaged).transpose(*keep).data)
 
-    def says_nothing(self, variable: str) -> str:
-        """Why a variable of the separatrix means nothing; an empty text if it means something."""
-        reason = self.case.system.no_separatrix_reason
-        is_meant = reason and variable.startswith(OF_THE_SEPARATRIX)
-        return f"case {self.name}: {reason}" if is_meant else ""
-
     def left_out(self, variable: str, at: Mapping[str, int]) -> tuple[int, int]:
         """How many of the members at fixed positions do not count in an average of a variable, and
         how many there are. Raises HodoError as `values` does."""
@@ -163,8 +153,6 @@ class SweepView:
         """A variable, component or share over all axes, the same along one that it does not have,
         and the words of a label: none of a number."""
         name, _, word = variable.partition(".")
-        if why := self.says_nothing(variable):
-            raise HodoError(why)
         column = self.variable(name)
         column = column.expand_dims({a: n for a, n in self.axes.items() if a not in column.dims})
         words = str(column.attrs.get("flag_meanings", "")).split()
