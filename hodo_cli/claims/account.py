@@ -17,8 +17,8 @@ GRAVEST = (CONTRADICTED, AS_PRINTED, ONCE_CORRECTED, UNDERDETERMINED)
 """The verdicts on statements that do not simply hold, the gravest first."""
 
 IN_FULL = 3
-"""The statements that are told in full, and all that `must_be_told`: authors read these first, and
-unfold the tables."""
+"""The statements that are told in full at least, besides all that are contradicted and all whose
+verdict is not the expected one: authors read these first, and unfold the tables."""
 
 HEADERS = {
     "errata": ("where", "printed", "should be", "verdict", "shown by"),
@@ -35,7 +35,11 @@ def account(
 ) -> str:
     """The verdicts on a paper as text in Markdown, which begins with these counts."""
     doubted = gravest(statements)
-    shown = [row for i, row in enumerate(doubted) if i < IN_FULL or must_be_told(row)]
+    shown = [
+        row
+        for i, row in enumerate(doubted)
+        if i < IN_FULL or row["verdict"] == CONTRADICTED or row["verdict"] != row["expect"]
+    ]
     items = [*map(in_full, shown)]
     if more := len(doubted) - len(shown):
         items += [f"- and {more} more in the table of every statement"]
@@ -63,11 +67,6 @@ def gravest(statements: Iterable[VerdictRow]) -> list[VerdictRow]:
     """The statements of the paper that do not simply hold, the gravest first."""
     doubted = [row for row in statements if row["verdict"] in GRAVEST and not is_ours(row)]
     return sorted(doubted, key=lambda row: GRAVEST.index(row["verdict"]))
-
-
-def must_be_told(row: VerdictRow) -> bool:
-    """Whether a statement is contradicted, or its verdict is not the expected one."""
-    return row["verdict"] == CONTRADICTED or row["verdict"] != row["expect"]
 
 
 def marked(row: VerdictRow) -> str:
