@@ -106,8 +106,8 @@ class SweepView:
     def undivided(self, variable: str) -> str:
         """Why a variable about enclosed axes and crossings says nothing, where no separatrix
         divides the motions by the sign of D; else an empty text."""
-        is_of_separatrix = variable.partition(".")[0] in OF_SEPARATRIX
-        return self.case.system.no_separatrix_reason if is_of_separatrix else ""
+        name = variable.partition(".")[0]
+        return self.case.system.no_separatrix_reason if name in OF_SEPARATRIX else ""
 
     @property
     def sphere(self) -> str:
