@@ -120,6 +120,8 @@ def cells(sheet: Sheet, cases: Cases, keep: Sequence[str], along: str | None) ->
         if "members" not in data.attrs:
             raise HodoError(f"case {name} is no sweep")
         swept = SweepView.of(name, data)
+        if reason := swept.undivided(spec["variable"]):
+            raise HodoError(f"case {name} has no separatrix to be drawn: {reason}")
         if missing := [axis for axis in (*keep, along) if axis and axis not in swept.axes]:
             its_axes = ", ".join(swept.axes)
             raise HodoError(f"sweep {name} has no axis {missing[0]} (its axes: {its_axes})")
