@@ -471,7 +471,7 @@ def _data_mistakes(
     given."""
     model_data = {key: value for key, value in data.items() if key != ATTITUDE_KEY}
     of_model = model.check(model_data)
-    if is_rounded(data):  # which members of sweeps are not forgiven
+    if is_rounded(data):  # in a single case; such members of sweeps are invalid
         of_model = (mistake for mistake in of_model if mistake[0][:1] != ("inertia",))
     mistakes = [*of_model, *check_attitude(model, data)]
     if CONSTANTS_KEY in data:

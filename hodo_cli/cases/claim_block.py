@@ -90,7 +90,7 @@ CHECK_KINDS: dict[str, dict[str, Rule]] = {
         "turns": Key(
             Number(least=0),
             "turns that G must make about each of these axes while it is enclosed; with fewer than "
-            "one it goes round nothing, whatever the criterion says",
+            "one it goes round no axis, whatever the criterion says",
             default=0.0,
         ),
     },

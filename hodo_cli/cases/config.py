@@ -330,7 +330,7 @@ def _with_override(block: Mapping[str, Any], path: Sequence[str], new: Any) -> d
     exist."""
     head, rule = path[0], keys_in(block)[1].get(path[0])
     before = block.get(head, (rule or {}).get("default"))
-    with suppress(Wrong):  # which is found below
+    with suppress(Wrong):  # its own mistakes are noted elsewhere
         # A single number for three equal ones has no components until it is written out.
         before = check(rule, before) if rule and len(path) > 1 else before
     changed = {**block, head: with_value(before, path[1:], new)}

@@ -145,9 +145,9 @@ SPAN = Table(
         ),
         "samples": Key(
             Integer(least=1, most=10**15),
-            "number of stored times, evenly spaced from start to end; 1 stores the end alone, and "
-            "so does an end at the start (default: so many that a figure of the motion is smooth, "
-            "1001 to 50001; they follow the turns of the body, not a torque that changes faster)",
+            "number of stored times, evenly spaced from start to end; 1 stores the end alone, as "
+            "does an end at the start (default: enough for a smooth figure of the body's turns, "
+            "1001 to 50001; a torque that changes faster needs more)",
             default=None,
         ),
         "values": Key(
@@ -202,7 +202,7 @@ COMMON = {
     "max_seconds": Key(
         Number(above=0),
         "seconds of integration, without compilation, after which the case stops, unfinished; "
-        "the measurement of its error has as many again",
+        "measuring its error may take as long again",
         "s",
         None,
     ),
@@ -249,7 +249,7 @@ SECTIONS = {
     "references": Key(Text(), "where its cases come from", default=""),
     "defaults": Key(
         Mapped(),
-        "values for every case that takes the key, unless the case gives it or takes it back by "
+        "values for every case that takes the key, unless the case gives it or removes it by "
         "`null`; `time`, `assumes` and `constants` are merged key by key",
         default=None,
     ),

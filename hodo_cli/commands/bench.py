@@ -211,7 +211,9 @@ def trials_of(
     their duration in seconds."""
     began = perf_counter()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of SciPy's solvers and overflows: the verdicts count them
+        warnings.simplefilter(
+            "ignore"
+        )  # warnings of SciPy and overflows: the verdicts count their causes
         reference = reference_motion(case)
         patience = dict.fromkeys(methods, max_seconds) | {"auto": PATIENCE_OF_TRIALS}
         trials = [
