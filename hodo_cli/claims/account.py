@@ -43,13 +43,13 @@ def account(
     items = [*map(in_full, shown)]
     if more := len(doubted) - len(shown):
         items += [f"- and {more} more in the table of every statement"]
-    "\n".join(items)
     tables = {
         "Errata": table_of("errata", map(erratum_cells, errata)),
         "Every statement": table_of("statements", map(statement_cells, statements)),
         "What is left open, and what is taken here": table_of("assumptions", assumptions(cases)),
     }
-    parts = [f"## What does not simply hold\n\n{items}"] if items else []
+    in_list = "\n".join(items)
+    parts = [f"## What does not simply hold\n\n{in_list}"] if items else []
     parts += [
         f"<details><summary>{heading}</summary>\n\n{table}\n\n</details>"
         for heading, table in tables.items()
