@@ -17,7 +17,7 @@ from .crossings import (
     label_at_start,
     time_to_zero,
 )
-from .driver import at_rest
+from .driver import Occurrence, at_rest
 from .error import (
     comparable_lengths,
     error_of_variable,
@@ -36,8 +36,7 @@ from .integrate import (
     solved,
     time_of_release,
 )
-from .solve import distinct, sample_times, solve
-from .trajectory import Occurrence, Trajectory
+from .solve import Trajectory, distinct, sample_times, solve
 
 __all__ = [
     "AUTOMATIC",

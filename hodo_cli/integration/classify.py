@@ -23,10 +23,9 @@ from .crossings import (
     read_sign_changes,
     sides_of,
 )
-from .driver import at_rest
+from .driver import Occurrence, at_rest
 from .error import comparable_lengths, judged_events, references, with_step_limit
-from .solve import distinct, even_times, sample_times, solve
-from .trajectory import Occurrence, Trajectory
+from .solve import Trajectory, distinct, even_times, sample_times, solve
 
 ERROR_CHECKS = 513
 """Times besides the samples at which the error of a motion is measured: a case may have few."""

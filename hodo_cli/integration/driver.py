@@ -3,6 +3,7 @@ every moment."""
 
 import bisect
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,7 +32,6 @@ from ..models.base import (
     state_powers,
 )
 from .step_checks import NO_BREAK, Break, Gap, StepBuffer
-from .trajectory import Occurrence
 
 SAMPLES_AT_ONCE = 1 << 16
 """Samples handed to an engine at once."""
@@ -45,6 +45,16 @@ def at_rest(omega: np.ndarray, exponent: Any) -> np.ndarray:
     REST_BITS: a case and a member of a sweep have no label then."""
     largest = np.abs(omega).max(axis=-1).astype(float)
     return np.asarray((largest == 0) | (np.frexp(largest)[1] + exponent < -REST_BITS))
+
+
+@dataclass(frozen=True)
+class Occurrence:
+    """One event of a motion: its kind, its time, and the measured error of that."""
+
+    kind: str
+    time: float
+    details: Mapping[str, float] = field(default_factory=dict)
+    error: float = math.nan
 
 
 @dataclass

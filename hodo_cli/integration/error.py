@@ -15,8 +15,8 @@ from ..engines.protocol import EPS
 from ..models.attitude import angle_apart
 from ..models.base import REST_BITS, Model, attributes, rescaled
 from .choice import AUTOMATIC, MIN_STIFF_STEPS, best
-from .solve import sample_times, solve, with_seconds_left
-from .trajectory import Occurrence, Trajectory
+from .driver import Occurrence
+from .solve import Trajectory, sample_times, solve, with_seconds_left
 
 SAMPLES_COMPARED = 100_000
 """About how many samples, evenly spaced, an error is measured at."""

@@ -16,9 +16,8 @@ from ..quantities import angle_turned
 from ..text import time_digits, to_error
 from .choice import choose
 from .error import with_measured_error
-from .solve import solve, with_seconds_left
+from .solve import Trajectory, solve, with_seconds_left
 from .step_checks import HELD, NOT_SMOOTH
-from .trajectory import Trajectory
 
 ERROR_LIMIT_ASKED = 1e-12
 """The error that a motion may have whose tolerance is at the limit of its precision."""
@@ -50,7 +49,7 @@ def integrate(case: Case) -> Trajectory:
 def in_time_of_case(motion: Trajectory, case: Case) -> Trajectory:
     """The motion of a case that runs backward from one whose time has another sign."""
     events = tuple(replace(event, time=-event.time) for event in motion.events)
-    return motion.with_remarks(case=case, system=case.system, time=-motion.time, events=events)
+    return motion.with_remarks(case=case, time=-motion.time, events=events)
 
 
 FAR_SPANS = 100
@@ -81,7 +80,7 @@ def early_end(motion: Trajectory) -> str:
 
 def model_warnings(motion: Trajectory) -> list[str]:
     """The warnings of the model of a motion about its data and its course."""
-    system, state, end = motion.system, motion.state.astype(float), motion.time[-1:].tolist()
+    system, state, end = motion.case.system, motion.state.astype(float), motion.time[-1:].tolist()
     if not end:
         return warnings_of(system)
     warnings = [*warnings_of(system), *epoch_warning(motion.case)]

@@ -165,16 +165,6 @@ class Model:
     own units. A model without degrees is integrated in its own units.
     """
 
-    state_degree: ClassVar[dict[str, int]] = {}
-    """The power d >= 0 of the unit of omega that a variable of the state carries: 1 where it is not
-    named, as for p, q and r; 0 for what has a size of its own, such as a quaternion, a direction or
-    a sign.
-
-    The degree of a constant in the rate of such a variable is 1 - d more than the power of omega in
-    its terms: the factor of Q' = Q (0, omega)/2 is of degree 2, as `g`, since W = omega/sigma and s
-    change it alike.
-    """
-
     resisting: ClassVar[frozenset[str]] = frozenset()
     """Constants of degree 0 that resist every rotation, and so set no unit."""
 
@@ -266,9 +256,14 @@ class Model:
 
     @classmethod
     def rows(cls, terms: Sequence[str]) -> dict[str, int]:
-        """The variables of the state under these terms, and the power of the unit of omega that
-        each carries."""
-        return {name: cls.state_degree.get(name, 1) for name in cls.state}
+        """The variables of the state under these terms, and the power d >= 0 of the unit of omega
+        that each carries: 0 for what has a size of its own, such as a direction.
+
+        The degree of a constant in the rate of such a variable is 1 - d more than the power of
+        omega in its terms: the factor of Q' = Q (0, omega)/2 is of degree 2, as `g`, since
+        W = omega/sigma and s change it alike.
+        """
+        return dict.fromkeys(cls.state, 1)
 
     @cached_property
     def equations(self) -> "Equations":

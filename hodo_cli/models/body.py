@@ -31,10 +31,15 @@ from .rigid_body import (
     INERTIA,
     INITIAL,
     BodyFrame,
+    PrincipalAxes,
     body_constants,
     complete,
+    excess_of_rounding,
+    is_diagonal,
     is_tensor,
+    principal_axes,
     range_mistake,
+    symmetric,
 )
 from .terms.fluid import CAVITY, cavity_warnings, coefficient, weak
 from .terms.time_laws import (
@@ -58,13 +63,6 @@ from .theory.exact import (
     free_motion,
     scaled_motion,
     turn_of_hodograph,
-)
-from .theory.principal_axes import (
-    PrincipalAxes,
-    excess_of_rounding,
-    is_diagonal,
-    principal_axes,
-    symmetric,
 )
 from .theory.theorems import (
     Dissipation,

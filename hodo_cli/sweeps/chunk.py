@@ -38,8 +38,14 @@ from .columns import (
 )
 from .ensemble.advance import advance, measure_crossings
 from .ensemble.motions import Rejection
-from .formulas import may_hide_in_time
-from .members import ensemble_of, member, other_method, prepare, system_of_member
+from .members import (
+    ensemble_of,
+    may_hide_in_time,
+    member,
+    other_method,
+    prepare,
+    system_of_member,
+)
 
 LARGEST_CHUNK, SMALLEST_CHUNK = 32768, 256
 """Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy

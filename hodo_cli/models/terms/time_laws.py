@@ -62,23 +62,12 @@ class Formula(NamedTuple):
 
 
 def as_expression(value: Any) -> str:
-    """The expression to write instead of what was a law of time once: a mapping with `law`, or the
-    coefficients of a polynomial."""
-    match value:
-        case {"law": "exponential", "value": a, "rate": rate}:
-            text = f"{a}*exp(-{rate}*t)"
-        case {"law": "power", "value": a, "rate": rate, "exponent": n}:
-            is_whole = isinstance(n, int | float) and not n % 1
-            base = f"(1 + {rate}*t)"
-            text = f"{a}*{base}**{n:.0f}" if is_whole else f"{a}*exp({n}*log{base})"
-        case {"law": "polynomial", "coefficients": [*numbers]} | [*numbers] if numbers:
-            powers = ["", "*t", *(f"*t**{i}" for i in range(2, len(numbers)))]
-            terms = [f"{a}{power}" for a, power in zip(numbers, powers, strict=False) if a != 0]
-            text = " + ".join(terms) or "0"
-        case _:
-            return ""
-    text = text.replace("--", "").replace("+ -", "- ")
-    return f'; write "{text}"' if "{" not in text and len(text) < 200 else ""
+    """The expression to write instead of the coefficients of a polynomial."""
+    if not is_list(value) or not all(isinstance(a, int | float) for a in value):
+        return ""
+    powers = ["", "*t", *(f"*t**{i}" for i in range(2, len(value)))]
+    terms = [f"{a:.15g}{power}" for a, power in zip(value, powers, strict=False) if a]
+    return f'; write "{" + ".join(terms).replace("+ -", "- ")}"' if terms else ""
 
 
 def coefficient_kind(
