@@ -9,7 +9,6 @@ from .classify import (
     classify,
     cross,
     own_crossings,
-    principal_omega,
 )
 from .crossings import (
     CERTAIN_ERRORS,
@@ -19,7 +18,6 @@ from .crossings import (
 )
 from .driver import Occurrence, at_rest
 from .error import (
-    comparable_lengths,
     error_of_variable,
     error_over_span,
     errors_against,
@@ -53,7 +51,6 @@ __all__ = [
     "body_of",
     "choose",
     "classify",
-    "comparable_lengths",
     "cross",
     "distinct",
     "error_of_variable",
@@ -64,7 +61,6 @@ __all__ = [
     "label_at_start",
     "motion_remarks",
     "own_crossings",
-    "principal_omega",
     "references",
     "sample_times",
     "solve",

@@ -213,9 +213,11 @@ def error_of_variable(
     """The largest error of the doubles of a variable (n, ...) against better values, by the rules
     of `errors_against`; `resting` are the rows in which the motion is at rest, by default
     none."""
-    distance, size = subtracted(judged, better), np.abs(better.astype(float))
+    # By doubles: the arithmetic of long doubles takes ten times as long.
+    high = better.astype(float)
+    distance, size = (judged - high) - (better - high).astype(float), np.abs(high)
     if "quaternion" in dims:
-        distance, scale = angle_apart(distance, better.astype(float)), np.ones(1)
+        distance, scale = angle_apart(distance, high), np.ones(1)
     elif len(dims) > 1:
         # hypot scales by itself; the square of 1e-170 is 0.
         distance, size = (np.hypot.reduce(x, axis=-1) for x in (distance, size))
@@ -280,10 +282,3 @@ def time_error(time: float, better: float) -> float:
     """The error of a time against a better one, with what that has lost by its rounding to a
     double."""
     return abs(time - better) + ulp(better) / 2
-
-
-def subtracted(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a - b for doubles a and long doubles b, as doubles: b is taken apart into two, because the
-    arithmetic of long doubles takes ten times as long."""
-    high = b.astype(float)
-    return np.asarray((a - high) - (b - high).astype(float))

@@ -195,14 +195,13 @@ ASYMMETRY = 1e-12
 
 
 class PrincipalAxes(NamedTuple):
-    """The tensor (3, 3), its principal moments (3,), and its axes, row by row (3, 3), as unit
-    vectors in the axes of the tensor: a right-handed system.
+    """The principal moments of a tensor (3,), and its axes, row by row (3, 3), as unit vectors in
+    the axes of the tensor: a right-handed system.
 
     All are of long doubles: rounded to doubles, moments and axes belong to another tensor, along
     which a motion in extended precision goes astray as one in double does.
     """
 
-    tensor: np.ndarray
     moments: np.ndarray
     axes: np.ndarray
 
@@ -262,8 +261,7 @@ def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
         )
     J = (J + J.T) / 2
     axes = np.eye(3) if is_diagonal(J) else _numbered(np.linalg.eigh(J)[1])
-    J = J.astype(np.longdouble)
-    moments, axes = _refined(J, axes)
+    moments, axes = _refined(J.astype(np.longdouble), axes)
     named = ", ".join(f"{moment:.6g}" for moment in moments)
     if not moments.min() > 0:
         raise ValueError(f"the principal moments of this tensor are not all positive: {named}")
@@ -271,7 +269,7 @@ def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
         raise ValueError(
             f"no body has principal moments of {named}: one exceeds the sum of the other two"
         )
-    return PrincipalAxes(J, moments, axes)
+    return PrincipalAxes(moments, axes)
 
 
 def _numbered(vectors: np.ndarray) -> np.ndarray:

@@ -287,8 +287,8 @@ class Earlier:
 
 
 def earlier_result(case: Case, case_digest: str, stored: FinishedCase | None) -> Earlier | None:
-    """The stored result of a sweep that has values in common with it, and else only directions
-    more, if all of that ended well and was computed by the same code; else None."""
+    """The stored result of a sweep that has all of its values, and more, if all of that ended well
+    and was computed by the same code; else None."""
     if stored is None or stored.attributes.get("status") != "ok":
         return None
     # Of the digests of code, libraries and case, the first two.
@@ -309,19 +309,12 @@ def earlier_result(case: Case, case_digest: str, stored: FinishedCase | None) ->
         return None
     with open_run(stored.file) as run:
         attributes = dict(run.summary(stored.name))
-    kept = math.prod(x if isinstance(x, int) else int((x >= 0).sum()) for x in known)
-    if kept < attributes["members"]:
-        if attributes.get("released"):
-            return None  # it is not known which of them move again
-        # What the other members have cost is no part of this sweep.
-        attributes = {k: x for k, x in attributes.items() if k not in ("steps", "run_time")}
-        attributes["members"] = kept
     return Earlier(stored.file, stored.name, attributes, shape(case), known)
 
 
 def earlier_indices(axis: Axis, before: Axis) -> np.ndarray | int | None:
-    """The entry of `Earlier.indices` for an axis; None if the earlier one has other keys, or no
-    value in common with it."""
+    """The entry of `Earlier.indices` for an axis; None if the earlier one has other keys, or a
+    value that is no longer there."""
     if axis.sphere is not None and before.sphere is not None:
         is_prefix = axis.sphere["seed"] == before.sphere["seed"] and len(before) <= len(axis)
         return len(before) if is_prefix else None
@@ -330,7 +323,7 @@ def earlier_indices(axis: Axis, before: Axis) -> np.ndarray | int | None:
     # To the last bit: a third of the step of a linspace has many values of the whole one.
     positions = {values: i for i, values in enumerate(values_along(before))}
     indices = np.array([positions.get(values, -1) for values in values_along(axis)])
-    return indices if (indices >= 0).any() else None
+    return indices if len(positions) == np.count_nonzero(indices >= 0) else None
 
 
 def values_along(axis: Axis) -> Iterator[tuple[float, ...]]:
