@@ -32,7 +32,6 @@ from .integrate import (
     integrate,
     motion_remarks,
     solved,
-    time_of_release,
 )
 from .solve import Trajectory, distinct, sample_times, solve
 
@@ -68,7 +67,6 @@ __all__ = [
     "taylor_steps",
     "thinned",
     "time_error",
-    "time_of_release",
     "time_to_zero",
     "with_measured_error",
 ]

@@ -148,11 +148,7 @@ def outputs_compared(
     system: Model, motion: Trajectory, reference: Trajectory
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
     """The variables (n, ...) of a motion and of its reference, in the units of the reference, at
-    the samples that both have, and whether the motion is at rest there (n,).
-
-    Those of a user's model need not be homogeneous: they are compared in the case's own units, but
-    for vectors where doubles may be too small or large for them.
-    """
+    the samples that both have, and whether the motion is at rest there (n,)."""
     n = min(len(motion.time), len(reference.time))
     # Where an event ends both, their last states are compared, at whatever time each has its own.
     has_end = n and motion.time[n - 1] != reference.time[n - 1]
@@ -166,18 +162,7 @@ def outputs_compared(
     shift = np.where(resting, 0, sizes[0] - sizes[1])
     judged = variables_in_units(system, motion, shift, float)
     better = variables_in_units(system, reference, 0, np.longdouble)
-    if system.equations.has_formulas and system.equations.degree:
-        fits = np.abs(sizes[1]) < MODERATE_SIZE
-        judged = where_fits(fits, variables_in_units(system, motion, sizes[0], float), judged)
-        better = where_fits(
-            fits, variables_in_units(system, reference, sizes[1], np.longdouble), better
-        )
     return judged, better, resting
-
-
-MODERATE_SIZE = 300
-"""The binary order of magnitude below which third powers of omega are doubles, as are those of its
-inverse."""
 
 
 def variables_in_units(
@@ -189,19 +174,6 @@ def variables_in_units(
     if system.equations.degree and np.any(shift):
         state = rescaled(system.equations, state, shift)
     return system.equations.output(motion.time, state, attributes(system.constants, fp))
-
-
-def where_fits(
-    fits: np.ndarray, of_case: dict[str, np.ndarray], others: dict[str, np.ndarray]
-) -> dict[str, np.ndarray]:
-    """Variables in the case's units: of those with an axis the samples (n,) that fit these, since
-    they are judged sample by sample."""
-    return {
-        name: values
-        if values.ndim == 1
-        else np.where(np.broadcast_to(fits, values.T.shape).T, values, others[name])
-        for name, values in of_case.items()
-    }
 
 
 def error_of_variable(

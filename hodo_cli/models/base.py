@@ -190,9 +190,6 @@ class Model:
     """Whether its motions are a quadrature: a closed form without rates, which no other method can
     integrate. Its variables then hold the label, and its one event is a crossing."""
 
-    may_stop: ClassVar[bool] = False
-    """Whether an event may bring its motions to rest, where no axis is enclosed any more."""
-
     no_axis_reason: ClassVar[str] = (
         "the state has no angular velocity in body axes, so no axis is enclosed"
     )
@@ -207,9 +204,8 @@ class Model:
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         """The stored variables from the times (n,) and the states (n, m), in the dtype of `y`.
 
-        Where their errors are judged the states are in units of omega of their own, so that each
-        variable has to be homogeneous in it; of a model from outside the package only where omega
-        is so small or large that its third power may be no double.
+        Where their errors are judged the states of a model with `degree` are in units of omega of
+        their own, so that each variable has to be homogeneous in it.
         """
         raise NotImplementedError
 
@@ -406,8 +402,8 @@ class Equations:
 
     @property
     def may_stop(self) -> bool:
-        """Whether an event may bring a motion to rest, where no axis is enclosed any more."""
-        return self.form.may_stop or "brake" in self.terms
+        """Whether a brake may bring a motion to rest, where no axis is enclosed any more."""
+        return "brake" in self.terms
 
     @property
     def no_separatrix_reason(self) -> str:

@@ -33,16 +33,6 @@ UNDETERMINED, SEPARATRIX = -1, 0
 LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
 
 
-def angular_momentum(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """G = A omega, in body axes; A (3,), omega (..., 3)."""
-    return np.asarray(A * omega)
-
-
-def kinetic_energy(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """T = (A1 p^2 + A2 q^2 + A3 r^2) / 2; A (3,), omega (..., 3)."""
-    return np.asarray((A * omega * omega).sum(axis=-1) / 2)
-
-
 def inertia_order(A: Any) -> tuple[int, int, int]:
     """The positions of the largest, middle and smallest moment of inertia; ties keep the order
     given."""
@@ -502,7 +492,7 @@ class BodyFrame(Model):
 
     def momentum(self, omega: np.ndarray) -> np.ndarray:
         """G (..., 3) of angular velocities (..., 3), both in the axes of the case."""
-        return self.from_principal(angular_momentum(self.moments, self.to_principal(omega)))
+        return self.from_principal(self.moments * self.to_principal(omega))
 
     def velocities(self, G: np.ndarray) -> np.ndarray:
         """The inverse of `momentum`."""

@@ -20,15 +20,15 @@ from ..integration import (
     label_at_start,
     own_crossings,
     sample_times,
-    time_of_release,
 )
 from ..models.base import attributes, flatten
+from ..models.brake import time_of_release
+from ..results.layout import CROSSING_COLUMNS, columns_of
 from ..storage import Attribute, Group, Variable
 from .columns import (
     Earlier,
     blank_array,
     columns,
-    crossing_arrays,
     event_columns,
     label_columns,
     lengths,
@@ -251,7 +251,8 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
         columns["separation"] = least_separation_alone(motion)
     labels, crossings = found.labels, [*found.crossings]
     start = np.array([label_at_start(case, motion.time[0], labels, crossings)])
-    member, arrays = np.zeros(len(crossings), dtype=np.int64), crossing_arrays(crossings)
+    member = np.zeros(len(crossings), dtype=np.int64)
+    arrays = {name: x.data for name, x in columns_of(CROSSING_COLUMNS, crossings).items()}
     # Where a brake has stopped the body, the motion goes on at rest.
     stop = columns["event_time"] if case.system.equations.may_stop else motion.time[-1:]
     columns |= label_columns(start, labels[-1:], member, arrays, stop, case.time)
