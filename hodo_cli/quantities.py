@@ -55,7 +55,7 @@ class Samples:
         """Angular momentum (n, 3) in body axes. Raises KeyError for a case without it."""
         if self.frame:
             return self.frame.momentum(self.omega)
-        return self.inertia * self.omega
+        return np.asarray(self.inertia * self.omega)
 
     @cached_property
     def principal_omega(self) -> np.ndarray:

@@ -58,9 +58,8 @@ def with_measured_error(motion: Trajectory) -> Trajectory:
 
 
 def with_step_limit(motion: Trajectory, reference: str) -> Case:
-    """The case of a motion for a reference by some method: with the data that the motion needed.
-    The reference gives up where it takes very much longer, as a series in long double does that a
-    singularity stops."""
+    """The case of a motion for a reference by some method, which gives up where it takes very much
+    longer, as a series in long double does that a singularity stops."""
     is_same = motion.method == reference
     least, most = LIMIT_OF_SAME_METHOD if is_same else LIMIT_OF_OTHER_METHOD
     limit = max(least, most * motion.steps)

@@ -31,7 +31,6 @@ from .rigid_body import (
     INERTIA,
     INITIAL,
     BodyFrame,
-    PrincipalAxes,
     body_constants,
     complete,
     excess_of_rounding,
@@ -204,19 +203,6 @@ class Body(BodyFrame):
         return constants | body_constants([*frame.moments]) | {"principal_axes": axes}
 
     # The body and its start
-
-    @cached_property
-    def frame(self) -> PrincipalAxes | None:
-        """The principal axes of a body that is given by its full tensor of inertia."""
-        return principal_axes(self.inertia) if is_tensor(self.inertia) else None
-
-    @property
-    def exact_moments(self) -> np.ndarray:
-        return super().exact_moments if self.frame is None else self.frame.moments
-
-    @property
-    def principal_axes(self) -> np.ndarray | None:
-        return None if self.frame is None else self.frame.axes
 
     @property
     def momentum_at_start(self) -> float:

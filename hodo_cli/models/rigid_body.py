@@ -474,10 +474,15 @@ class BodyFrame(Model):
         return body_constants(self.inertia)
 
     @property
+    def frame(self) -> PrincipalAxes | None:
+        """The principal axes of a body that is given by its full tensor of inertia."""
+        return principal_axes(self.inertia) if is_tensor(self.inertia) else None
+
+    @property
     def exact_moments(self) -> np.ndarray:
         """The principal moments of inertia (3,) in long double: those of a full tensor are no
         doubles, and a touch of the separatrix shows their rounding."""
-        return np.array(self.inertia, dtype=np.longdouble)
+        return self.frame.moments if self.frame else np.array(self.inertia, dtype=np.longdouble)
 
     @property
     def moments(self) -> np.ndarray:
@@ -488,7 +493,7 @@ class BodyFrame(Model):
     def principal_axes(self) -> np.ndarray | None:
         """The principal axes of inertia, row by row (3, 3), in the axes in which a case gives its
         data; None where they are these."""
-        return None
+        return self.frame.axes if self.frame else None
 
     def momentum(self, omega: np.ndarray) -> np.ndarray:
         """G (..., 3) of angular velocities (..., 3), both in the axes of the case."""

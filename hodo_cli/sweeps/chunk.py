@@ -15,6 +15,7 @@ from ..engines.protocol import Status
 from ..integration import (
     Classification,
     Trajectory,
+    body_of,
     classify,
     integrate,
     label_at_start,
@@ -23,6 +24,7 @@ from ..integration import (
 )
 from ..models.base import attributes, flatten
 from ..models.brake import time_of_release
+from ..models.rigid_body import inertia_order, separation
 from ..results.layout import CROSSING_COLUMNS, columns_of
 from ..storage import Attribute, Group, Variable
 from .columns import (
@@ -33,13 +35,11 @@ from .columns import (
     label_columns,
     lengths,
     reduced_ensemble,
-    separation_at,
     shape,
 )
 from .ensemble.advance import advance, measure_crossings
 from .ensemble.motions import Rejection
 from .members import (
-    ensemble_of,
     may_hide_in_time,
     member,
     other_method,
@@ -261,11 +261,10 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
 
 def least_separation_alone(motion: Trajectory) -> np.ndarray:
     """The smaller separation (1,) from the separatrix of start and end of a single case."""
-    case, only = motion.case, np.zeros(1, dtype=np.intc)
-    e = ensemble_of(case, case.system, only, case.system.initial_state)
-    at_start = separation_at(e, only, e.start, only)
-    at_end = separation_at(e, only, motion.state[-1:].T.astype(float), motion.exponent[-1:])
-    return np.asarray(np.minimum(at_start, at_end))
+    body = body_of(motion.case)
+    ends = np.array([body.initial_state[:3], motion.state[-1, :3].astype(float)])
+    apart = separation(body.moments, ends.T, inertia_order(body.moments)).min(keepdims=True)
+    return np.full(1, np.inf) if body.no_separatrix_reason else apart
 
 
 def sampled(motion: Trajectory) -> dict[str, np.ndarray]:

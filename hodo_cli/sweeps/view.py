@@ -72,12 +72,6 @@ class SweepView:
         """The lengths of the axes by name, in order."""
         return {name: self.data.sizes[name] for name in sweep_axes(self.data)}
 
-    @property
-    def coordinates(self) -> dict[str, "xr.DataArray"]:
-        """What varies along the axes, by name."""
-        named = {str(key): values for key, values in self.data.coords.items()}
-        return {key: values for key, values in named.items() if {*values.dims} & {*self.axes}}
-
     def keys(self, name: str) -> list[str]:
         """The coordinates that vary along an axis alone; the first is that which figures show."""
         named = [*swept_names(self.data), *map(str, self.data.coords)]
@@ -231,7 +225,7 @@ class SweepView:
         if known.size:
             motion = Motion(self.at(at), members.isel(time=known).variables)
             values[known] = QUANTITIES[name].formula(motion)
-        return values.reshape(blank.shape)
+        return np.asarray(values.reshape(blank.shape))
 
     def distance(self, other: "SweepView", variable: str, against: str) -> "SweepView":
         """This sweep with a variable as its distance from one of another sweep of the same axes, in
@@ -239,7 +233,10 @@ class SweepView:
 
         Raises HodoError unless the sweeps have them, over the same values along each axis.
         """
-        mine, theirs = self.coordinates, other.coordinates
+        mine, theirs = (
+            {key: x for key, x in view.data.coords.items() if {*x.dims} & {*view.axes}}
+            for view in (self, other)
+        )
         for key in {**mine, **theirs}:
             if not same_values(mine.get(key), theirs.get(key)):
                 raise HodoError(f"sweeps {self.name} and {other.name} have other values of {key}")
