@@ -112,7 +112,7 @@ class Majorant(Series):
     def exp(self) -> Series:
         raise NotImplementedError
 
-    log = sin = cos = exp
+    log = sqrt = tanh = sin = cos = exp
 
     def __truediv__(self, other: Any) -> Series:
         if isinstance(other, Series):
