@@ -101,10 +101,10 @@ class Series:
             # By products: a logarithm divides by y, which may be 0 or lose digits beside it.
             power: Series = arithmetic.whole_power(self, int(exponent))
             return power
-        return (self.log() * exponent).exp()
+        return self.log().__mul__(exponent).exp()
 
     def __rpow__(self, base: Any) -> "Series":
-        return (self * arithmetic.log(base)).exp()
+        return self.__mul__(arithmetic.log(base)).exp()
 
     def exp(self) -> "Series":
         """e to this power, from P' = y' P."""

@@ -129,7 +129,10 @@ class Propagation:
         self.clock = kind(fp(self.start), fp(0))
         self.units = units_at_start(system, self.window)
         exact = np.array(system.initial_state) if fp is np.float64 else system.extended_start
-        self.y = in_precision(rescaled(self.model, exact, -self.units.exponent), fp)
+        y = rescaled(self.model, exact, -self.units.exponent)
+        # From long doubles to a quadruple there is no way but by doubles.
+        high = y.astype(float)
+        self.y = high.astype(fp) + (y - high).astype(float).astype(fp)
         self.samples = SampleBuffer.empty(self.times, len(exact), fp)
         self.samples.fill(self.start, self.y, self.units.exponent)
         # Whether small components may need shorter steps, see `longest_step`: not those of a model
@@ -264,12 +267,6 @@ class Propagation:
             time = float(self.clock.exact(self.engine.dtype(0)))
             self.control.give_up(Status.FAILED, f"{OVERFLOW_MESSAGE} at {time:.6g}")
         self.y = scaled_by(self.model, self.y, exponent - self.units.exponent)
-
-
-def in_precision(values: np.ndarray, fp: Any) -> np.ndarray:
-    """Long doubles or doubles in any precision; to a quadruple there is no way but by doubles."""
-    high = values.astype(float)
-    return np.asarray(high.astype(fp) + (values - high).astype(float).astype(fp))
 
 
 def scaled_by(model: Equations, y: np.ndarray, exponent: int) -> np.ndarray:

@@ -150,19 +150,13 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
     at_end = separation_at(e, accepted, outcome.state, outcome.exponent)
     final["separation"] = np.minimum(at_start, at_end)
     if e.model.may_stop and e.is_timed:
-        final["event_release"] = releases(e, accepted, final["event_time"], outcome.state)
+        final["event_release"] = np.array([
+            time_of_release(e.named(i), time, e.span[1], outcome.state[:, i])
+            for i, time in zip(accepted, final["event_time"], strict=True)
+        ])  # fmt: skip
     # Behind any other event the motion goes on.
     stop = np.where(e.model.may_stop, final["event_time"], math.nan)
     return final | label_columns(start_axis, axis, member, crossings, stop, time)
-
-
-def releases(e: Ensemble, motions: np.ndarray, stop: np.ndarray, state: np.ndarray) -> np.ndarray:
-    """When (n,) those of some motions (n,) that have stopped by some times (n,) would move again,
-    from the states (m, k) of all motions at their end; nan where they would not."""
-    return np.array([
-        time_of_release(e.named(i), time, e.span[1], state[:, i])
-        for i, time in zip(motions, stop, strict=True)
-    ])  # fmt: skip
 
 
 def output_of(

@@ -80,12 +80,11 @@ class SweepView:
 
     def body(self) -> np.ndarray | None:
         """A1, A2, A3 if all members have the same body."""
-        varied = [key for axis in self.axes for key in self.keys(axis)]
+        varied = [path_of(key)[0] for axis in self.axes for key in self.keys(axis)]
+        body = self.case.system
         # A separatrix is drawn on the sphere only where all members share one.
-        if "inertia" not in self.case.data or any(path_of(key)[0] == "inertia" for key in varied):
+        if "inertia" in varied or not isinstance(body, BodyFrame):
             return None
-        if not isinstance(body := self.case.system, BodyFrame):
-            return np.array(self.case.data["inertia"], dtype=float)
         is_plain = body.principal_axes is None and not body.no_separatrix_reason
         return body.moments if is_plain else None
 
