@@ -56,7 +56,7 @@ class Samples:
         """Angular momentum (n, 3) in body axes. Raises KeyError for a case without it."""
         if self.frame:
             return self.frame.momentum(self.omega)
-        return rigid_body.angular_momentum(self.inertia, self.omega)
+        return np.asarray(self.inertia * self.omega)
 
     @cached_property
     def principal_omega(self) -> np.ndarray:
@@ -119,7 +119,7 @@ def _momentum(m: Samples) -> np.ndarray:
 def _energy(m: Samples) -> np.ndarray:
     if "kinetic_energy" in m.data:
         return m.stored("kinetic_energy")
-    return rigid_body.kinetic_energy(m.inertia, m.principal_omega)
+    return np.asarray((m.inertia * m.principal_omega * m.principal_omega).sum(axis=-1) / 2)
 
 
 def _separatrix(m: Samples) -> np.ndarray:

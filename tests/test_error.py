@@ -111,7 +111,7 @@ def test_a_tolerance_cut_at_the_limit_of_a_method_is_no_reference(
 def test_a_motion_that_is_called_at_rest_a_step_early_has_no_error() -> None:
     time, moving = np.array([0.0, 1.0]), np.array([[1.0, 0, 0], [0.5, 0, 0]])
     sizes = np.array([0, -driver.REST_BITS + 1]), np.array([0, -driver.REST_BITS])
-    ours = Trajectory(FIG4, FIG4.system, "", 0.0, time, moving * [[1], [0]], sizes[1])
+    ours = Trajectory(FIG4, "", 0.0, time, moving * [[1], [0]], sizes[1])
     theirs = replace(ours, state=moving.astype(np.longdouble), exponent=sizes[0])
     assert error.errors_against(FIG4, ours, theirs) == {"omega": 0}
     # Far above that limit a motion that has stopped is wrong.

@@ -446,9 +446,10 @@ def test_a_tensor_that_feeds_energy_in_is_named() -> None:
     assert momentum.max() == pytest.approx(1.0083, abs=5e-5)
 
 
-def test_exact_says_where_it_does_not_apply() -> None:
+@pytest.mark.parametrize("method", ["exact", "quadrature"])
+def test_a_formula_says_where_it_does_not_apply(method: str) -> None:
     with pytest.raises(HodoError, match="torques along G: equal damping"):
-        solve(diagonal((0.1, 0.2, 0.3)), "exact")
+        solve(diagonal((0.1, 0.2, 0.3)), method)
 
 
 def test_the_clock_loses_no_digits() -> None:

@@ -436,7 +436,6 @@ def test_a_constant_is_swept_by_its_name(form: str) -> None:
         ({"form": "full"}, "missing 'epsilon'"),
         ({"a": "[]"}, r"a: expected a polynomial in tau: \[a0, a1, ...\]"),
         ({"a": "much"}, "a: column 1 of the expression: unknown name 'much'"),
-        ({"a": "{law: exponential, value: 1, rate: 2}"}, r"write \"1\*exp\(-2\*t\)\""),
         (
             {"form": "full", "epsilon": "0.1", "perturbation": "linear-dissipation"},
             "perturbation: unknown key",

@@ -9,6 +9,7 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import MOST_SAMPLES, Case, smooth_samples
+from ..engines import extended
 from ..engines.protocol import EPS
 from ..integration import (
     CERTAIN_ERRORS,
@@ -18,7 +19,6 @@ from ..integration import (
     body_of,
     choose,
     cross,
-    principal_omega,
     solve,
 )
 from ..models import rigid_body
@@ -86,7 +86,7 @@ def sampled_motion(
         axes = (
             trajectory.variables["enclosed_axis"]
             if case.system.is_quadrature
-            else body_of(case).enclosed(principal_omega(trajectory), CERTAIN_ERRORS * EPS)
+            else body_of(case).enclosed(extended(trajectory.omega), CERTAIN_ERRORS * EPS)
         )
         variables |= label_variables(axes, passed)
     attrs = {"classify_warnings": "\n".join(warnings), "steps": trajectory.steps}

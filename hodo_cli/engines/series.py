@@ -92,48 +92,24 @@ class Series:
     def __rtruediv__(self, other: Any) -> "Series":
         return self._new(partial(constant, other)).__truediv__(self)
 
-    def _root(self) -> "Series":
-        def rule(root: Series, k: int) -> Any:
-            if k == 0:
-                return self[0] ** 0.5
-            # From root^2 = y: a third of the operations of another power.
-            rest = self[k] - root._square(k, 1) if k > 1 else self[k]
-            return rest * (0.5 / root[0])
-
-        return self._solving(rule)
-
     def __pow__(self, exponent: Any) -> "Series":
         if isinstance(exponent, float) and exponent == 0.5:
-            return self._root()
+            return self.sqrt()
         if isinstance(exponent, int | float) and exponent == 0:
             return self._new(partial(constant, 1.0))
         if isinstance(exponent, int | float) and float(exponent).is_integer():
-            # By products: the general rule divides by y, which may be 0 or lose digits beside it.
+            # By products: a logarithm divides by y, which may be 0 or lose digits beside it.
             power: Series = arithmetic.whole_power(self, int(exponent))
             return power
-
-        def rule(power: Series, k: int) -> Any:
-            if k == 0:
-                return self[0] ** exponent
-            # From y P' = exponent y' P for P = y^exponent, order by order.
-            terms = [
-                (i * exponent - (k - i)) / k * self[i] * power[k - i] for i in outwards(k) if i
-            ]
-            return total(terms) * (1.0 / self[0])
-
-        return self._solving(rule)
+        return self.log().__mul__(exponent).exp()
 
     def __rpow__(self, base: Any) -> "Series":
-        return self._exponential(lambda x: base**x, arithmetic.log(base))
+        return self.__mul__(arithmetic.log(base)).exp()
 
     def exp(self) -> "Series":
-        """e to this power."""
-        return self._exponential(arithmetic.exp, 1.0)
-
-    def _exponential(self, first: Callable[[Any], Any], rate: Any) -> "Series":
-        # From P' = rate y' P.
+        """e to this power, from P' = y' P."""
         return self._solving(
-            lambda power, k: rate * self._slope_times(power, k) if k else first(self[0])
+            lambda power, k: self._slope_times(power, k) if k else arithmetic.exp(self[0])
         )
 
     def log(self) -> "Series":
@@ -150,7 +126,15 @@ class Series:
 
     def sqrt(self) -> "Series":
         """The square root."""
-        return self**0.5
+
+        def rule(root: Series, k: int) -> Any:
+            if k == 0:
+                return self[0] ** 0.5
+            # From root^2 = y: a third of the operations of another power.
+            rest = self[k] - root._square(k, 1) if k > 1 else self[k]
+            return rest * (0.5 / root[0])
+
+        return self._solving(rule)
 
     def tanh(self) -> "Series":
         """The hyperbolic tangent, from h' = (1 - h^2) y'."""

@@ -112,7 +112,7 @@ class Majorant(Series):
     def exp(self) -> Series:
         raise NotImplementedError
 
-    log = sin = cos = exp
+    log = sqrt = tanh = sin = cos = exp
 
     def __truediv__(self, other: Any) -> Series:
         if isinstance(other, Series):
@@ -375,26 +375,19 @@ def least_distance(function: Callable[..., Any], at: SymbolicMotion, step: Any) 
     """A lower bound on |D(s)| for s from 0 to `step`, D a function of a motion; negative where it
     shows nothing.
 
-    |D| is at least |D_0| + min(0, s sign(D_0) D_1), less the sum of |D_k| s^k from k = 2.
+    |D| is at least |D_0| + min(0, s sign(D_0) D_1), less the sum of |D_k| s^k from k = 2. Beyond
+    EVENT_ORDER these are less than the same function of majorants is, as a whole less its terms up
+    to there.
     """
-    D, curved = slope_and_rest(function, at, step)
-    towards_0 = hy.select(hy.lt(D[0], 0.0), -D[1], D[1])
-    return absolute(D[0]) + step * smaller(towards_0, hy.expression(0.0)) - curved
-
-
-def slope_and_rest(
-    function: Callable[..., Any], at: SymbolicMotion, step: Any
-) -> tuple[list[Any], Any]:
-    """The coefficients of a function of a motion, and a bound on its terms within a step from the
-    square on. Beyond EVENT_ORDER these are less than the same function of majorants is, as a whole
-    less its terms up to there."""
     order = EVENT_ORDER
     try:
         rest = majorant_beyond(order, function, at, step)
     except NotImplementedError:
         order, rest = SERIES_ORDER, hy.expression(0.0)
     D = coefficients(function(at.time, at.state, at.k), order)
-    return D, rest + step * step * total_of_powers([absolute(c) for c in D[2:]], step)
+    curved = rest + step * step * total_of_powers([absolute(c) for c in D[2:]], step)
+    towards_0 = hy.select(hy.lt(D[0], 0.0), -D[1], D[1])
+    return absolute(D[0]) + step * smaller(towards_0, hy.expression(0.0)) - curved
 
 
 def majorant_beyond(order: int, function: Callable[..., Any], at: SymbolicMotion, step: Any) -> Any:

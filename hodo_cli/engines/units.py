@@ -45,11 +45,6 @@ class TimeWindow(NamedTuple):
     span: Any
 
 
-LEAST_EXPONENT = -960
-"""The binary order of magnitude of omega below which formulas are told that of this one, and their
-torques taken to be in proportion to omega: in the case's own units both would leave the doubles."""
-
-
 @dataclass(frozen=True)
 class Units:
     """omega = 2**exponent W and s = 2**rate (t - origin), for one motion or for arrays (n,).

@@ -9,7 +9,6 @@ from .classify import (
     classify,
     cross,
     own_crossings,
-    principal_omega,
 )
 from .crossings import (
     CERTAIN_ERRORS,
@@ -17,9 +16,8 @@ from .crossings import (
     label_at_start,
     time_to_zero,
 )
-from .driver import at_rest
+from .driver import Occurrence, at_rest
 from .error import (
-    comparable_lengths,
     error_of_variable,
     error_over_span,
     errors_against,
@@ -34,10 +32,8 @@ from .integrate import (
     integrate,
     motion_remarks,
     solved,
-    time_of_release,
 )
-from .solve import distinct, sample_times, solve
-from .trajectory import Occurrence, Trajectory
+from .solve import Trajectory, distinct, sample_times, solve
 
 __all__ = [
     "AUTOMATIC",
@@ -54,7 +50,6 @@ __all__ = [
     "body_of",
     "choose",
     "classify",
-    "comparable_lengths",
     "cross",
     "distinct",
     "error_of_variable",
@@ -65,7 +60,6 @@ __all__ = [
     "label_at_start",
     "motion_remarks",
     "own_crossings",
-    "principal_omega",
     "references",
     "sample_times",
     "solve",
@@ -73,7 +67,6 @@ __all__ = [
     "taylor_steps",
     "thinned",
     "time_error",
-    "time_of_release",
     "time_to_zero",
     "with_measured_error",
 ]

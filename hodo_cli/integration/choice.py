@@ -10,8 +10,7 @@ from .. import HodoError, engines
 from ..cases.case import Case
 from ..engines.units import TimeWindow, Units, is_timed, units_at_start
 from ..models.base import Model, attributes, jacobian, rescaled
-from .solve import even_times, solve
-from .trajectory import Trajectory
+from .solve import Trajectory, even_times, solve
 
 AUTOMATIC = ("exact", "quadrature", "taylor", "collocation")
 """The methods that `auto` takes: those that are right to the last digits."""

@@ -23,10 +23,9 @@ from .crossings import (
     read_sign_changes,
     sides_of,
 )
-from .driver import at_rest
-from .error import comparable_lengths, judged_events, references, with_step_limit
-from .solve import distinct, even_times, sample_times, solve
-from .trajectory import Occurrence, Trajectory
+from .driver import Occurrence, at_rest
+from .error import error_of_variable, judged_events, references, with_step_limit
+from .solve import Trajectory, distinct, even_times, sample_times, solve
 
 ERROR_CHECKS = 513
 """Times besides the samples at which the error of a motion is measured: a case may have few."""
@@ -145,7 +144,7 @@ def absorbing_axes(case: Case) -> frozenset[int]:
 def sample_labels(motion: Trajectory, errors: np.ndarray) -> np.ndarray:
     """The label of each sample of a motion (n,), with these errors (n,)."""
     body = body_of(motion.case)
-    axes = body.enclosed(principal_omega(motion), CERTAIN_ERRORS * errors)
+    axes = body.enclosed(extended(motion.omega), CERTAIN_ERRORS * errors)
     resting = at_rest(extended(motion.omega), motion.exponent)
     # Where the equations have a corner at rest, the motion begins beside it.
     if not any(body.initial_velocity):
@@ -201,12 +200,6 @@ def body_of(case: Case) -> BodyFrame:
     return case.system
 
 
-def principal_omega(motion: Trajectory) -> np.ndarray:
-    """The angular velocities (n, 3) of a motion along the principal axes, in units of
-    2**exponent."""
-    return extended(motion.omega)
-
-
 def with_checks(samples: np.ndarray, checks: np.ndarray) -> np.ndarray:
     """Samples (n,) with the times `checks` among them, but for those that are beside a sample."""
     after = np.searchsorted(samples, checks)
@@ -221,7 +214,9 @@ def with_checks(samples: np.ndarray, checks: np.ndarray) -> np.ndarray:
 
 def check_stored(motion: Trajectory, rows: np.ndarray, omega: np.ndarray, expected: float) -> None:
     """Raise HodoError where these rows of a motion are not the stored omega (n, 3)."""
-    apart = relative_distance(motion.variables["omega"][rows], omega[: len(rows)])
+    with np.errstate(invalid="ignore"):  # of what has outgrown the largest double
+        again = motion.variables["omega"][rows]
+        apart = error_of_variable(("time", "axis"), omega[: len(rows)], again)
     allowed = 1e-12 + 4 * expected
     if apart > allowed or (len(rows) < len(omega) and motion.succeeded):
         raise HodoError(
@@ -285,7 +280,7 @@ def growth_off_axis(motion: Trajectory) -> np.ndarray:
     Every step errs in D by a part of what its terms are then. Where these have become small again,
     that of the largest terms so far is still there.
     """
-    body, omega = body_of(motion.case), principal_omega(motion).astype(float)
+    body, omega = body_of(motion.case), extended(motion.omega).astype(float)
     near = rigid_body.near_middle_axis(body.moments, omega)
     with np.errstate(divide="ignore", invalid="ignore"):
         growth = np.maximum.accumulate(near) / np.sqrt(near)
@@ -368,7 +363,7 @@ def crossings_of(
 
 def sample_sides(motion: Trajectory) -> SignChanges:
     """The sides on which a motion stands at its times, up to a stop."""
-    body, omega = body_of(motion.case), principal_omega(motion)
+    body, omega = body_of(motion.case), extended(motion.omega)
     G = body.moments * omega.astype(float)
     is_turning = G.any(axis=1)  # behind a stop there is no side
     turning = slice(np.flatnonzero(is_turning)[-1] + 1 if is_turning.any() else len(G))
@@ -462,12 +457,3 @@ def cross(
     listed = crossings_of(dense, np.full(len(dense.motion.time), EPS), absorbing)
     warnings = undecided_warning(listed.undecided)
     return dense.motion.at(dense.rows), listed.crossings, warnings
-
-
-def relative_distance(a: np.ndarray, b: np.ndarray) -> float:
-    """The largest |a - b| / |b| over the samples (n, 3); 0 where both are 0."""
-    size = np.max(np.abs(b), axis=-1, initial=0, keepdims=True)
-    scale = np.where(size > 0, comparable_lengths(size), 1)
-    with np.errstate(invalid="ignore"):  # infinite where both have outgrown the largest double
-        apart = np.where(a == b, 0, a / scale - b / scale)
-    return float(np.max(np.sqrt(np.vecdot(apart, apart)), initial=0))

@@ -180,7 +180,7 @@ class CrossingSearch(StepBuffer):
         change = np.where(values[0] < values[1], *changes)
         scale = np.hypot(*rigid_body.separatrix_roots(A, self.order))
         relative = change / (scale * np.sqrt(np.square(omega).sum(axis=1)))
-        momentum = np.sqrt(np.square(rigid_body.angular_momentum(A, omega)).sum(axis=1))
+        momentum = np.sqrt(np.square(A * omega).sum(axis=1))
         momentum = np.ldexp(momentum.astype(float), self.units.exponent)
         margin, label = sides_of(self.body, omega)
         start, end = self.clock.exact_times(times.T).astype(float)

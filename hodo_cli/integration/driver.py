@@ -3,6 +3,7 @@ every moment."""
 
 import bisect
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,7 +32,6 @@ from ..models.base import (
     state_powers,
 )
 from .step_checks import NO_BREAK, Break, Gap, StepBuffer
-from .trajectory import Occurrence
 
 SAMPLES_AT_ONCE = 1 << 16
 """Samples handed to an engine at once."""
@@ -45,6 +45,16 @@ def at_rest(omega: np.ndarray, exponent: Any) -> np.ndarray:
     REST_BITS: a case and a member of a sweep have no label then."""
     largest = np.abs(omega).max(axis=-1).astype(float)
     return np.asarray((largest == 0) | (np.frexp(largest)[1] + exponent < -REST_BITS))
+
+
+@dataclass(frozen=True)
+class Occurrence:
+    """One event of a motion: its kind, its time, and the measured error of that."""
+
+    kind: str
+    time: float
+    details: Mapping[str, float] = field(default_factory=dict)
+    error: float = math.nan
 
 
 @dataclass
@@ -119,7 +129,10 @@ class Propagation:
         self.clock = kind(fp(self.start), fp(0))
         self.units = units_at_start(system, self.window)
         exact = np.array(system.initial_state) if fp is np.float64 else system.extended_start
-        self.y = in_precision(rescaled(self.model, exact, -self.units.exponent), fp)
+        y = rescaled(self.model, exact, -self.units.exponent)
+        # From long doubles to a quadruple there is no way but by doubles.
+        high = y.astype(float)
+        self.y = high.astype(fp) + (y - high).astype(float).astype(fp)
         self.samples = SampleBuffer.empty(self.times, len(exact), fp)
         self.samples.fill(self.start, self.y, self.units.exponent)
         # Whether small components may need shorter steps, see `longest_step`: not those of a model
@@ -254,12 +267,6 @@ class Propagation:
             time = float(self.clock.exact(self.engine.dtype(0)))
             self.control.give_up(Status.FAILED, f"{OVERFLOW_MESSAGE} at {time:.6g}")
         self.y = scaled_by(self.model, self.y, exponent - self.units.exponent)
-
-
-def in_precision(values: np.ndarray, fp: Any) -> np.ndarray:
-    """Long doubles or doubles in any precision; to a quadruple there is no way but by doubles."""
-    high = values.astype(float)
-    return np.asarray(high.astype(fp) + (values - high).astype(float).astype(fp))
 
 
 def scaled_by(model: Equations, y: np.ndarray, exponent: int) -> np.ndarray:

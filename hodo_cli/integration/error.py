@@ -15,8 +15,8 @@ from ..engines.protocol import EPS
 from ..models.attitude import angle_apart
 from ..models.base import REST_BITS, Model, attributes, rescaled
 from .choice import AUTOMATIC, MIN_STIFF_STEPS, best
-from .solve import sample_times, solve, with_seconds_left
-from .trajectory import Occurrence, Trajectory
+from .driver import Occurrence
+from .solve import Trajectory, sample_times, solve, with_seconds_left
 
 SAMPLES_COMPARED = 100_000
 """About how many samples, evenly spaced, an error is measured at."""
@@ -58,9 +58,8 @@ def with_measured_error(motion: Trajectory) -> Trajectory:
 
 
 def with_step_limit(motion: Trajectory, reference: str) -> Case:
-    """The case of a motion for a reference by some method: with the data that the motion needed.
-    The reference gives up where it takes very much longer, as a series in long double does that a
-    singularity stops."""
+    """The case of a motion for a reference by some method, which gives up where it takes very much
+    longer, as a series in long double does that a singularity stops."""
     is_same = motion.method == reference
     least, most = LIMIT_OF_SAME_METHOD if is_same else LIMIT_OF_OTHER_METHOD
     limit = max(least, most * motion.steps)
@@ -148,11 +147,7 @@ def outputs_compared(
     system: Model, motion: Trajectory, reference: Trajectory
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
     """The variables (n, ...) of a motion and of its reference, in the units of the reference, at
-    the samples that both have, and whether the motion is at rest there (n,).
-
-    Those of a user's model need not be homogeneous: they are compared in the case's own units, but
-    for vectors where doubles may be too small or large for them.
-    """
+    the samples that both have, and whether the motion is at rest there (n,)."""
     n = min(len(motion.time), len(reference.time))
     # Where an event ends both, their last states are compared, at whatever time each has its own.
     has_end = n and motion.time[n - 1] != reference.time[n - 1]
@@ -166,18 +161,7 @@ def outputs_compared(
     shift = np.where(resting, 0, sizes[0] - sizes[1])
     judged = variables_in_units(system, motion, shift, float)
     better = variables_in_units(system, reference, 0, np.longdouble)
-    if system.equations.has_formulas and system.equations.degree:
-        fits = np.abs(sizes[1]) < MODERATE_SIZE
-        judged = where_fits(fits, variables_in_units(system, motion, sizes[0], float), judged)
-        better = where_fits(
-            fits, variables_in_units(system, reference, sizes[1], np.longdouble), better
-        )
     return judged, better, resting
-
-
-MODERATE_SIZE = 300
-"""The binary order of magnitude below which third powers of omega are doubles, as are those of its
-inverse."""
 
 
 def variables_in_units(
@@ -191,19 +175,6 @@ def variables_in_units(
     return system.equations.output(motion.time, state, attributes(system.constants, fp))
 
 
-def where_fits(
-    fits: np.ndarray, of_case: dict[str, np.ndarray], others: dict[str, np.ndarray]
-) -> dict[str, np.ndarray]:
-    """Variables in the case's units: of those with an axis the samples (n,) that fit these, since
-    they are judged sample by sample."""
-    return {
-        name: values
-        if values.ndim == 1
-        else np.where(np.broadcast_to(fits, values.T.shape).T, values, others[name])
-        for name, values in of_case.items()
-    }
-
-
 def error_of_variable(
     dims: Sequence[str],
     judged: np.ndarray,
@@ -213,9 +184,11 @@ def error_of_variable(
     """The largest error of the doubles of a variable (n, ...) against better values, by the rules
     of `errors_against`; `resting` are the rows in which the motion is at rest, by default
     none."""
-    distance, size = subtracted(judged, better), np.abs(better.astype(float))
+    # By doubles: the arithmetic of long doubles takes ten times as long.
+    high = better.astype(float)
+    distance, size = (judged - high) - (better - high).astype(float), np.abs(high)
     if "quaternion" in dims:
-        distance, scale = angle_apart(distance, better.astype(float)), np.ones(1)
+        distance, scale = angle_apart(distance, high), np.ones(1)
     elif len(dims) > 1:
         # hypot scales by itself; the square of 1e-170 is 0.
         distance, size = (np.hypot.reduce(x, axis=-1) for x in (distance, size))
@@ -280,10 +253,3 @@ def time_error(time: float, better: float) -> float:
     """The error of a time against a better one, with what that has lost by its rounding to a
     double."""
     return abs(time - better) + ulp(better) / 2
-
-
-def subtracted(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a - b for doubles a and long doubles b, as doubles: b is taken apart into two, because the
-    arithmetic of long doubles takes ten times as long."""
-    high = b.astype(float)
-    return np.asarray((a - high) - (b - high).astype(float))

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -11,22 +10,20 @@ from ..cases.case import Case
 from ..engines.protocol import Status
 from ..models.attitude import warnings_of
 from ..models.base import attributes, has_formula_of_time
-from ..models.brake import first_release
+from ..models.brake import time_of_release
 from ..quantities import angle_turned
 from ..text import time_digits, to_error
 from .choice import choose
 from .error import with_measured_error
-from .solve import solve, with_seconds_left
+from .solve import Trajectory, solve, with_seconds_left
 from .step_checks import HELD, NOT_SMOOTH
-from .trajectory import Trajectory
 
 ERROR_LIMIT_ASKED = 1e-12
 """The error that a motion may have whose tolerance is at the limit of its precision."""
 
-PLACES_AT_REST, PLACES_OF_MEMBER = 2**15, 2**12
+PLACES_AT_REST = 2**15
 """How many intervals of the time that a brake holds a body are looked through for stronger torques:
-as many as the places at which formulas are looked at in a motion; and of a member of a sweep, whose
-motion takes ten times as long as so many."""
+as many as the places at which formulas are looked at in a motion."""
 
 
 def integrate(case: Case) -> Trajectory:
@@ -50,7 +47,7 @@ def integrate(case: Case) -> Trajectory:
 def in_time_of_case(motion: Trajectory, case: Case) -> Trajectory:
     """The motion of a case that runs backward from one whose time has another sign."""
     events = tuple(replace(event, time=-event.time) for event in motion.events)
-    return motion.with_remarks(case=case, system=case.system, time=-motion.time, events=events)
+    return motion.with_remarks(case=case, time=-motion.time, events=events)
 
 
 FAR_SPANS = 100
@@ -81,7 +78,7 @@ def early_end(motion: Trajectory) -> str:
 
 def model_warnings(motion: Trajectory) -> list[str]:
     """The warnings of the model of a motion about its data and its course."""
-    system, state, end = motion.system, motion.state.astype(float), motion.time[-1:].tolist()
+    system, state, end = motion.case.system, motion.state.astype(float), motion.time[-1:].tolist()
     if not end:
         return warnings_of(system)
     warnings = [*warnings_of(system), *epoch_warning(motion.case)]
@@ -98,20 +95,6 @@ def model_warnings(motion: Trajectory) -> list[str]:
             "does not"
         )
     return warnings
-
-
-def time_of_release(
-    k: Any,
-    stop: float,
-    end: float,
-    state: np.ndarray,
-    places: int = PLACES_OF_MEMBER,
-) -> float:
-    """When a body with these constants that a brake has stopped, in a state (m,), would move again,
-    to so many parts of the time until the end; nan where it has not stopped, or would not."""
-    if not stop < end:
-        return math.nan
-    return first_release(np.linspace(stop, end, places + 1), [*state], k)
 
 
 def motion_remarks(motion: Trajectory) -> Iterator[str]:

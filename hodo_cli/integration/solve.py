@@ -1,7 +1,9 @@
 """Case -> Trajectory: the motion of a case by one method."""
 
 import math
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from time import thread_time
 from typing import Any
 
@@ -12,15 +14,90 @@ from ..cases.case import Case
 from ..cases.keys import NO_CLOSED_FORM, NO_RATES, finds_no_stop, wrong_precision
 from ..engines.protocol import LAST_STEP, Status, StepControl
 from ..engines.units import is_timed
+from ..models.base import attributes, rescaled
 from .driver import (
     LARGEST_EXPONENT,
     OVERFLOW_MESSAGE,
     SAMPLES_AT_ONCE,
+    Occurrence,
     Propagation,
     SampleBuffer,
 )
 from .step_checks import StepBuffer, StepCheck
-from .trajectory import Occurrence, Trajectory
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A case, integrated by a method at a tolerance.
+
+    `time` (n,) in the case's units; `state` (n, m) in the working
+    precision, scaled: a state of a model with units of its own is in units of omega of 2**exponent,
+    with `exponent` (n,). `evaluations` of the equations: for a series, one for each order of each
+    step. `status` and `message` say why a motion ended before its time, if it did. `errors` holds
+    the measured error of each variable.
+    """
+
+    case: Case
+    method: str
+    tol: float
+    time: np.ndarray
+    state: np.ndarray
+    exponent: np.ndarray
+    events: tuple[Occurrence, ...] = ()
+    steps: int = 0
+    evaluations: int = 0
+    run_time: float = 0.0
+    status: Status = Status.OK
+    message: str = ""
+    method_reason: str = "asked for"
+    warnings: tuple[str, ...] = ()
+    errors: Mapping[str, float] = field(default_factory=dict)
+    error_kind: str = "none"
+
+    @classmethod
+    def failed(cls, case: Case, message: str) -> "Trajectory":
+        """A case that could not be integrated: no samples."""
+        state, tol = np.empty((0, len(case.system.equations.state))), case.tol or float("nan")
+        time, exponent = np.empty(0), np.empty(0, dtype=np.int64)
+        return cls(
+            case, case.method, tol, time, state, exponent, status=Status.FAILED,
+            message=message,
+        )  # fmt: skip
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the motion was not given up."""
+        return self.status is Status.OK
+
+    @property
+    def error(self) -> float:
+        """The largest measured error, or nan."""
+        return max(self.errors.values(), default=float("nan"))
+
+    @property
+    def omega(self) -> np.ndarray:
+        """The angular velocity (n, 3) of an oriented model, in units of 2**exponent."""
+        return self.state[:, :3]
+
+    @cached_property
+    @np.errstate(over="ignore")  # `motion_remarks` says so
+    def variables(self) -> dict[str, np.ndarray]:
+        """The variables (n, ...) of its model by name, in double precision and true size."""
+        system = self.case.system
+        state = rescaled(system.equations, self.state.astype(float), self.exponent)
+        return system.equations.output(self.time, state, attributes(system.constants))
+
+    def with_remarks(self, **remarks: Any) -> "Trajectory":
+        """The same motion with another message, other warnings or the case that was asked for."""
+        motion = replace(self, **remarks)
+        # Of a million samples the variables would take a tenth of the integration once more.
+        vars(motion)["variables"] = self.variables
+        return motion
+
+    def at(self, rows: np.ndarray | slice) -> "Trajectory":
+        """The same motion at some of its samples, with all events."""
+        time, state, exponent = self.time[rows], self.state[rows], self.exponent[rows]
+        return replace(self, time=time, state=state, exponent=exponent)
 
 
 def distinct(numbers: Any) -> np.ndarray:
@@ -66,7 +143,7 @@ def solve(
     # A case with such a method is refused when it is read; a comparison of methods may ask for one.
     if message := wrong_precision(method, precision) or finds_no_stop(method, case.system):
         raise HodoError(message)
-    if method == "exact" or case.system.is_quadrature:
+    if method in ("exact", "quadrature") or case.system.is_quadrature:
         return closed_form(case, times, precision, method)
     return attempted(case, method, precision, tol, times, observer)
 
@@ -121,7 +198,7 @@ def trajectory(
     """The motion that ends now: its known samples and what they cost since `began`."""
     spent, known = thread_time() - began, slice(samples.done)
     return Trajectory(
-        case, case.system, method, tol,
+        case, method, tol,
         samples.time[known], samples.state[known], samples.exponent[known], tuple(samples.events),
         control.steps, control.evaluations, spent, control.status, control.message,
     )  # fmt: skip
@@ -134,7 +211,8 @@ def closed_form(case: Case, times: np.ndarray, precision: str, method: str) -> T
     Raises HodoError if the case has none.
     """
     system, control = case.system, StepControl(max_seconds=case.max_seconds or math.inf)
-    if not system.has_closed_form or (system.is_quadrature and method != "quadrature"):
+    has_it = method == ("quadrature" if system.is_quadrature else "exact")
+    if not (system.has_closed_form and has_it):
         raise HodoError(f"{case.name}: {NO_RATES if system.is_quadrature else NO_CLOSED_FORM}")
     began, fp = thread_time(), np.longdouble if precision == "extended" else np.float64
     samples = SampleBuffer.empty(times, len(system.equations.state), fp)

@@ -32,9 +32,8 @@ from ..arithmetic import hypot
 from ..schema.kinds import Choice, Key, Mistake
 from .base import Event, EventOutcome, Label, Model, attributes
 from .body import Body, Cavity, LinearDiag, Tensor
-from .rigid_body import inertia_order, separatrix_terms
+from .rigid_body import inertia_order, is_diagonal, separatrix_terms
 from .theory.exact import sum_along_mean
-from .theory.principal_axes import is_diagonal
 
 Rates = Callable[[int, Any], tuple[Any, ...]]
 """v', (ln X)' and (ln Y)' on a side at v."""

@@ -165,16 +165,6 @@ class Model:
     own units. A model without degrees is integrated in its own units.
     """
 
-    state_degree: ClassVar[dict[str, int]] = {}
-    """The power d >= 0 of the unit of omega that a variable of the state carries: 1 where it is not
-    named, as for p, q and r; 0 for what has a size of its own, such as a quaternion, a direction or
-    a sign.
-
-    The degree of a constant in the rate of such a variable is 1 - d more than the power of omega in
-    its terms: the factor of Q' = Q (0, omega)/2 is of degree 2, as `g`, since W = omega/sigma and s
-    change it alike.
-    """
-
     resisting: ClassVar[frozenset[str]] = frozenset()
     """Constants of degree 0 that resist every rotation, and so set no unit."""
 
@@ -200,9 +190,6 @@ class Model:
     """Whether its motions are a quadrature: a closed form without rates, which no other method can
     integrate. Its variables then hold the label, and its one event is a crossing."""
 
-    may_stop: ClassVar[bool] = False
-    """Whether an event may bring its motions to rest, where no axis is enclosed any more."""
-
     no_axis_reason: ClassVar[str] = (
         "the state has no angular velocity in body axes, so no axis is enclosed"
     )
@@ -217,9 +204,8 @@ class Model:
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         """The stored variables from the times (n,) and the states (n, m), in the dtype of `y`.
 
-        Where their errors are judged the states are in units of omega of their own, so that each
-        variable has to be homogeneous in it; of a model from outside the package only where omega
-        is so small or large that its third power may be no double.
+        Where their errors are judged the states of a model with `degree` are in units of omega of
+        their own, so that each variable has to be homogeneous in it.
         """
         raise NotImplementedError
 
@@ -266,9 +252,14 @@ class Model:
 
     @classmethod
     def rows(cls, terms: Sequence[str]) -> dict[str, int]:
-        """The variables of the state under these terms, and the power of the unit of omega that
-        each carries."""
-        return {name: cls.state_degree.get(name, 1) for name in cls.state}
+        """The variables of the state under these terms, and the power d >= 0 of the unit of omega
+        that each carries: 0 for what has a size of its own, such as a direction.
+
+        The degree of a constant in the rate of such a variable is 1 - d more than the power of
+        omega in its terms: the factor of Q' = Q (0, omega)/2 is of degree 2, as `g`, since
+        W = omega/sigma and s change it alike.
+        """
+        return dict.fromkeys(cls.state, 1)
 
     @cached_property
     def equations(self) -> "Equations":
@@ -411,8 +402,8 @@ class Equations:
 
     @property
     def may_stop(self) -> bool:
-        """Whether an event may bring a motion to rest, where no axis is enclosed any more."""
-        return self.form.may_stop or "brake" in self.terms
+        """Whether a brake may bring a motion to rest, where no axis is enclosed any more."""
+        return "brake" in self.terms
 
     @property
     def no_separatrix_reason(self) -> str:

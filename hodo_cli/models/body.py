@@ -33,8 +33,12 @@ from .rigid_body import (
     BodyFrame,
     body_constants,
     complete,
+    excess_of_rounding,
+    is_diagonal,
     is_tensor,
+    principal_axes,
     range_mistake,
+    symmetric,
 )
 from .terms.fluid import CAVITY, cavity_warnings, coefficient, weak
 from .terms.time_laws import (
@@ -58,13 +62,6 @@ from .theory.exact import (
     free_motion,
     scaled_motion,
     turn_of_hodograph,
-)
-from .theory.principal_axes import (
-    PrincipalAxes,
-    excess_of_rounding,
-    is_diagonal,
-    principal_axes,
-    symmetric,
 )
 from .theory.theorems import (
     Dissipation,
@@ -205,19 +202,6 @@ class Body(BodyFrame):
         return constants | body_constants([*frame.moments]) | {"principal_axes": axes}
 
     # The body and its start
-
-    @cached_property
-    def frame(self) -> PrincipalAxes | None:
-        """The principal axes of a body that is given by its full tensor of inertia."""
-        return principal_axes(self.inertia) if is_tensor(self.inertia) else None
-
-    @property
-    def exact_moments(self) -> np.ndarray:
-        return super().exact_moments if self.frame is None else self.frame.moments
-
-    @property
-    def principal_axes(self) -> np.ndarray | None:
-        return None if self.frame is None else self.frame.axes
 
     @property
     def momentum_at_start(self) -> float:

@@ -114,13 +114,22 @@ def torque_at_rest(t: Any, y: Sequence[Any], k: Any) -> list[Any]:
     return [A * rate for A, rate in zip((k.A1, k.A2, k.A3), rates, strict=True)]
 
 
+PLACES_OF_MEMBER = 2**12
+"""How many intervals of the time that a brake holds a body are looked through for stronger torques:
+of a member of a sweep, whose motion takes ten times as long as so many."""
+
+
 @np.errstate(all="ignore")  # of a formula that has no value at a time
-def first_release(t: np.ndarray, y: Sequence[Any], k: Any) -> float:
-    """The first of some times (n,) at which other torques are stronger than the brake that holds a
-    body at rest in the state y; nan where they never are."""
-    if not drives(k):
+def time_of_release(
+    k: Any, stop: float, end: float, y: np.ndarray, places: int = PLACES_OF_MEMBER
+) -> float:
+    """When a body with these constants that a brake has stopped, in a state (m,), would move again,
+    because other torques are stronger, to so many parts of the time until the end; nan where it has
+    not stopped, or would not."""
+    if not (stop < end and drives(k)):
         return math.nan
-    N = torque_at_rest(t, y, k)
+    t = np.linspace(stop, end, places + 1)
+    N = torque_at_rest(t, [*y], k)
     strength = np.sqrt(sum(x * x for x in N))
     is_stronger = np.broadcast_to(
         strength > coefficient_at(k, "brake", t) * (1 + AS_STRONG), t.shape

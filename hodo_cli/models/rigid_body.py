@@ -5,9 +5,10 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal, localcontext
-from functools import cached_property
+from functools import cached_property, lru_cache
+from itertools import combinations, permutations
 from operator import attrgetter
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -27,20 +28,9 @@ from .base import (
     stacked,
 )
 from .euler import in_case_axes, times
-from .theory.principal_axes import excess_of_rounding, one_exceeds_others
 
 UNDETERMINED, SEPARATRIX = -1, 0
 LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
-
-
-def angular_momentum(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """G = A omega, in body axes; A (3,), omega (..., 3)."""
-    return np.asarray(A * omega)
-
-
-def kinetic_energy(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """T = (A1 p^2 + A2 q^2 + A3 r^2) / 2; A (3,), omega (..., 3)."""
-    return np.asarray((A * omega * omega).sum(axis=-1) / 2)
 
 
 def inertia_order(A: Any) -> tuple[int, int, int]:
@@ -187,6 +177,121 @@ def slope(A: Sequence[float] | np.ndarray) -> float:
         raise HodoError("a body with three equal moments of inertia has no quadrants")
     return inner / outer if outer else math.inf
 
+
+# The principal axes of a body whose inertia is given as a full tensor
+
+ASYMMETRY = 1e-12
+"""The relative difference of two entries of a symmetric tensor that is rounding."""
+
+
+class PrincipalAxes(NamedTuple):
+    """The principal moments of a tensor (3,), and its axes, row by row (3, 3), as unit vectors in
+    the axes of the tensor: a right-handed system.
+
+    All are of long doubles: rounded to doubles, moments and axes belong to another tensor, along
+    which a motion in extended precision goes astray as one in double does.
+    """
+
+    moments: np.ndarray
+    axes: np.ndarray
+
+
+def one_exceeds_others(moments: Sequence[Any] | np.ndarray) -> bool:
+    """Whether one of three moments is larger than the sum of the others, which no body has.
+    Equality is allowed, of a flat disc, to the rounding of the moments."""
+    return bool(2 * max(moments) > sum(moments) * (1 + 4 * np.finfo(float).eps))
+
+
+def excess_of_rounding(moments: Sequence[float]) -> float:
+    """By how much one of three moments is larger than the sum of the others, where that is one unit
+    of its last decimal at most, as rounding makes it; else 0."""
+    *others, largest = sorted(moments)
+    excess = largest - sum(others)
+    return excess if 0 < excess <= last_digit(largest) else 0.0
+
+
+def last_digit(x: float) -> float:
+    """One unit of the last digit of the shortest decimal of a number, and its rounding; at most a
+    hundredth of it, since 0.1 is not the rounding of 0.2."""
+    unit = 10.0 ** int(Decimal(repr(float(x))).as_tuple().exponent) * (1 + 1e-9)
+    return min(unit, abs(x) / 100)
+
+
+def symmetric(tensor: Sequence[Any]) -> Sequence[Any]:
+    """A tensor whose entries differ from their transposes by one unit of the last decimal at most,
+    as rounding makes it, as its symmetric part; other values as they are."""
+    if not all(isinstance(row, tuple) for row in tensor):
+        return tensor
+    rows = [list(row) for row in tensor]
+    for i, j in combinations(range(3), 2):
+        a, b = rows[i][j], rows[j][i]
+        if a != b and abs(a - b) <= last_digit(max(a, b, key=abs)):
+            rows[i][j] = rows[j][i] = (a + b) / 2
+    return tuple(map(tuple, rows))
+
+
+def is_diagonal(tensor: np.ndarray) -> bool:
+    """Whether a tensor has no entries besides those of its diagonal."""
+    return not (tensor - np.diag(np.diag(tensor))).any()
+
+
+@lru_cache(maxsize=256)
+def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
+    """The principal axes of a tensor of inertia, each numbered as that of the given axes which it
+    is near: those of a diagonal tensor are the given ones.
+
+    Raises ValueError, with a sentence, for a tensor that no body has.
+    """
+    J = np.array(tensor, dtype=float)
+    i, j = np.unravel_index(np.abs(J - J.T).argmax(), J.shape)
+    if abs(J[i, j] - J[j, i]) > ASYMMETRY * np.abs(J).max():
+        raise ValueError(
+            f"a tensor of inertia is symmetric, and this one has {J[i, j]:g} in row {i + 1}, "
+            f"column {j + 1}, and {J[j, i]:g} in the transpose"
+        )
+    J = (J + J.T) / 2
+    axes = np.eye(3) if is_diagonal(J) else _numbered(np.linalg.eigh(J)[1])
+    moments, axes = _refined(J.astype(np.longdouble), axes)
+    named = ", ".join(f"{moment:.6g}" for moment in moments)
+    if not moments.min() > 0:
+        raise ValueError(f"the principal moments of this tensor are not all positive: {named}")
+    if one_exceeds_others(moments):
+        raise ValueError(
+            f"no body has principal moments of {named}: one exceeds the sum of the other two"
+        )
+    return PrincipalAxes(moments, axes)
+
+
+def _numbered(vectors: np.ndarray) -> np.ndarray:
+    """Axes, the columns of `vectors`, in the order and with the signs that bring them nearest to
+    the given ones."""
+    order = max(permutations(range(3)), key=lambda p: sum(abs(vectors[i, p[i]]) for i in range(3)))
+    axes = vectors[:, order].T
+    axes = axes * np.where(np.diag(axes) < 0, -1, 1)[:, None]
+    if np.linalg.det(axes) < 0:
+        axes[np.abs(np.diag(axes)).argmin()] *= -1
+    return axes
+
+
+def _refined(J: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The moments and axes of a tensor of long doubles from axes that are right in double."""
+    axes = axes.astype(np.longdouble)
+    # The nearest orthogonal matrix, by Newton's method; then Jacobi's rotations. Both converge
+    # quadratically.
+    for _ in range(2):
+        axes = (3 * axes - axes @ axes.T @ axes) / 2
+        for i, j in combinations(range(3), 2):
+            turned = axes @ J @ axes.T
+            if turned[i, j]:
+                ratio = (turned[j, j] - turned[i, i]) / (2 * turned[i, j])
+                tangent = (1 if ratio >= 0 else -1) / (abs(ratio) + np.hypot(1, ratio))
+                cosine = 1 / np.hypot(1, tangent)
+                pair = cosine * np.array([[1, -tangent], [tangent, 1]])
+                axes[[i, j]] = pair @ axes[[i, j]]
+    return np.diag(axes @ J @ axes.T), axes
+
+
+# What the models share
 
 SMALLEST_MOMENT = 1e-100
 """The smallest moment of inertia whose cube is a double, and the inverse of the largest one."""
@@ -378,10 +483,15 @@ class BodyFrame(Model):
         return body_constants(self.inertia)
 
     @property
+    def frame(self) -> PrincipalAxes | None:
+        """The principal axes of a body that is given by its full tensor of inertia."""
+        return principal_axes(self.inertia) if is_tensor(self.inertia) else None
+
+    @property
     def exact_moments(self) -> np.ndarray:
         """The principal moments of inertia (3,) in long double: those of a full tensor are no
         doubles, and a touch of the separatrix shows their rounding."""
-        return np.array(self.inertia, dtype=np.longdouble)
+        return self.frame.moments if self.frame else np.array(self.inertia, dtype=np.longdouble)
 
     @property
     def moments(self) -> np.ndarray:
@@ -392,11 +502,11 @@ class BodyFrame(Model):
     def principal_axes(self) -> np.ndarray | None:
         """The principal axes of inertia, row by row (3, 3), in the axes in which a case gives its
         data; None where they are these."""
-        return None
+        return self.frame.axes if self.frame else None
 
     def momentum(self, omega: np.ndarray) -> np.ndarray:
         """G (..., 3) of angular velocities (..., 3), both in the axes of the case."""
-        return self.from_principal(angular_momentum(self.moments, self.to_principal(omega)))
+        return self.from_principal(self.moments * self.to_principal(omega))
 
     def velocities(self, G: np.ndarray) -> np.ndarray:
         """The inverse of `momentum`."""

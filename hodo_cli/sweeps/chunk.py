@@ -15,31 +15,37 @@ from ..engines.protocol import Status
 from ..integration import (
     Classification,
     Trajectory,
+    body_of,
     classify,
     integrate,
     label_at_start,
     own_crossings,
     sample_times,
-    time_of_release,
 )
 from ..models.base import attributes, flatten
+from ..models.brake import time_of_release
+from ..models.rigid_body import inertia_order, separation
+from ..results.layout import CROSSING_COLUMNS, columns_of
 from ..storage import Attribute, Group, Variable
 from .columns import (
     Earlier,
     blank_array,
     columns,
-    crossing_arrays,
     event_columns,
     label_columns,
     lengths,
     reduced_ensemble,
-    separation_at,
     shape,
 )
 from .ensemble.advance import advance, measure_crossings
 from .ensemble.motions import Rejection
-from .formulas import may_hide_in_time
-from .members import ensemble_of, member, other_method, prepare, system_of_member
+from .members import (
+    may_hide_in_time,
+    member,
+    other_method,
+    prepare,
+    system_of_member,
+)
 
 LARGEST_CHUNK, SMALLEST_CHUNK = 32768, 256
 """Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
@@ -245,7 +251,8 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
         columns["separation"] = least_separation_alone(motion)
     labels, crossings = found.labels, [*found.crossings]
     start = np.array([label_at_start(case, motion.time[0], labels, crossings)])
-    member, arrays = np.zeros(len(crossings), dtype=np.int64), crossing_arrays(crossings)
+    member = np.zeros(len(crossings), dtype=np.int64)
+    arrays = {name: x.data for name, x in columns_of(CROSSING_COLUMNS, crossings).items()}
     # Where a brake has stopped the body, the motion goes on at rest.
     stop = columns["event_time"] if case.system.equations.may_stop else motion.time[-1:]
     columns |= label_columns(start, labels[-1:], member, arrays, stop, case.time)
@@ -254,11 +261,10 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
 
 def least_separation_alone(motion: Trajectory) -> np.ndarray:
     """The smaller separation (1,) from the separatrix of start and end of a single case."""
-    case, only = motion.case, np.zeros(1, dtype=np.intc)
-    e = ensemble_of(case, case.system, only, case.system.initial_state)
-    at_start = separation_at(e, only, e.start, only)
-    at_end = separation_at(e, only, motion.state[-1:].T.astype(float), motion.exponent[-1:])
-    return np.asarray(np.minimum(at_start, at_end))
+    body = body_of(motion.case)
+    ends = np.array([body.initial_state[:3], motion.state[-1, :3].astype(float)])
+    apart = separation(body.moments, ends.T, inertia_order(body.moments)).min(keepdims=True)
+    return np.full(1, np.inf) if body.no_separatrix_reason else apart
 
 
 def sampled(motion: Trajectory) -> dict[str, np.ndarray]:

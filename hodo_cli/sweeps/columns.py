@@ -3,7 +3,7 @@ single ones. Of a sweep that has grown, the members that an earlier result holds
 it, and only the others are computed."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,23 +13,18 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case, Time, dump, parse_case
 from ..cases.sweep_block import Axis, axes_of
-from ..integration import (
-    Crossing,
-    Occurrence,
-    time_of_release,
-)
+from ..integration import Occurrence
 from ..models import rigid_body
 from ..models.base import LENGTHS, rescaled
+from ..models.brake import time_of_release
 from ..models.rigid_body import UNDETERMINED
 from ..results.layout import (
-    CROSSING_COLUMNS,
     MEMBER,
     MEMBER_CLASSIFIED,
     MEMBER_EVENT,
     MEMBER_STOPPED,
     ON_REQUEST,
     Stored,
-    columns_of,
 )
 from ..storage import FinishedCase, Group, open_run
 from .ensemble.motions import Ensemble, Outcome, Passages
@@ -80,21 +75,11 @@ def shape(case: Case) -> tuple[int, ...]:
 
 def event_columns(events: Mapping[int, Sequence[Occurrence]], n: int) -> dict[str, np.ndarray]:
     """The columns of the last events of n members, by the positions of members that have some."""
-    last = {row: of_member[-1] for row, of_member in events.items() if of_member}
-
-    def column(values: Iterable[float], blank: float = math.nan) -> np.ndarray:
-        filled = np.full(n, blank)
-        filled[[*last]] = [*values]
-        return filled
-
-    filled = {"event_time": column(event.time for event in last.values())}
-    axis = (event.details.get("from", UNDETERMINED) for event in last.values())
-    return filled | {"event_from": column(axis, UNDETERMINED)}
-
-
-def crossing_arrays(crossings: Sequence[Crossing]) -> dict[str, np.ndarray]:
-    """Crossings as arrays (k,) by the names of CROSSING_COLUMNS."""
-    return {name: x.data for name, x in columns_of(CROSSING_COLUMNS, crossings).items()}
+    times, axes = np.full(n, math.nan), np.full(n, UNDETERMINED)
+    for row, of_member in events.items():
+        for last in of_member[-1:]:
+            times[row], axes[row] = last.time, last.details.get("from", UNDETERMINED)
+    return {"event_time": times, "event_from": axes}
 
 
 def label_columns(
@@ -105,36 +90,13 @@ def label_columns(
     stop: np.ndarray,
     time: Time,
 ) -> dict[str, np.ndarray]:
-    """The columns of the labels of n members, with the first crossing of each.
+    """The columns of the labels of n members, with the first crossing of each, and the part of the
+    span for which each axis is enclosed.
 
     `start` and `end` (n,) are the axes that they enclose at both ends, `crossings` (k,) by the
     names of their columns those of the members `member` (k,), in order of time, and `stop` (n,) the
     times at which members stop, nan where they do not.
     """
-    n = len(start)
-    filled = {
-        "start_axis": start,
-        "end_axis": end,
-        "crossings": np.bincount(member, minlength=n),
-        "share": shares(start, end, member, crossings, np.fmin(stop, time.end), time),
-    }
-    crossing, first = np.unique(member, return_index=True)
-    for name, values in crossings.items():
-        filled[name] = blank_array((n,), values.dtype)
-        filled[name][crossing] = values[first]
-    return filled
-
-
-def shares(
-    start: np.ndarray,
-    end: np.ndarray,
-    member: np.ndarray,
-    crossings: Mapping[str, np.ndarray],
-    turning_until: np.ndarray,
-    time: Time,
-) -> np.ndarray:
-    """The part of the span (n, 3) for which each axis is enclosed, by members that turn until some
-    times (n,); other arguments as `label_columns`."""
     n, (crossing, first) = len(start), np.unique(member, return_index=True)
     # A start on D = 0 leaves it at once, for the axis that the motion keeps until it crosses.
     kept = end.copy()
@@ -146,11 +108,20 @@ def shares(
     order = np.lexsort((begin, owner))
     owner, axis, begin = owner[order], axis[order], begin[order]
     is_last = np.diff(owner, append=n) != 0
-    until = np.where(is_last, turning_until[owner], np.roll(begin, -1))
+    until = np.where(is_last, np.fmin(stop, time.end)[owner], np.roll(begin, -1))
     share = np.zeros((n, 3))
     is_one = (axis > 0) & (axis <= 3) & (time.end > time.start)
     np.add.at(share, (owner[is_one], axis[is_one] - 1), (until - begin)[is_one])
-    return share / max(time.end - time.start, math.ulp(0.0))
+    filled = {
+        "start_axis": start,
+        "end_axis": end,
+        "crossings": np.bincount(member, minlength=n),
+        "share": share / max(time.end - time.start, math.ulp(0.0)),
+    }
+    for name, values in crossings.items():
+        filled[name] = blank_array((n,), values.dtype)
+        filled[name][crossing] = values[first]
+    return filled
 
 
 def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.ndarray]:
@@ -179,19 +150,13 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
     at_end = separation_at(e, accepted, outcome.state, outcome.exponent)
     final["separation"] = np.minimum(at_start, at_end)
     if e.model.may_stop and e.is_timed:
-        final["event_release"] = releases(e, accepted, final["event_time"], outcome.state)
+        final["event_release"] = np.array([
+            time_of_release(e.named(i), time, e.span[1], outcome.state[:, i])
+            for i, time in zip(accepted, final["event_time"], strict=True)
+        ])  # fmt: skip
     # Behind any other event the motion goes on.
     stop = np.where(e.model.may_stop, final["event_time"], math.nan)
     return final | label_columns(start_axis, axis, member, crossings, stop, time)
-
-
-def releases(e: Ensemble, motions: np.ndarray, stop: np.ndarray, state: np.ndarray) -> np.ndarray:
-    """When (n,) those of some motions (n,) that have stopped by some times (n,) would move again,
-    from the states (m, k) of all motions at their end; nan where they would not."""
-    return np.array([
-        time_of_release(e.named(i), time, e.span[1], state[:, i])
-        for i, time in zip(motions, stop, strict=True)
-    ])  # fmt: skip
 
 
 def output_of(
@@ -322,14 +287,14 @@ def earlier_result(case: Case, case_digest: str, stored: FinishedCase | None) ->
         return None
     with open_run(stored.file) as run:
         attributes = dict(run.summary(stored.name))
-    kept = math.prod(x if isinstance(x, int) else int((x >= 0).sum()) for x in known)
-    if kept < attributes["members"]:
+    earlier = Earlier(stored.file, stored.name, attributes, shape(case), known)
+    if earlier.kept < attributes["members"]:
         if attributes.get("released"):
             return None  # it is not known which of them move again
         # What the other members have cost is no part of this sweep.
-        attributes = {k: x for k, x in attributes.items() if k not in ("steps", "run_time")}
-        attributes["members"] = kept
-    return Earlier(stored.file, stored.name, attributes, shape(case), known)
+        left = {k: x for k, x in attributes.items() if k not in ("steps", "run_time")}
+        return replace(earlier, attributes=left | {"members": earlier.kept})
+    return earlier
 
 
 def earlier_indices(axis: Axis, before: Axis) -> np.ndarray | int | None:

@@ -3,20 +3,27 @@ side; and single cases of one kind, integrated side by side."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from .. import models
-from ..arithmetic import BranchDivergence, Column, member_values
+from .. import HodoError, models
+from ..arithmetic import BranchDivergence, Column, exp, member_values
 from ..cases.case import Case
 from ..cases.sweep_block import axes_of, with_number
 from ..engines import have_taylor
 from ..engines.protocol import EPS
 from ..integration import Crossing, Trajectory, sample_times
 from ..models.attitude import check_attitude, warnings_of
-from ..models.base import UNIT, Model, contains_time, flatten
+from ..models.base import (
+    UNIT,
+    Model,
+    attributes,
+    contains_time,
+    flatten,
+    has_formula_of_time,
+)
 from ..models.rigid_body import BodyFrame, is_rounded
 from ..schema.kinds import KeyPath
 from ..text import grouped
@@ -230,6 +237,76 @@ def other_method(case: Case) -> str:
     return next((reason for reason, applies in reasons.items() if applies), "")
 
 
+# Formulas that may hide what they do in time from steps taken side by side, of which few places are
+# compared with the equations
+
+
+@dataclass(frozen=True)
+class TimeInRates:
+    """What passes for the time in equations, and tells how high a power of it they hold, and the
+    slope of what is linear in it: nan of all else.
+
+    Sines, exponentials that fall and negative powers of what is linear count as numbers, since no
+    point of theirs is without a trace of the others. What else is no sum or product is a TypeError
+    or an AttributeError.
+    """
+
+    power: int = 1
+    slope: float = 1.0
+    __array_ufunc__ = None  # number * TimeInRates must not be taken apart by numpy
+
+    def __add__(self, other: Any) -> "TimeInRates":
+        of_other = as_time(other)
+        return TimeInRates(max(self.power, of_other.power), self.slope + of_other.slope)
+
+    def __mul__(self, other: Any) -> "TimeInRates":
+        if isinstance(other, TimeInRates):
+            return TimeInRates(self.power + other.power, math.nan)
+        return TimeInRates(self.power, self.slope * other)
+
+    def __pow__(self, exponent: float) -> "TimeInRates":
+        if math.isnan(self.slope) or exponent > 1:
+            raise TypeError
+        return self.sin()
+
+    def exp(self) -> "TimeInRates":
+        if not self.slope <= 0:
+            raise TypeError
+        return self.sin()
+
+    def sin(self) -> "TimeInRates":
+        if self.power > 1:
+            raise TypeError
+        return TimeInRates(0, math.nan)
+
+    __radd__, __rmul__, cos = __add__, __mul__, sin
+    __neg__, __pos__ = (lambda x: x * -1.0), (lambda x: x)
+    __sub__, __rsub__ = (lambda x, y: x + -y), (lambda x, y: -x + y)
+    __truediv__, __rtruediv__ = (lambda x, y: x * y**-1), (lambda x, y: x**-1 * y)
+    __rpow__ = lambda x, base: exp(x * math.log(base))  # noqa: E731
+
+
+def as_time(rate: Any) -> TimeInRates:
+    """A rate, or a number, which holds no time."""
+    return rate if isinstance(rate, TimeInRates) else TimeInRates(0, 0.0)
+
+
+def may_hide_in_time(system: Model) -> bool:
+    """Whether a Taylor series may not know at the start of a step what a user's formulas of the
+    time do within it: a pulse leaves no trace far from it, nor does t**2 in the orders that choose
+    a step at t = 0."""
+    if not has_formula_of_time(system):
+        return False
+    # Of a state that is no number, so that the sign of no slope follows from it.
+    y, k = [math.nan] * len(system.equations.state), attributes(system.constants)
+    try:
+        return max(as_time(rate).power for rate in system.equations.rhs(TimeInRates(), y, k)) > 1
+    except (TypeError, AttributeError, ValueError, ArithmeticError, HodoError):
+        return True
+
+
+# Single cases
+
 FEWEST_CASES = 32
 """Single cases of one kind, below which each by itself takes less time than compiling the step."""
 
@@ -253,7 +330,7 @@ def side_by_side(cases: Sequence[Case]) -> list[CrossedMotion | None]:
         for n in np.flatnonzero(outcome.accepted):
             case, state = cases[e.members[n]], outcome.samples[:, n].T
             motion = Trajectory(
-                case, case.system, "taylor", e.tol, times, state, outcome.sample_exponent[n],
+                case, "taylor", e.tol, times, state, outcome.sample_exponent[n],
                 steps=int(outcome.steps[n]),
             )  # fmt: skip
             motions[e.members[n]] = motion, tuple(crossings.get(n, ()))

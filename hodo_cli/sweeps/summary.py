@@ -165,7 +165,7 @@ def final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> float
         better = reference.variables[name]
         judged = np.concatenate((better[:-1], final[name][None]))
         errors.append(
-            error_of_variable(reference.system.equations.variables[name].dims, judged, better)
+            error_of_variable(reference.case.system.equations.variables[name].dims, judged, better)
         )
     return max(errors)
 

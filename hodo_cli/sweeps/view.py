@@ -76,12 +76,6 @@ class SweepView:
         """The lengths of the axes by name, in order."""
         return {name: self.data.sizes[name] for name in sweep_axes(self.data)}
 
-    @property
-    def coordinates(self) -> dict[str, "xr.DataArray"]:
-        """What varies along the axes, by name."""
-        named = {str(key): values for key, values in self.data.coords.items()}
-        return {key: values for key, values in named.items() if {*values.dims} & {*self.axes}}
-
     def keys(self, name: str) -> list[str]:
         """The coordinates that vary along an axis alone; the first is that which figures show."""
         named = [*swept_names(self.data), *map(str, self.data.coords)]
@@ -90,12 +84,11 @@ class SweepView:
 
     def body(self) -> np.ndarray | None:
         """A1, A2, A3 if all members have the same body."""
-        varied = [key for axis in self.axes for key in self.keys(axis)]
+        varied = [path_of(key)[0] for axis in self.axes for key in self.keys(axis)]
+        body = self.case.system
         # A separatrix is drawn on the sphere only where all members share one.
-        if "inertia" not in self.case.data or any(path_of(key)[0] == "inertia" for key in varied):
+        if "inertia" in varied or not isinstance(body, BodyFrame):
             return None
-        if not isinstance(body := self.case.system, BodyFrame):
-            return np.array(self.case.data["inertia"], dtype=float)
         is_plain = body.principal_axes is None and not body.no_separatrix_reason
         return body.moments if is_plain else None
 
@@ -214,42 +207,37 @@ class SweepView:
             raise HodoError(
                 f"sweep {self.name} has no coordinate {key!r}, which its members vary in"
             )
+        parts = [len(PARTS[dim]) for dim in QUANTITIES[name].dims[1:]]
+        blank = np.full((*self.axes.values(), *parts), np.nan)
+        values = quantity_array(name, blank, [*self.axes], self.case)
         # Along an axis that changes the body, one body after the other; along all others at once.
-        one_by_one = [
+        bodies = [
             axis
             for axis in self.axes
             if any(path_of(key)[0] not in KEYS_OF_MOTION for key in self.keys(axis))
         ]
-        at_once = [axis for axis in self.axes if axis not in one_by_one]
-        indices = np.ndindex(*(self.axes[axis] for axis in one_by_one))
-        positions = (dict(zip(one_by_one, index, strict=True)) for index in indices)
-        pieces = [self._quantity(name, at, at_once) for at in positions]
-        order = [*one_by_one, *at_once]
-        sizes = [self.axes[axis] for axis in order]
-        values = np.array(pieces).reshape((*sizes, *pieces[0].shape[1:]))
-        return quantity_array(name, values, order, self.case).transpose(*self.axes, ...)
-
-    def _quantity(self, name: str, at: Mapping[str, int], others: Sequence[str]) -> np.ndarray:
-        """A quantity of the members (n,) of one body, which stands at these positions,
-        along all other axes; no number for one that has come to nothing."""
-        # As the samples of a motion.
-        members = self.data[self.ends].isel(at)
-        if others:
-            members = members.stack(time=others, create_index=False).transpose("time", ...)
-        else:
-            members = members.expand_dims("time")
-        members = members.assign_coords(
-            time=("time", np.full(members.sizes["time"], self.case.time.end))
-        )
-        needed = {x for needs in QUANTITIES[name].needs for x in needs} & {*members}
-        stored = (np.asarray(members[x]).reshape(members.sizes["time"], -1) for x in needed)
-        known = np.isfinite(np.concatenate([*stored], axis=1)).all(1)
-        parts = [len(PARTS[dim]) for dim in QUANTITIES[name].dims[1:]]
-        values = np.full((len(known), *parts), np.nan)
-        if known.any():
-            motion = Motion(self.at(at), members.isel(time=np.flatnonzero(known)).variables)
-            values[known] = QUANTITIES[name].formula(motion)
+        for index in np.ndindex(*(self.axes[axis] for axis in bodies)):
+            at = dict(zip(bodies, index, strict=True))
+            values[at] = self._of_one_body(name, at, values[at])
         return values
+
+    def _of_one_body(self, name: str, at: Mapping[str, int], blank: "xr.DataArray") -> np.ndarray:
+        """A quantity of the members of one body, which stands at these positions, along all other
+        axes; `blank` for one that has come to nothing."""
+        others = [axis for axis in self.axes if axis not in at]
+        # As the samples of a motion.
+        members = self.data[self.ends].isel(at).expand_dims("body")
+        members = members.stack(time=["body", *others], create_index=False).transpose("time", ...)
+        n = members.sizes["time"]
+        members = members.assign_coords(time=("time", np.full(n, self.case.time.end)))
+        needed = {x for needs in QUANTITIES[name].needs for x in needs} & {*members}
+        stored = [np.asarray(members[x]).reshape(n, -1) for x in needed]
+        known = np.flatnonzero(np.isfinite(np.concatenate(stored, axis=1)).all(axis=1))
+        values = blank.data.reshape(n, *blank.shape[len(others) :]).copy()
+        if known.size:
+            motion = Motion(self.at(at), members.isel(time=known).variables)
+            values[known] = QUANTITIES[name].formula(motion)
+        return np.asarray(values.reshape(blank.shape))
 
     def distance(self, other: "SweepView", variable: str, against: str) -> "SweepView":
         """This sweep with a variable as its distance from one of another sweep of the same axes, in
@@ -257,7 +245,10 @@ class SweepView:
 
         Raises HodoError unless the sweeps have them, over the same values along each axis.
         """
-        mine, theirs = self.coordinates, other.coordinates
+        mine, theirs = (
+            {key: x for key, x in view.data.coords.items() if {*x.dims} & {*view.axes}}
+            for view in (self, other)
+        )
         for key in {**mine, **theirs}:
             if not same_values(mine.get(key), theirs.get(key)):
                 raise HodoError(f"sweeps {self.name} and {other.name} have other values of {key}")

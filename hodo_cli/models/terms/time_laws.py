@@ -184,11 +184,9 @@ def resolved(coefficient: Any, constants: CaseConstants) -> Any:
 
 
 def scaled(coefficient: Any, factor: Any) -> Any:
-    """A coefficient times a factor."""
+    """A number or an expression times a factor."""
     if isinstance(coefficient, Formula):
         return coefficient._replace(factor=factor * coefficient.factor)
-    if isinstance(coefficient, tuple):
-        return tuple(factor * x for x in coefficient)
     return factor * coefficient
 
 

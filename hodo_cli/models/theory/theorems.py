@@ -7,11 +7,11 @@ is left, sigma in 0 to 1:
     p^2 = sigma G^2 (b - c)/(a b (a - c)),    r^2 = sigma G^2 (a - b)/(b c (a - c)),
     q^2 = (1 - sigma) G^2/b^2,                W = (a - b)(b - c) G^2/(b (a - c)).
 
-Under damping -lambda_i A_i omega_i, quadratic drag -c_i |omega| A_i omega_i or -e_i A_i omega_i
-|omega_i|, fluid with the coefficient kappa and any torque along G
+Under damping -lambda_i A_i omega_i, quadratic drag -c_i |omega| A_i omega_i, fluid with the
+coefficient kappa and any torque along G
 
     D' = 2 W sigma {kappa G^2 [alpha sigma + beta (1 - sigma)] - (lambda_1 - lambda_3)
-                    - (c_1 - c_3) |omega| - (e_1 |p| - e_3 |r|)},
+                    - (c_1 - c_3) |omega|},
     alpha = (a - c) b (a + c - b)/(abc)^2,    beta = (a - c) [2ac - b (a + c - b)]/(abc)^2,
 
 with alpha, beta >= 0 for every body. Where all terms that are there have one sign, there is one
@@ -30,8 +30,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..rigid_body import SEPARATRIX, enclosed_axis, inertia_order
-from .principal_axes import is_diagonal
+from ..rigid_body import SEPARATRIX, enclosed_axis, inertia_order, is_diagonal
 
 
 class Dissipation(NamedTuple):

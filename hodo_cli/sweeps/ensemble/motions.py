@@ -35,12 +35,6 @@ no ensemble was off by more than three tolerances. It leaves few random motions 
 single cases: of 200,000 tensors 10, at 20 ms each, and of as many linear-diag none."""
 
 
-STEP_ROUNDING, PER_STEP = 2.0**-52, 1 / 16
-"""The part of a state that a step is taken to lose to rounding, and, in tolerances, to the end of
-the series. What follows for the times of crossings was two to three times the largest error in
-random ensembles of all models (tests/test_sweep.py), and some fifty times the common one."""
-
-
 class Rejection(Coded):
     """Why a motion is not accepted, in the words of a result."""
 
@@ -195,14 +189,6 @@ class Ensemble:
         tilts = [size + 1e-100j * np.eye(len(y))[:, [i]] for i in range(len(y))]
         slopes = [np.abs(np.imag(event.function(t, [*tilt], k))) / 1e-100 for tilt in tilts]
         return np.asarray(self.error_bound * size * sum(slopes))
-
-    def errors_of_times(
-        self, uncertainty: np.ndarray, times: np.ndarray, taken: np.ndarray
-    ) -> np.ndarray:
-        """The errors (k,) of times by what so many steps lose, where a side is uncertain for so
-        long if the error of a state is its bound."""
-        certain_part = (STEP_ROUNDING + PER_STEP * self.tol) * taken / self.error_bound
-        return np.asarray(certain_part * uncertainty + np.spacing(np.abs(times)) / 2)
 
     def side(self, event: Event, t: Any, y: np.ndarray) -> np.ndarray:
         """The sign (n,) of an event's function in states y (m, n) at the time t, 0 where it is
