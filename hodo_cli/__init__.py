@@ -19,7 +19,7 @@ __all__ = [
     "sweep",
 ]
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 STARTED = time.time()
 """When this process began to load hodo. A source that changes later may be loaded or not."""

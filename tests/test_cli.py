@@ -469,14 +469,14 @@ def test_methods_are_a_paragraph_for_a_paper(two_results: Path) -> None:
     done = call(two_results, "show", "--methods", "b.yaml")
     assert done.returncode == 0, done.stderr
     text = " ".join(done.stdout.split())
-    assert text.startswith("With hodo 0.2.0")
+    assert text.startswith("With hodo 0.3.0")
     # A motion by itself, and a sweep of two members.
     assert "3 motions of linear-diag (full) were computed: " in text
     of_series = "2.2e-19, below the rounding of double precision"
     # Collocation, where heyoka is not installed, has the tolerance of its rounding.
     assert f"a relative tolerance of {of_series if 'Taylor' in text else '7.1e-15'}" in text
     assert re.search(r"relative errors of the stored variables are at most \d\.\de-\d+ \(", text)
-    assert text.endswith("To be cited: hodo 0.2.0.")
+    assert text.endswith("To be cited: hodo 0.3.0.")
     assert "of them" not in text  # of all
     assert max(map(len, done.stdout.splitlines())) <= 100
     (two_results / "e.yaml").write_text(
