@@ -830,9 +830,9 @@ def test_every_command_takes_a_sweep(small: Path) -> None:
         assert rows["some"]["end"] == "x1 33.3 %, x3 66.7 %"
         assert rows["some"]["warnings"][0].startswith("2 of 3 members cross, first at ")
         assert rows["few"]["warnings"] == ['"crossings", their number, is not stored']
-    done = call(small, "plot", "a.yaml", "--out", ".", "--format", "csv")
+    done = call(small, "plot", "a.h5", "--out", ".", "--format", "csv")
     assert done.returncode == 0, done.stderr
-    path = small / "figures" / "a" / "sphere.csv"
+    path = small / "a" / "sphere.csv"
     table = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
     assert np.array_equal(table["crossing_time"], times[[0, 2]].ravel(), equal_nan=True)
 
