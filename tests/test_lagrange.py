@@ -2,6 +2,7 @@
 wrong data."""
 
 import csv
+import itertools
 import math
 import os
 import random
@@ -89,7 +90,7 @@ def test_the_roots_at_the_start_are_those_of_the_papers_table(
     assert values["u2"] == pytest.approx(math.cos(PAPER3[name].data["initial"]["theta"]), rel=1e-15)
 
 
-@pytest.mark.parametrize("m1", [1 - 1e-9, 0.9, 0.5, 0.1, 1e-3, 1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("m1", [1 - 1e-9, 0.5, 1e-3, 1e-12])
 def test_the_mean_by_the_arithmetic_geometric_mean_is_that_by_elliptic_integrals(m1: float) -> None:
     e, w = 1 - m1, 1 + m1  # u3 - u1 = 2, so that 1 - k^2 = m1
     with mpmath.workdps(40):
@@ -137,13 +138,8 @@ def test_the_right_hand_sides_are_the_derivatives_of_integrals_and_roots(
 def write(value: Any) -> str:
     """A resolved value as YAML."""
     if isinstance(value, dict):
-        return (
-            "{"
-            + ", ".join(
-                f"{name}: {write(item)}" for name, item in value.items() if item is not None
-            )
-            + "}"
-        )
+        items = (f"{name}: {write(item)}" for name, item in value.items() if item is not None)
+        return f"{{{', '.join(items)}}}"
     return str(list(value)) if isinstance(value, tuple) else str(value)
 
 
@@ -185,40 +181,39 @@ def test_the_averaged_motion_is_that_of_the_independent_reference(name: str) -> 
 
 
 def test_errors_are_as_small_as_promised() -> None:
-    cases = [PAPER3[name] for name in ("case1", "case2", "case3")]
-    for top in cases:
-        assert integrate(top).error < 10 * CLOSE
+    for name in ("case1", "case2", "case3"):
+        assert integrate(PAPER3[name]).error < 10 * CLOSE
 
 
-@pytest.mark.parametrize("form", [*AVERAGED, "full"])
-def test_r_decays_as_the_closed_form_says(form: str) -> None:
-    top = case(form=form, epsilon="0.05" if form == "full" else "")
-    motion = integrate(top)
-    t, v = motion.time, motion.variables
-    r = v["omega"][:, 2] if form == "full" else v["r"]
-    expected = math.sqrt(3) * np.exp(-(0.1 * t + t * t / 2))  # eq. (3.3)
-    assert np.abs(r - expected).max() < CLOSE
+SPINS = {
+    "eq. (3.3)": ({}, lambda t: 0.1 * t + t * t / 2),
+    "square": ({"b": "[0.1, 0.2, 0.3]"}, lambda t: 0.1 * t + 0.1 * t**2 + 0.1 * t**3),
+    "exponential": ({"b": "0.3*exp(-0.7*t)"}, lambda t: 0.3 * -np.expm1(-0.7 * t) / 0.7),
+    "power": (
+        {"b": "0.3*exp(-1.5*log(1 + 2*t))"},
+        lambda t: 0.3 * (1 - (1 + 2 * t) ** -0.5),
+    ),
+    "driven": (
+        {"a": "0", "b": "0", "m": "0.2"},
+        lambda t: -np.log(1 + 0.2 * t / math.sqrt(3)),
+    ),
+}
 
 
 @pytest.mark.parametrize(
-    ("b", "integral"),
-    [
-        ("[0.1, 0.2, 0.3]", lambda t: 0.1 * t + 0.1 * t**2 + 0.1 * t**3),
-        ("0.3*exp(-0.7*t)", lambda t: 0.3 * -np.expm1(-0.7 * t) / 0.7),
-        (
-            "0.3*exp(-1.5*log(1 + 2*t))",
-            lambda t: 0.3 * (1 - (1 + 2 * t) ** -0.5),
-        ),
-    ],
+    ("form", "spin"),
+    [*itertools.product(("averaged", "full"), SPINS), ("averaged-u", "eq. (3.3)")],
 )
-def test_each_law_of_resistance_is_what_it_says(b: str, integral: Any) -> None:
-    motion = integrate(case(b=b))
-    assert (
-        np.abs(motion.variables["r"] - math.sqrt(3) * np.exp(-integral(motion.time))).max() < CLOSE
-    )
+def test_r_decays_as_the_closed_form_says(form: str, spin: str) -> None:
+    """And grows, under a torque m alone, at m/C."""
+    keys, integral = SPINS[spin]
+    motion = integrate(case(form=form, epsilon="0.05" if form == "full" else "", **keys))
+    t, v = motion.time, motion.variables
+    r = v["omega"][:, 2] if form == "full" else v["r"]
+    assert np.abs(r - math.sqrt(3) * np.exp(-integral(t))).max() < CLOSE
 
 
-@pytest.mark.parametrize("case_name", ["case1", "case2", "case3"])
+@pytest.mark.parametrize("case_name", ["case1", "case2"])
 def test_u3_rebounds_from_1_where_Gz_is_C_r(
     case_name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -236,9 +231,7 @@ def test_u3_rebounds_from_1_where_Gz_is_C_r(
     after = u3[path.time > event.time].max()
     assert np.interp(event.time, path.time, u3) - 1 < 1e-7
     assert u3.min() > 1 - 1e-14
-    assert after - 1 == pytest.approx(
-        {"case1": 0.0128, "case2": 0.0012, "case3": 4e-10}[case_name], rel=0.05
-    )
+    assert after - 1 == pytest.approx({"case1": 0.0128, "case2": 0.0012}[case_name], rel=0.05)
 
 
 def test_the_full_motion_is_that_of_the_independent_reference() -> None:
@@ -254,7 +247,7 @@ def distance(theta: str, epsilon: float, **given: str) -> np.ndarray:
     """The largest |difference| of Gz and of H between full and averaged over tau <= 3."""
     given |= {
         "initial": f"{{theta: {theta}, r: 1.7320508075688772}}",
-        "time": "{end: 3, samples: 3001}",
+        "time": "{end: 3, samples: 1501}",
     }
     full = integrate(case(form="full", epsilon=str(epsilon), **given))
     slow = integrate(case(form="averaged", **given)).variables
@@ -267,15 +260,15 @@ def distance(theta: str, epsilon: float, **given: str) -> np.ndarray:
 @pytest.mark.parametrize(
     ("theta", "expected"),
     [
-        ("5 deg", [(1.51e-3, 2.37e-3), (3.2e-4, 5.4e-4), (6.9e-5, 1.1e-4)]),
-        ("60 deg", [(1.98e-3, 4.35e-3), (4.9e-4, 1.07e-3), (1.2e-4, 2.7e-4)]),
-        ("150 deg", [(1.4e-4, 3.6e-4), (3.6e-5, 8.9e-5), (9.0e-6, 2.2e-5)]),
+        ("5 deg", [(1.51e-3, 2.37e-3), (3.2e-4, 5.4e-4)]),
+        ("60 deg", [(1.98e-3, 4.35e-3), (4.9e-4, 1.07e-3)]),
+        ("150 deg", [(1.4e-4, 3.6e-4), (3.6e-5, 8.9e-5)]),
     ],
 )
 def test_full_and_averaged_differ_in_proportion_to_epsilon(
     theta: str, expected: list[tuple[float, float]]
 ) -> None:
-    small = [0.02, 0.005, 0.00125]
+    small = [0.02, 0.005]
     distances = np.array([distance(theta, epsilon) for epsilon in small])
     # The numbers are known to two or three digits from an independent calculation.
     assert distances == pytest.approx(np.array(expected), rel=0.03)
@@ -283,43 +276,29 @@ def test_full_and_averaged_differ_in_proportion_to_epsilon(
         assert np.polyfit(np.log(small), np.log(column), 1)[0] == pytest.approx(1, abs=0.12)
 
 
-@pytest.mark.parametrize("form", ["full", "averaged"])
-def test_an_axial_torque_alone_spins_the_top_up_at_its_own_rate(form: str) -> None:
-    top = case(form=form, epsilon="0.05" if form == "full" else "",
-               a="0", b="0", m="0.2", initial="{theta: 60 deg, r: 2}")  # fmt: skip
-    motion = integrate(top)
-    spin = motion.variables["omega"][:, 2] if form == "full" else motion.variables["r"]
-    C = top.data["inertia"]["C"]
-    assert spin == pytest.approx(2 + 0.2 / C * motion.time, rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    "theta", ["5 deg", "60 deg", "150 deg", "0", "1e-5", "3.141592652589793", "180 deg"]
-)
+@pytest.mark.parametrize("theta", ["5 deg", "150 deg", "0", "1e-5", "3.141592652589793", "180 deg"])
 def test_a_start_by_integrals_is_that_by_the_angle(theta: str) -> None:
-    angle = case(initial=f"{{theta: {theta}, r: 2}}")
-    values = first(angle)
+    values = first(case(initial=f"{{theta: {theta}, r: 2}}"))
     initial = f"{{Gz: {values['Gz']!r}, H: {values['H']!r}, r: 2}}"
     again = first(case(initial=initial))
     # The rounding of Gz and H moves a double root by the root of 1e-16.
     assert [again[name] for name in values] == pytest.approx(list(values.values()), abs=3e-8)
+    assert_full_start_has(initial, values["Gz"], values["H"])
+
+
+def assert_full_start_has(initial: str, Gz: float, H: float) -> None:
     full = case(form="full", epsilon="0.1", initial=initial)
     p, q, r, *gamma = start(full)
     assert math.hypot(*gamma) == pytest.approx(1, rel=1e-15)
-    assert lagrange.first_integrals((p, q, r), gamma, constants(full)) == pytest.approx(
-        (values["Gz"], values["H"]), rel=1e-14
-    )
+    found = lagrange.first_integrals((p, q, r), gamma, constants(full))
+    assert found == pytest.approx((Gz, H), rel=1e-14)
 
 
 def test_a_full_start_may_pass_through_the_vertical() -> None:
-    full = case(
-        form="full", epsilon="0.1", initial="{Gz: 2, H: 3.3, r: 2}"
-    )  # Gz = C r: u2 = 1, and it moves there
-    p, q, r, *gamma = start(full)
-    assert math.hypot(*gamma) == pytest.approx(1, rel=1e-15)
-    assert lagrange.first_integrals((p, q, r), gamma, constants(full)) == pytest.approx(
-        (2, 3.3), rel=1e-14
-    )
+    # Gz = C r: u2 = 1, and it moves there.
+    assert_full_start_has("{Gz: 2, H: 3.3, r: 2}", 2, 3.3)
+    still = integrate(case(form="full", epsilon="0.05", initial="{theta: 0, r: 1}"))
+    assert np.array_equal(still.variables["gamma"], np.tile([0.0, 0.0, 1.0], (41, 1)))
 
 
 @pytest.mark.parametrize("theta", [1e-9, math.pi - 1e-9])
@@ -368,16 +347,6 @@ def test_a_hanging_top_hangs() -> None:
     assert np.abs(motion.variables["u2"] + 1).max() < 1e-14
     assert motion.variables["Gz"][0] == pytest.approx(-2, rel=1e-15)
     assert np.abs(motion.variables["Gz"] + motion.variables["r"]).max() < CLOSE
-
-
-def test_the_full_top_is_regular_at_the_vertical() -> None:
-    motion = integrate(case(form="full", epsilon="0.05", initial="{theta: 0, r: 1}"))
-    assert np.array_equal(motion.variables["gamma"], np.tile([0.0, 0.0, 1.0], (41, 1)))
-
-
-def test_a_constant_is_a_polynomial_of_one_coefficient() -> None:
-    assert case(a="0.1") == case(a="[0.1]")
-    assert case(b="0.2") == case(b="[0.2]")
 
 
 @pytest.mark.heyoka
@@ -448,15 +417,11 @@ def test_wrong_data_are_refused(given: dict[str, str], message: str) -> None:
         case(**given)
 
 
-def validity_warnings(case: Case) -> list[str]:
-    return case.system.warnings
-
-
 def test_what_makes_the_averages_doubtful_is_said() -> None:
-    assert not any(validity_warnings(top) for top in PAPER3.values())
-    (negative,) = validity_warnings(case(b="[1, -0.1]"))
+    assert not any(top.system.warnings for top in PAPER3.values())
+    (negative,) = case(b="[1, -0.1]").system.warnings
     assert "b has a negative coefficient" in negative
-    (near,) = validity_warnings(case(initial="{theta: 1e-5, r: 1}"))
+    (near,) = case(initial="{theta: 1e-5, r: 1}").system.warnings
     assert "1 - k^2 = 5.6e-11" in near
 
 
@@ -469,19 +434,6 @@ def test_arrays_of_states_are_the_states_one_by_one(form: str) -> None:
     y, k = np.array([start(top) for top in tops]).T, constants(tops[0])
     expected = np.array([FORMS[form].rhs(0.3, column, k) for column in y.T]).T
     assert np.array(FORMS[form].rhs(0.3, y, k)) == pytest.approx(expected, rel=1e-14, abs=1e-16)
-
-
-def test_the_nutation_at_the_start_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    top, calls = case(form="averaged"), []
-    computed = lagrange.nutation_at_start
-    monkeypatch.setattr(
-        lagrange, "nutation_at_start", lambda *data: calls.append(data) or computed(*data)
-    )
-    system = top.system
-    assert system.start
-    assert system.warnings == []
-    assert system.run_events == ()
-    assert len(calls) == 1
 
 
 def random_top(rng: random.Random) -> dict[str, str]:
@@ -501,7 +453,7 @@ def random_top(rng: random.Random) -> dict[str, str]:
 
 
 # Those left out take up to half a minute, or two without heyoka, and no other way.
-EVERY_RUN = [2, 4, 5, 6, 8, 9, 10] if have_taylor() else [2, 4]
+EVERY_RUN = [2, 4, 6, 9] if have_taylor() else [2, 4]
 SEEDS = range(int(os.environ["HODO_FUZZ"])) if "HODO_FUZZ" in os.environ else EVERY_RUN
 
 
