@@ -1,7 +1,7 @@
 """Attitude: beside every body-frame model and the full top, against numbers of twenty digits, the
 closed form, and what is constant in space.
 
-HODO_FUZZ sets the number of random bodies (default 200).
+HODO_FUZZ sets the number of random bodies (default 24).
 """
 
 import json
@@ -25,12 +25,11 @@ from test_own_time import TIMED, random_body, scaled
 
 from hodo_cli import Case, HodoError, derive, plot, sweep
 from hodo_cli import run as run_case
-from hodo_cli.cases.config import parse
 from hodo_cli.integration import Trajectory, integrate, solve
 from hodo_cli.models.theory import exact
 from hodo_cli.results.dataset import motion_from
 
-COUNT = int(os.environ.get("HODO_FUZZ", "60"))
+COUNT = int(os.environ.get("HODO_FUZZ", "24"))
 
 A = [1, 0.8, 0.6]
 B = {"p": 0.8, "q": 0.5, "r": 0.74}
@@ -172,14 +171,13 @@ def test_nothing_drifts() -> None:
     assert in_space(motion) == pytest.approx(np.tile([0.8, 0.4, 0.444], (11, 1)), abs=2e-12)
 
 
-@pytest.mark.parametrize("size", [500, -500])
-def test_at_any_scale_the_attitude_is_the_same(size: int) -> None:
-    s = 2.0**size
+def test_at_any_scale_the_attitude_is_the_same() -> None:
     plain, _ = classified(made(60, damping=[0.005, 0.004, 0.003]))
-    initial = {name: x * s for name, x in B.items()}
-    damping = [0.005 * s, 0.004 * s, 0.003 * s]
-    far, _ = classified(made(60 / s, damping=damping, initial=initial))
-    assert apart(attitudes(far), attitudes(plain)) < 1e-13
+    for s in (2.0**500, 2.0**-500):
+        initial = {name: x * s for name, x in B.items()}
+        damping = [0.005 * s, 0.004 * s, 0.003 * s]
+        far, _ = classified(made(60 / s, damping=damping, initial=initial))
+        assert apart(attitudes(far), attitudes(plain)) < 1e-13
 
 
 def test_back_in_time() -> None:
@@ -406,34 +404,26 @@ def test_warned(attitude: dict[str, Any], words: str) -> None:
 
 
 def test_a_case_without_it_is_as_before() -> None:
-    """`attitude: no` is the case without the key, and no case knows of it that does not name it."""
+    """`attitude: no` is the case without the key."""
     plain = made(1, attitude="no")
     assert "attitude" not in plain.entries
     assert plain.system.equations.state == ("p", "q", "r")
-    assert made(1).system.equations == made(2).system.equations != plain.system.equations
     named = made(1, attitude={"euler": ["60 deg", 1, 2]})
     assert Case.of(named.entries) == named
 
 
-@pytest.mark.parametrize("sweep", [
-    "attitude: {align: G}, sweep: {attitude.euler.1: {values: [1]}}",
-    "attitude: yes, sweep: {attitude.eulr.1: {values: [1]}}",
-])  # fmt: skip
-def test_a_sweep_of_no_number_of_the_attitude_is_refused(sweep: str) -> None:
-    body = "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 2, r: 3}, time: {end: 1}"
-    with pytest.raises(HodoError, match=r"a.yaml:1:.*: the case has no such number: attitude"):
-        parse(f"cases: {{a: {{{body}, {sweep}}}}}", "a.yaml")
+@pytest.mark.parametrize("key", ["euler.1", "eulr.1"])
+def test_a_sweep_of_no_number_of_the_attitude_is_refused(key: str) -> None:
+    with pytest.raises(HodoError, match="the case has no such number: attitude"):
+        made(1, attitude={"align": "G"}, sweep={f"attitude.{key}": {"values": [1]}})
 
 
 def test_warnings_name_the_members_at_both_ends(hodo: Hodo, tmp_path: Path) -> None:
-    case = {"model": "linear-diag", "inertia": A, "initial": B, "attitude": {"euler": [0, 0, 0]}}
-    case |= {"time": {"end": 1}, "sweep": {"attitude.euler.0": {"values": [0, 1, 2]}}}
+    case = made(1, attitude={"euler": [0, 0, 0]}).entries
+    case |= {"sweep": {"attitude.euler.0": {"values": [0, 1, 2]}}}
     (tmp_path / "a.yaml").write_text(json.dumps({"cases": {"a": case}}))
-    done = hodo("run", "a.yaml", "-v")
-    assert (
-        "first and last of 3 members (only the first and the last are checked): the start is"
-        in done.stderr
-    )
+    said = "first and last of 3 members (only the first and the last are checked): the start is"
+    assert said in hodo("run", "a.yaml", "-v").stderr
 
 
 @pytest.mark.heyoka
@@ -487,53 +477,39 @@ figures:
 
 
 def test_figures_take_the_momentum_of_body_and_fluid() -> None:
-    """Row 12: it stays to O(kappa^2), ten times as far as kappa is smaller twice over."""
-    body = {"inertia": A, "initial": C, "time": {"end": 60, "samples": 601}, "attitude": "yes"}
-    names = [f"total_space.{axis}" for axis in "xyz"]
-    for model in ("cavity+constant", "torques"):
-        motion = run_case({**body, "model": model, "kappa": 0.03})
-        panels = plot(motion, "series", variables=names).axes
-        total = np.stack([panel.lines[0].get_ydata() for panel in panels], axis=-1)
-        moved = np.linalg.norm(total - total[0], axis=1).max()
-        assert moved == pytest.approx(2.19e-4, rel=3e-2)
-    free = run_case({**body, "model": "linear-diag", "damping": 0})
+    """Row 12: it stays to O(kappa^2)."""
+    time, names = {"end": 60, "samples": 601}, [f"total_space.{axis}" for axis in "xyz"]
+    motion = run_case(made(60, model="torques", kappa=0.03, initial=C, time=time))
+    panels = plot(motion, "series", variables=names).axes
+    total = np.stack([panel.lines[0].get_ydata() for panel in panels], axis=-1)
+    moved = np.linalg.norm(total - total[0], axis=1).max()
+    assert moved == pytest.approx(2.19e-4, rel=3e-2)
     with pytest.raises(HodoError, match=r"has no kappa, which total_space.x needs"):
-        plot(free, "series", variables=names)
+        plot(run_case(made(60, damping=0)), "series", variables=names)
 
 
-@pytest.mark.parametrize(
-    "law",
-    [
-        "0.02 - 0.0004*t + 5e-6*t**2",
-        "0.02*exp(-0.05*t)",
-        "0.02*(1 + 0.05*t)**-1",
-    ],
-)
-def test_the_momentum_of_body_and_fluid_stays_under_a_law_of_time_too(law: Any) -> None:
+def test_the_momentum_of_body_and_fluid_stays_under_a_law_of_time_too() -> None:
     """By the kappa of each moment: that of the start is off by some 6e-3."""
-    body = {"model": "torques", "inertia": A, "initial": B, "attitude": "yes", "kappa": law}
-    motion = run_case({**body, "time": {"end": 40, "samples": 401}}, classify=False)
+    law, time = "0.02*exp(-0.05*t)", {"end": 40, "samples": 401}
+    motion = run_case(made(40, model="torques", kappa=law, time=time), classify=False)
     total = derive(motion, "total_space").total_space.values
     assert np.abs(total - total[0]).max() < 2 * 0.02**2
 
 
 def test_only_the_member_without_an_attitude_is_invalid() -> None:
     """A quaternion of length 0 among others is no reason to lose these."""
-    case = {"model": "linear-diag", "inertia": A, "damping": 0, "initial": B, "time": {"end": 6},
-            "attitude": {"initial": [1, 0, 0, 0]}}  # fmt: skip
-    axis = {"attitude.initial.0": {"values": [0, 1, 2]}}
-    members = sweep({**case, "sweep": axis})
+    case = made(6, damping=0, attitude={"initial": [1, 0, 0, 0]}).entries
+    members = sweep({**case, "sweep": {"attitude.initial.0": {"values": [0, 1, 2]}}})
     assert members.status.values.tolist() == [3, 0, 0]
-    last = run_case(case).attitude[-1]
     assert np.isnan(members.attitude.values[0]).all()
-    turned = members.attitude.values
-    assert turned[1:] == pytest.approx(np.array([last, last]), abs=1e-13)
+    last = run_case(case).attitude[-1]
+    assert members.attitude.values[1:] == pytest.approx(np.array([last, last]), abs=1e-13)
 
 
 def test_angles_count_whole_turns_or_say_that_they_cannot() -> None:
     """psi and phi of few samples against those of many, where x3 passes close to the vertical."""
     chance, given, missing = np.random.default_rng(7), 0, 0
-    for _ in range(8):
+    for _ in range(4):
         longest = chance.uniform(1, 2)
         A1, A2, A3 = longest, longest * chance.uniform(0.7, 1), longest * chance.uniform(0.4, 0.7)
         omega, Q = dict(zip("pqr", chance.normal(size=3), strict=True)), chance.normal(size=4)
@@ -544,12 +520,13 @@ def test_angles_count_whole_turns_or_say_that_they_cannot() -> None:
             time = {"end": 30, "samples": samples}
             return derive(run_case({**body, "time": time}, classify=False), "psi", "phi")
 
-        fine = angles_at(12001)
-        for samples, name in product((31, 61, 121, 241, 601), ("psi", "phi")):
-            few = angles_at(samples)[name].values
-            apart = np.abs(few - fine[name].values[:: 12000 // (samples - 1)])
-            assert not (apart > 1e-6).any()
-            given, missing = given + 1, missing + np.isnan(few).any()
+        fine = angles_at(6001)
+        for samples in (61, 121, 601):
+            few = angles_at(samples)
+            for name in ("psi", "phi"):
+                apart = np.abs(few[name] - fine[name].values[:: 6000 // (samples - 1)])
+                assert not (apart > 1e-6).any()
+                given, missing = given + 1, missing + bool(np.isnan(few[name]).any())
     assert missing < given / 8
 
 
@@ -557,7 +534,7 @@ def test_angles_that_lose_turns_between_samples_are_named() -> None:
     """psi of 101 samples is no number beyond the first turn that they miss."""
     body = {"model": "linear-diag", "inertia": [3, 2, 1.2], "damping": 0.003, "attitude": "yes",
             "initial": {"p": 0.3, "q": 1.1, "r": 0.2}}  # fmt: skip
-    for samples, lines in ((101, 1), (20001, 0)):
+    for samples, lines in ((101, 1), (10001, 0)):
         motion = run_case({**body, "time": {"end": 600, "samples": samples}})
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
@@ -565,7 +542,7 @@ def test_angles_that_lose_turns_between_samples_are_named() -> None:
         assert sum("is not known between its samples" in f"{w.message}" for w in caught) == lines
 
 
-@pytest.mark.parametrize("rotor", [[0.1, -0.2, 0.15], [0, 0, 0.2], None])
+@pytest.mark.parametrize("rotor", [[0.1, -0.2, 0.15], None])
 @pytest.mark.parametrize("inertia", [[1, 0.8, 0.6], [[1, 0.1, 0], [0.1, 0.8, 0], [0, 0, 0.6]]])
 def test_a_body_with_a_rotor_turns_on_where_a_brake_has_stopped_G(
     inertia: Any, rotor: list[float] | None
