@@ -115,7 +115,7 @@ def time_of_stop(brake: float, rotor: Any, torque: Callable[[float, np.ndarray],
     return float(ivp.y[4, -1])
 
 
-@pytest.mark.parametrize("h", [(0.1, 0.2, -0.3), (0.0, 0.0, 0.3), (0.0, 0.0, 0.0)])
+@pytest.mark.parametrize("h", [(0.1, 0.2, -0.3), (0.0, 0.0, 0.0)])
 @pytest.mark.parametrize("term", ["damping", "expression"])
 def test_the_stop_beside_other_torques_is_known_to_its_stated_error(term: str, h: Any) -> None:
     terms = {"damping": [0.01, 0.02, 0.03], "expression": ["0.005*sin(t)", "0", "0.001"]}
@@ -187,13 +187,6 @@ def test_a_crossing_in_other_axes_comes_at_the_same_time() -> None:
     assert ours.growth_rate.data == pytest.approx(theirs.growth_rate.data, nan_ok=True, rel=1e-12)
 
 
-def test_a_diagonal_tensor_is_its_moments() -> None:
-    ours = run(60, inertia=np.diag(BODY).tolist(), kappa=0.02)
-    theirs = run(60, kappa=0.02)
-    assert ours.omega.data == pytest.approx(theirs.omega.data, abs=1e-14)
-    assert ours.principal_axes.data.tolist() == np.eye(3).tolist()
-
-
 def test_the_attitude_of_a_gyrostat_keeps_its_whole_momentum_in_space() -> None:
     case = turned_case(rotor=ROTOR)
     ds = run(60, **case, attitude={"align": "G"})
@@ -202,24 +195,6 @@ def test_the_attitude_of_a_gyrostat_keeps_its_whole_momentum_in_space() -> None:
     G = body_to_space.apply(ds.omega.data @ J + h)
     size = np.linalg.norm(G[0])
     assert np.abs(G - [0, 0, size]).max() < 1e-13
-
-
-def test_a_sweep_of_rotors_is_its_members() -> None:
-    sweep = {"rotor.2": {"values": [0.0, 0.1, 0.2]}}
-    ds = hodo.sweep(
-        {
-            "model": "torques", "inertia": BODY, "initial": B, "damping": [0.005, 0.004, 0.003],
-            "rotor": [0, 0, 0], "time": {"end": 300}, "sweep": sweep, "error": "off",
-            "store": ["omega", "start_axis", "end_axis", "crossings", "separation"],
-        }
-    )  # fmt: skip
-    single = [run(300, rotor=[0, 0, h], damping=[0.005, 0.004, 0.003]) for h in (0.0, 0.1, 0.2)]
-    last = np.array([one.omega.data[-1] for one in single])
-    assert ds.omega.data == pytest.approx(last, abs=1e-13)
-    for name in ("start_axis", "end_axis"):
-        assert ds[name].data.tolist() == [-1, -1, -1]
-    assert not ds.crossings.data.any()
-    assert np.isinf(ds.separation.data).all()
 
 
 def test_starts_on_a_sphere_have_the_momentum_of_body_and_rotor() -> None:
