@@ -9,7 +9,6 @@ import math
 import os
 import random
 import re
-import warnings
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -504,42 +503,6 @@ def test_only_the_member_without_an_attitude_is_invalid() -> None:
     assert np.isnan(members.attitude.values[0]).all()
     last = run_case(case).attitude[-1]
     assert members.attitude.values[1:] == pytest.approx(np.array([last, last]), abs=1e-13)
-
-
-def test_angles_count_whole_turns_or_say_that_they_cannot() -> None:
-    """psi and phi of few samples against those of many, where x3 passes close to the vertical."""
-    chance, given, missing = np.random.default_rng(7), 0, 0
-    for _ in range(4):
-        longest = chance.uniform(1, 2)
-        A1, A2, A3 = longest, longest * chance.uniform(0.7, 1), longest * chance.uniform(0.4, 0.7)
-        omega, Q = dict(zip("pqr", chance.normal(size=3), strict=True)), chance.normal(size=4)
-        body = {"model": "linear-diag", "inertia": [A1, A2, A3], "damping": 0, "initial": omega,
-                "attitude": {"initial": Q / np.linalg.norm(Q)}}  # fmt: skip
-
-        def angles_at(samples: int, body: dict[str, Any] = body) -> Any:
-            time = {"end": 30, "samples": samples}
-            return derive(run_case({**body, "time": time}, classify=False), "psi", "phi")
-
-        fine = angles_at(6001)
-        for samples in (61, 121, 601):
-            few = angles_at(samples)
-            for name in ("psi", "phi"):
-                apart = np.abs(few[name] - fine[name].values[:: 6000 // (samples - 1)])
-                assert not (apart > 1e-6).any()
-                given, missing = given + 1, missing + bool(np.isnan(few[name]).any())
-    assert missing < given / 8
-
-
-def test_angles_that_lose_turns_between_samples_are_named() -> None:
-    """psi of 101 samples is no number beyond the first turn that they miss."""
-    body = {"model": "linear-diag", "inertia": [3, 2, 1.2], "damping": 0.003, "attitude": "yes",
-            "initial": {"p": 0.3, "q": 1.1, "r": 0.2}}  # fmt: skip
-    for samples, lines in ((101, 1), (10001, 0)):
-        motion = run_case({**body, "time": {"end": 600, "samples": samples}})
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            plot(motion, "series", variables=["psi"])
-        assert sum("is not known between its samples" in f"{w.message}" for w in caught) == lines
 
 
 @pytest.mark.parametrize("rotor", [[0.1, -0.2, 0.15], None])

@@ -4,13 +4,9 @@ HODO_FUZZ sets the number of bodies drawn (default 60, of which some four can be
 heyoka half of them are.
 """
 
-import math
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import pytest
 import series
 from conftest import classified
@@ -18,9 +14,6 @@ from tangents import Tangent, near_tangents
 
 from hodo_cli import Case, engines
 from hodo_cli.cases.case import Time
-from hodo_cli.engines import protocol
-from hodo_cli.models.base import Event
-from hodo_cli.models.rigid_body import BodyFrame
 
 SEPARATIONS = [10.0**-n for n in range(2, 11)] + [-1e-3, -1e-6, -1e-8]
 DRAWS = range(int(os.environ.get("HODO_FUZZ", "60")))
@@ -96,34 +89,3 @@ def test_pairs_after_a_stiff_transient() -> None:
     assert [(c.start, c.end) for c in found.crossings] == [(1, 3), (3, 1)] * 6
     for crossing, time in zip(found.crossings, expected, strict=False):
         assert abs(crossing.time - time) <= 1e-12 * time
-
-
-@dataclass(frozen=True)
-class Swing(BodyFrame):
-    """p'' = -p from p = 0, p' = 1: p = sin t."""
-
-    name = "swing"
-    form = "full"
-
-    @staticmethod
-    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        return y[1], -y[0], 0 * y[2]
-
-
-@pytest.mark.parametrize("depth", [1e-2, 1e-4, 1e-6, -1e-6])
-def test_an_event_that_comes_in_pairs_is_found(depth: float) -> None:
-    """Near its turning point p passes 1 - depth up and down within 2 sqrt(2 depth), less than any
-    step."""
-    event = Event("turn", lambda t, y, k: y[0] - (1 - depth))
-    tol, swing = 1e-13, Swing((1.0, 1.0, 1.0), {})
-    engine = engines.engine_for("collocation", swing, (event,), tol, "double")
-    stretch = engine.integrate(
-        {}, np.array([0.0, 1.0, 0.0]), np.array([0.0, 20.0]), protocol.StepControl()
-    )
-    half = math.acos(1 - depth) if depth > 0 else math.nan
-    turns = [math.pi / 2 + 2 * math.pi * n for n in range(3)] if depth > 0 else []
-    expected = [when for turn in turns for when in (turn - half, turn + half)]
-    assert [np.sign(root.state[1]) for root in stretch.roots] == [1, -1] * len(turns)
-    # The error of p over that of its slope there.
-    bound = 1e3 * tol / math.sqrt(abs(depth))
-    assert [root.time for root in stretch.roots] == pytest.approx(expected, abs=bound)
