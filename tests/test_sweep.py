@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import series
 import xarray as xr
-from conftest import ROOT, Hodo, call, classified, exact_motion, wait_until
+from conftest import ROOT, Hodo, call, classified, wait_until
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -26,9 +26,8 @@ from hodo_cli.batch import Pool
 from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import run
-from hodo_cli.engines import protocol
-from hodo_cli.integration import choice, cross, integrate
-from hodo_cli.models import base, rigid_body
+from hodo_cli.integration import cross, integrate
+from hodo_cli.models import rigid_body
 from hodo_cli.progress import Progress
 from hodo_cli.storage import Group, open_run
 from hodo_cli.sweeps import chunk, columns, members, summary, sweep
@@ -302,6 +301,10 @@ SINGLE = {
     "rotor and brake": f"{ROTOR}, {BODY_MOVES}, brake: 0.003, {SWEPT_ROTOR}",
     "rotor in space": f"{ROTOR}, {BODY_MOVES}, {SWEPT_ROTOR}, "
     "space_torque: {size: 0.01, direction: [1, 2, 3]}",
+    # On the separatrix, D = 0.2 p^2 - 0.12 r^2, on each principal axis, at rest.
+    "starts that decide nothing": f"{FIG4}, initial: {{p: 1, q: 1, r: 1}}, sweep: {{start: {{zip: "
+    f"{{initial.p: {{values: [{math.sqrt(0.6)!r}, 1, 0, 0, 0]}}, "
+    "initial.q: {values: [0, 0, 1, 0, 0]}, initial.r: {values: [1, 0, 0, 1, 0]}}}}",
     "1e-70 beside an axis": "model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 1500}, "
     "damping: [1e-3, 1e-3, 5e-3], initial: {p: 1e-70, q: 1, r: 1.5e-70}, "
     "sweep: {initial.p: {values: [1e-70, 1e-60, 0.1]}}",
@@ -317,71 +320,14 @@ def test_members_are_single_cases(kind: str) -> None:
         assert computed(case)["omega"][0] == pytest.approx([0.1411, -0.0022, 0.0699], abs=1e-4)
 
 
-FLUID = "model: cavity+constant, kappa: 0.6, torque: [0, 0, -0.1], time: {end: 1}, error: off"
-TOP = "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0.125, 1], b: [0.1, 1], "
-TOP += "time: {end: 1}, error: off"
-RELEASED, THROWN = "initial: {theta: 60 deg, r: 1.7}", "initial: {Gz: 1.7, H: 2, r: 1.7}"
-FULL = f"{TOP}, form: full, epsilon: 0.02"
-
-PREPARED = (
-    f"{FIG4}, {BODY_MOVES}, sweep: {{inertia.1: {{linspace: [0.3, 1.7, 199]}}}}",
-    f"{FIG12}, {BODY_MOVES}, sweep: {{resistance.diagonal: {{linspace: [0, 0.1, 199]}}}}",
-    f"{FLUID}, inertia: [8, 7, 4], {BODY_MOVES}, sweep: {{kappa: {{linspace: [0, 1, 199]}}}}",
-    f"{FLUID}, inertia: [8, 8, 4], form: averaged, initial: {{x: 1, y: 1}}, "
-    "sweep: {initial.y: {linspace: [0, 1, 199]}}",
-    f"{FULL}, {RELEASED}, sweep: {{initial.theta: {{linspace: [0, 3.14, 199]}}}}",
-    f"{FULL}, {THROWN}, sweep: {{initial.Gz: {{linspace: [1, 2, 199]}}}}",
-    f"{TOP}, form: averaged, {RELEASED}, sweep: {{inertia.C: {{linspace: [0.1, 4, 199]}}}}",
-    f"{TOP}, form: averaged-u, {RELEASED}, sweep: {{initial.r: {{linspace: [-2, 2, 199]}}}}",
-    f"{TOP}, form: averaged, {THROWN}, sweep: {{initial.H: {{linspace: [1, 3, 199]}}}}",
-)
-"""Sweeps that take models through their branches."""
-
-
-@pytest.mark.parametrize("text", PREPARED)
-def test_members_are_prepared_at_once_as_one_by_one(
-    text: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    case, every = one(text), np.arange(199)
-    singles = [*members.members_as_cases(case, every, 2)]
-    ready = [i for i in every if not any(type(case.system).check(singles[i].data))]
-    calls, described = [], members.described
-    monkeypatch.setattr(members, "described", lambda *given: calls.append(1) or described(*given))
-    found = members.prepare(case, every)
-    at = np.concatenate([some.members for some in found])
-    assert sorted(at) == ready
-    for some in found:
-        for i, *numbers in zip(some.members, some.constants.T, some.start.T, strict=True):
-            system = singles[i].system
-            assert some.model == system.equations
-            assert some.events == (*system.run_events, *system.class_events)
-            known = [base.flatten(system.constants), system.initial_state]
-            assert [x.tolist() for x in numbers] == [[*of] for of in known]
-    # Those that are refused go one by one, and the others in a part for each way they take.
-    assert len(calls) < 20 + len(every) - len(at)
-
-
 @pytest.mark.heyoka
-def test_the_papers_crossings_are_found() -> None:
-    """The values of paper 1's figures to all digits known (tests/test_crossings.py has their
-    source)."""
-    fig4 = one(
-        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: "
-        f"{{damping.2: {{values: [0.003, 0.002, 0.005]}}}}"
-    )
-    values = computed(fig4)
-    assert values["crossing_time"][:2] == pytest.approx(
-        [305.3589551667110497647, 198.558730104], rel=1e-12, nan_ok=True
-    )
-    assert values["crossings"].tolist() == [1, 1, 0]
-    fig12 = one(
-        f"{FIG12}, initial: {{p: 0.5, q: 0.25, r: 1.40435829552939}}, sweep: "
-        f"{{initial.q: {{values: [0.25]}}}}"
-    )
-    values = computed(fig12)
-    assert values["crossing_time"][0] == pytest.approx(256.993064559, rel=1e-11)
-    assert values["crossings"][0] == 3
+def test_the_shares_of_a_member_that_crosses_there_and_back() -> None:
+    """Of paper 1's Fig. 12 (tests/test_crossings.py has the source)."""
+    start = "initial: {p: 0.5, q: 0.25, r: 1.40435829552939}, sweep: {initial.q: {values: [0.25]}}"
+    values = computed(one(f"{FIG12}, {start}"))
     times = [0, 256.993064559, 396.993309847, 406.942439380, 1000]  # x3, x1, x3, x1
+    assert values["crossing_time"][0] == pytest.approx(times[1], rel=1e-11)
+    assert values["crossings"][0] == 3
     about_x1 = (times[2] - times[1] + times[4] - times[3]) / 1000
     assert values["share"][0] == pytest.approx([about_x1, 0, 1 - about_x1], abs=1e-11)
 
@@ -392,26 +338,6 @@ def test_the_last_sample_is_the_end_whatever_rounding_has_taken_from_the_time() 
     text = f"{brief}, {BALL}, sweep: {{d: {{sphere: {{count: 200}}}}}}"
     paths = computed(one(f"{text}, store: [trajectory]"))["omega"]
     np.testing.assert_allclose(paths[:, -1], computed(one(text))["omega"], rtol=0, atol=1e-15)
-
-
-@pytest.mark.heyoka
-@pytest.mark.parametrize("size", [1e-150, 1e150])
-def test_members_are_right_relative_to_their_size(size: float) -> None:
-    """Against the closed form; by the end the motion has fallen by up to e^-100, and |omega|^2 may
-    not be a double."""
-    case = one(f"model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0, error: off, time: "
-               f"{{end: {100 / size!r}}}, "
-               f"initial: {{p: {0.8 * size!r}, q: {0.5 * size!r}, r: {0.74 * size!r}}}, "
-               f"sweep: {{damping: {{values: [0, {0.01 * size!r}, {size!r}]}}}}")  # fmt: skip
-    values = computed(case)
-    for number in range(3):
-        member = members.member(case, number)
-        (omega,) = exact_motion(member, np.array([case.time.end]))
-        off = np.abs(values["omega"][number] - omega).max() / np.abs(omega).max()
-        assert (
-            off < 1e-12
-        )  # 100 radians: some 200 units in the last place, as one ulp in the data does
-        assert values["status"][number] == OK
 
 
 @pytest.mark.heyoka
@@ -429,23 +355,6 @@ def test_what_an_ensemble_cannot_settle_is_integrated_alone() -> None:
     single = integrate(members.member(case, 1))
     assert single.method != "taylor"
     assert values["omega"][1] == pytest.approx(single.variables["omega"][-1], rel=1e-6)
-
-
-def test_starts_that_decide_nothing() -> None:
-    """On the separatrix, on each principal axis, at rest; labels as the single case has them."""
-    on = math.sqrt(0.6)  # with (p, 0, r) = (sqrt(0.6), 0, 1): D = 0.2 p^2 - 0.12 r^2
-    zipped = (
-        f"initial.p: {{values: [{on!r}, 1, 0, 0, 0]}}, initial.q: {{values: [0, 0, 1, 0, 0]}}, "
-    )
-    zipped += "initial.r: {values: [1, 0, 0, 1, 0]}"
-    case = one(
-        f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], "
-        f"initial: {{p: 1, q: 1, r: 1}}, sweep: {{start: {{zip: {{{zipped}}}}}}}"
-    )
-    values = computed(case)
-    assert values["start_axis"].tolist() == [0, 1, 0, 3, -1]
-    assert values["crossings"].tolist() == [0] * 5
-    assert values["status"].tolist() == [OK] * 5
 
 
 @pytest.mark.heyoka
@@ -522,19 +431,6 @@ def test_members_that_do_not_end_well_are_marked(
     assert members.warnings_of_ends(case) == [] or "start" not in kind
 
 
-def test_members_have_the_limit_of_steps_that_cases_have(monkeypatch: pytest.MonkeyPatch) -> None:
-    """1e7 of them take a member to its end or to a timeout in some 10 s."""
-    for method in protocol.LAST_STEP:
-        monkeypatch.setitem(protocol.LAST_STEP, method, 60)
-    monkeypatch.setattr(choice, "MAX_TRIAL_STEPS", 60)  # `auto` tries for seconds otherwise
-    case = one(
-        "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [5e-13, 4e-13, 3e-13], "
-        "time: {end: 1e12}, error: off, initial: {p: 0.8, q: 0.5, r: 0.74}, "
-        "sweep: {damping.2: {values: [2e-13, 3e-13]}}"
-    )
-    assert computed(case)["status"].tolist() == [TIMEOUT] * 2
-
-
 @pytest.mark.heyoka
 @pytest.mark.parametrize(
     ("torques", "axes", "alone"),
@@ -570,30 +466,23 @@ def test_members_stop_as_their_single_cases(torques: str, axes: set[int], alone:
 
 @pytest.mark.heyoka
 def test_the_error_of_members_that_stop_is_that_of_the_time(tmp_path: Path) -> None:
-    """A time that is off by 1e-9 is seen, and members that end too small are counted."""
+    """Members that end too small are counted."""
     body = "model: torques, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}"
     case = one(f"{body}, damping: 0.004, brake: 0.01, time: {{start: -50, end: 400}}, "
                "sweep: {brake: {values: [0.01]}}")  # fmt: skip
     end = summary.member_end(chunk.Chunk(case, 0, 1), computed(case), 0)
-    (single,) = members.members_as_cases(case, np.array([0]), samples=2)
-    right = summary.member_error(case, single, end).final
-    time = end.final["event_time"]
-    late = end._replace(final={"event_time": time + 84e-9})
-    off = summary.member_error(case, single, late).final
-    assert (right < 1e-14, off) == (True, pytest.approx(1e-9, rel=1e-3))
-    text = f"""\
-title: t
-cases:
-  stopped: {{{body}, brake: 0.01, time: {{end: 400}}, sweep: {{brake: {{values: [0.01, 0.02]}}}}}}
-  decayed: {{{body}, damping: 9, time: {{end: 400}}, sweep: {{damping.0: {{values: [8, 9]}}}}}}
-"""
-    stored = results(tmp_path, text, Pool(1))
-    with h5py.File(stored) as file:
-        stopped, decayed = (dict(file[name].attrs) for name in ("stopped", "decayed"))
-    assert stopped["error"] < 1e-14
-    assert (stopped["error_sample"], stopped["warnings"]) == (2, "")
-    assert decayed["error_sample"] == 0
-    assert decayed["warnings"] == "2 of 2 members have no measured error: they end below 1e-290"
+    late = end._replace(final={"event_time": end.final["event_time"] + 84e-9})
+    errors = [found.final for found in summary.probe(case, [end, late])[0]]
+    assert errors == [pytest.approx(0, abs=1e-14), pytest.approx(1e-9, rel=1e-3)]
+    stopped = hodo_cli.sweep(one(f"{body}, brake: 0.01, time: {{end: 400}}, "
+                                 "sweep: {brake: {values: [0.01, 0.02]}}"))  # fmt: skip
+    assert stopped.attrs["error"] < 1e-14
+    assert (stopped.attrs["error_sample"], stopped.attrs["warnings"]) == (2, "")
+    decayed = hodo_cli.sweep(one(f"{body}, damping: 9, time: {{end: 400}}, "
+                                 "sweep: {damping.0: {values: [8, 9]}}"))  # fmt: skip
+    assert decayed.attrs["error_sample"] == 0
+    words = "2 of 2 members have no measured error: they end below 1e-290"
+    assert decayed.attrs["warnings"] == words
 
 
 @pytest.mark.heyoka
@@ -1128,73 +1017,25 @@ def test_the_distance_of_two_sweeps() -> None:
 
     def ends(axis: list[int], time: list[float], status: list[int]) -> SweepView:
         flags = {"flag_values": np.array([1, 3]), "flag_meanings": "x1 x3"}
-        return view_of(
-            end_axis=("a", axis, flags),
-            crossing_time=("a", time),
-            predicted=("a", np.array(time) + 1),
-            status=("a", status),
-        )
+        predicted = ("a", np.array(time) + 1)
+        known = {"crossing_time": ("a", time), "predicted": predicted, "status": ("a", status)}
+        return view_of(end_axis=("a", axis, flags), **known)
 
     one = ends([1, 3, 1, 1], [1, 2, math.nan, 9], [0, 0, 0, 1])
     other = ends([1, 1, 1, 3], [1.5, 3, 4, 5], [0, 0, 0, 0])
-
-    def mean(variable: str, against: str) -> float:
-        return float(one.distance(other, variable, against).values(variable, (), {}))
-
-    assert mean("end_axis", "end_axis") == 1 / 3
-    assert mean("crossing_time", "crossing_time") == 0.75
-    assert mean("crossing_time", "predicted") == 1.75
+    for pair, known in (
+        (("end_axis", "end_axis"), 1 / 3),
+        (("crossing_time", "crossing_time"), 0.75),
+        (("crossing_time", "predicted"), 1.75),
+    ):
+        assert float(one.distance(other, *pair).values(pair[0], (), {})) == known
     with pytest.raises(HodoError, match="case a has no omega, which G needs"):
-        mean("crossing_time", "G")
+        one.distance(other, "crossing_time", "G")
     with pytest.raises(HodoError, match="values of 'crossing_time'"):
         one.distance(view_of(G=("a", [0.0, 1.0, 2.0])), "crossing_time", "G")
 
 
-@pytest.mark.heyoka
-def test_claims_of_sweeps_are_judged(tmp_path: Path, hodo: Hodo) -> None:
-    text = (
-        SMALL.split("  single:")[0]
-        + """\
-claims:
-  - {id: none, where: "-", statement: "-", cases: [ball], expect: reproduced,
-     check: {kind: average, variable: crossings, at: [{damping.2: 1}], most: 0}}
-  - {id: rises, where: "-", statement: "-", cases: [ball], expect: contradicted,
-     check: {kind: average, variable: end_axis.x3, sense: rises,
-             at: [{damping.2: 0}, {damping.2: 1}, {damping.2: 2}]}}
-  - {id: more, where: "-", statement: "-", cases: [ball], expect: contradicted,
-     check: {kind: average, variable: end_axis.x1, along: [damping.2, direction], sense: falls}}
-  - {id: same, where: "-", statement: "-", cases: [ball, ball], expect: reproduced,
-     check: {kind: average, variable: crossing_time, at: [{damping.2: 0}], most: 0}}
-"""
-    )
-    (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
-    assert hodo("run", "a.yaml").returncode == 0
-    done = hodo("claims", "runs/a.h5")
-    assert done.returncode == 0, done.stdout + done.stderr
-    (tmp_path / "a.yaml").write_text(text.replace("most: 0", "least: 1"), encoding="utf-8")
-    assert hodo("run", "a.yaml").returncode == 0
-    assert hodo("claims", "runs/a.h5").returncode == 3
-
-
 # Maps
-
-
-def test_the_separation_is_relative_to_the_terms_of_the_separatrix() -> None:
-    A, omega = np.array([[1.0], [0.8], [0.6]]), np.array([[0.8], [0.5], [0.74]])
-    outer, inner = 1 * 0.2 * 0.64, 0.6 * 0.2 * 0.74**2
-    (part,) = rigid_body.separation(A, omega, (0, 1, 2))
-    assert part == pytest.approx((outer - inner) / (outer + inner), rel=1e-14)
-    assert rigid_body.separation(np.ones((3, 1)), omega, (0, 1, 2)) == math.inf
-
-
-def test_every_sweep_that_ships_is_read() -> None:
-    for path in sorted((ROOT / "configs").glob("sweep_*.yaml")):
-        config = load(path)
-        assert any(case.sweep for case in config.cases.values())
-    assert (
-        math.prod(columns.shape(load(ROOT / "configs" / "sweep_million.yaml").cases["million"]))
-        == 10**6
-    )
 
 
 def test_the_sweep_of_the_documents_is_one() -> None:
@@ -1240,7 +1081,7 @@ def test_members_beside_the_middle_axis_cross_as_they_must(last: float, error: s
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize(("end", "part"), [(100, 1e-2), (1000, -1e-2)])
+@pytest.mark.parametrize(("end", "part"), [(300, 1e-2)])
 def test_no_member_crosses_where_equal_coefficients_forbid_it(end: float, part: float) -> None:
     """From 3e-10 beside the middle axis, where rounding decides, to 1e-2, where it does not."""
     p = np.logspace(-9.5, -2, 24)
@@ -1314,7 +1155,7 @@ def test_an_early_crossing_in_a_long_span_has_its_digits(end: float) -> None:
 def test_a_motion_has_a_label_until_it_is_at_rest() -> None:
     """That is below 2^-4096, far beyond the smallest double: a rotation about x3 as a case, at the
     times when it is 2^-n, and as members that end there."""
-    orders = [4000, 4090, 4095, 4099, 4110]
+    orders = [4095, 4099, 4110]
     slow = {
         "model": "linear-diag",
         "inertia": [1, 0.8, 0.6],
@@ -1325,7 +1166,7 @@ def test_a_motion_has_a_label_until_it_is_at_rest() -> None:
     rates = {"damping.2": {"values": [time / times[0] for time in times]}}
     ends = {"damping": [2, 2, 1], "time": {"end": times[0]}, "sweep": rates}
     for labels in (case["enclosed_axis"], hodo_cli.sweep(slow | ends)["end_axis"]):
-        assert labels.values.tolist() == [3, 3, 3, -1, -1]
+        assert labels.values.tolist() == [3, -1, -1]
 
 
 @pytest.mark.heyoka
@@ -1360,32 +1201,30 @@ def test_the_errors_of_a_sweep_are_measured_at_every_scale(size: float, tmp_path
 
 
 @pytest.mark.heyoka
-def test_the_error_of_the_top_is_measured(tmp_path: Path) -> None:
+def test_the_error_of_the_top_is_measured() -> None:
     """It is the distance of what is stored from the single cases at full precision."""
-    text = (
-        "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0.125, 1], b: [0.1, 1], "
-        "initial: {theta: 60 deg, r: 1.7}, time: {end: 1}, sweep: {mu: {values: [0.3, 0.5]}}"
-    )
-    rough, fine = (one(f"{text}, {more}") for more in ("method: RK45, tol: 1e-4", "tol: 1e-15"))
-    attributes = sweep_of(rough, tmp_path).attributes
-    assert (attributes["method"], attributes["method_reason"]) == (
-        "RK45",
-        "each by itself: method RK45",
-    )
-    assert attributes["error_sample"] == 2
+    top = {
+        "model": "Lagrange-averaged", "inertia": {"A": 1.5, "C": 1}, "a": [0.125, 1],
+        "b": [0.1, 1], "initial": {"theta": "60 deg", "r": 1.7}, "mu": 0.5,
+    }  # fmt: skip
+    swept = top | {"time": {"end": 1}, "sweep": {"mu": {"values": [0.3, 0.5]}}}
+    rough = hodo_cli.sweep(swept | {"method": "RK45", "tol": 1e-4})
+    reason = "each by itself: method RK45"
+    assert (rough.attrs["method"], rough.attrs["method_reason"]) == ("RK45", reason)
+    assert rough.attrs["error_sample"] == 2
     errors = []
-    for number in range(2):
-        ours, theirs = (integrate(members.member(case, number)).variables for case in (rough, fine))
-        errors.append(
-            max(
-                abs(values[-1] - theirs[name][-1]) / np.abs(theirs[name][[0, -1]]).max()
-                for name, values in ours.items()
-            )
-        )
+    for i, mu in enumerate((0.3, 0.5)):
+        fine = hodo_cli.run(top | {"mu": mu, "tol": 1e-15, "time": {"end": 1, "samples": 2}})
+        for name in FORMS_OF_TOP:
+            off = abs(rough[name][i] - fine[name][-1]) / np.abs(fine[name]).max()
+            errors.append(float(off))
     assert 1e-9 < max(errors) < 1e-2
-    assert attributes["error"] == pytest.approx(max(errors), rel=1e-6)
-    assert attributes["error_kind"] == "extended"
-    assert sweep_of(fine, tmp_path).attributes["method"] == "taylor"
+    assert rough.attrs["error"] == pytest.approx(max(errors), rel=1e-6)
+    assert rough.attrs["error_kind"] == "extended"
+    assert hodo_cli.sweep(swept | {"tol": 1e-15}).attrs["method"] == "taylor"
+
+
+FORMS_OF_TOP = ("Gz", "H", "r", "u1", "u2", "u3")
 
 
 def sweep_of(case: Case, folder: Path) -> Group:

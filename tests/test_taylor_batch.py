@@ -36,6 +36,8 @@ FORMS = {
     "cavity averaged": f"{CAVITY}, form: averaged, torque: [0, 0, -0.1], initial: {{x: 1, y: 1}}, "
     "time: {end: 30}",
     "top": f"{TOP}, {POLYNOMIAL}, form: full, epsilon: 0.05",
+    "top thrown": f"{TOP.replace('theta: 60 deg', 'Gz: 1.7, H: 2')}, {POLYNOMIAL}, form: full, "
+    "epsilon: 0.05",
     "top averaged": f"{TOP}, {POLYNOMIAL}",
     "top, exponential": f"{TOP}, form: full, epsilon: 0.05, a: 0.2*exp(-0.3*t)",
     "top averaged-u": f"{TOP}, {POLYNOMIAL}, form: averaged-u",
@@ -43,9 +45,18 @@ FORMS = {
 
 
 def swept(name: str) -> Case:
-    """Members of a form: what compiles their step for one test has it for the others too."""
-    return one(f"{FORMS[name]}, sweep: {{initial.{'x' if 'x:' in FORMS[name] else 'r'}: "
-               "{linspace: [0.9, 1.1, 3]}}")  # fmt: skip
+    """Members of a form, which differ in their start and, if these are equations of its own, in a
+    constant: what compiles their step for one test has it for the others too."""
+    start = "x" if "x:" in FORMS[name] else "r"
+    other = {"linear-diag": "inertia.1: {values: [0.8, 0.81, 0.79]}",
+             "tensor": "resistance.0.1: {values: [1e-3, 2e-3, 0]}",
+             "cavity": "kappa: {values: [0.6048, 0.6, 0.1]}",
+             "cavity averaged": "inertia.2: {values: [4, 4.1, 3]}",
+             "top": "initial.theta: {values: [60 deg, 57 deg, 30 deg]}",
+             "top thrown": "initial.Gz: {values: [1.7, 1.6, 1.5]}",
+             "top averaged": "inertia.C: {values: [1, 1.1, 0.9]}"}.get(name)  # fmt: skip
+    numbers = f"initial.{start}: {{values: [0.9, 1, 1.1]}}" + (f", {other}" if other else "")
+    return one(f"{FORMS[name]}, sweep: {{m: {{zip: {{{numbers}}}}}}}")
 
 
 def coefficients(series: Any, n: int = 8) -> list[float]:
