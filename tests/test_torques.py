@@ -29,6 +29,7 @@ def run(start: Any, end: float, **terms: Any) -> Any:
     return hodo.run({"model": "torques", "inertia": BODY, "initial": start, "time": time, **terms})
 
 
+DRAG_ALONG_G = "-0.01 * sqrt(p**2 + (0.8*q)**2 + (0.6*r)**2)"
 # By a Taylor series of order 30 to 40 in 176 to 224 bits that shares no code with hodo.
 END_STATES = {
     "brake": (
@@ -40,17 +41,7 @@ END_STATES = {
         (0.18526945894296346, 0.17909106057615755, -0.15534488424796164),
     ),
     "drag along G": (
-        (
-            B,
-            60,
-            {
-                "expression": [
-                    "-0.01 * sqrt(p**2 + (0.8*q)**2 + (0.6*r)**2) * p",
-                    "-0.01 * sqrt(p**2 + (0.8*q)**2 + (0.6*r)**2) * 0.8*q",
-                    "-0.01 * sqrt(p**2 + (0.8*q)**2 + (0.6*r)**2) * 0.6*r",
-                ]
-            },
-        ),
+        (B, 60, {"expression": [f"{DRAG_ALONG_G} * {w}" for w in ("p", "0.8*q", "0.6*r")]}),
         (0.49262375296093774, -0.34166966632732990, 0.44887090573771592),
     ),
     "equal quadratic drag": (
@@ -61,37 +52,21 @@ END_STATES = {
         (B, 100, {"damping": "0.005*(1 + 0.01*t)**-2"}),
         (0.50412305006140321, 0.69766151997966874, 0.32975278857125048),
     ),
-    "quadratic drag": (
-        (B, 400, {"quadratic": [0.01, 0.008, 0.006]}),
-        (0.055679521472231597, -0.22053543218339055, -0.099429938057251600),
-    ),
     "damping and quadratic drag": (
         (B, 500, {"damping": [0.003, 0.004, 0.005], "quadratic": [0.02, 0.016, 0.012]}),
         (0.019746153712525053, -0.021847686463398807, -0.013182758600857741),
     ),
     "five terms": (
-        (
-            C,
-            100,
-            {
-                "resistance": {"diagonal": 0.003, "off_diagonal": 0.001},
-                "quadratic": [0.01, 0.008, 0.006],
-                "kappa": 0.02,
-                "torque": [0.001, -0.002, 0.0015],
-                "brake": 0.0005,
-            },
-        ),
+        (C, 100, {"resistance": {"diagonal": 0.003, "off_diagonal": 0.001}, "kappa": 0.02,
+                  "quadratic": [0.01, 0.008, 0.006], "torque": [0.001, -0.002, 0.0015],
+                  "brake": 0.0005}),
         (-0.043192630017708354, 0.34257111407898779, 0.44437383302053825),
     ),
-    "fixed in space": (
-        (B, 300, {"space_torque": {"size": 0.002, "direction": [0, 0, 2]}}),
-        (1.1361558464968387, 0.52845083651229329, 1.0805853725338779),
-    ),
     "fixed in space, and damping": (
-        (B, 300, {"space_torque": {"size": 0.002, "direction": [0, 0, 1]}, "damping": MEDIUM}),
+        (B, 300, {"space_torque": {"size": 0.002, "direction": [0, 0, 2]}, "damping": MEDIUM}),
         (0.043961123015849125, 0.65960590090568003, -0.060932042879763240),
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", END_STATES)
@@ -110,15 +85,11 @@ def test_sums_of_torques_end_where_a_reference_does(name: str) -> None:
 CROSSINGS = {
     "quadratic drag": (B, 400, {"quadratic": [0.01, 0.008, 0.006]}, [264.98501410324524]),
     "there and back": (
-        C,
-        1500,
-        {"damping": MEDIUM, "kappa": 0.03},
-        [57.802497615733104, 1230.8189247068045],
+        C, 1500, {"damping": MEDIUM, "kappa": 0.03}, [57.802497615733104, 1230.8189247068045]
     ),
-    "damping and fluid": (C, 300, {"damping": 0.002, "kappa": 0.01}, [188.64254989272395]),
     "brake and fluid": (C, 300, {"brake": 0.002, "kappa": 0.01}, [196.96634479644304]),
     "too much damping": (C, 900, {"damping": 0.006, "kappa": 0.01}, []),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("start", "end", "terms", "times"), CROSSINGS.values(), ids=CROSSINGS)
@@ -131,21 +102,18 @@ def test_sums_of_torques_cross_when_a_reference_does(
 
 STOPS = {
     "alone": (
-        (B, 120, {"brake": 0.01}),
-        99.856697321711977,
+        (B, 120, {"brake": 0.01}), 99.856697321711977,
         (0.576436209452822, -0.809786879333248, 0.109391528426027),
     ),
     "damping": (
-        (B, 300, {"brake": 0.002, "damping": MEDIUM}),
-        267.05497187079620,
+        (B, 300, {"brake": 0.002, "damping": MEDIUM}), 267.05497187079620,
         (0.565873229298389, -0.718051219516283, -0.405203571695254),
     ),
     "fluid": (
-        (C, 120, {"brake": 0.01, "kappa": 0.01}),
-        99.779757466131376,
+        (C, 120, {"brake": 0.01, "kappa": 0.01}), 99.779757466131376,
         (0.529850422480799, -0.382363545638915, 0.757005052006495),
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("method", ["auto", "collocation"])
@@ -253,22 +221,16 @@ def test_members_whose_motion_is_a_polynomial_stop_in_time() -> None:
 def test_a_body_that_would_move_again_is_told_of() -> None:
     """A torque that grows beyond the brake after the stop: at t = 25."""
     case = {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "initial": SPIN}
-    law = "-0.004*t"
     for end, torque, told in (
-        (24, law, ""),
-        (100, law, "the body would move again"),
-        (100, -0.09, ""),
+        (24, {"torque": ["-0.004*t", 0, 0]}, ""),
+        (100, {"torque": ["-0.004*t", 0, 0]}, "the body would move again"),
+        (100, {"expression": ["-0.004*t", 0, 0]}, "from t = 25.0"),
+        (100, {"torque": [-0.09, 0, 0]}, ""),
     ):
-        motion = hodo.run({**case, "torque": [torque, 0, 0], "time": {"end": end}})
+        motion = hodo.run({**case, **torque, "time": {"end": end}})
         assert motion.attrs["status"] == "ok"
         assert told in motion.attrs["warnings"]
         assert bool(told) == bool(motion.attrs["warnings"])
-    assert (
-        "from t = 25.0"
-        in hodo.run({**case, "expression": ["-0.004*t", "0", "0"], "time": {"end": 100}}).attrs[
-            "warnings"
-        ]
-    )
 
 
 @pytest.mark.parametrize("samples", [1, 3])
@@ -343,15 +305,6 @@ def test_a_torque_stronger_than_the_brake_lets_nothing_stop() -> None:
     assert motion["omega"].values[-1].any()
 
 
-def test_a_torque_fixed_in_space_changes_G_as_a_constant_force_does() -> None:
-    motion = run(B, 300, space_torque={"size": 0.002, "direction": [0, 0, 1]})
-    G = motion["omega"].values * BODY
-    t, along = motion["time"].values, 0.6 * 0.74
-    start = (G[0] ** 2).sum()
-    expected = start + 2 * 0.002 * t * along + (0.002 * t) ** 2
-    assert (G**2).sum(axis=1) == pytest.approx(expected, rel=1e-12)
-
-
 @pytest.mark.parametrize(
     ("law", "exponent"),
     [
@@ -398,12 +351,11 @@ def test_a_law_that_is_a_power_of_the_time_is_not_stepped_over(key: str, power: 
 
 
 @pytest.mark.quadruple
-@pytest.mark.parametrize("p", [0, 1e-154])
-def test_a_first_step_beyond_the_doubles_is_taken_anew(p: float) -> None:
+def test_a_first_step_beyond_the_doubles_is_taken_anew() -> None:
     """A series from next to rest, in units of the start; what measures its error is quadruple."""
     case = {
         "model": "torques", "inertia": BODY, "expression": ["0.01*t**5", "0.001*t**5", 0],
-        "initial": {"p": p, "q": 0, "r": 0}, "time": {"end": 5, "samples": 2},
+        "initial": {"p": 1e-154, "q": 0, "r": 0}, "time": {"end": 5, "samples": 2},
         "precision": "extended",
     }  # fmt: skip
     ivp = solve_ivp(
@@ -442,23 +394,19 @@ OLD_NAMES = {
 
 
 def test_a_tensor_of_resistance_follows_its_laws() -> None:
-    rates = [fading(0.005), "0.002 + 1e-5*t", 0.003]
-    damped = run(B, 100, damping=rates)
+    """A case, and members of a sweep over one of its constants."""
+    rates = ["0.005*exp(-0.01*t)", "0.002 + 1e-5*t", 0.003]
+    damped = run(B, 100, damping=rates).omega.data
     entries = [f"{A}*({rate})" for rate, A in zip(rates, BODY, strict=True)]
     entries[0] = f"{BODY[0]}*0.005*exp(-k*t)"
     rows = [[entries[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
-    constants = {"k": 0.01}
-    alone = run(B, 100, resistance=rows, constants=constants)
-    assert alone.omega.data == pytest.approx(damped.omega.data, abs=1e-14)
-    ends = hodo.sweep(
-        {
-            "model": "torques", "inertia": BODY, "initial": B, "time": {"end": 100},
-            "resistance": rows, "constants": constants,
-            "sweep": {"constants.k": {"values": [0.01, 0.1]}},
-        }
-    )  # fmt: skip
-    assert ends.omega.data[0] == pytest.approx(damped.omega.data[-1], abs=1e-13)
-    assert np.abs(np.diff(ends.omega.data, axis=0)).max() > 0.01
+    alone = run(B, 100, resistance=rows, constants={"k": 0.01})
+    assert alone.omega.data == pytest.approx(damped, abs=1e-14)
+    case = {"model": "torques", "inertia": BODY, "initial": B, "resistance": rows}
+    case |= {"constants": {"k": 0.01}, "time": {"end": 100}, "error": "off"}
+    ends = hodo.sweep(case | {"sweep": {"constants.k": {"values": [0.01, 0.1]}}}).omega.data
+    assert ends[0] == pytest.approx(damped[-1], abs=1e-13)
+    assert np.abs(np.diff(ends, axis=0)).max() > 0.01
 
 
 @pytest.mark.parametrize(("model", "terms"), OLD_NAMES.items(), ids=OLD_NAMES)
@@ -595,25 +543,6 @@ def test_nothing_is_undecided_behind_a_stop() -> None:
     assert motion.attrs["classify_warnings"] == ""
 
 
-def test_a_symmetric_body_with_fluid_and_damping_has_a_closed_form() -> None:
-    A, C, kappa, rate, end = 1.0, 0.6, 0.02, 0.002, 400.0
-    motion = hodo.run(
-        {
-            "model": "torques",
-            "inertia": [A, A, C],
-            "initial": {"p": 0.5, "q": 0.25, "r": 1.4},
-            "damping": rate,
-            "kappa": kappa,
-            "time": {"end": end, "samples": 5},
-        }
-    )
-    G = motion["omega"].values * [A, A, C]
-    t, square = motion["time"].values, (G[0] ** 2).sum()
-    tilt = np.log(np.hypot(G[:, 0], G[:, 1]) / np.abs(G[:, 2]))
-    fall = -np.expm1(-2 * rate * t) / (2 * rate)
-    assert tilt - tilt[0] == pytest.approx(kappa * (A - C) * square * fall / (A**3 * C), abs=1e-12)
-
-
 def test_the_stop_of_a_body_is_printed_and_drawn(tmp_path: Path) -> None:
     (tmp_path / "braked.yaml").write_text(
         "title: braked\ncases:\n  braked: {model: torques, inertia: [2, 1.5, 1], quadratic: 0.01,"
@@ -724,15 +653,6 @@ def test_a_brake_stops_a_body_under_a_torque_that_hangs_on_its_attitude() -> Non
     ds = run(C, 60, **terms)
     assert ds.attrs["status"] == "ok"
     assert not ds.omega.values[-1].any()
-    assert ds.attrs["error"] < 1e-13
-
-
-@pytest.mark.parametrize("precision", ["double", "extended"])
-def test_a_body_with_a_rotor_turns_on_behind_its_stop(precision: str) -> None:
-    # Its reference in the next wider precision turns on by as much.
-    terms = {"brake": 0.05, "rotor": [0.3, 0, 0.1], "attitude": True, "precision": precision}
-    ds = run(C, 60, **terms)
-    assert ds.omega.values[-1] == pytest.approx([-0.3, 0, -0.1 / 0.6], abs=1e-15)
     assert ds.attrs["error"] < 1e-13
 
 
