@@ -4,12 +4,14 @@ HODO_FUZZ sets the number of bodies drawn (default 60, of which some four can be
 heyoka half of them are.
 """
 
+import json
 import os
+from pathlib import Path
 from typing import Any
 
 import pytest
 import series
-from conftest import classified
+from conftest import Hodo, classified
 from tangents import Tangent, near_tangents
 
 from hodo_cli import Case, engines
@@ -68,24 +70,26 @@ def check_times(found: Any, truth: list[series.Crossing]) -> None:
         assert abs(ours.time - theirs.time) <= 3 * ours.error
 
 
-def test_pairs_after_a_stiff_transient() -> None:
+def test_pairs_after_a_stiff_transient(hodo: Hodo, tmp_path: Path) -> None:
     """p and r settle within 1e-3 and then swing with q, of which D hangs on the last part: pairs
     0.0015 apart, in steps of collocation 0.3 long."""
-    resistance = (
-        (1651.39174312, -3.95411522936, -5504.58247706),
-        (-0.733944954128, 0.0182018348624, -0.220183486239),
-        (-3302.74899083, 10.0882469725, 11009.1753028),
-    )
-    data = {
-        "inertia": (1.0, 0.8, 0.6),
-        "resistance": resistance,
-        "initial": {"p": 0.010009, "q": 0.003, "r": 0.003, "G": None},
-    }
-    _, found = classified(Case("pairs", "tensor", "full", data, Time(end=20.0, samples=5)))
+    resistance = [
+        [1651.39174312, -3.95411522936, -5504.58247706],
+        [-0.733944954128, 0.0182018348624, -0.220183486239],
+        [-3302.74899083, 10.0882469725, 11009.1753028],
+    ]
+    start = {"initial": {"p": 0.010009, "q": 0.003, "r": 0.003}, "time": {"end": 20, "samples": 5}}
+    case = {"model": "tensor", "inertia": [1, 0.8, 0.6], "resistance": resistance, **start}
+    (tmp_path / "a.yaml").write_text(json.dumps({"cases": {"pairs": case}}))
+    assert hodo("run", "a.yaml").returncode == 0
+    (row,) = json.loads(hodo("classify", "a.yaml", "--json").stdout)
     # From the independent series, in 160 bits.
     expected = [1.28287479632829393691, 1.28434864106688776883, 4.42153331366241129318]
     expected += [4.42300716374650908777, 7.5658876493152930209]
-    assert not found.warnings
-    assert [(c.start, c.end) for c in found.crossings] == [(1, 3), (3, 1)] * 6
-    for crossing, time in zip(found.crossings, expected, strict=False):
-        assert abs(crossing.time - time) <= 1e-12 * time
+    assert not row["warnings"]
+    passed = [(crossing["from"], crossing["to"]) for crossing in row["crossings"]]
+    assert passed == [("x1", "x3"), ("x3", "x1")] * 6
+    found = [crossing["time"] for crossing in row["crossings"]]
+    assert found[:5] == pytest.approx(expected, rel=1e-12)
+    # The table has the first ones and the last.
+    assert "7 more (--json lists them); " in hodo("classify", "a.yaml").stdout
