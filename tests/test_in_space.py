@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 from test_own_time import TIMED, random_body, scaled
 
-from hodo_cli import Case, HodoError, derive, plot, sweep
+from hodo_cli import Case, HodoError, derive, sweep
 from hodo_cli import run as run_case
 from hodo_cli.integration import Trajectory, integrate, solve
 from hodo_cli.models.theory import exact
@@ -264,26 +264,6 @@ def test_the_vertical_of_a_top_is_z() -> None:
     assert np.diff(seen["psi"]) == pytest.approx(steps, abs=2e-3)
 
 
-def test_what_follows_from_it() -> None:
-    """By the names of the table of quantities, in figures and in Python; without an attitude one
-    line says what is missing."""
-    given = {"model": "linear-diag", "inertia": A, "initial": B, "time": {"end": 30, "samples": 31}}
-    m = motion_from(run_case(given | {"attitude": {"align": "G"}}), "free")
-    size = math.hypot(0.8, 0.4, 0.444)
-    for name, value in (("G_space.x", 0), ("G_space.y", 0), ("G_space.z", size)):
-        assert m[name] == pytest.approx(np.full(31, value), abs=1e-13)
-    # The herpolhode lies in a plane, since T and G are constant.
-    assert m["omega_space.z"] == pytest.approx(2 * m["T"] / size, abs=1e-13)
-    axis = np.array([m[f"x2_space.{name}"] for name in "xyz"])
-    assert np.linalg.norm(axis, axis=0) == pytest.approx(1, abs=1e-14)
-    angles = Rotation.from_quat(np.roll(m.stored("attitude"), -1, axis=1)).as_euler("ZXZ")
-    for name, column in zip(("psi", "theta", "phi"), angles.T, strict=True):
-        assert np.cos(m[name]) == pytest.approx(np.cos(column), abs=1e-12)
-    assert (np.abs(np.diff(m["psi"])) < np.pi).all()
-    with pytest.raises(HodoError, match=r"has no attitude, which G_space.x needs"):
-        motion_from(run_case(given), "free")["G_space.x"]
-
-
 def test_a_brake_stops_an_attitude_too() -> None:
     """Rows 9 and 10: Q on the way, and G in space; behind the stop the body keeps where it points,
     which is where a free body is at s = |G|/(2 b)."""
@@ -473,18 +453,6 @@ figures:
         assert file["ends/attitude"].shape == (3, 4)
         assert file["many/attitude"][:, -1] == pytest.approx(file["ends/attitude"][:], abs=1e-13)
     assert call(tmp_path, "compare", "runs/a.h5", "runs/a.h5").returncode == 0
-
-
-def test_figures_take_the_momentum_of_body_and_fluid() -> None:
-    """Row 12: it stays to O(kappa^2)."""
-    time, names = {"end": 60, "samples": 601}, [f"total_space.{axis}" for axis in "xyz"]
-    motion = run_case(made(60, model="torques", kappa=0.03, initial=C, time=time))
-    panels = plot(motion, "series", variables=names).axes
-    total = np.stack([panel.lines[0].get_ydata() for panel in panels], axis=-1)
-    moved = np.linalg.norm(total - total[0], axis=1).max()
-    assert moved == pytest.approx(2.19e-4, rel=3e-2)
-    with pytest.raises(HodoError, match=r"has no kappa, which total_space.x needs"):
-        plot(run_case(made(60, damping=0)), "series", variables=names)
 
 
 def test_the_momentum_of_body_and_fluid_stays_under_a_law_of_time_too() -> None:

@@ -23,21 +23,19 @@ def run(end: float, **terms: Any) -> Any:
     return hodo.run({"model": "torques", "inertia": BODY, "initial": B, "time": time, **terms})
 
 
+TURNS: dict[str, Callable[[Any], np.ndarray]] = {
+    "torque": lambda N: TURN @ N,
+    "rotor": lambda h: TURN @ h,
+    "resistance": lambda tensor: TURN @ np.array(tensor) @ TURN.T,
+}
+
+
 def turned_case(**terms: Any) -> dict[str, Any]:
     """A case in the principal axes as one of other axes."""
-    tensor = TURN @ np.diag(BODY) @ TURN.T
-    changed: dict[str, Any] = {"inertia": ((tensor + tensor.T) / 2).tolist()}
-    changed["initial"] = dict(
-        zip("pqr", (TURN @ [B[name] for name in "pqr"]).tolist(), strict=True)
-    )
-    for name, value in terms.items():
-        if name in ("torque", "rotor"):
-            changed[name] = (TURN @ value).tolist()
-        elif name == "resistance":
-            changed[name] = (TURN @ np.array(value) @ TURN.T).tolist()
-        else:
-            changed[name] = value
-    return changed
+    tensor, start = TURN @ np.diag(BODY) @ TURN.T, (TURN @ [*B.values()]).tolist()
+    turned = {name: TURNS[name](x).tolist() if name in TURNS else x for name, x in terms.items()}
+    body = {"inertia": ((tensor + tensor.T) / 2).tolist()}
+    return body | {"initial": dict(zip("pqr", start, strict=True)), **turned}
 
 
 @pytest.mark.heyoka
@@ -241,15 +239,10 @@ def test_what_no_body_has_is_refused(terms: Any, message: str) -> None:
 
 def test_D_of_a_body_with_a_rotor_is_refused() -> None:
     ds = run(10, rotor=[0, 0, 0.2])
-    for figure in (
-        {"kind": "series", "variables": ["D"]},
-        {"kind": "quadrants"},
-        {"kind": "sphere"},
-    ):
-        with pytest.raises(
-            HodoError, match="no separatrix to be drawn: with a rotor D says nothing"
-        ):
-            hodo.plot(ds, **figure)
+    said = "no separatrix to be drawn: with a rotor D says nothing"
+    for kind, keys in (("series", {"variables": ["D"]}), ("quadrants", {}), ("sphere", {})):
+        with pytest.raises(HodoError, match=said):
+            hodo.plot(ds, kind=kind, **keys)
     hodo.plot(ds, kind="hodograph", colour="axis")
 
 
