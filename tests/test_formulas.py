@@ -126,18 +126,9 @@ def test_corners_of_time_and_state_are_met_alike_by_each_method() -> None:
     assert by_series.attrs["method"] == "taylor"
     assert {ds.attrs["status"] for ds in (by_series, by_points)} == {"ok"}
     assert by_points.omega.values == pytest.approx(by_series.omega.values, rel=1e-10, abs=1e-11)
-
-
-@pytest.mark.heyoka
-def test_corners_leave_no_more_than_rounding() -> None:
-    """A step that ends just behind a corner misses the equations by little, and so do the short
-    ones before it."""
-    formula = ["0.01*sqrt(p**2)", "0", "0.01*(sin(t)+sqrt(sin(t)**2))"]
-    case = {
-        "model": "torques", "inertia": [2, 1.5, 1], "expression": formula,
-        "initial": {"p": 0.3, "q": 0.7, "r": -0.9}, "time": {"end": 60, "samples": 201},
-    }  # fmt: skip
-    assert hodo.run(case).attrs["error"] < 1e-12
+    # A step that ends just behind a corner misses the equations by little, and so do the short ones
+    # before it.
+    assert by_series.attrs["error"] < 1e-12
 
 
 def between_switches(case: dict[str, Any], torque: Callable[[np.ndarray], Any]) -> np.ndarray:

@@ -10,7 +10,6 @@ from conftest import call, classified
 
 from hodo_cli import Case, run
 from hodo_cli.cases.case import Time
-from hodo_cli.integration import integrate
 
 A = np.array([1.0, 0.8, 0.6])
 LITERAL = ((0.005, 0.0, 0.005), (0.0, 0.0, 0.0), (0.005, 0.0, 0.005))
@@ -47,23 +46,6 @@ def test_the_rates_are_those_of_the_papers_media(
     assert found.growth is not None
     assert found.growth[[0, 2]] == pytest.approx([about_x1, about_x3], abs=5e-9)
     assert np.isnan(found.growth[1])
-
-
-@pytest.mark.parametrize("axis", [0, 2])
-def test_a_small_tilt_grows_at_the_rate(axis: int) -> None:
-    # A tilt of 1e-5 stays small, and the damping is slow beside the turns: 0.3 % at these sizes.
-    damping, start = (0.006, 0.003, 0.002), [1e-5, 1e-5, 1e-5]
-    start[axis] = 1.0
-    case = damped("linear-diag", tuple(start), 150.0, damping=damping)
-    omega = integrate(case).variables["omega"]
-    # The tilt's invariant of free rotation, D's distance from the axis, at the start and the end.
-    i, j = (k for k in range(3) if k != axis)
-    weights = [abs((A[axis] - A[k]) * A[k]) for k in (i, j)]
-    tilt = np.sqrt(weights[0] * omega[:, i] ** 2 + weights[1] * omega[:, j] ** 2) / abs(
-        omega[:, axis]
-    )
-    rate = np.polyfit(np.linspace(0, 150, 401), np.log(tilt), 1)[0]
-    assert rate == pytest.approx(case.system.tilt_growth(0.0)[axis], rel=0.03)
 
 
 def test_the_table_has_the_rates_by_axis_but_for_the_middle_one(tmp_path: Path) -> None:

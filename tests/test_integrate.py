@@ -2,7 +2,6 @@
 are kept."""
 
 import math
-import warnings
 from dataclasses import replace
 from importlib import import_module
 from itertools import count
@@ -17,7 +16,6 @@ from hodo_cli import Case, HodoError, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.engines import protocol
 from hodo_cli.integration import Trajectory, choice, integrate, solve
-from hodo_cli.models import base
 
 taylor = pytest.mark.heyoka
 
@@ -109,21 +107,6 @@ def test_the_error_falls_with_the_tolerance(method: str) -> None:
     case = diagonal((0.02, 0.01, 0.03), method=method, time=Time(end=50.0, samples=11))
     errors = [integrate(replace(case, tol=tol)).error for tol in (1e-4, 1e-7, 1e-10)]
     assert errors[0] > 30 * errors[1] > 900 * errors[2]
-
-
-@pytest.mark.parametrize("method", ["DOP853", "RK45", "LSODA", "Radau", "BDF"])
-def test_implicit_methods_are_given_the_jacobian_and_no_others(method: str) -> None:
-    case = diagonal((0.02, 0.01, 0.03))
-    engine = engines.engine_for(method, case.system, (), 1e-6, "double")
-    k, start = base.attributes(case.system.constants), np.array(START)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # as SciPy warns of a Jacobian that it does not use
-        solver = engine.solver(k, start, 0.0, 1.0, protocol.StepControl())  # type: ignore[attr-defined]
-    # Two for the size of the first step; finite differences take one more for each variable.
-    assert solver.nfev <= 2
-    if method in ("Radau", "BDF"):
-        given = base.jacobian(case.system.equations, k, 0.0, start)
-        assert np.array_equal(solver.J, given)
 
 
 @pytest.fixture
@@ -234,9 +217,8 @@ def test_a_method_of_scipy_does_not_look_for_stops(method: str, case: dict[str, 
 def test_samples_do_not_depend_on_their_number() -> None:
     case = diagonal((0.01, 0.02, 0.03), time=Time(end=100.0, samples=11))
     few, many = integrate(case), integrate(replace(case, time=Time(end=100.0, samples=1001)))
-    assert distance(many.variables["omega"][::100], few.variables["omega"]) < (
-        1e-14 if engines.have_taylor() else 1e-11
-    )
+    bound = 1e-14 if engines.have_taylor() else 1e-11
+    assert distance(many.variables["omega"][::100], few.variables["omega"]) < bound
 
 
 def test_the_smallest_grids() -> None:
@@ -286,15 +268,6 @@ def test_where_the_series_fails_auto_takes_collocation(
     time = Time(end=1.0, samples=3)
     motion = integrate(diagonal((0.02, 0.01, 0.03), precision=precision, time=time, error=False))
     assert (motion.method, motion.status) == expected
-
-
-@pytest.mark.parametrize("size", [2.0**-60, 2.0**60])
-def test_the_steps_of_a_motion_are_the_same_in_every_unit(size: float) -> None:
-    def in_unit(size: float) -> Case:
-        damping, start = (tuple(size * x for x in of) for of in ((0.1, 0.2, 0.3), START))
-        return diagonal(damping, start, time=Time(end=100 / size, samples=2))  # type: ignore[arg-type]
-
-    assert choice.taylor_steps(in_unit(size)) == choice.taylor_steps(in_unit(1.0)) > 10
 
 
 def test_stiffness_is_seen_where_no_eigenvalue_shows_it() -> None:
