@@ -15,6 +15,7 @@ import hodo_cli as hodo
 from hodo_cli import Case, HodoError, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.engines import protocol
+from hodo_cli.engines.units import Clock
 from hodo_cli.integration import Trajectory, choice, integrate, solve
 
 taylor = pytest.mark.heyoka
@@ -319,6 +320,13 @@ def test_a_tensor_that_feeds_energy_in_is_named() -> None:
 def test_exact_says_where_it_does_not_apply() -> None:
     with pytest.raises(HodoError, match="torques along G: equal damping"):
         solve(diagonal((0.1, 0.2, 0.3)), "exact")
+
+
+def test_the_clock_loses_no_digits() -> None:
+    clock = Clock(np.float64(0), np.float64(0), 1.0)
+    for _ in range(10_000):
+        clock.advance((np.float64(0.1), np.float64(0)))
+    assert float(clock.high + clock.low) == math.fsum([0.1] * 10_000)
 
 
 @pytest.mark.filterwarnings("error")

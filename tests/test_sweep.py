@@ -22,14 +22,12 @@ from hypothesis import strategies as st
 
 import hodo_cli
 from hodo_cli import Case, HodoError
-from hodo_cli.batch import Pool
 from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import run
 from hodo_cli.integration import cross, integrate
 from hodo_cli.models import rigid_body
-from hodo_cli.progress import Progress
-from hodo_cli.storage import Group, open_run
+from hodo_cli.storage import Group
 from hodo_cli.sweeps import chunk, columns, members, summary, sweep
 from hodo_cli.sweeps.view import SweepView
 
@@ -465,7 +463,7 @@ def test_members_stop_as_their_single_cases(torques: str, axes: set[int], alone:
 
 
 @pytest.mark.heyoka
-def test_the_error_of_members_that_stop_is_that_of_the_time(tmp_path: Path) -> None:
+def test_the_error_of_members_that_stop_is_that_of_the_time() -> None:
     """Members that end too small are counted."""
     body = "model: torques, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}"
     case = one(f"{body}, damping: 0.004, brake: 0.01, time: {{start: -50, end: 400}}, "
@@ -543,11 +541,9 @@ figures:
 """
 
 
-def results(folder: Path, text: str, workers: Any) -> Path:
+def results(folder: Path, text: str, jobs: int = 1) -> Path:
     (folder / "a.yaml").write_text(text, encoding="utf-8")
-    (job,) = run.plans([load(folder / "a.yaml")], folder, (), False)
-    with workers, Progress(1, quiet=True) as progress:
-        job.execute(workers, progress)
+    call(folder, "run", "a.yaml", "--out", ".", "--quiet", "-j", jobs)
     return folder / "a.h5"
 
 
@@ -642,7 +638,7 @@ def test_swept_trajectories_are_those_of_single_cases(kind: str) -> None:
 
 
 @pytest.mark.heyoka
-def test_a_sweep_says_how_many_members_went_alone_and_why(tmp_path: Path) -> None:
+def test_a_sweep_says_how_many_members_went_alone_and_why() -> None:
     fast = f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}"
     few = (
         "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0.125, 1], b: [0.1, 1], "
@@ -666,14 +662,14 @@ def test_a_sweep_says_how_many_members_went_alone_and_why(tmp_path: Path) -> Non
         "side by side, 0 of 2 members by themselves",
     }  # fmt: skip
     for text, reason in expected.items():
-        assert sweep_of(one(text), tmp_path).attributes["method_reason"] == reason
+        assert hodo_cli.sweep(one(text)).attrs["method_reason"] == reason
 
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which SMALL has been run."""
     folder = tmp_path_factory.mktemp("small")
-    results(folder, SMALL, Pool(1))
+    results(folder, SMALL)
     return folder
 
 
@@ -733,10 +729,10 @@ def test_processes_and_repeats_change_nothing(
     # Still more than a task of measuring errors has.
     monkeypatch.setattr(summary, "RANDOM_MEMBERS", 40)
     monkeypatch.setattr(summary, "NEAREST_MEMBERS", 10)
-    first = results(tmp_path / "a", SMALL, Pool(1)).read_bytes()
+    first = results(tmp_path / "a", SMALL).read_bytes()
     with (
         h5py.File(tmp_path / "a" / "a.h5") as one,
-        h5py.File(results(tmp_path / "b", SMALL, Pool(2))) as two,
+        h5py.File(results(tmp_path / "b", SMALL, 2)) as two,
     ):
         for name in one["ball"]:
             if one["ball"][name].dtype.kind in "if":
@@ -747,7 +743,7 @@ def test_processes_and_repeats_change_nothing(
             one["ball"].attrs["error_quantiles"].tolist()
             == two["ball"].attrs["error_quantiles"].tolist()
         )
-    assert results(tmp_path / "a", SMALL, Pool(1)).read_bytes() == first
+    assert results(tmp_path / "a", SMALL).read_bytes() == first
 
 
 @pytest.mark.heyoka
@@ -816,13 +812,12 @@ GROWING = {
 """Sweeps with the places of what grows, and what stands there at first and later."""
 
 
-def stored_sweeps(folder: Path, *texts: str) -> Group:
+def stored_sweeps(folder: Path, *texts: str) -> xr.Dataset:
     """The last of some sweeps, of which each is run onto the result of the one before."""
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     for text in texts:
-        path = results(folder, f"title: t\ncases:\n  a: {{{text}}}\n", Pool(1))
-    with open_run(path) as stored:
-        return stored.read("a")
+        path = results(folder, f"title: t\ncases:\n  a: {{{text}}}\n")
+    return hodo_cli.open(path)["a"]
 
 
 @pytest.mark.heyoka
@@ -851,29 +846,26 @@ def test_a_sweep_that_grows_computes_its_new_members_only(
     as_before = chunk.integrated_alone
     monkeypatch.setattr(chunk, "prepare", members_of)
     monkeypatch.setattr(chunk, "integrated_alone", alone)
-    path = results(tmp_path / "grown", f"title: t\ncases:\n  a: {{{after}}}\n", Pool(1))
-    with open_run(path) as stored:
-        grown = stored.read("a")
+    grown = stored_sweeps(tmp_path / "grown", after)
     assert len(set(computed_now)) == whole - first > 0
-    for name, variable in fresh.variables.items():
-        np.testing.assert_array_equal(variable.data, grown.variables[name].data, err_msg=name)
+    xr.testing.assert_equal(grown, fresh)
     for key in ("members", "steps", "method", "status", "error_kind", "warnings", "message"):
-        assert grown.attributes[key] == fresh.attributes[key], key
-    assert f"{first} of {whole} members from an earlier run" in grown.attributes["method_reason"]
-    assert grown.attributes["error_sample"] >= min(whole, summary.RANDOM_MEMBERS)
-    assert 0 < grown.attributes["error"] == grown.attributes["error_quantiles"][-1] < 1e-8
+        assert grown.attrs[key] == fresh.attrs[key], key
+    assert f"{first} of {whole} members from an earlier run" in grown.attrs["method_reason"]
+    assert grown.attrs["error_sample"] >= min(whole, summary.RANDOM_MEMBERS)
+    assert 0 < grown.attrs["error"] == grown.attrs["error_quantiles"][-1] < 1e-8
 
 
 @pytest.mark.heyoka
 def test_an_earlier_result_that_another_run_has_grown_is_not_read(tmp_path: Path) -> None:
     text = f"{FIG4}, {BALL}, sweep: {{d: {{sphere: {{count: NEW}}}}}}"
     few, many = (f"title: t\ncases:\n  a: {{{text.replace('NEW', n)}}}\n" for n in ("9", "20"))
-    path = results(tmp_path, few, Pool(1))
+    path = results(tmp_path, few)
     (tmp_path / "a.yaml").write_text(many, encoding="utf-8")
     (plan,) = run.plans([load(tmp_path / "a.yaml")], tmp_path, (), False)
     case = plan.config.cases["a"]
     earlier = plan.earlier(case)
-    results(tmp_path, many, Pool(1))
+    results(tmp_path, many)
     assert earlier is not None
     with pytest.raises(HodoError, match="another run has replaced a: run it again"):
         earlier.completed(case, 0, 20, Group({}, {}))
@@ -893,7 +885,7 @@ def test_a_sweep_that_changes_otherwise_is_computed_anew(tmp_path: Path) -> None
     for i, (old, new) in enumerate(changes.items()):
         changed = text.replace(old, new)
         grown = stored_sweeps(tmp_path / f"{i}", text, changed)
-        assert "earlier" not in grown.attributes["method_reason"], new
+        assert "earlier" not in grown.attrs["method_reason"], new
 
 
 @pytest.mark.heyoka
@@ -909,7 +901,7 @@ def test_a_chunk_whose_worker_dies_is_marked(
         return as_before(task)
 
     monkeypatch.setattr(sweep, "compute", compute)
-    with h5py.File(results(tmp_path, text, Pool(1))) as file:
+    with h5py.File(results(tmp_path, text)) as file:
         ball = file["ball"]
         failed = (ball["status"][:] == FAILED).sum()
         assert 0 < failed < ball["status"].size
@@ -919,7 +911,7 @@ def test_a_chunk_whose_worker_dies_is_marked(
 
 @pytest.mark.heyoka
 def test_an_error_that_cannot_be_measured_costs_its_member(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     solved = summary.solve
 
@@ -929,10 +921,8 @@ def test_an_error_that_cannot_be_measured_costs_its_member(
         return solved(case, *rest)
 
     monkeypatch.setattr(summary, "solve", solve)
-    attributes = sweep_of(
-        one(f"{FIG4.replace('off', 'on')}, {BALL}, sweep: {{d: {{sphere: {{count: 20}}}}}}"),
-        tmp_path,
-    ).attributes
+    text = f"{FIG4.replace('off', 'on')}, {BALL}, sweep: {{d: {{sphere: {{count: 20}}}}}}"
+    attributes = hodo_cli.sweep(one(text)).attrs
     assert attributes["status"] == "ok"
     assert attributes["error_sample"] == 19
     expected = "1 of 20 members have no measured error: a number of it is 0"
@@ -1186,14 +1176,14 @@ def test_early_samples_in_a_long_span_have_their_digits() -> None:
 
 @pytest.mark.heyoka
 @pytest.mark.parametrize("size", [1e-150, 1e17])
-def test_the_errors_of_a_sweep_are_measured_at_every_scale(size: float, tmp_path: Path) -> None:
+def test_the_errors_of_a_sweep_are_measured_at_every_scale(size: float) -> None:
     case = one(
         "model: linear-diag, inertia: [1, 0.8, 0.6], "
         f"damping: [{0.01 * size}, {0.008 * size}, {0.006 * size}], time: {{end: {200 / size}}}, "
         f"initial: {{p: {0.8 * size}, q: {0.5 * size}, r: {0.74 * size}}}, "
         f"sweep: {{initial.p: {{linspace: [{0.75 * size}, {0.85 * size}, 40]}}}}"
     )
-    attributes = sweep_of(case, tmp_path).attributes
+    attributes = hodo_cli.sweep(case).attrs
     assert attributes["status"] == "ok"
     assert 1e-15 < attributes["error"] < 1e-11
     quantiles = size * attributes["crossing_error_quantiles"]
@@ -1225,11 +1215,6 @@ def test_the_error_of_the_top_is_measured() -> None:
 
 
 FORMS_OF_TOP = ("Gz", "H", "r", "u1", "u2", "u3")
-
-
-def sweep_of(case: Case, folder: Path) -> Group:
-    quiet = Progress(1, quiet=True)
-    return sweep.run_sweep(case, "mark", folder / "a.h5", Pool(1), False, quiet)
 
 
 @pytest.mark.heyoka
