@@ -20,8 +20,10 @@ from hypothesis import strategies as st
 import hodo_cli
 from hodo_cli import Case, HodoError, engines
 from hodo_cli.cases.case import Time
+from hodo_cli.commands.classify import crossings_line
 from hodo_cli.integration import classify, crossings, integrate
 from hodo_cli.models import rigid_body
+from hodo_cli.results import layout
 
 BODY = (1.0, 0.8, 0.6)
 # Of Fig 4, for the doubles nearest to its decimals; tests/data/crossings.csv.
@@ -131,7 +133,9 @@ def test_the_start_is_that_of_the_motion_and_not_of_its_first_sample(
         assert [[c["from"], c["to"]] for c in row["crossings"]] == [["x1", "x3"]]
 
 
-@pytest.mark.parametrize(("method", "bound"), [("DOP853", 1e-11), ("LSODA", 1e-6), ("Radau", 1e-6)])
+@pytest.mark.parametrize(
+    ("method", "bound"), [("DOP853", 1e-11), ("RK45", 1e-6), ("LSODA", 1e-6), ("Radau", 1e-6)]
+)
 def test_every_engine_finds_the_same_crossing_to_its_own_error(method: str, bound: float) -> None:
     case = replace(FIG4, method=method, time=Time(end=400.0, samples=3))
     if method == "Radau":
@@ -165,6 +169,15 @@ def test_a_motion_that_comes_back_between_the_places_looked_at_has_crossed_twice
     assert (motion.crossing_error.values < 1e-12).all()
 
 
+def test_labels_and_crossings_as_they_are_stored() -> None:
+    crossing = crossings.Crossing(1.0, 1, 3, 0.5, 1e-12)
+    variables = layout.label_variables(np.array([1, 3]), [crossing])
+    label = variables["enclosed_axis"]
+    assert label.attrs["flag_meanings"] == "undetermined separatrix x1 x2 x3"
+    assert label.attrs["flag_values"].dtype == label.data.dtype == np.int8
+    assert variables["crossing_from"].data.tolist() == [1]
+
+
 # `read_sign_changes` by itself, on moments made by hand.
 
 
@@ -188,42 +201,38 @@ def crossings_between(
     return [(c.start, c.end) for c in verdict.crossings], len(verdict.undecided)
 
 
-THERE, AGAIN = (1, 3), (3, 1)
-TOUCH, LEAVE = [0.5, None, -1e-16, None, 0.5, None, 1e-16], [0.5, None, -0.5, 1e-16, -0.5, 0.0]
+def test_a_zero_reported_twice_or_never_is_one_crossing() -> None:
+    for roots in range(4):
+        assert crossings_between([0.5, *[None] * roots, -0.5]) == ([(1, 3)], 0)
 
 
-@pytest.mark.parametrize(
-    ("margins", "absorbing", "expected"),
-    [
-        # A zero that is reported twice or never is one crossing.
-        *(([0.5, *[None] * roots, -0.5], (), ([THERE], 0)) for roots in range(4)),
-        # A pair of zeros is two crossings or undecided.
-        ([0.5, None, -1e-12, None, 0.5], (), ([THERE, AGAIN], 0)),
-        ([0.5, None, -1e-16, None, 0.5], (), ([], 1)),
-        ([0.5, 1e-12, 0.5], (), ([], 0)),
-        ([0.5, 1e-16, 0.5], (), ([], 1)),
-        # A start or an end on the separatrix is no crossing.
-        ([0.0, 0.5], (), ([], 0)),
-        ([None, 0.5, None, -0.5], (), ([THERE], 0)),
-        ([0.5, None, -1e-17], (), ([], 1)),
-        # An axis that is never left decides what the error hides: about x1 it is for good; about x3
-        # the end may have brought it, but nothing before.
-        (TOUCH, (), ([], 2)),
-        (TOUCH, (1,), ([], 0)),
-        (TOUCH, (1, 3), ([], 0)),
-        (TOUCH, (3,), ([], 1)),
-        (LEAVE, (), ([THERE], 2)),
-        (LEAVE, (3,), ([THERE], 0)),
-        # What cannot be is the error's doing, and is shown as it was found.
-        (LEAVE, (1,), ([THERE], 2)),
-        # A passage through a stretch of rounding is one crossing.
-        ([0.5, 1e-17, None, -1e-17, None, 1e-17, None, -0.5], (), ([THERE], 0)),
-    ],
-)
-def test_crossings_are_between_moments_that_are_certain(
-    margins: list[float | None], absorbing: tuple[int, ...], expected: Any
-) -> None:
-    assert crossings_between(margins, absorbing) == expected
+def test_a_pair_of_zeros_is_two_crossings_or_undecided() -> None:
+    assert crossings_between([0.5, None, -1e-12, None, 0.5]) == ([(1, 3), (3, 1)], 0)
+    assert crossings_between([0.5, None, -1e-16, None, 0.5]) == ([], 1)
+    assert crossings_between([0.5, 1e-12, 0.5]) == ([], 0)
+    assert crossings_between([0.5, 1e-16, 0.5]) == ([], 1)
+
+
+def test_a_start_or_an_end_on_the_separatrix_is_no_crossing() -> None:
+    assert crossings_between([0.0, 0.5]) == ([], 0)
+    assert crossings_between([None, 0.5, None, -0.5]) == ([(1, 3)], 0)
+    assert crossings_between([0.5, None, -1e-17]) == ([], 1)
+
+
+def test_an_axis_that_is_never_left_decides_what_the_error_hides() -> None:
+    touch, leave = [0.5, None, -1e-16, None, 0.5, None, 1e-16], [0.5, None, -0.5, 1e-16, -0.5, 0.0]
+    assert crossings_between(touch) == ([], 2)
+    # About x1 it is for good; about x3 the end may have brought it, but nothing before.
+    assert crossings_between(touch, (1,)) == crossings_between(touch, (1, 3)) == ([], 0)
+    assert crossings_between(touch, (3,)) == ([], 1)
+    assert crossings_between(leave) == ([(1, 3)], 2)
+    assert crossings_between(leave, (3,)) == ([(1, 3)], 0)
+    # What cannot be is the error's doing, and is shown as it was found.
+    assert crossings_between(leave, (1,)) == ([(1, 3)], 2)
+
+
+def test_a_passage_through_a_stretch_of_rounding_is_one_crossing() -> None:
+    assert crossings_between([0.5, 1e-17, None, -1e-17, None, 1e-17, None, -0.5]) == ([(1, 3)], 0)
 
 
 def test_the_time_of_a_crossing_is_known_as_far_as_the_error_allows() -> None:
@@ -282,10 +291,14 @@ def test_the_side_of_the_start_is_that_of_its_label() -> None:
 def test_a_motion_that_ends_early_is_labelled_as_far_as_both_integrations_go() -> None:
     # In units of its own at every event, the second integration of a growing motion stops some
     # steps earlier.
-    tensor = [[-10, 0, 0], [0, 1, 0], [0, 0, 2]]
-    data = {"model": "tensor", "inertia": list(BODY), "resistance": tensor}
-    start = {"initial": {"p": 1, "q": 0, "r": 0}, "time": {"end": 100, "samples": 2001}}
-    case = Case.of(data | start)
+    data = {
+        "inertia": BODY,
+        "resistance": ((-10.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)),
+        "initial": {"p": 1.0, "q": 0.0, "r": 0.0, "G": None},
+    }
+    case = Case(
+        name="test", model="tensor", form="full", data=data, time=Time(end=100.0, samples=2001)
+    )
     motion, classification = classified(case)
     assert motion.status == "failed"
     assert classification.labels.shape == motion.time.shape
@@ -297,7 +310,7 @@ def test_a_motion_that_ends_early_is_labelled_as_far_as_both_integrations_go() -
 def test_a_motion_that_dies_out_about_the_middle_axis_keeps_the_side_that_it_cannot_leave() -> None:
     # p and r fall to 1e-16 of q at a time of about 3, and far below the smallest double: the sign
     # of D is noise. But lambda1 > lambda3, and so there is no way back from x3.
-    case = diagonal((30.0, 10.0, 20.0), (0.7, 0.3, 0.3), time=Time(end=40.0, samples=41))
+    case = diagonal((30.0, 10.0, 20.0), (0.7, 0.3, 0.3), time=Time(end=200.0, samples=201))
     classification = found(case)
     assert [(c.start, c.end) for c in classification.crossings] == [(1, 3)]
     assert classification.crossings[0].time < 1
@@ -314,7 +327,7 @@ def test_without_a_side_that_it_cannot_leave_a_motion_that_dies_out_keeps_none()
     )
     initial = {"p": 0.7, "q": 0.3, "r": 0.3, "G": None}
     data = {"inertia": A, "resistance": I, "initial": initial}
-    labels = found(Case("dying", "tensor", "full", data, Time(end=40.0, samples=41))).labels
+    labels = found(Case("dying", "tensor", "full", data, Time(end=200.0, samples=201))).labels
     assert set(labels[1:3]) == {3}
     assert set(labels[10:]) == {rigid_body.SEPARATRIX}
 
@@ -341,9 +354,8 @@ def test_a_motion_without_a_measured_error_is_compared_where_its_error_decides()
     assert abs(crossing.time - CROSSING) <= 3 * crossing.error
 
 
-@pytest.mark.parametrize(
-    ("beside", "part"), [(6.05412358e-10, 1e-2), (2.21898234e-09, -1e-2), (1e-8, 1e-6)]
-)
+@pytest.mark.parametrize("beside", [6.05412358e-10, 2.21898234e-09, 1e-8])
+@pytest.mark.parametrize("part", [1e-2, 1e-6, -1e-2])
 def test_rounding_makes_no_crossing_of_a_motion_that_turns_over(beside: float, part: float) -> None:
     """lambda1 = lambda3 forbids a crossing. The motion comes back to the middle axis, where what
     rounding took from D on the way is larger than D; nobody has measured that."""
@@ -372,6 +384,16 @@ def test_the_side_of_a_state_is_told_by_the_digits_that_it_has() -> None:
     np.testing.assert_allclose(found, exact.astype(float), rtol=0.1, atol=0)
     np.testing.assert_allclose(found[3], float(exact[3]), rtol=1e-14)
     assert rigid_body.margin(A, omega[1], order) == found[1]
+
+
+def test_of_many_crossings_a_table_shows_the_first_ones_and_the_last() -> None:
+    crossings = [{"time": float(t), "from": "x1", "to": "x3", "error": 1e-14} for t in range(30)]
+    for n, expected in ((5, "0 1 2 3 4"), (6, "0 1 2 3 more 5"), (30, "0 1 2 3 more 29")):
+        row = {"case": "a", "start": "x1", "end": "x3", "crossings": crossings[:n], "warnings": []}
+        told = crossings_line(row)[-1].split("; ")
+        shown = ["more" if "more" in each else each.split()[0] for each in told]
+        assert " ".join(shown) == expected
+    assert told[4] == "25 more (--json lists them)"
 
 
 @pytest.mark.parametrize("order", [*permutations(range(3))])

@@ -192,9 +192,9 @@ def test_the_heavy_body_of_the_documents_keeps_its_integrals(hodo: Hodo, tmp_pat
     config = next(text for text in snippets("docs/own-models.md", "yaml") if "model: heavy" in text)
     (tmp_path / "heavy.py").write_text(HEAVY, encoding="utf-8")
     body = config.removeprefix("cases:\n")
-    tilts = "    error: off\n    sweep: {attitude.euler.1: {values: [0.3, 1.0471975511965976]}}\n"
+    tilts = "    sweep: {attitude.euler.1: {values: [0.3, 1.0471975511965976]}}\n"
     swept = body.replace("kovalevskaya", "swept") + tilts
-    ball = "    error: off\n    store: [trajectory]\n    sweep: {d: {sphere: {count: 5, seed: 1}}}\n"
+    ball = "    store: [trajectory]\n    sweep: {d: {sphere: {count: 5, seed: 1}}}\n"
     swept += body.replace("kovalevskaya", "random").replace("end: 50", "end: 5, samples: 3") + ball
     (tmp_path / "a.yaml").write_text(f"cases:\n{body}{swept}{OF_HEAVY}", encoding="utf-8")
     run(hodo, "heavy.py", "run", "claims", "plot")
@@ -307,6 +307,26 @@ def test_crossings_are_found_in_single_cases_and_sweeps_by_any_method(
     ((time,), (true,)) = judged.crossing_time.values, best.crossing_time.values
     assert judged.crossing_error.values[0] == pytest.approx(abs(time - true), rel=0.05)
     assert true == pytest.approx(float(data["best-sweep"].crossing_time[1]), rel=1e-12)
+
+
+@pytest.mark.heyoka
+def test_its_powers_keep_their_digits_where_a_component_passes_zero(
+    hodo: Hodo, folder: Path
+) -> None:
+    """The squares of the example, side by side, against the same drag of `torques`."""
+    text = (
+        "defaults: {inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}, tol: 1e-12,\n"
+        "           time: {end: 1000}, sweep: {initial.p: {linspace: [0.5, 0.8, 8]}}}\n"
+        "cases: {a: {model: quadratic-drag, drag: 0.001}}\n"
+    )
+    (folder / "a.yaml").write_text(text)
+    (folder / "b.yaml").write_text(text.replace("quadratic-drag, drag", "torques, quadratic"))
+    run(hodo, "drag.py", "run")
+    assert hodo("run", "b.yaml").returncode == 0
+    with h5py.File(folder / "runs" / "a.h5") as own, h5py.File(folder / "runs" / "b.h5") as known:
+        assert own["a"].attrs["method_reason"].startswith("side by side")
+        assert abs(own["a/omega"][:] - known["a/omega"][:]).max() <= 1e-10
+        assert own["a"].attrs["error"] <= 1e-10
 
 
 @pytest.mark.parametrize(
