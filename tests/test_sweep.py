@@ -75,17 +75,12 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
         ),
         ("{damping.2: {linspce: [1, 2, 3]}}", "did you mean 'linspace'?"),
         (
-            "{damping.2: {linspace: [1, 2]}}",
-            "expected [first, last, number of values], got a list of 2",
-        ),
-        (
             "{damping.2: {logspace: [0, 2, 5]}}",
             "sweep.damping.2.logspace.0: expected a positive number, got 0",
         ),
         ("{damping.3: {values: [1]}}", "sweep.damping.3: the case has no such number: damping.3"),
         ("{dampng: {values: [1]}}", "did you mean 'damping'?"),
         ("{time.end: {values: [1]}}", "sweep.time.end: time.end is no number of the model"),
-        ("{tol: {values: [1]}}", "sweep.tol: tol is no number of the model, and is not swept"),
         (
             "{inertia.0: {values: [1, -1]}}",
             "sweep.inertia.0.values.1: expected a positive number, got -1",
@@ -93,8 +88,6 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
         ("{initial: {values: [1]}}", "expected a mapping of p, q, r, G, got 1.0"),
         ("{inertia: {values: [1]}}", "sweep.inertia: inertia is not a number: name one of its"),
         ("{time: {sphere: {count: 2}}}", "time is a name in every result: call the axis otherwise"),
-        ("{principal: {sphere: {count: 2}}}", "principal is a name in every result"),
-        ("{omega: {sphere: {count: 2}}}", "omega is a name in every result"),
         ("{status: {zip: {damping.0: {values: [1]}}}}", "status is a name in every result"),
         (
             "{d: {sphere: {count: 0}}}",
@@ -108,10 +101,6 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
         (
             "{damping.2: {values: [1]}, d: {zip: {damping.2: {values: [1]}}}}",
             "damping.2 varies along another axis already, or a part of it does",
-        ),
-        (
-            "{d: {zip: {damping.2: {values: [1]}}}, damping: {values: [1, 2]}}",
-            "damping varies along another axis already, or a part of it does",
         ),
         (
             "{initial.r: {values: [1, 2]}}",
@@ -424,9 +413,10 @@ def test_members_that_do_not_end_well_are_marked(
     case = one(text)
     found = computed(case)
     assert found["status"].tolist() == status
-    of_state = found["omega"] if "omega" in found else found[next(iter(found))]
-    assert np.isnan(of_state[found["status"] == INVALID].astype(float)).all()
-    assert members.warnings_of_ends(case) == [] or "start" not in kind
+    if "omega" in found:
+        assert np.isnan(found["omega"][found["status"] == INVALID]).all()
+    if kind in ("a power of 0", "no value at the start"):
+        assert members.warnings_of_ends(case) == []
 
 
 @pytest.mark.heyoka
