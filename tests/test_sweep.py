@@ -420,39 +420,6 @@ def test_members_that_do_not_end_well_are_marked(
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize(
-    ("torques", "axes", "alone"),
-    [
-        ("damping: [0.2, 0.1, 0.03]", {1, 3}, ""),
-        ("kappa: 0.3", {1}, ", max_steps: 100000"),
-        ("rotor: [0, 0, 0.1], damping: 0.04", {rigid_body.UNDETERMINED}, ""),
-    ],
-)
-def test_members_stop_as_their_single_cases(torques: str, axes: set[int], alone: str) -> None:
-    """When, about which axis, and that axis' share of the span, which ends with the stop; the last
-    member does not stop within it."""
-    case = one(
-        f"model: torques, inertia: [1, 0.8, 0.6], {torques}, "
-        "initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 40}, "
-        "store: [event_time, event_from, end_axis, share], "
-        f"sweep: {{brake: {{values: [1, 0.035, 0.027, 1e-5]}}}}{alone}"
-    )
-    stored = computed(case)
-    found = {k: v.tolist() for k, v in stored.items() if k in columns.stored_columns(case)}
-    assert math.isnan(found["event_time"][3])
-    assert found["event_from"][3] == rigid_body.UNDETERMINED
-    assert {*found["event_from"][:3]} == axes
-    for i in range(3):
-        motion = integrate(replace(members.member(case, i), error=False))
-        assert found["event_time"][i] == pytest.approx(motion.events[0].time, rel=1e-13)
-        assert found["event_from"][i] == motion.events[0].details["from"]
-        assert found["end_axis"][i] == rigid_body.UNDETERMINED
-        if axes <= {1, 2, 3}:  # the others have no share
-            part = found["event_time"][i] / 40
-            assert sum(found["share"][i]) == pytest.approx(part, rel=1e-12)
-
-
-@pytest.mark.heyoka
 def test_the_error_of_members_that_stop_is_that_of_the_time() -> None:
     """Members that end too small are counted."""
     body = "model: torques, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}"
@@ -578,22 +545,27 @@ def test_members_go_side_by_side_as_they_go_alone(torque: str) -> None:
     """Also where more than omega along principal axes is the state: the direction of a torque, the
     leg of a brake, an attitude. A limit of steps has each member integrated by itself."""
     case = one(f"model: torques, error: off, {TORQUES[torque]}")
-    together = hodo_cli.sweep(case)
-    first = min(8, together["status"].size)
+    group = chunk.compute(chunk.Chunk(case, 0, math.prod(columns.shape(case))))
+    assert group.attributes["rejections"].sum() <= 2
+    together = {name: variable.data for name, variable in group.variables.items()}
+    first = min(8, len(together["status"]))
     alone = computed(replace(case, max_steps=10**6), 0, first)
-    assert re.search("side by side(, [012] of|$)", together.attrs["method_reason"])
-    for name in ("status", "start_axis", "end_axis", "crossings", "crossing_to", "crossing_from"):
+    assert {*alone} == {*together}
+    labels = {"status", "start_axis", "end_axis", "crossings", "crossing_to", "crossing_from"}
+    for name in (labels | {"event_from"}) & {*together}:
         assert np.array_equal(together[name][:first], alone[name]), name
-    for name in ("omega", "crossing_time", "share", "separation", "event_time", "attitude"):
-        if name in together:
-            near = pytest.approx(alone[name], rel=1e-10, abs=1e-12, nan_ok=True)
-            assert together[name].values[:first] == near, name
-    stopped = (together["omega"].values == 0).all(axis=1)
+    for name in {"omega", "crossing_time", "share", "event_time", "attitude"} & {*together}:
+        near = pytest.approx(alone[name], rel=1e-10, abs=1e-12, nan_ok=True)
+        assert together[name][:first] == near, name
+    stopped = (together["omega"] == 0).all(axis=1)
     assert stopped.any() == ("stops" in torque)
     assert stopped.all() == ("all" in torque)
+    if "brake that stops" in torque:  # the share of the axes ends with the stop
+        part = together["event_time"][stopped] / case.time.end
+        assert together["share"][stopped].sum(axis=1) == pytest.approx(part, rel=1e-12)
     if "from rest" in torque:  # its side is the one along the torque
         assert (together["start_axis"] == rigid_body.UNDETERMINED).all()
-        assert bool(together["crossings"].any()) == ("rotor" not in torque)
+        assert together["crossings"].any() == ("rotor" not in torque)
     assert not ("equal" in torque and together["crossings"].any())
 
 

@@ -366,26 +366,6 @@ def test_a_first_step_beyond_the_doubles_is_taken_anew() -> None:
     assert omega == pytest.approx(ivp.y[:, -1], rel=1e-11)
 
 
-@pytest.mark.heyoka
-@pytest.mark.parametrize(("power", "size"), [(1, 1e-8), (12, 1e-4)])
-def test_a_power_of_the_time_near_rest_costs_no_digits(power: int, size: float) -> None:
-    """The last coefficients of such a series are those of the small rotation alone."""
-    A, start, end = np.array([1, 0.8, 0.7]), size * np.array([1, 2, 1.5]), 6
-    rate = 3 * (power + 1) / end ** (power + 1)
-    case = {
-        "model": "torques", "inertia": [1, 0.8, 0.6], "torque": [f"{rate!r}*t**{power}", 0, 0],
-        "initial": dict(zip("pqr", start.tolist(), strict=True)), "time": {"end": end},
-    }  # fmt: skip
-    ivp = solve_ivp(
-        lambda t, w: (np.cross(A * w, w) + np.array([rate * t**power, 0, 0])) / A,
-        (0, end), start, "DOP853", rtol=3e-14, atol=1e-18, max_step=0.02,
-    )  # fmt: skip
-    members = hodo.sweep({**case, "sweep": {"inertia.2": {"values": [0.6, 0.7]}}})
-    alone = hodo.run({**case, "inertia": A.tolist()})
-    for omega in (members.omega[-1], alone.omega[-1]):
-        assert omega.values == pytest.approx(ivp.y[:, -1], rel=0, abs=1e-13 * abs(ivp.y[0, -1]))
-
-
 OLD_NAMES = {
     "linear-diag": {"damping": MEDIUM},
     "tensor": {"resistance": {"diagonal": 0.003, "off_diagonal": 0.001}},
