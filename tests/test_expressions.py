@@ -253,26 +253,6 @@ def test_a_complex_step_is_the_derivative(name: str) -> None:
     assert value.imag[0] / 1e-100 == pytest.approx(float(slope), rel=1e-13)
 
 
-def test_a_series_has_the_coefficients_of_the_composed_function() -> None:
-    """p, q, r polynomials of the time t = 3 + s, one of them without a constant."""
-    polynomials: dict[str, list[float]] = {
-        "p": [0.8, 0.3, -0.2], "q": [-0.5, 1.0], "r": [0.0, 0.7, 0.1], "t": [3.0, 1.0],
-    }  # fmt: skip
-    values = {name: Series(rule(c)) for name, c in polynomials.items()}
-    found = evaluate(expression.parse_expression(NESTED, NAMES), values)
-    with mpmath.workdps(60):
-
-        def composed(s: Any) -> Any:
-            at = {
-                name: sum(mpmath.mpf(x) * s**i for i, x in enumerate(c))
-                for name, c in polynomials.items()
-            }
-            return exactly(NESTED, at)
-
-        expected = [float(c) for c in mpmath.taylor(composed, 0, 12)]
-    assert [found[k] for k in range(13)] == pytest.approx(expected, rel=1e-11)
-
-
 def rule(c: list[Any]) -> Callable[[int], Any]:
     return lambda k: c[k] if k < len(c) else 0.0
 
@@ -296,9 +276,6 @@ def test_a_function_of_a_series_has_the_coefficients_of_the_books(name: str) -> 
 @pytest.mark.heyoka
 def test_an_engines_symbols_and_their_series() -> None:
     hy = pytest.importorskip("heyoka")
-    from hodo_cli.engines import taylor
-
-    assert taylor
     symbols = dict(zip(NAMES, hy.make_vars(*NAMES), strict=True))
     tree = expression.parse_expression(NESTED, NAMES)
     of = hy.cfunc([evaluate(tree, symbols)], vars=list(symbols.values()))
