@@ -276,6 +276,9 @@ def test_a_function_of_a_series_has_the_coefficients_of_the_books(name: str) -> 
 @pytest.mark.heyoka
 def test_an_engines_symbols_and_their_series() -> None:
     hy = pytest.importorskip("heyoka")
+    from hodo_cli.engines import taylor
+
+    assert taylor
     symbols = dict(zip(NAMES, hy.make_vars(*NAMES), strict=True))
     tree = expression.parse_expression(NESTED, NAMES)
     of = hy.cfunc([evaluate(tree, symbols)], vars=list(symbols.values()))
