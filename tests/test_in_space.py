@@ -7,7 +7,6 @@ HODO_FUZZ sets the number of random bodies (default 24).
 import json
 import math
 import os
-import random
 import re
 from itertools import product
 from pathlib import Path
@@ -19,7 +18,6 @@ import pytest
 from conftest import Hodo, call, classified, run_hodo
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
-from scipy.special import ellipk
 from test_own_time import TIMED, random_body, scaled
 
 from hodo_cli import Case, HodoError, derive, sweep
@@ -125,35 +123,15 @@ def test_known_attitudes(
     assert in_space(motion)[-1] == pytest.approx(G, abs=2 * bound + rounding)
 
 
-def body(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """The moments and the start of a random body."""
-    draw = random.Random(seed)
-    return np.array([draw.uniform(0.52, 1) for _ in range(3)]), np.array(
-        [draw.uniform(-1, 1) for _ in range(3)]
-    )
-
-
-def period_of(A: np.ndarray, omega: np.ndarray) -> float:
-    """The time of a turn of the hodograph, by Legendre's integral."""
-    (c, r), (b, q), (a, p) = sorted(zip(A.tolist(), omega.tolist(), strict=True))
-    outer = a * (a - c) * p * p + b * (b - c) * q * q
-    inner = c * (a - c) * r * r + b * (a - b) * q * q
-    # (a - b) X about the axis of largest inertia, (b - c) Y about the other one.
-    smaller, larger = sorted([(a - b) * outer, (b - c) * inner])
-    return float(4 * ellipk(smaller / larger) / np.sqrt(larger / (a * b * c)))
-
-
 @pytest.mark.heyoka
 def test_random_bodies_are_in_closed_form() -> None:
-    """After 1, 10 and 100 turns of the hodograph the integrated attitude is the closed form's, up
-    to what rounding does to the phase."""
-    worst = 0.0
-    for seed in range(COUNT):
-        inertia, omega = body(seed)
-        times = period_of(inertia, omega) * np.array([1.0, 10.0, 100.0])
+    """Over many turns of the hodograph the integrated attitude is the closed form's, up to what
+    rounding does to the phase."""
+    draw, times, worst = np.random.default_rng(1), np.array([8.0, 80.0, 800.0]), 0.0
+    for _ in range(COUNT):
+        inertia, omega = draw.uniform(0.52, 1, 3), draw.uniform(-1, 1, 3)
         initial = dict(zip("pqr", omega.tolist(), strict=True))
-        case = made(times[-1], inertia=inertia.tolist(), initial=initial)
-        motion = solve(case, "taylor", times=times)
+        motion = solve(made(800, inertia=inertia.tolist(), initial=initial), "taylor", times=times)
         known = exact.free_attitude(inertia, omega, times)
         off = angles(attitudes(motion), known)
         phase = np.linalg.norm(omega) * times
@@ -177,15 +155,6 @@ def test_at_any_scale_the_attitude_is_the_same() -> None:
         damping = [0.005 * s, 0.004 * s, 0.003 * s]
         far, _ = classified(made(60 / s, damping=damping, initial=initial))
         assert apart(attitudes(far), attitudes(plain)) < 1e-13
-
-
-def test_back_in_time() -> None:
-    """Turned back, with what damped now feeding it, the body comes to where it started from."""
-    there, _ = classified(made(40, damping=[0.005, 0.004, 0.003], attitude={"align": "G"}))
-    back = dict(zip("pqr", (-there.variables["omega"][-1]).tolist(), strict=True))
-    start = {"initial": attitudes(there)[-1].tolist()}
-    again, _ = classified(made(40, damping=[-0.005, -0.004, -0.003], initial=back, attitude=start))
-    assert apart(attitudes(again)[-1], attitudes(there)[0]) < 1e-12
 
 
 def test_a_model_of_ones_own_has_it(tmp_path: Path) -> None:
