@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853
 
-from hodo_cli.cases.case import Case
+from hodo_cli import Case
 from hodo_cli.models.theory import theorems as theory
 
 MEMBERS = int(os.environ.get("HODO_SUMS", "150"))
