@@ -180,6 +180,7 @@ def test_a_motion_that_dies_out_ends_at_rest_by_a_method_of_scipy() -> None:
         "time": {"end": 0.5, "samples": 21},
         "error": "off",
         "method": "RK45",
+        "tol": 1e-5,
     }
     motion = integrate(Case.of(given))
     assert motion.status == "ok"
