@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import arithmetic
+from hodo_cli import arithmetic, functions
 
 NUMBERS = st.lists(st.floats(0.1, 1e3), min_size=9, max_size=9)
 
@@ -115,3 +115,13 @@ def test_a_column_parts_from_what_is_not_finite(way: Callable[[Any], Any]) -> No
 def test_what_would_mix_members_is_refused(way: Callable[[Any], Any]) -> None:
     with pytest.raises(TypeError):
         way(arithmetic.Column(np.array([1.0, 2.0, 3.0])))
+
+
+@pytest.mark.parametrize("number", [0.3, np.float64(0.3), np.longdouble(0.3), np.full(3, 0.3)])
+def test_functions_of_numbers_and_arrays(number: Any) -> None:
+    """Those that a model of a user's own has."""
+    for name in ("sin", "cos", "exp", "log", "sqrt"):
+        value = getattr(functions, name)(number)
+        assert np.allclose(np.asarray(value, float), getattr(math, name)(0.3), rtol=1e-15)
+        assert np.asarray(value).dtype == np.asarray(number).dtype
+    assert np.all(functions.abs(-number) == number)

@@ -12,7 +12,6 @@ import pytest
 import series
 
 from hodo_cli import Case, HodoError
-from hodo_cli.cases.case import variation
 from hodo_cli.cases.config import load, parse
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration import classify, integrate
@@ -23,8 +22,10 @@ PAPER2 = load(HERE.parent / "configs" / "paper2.yaml").cases
 
 
 def changed(name: str, **changes: Any) -> Case:
-    """A case of the paper with other values."""
-    return variation(PAPER2[name], changes)
+    """A case of the paper with other values; the form full has no `spin_reversal`."""
+    entries = PAPER2[name].entries | changes
+    dropped = {"spin_reversal"} if entries["form"] == "full" else set()
+    return Case.of({key: x for key, x in entries.items() if key not in dropped}, name)
 
 
 ENDS = [
@@ -82,19 +83,16 @@ CONSTANTS = {"g": 1, "kappa": 0.6, "N1": 0.1, "N2": -0.2, "N3": 0.3, "terms": "k
 
 
 def test_the_equations_are_those_of_the_independent_reference() -> None:
+    """And those of the paper, of an axisymmetric body."""
+    M = (0.1, -0.2, 0.3)
     for A, omega in bodies(20):
-        k = SimpleNamespace(**dict(zip(("A1", "A2", "A3"), A, strict=True)), **CONSTANTS)
-        expected = [value(row, omega) for row in series.cavity(A, 0.6, (0.1, -0.2, 0.3))]
-        assert np.allclose(FORMS["full"].rhs(0, omega, k), expected, rtol=1e-13, atol=1e-13)
-
-
-def test_for_an_axisymmetric_body_they_are_those_of_the_paper() -> None:
-    k = SimpleNamespace(A1=8.0, A2=8.0, A3=4.0, **CONSTANTS)
-    for _, omega in bodies(20):
-        expected = [
-            value(row, omega) for row in series.cavity_symmetric(8.0, 4.0, 0.6, (0.1, -0.2, 0.3))
-        ]
-        assert np.allclose(FORMS["full"].rhs(0, omega, k), expected, rtol=1e-13, atol=1e-13)
+        disc = 8.0, 8.0, 4.0
+        systems = series.cavity(A, 0.6, M), series.cavity_symmetric(disc[0], disc[2], 0.6, M)
+        for moments, system in zip((A, disc), systems, strict=True):
+            known = dict(zip(("A1", "A2", "A3"), moments, strict=True))
+            found = FORMS["full"].rhs(0, omega, SimpleNamespace(**known, **CONSTANTS))
+            expected = [value(row, omega) for row in system]
+            assert np.allclose(found, expected, rtol=1e-13, atol=1e-13)
 
 
 @pytest.mark.parametrize("form", ["averaged", "averaged-as-printed"])
@@ -119,7 +117,7 @@ def test_the_spin_ends_when_and_where_the_reference_says(row: dict[str, str]) ->
     assert motion.error < 100 * CLOSE
 
 
-@pytest.mark.parametrize("figure", ["fig1", "fig2", "fig3", "fig4"])
+@pytest.mark.parametrize("figure", ["fig1", "fig4"])
 def test_without_M1_and_M2_averaging_is_an_identity(figure: str) -> None:
     averaged, full = integrate(PAPER2[figure]), integrate(changed(figure, form="full"))
     before = len(averaged.time) - 1
@@ -132,7 +130,7 @@ def test_without_M1_and_M2_averaging_is_an_identity(figure: str) -> None:
 
 def test_with_M1_and_M2_full_and_averaged_differ_in_proportion_to_epsilon() -> None:
     distances = []
-    small = [0.02, 0.01, 0.005, 0.0025]
+    small = [0.02, 0.005]
     for epsilon in small:
         # Both torques are of the order of epsilon, the horizon of 1/epsilon, well before the end of
         # spin.
@@ -162,15 +160,6 @@ def test_the_motion_may_go_on_through_the_end_of_spin(name: str) -> None:
     assert np.abs(found[0] - [float(x) for x, _ in expected]).max() < 100 * CLOSE
     assert np.abs(found[1] - [float(r * r) for _, r in expected]).max() < 100 * CLOSE
     assert min(values.min() for values in motion.variables.values()) >= 0
-
-
-def test_the_corrected_sign_conserves_momentum_and_the_printed_one_does_not() -> None:
-    momentum = {}
-    for name in ("fig1", "fig1-as-printed"):
-        variables = integrate(changed(name, torque=[0, 0, 0])).variables
-        momentum[name] = 64 * variables["x"] + 16 * variables["y"]
-    assert np.ptp(momentum["fig1"]) < 100 * CLOSE * 80
-    assert momentum["fig1-as-printed"][-1] < 0.61 * 80
 
 
 def test_a_triaxial_body_turns_to_its_axis_of_largest_inertia() -> None:
@@ -238,31 +227,32 @@ def test_wrong_data_are_refused(given: dict[str, str], message: str) -> None:
         case(**given)
 
 
-def validity_warnings(case: Case) -> list[str]:
-    return case.system.warnings
-
-
-def test_what_contradicts_the_theory_is_said() -> None:
-    cases = ((PAPER2["fig1"], 4), (PAPER2["fig3-as-printed"], 1), (changed("fig4", form="full"), 1))
-    for heavy_case, moment in cases:
-        (heavy,) = validity_warnings(heavy_case)
-        assert "b = 1.39, and its fluid a mass of 14175 and a moment of inertia of 10956" in heavy
-        assert f"more than the {moment} of body and fluid" in heavy
-    (flow,) = validity_warnings(
-        case(
-            kappa="",
-            cavity="{density: 1e-3, viscosity: 10, radius: 1}",
-            initial="{p: 3, q: 0, r: 4}",
-        )
-    )
-    assert "b^2 |omega|/nu is 0.5 " in flow
-    (fluid,) = validity_warnings(case(kappa="6"))
-    assert "torque of the fluid is not small: 0.753 of" in fluid
-    (constant,) = validity_warnings(case(torque="[0, 0, 1]"))
-    assert "torque epsilon M is not small" in constant
-    (dropped,) = validity_warnings(case(form="averaged", torque="[0.03, 0, 0]"))
-    assert "it is 0.1 at the start" in dropped
-    assert not validity_warnings(case(torque="[0.03, 0, 0]"))
+@pytest.mark.parametrize(
+    ("doubted", "words"),
+    [
+        (
+            PAPER2["fig1"],
+            "b = 1.39, and its fluid a mass of 14175 and a moment of inertia of 10956",
+        ),
+        (PAPER2["fig1"], "of 10956, more than the 4 of body and fluid"),
+        (PAPER2["fig3-as-printed"], "more than the 1 of body and fluid"),
+        (changed("fig4", form="full"), "more than the 1 of body and fluid"),
+        (
+            case(
+                kappa="",
+                cavity="{density: 1e-3, viscosity: 10, radius: 1}",
+                initial="{p: 3, q: 0, r: 4}",
+            ),
+            "b^2 |omega|/nu is 0.5 ",
+        ),
+        (case(kappa="6"), "torque of the fluid is not small: 0.753 of"),
+        (case(torque="[0, 0, 1]"), "torque epsilon M is not small"),
+        (case(form="averaged", torque="[0.03, 0, 0]"), "it is 0.1 at the start"),
+    ],
+)
+def test_what_contradicts_the_theory_is_said(doubted: Case, words: str) -> None:
+    (warning,) = doubted.system.warnings
+    assert words in warning
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -275,18 +265,10 @@ def test_arrays_of_states_are_the_states_one_by_one(form: str) -> None:
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("method", ["auto", "collocation"])
-@pytest.mark.parametrize("torque", [-0.1, 0.0, 0.1])
-@pytest.mark.parametrize("reversal", ["stop", "continue"])
+@pytest.mark.parametrize(("torque", "reversal"), [(-0.1, "stop"), (0, "stop"), (0.1, "continue")])
 def test_a_start_without_spin_is_no_end_of_it(method: str, torque: float, reversal: str) -> None:
-    motion = integrate(
-        case(
-            form="averaged",
-            initial="{x: 1, y: 0}",
-            torque=f"[0, 0, {torque}]",
-            method=method,
-            spin_reversal=reversal,
-        )
-    )
+    given = {"method": method, "torque": f"[0, 0, {torque}]", "spin_reversal": reversal}
+    motion = integrate(case(form="averaged", initial="{x: 1, y: 0}", **given))
     assert (motion.status, motion.time[-1], motion.events) == ("ok", 10.0, ())
     assert (motion.variables["y"][1:] > 0).all() == (torque != 0)
 
@@ -302,5 +284,6 @@ def test_the_error_of_an_end_of_spin_does_not_depend_on_the_origin_of_time() -> 
 @pytest.mark.filterwarnings("error")
 def test_doubts_about_bodies_of_any_size() -> None:
     given = {"initial": "{x: 1e154, y: 1e154}", "torque": "[0, 0, 1]"}
-    assert validity_warnings(case(inertia="[1e-99, 1e-99, 0.8e-99]", **given))
-    assert not validity_warnings(case(inertia="[1e100, 1e100, 0.8e100]", kappa="0.01", **given))
+    assert case(inertia="[1e-99, 1e-99, 0.8e-99]", **given).system.warnings
+    heavy = case(inertia="[1e100, 1e100, 0.8e100]", kappa="0.01", **given)
+    assert not [*heavy.system.warnings, *case(torque="[0.03, 0, 0]").system.warnings]

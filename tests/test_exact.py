@@ -8,7 +8,6 @@ thousands of bodies is 0.27 of it.
 """
 
 import itertools
-import json
 import math
 from collections.abc import Iterator, Sequence
 
@@ -22,7 +21,6 @@ from hypothesis import strategies as st
 from mpmath import mpf
 
 from hodo_cli import Case
-from hodo_cli.cases.config import parse
 from hodo_cli.models.theory import exact
 
 EVEN = [0, 1, 2], [1, 2, 0], [2, 0, 1]
@@ -90,13 +88,8 @@ def free(A1, A2, A3, p, q, r):
 def errors(found: np.ndarray, truth: Sequence[mpmath.matrix]) -> np.ndarray:
     """|found - truth| / |truth|, sample by sample; the difference is taken in high precision."""
     with mpmath.workdps(40):
-        differences = [mpmath.matrix(row) - w for row, w in zip(found.tolist(), truth, strict=True)]
-        return np.array(
-            [
-                float(mpmath.norm(d) / mpmath.norm(w))
-                for d, w in zip(differences, truth, strict=True)
-            ]
-        )
+        pairs = [(mpmath.matrix(row) - w, w) for row, w in zip(found.tolist(), truth, strict=True)]
+        return np.array([float(mpmath.norm(off) / mpmath.norm(w)) for off, w in pairs])
 
 
 def limit(omega0: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -110,26 +103,6 @@ def assert_free_motion(
     """Free motion as given by the reference, to `limit`."""
     truth = reference(A, omega0, 0, times, digits)
     assert (errors(exact.free_motion(A, omega0, times), truth) <= limit(omega0, times)).all()
-
-
-def ulp_effect(
-    A: np.ndarray, omega0: np.ndarray, times: np.ndarray, digits: int = 60
-) -> np.ndarray:
-    """How far one ulp in each datum moves the free motion, relative to |omega|: the sum over the
-    six data."""
-    truth = reference(A, omega0, 0, times, digits)
-    moved = np.zeros(len(times))
-    for i in range(3):
-        for data, other in ((A, omega0), (omega0, A)):
-            near = data.copy()
-            near[i] = np.nextafter(data[i], 2 * data[i])
-            pair = (near, other) if data is A else (other, near)
-            with mpmath.workdps(digits):
-                moved += [
-                    float(mpmath.norm(a - b) / mpmath.norm(b))
-                    for a, b in zip(reference(*pair, 0, times, digits), truth, strict=True)
-                ]
-    return moved
 
 
 @st.composite
@@ -201,7 +174,7 @@ def test_agrees_with_the_formulas_of_the_literature(A, omega0, lam):
     assert (errors(found, reference(A, omega0, lam, times, 260)) <= bound).all()
 
 
-@pytest.mark.parametrize("distance", [s * 10.0**-n for n in (3, 6, 9, 12, 15) for s in (1, -1)])
+@pytest.mark.parametrize("distance", [1e-3, -1e-6, 1e-9, -1e-12, 1e-15, -1e-15])
 def test_near_the_separatrix_no_digit_of_the_data_is_lost(distance):
     """The motion of the data as given is met, although at 1e-15 one ulp in them moves it by 8e-8 at
     t = 60 and by 2e-4 at t = 1000: D is a rational number and computed as such.
@@ -209,25 +182,6 @@ def test_near_the_separatrix_no_digit_of_the_data_is_lost(distance):
     times = np.array([0.0, 5.0, 60.0, 1000.0])
     for A, omega0 in arrangements((1, 0.8, 0.6), (math.sqrt(0.6) * (1 + distance), 0.01, 1.0)):
         assert_free_motion(A, omega0, times)
-
-
-@pytest.mark.parametrize(
-    ("omega0", "end"),
-    [
-        ((0.79, 0, 1.02), 1000.0),
-        ((math.sqrt(0.6) * (1 + 1e-9), 0.4, 1.0), 1000.0),
-        ((0.5, 0.25, 1.4), 1e8),
-    ],
-)
-def test_errors_are_far_below_what_the_data_allow(omega0, end):
-    """The bound that every method is held to: 1e-13, or 30 times what one ulp in each of the data
-    does."""
-    A, omega0, times = np.array([1, 0.8, 0.6]), np.array(omega0), np.array([0.01, 1]) * end
-    allowed = np.maximum(1e-13, 30 * ulp_effect(A, omega0, times))
-    assert allowed[-1] > 1e-10, "the case is not ill-conditioned and shows nothing"
-    assert (
-        errors(exact.free_motion(A, omega0, times), reference(A, omega0, 0, times)) <= allowed
-    ).all()
 
 
 def test_on_the_separatrix():
@@ -248,7 +202,7 @@ def test_beside_the_principal_axes(axis, beside):
     double."""
     start = [beside, beside, 2 * beside]
     start[axis] = 1.0
-    times = np.array([1.0, 30.0, 140.0, 900.0, 2000.0])
+    times = np.array([1.0, 140.0, 2000.0])
     for A, omega0 in arrangements((1, 0.8, 0.6), start):
         assert_free_motion(A, omega0, times, 400)
 
@@ -272,15 +226,6 @@ def test_steady_rotations_stay_what_they_are(A, omega0):
     assert np.array_equal(found, np.tile(omega0, (3, 1)))
 
 
-def test_a_symmetric_body_precesses_regularly():
-    times = np.linspace(0, 10, 7)
-    rate = (1 - 0.6) / 0.6 * 0.5
-    found = exact.free_motion(np.array([0.6, 1, 0.6]), np.array([0.3, 0.5, -0.2]), times)
-    phase = complex(0.3, -0.2) * np.exp(-1j * rate * times)
-    expected = np.stack([phase.real, np.full(7, 0.5), phase.imag], axis=1)
-    assert found == pytest.approx(expected, abs=1e-15)
-
-
 # 2**500 is about 3e150. A power of two changes no digit, so the scaled motion is the same to the
 # last bit.
 @given(A=bodies(), omega0=starts(), lam=DAMPING, size=st.sampled_from([-498, 498]))
@@ -295,39 +240,6 @@ def test_every_scale_is_alike(A, omega0, lam, size):
         exact.free_motion(np.ldexp(A, -size), omega0, times),
         exact.free_motion(A, omega0, times),
     )
-
-
-@pytest.mark.parametrize("size", [1e-150, 1e150])
-def test_extreme_sizes(size):
-    A, omega0 = np.array([0.6, 1, 0.8]), size * np.array([0.5, -0.25, 1.4])
-    times = np.array([1.0, 40.0]) / size
-    found = exact.damped_motion(A, omega0, 0.01 * size, times)
-    assert (errors(found, reference(A, omega0, 0.01 * size, times)) <= limit(omega0, times)).all()
-
-
-# T and G^2 are sums of a few squares: their errors are a few times that of omega, and the phase
-# does not enter.
-@given(A=bodies(), omega0=starts(), end=st.sampled_from([1.0, 100.0, 1e8]))
-def test_free_motion_conserves_energy_and_momentum(A, omega0, end):
-    omega = exact.free_motion(A, omega0, np.linspace(-end, end, 11))
-    for weights in (A, A**2):
-        conserved = (weights * omega**2).sum(axis=1)
-        assert conserved == pytest.approx(np.full(11, (weights * omega0**2).sum()), rel=1e-14)
-
-
-# The poles of sn, cn, dn are at least pi / (2 |omega|) away in complex time, five times the half
-# width, so a degree of 19 suffices; differentiating magnifies rounding errors by up to 19**2 = 361,
-# about 4e-13 for a few ulps.
-@given(A=bodies(), omega0=starts(), lam=st.sampled_from([0, 0.1, 1]), start=st.floats(0, 5))
-def test_satisfies_the_equations_of_motion(A, omega0, lam, start):
-    nodes = np.polynomial.chebyshev.chebpts1(20)
-    half = 0.3 / (np.linalg.norm(omega0) + lam)
-    samples = exact.damped_motion(A, omega0, lam, start + half * nodes)
-    fit = np.polynomial.chebyshev.chebfit(nodes, samples, 19)
-    omega = np.polynomial.chebyshev.chebval(0, fit)
-    slope = np.polynomial.chebyshev.chebval(0, np.polynomial.chebyshev.chebder(fit)) / half
-    residual = A * slope + np.cross(omega, A * omega) + lam * A * omega
-    assert np.abs(residual).max() <= 4e-13 * A.max() * np.abs(samples).max() / half
 
 
 def test_decay_far_below_the_smallest_double():
@@ -348,19 +260,7 @@ def test_decay_far_below_the_smallest_double():
     assert np.array_equal(np.ldexp(state[0], exponent[0]), found[0])
 
 
-def test_a_rotation_stopped_at_once_keeps_its_direction():
-    A, omega0 = np.array([1, 0.8, 0.6]), np.array([0.8, 0.5, 0.74])
-    (state,), (exponent,) = exact.scaled_motion(A, omega0, 1e9, np.array([1e3]))
-    assert exponent < -(10**9)
-    # What is left of the free motion after infinite time is its state at s = 1/lam.
-    (stopped,) = exact.free_motion(A, omega0, np.array([1e-9]))
-    assert state / np.linalg.norm(state) == pytest.approx(
-        stopped / np.linalg.norm(stopped), rel=1e-15
-    )
-
-
-@pytest.mark.parametrize("lam", [1e-3, 0.005, 0.1, 1e4])
-@pytest.mark.parametrize("size", [1, 2.0**-498, 2.0**498])
+@pytest.mark.parametrize(("lam", "size"), [(1e-3, 1), (0.005, 2.0**-498), (1e4, 2.0**498)])
 def test_a_damped_rotation_ends_in_the_direction_of_the_free_motion(lam, size):
     """The direction has arrived, to rounding, when lam t = 60: the rest is e^-60."""
     for A, omega0 in arrangements((1, 0.8, 0.6), (0.5, 0.25, 1.4)):
@@ -374,8 +274,8 @@ def test_a_damped_rotation_ends_in_the_direction_of_the_free_motion(lam, size):
 
 
 def case(**keys: object) -> Case:
-    block = {"inertia": [1, 0.6, 0.8], "initial": {"p": 0.5, "q": 1.4, "r": -0.25}, **keys}
-    return parse(json.dumps({"cases": {"one": block}}), "one.yaml").cases["one"]
+    start = {"p": 0.5, "q": 1.4, "r": -0.25}
+    return Case.of({"inertia": [1, 0.6, 0.8], "initial": start, **keys})
 
 
 @pytest.mark.parametrize(

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from conftest import Hodo, counted
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 import hodo_cli as hodo_package
 from hodo_cli import Case, HodoError, arithmetic
 from hodo_cli.arithmetic import evaluate
-from hodo_cli.engines import series as power_series
 from hodo_cli.engines.series import Series
 from hodo_cli.schema import expression, kinds
 
@@ -32,11 +32,11 @@ NESTED = (
 )
 
 
-def case_with(text: Any) -> dict[str, Any]:
+def case_with(text: Any, **others: Any) -> dict[str, Any]:
     """A body under a torque by an expression."""
     body = {"model": "torques", "inertia": [2, 1.5, 1], "time": {"end": 10, "samples": 11}}
     start = {"p": 0.3, "q": 0.7, "r": -0.9}
-    return {**body, "initial": start, "damping": 0.01, "expression": [text, 0, 0]}
+    return {**body, "initial": start, "damping": 0.01, "expression": [text, 0, 0], **others}
 
 
 def refusal(text: Any) -> str:
@@ -59,31 +59,23 @@ def read(text: str) -> tuple[Any, str]:
     ("text", "column", "said"),
     [
         ("", 1, "missing"),
-        ("   ", 4, "missing"),
         ("p +", 4, "missing"),
-        ("p q", 3, "missing"),
         ("(p", 1, "never closed"),
         (" p)", 3, "unmatched"),
         ("  p + 1/0", 7, "division by 0"),
         ("p^2", 2, "a power is **"),
         ("2p", 1, "a product is written with its *"),
         ("p + 0x1F", 5, "not a decimal number"),
-        ("0b1", 1, "not a decimal number"),
-        ("1_0", 1, "not a decimal number"),
-        ("1j", 1, "not a decimal number"),
         ("007", 1, "not a decimal number"),
         ("1or p", 1, "not a decimal number"),
         ("p + 1e999", 5, "too large"),
         ("9" * 400, 1, "too large"),
         ("1/(1-1)", 1, "division by 0"),
-        ("q + p/0.0", 5, "division by 0"),
         ("p + sqrt(-1)", 5, "sqrt(-1) is not a finite number"),
         ("log(0)", 1, "log(0) is not a finite number"),
-        ("exp(999)", 1, "not a finite number"),
         ("1e300*1e300", 1, "not a finite number"),
         ("0**-1", 1, "not a finite number"),
         ("True", 1, "expected a number"),
-        ("None", 1, "expected a number"),
         ("pp", 1, "did you mean 'p'"),
         ("2*pi", 3, "unknown name 'pi'; write 3.141592653589793 (valid: p, q"),
         ("p + pz", 5, "unknown name 'pz' (valid: p, q"),
@@ -91,41 +83,27 @@ def read(text: str) -> tuple[Any, str]:
         ("lambda: 0", 7, "unexpected"),
         ("p # comment", 3, "unexpected '#'"),
         ("p\n", 2, "unexpected"),
-        ("p\0", 2, "unexpected"),
         ("ｐ", 1, "unexpected"),  # a full-width p, which Python's parser turns into p
         ("p*²", 3, "unexpected"),
         ("١", 1, "unexpected"),  # an Arabic digit one
-        ("p.real", 1, "unknown name"),
         ("p.__class__", 2, "unexpected"),
         ("__import__('os').system('true')", 1, "unexpected"),
-        ("[p]", 1, "unexpected"),
-        ("{p}", 1, "unexpected"),
         ("p, q", 2, "unexpected"),
-        ("p; q", 2, "unexpected"),
         ("p := 1", 3, "unexpected"),
         ("p == q", 3, "unexpected"),
-        ("p @ q", 3, "unexpected"),
-        ("~p", 1, "unexpected"),
         ("'p'", 1, "unexpected"),
         ("sin(p, q)", 6, "unexpected"),
-        ("p,5", 2, "unexpected"),
         ("eval(p)", 1, "unknown function"),
         ("tan(p)", 1, "unknown function 'tan'; write sin(x)/cos(x)"),
         ("z1*p", 1, "needs attitude: yes"),
         ("exp", 1, "exp is a function of one argument"),
         ("p // q", 1, "expected a number"),
         ("sin", 1, "function of one argument"),
-        ("q*sin", 3, "function of one argument"),
         ("sin()", 1, "expected a number"),
         ("sin(*p)", 5, "expected a number"),
-        ("sin(**p)", 1, "expected a number"),
         ("p(q)", 1, "unknown function"),
-        ("2(p)", 1, "expected a number"),
-        ("(p)(q)", 1, "expected a number"),
-        ("()", 1, "expected a number"),
         ("9**9**9**9", 7, "from -16 to 16"),
         ("p**0.5", 4, "a root is sqrt(x)"),
-        ("p**1.5", 4, "from -16 to 16"),
         ("p**17", 4, "from -16 to 16"),
         ("p**q", 4, "from -16 to 16"),
         ("(" * 220 + "p" + ")" * 220, 201, "too many nested"),
@@ -188,7 +166,7 @@ def test_the_value_is_that_of_python() -> None:
     draw, tried = random.Random(1), 0
     values = {name: np.random.default_rng(i).normal(size=5) for i, name in enumerate(NAMES)}
     functions = {name: getattr(np, name) for name in expression.FUNCTIONS}
-    for _ in range(600):
+    for _ in range(300):
         text = formula(draw, 4)
         tree, message = read(text)
         if message:
@@ -201,7 +179,7 @@ def test_the_value_is_that_of_python() -> None:
         # Powers by products instead of `pow`; a difference of near numbers shows it larger.
         close = np.isclose(evaluate(tree, values), expected, rtol=1e-9, atol=1e-9, equal_nan=True)
         assert close.all(), text
-    assert tried > 400
+    assert tried > 200
 
 
 WORDS = ["p", "q", "t", "sin", "sqrt(", "(", ")", "(", ")", "+", "-", "*", "/", "**", "2", "16",
@@ -275,26 +253,6 @@ def test_a_complex_step_is_the_derivative(name: str) -> None:
     assert value.imag[0] / 1e-100 == pytest.approx(float(slope), rel=1e-13)
 
 
-def test_a_series_has_the_coefficients_of_the_composed_function() -> None:
-    """p, q, r polynomials of the time t = 3 + s, one of them without a constant."""
-    polynomials: dict[str, list[float]] = {
-        "p": [0.8, 0.3, -0.2], "q": [-0.5, 1.0], "r": [0.0, 0.7, 0.1], "t": [3.0, 1.0],
-    }  # fmt: skip
-    values = {name: Series(rule(c)) for name, c in polynomials.items()}
-    found = evaluate(expression.parse_expression(NESTED, NAMES), values)
-    with mpmath.workdps(60):
-
-        def composed(s: Any) -> Any:
-            at = {
-                name: sum(mpmath.mpf(x) * s**i for i, x in enumerate(c))
-                for name, c in polynomials.items()
-            }
-            return exactly(NESTED, at)
-
-        expected = [float(c) for c in mpmath.taylor(composed, 0, 12)]
-    assert [found[k] for k in range(13)] == pytest.approx(expected, rel=1e-11)
-
-
 def rule(c: list[Any]) -> Callable[[int], Any]:
     return lambda k: c[k] if k < len(c) else 0.0
 
@@ -313,19 +271,6 @@ def test_a_function_of_a_series_has_the_coefficients_of_the_books(name: str) -> 
     assert [found[k][0] for k in range(16)] == pytest.approx([*map(float, exact)], rel=1e-12)
     constant = [getattr(np, name)(2.0), *[0.0] * 15]
     assert [found[k][1] for k in range(16)] == pytest.approx(constant, abs=1e-16)
-
-
-def test_a_motion_with_functions_is_its_series() -> None:
-    """y' = -sin(y) from pi/2: tan(y/2) = exp(-t); z' = exp(-z): z = log(1 + t)."""
-    _, (y, z) = power_series.motion(
-        lambda t, y, k: (-arithmetic.sin(y[0]), arithmetic.exp(-y[1])), 0.0, [np.pi / 2, 0.0], None
-    )
-    with mpmath.workdps(40):
-        angle = mpmath.taylor(lambda t: 2 * mpmath.atan(mpmath.exp(-t)), 0, 15)
-    assert [y[k] for k in range(16)] == pytest.approx([*map(float, angle)], abs=1e-15)
-    assert [z[k] for k in range(1, 16)] == pytest.approx(
-        [(-1) ** (k + 1) / k for k in range(1, 16)]
-    )
 
 
 @pytest.mark.heyoka
@@ -349,17 +294,6 @@ def test_an_engines_symbols_and_their_series() -> None:
         assert compiled == pytest.approx([numbers[k] for k in range(6)], rel=1e-14)
 
 
-def test_the_size_of_a_number_is_given_and_a_corner_is_refused() -> None:
-    x = np.array([-2.0, 3.0])
-    assert arithmetic.abs(-2) == 2
-    assert arithmetic.abs(x).tolist() == [2, 3]
-    step = arithmetic.abs(x + 1e-100j)
-    assert (step.real.tolist(), (step.imag * 1e100).tolist()) == ([2, 3], [-1, 1])
-    assert arithmetic.abs(arithmetic.Column(x)).values.tolist() == [2, 3]
-    with pytest.raises(HodoError, match="corner"):
-        arithmetic.abs(Series(rule([1.0])))
-
-
 def test_results_of_numbers_are_infinite_where_they_overflow() -> None:
     with np.errstate(all="ignore"):
         assert np.isnan(arithmetic.sqrt(np.float64(-1)))
@@ -373,32 +307,14 @@ def test_results_of_numbers_are_infinite_where_they_overflow() -> None:
 
 def test_a_switch_that_is_far_off_at_the_start_is_met() -> None:
     """0.06/A3 = 0.1 from t = 20 to 30; its exponent is 1000 at first, beyond the largest double."""
-    motion = hodo_package.run(
-        {
-            "model": "torques",
-            "inertia": [1, 0.8, 0.6],
-            "expression": [0, 0, "0.06/(1+exp((20-t)/0.02))"],
-            "initial": {"p": 0, "q": 0, "r": 1},
-            "time": {"end": 30, "samples": 31},
-        }
-    )
+    switch, body = "0.06/(1+exp((20-t)/0.02))", {"inertia": [1, 0.8, 0.6], "damping": 0}
+    spin = {"initial": {"p": 0, "q": 0, "r": 1}, "time": {"end": 30, "samples": 31}}
+    motion = hodo_package.run(case_with(0, **body, **spin) | {"expression": [0, 0, switch]})
     assert motion.attrs["status"] == "ok"
     assert motion.omega.values[-1] == pytest.approx([0, 0, 2], rel=1e-12)
 
 
 # Torques by expressions, against SciPy
-
-
-def turned(Q: np.ndarray) -> np.ndarray:
-    """The rotation (3, 3) from body to space."""
-    a, b, c, d = Q
-    return np.array(
-        [
-            [1 - 2 * (c * c + d * d), 2 * (b * c - a * d), 2 * (b * d + a * c)],
-            [2 * (b * c + a * d), 1 - 2 * (b * b + d * d), 2 * (c * d - a * b)],
-            [2 * (b * d - a * c), 2 * (c * d + a * b), 1 - 2 * (b * b + c * c)],
-        ]
-    )
 
 
 def by_scipy(
@@ -412,7 +328,8 @@ def by_scipy(
         p, q, r = w
         turn = [-b * p - c * q - d * r, a * p + c * r - d * q, a * q + d * p - b * r,
                 a * r + b * q - c * p]  # fmt: skip
-        N = np.array(torque(t, w, turned(y[3:])))
+        to_space = Rotation.from_quat(y[3:], scalar_first=True).as_matrix()
+        N = np.array(torque(t, w, to_space))
         return np.append((N - np.cross(w, inertia * w)) / inertia, np.array(turn) / 2)
 
     span, y0 = (times[0], times[-1]), [*start, 1, 0, 0, 0]
@@ -438,25 +355,20 @@ def test_constants_and_expressions_as_coefficients_are_the_torques_they_say() ->
 
     true = by_scipy(A, case["initial"].values(), motion.time.values, torque)[:, :3]
     assert motion.omega.values == pytest.approx(true, abs=1e-12)
+    swept = hodo_package.sweep({**case, "sweep": {"constants.w": {"values": [0.4, 0.5]}}})
+    assert swept.omega.values[1] == pytest.approx(true[-1], abs=1e-12)
+    assert np.abs(np.diff(swept.omega.values, axis=0)).max() > 1e-3
 
 
 def test_a_satellite_under_gravity_follows_the_axes_of_space() -> None:
     A, n = [3.0, 2.0, 1.5], 0.05
     e = [f"(cos(n*t)*y{i} + sin(n*t)*z{i})" for i in (1, 2, 3)]
     pairs = ((1, 2), (2, 0), (0, 1))
-    expressions = [f"3*n**2*({A[j]} - {A[i]})*{e[i]}*{e[j]}" for i, j in pairs]
+    gravity = [f"3*n**2*({A[j]} - {A[i]})*{e[i]}*{e[j]}" for i, j in pairs]
     start = {"p": 0.03, "q": -0.02, "r": 0.05}
-    motion = hodo_package.run(
-        {
-            "model": "torques",
-            "inertia": A,
-            "attitude": True,
-            "constants": {"n": n},
-            "expression": expressions,
-            "initial": start,
-            "time": {"end": 250, "samples": 26},
-        }
-    )
+    case = case_with(0, inertia=A, initial=start, damping=0, constants={"n": n}, attitude=True)
+    case |= {"expression": gravity, "time": {"end": 250, "samples": 26}}
+    motion = hodo_package.run(case)
 
     def torque(t: float, omega: np.ndarray, R: np.ndarray) -> np.ndarray:
         vertical = R.T @ [0, np.cos(n * t), np.sin(n * t)]
@@ -498,14 +410,6 @@ def test_a_crossing_is_met_in_the_order_of_the_samples() -> None:
 def test_a_coefficient_that_turns_negative_is_told_with_its_time() -> None:
     motion = hodo_package.run(case_with("0") | {"damping": "0.1*cos(0.3*t)"})
     assert "damping is negative from t = 5.2" in motion.warnings
-
-
-def test_constants_are_swept() -> None:
-    case = case_with("a*sin(w*t)") | {"constants": {"a": 0.02, "w": 0.5}}
-    swept = hodo_package.sweep({**case, "sweep": {"constants.w": {"linspace": [0.5, 1.5, 3]}}})
-    for i, w in enumerate(swept["constants.w"].values.tolist()):
-        alone = hodo_package.run({**case, "constants": {"a": 0.02, "w": w}})
-        assert swept.omega.values[i] == pytest.approx(alone.omega.values[-1], abs=1e-13)
 
 
 def test_a_formula_is_a_curve_of_its_own(hodo: Hodo, tmp_path: Path) -> None:

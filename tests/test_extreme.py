@@ -67,9 +67,9 @@ def test_auto_needs_no_taylor_series(name: str, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_ten_million_samples_do_not_cost_ten_million_comparisons() -> None:
-    case = replace(CASES["samples-1e7"], time=Time(end=10.0, samples=1_000_000))
+    case = replace(CASES["samples-1e7"], time=Time(end=10.0, samples=300_000))
     trajectory = integrate(case)
-    assert trajectory.variables["omega"].shape == (1_000_000, 3)
+    assert trajectory.variables["omega"].shape == (300_000, 3)
     assert trajectory.error < 1e-12
 
 
@@ -112,13 +112,10 @@ def test_collocation_agrees_with_the_series_where_both_can() -> None:
 @pytest.mark.quadruple
 @pytest.mark.parametrize("damping", [0.0, 0.05])
 def test_the_closed_form_in_long_double_is_right_to_its_last_digits(damping: float) -> None:
-    data = {"inertia": (1.0, 0.8, 0.6), "damping": (damping,) * 3}
-    data["initial"] = {"p": 0.8, "q": 0.5, "r": 0.74, "G": None}
-    case = Case(
-        name="test", model="linear-diag", form="full", data=data, time=Time(end=100.0, samples=101)
-    )
-    path = solve(case, "exact", "extended")
-    series = solve(case, "taylor", "quadruple")
+    data = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": damping}
+    start = {"initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 100, "samples": 101}}
+    case = Case.of(data | start)
+    path, series = solve(case, "exact", "extended"), solve(case, "taylor", "quadruple")
     theirs = engines.extended(series.state)
     apart = np.ldexp(path.state, (path.exponent - series.exponent)[:, None]) - theirs
     assert np.linalg.norm((apart / np.abs(theirs).max()).astype(float), axis=1).max() < 1e-17
@@ -135,20 +132,15 @@ class Decay(base.Model):
         return -y[0], 0 * y[1]
 
 
-DECAY = base.Equations(Decay)
+def steps_of_decay(end: float) -> collocation.Steps:
+    equations, start, span = base.Equations(Decay), np.ones(2), (np.float64(0), np.float64(end))
+    return collocation.Steps(equations, SimpleNamespace(), start, *span, 1e-14)
 
 
 def test_collocation_does_not_pass_over_a_decay_that_it_has_to_resolve() -> None:
     # At a step of 1e16 decay times every stage is 0 to rounding, and only the start shows that
     # something is missed.
-    steps = collocation.Steps(
-        base.Equations(Decay),
-        SimpleNamespace(),
-        np.array([1.0, 1.0]),
-        np.float64(0),
-        np.float64(1e18),
-        1e-14,
-    )
+    steps = steps_of_decay(1e18)
     steps.h = np.float64(1e16)
     assert steps.step() is None
     times = np.linspace(0, steps.t, 50)
@@ -168,14 +160,7 @@ def test_collocation_takes_a_shorter_step_where_its_equations_are_singular(
         return solve(*of)
 
     monkeypatch.setattr(np.linalg, "solve", singular_at_first)
-    steps = collocation.Steps(
-        base.Equations(Decay),
-        SimpleNamespace(),
-        np.array([1.0, 1.0]),
-        np.float64(0),
-        np.float64(1),
-        1e-14,
-    )
+    steps = steps_of_decay(1)
     assert steps.step() is None
     assert steps.t == 1 / 4
     assert steps.y[0] == pytest.approx(np.exp(-1 / 4), rel=1e-14)

@@ -126,18 +126,9 @@ def test_corners_of_time_and_state_are_met_alike_by_each_method() -> None:
     assert by_series.attrs["method"] == "taylor"
     assert {ds.attrs["status"] for ds in (by_series, by_points)} == {"ok"}
     assert by_points.omega.values == pytest.approx(by_series.omega.values, rel=1e-10, abs=1e-11)
-
-
-@pytest.mark.heyoka
-def test_corners_leave_no_more_than_rounding() -> None:
-    """A step that ends just behind a corner misses the equations by little, and so do the short
-    ones before it."""
-    formula = ["0.01*sqrt(p**2)", "0", "0.01*(sin(t)+sqrt(sin(t)**2))"]
-    case = {
-        "model": "torques", "inertia": [2, 1.5, 1], "expression": formula,
-        "initial": {"p": 0.3, "q": 0.7, "r": -0.9}, "time": {"end": 60, "samples": 201},
-    }  # fmt: skip
-    assert hodo.run(case).attrs["error"] < 1e-12
+    # A step that ends just behind a corner misses the equations by little, and so do the short ones
+    # before it.
+    assert by_series.attrs["error"] < 1e-12
 
 
 def between_switches(case: dict[str, Any], torque: Callable[[np.ndarray], Any]) -> np.ndarray:
@@ -192,31 +183,13 @@ def test_seconds_since_an_epoch_cost_the_digits_that_are_stated(precision: str) 
     assert ds.attrs["error"] < {"double": 1e-6, "extended": 1e-9}[precision]
 
 
-@pytest.mark.heyoka
-def test_a_body_that_friction_holds_fails_in_words() -> None:
-    # It is no number where p = 0, and p stays there.
-    ds = hodo.run(
-        {
-            "model": "torques", "inertia": [2, 1.5, 1], "quadratic": 0.01,
-            "expression": ["-0.1*p/sqrt(p**2)", "0", "0"], "initial": {"p": 0.3, "q": 0, "r": 0},
-            "time": {"end": 20, "samples": 21}, "method": "taylor",
-        }
-    )  # fmt: skip
-    assert ds.attrs["status"] == "failed"
-    assert ds.attrs["message"] == "held at omega_1 = 0 by its expression at t = 5.96438"
-    assert len(ds.time) == 6
-    assert np.isfinite(ds.omega).all()
-
-
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     ("formula", "start", "pole"),
     [
-        ("1/(5.5 - t)", 0, 5.5),
         ("1e-9/(5.5 - t)", 0, 5.5),
         ("p/(5.5 - t)", 0, 5.5),
         ("1/t", -3, 0),
-        ("sin(t)/cos(t)", 0, math.pi / 2),
     ],
 )
 def test_a_pole_is_named_after_few_steps(
@@ -234,10 +207,7 @@ def test_a_pole_is_named_after_few_steps(
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(
-    "formula",
-    ["sin(5.5-t)/(5.5-t)", "1/(20.001-t)", "1/(1e-4+(5.5-t)**2)"],
-)
+@pytest.mark.parametrize("formula", ["sin(5.5-t)/(5.5-t)", "1/(20.001-t)", "1/(1e-4+(5.5-t)**2)"])
 def test_what_is_no_pole_on_the_way_is_passed(formula: str, method: str) -> None:
     """Rates that grow to a bound; and a pole behind the end."""
     motion = hodo.run(torqued(formula, 0, method), classify=False)
@@ -284,14 +254,11 @@ def test_members_see_a_pulse_that_the_first_of_them_has_not(order: int) -> None:
 @pytest.mark.parametrize(
     ("formula", "is_alone"),
     [
-        ("0.002*cos(0.1*t)", False),
         ("(p/3 - sqrt(p*p + q*q + r*r))*cos(2*t - 1)/4 + 0.01*t*q", False),
         ("0.01*exp(-t/3)*cos(t) + 0.01*t/(2 + t)", False),
         ("0.01/exp(-t)", True),
         ("p*t**2", True),
-        ("0.01*sqrt(2.0)*p - 0.02*sqrt(p*p + q*q)*p", False),
         ("0.1*sin(t*t)", True),
-        ("0.01/(2 + t*t)", True),
     ],
 )
 def test_formulas_that_no_series_oversteps_let_members_go_side_by_side(
@@ -383,9 +350,7 @@ def test_a_formula_that_is_0_at_rest_leaves_a_body_there() -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize(
-    "formula", [["0", "0", "-100*r"], ["-100*p", "-100*q", "-100*r"], ["0", "0", "-100*r*(1+r**2)"]]
-)
+@pytest.mark.parametrize("formula", [["-100*p", "-100*q", "-100*r"], ["0", "0", "-100*r*(1+r**2)"]])
 def test_a_motion_that_dies_out_ends_at_rest(formula: list[str]) -> None:
     start = {"p": 0, "q": 0, "r": 1}
     ds = motion(formula, initial=start, time={"end": 40, "samples": 81})
@@ -394,13 +359,25 @@ def test_a_motion_that_dies_out_ends_at_rest(formula: list[str]) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS[:2])
-@pytest.mark.parametrize("aside", [0, 0.2])
-def test_dry_friction_ends_at_once_with_one_cause(method: str, aside: float) -> None:
+@pytest.mark.parametrize(
+    ("start", "drag", "end"),
+    [
+        ({"p": 0, "q": 0, "r": 1}, 0, 20),
+        ({"p": 0.2, "q": 0, "r": 1}, 0, 20),
+        ({"p": 0, "q": 0, "r": 0.6}, 0.02, 11.469160652),
+    ],
+)
+def test_dry_friction_ends_at_once_with_one_cause(
+    method: str, start: Any, drag: float, end: float
+) -> None:
+    """A formula that is no number where r = 0, where r stays."""
     case = {
         "model": "torques", "inertia": [2, 2, 2], "expression": ["0", "0", "-0.1*r/sqrt(r**2)"],
-        "initial": {"p": aside, "q": 0, "r": 1}, "time": {"end": 40, "samples": 41},
+        "quadratic": drag, "initial": start, "time": {"end": 40, "samples": 41}, "method": method,
     }  # fmt: skip
-    ds = hodo.run({**case, "method": method})
-    assert ds.attrs["message"] == "held at omega_3 = 0 by its expression at t = 20"
+    ds = hodo.run(case)
+    assert ds.attrs["status"] == "failed"
+    assert ds.attrs["message"] == f"held at omega_3 = 0 by its expression at t = {end:.6g}"
     assert ds.attrs["steps"] < 500
-    assert ds.time.values[-1] >= 19
+    assert end - 1 <= ds.time.values[-1] <= end
+    assert np.isfinite(ds.omega).all()

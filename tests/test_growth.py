@@ -2,18 +2,14 @@
 
 import json
 from collections.abc import Sequence
-from itertools import permutations
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 from conftest import call, classified
 
 from hodo_cli import Case, run
 from hodo_cli.cases.case import Time
-from hodo_cli.engines import have_taylor
-from hodo_cli.integration import integrate
 
 A = np.array([1.0, 0.8, 0.6])
 LITERAL = ((0.005, 0.0, 0.005), (0.0, 0.0, 0.0), (0.005, 0.0, 0.005))
@@ -52,23 +48,6 @@ def test_the_rates_are_those_of_the_papers_media(
     assert np.isnan(found.growth[1])
 
 
-@pytest.mark.parametrize("axis", [0, 2])
-def test_a_small_tilt_grows_at_the_rate(axis: int) -> None:
-    # A tilt of 1e-5 stays small, and the damping is slow beside the turns: 0.3 % at these sizes.
-    damping, start = (0.006, 0.003, 0.002), [1e-5, 1e-5, 1e-5]
-    start[axis] = 1.0
-    case = damped("linear-diag", tuple(start), 150.0, damping=damping)
-    omega = integrate(case).variables["omega"]
-    # The tilt's invariant of free rotation, D's distance from the axis, at the start and the end.
-    i, j = (k for k in range(3) if k != axis)
-    weights = [abs((A[axis] - A[k]) * A[k]) for k in (i, j)]
-    tilt = np.sqrt(weights[0] * omega[:, i] ** 2 + weights[1] * omega[:, j] ** 2) / abs(
-        omega[:, axis]
-    )
-    rate = np.polyfit(np.linspace(0, 150, 401), np.log(tilt), 1)[0]
-    assert rate == pytest.approx(case.system.tilt_growth(0.0)[axis], rel=0.03)
-
-
 def test_the_table_has_the_rates_by_axis_but_for_the_middle_one(tmp_path: Path) -> None:
     case = diagonal(0.005, 0.004, 0.003)
     driven = {
@@ -84,22 +63,18 @@ def test_the_table_has_the_rates_by_axis_but_for_the_middle_one(tmp_path: Path) 
     assert [row["growth"] for row in rows] == [rates, {}]
 
 
-def test_a_symmetric_body_has_one_rate() -> None:
+def test_a_symmetric_body_has_one_rate_and_equal_ones_cancel_without_their_rounding() -> None:
     data = {**diagonal(0.005, 0.004, 0.003).data, "inertia": (1.0, 0.8, 0.8)}
     found = Case("test", "linear-diag", "full", data, Time(end=1.0)).system.tilt_growth(0.0)
     assert found[0] == pytest.approx(0.0015)
     assert np.isnan(found[1:]).all()
-
-
-def test_equal_rates_cancel_without_their_rounding() -> None:
-    found = diagonal(0.005, 0.005, 0.005).system.tilt_growth(0.0)
-    assert found[[0, 2]].tolist() == [0, 0]
+    assert diagonal(0.005, 0.005, 0.005).system.tilt_growth(0.0)[[0, 2]].tolist() == [0, 0]
 
 
 @pytest.mark.heyoka
 def test_the_axis_in_the_end_is_that_of_the_slowest_eigenvector() -> None:
     generator = np.random.default_rng(3)
-    for _ in range(12 if have_taylor() else 4):
+    for _ in range(4):
         root = generator.normal(size=(3, 3))
         resistance = 0.01 * (root @ root.T + 0.1 * np.eye(3))
         start = tuple(generator.normal(size=3).tolist())
@@ -116,7 +91,7 @@ def test_the_axis_in_the_end_is_that_of_omega_beside_an_attitude(start: Sequence
     assert motion.final_axis == motion.enclosed_axis[-1] == (3 if start[2] else 1)
 
 
-@pytest.mark.parametrize("order", list(permutations(range(3))))
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (1, 0, 2)])
 @pytest.mark.parametrize(
     ("rates", "final"),
     [
@@ -161,26 +136,3 @@ def test_nothing_is_predicted_for_a_kernel_or_a_tensor_that_feeds_energy_in() ->
     assert damped("tensor", (1.0, 0.0, 0.0), resistance=LITERAL).system.final_axis is None
     lopsided = ((0.003, 0.001, 0.0), (0.0, 0.003, 0.0), (0.0, 0.0, 0.003))
     assert damped("tensor", (1.0, 0.0, 0.0), resistance=lopsided).system.final_axis is None
-
-
-def test_a_sweep_with_other_values_keeps_the_members_that_both_have(tmp_path: Path) -> None:
-    """Every third value of the finer range is one of the coarser, where their doubles are equal."""
-
-    def swept(span: str) -> dict[str, np.ndarray]:
-        body = "model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0.004, error: off"
-        start = "initial: {p: 0.3, q: 0.7, r: -0.9}, time: {end: 20}"
-        text = f"cases:\n  s: {{{body}, {start}, sweep: {{damping.2: {{{span}}}}}}}\n"
-        (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
-        assert call(tmp_path, "run", "a.yaml", "--quiet").returncode == 0
-        with h5py.File(tmp_path / "runs" / "a.h5") as file:
-            group = file["s"]
-            reason, members = group.attrs["method_reason"], group.attrs["members"]
-            return {"reason": reason, "members": members, "omega": group["omega"][:]}
-
-    swept("linspace: [0, 0.01, 20]")
-    finer = swept("linspace: [0, 0.01, 58]")
-    kept = int(finer["reason"].partition(" of 58 members from an earlier run")[0])
-    assert kept == len({*np.linspace(0, 0.01, 20)} & {*np.linspace(0, 0.01, 58)}) > 2
-    coarser = swept("values: [0, 0.01]")
-    assert coarser["reason"].startswith("2 of 2 members from an earlier run")
-    assert (coarser["omega"] == finer["omega"][[0, -1]]).all()

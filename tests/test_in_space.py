@@ -1,15 +1,13 @@
 """Attitude: beside every body-frame model and the full top, against numbers of twenty digits, the
 closed form, and what is constant in space.
 
-HODO_FUZZ sets the number of random bodies (default 200).
+HODO_FUZZ sets the number of random bodies (default 24).
 """
 
 import json
 import math
 import os
-import random
 import re
-import warnings
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -20,17 +18,15 @@ import pytest
 from conftest import Hodo, call, classified, run_hodo
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
-from scipy.special import ellipk
 from test_own_time import TIMED, random_body, scaled
 
-from hodo_cli import Case, HodoError, derive, plot, sweep
+from hodo_cli import Case, HodoError, derive, sweep
 from hodo_cli import run as run_case
-from hodo_cli.cases.config import parse
 from hodo_cli.integration import Trajectory, integrate, solve
 from hodo_cli.models.theory import exact
 from hodo_cli.results.dataset import motion_from
 
-COUNT = int(os.environ.get("HODO_FUZZ", "60"))
+COUNT = int(os.environ.get("HODO_FUZZ", "24"))
 
 A = [1, 0.8, 0.6]
 B = {"p": 0.8, "q": 0.5, "r": 0.74}
@@ -127,35 +123,15 @@ def test_known_attitudes(
     assert in_space(motion)[-1] == pytest.approx(G, abs=2 * bound + rounding)
 
 
-def body(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """The moments and the start of a random body."""
-    draw = random.Random(seed)
-    return np.array([draw.uniform(0.52, 1) for _ in range(3)]), np.array(
-        [draw.uniform(-1, 1) for _ in range(3)]
-    )
-
-
-def period_of(A: np.ndarray, omega: np.ndarray) -> float:
-    """The time of a turn of the hodograph, by Legendre's integral."""
-    (c, r), (b, q), (a, p) = sorted(zip(A.tolist(), omega.tolist(), strict=True))
-    outer = a * (a - c) * p * p + b * (b - c) * q * q
-    inner = c * (a - c) * r * r + b * (a - b) * q * q
-    # (a - b) X about the axis of largest inertia, (b - c) Y about the other one.
-    smaller, larger = sorted([(a - b) * outer, (b - c) * inner])
-    return float(4 * ellipk(smaller / larger) / np.sqrt(larger / (a * b * c)))
-
-
 @pytest.mark.heyoka
 def test_random_bodies_are_in_closed_form() -> None:
-    """After 1, 10 and 100 turns of the hodograph the integrated attitude is the closed form's, up
-    to what rounding does to the phase."""
-    worst = 0.0
-    for seed in range(COUNT):
-        inertia, omega = body(seed)
-        times = period_of(inertia, omega) * np.array([1.0, 10.0, 100.0])
+    """Over many turns of the hodograph the integrated attitude is the closed form's, up to what
+    rounding does to the phase."""
+    draw, times, worst = np.random.default_rng(1), np.array([8.0, 80.0, 800.0]), 0.0
+    for _ in range(COUNT):
+        inertia, omega = draw.uniform(0.52, 1, 3), draw.uniform(-1, 1, 3)
         initial = dict(zip("pqr", omega.tolist(), strict=True))
-        case = made(times[-1], inertia=inertia.tolist(), initial=initial)
-        motion = solve(case, "taylor", times=times)
+        motion = solve(made(800, inertia=inertia.tolist(), initial=initial), "taylor", times=times)
         known = exact.free_attitude(inertia, omega, times)
         off = angles(attitudes(motion), known)
         phase = np.linalg.norm(omega) * times
@@ -172,53 +148,13 @@ def test_nothing_drifts() -> None:
     assert in_space(motion) == pytest.approx(np.tile([0.8, 0.4, 0.444], (11, 1)), abs=2e-12)
 
 
-@pytest.mark.parametrize("size", [500, -500])
-def test_at_any_scale_the_attitude_is_the_same(size: int) -> None:
-    s = 2.0**size
+def test_at_any_scale_the_attitude_is_the_same() -> None:
     plain, _ = classified(made(60, damping=[0.005, 0.004, 0.003]))
-    initial = {name: x * s for name, x in B.items()}
-    damping = [0.005 * s, 0.004 * s, 0.003 * s]
-    far, _ = classified(made(60 / s, damping=damping, initial=initial))
-    assert apart(attitudes(far), attitudes(plain)) < 1e-13
-
-
-def test_back_in_time() -> None:
-    """Turned back, with what damped now feeding it, the body comes to where it started from."""
-    there, _ = classified(made(40, damping=[0.005, 0.004, 0.003], attitude={"align": "G"}))
-    back = dict(zip("pqr", (-there.variables["omega"][-1]).tolist(), strict=True))
-    start = {"initial": attitudes(there)[-1].tolist()}
-    again, _ = classified(made(40, damping=[-0.005, -0.004, -0.003], initial=back, attitude=start))
-    assert apart(attitudes(again)[-1], attitudes(there)[0]) < 1e-12
-
-
-@pytest.mark.parametrize("method", ["auto", "collocation"])
-def test_a_spheroid_in_elementary_functions(method: str) -> None:
-    """It turns about G at |G|/A and about its own axis at (A - C) r/A; at rest it does not."""
-    inertia, omega = np.array([0.8, 0.8, 0.6]), np.array([0.5, 0.2, 1.1])
-    G = inertia * omega
-    initial = dict(zip("pqr", omega.tolist(), strict=True))
-    motion, _ = classified(made(50, inertia=inertia.tolist(), initial=initial, method=method))
-    t = motion.time[:, None]
-    known = Rotation.from_rotvec(G / 0.8 * t) * Rotation.from_rotvec([0, 0, 0.2 / 0.8 * 1.1] * t)
-    assert apart(attitudes(motion), known.as_quat(scalar_first=True)) < 2e-14
-    still, _ = classified(made(50, initial=dict.fromkeys("pqr", 0.0), method=method))
-    assert (attitudes(still) == [1, 0, 0, 0]).all()
-
-
-def test_the_fluid_keeps_body_and_fluid_together() -> None:
-    """The torque of the fluid turns G in space by O(kappa), and G - kappa omega' by O(kappa^2)."""
-    off = {}
-    for kappa in (0.03, 0.003):
-        time = {"end": 60, "samples": 601}
-        case = made(60, model="cavity+constant", initial=C, kappa=kappa, time=time)
-        motion, _ = classified(case)
-        w = motion.variables["omega"]
-        slope = np.cross(np.array(A) * w, w) / A
-        turned = Rotation.from_quat(np.roll(attitudes(motion), -1, axis=1)).apply(kappa * slope)
-        G, both = in_space(motion), in_space(motion) - turned
-        off[kappa] = [np.linalg.norm(x - x[0], axis=1).max() for x in (G, both)]
-    assert off[0.03] == pytest.approx([0.02266, 2.19e-4], rel=3e-2)
-    assert off[0.003] == pytest.approx([0.002234, 2.28e-6], rel=3e-2)
+    for s in (2.0**500, 2.0**-500):
+        initial = {name: x * s for name, x in B.items()}
+        damping = [0.005 * s, 0.004 * s, 0.003 * s]
+        far, _ = classified(made(60 / s, damping=damping, initial=initial))
+        assert apart(attitudes(far), attitudes(plain)) < 1e-13
 
 
 def test_a_model_of_ones_own_has_it(tmp_path: Path) -> None:
@@ -265,26 +201,6 @@ def test_the_vertical_of_a_top_is_z() -> None:
     rate = (p * gamma[:, 0] + q * gamma[:, 1]) / (1 - gamma[:, 2] ** 2) / 0.05
     steps = np.diff(motion.time) * (rate[1:] + rate[:-1]) / 2
     assert np.diff(seen["psi"]) == pytest.approx(steps, abs=2e-3)
-
-
-def test_what_follows_from_it() -> None:
-    """By the names of the table of quantities, in figures and in Python; without an attitude one
-    line says what is missing."""
-    given = {"model": "linear-diag", "inertia": A, "initial": B, "time": {"end": 30, "samples": 31}}
-    m = motion_from(run_case(given | {"attitude": {"align": "G"}}), "free")
-    size = math.hypot(0.8, 0.4, 0.444)
-    for name, value in (("G_space.x", 0), ("G_space.y", 0), ("G_space.z", size)):
-        assert m[name] == pytest.approx(np.full(31, value), abs=1e-13)
-    # The herpolhode lies in a plane, since T and G are constant.
-    assert m["omega_space.z"] == pytest.approx(2 * m["T"] / size, abs=1e-13)
-    axis = np.array([m[f"x2_space.{name}"] for name in "xyz"])
-    assert np.linalg.norm(axis, axis=0) == pytest.approx(1, abs=1e-14)
-    angles = Rotation.from_quat(np.roll(m.stored("attitude"), -1, axis=1)).as_euler("ZXZ")
-    for name, column in zip(("psi", "theta", "phi"), angles.T, strict=True):
-        assert np.cos(m[name]) == pytest.approx(np.cos(column), abs=1e-12)
-    assert (np.abs(np.diff(m["psi"])) < np.pi).all()
-    with pytest.raises(HodoError, match=r"has no attitude, which G_space.x needs"):
-        motion_from(run_case(given), "free")["G_space.x"]
 
 
 def test_a_brake_stops_an_attitude_too() -> None:
@@ -406,34 +322,26 @@ def test_warned(attitude: dict[str, Any], words: str) -> None:
 
 
 def test_a_case_without_it_is_as_before() -> None:
-    """`attitude: no` is the case without the key, and no case knows of it that does not name it."""
+    """`attitude: no` is the case without the key."""
     plain = made(1, attitude="no")
     assert "attitude" not in plain.entries
     assert plain.system.equations.state == ("p", "q", "r")
-    assert made(1).system.equations == made(2).system.equations != plain.system.equations
     named = made(1, attitude={"euler": ["60 deg", 1, 2]})
     assert Case.of(named.entries) == named
 
 
-@pytest.mark.parametrize("sweep", [
-    "attitude: {align: G}, sweep: {attitude.euler.1: {values: [1]}}",
-    "attitude: yes, sweep: {attitude.eulr.1: {values: [1]}}",
-])  # fmt: skip
-def test_a_sweep_of_no_number_of_the_attitude_is_refused(sweep: str) -> None:
-    body = "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 2, r: 3}, time: {end: 1}"
-    with pytest.raises(HodoError, match=r"a.yaml:1:.*: the case has no such number: attitude"):
-        parse(f"cases: {{a: {{{body}, {sweep}}}}}", "a.yaml")
+@pytest.mark.parametrize("key", ["euler.1", "eulr.1"])
+def test_a_sweep_of_no_number_of_the_attitude_is_refused(key: str) -> None:
+    with pytest.raises(HodoError, match="the case has no such number: attitude"):
+        made(1, attitude={"align": "G"}, sweep={f"attitude.{key}": {"values": [1]}})
 
 
 def test_warnings_name_the_members_at_both_ends(hodo: Hodo, tmp_path: Path) -> None:
-    case = {"model": "linear-diag", "inertia": A, "initial": B, "attitude": {"euler": [0, 0, 0]}}
-    case |= {"time": {"end": 1}, "sweep": {"attitude.euler.0": {"values": [0, 1, 2]}}}
+    case = made(1, attitude={"euler": [0, 0, 0]}).entries
+    case |= {"sweep": {"attitude.euler.0": {"values": [0, 1, 2]}}}
     (tmp_path / "a.yaml").write_text(json.dumps({"cases": {"a": case}}))
-    done = hodo("run", "a.yaml", "-v")
-    assert (
-        "first and last of 3 members (only the first and the last are checked): the start is"
-        in done.stderr
-    )
+    said = "first and last of 3 members (only the first and the last are checked): the start is"
+    assert said in hodo("run", "a.yaml", "-v").stderr
 
 
 @pytest.mark.heyoka
@@ -486,86 +394,29 @@ figures:
     assert call(tmp_path, "compare", "runs/a.h5", "runs/a.h5").returncode == 0
 
 
-def test_figures_take_the_momentum_of_body_and_fluid() -> None:
-    """Row 12: it stays to O(kappa^2), ten times as far as kappa is smaller twice over."""
-    body = {"inertia": A, "initial": C, "time": {"end": 60, "samples": 601}, "attitude": "yes"}
-    names = [f"total_space.{axis}" for axis in "xyz"]
-    for model in ("cavity+constant", "torques"):
-        motion = run_case({**body, "model": model, "kappa": 0.03})
-        panels = plot(motion, "series", variables=names).axes
-        total = np.stack([panel.lines[0].get_ydata() for panel in panels], axis=-1)
-        moved = np.linalg.norm(total - total[0], axis=1).max()
-        assert moved == pytest.approx(2.19e-4, rel=3e-2)
-    free = run_case({**body, "model": "linear-diag", "damping": 0})
-    with pytest.raises(HodoError, match=r"has no kappa, which total_space.x needs"):
-        plot(free, "series", variables=names)
-
-
-@pytest.mark.parametrize(
-    "law",
-    [
-        "0.02 - 0.0004*t + 5e-6*t**2",
-        "0.02*exp(-0.05*t)",
-        "0.02*(1 + 0.05*t)**-1",
-    ],
-)
-def test_the_momentum_of_body_and_fluid_stays_under_a_law_of_time_too(law: Any) -> None:
-    """By the kappa of each moment: that of the start is off by some 6e-3."""
-    body = {"model": "torques", "inertia": A, "initial": B, "attitude": "yes", "kappa": law}
-    motion = run_case({**body, "time": {"end": 40, "samples": 401}}, classify=False)
-    total = derive(motion, "total_space").total_space.values
-    assert np.abs(total - total[0]).max() < 2 * 0.02**2
+@pytest.mark.parametrize(("kappa", "bound"), [("0.02*exp(-0.05*t)", 8e-4), (0.03, 2.3e-4)])
+def test_the_momentum_of_body_and_fluid_stays(kappa: Any, bound: float) -> None:
+    """To O(kappa^2), that of the body to O(kappa); under a law by the kappa of each moment."""
+    start, time = (B, 40) if isinstance(kappa, str) else (C, 60)
+    given = {"kappa": kappa, "initial": start, "time": {"end": time, "samples": 401}}
+    motion = run_case(made(time, model="torques", **given), classify=False)
+    derived = derive(motion, "total_space", "G_space")
+    total, G = derived.total_space.values, derived.G_space.values
+    assert np.linalg.norm(total - total[0], axis=1).max() < bound
+    assert np.linalg.norm(G - G[0], axis=1).max() > 5 * bound
 
 
 def test_only_the_member_without_an_attitude_is_invalid() -> None:
     """A quaternion of length 0 among others is no reason to lose these."""
-    case = {"model": "linear-diag", "inertia": A, "damping": 0, "initial": B, "time": {"end": 6},
-            "attitude": {"initial": [1, 0, 0, 0]}}  # fmt: skip
-    axis = {"attitude.initial.0": {"values": [0, 1, 2]}}
-    members = sweep({**case, "sweep": axis})
+    case = made(6, damping=0, attitude={"initial": [1, 0, 0, 0]}).entries
+    members = sweep({**case, "sweep": {"attitude.initial.0": {"values": [0, 1, 2]}}})
     assert members.status.values.tolist() == [3, 0, 0]
-    last = run_case(case).attitude[-1]
     assert np.isnan(members.attitude.values[0]).all()
-    turned = members.attitude.values
-    assert turned[1:] == pytest.approx(np.array([last, last]), abs=1e-13)
+    last = run_case(case).attitude[-1]
+    assert members.attitude.values[1:] == pytest.approx(np.array([last, last]), abs=1e-13)
 
 
-def test_angles_count_whole_turns_or_say_that_they_cannot() -> None:
-    """psi and phi of few samples against those of many, where x3 passes close to the vertical."""
-    chance, given, missing = np.random.default_rng(7), 0, 0
-    for _ in range(8):
-        longest = chance.uniform(1, 2)
-        A1, A2, A3 = longest, longest * chance.uniform(0.7, 1), longest * chance.uniform(0.4, 0.7)
-        omega, Q = dict(zip("pqr", chance.normal(size=3), strict=True)), chance.normal(size=4)
-        body = {"model": "linear-diag", "inertia": [A1, A2, A3], "damping": 0, "initial": omega,
-                "attitude": {"initial": Q / np.linalg.norm(Q)}}  # fmt: skip
-
-        def angles_at(samples: int, body: dict[str, Any] = body) -> Any:
-            time = {"end": 30, "samples": samples}
-            return derive(run_case({**body, "time": time}, classify=False), "psi", "phi")
-
-        fine = angles_at(12001)
-        for samples, name in product((31, 61, 121, 241, 601), ("psi", "phi")):
-            few = angles_at(samples)[name].values
-            apart = np.abs(few - fine[name].values[:: 12000 // (samples - 1)])
-            assert not (apart > 1e-6).any()
-            given, missing = given + 1, missing + np.isnan(few).any()
-    assert missing < given / 8
-
-
-def test_angles_that_lose_turns_between_samples_are_named() -> None:
-    """psi of 101 samples is no number beyond the first turn that they miss."""
-    body = {"model": "linear-diag", "inertia": [3, 2, 1.2], "damping": 0.003, "attitude": "yes",
-            "initial": {"p": 0.3, "q": 1.1, "r": 0.2}}  # fmt: skip
-    for samples, lines in ((101, 1), (20001, 0)):
-        motion = run_case({**body, "time": {"end": 600, "samples": samples}})
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            plot(motion, "series", variables=["psi"])
-        assert sum("is not known between its samples" in f"{w.message}" for w in caught) == lines
-
-
-@pytest.mark.parametrize("rotor", [[0.1, -0.2, 0.15], [0, 0, 0.2], None])
+@pytest.mark.parametrize("rotor", [[0.1, -0.2, 0.15], None])
 @pytest.mark.parametrize("inertia", [[1, 0.8, 0.6], [[1, 0.1, 0], [0.1, 0.8, 0], [0, 0, 0.6]]])
 def test_a_body_with_a_rotor_turns_on_where_a_brake_has_stopped_G(
     inertia: Any, rotor: list[float] | None

@@ -2,7 +2,6 @@
 are kept."""
 
 import math
-import warnings
 from dataclasses import replace
 from importlib import import_module
 from itertools import count
@@ -16,11 +15,8 @@ import hodo_cli as hodo
 from hodo_cli import Case, HodoError, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.engines import protocol
-from hodo_cli.engines.polynomial import bernstein_coefficients
 from hodo_cli.engines.units import Clock
-from hodo_cli.integration import Trajectory, choice, integrate, motion_remarks, solve
-from hodo_cli.integration.step_checks import StepBuffer
-from hodo_cli.models import base
+from hodo_cli.integration import Trajectory, choice, integrate, solve
 
 taylor = pytest.mark.heyoka
 
@@ -58,25 +54,17 @@ def test_a_motion_that_decays_by_44_orders_stays_right_to_every_digit() -> None:
 
 
 @taylor
-@pytest.mark.parametrize("size", [1e-150, 1e150])
+@pytest.mark.parametrize("size", [1e-150, 1e150, 2.0**400])
 def test_every_size_of_the_angular_velocity_gives_the_same_motion(size: float) -> None:
-    unit = integrate(diagonal((0.0, 0.0, 0.0))).variables["omega"]
     start = tuple(size * value for value in START)
-    scaled = integrate(diagonal((0.0, 0.0, 0.0), start, time=Time(end=1000.0 / size, samples=101)))  # type: ignore
-    # The size is not a power of two, so that the data differ by an ulp, which 1000 units of time
-    # make 1e-12.
-    assert distance(scaled.variables["omega"] / size, unit) < 1e-12
-    assert scaled.error < 1e-12
-
-
-@taylor
-def test_a_power_of_two_changes_no_bit() -> None:
+    time = Time(end=1000.0 / size, samples=101)
     unit = integrate(diagonal((0.0, 0.0, 0.0))).variables["omega"]
-    start = tuple(2.0**400 * value for value in START)
-    scaled = integrate(
-        diagonal((0.0, 0.0, 0.0), start, time=Time(end=1000.0 * 2.0**-400, samples=101))
-    )  # type: ignore
-    assert np.array_equal(scaled.variables["omega"] * 2.0**-400, unit)
+    scaled = integrate(diagonal((0.0, 0.0, 0.0), start, time=time))  # type: ignore[arg-type]
+    omega = scaled.variables["omega"] / size
+    # Where the size is no power of two the data differ by an ulp, which 1000 units of time make
+    # 1e-12; else no bit changes.
+    assert np.array_equal(omega, unit) if size == 2.0**400 else distance(omega, unit) < 1e-12
+    assert scaled.error < 1e-12
 
 
 @taylor
@@ -122,53 +110,26 @@ def test_the_error_falls_with_the_tolerance(method: str) -> None:
     assert errors[0] > 30 * errors[1] > 900 * errors[2]
 
 
-@pytest.mark.parametrize("method", ["DOP853", "RK45", "LSODA", "Radau", "BDF"])
-def test_implicit_methods_are_given_the_jacobian_and_no_others(method: str) -> None:
-    case = diagonal((0.02, 0.01, 0.03))
-    engine = engines.engine_for(method, case.system, (), 1e-6, "double")
-    k, start = base.attributes(case.system.constants), np.array(START)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # as SciPy warns of a Jacobian that it does not use
-        solver = engine.solver(k, start, 0.0, 1.0, protocol.StepControl())  # type: ignore[attr-defined]
-    # Two for the size of the first step; finite differences take one more for each variable.
-    assert solver.nfev <= 2
-    if method in ("Radau", "BDF"):
-        given = base.jacobian(case.system.equations, k, 0.0, start)
-        assert np.array_equal(solver.J, given)
-
-
-def test_compilation_does_not_count_towards_the_limit_of_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    really = engines.engine_for
-
-    now = [0.0]  # as if nothing else took any time
-
-    def slowly(*given: Any) -> Any:
-        now[0] += 1000
-        return really(*given)
-
-    monkeypatch.setattr(engines, "engine_for", slowly)
-    monkeypatch.setattr(protocol, "perf_counter", lambda: now[0])
-    case = diagonal((0.03, 0.02, 0.01), method="DOP853", time=Time(end=1.0, samples=3), error=False)
-    assert integrate(replace(case, max_seconds=0.2)).status == "ok"
+@pytest.fixture
+def ticking(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clock of which each look takes a second."""
+    clock = count()
+    monkeypatch.setattr(protocol, "perf_counter", lambda: next(clock))
 
 
 @pytest.mark.parametrize("method", ["auto", "DOP853"])
-def test_limits_are_honoured_inside_one_integration(
-    method: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.usefixtures("ticking")
+def test_limits_are_honoured_inside_one_integration(method: str) -> None:
     case = diagonal((0.0, 0.0, 1e-9), method=method, time=Time(end=1e7, samples=1001), error=False)
     stopped = integrate(replace(case, max_steps=100))
     assert (stopped.status, stopped.steps) == ("timeout", 100)
-    clock = count()  # each look at it takes a second
-    monkeypatch.setattr(protocol, "perf_counter", lambda: next(clock))
     stopped = integrate(replace(case, method=stopped.method, max_seconds=5.0))
     assert stopped.status == "timeout"
     assert stopped.steps < 500
 
 
 @taylor
+@pytest.mark.usefixtures("ticking")
 def test_the_choice_of_a_method_takes_no_longer_than_the_motion_may(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -181,35 +142,30 @@ def test_the_choice_of_a_method_takes_no_longer_than_the_motion_may(
         return trial
 
     monkeypatch.setattr(choice, "solve", tried)
-    clock = count()  # each look at it takes a second
-    monkeypatch.setattr(protocol, "perf_counter", lambda: next(clock))
     given = {"model": "torques", "inertia": [1, 0.8, 0.6], "damping": [0, 0, 1e-9]}
     start = {"initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 1e7, "samples": 3}}
     assert integrate(Case.of(given | start | {"max_seconds": 5})).status == "timeout"
     assert trials[0] < 500
 
 
-def test_attempts_at_a_motion_share_its_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("ticking")
+def test_attempts_at_a_motion_share_its_seconds() -> None:
     # A jump between steps that are short for the sine: any rounding goes over it once.
     law = "0.1*sin(9*t)*(t - 35.3)/sqrt((t - 35.3)**2)"
     torque = {"inertia": [1, 0.8, 0.6], "expression": [law, "0", "0"]}
     given = {"model": "torques", "initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "error": False}
     case = Case.of(given | torque | {"time": {"end": 40, "samples": 11}, "method": "collocation"})
-    # Each look at the clock takes a second: the motion up to the jump 5, and that behind it 2 more.
-    clock = count()
-    monkeypatch.setattr(protocol, "perf_counter", lambda: next(clock))
-    motion = integrate(replace(case, max_seconds=20.0))
-    assert motion.status == "ok"
+    # The motion up to the jump takes 5 looks, and that behind it 2 more.
+    assert integrate(replace(case, max_seconds=20.0)).status == "ok"
     assert integrate(replace(case, max_seconds=5.0)).status == "timeout"
 
 
-def test_steps_that_are_taken_back_spend_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("ticking")
+def test_steps_that_are_taken_back_spend_seconds() -> None:
     """No step of a stretch stood that began anew ever again, and so no time went by."""
     pulse = {"inertia": [1, 0.8, 0.6], "expression": ["2*exp(-(10*(t-5))**2)", "0", "0"]}
     given = {"model": "torques", "quadratic": 1, "initial": dict.fromkeys("pqr", 0)}
     case = Case.of(given | pulse | {"time": {"end": 20}, "method": "collocation", "error": False})
-    clock = count()  # each look at it takes a second
-    monkeypatch.setattr(protocol, "perf_counter", lambda: next(clock))
     assert integrate(replace(case, max_seconds=20.0)).status == "timeout"
 
 
@@ -221,29 +177,27 @@ def test_a_motion_that_dies_out_ends_at_rest_by_a_method_of_scipy() -> None:
         "inertia": [1, 0.8, 0.6],
         "expression": [0, 0, "-0.1*r/sqrt(r**2+1e-8)"],
         "initial": {"p": 0, "q": 0, "r": 1e-140},
-        "time": {"end": 10, "samples": 201},
+        "time": {"end": 0.5, "samples": 21},
         "error": "off",
         "method": "RK45",
+        "tol": 1e-5,
     }
     motion = integrate(Case.of(given))
     assert motion.status == "ok"
     assert not motion.variables["omega"][-1].any()
-    assert len(motion.time) == 201
+    assert len(motion.time) == 21
 
 
-@pytest.mark.parametrize("method", ["DOP853", "RK45", "LSODA", "Radau", "BDF"])
-def test_seconds_are_counted_within_a_step_of_scipy(
-    method: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("method", ["DOP853", "LSODA", "Radau"])
+@pytest.mark.usefixtures("ticking")
+def test_seconds_are_counted_within_a_step_of_scipy(method: str) -> None:
     case = diagonal((0.02, 0.01, 0.03), method=method, error=False)
-    clock = count()  # each look at it takes a second
-    monkeypatch.setattr(protocol, "perf_counter", lambda: next(clock))
     stopped = integrate(replace(case, max_seconds=40.0))
     assert (stopped.status, stopped.message) == ("timeout", "max_seconds: stopped after 40 s")
     assert 1 <= stopped.steps < 40
 
 
-@pytest.mark.parametrize("method", ["DOP853", "RK45", "LSODA", "Radau", "BDF"])
+@pytest.mark.parametrize("method", ["DOP853", "BDF"])
 @pytest.mark.parametrize(
     "case",
     [
@@ -262,58 +216,11 @@ def test_a_method_of_scipy_does_not_look_for_stops(method: str, case: dict[str, 
         solve(Case.of(case), method)
 
 
-@pytest.mark.parametrize("method", [pytest.param("taylor", marks=taylor), "DOP853", "collocation"])
-def test_a_body_at_rest_stays_there_without_a_torque(method: str) -> None:
-    for first in ("0.1*p", "-0.1*p*t"):
-        given = {"model": "torques", "inertia": [1, 0.8, 0.6], "expression": [first, "0", "0"]}
-        span = {"initial": dict.fromkeys("pqr", 0), "time": {"end": 10, "samples": 3}}
-        motion = integrate(Case.of(given | span | {"method": method}))
-        assert motion.status == "ok"
-        assert not motion.variables["omega"].any()
-
-
-class NotedSteps(StepBuffer):
-    """Notes the ends of each step (2,), in the time of the case, and the states there (m, 2)."""
-
-    enough = 1
-
-    def __init__(self) -> None:
-        self.noted, self.states = list[np.ndarray](), list[np.ndarray]()
-
-    def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
-        b = bernstein_coefficients(series[None].copy(), np.array([end - start]), self.engine.basis)
-        ends = self.clock.exact_times(np.array([start, end])).astype(float)
-        self.noted.append(ends)
-        self.states.append(np.ldexp(b[0][:, [0, -1]].astype(float), self.units.exponent)[:3])
-
-
-@pytest.mark.parametrize(
-    ("method", "precision"),
-    [
-        pytest.param("taylor", "double", marks=taylor),
-        ("collocation", "double"),
-        ("collocation", "extended"),
-    ],
-)
-def test_steps_are_seen_up_to_the_event_that_ends_them(method: str, precision: str) -> None:
-    """Behind an event the polynomial of a step is of no motion: a crossing there is none."""
-    given = {"model": "torques", "inertia": list(BODY), "brake": 0.02, "quadratic": 0.01}
-    span = {"initial": dict(zip("pqr", START, strict=True)), "time": {"end": 70, "samples": 8}}
-    case, steps = Case.of(given | span), NotedSteps()
-    motion = solve(case, method, precision, observer=steps)
-    assert motion.events[-1].kind == "stopped"
-    ends, states = np.array(steps.noted), np.array(steps.states)
-    np.testing.assert_allclose(ends[1:, 0], ends[:-1, 1], rtol=1e-14)
-    np.testing.assert_allclose(states[1:, :, 0], states[:-1, :, 1], rtol=1e-9, atol=1e-9)
-    assert ends[-1, 1] < motion.events[-1].time
-
-
 def test_samples_do_not_depend_on_their_number() -> None:
     case = diagonal((0.01, 0.02, 0.03), time=Time(end=100.0, samples=11))
     few, many = integrate(case), integrate(replace(case, time=Time(end=100.0, samples=1001)))
-    assert distance(many.variables["omega"][::100], few.variables["omega"]) < (
-        1e-14 if engines.have_taylor() else 1e-11
-    )
+    bound = 1e-14 if engines.have_taylor() else 1e-11
+    assert distance(many.variables["omega"][::100], few.variables["omega"]) < bound
 
 
 def test_the_smallest_grids() -> None:
@@ -365,46 +272,15 @@ def test_where_the_series_fails_auto_takes_collocation(
     assert (motion.method, motion.status) == expected
 
 
-def test_what_is_said_of_an_error_that_is_large_or_unknown() -> None:
-    case = diagonal((0.02, 0.01, 0.03))
-    motion = solve(case, "DOP853", tol=1e-6, times=np.array([1.0]))
-    right, wrong = (replace(motion, errors={"omega": error}) for error in (9e-6, 2e-5))
-    assert not [*motion_remarks(right)]
-    assert ["more than ten times" in line for line in motion_remarks(wrong)] == [True]
-    assert [*motion_remarks(motion)] == ["the error could not be measured"]
-    assert not [*motion_remarks(replace(motion, case=replace(case, error=False)))]
-
-
-@pytest.mark.parametrize("size", [2.0**-60, 2.0**60])
-def test_the_steps_of_a_motion_are_the_same_in_every_unit(size: float) -> None:
-    def in_unit(size: float) -> Case:
-        damping, start = (tuple(size * x for x in of) for of in ((0.1, 0.2, 0.3), START))
-        return diagonal(damping, start, time=Time(end=100 / size, samples=2))  # type: ignore[arg-type]
-
-    assert choice.taylor_steps(in_unit(size)) == choice.taylor_steps(in_unit(1.0)) > 10
-
-
 def test_stiffness_is_seen_where_no_eigenvalue_shows_it() -> None:
     # At the start the fluid of a body about no axis of its own drives as much as it damps.
-    data = {
-        "inertia": (8.0, 6.0, 4.0),
-        "cavity": None,
-        "kappa": 1e6,
-        "torque": (0.0,) * 3,
-        "epsilon": 1.0,
-    }
-    data["initial"] = {"p": 1.0, "q": 0.0, "r": 1.0}
-    case = Case(
-        name="test",
-        model="cavity+constant",
-        form="full",
-        data=data,
-        time=Time(end=60.0, samples=11),
-    )
-    trajectory = integrate(case)
+    inertia = [8, 6, 4]
+    data = {"model": "cavity+constant", "inertia": inertia, "kappa": 1e6}
+    start = {"initial": {"p": 1, "q": 0, "r": 1}, "time": {"end": 60, "samples": 11}}
+    trajectory = integrate(Case.of(data | start))
     assert trajectory.method == "collocation"
     assert trajectory.error < 1e-12
-    momentum = np.linalg.norm(trajectory.variables["omega"] * data["inertia"], axis=1)
+    momentum = np.linalg.norm(trajectory.variables["omega"] * inertia, axis=1)
     assert momentum == pytest.approx(momentum[0], rel=1e-13)
 
 
@@ -412,16 +288,19 @@ def test_stiffness_is_seen_where_no_eigenvalue_shows_it() -> None:
 def test_an_axis_about_which_the_motion_is_steady_does_not_set_the_pace() -> None:
     # Growth along x1 by e^500: the rotation itself, of which nothing is seen, is 1e217 times faster
     # than the growth.
-    data = {"inertia": BODY, "resistance": ((-10.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0))}
-    data["initial"] = {"p": 1.0, "q": 0.0, "r": 0.0, "G": None}
-    case = Case(
-        name="test", model="tensor", form="full", data=data, time=Time(end=50.0, samples=51)
-    )
+    case = resisted(np.diag([-10.0, 1.0, 2.0]), {"p": 1, "q": 0, "r": 0}, 50, 51)
     trajectory = integrate(case)
     expected = np.exp(10 * trajectory.time)
     assert trajectory.variables["omega"][:, 0] == pytest.approx(expected, rel=1e-12)
     beyond = integrate(replace(case, time=Time(end=100.0, samples=101)))
     assert (beyond.status, "exceeds the largest" in beyond.message) == ("failed", True)
+
+
+def resisted(resistance: Any, initial: dict[str, float], end: float, samples: int) -> Case:
+    """A case of the body under a tensor of resistance."""
+    tensor = np.asarray(resistance, float).tolist()
+    given = {"model": "tensor", "inertia": list(BODY), "resistance": tensor, "initial": initial}
+    return Case.of(given | {"time": {"end": end, "samples": samples}}, "test")
 
 
 def test_what_has_decayed_below_every_number_is_at_rest() -> None:
@@ -432,15 +311,8 @@ def test_what_has_decayed_below_every_number_is_at_rest() -> None:
 
 
 def test_a_tensor_that_feeds_energy_in_is_named() -> None:
-    data = {
-        "inertia": BODY,
-        "resistance": {"diagonal": 0.001, "off_diagonal": 0.003},
-        "initial": {"p": 0.5, "q": 0.25, "r": None, "G": 1.0},
-    }
-    case = Case(
-        name="test", model="tensor", form="full", data=data, time=Time(end=100.0, samples=5001)
-    )
-    trajectory = integrate(case)
+    tensor = 0.003 - 0.002 * np.eye(3)
+    trajectory = integrate(resisted(tensor, {"p": 0.5, "q": 0.25, "G": 1.0}, 100, 501))
     assert "-0.002, -0.002, 0.007" in trajectory.warnings[0]
     momentum = np.linalg.norm(trajectory.variables["omega"] * BODY, axis=1)
     assert momentum.max() == pytest.approx(1.0083, abs=5e-5)
@@ -473,13 +345,13 @@ def test_a_motion_that_outgrows_every_number_ends_there(method: str) -> None:
 
 @pytest.mark.filterwarnings("error")
 def test_numbers_that_lead_out_of_range_fail_their_case_alone() -> None:
+    # Too large for a case file, as what a sweep makes of its numbers may be.
     data = {
         "inertia": BODY,
         "resistance": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1e265, 1.0)),
         "initial": dict(zip("pqr", START, strict=True)) | {"G": None},
     }
     case = Case(name="test", model="tensor", form="full", data=data, time=Time(end=1e83, samples=2))
-    assert choice.choose(case)[0] in ("taylor", "collocation")
     with pytest.raises(HodoError, match="test: its numbers"):
         integrate(case)
 
@@ -514,11 +386,6 @@ def test_a_step_of_collocation_begins_where_the_last_one_leads() -> None:
     """From no change, Newton's method takes 5.7 iterations a step, each of 16 stages."""
     motion = solve(diagonal((0.005, 0.004, 0.003)), "collocation")
     assert motion.evaluations < 4.5 * 16 * motion.steps
-
-
-def test_the_lower_part_of_the_time_reached_is_part_of_it() -> None:
-    clock = Clock(high=np.float64(1.0), low=np.float64(2.0**-60), factor=1.0)
-    assert clock.grid(np.array([1.0])).tolist() == [0.0, -(2.0**-60)]
 
 
 @pytest.mark.heyoka

@@ -1,11 +1,8 @@
 """The Lagrange top: means over the nutation, the roots, full against averaged, starts at the edges,
 wrong data."""
 
-import csv
+import itertools
 import math
-import os
-import random
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,20 +15,14 @@ from numpy.polynomial import Polynomial, chebyshev
 
 import hodo_cli as hodo
 from hodo_cli import Case, HodoError
-from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import load, parse
 from hodo_cli.engines import have_taylor
-from hodo_cli.integration import integrate, solve
+from hodo_cli.integration import integrate
 from hodo_cli.models import catalogue
 from hodo_cli.models import top as lagrange
-from hodo_cli.models.base import Event
 
 HERE = Path(__file__).parent
 PAPER3 = load(HERE.parent / "configs" / "paper3.yaml").cases
-EVENTS = {
-    (row["case"], row["event"]): float(row["time"])
-    for row in csv.DictReader((HERE / "data" / "crossings.csv").open())
-}
 FORMS = catalogue()["Lagrange-averaged"]
 AVERAGED = ("averaged", "averaged-u")
 CLOSE = 1e-13 if have_taylor() else 1e-9
@@ -66,15 +57,13 @@ def first(case: Case) -> dict[str, float]:
     }
 
 
-def motions() -> list[Case]:
-    """Tops of several kinds, at several phases of their lives."""
-    given = [
-        ("{theta: 5 deg, r: 1.7}", "[0.1]"),
-        ("{theta: 60 deg, r: -2}", "[0.2, 0.3]"),
-        ("{theta: 2.6, r: 0.4}", "[3]"),
-    ]
-    given.append(("{Gz: 0.7, H: 1.1, r: 1.3}", "0.3*exp(-0.5*log(1 + 1*t))"))
-    return [case(initial=initial, a=a) for initial, a in given]
+MOTIONS = [
+    {"initial": "{theta: 5 deg, r: 1.7}", "a": "[0.1]"},
+    {"initial": "{theta: 60 deg, r: -2}", "a": "[0.2, 0.3]"},
+    {"initial": "{theta: 2.6, r: 0.4}", "a": "[3]"},
+    {"initial": "{Gz: 0.7, H: 1.1, r: 1.3}", "a": "0.3*exp(-0.5*log(1 + 1*t))"},
+]
+"""Tops of several kinds, at several phases of their lives."""
 
 
 @pytest.mark.parametrize(
@@ -89,7 +78,7 @@ def test_the_roots_at_the_start_are_those_of_the_papers_table(
     assert values["u2"] == pytest.approx(math.cos(PAPER3[name].data["initial"]["theta"]), rel=1e-15)
 
 
-@pytest.mark.parametrize("m1", [1 - 1e-9, 0.9, 0.5, 0.1, 1e-3, 1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("m1", [1 - 1e-9, 0.5, 1e-3, 1e-12])
 def test_the_mean_by_the_arithmetic_geometric_mean_is_that_by_elliptic_integrals(m1: float) -> None:
     e, w = 1 - m1, 1 + m1  # u3 - u1 = 2, so that 1 - k^2 = m1
     with mpmath.workdps(40):
@@ -112,12 +101,12 @@ def slopes(case: Case, t: float) -> tuple[mpmath.matrix, mpmath.matrix, series.L
     return y, reference.slope(mpmath.mpf(t), y), reference
 
 
-@pytest.mark.parametrize("top", motions(), ids=lambda top: str(top.data["initial"]))
+@pytest.mark.parametrize("given", MOTIONS, ids=lambda given: given["initial"])
 @pytest.mark.parametrize("form", AVERAGED)
 def test_the_right_hand_sides_are_the_derivatives_of_integrals_and_roots(
-    form: str, top: Case
+    form: str, given: dict[str, str]
 ) -> None:
-    top = case(form=form, **{key: write(top.data[key]) for key in ("initial", "a")})
+    top = case(form=form, **given)
     k, y, t, h = constants(top), np.array(start(top)), 0.3, 1e-6
     with mpmath.workdps(40):
         z, dz, reference = slopes(top, t)
@@ -129,41 +118,8 @@ def test_the_right_hand_sides_are_the_derivatives_of_integrals_and_roots(
         FORMS[form].output(np.zeros(1), (y + side * h * dy)[None], k) for side in (1, -1)
     )
     # Central differences of 1e-6 in doubles: 1e-10.
-    assert [(ahead[name] - behind[name])[0] / (2 * h) for name in ahead] == pytest.approx(
-        expected, rel=1e-8, abs=3e-9
-    )
-
-
-def write(value: Any) -> str:
-    """A resolved value as YAML."""
-    if isinstance(value, dict):
-        return (
-            "{"
-            + ", ".join(
-                f"{name}: {write(item)}" for name, item in value.items() if item is not None
-            )
-            + "}"
-        )
-    return str(list(value)) if isinstance(value, tuple) else str(value)
-
-
-@pytest.mark.parametrize("top", motions(), ids=lambda top: str(top.data["initial"]))
-def test_the_averaged_rates_are_the_mean_over_a_nutation(top: Case) -> None:
-    """Of eqs (2.4), by a sum over the phases of a half turn."""
-    (U, Z, r, e), k = start(top), constants(top)
-    a, M3 = lagrange.coefficient_at(k, "a", 0.3), lagrange.axial_torque(0.3, r, k)
-    Gz, H = U + k.C * r, k.mu * (1 - Z) + k.C * r * r / 2
-    X, w = lagrange.nutation((U, Z, r, e), k)
-    cosine = np.cos((np.arange(64) + 0.5) * np.pi / 64)
-    u, weights = 1 - X - e * cosine, 1 / np.sqrt(w + e * cosine)
-    known = (
-        np.average(-a * (Gz - k.C * r * u) / k.A + M3 * u, weights=weights),
-        np.average(-a * (2 * H - k.C * r * r - 2 * k.mu * u) / k.A + M3 * r, weights=weights),
-    )
-    dU, dZ, dr, _ = FORMS["averaged"].rhs(0.3, (U, Z, r, e), k)
-    assert dr == pytest.approx(M3 / k.C, rel=1e-15)
-    found = dU + k.C * dr, k.C * r * dr - k.mu * dZ
-    assert found == pytest.approx(known, rel=1e-12, abs=1e-14)
+    found = [(ahead[name] - behind[name])[0] / (2 * h) for name in ahead]
+    assert found == pytest.approx(expected, rel=1e-8, abs=3e-9)
 
 
 @pytest.mark.parametrize("name", ["case1", "case2", "case3"])
@@ -172,6 +128,7 @@ def test_the_averaged_motion_is_that_of_the_independent_reference(name: str) -> 
     reference, initial = series.paper3(name)
     expected = reference.states(initial, times, digits=16)
     motion = integrate(PAPER3[name])
+    assert motion.error < 10 * CLOSE
     rows = np.searchsorted(motion.time, np.array(times) - 1e-9)
     for i, variable in enumerate(("Gz", "H", "r")):
         found, scale = motion.variables[variable], np.abs(motion.variables[variable]).max()
@@ -184,61 +141,32 @@ def test_the_averaged_motion_is_that_of_the_independent_reference(name: str) -> 
         assert np.abs(found - [float(u[i]) for u in roots]).max() < 100 * CLOSE
 
 
-def test_errors_are_as_small_as_promised() -> None:
-    cases = [PAPER3[name] for name in ("case1", "case2", "case3")]
-    for top in cases:
-        assert integrate(top).error < 10 * CLOSE
-
-
-@pytest.mark.parametrize("form", [*AVERAGED, "full"])
-def test_r_decays_as_the_closed_form_says(form: str) -> None:
-    top = case(form=form, epsilon="0.05" if form == "full" else "")
-    motion = integrate(top)
-    t, v = motion.time, motion.variables
-    r = v["omega"][:, 2] if form == "full" else v["r"]
-    expected = math.sqrt(3) * np.exp(-(0.1 * t + t * t / 2))  # eq. (3.3)
-    assert np.abs(r - expected).max() < CLOSE
+SPINS = {
+    "eq. (3.3)": ({}, lambda t: 0.1 * t + t * t / 2),
+    "square": ({"b": "[0.1, 0.2, 0.3]"}, lambda t: 0.1 * t + 0.1 * t**2 + 0.1 * t**3),
+    "exponential": ({"b": "0.3*exp(-0.7*t)"}, lambda t: 0.3 * -np.expm1(-0.7 * t) / 0.7),
+    "power": (
+        {"b": "0.3*exp(-1.5*log(1 + 2*t))"},
+        lambda t: 0.3 * (1 - (1 + 2 * t) ** -0.5),
+    ),
+    "driven": (
+        {"a": "0", "b": "0", "m": "0.2"},
+        lambda t: -np.log(1 + 0.2 * t / math.sqrt(3)),
+    ),
+}
 
 
 @pytest.mark.parametrize(
-    ("b", "integral"),
-    [
-        ("[0.1, 0.2, 0.3]", lambda t: 0.1 * t + 0.1 * t**2 + 0.1 * t**3),
-        ("0.3*exp(-0.7*t)", lambda t: 0.3 * -np.expm1(-0.7 * t) / 0.7),
-        (
-            "0.3*exp(-1.5*log(1 + 2*t))",
-            lambda t: 0.3 * (1 - (1 + 2 * t) ** -0.5),
-        ),
-    ],
+    ("form", "spin"),
+    [*itertools.product(("averaged", "full"), SPINS), ("averaged-u", "eq. (3.3)")],
 )
-def test_each_law_of_resistance_is_what_it_says(b: str, integral: Any) -> None:
-    motion = integrate(case(b=b))
-    assert (
-        np.abs(motion.variables["r"] - math.sqrt(3) * np.exp(-integral(motion.time))).max() < CLOSE
-    )
-
-
-@pytest.mark.parametrize("case_name", ["case1", "case2", "case3"])
-def test_u3_rebounds_from_1_where_Gz_is_C_r(
-    case_name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def gap(t: Any, y: Any, k: Any) -> Any:
-        return y[0] * (y[0] + 2 * k.C * y[2])  # Gz^2 - C^2 r^2, U = Gz - C r
-
-    top = replace(PAPER3[case_name], time=Time(end=5.0, samples=5001), error=False)
-    method = "taylor" if have_taylor() else "DOP853"
-    rebound = property(lambda system: (Event("rebound", gap),))
-    monkeypatch.setattr(type(top.system), "run_events", rebound)
-    path = solve(top, method)
-    (event,) = path.events
-    assert event.time == pytest.approx(EVENTS[f"P3 {case_name}", "u3 = 1"], rel=CLOSE)
-    u3 = FORMS["averaged"].output(path.time, path.state, constants(top))["u3"]
-    after = u3[path.time > event.time].max()
-    assert np.interp(event.time, path.time, u3) - 1 < 1e-7
-    assert u3.min() > 1 - 1e-14
-    assert after - 1 == pytest.approx(
-        {"case1": 0.0128, "case2": 0.0012, "case3": 4e-10}[case_name], rel=0.05
-    )
+def test_r_decays_as_the_closed_form_says(form: str, spin: str) -> None:
+    """And grows, under a torque m alone, at m/C."""
+    keys, integral = SPINS[spin]
+    motion = integrate(case(form=form, epsilon="0.05" if form == "full" else "", **keys))
+    t, v = motion.time, motion.variables
+    r = v["omega"][:, 2] if form == "full" else v["r"]
+    assert np.abs(r - math.sqrt(3) * np.exp(-integral(t))).max() < CLOSE
 
 
 def test_the_full_motion_is_that_of_the_independent_reference() -> None:
@@ -254,7 +182,7 @@ def distance(theta: str, epsilon: float, **given: str) -> np.ndarray:
     """The largest |difference| of Gz and of H between full and averaged over tau <= 3."""
     given |= {
         "initial": f"{{theta: {theta}, r: 1.7320508075688772}}",
-        "time": "{end: 3, samples: 3001}",
+        "time": "{end: 3, samples: 1501}",
     }
     full = integrate(case(form="full", epsilon=str(epsilon), **given))
     slow = integrate(case(form="averaged", **given)).variables
@@ -267,59 +195,41 @@ def distance(theta: str, epsilon: float, **given: str) -> np.ndarray:
 @pytest.mark.parametrize(
     ("theta", "expected"),
     [
-        ("5 deg", [(1.51e-3, 2.37e-3), (3.2e-4, 5.4e-4), (6.9e-5, 1.1e-4)]),
-        ("60 deg", [(1.98e-3, 4.35e-3), (4.9e-4, 1.07e-3), (1.2e-4, 2.7e-4)]),
-        ("150 deg", [(1.4e-4, 3.6e-4), (3.6e-5, 8.9e-5), (9.0e-6, 2.2e-5)]),
+        ("5 deg", [(1.51e-3, 2.37e-3), (3.2e-4, 5.4e-4)]),
+        ("150 deg", [(1.4e-4, 3.6e-4), (3.6e-5, 8.9e-5)]),
     ],
 )
 def test_full_and_averaged_differ_in_proportion_to_epsilon(
     theta: str, expected: list[tuple[float, float]]
 ) -> None:
-    small = [0.02, 0.005, 0.00125]
-    distances = np.array([distance(theta, epsilon) for epsilon in small])
-    # The numbers are known to two or three digits from an independent calculation.
-    assert distances == pytest.approx(np.array(expected), rel=0.03)
-    for column in distances.T:
-        assert np.polyfit(np.log(small), np.log(column), 1)[0] == pytest.approx(1, abs=0.12)
+    """The numbers are known to two or three digits from an independent calculation."""
+    distances = [distance(theta, epsilon) for epsilon in (0.02, 0.005)]
+    assert np.array(distances) == pytest.approx(np.array(expected), rel=0.03)
 
 
-@pytest.mark.parametrize("form", ["full", "averaged"])
-def test_an_axial_torque_alone_spins_the_top_up_at_its_own_rate(form: str) -> None:
-    top = case(form=form, epsilon="0.05" if form == "full" else "",
-               a="0", b="0", m="0.2", initial="{theta: 60 deg, r: 2}")  # fmt: skip
-    motion = integrate(top)
-    spin = motion.variables["omega"][:, 2] if form == "full" else motion.variables["r"]
-    C = top.data["inertia"]["C"]
-    assert spin == pytest.approx(2 + 0.2 / C * motion.time, rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    "theta", ["5 deg", "60 deg", "150 deg", "0", "1e-5", "3.141592652589793", "180 deg"]
-)
+@pytest.mark.parametrize("theta", ["5 deg", "150 deg", "0", "1e-5", "3.141592652589793", "180 deg"])
 def test_a_start_by_integrals_is_that_by_the_angle(theta: str) -> None:
-    angle = case(initial=f"{{theta: {theta}, r: 2}}")
-    values = first(angle)
+    values = first(case(initial=f"{{theta: {theta}, r: 2}}"))
     initial = f"{{Gz: {values['Gz']!r}, H: {values['H']!r}, r: 2}}"
     again = first(case(initial=initial))
     # The rounding of Gz and H moves a double root by the root of 1e-16.
     assert [again[name] for name in values] == pytest.approx(list(values.values()), abs=3e-8)
+    assert_full_start_has(initial, values["Gz"], values["H"])
+
+
+def assert_full_start_has(initial: str, Gz: float, H: float) -> None:
     full = case(form="full", epsilon="0.1", initial=initial)
     p, q, r, *gamma = start(full)
     assert math.hypot(*gamma) == pytest.approx(1, rel=1e-15)
-    assert lagrange.first_integrals((p, q, r), gamma, constants(full)) == pytest.approx(
-        (values["Gz"], values["H"]), rel=1e-14
-    )
+    found = lagrange.first_integrals((p, q, r), gamma, constants(full))
+    assert found == pytest.approx((Gz, H), rel=1e-14)
 
 
 def test_a_full_start_may_pass_through_the_vertical() -> None:
-    full = case(
-        form="full", epsilon="0.1", initial="{Gz: 2, H: 3.3, r: 2}"
-    )  # Gz = C r: u2 = 1, and it moves there
-    p, q, r, *gamma = start(full)
-    assert math.hypot(*gamma) == pytest.approx(1, rel=1e-15)
-    assert lagrange.first_integrals((p, q, r), gamma, constants(full)) == pytest.approx(
-        (2, 3.3), rel=1e-14
-    )
+    # Gz = C r: u2 = 1, and it moves there.
+    assert_full_start_has("{Gz: 2, H: 3.3, r: 2}", 2, 3.3)
+    still = integrate(case(form="full", epsilon="0.05", initial="{theta: 0, r: 1}"))
+    assert np.array_equal(still.variables["gamma"], np.tile([0.0, 0.0, 1.0], (41, 1)))
 
 
 @pytest.mark.parametrize("theta", [1e-9, math.pi - 1e-9])
@@ -370,16 +280,6 @@ def test_a_hanging_top_hangs() -> None:
     assert np.abs(motion.variables["Gz"] + motion.variables["r"]).max() < CLOSE
 
 
-def test_the_full_top_is_regular_at_the_vertical() -> None:
-    motion = integrate(case(form="full", epsilon="0.05", initial="{theta: 0, r: 1}"))
-    assert np.array_equal(motion.variables["gamma"], np.tile([0.0, 0.0, 1.0], (41, 1)))
-
-
-def test_a_constant_is_a_polynomial_of_one_coefficient() -> None:
-    assert case(a="0.1") == case(a="[0.1]")
-    assert case(b="0.2") == case(b="[0.2]")
-
-
 @pytest.mark.heyoka
 @pytest.mark.parametrize("form", ["averaged", "full"])
 def test_a_constant_is_swept_by_its_name(form: str) -> None:
@@ -409,7 +309,6 @@ def test_a_constant_is_swept_by_its_name(form: str) -> None:
         ({"initial": "{theta: 1}"}, "missing 'r'"),
         ({"initial": "{theta: 60, r: 1}"}, "degrees are written as '60 deg'"),
         ({"initial": "{theta: 190 deg, r: 1}"}, "expected an angle from 0 to pi"),
-        ({"initial": "{theta: -0.1, r: 1}"}, "expected an angle from 0 to pi"),
         (
             {"sweep": "{initial.theta: {values: [1, 60]}}"},
             r"values\.1: expected an angle from 0 to pi .* degrees are written as '60 deg'",
@@ -421,7 +320,6 @@ def test_a_constant_is_swept_by_its_name(form: str) -> None:
         ({"initial": "{theta: 1, r: 1, H: 1}"}, "give theta and r, or Gz, H and r"),
         ({"initial": "{r: 1, H: 1}"}, "give theta and r, or Gz, H and r"),
         ({"initial": "{r: 2, Gz: 1, H: 1.9}"}, "no motion has these"),
-        ({"initial": "{r: 1, Gz: 0, H: -5}"}, "no motion has these"),
         # Its u1 and u2 are by 1e-7 and more above 1.
         (
             {"inertia": "{A: 1.5, C: 2.5}", "initial": "{r: 2.2, Gz: 5.501, H: 2}"},
@@ -429,11 +327,17 @@ def test_a_constant_is_swept_by_its_name(form: str) -> None:
         ),
         ({"initial": "{r: 1e100, Gz: 1, H: 1e150}"}, "initial: "),
         ({"initial": "{theta: 1, r: 1e200}"}, "out of range"),
-        ({"initial": "{theta: 0, r: 1}"}, "u2 = u3"),
         ({"initial": "{theta: 0, r: 1.7320508075688772}"}, "u2 = u3"),
         ({"initial": "{theta: 0, r: 2}", "form": "averaged-u"}, "divides by r and by u2 - u1"),
         ({"initial": "{theta: 1, r: 0}", "form": "averaged-u"}, "divides by r and by u2 - u1"),
         ({"form": "full"}, "missing 'epsilon'"),
+        ({"mu": "[0.5, -1]"}, "mu: mu falls to -3.5 in the span"),
+        ({"mu": "[0.5, 0.1]", "form": "averaged-u"}, "mu: form averaged-u takes a constant mu"),
+        ({"m": "0.1", "form": "averaged-u"}, "m: form averaged-u has no m"),
+        (
+            {"mu": "[0.5, 0.1]", "time": "{start: 1, end: 2}"},
+            "mu: a polynomial of mu begins with the initial data",
+        ),
         ({"a": "[]"}, r"a: expected a polynomial in tau: \[a0, a1, ...\]"),
         ({"a": "much"}, "a: column 1 of the expression: unknown name 'much'"),
         (
@@ -447,78 +351,12 @@ def test_wrong_data_are_refused(given: dict[str, str], message: str) -> None:
         case(**given)
 
 
-def validity_warnings(case: Case) -> list[str]:
-    return case.system.warnings
-
-
 def test_what_makes_the_averages_doubtful_is_said() -> None:
-    assert not any(validity_warnings(top) for top in PAPER3.values())
-    (negative,) = validity_warnings(case(b="[1, -0.1]"))
+    assert not any(top.system.warnings for top in PAPER3.values())
+    (negative,) = case(b="[1, -0.1]").system.warnings
     assert "b has a negative coefficient" in negative
-    (near,) = validity_warnings(case(initial="{theta: 1e-5, r: 1}"))
+    (near,) = case(initial="{theta: 1e-5, r: 1}").system.warnings
     assert "1 - k^2 = 5.6e-11" in near
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_arrays_of_states_are_the_states_one_by_one(form: str) -> None:
-    tops = [
-        case(form=form, epsilon="0.1" if form == "full" else "", initial=f"{{theta: {x}, r: 1.5}}")
-        for x in (0.5, 1, 2)
-    ]
-    y, k = np.array([start(top) for top in tops]).T, constants(tops[0])
-    expected = np.array([FORMS[form].rhs(0.3, column, k) for column in y.T]).T
-    assert np.array(FORMS[form].rhs(0.3, y, k)) == pytest.approx(expected, rel=1e-14, abs=1e-16)
-
-
-def test_the_nutation_at_the_start_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    top, calls = case(form="averaged"), []
-    computed = lagrange.nutation_at_start
-    monkeypatch.setattr(
-        lagrange, "nutation_at_start", lambda *data: calls.append(data) or computed(*data)
-    )
-    system = top.system
-    assert system.start
-    assert system.warnings == []
-    assert system.run_events == ()
-    assert len(calls) == 1
-
-
-def random_top(rng: random.Random) -> dict[str, str]:
-    """Any top under resistance or drive: fast or slow, upright, hanging or between."""
-    A = rng.uniform(0.6, 3)
-    theta = rng.choice([rng.uniform(0.05, 3.1), 10 ** rng.uniform(-6, -1)])
-    spin = rng.choice([-1, 1]) * rng.choice([rng.uniform(0.1, 4), 10 ** rng.uniform(-5, 0)])
-    return {
-        "inertia": f"{{A: {A}, C: {rng.uniform(0.1, 1.99 * A)}}}",
-        "mu": str(10 ** rng.uniform(-1.5, 1)),
-        "a": f"[{rng.uniform(-0.1, 0.6)}, {rng.uniform(-0.1, 1)}]",
-        "b": f"[{rng.uniform(-0.1, 0.6)}, {rng.uniform(-0.1, 1)}]",
-        "initial": f"{{theta: {rng.choice([theta, math.pi - theta])}, r: {spin}}}",
-        "time": f"{{end: {rng.uniform(0.5, 3)}, samples: 5}}",
-        "error": "on",
-    }
-
-
-# Those left out take up to half a minute, or two without heyoka, and no other way.
-EVERY_RUN = [2, 4, 5, 6, 8, 9, 10] if have_taylor() else [2, 4]
-SEEDS = range(int(os.environ["HODO_FUZZ"])) if "HODO_FUZZ" in os.environ else EVERY_RUN
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_the_averaged_forms_differ_by_no_more_than_their_errors(seed: int) -> None:
-    """The roots' form loses digits in the rounding of its very start: that is part of its error."""
-    given = random_top(random.Random(seed))
-    try:
-        motions = [integrate(case(form=form, **given)) for form in AVERAGED]
-    except HodoError:  # it is at u2 = u3
-        assert seed not in EVERY_RUN
-        return
-    plain, *others = (motion for motion in motions if motion.status == "ok")
-    assert seed not in EVERY_RUN or len(others) == len(AVERAGED) - 1
-    for other in others:
-        for name, values in plain.variables.items():
-            off = np.abs(other.variables[name] - values).max() / np.abs(values).max()
-            assert off <= 2 * (other.errors[name] + plain.errors[name]) + 1e-14
 
 
 @pytest.mark.parametrize(
@@ -544,84 +382,49 @@ def test_the_rounding_of_the_roots_at_the_start_is_part_of_their_error(
 # omega and gamma at tau = 1, by a Taylor series in 176 to 224 bits that shares no code with hodo.
 # On [0, 2], to the last digit.
 _IN_TAU_LESS_1 = chebyshev.cheb2poly(chebyshev.chebinterpolate(lambda x: 0.5 / (1.3 + 0.3 * x), 18))
-FALLING = Polynomial(_IN_TAU_LESS_1)(Polynomial([-1, 1])).coef.tolist()
+FALLING = str(Polynomial(_IN_TAU_LESS_1)(Polynomial([-1, 1])).coef.tolist())
 """0.5/(1 + 0.3 tau) as a polynomial."""
 
 LAWS_OF_TIME = {
     "axial torque": (
-        {"m": 0.2, "a": 0.125, "b": 0.1, "mu": 0.5},
+        {"m": "0.2", "a": "0.125", "b": "0.1", "mu": "0.5"},
         (7.14615158788087723e-5, -0.483421185149415059, 1.75754954455580245),
         (-0.448675351253786695, -0.886842219122204261, 0.110459529057910492),
     ),
     "falling mu": (
-        {"mu": FALLING, "a": 0, "b": 0},
+        {"mu": FALLING, "a": "0", "b": "0"},
         (0.0728953513394852740, -0.501290446981690064, 1.73205080756887729),
         (0.0595182228060932324, -0.996188403105960674, 0.0637671284534613974),
     ),
     "both": (
-        {
-            "m": "0.2/(1 + t)",
-            "mu": [0.5, 0.15],
-            "a": 0.125,
-            "b": 0.1,
-        },
+        {"m": "0.2/(1 + t)", "mu": "[0.5, 0.15]", "a": "0.125", "b": "0.1"},
         (0.428277629153334897, -0.282365071105278370, 1.69839359908822709),
         (0.442736113796192254, -0.891876926990276199, 0.0924136388366275793),
     ),
 }
 
 
-def run_top(end: float, **keys: Any) -> Any:
-    return hodo.run(
-        {
-            "model": "Lagrange-averaged",
-            "inertia": {"A": 1.5, "C": 1},
-            "initial": {"theta": "60 deg", "r": math.sqrt(3)},
-            "time": {"end": end, "samples": 5},
-            "error": "off",
-            **keys,
-        }
-    )
-
-
 @pytest.mark.parametrize(("keys", "omega", "gamma"), LAWS_OF_TIME.values(), ids=LAWS_OF_TIME)
 def test_the_full_top_follows_laws_of_m_and_mu(keys: Any, omega: Any, gamma: Any) -> None:
-    motion = run_top(1, form="full", epsilon=0.02, **keys)
-    assert motion["omega"].values[-1] == pytest.approx(omega, abs=5e-14)
-    assert motion["gamma"].values[-1] == pytest.approx(gamma, abs=5e-14)
+    end = {"time": "{end: 1, samples: 5}"}
+    motion = integrate(case(form="full", epsilon="0.02", **keys, **end)).variables
+    assert motion["omega"][-1] == pytest.approx(omega, abs=5e-14)
+    assert motion["gamma"][-1] == pytest.approx(gamma, abs=5e-14)
 
 
 def test_the_averaged_top_follows_laws_of_m_and_mu() -> None:
-    falling = run_top(2, **LAWS_OF_TIME["falling mu"][0])
-    at_end = [falling[name].values[-1] for name in ("Gz", "H", "r")]
+    keys, _, _ = LAWS_OF_TIME["falling mu"]
+    falling = integrate(case(**keys, time="{end: 2, samples: 5}")).variables
+    at_end = [falling[name][-1] for name in ("Gz", "H", "r")]
     assert at_end == pytest.approx([0.86602540378, 1.69309225147, math.sqrt(3)], abs=1e-11)
-    keys = LAWS_OF_TIME["both"][0]
-    averaged = run_top(1, **keys)
-    apart = []
-    for epsilon in (0.02, 0.005):
-        full = run_top(1, form="full", epsilon=epsilon, **keys)
-        (p, q, r), (g1, g2, g3) = full["omega"].values[-1], full["gamma"].values[-1]
+    keys = LAWS_OF_TIME["both"][0] | {"time": "{end: 1, samples: 5}"}
+    averaged, apart = integrate(case(**keys)).variables, []
+    for epsilon in ("0.02", "0.005"):
+        full = integrate(case(form="full", epsilon=epsilon, **keys)).variables
+        (p, q, r), (g1, g2, g3) = full["omega"][-1], full["gamma"][-1]
         H = (1.5 * (p * p + q * q) + r * r) / 2 + 0.65 * g3
         Gz = 1.5 * (p * g1 + q * g2) + r * g3
-        assert r == pytest.approx(averaged["r"].values[-1], abs=1e-13)
-        apart.append([abs(H - averaged["H"].values[-1]), abs(Gz - averaged["Gz"].values[-1])])
+        assert r == pytest.approx(averaged["r"][-1], abs=1e-13)
+        apart.append([abs(H - averaged["H"][-1]), abs(Gz - averaged["Gz"][-1])])
     # The error of averaging is of the order of epsilon.
     assert np.array(apart[0]) / apart[1] == pytest.approx([4, 4], rel=0.1)
-
-
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        ({"mu": [0.5, -1]}, "mu: mu falls to -0.5 in the span"),
-        ({"mu": -0.5}, "mu: expected a positive number"),
-        ({"mu": [0.5, 0.1], "form": "averaged-u"}, "mu: form averaged-u takes a constant mu"),
-        ({"m": 0.1, "form": "averaged-u"}, "m: form averaged-u has no m"),
-        (
-            {"mu": [0.5, 0.1], "time": {"start": 1, "end": 2}},
-            "mu: a polynomial of mu begins with the initial data",
-        ),
-    ],
-)
-def test_laws_that_a_top_cannot_follow_are_refused(keys: Any, message: str) -> None:
-    with pytest.raises(HodoError, match=message):
-        run_top(1, **{"mu": 0.5, "a": 0.1, "b": 0.1, **keys})

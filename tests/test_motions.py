@@ -1,6 +1,6 @@
 """Random motions of every kind against the independent series: crossings, labels, stated errors.
 
-HODO_FUZZ sets the number of motions of each kind (default 9, without heyoka 2).
+HODO_FUZZ sets the number of motions of each kind (default 5, without heyoka 2).
 """
 
 import math
@@ -23,7 +23,7 @@ from hodo_cli.engines import have_taylor
 from hodo_cli.integration import integrate
 
 # Without heyoka most draws go by the same methods, whose integration does not change.
-EVERY_RUN = 9 if have_taylor() else 2
+EVERY_RUN = 5 if have_taylor() else 2
 COUNT = int(os.environ.get("HODO_FUZZ", EVERY_RUN))
 LOOSE = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
 
@@ -205,27 +205,21 @@ class Known(NamedTuple):
     bits: int = 300
 
 
-def by_any_method(rng: random.Random) -> dict[str, object]:
+def by_any_method(rng: random.Random, **case: Any) -> Case:
     method = rng.choice(("auto", "auto", "collocation", *LOOSE))
-    return {"method": method} | ({"tol": 10 ** rng.uniform(-10, -2)} if method in LOOSE else {})
+    tol = {"tol": 10 ** rng.uniform(-10, -2)} if method in LOOSE else {}
+    return Case.of({**case, "method": method, **tol})
 
 
 def filled(rng: random.Random) -> Known:
     """A triaxial body with a cavity under a torque, in full."""
     torque = [rng.gauss(0, 1) * rng.choice((0, 1)) for _ in range(3)]
-    case = Case.of(
-        {
-            "model": "cavity+constant",
-            "form": "full",
-            "inertia": body(rng),
-            "cavity": {"kappa": 10 ** rng.uniform(-3, -0.5)},
-            "torque": torque,
-            "epsilon": 10 ** rng.uniform(-3, -0.5),
-            "initial": {name: rng.gauss(0, 1) for name in "pqr"},
-            "time": {"end": rng.uniform(5, 60), "samples": rng.choice((2, 5, 11))},
-        }
-        | by_any_method(rng)
-    )
+    case = by_any_method(
+        rng, model="cavity+constant", inertia=body(rng), kappa=10 ** rng.uniform(-3, -0.5),
+        torque=torque, epsilon=10 ** rng.uniform(-3, -0.5),
+        initial={name: rng.gauss(0, 1) for name in "pqr"},
+        time={"end": rng.uniform(5, 60), "samples": rng.choice((2, 5, 11))},
+    )  # fmt: skip
     k = case.system.constants
     system = series.cavity(case.data["inertia"], k["kappa"], [k["N1"], k["N2"], k["N3"]])
     return Known(case, system, case.system.start, lambda y: {"omega": y})
@@ -238,19 +232,10 @@ def spun(rng: random.Random) -> Known:
     kappa, torque = 10 ** rng.uniform(-3, -0.5), rng.choice((1, -1, -1)) * 10 ** rng.uniform(-3, -1)
     # Before the spin ends, and before x has changed by more than some powers of e.
     end = min(C * math.sqrt(y) / abs(torque), 3 * A * A / (kappa * max(y, 1) * abs(A - C)), 1e3)
-    case = Case.of(
-        {
-            "model": "cavity+constant",
-            "form": form,
-            "inertia": [A, A, C],
-            "cavity": {"kappa": kappa},
-            "torque": [0, 0, torque],
-            "epsilon": 1,
-            "initial": {"x": x, "y": y},
-            "time": {"end": 0.9 * end, "samples": rng.choice((2, 5, 11))},
-        }
-        | {"method": rng.choice(("auto", "collocation"))}
-    )
+    given = {"model": "cavity+constant", "form": form, "inertia": [A, A, C], "kappa": kappa}
+    given |= {"torque": [0, 0, torque], "epsilon": 1, "initial": {"x": x, "y": y}}
+    given |= {"time": {"end": 0.9 * end, "samples": rng.choice((2, 5, 11))}}
+    case = Case.of(given | {"method": rng.choice(("auto", "collocation"))})
     k = case.system.constants
     system = series.cavity_averaged(A, C, k["kappa"], k["N3"], printed=form.endswith("printed"))
     root = Fraction(math.isqrt(int(Fraction(y) * 4**300)), 2**300)
@@ -263,20 +248,14 @@ def faint(rng: random.Random) -> Known:
     largest, middle, smallest = order(A)
     start = [10 ** rng.uniform(-45, -10) for _ in range(3)]
     start[middle] = rng.choice((1.0, -1.0))
-    grows = math.sqrt(
-        (A[largest] - A[middle]) * (A[middle] - A[smallest]) / A[largest] / A[smallest]
-    )
+    Al, Am, As = A[largest], A[middle], A[smallest]
+    grows = math.sqrt((Al - Am) * (Am - As) / Al / As)
     damping = [10 ** rng.uniform(-4, -2) * grows for _ in range(3)]
-    case = Case.of(
-        {
-            "model": "linear-diag",
-            "inertia": A,
-            "damping": damping,
-            "initial": dict(zip("pqr", start, strict=True)),
-            "time": {"end": rng.uniform(20, 130) / grows, "samples": rng.choice((2, 5))},
-        }
-        | by_any_method(rng)
-    )
+    case = by_any_method(
+        rng, model="linear-diag", inertia=A, damping=damping,
+        initial=dict(zip("pqr", start, strict=True)),
+        time={"end": rng.uniform(20, 130) / grows, "samples": rng.choice((2, 5))},
+    )  # fmt: skip
     return Known(case, series.diagonal(A, damping), start, lambda y: {"omega": y}, 400)
 
 
@@ -285,20 +264,12 @@ def nodding(rng: random.Random) -> Known:
     A, mu, epsilon = rng.uniform(0.5, 2), 10 ** rng.uniform(-1.5, 0.7), 10 ** rng.uniform(-1.5, 0)
     C = rng.uniform(0.1, 1.99) * A
     a, b = ([rng.uniform(-0.1, 0.6), rng.uniform(-0.1, 1)] for _ in range(2))
-    case = Case.of(
-        {
-            "model": "Lagrange-averaged",
-            "form": "full",
-            "inertia": {"A": A, "C": C},
-            "mu": mu,
-            "epsilon": epsilon,
-            "a": a,
-            "b": b,
-            "initial": {"theta": 10 ** rng.uniform(-3, 0.4), "r": rng.gauss(0, 2)},
-            "time": {"end": rng.uniform(0.3, 2), "samples": rng.choice((2, 5, 11))},
-        }
-        | by_any_method(rng)
-    )
+    case = by_any_method(
+        rng, model="Lagrange-averaged", form="full", inertia={"A": A, "C": C}, mu=mu,
+        epsilon=epsilon, a=a, b=b, initial={"theta": 10 ** rng.uniform(-3, 0.4),
+                                            "r": rng.gauss(0, 2)},
+        time={"end": rng.uniform(0.3, 2), "samples": rng.choice((2, 5, 11))},
+    )  # fmt: skip
     system = series.lagrange(A, C, mu, epsilon, a, b)
     # The angle is what the case gives; its sine and cosine are not doubles.
     theta, bits = mpmath.mpf(case.data["initial"]["theta"]), 280

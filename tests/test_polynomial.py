@@ -18,25 +18,12 @@ EPS = float(np.finfo(float).eps)
 def bernstein(roots: list[Fraction], degree: int = 12) -> np.ndarray:
     """The Bernstein coefficients of a positive polynomial times the product of (x - root)."""
     powers = [Fraction(1)]
-    for root in roots:
-        powers = [
-            a - root * b
-            for a, b in zip([Fraction(0), *powers], [*powers, Fraction(0)], strict=True)
-        ]
-    for _ in range(degree - len(roots)):
-        powers = [
-            a + 3 * b for a, b in zip([Fraction(0), *powers], [*powers, Fraction(0)], strict=True)
-        ]
-    return np.array(
-        [
-            float(
-                sum(
-                    c * Fraction(comb(j, k), comb(degree, k)) for k, c in enumerate(powers[: j + 1])
-                )
-            )
-            for j in range(degree + 1)
-        ]
-    )
+    for c in [-root for root in roots] + [Fraction(3)] * (degree - len(roots)):
+        pairs = zip([Fraction(0), *powers], [*powers, Fraction(0)], strict=True)
+        powers = [a + c * b for a, b in pairs]  # times x + c
+    parts = [c / comb(degree, k) for k, c in enumerate(powers)]
+    sums = (sum(parts[k] * comb(j, k) for k in range(j + 1)) for j in range(degree + 1))
+    return np.array([float(x) for x in sums])
 
 
 @pytest.mark.parametrize("dtype", DTYPES, ids=str)

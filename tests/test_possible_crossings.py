@@ -2,7 +2,7 @@
 
 The motions are integrated side by side by a method of Runge and Kutta of order 8 at a fixed step,
 from the equations as they are printed, in all six orders of the axes. HODO_SUMS sets the number of
-members of each test (default 300).
+members of each test (default 150).
 """
 
 import itertools
@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853
 
-from hodo_cli.cases.case import Case
+from hodo_cli import Case
 from hodo_cli.models.theory import theorems as theory
 
-MEMBERS = int(os.environ.get("HODO_SUMS", "300"))
+MEMBERS = int(os.environ.get("HODO_SUMS", "150"))
 P1 = (1.0, 0.8, 0.6)
 
 NONE, TO_LARGEST, TO_SMALLEST, THERE_AND_BACK = map(frozenset, ((), (1,), (-1,), (1, -1)))
@@ -181,28 +181,18 @@ def test_no_motion_crosses_otherwise(name: str) -> None:
 
 def test_fluid_with_equal_quadratic_drag_goes_there_and_back() -> None:
     """Where the drag's coefficients are the same for the outer axes, only |G| is touched by it."""
-    draw = np.random.default_rng(9)
-    terms = random_terms(draw, MEMBERS, "kappa", "damping")._replace(
-        quadratic=np.full((MEMBERS, 3), 0.003)
-    )
-    A = np.asarray(terms.inertia)
-    allowed = [theory.possible_crossings(member(terms, n)) for n in range(MEMBERS)]
-    assert allowed.count(THERE_AND_BACK) > MEMBERS / 3
+    draw, many = np.random.default_rng(9), 2 * MEMBERS
+    terms = random_terms(draw, many, "kappa", "damping")
+    terms = terms._replace(quadratic=np.full((many, 3), 0.003))
+    A, each = np.asarray(terms.inertia), [member(terms, n) for n in range(many)]
+    allowed = [theory.possible_crossings(sum_of) for sum_of in each]
+    assert allowed.count(THERE_AND_BACK) > many / 3
     both = 0
-    for n, passed in enumerate(passages(A, motions(A, terms, 0, starts(draw, MEMBERS), 1500))):
+    for n, passed in enumerate(passages(A, motions(A, terms, 0, starts(draw, many), 1500))):
         if allowed[n] == THERE_AND_BACK:
-            assert_there_and_back(passed, theory.turning_momenta(member(terms, n)))
+            assert_there_and_back(passed, theory.turning_momenta(each[n]))
             both += len(passed) == 2
     assert both
-
-
-def test_the_numbers_of_the_papers_body() -> None:
-    terms = theory.Dissipation(P1, (0.005, 0.004, 0.003), kappa=0.03)
-    turning = theory.turning_momenta(terms)
-    strengths = [0.002 / 0.03 / float(G) ** 2 for G in turning]
-    assert strengths == pytest.approx([0.9722222222, 1.1111111111, 115 / 108], rel=1e-10)
-    assert theory.possible_crossings(terms) == THERE_AND_BACK
-    assert theory.axes_never_left(terms) == frozenset()
 
 
 @pytest.mark.parametrize("order", [*itertools.permutations(range(3))])
@@ -273,8 +263,8 @@ def test_a_tilt_grows_at_the_rate_of_the_sum(outer: int) -> None:
     """Sums of all terms, each of size 5e-5, about both outer axes: the growth of what is constant
     in free motion, the distance of the hodograph from the axis, over a long time."""
     draw = np.random.default_rng(3 + outer)
-    A = bodies(draw, 400)
-    A = A[np.diff(np.sort(A)).min(1) > 0.12][:40]
+    A = bodies(draw, 250)
+    A = A[np.diff(np.sort(A)).min(1) > 0.12][:25]
     n, at = len(A), np.arange(len(A))
     axis = np.array([outer_axes(body)[outer] for body in A])
     media, kappa = draw.uniform(0, 5e-5, (2, n, 3)), draw.uniform(0, 5e-5, n) * A.prod(1)

@@ -18,7 +18,7 @@ BODIES: list[dict[str, Any]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("speed", [0.1, 1.0, 10.0, 1e3])
+@pytest.mark.parametrize("speed", [0.1, 10.0, 1e3])
 @pytest.mark.parametrize("body", BODIES)
 def test_samples_that_nobody_names_follow_the_motion(body: dict[str, Any], speed: float) -> None:
     """G turns by less than 15 degrees in the body from one to the next."""

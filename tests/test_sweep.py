@@ -1,6 +1,7 @@
 """Sweeps: members equal single cases, whatever the chunks; nothing is lost; what is drawn is what
 is stored."""
 
+import json
 import math
 import re
 import shutil
@@ -15,25 +16,19 @@ import numpy as np
 import pytest
 import series
 import xarray as xr
-from conftest import ROOT, Hodo, classified, exact_motion, wait_until
+from conftest import ROOT, Hodo, call, classified, wait_until
 from hypothesis import given
 from hypothesis import strategies as st
 
 import hodo_cli
-from hodo_cli import Case, HodoError, models
-from hodo_cli.batch import Pool
-from hodo_cli.cases import sweep_block
+from hodo_cli import Case, HodoError
 from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import load, parse
-from hodo_cli.commands import classify, run
-from hodo_cli.engines import protocol
-from hodo_cli.integration import choice, cross, integrate
-from hodo_cli.models import base, rigid_body
-from hodo_cli.progress import Progress
-from hodo_cli.results import layout
-from hodo_cli.storage import Group, Variable, open_run
+from hodo_cli.commands import run
+from hodo_cli.integration import integrate
+from hodo_cli.models import rigid_body
+from hodo_cli.storage import Group
 from hodo_cli.sweeps import chunk, columns, members, summary, sweep
-from hodo_cli.sweeps.members import side_by_side
 from hodo_cli.sweeps.view import SweepView
 
 OK, FAILED, TIMEOUT, INVALID = range(4)
@@ -47,11 +42,18 @@ BODY = (1.0, 0.8, 0.6)
 FIG4 = f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003]"
 BRIEF = FIG4.replace("end: 1000", "end: 100")
 SHORT = FIG4.replace("end: 1000", "end: 20")
+INSTANT = FIG4.replace("end: 1000", "end: 1e-9")
 FIG12 = f"model: tensor, {HEAD}, resistance: {{diagonal: 0.005, off_diagonal: 0.005}}"
+BODY_MOVES = "initial: {p: 0.8, q: 0.5, r: 0.74}"
 
 
 def one(text: str) -> Case:
     return parse(f"title: t\ncases:\n  a: {{{text}}}\n", "x.yaml").cases["a"]
+
+
+def precisely(case: Case, precision: str) -> xr.Dataset:
+    """A case by a series in another precision."""
+    return hodo_cli.run(replace(case, method="taylor", tol=None, precision=precision, error=False))
 
 
 def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, np.ndarray]:
@@ -78,10 +80,6 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
         ),
         ("{damping.2: {linspce: [1, 2, 3]}}", "did you mean 'linspace'?"),
         (
-            "{damping.2: {linspace: [1, 2]}}",
-            "expected [first, last, number of values], got a list of 2",
-        ),
-        (
             "{damping.2: {logspace: [0, 2, 5]}}",
             "sweep.damping.2.logspace.0: expected a positive number, got 0",
         ),
@@ -96,8 +94,6 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
         ("{initial: {values: [1]}}", "expected a mapping of p, q, r, G, got 1.0"),
         ("{inertia: {values: [1]}}", "sweep.inertia: inertia is not a number: name one of its"),
         ("{time: {sphere: {count: 2}}}", "time is a name in every result: call the axis otherwise"),
-        ("{principal: {sphere: {count: 2}}}", "principal is a name in every result"),
-        ("{omega: {sphere: {count: 2}}}", "omega is a name in every result"),
         ("{status: {zip: {damping.0: {values: [1]}}}}", "status is a name in every result"),
         (
             "{d: {sphere: {count: 0}}}",
@@ -111,10 +107,6 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
         (
             "{damping.2: {values: [1]}, d: {zip: {damping.2: {values: [1]}}}}",
             "damping.2 varies along another axis already, or a part of it does",
-        ),
-        (
-            "{d: {zip: {damping.2: {values: [1]}}}, damping: {values: [1, 2]}}",
-            "damping varies along another axis already, or a part of it does",
         ),
         (
             "{initial.r: {values: [1, 2]}}",
@@ -136,52 +128,83 @@ def test_a_mistake_in_a_sweep_is_named_with_its_place(block: str, message: str) 
     assert message in lines[0]
 
 
-def test_a_key_of_what_the_case_does_not_give_is_refused() -> None:
-    """A cavity is given by `kappa` or by `cavity`, whose keys are there all the same."""
-    with pytest.raises(HodoError, match=r"the case has no such number: cavity\.kappa"):
-        one(f"{HEAD}, {BALL}, model: torques, kappa: 0.1, "
-            "sweep: {cavity.kappa: {values: [0.3]}}")  # fmt: skip
+AVERAGED_TOP = (
+    "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: 0.1, b: 0.1, "
+    "initial: {theta: 1, r: 2}, time: {end: 9}"
+)
+DISC = (
+    "model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, "
+    "initial: {x: 1, y: 1}, time: {end: 9}, error: off"
+)
 
 
-def test_a_sphere_needs_a_model_with_directions() -> None:
-    with pytest.raises(HodoError, match="only the start of a body-frame model has a direction"):
-        one("model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: 0.1, b: 0.1, "
-            "initial: {theta: 1, r: 2}, time: {end: 9}, "
-            "sweep: {d: {sphere: {count: 2}}}")  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        # A cavity is given by `kappa` or by `cavity`, whose keys are there all the same.
+        (
+            f"{HEAD}, {BALL}, model: torques, kappa: 1, sweep: {{cavity.kappa: {{values: [0.3]}}}}",
+            r"the case has no such number: cavity\.kappa",
+        ),
+        (
+            f"{AVERAGED_TOP}, sweep: {{d: {{sphere: {{count: 2}}}}}}",
+            "only the start of a body-frame model has a direction",
+        ),
+        (
+            f"{FIG4}, {BALL}, store: [crosing_time], sweep: {{d: {{sphere: {{count: 2}}}}}}",
+            "did you mean 'crossing_time'",
+        ),
+        # It is of what a brake stops.
+        (
+            f"{FIG4}, {BALL}, sweep: {{damping.2: {{values: [0]}}}}, store: [event_time]",
+            "unknown variable 'event_time'",
+        ),
+    ],
+)
+def test_what_a_case_does_not_have_is_neither_swept_nor_stored(text: str, message: str) -> None:
+    with pytest.raises(HodoError, match=message):
+        one(text)
 
 
-def test_store_names_what_a_sweep_has() -> None:
-    with pytest.raises(HodoError, match="did you mean 'crossing_time'"):
-        one(f"{FIG4}, {BALL}, store: [crosing_time], sweep: {{d: {{sphere: {{count: 2}}}}}}")
-    cavity = "model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, "
-    cavity += "initial: {x: 1, y: 1}, time: {end: 9}"
-    for model in (one(f"{FIG4}, {BALL}"), one(cavity), one(f"{FIG4}, {BALL}, form: averaged")):
-        names = {*sweep_block.storable(model.system.equations)} - {"trajectory", "enclosed_axis"}
-        assert set(columns.columns(model)) == names
-    triaxial = cavity.replace("[8, 8, 4]", "[8, 7, 4]")
-    assert one(f"{triaxial}, store: [J]").store == ("J",)
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"{SHORT}, {BALL}, sweep: {{damping.2: {{values: [0.003]}}}}",
+        f"{SHORT}, {BALL}, form: averaged, sweep: {{damping.2: {{values: [0.002]}}}}",
+        f"{DISC}, sweep: {{initial.x: {{values: [1]}}}}",
+    ],
+)
+def test_each_variable_of_a_sweep_may_be_stored_alone(text: str) -> None:
+    every = hodo_cli.sweep(one(text))
+    for name in every.data_vars:
+        if name not in ("status", "d_vector"):
+            assert {*hodo_cli.sweep(one(f"{text}, store: [{name}]")).data_vars} == {"status", name}
 
 
 def test_the_values_of_a_range() -> None:
-    case = one(
-        f"{FIG4}, {BALL}, sweep: "
-        f"{{damping: {{linspace: [0, 1, 5]}}, damping.2: {{logspace: [1e-4, 1e-2, 3]}}}}"
-    )
-    even, ratio = sweep_block.axes_of(case.sweep or {})
-    assert ratio.values() == pytest.approx([1e-4, 1e-3, 1e-2], rel=1e-14)
-    assert even.values().tolist() == [0, 0.25, 0.5, 0.75, 1]
+    ranges = "damping.0: {linspace: [0, 1, 5]}, damping.2: {logspace: [1e-4, 1e-2, 3]}"
+    swept = hodo_cli.sweep(one(f"{INSTANT}, {BALL}, sweep: {{{ranges}}}"))
+    assert swept["damping.2"].values == pytest.approx([1e-4, 1e-3, 1e-2], rel=1e-14)
+    assert swept["damping.0"].values.tolist() == [0, 0.25, 0.5, 0.75, 1]
 
 
-def test_directions_are_uniform_and_any_part_of_them_can_be_drawn() -> None:
-    axis = sweep_block.Axis("d", (), {"count": 20_000, "seed": 3})
-    every = axis.directions(np.arange(20_000))
-    assert np.array_equal(axis.directions(np.array([4097, 5, 19_999])), every[[4097, 5, 19_999]])
+@pytest.mark.heyoka
+def test_directions_are_uniform_and_those_of_the_members_in_every_block_of_them() -> None:
+    """They are written in blocks of some 16,000; G has not turned yet at the end."""
+    count = chunk.LARGEST_CHUNK + 100
+    swept = f"sweep: {{d: {{sphere: {{count: {count}, seed: 3}}}}}}"
+    data = hodo_cli.sweep(one(f"{INSTANT}, {BALL}, store: [omega], {swept}"))
+    every, G = data["d_vector"].values, np.array(BODY) * data["omega"].values
+    along = G / np.linalg.norm(G, axis=1, keepdims=True)
+    assert np.abs(along - every).max() < 1e-8  # ten times its turn
     assert np.linalg.norm(every, axis=1) == pytest.approx(1, rel=1e-15)
-    # Each component of a uniform direction is uniform in [-1, 1]; 4 standard errors of 20,000.
-    assert np.abs(every.mean(axis=0)).max() < 4 * math.sqrt(1 / 3 / 20_000)
-    assert np.abs((every**2).mean(axis=0) - 1 / 3).max() < 4 * math.sqrt(4 / 45 / 20_000)
-    other = sweep_block.Axis("d", (), {"count": 20_000, "seed": 4}).directions(np.arange(9))
-    assert not np.any(other == every[:9])
+    # Each component of a uniform direction is uniform in [-1, 1]; 4 standard errors.
+    assert np.abs(every.mean(axis=0)).max() < 4 * math.sqrt(1 / 3 / count)
+    assert np.abs((every**2).mean(axis=0) - 1 / 3).max() < 4 * math.sqrt(4 / 45 / count)
+    few = hodo_cli.sweep(one(f"{INSTANT}, {BALL}, {swept.replace(str(count), '9')}"))
+    assert np.array_equal(few["d_vector"], every[:9])
+    other = swept.replace(str(count), "9").replace("seed: 3", "seed: 4")
+    assert not np.any(hodo_cli.sweep(one(f"{INSTANT}, {BALL}, {other}"))["d_vector"] == every[:9])
 
 
 # Members are single cases
@@ -259,135 +282,55 @@ def assert_members_are_single_cases(case: Case, numbers: list[int]) -> None:
             assert math.isnan(values["crossing_time"][number])
 
 
-@pytest.mark.heyoka
-@pytest.mark.parametrize("body", [FIG4, FIG12], ids=["linear-diag", "tensor"])
-def test_members_on_a_sphere_are_single_cases(body: str) -> None:
-    case = one(f"{body}, {BALL}, sweep: {{d: {{sphere: {{count: 30, seed: 2}}}}}}")
-    assert_members_are_single_cases(case, list(range(30)))
+SPHERE = "sweep: {d: {sphere: {count: 12, seed: 2}}}"
+ROTOR = "model: torques, inertia: [1, 0.8, 0.6], rotor: [0.3, 0.1, 0.2], time: {end: 40}"
+SWEPT_ROTOR = "sweep: {rotor.0: {values: [-0.2, 0, 0.3]}}"
+SINGLE = {
+    "linear-diag": f"{FIG4}, {BALL}, {SPHERE}",
+    "tensor": f"{FIG12}, {BALL}, {SPHERE}",
+    "a grid": f"{BRIEF}, {BODY_MOVES}, sweep: {{inertia.1: {{linspace: [0.5, 1.2, 2]}}, "
+    "damping.0: {values: [0.01, 0.05]}, d: {sphere: {count: 2, seed: 1}}}",
+    # Beside terms whose state at the start knows G, and so the rotor.
+    "rotor and brake": f"{ROTOR}, {BODY_MOVES}, brake: 0.003, {SWEPT_ROTOR}",
+    "rotor in space": f"{ROTOR}, {BODY_MOVES}, {SWEPT_ROTOR}, "
+    "space_torque: {size: 0.01, direction: [1, 2, 3]}",
+    # On the separatrix, D = 0.2 p^2 - 0.12 r^2, on each principal axis, at rest.
+    "starts that decide nothing": f"{FIG4}, initial: {{p: 1, q: 1, r: 1}}, sweep: {{start: {{zip: "
+    f"{{initial.p: {{values: [{math.sqrt(0.6)!r}, 1, 0, 0, 0]}}, "
+    "initial.q: {values: [0, 0, 1, 0, 0]}, initial.r: {values: [1, 0, 0, 1, 0]}}}}",
+    "1e-70 beside an axis": "model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 1500}, "
+    "damping: [1e-3, 1e-3, 5e-3], initial: {p: 1e-70, q: 1, r: 1.5e-70}, "
+    "sweep: {initial.p: {values: [1e-70, 1e-60, 0.1]}}",
+}
 
 
 @pytest.mark.heyoka
-def test_stored_directions_are_those_of_the_members_in_every_block_of_them() -> None:
-    """They are written in blocks of some 16,000; G has not turned yet at the end."""
-    swept = f"sweep: {{d: {{sphere: {{count: {chunk.LARGEST_CHUNK + 100}}}}}}}"
-    brief = FIG4.replace("end: 1000", "end: 1e-9")
-    data = hodo_cli.sweep(one(f"{brief}, {BALL}, store: [omega], {swept}"))
-    G = np.array(BODY) * data["omega"].values
-    along = G / np.linalg.norm(G, axis=1, keepdims=True)
-    assert np.abs(along - data["d_vector"].values).max() < 1e-8  # ten times its turn
-
-
-def test_a_start_of_an_averaged_form_on_the_separatrix_is_marked() -> None:
-    found = one(f"{FIG4}, form: averaged, initial: {{p: 1, q: 0.5, r: 0}}, "
-                "sweep: {initial.p: {values: [0, 1]}}")  # fmt: skip
-    assert computed(found)["status"].tolist() == [INVALID, OK]
-
-
-def test_members_of_a_grid_are_single_cases_whatever_the_order_of_their_axes() -> None:
-    sweep = "inertia.1: {linspace: [0.5, 1.2, 3]}, damping.0: {values: [0.01, 0.05]}, "
-    sweep += "d: {sphere: {count: 2, seed: 1}}"
-    case = one(f"{BRIEF}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{{sweep}}}")
-    assert_members_are_single_cases(case, list(range(12)))
-
-
-BODY_MOVES = "initial: {p: 0.8, q: 0.5, r: 0.74}"
-FLUID = "model: cavity+constant, kappa: 0.6, torque: [0, 0, -0.1], time: {end: 1}, error: off"
-TOP = "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0.125, 1], b: [0.1, 1], "
-TOP += "time: {end: 1}, error: off"
-RELEASED, THROWN = "initial: {theta: 60 deg, r: 1.7}", "initial: {Gz: 1.7, H: 2, r: 1.7}"
-FULL = f"{TOP}, form: full, epsilon: 0.02"
-
-PREPARED = (
-    f"{FIG4}, {BODY_MOVES}, sweep: {{inertia.1: {{linspace: [0.3, 1.7, 199]}}}}",
-    f"{FIG12}, {BODY_MOVES}, sweep: {{resistance.diagonal: {{linspace: [0, 0.1, 199]}}}}",
-    f"{FLUID}, inertia: [8, 7, 4], {BODY_MOVES}, sweep: {{kappa: {{linspace: [0, 1, 199]}}}}",
-    f"{FLUID}, inertia: [8, 8, 4], form: averaged, initial: {{x: 1, y: 1}}, "
-    "sweep: {initial.y: {linspace: [0, 1, 199]}}",
-    f"{FULL}, {RELEASED}, sweep: {{initial.theta: {{linspace: [0, 3.14, 199]}}}}",
-    f"{FULL}, {THROWN}, sweep: {{initial.Gz: {{linspace: [1, 2, 199]}}}}",
-    f"{TOP}, form: averaged, {RELEASED}, sweep: {{inertia.C: {{linspace: [0.1, 4, 199]}}}}",
-    f"{TOP}, form: averaged-u, {RELEASED}, sweep: {{initial.r: {{linspace: [-2, 2, 199]}}}}",
-    f"{TOP}, form: averaged, {THROWN}, sweep: {{initial.H: {{linspace: [1, 3, 199]}}}}",
-)
-"""Sweeps that take models through their branches."""
-
-
-@pytest.mark.parametrize("text", PREPARED)
-def test_members_are_prepared_at_once_as_one_by_one(
-    text: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    case, every = one(text), np.arange(199)
-    singles = [*members.members_as_cases(case, every, 2)]
-    ready = [i for i in every if not any(type(case.system).check(singles[i].data))]
-    calls, described = [], members.described
-    monkeypatch.setattr(members, "described", lambda *given: calls.append(1) or described(*given))
-    found = members.prepare(case, every)
-    at = np.concatenate([some.members for some in found])
-    assert sorted(at) == ready
-    for some in found:
-        for i, *numbers in zip(some.members, some.constants.T, some.start.T, strict=True):
-            system = singles[i].system
-            assert some.model == system.equations
-            assert some.events == (*system.run_events, *system.class_events)
-            known = [base.flatten(system.constants), system.initial_state]
-            assert [x.tolist() for x in numbers] == [[*of] for of in known]
-    # Those that are refused go one by one, and the others in a part for each way they take.
-    assert len(calls) < 20 + len(every) - len(at)
+@pytest.mark.parametrize("kind", SINGLE)
+def test_members_are_single_cases(kind: str) -> None:
+    case = one(SINGLE[kind])
+    assert_members_are_single_cases(case, [*range(math.prod(columns.shape(case)))])
+    if "1e-70" in kind:  # by DOP853 at 1e-12 of each component, which takes 1,200 steps
+        assert computed(case)["omega"][0] == pytest.approx([0.1411, -0.0022, 0.0699], abs=1e-4)
 
 
 @pytest.mark.heyoka
-def test_the_papers_crossings_are_found() -> None:
-    """The values of paper 1's figures to all digits known (tests/test_crossings.py has their
-    source)."""
-    fig4 = one(
-        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: "
-        f"{{damping.2: {{values: [0.003, 0.002, 0.005]}}}}"
-    )
-    values = computed(fig4)
-    assert values["crossing_time"][:2] == pytest.approx(
-        [305.3589551667110497647, 198.558730104], rel=1e-12, nan_ok=True
-    )
-    assert values["crossings"].tolist() == [1, 1, 0]
-    fig12 = one(
-        f"{FIG12}, initial: {{p: 0.5, q: 0.25, r: 1.40435829552939}}, sweep: "
-        f"{{initial.q: {{values: [0.25]}}}}"
-    )
-    values = computed(fig12)
-    assert values["crossing_time"][0] == pytest.approx(256.993064559, rel=1e-11)
-    assert values["crossings"][0] == 3
+def test_the_shares_of_a_member_that_crosses_there_and_back() -> None:
+    """Of paper 1's Fig. 12 (tests/test_crossings.py has the source)."""
+    start = "initial: {p: 0.5, q: 0.25, r: 1.40435829552939}, sweep: {initial.q: {values: [0.25]}}"
+    values = computed(one(f"{FIG12}, {start}"))
     times = [0, 256.993064559, 396.993309847, 406.942439380, 1000]  # x3, x1, x3, x1
+    assert values["crossing_time"][0] == pytest.approx(times[1], rel=1e-11)
+    assert values["crossings"][0] == 3
     about_x1 = (times[2] - times[1] + times[4] - times[3]) / 1000
     assert values["share"][0] == pytest.approx([about_x1, 0, 1 - about_x1], abs=1e-11)
 
 
 @pytest.mark.heyoka
 def test_the_last_sample_is_the_end_whatever_rounding_has_taken_from_the_time() -> None:
-    brief = FIG4.replace("end: 1000", "end: 3")
-    case = one(f"{brief}, {BALL}, sweep: {{d: {{sphere: {{count: 200}}}}}}")
-    found = side_by_side([*members.members_as_cases(case, np.arange(200), 11)])
-    paths = [each[0] for each in found if each]
-    ends = [np.ldexp(path.state[-1], path.exponent[-1]) for path in paths]
-    np.testing.assert_allclose(ends, computed(case)["omega"], rtol=0, atol=1e-15)
-
-
-@pytest.mark.heyoka
-@pytest.mark.parametrize("size", [1e-150, 1e150])
-def test_members_are_right_relative_to_their_size(size: float) -> None:
-    """Against the closed form; by the end the motion has fallen by up to e^-100, and |omega|^2 may
-    not be a double."""
-    case = one(f"model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0, error: off, time: "
-               f"{{end: {100 / size!r}}}, "
-               f"initial: {{p: {0.8 * size!r}, q: {0.5 * size!r}, r: {0.74 * size!r}}}, "
-               f"sweep: {{damping: {{values: [0, {0.01 * size!r}, {size!r}]}}}}")  # fmt: skip
-    values = computed(case)
-    for number in range(3):
-        member = members.member(case, number)
-        (omega,) = exact_motion(member, np.array([case.time.end]))
-        off = np.abs(values["omega"][number] - omega).max() / np.abs(omega).max()
-        assert (
-            off < 1e-12
-        )  # 100 radians: some 200 units in the last place, as one ulp in the data does
-        assert values["status"][number] == OK
+    brief = FIG4.replace("end: 1000", "end: 3, samples: 11")
+    text = f"{brief}, {BALL}, sweep: {{d: {{sphere: {{count: 200}}}}}}"
+    paths = computed(one(f"{text}, store: [trajectory]"))["omega"]
+    np.testing.assert_allclose(paths[:, -1], computed(one(text))["omega"], rtol=0, atol=1e-15)
 
 
 @pytest.mark.heyoka
@@ -407,35 +350,11 @@ def test_what_an_ensemble_cannot_settle_is_integrated_alone() -> None:
     assert values["omega"][1] == pytest.approx(single.variables["omega"][-1], rel=1e-6)
 
 
-def test_starts_that_decide_nothing() -> None:
-    """On the separatrix, on each principal axis, at rest; labels as the single case has them."""
-    on = math.sqrt(0.6)  # with (p, 0, r) = (sqrt(0.6), 0, 1): D = 0.2 p^2 - 0.12 r^2
-    zipped = (
-        f"initial.p: {{values: [{on!r}, 1, 0, 0, 0]}}, initial.q: {{values: [0, 0, 1, 0, 0]}}, "
-    )
-    zipped += "initial.r: {values: [1, 0, 0, 1, 0]}"
-    case = one(
-        f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], "
-        f"initial: {{p: 1, q: 1, r: 1}}, sweep: {{start: {{zip: {{{zipped}}}}}}}"
-    )
-    values = computed(case)
-    assert values["start_axis"].tolist() == [0, 1, 0, 3, -1]
-    assert values["crossings"].tolist() == [0] * 5
-    assert values["status"].tolist() == [OK] * 5
-
-
 @pytest.mark.heyoka
-@pytest.mark.parametrize(
-    "size",
-    [
-        "sqrt(4*p*p)/2",
-        # Which only the steps themselves show.
-        "sqrt(1-cos(p)**2)",
-        "sqrt(p*p-0.02*p+0.0001)",
-    ],
-)
+# A formula that holds |x| tells it; the other only the steps themselves show.
+@pytest.mark.parametrize("size", ["sqrt(4*p*p)/2", "sqrt(p*p-0.02*p+0.0001)"])
 def test_a_corner_that_one_member_in_many_comes_to_is_none_too_few(size: str) -> None:
-    """No check of members drawn at random need meet it; a formula that holds |x| tells it."""
+    """No check of members drawn at random need meet it."""
     drawn = np.random.default_rng(60).choice(60, 16, replace=False)
     odd = min({*range(60)} - {*drawn.tolist()})
     values = [0.05 if i == odd else 0.9 + i / 1000 for i in range(60)]  # about x3, where p turns
@@ -448,163 +367,83 @@ def test_a_corner_that_one_member_in_many_comes_to_is_none_too_few(size: str) ->
     assert np.abs(swept.omega[odd] - single.omega[-1]).max() < 1e-13
 
 
-def test_members_that_are_no_body_are_marked() -> None:
-    case = one(
-        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: "
-        f"{{inertia.1: {{values: [0.1, 0.8, 2.0]}}}}"
-    )
-    values = computed(case)
-    assert values["status"].tolist() == [INVALID, OK, INVALID]
-    assert np.isnan(values["omega"][[0, 2]]).all()
-
-
-@pytest.mark.parametrize("alone", ["", "method: collocation, "])
-@pytest.mark.parametrize(
-    ("torque", "swept"),
-    [
-        ("constants: {k: 0.1}, damping: 0.01*(1 + k*t)**-2", "constants.k: {values: [0.1, 0.5]}"),
-        ("expression: [1e-3/(q*q + (p - 0.1)**2), 0, 0]", "initial.q: {values: [0.5, 0]}"),
-    ],
-)  # fmt: skip
-def test_members_whose_single_cases_are_refused_for_their_span_are_marked(
-    torque: str, swept: str, alone: str
-) -> None:
-    """By a power of 0, and a formula without a value at the start."""
-    case = one(
-        f"model: torques, {torque}, inertia: [1, 0.8, 0.6], initial: {{p: 0.1, q: 0.5, r: 0.7}}, "
-        f"time: {{start: -2, end: 2}}, error: off, {alone}sweep: {{{swept}}}"
-    )
-    assert computed(case)["status"].tolist() == [OK, INVALID]
-    assert members.warnings_of_ends(case) == []
-
-
-@pytest.mark.heyoka
-@pytest.mark.parametrize("least", [0, 250], ids=["side by side", "alone"])
-@pytest.mark.parametrize("middle", [8, 6])
-def test_members_with_other_equations_than_their_case_are_marked(
-    middle: float, least: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The averaged body with a cavity has one class for A1 = A2, where the spin is a variable, and
-    one for others."""
-    monkeypatch.setattr(chunk, "WORTH_COMPILING", least)
-    case = one(
-        f"model: cavity+constant, form: averaged, inertia: [8, {middle}, 4], kappa: 0.6, "
-        f"time: {{end: 10}}, error: off, "
-        f"initial: {{{'x: 2, y: 3' if middle == 8 else 'p: 0.1, q: 0.1, r: 1'}}}, "
-        f"sweep: {{inertia.1: {{values: [8, 7, 6]}}}}"
-    )
-    status = [OK if (value == 8) == (middle == 8) else INVALID for value in (8, 7, 6)]
-    assert computed(case)["status"].tolist() == status
-
-
-def test_the_limits_of_a_case_are_those_of_each_member() -> None:
-    case = one(
-        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, max_steps: 20, sweep: "
-        f"{{damping.2: {{values: [0, 1]}}}}"
-    )
-    assert computed(case)["status"].tolist() == [TIMEOUT, TIMEOUT]
-
-
-def test_members_have_the_limit_of_steps_that_cases_have(monkeypatch: pytest.MonkeyPatch) -> None:
-    """1e7 of them take a member to its end or to a timeout in some 10 s."""
-    for method in protocol.LAST_STEP:
-        monkeypatch.setitem(protocol.LAST_STEP, method, 60)
-    monkeypatch.setattr(choice, "MAX_TRIAL_STEPS", 60)  # `auto` tries for seconds otherwise
-    case = one(
-        "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [5e-13, 4e-13, 3e-13], "
-        "time: {end: 1e12}, error: off, initial: {p: 0.8, q: 0.5, r: 0.74}, "
-        "sweep: {damping.2: {values: [2e-13, 3e-13]}}"
-    )
-    assert computed(case)["status"].tolist() == [TIMEOUT] * 2
-
-
-def test_the_end_of_spin_of_members() -> None:
-    """The end of spin in the paper on the cavity: kappa = 0.6048, M3 = -0.1 and -0.3."""
-    case = one("model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6048, "
-               "epsilon: 0.1, "
-               "torque: [0, 0, -0.1], initial: {x: 1, y: 1}, time: {end: 60}, error: off, "
-               "sweep: {torque.2: {values: [-0.1, -0.3]}}")  # fmt: skip
-    values = computed(case)
-    assert values["event_time"] == pytest.approx([40.0088, 28.8754], abs=1e-4)
-    assert values["x"] == pytest.approx([1.2371, 1.2157], abs=1e-4)
-
-
-@pytest.mark.heyoka
-@pytest.mark.parametrize(
-    ("torques", "axes", "alone"),
-    [
-        ("damping: [0.2, 0.1, 0.03]", {1, 3}, ""),
-        ("kappa: 0.3", {1}, ", max_steps: 100000"),
-        ("rotor: [0, 0, 0.1], damping: 0.04", {rigid_body.UNDETERMINED}, ""),
-    ],
+REFUSED_LATER = (
+    "model: torques, inertia: [1, 0.8, 0.6], initial: {p: 0.1, q: 0.5, r: 0.7}, "
+    "time: {start: -2, end: 2}, error: off"
 )
-def test_members_stop_as_their_single_cases(torques: str, axes: set[int], alone: str) -> None:
-    """When, about which axis, and that axis' share of the span, which ends with the stop; the last
-    member does not stop within it."""
-    case = one(
-        f"model: torques, inertia: [1, 0.8, 0.6], {torques}, "
-        "initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 40}, "
-        "store: [event_time, event_from, end_axis, share], "
-        f"sweep: {{brake: {{values: [1, 0.035, 0.027, 1e-5]}}}}{alone}"
-    )
-    stored = computed(case)
-    found = {k: v.tolist() for k, v in stored.items() if k in columns.stored_columns(case)}
-    assert math.isnan(found["event_time"][3])
-    assert found["event_from"][3] == rigid_body.UNDETERMINED
-    assert {*found["event_from"][:3]} == axes
-    for i in range(3):
-        motion = integrate(replace(members.member(case, i), error=False))
-        assert found["event_time"][i] == pytest.approx(motion.events[0].time, rel=1e-13)
-        assert found["event_from"][i] == motion.events[0].details["from"]
-        assert found["end_axis"][i] == rigid_body.UNDETERMINED
-        if axes <= {1, 2, 3}:  # the others have no share
-            part = found["event_time"][i] / 40
-            assert sum(found["share"][i]) == pytest.approx(part, rel=1e-12)
+FLUID_INSIDE = "model: cavity+constant, form: averaged, kappa: 0.6, time: {end: 10}, error: off"
+MIDDLE = "sweep: {inertia.1: {values: [8, 7, 6]}}"
+MARKED = {
+    "an averaged start on the separatrix": (
+        f"{FIG4}, form: averaged, initial: {{p: 1, q: 0.5, r: 0}}, "
+        "sweep: {initial.p: {values: [0, 1]}}",
+        [INVALID, OK],
+    ),
+    "no body": (
+        f"{FIG4}, {BODY_MOVES}, sweep: {{inertia.1: {{values: [0.1, 0.8, 2.0]}}}}",
+        [INVALID, OK, INVALID],
+    ),
+    "a limit of steps": (
+        f"{FIG4}, {BODY_MOVES}, max_steps: 20, sweep: {{damping.2: {{values: [0, 1]}}}}",
+        [TIMEOUT, TIMEOUT],
+    ),
+    # Those whose single cases are refused for their span.
+    "a power of 0": (
+        f"{REFUSED_LATER}, constants: {{k: 0.1}}, damping: 0.01*(1 + k*t)**-2, "
+        "sweep: {constants.k: {values: [0.1, 0.5]}}",
+        [OK, INVALID],
+    ),
+    "no value at the start": (
+        f"{REFUSED_LATER}, expression: [1e-3/(q*q + (p - 0.1)**2), 0, 0], method: collocation, "
+        "sweep: {initial.q: {values: [0.5, 0]}}",
+        [OK, INVALID],
+    ),
+    # With A1 = A2 the spin is a variable of the averaged body; there is another class for others.
+    "other equations": (
+        f"{FLUID_INSIDE}, inertia: [8, 8, 4], initial: {{x: 2, y: 3}}, {MIDDLE}",
+        [OK, INVALID, INVALID],
+    ),
+    "other equations, alone": (
+        f"{FLUID_INSIDE}, inertia: [8, 6, 4], initial: {{p: 0.1, q: 0.1, r: 1}}, {MIDDLE}",
+        [INVALID, OK, OK],
+    ),
+}
 
 
-def test_only_what_a_brake_stops_has_a_time_of_its_stop() -> None:
-    with pytest.raises(HodoError, match="unknown variable 'event_time'"):
-        one(f"{FIG4}, {BALL}, sweep: {{damping.2: {{values: [0]}}}}, store: [event_time]")
+@pytest.mark.parametrize("kind", MARKED)
+def test_members_that_do_not_end_well_are_marked(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text, status = MARKED[kind]
+    monkeypatch.setattr(chunk, "WORTH_COMPILING", 250 if "alone" in kind else 0)
+    case = one(text)
+    found = computed(case)
+    assert found["status"].tolist() == status
+    if "omega" in found:
+        assert np.isnan(found["omega"][found["status"] == INVALID]).all()
+    if kind in ("a power of 0", "no value at the start"):
+        assert members.warnings_of_ends(case) == []
 
 
 @pytest.mark.heyoka
-def test_the_error_of_members_that_stop_is_that_of_the_time(tmp_path: Path) -> None:
-    """A time that is off by 1e-9 is seen, and members that end too small are counted."""
+def test_the_error_of_members_that_stop_is_that_of_the_time() -> None:
+    """Members that end too small are counted."""
     body = "model: torques, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}"
     case = one(f"{body}, damping: 0.004, brake: 0.01, time: {{start: -50, end: 400}}, "
                "sweep: {brake: {values: [0.01]}}")  # fmt: skip
     end = summary.member_end(chunk.Chunk(case, 0, 1), computed(case), 0)
-    (single,) = members.members_as_cases(case, np.array([0]), samples=2)
-    right = summary.member_error(case, single, end).final
-    time = end.final["event_time"]
-    late = end._replace(final={"event_time": time + 84e-9})
-    off = summary.member_error(case, single, late).final
-    assert (right < 1e-14, off) == (True, pytest.approx(1e-9, rel=1e-3))
-    text = f"""\
-title: t
-cases:
-  stopped: {{{body}, brake: 0.01, time: {{end: 400}}, sweep: {{brake: {{values: [0.01, 0.02]}}}}}}
-  decayed: {{{body}, damping: 9, time: {{end: 400}}, sweep: {{damping.0: {{values: [8, 9]}}}}}}
-"""
-    stored = results(tmp_path, text, Pool(1))
-    with h5py.File(stored) as file:
-        stopped, decayed = (dict(file[name].attrs) for name in ("stopped", "decayed"))
-    assert stopped["error"] < 1e-14
-    assert (stopped["error_sample"], stopped["warnings"]) == (2, "")
-    assert decayed["error_sample"] == 0
-    assert decayed["warnings"] == "2 of 2 members have no measured error: they end below 1e-290"
-
-
-@pytest.mark.parametrize(
-    "term",
-    ["brake: 0.003", "space_torque: {size: 0.01, direction: [1, 2, 3]}"],
-)
-def test_members_that_differ_in_their_rotor_are_single_cases(term: str) -> None:
-    """Beside terms whose state at the start knows G, and so the rotor."""
-    case = one(f"model: torques, inertia: [1, 0.8, 0.6], {term}, {BODY_MOVES}, "
-               "rotor: [0.3, 0.1, 0.2], time: {end: 40}, "
-               "sweep: {rotor.0: {values: [-0.2, 0, 0.3]}}")  # fmt: skip
-    assert_members_are_single_cases(case, [0, 1, 2])
+    late = end._replace(final={"event_time": end.final["event_time"] + 84e-9})
+    errors = [found.final for found in summary.probe(case, [end, late])[0]]
+    assert errors == [pytest.approx(0, abs=1e-14), pytest.approx(1e-9, rel=1e-3)]
+    stopped = hodo_cli.sweep(one(f"{body}, brake: 0.01, time: {{end: 400}}, "
+                                 "sweep: {brake: {values: [0.01, 0.02]}}"))  # fmt: skip
+    assert stopped.attrs["error"] < 1e-14
+    assert (stopped.attrs["error_sample"], stopped.attrs["warnings"]) == (2, "")
+    decayed = hodo_cli.sweep(one(f"{body}, damping: 9, time: {{end: 400}}, "
+                                 "sweep: {damping.0: {values: [8, 9]}}"))  # fmt: skip
+    assert decayed.attrs["error_sample"] == 0
+    words = "2 of 2 members have no measured error: they end below 1e-290"
+    assert decayed.attrs["warnings"] == words
 
 
 @pytest.mark.heyoka
@@ -649,100 +488,91 @@ cases:
     initial: {p: 0.5, q: 0.25, G: 1}
     store: [omega, trajectory]
     sweep: {resistance.diagonal: {values: [0.003, 0.004]}}
+  some:
+    model: linear-diag
+    damping: [0.005, 0.004, 0.003]
+    initial: {p: 0.8, q: 0.5, r: 0.74}
+    sweep: {damping.2: {values: [0.001, 0.002, 0.009]}, inertia.1: {values: [0.1, 0.8]}}
+  few:
+    model: linear-diag
+    initial: {p: 0.8, q: 0.5, r: 0.74}
+    store: [crossing_time]
+    sweep: {damping.2: {values: [0.002, 0.003]}}
 figures:
   sphere: {kind: map, cases: [ball], variable: crossing_time, panels: damping.2, at: [0, 2],
            caption: c}
 """
 
 
-def results(folder: Path, text: str, workers: Any) -> Path:
+def results(folder: Path, text: str, jobs: int = 1) -> Path:
     (folder / "a.yaml").write_text(text, encoding="utf-8")
-    (job,) = run.plans([load(folder / "a.yaml")], folder, (), False)
-    with workers, Progress(1, quiet=True) as progress:
-        job.execute(workers, progress)
+    call(folder, "run", "a.yaml", "--out", ".", "--quiet", "-j", jobs)
     return folder / "a.h5"
 
 
-def test_swept_trajectories_are_stored_with_the_times_of_their_samples(tmp_path: Path) -> None:
-    # Few members and short: without heyoka each takes a second, and what is stored is the same.
-    text = SMALL.replace("count: 400", "count: 1").replace("end: 300", "end: 30")
-    with h5py.File(results(tmp_path, text, Pool(1))) as file:
-        paths, case = file["paths"], parse_case(file["paths"].attrs["case"])
-        scales = [scale[0].name.rpartition("/")[2] for scale in paths["omega"].dims]
-        assert scales == ["resistance.diagonal", "time", "axis"]
-        expected = np.linspace(case.time.start, case.time.end, case.time.samples)
-        assert np.array_equal(paths["time"][:], expected)
-
-
-BESIDE = "inertia: [2, 1.5, 1], damping: [0.001, 0.002, 0.003]"
+MOMENTS = "inertia: [2, 1.5, 1], damping: [0.001, 0.002, 0.003]"
 IN_ANY_AXES = (
     "inertia: [[2, 0.2, 0.1], [0.2, 1.5, -0.1], [0.1, -0.1, 1]], "
     "resistance: [[0.009, 0.001, 0], [0.001, 0.002, 0.001], [0, 0.001, 0.001]]"
 )
-SLOWED = "inertia: [2, 1.5, 1], damping: [0.03, 0.02, 0.01]"
+STARTS = (
+    f"time: {{end: 100}}, {BALL.replace('G: 1', 'r: 1')}, "
+    "sweep: {d: {sphere: {count: 40, seed: 3}}}"
+)
+FROM_REST = (
+    "inertia: [1, 0.8, 0.6], initial: {p: 0, q: 0, r: 0}, time: {end: 60}, "
+    "torque: [0.01, 0, 0.01], sweep: {torque.1: {linspace: [-0.03, 0.031, 40]}}"
+)
 TORQUES = {
-    "fixed in space": f"space_torque: {{size: 0.01, direction: [1, 0, 2]}}, {BESIDE}",
-    "of a brake that stops some": f"brake: 0.009, {BESIDE}",
-    "of a brake that stops all": f"brake: 0.03, torque: [0, 1e-3, 0], {BESIDE}",
-    "in other axes, of fluid": f"kappa: 0.02, torque: [0.01, 0, 0.02], {IN_ANY_AXES}",
-    "in other axes, with an attitude": f"attitude: yes, quadratic: 0.01, {IN_ANY_AXES}",
-    "in other axes, of a brake that stops some": f"brake: 0.009, {IN_ANY_AXES}",
-    "of a rotor beside a brake": f"rotor: [0, 0.3, 0], brake: 0.02, {SLOWED}",
-    "of a rotor of a body with two equal moments": (
-        f"rotor: [0.2, 0.1, 0.1], {SLOWED.replace('1.5', '2')}"
-    ),
-    "of a rotor in other axes": f"rotor: [0.1, 0.2, 0.1], attitude: yes, {IN_ANY_AXES}",
+    "fixed in space": f"space_torque: {{size: 0.01, direction: [1, 0, 2]}}, {MOMENTS}, {STARTS}",
+    "of a brake that stops some": f"brake: 0.009, {MOMENTS}, {STARTS}",
+    "of a brake that stops all": f"brake: 0.03, torque: [0, 1e-3, 0], {MOMENTS}, {STARTS}",
+    "in other axes, of fluid": f"kappa: 0.02, torque: [0.01, 0, 0.02], {IN_ANY_AXES}, {STARTS}",
+    "in other axes, of a brake that stops some": f"brake: 0.009, {IN_ANY_AXES}, {STARTS}",
+    "of a rotor beside a brake": "rotor: [0, 0.3, 0], brake: 0.02, inertia: [2, 1.5, 1], "
+    f"damping: [0.03, 0.02, 0.01], {STARTS}",
+    "of a rotor in other axes": f"rotor: [0.1, 0.2, 0.1], attitude: yes, {IN_ANY_AXES}, {STARTS}",
+    "from rest, damped": f"damping: [0.01, 0.02, 0.03], {FROM_REST}",
+    "from rest, with fluid and an attitude": f"kappa: 0.05, attitude: yes, {FROM_REST}",
+    "from rest, with a rotor": f"damping: 0.02, rotor: [0, 0.05, 0], {FROM_REST}",
+    # Its D touches 0 where the spin reverses: a quarter of the members went by themselves.
+    "of two equal moments": "inertia: [8, 8, 4], kappa: 0.6048, torque: [0, 0, -0.01], "
+    "attitude: yes, initial: {p: 1, q: 0.3, r: 1}, time: {end: 30}, "
+    "sweep: {initial.p: {linspace: [0.5, 1.5, 40]}}",
+    # Below 1e-1233 a motion is at rest, and has no label.
+    "that all but stops all": "inertia: [1, 0.8, 0.6], damping: [0.5, 0.4, 0.3], time: {end: 1e4}, "
+    "initial: {p: 0.8, q: 0.5, r: 0.99}, sweep: {initial.p: {values: [0.77, 0.83]}}",
 }
-
-
-def assert_first_members_are_single_cases(case: Case, group: Group) -> None:
-    """Eight of the members, which differ by their start or their torque only; a limit of steps
-    has each integrated by itself."""
-    alone = computed(replace(case, max_steps=10**6), 0, 8)
-    together = {name: group.variables[name].data[:8] for name in alone}
-    for name in ("status", "start_axis", "end_axis", "crossings", "crossing_to", "crossing_from"):
-        assert np.array_equal(together[name], alone[name]), name
-    for name in ("omega", "crossing_time", "share"):
-        known = pytest.approx(alone[name], rel=1e-10, abs=1e-12, nan_ok=True)
-        assert together[name] == known, name
 
 
 @pytest.mark.heyoka
 @pytest.mark.parametrize("torque", TORQUES)
-def test_members_with_more_than_omega_along_principal_axes_go_side_by_side(torque: str) -> None:
-    """The direction of a torque, the leg of a brake and an attitude are part of the state, and the
-    axes of the data may be others than the principal ones."""
-    text = f"model: torques, time: {{end: 100}}, error: off, {BALL.replace('G: 1', 'r: 1')}"
-    case = one(f"{text}, {TORQUES[torque]}, sweep: {{d: {{sphere: {{count: 40, seed: 3}}}}}}")
-    group = chunk.compute(chunk.Chunk(case, 0, 40))
-    assert group.attributes["rejections"].sum() <= 1
-    assert_first_members_are_single_cases(case, group)
-    stopped = (group.variables["omega"].data == 0).all(axis=1)
+def test_members_go_side_by_side_as_they_go_alone(torque: str) -> None:
+    """Also where more than omega along principal axes is the state: the direction of a torque, the
+    leg of a brake, an attitude. A limit of steps has each member integrated by itself."""
+    case = one(f"model: torques, error: off, {TORQUES[torque]}")
+    group = chunk.compute(chunk.Chunk(case, 0, math.prod(columns.shape(case))))
+    assert group.attributes["rejections"].sum() <= 2
+    together = {name: variable.data for name, variable in group.variables.items()}
+    first = min(8, len(together["status"]))
+    alone = computed(replace(case, max_steps=10**6), 0, first)
+    assert {*alone} == {*together}
+    labels = {"status", "start_axis", "end_axis", "crossings", "crossing_to", "crossing_from"}
+    for name in (labels | {"event_from"}) & {*together}:
+        assert np.array_equal(together[name][:first], alone[name]), name
+    for name in {"omega", "crossing_time", "share", "event_time", "attitude"} & {*together}:
+        near = pytest.approx(alone[name], rel=1e-10, abs=1e-12, nan_ok=True)
+        assert together[name][:first] == near, name
+    stopped = (together["omega"] == 0).all(axis=1)
     assert stopped.any() == ("stops" in torque)
     assert stopped.all() == ("all" in torque)
-
-
-FROM_REST = {
-    "damped": "damping: [0.01, 0.02, 0.03]",
-    "with fluid and an attitude": "kappa: 0.05, attitude: yes",
-    "with a rotor": "damping: 0.02, rotor: [0, 0.05, 0]",
-}
-
-
-@pytest.mark.heyoka
-@pytest.mark.parametrize("others", FROM_REST)
-def test_members_that_a_torque_sets_going_from_rest_go_side_by_side(others: str) -> None:
-    """D is 0 at the start of each, and its sign behind that is the one along the torque."""
-    case = one(
-        "model: torques, inertia: [1, 0.8, 0.6], initial: {p: 0, q: 0, r: 0}, time: {end: 60}, "
-        f"error: off, torque: [0.01, 0, 0.01], {FROM_REST[others]}, "
-        "sweep: {torque.1: {linspace: [-0.03, 0.031, 40]}}"
-    )
-    group = chunk.compute(chunk.Chunk(case, 0, 40))
-    assert group.attributes["rejections"].sum() <= 2
-    assert_first_members_are_single_cases(case, group)
-    assert (group.variables["start_axis"].data == rigid_body.UNDETERMINED).all()
-    assert group.variables["crossings"].data.any() == ("rotor" not in others)
+    if "brake that stops" in torque:  # the share of the axes ends with the stop
+        part = together["event_time"][stopped] / case.time.end
+        assert together["share"][stopped].sum(axis=1) == pytest.approx(part, rel=1e-12)
+    if "from rest" in torque:  # its side is the one along the torque
+        assert (together["start_axis"] == rigid_body.UNDETERMINED).all()
+        assert together["crossings"].any() == ("rotor" not in torque)
+    assert not ("equal" in torque and together["crossings"].any())
 
 
 KEPT = "time: {end: 30, samples: 31}, error: off, store: [trajectory]"
@@ -776,7 +606,7 @@ def test_swept_trajectories_are_those_of_single_cases(kind: str) -> None:
 
 
 @pytest.mark.heyoka
-def test_a_sweep_says_how_many_members_went_alone_and_why(tmp_path: Path) -> None:
+def test_a_sweep_says_how_many_members_went_alone_and_why() -> None:
     fast = f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}"
     few = (
         "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0.125, 1], b: [0.1, 1], "
@@ -800,32 +630,61 @@ def test_a_sweep_says_how_many_members_went_alone_and_why(tmp_path: Path) -> Non
         "side by side, 0 of 2 members by themselves",
     }  # fmt: skip
     for text, reason in expected.items():
-        assert sweep_of(one(text), tmp_path).attributes["method_reason"] == reason
+        assert hodo_cli.sweep(one(text)).attrs["method_reason"] == reason
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which SMALL has been run."""
+    folder = tmp_path_factory.mktemp("small")
+    results(folder, SMALL)
+    return folder
 
 
 @pytest.mark.heyoka
-def test_a_sweep_is_stored_with_its_axes(tmp_path: Path) -> None:
-    with h5py.File(results(tmp_path, SMALL, Pool(1))) as file:
-        ball, case = file["ball"], parse_case(file["ball"].attrs["case"])
+def test_a_sweep_is_stored_with_its_axes(small: Path) -> None:
+    with h5py.File(small / "a.h5") as file:
+        ball, paths = file["ball"], file["paths"]
         assert ball["crossing_time"].shape == (3, 400)
         named = [
             next(name for name in ball if ball[name] == scale[0]) for scale in ball["omega"].dims
         ]
         assert named == ["damping.2", "direction", "axis"]
         assert ball["damping.2"][:].tolist() == [0.001, 0.005, 0.009]
-        values = computed(case)
-        for name in columns.stored_columns(case):
-            stored = ball[name][:].reshape(1200, *ball[name].shape[2:])
-            assert np.array_equal(stored, values[name], equal_nan=True), name
         assert ball.attrs["error"] < 1e-11
         assert ball.attrs["error_sample"] > 256
         assert ball.attrs["status"] == "ok"
         assert file["single"]["omega"].shape == (7, 3)
-        paths = file["paths"]
         assert paths["omega"].shape == (2, 7, 3)
-        second = members.member(parse_case(paths.attrs["case"]), 1, samples=7)
-        expected = integrate(second).variables["omega"]
-        assert paths["omega"][1] == pytest.approx(expected, rel=1e-12, abs=1e-12)
+        scales = [scale[0].name.rpartition("/")[2] for scale in paths["omega"].dims]
+        assert scales == ["resistance.diagonal", "time", "axis"]
+        assert np.array_equal(paths["time"][:], np.linspace(0, 300, 7))
+
+
+@pytest.mark.heyoka
+def test_every_command_takes_a_sweep(small: Path) -> None:
+    """The line of the table counts members that ended well, by what is stored."""
+    assert call(small, "show", "a.h5").returncode == 0
+    for _ in range(2):  # before and after it is written anew
+        told = json.loads(call(small, "classify", "a.h5", "--json").stdout)
+        rows = {row["case"]: row for row in told}
+        stored = hodo_cli.open(small / "a.h5")["ball"]
+        counts, times = stored["crossings"].values, stored["crossing_time"].values
+        (line,) = rows["ball"]["warnings"]
+        words = r"(\d+) of 1200 members cross, first at (.*) to (.*), median (.*)"
+        said = re.fullmatch(words, line)
+        assert said
+        assert int(said[1]) == (counts > 0).sum()
+        known = [np.nanmin(times), np.nanmax(times), np.nanmedian(times)]
+        assert [float(x) for x in said.groups()[1:]] == pytest.approx(known, rel=1e-4)
+        assert rows["some"]["end"] == "x1 33.3 %, x3 66.7 %"
+        assert rows["some"]["warnings"][0].startswith("2 of 3 members cross, first at ")
+        assert rows["few"]["warnings"] == ['"crossings", their number, is not stored']
+    done = call(small, "plot", "a.h5", "--out", ".", "--format", "csv")
+    assert done.returncode == 0, done.stderr
+    path = small / "a" / "sphere.csv"
+    table = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
+    assert np.array_equal(table["crossing_time"], times[[0, 2]].ravel(), equal_nan=True)
 
 
 @pytest.mark.heyoka
@@ -838,21 +697,12 @@ def test_processes_and_repeats_change_nothing(
     # Still more than a task of measuring errors has.
     monkeypatch.setattr(summary, "RANDOM_MEMBERS", 40)
     monkeypatch.setattr(summary, "NEAREST_MEMBERS", 10)
-    first = results(tmp_path / "a", SMALL, Pool(1)).read_bytes()
-    with (
-        h5py.File(tmp_path / "a" / "a.h5") as one,
-        h5py.File(results(tmp_path / "b", SMALL, Pool(2))) as two,
-    ):
-        for name in one["ball"]:
-            if one["ball"][name].dtype.kind in "if":
-                assert np.array_equal(one["ball"][name][:], two["ball"][name][:], equal_nan=True), (
-                    name
-                )
-        assert (
-            one["ball"].attrs["error_quantiles"].tolist()
-            == two["ball"].attrs["error_quantiles"].tolist()
-        )
-    assert results(tmp_path / "a", SMALL, Pool(1)).read_bytes() == first
+    first = results(tmp_path / "a", SMALL).read_bytes()
+    paths = results(tmp_path / "a", SMALL), results(tmp_path / "b", SMALL, 2)
+    assert paths[0].read_bytes() == first
+    one, two = (hodo_cli.open(path)["ball"] for path in paths)
+    xr.testing.assert_equal(one, two)
+    assert one.attrs["error_quantiles"].tolist() == two.attrs["error_quantiles"].tolist()
 
 
 @pytest.mark.heyoka
@@ -912,27 +762,20 @@ GROWING = {
         ("30",), ("40",),
     ),
     "members that a brake holds": (
-        f"model: torques, {HEAD}, torque: [0.005*t, 0, 0], brake: 0.1, "
+        f"model: torques, {HEAD.replace('1000', '100')}, torque: [0.005*t, 0, 0], brake: 0.1, "
         "initial: {p: 0.2, q: 0.4, r: 0.9}, sweep: {initial.p: {values: NEW}}",
         ("[0.1, 0.2]",), ("[0.15, 0.2, 0.1]",),
-    ),
-    "no axis": (
-        "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0.125, 1], b: [0.1, 1], "
-        "initial: {theta: 60 deg, r: 1.7}, time: {end: 5}, error: off, "
-        "sweep: {initial.theta: {values: NEW}}",
-        ("[30 deg, 60 deg]",), ("[30 deg, 60 deg, 45 deg]",),
     ),
 }  # fmt: skip
 """Sweeps with the places of what grows, and what stands there at first and later."""
 
 
-def stored_sweeps(folder: Path, *texts: str) -> Group:
+def stored_sweeps(folder: Path, *texts: str) -> xr.Dataset:
     """The last of some sweeps, of which each is run onto the result of the one before."""
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     for text in texts:
-        path = results(folder, f"title: t\ncases:\n  a: {{{text}}}\n", Pool(1))
-    with open_run(path) as stored:
-        return stored.read("a")
+        path = results(folder, f"title: t\ncases:\n  a: {{{text}}}\n")
+    return hodo_cli.open(path)["a"]
 
 
 @pytest.mark.heyoka
@@ -961,29 +804,26 @@ def test_a_sweep_that_grows_computes_its_new_members_only(
     as_before = chunk.integrated_alone
     monkeypatch.setattr(chunk, "prepare", members_of)
     monkeypatch.setattr(chunk, "integrated_alone", alone)
-    path = results(tmp_path / "grown", f"title: t\ncases:\n  a: {{{after}}}\n", Pool(1))
-    with open_run(path) as stored:
-        grown = stored.read("a")
+    grown = stored_sweeps(tmp_path / "grown", after)
     assert len(set(computed_now)) == whole - first > 0
-    for name, variable in fresh.variables.items():
-        np.testing.assert_array_equal(variable.data, grown.variables[name].data, err_msg=name)
+    xr.testing.assert_equal(grown, fresh)
     for key in ("members", "steps", "method", "status", "error_kind", "warnings", "message"):
-        assert grown.attributes[key] == fresh.attributes[key], key
-    assert f"{first} of {whole} members from an earlier run" in grown.attributes["method_reason"]
-    assert grown.attributes["error_sample"] >= min(whole, summary.RANDOM_MEMBERS)
-    assert 0 < grown.attributes["error"] == grown.attributes["error_quantiles"][-1] < 1e-8
+        assert grown.attrs[key] == fresh.attrs[key], key
+    assert f"{first} of {whole} members from an earlier run" in grown.attrs["method_reason"]
+    assert grown.attrs["error_sample"] >= min(whole, summary.RANDOM_MEMBERS)
+    assert 0 < grown.attrs["error"] == grown.attrs["error_quantiles"][-1] < 1e-8
 
 
 @pytest.mark.heyoka
 def test_an_earlier_result_that_another_run_has_grown_is_not_read(tmp_path: Path) -> None:
     text = f"{FIG4}, {BALL}, sweep: {{d: {{sphere: {{count: NEW}}}}}}"
     few, many = (f"title: t\ncases:\n  a: {{{text.replace('NEW', n)}}}\n" for n in ("9", "20"))
-    path = results(tmp_path, few, Pool(1))
+    path = results(tmp_path, few)
     (tmp_path / "a.yaml").write_text(many, encoding="utf-8")
     (plan,) = run.plans([load(tmp_path / "a.yaml")], tmp_path, (), False)
     case = plan.config.cases["a"]
     earlier = plan.earlier(case)
-    results(tmp_path, many, Pool(1))
+    results(tmp_path, many)
     assert earlier is not None
     with pytest.raises(HodoError, match="another run has replaced a: run it again"):
         earlier.completed(case, 0, 20, Group({}, {}))
@@ -997,64 +837,13 @@ def test_a_sweep_that_changes_otherwise_is_computed_anew(tmp_path: Path) -> None
     changes = {
         "[0.001, 0.002]": "[0.003, 0.004]",  # no value is left
         "damping.2": "damping.1",
-        "count: 9": "count: 9, seed: 2",
         "count: 9}": "count: 8}",
         "end: 1000": "end: 999",
     }
     for i, (old, new) in enumerate(changes.items()):
         changed = text.replace(old, new)
         grown = stored_sweeps(tmp_path / f"{i}", text, changed)
-        assert "earlier" not in grown.attributes["method_reason"], new
-
-
-def test_the_line_of_a_sweep_counts_members_that_ended_well() -> None:
-    columns_of = {
-        "status": [OK] * 3 + [INVALID],
-        "crossings": [2, 0, 1, 3],
-        "crossing_time": [4.0, math.nan, 6.0, 1.0],
-        "start_axis": [1, 3, 1, 3],
-        "end_axis": [0, 3, 3, 1],
-    }
-    variables = {
-        name: Variable(("member",), np.array(values), {}) for name, values in columns_of.items()
-    }
-    body = {"inertia": [1, 0.8, 0.6], "initial": {"p": 0.8, "q": 0.5, "r": 0.74}}
-    case = Case.of({"model": "linear-diag", **body, "time": {"end": 1}}, "a")
-    row = classify.row_of_sweep(case, Group({}, variables))
-    assert row["start"] == "x1 66.7 %, x3 33.3 %"
-    assert row["end"] == "x3 66.7 %, separatrix 33.3 %"
-    (line,) = row["warnings"]
-    assert line == "2 of 3 members cross, up to 2 times, first at 4 to 6, median 5"
-    del variables["crossings"]
-    (line,) = classify.row_of_sweep(case, Group({}, variables))["warnings"]
-    assert line == '"crossings", their number, is not stored'
-    top = {"inertia": {"A": 1.5, "C": 1}, "mu": 0.5, "a": 0.1, "b": 1}
-    start = {"initial": {"theta": "60 deg", "r": 2}, "time": {"end": 1}}
-    (line,) = classify.row_of_sweep(
-        Case.of({"model": "Lagrange-averaged", **top, **start}), Group({}, variables)
-    )["warnings"]
-    assert line == models.find("Lagrange-averaged", "averaged").no_axis_reason != ""
-
-
-@pytest.mark.heyoka
-def test_a_sweep_goes_through_every_command(tmp_path: Path, hodo: Hodo) -> None:
-    (tmp_path / "a.yaml").write_text(SMALL, encoding="utf-8")
-    for command in (["run", "a.yaml"], ["classify", "runs/a.h5"], ["show", "runs/a.h5"],
-                    ["plot", "runs/a.h5"],
-                    ["plot", "runs/a.h5", "--format", "csv"]):  # fmt: skip
-        done = hodo(*command)
-        assert done.returncode == 0, done.stderr
-        if command[0] == "classify":
-            assert "of 1200 members cross" in done.stdout
-    before = (tmp_path / "runs" / "a.h5").read_bytes()
-    assert hodo("classify", "runs/a.h5").returncode == 0
-    assert (tmp_path / "runs" / "a.h5").read_bytes() == before
-    table = np.genfromtxt(tmp_path / "runs" / "figures" / "a" / "sphere.csv", delimiter=",",
-                          names=True, dtype=None,
-                          encoding="utf-8")  # fmt: skip
-    with h5py.File(tmp_path / "runs" / "a.h5") as file:
-        stored = file["ball"]["crossing_time"][:][[0, 2]].ravel()
-    assert np.array_equal(table["crossing_time"], stored, equal_nan=True)
+        assert "earlier" not in grown.attrs["method_reason"], new
 
 
 @pytest.mark.heyoka
@@ -1070,7 +859,7 @@ def test_a_chunk_whose_worker_dies_is_marked(
         return as_before(task)
 
     monkeypatch.setattr(sweep, "compute", compute)
-    with h5py.File(results(tmp_path, text, Pool(1))) as file:
+    with h5py.File(results(tmp_path, text)) as file:
         ball = file["ball"]
         failed = (ball["status"][:] == FAILED).sum()
         assert 0 < failed < ball["status"].size
@@ -1080,7 +869,7 @@ def test_a_chunk_whose_worker_dies_is_marked(
 
 @pytest.mark.heyoka
 def test_an_error_that_cannot_be_measured_costs_its_member(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     solved = summary.solve
 
@@ -1090,10 +879,8 @@ def test_an_error_that_cannot_be_measured_costs_its_member(
         return solved(case, *rest)
 
     monkeypatch.setattr(summary, "solve", solve)
-    attributes = sweep_of(
-        one(f"{FIG4.replace('off', 'on')}, {BALL}, sweep: {{d: {{sphere: {{count: 20}}}}}}"),
-        tmp_path,
-    ).attributes
+    text = f"{FIG4.replace('off', 'on')}, {BALL}, sweep: {{d: {{sphere: {{count: 20}}}}}}"
+    attributes = hodo_cli.sweep(one(text)).attrs
     assert attributes["status"] == "ok"
     assert attributes["error_sample"] == 19
     expected = "1 of 20 members have no measured error: a number of it is 0"
@@ -1110,11 +897,6 @@ def test_chunks_are_boxes_in_order(sizes: list[int], most: int) -> None:
         assert members.ravel().tolist() == list(range(first, last))
         end = last
     assert end == array.size
-
-
-def test_the_columns_that_say_which_axis_are_those_that_have_no_mean() -> None:
-    stored = layout.MEMBER_CLASSIFIED | layout.MEMBER_STOPPED
-    assert {name for name, column in stored.items() if column.flags} == {*layout.AXIS_LABELS}
 
 
 START = {"p": 1, "q": 0.2, "r": 0.3}
@@ -1158,35 +940,24 @@ def test_averages_over_members() -> None:
         crossing_time=(("a", "b"), [[1.0, np.nan, 3.0], [5.0, 7.0, 9.0]]),
         axis=["x1", "x2", "x3"],
     )
-
-    def average(variable: str, *keep: str, **at: int) -> list[float]:
-        return swept.values(variable, keep, at).tolist()
-
-    assert average("end_axis.x1", "a") == [1 / 3, 1]
-    assert average("share.x2", "b", "a") == [
-        [1, 10],
-        [4, 13],
-        [7, pytest.approx(math.nan, nan_ok=True)],
-    ]
-    assert average("crossing_time", a=0) == 2
-    assert average("crossing_time", "b") == [3, 7, 3]
-    for wrong in (("nothing",), ("share",), ("end_axis.x2",)):
-        with pytest.raises(HodoError, match="the sweep has no"):
-            average(*wrong)
-    for wrong, has in (("share", "share.x1, share.x2, share.x3"), ("end_axis.x2", "end_axis.x1")):
-        with pytest.raises(HodoError, match=f"it has {has}"):
-            average(wrong)
-    assert average("end_axis", "b", "a") == [
-        [1, 1],
-        [3, 1],
-        [3, pytest.approx(math.nan, nan_ok=True)],
-    ]
-    with pytest.raises(HodoError, match="end_axis is a label, without a mean: name a share"):
-        average("end_axis", "a")
-    with pytest.raises(HodoError, match="no position 3 on an axis 'b'"):
-        average("crossing_time", b=3)
-    with pytest.raises(HodoError, match="on an axis 'c'"):
-        average("crossing_time", "c")
+    for (variable, keep, at), expected in (
+        (("end_axis.x1", ("a",), {}), [1 / 3, 1]),
+        (("share.x2", ("b", "a"), {}), [[1, 10], [4, 13], [7, np.nan]]),
+        (("crossing_time", (), {"a": 0}), 2),
+        (("crossing_time", ("b",), {}), [3, 7, 3]),
+        (("end_axis", ("b", "a"), {}), [[1, 1], [3, 1], [3, np.nan]]),
+    ):
+        np.testing.assert_array_equal(swept.values(variable, keep, at), expected)
+    for (variable, keep, at), message in (
+        (("nothing", (), {}), "the sweep has no"),
+        (("share", (), {}), "it has share.x1, share.x2, share.x3"),
+        (("end_axis.x2", (), {}), "it has end_axis.x1"),
+        (("end_axis", ("a",), {}), "end_axis is a label, without a mean: name a share"),
+        (("crossing_time", (), {"b": 3}), "no position 3 on an axis 'b'"),
+        (("crossing_time", ("c",), {}), "on an axis 'c'"),
+    ):
+        with pytest.raises(HodoError, match=message):
+            swept.values(variable, keep, at)
 
 
 def test_the_distance_of_two_sweeps() -> None:
@@ -1194,73 +965,25 @@ def test_the_distance_of_two_sweeps() -> None:
 
     def ends(axis: list[int], time: list[float], status: list[int]) -> SweepView:
         flags = {"flag_values": np.array([1, 3]), "flag_meanings": "x1 x3"}
-        return view_of(
-            end_axis=("a", axis, flags),
-            crossing_time=("a", time),
-            predicted=("a", np.array(time) + 1),
-            status=("a", status),
-        )
+        predicted = ("a", np.array(time) + 1)
+        known = {"crossing_time": ("a", time), "predicted": predicted, "status": ("a", status)}
+        return view_of(end_axis=("a", axis, flags), **known)
 
     one = ends([1, 3, 1, 1], [1, 2, math.nan, 9], [0, 0, 0, 1])
     other = ends([1, 1, 1, 3], [1.5, 3, 4, 5], [0, 0, 0, 0])
-
-    def mean(variable: str, against: str) -> float:
-        return float(one.distance(other, variable, against).values(variable, (), {}))
-
-    assert mean("end_axis", "end_axis") == 1 / 3
-    assert mean("crossing_time", "crossing_time") == 0.75
-    assert mean("crossing_time", "predicted") == 1.75
+    for pair, known in (
+        (("end_axis", "end_axis"), 1 / 3),
+        (("crossing_time", "crossing_time"), 0.75),
+        (("crossing_time", "predicted"), 1.75),
+    ):
+        assert float(one.distance(other, *pair).values(pair[0], (), {})) == known
     with pytest.raises(HodoError, match="case a has no omega, which G needs"):
-        mean("crossing_time", "G")
+        one.distance(other, "crossing_time", "G")
     with pytest.raises(HodoError, match="values of 'crossing_time'"):
         one.distance(view_of(G=("a", [0.0, 1.0, 2.0])), "crossing_time", "G")
 
 
-@pytest.mark.heyoka
-def test_claims_of_sweeps_are_judged(tmp_path: Path, hodo: Hodo) -> None:
-    text = (
-        SMALL.split("  single:")[0]
-        + """\
-claims:
-  - {id: none, where: "-", statement: "-", cases: [ball], expect: reproduced,
-     check: {kind: average, variable: crossings, at: [{damping.2: 1}], most: 0}}
-  - {id: rises, where: "-", statement: "-", cases: [ball], expect: contradicted,
-     check: {kind: average, variable: end_axis.x3, sense: rises,
-             at: [{damping.2: 0}, {damping.2: 1}, {damping.2: 2}]}}
-  - {id: more, where: "-", statement: "-", cases: [ball], expect: contradicted,
-     check: {kind: average, variable: end_axis.x1, along: [damping.2, direction], sense: falls}}
-  - {id: same, where: "-", statement: "-", cases: [ball, ball], expect: reproduced,
-     check: {kind: average, variable: crossing_time, at: [{damping.2: 0}], most: 0}}
-"""
-    )
-    (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
-    assert hodo("run", "a.yaml").returncode == 0
-    done = hodo("claims", "runs/a.h5")
-    assert done.returncode == 0, done.stdout + done.stderr
-    (tmp_path / "a.yaml").write_text(text.replace("most: 0", "least: 1"), encoding="utf-8")
-    assert hodo("run", "a.yaml").returncode == 0
-    assert hodo("claims", "runs/a.h5").returncode == 3
-
-
 # Maps
-
-
-def test_the_separation_is_relative_to_the_terms_of_the_separatrix() -> None:
-    A, omega = np.array([[1.0], [0.8], [0.6]]), np.array([[0.8], [0.5], [0.74]])
-    outer, inner = 1 * 0.2 * 0.64, 0.6 * 0.2 * 0.74**2
-    (part,) = rigid_body.separation(A, omega, (0, 1, 2))
-    assert part == pytest.approx((outer - inner) / (outer + inner), rel=1e-14)
-    assert rigid_body.separation(np.ones((3, 1)), omega, (0, 1, 2)) == math.inf
-
-
-def test_every_sweep_that_ships_is_read() -> None:
-    for path in sorted((ROOT / "configs").glob("sweep_*.yaml")):
-        config = load(path)
-        assert any(case.sweep for case in config.cases.values())
-    assert (
-        math.prod(columns.shape(load(ROOT / "configs" / "sweep_million.yaml").cases["million"]))
-        == 10**6
-    )
 
 
 def test_the_sweep_of_the_documents_is_one() -> None:
@@ -1276,7 +999,7 @@ def test_the_sweep_of_the_documents_is_one() -> None:
 # Beside the middle axis D is a difference of terms of 1e-26 and less in a body that turns at 1.
 BESIDE = (
     "model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 300}, initial: {p: 1e-13, q: 1, r: 0},"
-    " sweep: {initial.p: {logspace: [1e-13, 1e-9, 3]}, initial.r: {values: [0, 3e-12, 1e-11]}}"
+    " sweep: {initial.p: {logspace: [1e-13, 1e-9, 3]}, initial.r: {values: [0, 1e-11]}}"
 )
 
 
@@ -1306,7 +1029,7 @@ def test_members_beside_the_middle_axis_cross_as_they_must(last: float, error: s
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize(("end", "part"), [(100, 1e-2), (1000, -1e-2)])
+@pytest.mark.parametrize(("end", "part"), [(300, 1e-2)])
 def test_no_member_crosses_where_equal_coefficients_forbid_it(end: float, part: float) -> None:
     """From 3e-10 beside the middle axis, where rounding decides, to 1e-2, where it does not."""
     p = np.logspace(-9.5, -2, 24)
@@ -1324,30 +1047,14 @@ def test_no_member_crosses_where_equal_coefficients_forbid_it(end: float, part: 
         assert set(found[at].tolist()) == {1 if part > 0 else 3}
 
 
-@pytest.mark.heyoka
-def test_members_that_begin_beside_an_axis_by_1e_70_are_followed_until_that_has_grown() -> None:
-    case = one(
-        "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [1e-3, 1e-3, 5e-3], "
-        "time: {end: 1500}, initial: {p: 1e-70, q: 1, r: 1.5e-70}, "
-        "sweep: {initial.p: {values: [1e-70, 1e-60, 0.1]}}"
-    )
-    assert_members_are_single_cases(case, [0, 1, 2])
-    # By DOP853 at 1e-12 of each component, which takes 1,200 steps.
-    assert computed(case)["omega"][0] == pytest.approx([0.1411, -0.0022, 0.0699], abs=1e-4)
-
-
-RANDOM = "initial: {p: 0, q: 0, G: 1}, sweep: {d: {sphere: {count: 60, seed: 3}}}"
+RANDOM = "initial: {p: 0, q: 0, G: 1}, sweep: {d: {sphere: {count: 24, seed: 3}}}"
 SKEW = "[[9e-3, 2e-3, -4e-3], [0, 7e-3, 5e-3], [3e-3, -6e-3, 4e-3]]"
 MANY = {
     "paper": f"{FIG4}, {RANDOM}",
-    "weak": f"model: linear-diag, inertia: [0.6, 1, 0.8], damping: [2e-4, 5e-4, 4e-4], "
-    f"time: {{end: 10000}}, error: off, {RANDOM}",
     "loose": f"{FIG4}, tol: 1e-9, {RANDOM}",
     "tensor": f"model: tensor, {HEAD}, resistance: {SKEW}, {RANDOM}",
     "cavity": f"model: cavity+constant, inertia: [1, 0.8, 0.6], kappa: 0.01, "
     f"torque: [1e-3, 2e-3, 1e-3], time: {{end: 200}}, error: off, {RANDOM}",
-    "growth": f"model: linear-diag, inertia: [1, 0.8, 0.6], damping: [-0.004, -0.01, -0.02], "
-    f"time: {{end: 150}}, error: off, {RANDOM}",
     "middle": "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [1e-3, 5e-3, 1.001e-3], "
     "time: {end: 300}, initial: {p: 0, q: 1, r: 0}, error: off, sweep: "
     "{initial.p: {logspace: [1e-6, 1e-3, 8]}, initial.r: {logspace: [1e-6, 1e-3, 8]}}",
@@ -1362,13 +1069,13 @@ def test_the_time_of_a_crossing_is_right_to_the_error_that_the_member_states(kin
     found = computed(case)
     decided = found["status"] == OK
     crossing = np.flatnonzero(decided & (found["crossings"] > 0) & np.isfinite(found["separation"]))
-    assert len(crossing) >= 5
+    assert len(crossing) >= 4
     assert np.isfinite(found["crossing_error"][crossing]).all()
     for i in crossing[:8].tolist():
-        true = cross(members.member(case, i), "taylor", "extended", None)[1][0]
-        off = abs(found["crossing_time"][i] - true.time)
+        true = precisely(members.member(case, i), "extended")
+        off = abs(found["crossing_time"][i] - true.crossing_time.values[0])
         assert off <= found["crossing_error"][i]
-        assert found["crossing_to"][i] == true.end
+        assert found["crossing_to"][i] == true.crossing_to[0]
     if kind == "paper":  # an error that is stated far too large would be no use
         assert np.median(found["crossing_error"][crossing]) < 1e-10 * 1000
 
@@ -1388,31 +1095,15 @@ def test_an_early_crossing_in_a_long_span_has_its_digits(end: float) -> None:
     found, known = computed(case), replace(case, time=replace(case.time, end=20 * unit))
     assert found["crossings"].tolist() == [1, 1]
     for i in range(2):
-        true = cross(members.member(known, i), "taylor", "extended", None)[1][0].time
+        true = precisely(members.member(known, i), "extended").crossing_time.values[0]
         assert abs(found["crossing_time"][i] - true) < found["crossing_error"][i] < 1e-12 * true
-
-
-@pytest.mark.heyoka
-def test_a_decayed_member_has_the_labels_of_its_case() -> None:
-    """Below 1e-1233 a motion is at rest, and has no label."""
-    case = one(
-        "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.5, 0.4, 0.3], "
-        "initial: {p: 0.8, q: 0.5, r: 0.99}, time: {end: 1e4}, error: off, "
-        "sweep: {initial.p: {values: [0.77, 0.83]}}"
-    )
-    beside, alone = computed(case), computed(replace(case, max_steps=10**6))
-    assert set(beside["end_axis"]) == {-1}
-    for name in ("start_axis", "end_axis", "crossings", "crossing_from", "crossing_to"):
-        assert beside[name].tolist() == alone[name].tolist()
-    for name in ("crossing_time", "share", "separation"):
-        assert beside[name] == pytest.approx(alone[name], rel=1e-12, abs=1e-15)
 
 
 @pytest.mark.heyoka
 def test_a_motion_has_a_label_until_it_is_at_rest() -> None:
     """That is below 2^-4096, far beyond the smallest double: a rotation about x3 as a case, at the
     times when it is 2^-n, and as members that end there."""
-    orders = [4000, 4090, 4095, 4099, 4110]
+    orders = [4095, 4099, 4110]
     slow = {
         "model": "linear-diag",
         "inertia": [1, 0.8, 0.6],
@@ -1423,7 +1114,7 @@ def test_a_motion_has_a_label_until_it_is_at_rest() -> None:
     rates = {"damping.2": {"values": [time / times[0] for time in times]}}
     ends = {"damping": [2, 2, 1], "time": {"end": times[0]}, "sweep": rates}
     for labels in (case["enclosed_axis"], hodo_cli.sweep(slow | ends)["end_axis"]):
-        assert labels.values.tolist() == [3, 3, 3, -1, -1]
+        assert labels.values.tolist() == [3, -1, -1]
 
 
 @pytest.mark.heyoka
@@ -1443,128 +1134,82 @@ def test_early_samples_in_a_long_span_have_their_digits() -> None:
 
 @pytest.mark.heyoka
 @pytest.mark.parametrize("size", [1e-150, 1e17])
-def test_the_errors_of_a_sweep_are_measured_at_every_scale(size: float, tmp_path: Path) -> None:
+def test_the_errors_of_a_sweep_are_measured_at_every_scale(size: float) -> None:
     case = one(
         "model: linear-diag, inertia: [1, 0.8, 0.6], "
         f"damping: [{0.01 * size}, {0.008 * size}, {0.006 * size}], time: {{end: {200 / size}}}, "
         f"initial: {{p: {0.8 * size}, q: {0.5 * size}, r: {0.74 * size}}}, "
         f"sweep: {{initial.p: {{linspace: [{0.75 * size}, {0.85 * size}, 40]}}}}"
     )
-    attributes = sweep_of(case, tmp_path).attributes
+    attributes = hodo_cli.sweep(case).attrs
     assert attributes["status"] == "ok"
     assert 1e-15 < attributes["error"] < 1e-11
     quantiles = size * attributes["crossing_error_quantiles"]
     assert 1e-15 < quantiles[0] <= quantiles[-1] < 1e-10
 
 
-def test_a_sweep_that_failed_as_a_whole_is_a_line_of_the_table() -> None:
-    case = one(f"{FIG4}, {RANDOM}")
-    failed = run.failed_group(case, RuntimeError("no memory"))
-    _, row = classify.classified(case.name, failed, case)
-    assert row["warnings"] == ["failed: RuntimeError: no memory"]
-
-
 @pytest.mark.heyoka
-@pytest.mark.parametrize(
-    ("inertia", "attitude"), [("[8, 8, 4]", ", attitude: yes"), ("[8, 4, 4]", "")]
-)
-def test_a_body_with_two_equal_moments_is_not_searched_for_crossings(
-    inertia: str, attitude: str
-) -> None:
-    """Its D touches 0 where the spin reverses: a quarter of the members went by themselves."""
-    torque = "[0, 0, -0.1]" if inertia == "[8, 8, 4]" else "[-0.1, 0, 0]"
-    case = one(
-        f"model: cavity+constant, inertia: {inertia}, kappa: 0.6048, torque: {torque}, "
-        "epsilon: 0.1, initial: {p: 1, q: 0.3, r: 1}, time: {end: 30}, error: off, "
-        f"sweep: {{initial.p: {{linspace: [0.5, 1.5, 200]}}}}{attitude}"
-    )
-    group = chunk.compute(chunk.Chunk(case, 0, 200))
-    assert group.attributes["rejections"].sum() <= 2
-    alone = computed(replace(case, max_steps=10**6), 0, 5)
-    for name in ("status", "start_axis", "end_axis", "crossings"):
-        beside = group.variables[name].data[:5]
-        assert beside.tolist() == alone[name].tolist()
-    assert not group.variables["crossings"].data.any()
-
-
-@pytest.mark.heyoka
-def test_the_error_of_the_top_is_measured(tmp_path: Path) -> None:
+def test_the_error_of_the_top_is_measured() -> None:
     """It is the distance of what is stored from the single cases at full precision."""
-    text = (
-        "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0.125, 1], b: [0.1, 1], "
-        "initial: {theta: 60 deg, r: 1.7}, time: {end: 1}, sweep: {mu: {values: [0.3, 0.5]}}"
-    )
-    rough, fine = (one(f"{text}, {more}") for more in ("method: RK45, tol: 1e-4", "tol: 1e-15"))
-    attributes = sweep_of(rough, tmp_path).attributes
-    assert (attributes["method"], attributes["method_reason"]) == (
-        "RK45",
-        "each by itself: method RK45",
-    )
-    assert attributes["error_sample"] == 2
+    top = {
+        "model": "Lagrange-averaged", "inertia": {"A": 1.5, "C": 1}, "a": [0.125, 1],
+        "b": [0.1, 1], "initial": {"theta": "60 deg", "r": 1.7}, "mu": 0.5,
+    }  # fmt: skip
+    swept = top | {"time": {"end": 1}, "sweep": {"mu": {"values": [0.3, 0.5]}}}
+    rough = hodo_cli.sweep(swept | {"method": "RK45", "tol": 1e-4})
+    reason = "each by itself: method RK45"
+    assert (rough.attrs["method"], rough.attrs["method_reason"]) == ("RK45", reason)
+    assert rough.attrs["error_sample"] == 2
     errors = []
-    for number in range(2):
-        ours, theirs = (integrate(members.member(case, number)).variables for case in (rough, fine))
-        errors.append(
-            max(
-                abs(values[-1] - theirs[name][-1]) / np.abs(theirs[name][[0, -1]]).max()
-                for name, values in ours.items()
-            )
-        )
+    for i, mu in enumerate((0.3, 0.5)):
+        fine = hodo_cli.run(top | {"mu": mu, "tol": 1e-15, "time": {"end": 1, "samples": 2}})
+        for name in FORMS_OF_TOP:
+            off = abs(rough[name][i] - fine[name][-1]) / np.abs(fine[name]).max()
+            errors.append(float(off))
     assert 1e-9 < max(errors) < 1e-2
-    assert attributes["error"] == pytest.approx(max(errors), rel=1e-6)
-    assert attributes["error_kind"] == "extended"
-    assert sweep_of(fine, tmp_path).attributes["method"] == "taylor"
+    assert rough.attrs["error"] == pytest.approx(max(errors), rel=1e-6)
+    assert rough.attrs["error_kind"] == "extended"
+    assert hodo_cli.sweep(swept | {"tol": 1e-15}).attrs["method"] == "taylor"
 
 
-def sweep_of(case: Case, folder: Path) -> Group:
-    quiet = Progress(1, quiet=True)
-    return sweep.run_sweep(case, "mark", folder / "a.h5", Pool(1), False, quiet)
-
-
-@pytest.mark.heyoka
-def test_late_crossings_are_right_to_the_error_that_their_members_state() -> None:
-    """The times of these were off by three times that error where a step was as long as the
-    tolerance allows by the series' own last coefficients."""
-    medium = "[[5e-3, 1e-3, 0], [1e-3, 4e-3, 0], [0, 0, 3e-3]]"
-    case = one(
-        f"model: tensor, {HEAD}, resistance: {medium}, {BALL}, tol: 1e-12, "
-        "sweep: {d: {sphere: {count: 100000, seed: 77}}}"
-    )
-    for number in (5912, 74140):
-        values = computed(case, number, number + 1)
-        # A limit of steps has each member integrated by itself.
-        alone = computed(replace(case, max_steps=10**6), number, number + 1)
-        off = abs(values["crossing_time"][0] - alone["crossing_time"][0])
-        assert off < values["crossing_error"][0]
+FORMS_OF_TOP = ("Gz", "H", "r", "u1", "u2", "u3")
 
 
 BENT = "[[5e-3, 1e-3, 0], [1e-3, 4e-3, 0], [0, 0, 3e-3]]"
 
 
-def random_starts(resistance: str, tol: float) -> Case:
+def random_starts(resistance: str, tol: float, ball: str = "count: 20000, seed: 1") -> Case:
     return one(
         f"model: tensor, {HEAD}, resistance: {resistance}, {BALL}, tol: {tol!r}, "
-        "sweep: {d: {sphere: {count: 20000, seed: 1}}}"
+        f"sweep: {{d: {{sphere: {{{ball}}}}}}}"
     )
+
+
+LATE = random_starts(BENT, 1e-12, "count: 100000, seed: 77")
 
 
 @pytest.mark.quadruple
 @pytest.mark.parametrize(
-    ("case", "number", "least"),
+    ("case", "number", "least", "most"),
     [
-        (random_starts(BENT, 2.2e-16), 1844, 2e-9),
-        (random_starts(SKEW, 1e-12), 2745, 1e-6),
+        # Off by 20 and 70 times what the steps before the crossing lose: they stay long near the
+        # separatrix.
+        (random_starts(BENT, 2.2e-16), 1844, 2e-9, 500),
+        (random_starts(SKEW, 1e-12), 2745, 1e-6, 500),
+        # Off by three times the error where a step was as long as the tolerance allows by the
+        # series' own last coefficients.
+        (LATE, 5912, 0, math.inf),
+        (LATE, 74140, 0, math.inf),
     ],
 )
 def test_an_error_that_grows_along_a_motion_is_stated(
-    case: Case, number: int, least: float
+    case: Case, number: int, least: float, most: float
 ) -> None:
-    """The times of these were off by 20 and 70 times what the steps before the crossing lose: they
-    stay long near the separatrix. Other members beside one change no digit of it."""
+    """Other members beside one change no digit of it."""
     values = computed(case, number, number + 1)
-    true = cross(members.member(case, number), "taylor", "quadruple", None)[1][0]
-    off = abs(values["crossing_time"][0] - true.time)
-    assert least < off < values["crossing_error"][0] < 500 * off
+    true = precisely(members.member(case, number), "quadruple").crossing_time.values
+    off = abs(values["crossing_time"][0] - true[0])
+    assert least < off < values["crossing_error"][0] < most * off
     among = computed(case, number - 5, number + 7)
     assert among["crossing_error"][5] == values["crossing_error"][0]
 
@@ -1575,9 +1220,9 @@ def test_crossings_that_no_bound_decides_are_left_to_the_single_case() -> None:
     case, number = random_starts(SKEW, 1e-12), 10543
     group = chunk.compute(chunk.Chunk(case, number, number + 1))
     assert group.attributes["rejections"].sum() == 1
-    true = cross(members.member(case, number), "taylor", "quadruple", None)[1]
+    true = precisely(members.member(case, number), "quadruple").crossing_time.values
     assert group.variables["crossings"].data[0] == len(true) == 3
-    off = abs(group.variables["crossing_time"].data[0] - true[0].time)
+    off = abs(group.variables["crossing_time"].data[0] - true[0])
     # Its error is then the measured one.
     assert group.variables["crossing_error"].data[0] == pytest.approx(off, rel=0.01)
 
@@ -1590,8 +1235,10 @@ def test_the_end_of_a_member_is_that_of_its_own_time() -> None:
     top = {"model": "Lagrange-averaged", "inertia": {"A": 1.5, "C": 1}, "mu": weight, "a": 0.125,
            "b": 0.3, "initial": {"theta": 0, "r": 2}, "time": {"end": 2, "samples": 2}}  # fmt: skip
     alone = hodo_cli.run(top)
-    starts = {"initial.theta": {"linspace": [0, 3, 3001]}}
-    member = hodo_cli.sweep({**top, "sweep": starts}).isel({"initial.theta": 0})
+    starts = {"initial.theta": {"linspace": [0, 3, 1751]}}
+    members_of = hodo_cli.sweep({**top, "error": "off", "sweep": starts})
+    assert "side by side" in members_of.attrs["method_reason"]
+    member = members_of.isel({"initial.theta": 0})
     assert float(alone.event_time[0]) < 0.5
     assert member.event_time == pytest.approx(alone.event_time.values[0], rel=1e-13)
     for name in ("Gz", "H", "r", "u3"):

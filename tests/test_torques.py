@@ -13,8 +13,7 @@ from numpy.polynomial import Polynomial
 from scipy.integrate import solve_ivp
 
 import hodo_cli as hodo
-from hodo_cli import HodoError
-from hodo_cli.cases.case import parse_case
+from hodo_cli import Case, HodoError
 
 pytestmark = pytest.mark.usefixtures("quick_steps")
 
@@ -30,6 +29,7 @@ def run(start: Any, end: float, **terms: Any) -> Any:
     return hodo.run({"model": "torques", "inertia": BODY, "initial": start, "time": time, **terms})
 
 
+DRAG_ALONG_G = "-0.01 * sqrt(p**2 + (0.8*q)**2 + (0.6*r)**2)"
 # By a Taylor series of order 30 to 40 in 176 to 224 bits that shares no code with hodo.
 END_STATES = {
     "brake": (
@@ -41,17 +41,7 @@ END_STATES = {
         (0.18526945894296346, 0.17909106057615755, -0.15534488424796164),
     ),
     "drag along G": (
-        (
-            B,
-            60,
-            {
-                "expression": [
-                    "-0.01 * sqrt(p**2 + (0.8*q)**2 + (0.6*r)**2) * p",
-                    "-0.01 * sqrt(p**2 + (0.8*q)**2 + (0.6*r)**2) * 0.8*q",
-                    "-0.01 * sqrt(p**2 + (0.8*q)**2 + (0.6*r)**2) * 0.6*r",
-                ]
-            },
-        ),
+        (B, 60, {"expression": [f"{DRAG_ALONG_G} * {w}" for w in ("p", "0.8*q", "0.6*r")]}),
         (0.49262375296093774, -0.34166966632732990, 0.44887090573771592),
     ),
     "equal quadratic drag": (
@@ -62,60 +52,44 @@ END_STATES = {
         (B, 100, {"damping": "0.005*(1 + 0.01*t)**-2"}),
         (0.50412305006140321, 0.69766151997966874, 0.32975278857125048),
     ),
-    "quadratic drag": (
-        (B, 400, {"quadratic": [0.01, 0.008, 0.006]}),
-        (0.055679521472231597, -0.22053543218339055, -0.099429938057251600),
-    ),
     "damping and quadratic drag": (
         (B, 500, {"damping": [0.003, 0.004, 0.005], "quadratic": [0.02, 0.016, 0.012]}),
         (0.019746153712525053, -0.021847686463398807, -0.013182758600857741),
     ),
     "five terms": (
-        (
-            C,
-            100,
-            {
-                "resistance": {"diagonal": 0.003, "off_diagonal": 0.001},
-                "quadratic": [0.01, 0.008, 0.006],
-                "kappa": 0.02,
-                "torque": [0.001, -0.002, 0.0015],
-                "brake": 0.0005,
-            },
-        ),
+        (C, 100, {"resistance": {"diagonal": 0.003, "off_diagonal": 0.001}, "kappa": 0.02,
+                  "quadratic": [0.01, 0.008, 0.006], "torque": [0.001, -0.002, 0.0015],
+                  "brake": 0.0005}),
         (-0.043192630017708354, 0.34257111407898779, 0.44437383302053825),
     ),
-    "fixed in space": (
-        (B, 300, {"space_torque": {"size": 0.002, "direction": [0, 0, 2]}}),
-        (1.1361558464968387, 0.52845083651229329, 1.0805853725338779),
-    ),
     "fixed in space, and damping": (
-        (B, 300, {"space_torque": {"size": 0.002, "direction": [0, 0, 1]}, "damping": MEDIUM}),
+        (B, 300, {"space_torque": {"size": 0.002, "direction": [0, 0, 2]}, "damping": MEDIUM}),
         (0.043961123015849125, 0.65960590090568003, -0.060932042879763240),
     ),
-}
+}  # fmt: skip
 
 
-@pytest.mark.parametrize(("case", "omega"), END_STATES.values(), ids=END_STATES)
-def test_sums_of_torques_end_where_a_reference_does(case: Any, omega: Any) -> None:
-    start, end, terms = case
+@pytest.mark.parametrize("name", END_STATES)
+def test_sums_of_torques_end_where_a_reference_does(name: str) -> None:
+    (start, end, terms), omega = END_STATES[name]
     motion = run(start, end, **terms)
+    off = np.abs(motion["omega"].values[-1] - omega).max()
     assert motion.attrs["status"] == "ok"
-    assert np.abs(motion["omega"].values[-1] - omega).max() < 1e-13
+    assert off < 1e-13
     assert motion.attrs["error"] < 1e-12
+    if name in ("brake", "brake and damping"):  # torques along G have a closed form
+        assert motion.attrs["method"] == "exact"
+        assert max(off, motion.attrs["error"]) < 1e-14
 
 
 CROSSINGS = {
     "quadratic drag": (B, 400, {"quadratic": [0.01, 0.008, 0.006]}, [264.98501410324524]),
     "there and back": (
-        C,
-        1500,
-        {"damping": MEDIUM, "kappa": 0.03},
-        [57.802497615733104, 1230.8189247068045],
+        C, 1500, {"damping": MEDIUM, "kappa": 0.03}, [57.802497615733104, 1230.8189247068045]
     ),
-    "damping and fluid": (C, 300, {"damping": 0.002, "kappa": 0.01}, [188.64254989272395]),
     "brake and fluid": (C, 300, {"brake": 0.002, "kappa": 0.01}, [196.96634479644304]),
     "too much damping": (C, 900, {"damping": 0.006, "kappa": 0.01}, []),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("start", "end", "terms", "times"), CROSSINGS.values(), ids=CROSSINGS)
@@ -123,27 +97,23 @@ def test_sums_of_torques_cross_when_a_reference_does(
     start: Any, end: float, terms: Any, times: list[float]
 ) -> None:
     motion = run(start, end, **terms)
-    digits = 5e-5 if times == [26.0995] else 1e-11
-    assert motion["crossing_time"].values == pytest.approx(times, abs=digits)
+    assert motion["crossing_time"].values == pytest.approx(times, abs=1e-11)
 
 
 STOPS = {
     "alone": (
-        (B, 120, {"brake": 0.01}),
-        99.856697321711977,
+        (B, 120, {"brake": 0.01}), 99.856697321711977,
         (0.576436209452822, -0.809786879333248, 0.109391528426027),
     ),
     "damping": (
-        (B, 300, {"brake": 0.002, "damping": MEDIUM}),
-        267.05497187079620,
+        (B, 300, {"brake": 0.002, "damping": MEDIUM}), 267.05497187079620,
         (0.565873229298389, -0.718051219516283, -0.405203571695254),
     ),
     "fluid": (
-        (C, 120, {"brake": 0.01, "kappa": 0.01}),
-        99.779757466131376,
+        (C, 120, {"brake": 0.01, "kappa": 0.01}), 99.779757466131376,
         (0.529850422480799, -0.382363545638915, 0.757005052006495),
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("method", ["auto", "collocation"])
@@ -184,7 +154,7 @@ def test_a_torque_puts_the_stop_off() -> None:
     assert 1e-10 < off < 1.5 * stated < 1e-7
 
 
-@pytest.mark.parametrize("left", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("left", [1e-3, 1e-9])
 def test_the_closed_form_knows_its_error_beside_a_stop(left: float) -> None:
     with localcontext(prec=50):
         momenta = [Decimal(a) * Decimal(w) for a, w in zip(BODY, B.values(), strict=True)]
@@ -251,25 +221,19 @@ def test_members_whose_motion_is_a_polynomial_stop_in_time() -> None:
 def test_a_body_that_would_move_again_is_told_of() -> None:
     """A torque that grows beyond the brake after the stop: at t = 25."""
     case = {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "initial": SPIN}
-    law = "-0.004*t"
     for end, torque, told in (
-        (24, law, ""),
-        (100, law, "the body would move again"),
-        (100, -0.09, ""),
+        (24, {"torque": ["-0.004*t", 0, 0]}, ""),
+        (100, {"torque": ["-0.004*t", 0, 0]}, "the body would move again"),
+        (100, {"expression": ["-0.004*t", 0, 0]}, "from t = 25.0"),
+        (100, {"torque": [-0.09, 0, 0]}, ""),
     ):
-        motion = hodo.run({**case, "torque": [torque, 0, 0], "time": {"end": end}})
+        motion = hodo.run({**case, **torque, "time": {"end": end}})
         assert motion.attrs["status"] == "ok"
         assert told in motion.attrs["warnings"]
         assert bool(told) == bool(motion.attrs["warnings"])
-    assert (
-        "from t = 25.0"
-        in hodo.run({**case, "expression": ["-0.004*t", "0", "0"], "time": {"end": 100}}).attrs[
-            "warnings"
-        ]
-    )
 
 
-@pytest.mark.parametrize("samples", [1, 2, 3])
+@pytest.mark.parametrize("samples", [1, 3])
 def test_few_samples_do_not_change_when_a_body_would_move_again(samples: int) -> None:
     """A torque that exceeds the brake between the samples only."""
     case = {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "initial": {**SPIN, "p": 0.5}}
@@ -296,25 +260,35 @@ def test_members_that_would_move_again_are_counted(alone: dict[str, str]) -> Non
     assert members.attrs["warnings"].startswith("2 of 3 members stay at rest")
 
 
-@pytest.mark.parametrize(("m", "u"), [(1e-95, 1e-28), (1e95, 1e29), (1, 1e-70)])
-def test_a_body_of_any_size_stops_alike(m: float, u: float) -> None:
-    """In units in which the square of its momentum is no double."""
-    B = {
-        "model": "torques",
-        "inertia": [2, 1.5, 1],
-        "brake": 0.02,
-        "torque": [0.001, -0.002, 0.0015],
-    }
-    plain = hodo.run({**B, "initial": {"p": 0.3, "q": 0.7, "r": -0.9}, "time": {"end": 120}})
-    scaled = {
-        "inertia": [x * m for x in B["inertia"]],
-        "brake": B["brake"] * m * u * u,
-        "torque": [x * m * u * u for x in B["torque"]],
-        "initial": {"p": 0.3 * u, "q": 0.7 * u, "r": -0.9 * u},
-        "time": {"end": 120 / u},
-    }
-    motion = hodo.run({**B, **scaled})
+BRAKED: dict[str, dict[str, Any]] = {
+    "beside a torque": {"torque": [0.002, -0.003, 0.0025]},
+    "beside damping and fluid": {"kappa": 0.02, "damping": 0.004},
+    "beside a rotor": {"rotor": [0.0, 0.0, 0.1]},
+}
+
+
+@pytest.mark.parametrize(
+    ("m", "u"), [(1e-95, 1e-28), (1e95, 1e29), (1, 1e-70), (2.0**20, 1), (2.0**300, 1)]
+)
+@pytest.mark.parametrize("others", BRAKED)
+def test_a_body_stops_alike_in_units_of_any_size(others: str, m: float, u: float) -> None:
+    """Also in those in which the square of its momentum is no double."""
+
+    def stopped(m: float, u: float) -> Any:
+        powers = {"torque": (1, 2), "kappa": (1, -1), "damping": (0, 1), "rotor": (1, 1)}
+        scaled = {
+            name: (np.array(x) * m ** powers[name][0] * u ** powers[name][1]).tolist()
+            for name, x in BRAKED[others].items()
+        }
+        case = {"inertia": [2 * m, 1.5 * m, m], "brake": 0.02 * m * u * u, **scaled}
+        case |= {"initial": {"p": 0.3 * u, "q": 0.7 * u, "r": -0.9 * u}, "max_steps": 10_000}
+        return hodo.run({"model": "torques", **case, "time": {"end": 120 / u, "samples": 13}})
+
+    plain, motion = stopped(1, 1), stopped(m, u)
     assert motion["event_time"].values * u == pytest.approx(plain["event_time"].values, rel=1e-13)
+    assert motion["event_from"].values == plain["event_from"].values != 0
+    assert motion["omega"].values / u == pytest.approx(plain["omega"].values, abs=1e-12)
+    assert motion.attrs["error"] < 1e-11
     for name in ("event_G1", "event_G2", "event_G3"):
         assert motion[name].values == pytest.approx(plain[name].values, abs=1e-7)
 
@@ -329,15 +303,6 @@ def test_a_torque_stronger_than_the_brake_lets_nothing_stop() -> None:
     motion = run(B, 200, brake=0.001, torque=[0.01, 0, 0])
     assert "event_time" not in motion
     assert motion["omega"].values[-1].any()
-
-
-def test_a_torque_fixed_in_space_changes_G_as_a_constant_force_does() -> None:
-    motion = run(B, 300, space_torque={"size": 0.002, "direction": [0, 0, 1]})
-    G = motion["omega"].values * BODY
-    t, along = motion["time"].values, 0.6 * 0.74
-    start = (G[0] ** 2).sum()
-    expected = start + 2 * 0.002 * t * along + (0.002 * t) ** 2
-    assert (G**2).sum(axis=1) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -355,9 +320,9 @@ def test_equal_damping_follows_its_law(law: str, exponent: float) -> None:
     assert G[1] / G[0] == pytest.approx(math.exp(-exponent), rel=1e-12)
 
 
-POWERS = [("damping", 2), ("damping", 4), ("torque", 1), ("torque", 5)]
+POWERS = [("damping", 2), ("torque", 1), ("torque", 5)]
 """Coefficients under a power of the time by which the rotation about an axis, or its angle, is a
-series in powers of t**3, of t**5 or of t**7."""
+series in powers of t**3 or of t**7."""
 
 
 @pytest.mark.parametrize(("key", "power"), POWERS)
@@ -386,12 +351,11 @@ def test_a_law_that_is_a_power_of_the_time_is_not_stepped_over(key: str, power: 
 
 
 @pytest.mark.quadruple
-@pytest.mark.parametrize("p", [0, 1e-154])
-def test_a_first_step_beyond_the_doubles_is_taken_anew(p: float) -> None:
+def test_a_first_step_beyond_the_doubles_is_taken_anew() -> None:
     """A series from next to rest, in units of the start; what measures its error is quadruple."""
     case = {
         "model": "torques", "inertia": BODY, "expression": ["0.01*t**5", "0.001*t**5", 0],
-        "initial": {"p": p, "q": 0, "r": 0}, "time": {"end": 5, "samples": 2},
+        "initial": {"p": 1e-154, "q": 0, "r": 0}, "time": {"end": 5, "samples": 2},
         "precision": "extended",
     }  # fmt: skip
     ivp = solve_ivp(
@@ -402,26 +366,6 @@ def test_a_first_step_beyond_the_doubles_is_taken_anew(p: float) -> None:
     assert omega == pytest.approx(ivp.y[:, -1], rel=1e-11)
 
 
-@pytest.mark.heyoka
-@pytest.mark.parametrize(("power", "size"), [(1, 1e-8), (4, 1e-4), (12, 1e-4)])
-def test_a_power_of_the_time_near_rest_costs_no_digits(power: int, size: float) -> None:
-    """The last coefficients of such a series are those of the small rotation alone."""
-    A, start, end = np.array([1, 0.8, 0.7]), size * np.array([1, 2, 1.5]), 6
-    rate = 3 * (power + 1) / end ** (power + 1)
-    case = {
-        "model": "torques", "inertia": [1, 0.8, 0.6], "torque": [f"{rate!r}*t**{power}", 0, 0],
-        "initial": dict(zip("pqr", start.tolist(), strict=True)), "time": {"end": end},
-    }  # fmt: skip
-    ivp = solve_ivp(
-        lambda t, w: (np.cross(A * w, w) + np.array([rate * t**power, 0, 0])) / A,
-        (0, end), start, "DOP853", rtol=3e-14, atol=1e-18, max_step=0.02,
-    )  # fmt: skip
-    members = hodo.sweep({**case, "sweep": {"inertia.2": {"values": [0.6, 0.7]}}})
-    alone = hodo.run({**case, "inertia": A.tolist()})
-    for omega in (members.omega[-1], alone.omega[-1]):
-        assert omega.values == pytest.approx(ivp.y[:, -1], rel=0, abs=1e-13 * abs(ivp.y[0, -1]))
-
-
 OLD_NAMES = {
     "linear-diag": {"damping": MEDIUM},
     "tensor": {"resistance": {"diagonal": 0.003, "off_diagonal": 0.001}},
@@ -430,23 +374,19 @@ OLD_NAMES = {
 
 
 def test_a_tensor_of_resistance_follows_its_laws() -> None:
-    rates = [fading(0.005), "0.002 + 1e-5*t", 0.003]
-    damped = run(B, 100, damping=rates)
+    """A case, and members of a sweep over one of its constants."""
+    rates = ["0.005*exp(-0.01*t)", "0.002 + 1e-5*t", 0.003]
+    damped = run(B, 100, damping=rates).omega.data
     entries = [f"{A}*({rate})" for rate, A in zip(rates, BODY, strict=True)]
     entries[0] = f"{BODY[0]}*0.005*exp(-k*t)"
     rows = [[entries[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
-    constants = {"k": 0.01}
-    alone = run(B, 100, resistance=rows, constants=constants)
-    assert alone.omega.data == pytest.approx(damped.omega.data, abs=1e-14)
-    ends = hodo.sweep(
-        {
-            "model": "torques", "inertia": BODY, "initial": B, "time": {"end": 100},
-            "resistance": rows, "constants": constants,
-            "sweep": {"constants.k": {"values": [0.01, 0.1]}},
-        }
-    )  # fmt: skip
-    assert ends.omega.data[0] == pytest.approx(damped.omega.data[-1], abs=1e-13)
-    assert np.abs(np.diff(ends.omega.data, axis=0)).max() > 0.01
+    alone = run(B, 100, resistance=rows, constants={"k": 0.01})
+    assert alone.omega.data == pytest.approx(damped, abs=1e-14)
+    case = {"model": "torques", "inertia": BODY, "initial": B, "resistance": rows}
+    case |= {"constants": {"k": 0.01}, "time": {"end": 100}, "error": "off"}
+    ends = hodo.sweep(case | {"sweep": {"constants.k": {"values": [0.01, 0.1]}}}).omega.data
+    assert ends[0] == pytest.approx(damped[-1], abs=1e-13)
+    assert np.abs(np.diff(ends, axis=0)).max() > 0.01
 
 
 @pytest.mark.parametrize(("model", "terms"), OLD_NAMES.items(), ids=OLD_NAMES)
@@ -489,49 +429,41 @@ def test_what_is_no_sum_of_torques_is_refused(terms: Any, message: str) -> None:
         hodo.run({"model": "torques", "inertia": BODY, "initial": B, "time": {"end": 1}, **terms})
 
 
-@pytest.mark.parametrize(
-    "method", [pytest.param("taylor", marks=pytest.mark.heyoka), "DOP853", "collocation"]
-)
+# By collocation and SciPy's other methods: `test_limits.py`.
+@pytest.mark.parametrize("method", [pytest.param("taylor", marks=pytest.mark.heyoka), "DOP853"])
 def test_a_torque_that_is_no_number_later_ends_the_motion(method: str) -> None:
-    ds = run(B, 30, expression=["0.01*sqrt(10-t)", 0, 0], method=method)
+    keys = {"expression": ["0.01*sqrt(10-t)", 0, 0], "method": method, "error": "off"}
+    ds = run(B, 30, **keys)
     assert ds.attrs["status"] == "failed"
     assert 8 < ds.time[-1] <= 10
 
 
 def test_only_the_terms_named_are_in_the_equations() -> None:
-    case = parse_case(
-        "name: free\nmodel: torques\ninertia: [1, 0.8, 0.6]\ndamping: 0\n"
-        "initial: {p: 1, q: 0, r: 0}\ntime: {end: 1}"
-    )
-    assert case.system.equations.state == ("p", "q", "r")
-    assert case.system.equations.terms == ("damping",)
-    numbers = {name for name, x in case.system.constants.items() if not isinstance(x, str)}
+    system = Case.of({"model": "torques", "inertia": BODY, "initial": SPIN, "damping": 0,
+                      "time": {"end": 1}}).system  # fmt: skip
+    assert system.equations.state == ("p", "q", "r")
+    assert system.equations.terms == ("damping",)
+    numbers = {name for name, x in system.constants.items() if not isinstance(x, str)}
     assert numbers == {"lam1", "lam2", "lam3", "A1", "A2", "A3", "g"}
 
 
-@pytest.mark.parametrize(
-    ("key", "values", "member"),
-    [
-        ("damping.1", [0.001, 0.004], {"damping": [0.005, 0.004, 0.003]}),
-        ("kappa", [0.01, 0.03], {"kappa": 0.03}),
-        ("quadratic", [0.0, 0.01], {"quadratic": 0.01}),
-        ("constants.k", [0.0, 0.1], {"constants": {"k": 0.1}}),
-        ("brake", [0.0002, 0.0005], {"brake": 0.0005}),
-    ],
-)
-def test_any_coefficient_may_vary(key: str, values: list[float], member: Any) -> None:
-    law = "0.001*exp(-k*t)"
+@pytest.mark.parametrize("method", ["auto", "collocation"])
+def test_any_coefficient_may_vary(method: str) -> None:
     terms: dict[str, Any] = {
         "damping": [0.005, 0.002, 0.003],
         "kappa": 0.02,
         "quadratic": [0.01, 0.01, 0.01],
-        "torque": [law, 0.0, 0.001],
+        "torque": ["0.001*exp(-k*t)", 0.0, 0.001],
         "brake": 0.0001,
         "constants": {"k": 0.0},
     }
     case = {"model": "torques", "inertia": BODY, "initial": C, "time": {"end": 60}, **terms}
-    case["error"] = "off"
-    swept = hodo.sweep({**case, "sweep": {key: {"values": values}}})
+    case |= {"error": "off", "method": method}
+    values = {"damping.1": 0.004, "kappa": 0.03, "quadratic": 0.02, "constants.k": 0.1}
+    zipped = {key: {"values": [value]} for key, value in {**values, "brake": 0.0005}.items()}
+    swept = hodo.sweep({**case, "sweep": {"all": {"zip": zipped}}})
+    member = {"damping": [0.005, 0.004, 0.003], "kappa": 0.03, "quadratic": 0.02}
+    member |= {"constants": {"k": 0.1}, "brake": 0.0005}
     alone = hodo.run({**case, **member, "time": {"end": 60, "samples": 2}})
     assert swept["omega"].values[-1] == pytest.approx(alone["omega"].values[-1], abs=1e-13)
 
@@ -591,58 +523,6 @@ def test_nothing_is_undecided_behind_a_stop() -> None:
     assert motion.attrs["classify_warnings"] == ""
 
 
-@pytest.mark.parametrize("name", ["brake", "brake and damping"])
-def test_torques_along_G_have_a_closed_form(name: str) -> None:
-    start, end, terms = END_STATES[name][0]
-    exact, series = (run(start, end, **terms, method=method) for method in ("auto", "taylor"))
-    assert exact.attrs["method"] == "exact"
-    assert np.abs(exact["omega"].values - series["omega"].values).max() < 1e-14
-    assert exact.attrs["error"] < 1e-14
-
-
-def test_random_sums_obey_the_theorems() -> None:
-    rng = np.random.default_rng(26)
-    crossings = 0
-    for _ in range(12):
-        damping, quadratic = rng.uniform(0, 0.006, 3), rng.uniform(0, 0.01, 3)
-        terms = {
-            "damping": damping.tolist(),
-            "quadratic": quadratic.tolist(),
-            "kappa": float(rng.choice([0, 0.02])),
-        }
-        motion = run(C if rng.random() < 0.5 else B, 200, **terms)
-        foretold = motion.attrs["predictions"].splitlines()
-        passed = list(
-            zip(motion["crossing_from"].values, motion["crossing_to"].values, strict=True)
-        )
-        crossings += len(passed)
-        for sentence in foretold:
-            if found := re.match("one crossing at most, x(.) to x(.)", sentence):
-                assert passed in ([], [(int(found[1]), int(found[2]))])
-            if sentence == "no crossing is possible":
-                assert not passed
-    assert crossings
-
-
-def test_a_symmetric_body_with_fluid_and_damping_has_a_closed_form() -> None:
-    A, C, kappa, rate, end = 1.0, 0.6, 0.02, 0.002, 400.0
-    motion = hodo.run(
-        {
-            "model": "torques",
-            "inertia": [A, A, C],
-            "initial": {"p": 0.5, "q": 0.25, "r": 1.4},
-            "damping": rate,
-            "kappa": kappa,
-            "time": {"end": end, "samples": 5},
-        }
-    )
-    G = motion["omega"].values * [A, A, C]
-    t, square = motion["time"].values, (G[0] ** 2).sum()
-    tilt = np.log(np.hypot(G[:, 0], G[:, 1]) / np.abs(G[:, 2]))
-    fall = -np.expm1(-2 * rate * t) / (2 * rate)
-    assert tilt - tilt[0] == pytest.approx(kappa * (A - C) * square * fall / (A**3 * C), abs=1e-12)
-
-
 def test_the_stop_of_a_body_is_printed_and_drawn(tmp_path: Path) -> None:
     (tmp_path / "braked.yaml").write_text(
         "title: braked\ncases:\n  braked: {model: torques, inertia: [2, 1.5, 1], quadratic: 0.01,"
@@ -663,7 +543,7 @@ def test_the_stop_of_a_body_is_printed_and_drawn(tmp_path: Path) -> None:
 
 @pytest.mark.heyoka
 @pytest.mark.parametrize("in_space", [False, True])
-@pytest.mark.parametrize("torque", [1e-8, 1e-11, 1e-15, 1e-30, 1e-60])
+@pytest.mark.parametrize("torque", [1e-11, 1e-60])
 def test_a_torque_that_is_tiny_beside_the_start_costs_no_digit(
     torque: float, in_space: bool
 ) -> None:
@@ -691,64 +571,17 @@ def test_a_torque_that_is_tiny_beside_the_start_costs_no_digit(
         assert members == pytest.approx(np.tile(motion["omega"].values[-1], (40, 1)), rel=1e-12)
 
 
-@pytest.mark.parametrize("size", [2.0**-300, 2.0**20, 2.0**100, 2.0**300])
 @pytest.mark.parametrize(
-    "others", [{"kappa": 0.02}, {"kappa": 0.02, "damping": 0.004}, {"rotor": [0.0, 0.0, 0.1]}]
-)
-def test_how_heavy_a_body_is_costs_its_brake_no_digit(others: dict[str, Any], size: float) -> None:
-    """Every torque grows with the moments of inertia: the motion, its stop and its label are the
-    same to the last digit."""
-
-    def motion(size: float) -> Any:
-        kappa = {name: x * size for name, x in others.items() if name == "kappa"}
-        rotor = {name: [h * size for h in x] for name, x in others.items() if name == "rotor"}
-        moments = [size, 0.8 * size, 0.6 * size]
-        return hodo.run(
-            {
-                "model": "torques",
-                "inertia": moments,
-                "initial": {"p": 0.8, "q": 0.5, "r": 0.74},
-                "brake": 0.01 * size,
-                "time": {"end": 300, "samples": 13},
-                "max_steps": 10_000,
-            }
-            | others
-            | kappa
-            | rotor
-        )
-
-    known, seen = motion(1.0), motion(size)
-    assert seen["event_time"].values == pytest.approx(known["event_time"].values, rel=1e-13)
-    assert seen["event_from"].values == known["event_from"].values != 0
-    assert seen["omega"].values == pytest.approx(known["omega"].values, abs=1e-12)
-    assert seen.attrs["error"] < 1e-11
-
-
-@pytest.mark.parametrize(
-    ("model", "key", "label"),
+    ("terms", "key", "label"),
     [
-        ("torques", "resistance.1.1", "I_{22}"),
-        ("linear-diag", "attitude.euler.0", r"\mathrm{euler}_1"),
+        ({"resistance": np.diag([0.001, 0.002, 0.003]).tolist()}, "resistance.1.1", "I_{22}"),
+        ({"attitude": {"euler": [0.1, 0.2, 0.3]}}, "attitude.euler.0", r"\mathrm{euler}_1"),
     ],
 )
-def test_a_swept_number_has_the_symbol_of_its_coefficient(model: str, key: str, label: str) -> None:
-    of_model: dict[str, Any] = {
-        "torques": {
-            "kappa": fading(0.01),
-            "resistance": [[0.001, 0, 0], [0, 0.002, 0], [0, 0, 0.003]],
-        },
-        "linear-diag": {"attitude": {"euler": [0.1, 0.2, 0.3]}},
-    }
-    swept = hodo.sweep(
-        {
-            "model": model, "inertia": BODY, "initial": C, "time": {"end": 1}, "error": "off",
-            "method": "DOP853",  # or else seven systems are compiled, for their symbols alone
-            "damping": 0.004,
-            **of_model[model], "sweep": {key: {"values": [0.001, 0.002]}},
-        }
-    )  # fmt: skip
-    variable = "end_axis" if "end_axis" in swept else "crossings"
-    figure = hodo.plot(swept, kind="curve", variable=variable, x=key)
+def test_a_swept_number_has_the_symbol_of_its_coefficient(terms: Any, key: str, label: str) -> None:
+    case = {"model": "torques", "inertia": BODY, "initial": C, "time": {"end": 1}, "error": "off"}
+    case |= {"damping": 0.004, "method": "DOP853", "sweep": {key: {"values": [0.001, 0.002]}}}
+    figure = hodo.plot(hodo.sweep(case | terms), kind="curve", variable="end_axis", x=key)
     assert figure.axes[0].get_xlabel().startswith(f"${label}$")
 
 
@@ -762,11 +595,10 @@ ALL_TORQUES: dict[str, Any] = {
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("beside", [None, "rotor"])
-@pytest.mark.parametrize("name", ALL_TORQUES)
-def test_a_body_under_every_torque_has_an_attitude(name: str, beside: str | None) -> None:
+@pytest.mark.parametrize("names", [*ALL_TORQUES, "brake rotor", "kappa rotor", "quadratic rotor"])
+def test_a_body_under_every_torque_has_an_attitude(names: str) -> None:
     """A series against a Runge-Kutta method, alone and beside a rotor."""
-    torques = {key: ALL_TORQUES[key] for key in (name, beside) if key}
+    torques = {key: ALL_TORQUES[key] for key in names.split()}
     case = {"model": "torques", "inertia": BODY, "initial": B, "time": {"end": 20, "samples": 21}}
     plain, turned, other = (
         hodo.run(case | torques | {"error": "off"} | keys)
@@ -777,7 +609,7 @@ def test_a_body_under_every_torque_has_an_attitude(name: str, beside: str | None
     np.testing.assert_allclose(turned.attitude, other.attitude, atol=1e-9)
 
 
-@pytest.mark.parametrize("precision", ["double", "extended", "quadruple"])
+@pytest.mark.parametrize("precision", ["double", "extended"])
 def test_the_crossing_of_a_full_tensor_errs_by_no_more_than_it_states(precision: str) -> None:
     # Beside a touch of the separatrix, where one ulp in a principal moment moves the crossing by
     # 4.7e-15. The true time is that of a Taylor series in 200 bits that shares no code with hodo.
@@ -801,15 +633,6 @@ def test_a_brake_stops_a_body_under_a_torque_that_hangs_on_its_attitude() -> Non
     ds = run(C, 60, **terms)
     assert ds.attrs["status"] == "ok"
     assert not ds.omega.values[-1].any()
-    assert ds.attrs["error"] < 1e-13
-
-
-@pytest.mark.parametrize("precision", ["double", "extended"])
-def test_a_body_with_a_rotor_turns_on_behind_its_stop(precision: str) -> None:
-    # Its reference in the next wider precision turns on by as much.
-    terms = {"brake": 0.05, "rotor": [0.3, 0, 0.1], "attitude": True, "precision": precision}
-    ds = run(C, 60, **terms)
-    assert ds.omega.values[-1] == pytest.approx([-0.3, 0, -0.1 / 0.6], abs=1e-15)
     assert ds.attrs["error"] < 1e-13
 
 

@@ -155,16 +155,7 @@ def test_units_are_products_of_powers(variable: str, time: str, inertia: str, wr
 
 
 def test_keys_of_a_sweep_have_units_too() -> None:
-    body = scaled(BODY, (1, 1)) | {"model": "cavity+constant", "inertia_unit": "g cm^2"}
-    axis = {"kappa": {"values": [0.001, 0.002]}}
-    swept = hodo_cli.sweep(body | {"time": {"end": 1, "unit": "s"}, "sweep": axis})
-    assert swept.kappa.attrs["units"] == "g cm^2 s"
-    axes = hodo_cli.plot(swept, kind="curve", variable="crossings", x="kappa").axes[0]
-    assert axes.get_xlabel().endswith("[g cm$^{2}$ s]")
-    assert not (axes.get_yticks() % 1).any()
-
-
-def test_keys_within_a_swept_key_have_their_own_units() -> None:
+    """Those within a key their own."""
     units = {
         "attitude.euler.1": "rad",
         "damping.0": "1/s",
@@ -172,15 +163,18 @@ def test_keys_within_a_swept_key_have_their_own_units() -> None:
         "torque.1": "kg m^2/s^2",
         "constants.k": "1",
     }
-    law = "0.1*(1 + k*t)**-1"
-    swept = hodo_cli.sweep(
-        {"model": "torques", "inertia": [3, 2, 1], "initial": {"p": 1, "q": 1, "r": 1}}
-        | {"damping": [0.1, 0.1, law], "quadratic": 0.1, "torque": 0.1, "constants": {"k": 0.1}}
-        | {"attitude": {"euler": [0.1, 0.2, 0.3]}, "inertia_unit": "kg m^2"}
-        | {"time": {"end": 1, "unit": "s"}, "error": "off"}
-        | {"sweep": {key: {"values": [0.2]} for key in units}}
-    )
+    case = {"model": "torques", "inertia": [3, 2, 1], "initial": {"p": 1, "q": 1, "r": 1}}
+    case |= {"damping": [0.1, 0.1, "0.1*(1 + k*t)**-1"], "quadratic": 0.1, "torque": 0.1}
+    case |= {"constants": {"k": 0.1}, "attitude": {"euler": [0.1, 0.2, 0.3]}, "error": "off"}
+    case |= {"inertia_unit": "kg m^2", "time": {"end": 1, "unit": "s"}, "method": "DOP853"}
+    swept = hodo_cli.sweep(case | {"sweep": {key: {"values": [0.2]} for key in units}})
     assert {key: swept.coords[key].attrs["units"] for key in units} == units
+    body = scaled(BODY, (1, 1)) | {"model": "cavity+constant", "inertia_unit": "g cm^2"}
+    axis = {"kappa": {"values": [0.001, 0.002]}}
+    swept = hodo_cli.sweep(body | {"time": {"end": 1, "unit": "s"}, "sweep": axis, "error": "off"})
+    axes = hodo_cli.plot(swept, kind="curve", variable="crossings", x="kappa").axes[0]
+    assert axes.get_xlabel().endswith("[g cm$^{2}$ s]")
+    assert not (axes.get_yticks() % 1).any()
 
 
 def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
@@ -229,49 +223,38 @@ def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
     assert stored["s"]["crossing_G"].attrs["units"] == "kg m^2/s"
 
 
-@pytest.mark.parametrize("rate", [2.0**-60, 2.0**10])
-@pytest.mark.parametrize("slowness", [1.0, 1e-13])
-def test_averaged_motions_pass_in_any_unit_of_time(rate: float, slowness: float) -> None:
-    # In seconds a body of the sky slows down by 1e-17 of its speed: the terms of a series in them
-    # are below the smallest double, and a passage was lost without a word.
-    def passage(rate: float) -> Any:
-        of_time = 1 / rate, 1.0
-        data = scaled(BODY | {"damping": DAMPING}, of_time)
-        data["damping"] = [slowness * number for number in data["damping"]]
-        time = {"end": 1000 / rate / slowness, "samples": 3}
-        return hodo_cli.run({"model": "linear-diag", "form": "averaged", "time": time} | data)
-
-    here, there = passage(1.0), passage(rate)
-    assert there.attrs["status"] == "ok"
-    assert there.attrs["error"] < 1e-11
-    np.testing.assert_allclose(there.crossing_time * rate, here.crossing_time, rtol=1e-11)
+def averaged_in(of_time: float, model: str, other: dict[str, Any], end: float) -> Any:
+    """An averaged motion, in a unit of time that makes it so many times as long."""
+    data = scaled(DATA[model] | other, (of_time, 1.0))
+    time = {"end": end * of_time, "samples": 5}
+    return hodo_cli.run({"model": model, "form": "averaged", "time": time} | data)
 
 
-TRIAXIAL = {"inertia": [1, 0.8, 0.6], "initial": DATA["linear-diag"]["initial"]}
+TRIAXIAL = {"inertia": [1, 0.8, 0.6], "initial": OMEGA, "torque": [0.0, 0.0, 0.0]}
+SLOW = {"damping": [(1e-13 * x, -1, 0) for x, *_ in DAMPING]}
 
 
 @pytest.mark.parametrize(
-    ("model", "other", "powers"),
+    ("model", "other", "end", "powers"),
     [
-        ("linear-diag", {}, {"momentum": 1, "J": 0}),
-        ("tensor", {}, {"momentum": 1, "J": 0}),
-        ("cavity+constant", TRIAXIAL | {"torque": [0.0, 0.0, 0.0]}, {"momentum": 1, "J": 0}),
-        ("cavity+constant", {}, {"x": 2, "y": 2}),
+        ("linear-diag", {}, 400, {"momentum": 1, "J": 0, "crossing_time": -1}),
+        # In seconds a body of the sky slows down by 1e-17 of its speed: the terms of a series in
+        # them are below the smallest double, and a passage was lost without a word.
+        ("linear-diag", SLOW, 1e16, {"momentum": 1, "J": 0, "crossing_time": -1}),
+        ("tensor", {}, 400, {"momentum": 1, "J": 0}),
+        ("cavity+constant", TRIAXIAL, 400, {"momentum": 1, "J": 0}),
+        ("cavity+constant", {}, 400, {"x": 2, "y": 2}),
     ],
 )
+@pytest.mark.parametrize("rate", [2.0**-60, 2.0**100])
 def test_averaged_motions_are_alike_in_units_of_any_size(
-    model: str, other: dict[str, Any], powers: dict[str, int]
+    model: str, other: dict[str, Any], end: float, powers: dict[str, int], rate: float
 ) -> None:
-    def motion(of_time: float) -> Any:
-        data = scaled(DATA[model] | other, (of_time, 1.0))
-        time = {"end": 400 * of_time, "samples": 5}
-        return hodo_cli.run({"model": model, "form": "averaged", "time": time} | data)
-
-    here, there = motion(1.0), motion(2.0**-100)
+    here, there = (averaged_in(x, model, other, end) for x in (1.0, 1 / rate))
     assert there.attrs["status"] == "ok"
     assert there.attrs["error"] < 1e-11
     for name, power in powers.items():
-        np.testing.assert_allclose(there[name] * 2.0 ** (-100 * power), here[name], rtol=1e-11)
+        np.testing.assert_allclose(there[name] / rate**power, here[name], rtol=1e-11)
 
 
 @pytest.mark.heyoka
@@ -305,34 +288,15 @@ def test_members_pass_in_any_unit_of_time() -> None:
 def test_axes_have_a_dash_where_the_case_has_no_units_and_nothing_where_one_is_lacking(
     time_unit: str, inertia_unit: str, labels: list[str]
 ) -> None:
-    motion = hodo_cli.run(
-        {
-            "model": "linear-diag",
-            "inertia": [1, 0.8, 0.6],
-            "inertia_unit": inertia_unit,
-            "damping": 0.01,
-            "initial": {"p": 0.8, "q": 0.5, "r": 0.74},
-            "time": {"end": 10, "unit": time_unit},
-        }
-    )
+    body = scaled(BODY, (1, 1)) | {"model": "linear-diag", "inertia_unit": inertia_unit}
+    motion = hodo_cli.run(body | {"time": {"end": 10, "unit": time_unit}})
     drawn = hodo_cli.plot(motion, kind="series", variables=["p", "T"])
     assert [axes.get_ylabel() for axes in drawn.axes] == labels
 
 
 def test_the_slow_time_of_a_top_is_not_named_as_the_time() -> None:
     """Its axis is tau = epsilon t, in a unit or not: as t it was 1/epsilon times too short."""
-    motion = hodo_cli.run(
-        {
-            "model": "Lagrange-averaged",
-            "form": "full",
-            "inertia": {"A": 1.5, "C": 1},
-            "mu": 0.5,
-            "epsilon": 0.05,
-            "a": 0.125,
-            "b": 0.1,
-            "initial": {"theta": 0.785, "r": 1.7},
-            "time": {"end": 1, "samples": 101, "unit": "s"},
-        }
-    )
+    top = scaled(TOP, (1, 1)) | {"model": "Lagrange-averaged", "form": "full", "epsilon": 0.05}
+    motion = hodo_cli.run(top | {"time": {"end": 1, "samples": 101, "unit": "s"}})
     (axes,) = hodo_cli.plot(motion, kind="series", variables=["Gz"]).axes
     assert axes.get_xlabel() == r"$\tau$ [s]"

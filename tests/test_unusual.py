@@ -25,28 +25,6 @@ STARTS = {
     "initial": {"p": 0, "q": 0, "G": 1},
     "time": {"end": 300},
 }
-# In it the first value of damping lets no start cross.
-GRID = {
-    **STARTS,
-    "initial": BODY["initial"],
-    "sweep": {
-        "damping.0": {"linspace": [0.003, 0.007, 5]},
-        "inertia.2": {"values": [0.6, 0.9]},
-        "damping.2": {"values": [0.001, 0.002]},
-    },
-}
-LARGE = {"font_size": 20}
-CASES = """
-defaults: {{model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0, time: {{end: 1}},
-  initial: {{p: 0, q: 0, G: 1}}}}
-cases:
-  a: {{}}
-  b: {{damping: 0.1}}
-  c: {{initial: {{p: 0, r: 0, G: 1}}}}
-  starts: {{sweep: {{direction: {{sphere: {{count: 3}}}}}}}}
-  line: {{sweep: {{damping.0: {{values: [1, 2]}}}}}}
-figures: {{f: {}}}
-"""
 
 
 @pytest.fixture(scope="module")
@@ -59,11 +37,6 @@ def dying() -> xr.Dataset:
 @pytest.fixture(scope="module")
 def turning() -> xr.Dataset:
     return hodo.run({**BODY, "damping": [0.005, 0.004, 0.003], "time": {"end": 1000}})
-
-
-@pytest.fixture(scope="module")
-def grid() -> xr.Dataset:
-    return hodo.sweep(GRID)
 
 
 def drawn(*args: Any, **keys: Any) -> Figure:
