@@ -635,7 +635,7 @@ MISTAKEN = [
      "check.formula: column 6 of the expression: unknown name"),
     ("cases: turning, check: {kind: formula, of: r}", "check: missing 'formula'"),
     ("cases: turnin, check: {kind: crossings, least: 1}",
-     "cases.0: unknown case 'turnin'; did you mean 'turning'? (valid: slow, fast, "),
+     "cases.0: unknown case 'turnin'; did you mean 'turning'?"),
     (f"cases: [turning, turning], {TURNS}, over: {{damping.0: {{values: [-.inf]}}}}",
      "over.damping.0.values.0: expected a finite number, got -inf"),
     (f"cases: turning, {TURNS}, over: {{damping.0: {{values: []}}}}",
