@@ -4,10 +4,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
-from hodo_cli.functions import cos, exp, log, sin, sqrt
-from hodo_cli.models.base import Constants, Label, Model
-from hodo_cli.models.rigid_body import INERTIA, INITIAL, BodyFrame
-from hodo_cli.schema.kinds import Key, Number, vector
+from hodo_cli import functions
+from hodo_cli.models import base, rigid_body
+from hodo_cli.schema import kinds
 
 
 def free(p: Any, q: Any, r: Any, k: Any) -> tuple[Any, Any, Any]:
@@ -20,7 +19,7 @@ def free(p: Any, q: Any, r: Any, k: Any) -> tuple[Any, Any, Any]:
 
 
 @dataclass(frozen=True)
-class Waving(BodyFrame):
+class Waving(rigid_body.BodyFrame):
     """Equal damping -m'/m, m = 1 + a sin(b t), from the time itself."""
 
     depth: float
@@ -28,21 +27,21 @@ class Waving(BodyFrame):
 
     name = "waving"
     form = "full"
-    keys: ClassVar[dict[str, Key]] = {
-        "inertia": INERTIA,
-        "depth": Key(Number(), "a"),
-        "rate": Key(Number(), "b"),
-        "initial": INITIAL,
+    keys: ClassVar[dict[str, kinds.Key]] = {
+        "inertia": rigid_body.INERTIA,
+        "depth": kinds.Key(kinds.Number(), "a"),
+        "rate": kinds.Key(kinds.Number(), "b"),
+        "initial": rigid_body.INITIAL,
     }
 
     @staticmethod
     def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
         p, q, r = y[:3]
-        rate = k.a * k.b * cos(k.b * t) / (1 + k.a * sin(k.b * t))
+        rate = k.a * k.b * functions.cos(k.b * t) / (1 + k.a * functions.sin(k.b * t))
         return tuple(f + rate * x for f, x in zip(free(p, q, r, k), y, strict=True))
 
     @cached_property
-    def constants(self) -> Constants:
+    def constants(self) -> base.Constants:
         return {**super().constants, "a": self.depth, "b": self.rate}
 
 
@@ -53,7 +52,9 @@ class Oscillating(Waving):
     name = "oscillating"
     form = "full"
     state = ("p", "q", "r", "s", "c")
-    variables: ClassVar[dict[str, Label]] = BodyFrame.variables | {"s": Label(("time",), "sine")}
+    variables: ClassVar[dict[str, base.Label]] = rigid_body.BodyFrame.variables | {
+        "s": base.Label(("time",), "sine")
+    }
 
     @staticmethod
     def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
@@ -68,29 +69,35 @@ class Oscillating(Waving):
 
 
 @dataclass(frozen=True)
-class Disguised(BodyFrame):
+class Disguised(rigid_body.BodyFrame):
     """Damping about three axes, times functions that are 1 together."""
 
     damping: tuple[float, float, float]
 
     name = "disguised"
     form = "full"
-    keys: ClassVar[dict[str, Key]] = {
-        "inertia": INERTIA,
-        "damping": Key(vector(3), "lambda"),
-        "initial": INITIAL,
+    keys: ClassVar[dict[str, kinds.Key]] = {
+        "inertia": rigid_body.INERTIA,
+        "damping": kinds.Key(kinds.vector(3), "lambda"),
+        "initial": rigid_body.INITIAL,
     }
 
     @staticmethod
     def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
         p, q, r = y
         square = (p * p + r * r) / (p * p + q * q + r * r)
-        one = sin(square) ** 2 + sqrt(cos(square) ** 4) + exp(log(1 + square)) - 1 - square
+        one = (
+            functions.sin(square) ** 2
+            + functions.sqrt(functions.cos(square) ** 4)
+            + functions.exp(functions.log(1 + square))
+            - 1
+            - square
+        )
         terms = zip(free(p, q, r, k), k.lam, y, strict=True)
         return tuple(f - one * lam * x for f, lam, x in terms)
 
     @cached_property
-    def constants(self) -> Constants:
+    def constants(self) -> base.Constants:
         return {**super().constants, "lam": self.damping}
 
 
@@ -101,11 +108,13 @@ class Driven(Waving):
     name = "driven"
     form = "full"
     state = ("p", "q", "r", "s")
-    variables: ClassVar[dict[str, Label]] = BodyFrame.variables | {"s": Label(("time",), "sine")}
+    variables: ClassVar[dict[str, base.Label]] = rigid_body.BodyFrame.variables | {
+        "s": base.Label(("time",), "sine")
+    }
 
     @staticmethod
     def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
-        return (*free(*y[:3], k), k.a * k.b * cos(k.b * t))
+        return (*free(*y[:3], k), k.a * k.b * functions.cos(k.b * t))
 
     @property
     def start(self) -> tuple[float, ...]:
@@ -113,7 +122,7 @@ class Driven(Waving):
 
 
 @dataclass(frozen=True)
-class Swing(Model):
+class Swing(base.Model):
     """No body: u = u0 + a sin(b t), and v, which falls beside it."""
 
     depth: float
@@ -122,22 +131,24 @@ class Swing(Model):
 
     name = "swing"
     form = "full"
-    keys: ClassVar[dict[str, Key]] = {
-        name: Key(Number(), name) for name in ("depth", "rate", "initial")
+    keys: ClassVar[dict[str, kinds.Key]] = {
+        name: kinds.Key(kinds.Number(), name) for name in ("depth", "rate", "initial")
     }
     state = ("u", "v")
-    variables: ClassVar[dict[str, Label]] = {name: Label(("time",), name) for name in ("u", "v")}
+    variables: ClassVar[dict[str, base.Label]] = {
+        name: base.Label(("time",), name) for name in ("u", "v")
+    }
 
     @staticmethod
     def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
-        return k.a * k.b * cos(k.b * t), -0.1 * y[1]
+        return k.a * k.b * functions.cos(k.b * t), -0.1 * y[1]
 
     @staticmethod
     def output(t: Any, y: Any, k: Any) -> dict[str, Any]:
         return {"u": y[:, 0], "v": y[:, 1]}
 
     @property
-    def constants(self) -> Constants:
+    def constants(self) -> base.Constants:
         return {"a": self.depth, "b": self.rate}
 
     @property
