@@ -129,30 +129,6 @@ def test_cases_that_are_added_and_changed_beside_an_unfinished_run(
     assert found["c2"]["omega"][0, 0] == 0.7
 
 
-def test_two_runs_at_once_both_end_well(tmp_path: Path, hodo: Hodo) -> None:
-    written(tmp_path, BATCH)
-    halves = [
-        faults.started(tmp_path, "run", "x.yaml", "--out", ".", "--case", pattern)
-        for pattern in ("c?", "c1?")
-    ]
-    assert [process.wait() for process in halves] == [0, 0]
-    for process in halves:
-        process.communicate()
-    assert {*numbers(tmp_path / "x.h5")} == {f"c{i}" for i in range(16)}
-    assert hodo("run", "x.yaml", "--out", ".", "-v").stderr.count(": is kept") == 16
-
-
-def test_a_worker_that_is_killed_costs_its_own_task(tmp_path: Path) -> None:
-    written(tmp_path, LONG)
-    with faults.started(tmp_path, "run", "x.yaml", "--out", ".", "-j", "2", "-v") as process:
-        finished_in(process, 4)
-        for child in set(faults.members(process.pid)) - {process.pid}:
-            os.kill(child, 9)
-        said = process.communicate()[1]
-    assert process.returncode == 0, said
-    assert len(numbers(tmp_path / "x.h5")) == 18
-
-
 # What `run` replaces, and what not.
 
 
