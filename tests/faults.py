@@ -70,9 +70,9 @@ SWEEP = """\
     initial: {p: 0.8, q: 0.5, r: 0.74}
     time: {end: 400}
     error: off
-    sweep: {damping.2: {linspace: [0.001, 0.009, 120]}, damping.0: {linspace: [0.004, 0.006, 100]}}
+    sweep: {damping.2: {linspace: [0.001, 0.009, 60]}, damping.0: {linspace: [0.004, 0.006, 100]}}
 """
-"""One more case of `BATCH`: 12,000 members in a dozen chunks."""
+"""One more case of `BATCH`: 6,000 members in half a dozen chunks."""
 
 Numbers = dict[str, dict[str, np.ndarray]]
 Count = Counter[str]
@@ -468,7 +468,7 @@ def preloaded(trial: str, folder: Path, *limits: int) -> Count:
 
 def fail_calls(folder: Path, most: int, step: int = 1) -> Count:
     """Let the N-th call that reads or writes fail in a run, a classification or figures, once and
-    for ever, for every N up to so many, or each `step`-th, of classifications more."""
+    for ever, for every N up to so many, or each `step`-th."""
     return preloaded("calls", folder, most, step)
 
 
@@ -485,12 +485,12 @@ def calls_fail(library: Path, folder: Path, most: int, step: int) -> Count:
         assert call(folder / "x", *COMMANDS[command]).returncode == 0
     states = before, numbers(folder / "x" / "x.h5")
     for name in COMMANDS:
-        # What a classification writes is looked at most closely, and takes the least time.
-        of_command = range(1, most + 1, step if name != "classify" else max(1, step // 12))
         for kind in range(4):
             reads, forever = divmod(kind, 2)
             what = f"{name}: {'reads' if reads else 'writes'} {'for ever' if forever else 'once'}"
-            for first in of_command:
+            # What a classification writes is looked at most closely: it takes the least time.
+            is_closer = what == "classify: writes once"
+            for first in range(1, most + 1, max(1, step // 12) if is_closer else step):
                 number = errno.EIO if reads or first % 2 else errno.ENOSPC
                 fault = partial(arm, bytes(folder / "work"), first, forever, reads, number)
                 calls = one_fails(folder, name, states, fault)
