@@ -122,7 +122,7 @@ def test_every_model_is_documented() -> None:
 @documents
 def test_case_files_are_right(name: str) -> None:
     for text in snippets(name, "yaml"):
-        # Models of one's own, which test_any_torque.py and test_own_models.py define.
+        # Models of one's own, which test_own_models.py defines.
         if "quadratic-drag" in text or "model: heavy" in text:
             continue
         case = (
