@@ -93,9 +93,13 @@ def test_what_still_runs_is_given_up_at_the_end(tmp_path: Path) -> None:
 # Runs.
 
 
-def test_what_a_task_prints_is_no_answer() -> None:
+def test_what_a_task_prints_is_no_answer(capfd: pytest.CaptureFixture[str]) -> None:
+    """Nor a part of a table or of JSON, which go to the output of the command."""
     with Pool(2) as workers:
         assert dict(workers.map(tell, ["said", "ready"])) == {"said": "", "ready": ""}
+    printed = capfd.readouterr()
+    assert printed.out == ""
+    assert "said" in printed.err
 
 
 @pytest.fixture
