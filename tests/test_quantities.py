@@ -78,6 +78,10 @@ def test_quantities_in_space_are_those_of_the_definitions() -> None:
     turned = Rotation.from_quat(whole.attitude.data, scalar_first=True)
     G = turned.apply(whole.omega.data * BODY["inertia"])
     np.testing.assert_allclose(whole.G_space, G, atol=1e-15)
+    # With that of the fluid: G - kappa omega', of the free body.
+    momentum = whole.omega.data * BODY["inertia"]
+    fluid = BODY["kappa"] * np.cross(momentum, whole.omega.data) / BODY["inertia"]
+    np.testing.assert_allclose(whole.total_space, turned.apply(momentum - fluid), atol=1e-15)
     np.testing.assert_allclose(
         Rotation.from_rotvec(whole.rotation.data).as_matrix(), turned.as_matrix(), atol=1e-14
     )
