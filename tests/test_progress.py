@@ -55,14 +55,6 @@ def shown_on_terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
     return terminal
 
 
-def test_a_terminal_of_unknown_width_shows_it_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal = shown_on_terminal(monkeypatch)
-    termios.tcsetwinsize(terminal.file.fileno(), (0, 0))
-    with progress.Progress(4) as shown:
-        assert list(shown.starting(["fig4", "fig5"])) == ["fig4", "fig5"]
-        terminal.wait_for("fig4, fig5")
-
-
 def test_a_terminal_shows_what_runs_and_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = shown_on_terminal(monkeypatch)
     monkeypatch.setattr(warnings, "showwarning", lambda said, *_: print(said, file=terminal.file))
@@ -83,6 +75,14 @@ def test_a_terminal_shows_what_runs_and_how_far_it_is(monkeypatch: pytest.Monkey
     terminal.wait_for("end")
     *_, cleared, end = terminal.text.split("\r")[:-1]
     assert (cleared.strip(" "), end) == ("", "end")
+
+
+def test_a_terminal_of_unknown_width_shows_it_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = shown_on_terminal(monkeypatch)
+    termios.tcsetwinsize(terminal.file.fileno(), (0, 0))
+    with progress.Progress(4) as shown:
+        assert list(shown.starting(["fig4", "fig5"])) == ["fig4", "fig5"]
+        terminal.wait_for("fig4, fig5")
 
 
 class Heard(progress.Progress):
