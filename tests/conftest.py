@@ -59,9 +59,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    from hodo_cli.engines import have_quadruple, have_taylor  # late: the cache has its folder now
+    from hodo_cli import engines  # late: the cache has its folder now
 
-    for marker, met in (("heyoka", have_taylor), ("quadruple", have_quadruple)):
+    for marker, met in (("heyoka", engines.have_taylor), ("quadruple", engines.have_quadruple)):
         wanting = [item for item in items if item.get_closest_marker(marker)]
         if wanting and not met():
             for item in wanting:
@@ -73,9 +73,9 @@ def quick_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Steps of sweeps compiled without optimisation, in a third of the time: for equations that one
     test alone has. They round otherwise; `test_taylor_batch.py` tries every form, and whatever
     promises bits, with the code that users run."""
-    from hodo_cli.engines import have_taylor  # late, as above
+    from hodo_cli import engines  # late, as above
 
-    if have_taylor():
+    if engines.have_taylor():
         from hodo_cli.engines import taylor_batch as batch
 
         compiled = batch.compiled_function

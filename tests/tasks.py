@@ -44,7 +44,7 @@ def stay(task: tuple[float, Path]) -> None:
 
 
 def tell(text: str) -> str:
-    print(text)
+    os.write(1, text.encode())  # as a library may, past Python's own stream
     return sys.stdin.read()
 
 

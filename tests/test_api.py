@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from conftest import ROOT, Hodo
+from matplotlib.colors import to_hex
 
 import hodo_cli
 import hodo_cli as api
@@ -136,70 +137,63 @@ def test_a_case_that_another_run_adds_after_the_plan_is_kept(
     assert {*api.open(path)} == {"a", "b", "c"}
 
 
-@pytest.mark.parametrize(
-    ("cases", "options", "words"),
-    [
-        ([FIG4], {"to": "mine.nc"}, "to: expected a name that ends with .h5, got 'mine.nc'"),
-        ([FIG4], {"jobs": 0}, "jobs: expected a whole number >= 1, got 0"),
-        ([FIG4, 3], {}, "expected a Case or a mapping of its keys to values, got 3"),
-        ([Case.of(FIG4), Case.of(FIG4)], {}, "two of the cases have one name"),
-        ([FIG4 | {"damping": "x"}], {}, "damping: expected a finite number, got 'x'"),
-    ],
-)
-def test_wrong_lists_of_cases_are_one_line(cases: Any, options: Any, words: str) -> None:
+SHORT = {**FIG4, "time": {"end": 10, "samples": 11}}
+RANGES = {"damping.2": {"values": [0.003, 0.007]}, "damping.0": {"values": [0.005, 0.006]}}
+WRONG: list[tuple[Callable[..., object], Any, dict[str, Any], str]] = [
+    (api.run, FIG4 | {"damping": [1, 2]}, {}, "damping: expected 3 numbers or one for all, got a "),
+    (api.run, FIG4 | {"damping": 1 + 2j}, {}, "damping: expected a finite number, got (1+2j)"),
+    (api.run, FIG4 | {"damping": len}, {}, "damping: expected a finite number, got <built-in func"),
+    (Case.of, FIG4 | {"damping": np.clongdouble(1)}, {}, "damping: expected a finite number, got "),
+    (Case.of, FIG4 | {"dampin": 1}, {}, "dampin: unknown key; did you mean 'damping'?"),
+    (api.run, {**FIG4, 5: 1}, {}, "5: unknown key"),
+    (api.run, {}, {}, "missing 'model', 'time'"),
+    (api.run, FIG4 | {"sweep": RANGES}, {}, "sweep: this case is a sweep: use hodo.sweep"),
+    (api.sweep, FIG4, {}, "sweep: missing: use hodo.run for a single case"),
+    (api.run, [FIG4], {"to": "mine.nc"}, "to: expected a name that ends with .h5, got 'mine.nc'"),
+    *((api.run, [FIG4], {"jobs": jobs}, f"jobs: expected a whole number >= 1, got {shown}")
+      for jobs, shown in ((0, "0"), (-1, "-1"), ("2", "'2'"), (1.5, "1.5"), (True, "true"))),
+    *((api.run, FIG4, {"classify": value}, "classify: expected True or False, got")
+      for value in (7, "no", None, np.float64(1))),
+    (api.run, [FIG4, 3], {}, "expected a Case or a mapping of its keys to values, got 3"),
+    (api.run, 3, {}, "expected a Case or a mapping of its keys to values, got 3"),
+    (api.run, "mine.yaml", {}, "expected a Case or a mapping of its keys to values, got 'mine.y"),
+    (api.run, [Case.of(FIG4), Case.of(FIG4)], {}, "two of the cases have one name"),
+    (api.Case, FIG4, {}, "Case.of makes a case of a mapping"),
+    *((api.plot, data, {}, "expected a dataset or several, as run gives them, got")
+      for data in (3, [3], [])),
+]  # fmt: skip
+"""Functions, their argument and options, and how the error begins."""
+
+
+@pytest.mark.parametrize(("function", "given", "options", "words"), WRONG)
+def test_a_wrong_argument_is_one_line(
+    function: Callable[..., object], given: Any, options: dict[str, Any], words: str
+) -> None:
     with pytest.raises(HodoError) as raised:
-        api.run(cases, **options)
+        function(given, **options)
     assert str(raised.value).startswith(words)
+    assert "\n" not in str(raised.value)
 
 
-@pytest.mark.parametrize("dtype", [np.longdouble, np.float32, np.float16, np.int8])
-def test_numbers_of_all_precisions_are_numbers(dtype: type) -> None:
-    moments = np.array([3, 2.5, 2], dtype=dtype)
-    case = Case.of(FIG4 | {"inertia": moments, "damping": dtype(1)})
-    assert case == Case.of(FIG4 | {"inertia": moments.astype(float).tolist(), "damping": 1.0})
-    with pytest.raises(HodoError, match="expected a finite number"):
-        Case.of(FIG4 | {"damping": np.clongdouble(1)})
-
-
-def test_a_range_stands_where_a_file_has_a_list() -> None:
-    ranges = [{"sweep": {"damping.0": {"values": values}}} for values in (range(3), [0, 1, 2])]
-    first, second = (Case.of(FIG4 | sweep) for sweep in ranges)
-    assert first == second
-
-
-def test_numbers_of_numpy_are_numbers() -> None:
-    made = api.run({**FIG4, "damping": np.array([0.005, 0.004, 0.003])}, classify=False)
-    assert made.identical(made)
+def test_numbers_of_numpy_and_of_all_precisions_are_numbers() -> None:
+    ranges = {"sweep": {"damping.0": {"values": range(3)}}}
+    assert Case.of(FIG4 | ranges).sweep == {"damping.0": {"values": (0.0, 1.0, 2.0)}}
+    for dtype in (np.longdouble, np.float32, np.float16, np.int8):
+        moments = np.array([3, 2.5, 2], dtype=dtype)
+        case = Case.of(FIG4 | {"inertia": moments, "damping": dtype(1)})
+        assert case == Case.of(FIG4 | {"inertia": moments.astype(float).tolist(), "damping": 1.0})
+    given = SHORT | {"damping": np.array([0.005, 0.004, 0.003])}
+    (made,) = api.run([given], classify=np.False_, jobs=np.int64(1))  # type: ignore[call-overload]
     assert "enclosed_axis" not in made
-    assert made.attrs["status"] == "ok"
-    np.testing.assert_array_equal(made.omega, api.run(FIG4).omega)
-
-
-@pytest.mark.parametrize(
-    ("case", "message"),
-    [
-        (
-            {**FIG4, "damping": [1, 2]},
-            "damping: expected 3 numbers or one for all, got a list of 2",
-        ),
-        ({**FIG4, "damping": 1 + 2j}, "damping: expected a finite number, got (1+2j)"),
-        (
-            {**FIG4, "damping": len},
-            "damping: expected a finite number, got <built-in func",
-        ),
-        ({**FIG4, "dampin": 1}, "dampin: unknown key; did you mean 'damping'?"),
-        ({}, "missing 'model', 'time'"),
-        ({**FIG4, "sweep": {"damping.2": {"values": [1]}}}, "use hodo.sweep"),
-    ],
-)
-def test_mistakes_name_the_key(case: dict[str, object], message: str) -> None:
-    with pytest.raises(HodoError) as raised:
-        api.run(case)
-    assert message in str(raised.value)
+    assert made.identical(made)
+    np.testing.assert_array_equal(made.omega, api.run(SHORT).omega)
+    assert api.sweep(SHORT | {"sweep": RANGES}, jobs=np.int8(1)).sizes["damping.2"] == 2  # type: ignore[arg-type]
+    assert api.run([]) == []
 
 
 def test_what_is_below_the_smallest_double_is_0_whatever_the_user_has_set() -> None:
     case = FIG4 | {"damping": [0.5, 0.4, 0.3], "time": {"end": 3000, "samples": 301}}
+    case |= {"error": "off"}
     usual = api.run(case)
     with np.errstate(under="raise"):
         motion = api.run(case)
@@ -228,22 +222,17 @@ def test_a_figure_is_drawn_of_datasets() -> None:
         drawn = np.interp(made.time, line.get_xdata(), line.get_ydata())
         np.testing.assert_allclose(drawn, (omega**2 @ [1, 0.8, 0.6]) / 2, rtol=1e-12)
     assert figure._repr_png_().startswith(b"\x89PNG")
-    with pytest.raises(HodoError, match=r"kind: expected .* did you mean .hodograph."):
-        api.plot(made, kind="hodograf")
-    with pytest.raises(HodoError, match="color: unknown key; did you mean 'colour'"):
-        api.plot(made, color="axis")
+    bare = made.drop_vars([name for name in made if "axis" in str(name) or "cross" in str(name)])
+    for kind in ("hodograph", "quadrants"):
+        assert "not classified" in words_of(api.plot(bare, kind=kind))
+    with pytest.raises(HodoError, match=r"^the case: its attributes hold no case"):
+        api.derive(made.drop_attrs(), "T")
 
 
-@pytest.mark.heyoka
-def test_a_map_of_a_label_names_what_its_colours_mean() -> None:
-    axes = {"initial.p": {"linspace": [0.1, 0.9, 5]}, "initial.r": {"linspace": [0.1, 0.9, 5]}}
-    case = {k: v for k, v in FIG4.items() if k != "initial"}
-    swept = api.sweep(case | {"initial": {"p": 0, "q": 0.5, "r": 0}, "error": "off", "sweep": axes})
-    figure = api.plot(swept, "map", variable="start_axis", x="initial.p", y="initial.r")
+def words_of(figure: Any) -> list[str]:
+    """The words in the legend of a figure."""
     (legend,) = figure.legends
-    labels = [text.get_text() for text in legend.get_texts()]
-    enclosed = "axis that the hodograph encloses at the start"
-    assert labels == [f"{enclosed}: $x_{axis}$" for axis in (1, 3)]
+    return [text.get_text() for text in legend.get_texts()]
 
 
 @pytest.mark.heyoka
@@ -252,6 +241,7 @@ def test_the_examples_of_the_docs_run(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setenv("MPLBACKEND", "agg")
     api.run(FIG4, name="fig4", to="runs/paper1.h5")
     text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    text = text.replace("0.007, 9]", "0.007, 3]").replace("0.01, 5]", "0.01, 2]")
     made: dict[str, Any] = {}
     exec("".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL)), made)
     assert made["motion"].crossing_time.item() == pytest.approx(305.358955, abs=1e-6)
@@ -282,23 +272,47 @@ def test_curves_of_a_sweep_show_its_values() -> None:
     shares = (made.end_axis == 1).mean("damping.0").values
     for line in several.axes[0].lines:
         np.testing.assert_allclose(line.get_ydata(), shares)
-    for wrong, message in (
-        ({"x": "damping.1"}, "sweep sweep has no axis damping.1 .its axes: damping.2, damping.0"),
-        (
-            {"x": "damping.2", "by": "damping.0", "at": [2]},
-            "the sweep has no position 2 on an axis 'damping.0'",
-        ),
-        (
-            {"x": "damping.2", "variable": "nothing"},
-            "the sweep has no variable 'nothing' .it has: omega, ",
-        ),
-        (
-            {"x": "damping.2", "variable": "end_axis"},
-            "end_axis is a label, without a mean: name a share",
-        ),
-    ):
-        with pytest.raises(HodoError, match=message):
-            api.plot(made, kind="curve", **{"variable": "crossing_time", **wrong})
+    # Colours of labels are those of the axes, and named.
+    (legend,) = (figure := api.plot(made, "map", **over | {"variable": "end_axis"})).legends
+    labels = (made.end_axis.values == 1).any(), (made.end_axis.values == 3).any()
+    assert labels == (True, True)
+    enclosed = "axis that the hodograph encloses at the end"
+    assert words_of(figure) == [f"{enclosed}: $x_{axis}$" for axis in (1, 3)]
+    shown = [to_hex(handle.get_facecolor()) for handle in legend.legend_handles]
+    assert shown == ["#0072b2", "#bf8200"]
+    assert {*map(to_hex, colours_of(figure.axes[0]))} == {*shown}
+
+
+def colours_of(axes: Any) -> np.ndarray:
+    """The colours (n, 4) of the cells of a map."""
+    (mesh,) = axes.collections
+    mesh.update_scalarmappable()
+    return np.asarray(mesh.get_facecolor())
+
+
+@pytest.mark.heyoka
+def test_keys_of_a_figure_that_do_not_fit_each_other_are_refused() -> None:
+    """As they are in a case file, and before anything is drawn."""
+    made, swept = api.run(SHORT, classify=False), api.sweep({**FIG4, "sweep": RANGES})
+    across = {"kind": "curve", "variable": "crossing_time", "x": "damping.2"}
+    for data, keys, message in (
+        (swept, {**across, "kind": "map", "y": "damping.2"}, "y: damping.2 is the axis of"),
+        (swept, {**across, "kind": "map"}, "missing 'y': a map has x and y"),
+        (swept, {"kind": "curve", "variable": "crossing_time"}, "missing 'x'"),
+        (swept, {**across, "x": "damping.1"},
+         "sweep sweep has no axis damping.1 (its axes: damping.2, damping.0"),
+        (swept, {**across, "by": "damping.0", "at": [2]},
+         "the sweep has no position 2 on an axis 'damping.0'"),
+        (swept, {**across, "variable": "nothing"}, "the sweep has no variable 'nothing' (it has: "),
+        (swept, {**across, "variable": "end_axis"}, "end_axis is a label, without a mean: name a "),
+        (made, {"labels": ["a", "b"]}, "labels: expected one for each of the cases, 1 in all, got"),
+        (made, {"kind": "series", "variables": ["G"], "span": [3, 2]}, "span: expected the lower"),
+        (made, {"kind": "series", "variables": ["Gz"]}, "the case has no gamma, which Gz needs"),
+        (made, {"kind": "hodograf"}, "kind: expected "),
+        (made, {"color": "axis"}, "color: unknown key; did you mean 'colour'"),
+    ):  # fmt: skip
+        with pytest.raises(HodoError, match=f"^{re.escape(message)}"):
+            api.plot(data, **keys)
 
 
 def test_ranges_of_an_angle_may_be_in_degrees() -> None:
@@ -324,84 +338,12 @@ def test_ranges_of_an_angle_may_be_in_degrees() -> None:
 
 
 @pytest.mark.heyoka
-def test_trajectories_are_samples_whatever_else_is_stored() -> None:
-    ranges = {"damping.2": {"values": [0.003, 0.004]}}
-    given = {**FIG4, "sweep": ranges, "store": ["trajectory", "crossing_time"]}
-    made = api.sweep(given)
-    assert made.omega.dims == ("damping.2", "time", "axis")
-    single = api.run({**FIG4, "damping": [0.005, 0.004, 0.004]}, classify=False)
-    # A member goes side by side with others, in steps that round differently: 1e-14 over 1000.
-    np.testing.assert_allclose(made.omega[1], single.omega, rtol=0, atol=1e-12)
-    assert set(made.data_vars) == {"omega", "crossing_time", "status"}
-
-
-def test_a_wrong_argument_says_what_is_right(tmp_path: Path, hodo: Hodo) -> None:
-    with pytest.raises(HodoError, match="expected a Case or a mapping of its keys"):
-        api.run(3)  # type: ignore[arg-type]
-    for data in (3, [3]):
-        with pytest.raises(HodoError, match="expected a dataset or several"):
-            api.plot(data)  # type: ignore[arg-type]
-    with pytest.raises(HodoError, match=r"expected a dataset or several, .* got a list of 0"):
-        api.plot([])
-    with pytest.raises(HodoError, match=r"Case\.of makes a case of a mapping"):
-        api.Case(FIG4)  # type: ignore[call-arg, arg-type]
-
-
-def test_a_case_is_made_of_a_mapping() -> None:
-    case = api.Case.of(FIG4, "first")
-    assert (case.name, case.time.end, case.precision) == ("first", 1000.0, "double")
-    assert {case: "it can be a key"}[api.Case.of(FIG4, "first")] == "it can be a key"
-    with pytest.raises(HodoError, match="dampin: unknown key"):
-        api.Case.of({**FIG4, "dampin": 1})
-
-
-@pytest.mark.heyoka
-def test_keys_of_a_figure_that_do_not_fit_each_other_are_refused() -> None:
-    """As they are in a case file, and before anything is drawn."""
-    made = api.run({**FIG4, "time": {"end": 10, "samples": 11}}, classify=False)
-    ranges = {"damping.2": {"values": [0.003, 0.007]}, "damping.0": {"values": [0.005, 0.006]}}
-    swept = api.sweep({**FIG4, "sweep": ranges})
-    across = {"variable": "crossing_time", "x": "damping.2"}
-    for data, keys, message in (
-        (swept, {"kind": "map", **across, "y": "damping.2"}, "y: damping.2 is the axis of"),
-        (swept, {"kind": "map", **across}, "^missing 'y': a map has x and y"),
-        (swept, {"kind": "curve", "variable": "crossing_time"}, "^missing 'x'$"),
-        (
-            made,
-            {"labels": ["a", "b"]},
-            "labels: expected one for each of the cases, 1 in all, got 2",
-        ),
-        (made, {"kind": "series", "variables": ["G"], "span": [3, 2]}, "span: expected the lower"),
-        (
-            made,
-            {"kind": "series", "variables": ["Gz"]},
-            "the case has no gamma, which Gz needs",
-        ),
-    ):
-        with pytest.raises(HodoError, match=message):
-            api.plot(data, **keys)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("kind", ["hodograph", "quadrants"])
-def test_a_motion_without_labels_is_drawn_and_its_legend_tells(kind: str) -> None:
-    made = api.run({**FIG4, "time": {"end": 10, "samples": 101}}, classify=False)
-    (legend,) = api.plot(made, kind=kind).legends
-    assert "not classified" in [text.get_text() for text in legend.get_texts()]
-
-
-def test_a_dataset_holds_plain_texts() -> None:
-    made = api.run({**FIG4, "max_steps": 10})
-    assert made.attrs["status"] == "timeout"
-    assert all(type(text) is str for text in made.attrs.values() if isinstance(text, str))
-
-
-@pytest.mark.heyoka
 def test_processes_do_not_run_the_script_that_starts_them(tmp_path: Path) -> None:
     script = f"""
 import hodo_cli as hodo
 print("once", flush=True)
 ranges = {{"damping.2": {{"values": [0.003, 0.007]}}}}
-made = hodo.sweep({{**{FIG4}, "sweep": ranges}}, jobs=2)
+made = hodo.sweep({{**{FIG4}, "error": "off", "sweep": ranges}}, jobs=2)
 print(made.crossings.values.tolist(), flush=True)
 """
     (tmp_path / "script.py").write_text(script)
@@ -417,10 +359,10 @@ def test_threads_get_the_numbers_that_one_gets(method: str) -> None:
     """Every sample and measured error, to the last bit, of cases that one integrator serves; and
     the process goes on showing warnings."""
     # Short enough for SciPy, and long enough that the threads take turns within it.
-    time = {"end": 200 if method == "auto" else 10, "samples": 101}
+    time = {"end": 100 if method == "auto" else 10, "samples": 101}
     drag = {"model": "torques", "space_torque": {"size": 0.02, "direction": [0, 0, 1]}}
     case = {**FIG4, **drag, "attitude": {"align": "G"}, "method": method, "time": time}
-    cases = [{**case, "damping": [0.0001 * i, 0.002, 0.0005]} for i in range(1, 9)]
+    cases = [{**case, "damping": [0.0001 * i, 0.002, 0.0005]} for i in range(1, 6)]
     with ThreadPoolExecutor(6) as threads:
         together = [*threads.map(api.run, cases)]
     assert ("ignore", None, Warning, None, 0) not in warnings.filters
@@ -428,19 +370,6 @@ def test_threads_get_the_numbers_that_one_gets(method: str) -> None:
         assert (ours.attrs["status"], ours.attrs["error"]) == ("ok", expected.attrs["error"])
         np.testing.assert_array_equal(ours.omega, expected.omega)
         np.testing.assert_array_equal(ours.enclosed_axis, expected.enclosed_axis)
-
-
-def test_a_case_that_is_not_in_a_file_is_named_with_those_that_are(
-    hodo: Hodo, tmp_path: Path
-) -> None:
-    keys = "".join(f"    {key}: {value}\n" for key, value in FIG4.items()).replace("'", "")
-    (tmp_path / "a.yaml").write_text("cases:\n  turns:\n" + keys)
-    hodo("run", "a.yaml")
-    opened = api.open(tmp_path / "runs" / "a.h5")
-    with pytest.raises(HodoError, match=r"unknown case 'nix' \(valid: turns\)"):
-        opened["nix"]
-    assert "nix" not in opened
-    assert opened.get("nix") is None
 
 
 VALUES = [None, 3, 2.5, True, "x", b"x", ["x"], [], {}, {"x": 1}, {1: 2}, Path("x"), object(), (),
@@ -471,40 +400,6 @@ def test_an_argument_of_a_wrong_type_is_one_error(function: str, tmp_path: Path)
                     call(**{**given, name: value})
 
 
-@pytest.mark.parametrize("given", [7, "no", None, np.float64(1)])
-def test_classify_is_true_or_false(given: object) -> None:
-    with pytest.raises(HodoError, match="classify: expected True or False, got"):
-        api.run(FIG4, classify=given)  # type: ignore[call-overload]
-
-
-def test_switches_and_numbers_of_numpy_are_taken() -> None:
-    case = {**FIG4, "time": {"end": 5, "samples": 3}}
-    assert "enclosed_axis" in api.run(case, classify=np.True_)  # type: ignore[call-overload]
-    (plain,) = api.run([case], classify=np.False_, jobs=np.int64(1))  # type: ignore[call-overload]
-    assert "enclosed_axis" not in plain
-    swept = {**case, "sweep": {"damping.2": {"values": [0.1, 0.2]}}}
-    made = api.sweep(swept, jobs=np.int8(1))  # type: ignore[arg-type]
-    assert made.sizes["damping.2"] == 2
-
-
-def test_a_dataset_without_its_attributes_is_called_the_case() -> None:
-    made = api.run({**FIG4, "time": {"end": 5, "samples": 3}})
-    with pytest.raises(HodoError, match=r"^the case: its attributes hold no case"):
-        api.derive(made.drop_attrs(), "T")
-
-
-@pytest.mark.parametrize("jobs", [0, -1, "2", 1.5, True])
-def test_a_number_of_processes_is_a_whole_one(jobs: object) -> None:
-    ranges = {"damping.2": {"values": [0.1, 0.2]}}
-    with pytest.raises(HodoError, match="jobs: expected a whole number >= 1, got"):
-        api.sweep({**FIG4, "sweep": ranges}, jobs=jobs)  # type: ignore[arg-type]
-
-
-def test_keys_that_are_no_text_are_unknown() -> None:
-    with pytest.raises(HodoError, match="5: unknown key"):
-        api.run({**FIG4, 5: 1})
-
-
 @pytest.mark.parametrize("times", [2, -1, 0.5])
 @pytest.mark.parametrize(
     "given", [{}, {"damping": 0.01, "model": "torques"}, {"inertia": [3, 5, 4]}]
@@ -515,17 +410,6 @@ def test_labels_of_another_motion_are_refused(times: float, given: dict[str, Any
     api.plot(data.assign(omega=times * data.omega), "hodograph")
     with pytest.raises(HodoError, match="after arithmetic with a whole dataset"):
         api.plot(data * times, "hodograph")
-
-
-def test_a_case_is_made_of_arrays_and_no_cases_give_no_datasets() -> None:
-    data = {
-        "model": "linear-diag", "inertia": np.array([1, 0.8, 0.6]), "damping": np.float64(0.01),
-        "initial": {"p": 1, "q": 0, "r": np.int64(0)}, "time": {"end": 1},
-    }  # fmt: skip
-    assert api.Case.of(data).data["inertia"] == (1, 0.8, 0.6)
-    assert api.run([]) == []
-    with pytest.raises(HodoError, match=r"got 'mine\.yaml'"):
-        api.run("mine.yaml")  # type: ignore[arg-type]
 
 
 def test_the_times_of_a_motion_are_not_kept() -> None:

@@ -1,9 +1,6 @@
 """What the papers say: the kinds of check, the verdicts, and that every claim gets the one
 expected."""
 
-import importlib
-import importlib.util
-import inspect
 import json
 import math
 import re
@@ -110,8 +107,6 @@ cases:
                 expression: ["0", "0", "31.41592653589793*cos(62.83185307179586*t)"]}}
   # r = 0.01 t - 1, r = 1 + 0.01 t - 5e-5 t^2 and r = exp(-0.02 t + 1e-4 t^2): equal at both ends.
   turned-back: {{{ABOUT_X3}, torque: [0, 0, 0.8], initial: {{p: 0, q: 0, r: -1}}}}
-  turned-back-with-fluid: {{{ABOUT_X3.replace("torques", "cavity+constant")}, kappa: 0,
-                            torque: [0, 0, 0.8], initial: {{p: 0, q: 0, r: -1}}}}
   arching: {{{ABOUT_X3}, expression: [0, 0, 0.8 - 0.008*t], initial: {{p: 0, q: 0, r: 1}}}}
   sagging: {{{ABOUT_X3}, expression: [0, 0, "-80*r*(0.02 - 0.0002*t)"],
              initial: {{p: 0, q: 0, r: 1}}}}
@@ -121,11 +116,23 @@ cases:
   # p = cos(14 deg - t/2), whose largest sample is cos(14 deg) = 0.970.
   humming: {{model: linear-diag, inertia: [2, 2, 1], time: {{end: 9.77384381116824, samples: 11}},
              initial: {{p: 0.970295726275996, q: 0.241921895599668, r: 1}}}}
+  # DOP853 knows its crossing, at 28.000912709, to 1e-4.
+  rough: {{model: cavity+constant, inertia: [1, 0.8, 0.6], kappa: 0.05, epsilon: 0.01,
+           torque: [-1, 0.5, 0.7], initial: {{p: 0.5, q: 0.25, r: 1.4}},
+           method: DOP853, tol: 1.0e-5, time: {{end: 40, samples: 401}}}}
+  # It ends at its crossing, as near as a double can.
+  near: {{{TURN.replace("end: 100, samples: 101", "end: 305.358955166711, samples: 2001")},
+          damping: [0.005, 0.004, 0.003]}}
+  upright: {{{LINEAR}, initial: {{p: 0, q: 0, r: 2}}, attitude: yes}}
   # r falls to -0.075, so that y = r^2 comes back to 0.0056.
   returning: {{{SPUN}, torque: [0, 0, -0.1], initial: {{p: 0, q: 0, r: 1}}, time: {{end: 43}}}}
   spinning: {{{SPUN}, torque: [0, 0, 0], initial: {{x: 0, y: 1}}, form: averaged}}
   top: {{model: Lagrange-averaged, inertia: {{A: 1.5, C: 1}}, mu: 0.5, a: [0.125, 1], b: [0.1, 1],
          initial: {{theta: 5 deg, r: 1.7320508075688772}}, time: {{end: 1, samples: 4001}}}}
+  heavy: {{model: Lagrange-averaged, inertia: {{A: 1.5, C: 1}}, mu: 0.5, a: 0, b: 0, form: full,
+           epsilon: 0.5, initial: {{theta: 60 deg, r: 1.7}}, time: {{values: [0, 1, 2, 15, 20]}}}}
+  fig4: {{{LINEAR}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, damping: [0.005, 0.004, 0.003],
+          time: {{end: 1000, samples: 5}}}}
 """
 
 
@@ -137,313 +144,327 @@ def claims_block(*claims: str) -> str:
 E1, E2, FED = math.exp(-1), math.exp(-2), -math.expm1(-0.005)
 # The sample nearest to the end of spin has r = 0.00025.
 RETURNED = (0.075**2 - 0.00025**2) / (1 - 0.00025**2)
-CHECKS = [
-    ("slow", "{kind: monotone, of: [r, G, T], sense: falls}", "reproduced", 0),
-    ("slow", "{kind: monotone, of: [r, p], sense: falls}", "reproduced", 0),
-    ("slow", "{kind: monotone, of: [r], sense: rises}", "contradicted", 1),
-    ("fed", "{kind: monotone, of: [r], sense: falls}", "contradicted", 1),
-    ("returning", "{kind: monotone, of: [y], sense: falls}", "plotting", RETURNED),
-    ("slow, fed", "{kind: monotone, of: [T], sense: rises}", "contradicted", 1),
-    ("slow", "{kind: value, values: {r: [0.37]}, within: 0.005}", "reproduced", 0.37 - E1),
-    ("slow", "{kind: value, values: {r: [0.373]}, within: 0.001}", "plotting", 0.373 - E1),
-    # 1.1 % of the range of r, which begins at exp(-1).
-    ("slow", "{kind: value, values: {r: [0.375]}, within: 0.001}", "contradicted", 0.375 - E1),
-    ("slow", "{kind: value, values: {r: [0.4]}, within: 0.005}", "contradicted", 0.4 - E1),
-    ("slow", "{kind: value, values: {r: [1]}, at: start, within: 0}", "reproduced", 0),
-    ("slow, fast", "{kind: value, values: {r: [0.4, 0.1]}, within: 0.05}", "reproduced", E2 - 0.1),
-    ("slow", "{kind: bound, of: r, at: always, least: 0}", "reproduced", E1),
-    ("slow", "{kind: bound, of: r, at: always, most: 0.5}", "contradicted", 1),
-    ("slow, fast", "{kind: bound, of: r, most: 0.4}", "reproduced", E1),
-    ("slow, fast", "{kind: bound, of: r, most: 0.3}", "contradicted", E1),
-    # The bound that is nearest decides.
-    *(("slow", f"{{kind: bound, of: r, at: always, least: {least}, most: {most}}}", words, number)
-      for least, most, words, number in ((0.3, 9, "reproduced", E1), (0, 1.1, "reproduced", 1),
-                                         (0.5, 1.1, "contradicted", E1))),
-    ("staying", "{kind: bound, of: first_crossing, least: 50}", "reproduced", math.inf),
-    ("staying", "{kind: bound, of: first_crossing, most: 50}", "contradicted", math.inf),
-    # Its motion ends at 100.
-    ("staying", "{kind: bound, of: first_crossing, least: 100.1}", "not tested", None),
-    ("staying", "{kind: bound, of: first_crossing, most: 100.1}", "not tested", None),
-    ("staying", "{kind: value, values: {first_crossing: [101]}, within: 1}", "not tested", None),
-    *(("staying", f"{{kind: bound, of: first_crossing, at: {at}, least: 100.1}}", "not tested",
-       None) for at in ("start", "always")),
-    # A motion that no result stores does not end well.
-    ("{case: turning, method: DOP853, max_steps: 3}", "{kind: crossings, least: 1}", "not tested",
-     None),
-    ("swinging", "{kind: conserved, of: [r, T, G], within: 0.2}", "contradicted", None),
-    ("its-energy", "{kind: conserved, of: [T], within: 0.2}", "contradicted", None),
-    ("swinging", "{kind: bound, of: r, at: always, most: 1.2}", "contradicted", None),
-    ("swinging", "{kind: bound, of: r, at: always, most: 1.5}", "reproduced", None),
-    *((case, "{kind: conserved, of: [T, G], within: 1.0e-9}", "contradicted", None)
-      for case in ("turned-back", "turned-back-with-fluid", "arching", "sagging")),
-    ("arching", "{kind: bound, of: r, at: always, most: 1.0001}", "contradicted", 1.5),
-    ("arching", "{kind: formula, of: r, formula: '1'}", "contradicted", None),
-    ("arching", "{kind: formula, of: r, formula: 1 + 0.01*t - 5.0e-5*t**2}", "reproduced", 0),
-    ("sagging", "{kind: conserved, of: [r], within: 0.5}", "contradicted", None),
-    ("rising-first", "{kind: monotone, of: [r], sense: falls}", "contradicted", None),
-    ("{case: slow, time: {samples: 2}}",
-     "{kind: formula, of: r, formula: 1 - 0.06321*t, within: 1.0e-4}", "contradicted", None),
-    ("humming", "{kind: bound, of: p, at: always, most: 0.971}", "contradicted", 1),
-    ("humming", "{kind: bound, of: p, at: always, most: 0.999999}", "plotting", 1),
-    ("humming", "{kind: bound, of: p, at: always, most: 1.000000000001}", "reproduced", 1),
-    ("humming", "{kind: bound, of: p, at: always, least: -0.999999}", "plotting", -1),
-    ("humming", "{kind: bound, of: p, at: always, most: 9}", "reproduced", None),
-    ("swinging", "{kind: formula, of: r, formula: '1'}", "contradicted", None),
-    ("rattling", "{kind: conserved, of: [r]}", "contradicted", None),
-    ("rattling", "{kind: bound, of: r, at: always, most: 1.2}", "contradicted", None),
-    ("rattling", "{kind: bound, of: r, at: always, most: 1.5}", "reproduced", None),
-    ("spun-up", "{kind: bound, of: p, at: always, most: 0.0001}", "contradicted", None),
-    # More turns than 50,001 samples show.
-    ("{case: spun-up, time: {end: 500}}", "{kind: monotone, of: [p], sense: falls}",
-     "not tested", None),
-    ("swinging", "{kind: formula, of: r, formula: 1 + sin(62.83185307179586*t)/2}", "reproduced",
-     0),
-    ("slow, fast", "{kind: order, of: r, sense: falls}", "reproduced", E1 - E2),
-    ("slow, fast", "{kind: order, of: r, sense: rises}", "contradicted", E1 - E2),
-    ("slow, slow", "{kind: order, of: r, sense: falls}", "contradicted", 0),
-    ("slow, slow", "{kind: order, of: r, sense: equal}", "reproduced", 0),
-    ("slow, fast", "{kind: order, of: r, sense: equal}", "contradicted", 1 - E1),
-    ("slow, fast, slow, fast", "{kind: order, of: r, sense: falls, by: 2}", "reproduced", E1 - E2),
-    ("slow, fast, slow, fast", "{kind: order, of: r, sense: falls}", "contradicted", E1 - E2),
-    *(("coarse, finer", f"{{kind: order, of: G, sense: {sense}}}", "not tested", None)
-      for sense in ("falls", "rises", "equal")),
-    ("finer, finer", "{kind: order, of: G, sense: equal}", "reproduced", 0),
-    ("coarse, finer", "{kind: order, of: r, at: start, sense: equal}", "reproduced", 0),
-    *(("coarse", f"{{kind: {check}}}", "not tested", None)
-      for check in ("conserved, of: [G]", "monotone, of: [G], sense: rises",
-                    "formula, of: G, formula: '1.02'", "bound, of: G, at: always, least: 1.01")),
-    # No error of theirs makes a doubt of so much.
-    ("coarse", "{kind: conserved, of: [G], within: 0.999}", "reproduced", None),
-    ("free", "{kind: conserved, of: [G, T]}", "reproduced", 0),
-    ("beside-separatrix", "{kind: conserved, of: [D, T, G]}", "reproduced", None),
-    ("beside-separatrix", "{kind: formula, of: D, formula: '2.4e-9'}", "reproduced", None),
-    ("beside-separatrix", "{kind: conserved, of: [p], within: 0.9}", "contradicted", None),
-    ("beside-separatrix", "{kind: monotone, of: [D], sense: falls}", "not tested", None),
-    ("slow", "{kind: conserved, of: [p, q]}", "reproduced", 0),
-    ("slow", "{kind: formula, of: r, formula: exp(-t/10)}", "reproduced", 0),
-    ("{case: slow, time: {values: [1, 2]}}", "{kind: formula, of: r, formula: exp(-t/10)}",
-     "reproduced", 0),
-    ("slow", "{kind: formula, of: T, formula: 0.6*r**2/2}", "reproduced", 0),
-    ("slow", "{kind: formula, of: r, formula: 1 - t/100, within: 0.6}", "reproduced", 0.9 - E1),
-    ("slow", "{kind: formula, of: r, formula: 1 - t/100}", "contradicted", 0.9 - E1),
-    ("slow", "{kind: formula, of: r, formula: r/(t - t)}", "contradicted", None),
-    ("slow", "{kind: formula, of: r, formula: sqrt(-t)}", "not tested", None),
-    ("fed", "{kind: conserved, of: [G]}", "plotting", FED),
-    ("slow", "{kind: conserved, of: [G]}", "contradicted", 1 - E1),
-    ("turning", "{kind: axis, start: x1, end: x3}", "reproduced", 1),
-    ("turning", "{kind: axis, start: x3}", "contradicted", 0),
-    # Its samples begin behind the crossing.
-    ("late", "{kind: axis, start: x1, end: x3}", "reproduced", 1),
-    ("late", "{kind: axis, start: x3}", "contradicted", 0),
-    ("late", "{kind: axis, end: x3, turns: 0.1}", "reproduced", 1),
-    ("stopped", "{kind: axis, start: x3}", "reproduced", 1),
-    ("stopped", "{kind: axis, start: x1}", "contradicted", 0),
-    ("stopped", "{kind: axis, start: x3, end: x3}", "reproduced", 1),
-    ("braked", "{kind: axis, start: x3, end: x3, turns: 1}", "reproduced", 1),
-    ("braked", "{kind: axis, end: x1}", "contradicted", 0),
-    *(("rest", f"{{kind: axis, {moment}: x3}}", "not tested", None) for moment in ("start", "end")),
-    ("late", "{kind: value, values: {turns: [0.6867]}, within: 0.0001}", "reproduced", None),
-    ("late", "{kind: value, values: {area_largest: [1]}, within: 0.01}", "reproduced", None),
-    ("late", "{kind: value, values: {crossings: [1]}, within: 0}", "reproduced", 0),
-    ("late", "{kind: value, values: {G: [0.9986]}, at: start, within: 1.0e-4}", "reproduced", None),
-    ("late", "{kind: monotone, of: [G], sense: falls}", "reproduced", 0),
-    ("late", "{kind: conserved, of: [G], within: 0.9}", "contradicted", None),
-    ("late", "{kind: bound, of: G, at: always, most: 0.99}", "plotting", None),
-    ("late", "{kind: bound, of: G, most: 9}", "reproduced", None),
-    ("by-0-and-2, by-2-and-0",
-     "{kind: average, variable: crossing_time, at: [{damping.0: 0}], most: 0}", "reproduced", 0),
-    # Free motion goes round x3 twice; here G is damped away in less than a turn.
-    ("free", "{kind: axis, start: x3, end: x3, turns: 2}", "reproduced", 1),
-    ("free", "{kind: axis, start: x3, turns: 2.1}", "contradicted", 0),
-    ("turning", "{kind: axis, start: x1, end: x3, turns: 1}", "contradicted", 0),
-    ("turning", "{kind: crossings, least: 1, most: 1, from: x1, to: x3}", "reproduced", 1),
-    ("turning", "{kind: crossings, from: x3}", "contradicted", 1),
-    # Without a crossing there is none to have a direction.
-    ("staying", "{kind: crossings, from: x3}", "contradicted", 0),
-    ("staying", "{kind: crossings, from: x3, most: 1}", "reproduced", 0),
-    ("turning", "{kind: crossings, most: 0}", "contradicted", 1),
-    ("turning", "{kind: crossings, least: 2}", "contradicted", 1),
-    ("given-up", "{kind: crossings, most: 0}", "not tested", None),
-    ("ball", "{kind: average, variable: start_axis.x1, at: [{damping.0: 0}], most: 1}",
-     "reproduced", None),
-    # Without a position or an axis it is one average over all members.
-    ("ball", "{kind: average, variable: start_axis.x1, most: 1}", "reproduced", None),
-    ("ball", "{kind: average, variable: start_axis.x1, least: 1}", "contradicted", None),
-    ("ball", "{kind: average, variable: start_axis.x1, at: [{}, {damping.0: 0}], sense: equal, "
-     "within: 1}", "reproduced", None),
-    ("ball", "{kind: average, variable: start_axis.x1, at: [{damping.0: 0}], along: [damping.0], "
-     "most: 1}", "reproduced", None),
-    ("passing, stopping", "{kind: value, values: {end_of_spin: [40, 40]}, within: 1.0e-9}",
-     "reproduced", 0),
-    ("passing, stopping", "{kind: bound, of: end_of_spin, least: 60}", "contradicted", 40),
-    *((f"{{case: reversed, {changes}}}",
-       "{kind: value, values: {end_of_spin: [8]}, within: 1.0e-9}", "reproduced", 0)
-      for changes in ("note: as it is", "time: {samples: 18}", "time: {end: 8, samples: 9}",
-                      "initial: {p: 0, q: 0, r: 1.0e-150}, torque: [0, 0, -1.25e-151]",
-                      "torque: 0, brake: 0.125", "torque: 0, brake: 0.125, time: {samples: 18}")),
-    ("{case: reversed, time: {values: [0, 16]}}", "{kind: bound, of: end_of_spin, most: 9}",
-     "reproduced", 8),
-    ("{case: reversed, time: {values: [9, 16]}}",
-     "{kind: value, values: {end_of_spin: [8]}, within: 1.0e-9}", "reproduced", 0),
-    ("fading", "{kind: bound, of: end_of_spin, least: 9}", "reproduced", math.inf),
-    ("spinning", "{kind: bound, of: end_of_spin, least: 10}", "reproduced", math.inf),
-    ("spinning", "{kind: bound, of: end_of_spin, least: 60}", "not tested", None),
-    # tests/data/crossings.csv
-    *((f"{{case: top, time: {{end: 4, samples: {samples}}}}}",
-       "{kind: value, values: {rebound_u3: [0.40076030988]}, within: 1.0e-10}", "reproduced", None)
-      for samples in (401, 5)),
-    # By scipy's DOP853 from the equations, with 2,000,001 samples for the turns and the area.
-    ("{case: passing, cavity: {kappa: 0.6048}, epsilon: 0.1, initial: {p: 1, q: 0, r: 1}, "
-     "time: {end: 60, samples: 61}}",
-     "{kind: value, values: {end_of_spin: [40.00875091]}, within: 1.0e-7}", "reproduced", None),
-    *((f"{{case: turning, damping: [0.005, 0.004, 0.003], time: {{end: 1000, {samples}}}}}",
-       f"{{kind: value, values: {{{values}}}, within: 1.0e-4}}", word, None)
-      for samples, values, word in (
-          ("samples: 501", "turns: [6.55648]", "reproduced"),
-          ("samples: 401", "visible_turns_x3: [1.53857]", "reproduced"),
-          ("samples: 5", "visible_turns_x1: [6.55648]", "reproduced"),
-          ("samples: 401", "area_smallest: [0.0637146]", "reproduced"),
-          ("samples: 11", "area_largest: [1]", "reproduced"))),
-    # Its w1^2 is largest between the first two samples, K w3^2 where it crosses.
-    ("{case: turning, damping: [0.005, 0.004, 0.003], initial: {p: 0.8, q: 0.15, r: 0.74}, "
-     "time: {end: 400, samples: 401}}",
-     "{kind: value, values: {area_smallest: [0.01580515]}, within: 1.0e-6}", "reproduced", None),
-    # The second is the first, which crosses at 30 or so.
-    *(("turning, {case: turning, time: {end: 10}}",
-       f"{{kind: order, of: first_crossing, sense: {sense}}}", "not tested", None)
-      for sense in ("rises", "equal")),
-    ("staying, staying", "{kind: order, of: first_crossing, sense: equal}", "not tested", None),
-    ("turning, staying", "{kind: order, of: first_crossing, sense: rises}", "reproduced", None),
-    ("free", "{kind: paper, name: free-rotation}", "reproduced", 0),
-    # Whatever the samples are.
-    *((f"{{case: top, form: full, epsilon: 0.5, a: 0, b: 0, initial: {{theta: 60 deg, r: 1.7}}, "
-       f"time: {{{samples}}}}}", f"{{kind: paper, name: {name}}}", word, None)
-      for samples in ("end: 20, samples: 41", "values: [0, 1, 2, 15, 20]")
-      for name, word in (("period", "reproduced"), ("period-as-printed", "contradicted"))),
-    # Shorter than a period, and without two times in common: nothing to compare.
-    *(("{case: top, form: full, epsilon: 0.1, a: 0, b: 0, time: {end: 0.01, samples: 9}}",
-       f"{{kind: paper, name: {name}}}", "not tested", None)
-      for name in ("period", "period-as-printed")),
-    ("{case: passing, time: {values: [1, 2]}}, {case: stopping, time: {values: [3, 4]}}",
-     "{kind: paper, name: averaging-is-exact}", "not tested", None),
-    ("free", "{kind: paper, name: no-closed-form}", "contradicted", 0),
-    ("free", "{kind: paper, name: free-rotation-from-q0}", "reproduced", 0),
-    ("free", "{kind: value, values: {turns: [2.013]}, within: 0.02}", "reproduced", None),
-    ("free", "{kind: value, values: {area_largest: [0], area_smallest: [1]}, within: 0}",
-     "reproduced", 0),
-    ("turned", "{kind: value, values: {turns: [2.013]}, within: 0.02}", "reproduced", None),
-    ("turned", "{kind: value, values: {area_largest: [0], area_smallest: [1]}, within: 0}",
-     "reproduced", 0),
-    ("free", "{kind: value, values: {crossings: [0]}, within: 0}", "reproduced", 0),
-    # The first factor raises the rate of decay by 0.1 and 0.12, the second by 0.01 and 0.03.
-    ("slow, fast, slower, faster", "{kind: paper, name: diagonal-sets-decay}", "reproduced", 5.5),
-    # At rest there is no ratio, and of what is not a number nothing is decided.
-    ("rest", "{kind: monotone, of: [separatrix_distance], sense: falls}", "not tested", None),
-    ("rest", "{kind: value, values: {separatrix_distance: [1]}, within: 0.9}", "not tested",
-     None),
-    ("rest", "{kind: bound, of: separatrix_distance, at: always, most: 9}", "not tested", None),
-    ("rest", "{kind: bound, of: separatrix_distance, at: always, least: -9}", "not tested", None),
-    ("free, rest", "{kind: order, of: separatrix_distance, sense: falls}", "not tested", None),
-    ("rest, free", "{kind: order, of: separatrix_distance, sense: rises}", "not tested", None),
-    ("free, rest", "{kind: order, of: separatrix_distance, sense: equal}", "not tested", None),
-    ("rest, free", "{kind: conserved, of: [separatrix_distance], within: 0.9}", "not tested",
-     None),
-]  # fmt: skip
+AT_8 = "value, values: {end_of_spin: [8]}, within: 1.0e-9 -> reproduced 0"
+CLOSE = "within: 1.0e-4 -> reproduced"
+CHECKS = f"""
+slow: monotone, of: [r, G, T, p], sense: falls -> reproduced 0
+slow: monotone, of: [r], sense: rises -> contradicted 1
+fed: monotone, of: [r], sense: falls -> contradicted 1
+returning: monotone, of: [y], sense: falls -> plotting {RETURNED}
+slow, fed: monotone, of: [T], sense: rises -> contradicted 1
+slow: value, values: {{r: [0.37]}}, within: 0.005 -> reproduced {0.37 - E1}
+slow: value, values: {{r: [0.373]}}, within: 0.001 -> plotting {0.373 - E1}
+# 1.1 % of the range of r, which begins at exp(-1).
+slow: value, values: {{r: [0.375]}}, within: 0.001 -> contradicted {0.375 - E1}
+slow: value, values: {{r: [1]}}, at: start, within: 0 -> reproduced 0
+slow, fast: value, values: {{r: [0.4, 0.1]}}, within: 0.05 -> reproduced {E2 - 0.1}
+slow: bound, of: r, at: always, most: 0.5 -> contradicted 1
+slow, fast: bound, of: r, most: 0.4 -> reproduced {E1}
+slow, fast: bound, of: r, most: 0.3 -> contradicted {E1}
+# The bound that is nearest decides.
+slow: bound, of: r, at: always, least: 0.3, most: 9 -> reproduced {E1}
+slow: bound, of: r, at: always, least: 0, most: 1.1 -> reproduced 1
+slow: bound, of: r, at: always, least: 0.5, most: 1.1 -> contradicted {E1}
+staying: bound, of: first_crossing, least: 50 -> reproduced inf
+staying: bound, of: first_crossing, most: 50 -> contradicted inf
+# Its motion ends at 100.
+staying: bound, of: first_crossing, least: 100.1 -> not tested
+staying: bound, of: first_crossing, most: 100.1 -> not tested
+staying: value, values: {{first_crossing: [101]}}, within: 1 -> not tested
+staying: bound, of: first_crossing, at: always, least: 100.1 -> not tested
+# A motion that no result stores does not end well.
+{{case: turning, method: DOP853, max_steps: 3}}: crossings, least: 1 -> not tested
+swinging: conserved, of: [r, T, G], within: 0.2 -> contradicted
+swinging: formula, of: r, formula: '1' -> contradicted
+swinging: formula, of: r, formula: 1 + sin(62.83185307179586*t)/2 -> reproduced 0
+its-energy: conserved, of: [T], within: 0.2 -> contradicted
+turned-back: conserved, of: [T, G], within: 1.0e-9 -> contradicted
+arching: conserved, of: [T, G], within: 1.0e-9 -> contradicted
+sagging: conserved, of: [T, G], within: 1.0e-9 -> contradicted
+arching: bound, of: r, at: always, most: 1.0001 -> contradicted 1.5
+arching: formula, of: r, formula: '1' -> contradicted
+arching: formula, of: r, formula: 1 + 0.01*t - 5.0e-5*t**2 -> reproduced 0
+sagging: conserved, of: [r], within: 0.5 -> contradicted
+rising-first: monotone, of: [r], sense: falls -> contradicted
+{{case: slow, time: {{samples: 2}}}}: formula, of: r, formula: 1 - 0.06321*t, within: 1.0e-4
+    -> contradicted
+humming: bound, of: p, at: always, most: 0.971 -> contradicted 1
+humming: bound, of: p, at: always, most: 0.999999 -> plotting 1
+humming: bound, of: p, at: always, most: 1.000000000001 -> reproduced 1
+humming: bound, of: p, at: always, least: -0.999999 -> plotting -1
+rattling: conserved, of: [r] -> contradicted
+rattling: bound, of: r, at: always, most: 1.2 -> contradicted
+rattling: bound, of: r, at: always, most: 1.5 -> reproduced
+spun-up: bound, of: p, at: always, most: 0.0001 -> contradicted
+# More turns than 50,001 samples show.
+{{case: spun-up, time: {{end: 500}}}}: monotone, of: [p], sense: falls -> not tested
+slow, fast: order, of: r, sense: falls -> reproduced {E1 - E2}
+slow, fast: order, of: r, sense: rises -> contradicted {E1 - E2}
+slow, slow: order, of: r, sense: falls -> contradicted 0
+slow, slow: order, of: r, sense: equal -> reproduced 0
+slow, fast: order, of: r, sense: equal -> contradicted {1 - E1}
+slow, fast, slow, fast: order, of: r, sense: falls, by: 2 -> reproduced {E1 - E2}
+slow, fast, slow, fast: order, of: r, sense: falls -> contradicted {E1 - E2}
+coarse, finer: order, of: G, sense: falls -> not tested
+coarse, finer: order, of: G, sense: equal -> not tested
+finer, finer: order, of: G, sense: equal -> reproduced 0
+coarse, finer: order, of: r, at: start, sense: equal -> reproduced 0
+coarse: conserved, of: [G] -> not tested
+coarse: monotone, of: [G], sense: rises -> not tested
+coarse: formula, of: G, formula: '1.02' -> not tested
+coarse: bound, of: G, at: always, least: 1.01 -> not tested
+# No error of theirs makes a doubt of so much.
+coarse: conserved, of: [G], within: 0.999 -> reproduced
+free: conserved, of: [G, T] -> reproduced 0
+beside-separatrix: conserved, of: [D, T, G] -> reproduced
+beside-separatrix: formula, of: D, formula: '2.4e-9' -> reproduced
+beside-separatrix: conserved, of: [p], within: 0.9 -> contradicted
+beside-separatrix: monotone, of: [D], sense: falls -> not tested
+slow: conserved, of: [p, q] -> reproduced 0
+slow: formula, of: r, formula: exp(-t/10) -> reproduced 0
+{{case: slow, time: {{values: [1, 2]}}}}: formula, of: r, formula: exp(-t/10) -> reproduced 0
+slow: formula, of: T, formula: 0.6*r**2/2 -> reproduced 0
+slow: formula, of: r, formula: 1 - t/100, within: 0.6 -> reproduced {0.9 - E1}
+slow: formula, of: r, formula: 1 - t/100 -> contradicted {0.9 - E1}
+slow: formula, of: r, formula: r/(t - t) -> contradicted
+slow: formula, of: r, formula: sqrt(-t) -> not tested
+fed: conserved, of: [G] -> plotting {FED}
+slow: conserved, of: [G] -> contradicted {1 - E1}
+turning: axis, start: x1, end: x3 -> reproduced 1
+turning: axis, start: x3 -> contradicted 0
+# Its samples begin behind the crossing.
+late: axis, start: x1, end: x3 -> reproduced 1
+late: axis, start: x3 -> contradicted 0
+late: axis, end: x3, turns: 0.1 -> reproduced 1
+stopped: axis, start: x1 -> contradicted 0
+stopped: axis, start: x3, end: x3 -> reproduced 1
+braked: axis, start: x3, end: x3, turns: 1 -> reproduced 1
+braked: axis, end: x1 -> contradicted 0
+rest: axis, start: x3 -> not tested
+rest: axis, end: x3 -> not tested
+late: value, values: {{turns: [0.6867]}}, within: 0.0001 -> reproduced
+late: value, values: {{area_largest: [1]}}, within: 0.01 -> reproduced
+late: value, values: {{crossings: [1]}}, within: 0 -> reproduced 0
+late: value, values: {{G: [0.9986]}}, at: start, within: 1.0e-4 -> reproduced
+late: monotone, of: [G], sense: falls -> reproduced 0
+late: conserved, of: [G], within: 0.9 -> contradicted
+late: bound, of: G, at: always, most: 0.99 -> plotting
+by-0-and-2, by-2-and-0: average, variable: crossing_time, at: [{{damping.0: 0}}], most: 0
+    -> reproduced 0
+# Free motion goes round x3 twice; here G is damped away in less than a turn.
+free: axis, start: x3, end: x3, turns: 2 -> reproduced 1
+free: axis, start: x3, turns: 2.1 -> contradicted 0
+turning: axis, start: x1, end: x3, turns: 1 -> contradicted 0
+turning: crossings, least: 1, most: 1, from: x1, to: x3 -> reproduced 1
+turning: crossings, from: x3 -> contradicted 1
+# Without a crossing there is none to have a direction.
+staying: crossings, from: x3 -> contradicted 0
+staying: crossings, from: x3, most: 1 -> reproduced 0
+turning: crossings, most: 0 -> contradicted 1
+turning: crossings, least: 2 -> contradicted 1
+given-up: crossings, most: 0 -> not tested
+ball: average, variable: start_axis.x1, at: [{{damping.0: 0}}], most: 1 -> reproduced
+# Without a position or an axis it is one average over all members.
+ball: average, variable: start_axis.x1, least: 1 -> contradicted
+ball: average, variable: start_axis.x1, at: [{{}}, {{damping.0: 0}}], sense: equal, within: 1
+    -> reproduced
+ball: average, variable: start_axis.x1, at: [{{damping.0: 0}}], along: [damping.0], most: 1
+    -> reproduced
+passing, stopping: value, values: {{end_of_spin: [40, 40]}}, within: 1.0e-9 -> reproduced 0
+passing, stopping: bound, of: end_of_spin, least: 60 -> contradicted 40
+reversed: {AT_8}
+{{case: reversed, time: {{samples: 18}}}}: {AT_8}
+{{case: reversed, time: {{end: 8, samples: 9}}}}: {AT_8}
+{{case: reversed, time: {{values: [9, 16]}}}}: {AT_8}
+{{case: reversed, initial: {{p: 0, q: 0, r: 1.0e-150}}, torque: [0, 0, -1.25e-151]}}: {AT_8}
+{{case: reversed, torque: 0, brake: 0.125, time: {{samples: 18}}}}: {AT_8}
+{{case: reversed, time: {{values: [0, 16]}}}}: bound, of: end_of_spin, most: 9 -> reproduced 8
+fading: bound, of: end_of_spin, least: 9 -> reproduced inf
+spinning: bound, of: end_of_spin, least: 10 -> reproduced inf
+spinning: bound, of: end_of_spin, least: 60 -> not tested
+# tests/data/crossings.csv
+{{case: top, time: {{end: 4, samples: 5}}}}: value, values: {{rebound_u3: [0.40076030988]}},
+    within: 1.0e-10 -> reproduced
+# By scipy's DOP853 from the equations, with 2,000,001 samples for the turns and the area.
+{{case: passing, cavity: {{kappa: 0.6048}}, epsilon: 0.1, initial: {{p: 1, q: 0, r: 1}}}}:
+    value, values: {{end_of_spin: [40.00875091]}}, within: 1.0e-7 -> reproduced
+{{case: fig4, time: {{samples: 501}}}}: value, values: {{turns: [6.55648]}}, {CLOSE}
+{{case: fig4, time: {{samples: 401}}}}: value, values: {{visible_turns_x3: [1.53857]}}, {CLOSE}
+fig4: value, values: {{visible_turns_x1: [6.55648]}}, {CLOSE}
+{{case: fig4, time: {{samples: 401}}}}: value, values: {{area_smallest: [0.0637146]}}, {CLOSE}
+{{case: fig4, time: {{samples: 11}}}}: value, values: {{area_largest: [1]}}, {CLOSE}
+# Its w1^2 is largest between the first two samples, K w3^2 where it crosses.
+{{case: fig4, initial: {{p: 0.8, q: 0.15, r: 0.74}}, time: {{end: 400, samples: 401}}}}:
+    value, values: {{area_smallest: [0.01580515]}}, within: 1.0e-6 -> reproduced
+# The second is the first, which crosses at 30 or so.
+turning, {{case: turning, time: {{end: 10}}}}: order, of: first_crossing, sense: rises -> not tested
+turning, {{case: turning, time: {{end: 10}}}}: order, of: first_crossing, sense: equal -> not tested
+staying, staying: order, of: first_crossing, sense: equal -> not tested
+turning, staying: order, of: first_crossing, sense: rises -> reproduced
+free: paper, name: free-rotation -> reproduced 0
+# Whatever the samples are.
+heavy: paper, name: period -> reproduced
+heavy: paper, name: period-as-printed -> contradicted
+# Shorter than a period, and without two times in common: nothing to compare.
+{{case: heavy, epsilon: 0.1, time: {{end: 0.01, samples: 9}}}}: paper, name: period -> not tested
+{{case: passing, time: {{values: [1, 2]}}}}, {{case: stopping, time: {{values: [3, 4]}}}}:
+    paper, name: averaging-is-exact -> not tested
+free: paper, name: no-closed-form -> contradicted 0
+free: paper, name: free-rotation-from-q0 -> reproduced 0
+turned: value, values: {{turns: [2.013]}}, within: 0.02 -> reproduced
+turned: value, values: {{area_largest: [0], area_smallest: [1]}}, within: 0 -> reproduced 0
+free: value, values: {{crossings: [0]}}, within: 0 -> reproduced 0
+# The first factor raises the rate of decay by 0.1 and 0.12, the second by 0.01 and 0.03.
+slow, fast, slower, faster: paper, name: diagonal-sets-decay -> reproduced 5.5
+# At rest there is no ratio, and of what is not a number nothing is decided.
+rest: monotone, of: [separatrix_distance], sense: falls -> not tested
+rest: value, values: {{separatrix_distance: [1]}}, within: 0.9 -> not tested
+rest: bound, of: separatrix_distance, at: always, most: 9 -> not tested
+free, rest: order, of: separatrix_distance, sense: falls -> not tested
+rest, free: order, of: separatrix_distance, sense: equal -> not tested
+rest, free: conserved, of: [separatrix_distance], within: 0.9 -> not tested
+# G that falls by 0.7 % of itself, and by all of its range, and a component under two names.
+{{case: slow, damping: 0.0007}}: bound, of: G, at: always, least: 0.6 -> contradicted
+{{case: free, initial: {{p: 1.0e-4, q: 0, r: 1}}}}: conserved, of: [p] -> contradicted
+{{case: free, initial: {{p: 1.0e-4, q: 0, r: 1}}}}: conserved, of: [omega.x1] -> contradicted
+staying: bound, of: growth_largest, least: 0 -> contradicted
+# A case with other values is integrated for the statement alone.
+{{case: slow, damping: 0.2}}: value, values: {{r: [{E2}]}}, within: 1.0e-9 -> reproduced
+slow, {{case: slow, damping: 0.2}}: order, of: r, sense: falls -> reproduced
+# Of `time` and `assumes` what is not changed stays.
+{{case: slow, time: {{end: 5}}, assumes: {{a: b}}}}: value, values: {{r: [{math.exp(-0.5)}]}},
+    within: 1.0e-9 -> reproduced
+{{case: passing, form: averaged, initial: {{x: 0, y: 1}}}}: value, values: {{end_of_spin: [40]}},
+    within: 1.0e-9 -> reproduced
+{{case: given-up, method: auto}}: monotone, of: [r], sense: falls -> not tested
+# What is not known well enough.
+near: crossings, most: 0 -> not tested
+near: crossings, least: 1 -> not tested
+near: axis, end: x1 -> not tested
+near: axis, end: x3 -> not tested
+near: bound, of: crossings, most: 0 -> not tested
+near: axis, start: x1 -> reproduced
+upright: bound, of: psi, least: 0 -> not tested
+upright: bound, of: phi, least: 0 -> not tested
+rough: value, values: {{first_crossing: [28.00079149]}}, within: 1.0e-6 -> not tested
+rough: bound, of: first_crossing, most: 28.1 -> reproduced
+rough: value, values: {{first_crossing: [28.001]}}, within: 1.0e-3 -> reproduced
+# q is known to 1.1e-4, and its largest value is 1.330942.
+rough: bound, of: q, at: always, most: 1.3309 -> reproduced
+rough: bound, of: q, at: always, most: 1.32 -> plotting
+"""
 """Cases, the check of them, the verdict and the number that decides, where it is known."""
+
+
+def rows_of(text: str) -> list[list[str]]:
+    """The rows of a table: what is claimed, the verdict, and what follows that."""
+    lines = [line for line in re.sub(r"\n +", " ", text).splitlines() if line[:1] not in ("", "#")]
+    return [re.split(rf" -> (?=(?:{'|'.join(WORDS)}))({'|'.join(WORDS)}) ?", x) for x in lines]
+
+
+WORDS = (
+    "plotting", "contradicted", "under-determined", "not tested", "holds by theorem",
+    "reproduced as printed only", "reproduced once corrected", "reproduced", "by reading",
+    "not confirmed", "confirmed",
+)  # fmt: skip
+"""The verdicts, that to plotting accuracy by its last words."""
 
 TURNS = "check: {kind: crossings, least: 1}"
 FALLS = "check: {kind: monotone, of: [r], sense: falls}"
 Y_FALLS = "check: {kind: monotone, of: [y], sense: falls}"
-EQUAL = "check: {kind: order, of: r, sense: equal}"
-HALF_TURN = "over: {damping.0: {values: [0.05, 0.03]}}"
+OVER = "over: {damping.0: {values: ["
+HALF_TURN = f"{OVER}0.05, 0.03]}}}}"
 SPHERE = "over: {from: {sphere: {count: 40, seed: 1}}}"
-MEMBERS = [
-    (f"cases: turning, {TURNS}, over: {{damping.0: {{values: [0.05, 0.045]}}}}", "reproduced",
-     "holds on 2 of 2 members"),
-    (f"cases: turning, {TURNS}, over: {{damping.0: {{values: [0.03, 0.02]}}}}", "contradicted",
-     "holds on 0 of 2 members; largest violation at damping.0 = 0.03 (no crossing)"),
-    (f"cases: turning, {TURNS}, {HALF_TURN}", "under-determined",
-     "holds on 1 of 2 members, 0 to 1; largest violation at damping.0 = 0.03 (no crossing)"),
-    (f"cases: returning, {Y_FALLS}, over: {{torque.2: {{values: [-0.1, -0.09]}}}}", "plotting",
-     "holds on 2 of 2 members, 0 to 0.00562; largest violation 0.562 % of the range at "
-     "torque.2 = -0.1 (y goes back by 0.562 % of its range at 43)"),
-    # The members change every case alike.
-    (f"cases: [slow, fast], {EQUAL}, over: {{damping.2: {{values: [0.1, 0.3]}}}}", "reproduced",
-     "holds on 2 of 2 members"),
-    (f"cases: turning, check: {{kind: value, values: {{G: [{math.hypot(0.8, 0.4, 0.444)}]}}, "
-     f"at: start, within: 1.0e-14}}, {SPHERE}", "reproduced", "holds on 40 of 40 members, "),
-    # Of several cases the one that decides is named.
-    ("cases: [slow, fast], check: {kind: monotone, of: [r], sense: rises}", "contradicted",
-     "r goes back by 100 % of its range at 10, case slow"),
-    ("cases: [fast, slow], check: {kind: conserved, of: [r]}", "contradicted",
-     "r: relative change at most 0.86, case fast"),
-    ("cases: [slow, fast], check: {kind: formula, of: r, formula: 1 + 0 * t}",
-     "contradicted", "r and 1 + 0 * t: at most 0.86 apart, relative to the largest r, case fast"),
-    ("cases: [slow, fast], check: {kind: bound, of: r, least: 0.2, at: always}", "contradicted",
-     "r from 0.1353 to 1, case fast"),
-    # What is open about one case does not help where another contradicts.
-    ("cases: [coarse, slow], check: {kind: conserved, of: [G]}", "contradicted",
-     "G: relative change at most 0.63, case slow"),
-    # A member of a sample contradicts a statement about all.
-    (f"cases: turning, {TURNS}, {HALF_TURN}, share: 0.5", "reproduced",
-     "holds for 1 of 2 members of a sample (50 %), 0 to 1"),
-    (f"cases: turning, {TURNS}, {HALF_TURN}, share: 0.6", "contradicted",
-     "holds for 1 of 2 members of a sample (50 %), 0 to 1"),
-    # A theorem is tried on the members, and one of them refutes it.
-    (f"cases: turning, {TURNS}, over: {{damping.0: {{values: [0.05, 0.045]}}}}, theorem: D = 0",
-     "holds by theorem", "holds on 2 of 2 members"),
-    (f"cases: turning, {TURNS}, {HALF_TURN}, theorem: D = 0", "contradicted",
-     "holds on 1 of 2 members, 0 to 1"),
-    (f"cases: turning, {TURNS}, theorem: D = 0", "holds by theorem", ""),
-    # Members that do not cross have no time of it.
-    ("cases: by-0-and-2, check: {kind: average, variable: crossing_time, most: 100}", "reproduced",
-     "crossing_time = 21.4, 2 of 4 members have none"),
-]  # fmt: skip
-"""Claims over members, their verdicts and evidence."""
+MEMBERS = f"""
+cases: turning, {TURNS}, {OVER}0.05, 0.045]}}}} -> reproduced holds on 2 of 2 members
+cases: turning, {TURNS}, {OVER}0.03, 0.02]}}}}
+    -> contradicted holds on 0 of 2 members; largest violation at damping.0 = 0.03 (no crossing)
+cases: turning, {TURNS}, {HALF_TURN}
+    -> under-determined holds on 1 of 2 members, 0 to 1; largest violation at damping.0 = 0.03
+    (no crossing)
+cases: returning, {Y_FALLS}, over: {{torque.2: {{values: [-0.1, -0.09]}}}}
+    -> plotting holds on 2 of 2 members, 0 to 0.00562; largest violation 0.562 % of the range at
+    torque.2 = -0.1 (y goes back by 0.562 % of its range at 43)
+# The members change a case with other values once more.
+cases: {{case: slow, damping: 0.2}}, check: {{kind: bound, of: r, most: 0.13}},
+    over: {{damping.2: {{values: [0.205, 0.25]}}}} -> reproduced
+# The digits that decide, and nothing after them.
+cases: [slow], check: {{kind: value, values: {{r: [0.367881]}}, within: 5.0e-7}}
+    -> plotting r = 0.367879 (printed: 0.367881)$
+cases: [slow], check: {{kind: bound, of: r, most: 0.36788}} -> reproduced r = 0.367879$
+cases: [slow], check: {{kind: value, values: {{r: [0.37]}}, within: 0.005}}
+    -> reproduced r = 0.3679 (printed: 0.37)$
+cases: [slow, {{case: slow, damping: 0.1000001}}], check: {{kind: order, of: r, sense: falls}}
+    -> reproduced r: 0.3678794, 0.3678791$
+cases: [by-0-and-2], check: {{kind: average, variable: omega.x3, at: [{{}}], most: -0.06194}}
+    -> reproduced omega.x3 = -0.061945$
+# Errors that do not decide.
+cases: [rough], check: {{kind: bound, of: first_crossing, most: 28.00085}}
+    -> not tested first_crossing of case rough is known to 0.00012 only
+cases: [near], check: {{kind: crossings, most: 0}}
+    -> not tested case near: it is undecided whether the motion crosses the separatrix
+# The members change every case alike.
+cases: [slow, fast], check: {{kind: order, of: r, sense: equal}},
+    over: {{damping.2: {{values: [0.1, 0.3]}}}} -> reproduced holds on 2 of 2 members
+cases: turning, check: {{kind: value, values: {{G: [{math.hypot(0.8, 0.4, 0.444)}]}},
+    at: start, within: 1.0e-14}}, {SPHERE} -> reproduced holds on 40 of 40 members,
+# Of several cases the one that decides is named.
+cases: [slow, fast], check: {{kind: monotone, of: [r], sense: rises}}
+    -> contradicted r goes back by 100 % of its range at 10, case slow
+cases: [fast, slow], check: {{kind: conserved, of: [r]}}
+    -> contradicted r: relative change at most 0.86, case fast
+cases: [slow, fast], check: {{kind: formula, of: r, formula: 1 + 0 * t}} -> contradicted
+    r and 1 + 0 * t: at most 0.86 apart, relative to the largest r, case fast
+cases: [slow, fast], check: {{kind: bound, of: r, least: 0.2, at: always}}
+    -> contradicted r from 0.1353 to 1, case fast
+# What is open about one case does not help where another contradicts.
+cases: [coarse, slow], check: {{kind: conserved, of: [G]}}
+    -> contradicted G: relative change at most 0.63, case slow
+# A member of a sample contradicts a statement about all.
+cases: turning, {TURNS}, {HALF_TURN}, share: 0.5
+    -> reproduced holds for 1 of 2 members of a sample (50 %), 0 to 1
+cases: turning, {TURNS}, {HALF_TURN}, share: 0.6
+    -> contradicted holds for 1 of 2 members of a sample (50 %), 0 to 1
+# A theorem is tried on the members, and one of them refutes it.
+cases: turning, {TURNS}, {OVER}0.05, 0.045]}}}}, theorem: D = 0
+    -> holds by theorem holds on 2 of 2 members
+cases: turning, {TURNS}, {HALF_TURN}, theorem: D = 0
+    -> contradicted holds on 1 of 2 members, 0 to 1
+cases: turning, {TURNS}, theorem: D = 0 -> holds by theorem
+# Members that do not cross have no time of it.
+cases: by-0-and-2, check: {{kind: average, variable: crossing_time, most: 100}}
+    -> reproduced crossing_time = 21.4, 2 of 4 members have none
+readings: {{a: {{cases: slow}}, b: {{cases: fast}}}}, {FALLS} -> reproduced
+readings: {{a: {{cases: slow}}, b: {{cases: returning, {Y_FALLS}}}}}, {FALLS} -> plotting
+readings: {{a: {{cases: slow, theorem: x}}, b: {{cases: fast}}}}, {FALLS} -> reproduced
+readings: {{a: {{cases: slow}}, b: {{cases: fast}}}}, {FALLS}, theorem: x -> holds by theorem
+readings: {{a: {{cases: turning}}, b: {{cases: staying}}}}, {TURNS} -> under-determined
+readings: {{a: {{cases: staying}}, b: {{cases: free}}}}, {TURNS} -> contradicted
+readings: {{a: {{cases: slow}}, b: {{cases: given-up}}}}, {FALLS} -> not tested
+# The members and the check of one reading only.
+readings: {{a: {{cases: turning, {HALF_TURN}}}, b: {{cases: staying}}}}, {TURNS} -> under-determined
+readings: {{a: {{cases: slow}}, b: {{cases: turning, {TURNS}}}}}, {FALLS} -> reproduced
+# A statement that inherits an erratum holds of the printed form alone.
+erratum: sign, readings: {{as printed: {{cases: slow}}, corrected: {{cases: staying, {TURNS}}}}},
+    {FALLS} -> reproduced as printed only
+erratum: sign, readings: {{corrected: {{cases: slow}}, as printed: {{cases: staying, {TURNS}}}}},
+    {FALLS} -> reproduced once corrected
+erratum: sign, readings: {{as printed: {{cases: slow}}, corrected: {{cases: fast}}}}, {FALLS}
+    -> reproduced
+"""
+"""Claims over members and with readings, their verdicts, and how the evidence begins."""
 
-READINGS = [
-    (f"readings: {{a: {{cases: slow}}, b: {{cases: fast}}}}, {FALLS}", "reproduced"),
-    (f"readings: {{a: {{cases: slow}}, b: {{cases: returning, {Y_FALLS}}}}}, {FALLS}", "plotting"),
-    (f"readings: {{a: {{cases: slow, theorem: x}}, b: {{cases: fast}}}}, {FALLS}", "reproduced"),
-    (f"readings: {{a: {{cases: slow}}, b: {{cases: fast}}}}, {FALLS}, theorem: x",
-     "holds by theorem"),
-    (f"readings: {{a: {{cases: turning}}, b: {{cases: staying}}}}, {TURNS}", "under-determined"),
-    (f"readings: {{a: {{cases: staying}}, b: {{cases: free}}}}, {TURNS}", "contradicted"),
-    (f"readings: {{a: {{cases: slow}}, b: {{cases: given-up}}}}, {FALLS}", "not tested"),
-    # The members and the check of one reading only.
-    (f"readings: {{a: {{cases: turning, {HALF_TURN}}}, b: {{cases: staying}}}}, {TURNS}",
-     "under-determined"),
-    (f"readings: {{a: {{cases: slow}}, b: {{cases: turning, {TURNS}}}}}, {FALLS}", "reproduced"),
-    # A statement that inherits an erratum holds of the printed form alone.
-    (f"erratum: sign, readings: {{as printed: {{cases: slow}}, corrected: {{cases: staying, "
-     f"{TURNS}}}}}, {FALLS}",
-     "reproduced as printed only"),
-    (f"erratum: sign, readings: {{corrected: {{cases: slow}}, as printed: {{cases: staying, "
-     f"{TURNS}}}}}, {FALLS}",
-     "reproduced once corrected"),
-    (f"erratum: sign, readings: {{as printed: {{cases: slow}}, corrected: {{cases: fast}}}}, "
-     f"{FALLS}", "reproduced"),
-]  # fmt: skip
-"""Claims with readings, and their verdicts."""
-
-MISPRINTS = [
-    ("", "by reading"),
-    (", cases: slow, check: {kind: bound, of: r, most: 0.5}", "confirmed"),
-    (", cases: slow, check: {kind: bound, of: r, most: 0.3}", "not confirmed"),
-    (", cases: given-up, check: {kind: bound, of: r, most: 0.3}", "not tested"),
-    (
-        f", readings: {{as printed: {{cases: staying}}, corrected: {{cases: turning}}}}, {TURNS}",
-        "confirmed",
-    ),
-    (
-        f", readings: {{corrected: {{cases: staying}}, as printed: {{cases: turning}}}}, {TURNS}",
-        "not confirmed",
-    ),
-    (
-        f", readings: {{as printed: {{cases: turning}}, corrected: {{cases: turning}}}}, {TURNS}",
-        "not confirmed",
-    ),
-]
+MISPRINTS = f"""
+note: a -> by reading
+cases: slow, check: {{kind: bound, of: r, most: 0.5}} -> confirmed
+cases: slow, check: {{kind: bound, of: r, most: 0.3}} -> not confirmed
+cases: given-up, check: {{kind: bound, of: r, most: 0.3}} -> not tested
+readings: {{as printed: {{cases: staying}}, corrected: {{cases: turning}}}}, {TURNS} -> confirmed
+readings: {{corrected: {{cases: staying}}, as printed: {{cases: turning}}}}, {TURNS}
+    -> not confirmed
+readings: {{as printed: {{cases: turning}}, corrected: {{cases: turning}}}}, {TURNS}
+    -> not confirmed
+"""
 """The checks of errata, and the verdicts."""
 
 
@@ -469,51 +490,35 @@ def judged_by(stored: Path, block: str) -> dict[str, list[dict[str, Any]]]:
     return dict(json.loads(done.stdout))
 
 
-@pytest.fixture(scope="module")
-def tables(stored: Path) -> dict[str, list[dict[str, Any]]]:
-    """The verdicts on all of the tables above."""
-    claims = [
-        *(f"cases: [{cases}], check: {check}" for cases, check, *_ in CHECKS),
-        *(claim for claim, *_ in (*MEMBERS, *READINGS)),
-    ]
-    block = claims_block(*(f"{claim}, expect: reproduced" for claim in claims))
-    block += "errata:\n  - {id: sign, where: a, printed: x, should_be: y}\n"
-    for i, (check, _) in enumerate(MISPRINTS):
-        block += f"  - {{id: e{i}, where: a, printed: x, should_be: y{check}}}\n"
-    return judged_by(stored, block)
-
-
-def test_a_check_gives_its_verdict_and_the_number_that_decides(tables: Verdicts) -> None:
-    for row, (cases, check, words, number) in zip(tables["statements"], CHECKS, strict=False):
+def test_a_check_gives_its_verdict_and_the_number_that_decides(stored: Path) -> None:
+    kind = rf": (?=(?:{'|'.join(CHECK_KINDS)}),)"
+    rows = [(*re.split(kind, claim, maxsplit=1), *more) for claim, *more in rows_of(CHECKS)]
+    tried = {check.partition(",")[0] for _, check, *_ in rows}
+    assert tried == CHECK_KINDS.keys()
+    claims = (f"cases: [{cases}], check: {{kind: {check}}}" for cases, check, *_ in rows)
+    found = judged_by(stored, claims_block(*(f"{x}, expect: reproduced" for x in claims)))
+    for row, (cases, check, words, number) in zip(found["statements"], rows, strict=True):
         assert row["verdict"] == verdict(words), (cases, check, row["evidence"])
-        if number is not None:
+        if number:
             value = math.inf if row["number"] is None else row["number"]
-            assert value == pytest.approx(number, rel=1e-9, abs=1e-9), (cases, check)
+            assert value == pytest.approx(float(number), rel=1e-9, abs=1e-9), (cases, check)
+    assert [*hodo_cli.open(stored / "runs" / "c.h5")] == [*parse(MOTIONS, "c.yaml").cases]
 
 
-def test_every_kind_of_check_is_tried() -> None:
-    tried = " ".join(check for _, check, *_ in CHECKS)
-    assert set(re.findall(r"kind: (\w+)", tried)) == CHECK_KINDS.keys()
-
-
-def test_members_give_one_verdict_whose_evidence_names_the_worst(tables: Verdicts) -> None:
-    rows = tables["statements"][len(CHECKS) :]
-    for row, (claim, words, evidence) in zip(rows, MEMBERS, strict=False):
+def test_members_and_readings_give_one_verdict_whose_evidence_names_the_worst(stored: Path) -> None:
+    rows, misprints = rows_of(MEMBERS), rows_of(MISPRINTS)
+    block = claims_block(*(f"{claim}, expect: reproduced" for claim, *_ in rows))
+    block += "errata:\n  - {id: sign, where: a, printed: x, should_be: y}\n"
+    for i, (check, *_) in enumerate(misprints):
+        block += f"  - {{id: e{i}, where: a, printed: x, should_be: y, {check}}}\n"
+    found = judged_by(stored, block)
+    for row, (claim, words, evidence) in zip(found["statements"], rows, strict=True):
         assert row["verdict"] == verdict(words), (claim, row["evidence"])
-        assert row["evidence"].startswith(evidence), claim
-
-
-def test_readings_that_disagree_leave_a_statement_under_determined(tables: Verdicts) -> None:
-    rows = tables["statements"][-len(READINGS) :]
-    for row, (claim, words) in zip(rows, READINGS, strict=True):
-        assert row["verdict"] == verdict(words), (claim, row["evidence"])
+        assert f"{row['evidence']}$".startswith(evidence), (claim, row["evidence"])
     given = r"a: reproduced \(.* \(x1 to x3\)\); b: contradicted \(no crossing\)"
-    assert re.fullmatch(given, rows[4]["evidence"])
-
-
-def test_an_erratum_wants_its_check_to_hold(tables: Verdicts) -> None:
-    words = [row["verdict"] for row in tables["errata"]]
-    assert words == ["by reading", *(words for _, words in MISPRINTS)]
+    assert any(re.fullmatch(given, row["evidence"]) for row in found["statements"])
+    words = [row["verdict"] for row in found["errata"]]
+    assert words == ["by reading", *(words for _, words, _ in misprints)]
 
 
 def test_the_members_are_those_of_a_sweep(stored: Path) -> None:
@@ -565,14 +570,12 @@ def test_a_verdict_has_one_scale_whatever_the_quantity_and_its_name(tmp_path: Pa
             if not np.isfinite(values).all() or np.ptp(values) < 1e-9 * np.abs(values).max():
                 continue
             size, range_of = np.abs(values).max(), np.ptp(values)
-            for part, words in ((0.004, "plotting"), (0.02, "contradicted"), (-0.02, "reproduced")):
-                bound = values.min() + part * range_of
-                claims.append(f"cases: {which}, check: {{kind: bound, of: {name}, at: always, "
-                              f"least: {bound:.17g}}}")  # fmt: skip
-                off = f"{name} + {abs(part) * size:.17g}"
-                claims.append(f"cases: {which}, check: {{kind: formula, of: {name}, "
-                              f"formula: {off}, within: {0.03 if part < 0 else 0}}}")  # fmt: skip
-                expected += [(name, verdict(words))] * 2
+            for part, words in ((0.004, "plotting"), (0.02, "contradicted")):
+                bound, off = values.min() + part * range_of, f"{name} + {part * size:.17g}"
+                for check in (f"kind: bound, of: {name}, at: always, least: {bound:.17g}",
+                              f"kind: formula, of: {name}, formula: {off}"):  # fmt: skip
+                    claims.append(f"cases: {which}, check: {{{check}}}")
+                    expected.append((name, verdict(words)))
     assert len({name for name, _ in expected}) > 45
     assert {("p", verdict("plotting")), ("omega.x1", verdict("plotting"))} <= {*expected}
     block = claims_block(*(f"{claim}, expect: reproduced" for claim in claims))
@@ -588,49 +591,39 @@ def test_a_verdict_has_one_scale_whatever_the_quantity_and_its_name(tmp_path: Pa
     assert not wrong
 
 
-def test_a_bound_and_a_conserved_component_are_judged_by_their_own_size(stored: Path) -> None:
-    """G that falls by 0.7 % of itself, and by all of its range, and a component under two names."""
-    cases = "cases: {case: slow, damping: 0.0007}"
-    small = "cases: {case: free, initial: {p: 1.0e-4, q: 0, r: 1}}"
-    claims = [
-        f"{cases}, check: {{kind: bound, of: G, at: always, least: 0.6}}",
-        f"{small}, check: {{kind: conserved, of: [p]}}",
-        f"{small}, check: {{kind: conserved, of: [omega.x1]}}",
-        "cases: [staying], check: {kind: bound, of: growth_largest, least: 0}",
-    ]
-    rows = judged_by(stored, claims_block(*(f"{c}, expect: contradicted" for c in claims)))
-    assert [row["verdict"] for row in rows["statements"]] == ["contradicted"] * 4
-
-
 # Mistakes, each in one line.
 
 REFUSED = [
-    ("passing", "check: {kind: monotone, of: [H], sense: falls}",
+    ("cases: passing, check: {kind: monotone, of: [H], sense: falls}",
      "case passing has no gamma, which H needs"),
-    ("slow, free", "check: {kind: paper, name: equations-6-meet-the-start}",
+    ("cases: [slow, free], check: {kind: paper, name: equations-6-meet-the-start}",
      "check 'equations-6-meet-the-start' needs another number of cases"),
-    ("free", "check: {kind: paper, name: larger-difference-sooner},"
+    ("cases: free, check: {kind: paper, name: larger-difference-sooner},"
      " over: {damping.2: {values: [0.01, 0.02]}}",
      "check 'larger-difference-sooner' needs another number of cases"),
-    ("top", "check: {kind: bound, of: growth_largest, least: 0}", "case top has no medium"),
-    ("slow", f"{FALLS}, over: {{damping.0: {{values: [0.1]}}}}, start: x1",
-     "no member starts about x1"),
-    ("turning", f"{TURNS}, over: {{inertia.0: {{values: [2.0]}}}}", "inertia"),
+    ("cases: top, check: {kind: bound, of: growth_largest, least: 0}", "case top has no medium"),
+    (f"cases: slow, {FALLS}, {OVER}0.1]}}}}, start: x1", "no member starts about x1"),
+    (f"cases: turning, {TURNS}, over: {{inertia.0: {{values: [2.0]}}}}", "inertia"),
+    ("cases: slow, check: {kind: bound, of: u1, most: 1}",
+     "case slow has no gamma, which u1 needs"),
+    ("cases: slow, check: {kind: value, values: {rebound_u3: [1]}, within: 0.1}",
+     "case slow has no gamma, which Gz needs"),
+    ("cases: stopping, check: {kind: bound, of: area_largest, least: 1}",
+     "case stopping has no labels of the enclosed axis: averaged over the hodograph's turns: "
+     "it circles x3, and crosses nothing"),
 ]  # fmt: skip
-"""Cases, what is claimed of them, and why it cannot be judged."""
+"""What is claimed, and why it cannot be judged."""
 
 
-@pytest.mark.parametrize(("cases", "rest", "words"), REFUSED)
-def test_a_claim_that_cannot_be_judged_is_refused(
-    stored: Path, cases: str, rest: str, words: str
-) -> None:
-    block = claims_block(f"cases: [{cases}], {rest}, expect: reproduced")
-    (stored / "c.yaml").write_text(MOTIONS + block, encoding="utf-8")
+@pytest.mark.parametrize(("claim", "words"), REFUSED)
+def test_a_claim_that_cannot_be_judged_is_refused(stored: Path, claim: str, words: str) -> None:
+    text = MOTIONS + claims_block(f"{claim}, expect: reproduced")
+    (stored / "c.yaml").write_text(text, encoding="utf-8")
     done = call(stored, "claims", "c.yaml")
-    assert done.returncode == 2
+    assert (done.returncode, done.stdout) == (2, "")
     line = done.stderr.splitlines()[-1]  # the first one says that the file has changed
     # The place of the check, in the last line of the file.
-    assert re.match(rf"c\.yaml:{len((MOTIONS + block).splitlines())}:\d+: claims\.0\.check: ", line)
+    assert re.match(rf"c\.yaml:{len(text.splitlines())}:\d+: claims\.0\.check: ", line)
     assert words in line
 
 
@@ -639,7 +632,7 @@ MISTAKEN = [
      "check.formula: column 6 of the expression: unknown name"),
     ("cases: turning, check: {kind: formula, of: r}", "check: missing 'formula'"),
     ("cases: turnin, check: {kind: crossings, least: 1}",
-     "cases.0: unknown case 'turnin'; did you mean 'turning'? (valid: slow, fast, "),
+     "cases.0: unknown case 'turnin'; did you mean 'turning'?"),
     (f"cases: [turning, turning], {TURNS}, over: {{damping.0: {{values: [-.inf]}}}}",
      "over.damping.0.values.0: expected a finite number, got -inf"),
     (f"cases: turning, {TURNS}, over: {{damping.0: {{values: []}}}}",
@@ -672,125 +665,15 @@ MISTAKEN = [
 
 @pytest.mark.parametrize(("claim", "words"), MISTAKEN)
 def test_a_wrong_claim_is_named_with_its_place(claim: str, words: str) -> None:
-    message = refusal_in_last_line(MOTIONS + claims_block(f"{claim}, expect: reproduced"))
-    assert message.startswith(f"claims.0.{words}")
-
-
-def refusal_in_last_line(text: str) -> str:
-    """Why a case file is refused, for a mistake in its last line."""
+    text = MOTIONS + claims_block(f"{claim}, expect: reproduced")
     with pytest.raises(HodoError) as raised:
         parse(text, "c.yaml")
     place, _, message = str(raised.value).partition(": ")
     assert re.fullmatch(rf"c\.yaml:{len(text.splitlines())}:\d+", place)
-    return message
-
-
-LACKING = [
-    ("cases: slow, check: {kind: bound, of: u1, most: 1}",
-     "case slow has no gamma, which u1 needs"),
-    ("cases: slow, check: {kind: value, values: {rebound_u3: [1]}, within: 0.1}",
-     "case slow has no gamma, which Gz needs"),
-    ("cases: stopping, check: {kind: bound, of: area_largest, least: 1}",
-     "case stopping has no labels of the enclosed axis: averaged over the hodograph's turns: "
-     "it circles x3, and crosses nothing"),
-]  # fmt: skip
-"""Claims of what their cases do not have, and the words that say so."""
-
-
-@pytest.mark.parametrize(("claim", "words"), LACKING)
-def test_what_a_case_lacks_is_told_when_the_claim_is_judged(
-    stored: Path, claim: str, words: str
-) -> None:
-    (stored / "c.yaml").write_text(MOTIONS + claims_block(f"{claim}, expect: reproduced"))
-    done = call(stored, "claims", "c.yaml")
-    place = rf"c\.yaml:{len((stored / 'c.yaml').read_text().splitlines())}:\d+: claims\.0\.check: "
-    assert (done.returncode, done.stdout) == (2, "")
-    assert re.fullmatch(place + re.escape(words), done.stderr.splitlines()[-1])
-
-
-def test_a_case_with_other_values_is_integrated_for_the_statement_alone(stored: Path) -> None:
-    faster, checked = "{case: slow, damping: 0.2}", "check: {kind: value, values: {r: [%r]}, %s"
-    claims = [
-        f"cases: {faster}, {checked % (E2, 'within: 1.0e-9}')}, expect: reproduced",
-        f"cases: [slow, {faster}], check: {{kind: order, of: r, sense: falls}}, expect: reproduced",
-        # Of `time` and `assumes` what is not changed stays.
-        f"cases: {{case: slow, time: {{end: 5}}, assumes: {{a: b}}}}, "
-        f"{checked % (math.exp(-0.5), 'within: 1.0e-9}')}, expect: reproduced",
-        "cases: {case: passing, form: averaged, initial: {x: 0, y: 1}}, "
-        "check: {kind: value, values: {end_of_spin: [40]}, within: 1.0e-9}, expect: reproduced",
-        # The members of `over` change it once more.
-        f"cases: {faster}, check: {{kind: bound, of: r, most: 0.13}}, "
-        "over: {damping.2: {values: [0.205, 0.25]}}, expect: reproduced",
-        f"cases: {{case: given-up, method: auto}}, {FALLS}, expect: not tested",
-    ]
-    rows = judged_by(stored, claims_block(*claims))["statements"]
-    assert [row["verdict"] for row in rows] == [*["reproduced"] * 5, "not tested"]
-    assert rows[1]["cases"] == ["slow", {"case": "slow", "damping": 0.2}]
-    assert [*hodo_cli.open(stored / "runs" / "c.h5")] == [*parse(MOTIONS, "c.yaml").cases]
-
-
-def test_evidence_shows_the_digits_that_decide(stored: Path) -> None:
-    claims = [
-        "cases: [slow], check: {kind: value, values: {r: [0.367881]}, within: 5.0e-7}",
-        "cases: [slow], check: {kind: bound, of: r, most: 0.36788}",
-        "cases: [slow], check: {kind: value, values: {r: [0.37]}, within: 0.005}",
-        "cases: [slow, {case: slow, damping: 0.1000001}], "
-        "check: {kind: order, of: r, sense: falls}",
-        "cases: [by-0-and-2], check: {kind: average, variable: omega.x3, at: [{}], most: -0.06194}",
-    ]
-    rows = judged_by(stored, claims_block(*(f"{c}, expect: reproduced" for c in claims)))
-    assert [row["evidence"] for row in rows["statements"]] == [
-        "r = 0.367879 (printed: 0.367881)",
-        "r = 0.367879",
-        "r = 0.3679 (printed: 0.37)",
-        "r: 0.3678794, 0.3678791",
-        "omega.x3 = -0.061945",
-    ]
+    assert message.startswith(f"claims.0.{words}")
 
 
 # What is not known well enough.
-
-UNKNOWN = f"""
-cases:
-  # DOP853 knows its crossing to 1e-4.
-  rough: {{model: cavity+constant, inertia: [1, 0.8, 0.6], kappa: 0.05, epsilon: 0.01,
-           torque: [-1, 0.5, 0.7], initial: {{p: 0.5, q: 0.25, r: 1.4}},
-           method: DOP853, tol: 1.0e-5, time: {{end: 40, samples: 401}}}}
-  # It ends at its crossing, as near as a double can.
-  near: {{{TURN.replace("end: 100, samples: 101", "end: 305.358955166711, samples: 2001")},
-          damping: [0.005, 0.004, 0.003]}}
-  upright: {{{LINEAR}, damping: 0, initial: {{p: 0, q: 0, r: 2}}, attitude: yes, time: {{end: 9}}}}
-"""
-UNDECIDED = [
-    *(("near", check, "not tested") for check in (
-        "{kind: crossings, most: 0}", "{kind: crossings, least: 1}", "{kind: axis, end: x1}",
-        "{kind: axis, end: x3}", "{kind: bound, of: crossings, most: 0}")),
-    ("near", "{kind: axis, start: x1}", "reproduced"),
-    *(("upright", f"{{kind: bound, of: {angle}, least: 0}}", "not tested")
-      for angle in ("psi", "phi")),
-    # The crossing is at 28.000912709.
-    ("rough", "{kind: value, values: {first_crossing: [28.00079149]}, within: 1.0e-6}",
-     "not tested"),
-    ("rough", "{kind: bound, of: first_crossing, most: 28.00085}", "not tested"),
-    ("rough", "{kind: bound, of: first_crossing, most: 28.1}", "reproduced"),
-    ("rough", "{kind: value, values: {first_crossing: [28.001]}, within: 1.0e-3}", "reproduced"),
-    # q is known to 1.1e-4, and its largest value is 1.330942.
-    ("rough", "{kind: bound, of: q, at: always, most: 1.3309}", "reproduced"),
-    ("rough", "{kind: bound, of: q, at: always, most: 1.32}", "reproduced to plotting accuracy"),
-]  # fmt: skip
-
-
-def test_errors_that_do_not_decide_leave_a_statement_untested(tmp_path: Path) -> None:
-    claims = [f"cases: [{case}], check: {check}, expect: x" for case, check, _ in UNDECIDED]
-    block = claims_block(*claims).replace("expect: x", "expect: reproduced")
-    (tmp_path / "c.yaml").write_text(UNKNOWN + block, encoding="utf-8")
-    assert call(tmp_path, "run", "c.yaml").returncode == 0
-    assert call(tmp_path, "classify", "c.yaml").returncode == 0
-    rows = json.loads(call(tmp_path, "claims", "c.yaml", "--json").stdout)["statements"]
-    assert [row["verdict"] for row in rows] == [verdict for *_, verdict in UNDECIDED]
-    said = "\n".join(row["evidence"] for row in rows)
-    assert "is known to 0.00012 only" in said
-    assert "case near: it is undecided whether the motion crosses the separatrix" in said
 
 
 # What the command stores, shows and wants.
@@ -887,6 +770,17 @@ def config_of(paper: str) -> Any:
     return load(ROOT / "configs" / f"{paper}.yaml")
 
 
+JUDGED: dict[str, dict[str, Any]] = {}
+
+
+def judged(results: Path, paper: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The verdicts on the statements and misprints of a paper, by id."""
+    if paper not in JUDGED:
+        JUDGED[paper] = json.loads(call(results, "claims", f"runs/{paper}.h5", "--json").stdout)
+    statements, errata = (JUDGED[paper][key] for key in ("statements", "errata"))
+    return {row["id"]: row for row in statements}, {row["id"]: row for row in errata}
+
+
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the results and the labels of the papers."""
@@ -898,65 +792,37 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def judged(results: Path) -> dict[str, dict[str, dict[str, Any]]]:
-    """The verdicts on every claim of the papers, by paper and id."""
-    rows = {}
-    for paper in PAPERS:
-        tables = json.loads(call(results, "claims", f"runs/{paper}.h5", "--json").stdout)
-        rows[paper] = {row["id"]: row for row in tables["statements"]}
-        rows[f"{paper} errata"] = {row["id"]: row for row in tables["errata"]}
-    return rows
-
-
-def test_every_check_of_a_paper_is_used_and_says_what_it_checks() -> None:
+def test_every_check_of_a_paper_is_used() -> None:
     """Case files know the checks by a list beside their modules, which they do not load."""
-    used = set()
-    for path in (ROOT / "configs").glob("*.yaml"):
-        used |= set(re.findall(r"kind: paper, name: ([\w-]+)", path.read_text(encoding="utf-8")))
+    texts = [path.read_text(encoding="utf-8") for path in (ROOT / "configs").glob("*.yaml")]
+    used = {name for text in texts for name in re.findall(r"kind: paper, name: ([\w-]+)", text)}
     listed = yaml.safe_load((ROOT / "hodo_cli" / "papers" / "checks.yaml").read_text("utf-8"))
-    checks = {name for x in listed.values() for kind in ("checks", "trends") for name in
-              x.get(kind, ())}  # fmt: skip
-    assert used == checks
-    functions = {
-        name.replace("_", "-"): function
-        for module in listed
-        for name, function in inspect.getmembers(
-            importlib.import_module(f"hodo_cli.papers.{module}"), inspect.isfunction
-        )
-        if [*inspect.signature(function).parameters] in (["motions"], ["members"])
+    kinds = [of.get(kind, ()) for of in listed.values() for kind in ("checks", "trends")]
+    assert used == {name for names in kinds for name in names}
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("paper", PAPERS)
+def test_every_claim_of_the_papers_has_the_verdict_expected(results: Path, paper: str) -> None:
+    statements, errata = judged(results, paper)
+    config = config_of(paper)
+    assert [*statements] == [claim["id"] for claim in config.claims]
+    rows = statements.items()
+    assert not {name for name, row in rows if row["verdict"] != row["expect"]}
+    assert not {name for name, row in rows if not row["contradicted_by"]}
+    assert {name: row["verdict"] for name, row in errata.items()} == {
+        erratum["id"]: "confirmed" if erratum["cases"] or erratum["readings"] else "by reading"
+        for erratum in config.errata
     }
-    assert functions.keys() == checks
-    assert all(function.__doc__ for function in functions.values())
-
-
-@pytest.mark.heyoka
-def test_every_claim_of_the_papers_has_the_verdict_expected(judged: Verdicts) -> None:
-    for paper in PAPERS:
-        assert [*judged[paper]] == [claim["id"] for claim in config_of(paper).claims]
-        rows = judged[paper].items()
-        assert not {name for name, row in rows if row["verdict"] != row["expect"]}
-
-
-@pytest.mark.heyoka
-def test_every_erratum_of_the_papers_is_confirmed(judged: Verdicts) -> None:
-    for paper in PAPERS:
-        words = {name: row["verdict"] for name, row in judged[f"{paper} errata"].items()}
-        assert words == {
-            erratum["id"]: "confirmed" if erratum["cases"] or erratum["readings"] else "by reading"
-            for erratum in config_of(paper).errata
-        }
 
 
 @pytest.mark.heyoka
 def test_the_numbers_that_decide_are_those_found_by_other_means(
-    judged: Mapping[str, Mapping[str, Any]],
+    results: Path,
 ) -> None:
-    one, two, three = (judged[paper] for paper in PAPERS)
+    (one, misprints), (two, _), (three, _) = (judged(results, paper) for paper in PAPERS)
     assert one["fig4-separatrix"]["evidence"] == "305.4 (x1 to x3)"
-    assert judged["paper1 errata"]["curve-3"]["number"] == pytest.approx(
-        0.0535 / 1.0777**2, rel=1e-3
-    )
+    assert misprints["curve-3"]["number"] == pytest.approx(0.0535 / 1.0777**2, rel=1e-3)
     assert one["fig10-area"]["number"] == pytest.approx(0.064, abs=0.0005)
     # A limit is met long after the figure has ended.
     assert three["case1-u1-u2"]["verdict"] == "reproduced"
@@ -988,7 +854,7 @@ def test_the_numbers_that_decide_are_those_found_by_other_means(
     assert growth == pytest.approx([0.0058333333, 0.0027083333], rel=1e-7)
     trend = one["larger-difference-trend"]
     assert trend["evidence"] == "11.5 % of 494 pairs reversed"
-    misprints = judged["paper1 errata"]
+
     starts = misprints["unit-of-angular-velocity"]["readings"]
     assert starts["as printed"]["number"] == pytest.approx(0.524, abs=0.0005)
     assert starts["corrected"]["number"] == pytest.approx(0.0022, abs=0.00005)
@@ -1016,11 +882,6 @@ def test_the_numbers_that_decide_are_those_found_by_other_means(
         "holds on 49 of 49",
         "holds on 18 of 49",
     ]
-
-
-def test_every_statement_says_what_would_contradict_it(judged: Verdicts) -> None:
-    rows = [row for paper in PAPERS for row in judged[paper].values()]
-    assert not [row["id"] for row in rows if not row["contradicted_by"]]
 
 
 def factorial(diagonal: float, off_diagonal: float, end: float) -> str:
@@ -1080,19 +941,20 @@ def test_a_check_of_a_paper_fails_for_motions_that_do_otherwise(results: Path, p
 
 
 VISIBLE = "hodo_cli.claims.measures.VISIBLE_MOMENTUM"
-PLOTTING = "hodo_cli.claims.finding.PLOTTING_ACCURACY"
-NEAR_LIMIT = "hodo_cli.papers.paper3.NEAR_LIMIT"
+
+
 LIMITS = [
-    ("paper1", "most", 0.075, 0.168, "fig10-area fig16-area"),
-    ("paper1", "least", 0.075, 0.168, "fig11-area fig18-area"),
-    ("paper1", VISIBLE, 0.01, 0.3, "fig14-character x1-start-never-explicitly-x3"),
-    ("paper1", VISIBLE, 0.01, 0.15, "fig16-turns"),
-    ("paper1", VISIBLE, 0.1, 0.3, "fig18-turns"),
-    ("paper1", "most", 0.0003, 0.04, "fig1-curves-3-4"),
-    ("paper2", "within", 0.008, 0.2, "limits"),
-    ("paper2", "hodo_cli.papers.paper2.SMALL_NUMBER", 0.003, 0.5, "small-Reynolds-number"),
-    ("paper3", NEAR_LIMIT, 0.002, 0.05, "case1-u3-quickly case3-H-quickly"),
-    ("paper3", PLOTTING, 0.001, 0.05,
+    ("paper1", {"most": [0.075, 0.168]}, "fig10-area fig16-area"),
+    ("paper1", {"least": [0.075, 0.168]}, "fig11-area fig18-area"),
+    ("paper1", {"most": [0.0003, 0.04]}, "fig1-curves-3-4"),
+    ("paper1", {VISIBLE: [0.01, 0.3]}, "fig14-character x1-start-never-explicitly-x3"),
+    ("paper1", {VISIBLE: [0.01, 0.15]}, "fig16-turns"),
+    ("paper1", {VISIBLE: [0.1, 0.3]}, "fig18-turns"),
+    ("paper2", {"within": [0.008, 0.2]}, "limits"),
+    ("paper2", {"hodo_cli.papers.paper2.SMALL_NUMBER": [0.003, 0.5]}, "small-Reynolds-number"),
+    ("paper3", {"hodo_cli.papers.paper3.NEAR_LIMIT": [0.002, 0.05]},
+     "case1-u3-quickly case3-H-quickly"),
+    ("paper3", {"hodo_cli.claims.finding.PLOTTING_ACCURACY": [0.001, 0.05]},
      "case1-u1-u2 case2-Gz-r-limit case2-H-limit case3-Gz case3-fall"),
 ]  # fmt: skip
 """Limits of checks that no text gives, by key or by constant, the range in which they decide alike,
@@ -1100,24 +962,29 @@ and the statements that they decide."""
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize(("paper", "limit", "low", "high", "decided"), LIMITS)
+@pytest.mark.parametrize(("paper", "limits", "decided"), LIMITS)
 def test_no_verdict_hangs_on_a_limit_that_is_ours(
     results: Path, monkeypatch: pytest.MonkeyPatch,
-    paper: str, limit: str, low: float, high: float, decided: str,
+    paper: str, limits: dict[str, list[float]], decided: str,
 ) -> None:  # fmt: skip
+    """The statements at the lower and at the upper end, side by side where a key sets the limit."""
     page = " ".join((ROOT / "docs" / "papers.md").read_text(encoding="utf-8").split())
-    assert f"| {low:g} to {high:g}" in page
     sections = yaml.load((ROOT / "configs" / f"{paper}.yaml").read_text(encoding="utf-8"), LOADER)
     statements = [claim for claim in sections["claims"] if claim["id"] in decided.split()]
-    for value in (low, high):
-        if "." in limit:
-            monkeypatch.setattr(limit, value)
-        else:
-            for claim in statements:
-                claim["check"][limit] = value
-        entries = {**sections, "claims": statements}
-        text = yaml.dump(entries, Dumper=DUMPER, allow_unicode=True, sort_keys=False)
-        (results / "configs" / f"{paper}.yaml").write_text(text, encoding="utf-8")
+    ((limit, ends),) = limits.items()
+    assert "| {:g} to {:g}".format(*ends) in page
+    if "." not in limit:
+        statements = [
+            {**claim, "id": f"{claim['id']}-{end}", "check": {**claim["check"], limit: end}}
+            for claim in statements
+            for end in ends
+        ]
+    entries = {**sections, "claims": statements}
+    text = yaml.dump(entries, Dumper=DUMPER, allow_unicode=True, sort_keys=False)
+    (results / "configs" / f"{paper}.yaml").write_text(text, encoding="utf-8")
+    for end in ends if "." in limit else [None]:
+        if end is not None:
+            monkeypatch.setattr(limit, end)
         done = call(results, "claims", f"configs/{paper}.yaml", "--json")
         rows = json.loads(done.stdout)["statements"]
         assert {row["id"]: row["verdict"] for row in rows} == {
@@ -1191,18 +1058,3 @@ def test_the_head_of_a_page_has_no_number_that_its_entries_do_not_give(paper: st
         x for x in measured if not any(round(y, len(x.split(".")[1])) == float(x) for y in given)
     ]
     assert not missing
-
-
-def test_the_literal_tensor_crosses_once_at_most_and_to_x1_alone() -> None:
-    """dD/dt = -2 c (p + r) [(A1 - A2) p - (A2 - A3) r] is 0.16 c r^2 where D = 0, for this body."""
-    A, c = np.array([1.0, 0.8, 0.6]), 0.005
-    generator = np.random.default_rng(1)
-    for r in generator.normal(size=100):
-        # D = 0: A1 (A1 - A2) p^2 = A3 (A2 - A3) r^2.
-        for p in np.sqrt(0.6) * r * np.array([1, -1]):
-            w = np.array([p, generator.normal(), r])
-            damping = c * np.array([p + r, 0, p + r])
-            rate = np.cross(A * w, w) - damping
-            rate /= A
-            dD = 2 * A[0] * (A[0] - A[1]) * p * rate[0] - 2 * A[2] * (A[1] - A[2]) * r * rate[2]
-            assert dD == pytest.approx(0.16 * c * r * r, rel=1e-9)

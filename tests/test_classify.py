@@ -4,7 +4,6 @@ engine."""
 import json
 import math
 import re
-from dataclasses import replace
 from fractions import Fraction
 from itertools import permutations
 from pathlib import Path
@@ -13,106 +12,112 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from conftest import Hodo, classified
+import xarray as xr
+from conftest import Hodo
 from hypothesis import given
 from hypothesis import strategies as st
 
 import hodo_cli
-from hodo_cli import Case, HodoError, engines
-from hodo_cli.cases.case import Time
-from hodo_cli.commands.classify import crossings_line
-from hodo_cli.integration import classify, crossings, integrate
+from hodo_cli.integration import crossings
 from hodo_cli.models import rigid_body
-from hodo_cli.results import layout
 
 BODY = (1.0, 0.8, 0.6)
 # Of Fig 4, for the doubles nearest to its decimals; tests/data/crossings.csv.
 CROSSING = 305.3589551667112034886
+UNDETERMINED, SEPARATRIX = -1, 0
+"""The labels that are no axis."""
 
 
-def diagonal(
-    damping: float | tuple[float, ...], start: tuple[float, ...], **common: object
-) -> Case:
-    inertia, time = common.pop("inertia", BODY), common.pop("time", Time(end=1000.0, samples=101))
-    damping = damping if isinstance(damping, tuple) else (damping,) * 3
-    data = {
-        "inertia": inertia,
-        "damping": damping,
-        "initial": dict(zip("pqr", start, strict=True)) | {"G": None},
-    }
-    return Case(name="test", model="linear-diag", form="full", data=data, time=time, **common)  # type: ignore[arg-type]
+def diagonal(damping: Any, start: tuple[float, ...], **more: Any) -> xr.Dataset:
+    """The motion of a damped body, to t = 1000 unless another time is given."""
+    case = {"inertia": BODY, "time": {"end": 1000, "samples": 101}, **more}
+    initial = dict(zip("pqr", start, strict=True))
+    return hodo_cli.run({"model": "linear-diag", "damping": damping, "initial": initial, **case})
 
 
-def found(case: Case) -> Any:
-    return classified(case)[1]
+def fig4(**more: Any) -> xr.Dataset:
+    return diagonal((0.005, 0.004, 0.003), (0.8, 0.5, 0.74), **more)
 
 
-FIG4 = diagonal((0.005, 0.004, 0.003), (0.8, 0.5, 0.74))
+def labels_of(motion: xr.Dataset) -> set[int]:
+    return {*motion.enclosed_axis.values.tolist()}
+
+
+def crossings_of(motion: xr.Dataset) -> list[tuple[int, int]]:
+    """The axes before and after each crossing."""
+    ends = (motion[f"crossing_{side}"].values.tolist() for side in ("from", "to"))
+    return [*zip(*ends, strict=True)]
+
 
 ON_SEPARATRIX = (math.sqrt(0.6), 0.3, 1.0)
 """D = 0 but for the rounding of the root: D = A1(A1-A2) p^2 - A3(A2-A3) r^2 = 0.2 p^2 - 0.12
 r^2."""
 
 
-def test_rounding_makes_no_crossings() -> None:
-    # D stays at a few ulps for ever here, and its sign is noise: heyoka alone reports dozens of
-    # roots.
-    for damping in (0.0, 0.01):
-        case = diagonal(damping, ON_SEPARATRIX)
-        classification = found(case)
-        assert not classification.crossings
-        assert classification.labels[0] == rigid_body.SEPARATRIX
-
-
+# Without damping, or with equal one, D stays at a few ulps for ever, and its sign is noise: heyoka
+# alone reports dozens of roots.
 @pytest.mark.parametrize(
-    ("damping", "end"), [((0.005, 0.004, 0.003), 3), ((0.003, 0.004, 0.005), 1)]
+    ("damping", "end"),
+    [(0, SEPARATRIX), (0.01, SEPARATRIX), ((0.005, 0.004, 0.003), 3), ((0.003, 0.004, 0.005), 1)],
 )
-def test_a_start_on_the_separatrix_is_no_crossing(damping: tuple[float, ...], end: int) -> None:
-    classification = found(diagonal(damping, ON_SEPARATRIX))
-    assert not classification.crossings
-    assert (classification.labels[0], classification.labels[-1]) == (rigid_body.SEPARATRIX, end)
+def test_a_start_on_the_separatrix_is_no_crossing(damping: Any, end: int) -> None:
+    motion = diagonal(damping, ON_SEPARATRIX)
+    assert not crossings_of(motion)
+    assert motion.enclosed_axis.values[0] == SEPARATRIX
+    assert end in (SEPARATRIX, motion.enclosed_axis.values[-1])
 
 
 @pytest.mark.parametrize("error", ["on", "off"])
 def test_rotation_about_the_middle_axis_is_the_separatrix(error: str) -> None:
-    case = diagonal(0.01, (0.0, 1.0, 0.0), error=error)
-    assert set(found(case).labels) == {rigid_body.SEPARATRIX}
+    assert labels_of(diagonal(0.01, (0.0, 1.0, 0.0), error=error)) == {SEPARATRIX}
 
 
 @pytest.mark.parametrize(
     ("inertia", "start", "label"),
     [
         ((1.0, 0.8, 0.8), (0.1, 0.5, 0.5), 1),
-        ((1.0, 0.8, 0.8), (0.0, 0.5, 0.5), rigid_body.UNDETERMINED),
+        ((1.0, 0.8, 0.8), (0.0, 0.5, 0.5), UNDETERMINED),
         ((1.0, 1.0, 0.6), (0.5, 0.5, 0.1), 3),
-        ((1.0, 1.0, 0.6), (0.5, 0.5, 0.0), rigid_body.UNDETERMINED),
-        ((1.0, 1.0, 1.0), (0.5, 0.5, 0.5), rigid_body.UNDETERMINED),
+        ((1.0, 1.0, 0.6), (0.5, 0.5, 0.0), UNDETERMINED),
+        ((1.0, 1.0, 1.0), (0.5, 0.5, 0.5), UNDETERMINED),
         ((0.8, 1.0, 0.6), (0.1, 0.9, 0.1), 2),
         ((0.8, 0.6, 1.0), (0.1, 0.9, 0.1), 2),
-        (BODY, (0.0, 0.0, 0.0), rigid_body.UNDETERMINED),
+        (BODY, (0.0, 0.0, 0.0), UNDETERMINED),
     ],
 )
 def test_labels_name_the_body_axes_as_given(
     inertia: tuple[float, ...], start: tuple[float, ...], label: int
 ) -> None:
-    assert set(found(diagonal(0.001, start, inertia=inertia)).labels) == {label}
+    assert labels_of(diagonal(0.001, start, inertia=inertia)) == {label}
 
 
 def test_labels_go_on_below_the_smallest_double() -> None:
     # exp(-1.2 * 650) is 1e-339.
-    time = Time(end=650.0, samples=66)
-    case = diagonal((1.2, 1.2, 1.2 - 2**-40), (0.8, 0.3, 0.2), time=time)
-    motion, classification = classified(case)
-    assert not motion.variables["omega"][-1].any()
-    assert set(classification.labels) == {1}
+    time = {"end": 650, "samples": 66}
+    motion = diagonal((1.2, 1.2, 1.2 - 2**-40), (0.8, 0.3, 0.2), time=time)
+    assert not motion.omega.values[-1].any()
+    assert labels_of(motion) == {1}
 
 
-@pytest.mark.parametrize("samples", [1, 2, 17, 5001])
-def test_crossings_do_not_depend_on_the_sampling(samples: int) -> None:
-    (crossing,) = found(replace(FIG4, time=Time(end=1000.0, samples=samples))).crossings
-    bound = 1e-12 if engines.have_taylor() else 1e-10
-    assert crossing.time == pytest.approx(CROSSING, rel=bound)
-    assert (crossing.start, crossing.end) == (1, 3)
+@pytest.mark.parametrize(
+    ("keys", "bound"),
+    [
+        *(({"time": {"end": 1000, "samples": samples}}, 1e-10) for samples in (1, 2, 17, 5001)),
+        ({"method": "DOP853"}, 1e-11),
+        *(({"method": method}, 1e-6) for method in ("RK45", "LSODA")),
+        ({"method": "Radau", "tol": 1e-7}, 1e-6),
+    ],
+)
+def test_a_crossing_depends_on_no_sampling_and_no_engine(
+    keys: dict[str, Any], bound: float
+) -> None:
+    """To the bound of the method, and to the error that is stated."""
+    motion = fig4(**{"time": {"end": 400, "samples": 3}, **keys})
+    assert crossings_of(motion) == [(1, 3)]
+    bound = 1e-12 if motion.attrs["method"] == "taylor" else bound
+    assert motion.crossing_time.item() == pytest.approx(CROSSING, rel=bound)
+    off = abs(motion.crossing_time.item() - CROSSING)
+    assert off <= 2 * motion.crossing_error.item() + 1e-13 * CROSSING
 
 
 def test_the_start_is_that_of_the_motion_and_not_of_its_first_sample(
@@ -133,123 +138,73 @@ def test_the_start_is_that_of_the_motion_and_not_of_its_first_sample(
         assert [[c["from"], c["to"]] for c in row["crossings"]] == [["x1", "x3"]]
 
 
-@pytest.mark.parametrize(
-    ("method", "bound"), [("DOP853", 1e-11), ("RK45", 1e-6), ("LSODA", 1e-6), ("Radau", 1e-6)]
-)
-def test_every_engine_finds_the_same_crossing_to_its_own_error(method: str, bound: float) -> None:
-    case = replace(FIG4, method=method, time=Time(end=400.0, samples=3))
-    if method == "Radau":
-        case = replace(case, tol=1e-7)
-    (crossing,) = found(case).crossings
-    assert crossing.time == pytest.approx(CROSSING, rel=bound)
-    assert abs(crossing.time - CROSSING) <= 2 * crossing.error + 1e-13 * CROSSING
-
-
-def test_a_stored_motion_that_is_not_the_case_s_is_refused() -> None:
-    motion, _ = classified(FIG4)
-    wrong = motion.variables["omega"] * (1 + 1e-9)
-    with pytest.raises(HodoError, match="differs from its case"):
-        classify(FIG4, motion.method, motion.tol, motion.error, wrong)
-
-
 def test_a_motion_that_comes_back_between_the_places_looked_at_has_crossed_twice() -> None:
     # It encloses x3 at each of its two samples and of the 513 other times.
     case: dict[str, Any] = {
-        "model": "torques",
-        "inertia": BODY,
-        "damping": 0.7,
-        "torque": [0.5, 0.6, 0.9],
-        "initial": {"p": 0.5, "q": 0.8, "r": -0.9},
-        "time": {"end": 2000, "samples": 2},
-    }
+        "model": "torques", "inertia": BODY, "damping": 0.7, "torque": [0.5, 0.6, 0.9],
+        "initial": {"p": 0.5, "q": 0.8, "r": -0.9}, "time": {"end": 2000, "samples": 2},
+    }  # fmt: skip
     motion = hodo_cli.run(case)
     assert motion.enclosed_axis.values.tolist() == [3, 3]
-    assert motion.crossing_to.values.tolist() == [1, 3]
+    assert crossings_of(motion) == [(3, 1), (1, 3)]
     assert np.allclose(motion.crossing_time, [0.1153054, 1.0613031], rtol=1e-6)
     assert (motion.crossing_error.values < 1e-12).all()
 
 
-def test_labels_and_crossings_as_they_are_stored() -> None:
-    crossing = crossings.Crossing(1.0, 1, 3, 0.5, 1e-12)
-    variables = layout.label_variables(np.array([1, 3]), [crossing])
-    label = variables["enclosed_axis"]
-    assert label.attrs["flag_meanings"] == "undetermined separatrix x1 x2 x3"
-    assert label.attrs["flag_values"].dtype == label.data.dtype == np.int8
-    assert variables["crossing_from"].data.tolist() == [1]
-
-
 # `read_sign_changes` by itself, on moments made by hand.
 
-
-def side(margin: np.ndarray) -> np.ndarray:
-    """The label where the axis of largest inertia is x1, and that of smallest x3."""
-    return np.where(margin > 0, 1, 3)
-
-
-def crossings_between(
-    margins: list[float | None], absorbing: tuple[int, ...] = ()
-) -> tuple[list[tuple[int, int]], int]:
-    """The crossings, and how many places are undecided, when D / (sum of its terms) takes these
-    values at whole times, None marking a zero, and the axes `absorbing` are never left."""
-    margin = np.array([0.0 if value is None else value for value in margins])
-    vanishes = np.array([value is None for value in margins])
-    ones = np.ones(len(margin))
-    signs = crossings.SignChanges(
-        np.arange(len(margin), dtype=float), margin, vanishes, ones, ones, side(margin)
-    )
-    verdict = crossings.read_sign_changes(signs, 1e-15 * ones, frozenset(absorbing))
-    return [(c.start, c.end) for c in verdict.crossings], len(verdict.undecided)
-
-
-def test_a_zero_reported_twice_or_never_is_one_crossing() -> None:
-    for roots in range(4):
-        assert crossings_between([0.5, *[None] * roots, -0.5]) == ([(1, 3)], 0)
-
-
-def test_a_pair_of_zeros_is_two_crossings_or_undecided() -> None:
-    assert crossings_between([0.5, None, -1e-12, None, 0.5]) == ([(1, 3), (3, 1)], 0)
-    assert crossings_between([0.5, None, -1e-16, None, 0.5]) == ([], 1)
-    assert crossings_between([0.5, 1e-12, 0.5]) == ([], 0)
-    assert crossings_between([0.5, 1e-16, 0.5]) == ([], 1)
-
-
-def test_a_start_or_an_end_on_the_separatrix_is_no_crossing() -> None:
-    assert crossings_between([0.0, 0.5]) == ([], 0)
-    assert crossings_between([None, 0.5, None, -0.5]) == ([(1, 3)], 0)
-    assert crossings_between([0.5, None, -1e-17]) == ([], 1)
-
-
-def test_an_axis_that_is_never_left_decides_what_the_error_hides() -> None:
-    touch, leave = [0.5, None, -1e-16, None, 0.5, None, 1e-16], [0.5, None, -0.5, 1e-16, -0.5, 0.0]
-    assert crossings_between(touch) == ([], 2)
-    # About x1 it is for good; about x3 the end may have brought it, but nothing before.
-    assert crossings_between(touch, (1,)) == crossings_between(touch, (1, 3)) == ([], 0)
-    assert crossings_between(touch, (3,)) == ([], 1)
-    assert crossings_between(leave) == ([(1, 3)], 2)
-    assert crossings_between(leave, (3,)) == ([(1, 3)], 0)
+ONCE = [0.5, None, -0.5]
+TOUCH = [0.5, None, -1e-16, None, 0.5, None, 1e-16]
+LEAVE = [0.5, None, -0.5, 1e-16, -0.5, 0.0]
+MOMENTS: list[tuple[list[float | None], tuple[int, ...], list[tuple[int, int]], int]] = [
+    # A zero that is reported twice or never is one crossing.
+    *(([0.5, *[None] * roots, -0.5], (), [(1, 3)], 0) for roots in range(4)),
+    # A pair of zeros is two crossings, or undecided.
+    ([0.5, None, -1e-12, None, 0.5], (), [(1, 3), (3, 1)], 0),
+    ([0.5, None, -1e-16, None, 0.5], (), [], 1),
+    ([0.5, 1e-12, 0.5], (), [], 0),
+    ([0.5, 1e-16, 0.5], (), [], 1),
+    # A start or an end on the separatrix is no crossing.
+    ([0.0, 0.5], (), [], 0),
+    ([None, 0.5, None, -0.5], (), [(1, 3)], 0),
+    ([0.5, None, -1e-17], (), [], 1),
+    # An axis that is never left decides what the error hides: about x1 it is for good; about x3 the
+    # end may have brought it, but nothing before.
+    (TOUCH, (), [], 2), (TOUCH, (1,), [], 0), (TOUCH, (1, 3), [], 0), (TOUCH, (3,), [], 1),
+    (LEAVE, (), [(1, 3)], 2), (LEAVE, (3,), [(1, 3)], 0),
     # What cannot be is the error's doing, and is shown as it was found.
-    assert crossings_between(leave, (1,)) == ([(1, 3)], 2)
+    (LEAVE, (1,), [(1, 3)], 2),
+    # A passage through a stretch of rounding is one crossing.
+    ([0.5, 1e-17, None, -1e-17, None, 1e-17, None, -0.5], (), [(1, 3)], 0),
+]  # fmt: skip
+"""D / (sum of its terms) at whole times, None marking a zero; the axes that are never left; the
+crossings, and how many places are undecided."""
 
 
-def test_a_passage_through_a_stretch_of_rounding_is_one_crossing() -> None:
-    assert crossings_between([0.5, 1e-17, None, -1e-17, None, 1e-17, None, -0.5]) == ([(1, 3)], 0)
+def read(margins: list[float | None], error: float = 1e-15, **more: Any) -> Any:
+    """What moments with these margins say; the axis of largest inertia is x1, of smallest x3."""
+    margin = np.array([0.0 if value is None else value for value in margins])
+    vanishes, ones = np.array([value is None for value in margins]), np.ones(len(margins))
+    rate, side = more.pop("rate", ones), np.where(margin > 0, 1, 3)
+    times = np.arange(len(margin), dtype=float)
+    signs = crossings.SignChanges(times, margin, vanishes, rate, ones, side)
+    return crossings.read_sign_changes(signs, error * ones, **more)
 
 
-def test_the_time_of_a_crossing_is_known_as_far_as_the_error_allows() -> None:
-    margin, vanishes = np.array([0.5, 0.0, -0.5]), np.array([False, True, False])
-    rate, ones = np.array([0.0, 0.25, 0.0]), np.ones(3)
-    signs = crossings.SignChanges(np.arange(3.0), margin, vanishes, rate, ones, side(margin))
-    assert crossings.read_sign_changes(signs, 1e-3 * ones).widths == [4e-3]
+@pytest.mark.parametrize(("margins", "never_left", "expected", "undecided"), MOMENTS)
+def test_moments_make_crossings(
+    margins: list[float | None], never_left: tuple[int, ...], expected: Any, undecided: int
+) -> None:
+    verdict = read(margins, absorbing=frozenset(never_left))
+    assert [(c.start, c.end) for c in verdict.crossings] == expected
+    assert len(verdict.undecided) == undecided
 
 
-def test_what_is_undecided_in_the_end_is_named_by_its_own_time() -> None:
+def test_times_of_crossings_and_of_what_is_undecided() -> None:
+    # A time is known as far as the error allows.
+    assert read([0.5, None, -0.5], 1e-3, rate=np.array([0.0, 0.25, 0.0])).widths == [4e-3]
     # The last moment beyond its band is that of time 2; the zero before it is a crossing.
-    margin = np.array([0.5, 0.0, -0.5, 1e-4, 2e-4])
-    vanishes = np.array([False, True, False, False, False])
-    signs = crossings.SignChanges(
-        np.arange(5.0), margin, vanishes, np.ones(5), np.ones(5), side(margin)
-    )
-    verdict = crossings.read_sign_changes(signs, np.full(5, 1e-3))
+    verdict = read([0.5, None, -0.5, 1e-4, 2e-4], 1e-3)
     assert [c.time for c in verdict.crossings] == [1.0]
     assert verdict.undecided == [3.0]
 
@@ -282,76 +237,57 @@ def test_the_side_of_the_start_is_that_of_its_label() -> None:
     body = (0.999999, 0.4722878378595431, 1.0)
     start = (0.6660700208488779, 4.4023755025267474e-10, 2.1978022028665094e-07)
     damping = (0.0020559210260287066, 0.00413584962737225, 0.0018788737484742401)
-    classification = found(diagonal(damping, start, inertia=body, time=Time(end=20.0, samples=11)))
-    assert (classification.labels[0], classification.labels[-1]) == (2, 3)
-    assert [(c.start, c.end) for c in classification.crossings] == [(2, 3)]
+    motion = diagonal(damping, start, inertia=body, time={"end": 20, "samples": 11})
+    assert motion.enclosed_axis.values[[0, -1]].tolist() == [2, 3]
+    assert crossings_of(motion) == [(2, 3)]
 
 
 @pytest.mark.heyoka
 def test_a_motion_that_ends_early_is_labelled_as_far_as_both_integrations_go() -> None:
     # In units of its own at every event, the second integration of a growing motion stops some
     # steps earlier.
-    data = {
-        "inertia": BODY,
-        "resistance": ((-10.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)),
-        "initial": {"p": 1.0, "q": 0.0, "r": 0.0, "G": None},
-    }
-    case = Case(
-        name="test", model="tensor", form="full", data=data, time=Time(end=100.0, samples=2001)
-    )
-    motion, classification = classified(case)
-    assert motion.status == "failed"
-    assert classification.labels.shape == motion.time.shape
-    few = classify(case, motion.method, motion.tol, motion.error, motion.variables["omega"][:5])
-    assert few.labels.tolist() == [1] * 5
+    case = {
+        "model": "tensor", "inertia": BODY, "resistance": [[-10, 0, 0], [0, 1, 0], [0, 0, 2]],
+        "initial": {"p": 1, "q": 0, "r": 0}, "time": {"end": 100, "samples": 2001},
+    }  # fmt: skip
+    motion = hodo_cli.run(case)
+    assert motion.attrs["status"] == "failed"
+    assert 5 < motion.time.size < 2001
+    assert labels_of(motion) == {1}
 
 
 @pytest.mark.heyoka
 def test_a_motion_that_dies_out_about_the_middle_axis_keeps_the_side_that_it_cannot_leave() -> None:
     # p and r fall to 1e-16 of q at a time of about 3, and far below the smallest double: the sign
     # of D is noise. But lambda1 > lambda3, and so there is no way back from x3.
-    case = diagonal((30.0, 10.0, 20.0), (0.7, 0.3, 0.3), time=Time(end=200.0, samples=201))
-    classification = found(case)
-    assert [(c.start, c.end) for c in classification.crossings] == [(1, 3)]
-    assert classification.crossings[0].time < 1
-    assert set(classification.labels[1:]) == {3}
-
-
-@pytest.mark.heyoka
-def test_without_a_side_that_it_cannot_leave_a_motion_that_dies_out_keeps_none() -> None:
+    time, lam = {"end": 40, "samples": 41}, (30.0, 10.0, 20.0)
+    motion = diagonal(lam, (0.7, 0.3, 0.3), time=time)
+    assert crossings_of(motion) == [(1, 3)]
+    assert motion.crossing_time.item() < 1
+    assert {*motion.enclosed_axis.values[1:].tolist()} == {3}
     # The same as a tensor: an entry beside the diagonal, too small to matter, and no theory.
-    lam, A = (30.0, 10.0, 20.0), BODY
-    I = tuple(
-        tuple(lam[i] * A[i] if i == j else 1e-300 * (i + j == 1) for j in range(3))
-        for i in range(3)
-    )
-    initial = {"p": 0.7, "q": 0.3, "r": 0.3, "G": None}
-    data = {"inertia": A, "resistance": I, "initial": initial}
-    labels = found(Case("dying", "tensor", "full", data, Time(end=200.0, samples=201))).labels
-    assert set(labels[1:3]) == {3}
-    assert set(labels[10:]) == {rigid_body.SEPARATRIX}
+    rows = np.diag(np.multiply(lam, BODY))
+    rows[0, 1] = rows[1, 0] = 1e-150
+    given = {"model": "tensor", "inertia": BODY, "resistance": rows, "time": time}
+    labels = hodo_cli.run(given | {"initial": {"p": 0.7, "q": 0.3, "r": 0.3}}).enclosed_axis.values
+    assert {*labels[1:3].tolist()} == {3}
+    assert {*labels[10:].tolist()} == {SEPARATRIX}
 
 
 def test_a_margin_of_just_the_band_stands_on_neither_side() -> None:
     A, omega = np.array(BODY), np.array([0.8, 0.5, 1.03])
     band = abs(float(rigid_body.margin(A, omega, (0, 1, 2))))
-    assert rigid_body.enclosed_axis(A, omega, band) == rigid_body.SEPARATRIX
+    assert rigid_body.enclosed_axis(A, omega, band) == SEPARATRIX
     assert rigid_body.enclosed_axis(A, omega, math.nextafter(band, 0)) in (1, 3)
 
 
 def test_a_motion_without_a_measured_error_is_compared_where_its_error_decides() -> None:
-    case = diagonal((0.005, 0.004, 0.003), (0.8, 0.5, 0.74), error=False)
-    motion = integrate(case)
-    found = classify(case, motion.method, motion.tol, math.nan, motion.variables["omega"])
-    (crossing,) = found.crossings
-    assert crossing.time == pytest.approx(CROSSING, rel=1e-9)
-    assert math.isnan(crossing.error)
+    motion = fig4(error="off")
+    assert motion.crossing_time.item() == pytest.approx(CROSSING, rel=1e-9)
+    assert math.isnan(motion.crossing_error.item())
     # Of a hundred tolerances of 1e-4 eight count: 0.08 of what D could be.
-    loose = replace(case, method="DOP853", tol=1e-4)
-    motion = integrate(loose)
-    found = classify(loose, "DOP853", 1e-4, math.nan, motion.variables["omega"])
-    (crossing,) = found.crossings
-    assert abs(crossing.time - CROSSING) <= 3 * crossing.error
+    loose = fig4(error="off", method="DOP853", tol=1e-4)
+    assert abs(loose.crossing_time.item() - CROSSING) <= 3 * loose.crossing_error.item()
 
 
 @pytest.mark.parametrize("beside", [6.05412358e-10, 2.21898234e-09, 1e-8])
@@ -360,12 +296,9 @@ def test_rounding_makes_no_crossing_of_a_motion_that_turns_over(beside: float, p
     """lambda1 = lambda3 forbids a crossing. The motion comes back to the middle axis, where what
     rounding took from D on the way is larger than D; nobody has measured that."""
     on = math.sqrt(0.2 / 0.12) * beside
-    start = (beside, 1.0, on * (1 - part))
-    case = diagonal((1e-3, 5e-3, 1e-3), start, error=False)
-    motion = integrate(case)
-    found = classify(case, motion.method, motion.tol, math.nan, motion.variables["omega"])
-    assert not found.crossings
-    assert set(found.labels.tolist()) <= {0, 1 if part > 0 else 3}
+    motion = diagonal((1e-3, 5e-3, 1e-3), (beside, 1.0, on * (1 - part)), error="off")
+    assert not crossings_of(motion)
+    assert labels_of(motion) <= {0, 1 if part > 0 else 3}
 
 
 def test_the_side_of_a_state_is_told_by_the_digits_that_it_has() -> None:
@@ -386,14 +319,29 @@ def test_the_side_of_a_state_is_told_by_the_digits_that_it_has() -> None:
     assert rigid_body.margin(A, omega[1], order) == found[1]
 
 
-def test_of_many_crossings_a_table_shows_the_first_ones_and_the_last() -> None:
-    crossings = [{"time": float(t), "from": "x1", "to": "x3", "error": 1e-14} for t in range(30)]
-    for n, expected in ((5, "0 1 2 3 4"), (6, "0 1 2 3 more 5"), (30, "0 1 2 3 more 29")):
-        row = {"case": "a", "start": "x1", "end": "x3", "crossings": crossings[:n], "warnings": []}
-        told = crossings_line(row)[-1].split("; ")
-        shown = ["more" if "more" in each else each.split()[0] for each in told]
-        assert " ".join(shown) == expected
-    assert told[4] == "25 more (--json lists them)"
+def test_of_many_crossings_a_table_shows_the_first_ones_and_the_last(
+    hodo: Hodo, tmp_path: Path
+) -> None:
+    """r swings about the value at which D is 0, and the slow body hardly turns meanwhile."""
+    body = "model: torques, inertia: [1, 0.8, 0.6], initial: {p: 0.01, q: 0, r: 0.013}"
+    swings = 'expression: ["0", "0", "0.039*cos(10*t)"]'
+    cases = {
+        n: f"  c{n}: {{{body}, {swings}, time: {{end: {0.3142 * n + 0.17}}}}}\n" for n in (4, 5, 9)
+    }
+    (tmp_path / "a.yaml").write_text("cases:\n" + "".join(cases.values()))
+    assert hodo("run", "a.yaml").returncode == 0
+    rows = json.loads(hodo("classify", "a.yaml", "--json").stdout)
+    table = hodo("classify", "a.yaml").stdout.splitlines()[1:]
+    counts = [len(row["crossings"]) for row in rows]
+    assert max(counts) > 6
+    assert min(counts) <= 5
+    for row, line in zip(rows, table, strict=True):
+        words = [f"{c['time']:.15g} ({c['from']} -> {c['to']}" for c in row["crossings"]]
+        n = len(words)
+        shown = words if n <= 5 else [*words[:4], f"{n - 5} more (--json lists them)", words[-1]]
+        told = line.partition("  x")[2].partition("  ")[2].strip().split("; ")
+        assert len(told) == len(shown)
+        assert all(a.endswith(b) or b in a for a, b in zip(told, shown, strict=True))
 
 
 @pytest.mark.parametrize("order", [*permutations(range(3))])
@@ -411,7 +359,7 @@ def test_what_begins_on_no_side_has_crossed_nothing_when_it_stands_on_one(
     )  # fmt: skip
     assert ds.attrs["classify_warnings"] == ""
     assert ds.crossing_time.size == 0
-    assert ds.enclosed_axis[:2].values.tolist() == [rigid_body.UNDETERMINED, order.index(2) + 1]
+    assert ds.enclosed_axis[:2].values.tolist() == [UNDETERMINED, order.index(2) + 1]
 
 
 def test_a_motion_with_a_rotor_encloses_no_axis_and_the_table_says_why(
@@ -451,16 +399,18 @@ def test_a_body_at_rest_under_a_torque_has_no_growth_of_a_tilt(hodo: Hodo, tmp_p
 
 def test_a_damaged_case_keeps_no_labels_from_the_others(hodo: Hodo, tmp_path: Path) -> None:
     body = "model: linear-diag, inertia: [3, 2, 1], initial: {p: 1, q: 0.2, r: 0.1}"
-    cases = "".join(f"  {name}: {{{body}, time: {{end: 5}}}}\n" for name in "abc")
+    cases = "".join(f"  {name}: {{{body}, time: {{end: 5}}}}\n" for name in "abcd")
     (tmp_path / "a.yaml").write_text(f"cases:\n{cases}")
     assert hodo("run", "a.yaml").returncode == 0
     path = tmp_path / "runs" / "a.h5"
     with h5py.File(path, "r+") as file:
         del file["a/time"]
         file["b"].attrs["case"] = "no: case"
+        file["d/omega"][...] *= 1 + 1e-9
     done = hodo("classify", "runs/a.h5")
     assert done.returncode == 1
     assert re.search(r"^runs/a\.h5: a is damaged", done.stderr, re.MULTILINE)
     assert re.search(r"^runs/a\.h5: b: ", done.stderr, re.MULTILINE)
+    assert re.search(r"^runs/a\.h5: d.*differs from its case", done.stderr, re.MULTILINE)
     with h5py.File(path) as file:
-        assert [name for name in "abc" if "enclosed_axis" in file[name]] == ["c"]
+        assert [name for name in "abcd" if "enclosed_axis" in file[name]] == ["c"]

@@ -13,7 +13,6 @@ import h5py
 import numpy as np
 import pytest
 import series
-import xarray as xr
 from conftest import ROOT, call
 
 import hodo_cli
@@ -34,6 +33,7 @@ cases:
            sweep: {{damping.0: {{values: [0.03, 0.05, 0.06]}}}}}}
 """
 
+OTHER = f"cases: {{b: {{{BODY}, time: {{end: 1}}}}}}"
 Row = dict[str, Any]
 Change = Callable[[h5py.File], object]
 
@@ -196,27 +196,19 @@ def test_tolerances_are_those_asked_for_or_the_variable_s_own(made: Path) -> Non
 
 
 def test_samples_are_compared_at_the_reference_s_times(made: Path) -> None:
-    """Which may be a thinned one."""
-    thin = made / "thin.yaml"
-    thin.write_text(CONFIG.replace("samples: 61", "samples: 7"), encoding="utf-8")
-    for command in ("run", "classify"):
-        assert call(made, command, "thin.yaml").returncode == 0
+    """Which may be a thinned one; labels that a result lacks are one line, and results of other
+    experiments are refused."""
+    thin = CONFIG.replace("samples: 61", "samples: 7")
+    for name, text in (("thin", thin), ("bare", CONFIG), ("other", OTHER)):
+        (made / f"{name}.yaml").write_text(text, encoding="utf-8")
+        assert call(made, "run", f"{name}.yaml").returncode == 0
+    call(made, "classify", "thin.yaml")
     assert call(made, "compare", "c.yaml", "thin.yaml").returncode == 0
     assert call(made, "compare", "thin.yaml", "c.yaml").returncode == 3
-
-
-def test_labels_that_a_result_lacks_are_one_line(made: Path) -> None:
-    (made / "bare.yaml").write_text(CONFIG, encoding="utf-8")
-    assert call(made, "run", "bare.yaml").returncode == 0
     rows = json.loads(call(made, "compare", "bare.yaml", "c.yaml", "--json").stdout)
     (line,) = [row for row in rows if row["differs"] and row["case"] == "damped"]
     assert "enclosed_axis, crossing_time" in line["variable"]
     assert line["place"] == "missing"
-
-
-def test_results_of_other_experiments_are_refused(made: Path) -> None:
-    (made / "other.yaml").write_text(f"cases: {{b: {{{BODY}, time: {{end: 1}}}}}}")
-    assert call(made, "run", "other.yaml").returncode == 0
     done = call(made, "compare", "other.yaml", "c.yaml")
     assert done.returncode == 2
     assert done.stderr == "runs/other.h5 and runs/c.h5 have no case in common\n"
@@ -256,52 +248,57 @@ def test_the_reference_is_small_and_covers_every_case_of_the_papers() -> None:
             assert parse_case(data.attrs["case"]).precision == "quadruple"
 
 
-def sampled(paper: str, name: str, times: list[int]) -> tuple[xr.Dataset, list[float]]:
-    data = hodo_cli.open(REFERENCE / f"{paper}.h5")[name]
-    return data, data.time.values[times].tolist()
-
-
-def check(values: np.ndarray, exact: list[list[object]]) -> None:
-    """Values (n, m) that were rounded to doubles, against numbers of many digits."""
-    truth = np.array([[float(x) for x in row] for row in exact])  # type: ignore[arg-type]
+def check(values: np.ndarray, exact: list[object]) -> None:
+    """Values (n,) that were rounded to doubles, against numbers of many digits."""
+    truth = np.array([float(x) for x in exact])  # type: ignore[arg-type]
     assert np.abs(values - truth).max() <= 4e-16 * np.abs(truth).max()
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "fig1-1",
-        "fig1-4",
-        "fig2-2",
-        "fig3-2",
-        "fig4",
-        "fig6",
-        "fig7",
-        "fig8",
-        "fig11",
-        "fig12",
-        "fig12-all-entries",
-        "fig14-all-entries",
-        "fig16-unit-omega",
-        "fig18",
-    ],
-)
-def test_states_of_paper_1_agree_with_the_series(name: str) -> None:
-    data, times = sampled("paper1", name, [3, -1])
-    case = parse_case(data.attrs["case"])
-    A, start = case.data["inertia"], case.system.start
+NAMES = [
+    *("fig1-1", "fig1-4", "fig2-2", "fig3-2", "fig4", "fig6", "fig7", "fig8", "fig11", "fig12"),
+    *("fig12-all-entries", "fig14-all-entries", "fig16-unit-omega", "fig18"),
+]
+STATES = [
+    *(("paper1", name, [3, -1]) for name in NAMES), ("paper2", "internal-triaxial", [5, -1]),
+    ("paper3", "case2-full", [7, -1]), ("paper3", "case2", [10]),
+]  # fmt: skip
+"""Papers, cases, and the samples that are compared."""
+
+
+def exact_states(case: Any, times: list[float]) -> list[list[object]]:
+    """States at some times by the series, of many digits; of the average of paper 3 by elliptic
+    integrals."""
+    given, start = case.data, case.system.start
+    if case.model == "linear-diag":
+        return series.states(series.diagonal(given["inertia"], given["damping"]), start, times)
     if case.model == "tensor":
-        given = case.data["resistance"]
-        if isinstance(given, Mapping):
-            entries = {True: given["diagonal"], False: given["off_diagonal"]}
-            given = [[entries[i == j] for j in range(3)] for i in range(3)]
-        system = series.tensor(A, given)
-    else:
-        system = series.diagonal(A, case.data["damping"])
-    exact = series.states(system, start, times)
-    omega = data["omega"].values[[3, -1]]
-    for row, truth in zip(omega, exact, strict=True):
-        check(row[None], [truth])
+        rows = given["resistance"]
+        if isinstance(rows, Mapping):
+            entries = {True: rows["diagonal"], False: rows["off_diagonal"]}
+            rows = [[entries[i == j] for j in range(3)] for i in range(3)]
+        return series.states(series.tensor(given["inertia"], rows), start, times)
+    if case.model == "cavity+constant":
+        k = case.system.constants
+        system = series.cavity(given["inertia"], k["kappa"], [k["N1"], k["N2"], k["N3"]])
+        return series.states(system, start, times)
+    if case.form == "averaged":
+        motion, start = series.paper3(case.name)
+        return motion.states(start, times)
+    A, C = (given["inertia"][name] for name in "AC")
+    system = series.lagrange(A, C, *(given[name] for name in ("mu", "epsilon", "a", "b")))
+    return [row[:6] for row in series.states(system, (*start, 0), times)]
+
+
+@pytest.mark.parametrize(("paper", "name", "samples"), STATES)
+def test_states_of_the_papers_agree_with_the_series(
+    paper: str, name: str, samples: list[int]
+) -> None:
+    data = hodo_cli.open(REFERENCE / f"{paper}.h5")[name]
+    names = next(x for x in (("Gz", "H", "r"), ("omega", "gamma"), ("omega",)) if {*x} <= {*data})
+    stored = [data[x].values[samples].reshape(len(samples), -1) for x in names]
+    exact = exact_states(parse_case(data.attrs["case"]), data.time.values[samples].tolist())
+    for row, truth in zip(np.hstack(stored), exact, strict=True):
+        check(row, truth)
 
 
 def spelled(paper: int, name: str) -> str:
@@ -336,33 +333,6 @@ def test_events_of_every_figure_agree_with_the_series(paper: int, events: int) -
         if paper == 1:
             ends = zip(data["crossing_from"].values, data["crossing_to"].values, strict=True)
             assert [f"x{a} to x{b}" for a, b in ends] == [row["event"] for row in exact]
-
-
-def test_states_of_paper_2_agree_with_the_series() -> None:
-    data, times = sampled("paper2", "internal-triaxial", [5, -1])
-    case = parse_case(data.attrs["case"])
-    k = case.system.constants
-    system = series.cavity(case.data["inertia"], k["kappa"], [k["N1"], k["N2"], k["N3"]])
-    exact = series.states(system, case.system.start, times)
-    check(data["omega"].values[[5, -1]], exact)
-
-
-def test_states_of_paper_3_agree_with_the_series() -> None:
-    data, times = sampled("paper3", "case2-full", [7, -1])
-    case = parse_case(data.attrs["case"])
-    given, start = case.data, case.system.start
-    A, C = (given["inertia"][name] for name in "AC")
-    system = series.lagrange(A, C, *(given[name] for name in ("mu", "epsilon", "a", "b")))
-    exact = series.states(system, (*start, 0), times)
-    stored = np.hstack([data[name].values[[7, -1]] for name in ("omega", "gamma")])
-    check(stored, [row[:6] for row in exact])
-
-
-def test_the_average_of_paper_3_agrees_with_elliptic_integrals() -> None:
-    data, times = sampled("paper3", "case2", [10])
-    motion, start = series.paper3("case2")
-    exact = motion.states(start, times)
-    check(np.array([[data[name].values[10] for name in ("Gz", "H", "r")]]), exact)
 
 
 def test_the_table_of_crossings_lists_what_the_datasets_hold() -> None:

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -112,7 +112,7 @@ def equal(a: Path, b: Path) -> None:
 
 @pytest.mark.heyoka
 def test_a_worker_that_is_killed_costs_only_a_retry(tmp_path: Path, cluster: Cluster) -> None:
-    (tmp_path / "a.yaml").write_text(SWEEP.replace("COUNT", "24000"), encoding="utf-8")
+    (tmp_path / "a.yaml").write_text(SWEEP.replace("COUNT", "12000"), encoding="utf-8")
     command = [sys.executable, "-m", "hodo_cli.cli", "run", "a.yaml", "--out", "far"]
     command += ["--scheduler", cluster.address]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as far:
@@ -145,7 +145,18 @@ def test_a_scheduler_with_certificates_takes_who_has_them(
 
 
 @pytest.mark.parametrize("wrong", ["nonsense", "tcp://127.0.0.1:1"])
-def test_a_scheduler_that_does_not_answer_is_bad_input(tmp_path: Path, wrong: str) -> None:
+def test_a_scheduler_that_does_not_answer_is_bad_input(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: str
+) -> None:
+    import distributed
+
+    class Impatient(distributed.Client):
+        """A client that does not wait for ten seconds."""
+
+        def __init__(self, address: str, **keys: Any) -> None:
+            super().__init__(address, **{**keys, "timeout": 0.3})
+
+    monkeypatch.setattr(distributed, "Client", Impatient)
     (tmp_path / "a.yaml").write_text(SWEEP.replace("COUNT", "6"), encoding="utf-8")
     done = call(tmp_path, "run", "a.yaml", "--scheduler", wrong)
     assert done.returncode == 2

@@ -3,21 +3,16 @@ nothing is lost."""
 
 import fcntl
 import os
-import resource
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from click.testing import CliRunner
-from conftest import Hodo, call, call_apart, limit
-
-from hodo_cli.cli import main
+from conftest import Hodo, call
 
 CONFIG = """\
 defaults:
@@ -79,7 +74,6 @@ TAMPERINGS: dict[str, Tampering] = {
         "case", "!!python/object/apply:os.system ['touch owned']"
     ),
     "case is a number": attribute("case", 7),
-    "case is an array": attribute("case", np.arange(3)),
     "case is empty": attribute("case", h5py.Empty("f")),
     "case is gone": without("case"),
     "case of 10^12 samples": replaced("samples: 21", "samples: 1000000000000"),
@@ -89,27 +83,20 @@ TAMPERINGS: dict[str, Tampering] = {
     "status is an array": attribute("status", np.arange(2)),
     "status is gone": without("status"),
     "steps is text": attribute("steps", "many"),
-    "steps is nan": attribute("steps", np.nan),
-    "run_time is text": attribute("run_time", "soon"),
     "error is text": attribute("error", "none"),
     "error is negative": attribute("error", -1.0),
     "tol is gone": without("tol"),
-    "tol is zero": attribute("tol", 0.0),
-    "method is unknown": attribute("method", "magic"),
     "method is a path": attribute("method", "../../etc/passwd"),
     "warnings is a number": attribute("warnings", 3),
     "message has escape sequences": attribute("message", "\x1b[2J\x07"),
     "omega is gone": dataset("omega"),
     "omega is text": dataset("omega", data=["a", "b"]),
     "omega is whole": dataset("omega", data=np.zeros((21, 3), dtype="i4")),
-    "omega is flat": dataset("omega", data=np.zeros(63)),
     "omega is complex": dataset("omega", data=np.zeros((21, 3), dtype="c16")),
     "omega has no dimensions": dataset("omega", data=np.zeros((21, 3))),
     "omega is vast": dataset("omega", shape=(10**13, 3), dtype="f8", chunks=(1000, 3)),
     "time is gone": dataset("time"),
-    "time is text": dataset("time", data=["t"] * 21),
     "time is short": dataset("time", data=np.zeros(3)),
-    "time is a table": dataset("time", data=np.zeros((21, 2))),
     "crossing_from is gone": dataset("crossing_from"),
     "crossing_to is short": dataset("crossing_to", data=np.zeros(0, dtype="i1")),
     "enclosed_axis is text": dataset("enclosed_axis", data=["x1"] * 21),
@@ -120,7 +107,6 @@ TAMPERINGS: dict[str, Tampering] = {
         lambda file: file.__setitem__("a", h5py.ExternalLink("/etc/passwd", "/"))
     ),
     "the config is garbage": lambda case: case.file.attrs.__setitem__("config", "]["),
-    "the config is a number": lambda case: case.file.attrs.__setitem__("config", 5),
     "the config is gone": lambda case: case.file.attrs.__delitem__("config"),
     "the history is an array": lambda case: case.file.attrs.__setitem__("history", np.arange(3)),
 }
@@ -131,12 +117,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a config and its classified result."""
     folder = tmp_path_factory.mktemp("whole")
     (folder / "two.yaml").write_text(CONFIG)
-    for arguments in (
-        ["run", str(folder / "two.yaml"), "--out", str(folder)],
-        ["classify", str(folder / "two.h5")],
-    ):
-        done = CliRunner().invoke(main, arguments)
-        assert done.exit_code == 0, done.output
+    for command in (("run", "two.yaml", "--out", "."), ("classify", "two.h5")):
+        assert call(folder, *command).returncode == 0
     return folder
 
 
@@ -145,12 +127,6 @@ def folder(whole: Path, tmp_path: Path) -> Path:
     """A copy of that folder."""
     shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
     return tmp_path
-
-
-def tampered(folder: Path, how: str) -> Path:
-    with h5py.File(folder / "two.h5", "r+") as file:
-        TAMPERINGS[how](file["a"])
-    return folder / "two.h5"
 
 
 def is_plain(said: str, status: int) -> bool:
@@ -167,66 +143,27 @@ def is_plain(said: str, status: int) -> bool:
 @pytest.mark.parametrize("how", TAMPERINGS)
 def test_commands_on_a_result_that_was_tampered_with(folder: Path, how: str) -> None:
     right = shutil.copy(folder / "two.h5", folder / "right.h5")
-    path = tampered(folder, how)
+    path = folder / "two.h5"
+    with h5py.File(path, "r+") as file:
+        TAMPERINGS[how](file["a"])
     before = path.read_bytes()
     for command, statuses in (
         (("compare", path, right), (0, 2, 3)),
         (("compare", right, path), (0, 2, 3)),
         (("claims", path), (0, 2, 3)),
-        (("plot", path, "--out", folder / "figures"), (0, 1, 2)),
+        (("plot", path, "--out", folder / "figures", "--format", "csv"), (0, 1, 2)),
         (("show", path), (0, 1, 2)),
         (("classify", path), (0, 1, 2)),
         (("run", folder / "two.yaml", "--out", folder), (0, 2)),
     ):
         path.write_bytes(before)  # which a command before may have given its labels
-        done = CliRunner().invoke(main, [str(word) for word in command])
-        assert done.exit_code in statuses, (command, done.exception)
-        assert is_plain(done.stderr, 0 if done.exit_code == 3 else done.exit_code), command
-        assert "Traceback" not in done.output, command
+        done = call(folder, *command)
+        assert done.returncode in statuses, command
+        assert is_plain(done.stderr, 0 if done.returncode == 3 else done.returncode), command
+        assert "Traceback" not in done.stdout + done.stderr, command
         # Status 1 is one case's own: the labels of the other are stored.
-        assert done.exit_code != 2 or path.read_bytes() == before, command
+        assert done.returncode != 2 or path.read_bytes() == before, command
     assert not Path("owned").exists()
-
-
-def make_newer(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        file.attrs["format_version"] = 99
-
-
-def make_foreign(path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        file["data"] = [1, 2]
-
-
-BAD = {
-    "truncated": (lambda path: os.truncate(path, 3000), "truncated"),
-    "empty": (lambda path: os.truncate(path, 0), "not an HDF5 file"),
-    "text": (lambda path: path.write_text("a,b\n1,2\n"), "not an HDF5 file"),
-    "foreign": (make_foreign, "not a result of hodo"),
-    "newer": (make_newer, "newer format than"),
-    "folder": (lambda path: (path.unlink(), path.mkdir()), "a folder, not a file"),
-    "dangling": (lambda path: (path.unlink(), path.symlink_to("nowhere")), "no such file"),
-}
-
-
-@pytest.mark.parametrize("how", BAD)
-def test_a_file_that_is_no_result_is_left_alone(folder: Path, how: str) -> None:
-    path = folder / "two.h5"
-    spoil, reason = BAD[how]
-    spoil(path)
-    before = path.read_bytes() if path.is_file() else None
-    for command in (
-        ("run", folder / "two.yaml", "--out", folder),
-        ("classify", path),
-        ("show", path),
-    ):
-        done = CliRunner().invoke(main, [str(word) for word in command])
-        assert done.exit_code == 2
-        assert str(path) in done.stderr
-        assert reason in done.stderr
-        assert done.stderr.count("\n") == 1
-        assert (path.read_bytes() if path.is_file() else None) == before
-    assert not list(folder.glob(".*"))
 
 
 def test_a_locked_file(folder: Path, hodo: Hodo) -> None:
@@ -240,23 +177,6 @@ def test_a_locked_file(folder: Path, hodo: Hodo) -> None:
             done = hodo(*command)
             assert done.returncode == 2
             assert done.stderr == "two.h5: locked: another program has it open for writing\n"
-
-
-@pytest.mark.parametrize("size", [12000, 60000])
-def test_no_space(folder: Path, size: int) -> None:
-    """A limit on the size of files stands for a full disk; the sizes end the writing of a case, or
-    of the whole."""
-    (folder / "two.yaml").write_text(CONFIG.replace("samples: 21", "samples: 801"))
-    before = (folder / "two.h5").read_bytes()
-
-    little = partial(limit, resource.RLIMIT_FSIZE, size)
-    done = call_apart(folder, "run", "two.yaml", "--out", ".", "--quiet", preexec_fn=little)
-    assert done.returncode == 2
-    assert done.stderr == "cannot write two.h5: file too large\n"
-    assert (folder / "two.h5").read_bytes() == before
-    again = call(folder, "run", "two.yaml", "--out", ".", "-v")
-    assert again.returncode == 0
-    assert not list(folder.glob(".*"))
 
 
 def test_a_folder_that_cannot_be(folder: Path, hodo: Hodo) -> None:

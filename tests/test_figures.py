@@ -108,7 +108,7 @@ def table(run: Hodo, folder: Path, *command: object) -> tuple[list[str], list[li
     return head, rows
 
 
-def test_a_table_has_a_row_for_each_stored_sample(
+def test_a_table_has_a_row_for_each_stored_sample_plain_names_and_units(
     hodo: Hodo, tmp_path: Path, results: Path
 ) -> None:
     data = api.open(results / "paper1.h5")["fig4"]
@@ -117,12 +117,7 @@ def test_a_table_has_a_row_for_each_stored_sample(
     values = np.array(rows)[:, 1:].astype(float)
     np.testing.assert_array_equal(values[:, 0], data.time)
     np.testing.assert_array_equal(values[:, 1:], data.omega * [1, 0.8, 0.6])
-
-
-def test_curves_have_plain_names_and_variables_their_units(
-    hodo: Hodo, tmp_path: Path, results: Path
-) -> None:
-    head, rows = table(hodo, tmp_path, results / "paper2.h5", "fig1")
+    head, _ = table(hodo, tmp_path, results / "paper2.h5", "fig1")
     assert head == ["curve", "time [s]", "x [1/s^2]", "y [1/s^2]"]
     _, rows = table(hodo, tmp_path, results / "paper3.h5", "figure")
     assert {row[0] for row in rows} >= {"case 1, θ^0 = 5°", "case 3, θ^0 = 150°"}
@@ -145,20 +140,22 @@ def test_every_format_of_every_kind(hodo: Hodo, tmp_path: Path) -> None:
     )
     (tmp_path / "c.yaml").write_text(
         "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.045, 0.012, 0.009],\n"
+        "  error: off,"
         "  initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 20, samples: 41}}\ncases:\n"
         "  one: {attitude: yes}\n  grid:\n    sweep:\n      damping.0: {values: [0.03, 0.045]}\n"
         "      q: {zip: {initial.q: {values: [0.3, 0.5]}}}\nfigures:\n" + entries
     )
     assert hodo("run", "c.yaml").returncode == 0
     assert hodo("classify", "runs/c.h5").returncode == 0
-    everywhere, more = ("png", "csv", "html"), ("svg", "pdf", "gif")
-    for names, formats in (((), everywhere), (("phase", "body"), more)):
+    everywhere, more = ("csv",), ("png", "svg", "pdf", "html", "gif")
+    few = ("phase", "body", "map")
+    for names, formats in (((), everywhere), (few, more)):
         asked = [word for suffix in formats for word in ("--format", suffix)]
         done = hodo("plot", "c.yaml", *names, *asked)
         assert done.returncode == 0, done.stderr
     begins = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF", "html": b"<!DOC", "gif": b"GIF89"}
     drawn_kinds = {suffix: figure_kinds() for suffix in everywhere}
-    drawn_kinds |= {"svg": {"phase", "body"}, "pdf": {"phase", "body"}, "gif": {"body"}}
+    drawn_kinds |= {key: {*few} for key in more} | {"gif": {"body"}}
     for suffix, kinds in drawn_kinds.items():
         files = [*(tmp_path / "runs/figures/c").glob(f"*.{suffix}")]
         assert {file.stem for file in files} == kinds
@@ -395,29 +392,21 @@ def test_a_mistake_is_one_sentence(kind: str, keys: dict[str, Any], said: str) -
     assert "\n" not in str(refused.value)
 
 
-def test_a_figure_without_room_is_refused() -> None:
-    figure = api.plot(motion(10, 101), "invariants", style={"width": 20, "height": 20})
-    with pytest.raises(HodoError, match="20 mm by 20 mm have no room for the panels"):
-        figure.draw_without_rendering()
-
-
-def test_samples_that_are_no_numbers_have_no_place_on_a_curve() -> None:
-    data = motion(10, 101)
-    data.omega[5] = np.nan
-    with pytest.raises(HodoError, match=r"omega of .* has no value at 0\.5: draw the samples"):
-        api.plot(data)
-    api.plot(data.dropna("time"))
-
-
-def test_one_scale_has_one_unit() -> None:
-    seconds = motion(10, 101, time={"end": 10, "unit": "s"})
-    with pytest.raises(HodoError, match=r"time is in '1' in .* and 's' in .*: one scale"):
-        api.plot([motion(10, 101), seconds], "series", variables=["G"])
-
-
-def test_two_bodies_have_no_quadrants_in_common() -> None:
-    with pytest.raises(HodoError, match="motions of several bodies"):
-        api.plot([motion(10, 101), motion(10, 101, inertia=[1, 0.9, 0.6])], "quadrants")
+def test_what_has_no_place_in_a_figure_is_refused() -> None:
+    gap, seconds = motion(10, 101), motion(10, 101, time={"end": 10, "unit": "s"})
+    gap.omega[5] = np.nan
+    other = motion(10, 101, inertia=[1, 0.9, 0.6])
+    for data, kind, keys, said in (
+        (gap, "hodograph", {}, r"omega of .* has no value at 0\.5: draw the samples"),
+        ([motion(10, 101), seconds], "series", {"variables": ["G"]},
+         r"time is in '1' in .* and 's' in .*: one scale"),
+        ([motion(10, 101), other], "quadrants", {}, "motions of several bodies"),
+        (motion(10, 101), "invariants", {"style": {"width": 20, "height": 20}},
+         "20 mm by 20 mm have no room for the panels"),
+    ):  # fmt: skip
+        with pytest.raises(HodoError, match=said):
+            api.plot(data, kind, **keys).draw_without_rendering()
+    api.plot(gap.dropna("time"))
 
 
 # The command

@@ -6,7 +6,6 @@ from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
 from conftest import ROOT
 
 PACKAGE = ROOT / "hodo_cli"
@@ -51,18 +50,14 @@ def rooms_used(path: Path) -> Iterator[str]:
             yield from (parts[1] for parts in names if len(parts) > 1 and parts[1] in FLOOR)
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
-def test_imports_go_down(path: Path) -> None:
-    here = room(path)
-    for used in rooms_used(path):
-        assert used == here or FLOOR[used] < FLOOR.get(here, 0), f"{here} imports {used}"
-
-
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
-def test_storage_and_integration_are_entered_by_their_doors(path: Path) -> None:
-    text = path.read_text(encoding="utf-8")
-    inner = re.findall(r"^ *from \.+(storage|integration)\.", text, re.MULTILINE)
-    assert set(inner) <= {room(path)}
+def test_imports_go_down_and_storage_and_integration_are_entered_by_their_doors() -> None:
+    for path in MODULES:
+        here = room(path)
+        for used in rooms_used(path):
+            assert used == here or FLOOR[used] < FLOOR.get(here, 0), f"{path} imports {used}"
+        text = path.read_text(encoding="utf-8")
+        inner = re.findall(r"^ *from \.+(storage|integration)\.", text, re.MULTILINE)
+        assert {*inner} <= {here}, path
 
 
 def test_only_the_scan_of_its_folder_knows_a_paper() -> None:

@@ -1,11 +1,10 @@
 """Commands that take a result or the config of one, and what they say where the two differ."""
 
+import subprocess
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
-
-from hodo_cli.cli import main
+from conftest import call
 
 CONFIG = """\
 defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}, time: {end: 9}}
@@ -30,19 +29,19 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "a.yaml"
     path.write_text(CONFIG)
-    assert hodo("run", "a").exit_code == 0
-    assert hodo("classify", "a").exit_code == 0
+    assert hodo("run", "a").returncode == 0
+    assert hodo("classify", "a").returncode == 0
     return path
 
 
-def hodo(*arguments: str) -> Result:
-    return CliRunner().invoke(main, [*arguments])
+def hodo(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return call(Path(), *arguments)
 
 
 @pytest.mark.parametrize("command", ["show", "classify", "claims", "plot"])
 def test_a_config_stands_for_its_result(config: Path, command: str) -> None:
     anew = ["--force"] if command == "plot" else []  # a second plot would say that all is kept
-    lines = [hodo(command, name, *anew).output for name in ("runs/a.h5", "a.yaml", "a")]
+    lines = [hodo(command, name, *anew).stdout for name in ("runs/a.h5", "a.yaml", "a")]
     assert lines[0]
     assert lines[0] == lines[1] == lines[2]
     assert "has changed" not in lines[0]
@@ -64,10 +63,10 @@ def test_an_edited_claim_is_checked(config: Path) -> None:
     config.write_text(CONFIG.replace("most: 9", "least: 9"))
     stored, told = hodo("claims", "runs/a.h5"), hodo("claims", "a.yaml")
     assert "the claims of a.yaml have changed since its run" in stored.stderr
-    assert (stored.exit_code, "reproduced" in stored.stdout) == (0, True)
-    assert (told.exit_code, "contradicted" in told.stdout) == (3, True)
+    assert (stored.returncode, "reproduced" in stored.stdout) == (0, True)
+    assert (told.returncode, "contradicted" in told.stdout) == (3, True)
     assert not told.stderr
-    assert hodo("claims", "runs/a.h5").exit_code == 0
+    assert hodo("claims", "runs/a.h5").returncode == 0
 
 
 @pytest.mark.parametrize("name", ["runs/a.h5", "a"])
@@ -83,7 +82,7 @@ def test_remarks_are_no_change_and_a_broken_config_is_no_mistake(config: Path) -
     assert not hodo("show", "a").stderr
     config.write_text("cases: []")
     assert not hodo("show", "runs/a.h5").stderr
-    assert hodo("show", "a.yaml").exit_code == 2
+    assert hodo("show", "a.yaml").returncode == 2
 
 
 def test_a_config_without_a_result_names_the_command(
@@ -93,5 +92,5 @@ def test_a_config_without_a_result_names_the_command(
     Path("a.yaml").write_text(CONFIG)
     for command in ("show", "classify", "claims", "plot"):
         done = hodo(command, "a")
-        assert done.exit_code == 2
+        assert done.returncode == 2
         assert done.stderr == "a.yaml has no result runs/a.h5: hodo run a.yaml makes it\n"

@@ -50,6 +50,11 @@ def run(hodo: Hodo, file: str, *commands: str) -> None:
 
 def test_a_model_of_ones_own_runs_in_processes_and_is_hashed(hodo: Hodo, folder: Path) -> None:
     """It slows the body, its members run too, and only its own cases depend on its source."""
+    assert "quadratic-drag" not in hodo("schema").stdout
+    schema = hodo("--models", "drag.py", "schema").stdout
+    assert "quadratic-drag" in json.dumps(json.loads(schema))
+    assert hodo("schema", env={**os.environ, "HODO_MODELS": "drag.py"}).stdout == schema
+    assert "quadratic-drag" in hodo("--models", "drag.py", "schema", "--table").stdout
     done = hodo("--models", "drag.py", "run", "a.yaml", "-j", "2")
     assert done.returncode == 0, done.stderr
     run(hodo, "drag.py", "classify", "plot")
@@ -60,30 +65,24 @@ def test_a_model_of_ones_own_runs_in_processes_and_is_hashed(hodo: Hodo, folder:
         assert list(file["swept/status"]) == [0, 0]
         assert file["one"].attrs["model_source"] == f"# drag.py\n{EXAMPLE}"
     assert hodo_cli.open(folder / "runs" / "a.h5")["swept"]["drag"].values.tolist() == [0, 0.1]
-    # What is stored can be shown without its file; what computes with it says how to name it.
+    # What is stored can be shown without its file; what computes with it says how to name it, and
+    # its keys are no mistakes of their own.
     assert hodo("show", "runs/a.h5").returncode == 0
     for command in ("run", "classify"):
         lines = hodo(command, "a.yaml").stderr.splitlines()
         assert lines
         assert all("got 'quadratic-drag' (from a file of your own: hodo --" in x for x in lines)
+    # A typo in the word itself leaves a case without a model.
+    (folder / "b.yaml").write_text("cases: {a: {modle: tensor, nodes: 3, x: 1}}", encoding="utf-8")
+    said = hodo("run", "b.yaml").stderr
+    assert "did you mean 'model'?" in said
+    assert "cases.a.x: unknown key" in said
     planned = hodo("--models", "drag.py", "run", "a.yaml", "--dry-run").stdout
     assert planned.count("is kept") == 4
     (folder / "drag.py").write_text(EXAMPLE + "CHANGED = True\n", encoding="utf-8")
     lines = hodo("--models", "drag.py", "run", "a.yaml", "--dry-run").stdout.splitlines()
     changed = [line for line in lines if "the code that computes it has changed" in line]
     assert [line.split(":")[0] for line in changed] == ["one", "two", "swept"]
-
-
-def test_the_schema_has_it_and_the_environment_names_it(hodo: Hodo, folder: Path) -> None:
-    assert "quadratic-drag" not in hodo("schema").stdout
-    helpers = (
-        "class Nameless(BodyFrame):\n    form = 'full'\nclass Below(QuadraticDrag):\n    pass\n"
-    )
-    (folder / "more.py").write_text(EXAMPLE + helpers, encoding="utf-8")
-    schema = hodo("--models", "more.py", "schema").stdout
-    assert "quadratic-drag" in json.dumps(json.loads(schema))
-    assert hodo("schema", env={**os.environ, "HODO_MODELS": "drag.py"}).stdout == schema
-    assert "quadratic-drag" in hodo("--models", "drag.py", "schema", "--table").stdout
 
 
 HELPER = "def drag(k, w):\n    return k.c * w\n"
@@ -99,11 +98,26 @@ def with_helper(folder: Path) -> None:
     (folder / "other.py").write_text("not imported = 1", encoding="utf-8")
 
 
+PROGRAM = """\
+import laws.drag, utilities, hodo_cli, json
+case = hodo_cli.run({'model': 'quadratic-drag', 'drag': 0.1, 'inertia': [1, 0.8, 0.6],
+    'initial': {'p': 0.8, 'q': 0.5, 'r': 0.74}, 'time': {'end': 10, 'samples': 3}})
+print(json.dumps(case.attrs['model_source']))
+"""
+MISTAKES_IN_HELPER = [
+    ("def drag(k, w):\n    return k.e * w\n", ":2: AttributeError: 'types.SimpleNamespace' "),
+    ("def drag(k, w:\n    return 1\n", ":1: SyntaxError: '(' was never closed"),
+    ("raise ValueError('no')", ":1: ValueError: no"),
+    ("from math import sin\ndef drag(k, w):\n    return sin(w)", ":3: TypeError: must be real"),
+]
+
+
 def test_what_a_model_imports_from_its_folder_is_stored_and_hashed(
     hodo: Hodo, folder: Path
 ) -> None:
+    """Whatever a program has imported from there before; mistakes are named there."""
     with_helper(folder)
-    elsewhere = folder / "elsewhere"
+    elsewhere, helper = folder / "elsewhere", folder / "laws" / "drag.py"
     elsewhere.mkdir()
     command = ("--models", folder / "drag.py", "run", "../a.yaml", "--out", "../runs")
     done = hodo(*command, "-j", "2", cwd=elsewhere)
@@ -115,56 +129,20 @@ def test_what_a_model_imports_from_its_folder_is_stored_and_hashed(
             assert "other" not in source
         assert "model_source" not in file["known"].attrs
     assert hodo(*command, "--dry-run", cwd=elsewhere).stdout.count("is kept") == 4
-    (folder / "laws" / "drag.py").write_text(HELPER.replace("k.c", "2 * k.c"), encoding="utf-8")
+    (folder / "utilities.py").write_text("x = 1\n", encoding="utf-8")
+    (folder / "program.py").write_text(PROGRAM, encoding="utf-8")
+    environment = {**os.environ, "HODO_MODELS": str(folder / "drag.py")}
+    asked = [sys.executable, str(folder / "program.py")]
+    done = subprocess.run(asked, capture_output=True, text=True, env=environment, check=True)
+    assert json.loads(done.stdout) == source
+    helper.write_text(HELPER.replace("k.c", "2 * k.c"), encoding="utf-8")
     planned = hodo(*command, "--dry-run", cwd=elsewhere).stdout
     assert planned.count("the code that computes it has changed") == 3
-
-
-@pytest.mark.parametrize("imports", ["", "import laws.drag, utilities\n"])
-def test_a_program_in_the_folder_of_a_model_changes_no_digest(
-    hodo: Hodo, folder: Path, imports: str
-) -> None:
-    """Nor does it matter what the program has imported from there before."""
-    with_helper(folder)
-    run(hodo, "drag.py", "run")
-    (folder / "utilities.py").write_text("x = 1\n", encoding="utf-8")
-    case = (
-        "import hodo_cli, json, sys\n"
-        "case = hodo_cli.run({'model': 'quadratic-drag', 'drag': 0.1, 'inertia': [1, 0.8, 0.6],\n"
-        "    'initial': {'p': 0.8, 'q': 0.5, 'r': 0.74}, 'time': {'end': 10, 'samples': 3}})\n"
-        "print(json.dumps(case.attrs['model_source']))\n"
-    )
-    (folder / "program.py").write_text(imports + case, encoding="utf-8")
-    environment = {**os.environ, "HODO_MODELS": str(folder / "drag.py")}
-    done = call_program(folder / "program.py", environment)
-    with h5py.File(folder / "runs" / "a.h5") as file:
-        assert json.loads(done) == file["one"].attrs["model_source"]
-
-
-def call_program(path: Path, environment: dict[str, str]) -> str:
-    """What a program of the user's prints."""
-    command = [sys.executable, str(path)]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=True)
-    return done.stdout
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ("def drag(k, w):\n    return k.e * w\n", ":2: AttributeError: 'types.SimpleNamespace' "),
-        ("def drag(k, w:\n    return 1\n", ":1: SyntaxError: '(' was never closed"),
-        ("raise ValueError('no')", ":1: ValueError: no"),
-        ("from math import sin\ndef drag(k, w):\n    return sin(w)", ":3: TypeError: must be real"),
-    ],
-)
-def test_a_mistake_in_what_it_imports_is_named_there(
-    hodo: Hodo, folder: Path, wrong: str, said: str
-) -> None:
-    with_helper(folder)
-    (folder / "laws" / "drag.py").write_text(wrong, encoding="utf-8")
-    done = hodo("--models", "drag.py", "run", "a.yaml")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert f"{folder / 'laws' / 'drag.py'}{said}" in done.stderr.splitlines()[0]
+    for wrong, said in MISTAKES_IN_HELPER:
+        helper.write_text(wrong, encoding="utf-8")
+        done = hodo("--models", "drag.py", "run", "a.yaml")
+        assert (done.returncode, done.stdout) == (2, "")
+        assert f"{helper}{said}" in done.stderr.splitlines()[0]
 
 
 # What a model of one's own stores serves in statements and formulas as it does in figures.
@@ -257,30 +235,6 @@ def test_a_motion_that_an_event_ends_is_labelled_to_its_end(
     assert "one.method: RK45 finds no stop: method auto, taylor or collocation" in done.stderr
 
 
-def test_its_equations_may_have_functions(hodo: Hodo, folder: Path) -> None:
-    """By every method and in sweeps: functions that amount to the example's own root."""
-    root = "w = (p**2 + q**2 + r**2) ** 0.5"
-    functions = "w = exp(log(p**2 + q**2 + r**2) / 2) * (sin(q) ** 2 + sqrt(cos(q) ** 4))"
-    assert root in EXAMPLE
-    imported = "from hodo_cli.functions import cos, exp, log, sin, sqrt\n"
-    (folder / "f.py").write_text(imported + EXAMPLE.replace(root, functions), encoding="utf-8")
-    cases = "".join(
-        f"  {name}: {{model: quadratic-drag, drag: 0.1, {keys}}}\n"
-        for name, keys in {
-            "auto": "error: on",
-            "collocation": "error: off, method: collocation",
-            "DOP853": "error: off, method: DOP853, tol: 1e-12",
-            "swept": "error: off, sweep: {drag: {values: [0, 0.1]}}",
-        }.items()
-    )
-    (folder / "a.yaml").write_text(CONFIG.partition("  one:")[0] + cases, encoding="utf-8")
-    for models, out in (("drag.py", "plain"), ("f.py", "functions")):
-        done = hodo("--models", models, "run", "a.yaml", "--out", out)
-        assert done.returncode == 0, done.stderr
-    compared = hodo("--models", "f.py", "compare", "plain/a.h5", "functions/a.h5", "--rtol", "1e-9")
-    assert compared.returncode == 0, compared.stdout
-
-
 def test_crossings_are_found_in_single_cases_and_sweeps_by_any_method(
     hodo: Hodo, folder: Path
 ) -> None:
@@ -360,18 +314,6 @@ def test_a_bad_file_is_one_line(hodo: Hodo, folder: Path, text: str | None, said
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith(f"{folder / 'bad.py'}{said}")
     assert done.stderr.count("\n") == 1
-
-
-def test_keys_of_a_model_that_is_not_there_are_no_mistakes_of_their_own(
-    hodo: Hodo, folder: Path
-) -> None:
-    lines = hodo("run", "a.yaml").stderr.splitlines()
-    assert all("expected" in line and "hodo --models FILE.py" in line for line in lines)
-    # A typo in the word itself leaves a case without a model.
-    (folder / "b.yaml").write_text("cases: {a: {modle: tensor, nodes: 3, x: 1}}", encoding="utf-8")
-    said = hodo("run", "b.yaml").stderr
-    assert "did you mean 'model'?" in said
-    assert "cases.a.x: unknown key" in said
 
 
 BEFORE = "    @cached_property"

@@ -55,38 +55,32 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Copy:
     return Copy(tmp_path_factory.mktemp("copy"))
 
 
-@pytest.mark.parametrize(
-    ("source", "reruns"),
-    [
-        ("models/body.py", {"single", "swept"}),
-        ("engines/collocation.py", {"single", "swept"}),
-        ("integration/error.py", {"single", "swept"}),
-        ("schema/expression.py", {"single", "swept"}),
-        ("sweeps/columns.py", {"swept"}),
-        ("cases/sweep_block.py", {"swept"}),
-        ("cases/case.py", set()),
-        ("schema/document.py", set()),
-        ("progress.py", set()),
-        ("results/layout.py", set()),
-        ("results/resume.py", set()),
-        ("claims/checks.py", set()),
-        ("figures/maps.py", set()),
-        ("text.py", set()),
-        ("cli.py", set()),
-    ],
-)
-def test_one_line_in_a_folder_reruns_what_it_computes(
-    copy: Copy, source: str, reruns: set[str]
-) -> None:
-    path = copy.folder / "hodo_cli" / source
-    before = path.read_text()
+RERUNS = {
+    "models/body.py": {"single", "swept"},
+    "engines/collocation.py": {"single", "swept"},
+    "integration/error.py": {"single", "swept"},
+    "schema/expression.py": {"single", "swept"},
+    "sweeps/columns.py": {"swept"},
+    "cases/sweep_block.py": {"swept"},
+    # Together.
+    "cases/case.py schema/document.py progress.py results/layout.py results/resume.py "
+    "claims/checks.py figures/maps.py text.py cli.py": set(),
+}
+
+
+@pytest.mark.parametrize("changed", RERUNS)
+def test_one_line_in_a_folder_reruns_what_it_computes(copy: Copy, changed: str) -> None:
+    paths = [copy.folder / "hodo_cli" / source for source in changed.split()]
+    before = [path.read_text() for path in paths]
     try:
-        path.write_text(before + "CHANGED = True\n")
+        for path, text in zip(paths, before, strict=True):
+            path.write_text(text + "CHANGED = True\n")
         assert copy.plan() == [
-            f"{name}: {CODE if name in reruns else KEPT}" for name in ("single", "swept")
+            f"{name}: {CODE if name in RERUNS[changed] else KEPT}" for name in ("single", "swept")
         ]
     finally:
-        path.write_text(before)
+        for path, text in zip(paths, before, strict=True):
+            path.write_text(text)
 
 
 def test_remarks_and_captions_rerun_nothing(copy: Copy) -> None:

@@ -8,9 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hodo_cli.models.base import Constants, Label
-from hodo_cli.models.rigid_body import INERTIA, INITIAL, BodyFrame
-from hodo_cli.schema.kinds import Choice, Key, Number, vector
+from hodo_cli.models import base, rigid_body
+from hodo_cli.schema import kinds
 
 LAWS = {
     "falling": lambda x, e: (1 + x) ** -2,
@@ -20,7 +19,7 @@ LAWS = {
 
 
 @dataclass(frozen=True)
-class Timed(BodyFrame):
+class Timed(rigid_body.BodyFrame):
     """A body under damping, a torque constant in it and one constant in space, all with one law of
     rate t; gamma is the direction of the torque in space."""
 
@@ -32,18 +31,18 @@ class Timed(BodyFrame):
 
     name = "timed"
     form = "full"
-    keys: ClassVar[dict[str, Key]] = {
-        "inertia": INERTIA,
-        "damping": Key(vector(3), "lambda"),
-        "torque": Key(Number(), "N3"),
-        "force": Key(Number(), "F"),
-        "rate": Key(Number(), "of the law"),
-        "law": Key(Choice(*LAWS), "f(rate t)"),
-        "initial": INITIAL,
+    keys: ClassVar[dict[str, kinds.Key]] = {
+        "inertia": rigid_body.INERTIA,
+        "damping": kinds.Key(kinds.vector(3), "lambda"),
+        "torque": kinds.Key(kinds.Number(), "N3"),
+        "force": kinds.Key(kinds.Number(), "F"),
+        "rate": kinds.Key(kinds.Number(), "of the law"),
+        "law": kinds.Key(kinds.Choice(*LAWS), "f(rate t)"),
+        "initial": rigid_body.INITIAL,
     }
     state = ("p", "q", "r", "g1", "g2", "g3")
-    variables: ClassVar[dict[str, Label]] = BodyFrame.variables | {
-        "gamma": Label(("time", "axis"), "direction of the force")
+    variables: ClassVar[dict[str, base.Label]] = rigid_body.BodyFrame.variables | {
+        "gamma": base.Label(("time", "axis"), "direction of the force")
     }
 
     @staticmethod
@@ -68,6 +67,6 @@ class Timed(BodyFrame):
         return (*super().start, 0.0, 0.6, 0.8)
 
     @cached_property
-    def constants(self) -> Constants:
+    def constants(self) -> base.Constants:
         own = {"lam": self.damping, "n": self.torque, "F": self.force, "rate": self.rate}
         return {**super().constants, **own, "law": self.law, "e": math.e}
