@@ -522,7 +522,7 @@ def _bench(
 @main.command("show")
 @RUNS
 @click.option("--methods", is_flag=True, help="Print a paragraph for a paper on each instead.")
-@click.option("--latex", is_flag=True, help="Print the table of cases for a paper, in LaTeX.")
+@click.option("--latex", is_flag=True, help="Print the table of cases in LaTeX (with booktabs).")
 @JSON
 def _show(runs: tuple[Path, ...], methods: bool, latex: bool, as_json: bool) -> int:
     """List the cases in RUNS.

@@ -1106,7 +1106,7 @@ def test_no_verdict_hangs_on_a_limit_that_is_ours(
     paper: str, limit: str, low: float, high: float, decided: str,
 ) -> None:  # fmt: skip
     page = " ".join((ROOT / "docs" / "papers.md").read_text(encoding="utf-8").split())
-    assert f" | {low:g} to {high:g}" in page
+    assert f"| {low:g} to {high:g}" in page
     sections = yaml.load((ROOT / "configs" / f"{paper}.yaml").read_text(encoding="utf-8"), LOADER)
     statements = [claim for claim in sections["claims"] if claim["id"] in decided.split()]
     for value in (low, high):

@@ -425,7 +425,11 @@ def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
     yield from unknown_names("quantity", named, QUANTITY_NAMES)
     is_uneven = kind == "order" and (count < 2 or count % (check["by"] or 1))
     yield from mistakes_where(
-        (is_uneven, (), f"does not compare {count} cases in groups of two or more"),
+        (
+            is_uneven,
+            (),
+            f"expected cases in groups of {check.get('by') or 'two or more'}, got {count} in all",
+        ),
         (kind == "average" and count > 2, (), "a check of kind average takes one case, or two"),
     )
     of_each = f"expected a number for each case, {count} in all, got "

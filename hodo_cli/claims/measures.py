@@ -14,7 +14,6 @@ from ..integration import (
     CERTAIN_ERRORS,
     UNDECIDED,
     Crossing,
-    Occurrence,
     Trajectory,
     body_of,
     choose,
@@ -78,8 +77,8 @@ def sampled_motion(
     if not trajectory.succeeded:
         words = f"{case_words(case.name)}, integrated for the statement"
         raise Undecidable(f"{words}: {trajectory.status} {trajectory.message}")
-    if passed is not None:  # the labels say more of a crossing than its event
-        events = tuple(Occurrence(e.kind, e.time) for e in events if e.kind != "separatrix")
+    if passed is not None:  # a crossing is an event too, of which the labels tell more
+        events = tuple(e for e in events if e.kind != "separatrix")
     variables = case_variables(
         case.system.equations.variables, trajectory.time, trajectory.variables, events, {}
     )
@@ -135,14 +134,22 @@ def number(m: Motion, name: str, at: str = "end") -> float:
 
 
 def undecided_crossings(m: Motion) -> str:
-    """Why it is open whether a motion crosses the separatrix; an empty string if it is known."""
+    """Why it is open whether a motion crosses the separatrix; an empty text if it is known."""
     warnings = str(m.attrs.get("classify_warnings", "")).splitlines()
     remarks = [f"{m.words}: {warning}" for warning in warnings if UNDECIDED in warning]
     return next(iter(remarks), "")
 
 
+def check_divided(m: Motion) -> None:
+    """Raises Undecidable for a motion that no separatrix divides by the sign of D, such as one with
+    a rotor: it has no crossings, and goes round no axis, that would be known."""
+    if reason := m.case.system.no_separatrix_reason:
+        raise Undecidable(f"{m.words}: {reason}")
+
+
 def known_crossings(m: Motion) -> tuple[Crossing, ...]:
-    """The crossings of a motion. Raises Undecidable if more may exist."""
+    """The crossings of a motion. Raises Undecidable where it is open whether these are all."""
+    check_divided(m)
     decides_unless(undecided_crossings(m))
     return m.crossings
 
@@ -154,6 +161,7 @@ def enclosed_at(m: Motion, moment: str) -> str:
     if label == rigid_body.SEPARATRIX:
         decides_unless(undecided_crossings(m))
     if label == rigid_body.UNDETERMINED:
+        check_divided(m)
         decides_unless(
             f"{m.words} is at rest or rotates steadily at the {moment}: G goes round no axis"
         )
@@ -272,7 +280,8 @@ def is_about(m: Motion, axis: int, least: float) -> np.ndarray:
 
 def turns_about(m: Motion, axis: int, least: float = 0.0) -> list[float]:
     """The turns that G makes about an axis in each stretch of the motion that `is_about` it, in
-    order. A stretch ends at edges between samples."""
+    order. A stretch reaches from edge to edge, which lie between samples."""
+    check_divided(m)
     inside = np.r_[False, is_about(m, axis, least), False]
     angle, edges = angle_about(m, axis), np.flatnonzero(np.diff(inside)).tolist()
     times = [edge_time(m, edge, least) for edge in edges]
@@ -299,8 +308,9 @@ def edge_time(m: Motion, i: int, least: float) -> float:
 
 
 def turns_at(m: Motion, moment: str) -> float:
-    """The turns that G makes about the axis that it encloses at "start" or "end", in that stretch;
-    0 where it encloses no single axis."""
+    """The turns that G makes in the stretch of "start" or "end" about the axis that it encloses
+    there; 0 where it goes round no single axis."""
+    check_divided(m)
     i = 0 if moment == "start" else -1
     axis = m.labels_at_ends[i] - 1
     turns = turns_about(m, axis) if axis in range(3) else []

@@ -350,8 +350,11 @@ def of_sweep(claim: Mapping[str, Any], run: ResultFile) -> Finding:
     from ..sweeps.view import SweepView
 
     swept, *other = (SweepView.of(name, dataset(run.read(name))) for name in claim["cases"])
+    variable, against = claim["check"]["variable"], claim["check"]["against"]
+    for view, name in zip((swept, *other), (variable, against or variable), strict=False):
+        if reason := view.undivided(name):
+            raise Undecidable(f"case {view.name}: {reason}")
     if other:
-        variable, against = claim["check"]["variable"], claim["check"]["against"]
         swept = swept.distance(other[0], variable, against or variable)
     return averages(claim["check"], swept)
 

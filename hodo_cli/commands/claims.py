@@ -194,8 +194,8 @@ def verdict_page(paths: Iterable[Path], rows: Mapping[str, Rows]) -> str:
             cases += (config or stored_config(run)).cases.values()
     statements, errata = rows["statements"], rows["errata"]
     own = [row for row in statements if not is_ours(row)]
-    counts = (totals("statement", own, VERDICTS), totals("erratum", errata, MISPRINTS))
-    return account(counts, statements, errata, cases)
+    misprints = [totals("erratum", errata, MISPRINTS)] if errata else []
+    return account([totals("statement", own, VERDICTS), *misprints], statements, errata, cases)
 
 
 def totals(what: str, rows: Sequence[Mapping[str, Any]], verdicts: Sequence[str]) -> str:

@@ -47,10 +47,9 @@ def write_page(path: Path, sections: Sequence[Entry], alone: bool) -> None:
     Raises HodoError if the file cannot be written.
     """
     totals = Counter(row["verdict"] for section in sections for row in section["statements"])
-    template = PAGES.get_template("page.html")
+    page = PAGES.get_template("page.html").render(sections=sections, totals=totals, alone=alone)
     with replacing(path) as draft:
-        text = template.render(sections=sections, totals=totals, alone=alone)
-        draft.write_text(text, encoding="utf-8")
+        draft.write_text(page, encoding="utf-8")
 
 
 def sections_of(folder: Path, alone: bool = False) -> Iterator[Entry]:
@@ -98,14 +97,14 @@ def figure_of(
     spec, recorded = config.figures[name], sorted(drawn.get("files", ()))
     files = [folder / file for file in recorded if (folder / file).exists()]
     shown = spec.get("cases", ())
-    known = [config.cases[case].assumes for case in shown if case in config.cases]
-    texts = [": ".join(item) for assumes in known for item in assumes.items()]
-    images = [image_of(file, folder, alone) for file in files if file.suffix in PICTURES]
+    known = [config.cases[case].assumes.items() for case in shown if case in config.cases]
+    images = (image_of(file, folder, alone) for file in files if file.suffix in PICTURES)
     links = [(file.suffix[1:].upper(), relative_path(file, folder.parent)) for file in files]
     return {
-        "name": name, "caption": spec["caption"], "shown": shown, "files": links,
+        "name": name, "kind": spec["kind"], "caption": spec["caption"], "shown": shown,
+        "files": links, "image": next(images, ""),
         "problem": drawn.get("problem", ""), "notes": drawn.get("warnings", ()),
-        "image": images[0] if images else "", "assumed": dict.fromkeys(texts),
+        "assumed": dict.fromkeys(": ".join(item) for items in known for item in items),
         "wide": any(map(is_wide, files)),
     }  # fmt: skip
 

@@ -290,8 +290,8 @@ def colour_legend(sheet: Sheet, panels: Sequence[Axes], motions: Sequence[Motion
         colour_bar(sheet, scale, panels, time_label(sheet.spec, motions[0]))
     else:
         ways = looks(len(motions), sheet.spec.get("styles", ()), solid=True)
-        named = zip(motions, ways, strict=True)
-        sheet.handles += [Line2D([], [], **way, label=m.label) for m, way in named]
+        for m, way in zip(motions, ways, strict=True):
+            sheet.handles.append(Line2D([], [], **way, label=m.label))
 
 
 def colour_bar(

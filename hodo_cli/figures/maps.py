@@ -34,7 +34,7 @@ from .look import (
     raised,
 )
 from .space import pale
-from .words import HALO, without_tex
+from .words import HALO, Words, without_tex
 
 NO_VALUE = "#E4E4E4"
 """The colour of members without a value, a grey that no colour map contains."""
@@ -56,8 +56,11 @@ KEY_SYMBOLS = {
     "diagonal": "I_{ii}", "off_diagonal": "I_{ij}", "brake": "b", "resistance": "I",
 }  # fmt: skip
 
-VARIABLE_SYMBOLS = {"crossing_time": "$t_1$", "crossing_G": "$|G|$ at $t_1$"}
-"""The symbols of variables whose meanings are too long for an axis."""
+VARIABLE_WORDS = {
+    "crossing_time": "time of the crossing, ${t}_1$",
+    "crossing_G": "$|G|$ at ${t}_1$",
+}
+"""Words for variables whose meanings are longer than an axis, with the symbol of time."""
 
 
 def key_symbol(key: str) -> str:
@@ -117,6 +120,8 @@ def cells(sheet: Sheet, cases: Cases, keep: Sequence[str], along: str | None) ->
         if "members" not in data.attrs:
             raise HodoError(f"case {name} is no sweep")
         swept = SweepView.of(name, data)
+        if reason := swept.undivided(spec["variable"]):
+            raise HodoError(f"case {name} has no separatrix to be drawn: {reason}")
         if missing := [axis for axis in (*keep, along) if axis and axis not in swept.axes]:
             its_axes = ", ".join(swept.axes)
             raise HodoError(f"sweep {name} has no axis {missing[0]} (its axes: {its_axes})")
@@ -140,18 +145,22 @@ def cells(sheet: Sheet, cases: Cases, keep: Sequence[str], along: str | None) ->
     return found
 
 
-def meaning(swept: SweepView, spec: Mapping[str, Any], keep: Sequence[str]) -> str:
-    """The meaning of the colours of a map, or of the height of a curve."""
-    name, _, part = spec["variable"].partition(".")
+def meaning(cells_drawn: Sequence[Cell], spec: Mapping[str, Any], keep: Sequence[str]) -> str:
+    """What the colours of a map, or the height of a curve, show; the mean that all have in
+    common."""
+    (swept, *_), (name, _, part) = cells_drawn[0], spec["variable"].partition(".")
     attrs = swept.variable(name).attrs
-    words = VARIABLE_SYMBOLS.get(name, str(attrs.get("long_name", name)))
+    t = "t" if swept.case.time.unit != "1" else r"\tau"
+    words = VARIABLE_WORDS.get(name, str(attrs.get("long_name", name))).replace("{t}", t)
     if part in str(attrs.get("flag_meanings", "")).split():
         words = f"share of members: ${part[0]}_{part[1:]}$ is the {words}"
     elif part:
         words += f": ${part[0]}_{part[1:]}$"
-    unit = raised(str(attrs.get("units", "1")))
+    stated = str(attrs.get("units", "1"))
+    unit = "–" if stated == "1" and name in VARIABLE_WORDS else raised(stated)
     drawn = {*(keep or [swept.sphere]), spec.get("by"), spec.get("panels")}
-    over = [axis for axis in swept.axes if axis not in drawn]
+    shared = set(swept.axes).intersection(*(cell[0].axes for cell in cells_drawn))
+    over = [axis for axis in swept.axes if axis in shared - drawn]
     mean = f", mean over {', '.join(over)}" if over else ""
     return words + mean + (f" [{unit}]" if unit != "1" else "")
 
@@ -212,7 +221,7 @@ def sweep_map(sheet: Sheet, cases: Cases) -> None:
     if len(known) < len(every):
         absent = "no crossing" if spec["variable"].startswith("crossing") else "no value"
         sheet.handles.append(Patch(fc=NO_VALUE, ec=GREY, lw=0.4, label=absent))
-    said = meaning(first, spec, keep)
+    said = meaning(drawn, spec, keep)
     if words or (said.startswith("share of") and np.isin(known, (0, 1)).all()):
         yes = said.partition(": ")[2]
         named = words or {1: yes, 0: "otherwise"}
@@ -257,12 +266,18 @@ def plane(
     sheet.record(name, **across, **{spec["variable"]: values.ravel()})
     if spec["level"] is not None:
         unit = sheet.units.get(spec["variable"], "")
-        contour(sheet, axes, (x, y, values), spec["level"], LEVEL, f"{spec['level']:g} {unit}")
+        contour(
+            sheet, axes, (x, y, values), spec["level"], LEVEL, f"level {spec['level']:g} {unit}"
+        )
     if spec["theory"]:
         i, j = (np.unique(np.linspace(0, len(v) - 1, 33).astype(int)) for v in (x, y))
         ratio = [[balance(swept.at({spec["x"]: a, spec["y"]: b})) for b in j] for a in i]
         places = x[i], y[j], np.array(ratio)
         contour(sheet, axes, places, 1.0, THEORY, "fluid and damping balance")
+
+
+MANY_CELLS = 20
+"""The cells along an axis of which half of an outer one is not missed."""
 
 
 def edges(values: np.ndarray, ratios: bool) -> np.ndarray:
@@ -271,8 +286,9 @@ def edges(values: np.ndarray, ratios: bool) -> np.ndarray:
     x = np.log(values) if ratios else values
     alone = 0.5 if ratios else 0.1 * abs(x[0]) or 0.5
     half = np.diff(x) / 2 if len(x) > 1 else np.array([alone])
-    # The outer cells are as wide as their neighbours.
-    found = np.concatenate([x[:1] - half[:1], x[:-1] + half[: len(x) - 1], x[-1:] + half[-1:]])
+    # Of many the outer ones end at their values, as those of a coarser grid beside it do.
+    outer = half * (len(x) < MANY_CELLS)
+    found = np.concatenate([x[:1] - outer[:1], x[:-1] + half[: len(x) - 1], x[-1:] + outer[-1:]])
     return np.asarray(np.exp(found) if ratios else found)
 
 
@@ -329,9 +345,8 @@ def globe(
         east[1:][np.abs(np.diff(east)) > np.pi] = np.nan
         axes.plot(east, north, **SEPARATRIX, path_effects=HALO, label="separatrix, $D = 0$")
     for text, at in SPHERE_AXES.items():
-        axes.plot(*at, "k.", ms=2.5, zorder=4)
-        place: Look = {"textcoords": "offset points", "size": "small", "path_effects": HALO}
-        axes.annotate(text, at, (3, -9 if at[1] > 0 else 3), **place)
+        axes.plot(*at, "k.", ms=2.5, zorder=4, clip_on=False)
+        Words(axes, text, [at], size="small")
     columns = {f"G.x{i + 1}/|G|": directions[:, i] for i in range(3)}
     sheet.record(name, **columns, **{sheet.spec["variable"]: values})
 
@@ -370,5 +385,5 @@ def sweep_curve(sheet: Sheet, cases: Cases) -> None:
     if not (every[np.isfinite(every)] % 1).any():  # as numbers of crossings
         axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     first = drawn[0][0]
-    said = meaning(first, spec, [spec["x"]])
+    said = meaning(drawn, spec, [spec["x"]])
     axes.set(xlabel=axis_name(first, spec["x"]), ylabel=said)

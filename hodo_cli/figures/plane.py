@@ -86,8 +86,7 @@ def series(sheet: Sheet, motions: Sequence[Course]) -> None:
             inset(sheet, axes, enlarged, curves_of)
     for axes in panels[-columns:]:
         axes.set_xlabel(time_label(spec, motions[0]))
-    first = min(m.time[0] for m in motions)
-    panels[0].set_xlim(*(spec["span"] or (first, None)))
+    panels[0].set_xlim(*(spec["span"] or (min(m.time[0] for m in motions), None)))
 
 
 def series_curve(sheet: Sheet, axes: Axes, m: Course, name: str, look: Look) -> None:

@@ -117,9 +117,9 @@ def in_space(
     sheet: Sheet, axes: Axes, motions: Sequence[Course], V: np.ndarray,
     arms: tuple[np.ndarray, np.ndarray], reach: float = math.inf,
 ) -> None:  # fmt: skip
-    """Draw hodographs in a view V with body axes of these lengths, paler the farther they are,
-    without parts that have a component beyond the reach."""
-    body_axes(sheet, axes, V, arms, reach == math.inf)
+    """Hodographs in a view V with body axes of these lengths, paler the farther they are; those
+    parts alone of which no component is beyond the reach."""
+    body_axes(sheet, axes, V, arms, motions[0] if reach == math.inf else None)
     chosen = zip(motions, colours_of(motions, sheet.spec), strict=True)
     flat = {}
     # The longest curve first, so that it does not hide the short ones.
@@ -146,17 +146,19 @@ def in_space(
 
 
 def body_axes(
-    sheet: Sheet, axes: Axes, V: np.ndarray, arms: tuple[np.ndarray, np.ndarray], to_turn: bool
+    sheet: Sheet, axes: Axes, V: np.ndarray, arms: tuple[np.ndarray, np.ndarray], m: Motion | None
 ) -> None:
-    """Draw the axes of G1, G2, G3 through the origin, with round values on those that the view does
-    not shorten too much."""
+    """The axes of G1, G2, G3 through the origin, with round values on those that the view does not
+    shorten too much; of a motion that is shown whole with units, and for the viewer."""
     up, down = arms
     step = round_step(float(up.max()))
     for i, direct in enumerate(np.eye(3)):
         tail, tip, along = -down[i] * direct, up[i] * direct, (V @ direct)[:2]
         # Without this a right-handed frame would look like its mirror image.
         colour = to_hex(tuple(pale(GREY))) if (V @ tip)[2] < -1e-9 else GREY
-        arrow(axes, (V @ tail)[:2], (V @ tip)[:2], f"$G_{i + 1}$", colour)
+        # Once for all three, which have one scale: each longer name would lie on a curve.
+        name = axis_label(m, "G.x3") if m and i == 2 else f"$G_{i + 1}$"
+        arrow(axes, (V @ tail)[:2], (V @ tip)[:2], name, colour)
         for count in range(1, int(0.87 * up[i] / step) + 1) if math.hypot(*along) > 0.5 else ():
             at = tuple(along * count * step)
             axes.plot(*at, ".", ms=2, color=GREY)
@@ -165,7 +167,7 @@ def body_axes(
             look: Look = {"size": "x-small", "color": GREY, "va": "center", "path_effects": HALO}
             words = f"{count * step:.6g}"
             axes.annotate(words, at, shift, textcoords="offset points", zorder=5, **look)
-        if to_turn:
+        if m:
             ends = stroke([tail, tip], GREY, name=f"G{i + 1}", kind="axis")
             sheet.scene.setdefault("strokes", []).append(ends)
 
@@ -226,11 +228,13 @@ def sphere(sheet: Sheet, motions: Sequence[Course]) -> None:
     paths = [GlobeCurve(m, direction(m), m.label) for m in motions]
     for m in motions:
         m.check_separatrix()
-        names = [f"G.x{i}/|G|" for i in (1, 2, 3)]
-        sheet.record_vector(m, direction(m.samples), names)
+        sheet.record_vector(m, direction(m.samples), [f"G.x{i}/|G|" for i in (1, 2, 3)])
     surface = ellipsoid_of(motions[0]) if sheet.spec["ellipsoid"] else np.asarray
     first = {m.inertia.tobytes(): m for m in reversed(motions)}
     on_globe(sheet, paths, ("$x_1$", "$x_2$", "$x_3$"), [*first.values()], surface)
+    if sheet.spec["ellipsoid"]:
+        Q, A = motions[0].principal_axes, motions[0].inertia
+        sheet.scene["normal"] = (Q.T * A @ Q / A.max()).tolist()
 
 
 def axis_trace(sheet: Sheet, motions: Sequence[Course]) -> None:
@@ -239,9 +243,9 @@ def axis_trace(sheet: Sheet, motions: Sequence[Course]) -> None:
     for m in motions:
         for axis in sheet.spec["axes"]:
             label = f"${axis[0]}_{axis[1]}$" + f", {m.label}" * (len(motions) > 1)
-            names = [f"{axis}_space.{x}" for x in "xyz"]
-            sheet.record_vector(m, m.samples.vector(f"{axis}_space"), names, label)
-            paths.append(GlobeCurve(m, m.vector(f"{axis}_space"), label))
+            name = f"{axis}_space"
+            sheet.record_vector(m, m.samples.vector(name), [f"{name}.{x}" for x in "xyz"], label)
+            paths.append(GlobeCurve(m, m.vector(name), label))
     on_globe(sheet, paths, ("$x$", "$y$", "$z$"), [], np.asarray)
 
 
@@ -251,7 +255,7 @@ def on_globe(
 ) -> None:  # fmt: skip
     """Draw curves on a globe, whose far side is pale, with the separatrices of bodies."""
     (axes,), V = sheet.panels(COLUMN, 1.05 * COLUMN), view_matrix(sheet.spec["view"])
-    sheet.scene |= {"globe": surface is np.asarray, "strokes": []}
+    sheet.scene |= {"globe": surface is np.asarray, "normal": np.eye(3).tolist(), "strokes": []}
     globe_below(sheet, axes, V, bodies, surface)
     for foot, name in zip(np.eye(3), arms, strict=True):
         tail = surface(foot)
@@ -277,8 +281,8 @@ def on_globe(
     if not by_case:
         colour_legend(sheet, [axes], motions)
     elif arms[0] == "$x$":
-        named = zip(paths, ways, strict=True)
-        sheet.handles += [Line2D([], [], **way, label=path.label) for path, way in named]
+        for path, way in zip(paths, ways, strict=True):
+            sheet.handles.append(Line2D([], [], **way, label=path.label))
     if bodies and any(separatrix_circles(m.inertia) for m in bodies):
         sheet.handles.append(Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"))
     mark_legend(sheet, motions)
@@ -346,8 +350,9 @@ def herpolhode(sheet: Sheet, motions: Sequence[Course]) -> None:
     # The axes of the plane are axes of space only if G points along z.
     prime = "" if np.abs(np.array(planes) - np.eye(2, 3)).max() < 1e-9 else "'"
     for m, plane in zip(motions, planes, strict=True):
-        values = m.samples.vector("omega_space") @ plane.T
-        sheet.record_vector(m, values, [f"omega_space.{x}{prime}" for x in "xy"])
+        sheet.record_vector(
+            m, m.samples.vector("omega_space") @ plane.T, [f"omega_space.{x}{prime}" for x in "xy"]
+        )
     points = [m.vector("omega_space") @ plane.T for m, plane in zip(motions, planes, strict=True)]
     curves(axes, motions, sheet.spec, points)
     look: Look = {"marker": "+", "ls": "", "color": "black", "ms": 6}

@@ -6,6 +6,7 @@ import textwrap
 import unicodedata
 import warnings
 from collections.abc import Iterator
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,15 @@ def without_tex(text: str) -> str:
         return re.sub(r"[_{}\\]", "", re.sub(r"\\(?:var)?([a-z]+)", letter, bare))
 
     return re.sub(r"\$([^$]*)\$", letters, text)
+
+
+def in_html(text: str) -> str:
+    """A label in HTML, with its indices."""
+
+    def indexed(formula: re.Match[str]) -> str:
+        return re.sub(r"_(\w|\{[^{}]*\})", r"<sub>\1</sub>", formula[0])
+
+    return without_tex(re.sub(r"\$[^$]*\$", indexed, escape(text)))
 
 
 def wrapped(text: str, width: int) -> str:
@@ -88,18 +98,19 @@ class Words(Annotation):
         """Move the words to where they hide the least of the dark points (n, 2) of a panel, in
         pixels; return some of the points that are then dark."""
         point = self.get_figure(root=True).dpi / 72  # type: ignore[union-attr]
-        box = self.get_window_extent()
-        half = np.array([box.width, box.height]) / 2
-        offsets = self.shifts * (half + 2.5 * point)
+        half = np.array(self.get_window_extent().size) / 2
+        offsets = self.shifts * (half + 4 * point)  # clear of a mark there
         seen = panel.transData.transform(self.places)
         middles = (seen[:, None] + offsets).reshape(-1, 2)
-        inside = (middles - half >= panel.bbox.min) & (middles + half <= panel.bbox.max)
+        frame = panel.bbox.padded(-2 * point)
+        inside = (middles - half >= frame.min) & (middles + half <= frame.max)
         away = np.abs(dark - middles[:, None])
         hidden, near = ((away < half + x * point).all(-1).sum(-1) for x in (1, 6))
         best = int((hidden + near / 50 + 1000 * ~inside.all(-1)).argmin())
         i, j = divmod(best, len(self.shifts))
         self.xy, self.xyann = tuple(self.places[i]), tuple(offsets[j] / point)
-        grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 5)] * 2), -1).reshape(-1, 2)
+        # As dense as strokes are, or words would rather hide words than lines.
+        grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 12)] * 2), -1).reshape(-1, 2)
         return np.asarray(middles[best] + grid * half)
 
 
