@@ -201,7 +201,7 @@ COMMON = {
     "store": Key(NAMES, "variables to store, instead of the whole state", default=()),
     "max_seconds": Key(
         Number(above=0),
-        "seconds of integration, without compilation, after which the case stops, unfinished; "
+        "seconds of the clock, without compilation, after which the case stops, unfinished; "
         "measuring its error may take as long again",
         "s",
         None,
