@@ -103,10 +103,10 @@ bench: $(READY)  #: Error against run time, and the extreme cases (10 minutes); 
 
 docs: claims  #: Renew what the documents quote from the program, and what they say of the papers
 	mkdir -p build; $(BIN)/hodo schema --table > build/keys.md
-	sed '/^### Most figures/,$$d' build/keys.md | $(BIN)/python tools/tables.py docs/case-files.md keys
-	sed '/^### Most figures/,/^### Every claim/!d; /^### Every claim/d' build/keys.md \
+	sed '/^## Keys of figures/,$$d' build/keys.md | $(BIN)/python tools/tables.py docs/case-files.md keys
+	sed '/^## Keys of figures/,/^## Keys of statements/!d; /^## Keys of statements/d' build/keys.md \
 		| $(BIN)/python tools/tables.py docs/figures.md keys
-	sed '/^### Every claim/,$$!d' build/keys.md | $(BIN)/python tools/tables.py docs/claims.md keys
+	sed '/^## Keys of statements/,$$!d' build/keys.md | $(BIN)/python tools/tables.py docs/claims.md keys
 	$(BIN)/python tools/models.py | $(BIN)/python tools/tables.py docs/models.md models
 	for paper in $(PAPERS:configs/%.yaml=%); do \
 		$(BIN)/hodo claims runs/$$paper.h5 --markdown \

@@ -22,22 +22,24 @@ __all__ = [
 __version__ = "0.2.0"
 
 STARTED = time.time()
-"""When this process began to load hodo: a source that changes afterwards may be loaded or not."""
+"""When this process began to load hodo. A source that changes later may be loaded or not."""
 
 
 class HodoError(Exception):
     """A mistake that the user can mend; shown as one line, without a traceback. Exit status 2.
 
-    Where cases, figures or statements are gone through, it belongs to one of them."""
+    In a loop over cases, figures or statements it concerns one of them.
+    """
 
 
 class BatchError(Exception):
-    """Nothing can be computed, read or written any more: the command ends, and no case is to blame;
+    """Nothing more can be computed, read or written: the command ends, and no case is to blame;
     shown as one line. Exit status 2."""
 
 
 NOT_OF_A_CASE = (BatchError, OSError, ModuleNotFoundError)
-"""What no case, figure or task is to blame for. Who catches every exception lets these pass."""
+"""Exceptions for which no case, figure or task is to blame. Code that catches every other exception
+lets these pass."""
 
 
 LATE = ("Case", "derive", "open", "plot", "run", "sweep")
@@ -51,5 +53,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    # What a notebook completes: not what this module happens to import.
+    # The names that a notebook completes, without those that this module happens to import.
     return __all__

@@ -46,7 +46,7 @@ __all__ = ["Case", "derive", "open", "plot", "run", "sweep"]
 Given = Mapping[str, Any] | Case
 
 as_usual = np.errstate(under="ignore")
-"""Numbers below the smallest double are 0 here, whatever the user's own `np.seterr`."""
+"""Numbers below the smallest double become 0 here, whatever the user's own `np.seterr`."""
 
 
 @overload
@@ -72,20 +72,20 @@ def run(
     jobs: int = 1,
     to: Path | str | None = None,
 ) -> xr.Dataset | list[xr.Dataset]:
-    """Integrate a case, measure its error, and label what its hodograph encloses.
+    """Integrate a case, measure its error, and label the axis that its hodograph encloses.
 
-    `case` has the keys of a case file, or is a `Case`; `name` is what figures call it. The dataset
-    holds the model's variables over `time`, the events of the motion and, where the enclosed axis
-    applies and unless `classify` is False, `enclosed_axis` and the separatrix crossings. `attrs`
-    holds the method, the measured `error`, the status and the case itself.
+    `case` has the keys of a case file, or is a `Case`; figures call it `name`. The dataset holds
+    the model's variables over `time`, the events of the motion and, if an enclosed axis is defined
+    and `classify` is not False, `enclosed_axis` and the separatrix crossings. `attrs` holds the
+    method, the measured `error`, the status and the case itself.
 
-    Several cases give a list of datasets, made in `jobs` processes; those without a name of their
-    own are called case1, case2 and so on. `to` names a result file that every command reads: cases
-    that it holds already, unchanged, are not integrated again, and other cases stay in it.
+    Several cases give a list of datasets, made in `jobs` processes; cases without a name of their
+    own are called case1, case2 and so on. `to` names a result file that every command reads:
+    unchanged cases in it are not integrated again, and other cases stay in it.
 
-    Raises HodoError, one line a mistake, if a case is not right, is a sweep, or needs a method
-    that is not installed, or if the file cannot be written. A case that fails has an
-    `attrs["status"]` other than "ok".
+    Raises HodoError, one line a mistake, if a case is not right, is a sweep, or needs a method that
+    is not installed, or if the file cannot be written. A case that fails has an `attrs["status"]`
+    other than "ok".
     """
     jobs = _checked_jobs(jobs)
     if not isinstance(classify, bool | np.bool_):
@@ -101,7 +101,7 @@ def run(
         return []
     if path is None and is_one:
         return _integrated(cases[0], classify)
-    # Several are run as `hodo run` does, which makes a file.
+    # Several cases run as in `hodo run`, which makes a file.
     datasets = _stored(cases, path, jobs, classify)
     return datasets[0] if is_one else datasets
 
@@ -117,8 +117,8 @@ def _integrated(made: Case, classify: bool) -> xr.Dataset:
 def _stored(
     cases: Sequence[Case], path: Path | None, jobs: int, classify: bool
 ) -> list[xr.Dataset]:
-    """The datasets of cases that are run into a result file, as `hodo run` does it; without a path
-    into one that is gone afterwards."""
+    """The datasets of cases that run into a result file as in `hodo run`; without a path into a
+    temporary one."""
     if path is None:
         with TemporaryDirectory(prefix="hodo-") as folder:
             datasets = _stored(cases, Path(folder) / "cases.h5", jobs, classify)
@@ -139,7 +139,7 @@ def _stored(
 
 
 def _wrong(what_is_right: str, value: object) -> HodoError:
-    """The error of an argument, in one line whatever its value is."""
+    """The error for a wrong argument, in one line whatever its value is."""
     return HodoError(f"{what_is_right}, got {shown(value)}")
 
 
@@ -159,9 +159,9 @@ def _path(what_is_right: str, name: str | Path) -> Path:
 
 @as_usual
 def sweep(case: Given, *, name: str = "sweep", jobs: int = 1) -> xr.Dataset:
-    """Integrate every member of a case with a `sweep:`, in so many processes.
+    """Integrate every member of a case with a `sweep:`, in `jobs` processes.
 
-    The dataset has the sweep's axes as dimensions and, of each member, the final state, the first
+    The dataset has the sweep's axes as dimensions and, for each member, the final state, the first
     crossing, the axes enclosed at start and end, and the status.
 
     Raises HodoError as `run` does, or if the case is no sweep.
@@ -170,7 +170,7 @@ def sweep(case: Given, *, name: str = "sweep", jobs: int = 1) -> xr.Dataset:
     if not made.sweep:
         raise HodoError("sweep: missing: use hodo.run for a single case")
     jobs = _checked_jobs(jobs)
-    # Members are reduced chunk by chunk in files, so that no sweep has to fit into memory at once.
+    # Members are reduced chunk by chunk in files, so that no sweep has to fit into memory.
     (swept,) = _stored([made], None, jobs, classify=False)
     if "members" not in swept.attrs:
         raise HodoError(swept.attrs["message"])
@@ -188,10 +188,10 @@ def open(path: str | Path) -> StoredCases:
 
 @as_usual
 def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **keys: Any) -> Figure:
-    """A figure of one dataset or several, by the `kind` and `keys` of a `figures:` block. Where its
-    `style` has none, the parameters of matplotlib count that rc_context or a style have set.
+    """A figure of one dataset or several, by the `kind` and `keys` of a `figures:` block.
+    Parameters of matplotlib that rc_context or a style have set apply where its `style` has none.
 
-    Raises HodoError if there is no such kind or key, or the kind has no meaning for the data.
+    Raises HodoError if the kind or a key does not exist, or the kind has no meaning for the data.
     """
     several = [data] if isinstance(data, xr.Dataset) or not isinstance(data, Iterable) else [*data]
     if not several or not all(isinstance(item, xr.Dataset) for item in several):
@@ -210,10 +210,10 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
 @as_usual
 def derive(data: xr.Dataset, *names: str) -> xr.Dataset:
     """A dataset with quantities that follow from its variables, such as `T`, `G_space` or `psi`, by
-    the names of docs/results.md; of a sweep, at the ends of its members. D/2T is the variable
+    the names of docs/results.md; for a sweep, at the ends of its members. D/2T becomes the variable
     D_per_2T, as in files.
 
-    Raises HodoError for a name that is no quantity, or one that the dataset lacks variables for.
+    Raises HodoError for a name that is no quantity, or for which the dataset lacks variables.
     """
     if not isinstance(data, xr.Dataset):
         raise _wrong("expected a dataset, as run or sweep gives it", data)
@@ -230,12 +230,13 @@ def derive(data: xr.Dataset, *names: str) -> xr.Dataset:
         stored_name(name): quantity_array(name, motion.quantity(name), ["time"], motion.case)
         for name in names
     }
-    # By their times, whose order in a dataset may be another.
+    # By their times, whose order in a dataset may differ.
     return data.assign({name: x.assign_coords(time=motion.time) for name, x in arrays.items()})
 
 
 def _check_quantities(names: Sequence[str], sources: set[str]) -> None:
-    """Raise HodoError for a name that is no quantity, with those that follow from these sources."""
+    """Raise HodoError for a name that is no quantity, with the quantities that follow from these
+    sources."""
     for name in names:
         if name not in QUANTITIES:
             raise HodoError(
@@ -249,11 +250,10 @@ def _case(case: Given, name: str) -> Case:
 
 
 def _named(several: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
-    """Datasets by the names of their cases; a name that stands twice gets a number."""
+    """Datasets by the names of their cases; repeated names get a number."""
     named: dict[str, xr.Dataset] = {}
     for data in several:
-        # A stored case begins with its name; parsing the whole of it for that would take
-        # milliseconds.
+        # A stored case begins with its name; parsing all of it would take milliseconds.
         first = next(iter(str(data.attrs.get("case", "")).splitlines()), "")
         name = first.partition(": ")[2].strip('"') or "case"
         again = sum(1 for other in named if other == name or other.startswith(f"{name} ("))
@@ -262,8 +262,8 @@ def _named(several: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
 
 
 def extended_text(path: Path, cases: Mapping[str, Case]) -> str:
-    """The case file of a result with more cases, or others of the same names; of these alone if
-    there is no result yet. Raises HodoError if it cannot be read."""
+    """The case file of a result with more cases, or with others of the same names; with these alone
+    if there is no result yet. Raises HodoError if it cannot be read."""
     if not os.path.lexists(path):
         return composed_text(cases)
     with open_run(path) as run:

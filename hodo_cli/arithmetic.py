@@ -1,5 +1,5 @@
-"""Whatever passes for a number: the functions that a model's equations use, and columns of numbers,
-by which those that prepare a case from its data prepare many cases at once.
+"""Functions for everything that equations take as a number, and columns of numbers, which prepare
+many cases at once by the code for one.
 
 A model takes `sin`, `cos`, `exp`, `log`, `sqrt` and `abs` from here, so that numbers, arrays in any
 precision, complex steps, power series and an engine's symbols all pass through its equations.
@@ -16,11 +16,11 @@ import numpy as np
 from . import HodoError
 
 SYMBOLS: dict[type, ModuleType | SimpleNamespace] = {}
-"""The functions of an engine's symbols, by the symbols' type; the engine enters itself."""
+"""The functions of an engine's symbols, by the symbols' type; the engine adds them."""
 
 
 class BranchDivergence(Exception):
-    """The members of a column take two branches; `where` (n,) is True of the first."""
+    """The members of a column take two branches; `where` (n,) is True for the first branch."""
 
     def __init__(self, where: np.ndarray) -> None:
         super().__init__()
@@ -28,7 +28,7 @@ class BranchDivergence(Exception):
 
 
 def _common_answer(answers: np.ndarray) -> bool:
-    """The answer that all members give."""
+    """The answer that all members give. Raises BranchDivergence if they differ."""
     if answers.any() and not answers.all():
         raise BranchDivergence(answers)
     return bool(answers.all())
@@ -45,23 +45,23 @@ OPERATORS = {
     *(np.add, np.subtract, np.multiply, np.divide, np.negative, np.absolute),
     *(np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal),
 }
-"""Those of numpy's operators that have the digits of Python's; a power has not."""
+"""Those of numpy's operators that give the digits of Python's; the power does not."""
 
 
 class Column(np.lib.mixins.NDArrayOperatorsMixin):
-    """A finite number of each of n members, which passes for a number of one.
+    """One finite number for each of n members, which can be used as a single number.
 
     Its arithmetic is that of Python's floats, bit for bit. BranchDivergence is raised where a
-    comparison has two answers, or where some members have no finite result: the members are then to
-    be taken in two parts. Nothing else can be done with it, and arrays refuse it: what would count
-    or mix members is a TypeError.
+    comparison has two answers, or where some members have no finite result: the members then have
+    to be taken in two groups. Every other use, which would count or mix members, is a TypeError,
+    and arrays refuse a column.
     """
 
     def __init__(self, values: np.ndarray) -> None:
         self.values = values
 
     def __array_ufunc__(self, operation: np.ufunc, method: str, *operands: Any, **_: Any) -> Any:
-        # A number on the left of a comparison comes as an array of no dimensions.
+        # A number on the left of a comparison arrives as an array without dimensions.
         numbers = [x[()] if isinstance(x, np.ndarray) else x for x in operands]
         if not all(isinstance(x, Column | float | int) for x in numbers):
             return NotImplemented
@@ -77,7 +77,7 @@ class Column(np.lib.mixins.NDArrayOperatorsMixin):
 
 
 def member_values(x: Any) -> Any:
-    """The numbers (n,) of a column; a plain number as it is."""
+    """The numbers (n,) of a column; a plain number is returned as it is."""
     return x.values if isinstance(x, Column) else float(x)
 
 
@@ -101,8 +101,8 @@ def _elementwise(function: Callable[..., float]) -> Callable[..., Any]:
 
 
 def at_once(function: Callable[..., Sequence[Any]], *x: Any) -> Sequence[Any]:
-    """The results of a function of arrays for numbers, or for columns of them, whose members it
-    takes at once."""
+    """The results of a function of arrays for numbers, or for columns, whose members it takes
+    together."""
     if not any(isinstance(value, Column) for value in x):
         return function(*x)
     return [*map(_finite_column, function(*map(member_values, x)))]
@@ -112,7 +112,7 @@ hypot, power = _elementwise(math.hypot), _elementwise(math.pow)
 
 
 def _function(name: str) -> Callable[[Any], Any]:
-    """The function of this name of whatever passes for a number."""
+    """The function of this name for any type of number."""
     of_number, of_array = _elementwise(getattr(math, name)), getattr(np, name)
 
     def applied(x: Any) -> Any:
@@ -140,8 +140,8 @@ def abs(x: Any) -> Any:
     """|x| of a number, a column or an array; of a complex step x or -x, by the sign of its real
     part.
 
-    Raises HodoError for a power series and for an engine's symbol: a series passes a corner without
-    a sign of it, and the motion behind it is wrong.
+    Raises HodoError for a power series and for an engine's symbol, because a series passes a corner
+    without any sign of it, and the motion after it is wrong.
     """
     if np.iscomplexobj(x):
         return np.where(np.real(x) < 0, -x, x)
@@ -155,9 +155,9 @@ def abs(x: Any) -> Any:
 
 def evaluate(tree: Any, values: Mapping[str, Any]) -> Any:
     """The value of an expression's tree, as `schema.expression` reads it, with these values of its
-    variables: whatever passes for a number.
+    variables: numbers of any type.
 
-    A whole power is a product, because a series whose first coefficient is 0 has no other one.
+    A whole power is a product, because a series with first coefficient 0 has no other power.
     """
     match tree:
         case str():
@@ -178,7 +178,7 @@ def whole_power(x: Any, n: int) -> Any:
 
 
 def size_of(x: Any) -> Any:
-    """|x| of an expression: of a series and of an engine's symbol by a root, which has no value at
+    """|x| of an expression; for a series and an engine's symbol as a root, which has no value at
     the corner itself."""
     is_plain = isinstance(x, Column | float | int | np.ndarray | np.generic)
     return abs(x) if is_plain else sqrt(x * x)
@@ -199,11 +199,11 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "abs": size_of,
     "tanh": tanh,
 }
-"""What may stand in an expression, by the words of its tree."""
+"""The operations of an expression, by the words of its tree."""
 
 
 def isfinite(x: Any) -> bool:
-    """Whether a number is finite, as all of a column are."""
+    """Whether a number is finite; for a column, whose numbers all are, True."""
     return isinstance(x, Column) or math.isfinite(x)
 
 
@@ -213,7 +213,7 @@ def as_numpy_float(x: Any) -> Any:
 
 
 def as_float(x: Any) -> Any:
-    """The same as a plain number again."""
+    """The inverse of `as_numpy_float`: a plain number."""
     return x if isinstance(x, Column) else float(x)
 
 

@@ -1,4 +1,5 @@
-"""Independent tasks, in this process, in others, or on dask; and the digests of what computes."""
+"""Independent tasks, in this process, in others, or on dask; and the digests of the code that
+computes."""
 
 import hashlib
 import logging
@@ -37,17 +38,18 @@ OTHER_CODE = (
 EDITED = "the code of hodo has changed since this process began: start it anew"
 
 TASKS_AHEAD = 128
-"""Tasks that a scheduler elsewhere is given before the first is finished: more than it is likely to
-have workers."""
+"""The most unfinished tasks given to a scheduler elsewhere: more than it is likely to have
+workers."""
 
 TRIES_BESIDE_OTHERS = 2
-"""How often a task is tried beside others: a worker may be killed for memory that others take."""
+"""How often a task is tried together with others: a worker may be killed for memory that others
+take."""
 
 
 class Pool:
-    """Applies functions to tasks: here if `jobs` is 1 (unless `always` elsewhere), in so many
-    processes, or on the workers of a dask scheduler at tcp://HOST:PORT. A context manager, which
-    gives up what is not finished.
+    """Applies functions to tasks: in this process if `jobs` is 1 (unless `always` elsewhere), in
+    `jobs` processes, or on the workers of a dask scheduler at tcp://HOST:PORT. A context manager,
+    which gives up unfinished tasks.
 
     Raises BatchError if no scheduler answers, and ModuleNotFoundError without dask.
     """
@@ -72,13 +74,13 @@ class Pool:
     def map(
         self, function: Callable[[Task], Result], tasks: Iterable[Task]
     ) -> Iterator[tuple[Task, Result | Exception]]:
-        """Each task with what the function makes of it, or the exception that it raises, as they
-        are finished.
+        """Each task with the function's result, or the exception that it raises, in the order in
+        which they finish.
 
-        Tasks are drawn when they are needed, so that a sweep of a billion members never stands in
-        memory. One whose process dies is tried again, at last with no other beside it, before it
-        comes back with a HodoError. Raises BatchError if a worker computes with other code, or dask
-        fails, and what `NOT_OF_A_CASE` lists.
+        Tasks are drawn when they are needed, so that a sweep of a billion members is never in
+        memory. A task whose process dies is tried again, at last alone, before it gives a
+        HodoError. Raises BatchError if a worker computes with other code, or dask fails, and the
+        exceptions of `NOT_OF_A_CASE`.
         """
         supply, alone, running = iter(tasks), list[Task](), dict[Future[Any], tuple[Task, int]]()
         ahead = TASKS_AHEAD if self._client else 2 * self._jobs
@@ -92,7 +94,7 @@ class Pool:
             for future in [future for future, result in outcomes.items() if result is not LOST]:
                 yield running.pop(future)[0], outcomes[future]
             if any(result is LOST for result in outcomes.values()):
-                # A process has died, over which of the tasks nobody knows.
+                # A process has died, and nobody knows over which of the tasks.
                 self._end()
                 lost, running = [*running.values()], {}
                 for task, tries in lost:
@@ -114,7 +116,7 @@ class Pool:
         return self._executor.submit(with_digest, function, task)
 
     def _end(self) -> None:
-        """End the workers, in the middle of a task or not."""
+        """End the workers, even in the middle of a task."""
         if self._executor:
             self._executor.shutdown(wait=False)
         self._executor = None
@@ -122,11 +124,11 @@ class Pool:
 
 class Processes(futures.ProcessPoolExecutor):
     """Processes of this machine, which end when this executor is shut down, or with this process,
-    whatever they do."""
+    in any case."""
 
     def __init__(self, workers: int) -> None:
-        # A fork starts in a millisecond, with all that is loaded. It is safe on Linux alone, and
-        # where no thread may hold a lock.
+        # A fork starts in a millisecond, with everything loaded. It is safe on Linux alone, and if
+        # no thread may hold a lock.
         is_safe = sys.platform == "linux" and threading.active_count() == 1
         context = multiprocessing.get_context("fork" if is_safe else "spawn")
         super().__init__(workers, context, begin)
@@ -134,7 +136,8 @@ class Processes(futures.ProcessPoolExecutor):
     def submit(self, *task: Any, **keywords: Any) -> Any:
         """Submit a task, for which a process may be started."""
         before = os.environ.get("PYTHONSAFEPATH")
-        # What Python imports to start a process comes from no current folder either.
+        # The modules that Python imports to start a process do not come from the current folder
+        # either.
         os.environ["PYTHONSAFEPATH"] = before or "1"
         try:
             return super().submit(*task, **keywords)
@@ -151,8 +154,8 @@ class Processes(futures.ProcessPoolExecutor):
 
 
 def begin() -> None:
-    """Prepare a worker: it ends when its parent is gone, in whatever way; and signals, which a
-    terminal sends to all processes, and the output are its parent's affair."""
+    """Prepare a worker: it ends when its parent is gone, in any way. It leaves signals, which a
+    terminal sends to all processes, and the output to its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     os.dup2(2, 1)
@@ -170,21 +173,20 @@ def connected(address: str) -> Any:
     none."""
     import distributed
 
-    # dask logs with tracebacks what ends up as one line here.
+    # dask logs tracebacks of errors that become one line here.
     logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)
     connect: Callable[..., Any] = distributed.Client
     try:
         return connect(address, timeout=10, set_as_default=False)
     except Exception as error:  # what answers there may be any program
-        # A client that has never been one would wait 20 s for its own end, and complain.
+        # A client that has never connected would wait 20 s for its own end, and complain.
         setattr(connect, "__del__", lambda client: None)  # noqa: B010
         reason = f"no dask scheduler answers at {address}: {first_line(error)}"
         raise BatchError(reason) from None
 
 
 def with_digest(function: Callable[[Task], Result], task: Task) -> tuple[str, Result]:
-    """What a worker does: the digest of what computes there, and what a function makes of a
-    task."""
+    """The digest of the code that computes in a worker, and a function's result for a task."""
     try:
         known, result = process_digest(), function(task)
         check_unedited()
@@ -206,7 +208,7 @@ def done_now(function: Callable[[Task], Result], task: Task) -> Future[Any]:
 
 
 def outcome(future: Future[Any]) -> Any:
-    """What a task has given, or its exception. Raises what no task is to blame for."""
+    """The result of a task, or its exception. Raises exceptions for which no task is to blame."""
     try:
         digest_there, result = future.result()
     except NOT_OF_A_CASE:
@@ -229,10 +231,10 @@ def outcome(future: Future[Any]) -> Any:
 PACKAGE = Path(__file__).parent
 
 CASE_SOURCES = ("models", "engines", "integration", "arithmetic.py", "schema/expression.py")
-"""The sources that decide the numbers of a single case, and what its formulas mean."""
+"""The sources that determine the numbers of a single case, and the meaning of its formulas."""
 
 SWEEP_SOURCES = (*CASE_SOURCES, "sweeps", "cases/sweep_block.py")
-"""The sources that decide the numbers of a sweep: the members' motions, and how members are made
+"""The sources that determine the numbers of a sweep: the members' motions, and how members are made
 and reduced."""
 
 
@@ -244,9 +246,9 @@ def sources(parts: tuple[str, ...]) -> list[Path]:
 
 
 def check_unedited() -> None:
-    """Raise BatchError if a source of what computes has changed since this process began: what is
-    loaded of it may then be older or newer than its digest."""
-    # Not the time of the content, which copying keeps; one ahead of our clock is another clock's.
+    """Raise BatchError if a source of the code that computes has changed since this process began:
+    the loaded code may then differ from its digest."""
+    # Copying keeps the time of the content, but not ctime. A time in the future is another clock's.
     changed = max(file.stat().st_ctime for file in sources(SWEEP_SOURCES))
     if STARTED < changed <= time.time():
         raise BatchError(EDITED)
@@ -254,7 +256,8 @@ def check_unedited() -> None:
 
 @cache
 def code_digest(parts: tuple[str, ...], model: str = "") -> str:
-    """The digest of the code that computes, and of the model where hodo does not have it."""
+    """The digest of the code that computes and, for a model that is not hodo's own, of that
+    model."""
     lines = [
         f"{file.relative_to(PACKAGE).as_posix()} {digest(file.read_text('utf-8'))}"
         for file in sources(parts)
@@ -264,7 +267,7 @@ def code_digest(parts: tuple[str, ...], model: str = "") -> str:
 
 @cache
 def library_digest() -> str:
-    """The digest of the versions of the libraries whose arithmetic ends up in results."""
+    """The digest of the versions of the libraries whose arithmetic affects results."""
     versions = [library_version(name) for name in ("heyoka", "numpy", "scipy")]
     # `auto` takes other methods where heyoka is hidden or its wheel does not load.
     return digest(f"{versions} {have_taylor()}")
@@ -272,8 +275,8 @@ def library_digest() -> str:
 
 @cache
 def process_digest() -> str:
-    """The digest of the code, the libraries and the added models of this process, as they were at
-    its first task."""
+    """The digest of the code, the libraries and the added models of this process, at its first
+    task."""
     return f"{code_digest(SWEEP_SOURCES)}-{library_digest()}-{models.added_models_digest()}"
 
 
@@ -283,14 +286,13 @@ def digest(text: str) -> str:
 
 
 BYTES_PER_NUMBER = 75
-"""Peak of memory for each number of each sample (the state and the stored variables), rounded up
-from what cases of every model took: 10 to 30 when they were integrated, 67 when they were
-classified."""
+"""The peak of memory for each number of each sample (state and stored variables), rounded up from
+measurements of every model: 10 to 30 for integration, 67 for classification."""
 
 
 def lack_of_memory(case: Case, jobs: int = 1) -> str:
-    """Why the samples of a case do not fit into the memory of one of so many processes; an empty
-    text if they do."""
+    """Why the samples of a case do not fit into the memory of one of `jobs` processes; an empty
+    string if they do."""
     if case.sweep and "trajectory" not in case.store:
         return ""  # reduced members are computed and written chunk by chunk
     system, have = case.system, memory_size() // jobs
@@ -307,6 +309,6 @@ def lack_of_memory(case: Case, jobs: int = 1) -> str:
 
 def check_memory(case: Case) -> None:
     """Raise HodoError if the samples of a case do not fit into memory: a process that takes too
-    much is killed without a word."""
+    much is killed without a message."""
     if message := lack_of_memory(case):
         raise HodoError(f"{case.name}: {message}")

@@ -20,23 +20,23 @@ from click.shell_completion import CompletionItem
 from . import BatchError, HodoError, __version__
 from .machine import RESOURCES
 
-# Before numpy loads. The largest matrices have a hundred rows or two: several threads take longer
-# than one, and the last digits would depend on how many the machine has.
+# Before numpy loads. The largest matrices have some hundred rows: several threads take longer than
+# one, and the last digits would depend on the number of processors.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 _received: list[int] = []
-"""The signals that are to end the command."""
+"""The signals that end the command."""
 
 
 def _end(number: int, frame: object) -> NoReturn:
-    """End the command at a signal, by an exception: what is finished is stored first."""
+    """End the command at a signal, by an exception, so that finished work is stored first."""
     _received.append(number)
     raise KeyboardInterrupt(number)
 
 
 def _end_at_once(lost: Any) -> None:
-    """End the process where that exception is lost, in a destructor."""
+    """End the process where the exception would be lost, in a destructor."""
     if isinstance(lost.exc_value, KeyboardInterrupt):
         os.write(2, b"interrupted\n")
         os._exit(128 + next(iter(lost.exc_value.args), signal.SIGINT))
@@ -44,8 +44,8 @@ def _end_at_once(lost: Any) -> None:
 
 
 NEW_OBJECTS = 20_000
-"""New objects after which Python looks for garbage: by its own number, 700, a sixth of the time in
-which thousands of cases are read goes by in searches that find none."""
+"""How many new objects make Python look for garbage. With its own number, 700, a sixth of the time
+in which thousands of cases are read goes by in searches that find none."""
 
 
 class Hodo(click.Group):
@@ -65,7 +65,7 @@ class Hodo(click.Group):
         except click.exceptions.Exit:
             raise
         except BaseException as error:
-            # Where a signal meets a compiled library, any error may come out of that.
+            # A signal that meets a compiled library may cause any error there.
             if not (_received or isinstance(error, KeyboardInterrupt)):
                 raise
             is_run = ctx.invoked_subcommand == "run"
@@ -90,7 +90,7 @@ class Hodo(click.Group):
             except SHOWN_IN_A_LINE as error:
                 if _received:
                     raise
-                # click does not say of which command an option lacks its value.
+                # click does not name the command whose option lacks its value.
                 if isinstance(error, click.BadOptionUsage) and (name := ctx.invoked_subcommand):
                     error.ctx = click.Context(self.commands[name], ctx, name)
                 if not (line := error_line(error)):
@@ -102,8 +102,8 @@ class Hodo(click.Group):
 
 @contextmanager
 def _output() -> Iterator[None]:
-    """The time in which a command prints; that a device is full is noticed at its end, and not when
-    Python ends."""
+    """A context in which a command prints; a full device is noticed at its end, and not when Python
+    ends."""
     _open_standard_files()
     try:
         yield
@@ -116,19 +116,19 @@ def _output() -> Iterator[None]:
 
 
 EXTRAS = dict.fromkeys(("dask", "distributed"), "dask distributed")
-"""What to install for the libraries that only some users need."""
+"""How to install the libraries that only some users need."""
 
 
 SHOWN_IN_A_LINE = (
     *(HodoError, BatchError, click.UsageError),
     *(ModuleNotFoundError, MemoryError, OSError),
 )
-"""The errors of which `error_line` may show a line."""
+"""The errors that `error_line` may show as one line."""
 
 
 def error_line(error: Exception) -> str:
-    """The line that is shown of an error which the user can mend; an empty string of one that keeps
-    its traceback, as a module of hodo itself that is missing."""
+    """The line for an error that the user can mend; an empty string for an error that keeps its
+    traceback, such as a missing module of hodo itself."""
     match error:
         case HodoError() | BatchError():
             return str(error)
@@ -140,8 +140,8 @@ def error_line(error: Exception) -> str:
             return f"this needs {package}, which is not installed: pip install {wanted}"
         case MemoryError():
             return "the memory is exhausted, or the limit on it (ulimit -v) too low"
-        # Errors of files are reported where files are written. This is the output, or a limit on
-        # descriptors or processes.
+        # Errors of files are reported where files are written. This one is of the output, or of a
+        # limit on descriptors or processes.
         case OSError(errno=number) if number in RESOURCES:
             return f"the operating system refuses it: {os.strerror(number).lower()}"
     return ""
@@ -154,8 +154,8 @@ def misused(error: click.UsageError) -> str:
 
 
 def _open_standard_files() -> None:
-    """Make sure that input, output and messages have their descriptors: the first result to be
-    opened would take the descriptor of a closed one, and a message would be written into it.
+    """Make sure that input, output and messages have their descriptors. Otherwise the first opened
+    result would take the descriptor of a closed one, and a message would be written into it.
 
     Raises HodoError if there is no output to print to.
     """
@@ -170,7 +170,7 @@ def _open_standard_files() -> None:
 
 
 def _refuse(ctx: click.Context, line: str) -> NoReturn:
-    """Print the reason, where that is still possible, and end."""
+    """Print the reason, if that is still possible, and end."""
     _say(line)
     try:
         sys.stdout.flush()
@@ -180,7 +180,7 @@ def _refuse(ctx: click.Context, line: str) -> NoReturn:
 
 
 def _say(message: object) -> None:
-    """One line on stderr, if that takes any."""
+    """Print one line on stderr, if it is open."""
     with suppress(OSError, ValueError):
         click.echo(str(message), err=True)
 
@@ -202,8 +202,8 @@ def main(traceback: bool, own: tuple[str, ...]) -> None:
     difference from what was expected, 130 interrupted. Completion in bash:
     eval "$(_HODO_COMPLETE=bash_source hodo)".
     """
-    # Through the environment, because the processes of -j N and of dask on this machine inherit it;
-    # it is read when models are first imported, which no command has done yet.
+    # Through the environment, because the processes of -j N and of dask on this machine inherit it.
+    # It is read when models are first imported, which no command has done yet.
     if own:
         os.environ["HODO_MODELS"] = os.pathsep.join(map(os.path.abspath, own))
 
@@ -212,15 +212,15 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 def _named_in(section: str) -> Callable[..., list[Any]]:
-    """What completes a name of this section, `cases` or `figures`, of the configs and results given
-    so far, for a shell; file names where none fits."""
+    """The completion of a name of this section, `cases` or `figures`, for a shell: names in the
+    configs and results given so far, or file names where none fits."""
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
         from .cases.config import load, parse
         from .storage import open_run
 
         names: list[str] = []
-        # An option without its value has kept click from giving the arguments their names.
+        # Because of an option without its value click has not given the arguments their names.
         for given in ctx.params.get("runs") or ctx.args:
             # A shell shows no mistakes, and not every word is a file.
             with suppress(HodoError), warnings.catch_warnings(action="ignore"):
@@ -236,8 +236,8 @@ def _named_in(section: str) -> Callable[..., list[Any]]:
 
 
 def _configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
-    """The case files that come with hodo, for a shell to complete; its own files where one begins
-    with these letters."""
+    """The case files that come with hodo, for a shell to complete; the user's own files if one
+    begins with these letters."""
     from glob import escape, glob
 
     from .cases.config import BUNDLED_CONFIGS
@@ -250,12 +250,12 @@ def _configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
 
 
 def _files(name: str, **how: Any) -> Callable[[Command], Command]:
-    """An argument that takes the names of results or configs."""
+    """An argument for the names of results or configs."""
     return click.argument(name, type=click.Path(path_type=Path), shell_complete=_configs, **how)
 
 
 FORMATS = ("png", "svg", "pdf", "csv", "html", "gif")
-"""The formats that a figure is written in."""
+"""The formats in which a figure can be written."""
 
 RUNS = _files("runs", nargs=-1, required=True)
 JSON = click.option(
@@ -277,7 +277,7 @@ def _jobs(doc: str) -> Callable[[Command], Command]:
 
 
 def _folder(default: str) -> Callable[[Command], Command]:
-    """The option for the folder that a command writes into."""
+    """The option for the folder into which a command writes."""
     return click.option(
         "--out",
         type=click.Path(path_type=Path),
@@ -359,7 +359,7 @@ def _run(
     if jobs > 1 and scheduler:
         raise HodoError(f"-j: leave it out, the workers are those of {scheduler}")
     loaded = [load(path, overrides) for path in configs]
-    # A file that is named twice is run once.
+    # A file that is named twice runs once.
     once = {os.path.abspath(config.path): config for config in loaded}
     plans = run.plans([*once.values()], out, globs, force, jobs, prune, overrides)
     if dry_run:
@@ -456,8 +456,9 @@ def _plot(
 
     Without FIGURE all figures are drawn, and a page that shows them. A figure is drawn again when
     its entry in the case file, its cases or hodo have changed. RUN is a result (*.h5), or a config
-    with a result in runs/; a config's figures are read anew. A figure that cannot be drawn (because
-    its case failed, say) is reported in one line; the others are drawn, and the exit status is 1.
+    with a result in runs/; a config's figures are read anew. A second RUN is named with its ending
+    (*.h5, *.yaml). A figure that cannot be drawn (because its case failed, say) is reported in one
+    line; the others are drawn, and the exit status is 1.
     """
     from .commands import plot
 
@@ -482,12 +483,10 @@ def _plot(
 def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: bool) -> int:
     """Compare the result A with the reference B.
 
-    A and B are results (*.h5), or configs with a result in runs/. Every case, label, crossing and
-    value of B is compared.
-    The scaled error is |a - b| / (atol + rtol |b|), where |b| is the length of a vector and the
-    amplitude of a scalar about that time; exit status 3 if it exceeds 1 anywhere. Times of
-    crossings and events may differ by 100 times rtol, stated errors by a factor of 30; sample
-    times, labels, units and warnings are equal or not.
+    A and B are results (*.h5), or configs with a result in runs/. Every case and every variable of
+    B is compared: |a - b| <= atol + rtol max|b|, and times may also be off by ten times their
+    stated errors. Labels, units, how a case ended and its numbers have to be equal; how it was
+    computed is not compared. Exit status 3 if anything differs.
     """
     from .commands import compare
 
@@ -523,7 +522,7 @@ def _bench(
 @main.command("show")
 @RUNS
 @click.option("--methods", is_flag=True, help="Print a paragraph for a paper on each instead.")
-@click.option("--latex", is_flag=True, help="Print the table of cases for a paper, in LaTeX.")
+@click.option("--latex", is_flag=True, help="Print the table of cases in LaTeX (with booktabs).")
 @JSON
 def _show(runs: tuple[Path, ...], methods: bool, latex: bool, as_json: bool) -> int:
     """List the cases in RUNS.

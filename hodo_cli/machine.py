@@ -1,5 +1,5 @@
-"""This machine: its memory, its processor, the versions of the libraries that are installed, and
-the compiled code that is kept for later processes."""
+"""This machine: its memory, its processor, the versions of the installed libraries, and compiled
+code that is kept for later processes."""
 
 import errno
 import hashlib
@@ -17,12 +17,12 @@ RESOURCES = (
     *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF),
     *(errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM),
 )
-"""Errors of the machine, which no file and no case is to blame for."""
+"""Errors of the machine, for which no file and no case is to blame."""
 
 
 def relative_path(path: str | Path, folder: str | Path) -> str:
-    """A path as it is seen from a folder, with slashes on every system; the whole path where none
-    leads there, as from another drive of Windows."""
+    """A path relative to a folder, with slashes on every system; the whole path if there is no
+    relative one, as from another drive of Windows."""
     with suppress(ValueError):
         return Path(os.path.relpath(path, folder)).as_posix()
     return Path(os.path.abspath(path)).as_posix()
@@ -37,7 +37,7 @@ def memory_size() -> int:
 
 @cache
 def processor() -> str:
-    """What code is compiled for: the name of this machine's processor and what it can do."""
+    """The target of compiled code: the name of this machine's processor and its features."""
     described = [platform.machine(), platform.processor()]
     with suppress(OSError):  # Linux alone has it
         lines = Path("/proc/cpuinfo").read_text().partition("\n\n")[0].splitlines()
@@ -49,15 +49,15 @@ def processor() -> str:
 
 @cache
 def library_version(library: str) -> str:
-    """The version of a library that is installed, loaded or not."""
-    # `importlib.metadata`, which reads more, takes a tenth of a short run to load.
+    """The version of an installed library, loaded or not."""
+    # `importlib.metadata` reads more, and loading it takes a tenth of a short run.
     places = [Path(place) for place in sys.path]
     found = [info.stem for place in places for info in place.glob(f"{library}-*.*-info")]
     return found[0].split("-")[1] if found else "not installed"
 
 
 def cache_folder() -> Path:
-    """The folder of hodo's compiled code, which the user alone can reach.
+    """The folder of hodo's compiled code, which only the user can reach.
 
     Raises OSError if it cannot be made, or others can reach it, and RuntimeError if there is no
     home.
@@ -73,15 +73,15 @@ def cache_folder() -> Path:
 
 
 MOST_FILES = 250
-"""Files that are kept: 256 MB of steps, or 10 times as many of the largest models."""
+"""How many files are kept: 256 MB of steps, or 10 times as much of the largest models."""
 
 
 def cached_code(key: str, compiled: Callable[[], Any]) -> Any:
-    """What `compiled` returns, from the disk if a process has stored it under this key.
+    """The result of `compiled`, from the disk if a process has stored it under this key.
 
-    It is a pickle, which could run anything: so it lies in a folder that is the user's alone. Its
-    hash stands before it, since of other bytes, such as those of another version, a pickle makes
-    anything too.
+    It is a pickle, which could run anything, so it lies in a folder that only the user can reach.
+    Its hash comes before it, because a pickle makes anything of damaged bytes, or those of another
+    version.
     """
     try:
         file = cache_folder() / f"{key}.code"
@@ -94,7 +94,8 @@ def cached_code(key: str, compiled: Callable[[], Any]) -> Any:
             return pickle.loads(stored[32:])
     code = compiled()
     with suppress(OSError):  # the disk is full
-        # Its name says so, that drafts which a kill has left go with the oldest.
+        # The name of a draft begins alike, so that drafts which a kill has left are removed with
+        # the oldest.
         draft = file.with_name(f"{file.name}.{os.getpid()}")
         data = pickle.dumps(code)
         draft.write_bytes(hashlib.sha256(data).digest() + data)

@@ -1,4 +1,5 @@
-"""How far a command is: a line on a terminal that is written over; problems, wherever they go."""
+"""How far a command is, as a line on a terminal that is written over; and problems, on any
+stream."""
 
 import os
 import sys
@@ -13,23 +14,23 @@ import click
 Item = TypeVar("Item")
 
 SECONDS_HIDDEN, TICK_SECONDS = 0.5, 0.2
-"""Seconds before a line is shown, since what is done by then needs none, nor the library that draws
-it; and between two drawings of it."""
+"""Seconds before the line is shown, because short work needs neither it nor the library that draws
+it; and seconds between two drawings."""
 
 MOST_NAMED = 3
-"""Tasks that the line names at most: the first ones run, and the others may still wait for a
+"""The most tasks that the line names: the first ones run, and the others may still wait for a
 process."""
 
 LINE = "{desc} |{bar:12}| {percentage:.0f} %, {elapsed}, {remaining} left{postfix}"
 
 
 class Progress:
-    """Counts tasks and says how far they are. A context manager.
+    """Counts tasks and shows how far they are. A context manager.
 
-    On a terminal it is a line that is written over, with the names of the tasks that run, how far
-    they are, and how long all will take. Problems are printed in any case, warnings unless `quiet`,
-    and details, such as a line for each task that is done, if `verbose`. A stream that takes no
-    messages stops nothing. NO_COLOR=1 takes the colour from a terminal.
+    On a terminal it is a line that is written over, with the names of the running tasks, how far
+    they are, and how long all will take. Problems are always printed, warnings unless `quiet`, and
+    details, such as a line for each finished task, if `verbose`. A stream that takes no messages
+    stops nothing. NO_COLOR=1 takes the colour from a terminal.
     """
 
     def __init__(self, total: int, quiet: bool = False, verbose: bool = False) -> None:
@@ -40,10 +41,10 @@ class Progress:
 
     def __enter__(self) -> Self:
         self._warned = warnings.showwarning
-        # A log file gets whole lines: what is written over on a terminal is unreadable there.
+        # A log file gets whole lines: a line that is written over is unreadable there.
         if sys.stderr.isatty() and not self._quiet:
             warnings.showwarning = self._warn
-            # In a thread, so that the clock goes on while a library works.
+            # In a thread, so that the clock runs while a library works.
             threading.Thread(target=self._draw_on, daemon=True).start()
         return self
 
@@ -54,35 +55,35 @@ class Progress:
             pass
 
     def say(self, line: str) -> None:
-        """A line, unless quiet."""
+        """Print a line, unless quiet."""
         if not self._quiet:
             self._echo(line)
 
     def detail(self, line: str) -> None:
-        """A line, if verbose."""
+        """Print a line, if verbose."""
         if self._verbose:
             self._echo(line)
 
     def report(self, name: str, share: float) -> None:
-        """Note how much of a task that runs is done, from 0 to 1."""
+        """Note how much of a running task is done, from 0 to 1."""
         self._running[name] = share
 
     def done(self, name: str, problem: str = "") -> None:
         """Count a task that is finished, and print its problem if it has one."""
         self._done += 1
         self._running.pop(name, None)
-        tell = self._echo if problem else self.detail
+        show = self._echo if problem else self.detail
         end = click.style(problem, fg="red") if problem else "ok"
-        tell(f"[{self._done}/{self._total}] {name}: {end}")
+        show(f"[{self._done}/{self._total}] {name}: {end}")
 
     def starting(self, items: Iterable[Item], name: Callable[[Item], str] = str) -> Iterator[Item]:
-        """Items that stand for tasks of these names, each of which runs from when it is taken."""
+        """The items for tasks of these names; a task counts as running once its item is taken."""
         for item in items:
             self.report(name(item), 0.0)
             yield item
 
     def through(self, items: Iterable[Item], name: Callable[[Item], str] = str) -> Iterator[Item]:
-        """Items as in `starting`, each of which is done when the next one is taken."""
+        """The items as in `starting`; a task counts as done when the next item is taken."""
         for item in self.starting(items, name):
             yield item
             self.done(name(item))
@@ -97,14 +98,14 @@ class Progress:
 
     @contextmanager
     def _cleared(self) -> Iterator[None]:
-        """The time in which the line is not drawn."""
+        """A context in which the line is not drawn."""
         with self._lock:
             if self._line is not None:
                 self._line.clear()
             yield
 
     def _draw_on(self) -> None:
-        """Draw the line now and then."""
+        """Draw the line again and again, at intervals."""
         wait = SECONDS_HIDDEN
         while not self._ended.wait(wait):
             wait = TICK_SECONDS
@@ -124,13 +125,13 @@ class Progress:
 
 
 def line_of_terminal(total: int) -> Any:
-    """A line of tqdm's. It is imported here, because only a terminal wants it."""
+    """A line of tqdm, which is imported here because only a terminal needs it."""
     from tqdm import tqdm
 
-    # A terminal that does not say how large it is (`script`, some editors) would get no line.
+    # A terminal that does not state its size (`script`, some editors) would get no line.
     is_known = os.get_terminal_size(sys.stderr.fileno()).columns > 0
     size = {} if is_known else {"ncols": 80, "nrows": 24}
-    # Its own lock is a semaphore of the system, which a process that is killed leaves behind.
+    # tqdm's own lock is a semaphore of the system, which a killed process leaves in place.
     tqdm.set_lock(threading.RLock())
     tqdm.monitor_interval = 0
     return tqdm(total=total, bar_format=LINE, leave=False, dynamic_ncols=is_known, **size)

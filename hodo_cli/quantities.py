@@ -1,6 +1,6 @@
-"""The quantities that follow from what is stored of a motion: one table of their names, symbols,
-meanings, units and formulas. Case files, `store:`, figures, statements, sweeps and `derive` all
-read it. Imports models and what lies below."""
+"""The quantities that follow from the stored variables of a motion: one table of their names,
+symbols, meanings, units and formulas. Case files, `store:`, figures, statements, sweeps and
+`derive` all read it. Imports models and the folders below."""
 
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -22,13 +22,13 @@ BODY_AXES = ("x1", "x2", "x3")
 SPACE_AXES = ("x", "y", "z")
 
 PARTS = {"axis": BODY_AXES, "space": SPACE_AXES, "quaternion": ("a", "b", "c", "d")}
-"""The dimensions of what has several numbers at a time, and the names of these."""
+"""The dimensions of variables with several numbers at a time, and the names of their components."""
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """A case and its variables over times: what the formulas below take. The variables are those of
-    an `xarray.Dataset` or of a `Group`; both have `dims`, `data` and `attrs`."""
+    """A case and its variables over times, as the formulas below take them. The variables are those
+    of an `xarray.Dataset` or of a `Group`; both have `dims`, `data` and `attrs`."""
 
     case: Any  # a Case, which a module above this one defines
     data: Mapping[Any, Any]
@@ -37,7 +37,8 @@ class Samples:
         """The values of a stored variable. Raises KeyError if it is not stored."""
         if (key := stored_name(name)) not in self.data:  # xarray's own error lists all variables
             raise KeyError(name)
-        # The digits of a sum hang on how its terms lie in memory, where axes are exchanged.
+        # The digits of a sum depend on the order of its terms in memory, which exchanged axes
+        # change.
         return np.asarray(self.data[key].data, order="C")
 
     @cached_property
@@ -64,12 +65,12 @@ class Samples:
 
     @property
     def frame(self) -> rigid_body.BodyFrame | None:
-        """The body, where its model is one of a body that turns freely in its own axes."""
+        """The body, if the model is one of a body that turns freely in its own axes."""
         return self.case.system if isinstance(self.case.system, rigid_body.BodyFrame) else None
 
     @property
     def principal_axes(self) -> np.ndarray:
-        """The principal axes, row by row (3, 3), in the axes of vectors."""
+        """The principal axes (3, 3), row by row, in the axes of the vectors."""
         axes = self.frame.principal_axes if self.frame else None
         return np.eye(3) if axes is None else axes.astype(float)
 
@@ -104,7 +105,8 @@ class Samples:
 
 
 def _momentum(m: Samples) -> np.ndarray:
-    """|G|, right also where G^2 underflows; of the averaged cavity's x = p^2 + q^2 and y = r^2."""
+    """|G|, right also where G^2 underflows; for the averaged cavity from x = p^2 + q^2 and y =
+    r^2."""
     if "omega" in m.data:
         # hypot scales by itself; the square of 1e-170 is 0.
         return np.asarray(np.hypot.reduce(m.G, axis=-1))
@@ -132,8 +134,8 @@ _ratio = partial(rigid_body.share_of, of_nothing=np.nan)
 
 
 def _of_direction(formula: Callable[[Samples], np.ndarray], m: Samples) -> np.ndarray:
-    """A formula in which the size of omega cancels, of omega at a size near 1: the squares of
-    1e-160 have lost their digits. It gives no number where omega has lost its own."""
+    """A formula in which the size of omega cancels, for omega scaled to a size near 1: the squares
+    of 1e-160 have lost their digits. It is nan where omega has lost its own."""
     if "omega" not in m.data or m.case.system.no_separatrix_reason:  # h has a size of its own
         return formula(m)
     size = np.abs(m.omega).max(axis=-1, keepdims=True)
@@ -148,7 +150,7 @@ def _momentum_over_energy(m: Samples) -> np.ndarray:
 
 
 def _separatrix_ratio(m: Samples) -> np.ndarray:
-    """D/2T; of an averaged form by its J."""
+    """D/2T; for an averaged form from its J."""
     if "omega" not in m.data:
         return np.asarray(_momentum_over_energy(m) - m.inertia[m.order[1]])
     return _ratio(2 * _energy(m), _separatrix(m))
@@ -161,7 +163,7 @@ def direction(m: Samples) -> np.ndarray:
 
 
 def _tilt(m: Samples) -> np.ndarray:
-    """The angle between G and x3; no number where G has no direction."""
+    """The angle between G and x3; nan where G has no direction."""
     across, along = np.hypot(m.G[:, 0], m.G[:, 1]), m.G[:, 2]
     return np.where(_momentum(m) < sys.float_info.min, np.nan, np.arctan2(across, along))
 
@@ -174,7 +176,7 @@ def _of_top(of_state: Callable[..., Any], i: int, m: Samples) -> np.ndarray:
 
 
 def _with_fluid(m: Samples) -> np.ndarray:
-    """G - kappa omega' (n, 3) in body axes, omega' that of the free body: the momentum of body and
+    """G - kappa omega' (n, 3) in body axes, with omega' of the free body: the momentum of body and
     fluid together, to first order in kappa."""
     axes, k = m.principal_axes, attributes(m.case.system.constants)
     acceleration = (np.cross(m.G, m.omega) @ axes.T / m.inertia) @ axes
@@ -183,20 +185,19 @@ def _with_fluid(m: Samples) -> np.ndarray:
 
 
 def angle_turned(time: np.ndarray, omega: np.ndarray) -> float:
-    """The angle in radians by which a body turns in space, by its angular velocity (n, 3) at times
-    (n,)."""
+    """The angle in radians by which a body turns in space, from its angular velocity (n, 3) at
+    times (n,)."""
     return abs(float(np.trapezoid(np.linalg.norm(omega, axis=1), time)))
 
 
 POLE_SINE = 1e-7
-"""The sine of theta below which phi and psi have lost half of their digits: they are not numbers
-there."""
+"""The sine of theta below which phi and psi have lost half of their digits, and are nan."""
 
 
 def _euler_angle(name: str, m: Samples) -> np.ndarray:
     """psi, theta or phi (n,) of the turns by psi about z, theta about x1 and phi about x3, one
-    after another: precession, nutation and spin. psi and phi are at most half a turn, and no
-    numbers where theta is 0 or pi."""
+    after another: precession, nutation and spin. psi and phi are at most half a turn, and nan where
+    theta is 0 or pi."""
     axis = m.rotations.apply(np.eye(3)[2])
     sine = np.hypot(axis[:, 0], axis[:, 1])
     if name == "theta":
@@ -212,7 +213,7 @@ def _euler_angle(name: str, m: Samples) -> np.ndarray:
 class Quantity(NamedTuple):
     """A quantity over time: its symbol in TeX, its meaning, its units in words, the `sources` that
     it needs (any of several sets), its formula, and the dimension of its components. The formula
-    gives (n,), or (n, 3) where there are components."""
+    gives (n,), or (n, 3) if there are components."""
 
     symbol: str
     long_name: str
@@ -324,7 +325,7 @@ QUANTITIES = {
 
 
 def stored_name(name: str) -> str:
-    """The name of a variable or quantity in files and datasets: D_per_2T for D/2T, since a slash
+    """The name of a variable or quantity in files and datasets: D_per_2T for D/2T, because a slash
     names a group in HDF5."""
     return name.replace("/", "_per_")
 
@@ -336,7 +337,7 @@ STORED_SYMBOLS = {
 
 
 def symbol(name: str) -> str:
-    """The symbol of a variable or quantity in TeX; of a component that of its vector, with an
+    """The symbol of a variable or quantity in TeX; for a component its vector's symbol with an
     index."""
     base, _, part = name.partition(".")
     if name in STORED_SYMBOLS:
@@ -362,8 +363,8 @@ STORED_VARIABLES = {
     "momentum": Label(("time",), "|G| of an averaged form"),
     **added_variables(),
 }
-"""The variables that some model stores and no quantity stands for, those of the user's own models
-among them."""
+"""The variables that some model stores and that are no quantities, also of the user's own
+models."""
 
 OVER_TIME = {
     number: of.long_name
@@ -371,21 +372,22 @@ OVER_TIME = {
     for name, of in table.items()
     for number in component_names(name, "".join(of.dims[1:]))
 }
-"""The numbers over time that a statement or a formula may name, in words: `T`, `G_space.z`."""
+"""The numbers over time that a statement or a formula may name, with their meanings: `T`,
+`G_space.z`."""
 
 
 # What a quantity needs
 
 
 def constants_of(system: Model, data: Mapping[str, Any]) -> set[str]:
-    """The constants of a body on which quantities rest."""
+    """The constants of a body that quantities need."""
     names = {"inertia"} if data.get("inertia") else set()
     has_fluid = system.attitude and "kappa" in system.constants
     return names | {"kappa"} if has_fluid else names
 
 
 def missing(name: str, sources: Collection[str], known: Collection[str] = ()) -> list[str]:
-    """What a quantity needs besides these stored variables and constants; an empty list where it
+    """What a quantity needs besides these stored variables and constants; an empty list if it
     follows from them. A variable needs itself.
 
     A quantity may follow from any of several sets. The answer is about a set that lacks nothing or,
@@ -403,8 +405,8 @@ def derivable(sources: Collection[str]) -> list[str]:
 
 def lack_of(case: Any, name: str, sources: Collection[str], user: str) -> str:
     """What is wrong with a case that lacks what a variable or quantity, which the `user` names,
-    needs besides these variables and constants, and what mends it; an empty string if it has all.
-    """
+    needs besides these variables and constants, and what to do; an empty string if nothing is
+    missing."""
     known = case.system.equations.variables
     if not (lacks := missing(name, sources, known)):
         return ""
@@ -420,5 +422,5 @@ def lack_of(case: Any, name: str, sources: Collection[str], user: str) -> str:
 
 
 def remedy_of(lacks: Sequence[str]) -> str:
-    """What to write in a case without these variables and constants."""
+    """What to write in a case that lacks these variables and constants."""
     return ": write `attitude: yes`" if "attitude" in lacks else ""

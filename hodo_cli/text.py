@@ -16,10 +16,10 @@ def table(
     right: Sequence[str] = (),
     optional: Sequence[str] = (),
 ) -> str:
-    """Columns under a header, aligned; those named in `right` to the right. Columns named in
-    `optional` are left out where all of their cells are empty. Lines carry no trailing space.
+    """A table with a header and aligned columns, those named in `right` to the right. Columns named
+    in `optional` are left out if all of their cells are empty. Lines have no trailing space.
 
-    A character that a terminal would obey and not show is shown as a question mark.
+    A character that a terminal would obey is shown as a question mark.
     """
     lines = [header, *([_printable(cell) for cell in row] for row in rows)]
     columns = [
@@ -43,7 +43,7 @@ def _aligned(column: Sequence[str], to_right: bool) -> list[str]:
 
 
 def _printable(text: str) -> str:
-    if text.isprintable():  # as nearly all is, which is known twenty times as soon
+    if text.isprintable():  # nearly every text is, and this test is twenty times as fast
         return text
     return "".join(c if c.isprintable() else "?" for c in text)
 
@@ -75,21 +75,21 @@ def magnitude(value: float) -> str:
 
 
 def time_digits(time: float, start: float, digits: int = 6) -> int:
-    """How many digits tell a time to so many of what has passed since the start of a motion: of
-    seconds since an epoch the first ones tell nothing."""
+    """How many digits show a time to `digits` digits of the time since the start of a motion: of
+    seconds since an epoch the first digits say nothing."""
     passed = max(abs(time - start), math.ulp(time))
     in_common = math.ceil(math.log10(max(1.0, abs(time) / passed)))
     return min(digits + in_common, 15)
 
 
 def time_text(time: float, start: float, digits: int = 6) -> str:
-    """A time to so many digits of what has passed since the start of a motion."""
+    """A time to `digits` digits of the time since the start of a motion."""
     return f"{time:.{time_digits(time, start, digits)}g}"
 
 
 def to_error(value: float, error: float, digits: int, unmeasured: int = 6) -> str:
-    """A number to the first digit that its error changes, to so many digits at most, or to others
-    where no error was measured."""
+    """A number to the first digit that its error changes, at most `digits`, or to `unmeasured`
+    digits if no error was measured."""
     if math.isnan(error):
         digits = unmeasured
     elif 0 < error < math.inf and value:
@@ -108,7 +108,7 @@ def counted(count: int, noun: str) -> str:
 
 
 def first_line(error: BaseException) -> str:
-    """What an error of a library says first, or its kind where it says nothing."""
+    """The first line of a library's error, or its type if it is empty."""
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
@@ -122,7 +122,7 @@ NAMES_LISTED = 5
 
 
 def grouped(pairs: Iterable[tuple[_Kind, _Item]]) -> dict[_Kind, list[_Item]]:
-    """The items of each kind, from pairs of a kind and an item, in the order in which they come."""
+    """The items of each kind, from pairs of a kind and an item, in their order."""
     groups: dict[_Kind, list[_Item]] = {}
     for kind, item in pairs:
         groups.setdefault(kind, []).append(item)
@@ -130,13 +130,14 @@ def grouped(pairs: Iterable[tuple[_Kind, _Item]]) -> dict[_Kind, list[_Item]]:
 
 
 def abridged(items: Sequence[str], most: int, remark: str = "") -> list[str]:
-    """Items, of more than `most` only the first ones and the last, with the number of the rest."""
+    """The items, or of more than `most` the first ones and the last, with the number of the
+    rest."""
     more = len(items) - most
     return [*items] if more <= 0 else [*items[: most - 1], f"{more} more{remark}", items[-1]]
 
 
 def few(names: Sequence[str]) -> str:
-    """Names of cases in a line about all of them."""
+    """Some names of cases, in a line about all of them."""
     return ", ".join(abridged(names, NAMES_LISTED))
 
 
@@ -145,7 +146,7 @@ DEVICE_NAMES = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNO
 
 
 def file_name_fault(name: str, others: Iterable[str]) -> str:
-    """Why a name cannot name a file on every system beside the `others`, or "": results are
+    """Why a name cannot be a file's on every system, next to the `others`, or "": results are
     exchanged, and folders copied."""
     twins = [other for other in others if other != name and other.lower() == name.lower()]
     pair = " and ".join([name, *twins[:1]])
@@ -158,5 +159,5 @@ def file_name_fault(name: str, others: Iterable[str]) -> str:
 
 
 def as_json(value: Any) -> str:
-    """Plain data as JSON, which has no numbers that are not finite: null stands for them."""
+    """Plain data as JSON, with null for numbers that are not finite."""
     return json.dumps(json.loads(json.dumps(value), parse_constant=lambda word: None))

@@ -1090,10 +1090,8 @@ def test_the_schema_takes_one_coefficient_for_all_axes_as_the_loader_does(key: s
 
 
 def test_the_key_tables_have_every_key_of_each_group() -> None:
-    groups = dict(
-        part.split("\n", 1)
-        for part in ("\n" + call(ROOT, "schema", "--table").stdout.rstrip()).split("\n### ")[1:]
-    )
+    printed = call(ROOT, "schema", "--table").stdout
+    groups = dict(part.split("** |", 1) for part in printed.split("\n| **")[1:])
     named = {
         heading: [row.split("`")[1] for row in text.splitlines() if row.startswith("| `")]
         for heading, text in groups.items()
@@ -1224,7 +1222,7 @@ def torques(entries: str, **more: str) -> str:
         ("damping: 1, sweep: {p: {values: [1]}}",
          ["sweep.p: unknown key 'p'; did you mean 'initial.p'? ..."]),
         ("damping: 1, sweep: {time.end: {values: [1]}}",
-         ["sweep.time.end: time.end is no number of the model, and is not swept"]),
+         ["sweep.time.end: time.end is not a number of the model, and cannot be swept"]),
         ("damping: 1, sweep: {initial.p: {values: [1 deg, 2]}}",
          ["sweep.initial.p.values: expected all values in degrees, or none"]),
         ("damping: 1, sweep: {damping.0: {values: [1 deg]}}",

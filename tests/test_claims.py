@@ -1106,7 +1106,7 @@ def test_no_verdict_hangs_on_a_limit_that_is_ours(
     paper: str, limit: str, low: float, high: float, decided: str,
 ) -> None:  # fmt: skip
     page = " ".join((ROOT / "docs" / "papers.md").read_text(encoding="utf-8").split())
-    assert f"the same from {low:g} to {high:g}" in page
+    assert f"| {low:g} to {high:g}" in page
     sections = yaml.load((ROOT / "configs" / f"{paper}.yaml").read_text(encoding="utf-8"), LOADER)
     statements = [claim for claim in sections["claims"] if claim["id"] in decided.split()]
     for value in (low, high):
@@ -1157,7 +1157,7 @@ def test_a_page_has_the_gravest_in_full_and_everything_in_tables(tmp_path: Path)
         assert call(tmp_path, *command.split()).returncode == 0
     done = call(tmp_path, "claims", "page.yaml", "--markdown")
     assert (done.returncode, done.stderr) == (0, "")
-    told, *tables = done.stdout.split("\n\n<details>\n<summary>")
+    told, *tables = done.stdout.split("\n\n<details><summary>")
     head, full = told.split("\n\n## ")
     titles, folded = zip(*(table.split("</summary>\n\n") for table in tables), strict=True)
     assert [title.split()[0] for title in titles] == ["Errata", "Every", "What"]

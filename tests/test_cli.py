@@ -254,7 +254,7 @@ def test_no_such_file(hodo: Hodo) -> None:
 def test_the_schema_accepts_the_papers(hodo: Hodo) -> None:
     schema = json.loads(hodo("schema").stdout)
     assert schema["$schema"].endswith("2020-12/schema")
-    assert hodo("schema", "--table").stdout.startswith("### The file\n\n| key |")
+    assert hodo("schema", "--table").stdout.startswith("## Keys of case files\n\n| key |")
 
 
 @pytest.mark.parametrize(
@@ -460,7 +460,7 @@ def test_what_cannot_be_merged_is_one_line_and_writes_nothing(two_results: Path)
     with h5py.File(two_results / "bare.h5", "w") as file:
         file.attrs["format_version"] = 1
         file.create_group("turns")
-    assert "bare.h5 holds no case file\n" in call(two_results, "plot", "bare.h5").stderr
+    assert "bare.h5 holds no cases\n" in call(two_results, "plot", "bare.h5").stderr
     done = call(two_results, "merge", "a.yaml", "b.yaml", "--out", "runs/b.h5")
     assert done.stderr.startswith("runs/b.h5 is there already")
 
@@ -570,3 +570,21 @@ def test_a_command_that_a_message_names_can_be_typed(tmp_path: Path) -> None:
     assert " two." in " ".join(said.split())
     (tmp_path / "my study.yaml").write_text(text.replace("p: 1", "p: 2"), encoding="utf-8")
     assert "hodo run 'my study.yaml'" in call(tmp_path, "show", "my study.yaml").stderr
+
+
+def test_a_table_and_a_paragraph_for_a_paper_name_what_a_sweep_varies(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(
+        "defaults: {model: torques, inertia: [5, 3, 2], inertia_unit: kg m^2, error: off}\n"
+        "cases:\n  driven:\n    constants: {M: 0.02}\n    expression: [M*sin(t), 0, 0]\n"
+        "    initial: {p: 0, q: 0, G: 2}\n    time: {end: 3, unit: s}\n"
+        "    sweep: {constants.M: {linspace: [0, 0.1, 3]}, to: {sphere: {count: 4}}}\n"
+    )
+    assert call(tmp_path, "run", "a.yaml", "--quiet").returncode == 0
+    table = call(tmp_path, "show", "a.yaml", "--latex").stdout
+    assert (
+        "inertia = (5, 3, 2) [kg m$^{2}$], constants M = 0 to 0.1 in 3 values, expression = "
+        "(M*sin(t), 0, 0) [kg m$^{2}$/s$^{2}$], initial G = 2 [kg m$^{2}$/s], direction = 4 at "
+        "random, t = 0 to 3 [s] &"
+    ) in table
+    said = " ".join(call(tmp_path, "show", "a.yaml", "--methods").stdout.split())
+    assert "Sweep driven: constants.M 0 to 0.1 in 3 values, initial.direction 4 at random." in said

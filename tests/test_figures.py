@@ -404,7 +404,7 @@ def test_a_figure_without_room_is_refused() -> None:
 def test_samples_that_are_no_numbers_have_no_place_on_a_curve() -> None:
     data = motion(10, 101)
     data.omega[5] = np.nan
-    with pytest.raises(HodoError, match=r"omega of .* is no number at 0\.5: draw the samples"):
+    with pytest.raises(HodoError, match=r"omega of .* has no value at 0\.5: draw the samples"):
         api.plot(data)
     api.plot(data.dropna("time"))
 
@@ -493,3 +493,27 @@ def test_figures_of_the_papers_are_all_there() -> None:
     assert {f"fig{i}" for i in range(1, 5)} <= {*entries_of("paper2")}
     for paper in ("paper1", "paper2", "paper3"):
         assert all(entry["title"] and entry["caption"] for entry in entries_of(paper).values())
+
+
+def test_maps_of_a_coarse_and_a_fine_grid_end_alike_and_say_what_both_show() -> None:
+    def swept(count: int, **more: Any) -> Any:
+        ranges = {"linspace": [0.001, 0.01, count]}
+        sweep = {"damping.1": ranges, "damping.2": ranges, **more}
+        case = {"time": {"end": 1}, "error": "off", "sweep": sweep, "store": ["share"]}
+        return api.sweep({**CROSSING, **case})
+
+    both = [swept(20, direction={"sphere": {"count": 2}}), swept(25)]
+    axes = {"x": "damping.1", "y": "damping.2"}
+    figure = api.plot(both, "map", variable="share.x1", range=[0, 1], level=0.5, **axes)
+    ends = [panel.collections[0].get_datalim(panel.transData).bounds for panel in figure.axes[:2]]
+    np.testing.assert_allclose(ends, [[0.001, 0.001, 0.009, 0.009]] * 2)
+    assert "mean" not in figure.axes[2].get_xlabel()
+    assert "nowhere level 0.5" in [text.get_text() for text in figure.legends[0].get_texts()]
+    alone = api.plot(both[0], "map", variable="share.x1", range=[0, 1], **axes)
+    assert alone.axes[1].get_xlabel().replace("\n", " ").endswith(", mean over direction")
+
+
+def test_the_upright_axis_of_a_hodograph_has_its_unit() -> None:
+    run = motion(1, inertia_unit="kg m^2", time={"end": 1, "samples": 11, "unit": "s"})
+    words = [text.get_text() for text in api.plot(run, "hodograph").axes[0].texts]
+    assert {"$G_1$", "$G_2$", "${G}_{3}$ [kg m$^{2}$/s]"} <= {*words}

@@ -164,7 +164,7 @@ def test_a_reader_finds_and_unfolds(reader: Any, folder: Path, width: int, dark:
     page.fill("#find", "reprint")
     assert page.locator("[id='paper/errata/sign']").is_visible()
     assert not page.locator("[id='paper/space']").is_visible()
-    assert re.fullmatch(r"\d+ of \d+", page.text_content("#count"))
+    assert re.fullmatch(r"\d+ of \d+ figures, .*cases", page.text_content("#count"))
     page.fill("#find", "")
     assert page.locator("[id='paper/space']").is_visible()
     assert opened.is_clean()
@@ -178,3 +178,18 @@ def test_a_checker_has_nothing_serious_against_the_page(reader: Any, folder: Pat
         found = Axe().run(opened.page).response["violations"]
         serious = [x["id"] for x in found if x["impact"] in ("serious", "critical")]
         assert not serious, (name, serious)
+
+
+def test_a_search_leaves_no_heading_without_what_it_found(reader: Any, folder: Path) -> None:
+    page = reader(folder / "runs/figures/index.html").page
+    page.fill("#find", "reprint")
+    assert [x.text_content() for x in page.locator("h3").all() if x.is_visible()] == ["Errata"]
+    page.fill("#find", "nowhere")
+    assert not any(x.is_visible() for x in page.locator("h2, h3, table").all())
+
+
+def test_what_does_not_turn_is_not_said_to(folder: Path) -> None:
+    text = (folder / "runs/figures/index.html").read_text("utf-8")
+    assert re.findall(r'paper/([a-z-]+)\.html">(\w+)<', text) == [
+        ("space", "turn"), ("space-wide", "turn"), ("both", "HTML"),
+    ]  # fmt: skip

@@ -21,6 +21,7 @@ cases:
 figures:
   space: {kind: hodograph, cases: fig4, caption: "</script><b>bold</b>", colour: case}
   ball: {kind: sphere, cases: fig4}
+  egg: {kind: sphere, cases: fig4, ellipsoid: yes}
   plane: {kind: phase, cases: fig4, x: p, y: q}
   moving: {kind: body, cases: fig4, span: [100, 140], seconds: 4}
 """
@@ -139,3 +140,48 @@ def test_a_notebook_shows_a_figure_by_itself_and_a_body_that_plays(folder: Path)
     assert moving._repr_html_().startswith("<iframe srcdoc=")
     moving.savefig(folder / "film.gif")
     assert (folder / "film.gif").read_bytes().startswith(b"GIF89")
+
+
+def test_a_page_is_as_wide_as_a_telephone_and_dark_with_it(reader: Any, folder: Path) -> None:
+    page = reader(folder / "space.html", 390, dark=True).page
+    assert page.get_attribute("meta[name=viewport]", "content").startswith("width=device-width")
+    look = page.evaluate("getComputedStyle(canvas).filter + getComputedStyle(document.body).color")
+    assert look.startswith("invert(0.87)")
+    assert look.endswith("rgb(255, 255, 255)")
+
+
+def test_a_page_has_its_caption_and_the_legend_of_the_picture(reader: Any, folder: Path) -> None:
+    page = reader(folder / "space.html").page
+    assert "<b>bold</b>" in page.text_content("body")
+    words = page.locator("span").all_text_contents()
+    assert [x.split(maxsplit=1)[1] for x in words[:3]] == ["fig4", "start", "end, t = 400 s"]
+    assert re.fullmatch(r"◇ D = 0 at t = 305\.\d+ s", words[3])
+    scene, moving = scene_of(folder / "moving.html"), reader(folder / "moving.html").page
+    assert [x["name"] for x in scene["strokes"] if x["kind"] == "arrow"][:3] == ["x1", "x2", "x3"]
+    # The names that meet at the start stand apart.
+    middles = moving.evaluate("words.map(([x, y]) => [x / devicePixelRatio, y / devicePixelRatio])")
+    apart = np.abs(np.array(middles)[:, None] - np.array(middles))
+    assert ((apart[..., 0] >= 20) | (apart[..., 1] >= 16) | (np.eye(8) > 0)).all()
+
+
+def test_two_fingers_bring_nearer(reader: Any, folder: Path) -> None:
+    page = reader(folder / "space.html").page
+    before = page.evaluate("JSON.stringify(V)")
+    page.evaluate("""() => { const at = (kind, pointerId, clientX) => canvas.dispatchEvent(
+        new PointerEvent(kind, {pointerId, clientX, buttons: 1, pointerType: "touch"}));
+      at("pointerdown", 1, 100); at("pointerdown", 2, 150); at("pointermove", 2, 200);
+      at("pointerup", 1, 100); at("pointerup", 2, 200); }""")
+    assert page.evaluate("[zoom, fingers.size]") == [2, 0]
+    assert page.evaluate("JSON.stringify(V)") == before
+
+
+def test_the_far_side_of_an_ellipsoid_is_told_by_its_normals(folder: Path) -> None:
+    data = hodo.open(folder.parents[1] / "c.h5")["fig4"]
+    scene = scene_of(folder / "egg.html")
+    (curve,) = [x for x in scene["strokes"] if "time" in x]
+    along = np.array(curve["points"]) @ scene["normal"]
+    G = data.omega.data * [1, 0.8, 0.6]
+    sizes = np.linalg.norm(G, axis=1), np.linalg.norm(along, axis=1)
+    i = [int(np.abs(np.array(curve["time"]) - t).argmin()) for t in data.time.data[::50]]
+    expected = G[::50] / sizes[0][::50, None]
+    np.testing.assert_allclose(along[i] / sizes[1][i, None], expected, atol=1e-4)

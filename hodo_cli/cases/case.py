@@ -1,7 +1,8 @@
-"""Cases: from the entries of a case file to frozen records, checked, and back.
+"""Cases: from the entries of a case file to frozen, checked records, and back.
 
-The keys of a case are `model`, `form`, those of its model's form, and COMMON. A value is taken from
-the first of: an override (`--set`), the case, the file's `defaults:`, the key's own default.
+The keys of a case are `model`, `form`, the keys of its model's form, and COMMON. The first of these
+that gives a value counts: an override (`--set`), the case, the file's `defaults:`, the key's own
+default.
 """
 
 import math
@@ -52,8 +53,8 @@ from .keys import (
 )
 from .sweep_block import SWEEP, Axis, axes_of, check_axes, first_values, given, storable
 
-# Safe as a group of HDF5 (no slash), as a file, and in a shell; `_` in front is kept for groups
-# that are no cases.
+# The name is safe as a group of HDF5 (no slash), as a file, and in a shell; a leading `_` is kept
+# for groups that are no cases.
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 NAME_RULE = (
     "a name is up to 100 of the characters A-Z a-z 0-9 . _ - and begins with a letter or digit"
@@ -61,7 +62,8 @@ NAME_RULE = (
 
 
 class FrozenDict(dict[str, Any]):
-    """A dict that cannot be changed, so that what holds it can be a key itself."""
+    """A dict that cannot be changed, so that an object that holds it can be a key of another
+    dict."""
 
     def __hash__(self) -> int:  # type: ignore[override]
         return hash(frozenset(self.items()))
@@ -76,7 +78,7 @@ class FrozenDict(dict[str, Any]):
 
 
 def frozen(value: Any) -> Any:
-    """Plain data with every mapping in them frozen, and every list a tuple."""
+    """Plain data with every mapping frozen and every list a tuple."""
     if isinstance(value, FrozenDict):
         return value
     if isinstance(value, Mapping):
@@ -85,7 +87,7 @@ def frozen(value: Any) -> Any:
 
 
 def as_plain(value: Any) -> Any:
-    """Arrays of numpy, tuples and ranges as lists, its numbers as Python's."""
+    """Arrays of numpy, tuples and ranges as lists, and numpy's numbers as Python's."""
     if isinstance(value, Mapping):
         return {str(key): as_plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -95,7 +97,7 @@ def as_plain(value: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Time:
-    """Span and samples of a case: evenly spaced, or listed in `values`."""
+    """The time span of a case, with its samples: evenly spaced, or listed in `values`."""
 
     start: float = 0.0
     end: float
@@ -111,34 +113,34 @@ class Time:
 
     @property
     def entries(self) -> dict[str, Any]:
-        """The keys of a case file that state it."""
+        """The span as keys of a case file."""
         span = ("values",) if self.values else ("end", "samples")
         epoch = () if self.epoch is None else ("epoch",)
         return {key: getattr(self, key) for key in ("start", *span, *epoch, "unit")}
 
     def text(self, time: float, digits: int = 6) -> str:
-        """A time of the motion, to so many digits of what has passed since the start."""
+        """A time of the motion as text, with `digits` digits of the time since the start."""
         sign = -1 if self.mirrored else 1
         return time_text(sign * time, sign * self.start, digits)
 
     @property
     def runs_backward(self) -> bool:
-        """Whether its end lies before its start."""
+        """Whether the end is before the start."""
         return self.end < self.start
 
     @property
     def rising(self) -> "Time":
-        """The same span by a time with another sign, which rises where this one falls."""
+        """The span in the time -t, mirrored: it rises where this one falls."""
         values = self.values and tuple(-time for time in self.values)
         return replace(self, start=-self.start, end=-self.end, values=values, mirrored=True)
 
     def listed(self, times: np.ndarray) -> "Time":
-        """The same span with samples at just these times (n,)."""
+        """The same span with samples at exactly these times (n,)."""
         values = tuple(times.tolist())
         return replace(self, end=values[-1], samples=len(values), values=values)
 
     def resampled(self, samples: int) -> "Time":
-        """The same span with so many samples, evenly spaced."""
+        """The same span with `samples` evenly spaced samples."""
         return replace(self, samples=samples, values=None)
 
 
@@ -146,7 +148,7 @@ class Time:
 class Case:
     """One experiment, complete: `data` holds the keys of its model's form, every default filled in.
 
-    A case can be a key of a dictionary. Any mapping may be given as `data`; it is kept frozen.
+    A case can be a key of a dictionary. Any mapping may be given as `data`; it is frozen.
     """
 
     name: str
@@ -167,14 +169,14 @@ class Case:
     sweep: Mapping[str, Any] | None = None
 
     def __new__(cls, *positional: Any, **_: Any) -> "Case":
-        """Raises HodoError for a mapping, which a notebook may try."""
+        """Refuse a single mapping, which a notebook may try. Raises HodoError."""
         if positional and isinstance(positional[0], Mapping):
             raise HodoError("Case.of makes a case of a mapping")
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
         for name in ("data", "sweep", "store", "assumes"):
-            # The way into a frozen dataclass.
+            # This is how a frozen dataclass sets its fields.
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -184,7 +186,7 @@ class Case:
     def of(cls, entries: Mapping[str, Any], name: str = "case") -> "Case":
         """The case that these keys of a case file describe, with every default filled in.
 
-        Raises HodoError, one line for each mistake: the key, and what is right.
+        Raises HodoError with one line for each mistake: the key, and what is right.
         """
         try:
             if not isinstance(entries, Mapping):
@@ -195,30 +197,31 @@ class Case:
 
     @cached_property
     def system(self) -> Model:
-        """The equations of its model with its numbers. Raises HodoError without such a model."""
+        """The model's object for the numbers of this case. Raises HodoError if no such model is
+        loaded."""
         form = models.find(self.model, self.form)
         return form.of(self.data, self.time.epoch, self.time.mirrored)
 
     def rests_on(self, variable: str) -> bool:
-        """Whether a variable of its model is stored, or quantities are that may follow from it."""
+        """Whether the case stores a variable of its model, or a quantity that may need it."""
         known = self.system.equations.variables.keys()
         return variable in (self.store or (variable,)) or not known >= {*self.store}
 
     def leaves_out(self, lacks: Iterable[str]) -> bool:
-        """Whether its `store:` is why it lacks some variables."""
+        """Whether variables are missing because `store:` does not name them."""
         return bool(self.store) and self.system.equations.variables.keys() >= {*lacks}
 
     @property
     def entries(self) -> dict[str, Any]:
-        """The keys of a case file that describe it, complete, but for its name."""
+        """The keys of a case file that describe the case, without its name."""
         common = {name: getattr(self, name) for name in COMMON} | {"time": self.time.entries}
         present = {k: value for k, value in common.items() if value != {}}
         return dict(given({"model": self.model, "form": self.form, **self.data, **present}))
 
     @cached_property
     def lines(self) -> Mapping[str, str]:
-        """The case as YAML, complete: its lines by their keys. They are its text and, but for the
-        remarks, its digest."""
+        """The case as YAML: each line by its key. All lines are its text; those without remarks
+        determine its digest."""
         return {
             key: f"{key}: {write(value)}\n"
             for key, value in {"name": self.name, **self.entries}.items()
@@ -226,15 +229,15 @@ class Case:
 
 
 def dump(case: Case, remarks: bool = True) -> str:
-    """The case as YAML, complete, one key a line; `parse_case` returns an equal case.
+    """The case as YAML, one key a line; `parse_case` returns an equal case.
 
-    Without `remarks` only the keys that decide its numbers are written.
+    Without `remarks` only the keys that determine its numbers are written.
     """
     return "".join(line for key, line in case.lines.items() if remarks or key not in REMARKS)
 
 
 def parse_case(text: str) -> Case:
-    """The case in a text written by `dump`. Raises HodoError, one line for each mistake."""
+    """The case in a text that `dump` has written. Raises HodoError, one line for each mistake."""
     source = Source("case")
     entries = dict(read_mapping(text, source))
     source.raise_any()
@@ -246,14 +249,15 @@ def parse_case(text: str) -> Case:
 
 
 def parse_axes(text: str) -> list[Axis]:
-    """The axes of the case in such a text, none without a sweep; its model need not be there."""
+    """The axes of the sweep in a text that `dump` has written, empty for a single case; its model
+    need not be loaded."""
     sweep = read_mapping(text, Source("case")).get("sweep")
     return axes_of(check(SWEEP, sweep) if sweep else {})
 
 
 def note_all(faults: Iterable[Mistake], source: Source) -> None:
-    """Note the faults within a document, with their places. What a case has inherited is called by
-    its path in `defaults`."""
+    """Note the faults at their places in a document. A fault in an inherited value is named by its
+    path in `defaults`."""
     for path, sentence in faults:
         shown_path = at = path
         if path[:1] == ("cases",) and len(path) > 2 and _is_inherited(source.document, *path[1:]):
@@ -263,7 +267,7 @@ def note_all(faults: Iterable[Mistake], source: Source) -> None:
 
 
 def _override_of(path: KeyPath, source: Source) -> str:
-    """The override that has put there what is wrong at a path; empty if none has."""
+    """The override that has set the wrong value at a path; an empty string if none has."""
     parts = tuple(map(str, path))
     heads = (parts[:n] for n in range(len(parts), 2, -1))
     texts = [source.overridden[head] for head in heads if head in source.overridden]
@@ -284,8 +288,8 @@ def _is_inherited(document: Any, case: Any, *path: Any) -> bool:
 
 
 def checked_case(name: Any, block: Mapping[str, Any], inherited: Collection[str] = ()) -> Case:
-    """The case that merged entries describe, of which some are `inherited`: those that its model
-    does not take do not count. Raises Wrong with all that is wrong with it."""
+    """The case that merged entries describe. Those of the `inherited` ones that its model does not
+    take are ignored. Raises Wrong with all mistakes."""
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise Wrong(((), f"{NAME_RULE}, not {shown(name)}"))
     model, keys = keys_in(block)
@@ -293,18 +297,22 @@ def checked_case(name: Any, block: Mapping[str, Any], inherited: Collection[str]
     values, mistakes = check_keys(keys, entries)
     mistakes += foreign
     own = {key: x for key, x in entries.items() if key in keys and key not in LIMITS}
-    mistakes += _size_mistakes(own)
+    sizes = [*_size_mistakes(own)]
     if model is None:
-        raise Wrong(*mistakes)
+        raise Wrong(*mistakes, *sizes)
     # A case without an attitude is the same whether it says so or not.
     without = set() if values.get(ATTITUDE_KEY) else {ATTITUDE_KEY}
     data = {key: values[key] for key in keys_of_form(model) if key in values.keys() - without}
     if data.get(CONSTANTS_KEY):
         data[CONSTANTS_KEY], unused = _constants_named(model, data, inherited)
-        mistakes += unused
+        # An expression that cannot be read may name them.
+        mistakes += () if mistakes or sizes else unused
     data |= first_values(values.get("sweep") or {}, model, data)
-    # What the case as a whole seems to lack may stand under a key that is misspelt or wrong.
-    of_data = [*_data_mistakes(model, data, None if mistakes else values["time"])]
+    # A key that seems to be missing may be there under a misspelt name.
+    of_data = [*_data_mistakes(model, data, None if mistakes or sizes else values["time"])]
+    # A model's own range for a number is the narrower one.
+    judged = {path for path, _ in of_data}
+    mistakes += [mistake for mistake in sizes if mistake[0] not in judged]
     mistakes += [mistake for mistake in of_data if mistake[0] or not mistakes]
     epoch = values["time"]["epoch"] if "time" in values else None
     system: Model | None = None if mistakes else model.of(data, epoch)
@@ -326,18 +334,18 @@ def _entries_of(
     block: Mapping[str, Any],
     inherited: Collection[str],
 ) -> tuple[dict[str, Any], list[Mistake]]:
-    """The entries of a case that count, and the mistake of each that is a key of other models."""
+    """The entries of a case that count, and a mistake for each key of another model."""
     entries, foreign = {}, list[Mistake]()
     others: Collection[str] = ()
     if model is None:
-        # One that is not known has keys of its own, and without any each key may be right.
+        # An unknown model has keys of its own; without a model every key may be right.
         others = block if "model" in block else all_keys()
     for key, value in block.items():
         is_strange = key not in keys and key not in inherited and key not in others
         if is_strange and key in FORMER_KEYS:
             foreign.append(((WrongKey(key),), FORMER_KEYS[key]))
         elif is_strange and model and (takers := _takers(model, key)):
-            # Likeness alone would take one model's key for another's: torque for store.
+            # By likeness alone one model's key would be taken for another's: torque for store.
             word = other_word(key, keys)
             hint = f"; did you mean {word!r}?" if word else ""
             foreign.append(((WrongKey(key),), f"is a key of {takers}{hint}"))
@@ -347,16 +355,15 @@ def _entries_of(
 
 
 SMALLEST_SIZE = 1e-154
-"""The smallest size of a number of a case, if it is not 0, and the inverse of the largest one: the
-squares of both are doubles. Units near a motion's own need nothing beyond."""
+"""The least size of a number of a case that is not 0, and the inverse of the largest size. Their
+squares are doubles, and units near the motion's own need no more."""
 
 LIMITS = {"tol", "max_seconds", "max_steps"}
-"""The keys whose numbers are no data."""
+"""The keys whose numbers are no data of the body or its torques."""
 
 
 def _size_mistakes(value: Any, path: KeyPath = ()) -> Iterator[Mistake]:
-    """The mistake of each number within data whose size is out of range; what stands within an
-    expression is not looked at."""
+    """A mistake for each number whose size is out of range, except within expressions."""
     parts: Iterable[tuple[Any, Any]] = ()
     if isinstance(value, Mapping):
         parts = value.items()
@@ -369,7 +376,7 @@ def _size_mistakes(value: Any, path: KeyPath = ()) -> Iterator[Mistake]:
 
 
 def _sampled_time(system: Model, values: Mapping[str, Any]) -> Time:
-    """The time of a case, with the number of samples that it does not name."""
+    """The time of a case, with the number of samples filled in."""
     time, start, end = values["time"], values["time"]["start"], values["time"]["end"]
     if time["samples"] is not None:
         return Time(**time)
@@ -379,21 +386,20 @@ def _sampled_time(system: Model, values: Mapping[str, Any]) -> Time:
 
 FEWEST_SAMPLES, MOST_SAMPLES = 1001, 50_001
 SAMPLE_TURN, TURN_IN_SPACE = math.radians(12), math.radians(6)
-"""The angles by which a hodograph, and what a body carries along in space, may turn from one sample
-to the next."""
+"""The angles by which a hodograph, and curves in space, may turn from one sample to the next."""
 
 
 def smooth_samples(system: Model, span: float) -> int:
-    """The number of samples of a span that makes the hodograph of a body which turns as at the
-    start a smooth line, and its curves in space where it has an attitude.
+    """The number of samples that draws a smooth hodograph of a body that turns as fast as at the
+    start, and smooth curves in space if it has an attitude.
 
-    The hodograph turns no faster than about the axis of the largest moment at the speed that all of
-    the energy has about the axis of the smallest.
+    The hodograph turns no faster than about the axis of the largest moment at the speed that the
+    whole energy gives about the axis of the smallest moment.
     """
     if system.no_axis_reason or not isinstance(system, BodyFrame) or system.is_quadrature:
         return FEWEST_SAMPLES
     A1, A2, A3 = sorted(system.moments.tolist(), reverse=True)
-    # By ratios, since moments may be of any size.
+    # Ratios, because moments may be of any size.
     fastest = max((A1 - A2) / A2 * (A1 - A3) / A3, (A1 - A3) / A1 * (A2 - A3) / A2)
     omega = system.start[:3]
     speed = math.hypot(
@@ -402,13 +408,13 @@ def smooth_samples(system: Model, span: float) -> int:
     rotor: tuple[float, ...] = getattr(system, "rotor", None) or (0.0,)
     rate: float = speed * math.sqrt(fastest) + math.hypot(*rotor) / A3
     turns = max(rate / SAMPLE_TURN, speed / TURN_IN_SPACE if system.attitude else 0)
-    # First the least of the two: no integer is infinite.
+    # min() first, because an infinite number has no integer.
     return max(FEWEST_SAMPLES, math.ceil(min(span * turns, MOST_SAMPLES - 1)) + 1)
 
 
 def merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """A case's own entries over those of `defaults` or of another case; an empty one takes an entry
-    of these back."""
+    """A case's own entries over those of `defaults` or of another case; an empty own entry removes
+    the entry of the other."""
     both = {k: v for k, v in {**common, **own}.items() if v is not None or k not in common}
     for key in MERGED_KEYS:
         ours, theirs = own.get(key), common.get(key)
@@ -437,7 +443,7 @@ def variation(case: Case, changes: Mapping[str, Any]) -> Case:
 
 
 def _expressions(model: type[Model], data: Mapping[str, Any]) -> Iterable[tuple[KeyPath, str]]:
-    """The expressions of a case, whose model takes constants, by their paths."""
+    """The expressions of a case, by their paths; its model takes constants."""
     others = {ATTITUDE_KEY, *(key for key, rule in model.keys.items() if "enum" in rule)}
     return expressions_of({k: value for k, value in data.items() if k not in others})
 
@@ -445,8 +451,8 @@ def _expressions(model: type[Model], data: Mapping[str, Any]) -> Iterable[tuple[
 def _constants_named(
     model: type[Model], data: Mapping[str, Any], inherited: Collection[str]
 ) -> tuple[dict[str, float] | None, list[Mistake]]:
-    """The constants that expressions of a case name, and the mistake of each other one that is not
-    inherited."""
+    """The constants that expressions of a case name, and a mistake for each unused constant that is
+    not inherited."""
     constants, texts = data[CONSTANTS_KEY], (text for _, text in _expressions(model, data))
     named = set[str]().union(*(names_in(parse_expression(text)) for text in texts))
     unused = [name for name in constants if name not in named]
@@ -461,10 +467,11 @@ def _constants_named(
 def _data_mistakes(
     model: type[Model], data: Mapping[str, Any], time: Mapping[str, Any] | None
 ) -> Iterator[Mistake]:
-    """The mistakes of data that are each right by themselves, and over a span, if one is given."""
+    """The mistakes that only several keys of the data show together, also over the span if one is
+    given."""
     model_data = {key: value for key, value in data.items() if key != ATTITUDE_KEY}
     of_model = model.check(model_data)
-    if is_rounded(data):  # which members of sweeps are not forgiven
+    if is_rounded(data):  # in a single case; such members of sweeps are invalid
         of_model = (mistake for mistake in of_model if mistake[0][:1] != ("inertia",))
     mistakes = [*of_model, *check_attitude(model, data)]
     if CONSTANTS_KEY in data:
@@ -480,7 +487,7 @@ def _data_mistakes(
 
 
 def _method_mistakes(system: Model, values: Mapping[str, Any]) -> Iterator[Mistake]:
-    """Why a case cannot be integrated, as far as its keys and its equations tell."""
+    """Why a case cannot be integrated, as far as its keys and its equations show."""
     is_exact, of_events = values["method"] == "exact", finds_no_stop(values["method"], system)
     of_precision = wrong_precision(values["method"], values["precision"])
     return mistakes_where(
@@ -509,8 +516,8 @@ def _method_mistakes(system: Model, values: Mapping[str, Any]) -> Iterator[Mista
 def _store_mistakes(
     model: type[Model], system: Model | None, values: Mapping[str, Any]
 ) -> Iterator[Mistake]:
-    """The mistakes in `store:`: variables that the case does not have, and quantities that do not
-    follow from them. Without a system it is not known which do."""
+    """The mistakes in `store:`: variables that the case does not have, and quantities that need
+    more than it has. Without a system nothing is known of them."""
     form, is_swept = system.equations if system else Equations(model), bool(values.get("sweep"))
     valid = storable(form) if is_swept else list(form.variables)
     sources = {*form.variables, *(constants_of(system, values) if system else ())}
@@ -536,7 +543,7 @@ def _store_mistakes(
 
 
 def _takers(model: type[Model], key: str) -> str:
-    """The forms of a model that take a key or, if there is none, the models."""
+    """In words, the forms of a model that take a key or, if none does, the models that do."""
     takers = {
         name: [form for form, form_class in forms.items() if key in keys_of_form(form_class)]
         for name, forms in models.catalogue().items()

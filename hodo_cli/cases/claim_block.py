@@ -1,5 +1,5 @@
-"""What a case file's `claims:` and `errata:` blocks take: the statements and misprints of a text,
-and how each of them is checked."""
+"""The keys of a case file's `claims:` and `errata:` blocks: the statements and misprints of a text,
+and how each is checked."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -42,12 +42,13 @@ THEOREM = "holds by theorem"
 AS_PRINTED, ONCE_CORRECTED = "reproduced as printed only", "reproduced once corrected"
 COMPLYING = (REPRODUCED, THEOREM, PLOTTING)
 VERDICTS = (*COMPLYING, AS_PRINTED, ONCE_CORRECTED, UNDERDETERMINED, CONTRADICTED, NOT_TESTED)
-"""The verdicts on a statement; the first ones say that it holds. One that rests on an erratum holds
-as printed only, or once corrected."""
+"""The verdicts on a statement; the first three say that it holds. A statement that rests on an
+erratum holds as printed only, or once corrected."""
 
 CONFIRMED, NOT_CONFIRMED, BY_READING = "confirmed", "not confirmed", "by reading"
 MISPRINTS = (CONFIRMED, BY_READING, NOT_CONFIRMED, NOT_TESTED)
-"""The verdicts on an erratum; a wrong number of an equation, say, is seen by reading."""
+"""The verdicts on an erratum. A misprint such as a wrong equation number has no check and is shown
+by reading."""
 
 SINGLE_NUMBERS = {
     "crossings": "number of separatrix crossings",
@@ -74,8 +75,8 @@ QUANTITY = Choice(*QUANTITY_NAMES, title="a quantity") | {"definition": "quantit
 AT = Key(Choice("start", "end"), "where a quantity over time is taken", default="end")
 CURVE = Choice(*OVER_TIME, title="a quantity over time") | {"definition": "curve"}
 SEVERAL = Key(ListOf(CURVE), "quantities over time")
-# Of a curve that changes its sign the change may be twice the largest value; a check to which every
-# curve conforms is none.
+# The change of a curve through zero may be twice its largest value. A check that every curve passes
+# would test nothing.
 RELATIVE = Number(least=0, below=1)
 
 CHECK_KINDS: dict[str, dict[str, Rule]] = {
@@ -89,7 +90,7 @@ CHECK_KINDS: dict[str, dict[str, Rule]] = {
         "turns": Key(
             Number(least=0),
             "turns that G must make about each of these axes while it is enclosed; with fewer than "
-            "one it goes round nothing, whatever the criterion says",
+            "one it goes round no axis, whatever the criterion says",
             default=0.0,
         ),
     },
@@ -184,14 +185,15 @@ NEEDED: dict[str, tuple[tuple[str, ...], ...]] = {
     "bound": (("least", "most"),),
     "average": (("least", "most", "sense"),),
 }
-"""The keys of a check of which one must be there: without, every motion meets it."""
+"""The keys of a check of which one must be given, because every motion meets the check without
+them."""
 
 CHECKS_OF_PAPERS = Path(__file__).parents[1] / "papers" / "checks.yaml"
 
 
 class PaperCheck(NamedTuple):
     """A check that is written for one text: the module of its function, the models that the text is
-    about (empty for any), and whether it takes the motions of all members of `over:` at once."""
+    about (empty: any model), and whether it takes the motions of all members of `over:` at once."""
 
     module: str
     models: Sequence[str]
@@ -200,8 +202,8 @@ class PaperCheck(NamedTuple):
 
 @cache
 def checks_of_papers() -> dict[str, PaperCheck]:
-    """The checks that are written for one text, by name, from a list beside their modules, which
-    compute and are not loaded for it."""
+    """The checks that are written for one text, by name, from `checks.yaml`: reading a list does
+    not load the modules, which compute."""
     text = CHECKS_OF_PAPERS.read_text(encoding="utf-8")
     return {
         name: PaperCheck(module, entries.get("models", ()), is_trend=section == "trends")
@@ -304,17 +306,18 @@ ERRATUM_KEYS = {
     "note": REMARK,
 }
 """The keys of an erratum. Its readings are `as printed`, which its check must contradict, and
-`corrected`, which must comply; a check without readings shows both. Without a check it is seen by
-reading."""
+`corrected`, which must comply; a check without readings shows both. A misprint without a check is
+shown by reading."""
 
 
 CaseOf = Callable[[Any], Any]
-"""The case of an entry of `cases:`; None for one that has mistakes of its own. Raises Wrong for an
-entry that describes no case."""
+"""The case of an entry of `cases:`, or None for a case that has mistakes of its own. Raises Wrong
+for an entry that describes no case."""
 
 
 def readings(claim: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """The claim under each of its readings, by name; under none, the claim itself."""
+    """The claim under each of its readings, by name; the name is empty for a claim without
+    readings."""
     under: dict[str, Mapping[str, Any]] = {
         name: {**claim, **{k: v for k, v in reading.items() if v not in (None, "")}, "readings": {}}
         for name, reading in claim.get("readings", {}).items()
@@ -323,22 +326,22 @@ def readings(claim: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 
 def cases_of(entry: Mapping[str, Any]) -> list[str]:
-    """The names of the cases of a claim, under all its readings, or of an erratum, each once."""
+    """The names of the cases of a claim or an erratum, under all its readings, each once."""
     named = (case_name(case) for reading in readings(entry).values() for case in reading["cases"])
     return list(dict.fromkeys(named))
 
 
 def case_name(case: Any) -> str:
-    """The name in an entry of `cases:`, of a case as it is or with other values."""
+    """The name of the case in an entry of `cases:`."""
     return str(case["case"] if isinstance(case, Mapping) else case)
 
 
 def cross_check(claims: Any, errata: Any, case_of: CaseOf) -> Iterator[Mistake]:
-    """The mistakes that only several keys of the claims and errata show together: ids given twice,
-    cases that are not there, checks that every motion meets or none, ranges of keys that a case
-    does not have. What only the motions show is said when they are judged."""
+    """The mistakes that only several keys of the claims and errata show together: repeated ids,
+    missing cases, checks that every motion or no motion passes, ranges of keys that a case does not
+    have. Mistakes that only the motions show are reported when they are judged."""
     ids: dict[str, list[str]] = {"errata": [], "claims": []}
-    # Errata first, since claims name them.
+    # Errata first, because claims name them.
     for section, items, keys in (("errata", errata, ERRATUM_KEYS), ("claims", claims, CLAIM)):
         for i, item in enumerate(items if isinstance(items, list) else ()):
             if not isinstance(item, Mapping):
@@ -357,7 +360,7 @@ def cross_check(claims: Any, errata: Any, case_of: CaseOf) -> Iterator[Mistake]:
 
 def _check_entry(section: str, entry: Mapping[str, Any], case_of: CaseOf) -> Iterator[Mistake]:
     """The mistakes of one claim or erratum, under each of its readings."""
-    # A key that is wrong by itself has been noted; nothing follows from its absence here.
+    # A key that is wrong by itself has been noted; its absence here proves nothing.
     if not {"readings", "cases", "check"} <= entry.keys():
         return
     declared = entry["readings"]
@@ -394,24 +397,24 @@ def _check_reading(reading: Mapping[str, Any], case_of: CaseOf) -> Iterator[Mist
 
 
 def _check_members(over: Mapping[str, Any], case: Any) -> Iterator[Mistake]:
-    """The mistakes of the ranges of a claim about a case."""
+    """The mistakes of the ranges of a claim, in one case."""
     if math.prod(map(len, axes_of(over))) > MOST_MEMBERS:
         says = f"more than {MOST_MEMBERS:,} members, each of which is integrated by itself"
         yield ("over",), says
         return
     system = case.system
     entries = {**vars(case), **case.data, **first_values(over, type(system), case.data)}
-    # A case's own sweep stands at `sweep`, a claim's at `over`.
+    # A case has its ranges at `sweep`, a claim at `over`.
     mistakes = check_axes(over, system.equations, entries)
     yield from ((("over", *path[1:]), sentence) for path, sentence in mistakes)
 
 
 MOST_MEMBERS = 100_000
-"""Members that a claim may have: some milliseconds each make minutes of them."""
+"""The most members of a claim: at some milliseconds each they take minutes."""
 
 
 def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
-    """The mistakes of a check of so many cases: a key that it needs, or the number of cases."""
+    """The mistakes of a check of `count` cases: a key that it needs, or the number of cases."""
     kind, values = check["kind"], check.get("values", {})
     yield from (
         ((), f"needs {' or '.join(keys)}: without, every motion meets it")
@@ -422,7 +425,11 @@ def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
     yield from unknown_names("quantity", named, QUANTITY_NAMES)
     is_uneven = kind == "order" and (count < 2 or count % (check["by"] or 1))
     yield from mistakes_where(
-        (is_uneven, (), f"does not compare {count} cases in groups of two or more"),
+        (
+            is_uneven,
+            (),
+            f"expected cases in groups of {check.get('by') or 'two or more'}, got {count} in all",
+        ),
         (kind == "average" and count > 2, (), "a check of kind average takes one case, or two"),
     )
     of_each = f"expected a number for each case, {count} in all, got "

@@ -1,5 +1,4 @@
-"""Case files as a whole: from YAML text, and values that `--set` puts into it, to a checked
-Config."""
+"""Case files as a whole: from YAML text and the values of `--set` to a checked Config."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -43,8 +42,8 @@ from .sweep_block import swept_path
 
 @dataclass(frozen=True)
 class Config:
-    """A case file, read: its text as it was, its cases and figures by name, in the file's order;
-    and the overrides that changed its cases."""
+    """A case file: its text, its cases and figures by name, in the order of the file, and the
+    overrides that changed its cases."""
 
     path: str
     text: str
@@ -58,13 +57,13 @@ class Config:
     overrides: tuple[str, ...] = ()
 
     def figure(self, name: str) -> dict[str, Any]:
-        """One entry of the `figures:` block. Raises HodoError if there is none of this name."""
+        """The entry of the `figures:` block with this name. Raises HodoError if there is none."""
         if name not in self.figures:
             raise HodoError(f"{self.path}: {unknown(f'figure {name!r}', name, self.figures)}")
         return self.figures[name]
 
     def matching(self, globs: Sequence[str]) -> list[str]:
-        """The names of the cases that match one of some globs; all if none is given."""
+        """The names of the cases that match one of the globs, or all names without globs."""
         return [
             name for name in self.cases if any(fnmatchcase(name, glob) for glob in globs or ("*",))
         ]
@@ -75,20 +74,20 @@ HERE = Path(__file__).parent
 BUNDLED_CONFIGS = (
     HERE.parent if (HERE.parent / "configs").exists() else HERE.parents[1]
 ) / "configs"
-"""The folder of the case files that come with hodo: within an installed package, beside it in a
-clone. There need be none: a copy of the package alone runs too."""
+"""The folder of the case files that come with hodo: inside an installed package, next to the
+package in a clone. It may be missing: a copy of the package alone runs too."""
 
 
 def is_bare(name: str | Path) -> bool:
-    """Whether a name has neither folder nor suffix, and no file has it: it may be NAME of
-    NAME.yaml."""
+    """Whether a name has neither folder nor suffix and is not the name of a file, so that it may
+    mean NAME.yaml."""
     path = Path(name)
     return path.name == str(name) and not path.suffix and not path.exists()
 
 
 def _path_and_label(path: str) -> tuple[Path, str]:
-    """The file that a name stands for, and its name in messages. A bare name stands for NAME.yaml
-    in the working folder, or else for a case file that comes with hodo."""
+    """The file that a name means, and its name in messages. A bare name means NAME.yaml in the
+    working folder, else a case file that comes with hodo."""
     if is_bare(path) and Path(f"{path}.yaml").exists():
         return Path(f"{path}.yaml"), f"{path}.yaml"
     if is_bare(path) and (bundled := BUNDLED_CONFIGS / f"{path}.yaml").exists():
@@ -97,9 +96,9 @@ def _path_and_label(path: str) -> tuple[Path, str]:
 
 
 def write_new(path: Path) -> Path:
-    """Write a case file to begin with, with remarks; its name ends with .yaml.
+    """Write a commented case file to begin with, and return its path, which ends with .yaml.
 
-    Raises HodoError if there is one already, or it cannot be written.
+    Raises HodoError if the file exists or cannot be written.
     """
     if not path.name:
         raise HodoError(f"{path} is no name of a case file")
@@ -108,7 +107,7 @@ def write_new(path: Path) -> Path:
         raise HodoError(f"{path}: {fault}")  # as `hodo run` would of its result
     text = (HERE / "new.yaml").read_text(encoding="utf-8")
     try:
-        # "x" refuses a file that is there, in one step with making it.
+        # Mode "x" refuses an existing file in the same step in which it makes a new one.
         with open(path, "x", encoding="utf-8") as file:
             file.write(text.replace("{name}", str(path)).replace("{stem}", path.stem))
     except FileExistsError:
@@ -121,7 +120,7 @@ def write_new(path: Path) -> Path:
 def load(path: str | Path, overrides: Sequence[str] = ()) -> Config:
     """The config in a file, with overrides such as "fig4.damping.2=0.001" applied to its cases.
 
-    `path` may be the bare name of NAME.yaml here, or of a case file that comes with hodo: paper1.
+    `path` may be a bare name: NAME.yaml here, or a case file that comes with hodo (paper1).
 
     An override is CASE.KEY.PATH=VALUE: a case's name or a glob, a key, further keys or zero-based
     positions within its value, and a value in YAML. It may add a key. Raises HodoError, one line
@@ -135,41 +134,42 @@ def text_of(path: Path, name: str) -> str:
     """The text of a case file, which messages call `name`. Raises HodoError if it has none."""
     try:
         with open(path, "rb") as file:
-            # One byte more than allowed tells a file that is too large without reading it.
+            # One byte more than allowed shows that a file is too large, without reading all of it.
             raw = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
-        # In lower case, as where a result is missing.
+        # In lower case, as in the message of a missing result.
         reason = str(getattr(error, "strerror", None) or error).lower()
         shown_name = name if name.isprintable() else repr(name)
-        beside = [str(x) for x in path.parent.glob("*") if x.suffix in YAML_SUFFIXES]
-        others = [*beside, *(x.stem for x in BUNDLED_CONFIGS.glob("*.yaml"))]
+        nearby = [str(x) for x in path.parent.glob("*") if x.suffix in YAML_SUFFIXES]
+        others = [*nearby, *(x.stem for x in BUNDLED_CONFIGS.glob("*.yaml"))]
         near = nearest(name, [other for other in others if other != name])
         raise HodoError(f"{shown_name}: {reason}{near}") from None
     if raw.startswith(b"\x89HDF"):
         raise HodoError(f"{name}: a result, where a case file (*.yaml) is expected")
     if len(raw) > MAX_BYTES:
         Source(name).fail(Place(1, 1), f"larger than {MAX_BYTES // 10**6} MB; split the file")
-    # Editors on Windows put a byte order mark before the text. `read` refuses what is no UTF-8.
+    # Editors on Windows put a byte order mark before the text. `read` refuses text that is not
+    # UTF-8.
     return raw.decode("utf-8-sig", errors="surrogateescape")
 
 
 def no_case(globs: Sequence[str], names: Iterable[str]) -> HodoError:
-    """The error for `--case` options that match no name of a case."""
+    """The error for `--case` options that match no case."""
     valid = list(dict.fromkeys(names))
     near = nearest(globs[-1], valid)
     return HodoError(f"no case matches {' or '.join(globs)}{near} (valid: {', '.join(valid)})")
 
 
 def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = False) -> Config:
-    """The config in a text; `name` stands for the file in messages. Raises HodoError as `load`
-    does. The statements of a text that is `stored` in a result were checked by `run`."""
+    """The config in a text; `name` is its file in messages. Raises HodoError as `load` does. The
+    statements of a text that is `stored` in a result are not checked again."""
     source = Source(name)
     document = read_mapping(text, source)
     # `figures:` with nothing below it is a section that is left out.
     present = {k: value for k, value in document.items() if value is not None or k not in SECTIONS}
     sections, faults = check_keys(SECTIONS, present)
     if "cases" not in present:
-        # Every name of a case would be a mistake besides, and hide this one.
+        # Otherwise every name of a case would be one more mistake, and hide this one.
         note_all(faults, source)
         raise source.error()
     named, defaults = sections.get("cases", {}), sections.get("defaults") or {}
@@ -201,7 +201,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
 
 def located(config: Config, path: KeyPath, message: str) -> HodoError:
     """The error for a mistake in a config that only a result shows, with file, line and column, or
-    the override."""
+    with the override."""
     source = Source(config.path)
     document = read_mapping(config.text, source)
     defaults = document.get("defaults") or {}
@@ -213,7 +213,7 @@ def located(config: Config, path: KeyPath, message: str) -> HodoError:
 
 
 def _case_named(cases: Mapping[str, Case], names: Iterable[str], entry: Any) -> Case | None:
-    """The case that a statement names, as it is or with other values; None if the case has
+    """The case that a statement names, as it is or with other values, or None if the case has
     mistakes. Raises Wrong for an entry that describes no case."""
     changes = {} if isinstance(entry, str) else dict(entry)
     name = changes.pop("case", None) if changes else entry
@@ -226,8 +226,8 @@ def _case_named(cases: Mapping[str, Case], names: Iterable[str], entry: Any) -> 
 
 
 def composed_text(cases: Mapping[str, Case], **sections: Any) -> str:
-    """The text of a case file with these cases, complete, and other sections as plain values; one
-    line an entry."""
+    """The text of a case file with these complete cases and with other sections as plain values,
+    one line an entry."""
     sections["cases"] = {name: case.entries for name, case in cases.items()}
     lines = []
     for section, value in sections.items():
@@ -262,7 +262,7 @@ def _default_mistakes(defaults: Mapping[str, Any], blocks: Sequence[Any]) -> lis
     models = [(block, *keys_in(block)) for block in blocks]
     if any(model is None and "model" in block for block, model, _ in models):
         return []  # it may have keys of its own
-    # A case without a model may take any key that there is.
+    # A case without a model may take any known key.
     taken = {key for _, model, keys in models for key in (keys if model else all_keys())}
     return [
         (
@@ -279,8 +279,8 @@ def _default_mistakes(defaults: Mapping[str, Any], blocks: Sequence[Any]) -> lis
 def _figures(
     section: Mapping[str, Any], cases: Mapping[str, Any], style: Mapping[str, Any] | None
 ) -> tuple[dict[str, dict[str, Any]], list[Mistake]]:
-    """The figures, each checked by the keys of its kind and with the style of the file where it has
-    none; the cases and figures that they name must exist."""
+    """The figures, each checked by the keys of its kind and merged with the style of the file. The
+    cases and figures that they name must exist."""
     entries, mistakes = _entries("figures", section)
     figures = {}
     for name, block in entries.items():
@@ -304,7 +304,7 @@ def _apply_override(text: str, blocks: dict[str, Any], source: Source) -> None:
     if not equals or not 2 <= len(parts) <= 50:
         source.note(text, "an override reads CASE.KEY=VALUE")
         return
-    # Names of cases contain points: the longest that exists is meant, or the first part.
+    # Names of cases may contain points: the longest existing name counts, else the first part.
     heads = (".".join(parts[:n]) for n in range(len(parts) - 1, 0, -1))
     pattern = next((x for x in heads if any(fnmatchcase(name, x) for name in blocks)), parts[0])
     path = parts[pattern.count(".") + 1 :]
@@ -326,11 +326,12 @@ def _apply_override(text: str, blocks: dict[str, Any], source: Source) -> None:
 
 
 def _with_override(block: Mapping[str, Any], path: Sequence[str], new: Any) -> dict[str, Any]:
-    """A case's entries with another value at a path. Raises ValueError if there is no such path."""
+    """A case's entries with another value at a path. Raises ValueError if the path does not
+    exist."""
     head, rule = path[0], keys_in(block)[1].get(path[0])
     before = block.get(head, (rule or {}).get("default"))
-    with suppress(Wrong):  # which is found below
-        # What stands for a list of equal ones has no components until it is written out.
+    with suppress(Wrong):  # its own mistakes are noted elsewhere
+        # A single number for three equal ones has no components until it is written out.
         before = check(rule, before) if rule and len(path) > 1 else before
     changed = {**block, head: with_value(before, path[1:], new)}
     if head == "time" and isinstance(changed["time"], dict):
@@ -339,8 +340,8 @@ def _with_override(block: Mapping[str, Any], path: Sequence[str], new: Any) -> d
 
 
 def with_value(value: Any, path: Sequence[str], new: Any) -> Any:
-    """A copy of a value with `new` at a path within it. Raises ValueError, with a sentence, if
-    there is no such path."""
+    """A copy of a value with `new` at a path within it. Raises ValueError, with a sentence, if the
+    path does not exist."""
     if not path:
         return new
     if value is None or isinstance(value, Mapping):

@@ -1,5 +1,5 @@
-"""What each kind of figure takes: the keys of an entry in a case file's `figures:` block, besides
-`kind`. What a key means for the data is decided where the figure is drawn, and there alone."""
+"""The keys of each kind of figure, as entries of a case file's `figures:` block, besides `kind`.
+Only the drawing of a figure decides what a key means for its data."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -277,6 +277,6 @@ FIGURE = Variant("kind", FIGURE_KINDS, "what is drawn")
 
 
 def merged_style(*styles: Mapping[str, Any] | None) -> dict[str, Any]:
-    """The keys of several styles that are set; a later style counts before the earlier ones."""
+    """The keys that several styles set; a later style overrides the earlier ones."""
     given = (style for style in styles if style)
     return {k: value for style in given for k, value in style.items() if value is not None}

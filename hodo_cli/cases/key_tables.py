@@ -1,9 +1,9 @@
-"""The keys of case files for readers, made from the keys themselves: the tables of
-docs/case-files.md, one a group of keys, and the JSON Schema for editors."""
+"""The keys of case files for readers, made from the keys themselves: the tables of three pages of
+docs/, and the JSON Schema for editors."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain
+from itertools import chain, zip_longest
 from typing import Any
 
 from .. import models
@@ -21,7 +21,7 @@ Row = tuple[str, str, str, str, str]
 
 
 def _written(rule: Rule) -> Any:
-    """The default of a key as a case file says it; None where there is none."""
+    """The default of a key as a case file writes it; None if there is none."""
     default = rule.get("default")
     return rule["enum"][not default] if isinstance(default, bool) else default
 
@@ -48,7 +48,7 @@ def _table(keys: Mapping[str, Rule]) -> list[Row]:
 
 
 def _takers(named: Mapping[str, Sequence[str]], catalogue: Mapping[str, Mapping[str, Any]]) -> str:
-    """Which forms, of which models, take a key; nothing where all forms of its one model do."""
+    """The forms and models that take a key, in words; empty if all forms of its only model do."""
     some = {
         model: "" if [*forms] == [*catalogue[model]] else ", ".join(forms)
         for model, forms in named.items()
@@ -59,15 +59,20 @@ def _takers(named: Mapping[str, Sequence[str]], catalogue: Mapping[str, Mapping[
     return f" ({'; '.join(f'{model} {forms}'.rstrip() for model, forms in some.items())})"
 
 
-def _groups() -> Iterator[tuple[str, list[Row]]]:
-    """The heading and the rows of each table."""
-    # Statements have tables of their own.
+def _groups() -> Iterator[tuple[str, str, list[Row]]]:
+    """Each group of keys: the heading of its page, its own heading and its rows."""
+    # Statements and styles have tables of their own.
     yield (
+        "Keys of case files",
         "The file",
-        [row for row in _table(SECTIONS) if not re.match(r"`(claims|errata)\.", row[0])],
+        [row for row in _table(SECTIONS) if not re.match(r"`(claims|errata|style)\.", row[0])],
     )
     catalogue = models.catalogue()
-    yield "Every case", _table({"model": keys_of(None, None)[1]["model"]} | COMMON)
+    yield (
+        "Keys of case files",
+        "Every case",
+        _table({"model": keys_of(None, None)[1]["model"]} | COMMON),
+    )
     takers = grouped(
         (row, (model, name))
         for model, forms in catalogue.items()
@@ -80,35 +85,66 @@ def _groups() -> Iterator[tuple[str, list[Row]]]:
         named = grouped(taking)
         table = shared if len(named) > 1 else alone[next(iter(named))]
         table.append((row[0] + _takers(named, catalogue), *row[1:]))
-    yield "Several models", shared
+    yield "Keys of case files", "Several models", shared
     for model in catalogue:
-        form = _table({"form": keys_of(model, None)[1]["form"]})
-        yield f"Model `{model}`", form + alone[model]
-    every, *others = figure_block.FIGURE_KINDS.values()
-    # A key stands under "most figures" if most of the kinds take it, with the same meaning.
+        yield (
+            "Keys of case files",
+            f"Model `{model}`",
+            _table({"form": keys_of(model, None)[1]["form"]}) + alone[model],
+        )
+    first, *others = figure_block.FIGURE_KINDS.values()
+    # A key belongs to "most figures" if most kinds take it with the same meaning.
     common = {
-        k: x for k, x in every.items() if sum(keys.get(k) == x for keys in others) > len(others) / 2
+        k: x for k, x in first.items() if sum(keys.get(k) == x for keys in others) > len(others) / 2
     }
-    yield "Most figures", _table({"kind": figure_block.FIGURE["head"]} | common)
+    yield (
+        "Keys of figures",
+        "Most figures",
+        _table({"kind": figure_block.FIGURE["head"]} | common),
+    )
     for name, keys in figure_block.FIGURE_KINDS.items():
-        yield f"Figure `{name}`", _table({k: x for k, x in keys.items() if common.get(k) != x})
-    yield "Every claim", [row for row in _table(claim_block.CLAIM) if "(kind: " not in row[0]]
+        yield (
+            "Keys of figures",
+            f"Figure `{name}`",
+            _table({k: x for k, x in keys.items() if common.get(k) != x}),
+        )
+    yield (
+        "Keys of statements",
+        "Every claim",
+        [row for row in _table(claim_block.CLAIM) if "(kind: " not in row[0]],
+    )
     for name, keys in claim_block.CHECK_KINDS.items():
-        yield f"Check `{name}`", _table({f"check.{key}": x for key, x in keys.items()})
+        yield (
+            "Keys of statements",
+            f"Check `{name}`",
+            _table({f"check.{key}": x for key, x in keys.items()}),
+        )
 
 
 def key_tables() -> str:
-    """Every key of a case file, in Markdown: a heading and a table for each group."""
-    header = ("key", "value", "unit", "default", "meaning")
-    tables = [(heading, markdown(header, rows)) for heading, rows in _groups() if rows]
-    # The components of a vector have their meaning in common.
+    """Every key of a case file, in Markdown: a table a page, with a row in bold before each
+    group."""
+    pages = grouped(
+        (page, row)
+        for page, heading, rows in _groups()
+        for row in rows and [(f"**{heading}**", "", "", "", ""), *rows]
+    )
+    tables = [
+        (page, markdown(("key", "value", "unit", "default", "meaning"), rows))
+        for page, rows in pages.items()
+    ]
+    # The components of a vector have the same meaning, and share a row.
     named = grouped((meaning, f"`{x}`") for x, meaning in claim_block.QUANTITY_NAMES.items())
     quantities = [(", ".join(names), meaning) for meaning, names in named.items()]
-    tables.append(("Quantities of checks", markdown(("quantity", "meaning"), quantities)))
-    return "\n".join(f"### {heading}\n\n{table}" for heading, table in tables)
+    halves = zip_longest(quantities[::2], quantities[1::2], fillvalue=("", ""))
+    in_two = markdown(("quantity", "meaning") * 2, ((*left, *right) for left, right in halves))
+    return "\n".join(
+        f"## {heading}\n\n{table}" for heading, table in [*tables, ("Quantities of checks", in_two)]
+    )
 
 
-# The words of a rule that its JSON Schema takes over; the rest is built from others or ours alone.
+# The words of a rule that go into its JSON Schema unchanged; the others are translated or are
+# hodo's own.
 _TAKEN_OVER = (
     *("type", "enum", "pattern", *BOUNDS),
     *("minLength", "maxLength", "minItems", "maxItems", "minProperties", "maxProperties"),
@@ -116,8 +152,8 @@ _TAKEN_OVER = (
 
 
 def schema_of(rule: Rule, is_partial: bool = False) -> dict[str, Any]:
-    """A rule as JSON Schema alone, or a reference to its definition; `is_partial` without keys that
-    are required, and with empty values."""
+    """A rule as JSON Schema, or as a reference to its definition; `is_partial`: no key is required,
+    and empty values are allowed."""
     words = {word: rule[word] for word in ("description",) if word in rule}
     words |= {} if _written(rule) is None else {"default": _written(rule)}
     if "definition" in rule:
@@ -148,7 +184,7 @@ def _closed(properties: dict[str, Any]) -> dict[str, Any]:
 
 
 def _or_empty(rule: Rule) -> dict[str, Any]:
-    """JSON Schema of a key of a case, or of the defaults: an empty value takes a default back."""
+    """JSON Schema of a key of a case or of the defaults, where an empty value removes a default."""
     schema = schema_of(rule, is_partial=True)
     described = {word: schema.pop(word) for word in ("description", "default") if word in schema}
     return described | {"anyOf": [schema, {"type": "null"}]}
@@ -158,12 +194,12 @@ DEFINED = (
     *(claim_block.CHECK, claim_block.QUANTITY, claim_block.CURVE),
     *(SWEEP, ATTITUDE, figure_block.STYLE),
 )
-"""The rules that several keys have."""
+"""The rules that several keys share."""
 
 
 def json_schema() -> dict[str, Any]:
-    """JSON Schema (2020-12) of the case files. No key is required of a case, since `defaults:` may
-    supply it; the keys of a model are closed only where the case names the model."""
+    """JSON Schema (2020-12) of case files. No key of a case is required, because `defaults:` may
+    give it; the keys of a model are closed only where the case names the model."""
     catalogue = models.catalogue()
     common = {name: _or_empty(rule) for name, rule in COMMON.items()}
     head = {"model": {"enum": [*catalogue]}}

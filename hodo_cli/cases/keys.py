@@ -1,4 +1,4 @@
-"""The keys of case files: those of every case, and the sections of a file."""
+"""The keys of case files: the keys that every case takes, and the sections of a file."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,15 +40,15 @@ METHOD_PRECISIONS = {
 
 
 def wrong_precision(method: str, precision: str) -> str:
-    """Why a method does not integrate in a precision; an empty string if it does."""
+    """Why a method cannot integrate in a precision; an empty string if it can."""
     if precision in (known := METHOD_PRECISIONS.get(method, ("double",))):
         return ""
     return f"method {method} works in {' and '.join(known)} precision only, not {precision}"
 
 
 def finds_no_stop(method: str, system: Model) -> str:
-    """Why a method does not integrate a model, which has events that it would pass; an empty string
-    if it does."""
+    """Why a method cannot integrate a model, whose events it would miss; an empty string if it
+    can."""
     if method in SCIPY_METHODS and system.run_events:
         return f"{method} finds no stop: method auto, taylor or collocation"
     return ""
@@ -67,14 +67,14 @@ FORMER_KEYS = {
 """Keys that earlier versions took, and what to do instead."""
 
 REPLACED_TIMES = {"values": {"end", "samples"}, "end": {"values"}, "samples": {"values"}}
-"""The keys of `time:` that do not count where one of the others is changed: samples are listed, or
-evenly spaced."""
+"""The keys of `time:` that a change of another key replaces: samples are either listed or evenly
+spaced."""
 
 
 def drop_replaced_times(time: dict[str, Any], given: Mapping[str, Any]) -> None:
-    """Remove from the keys of `time:` those that do not count beside some that are given now."""
-    told = [name for name, value in given.items() if value is not None]
-    for key in set().union(*(REPLACED_TIMES.get(name, ()) for name in told)) - given.keys():
+    """Remove the keys of `time:` that the keys given now replace."""
+    changed = [name for name, value in given.items() if value is not None]
+    for key in set().union(*(REPLACED_TIMES.get(name, ()) for name in changed)) - given.keys():
         time.pop(key, None)
 
 
@@ -87,8 +87,8 @@ def _time_span(time: dict[str, Any]) -> dict[str, Any]:
 
 
 def _time_mistakes(time: Mapping[str, Any]) -> Iterator[Mistake]:
-    """The mistakes that several keys of `time:` make: an end that is missing, or so far from the
-    start that the span is no double; stored times that turn back, or stand beside an end."""
+    """The mistakes that several keys of `time:` make together: a missing end, a span that is not a
+    double, listed times that turn back, or an end given with listed times."""
     values, start, end = time["values"] or (), time["start"], time["end"]
     if values:
         yield from _order_mistakes(start, values)
@@ -104,7 +104,7 @@ def _time_mistakes(time: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _order_mistakes(start: float, values: Sequence[float]) -> Iterator[Mistake]:
-    """The mistakes of times that do not all rise from the start, or fall from it."""
+    """The mistakes of times that neither all rise from the start nor all fall from it."""
     is_backward = values[-1] < start
     side = "before" if is_backward else "after"
     if values[0] > start if is_backward else values[0] < start:
@@ -116,14 +116,15 @@ def _order_mistakes(start: float, values: Sequence[float]) -> Iterator[Mistake]:
 
 
 def most_samples(start: float, end: float) -> float:
-    """How many samples of a span are different doubles; at an end at the start all are one."""
-    # Of times that lie two doubles apart no two are rounded to one.
+    """How many samples of a span can be different doubles; infinite if the end is the start, where
+    all samples are one."""
+    # Times two doubles apart are never rounded to the same double.
     grain = 2 * math.ulp(max(abs(start), abs(end)))
     return max(2, int(abs(end - start) / grain) + 1) if start != end else math.inf
 
 
 def _time_answer(value: Any) -> str:
-    """What to write where `time:` is the end alone, or start and end."""
+    """What to write instead of a `time:` that is the end alone, or start and end."""
     match value:
         case int() | float():
             return f"; write {{end: {value:g}}}"
@@ -144,9 +145,9 @@ SPAN = Table(
         ),
         "samples": Key(
             Integer(least=1, most=10**15),
-            "number of stored times, evenly spaced from start to end; 1 stores the end alone, and "
-            "so does an end at the start (default: so many that a figure of the motion is smooth, "
-            "1001 to 50001; they follow the turns of the body, not a torque that changes faster)",
+            "number of stored times, evenly spaced from start to end; 1 stores the end alone, as "
+            "does an end at the start (default: enough for a smooth figure of the body's turns, "
+            "1001 to 50001; a torque that changes faster needs more)",
             default=None,
         ),
         "values": Key(
@@ -168,10 +169,10 @@ SPAN = Table(
 )
 
 MERGED_KEYS = ("time", "assumes", "constants")
-"""The keys of which a case changes single entries, and takes the others over."""
+"""The keys whose entries a case changes one by one, and otherwise inherits from the defaults."""
 
 REMARKS = ("note", "assumes")
-"""The keys of a case that say something about it and change none of its numbers."""
+"""The keys that describe a case and change none of its numbers."""
 
 COMMON = {
     "time": Key(SPAN, "span of the integration, and its samples"),
@@ -201,7 +202,7 @@ COMMON = {
     "max_seconds": Key(
         Number(above=0),
         "seconds of integration, without compilation, after which the case stops, unfinished; "
-        "the measurement of its error has as many again",
+        "measuring its error may take as long again",
         "s",
         None,
     ),
@@ -248,7 +249,7 @@ SECTIONS = {
     "references": Key(Text(), "where its cases come from", default=""),
     "defaults": Key(
         Mapped(),
-        "values for every case that takes the key, unless the case gives it or takes it back by "
+        "values for every case that takes the key, unless the case gives it or removes it by "
         "`null`; `time`, `assumes` and `constants` are merged key by key",
         default=None,
     ),
@@ -270,15 +271,15 @@ SECTIONS = {
 
 
 def _own_model(name: Any) -> str:
-    """Where a model that hodo does not have comes from."""
+    """How to name the file of a model that hodo does not have."""
     how = "hodo --models FILE.py ..., in Python HODO_MODELS=FILE.py before it starts"
     return f" (from a file of your own: {how})" if isinstance(name, str) else ""
 
 
 @cache
 def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, dict[str, Rule]]:
-    """The class of a model's form (None: the first) and every key of its cases; no class if there
-    is no such form."""
+    """The class of a model's form (None: the first form) and every key of its cases; None for the
+    class if there is no such form."""
     forms = models.forms_of(model or "")
     first = next(iter(forms), "")
     names = Choice(*models.model_names()) | {"answer": _own_model}
@@ -290,7 +291,7 @@ def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, di
 
 
 def keys_in(block: Mapping[str, Any]) -> tuple[type[Model] | None, dict[str, Rule]]:
-    """`keys_of` for the model and form that a case names, rightly or not."""
+    """`keys_of` for the model and form that a case names, whether they exist or not."""
     model, form = block.get("model"), block.get("form")
     return keys_of(
         model if isinstance(model, str) else None,
@@ -300,6 +301,6 @@ def keys_in(block: Mapping[str, Any]) -> tuple[type[Model] | None, dict[str, Rul
 
 @cache
 def all_keys() -> frozenset[str]:
-    """Every key that a case of some model takes."""
+    """Every key that a case of any model takes."""
     classes = [form for forms in models.catalogue().values() for form in forms.values()]
     return frozenset({"model", "form", *COMMON}.union(*(keys_of_form(form) for form in classes)))

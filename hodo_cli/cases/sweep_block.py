@@ -48,13 +48,12 @@ from ..schema.kinds import (
 from ..schema.spelling import unknown
 
 MOST_SWEEP_MEMBERS = 10**9
-"""Members that one sweep may have."""
+"""The most members of one sweep."""
 
 SPAN_WORDS = "[first, last, number of values]"
 
 DRAWN_AT_ONCE = 4096
-"""Directions that are drawn from one generator, so that any part of a sphere can be drawn by
-itself."""
+"""How many directions one generator draws, so that any part of a sphere can be drawn by itself."""
 
 RESERVED = ("time", "axis", "quaternion", "space", "principal", "member")
 
@@ -70,21 +69,20 @@ MEMBER_COLUMNS = (
     "share",
     "separation",
 )
-"""The columns to which a member of a sweep is reduced, besides its final state, where a hodograph
-encloses an axis."""
+"""The columns of a member besides its final state, in models where a hodograph encloses an axis."""
 
 STOP_COLUMNS = ("event_time", "event_from", "event_release")
 """The columns of a member that may come to rest."""
 
 
 class InDegrees(float):
-    """A number in radians that a case gives as a text in degrees, for a key that takes such."""
+    """A number in radians that a case gives as text in degrees."""
 
     text: str
 
 
 def Ranged(above: float | None = None) -> Rule:
-    """A value of a swept key: a number or, for an angle or a rate, a text in degrees."""
+    """A value of a swept key: a number or, for an angle or a rate, text in degrees."""
 
     def value_of(value: Any) -> float:
         if not isinstance(value, str):
@@ -97,14 +95,14 @@ def Ranged(above: float | None = None) -> Rule:
 
 
 def _of_one_kind(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Values of which all are given in degrees, or none."""
+    """The values, which have to be given in degrees all or not at all. Raises Wrong otherwise."""
     if len({isinstance(value, InDegrees) for value in values}) > 1:
         raise Wrong(((), "expected all values in degrees, or none"))
     return values
 
 
 def Span(above: float | None = None, more: str = "") -> Rule:
-    """First value, last value and number of values, all in one list."""
+    """The rule of a range [first value, last value, number of values]."""
     title = f"{SPAN_WORDS}{more}"
     count = Integer(least=1, most=MOST_SWEEP_MEMBERS)
 
@@ -128,7 +126,7 @@ RANGES = {
 
 
 def _values_answer(value: Any) -> str:
-    """What to write where values stand without their word."""
+    """What to write instead of values without the word `values`."""
     is_numbers = is_list(value) and all(isinstance(x, int | float) for x in value)
     listed = ", ".join(f"{x:g}" for x in value) if is_numbers else ""
     return f"; write {{values: [{listed}]}}" if 0 < len(listed) < 60 else ""
@@ -153,7 +151,7 @@ SWEEP = Each(
     "keys (damping.2) to {linspace: [first, last, number]}, logspace, values, zip or sphere",
     definition="sweep",
 )
-"""The `sweep:` block by itself; `check_axes` holds it against the case in which it stands."""
+"""The rule of the `sweep:` block by itself; `check_axes` compares it with its case."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +168,7 @@ class Axis:
 
     @property
     def keys(self) -> list[str]:
-        """The keys that vary along it, such as damping.2; none for a sphere."""
+        """The keys that vary along the axis, such as damping.2; none for a sphere."""
         return [".".join(map(str, path)) for path, _ in self.ranges]
 
     def values(self, key: int = 0, index: np.ndarray | None = None) -> np.ndarray:
@@ -179,7 +177,8 @@ class Axis:
         value_range = self.ranges[key][1]
         if "linspace" in value_range:
             first, last, number = value_range["linspace"]
-            # Some of numpy's linspace, to the last bit: all of 1e9 values would take 8 GB.
+            # Single elements of numpy's linspace, equal to the last bit: all 1e9 values would take
+            # 8 GB.
             step = (last - first) / max(number - 1, 1)
             is_last = (index == number - 1) & (number > 1)
             return np.asarray(np.where(is_last, last, index * step + first))
@@ -187,9 +186,9 @@ class Axis:
 
     @cached_property
     def _listed(self) -> list[np.ndarray]:
-        """The values of each key whose range is no linspace."""
+        """The values of each key whose range is not a linspace."""
         return [
-            # Its ends are the given numbers to the last bit; the ends of 10 ** linspace are not.
+            # The ends are the given numbers to the last bit; those of 10 ** linspace are not.
             np.geomspace(*value_range["logspace"])
             if "logspace" in value_range
             else np.array(value_range.get("values", ()), dtype=float)
@@ -199,8 +198,8 @@ class Axis:
     def directions(self, index: np.ndarray) -> np.ndarray:
         """The unit vectors (n, 3) of a sphere at positions (n,), uniform and independent."""
         assert self.sphere is not None
-        # Seeded by the block, so that any process draws any part, and the same members whatever the
-        # chunks.
+        # The seed includes the block's number: any process draws any part, and chunks do not
+        # matter.
         occurring, block = np.unique(index // DRAWN_AT_ONCE, return_inverse=True)
         drawn = [
             np.random.default_rng([self.sphere["seed"], number]).standard_normal((DRAWN_AT_ONCE, 3))
@@ -236,7 +235,7 @@ def axes_of(sweep: Mapping[str, Any]) -> list[Axis]:
 
 
 def swept_path(path: Sequence[str]) -> list[str]:
-    """A path within `sweep:` by its keys, which contain points themselves."""
+    """A path within `sweep:` as its keys, which may contain points."""
     words = {*RANGES, "zip", "sphere"}
     n = next((i for i, part in enumerate(path) if part in words), len(path)) or 1
     within_axis = [*path[n + 1 :]]
@@ -245,15 +244,15 @@ def swept_path(path: Sequence[str]) -> list[str]:
 
 
 def path_of(key: str) -> KeyPath:
-    """Where the value of a key such as damping.2 stands; positions count from zero."""
+    """The path of a key such as damping.2 in a case's data; positions count from zero."""
     return tuple(int(step) if step.isdecimal() else step for step in key.split("."))
 
 
 def first_values(
     sweep: Mapping[str, Any], model: type[Model], data: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The first values of those swept keys of a case that it does not give itself: it is then of
-    the same kind as its members."""
+    """The first values of the swept keys that the case does not give itself: with them it is of the
+    same kind as its members."""
     values = {}
     for path, value_range in (ranged for axis in axes_of(sweep) for ranged in axis.ranges):
         ((first, *_),) = value_range.values()
@@ -266,8 +265,8 @@ def first_values(
 def check_axes(
     sweep: Mapping[str, Any], model: Equations, data: Mapping[str, Any]
 ) -> Iterator[Mistake]:
-    """The mistakes of a checked `sweep:` block in a case with these data: is the case right with
-    the values of a range there? Of a span the ends decide, since every bound is an interval."""
+    """The mistakes of a checked `sweep:` block in a case with these data, which must be right with
+    every value of each range. A span is checked at its ends, because every bound is an interval."""
     axes, keys = axes_of(sweep), keys_of_form(model.form)
     swept: list[KeyPath] = []
     for axis in axes:
@@ -290,10 +289,10 @@ def check_axes(
 def _unknown_path(
     name: str, path: KeyPath, keys: Mapping[str, Rule], data: Mapping[str, Any]
 ) -> str:
-    """What is wrong with a swept key that no key of the model is."""
+    """What is wrong with a swept key that the model does not have."""
     if path[0] in data:
-        return f"{name} is no number of the model, and is not swept"
-    # As p of `initial.p`.
+        return f"{name} is not a number of the model, and cannot be swept"
+    # For example p of `initial.p`.
     inner = [
         f"{key}.{path[0]}" for key, rule in keys.items() if path[0] in rule.get("properties", ())
     ]
@@ -308,7 +307,7 @@ def _check_range(
     model: type[Model],
     data: Mapping[str, Any],
 ) -> Iterator[Mistake]:
-    """What is wrong with the range of one swept key of this rule."""
+    """What is wrong with the range of a swept key, whose rule is given."""
     name = ".".join(map(str, path))
     present: Any = data
     try:
@@ -317,7 +316,7 @@ def _check_range(
     except LookupError:
         yield (), f"the case has no such number: {name}"
         return
-    # One number stands for three equal ones, but for no polynomial of several coefficients.
+    # One number may stand for three equal ones, but not for a polynomial of several coefficients.
     if isinstance(present, tuple) and (path[1:] or rule.get("repeat", 1) != len(present)):
         yield (), f"{name} is not a number: name one of its places, such as {name}.0"
         return
@@ -333,7 +332,8 @@ def _check_range(
 
 
 def _part(data: Any, step: str | int) -> Any:
-    """What stands at one step of a path in the data of a case. Raises LookupError for nothing."""
+    """The value at one step of a path in the data of a case. Raises LookupError if there is
+    none."""
     is_there = isinstance(data, Mapping if isinstance(step, str) else tuple)
     if not is_there:
         raise LookupError
@@ -350,7 +350,7 @@ def _wrong_value(rule: Rule, data: Any, path: KeyPath, value: float) -> Iterator
 
 
 def _check_axis(axis: Axis, axes: Sequence[Axis], model: Equations) -> Iterator[Mistake]:
-    """The mistakes of one of some axes, but for those of its ranges."""
+    """The mistakes of an axis except those of its ranges; `axes` are all axes of the sweep."""
     spheres = [other.name for other in axes if other.sphere is not None]
     counts = sorted({_length(value_range) for _, value_range in axis.ranges})
     taken = {axis.name, *axis.keys} & {*RESERVED, *storable(model)}
@@ -371,19 +371,19 @@ def _check_axis(axis: Axis, axes: Sequence[Axis], model: Equations) -> Iterator[
 
 
 def given(data: Any) -> Any:
-    """Resolved data without the optional keys that are left out."""
+    """Resolved data without the optional keys that are not given."""
     if not isinstance(data, Mapping):
         return data
     return {key: given(value) for key, value in data.items() if value is not None}
 
 
 def with_number(value: Any, path: Sequence[Any], new: Any) -> Any:
-    """A copy of resolved case data with `new` at a path; where a vector stands, in all of its
+    """A copy of resolved case data with `new` at a path; a vector there gets it in all
     components."""
     if not path:
         if isinstance(value, int) and isinstance(new, float):
             return int(new)  # a count stays one
-        # A scalar key given for a vector (`damping`) means that all are equal.
+        # A scalar given for a vector (`damping`) means that all components are equal.
         return (new,) * len(value) if isinstance(value, tuple) else new
     head, *tail = path
     if isinstance(value, Mapping):

@@ -11,13 +11,14 @@ from ..text import few, grouped, markdown
 VerdictRow = Mapping[str, Any]
 
 OURS = "not in the paper"
-"""How the place of a statement begins that is not the paper's."""
+"""The beginning of `where` for a statement that is not the paper's."""
 
 GRAVEST = (CONTRADICTED, AS_PRINTED, ONCE_CORRECTED, UNDERDETERMINED)
 """The verdicts on statements that do not simply hold, the gravest first."""
 
 IN_FULL = 3
-"""The most statements that are told in full: authors read these first, and unfold the tables."""
+"""The statements that are told in full at least, besides all that are contradicted and all whose
+verdict is not the expected one: authors read these first, and unfold the tables."""
 
 HEADERS = {
     "errata": ("where", "printed", "should be", "verdict", "shown by"),
@@ -33,15 +34,24 @@ def account(
     cases: Iterable[Case],
 ) -> str:
     """The verdicts on a paper as text in Markdown, which begins with these counts."""
-    told = "\n".join(map(in_full, gravest(statements)))
+    doubted = gravest(statements)
+    shown = [
+        row
+        for i, row in enumerate(doubted)
+        if i < IN_FULL or row["verdict"] == CONTRADICTED or row["verdict"] != row["expect"]
+    ]
+    items = [*map(in_full, shown)]
+    if more := len(doubted) - len(shown):
+        items += [f"- and {more} more in the table of every statement"]
     tables = {
         "Errata": table_of("errata", map(erratum_cells, errata)),
         "Every statement": table_of("statements", map(statement_cells, statements)),
         "What is left open, and what is taken here": table_of("assumptions", assumptions(cases)),
     }
-    parts = [f"## What does not simply hold\n\n{told}"] if told else []
+    in_list = "\n".join(items)
+    parts = [f"## What does not simply hold\n\n{in_list}"] if items else []
     parts += [
-        f"<details>\n<summary>{heading}</summary>\n\n{table}\n\n</details>"
+        f"<details><summary>{heading}</summary>\n\n{table}\n\n</details>"
         for heading, table in tables.items()
         if table
     ]
@@ -54,16 +64,22 @@ def is_ours(row: VerdictRow) -> bool:
 
 
 def gravest(statements: Iterable[VerdictRow]) -> list[VerdictRow]:
-    """The statements of the paper that do not simply hold, the gravest first; IN_FULL at most."""
+    """The statements of the paper that do not simply hold, the gravest first."""
     doubted = [row for row in statements if row["verdict"] in GRAVEST and not is_ours(row)]
-    return sorted(doubted, key=lambda row: GRAVEST.index(row["verdict"]))[:IN_FULL]
+    return sorted(doubted, key=lambda row: GRAVEST.index(row["verdict"]))
+
+
+def marked(row: VerdictRow) -> str:
+    """The verdict on a statement, and the one expected where it is another."""
+    expected = "" if row["verdict"] == row["expect"] else f" (expected: {row['expect']})"
+    return f"{row['verdict']}{expected}"
 
 
 def in_full(row: VerdictRow) -> str:
-    """A statement in the paper's words and ours, with its verdict and the remarks, as an item."""
+    """A statement as an item of a list: ours, the paper's words, the verdict and remarks."""
     parts = [f"**{escaped(row['where'])}**: {escaped(row['statement'])}"]
     parts += [f"*{escaped(row['original'])}*"] if row["original"] else []
-    parts += [f"**{row['verdict'].capitalize()}**: {escaped(row['evidence'])}."]
+    parts += [f"**{marked(row).capitalize()}**: {escaped(row['evidence'])}."]
     parts += [f"Measured: {escaped(row['measured'])}."] if row["measured"] else []
     parts += [f"Remark: {escaped(row['note'])}."] if row["note"] else []
     return " ".join(["-", *parts])
@@ -78,16 +94,16 @@ def erratum_cells(row: VerdictRow) -> Sequence[str]:
 def statement_cells(row: VerdictRow) -> Sequence[str]:
     """A statement as a row of its table; a theorem's reason decides where there is one."""
     deciding = with_remark(row["theorem"] or row["evidence"], row["note"])
-    return [row["where"], row["statement"], row["verdict"], deciding, row["contradicted_by"]]
+    return [row["where"], row["statement"], marked(row), deciding, row["contradicted_by"]]
 
 
 def with_remark(reason: str, note: str) -> str:
-    """What decides, and the remark where there is one."""
+    """The reason of a verdict, followed by the remark if there is one."""
     return f"{reason}; {note}" if reason and note else reason or note
 
 
 def assumptions(cases: Iterable[Case]) -> list[Sequence[str]]:
-    """What cases take that the paper leaves open: each once, with the names of its cases."""
+    """What the paper leaves open: each assumption once, with the names of its cases."""
     pairs = ((taken, case.name) for case in cases for taken in case.assumes.items())
     return [(*taken, few(names)) for taken, names in grouped(pairs).items()]
 
@@ -99,5 +115,5 @@ def table_of(topic: str, rows: Iterable[Sequence[str]]) -> str:
 
 
 def escaped(text: str) -> str:
-    """Text on one line, with no character that Markdown obeys."""
+    """Text on one line, with the characters of Markdown's syntax escaped."""
     return re.sub(r"([\\*_<\[])", r"\\\1", " ".join(text.split()))

@@ -1,6 +1,6 @@
 """The general kinds of check, for statements of any text on motions and on sweeps.
 
-Each takes its own keys and the motions of the claim's cases, in order, and yields a Finding.
+Each takes its own keys and the motions of the claim's cases, in order, and returns a Finding.
 """
 
 import contextlib
@@ -51,8 +51,8 @@ Keys = Mapping[str, Any]
 
 
 def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """The axes enclosed at start and end, and the turns that G makes about each of these; decided
-    by the number of cases that comply."""
+    """The axes enclosed at start and end, and the turns that G makes about each of them; decided by
+    the number of cases that comply."""
     wanted = {moment: check[moment] for moment in ("start", "end") if check[moment]}
     complying, words = 0, []
     for m in motions:
@@ -96,7 +96,7 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
     )
     fails = goes_astray or any(len(passages) > most for passages in of_motions)
     lacks_some = any(len(passages) < least for passages in of_motions)
-    # A crossing that is not known may be the one that lacks, or one too many.
+    # An unknown crossing may be the missing one, or one too many.
     if not fails and (lacks_some or check["most"] is not None or check["from"] or check["to"]):
         for m in motions:
             known_crossings(m)
@@ -114,13 +114,13 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 
 def least_crossings(check: Keys) -> int:
-    """The fewest crossings that a check of crossings allows: the direction of crossings, unless it
-    is that of so many at most, is none without a crossing."""
+    """The fewest crossings that a check allows: at least one, unless `most` alone is given, because
+    a direction needs a crossing."""
     return check["least"] or int(check["most"] is None)
 
 
 def contrary_crossings(check: Keys) -> str:
-    """The crossings that a check of crossings does not allow, in words."""
+    """In words, the crossings that a check does not allow."""
     least, most = least_crossings(check), check["most"]
     fewer = "no crossing" if least == 1 else f"fewer crossings than {least}"
     more = f"more crossings than {most}" if most else "a crossing"
@@ -130,9 +130,9 @@ def contrary_crossings(check: Keys) -> str:
 
 
 def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """Values at start or end against those of the text; decided by the largest difference."""
+    """Values at start or end compared with those of the text; decided by the largest difference."""
     deviations, differences, words = [0.0], [0.0], []
-    # Half a unit of the last digit is itself a rounded number, hence the one more rounding.
+    # Half a unit of the last digit is rounded itself, hence one more rounding is allowed.
     allowed = check["within"] * (1 + ROUNDING)
     for name, printed in check["values"].items():
         values = [number(m, name, check["at"]) for m in motions]
@@ -155,8 +155,8 @@ def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 
 class Limit(NamedTuple):
-    """A bound of a quantity in one motion: the side on which values violate it, the bound itself,
-    the value nearest to it, or farthest beyond, and the motion."""
+    """A bound of a quantity in one motion: the side on which values violate it, the bound, the
+    value nearest to it or farthest beyond it, and the motion."""
 
     side: str
     value: float
@@ -165,13 +165,14 @@ class Limit(NamedTuple):
 
     @property
     def violation(self) -> float:
-        """How far the nearest value is beyond the bound, below 0 where it is met."""
+        """How far the value is beyond the bound; negative where the bound is met."""
         beyond = self.nearest - self.value
         return beyond if self.side == "above" else -beyond
 
 
 def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """A quantity against a bound; decided by its value nearest to the bound, or farthest beyond."""
+    """A quantity compared with a bound; decided by its value nearest to the bound, or farthest
+    beyond it."""
     name, everywhere = check["of"], check["at"] == "always"
     limits, ends = [], []
     for m in motions:
@@ -202,22 +203,22 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 
 def number_deviation(m: Motion, name: str, violation: float) -> float:
-    """The deviation of a single number of a motion, by its size. Raises Undecidable where it is
-    nearer to its bound than its error."""
+    """The deviation of a single number of a motion, relative to its size. Raises Undecidable where
+    it is nearer to its bound than its error."""
     check_margin(name, violation, m)
-    # A bound that is met is met at any scale: a time that is infinite has none.
+    # A bound that is met needs no scale: an infinite time has none.
     return 0.0 if violation <= 0 else deviation_beyond(violation / range_of(m, name), ROUNDING)
 
 
 def course_deviation(
     m: Motion, name: str, difference: float, allowed: float = 0.0, scale: float | None = None
 ) -> float:
-    """The deviation that a difference in the course of a quantity makes beyond the one allowed,
-    relative to a scale: its own range unless another is given.
+    """The deviation of a difference in the course of a quantity beyond the allowed one, relative to
+    `scale` (default: its range).
 
-    It is none up to 1e-12 of the largest |value| of the quantity, and up to the quantity's error.
-    Raises Undecidable where that error decides, is above plotting accuracy, and is more than any
-    result may have.
+    It is 0 up to 1e-12 of the largest |value| of the quantity, and up to the quantity's error.
+    Raises Undecidable where that error decides and is above plotting accuracy and above the error
+    of any good result.
     """
     scale = range_of(m, name) if scale is None else scale
     violation = difference - allowed
@@ -231,7 +232,7 @@ def course_deviation(
 
 
 def among(motions: Sequence[Motion], m: Motion) -> str:
-    """The case that decides, in words, where a check has several."""
+    """In words, the case that decides a check of several cases; empty for one case."""
     return f", {m.words}" if len(motions) > 1 else ""
 
 
@@ -242,8 +243,7 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
     violations: dict[str, tuple[float, str, str]] = {}
     for name, m in itertools.product(check["of"], motions):
         values = sign * quantity(m, name)
-        # How far each value is above the least before it: a slow climb counts, not only a single
-        # step.
+        # How far each value is above the least one before it, so that a slow climb counts too.
         climb = values - np.minimum.accumulate(values)
         if violation := course_deviation(m, name, float(climb.max())):
             when = m.case.time.text(m.time[climb.argmax()], 4)
@@ -263,15 +263,14 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 
 def order(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """How values follow each other from case to case; decided by the smallest step or, for equal
-    ones, by how far they are apart.
-    """
+    """The order of values from case to case; decided by the smallest step or, for equal values, by
+    the largest distance."""
     name = check["of"]
     groups = in_groups(motions, check["by"] or len(motions))
     values = np.array([[number(m, name, check["at"]) for m in group] for group in groups])
     for group, of_group in zip(groups, values.tolist(), strict=True):
         for i, j in itertools.permutations(range(len(group)), 2):
-            # A time that is still to come is later than none after the end of its motion.
+            # An event that has not happened by the end of its motion is later than that end.
             check_reached(group[i], name, of_group[j])
     sizes = np.maximum(np.abs(values).max(axis=1, keepdims=True), math.ulp(0))
     steps = np.diff(values)
@@ -291,7 +290,7 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
             contradicted_by="two values that differ",
         )
     sign, contrary = (-1, "rises") if check["sense"] == "falls" else (1, "falls")
-    # The smallest step is the number that would decide otherwise first.
+    # The smallest step is the first to decide otherwise.
     return Finding(
         deviation_unless(bool((sign * steps > 0).all())),
         number=float(np.abs(steps).min()),
@@ -316,7 +315,7 @@ def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 
 def formula(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """A quantity against a law; decided by the largest difference over its largest value."""
+    """A quantity compared with a law; decided by the largest difference over its largest value."""
     name, law = check["of"], check["formula"]
     differences = [
         (m, name, float(np.abs(quantity(m, name) - law_values(m, law)).max())) for m in motions
@@ -334,9 +333,8 @@ def formula(check: Keys, motions: Sequence[Motion]) -> Finding:
 def relative_differences(
     differences: Sequence[tuple[Motion, str, float]], within: float, motions: Sequence[Motion]
 ) -> tuple[float, float, str]:
-    """The largest of the differences relative to the largest |value| of their quantity, or the
-    first that is not a number; the deviation that they make; and the case that decides, in
-    words."""
+    """The largest difference relative to the largest |value| of its quantity, or the first that is
+    nan; its deviation; and in words the case that decides."""
     sizes = [largest_magnitude(m, name) for m, name, _ in differences]
     ratios = [x / size for (*_, x), size in zip(differences, sizes, strict=True)]
     deviations = [
@@ -361,17 +359,17 @@ MOTION_CHECKS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
 
 
 OF_EACH_MOTION = frozenset(MOTION_CHECKS) - {"value", "order"}
-"""The kinds whose statement is about each motion by itself: the values of a text belong to its
-cases by position, and an order is one of several."""
+"""The kinds that judge each motion by itself. Others compare cases: printed values belong to cases
+by position, and an order is of several cases."""
 
 
 def motion_finding(check: Keys, motions: Sequence[Motion]) -> Finding:
     """The finding of a check of motions.
 
-    A statement about the course of quantities that holds at samples has to hold between them too:
-    there a quantity has its peaks, and a torque that changes with time may do anything. Raises
-    Undecidable where samples are too few to show the course; what contradicts it at samples
-    contradicts it, and so does one motion, whatever is open about the others.
+    A statement about the course of quantities that holds at samples has to hold between them too,
+    where a quantity has its peaks and a torque may change. Raises Undecidable where samples are too
+    few to show the course. A contradiction at samples, or in one motion, decides whatever else is
+    unknown.
     """
     find = MOTION_CHECKS[check["kind"]]
     try:
@@ -388,9 +386,8 @@ def motion_finding(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 
 def averages(check: Keys, swept: "SweepView") -> Finding:
-    """Averages over the members of a sweep, all or those at positions, or how much they vary along
-    axes, against bounds, or how they follow each other; decided by the last average.
-    """
+    """Averages over the members of a sweep (all, or at positions), or their range along axes,
+    compared with bounds or in order; decided by the last average."""
     name = check["variable"]
     at: Sequence[Mapping[str, int]] = check["at"] or ([] if check["along"] else [{}])
     means = [float(swept.values(name, (), position)) for position in at]

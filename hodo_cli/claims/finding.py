@@ -1,4 +1,4 @@
-"""The finding of a check, the verdict that follows from it, and what checks have in common."""
+"""The finding of a check, its verdict, and functions that several checks use."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,19 +11,19 @@ from ..cases.claim_block import CONTRADICTED, PLOTTING, REPRODUCED
 from ..results.motion import Motion
 
 PLOTTING_ACCURACY = 0.01
-"""A violation, relative to a quantity's range, that a figure does not show: half a line's width."""
+"""A violation, relative to a quantity's range, that no figure shows: half the width of a line."""
 
 ROUNDING = 1e-12
-"""A violation that the arithmetic makes: the error that a result may have."""
+"""A violation by rounding alone: the error that a good result may have."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of a check: the deviation, the number that decides, the evidence in words, and
-    the contrary evidence, which would have contradicted the statement.
+    """The result of a check: the deviation, the number that decides, the evidence in words, and the
+    contrary evidence, which would have contradicted the statement.
 
     The deviation is 0 where the statement holds, else its violation relative to the range of the
-    quantity, infinite for yes/no statements.
+    quantity; it is infinite for a yes/no statement that fails.
     """
 
     deviation: float
@@ -39,7 +39,7 @@ class Finding:
 
     @property
     def degree(self) -> str:
-        """The verdict that it makes by itself."""
+        """The verdict of the finding by itself."""
         if self.deviation == 0:
             return REPRODUCED
         return PLOTTING if self.holds else CONTRADICTED
@@ -56,27 +56,27 @@ class Verdict:
 
 
 def deviation_beyond(violation: float, allowed: float) -> float:
-    """The deviation that a violation makes; infinite for one that is not a number."""
+    """The deviation of a violation; infinite if the violation is nan."""
     if violation <= allowed:
         return 0.0
     return math.inf if math.isnan(violation) else violation
 
 
 def deviation_unless(holds: bool) -> float:
-    """The deviation of a yes/no statement."""
+    """The deviation of a yes/no statement: 0 if it holds, else infinite."""
     return 0.0 if holds else math.inf
 
 
 def listed(values: Iterable[float], digits: int = 4) -> str:
-    """Numbers to so many digits; the rounding of larger ones beside them is 0."""
+    """Numbers as text, to `digits` digits; numbers that are rounding errors of larger ones are
+    0."""
     numbers = [*values]
     least = 1e-15 * max((abs(x) for x in numbers if math.isfinite(x)), default=0.0)
     return ", ".join(f"{0 if abs(x) <= least else x:.{digits}g}" for x in numbers)
 
 
 def digits_to_show(number: float, difference: float) -> int:
-    """How many digits of a number show a difference, give or take half of the last one; 4 at
-    least."""
+    """How many digits of a number show a difference to half of its last digit, at least 4."""
     if not (ROUNDING * abs(number) < abs(difference) < abs(number)):
         return 4
     return max(4, 1 + place_of_first_digit(number) - place_of_first_digit(2 * difference))
@@ -88,13 +88,13 @@ def place_of_first_digit(number: float) -> int:
 
 
 def in_percent(ratio: float) -> str:
-    """A part of some whole in words, in percent."""
+    """A fraction in percent, in words."""
     return f"{100 * ratio:.3g} %"
 
 
 class Undecidable(HodoError):
-    """Why a motion decides nothing: a quantity is no number somewhere, or is not known well enough,
-    or there is nothing to compare."""
+    """Why a motion decides nothing: a quantity is nan somewhere, or is not known well enough, or
+    there is nothing to compare."""
 
 
 ValuePair = tuple[np.ndarray, np.ndarray]
@@ -102,8 +102,8 @@ ValuePair = tuple[np.ndarray, np.ndarray]
 
 
 def difference(pairs: Sequence[ValuePair]) -> float:
-    """The largest difference in any pair, relative to the largest value of the motion. Raises
-    Undecidable for a pair without a value."""
+    """The largest difference of any pair, relative to the largest value of the motion. Raises
+    Undecidable for a pair with nan."""
     if any(not a.size for a, _ in pairs):
         raise Undecidable("nothing to compare: a motion is too short, or has other sample times")
     return float(
@@ -112,7 +112,7 @@ def difference(pairs: Sequence[ValuePair]) -> float:
 
 
 def agreement(pairs: Sequence[ValuePair], within: float) -> Finding:
-    """A formula beside motions; decided by the largest relative difference."""
+    """A formula compared with motions; decided by the largest relative difference."""
     worst = difference(pairs)
     return Finding(
         deviation_beyond(worst, within),
@@ -123,5 +123,5 @@ def agreement(pairs: Sequence[ValuePair], within: float) -> Finding:
 
 
 def in_groups(motions: Sequence[Motion], size: int) -> list[Sequence[Motion]]:
-    """Motions so many at a time, where a check compares the cases of a claim in groups."""
+    """The motions in groups of `size`, for a check that compares cases in groups."""
     return [motions[i : i + size] for i in range(0, len(motions), size)]

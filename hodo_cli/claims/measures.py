@@ -1,4 +1,4 @@
-"""The measures that claims take of a motion: quantities over time, and single numbers."""
+"""The quantities over time and the single numbers of a motion that claims compare."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -14,7 +14,6 @@ from ..integration import (
     CERTAIN_ERRORS,
     UNDECIDED,
     Crossing,
-    Occurrence,
     Trajectory,
     body_of,
     choose,
@@ -32,7 +31,7 @@ from .finding import ROUNDING, Undecidable
 
 
 def integrated_motion(case: Case) -> Motion:
-    """A case integrated and, where that applies, classified; its error is not measured. Raises as
+    """A case integrated and, where possible, classified; its error is not measured. Raises as
     `sampled_motion` does."""
     numerics = choose(case)[0], case.precision, case.tol
     if case.system.no_axis_reason:
@@ -41,28 +40,28 @@ def integrated_motion(case: Case) -> Motion:
 
 
 def followed(case: Case, steps: int = 0) -> Case:
-    """A case with samples that follow its motion, and its whole state, so that a statement about
-    its course is decided on them; `steps` are those that a method has taken for it."""
+    """A case with its whole state and with samples that follow its motion, for statements about its
+    course; `steps` is the number of steps that a method has taken."""
     span = abs(case.time.end - case.time.start)
     smooth = smooth_samples(case.system, span)
-    # By steps too: a body that a torque spins up turns faster than at its start.
+    # The steps count too: a body that a torque spins up turns faster than at its start.
     wanted = max(case.time.samples, LEAST_TIMES, smooth, min(SAMPLES_A_STEP * steps, MOST_SAMPLES))
-    # In round numbers, so that members go side by side.
+    # A round number, so that members can be integrated side by side.
     samples = wanted if wanted < 1000 else 1000 * math.ceil((wanted - 1) / 1000) + 1
     return replace(case, time=case.time.resampled(samples), store=())
 
 
 LEAST_TIMES = 201
-"""The fewest samples of a course."""
+"""The fewest samples that a course needs."""
 
 SAMPLES_A_STEP, FEWEST_A_STEP = 8, 3
-"""Samples to each step of a method, which is about a fifth of a turn: those that are taken, and the
-number below which more are taken."""
+"""The samples to each step of a method, which is about a fifth of a turn: how many are taken, and
+below how many more are taken."""
 
 
 def check_followed(m: Motion) -> None:
-    """Raises Undecidable for a motion of which not even each second sample is a step of its method:
-    its course between samples is not known."""
+    """Raise Undecidable where a motion has fewer than two samples to a step of its method, so that
+    its course between samples is unknown."""
     if len(m.time) < 2 * (steps := m.attrs.get("steps", 0)):
         raise Undecidable(
             f"{m.words} takes {steps} steps, and {len(m.time)} samples show no course"
@@ -72,14 +71,14 @@ def check_followed(m: Motion) -> None:
 def sampled_motion(
     trajectory: Trajectory, passed: Sequence[Crossing] | None, warnings: Sequence[str] = ()
 ) -> Motion:
-    """A trajectory with labels where its crossings are known, and the warnings about these. Raises
-    Undecidable if it stops before its end."""
+    """A trajectory as a motion, with labels where its crossings are known, and with their warnings.
+    Raises Undecidable if it stops before its end."""
     case, events = trajectory.case, trajectory.events
     if not trajectory.succeeded:
         words = f"{case_words(case.name)}, integrated for the statement"
         raise Undecidable(f"{words}: {trajectory.status} {trajectory.message}")
     if passed is not None:  # a crossing is an event too, of which the labels tell more
-        events = tuple(Occurrence(e.kind, e.time) for e in events if e.kind != "separatrix")
+        events = tuple(e for e in events if e.kind != "separatrix")
     variables = case_variables(
         case.system.equations.variables, trajectory.time, trajectory.variables, events, {}
     )
@@ -95,13 +94,13 @@ def sampled_motion(
 
 
 NUMBERS_KNOWN: WeakKeyDictionary[Motion, dict[str, float]] = WeakKeyDictionary()
-"""The single numbers that claims have computed of motions, by their names."""
+"""The single numbers that claims have computed, by motion and name."""
 
 
 def quantity(m: Motion, name: str) -> np.ndarray:
-    """A quantity over time (n,); of one that is a single number that number (1,).
+    """A quantity over time (n,); a single number as (1,).
 
-    Raises HodoError if the motion does not have it, Undecidable if it is no number somewhere.
+    Raises HodoError if the motion does not have it, Undecidable if it is nan somewhere.
     """
     if name not in NUMBERS:
         return known_values(m, name, m[name])
@@ -115,10 +114,10 @@ def quantity(m: Motion, name: str) -> np.ndarray:
 
 
 def known_values(m: Motion, name: str, values: np.ndarray) -> np.ndarray:
-    """Values over time (n,) of a motion. Raises Undecidable where one of them is no number."""
+    """Values over time (n,) of a motion. Raises Undecidable if one of them is nan."""
     if (missing := np.isnan(values)).any():
         when = m.case.time.text(m.time[int(missing.argmax())])
-        raise Undecidable(f"{name} of {m.words} is no number at {when}")
+        raise Undecidable(f"{name} of {m.words} has no value at {when}")
     return values
 
 
@@ -129,8 +128,8 @@ def law_values(m: Motion, law: str) -> np.ndarray:
 
 
 def number(m: Motion, name: str, at: str = "end") -> float:
-    """A quantity that is one number; of one over time its value at the start or at the end. Raises
-    as `quantity` does."""
+    """A quantity that is one number, or the value at the start or the end of a quantity over time.
+    Raises as `quantity` does."""
     return float(quantity(m, name)[0 if at == "start" else -1])
 
 
@@ -141,19 +140,28 @@ def undecided_crossings(m: Motion) -> str:
     return next(iter(remarks), "")
 
 
+def check_divided(m: Motion) -> None:
+    """Raises Undecidable for a motion that no separatrix divides by the sign of D, such as one with
+    a rotor: it has no crossings, and goes round no axis, that would be known."""
+    if reason := m.case.system.no_separatrix_reason:
+        raise Undecidable(f"{m.words}: {reason}")
+
+
 def known_crossings(m: Motion) -> tuple[Crossing, ...]:
     """The crossings of a motion. Raises Undecidable where it is open whether these are all."""
+    check_divided(m)
     decides_unless(undecided_crossings(m))
     return m.crossings
 
 
 def enclosed_at(m: Motion, moment: str) -> str:
-    """The axis enclosed at "start" or "end". Raises Undecidable where there is none, or where it is
-    open: a motion may stand nearer to the separatrix than its error, or stop there."""
+    """The axis enclosed at "start" or "end". Raises Undecidable if there is none, or if it is open:
+    a motion may be nearer to the separatrix than its error, or stop there."""
     label = m.labels_at_ends[moment == "end"]
     if label == rigid_body.SEPARATRIX:
         decides_unless(undecided_crossings(m))
     if label == rigid_body.UNDETERMINED:
+        check_divided(m)
         decides_unless(
             f"{m.words} is at rest or rotates steadily at the {moment}: G goes round no axis"
         )
@@ -161,36 +169,36 @@ def enclosed_at(m: Motion, moment: str) -> str:
 
 
 def decides_unless(remark: str) -> None:
-    """Raises Undecidable with a remark, unless it is empty."""
+    """Raise Undecidable with a remark, unless it is empty."""
     if remark:
         raise Undecidable(remark)
 
 
 def check_margin(name: str, margin: float, *motions: Motion) -> None:
-    """Raises Undecidable where a number is nearer to what decides than its error, or the numbers of
-    several motions to each other than their errors, and this is more than any result may have."""
+    """Raise Undecidable where a number is nearer to what decides than its error, or several numbers
+    are nearer to each other than their errors, and this error is more than any good result has."""
     error = sum(error_of(m, name) for m in motions)
     if abs(margin) < error and error > ROUNDING * max(range_of(m, name) for m in motions):
         raise known_too_roughly(name, error, margin, *motions)
 
 
 def known_too_roughly(name: str, error: float, margin: float, *motions: Motion) -> Undecidable:
-    """Why a quantity does not decide, whose error is larger than the difference that counts."""
+    """Why a quantity with an error above the deciding difference does not decide."""
     owners = " and ".join(dict.fromkeys(m.words for m in motions))
     decides = f"a difference of {abs(margin):.2g} decides"
     return Undecidable(f"{name} of {owners} is known to {error:.2g} only, and {decides}")
 
 
 def check_reached(m: Motion, name: str, limit: float) -> None:
-    """Raises Undecidable where a motion ends before the time with which that of something is
-    compared that has not happened until then."""
+    """Raise Undecidable where a motion ends before a time with which the time of an event is
+    compared, and the event has not happened."""
     if limit > m.time[-1] and math.isinf(number(m, name)):
         end = m.case.time.text(m.time[-1])
         raise Undecidable(f"{m.words} ends at {end}, where {name} is still to come")
 
 
 def error_of(m: Motion, name: str) -> float:
-    """The measured error of a quantity, as far as it is known; else 0."""
+    """The measured error of a quantity; 0 for a single number without one."""
     if name in OVER_TIME:
         error = float(np.nan_to_num(m.attrs.get("error", math.nan), nan=ROUNDING))
         return max(error * vector_size(m, name), moved_by(m, name, error))
@@ -205,8 +213,8 @@ def error_of(m: Motion, name: str) -> float:
 
 
 def vector_size(m: Motion, name: str) -> float:
-    """The largest size of a quantity; of a component, the largest length of its vector, relative to
-    which its error is stated."""
+    """The largest size of a quantity or, for a component, the largest length of its vector, to
+    which its error is relative."""
     is_rate = name in ("p", "q", "r") and "omega" in m.data
     base, _, part = ("omega", "", name) if is_rate else name.partition(".")
     values = np.transpose(m.vector(base)) if part else [m[name]]
@@ -214,8 +222,8 @@ def vector_size(m: Motion, name: str) -> float:
 
 
 def moved_by(m: Motion, name: str, error: float) -> float:
-    """How far a quantity moves with an error of omega, relative to |omega|: D near the separatrix,
-    and a component of a few parts in a million, by more than that part of its own size."""
+    """How far a quantity moves with a relative error of omega. D near the separatrix, and a
+    component of a few parts in a million, move by more than that part of their own size."""
     if "omega" not in m.data:
         return 0.0
     omega, moved = m.data["omega"], np.zeros(len(m.time))
@@ -227,15 +235,15 @@ def moved_by(m: Motion, name: str, error: float) -> float:
 
 
 def range_of(m: Motion, name: str) -> float:
-    """The range of a quantity; of a single number its size."""
+    """The range of a quantity, or the size of a single number."""
     values = quantity(m, name)
     size = abs(float(values[0])) if len(values) == 1 else float(np.ptp(values))
-    # The smallest double, so that a quantity that is 0 throughout can be divided by.
+    # The smallest double, so that one can divide by the range of a quantity that is 0 throughout.
     return max(size, math.ulp(0))
 
 
 def largest_magnitude(m: Motion, name: str) -> float:
-    """The largest |value| of a quantity, no less than the smallest double."""
+    """The largest |value| of a quantity, at least the smallest double."""
     return max(float(np.abs(quantity(m, name)).max()), math.ulp(0))
 
 
@@ -246,11 +254,11 @@ def extremes(m: Motion, name: str) -> tuple[float, float]:
 
 
 def peak(time: np.ndarray, values: np.ndarray) -> float:
-    """The largest of values (n,) at times (n,), between samples too: that of a polynomial through
-    the samples about the highest one, where these lie on a smooth curve."""
+    """The largest of values (n,) at times (n,), also between samples: the peak of a polynomial
+    through the samples about the highest one, if they lie on a smooth curve."""
     i = int(values.argmax())
     bends = np.diff(values[max(0, i - 2) : i + 3], 2)
-    # A kink, or an end, is no peak between samples.
+    # A kink or an end is no peak between samples.
     if len(bends) < 3 or not 2 * bends.max() < bends.min() < 0:
         return float(values[i])
     curve = smooth_curve(time, values, i, float(time[i]))
@@ -259,20 +267,21 @@ def peak(time: np.ndarray, values: np.ndarray) -> float:
 
 
 PEAK_PLACES = 1001
-"""The places between samples at which a peak is looked for."""
+"""The places between samples where a peak is looked for."""
 
 VISIBLE_MOMENTUM = 0.1
-"""The |G|, of about 1 at the start, above which a turn can be seen in a figure of the motion."""
+"""The |G| above which a figure shows a turn; |G| is about 1 at the start."""
 
 
 def is_about(m: Motion, axis: int, least: float) -> np.ndarray:
-    """Whether samples (n,) enclose axis `axis` (0, 1, 2) with |G| of `least` or more."""
+    """Whether samples (n,) enclose axis `axis` (0, 1, 2) with |G| of at least `least`."""
     return np.asarray((m.labels == axis + 1) & (m["G"] >= least))
 
 
 def turns_about(m: Motion, axis: int, least: float = 0.0) -> list[float]:
     """The turns that G makes about an axis in each stretch of the motion that `is_about` it, in
     order. A stretch reaches from edge to edge, which lie between samples."""
+    check_divided(m)
     inside = np.r_[False, is_about(m, axis, least), False]
     angle, edges = angle_about(m, axis), np.flatnonzero(np.diff(inside)).tolist()
     times = [edge_time(m, edge, least) for edge in edges]
@@ -286,8 +295,8 @@ def turns_about(m: Motion, axis: int, least: float = 0.0) -> list[float]:
 
 
 def edge_time(m: Motion, i: int, least: float) -> float:
-    """The time at which a stretch begins or ends between the samples i - 1 and i: where a crossing
-    is or |G| passes `least`; else that of the sample nearest to it within."""
+    """The time at which a stretch begins or ends between the samples i - 1 and i: at a crossing, or
+    where |G| passes `least`, else at the sample inside it."""
     if i in (0, len(m.time)):
         return float(m.time[min(i, len(m.time) - 1)])
     ends = slice(i - 1, i + 1)
@@ -301,38 +310,39 @@ def edge_time(m: Motion, i: int, least: float) -> float:
 def turns_at(m: Motion, moment: str) -> float:
     """The turns that G makes in the stretch of "start" or "end" about the axis that it encloses
     there; 0 where it goes round no single axis."""
+    check_divided(m)
     i = 0 if moment == "start" else -1
     axis = m.labels_at_ends[i] - 1
     turns = turns_about(m, axis) if axis in range(3) else []
-    # None where a body comes to this axis, and stops, between two samples.
+    # There is none where a body comes to this axis and stops between two samples.
     return turns[i] if turns else 0.0
 
 
 def swept_angle(m: Motion, about: int) -> float:
-    """The turns that G makes about axis `about` (0, 1, 2) over the motion, with their sign."""
+    """The turns, with sign, that G makes about axis `about` (0, 1, 2) over the motion."""
     angle = angle_about(m, about)
     return float((angle[-1] - angle[0]) / (2 * math.pi)) if len(angle) else 0.0
 
 
 def angle_about(m: Motion, about: int) -> np.ndarray:
-    """The angle (n,) of G about axis `about` (0, 1, 2), right while G turns by less than half a
-    turn from sample to sample."""
+    """The angle (n,) of G about axis `about` (0, 1, 2), right if G turns by less than half a turn
+    from sample to sample."""
     first_axis, second_axis = (m.principal_G[:, i] for i in range(3) if i != about)
     return np.asarray(np.unwrap(np.arctan2(second_axis, first_axis)))
 
 
 def in_region(m: Motion, side: int) -> np.ndarray:
-    """The coordinate (n,) of region `side` in the plane of the quadrants: w_l^2 in A (0), where the
-    axis of largest inertia is enclosed, K w_s^2 in B (2); 0 elsewhere.
+    """The coordinate (n,) of region `side` in the plane of the quadrants, 0 outside of it: w_l^2 in
+    A (0), where the axis of largest inertia is enclosed, K w_s^2 in B (2).
 
-    Raises HodoError where a body has no quadrants.
+    Raises HodoError for a body without quadrants.
     """
     return np.where(m.labels == m.order[side] + 1, m.quadrants[:, side // 2], 0)
 
 
 def part_of_region_filled(m: Motion, side: int) -> float:
-    """The largest of `in_region` by the largest coordinate of the motion, by which a figure is
-    scaled. Raises HodoError as that does."""
+    """The largest of `in_region`, divided by the largest coordinate of the motion, by which a
+    figure is scaled. Raises HodoError as `in_region` does."""
     inside = in_region(m, side)
     coordinate, reached = m.quadrants[:, side // 2], [0.0]
     if inside.any():
@@ -348,7 +358,7 @@ def part_of_region_filled(m: Motion, side: int) -> float:
 def smooth_curve(
     time: np.ndarray, values: np.ndarray, i: int, origin: float
 ) -> np.polynomial.Polynomial:
-    """The polynomial through the samples on either side of sample i, of the time since `origin`."""
+    """The polynomial in the time since `origin` through the samples on either side of sample i."""
     near = slice(max(0, i - REACH), i + REACH)
     x = time[near] - origin
     return np.polynomial.Polynomial.fit(x, values[near], len(x) - 1)
@@ -388,7 +398,7 @@ def zero_times(time: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def zero_between(time: np.ndarray, values: np.ndarray, i: int) -> float:
     """The time at which values (n,) pass 0 between the samples i and i + 1: by Newton's method on a
-    polynomial through the samples about them or, where that leaves the two, on a line."""
+    polynomial through the samples around them or, where that leaves the interval, on a line."""
     a, b = time[i : i + 2].tolist()
     by_line = a - values[i] * (b - a) / (values[i + 1] - values[i])
     curve = smooth_curve(time, values, i + 1, by_line)
@@ -399,7 +409,7 @@ def zero_between(time: np.ndarray, values: np.ndarray, i: int) -> float:
 
 
 def first_zero(m: Motion, values: np.ndarray) -> float:
-    """The first time at which values (n,) of a motion reach or pass 0; infinite without one."""
+    """The first time at which values (n,) of a motion reach or pass 0; infinite if they do not."""
     return first_time(zero_times(m.time, values))
 
 
@@ -409,8 +419,8 @@ def first_time(times: Sequence[float] | np.ndarray) -> float:
 
 
 def end_of_spin(m: Motion) -> float:
-    """The time at which r reaches 0: by the event or, where the form has none, by the zeros of r
-    and by the brake that stops the body. Raises as `first_zero` does."""
+    """The time at which r reaches 0: that of the event or, where the form has none, of a zero of r
+    or of the brake's stop. Raises as `first_zero` does."""
     by_event = [time for kind, time in m.events if kind == "end_of_spin"]
     if by_event or not {"omega", "r"} & m.data.keys():
         return first_time(by_event)
@@ -433,4 +443,4 @@ NUMBERS: dict[str, Callable[[Motion], float]] = {
     # u3 touches 1 where |Gz| = C |r|.
     "rebound_u3": lambda m: first_zero(m, np.abs(m["Gz"]) - m.inertia[2] * np.abs(m["r"])),
 }
-"""What computes each of `claim_block.SINGLE_NUMBERS`."""
+"""The function of each of `claim_block.SINGLE_NUMBERS`."""

@@ -1,10 +1,10 @@
-"""Verdicts: over the motions of a result, over a grid of what a text leaves open, over a sample,
-over a stored sweep.
+"""Verdicts: over the motions of a result, a grid of what a text leaves open, a sample, or a stored
+sweep.
 
-Where a text leaves a value out, the check is made over a grid of it, and a statement that holds on
-a part of the grid is under-determined. A statement about all motions of a kind is checked on a
-sample of them, of which a share must comply. The motions of such members, and of cases with other
-values, no result stores: they are integrated here.
+Where a text leaves a value open, the check is made over a grid of values, and a statement that
+holds on a part of the grid is under-determined. A statement about all motions of a kind is checked
+on a sample of them, a share of which must comply. No result stores the motions of such members, or
+of cases with other values: they are integrated here.
 """
 
 import itertools
@@ -62,11 +62,10 @@ from .measures import (
 def members(
     cases: tuple[Case, ...], over: FrozenDict, start: str | None
 ) -> Mapping[str, Sequence[Case]]:
-    """The members of a sweep of several cases, which vary alike, by their names; kept for the next
-    claim about them.
+    """The members of a sweep that several cases share, by name; kept for the next claim about them.
 
     With `start`, only the members in which every case starts about this axis. Raises HodoError for
-    a member whose data no body can have.
+    a member whose data make no body.
     """
     axes = axes_of(over)
     shape = tuple(map(len, axes))
@@ -76,7 +75,7 @@ def members(
     for case in cases:
         data = {**case.data, **first_values(over, type(case.system), case.data)}
         varied = members_as_cases(replace(case, sweep=over, data=data), numbers, None)
-        # Messages name a member by its values: its number in the grid says nothing.
+        # Messages name a member by its values, because its number in the grid says nothing.
         of_case = [
             replace(member, name=f"{case.name} with {name}")
             for name, member in zip(names, varied, strict=True)
@@ -127,19 +126,19 @@ def changed_case(case: Case, changes: Mapping[str, Any]) -> Case:
 
 
 MOST_VARIED_SAMPLES = 5_000_000
-"""Samples that are integrated side by side, and kept for the next claim: some 500 MB."""
+"""How many samples are integrated side by side, and kept for the next claim: some 500 MB."""
 
 
 @dataclass
 class Motions:
-    """The motions of varied cases, each integrated once for the claims that share it, as far as
+    """The motions of varied cases, each integrated once for all claims that share it, as far as
     memory allows."""
 
     _known: dict[Case, Motion] = field(default_factory=dict)
 
     def of(self, members: Sequence[Sequence[Case]], along: bool = False) -> Iterator[list[Motion]]:
-        """The motions of each member's cases, `along` with samples that follow them. Raises
-        Undecidable if one stops before its end."""
+        """The motions of each member's cases; with `along`, with samples that follow them. Raises
+        Undecidable if a motion stops before its end."""
         if along:
             members = [[*map(followed, cases)] for cases in members]
         size = max(1, MOST_VARIED_SAMPLES // sum(case.time.samples for case in members[0]))
@@ -153,19 +152,19 @@ class Motions:
             yield from ([self._known[case] for case in cases] for cases in block)
 
     def _finer(self, members: Sequence[Sequence[Case]]) -> list[list[Case]]:
-        """The cases of members with more samples, and their motions too, where these have few to a
-        step of their method."""
+        """The cases of members with more samples, and their motions too, where these have few
+        samples to a step of their method."""
         known = {case: self._known[case] for case in itertools.chain(*members)}
         steps = {case: m.attrs["steps"] for case, m in known.items()}
         few = {case for case, m in known.items() if len(m.time) < FEWEST_A_STEP * steps[case]}
-        # As many for all, so that they go side by side.
+        # The same number for all, so that they are integrated side by side.
         most = max((steps[case] for case in few), default=0)
         finer = {case: followed(case, most) for case in few}
         self._integrate(finer.values())
         return [[finer.get(case, case) for case in cases] for cases in members]
 
     def _integrate(self, cases: Iterable[Case]) -> None:
-        """Integrate the cases that are not known, side by side where that is possible."""
+        """Integrate the cases that are not yet known, side by side where that is possible."""
         new = [case for case in dict.fromkeys(cases) if case not in self._known]
         for case, found in zip(new, side_by_side(new), strict=True):
             self._known[case] = sampled_motion(*found) if found else integrated_motion(case)
@@ -173,8 +172,8 @@ class Motions:
 
 @dataclass(frozen=True)
 class Judge:
-    """Decides claims and errata by the cases of one result; `paper_check` gives the finding of a
-    check that is written for one text, by its name, from motions."""
+    """The judge of claims and errata by the cases of one result. `paper_check` returns the finding
+    of a check that is written for one text, by its name, from motions."""
 
     run: ResultFile
     paper_check: Callable[[str, Sequence[Any]], Finding]
@@ -183,7 +182,7 @@ class Judge:
     def claim(self, claim: Mapping[str, Any]) -> Verdict:
         """The verdict on one claim.
 
-        Raises HodoError if a case is not classified, or does not have what the check needs.
+        Raises HodoError if a case is not classified, or lacks what the check needs.
         """
         if not claim["readings"]:
             return self._reading(claim)
@@ -200,7 +199,8 @@ class Judge:
         return Verdict(over_readings(verdicts), finding, verdicts)
 
     def erratum(self, erratum: Mapping[str, Any]) -> Verdict:
-        """Whether the printed form is wrong and the corrected one right. Raises as `claim`."""
+        """The verdict on a misprint: whether the printed form is wrong and the corrected one right.
+        Raises as `claim`."""
         if not cases_of(erratum):
             return undecided(BY_READING)
         verdict = self.claim(erratum)
@@ -234,7 +234,7 @@ class Judge:
         return replace(verdict, word=THEOREM if verdict.word in COMPLYING else CONTRADICTED)
 
     def _case(self, entry: Any) -> Case:
-        """The case of an entry of `cases:`, as it is stored or with other values."""
+        """The case of an entry of `cases:`, as stored or with other values."""
         name = case_name(entry)
         case = case_of(self.run.row(name, {"case": str}), f"{self.run.path}: {name}")
         if isinstance(entry, str):
@@ -242,8 +242,8 @@ class Judge:
         return changed_case(case, {key: value for key, value in entry.items() if key != "case"})
 
     def _motions(self, check: Mapping[str, Any], entries: Sequence[Any]) -> list[Motion]:
-        """The motions of entries of `cases:`, in order: as they are stored, or integrated where
-        they have other values or the check is decided along them."""
+        """The motions of entries of `cases:`, in order: as stored, or integrated where they have
+        other values or where the check is decided along the motion."""
         along = is_of_course(check)
         new = [self._case(entry) for entry in entries if along or not isinstance(entry, str)]
         varied = iter(next(self.varied.of([new], along)) if new else ())
@@ -267,7 +267,7 @@ class Judge:
         if not varied:
             raise HodoError(f"no member starts about {claim['start']}")
         by_member = self.varied.of([*varied.values()], is_of_course(check))
-        # A trend is about all members at once, so no single member can decide it.
+        # A trend is about all members at once: no single member decides it.
         if check["kind"] == "paper" and checks_of_papers()[check["name"]].is_trend:
             return by_finding(self._decide(check, [*by_member]))
         findings: dict[str, Finding] = {}
@@ -281,7 +281,7 @@ class Judge:
 
     def _decide(self, check: Mapping[str, Any], motions: Sequence[Any]) -> Finding:
         """The finding of one check on one set of motions, or of a trend on the motions of each
-        member. Raises HodoError for motions that it is not for."""
+        member. Raises HodoError if the check is not for their models."""
         if is_of_course(check):
             for m in motions:
                 check_followed(m)
@@ -297,8 +297,8 @@ class Judge:
 
 
 def by_reading(words: Mapping[str, str], of_all: str) -> str:
-    """Words under each reading by its name, once where several have the same, and after `of_all`
-    where all have."""
+    """Words under each reading by its name; equal words occur once, and after `of_all` if all
+    readings have the same."""
     names = grouped((text, name) for name, text in words.items())
     if len(names) == 1:
         return f"{of_all}{next(iter(names))}"
@@ -327,12 +327,12 @@ def by_finding(finding: Finding) -> Verdict:
 
 
 def undecided(word: str, evidence: str = "") -> Verdict:
-    """A verdict that no finding decides, and why."""
+    """A verdict without a deciding finding, with its reason."""
     return Verdict(word, Finding(math.nan, number=math.nan, evidence=evidence))
 
 
 def unusable(cases: Sequence[Any], run: ResultFile) -> str:
-    """The case that has no result, and why; an empty string if every case has a result."""
+    """In words, a case without a result and why; an empty string if every case has a result."""
     for name in map(case_name, cases):
         if name not in run:
             return f"{name}: missing"
@@ -343,15 +343,18 @@ def unusable(cases: Sequence[Any], run: ResultFile) -> str:
 
 
 def of_sweep(claim: Mapping[str, Any], run: ResultFile) -> Finding:
-    """The finding of an `average` on the one sweep that the claim names, or on the distance of
-    two."""
-    # Late, because it loads xarray, which no other claim needs.
+    """The finding of an `average` on the single sweep of a claim, or on the distance of two
+    sweeps."""
+    # Imported late, because it loads xarray, which no other claim needs.
     from ..results.dataset import dataset
     from ..sweeps.view import SweepView
 
     swept, *other = (SweepView.of(name, dataset(run.read(name))) for name in claim["cases"])
+    variable, against = claim["check"]["variable"], claim["check"]["against"]
+    for view, name in zip((swept, *other), (variable, against or variable), strict=False):
+        if reason := view.undivided(name):
+            raise Undecidable(f"case {view.name}: {reason}")
     if other:
-        variable, against = claim["check"]["variable"], claim["check"]["against"]
         swept = swept.distance(other[0], variable, against or variable)
     return averages(claim["check"], swept)
 
@@ -369,12 +372,12 @@ READ_ALONG = {
     *("turns", "visible_turns_x1", "visible_turns_x3", "area_largest", "area_smallest"),
     *("end_of_spin", "rebound_u3"),
 }
-"""The single numbers that are read off the course of a motion."""
+"""The single numbers that follow from the course of a motion."""
 
 
 def is_of_course(check: Mapping[str, Any]) -> bool:
-    """Whether a check is decided along the motion, and not by its last sample and its events; its
-    first sample may come after the start."""
+    """Whether a check is decided along the motion, and not by its last sample and its events; the
+    first stored sample may be later than the start."""
     named = {check.get("of")} if isinstance(check.get("of"), str) else {*check.get("values", ())}
     along = check["kind"] in ("monotone", "conserved", "formula") or check.get("at", "end") != "end"
     return bool(along or check.get("turns") or named & READ_ALONG)
@@ -387,8 +390,8 @@ def with_errors(m: Motion, stored: Motion) -> Motion:
 
 
 def standing(claim: Mapping[str, Any], holds: int, total: int) -> int:
-    """How a statement stands that holds on so many members of `over`: 2 where it holds and 0 where
-    it does not, or 1 where it holds on some of a grid of what the text does not print."""
+    """2 if a statement holds that `holds` of `total` members of `over` meet, 0 if it does not, and
+    1 if it holds on a part of a grid of what the text does not print."""
     if claim["share"] is not None:
         return 2 * bool(holds / total >= claim["share"])
     return (holds == total) + (holds == total if claim["theorem"] else holds > 0)
@@ -397,11 +400,11 @@ def standing(claim: Mapping[str, Any], holds: int, total: int) -> int:
 def over_members(
     claim: Mapping[str, Any], findings: Mapping[str, Finding], remarks: Sequence[str]
 ) -> Verdict:
-    """The verdict over the members of `over`: a grid of the values that the text does not print
-    or, with `share`, a sample of the motions that the statement is about.
+    """The verdict over the members of `over`: a grid of the values that the text does not print or,
+    with `share`, a sample of the motions that the statement is about.
 
-    Raises Undecidable, with the first of the remarks on members about which the statement is open,
-    unless it stands alike whether it holds on these or not.
+    Each undecided member has a remark. Raises Undecidable with the first remark if the verdict
+    depends on what these members would give.
     """
     holds, total = sum(f.holds for f in findings.values()), len(findings) + len(remarks)
     if standing(claim, holds, total) != standing(claim, holds + len(remarks), total):
@@ -426,7 +429,7 @@ def over_members(
 def over_sample(
     claim: Mapping[str, Any], findings: Sequence[Finding], total: int, spread: str
 ) -> Verdict:
-    """The verdict over a sample of so many motions, of which a share has to comply."""
+    """The verdict over a sample of `total` motions, a share of which has to comply."""
     share, holds = claim["share"], sum(finding.holds for finding in findings)
     complying = holds / total
     percent = f"({100 * complying:.3g} %)"

@@ -1,5 +1,5 @@
-"""`hodo bench`: error against run time, every case of a config by every method at every
-tolerance, each judged by the best that can be computed of the case."""
+"""`hodo bench`: error against run time, for every case of a config by every method at every
+tolerance, each compared with the best computation of the case."""
 
 import math
 import warnings
@@ -53,33 +53,34 @@ TRIAL_VERDICTS = (
 )
 
 NOT_TRIED = "-"
-"""In the place of a verdict where a method cannot find the stop of a motion."""
+"""The verdict on a method that cannot find the stop of a motion."""
 
 ERROR_SLACK = 10
-"""An error may be so many times what was asked for; from there on `remarks` warns of it."""
+"""The largest error relative to the tolerance; `remarks` warns of more."""
 
 ULP_EFFECTS = 30
-"""An error may be so many times what one ulp in the data does: hodo promises no more for motions
-that magnify errors."""
+"""The largest error relative to the effect of one ulp in the data, for motions that magnify
+errors."""
 
 QUADRUPLE_STEPS = 1e4
-"""The most Taylor steps that are taken in quadruple precision, some 0.2 ms each."""
+"""The most Taylor steps in quadruple precision, some 0.2 ms each."""
 
 PATIENCE_OF_TRIALS = 10.0
-"""Seconds that auto may take for any case; the papers' cases take milliseconds."""
+"""The seconds that auto may take for any case; the papers' cases take milliseconds."""
 
 SINGLE_RUN_SECONDS = 1.0
-"""Seconds above which a run is timed once: what only the first one pays does not matter then."""
+"""The seconds above which a run is timed once: the extra cost of a first run does not matter
+then."""
 
 REPEAT_SECONDS, MAX_REPEATS = 0.05, 50
-"""Seconds of repeated runs, and their number, after which the least time does not fall further."""
+"""The seconds of repeated runs, and their number, after which the least time no longer falls."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A case by one method at one tolerance. Not a number stands for what does not apply.
+    """A case by one method at one tolerance; nan where a number does not apply.
 
-    `method` is the one that auto took; `run_time` is the least of several, in seconds of the
+    `method` is the one that auto took; `run_time` is the least of several runs, in seconds of the
     processor, without imports; `floor` is the error that one ulp in the data makes.
     """
 
@@ -93,8 +94,8 @@ class Trial:
 
 
 def reference_motion(case: Case) -> tuple[Trajectory, float]:
-    """The motion of a case, better than any method gives it in double precision, at samples of the
-    case; and the change that one ulp in the data makes.
+    """The motion of a case at its samples, more accurate than in double precision, and the change
+    that one ulp in the data makes.
 
     It is integrated in quadruple precision unless that takes too long.
     """
@@ -112,19 +113,18 @@ def reference_motion(case: Case) -> tuple[Trajectory, float]:
 
 
 def worst(errors: Mapping[str, float]) -> float:
-    """The largest of the errors; not a number counts as infinite."""
+    """The largest of the errors; nan counts as infinite."""
     return max(
         (math.inf if math.isnan(error) else error for error in errors.values()), default=math.nan
     )
 
 
 def perturbed(case: Case) -> Iterator[Case]:
-    """The case with every number of its data moved by one ulp: all upwards, and every other one
-    downwards.
+    """The case with every number of its data moved by one ulp, upwards and downwards alternately.
 
-    Numbers that are equal within a list stay so, and 0 stays 0.
+    Equal numbers within a list stay equal, and 0 stays 0.
     """
-    # Moving all one way alone may cancel: a body that is scaled turns as before.
+    # Moves all in one direction may cancel: a scaled body turns as before.
     yield replace(case, data=_moved(case.data, repeat(math.inf)))
     yield replace(case, data=_moved(case.data, cycle((-math.inf, math.inf))))
 
@@ -134,8 +134,8 @@ def _moved(value: Any, towards: Iterator[float]) -> Any:
     if isinstance(value, Mapping):
         return {key: _moved(item, towards) for key, item in value.items()}
     if isinstance(value, tuple):
-        # A scalar that stands for three must stay one, and a symmetric body symmetric: its form
-        # has another state.
+        # A scalar given for three stays one, and a symmetric body symmetric: else the form has
+        # another state.
         moved = {item: _moved(item, towards) for item in dict.fromkeys(value)}
         return tuple(moved[item] for item in value)
     if isinstance(value, float) and value != 0:
@@ -151,8 +151,8 @@ def trial(
     repeats: int,
     max_seconds: float,
 ) -> Trial:
-    """One case by one method at one tolerance, timed and judged by its reference and the effect of
-    one ulp."""
+    """One case by one method at one tolerance, timed, and compared with its reference and with the
+    effect of one ulp."""
     true_motion, floor = reference
     if finds_no_stop(method, case.system):
         return Trial(method, NOT_TRIED, floor=floor)
@@ -176,8 +176,8 @@ def trial(
 
 
 def least_time(case: Case, motion: Trajectory, repeats: int) -> float:
-    """The least run time of a motion of a case and of its repeats, of which there are more than
-    asked for where they are short: whatever else happens only adds to a time."""
+    """The least run time of a motion of a case and of its repeats; short runs are repeated more
+    often. Other processes can only add to a time."""
     times = [motion.run_time]
     while motion.run_time < SINGLE_RUN_SECONDS and (
         len(times) < repeats or (sum(times) < REPEAT_SECONDS and len(times) < MAX_REPEATS)
@@ -192,14 +192,14 @@ def compared(motion: Trajectory) -> Trajectory:
 
 
 def verdict(motion: Trajectory, error: float, floor: float) -> str:
-    """The verdict on a result; SILENT if it is wrong and does not say so."""
+    """The verdict on a result; SILENT if it is wrong and has no warning."""
     if not motion.succeeded:
         return "timeout" if motion.status is Status.TIMEOUT else "failed with a message"
     if error <= ERROR_SLACK * max(motion.tol, ERROR_LIMIT_ASKED):
         return "accurate"
     if error <= ULP_EFFECTS * floor:
         return "limited by the data"
-    # Measured only now: a result that is right needs no warning.
+    # Measured late: a right result needs no warning.
     remarks = motion_remarks(compared(with_measured_error(motion)))
     return "inaccurate, as stated" if any(remarks) else "SILENT"
 
@@ -207,11 +207,13 @@ def verdict(motion: Trajectory, error: float, floor: float) -> str:
 def trials_of(
     case: Case, methods: Sequence[str], tols: Sequence[float], repeats: int, max_seconds: float
 ) -> tuple[list[Trial], float]:
-    """The trials of a case, by tolerances within methods (no tolerance: each method's own), and the
-    seconds they took."""
+    """The trials of a case, by tolerances within methods (no tolerance: each method's own), and
+    their duration in seconds."""
     began = perf_counter()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of SciPy's solvers and overflows: the verdicts count them
+        warnings.simplefilter(
+            "ignore"
+        )  # warnings of SciPy and overflows: the verdicts count their causes
         reference = reference_motion(case)
         patience = dict.fromkeys(methods, max_seconds) | {"auto": PATIENCE_OF_TRIALS}
         trials = [
@@ -235,14 +237,14 @@ MEASURED = {
     "floor": ("error that one ulp in the data makes", "1"),
     "message": ("why it stopped", ""),
 }
-"""What is stored of a trial: its meaning and unit, none of a text."""
+"""How a column of trials is stored: its meaning and unit, none for text."""
 
 
 def table_of_trials(
     cases: Sequence[str], methods: Sequence[str], tols: Sequence[float], trials: Iterable[Trial]
 ) -> Group:
     """Trials as they are stored, over case, method and tolerance, of which the last varies fastest;
-    a tolerance of nan is the method's own."""
+    nan is the method's own tolerance."""
     axes = {
         "case": (np.array(cases, dtype=object), "case"),
         "method": (np.array(methods, dtype=object), "method asked for"),
@@ -262,7 +264,7 @@ def table_of_trials(
 
 
 def benchmark(config: Config, globs: Sequence[str], out: Path, jobs: int, quiet: bool) -> Group:
-    """Try the cases of a config, all or those that match, and store the trials.
+    """Try the cases of a config, or those that match, and store the trials.
 
     Raises HodoError if the config has no `bench:` section, no case matches, or a file cannot be
     written.
@@ -290,13 +292,13 @@ def try_cases(cases: Sequence[Case], settings: Mapping[str, Any], jobs: int, qui
     has failed trials."""
     methods, tols = settings["methods"], settings["tols"] or (math.nan,)
     trials: dict[str, list[Trial]] = {}
-    # In processes even if it is only one: a solver that takes its process down costs its own case.
+    # In a process even for a single one: a solver that crashes its process fails its own case
+    # alone.
     with Pool(jobs, always=True) as pool, Progress(len(cases), quiet) as progress:
         tasks = progress.starting(cases, attrgetter("name"))
         for case, outcome in pool.map(partial(trials_of, **settings), tasks):
             if isinstance(outcome, HodoError):
-                # The process died with the case: all of its trials are lost, not only the one that
-                # ended it.
+                # The process died with the case, so all of its trials are lost.
                 failed = Trial(status="failed with a message", message=str(outcome))
                 trials[case.name] = [failed] * (len(methods) * len(tols))
                 progress.done(case.name, str(outcome))
@@ -313,7 +315,7 @@ def try_cases(cases: Sequence[Case], settings: Mapping[str, Any], jobs: int, qui
 
 
 def verdict_counts(trials: Iterable[Trial]) -> str:
-    """How many trials have which verdict."""
+    """The number of trials of each verdict."""
     counts = Counter(trial.status for trial in trials)
     return ", ".join(f"{counts[word]} {word}" for word in TRIAL_VERDICTS if counts[word])
 
@@ -321,7 +323,7 @@ def verdict_counts(trials: Iterable[Trial]) -> str:
 def messages_of_trials(
     trials: Sequence[Trial], asked: Iterable[tuple[str, float]]
 ) -> Iterator[str]:
-    """Each message of a trial, behind the methods and tolerances that were asked for there."""
+    """Each message of a trial, after its methods and tolerances."""
     tried = grouped(
         (trial.message, method if math.isnan(tol) else f"{method} at {tol:g}")
         for trial, (method, tol) in zip(trials, asked, strict=True)
@@ -331,7 +333,7 @@ def messages_of_trials(
 
 
 def auto_failed(bench: Group) -> bool:
-    """Whether auto was wrong without saying so, or was not done in time."""
+    """Whether auto was wrong without a warning, or took too long."""
     by_auto = bench.variables["method"].data == "auto"
     return not {"SILENT", "timeout"}.isdisjoint(bench.variables["status"].data[:, by_auto].flat)
 
@@ -347,7 +349,7 @@ def speed_table(bench: Mapping[str, np.ndarray]) -> list[list[str]]:
 
 
 def fastest(methods: np.ndarray, times: np.ndarray) -> str:
-    """The method (n,) with the least time (n,), and that time; a dash if none is finite."""
+    """The method (n,) with the least time (n,), and that time; a dash if no time is finite."""
     best = times.argmin()
     return f"{methods[best]} {seconds(times[best])}" if np.isfinite(times[best]) else "-"
 
@@ -358,8 +360,8 @@ VERDICT_HEADER = [
 
 
 def verdict_table(bench: Mapping[str, np.ndarray]) -> list[list[str]]:
-    """A row per case: what auto took, its error, floor and run time, its verdict, and the methods
-    by verdict."""
+    """A row per case: the method that auto took, its error, floor, run time and verdict, and the
+    methods by verdict."""
     rows = [VERDICT_HEADER]
     is_auto = bench["method"] == "auto"
     for i, case in enumerate(bench["case"]):
@@ -379,8 +381,8 @@ def verdict_table(bench: Mapping[str, np.ndarray]) -> list[list[str]]:
 
 
 def table_of_bench(bench: Group, as_markdown: bool) -> str:
-    """The table of a bench, by tolerances where there are several, else by verdicts: for the
-    terminal or for a document."""
+    """The table of a bench: by tolerances if there are several, else by verdicts; for the terminal
+    or in Markdown."""
     data = {name: variable.data for name, variable in bench.variables.items()}
     header, *rows = speed_table(data) if len(data["tol"]) > 1 else verdict_table(data)
     return markdown(header, rows) if as_markdown else table(header, rows)

@@ -43,15 +43,15 @@ TABLES = {
         ("where", "printed", "should_be", "verdict", "evidence", "contradicted_by", "note"),
     ),
 }  # fmt: skip
-"""The group in which the verdicts on claims and on errata are stored, and the texts that are stored
-of each besides its id."""
+"""The groups of the verdicts on claims and on errata, and the texts that they hold besides the
+id."""
 
 
 def judge_results(paths: Iterable[Path]) -> dict[str, Rows]:
-    """Judge and store the claims and the errata of result files, or of the configs that name them;
-    the lines of both TABLES.
+    """Judge the claims and the errata of result files, or of the results of configs, and store the
+    verdicts; the rows of both TABLES.
 
-    A file without any is warned of: an empty table would look like a check that was passed.
+    A file without claims is warned of, because an empty table would look like a passed check.
     Raises HodoError as `Judge.claim` does, or if a file cannot be read or replaced.
     """
     tables: dict[str, Rows] = {name: [] for name in TABLES}
@@ -67,8 +67,8 @@ def judge_results(paths: Iterable[Path]) -> dict[str, Rows]:
 
 
 def rows_of_result(changes: Update, config: Config | None) -> dict[str, Rows]:
-    """The rows of one result: those that it stores, if nothing has changed on which they rest;
-    otherwise they are judged and stored. Raises HodoError as `judged` does."""
+    """The rows of one result: the stored ones if nothing has changed on which they depend, else
+    they are judged and stored. Raises HodoError as `judged` does."""
     run, digest = changes.run, ""
     with suppress(HodoError):  # a case that cannot be read may matter to no claim
         digest = content_digest(map(run.checksum, run.cases()), (config or run).text)
@@ -84,8 +84,8 @@ def rows_of_result(changes: Update, config: Config | None) -> dict[str, Rows]:
             "hodo run with the case file of this version renews its statements",
             stacklevel=3,
         )
-    # Empty groups too: they take the place of verdicts on what is stated no more, and the first one
-    # holds the report on errata alone.
+    # Empty groups too: they replace verdicts on removed statements, and the first one holds the
+    # report on errata alone.
     if any(rows.values()) or any(name in run for name, _ in TABLES.values()):
         for topic, (name, columns) in TABLES.items():
             group = claim_group(rows[topic], columns)
@@ -114,7 +114,7 @@ def judged(config: Config, run: ResultFile) -> dict[str, Rows]:
 
 
 def unknown_checks(config: Config) -> list[str]:
-    """The names of checks in a result that another version of hodo has made, and this one lacks."""
+    """The names of checks in a result of another version of hodo that this version lacks."""
     entries = (*config.claims, *config.errata)
     checks = [reading["check"] for entry in entries for reading in readings(entry).values()]
     named = dict.fromkeys(check["name"] for check in checks if check and check["kind"] == "paper")
@@ -132,7 +132,7 @@ def claim_row(claim: Mapping[str, Any], verdict: Verdict) -> dict[str, Any]:
 
 
 def decision(verdict: Verdict) -> dict[str, Any]:
-    """A verdict as plain data, without those under single readings."""
+    """A verdict as plain data, without the verdicts of single readings."""
     finding = verdict.finding
     return {
         "verdict": verdict.word,
@@ -150,7 +150,7 @@ def as_expected(row: Mapping[str, Any]) -> bool:
 
 
 def claim_group(rows: Rows, columns: Sequence[str]) -> Group:
-    """The rows of verdicts as they are stored: texts and `number` over the dimension `claim`, whose
+    """The rows of verdicts as a group: texts and `number` over the dimension `claim`, whose
     coordinate is the id."""
     texts = {
         name: Variable(
@@ -164,8 +164,8 @@ def claim_group(rows: Rows, columns: Sequence[str]) -> Group:
 
 
 def verdict_tables(rows: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Statements with their verdicts and what decides them, errata with their corrections, and how
-    many have which verdict; a statement whose verdict is not the one expected is marked."""
+    """Statements with their verdicts and deciding evidence, errata with their corrections, and the
+    number of each verdict; a mark shows an unexpected verdict."""
     statements, errata, parts = rows["statements"], rows["errata"], []
     if statements:
         lines = []
@@ -186,20 +186,20 @@ def verdict_tables(rows: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 
 def verdict_page(paths: Iterable[Path], rows: Mapping[str, Rows]) -> str:
-    """The verdicts on results, or on the configs that name them, as a page in Markdown; statements
-    that are not the paper's are not counted. Raises HodoError if a result cannot be read."""
+    """The verdicts on results, or on results of configs, as a page in Markdown; statements that are
+    not the paper's are not counted. Raises HodoError if a result cannot be read."""
     cases: list[Case] = []
     for path, config in results_named(paths):
         with open_run(path) as run:
             cases += (config or stored_config(run)).cases.values()
     statements, errata = rows["statements"], rows["errata"]
     own = [row for row in statements if not is_ours(row)]
-    counts = (totals("statement", own, VERDICTS), totals("erratum", errata, MISPRINTS))
-    return account(counts, statements, errata, cases)
+    misprints = [totals("erratum", errata, MISPRINTS)] if errata else []
+    return account([totals("statement", own, VERDICTS), *misprints], statements, errata, cases)
 
 
 def totals(what: str, rows: Sequence[Mapping[str, Any]], verdicts: Sequence[str]) -> str:
-    """How many rows there are, and how many have which verdict."""
+    """The number of rows, and of rows of each verdict."""
     counts = ((sum(row["verdict"] == verdict for row in rows), verdict) for verdict in verdicts)
     named = ", ".join(f"{n} {verdict}" for n, verdict in counts if n)
     return f"{counted(len(rows), what)}: {named}"

@@ -26,10 +26,11 @@ from ..text import abridged, few, grouped, magnitude, table, to_error
 
 
 def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
-    """Label the cases of result files; the lines of the table, and why cases are missing there: a
-    case that cannot be labelled keeps no other from its labels.
+    """Label the cases of result files, or of the results of configs; the lines of the table, and
+    why cases are missing there. A case that cannot be labelled does not keep others from their
+    labels.
 
-    A path may be that of a config. Raises HodoError if a file cannot be read or replaced.
+    Raises HodoError if a file cannot be read or replaced.
     """
     rows, problems = [], []
     for path, config in results_named(paths):
@@ -42,7 +43,7 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
                 try:
                     rows.append({"run": str(path), **labelled_case(name, changes, config)})
                 except HodoError as error:
-                    # What the file itself refuses begins with its path.
+                    # Refusals of the file itself begin with its path.
                     words = str(error).removeprefix(f"{path}: ")
                     problems.append(
                         f"{path}: {words if words.startswith(name) else f'{name}: {words}'}"
@@ -53,14 +54,14 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
 
 
 def labelled_case(name: str, changes: Update, config: Config | None) -> dict[str, Any]:
-    """The line of a stored case, which is labelled unless it has been. Raises HodoError as
+    """The line of a stored case, which is labelled if it is not yet. Raises HodoError as
     `classified` does."""
-    told = changes.run.report(name, package_digest())
-    if told is not None:
-        return dict(told)
+    known = changes.run.report(name, package_digest())
+    if known is not None:
+        return dict(known)
     group = changes.run.read(name)
     case = config.cases.get(name) if config else None
-    # To parse a short case anew takes a tenth of what it takes to label it.
+    # Parsing a short case takes a tenth of the time of labelling it.
     if case is None or dump(case) != group.attributes.get("case"):
         case = case_of(group.attributes, name)
     labels, row = classified(name, group, case)
@@ -88,14 +89,14 @@ def classified(name: str, group: Group, case: Case) -> tuple[Group | None, dict[
     labelled = classification_of(motion, recorded)
     row = row_of_motion(motion, labelled) | {"events": events_of(motion, labelled)}
     if (status := group.attributes.get("status")) != Status.OK:
-        # The last label of a motion that was broken off is not the one that it ends with.
+        # An interrupted motion does not end with its last label.
         row["warnings"].append(f"{status}: to t = {case.time.text(motion.time[-1])} only")
     return label_group(labelled, case), row
 
 
 def classification_of(motion: Motion, recorded: Mapping[str, Any]) -> Classification:
-    """The labels and crossings of a stored motion: those that are stored of a quadrature; another
-    motion is integrated again as is `recorded`. Raises HodoError if its samples are no vectors."""
+    """The labels and crossings of a stored motion: a quadrature has stored them; any other motion
+    is integrated again, as it was `recorded`. Raises HodoError if its samples are no vectors."""
     if motion.case.system.is_quadrature:
         return Classification(motion.labels, motion.crossings)
     omega = motion.data["omega"].data
@@ -110,8 +111,8 @@ def classification_of(motion: Motion, recorded: Mapping[str, Any]) -> Classifica
 
 
 def events_of(motion: Motion, labelled: Classification) -> list[dict[str, Any]]:
-    """The events of a stored motion in the table, with their errors: those that are stored or, of a
-    motion without, those that its classification has measured."""
+    """The events of a stored motion for the table, with their errors: the stored events or, if
+    there are none, those that its classification has measured."""
     errors = np.full(len(motion.events), math.nan)
     if "event_error" in motion.data:
         errors = np.atleast_1d(motion.stored("event_error"))
@@ -142,7 +143,7 @@ def row_of_motion(motion: Motion, labelled: Classification) -> dict[str, Any]:
         "case": motion.label,
         "start": names[start],
         "end": names[int(labelled.labels[-1])],
-        # None about the middle axis, nor of a body that does not turn.
+        # There is none about the middle axis, nor for a body that does not turn.
         "growth": {names[i]: rate for i, rate in enumerate(rates, 1) if math.isfinite(rate)},
         "final": "" if labelled.final is None else names[labelled.final],
         "predictions": [sentence_of_case(words, case) for words in labelled.predictions],
@@ -156,7 +157,7 @@ def row_of_motion(motion: Motion, labelled: Classification) -> dict[str, Any]:
 
 
 def why_unlabelled(case: Case, group: Group) -> str:
-    """Why there is nothing to label in a stored case; an empty string if there is."""
+    """Why a stored case has nothing to label; an empty string if it has."""
     if reason := case.system.no_axis_reason:
         return reason
     needed = "enclosed_axis" if case.system.is_quadrature else "omega"
@@ -179,7 +180,7 @@ def row_of_sweep(case: Case, group: Group) -> dict[str, Any]:
 
 
 def remark_on_crossings(case: Case, columns: Mapping[str, np.ndarray], ok: np.ndarray) -> str:
-    """How many members of a sweep cross, how often and when, of those that ended well."""
+    """How many members of a sweep that ended well cross, how often and when."""
     if "crossings" not in columns:
         return case.system.no_axis_reason or '"crossings", their number, is not stored'
     if reason := case.system.no_separatrix_reason:
@@ -198,7 +199,7 @@ def remark_on_crossings(case: Case, columns: Mapping[str, np.ndarray], ok: np.nd
 
 
 def _shares(labels: np.ndarray) -> str:
-    """How many of the labels are which, in percent."""
+    """The fractions of the labels in percent, in words."""
     return ", ".join(
         f"{rigid_body.LABELS[label]} {100 * np.mean(labels == label):.3g} %"
         for label in (1, 2, 3, 0, -1)
@@ -207,9 +208,9 @@ def _shares(labels: np.ndarray) -> str:
 
 
 def table_of_crossings(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Cases with the axes enclosed at start and end, the growth rates of a small tilt away from an
-    axis, the axis that theory predicts in the end, and the crossings; below them, once for each
-    reason, the cases without labels."""
+    """A table of cases with the axes enclosed at start and end, the growth rates of a small tilt
+    away from an axis, the axis that theory predicts for the end, and the crossings; below it, once
+    for each reason, the cases without labels."""
     header = ("case", "start", "end", "growth of a tilt", "predicted", "crossings")
     lines = [crossings_line(row) for row in rows if row["warnings"] != [row.get("unlabelled")]]
     names = grouped((row["unlabelled"], row["case"]) for row in rows if "unlabelled" in row)
@@ -219,11 +220,11 @@ def table_of_crossings(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 CROSSINGS_SHOWN = 5
-"""The most crossings of a case in a table, where a line may have hundreds of them."""
+"""The most crossings that the table shows of a case, which may have hundreds."""
 
 
 def crossings_line(row: Mapping[str, Any]) -> tuple[str, ...]:
-    """The line of a case in the table of crossings; of many of these, the first ones and the
+    """The line of a case in the table of crossings: of many crossings the first ones and the
     last."""
     growth = [f"{axis} {rate:+.6g}" for axis, rate in row.get("growth", {}).items()]
     predicted = filter(None, [row.get("final", ""), *row.get("predictions", ())])
@@ -240,13 +241,13 @@ def crossings_line(row: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def event_words(event: Mapping[str, Any], unit: str) -> str:
-    """One event of the motion itself: when, with its error."""
+    """One event of the motion itself: its time, with its error."""
     error = event["error"]
     known = "not measured" if math.isnan(error) else f"{magnitude(error)}{unit}"
     return f"{event['kind']} at {to_error(event['time'], error, 15)}{unit} (error {known})"
 
 
 def crossing_words(crossing: Mapping[str, Any], unit: str) -> str:
-    """One crossing: when, with its error, from which axis to which."""
+    """One crossing: its time with its error, and the axes that it leaves and enters."""
     error, ends = magnitude(crossing["error"]), f"{crossing['from']} -> {crossing['to']}"
     return f"{crossing['time']:.15g}{unit} ({ends}, error {error}{unit})"

@@ -1,11 +1,11 @@
 """Two results, case by case and variable by variable: how far one is from the other, and where.
 
-The first result is judged by the second, the reference, by one rule for all that is measured:
-|a - b| <= atol + rtol max |b|. Values are compared where the reference has them: it may be a
-thinned one, and its variables may carry tolerances of their own, as attributes `rtol` and `atol`.
-Times may also be off by their stated errors. What is no measured number has to be equal: labels,
-counts and texts, what a variable means, how a case ended, and the numbers of the case. How it was
-computed is not compared.
+The first result is compared with the second, the reference, by one rule for all measured values: |a
+- b| <= atol + rtol max |b|. Values are compared at the times of the reference, which may be
+thinned, and whose variables may carry tolerances of their own, as attributes `rtol` and `atol`.
+Times may also be off by their stated errors. Everything else has to be equal: labels, counts and
+texts, the meaning of a variable, the status of a case, and its numbers. How it was computed is not
+compared.
 """
 
 import math
@@ -27,48 +27,49 @@ from ..text import counted, magnitude, table
 # Looser than the results' 1e-12, so that another machine's compiler changes no verdict, and tighter
 # than any figure shows.
 RTOL = 1e-9
-"""The relative tolerance of a variable that has none of its own."""
+"""The relative tolerance of a variable without one of its own."""
 
 SUBNORMAL = 2.0**-1060
-"""A few thousand times the smallest double, below which a number has fewer digits than any
+"""A few thousand times the smallest double: numbers below it have fewer digits than any
 tolerance."""
 
 ERRORS = {"crossing_time": "crossing_error", "event_time": "event_error"}
-"""The times that have stated errors, and the variables that hold these."""
+"""The times with stated errors, and the variables of these errors."""
 
 STATED_ERRORS = 10.0
-"""A time may be off by so many times its stated error, which holds one compiler's rounding."""
+"""How far a time may be off, in units of its stated error, which includes one compiler's
+rounding."""
 
 MEANING = ("long_name", "units", "flag_values", "flag_meanings")
-"""The attributes of a variable that say what its numbers mean."""
+"""The attributes of a variable that state the meaning of its numbers."""
 
 OF_CASE = ("model", "form", "status", "members")
-"""The attributes of a case that say which motion it is and how it ended."""
+"""The attributes that identify the motion of a case and its end."""
 
 HOW_COMPUTED = (
     *("name.", "time.samples.", "time.values.", "store.", "error.", "note.", "assumes."),
     *("method.", "precision.", "tol.", "max_seconds.", "max_steps."),
 )
-"""The settings of a case that say how it is computed, sampled and remarked upon, and not which
-motion it is, as their paths begin."""
+"""The beginnings of the paths of settings that say how a case is computed, sampled and described,
+and not which motion it is."""
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """The difference that is allowed: atol + rtol max|b|. None: the variable's own, or the default.
-    Raises HodoError for a negative or infinite one."""
+    """The allowed difference, atol + rtol max|b|; None for the variable's own tolerance, or the
+    default. Raises HodoError for a negative or infinite one."""
 
     rtol: float | None = None
     atol: float | None = None
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            # An infinite one would call all values equal, and nan none.
+            # With an infinite tolerance all values would be equal, with nan none.
             if value is not None and not 0 <= value < math.inf:
                 raise HodoError(f"--{name}: expected a number >= 0, got {value:g}")
 
     def allowed(self, name: str, group: Group) -> np.ndarray:
-        """The difference allowed in a variable of the reference, whose group this is."""
+        """The allowed difference (...) of a variable of the reference, whose group this is."""
         b, attrs = group.variables[name].data, group.variables[name].attrs
         rtol = float(attrs.get("rtol", RTOL)) if self.rtol is None else self.rtol
         atol = float(attrs.get("atol", 0.0)) if self.atol is None else self.atol
@@ -79,9 +80,9 @@ class Tolerance:
 
 
 Line = tuple[str, float, str]
-"""The comparison of one variable, or of what else differs: its name, `scaled`, and `place`.
+"""The comparison of one variable, or of another property: its name, `scaled`, and `place`.
 
-`scaled` is max|a - b| over the difference allowed: above 1 it is a difference, and infinite where
+`scaled` is max|a - b| over the allowed difference: above 1 the values differ. It is infinite where
 there is no degree (labels, counts, missing variables). `place` says where it is the largest, or why
 the two cannot be compared.
 """
@@ -89,7 +90,8 @@ the two cannot be compared.
 
 def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[dict[str, Any]]:
     """The rows of the comparison of a result `a` with the reference `b`; each may be named by its
-    config. Raises HodoError if they share no case: they are then not results of one experiment."""
+    config. Raises HodoError if they have no case in common, and so are not results of one
+    experiment."""
     (ours, config), (theirs, reference_config) = map(result_named, (a, b))
     with open_run(ours) as run, open_run(theirs) as reference:
         for result, named in ((run, config), (reference, reference_config)):
@@ -110,7 +112,7 @@ def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[dict[str, An
 def compared_case(
     name: str, run: ResultFile, reference: ResultFile, tolerance: Tolerance
 ) -> Iterator[Line]:
-    """The lines of one case: what else differs, then each variable of the reference."""
+    """The lines of one case: other properties that differ, then each variable of the reference."""
     for result in (run, reference):
         if name not in result.cases():
             yield "", math.inf, f"missing in {result.path}"
@@ -140,7 +142,7 @@ def checked_group(run: ResultFile, name: str) -> Group:
 
 
 def differing_settings(ours: str, theirs: str) -> Iterator[Line]:
-    """A line for each setting in which two stored cases are different motions, by their texts."""
+    """A line for each setting that makes two stored cases different motions, by their texts."""
     if ours == theirs:
         return
     try:
@@ -156,7 +158,7 @@ def differing_settings(ours: str, theirs: str) -> Iterator[Line]:
 
 
 def settings_by_path(path: str, value: Any) -> dict[str, Any]:
-    """Every setting within a value by its path."""
+    """Every setting within a value, by its path."""
     if isinstance(value, tuple):
         value = dict(enumerate(value))
     if not isinstance(value, Mapping):
@@ -166,7 +168,7 @@ def settings_by_path(path: str, value: Any) -> dict[str, Any]:
 
 
 def unequal(prefix: str, ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> Iterator[Line]:
-    """A line for each of some values that is not equal in both."""
+    """A line for each of some values that differs between both."""
     for key in {**theirs, **ours}:
         a, b = (np.asarray(of.get(key), dtype=object) for of in (ours, theirs))
         if not np.array_equal(a, b):
@@ -174,16 +176,16 @@ def unequal(prefix: str, ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> 
 
 
 def times_of(group: Group) -> np.ndarray:
-    """The times (n,) of a stored case; none of a sweep."""
+    """The times (n,) of a stored case; empty for a sweep."""
     return group.variables["time"].data if "time" in group.variables else np.empty(0)
 
 
 def nearest_times(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """The position in `ours` (n,) of the time nearest to each of `theirs` (m,): a reference may be
-    thinned, and an end of spin falls a rounding apart."""
+    """The positions in `ours` (n,) of the times nearest to `theirs` (m,): a reference may be
+    thinned, and an end of spin differs by a rounding."""
     if not len(ours):
         return np.empty(0, dtype=np.intp)
-    # From half a step on the next position is the nearest. Damaged times are no numbers, or fall.
+    # From half a step on the next position is nearer. Damaged times may be nan, or fall.
     positions = np.rint(np.nan_to_num(np.interp(theirs, ours, np.arange(len(ours)))))
     return np.asarray(np.clip(positions, 0, len(ours) - 1), dtype=np.intp)
 
@@ -191,8 +193,8 @@ def nearest_times(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
 def largest_difference(
     a: np.ndarray, name: str, reference: Group, tolerance: Tolerance
 ) -> tuple[float, str]:
-    """The largest scaled difference of values from those of a variable of the reference, and where
-    it is. A number that is not finite equals nothing but itself."""
+    """The largest scaled difference from the values of a variable of the reference, and its place.
+    A number that is not finite equals itself alone."""
     variable = reference.variables[name]
     if a.shape != (b := variable.data).shape:
         return math.inf, f"shape {a.shape}, not {b.shape}"
@@ -209,7 +211,7 @@ def largest_difference(
 
 
 def place_of(name: str, index: Sequence[Any], a: np.ndarray, reference: Group) -> str:
-    """Where a difference is, in the reference's coordinates, and the two values there."""
+    """The place of a difference in the reference's coordinates, and both values there."""
     b, coordinates = reference.variables[name], reference.variables
     where = [
         f"{dim} = {printed_value(coordinates[dim], coordinates[dim].data[i], 10)}"
@@ -229,8 +231,8 @@ def printed_value(variable: Variable, value: object, digits: int = 17) -> str:
 
 
 def comparison_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """For each case all that differs, and the variable that is farthest from the reference; one
-    line for a case whose variables are all equal."""
+    """For each case everything that differs, and the variable that is farthest from the reference;
+    one line for a case whose variables are all equal."""
     lines = []
     for case in dict.fromkeys(row["case"] for row in rows):
         of_case = [row for row in rows if row["case"] == case]

@@ -14,11 +14,11 @@ from ..storage import open_batch, publish
 
 
 def merge_results(paths: Iterable[Path], out: Path) -> None:
-    """Write a new result with the cases of some, which may be named by their configs, and with
-    their figures and statements; verdicts are left to `hodo claims`.
+    """Write a new result with the cases, figures and statements of several results, which may be
+    named by their configs; it has no verdicts.
 
-    Raises HodoError if `out` is there already, or is no name of a result; if a result cannot be
-    read; or if cases, figures or statements of one name differ.
+    Raises HodoError if `out` exists or is no name of a result, if a result cannot be read, or if
+    cases, figures or statements of one name differ.
     """
     if out.suffix != ".h5" or os.path.lexists(out):
         raise HodoError(f"{out} is there already, or no name of a result: take a new one in .h5")
@@ -35,7 +35,7 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
         entries: dict[tuple[str, str], Any] = {("title", config.title): config.title}
         entries |= {("references", config.references): config.references}
         entries |= {("case", name): row["hash"] for name, row in stored.items()}
-        # The style of a file is that of its figures, and of no others.
+        # The style of a file belongs to its own figures alone.
         style = document.get("style") or {}
         entries |= {
             ("figures", name): figure | {"style": style | (figure.get("style") or {})}

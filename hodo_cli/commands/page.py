@@ -1,6 +1,6 @@
 """One page with every figure, statement and number of the results that were drawn into a folder.
-All that it shows is read from the result files, but for the names of the pictures; it opens from
-disk and asks no network for anything."""
+Everything in it except the names of the pictures is read from the result files. It opens from disk
+and needs no network."""
 
 import json
 import os
@@ -34,29 +34,29 @@ ABOUT = {
 """The attributes of a case that the page shows."""
 
 Entry = dict[str, Any]
-"""What the template shows of a result, a figure or a statement, by name."""
+"""The values of a result, a figure or a statement for the template, by name."""
 
 PICTURES = {".png": "png", ".svg": "svg+xml"}
-"""The suffixes of files that a browser shows, and their kinds."""
+"""The suffixes of files that a browser shows, and their media types."""
 
 
 def write_page(path: Path, sections: Sequence[Entry], alone: bool) -> None:
-    """Write the page with these sections; `alone` has its pictures in it, and no links to files.
+    """Write the page with these sections; an `alone` page includes its pictures, and has no links
+    to files.
 
-    Raises HodoError if that is refused.
+    Raises HodoError if the file cannot be written.
     """
     totals = Counter(row["verdict"] for section in sections for row in section["statements"])
-    template = PAGES.get_template("page.html")
+    page = PAGES.get_template("page.html").render(sections=sections, totals=totals, alone=alone)
     with replacing(path) as draft:
-        text = template.render(sections=sections, totals=totals, alone=alone)
-        draft.write_text(text, encoding="utf-8")
+        draft.write_text(page, encoding="utf-8")
 
 
 def sections_of(folder: Path, alone: bool = False) -> Iterator[Entry]:
-    """The section of each result of which a folder holds figures, papers first."""
+    """The sections of all results with figures in a folder, papers first."""
     found = []
     for file in sorted(folder.glob("*/drawn.json")):
-        # Of a result that is gone, or a record of another version, there is no section.
+        # A missing result, or a record of another version, has no section.
         with suppress(HodoError, ValueError, KeyError, TypeError):
             record = json.loads(file.read_text(encoding="utf-8"))
             with open_batch(os.path.normpath(folder / record["result"])) as run:
@@ -65,7 +65,7 @@ def sections_of(folder: Path, alone: bool = False) -> Iterator[Entry]:
 
 
 def section_of(run: ResultFile, folder: Path, drawn: Mapping[str, Any], alone: bool) -> Entry:
-    """What the page shows of one result."""
+    """The section of one result."""
     config, rows = stored_config(run), {name: run.row(name, ABOUT) for name in run.cases()}
     judged = {
         group: [*verdicts(run, group, entries)]
@@ -97,20 +97,20 @@ def figure_of(
     spec, recorded = config.figures[name], sorted(drawn.get("files", ()))
     files = [folder / file for file in recorded if (folder / file).exists()]
     shown = spec.get("cases", ())
-    known = [config.cases[case].assumes for case in shown if case in config.cases]
-    texts = [": ".join(item) for assumes in known for item in assumes.items()]
-    images = [image_of(file, folder, alone) for file in files if file.suffix in PICTURES]
+    known = [config.cases[case].assumes.items() for case in shown if case in config.cases]
+    images = (image_of(file, folder, alone) for file in files if file.suffix in PICTURES)
     links = [(file.suffix[1:].upper(), relative_path(file, folder.parent)) for file in files]
     return {
-        "name": name, "caption": spec["caption"], "shown": shown, "files": links,
+        "name": name, "kind": spec["kind"], "caption": spec["caption"], "shown": shown,
+        "files": links, "image": next(images, ""),
         "problem": drawn.get("problem", ""), "notes": drawn.get("warnings", ()),
-        "image": images[0] if images else "", "assumed": dict.fromkeys(texts),
+        "assumed": dict.fromkeys(": ".join(item) for items in known for item in items),
         "wide": any(map(is_wide, files)),
     }  # fmt: skip
 
 
 def is_wide(file: Path) -> bool:
-    """Whether a picture is a PNG as wide as a page: its first chunk begins with its width."""
+    """Whether a picture is a PNG as wide as a page, by the width in its first chunk."""
     return file.suffix == ".png" and int.from_bytes(file.read_bytes()[16:20], "big") > 1400
 
 

@@ -1,5 +1,5 @@
-"""`hodo plot`: figures from result files. A figure that would be drawn as it is already is kept;
-what draws is imported late."""
+"""`hodo plot`: figures from result files. A figure that would not change is kept; the drawing
+modules are imported late."""
 
 import json
 import os
@@ -30,7 +30,7 @@ FigureRecord = dict[str, Any]
 
 
 class ToDraw(NamedTuple):
-    """A result, its config, and the digest of what each figure that was asked for depends on."""
+    """A result, its config, and the digest of each requested figure."""
 
     path: Path
     config: Config
@@ -38,7 +38,8 @@ class ToDraw(NamedTuple):
 
 
 def results_and_figures(names: Sequence[str]) -> tuple[list[Path], list[str]]:
-    """The names of results and configs, the first in any case, and the names of figures."""
+    """The arguments that name results or configs, the first one in any case, and the names of
+    figures."""
     is_file = [not i or name.endswith((".h5", *YAML_SUFFIXES)) for i, name in enumerate(names)]
     files = [Path(name) for name, known in zip(names, is_file, strict=True) if known]
     return files, [name for name, known in zip(names, is_file, strict=True) if not known]
@@ -48,11 +49,12 @@ def draw_results(
     paths: Sequence[Path], names: Sequence[str], formats: Sequence[str], out: Path, jobs: int,
     force: bool, alone: Path | None,
 ) -> Iterator[tuple[str, bool]]:  # fmt: skip
-    """Draw the figures of result files, all or those named, and then a page with all of them, which
-    `alone` holds once more with its pictures; what is drawn already is kept, unless `force`.
+    """Draw the figures of result files, all or the named ones, and then a page with all of them,
+    and a second page `alone` that includes its pictures. Figures that would not change are kept,
+    unless `force`.
 
-    Yields the lines to print, each with whether it tells of a problem. Raises HodoError for an
-    unknown figure before anything is drawn, or if a file cannot be read.
+    Yields the lines to print, each with whether it is a problem. Raises HodoError for an unknown
+    figure before anything is drawn, or if a file cannot be read.
     """
     if alone and (names or not {"png", "svg"} & {*formats}):
         raise HodoError("--alone shows all figures: give no names, and --format png or svg")
@@ -88,8 +90,8 @@ def draw_results(
 
 
 def results_to_draw(paths: Sequence[Path], names: Sequence[str]) -> Iterator[ToDraw]:
-    """The results that paths stand for, with the figures of these names, or all. Raises HodoError
-    for a figure that is not there."""
+    """The results that paths name, with the figures of these names, or all figures. Raises
+    HodoError for a missing figure."""
     for path, config in results_named(paths):
         with open_batch(path) as run:
             warn_of_changes(run, config, "plot")
@@ -101,8 +103,8 @@ def results_to_draw(paths: Sequence[Path], names: Sequence[str]) -> Iterator[ToD
 
 
 def check_request(results: Sequence[ToDraw], formats: Sequence[str]) -> None:
-    """Raise HodoError where two results have one folder, or films alone are asked of what does not
-    move."""
+    """Raise HodoError if two results have one folder, or if films alone are requested of figures
+    that do not move."""
     for stem, of in grouped((result.path.stem, str(result.path)) for result in results).items():
         if len(of) > 1:
             raise HodoError(f"{' and '.join(of)} would both draw into {stem}: rename one")
@@ -112,7 +114,8 @@ def check_request(results: Sequence[ToDraw], formats: Sequence[str]) -> None:
 
 
 def figure_digest(config: Config, name: str, checksums: Mapping[str, str]) -> str:
-    """The digest of all that a figure depends on: its entry, its cases, and the code that draws."""
+    """The digest of everything on which a figure depends: its entry, its cases, and the code that
+    draws."""
     spec = config.figure(name)
     others = [config.figures.get(other, {}) for other in spec.get("scale_with", ())]
     cases = [case for entry in (spec, *others) for case in entry.get("cases", ())]
@@ -121,7 +124,7 @@ def figure_digest(config: Config, name: str, checksums: Mapping[str, str]) -> st
 
 
 def read_record(folder: Path) -> dict[str, FigureRecord]:
-    """How the figures of a folder were drawn; nothing where that is not known."""
+    """How the figures of a folder were drawn; empty if that is not known."""
     with suppress(OSError, ValueError, KeyError, TypeError):
         record = json.loads((folder / DRAWN_RECORD).read_text(encoding="utf-8"))["figures"]
         return {name: entry for name, entry in record.items() if {*EMPTY} <= entry.keys()}
@@ -138,7 +141,7 @@ def is_kept(
     name: str,
     formats: Sequence[str],
 ) -> bool:
-    """Whether the files of a figure are as they would be drawn."""
+    """Whether the files of a figure are those that a new drawing would give."""
     known, digest = record.get(name, EMPTY), result.digests[name]
     wanted = [f"{name}.{suffix}" for suffix in formats if suffix not in FILMS or known["moves"]]
     intact = all(known["files"].get(x) == file_digest(folder / x) != "" for x in wanted)
@@ -146,7 +149,7 @@ def is_kept(
 
 
 def file_digest(file: Path) -> str:
-    """The digest of a file's content; an empty text if there is no file."""
+    """The digest of a file's content; an empty string if there is no file."""
     return sha256(file.read_bytes()).hexdigest() if file.is_file() else ""
 
 
@@ -154,8 +157,8 @@ def draw_pending(
     result: ToDraw, folder: Path, record: dict[str, FigureRecord], pending: Sequence[str],
     formats: Sequence[str], jobs: int,
 ) -> bool:  # fmt: skip
-    """Draw figures of a result into a folder in so many processes, and write the record; whether
-    there was any."""
+    """Draw figures of a result into a folder in `jobs` processes, and write the record; whether
+    there was any figure to draw."""
     if kept := len(result.digests) - len(pending):
         words = f"{kept} of {len(result.digests)} figures are kept; --force draws them anew"
         Progress(0).say(words)
@@ -180,8 +183,8 @@ def draw_pending(
 def draw_figure(
     path: Path, figures: Mapping[str, Any], formats: Sequence[str], folder: Path, name: str
 ) -> FigureRecord:
-    """Draw a figure of a result file into a folder; what a pool does. Whatever goes wrong with it
-    is its own problem."""
+    """Draw a figure of a result file into a folder, in a process of the pool. Any failure is
+    returned as the problem of this figure."""
     from ..figures import draw, save
     from ..results.dataset import lacks_labels, open_cases
 
@@ -205,12 +208,12 @@ def draw_figure(
         raise
     except Exception as error:  # a mistake of ours in one figure shall not cost the others
         drawn["problem"] = f"{type(error).__name__}: {error}"
-    # A library that calls another by an old name says so to programmers.
+    # Warnings of deprecated calls inside libraries are for programmers.
     texts = [str(w.message) for w in caught if not issubclass(w.category, DeprecationWarning)]
     return {**drawn, "warnings": [*dict.fromkeys(texts)]}
 
 
 def is_older(page: Path, results: Sequence[ToDraw]) -> bool:
-    """Whether a page is not there, or a result is newer."""
+    """Whether a page is missing, or older than a result."""
     times = [os.path.getmtime(result.path) for result in results]
     return not page.exists() or max(times) > os.path.getmtime(page)

@@ -1,4 +1,4 @@
-"""`hodo run`: which cases of a config run, and why; their running, and what becomes of a case that
+"""`hodo run`: which cases of a config run, and why; how they run, and what is stored of a case that
 fails."""
 
 import os
@@ -58,20 +58,20 @@ CASE_KEPT = "is kept, though it is no longer in the config (--prune drops it)"
 CASE_DROPPED = "is dropped: it is no longer in the config"
 
 PART_SECONDS = 0.5
-"""Seconds within which finished cases share a part: so much work a kill may cost."""
+"""The seconds within which finished cases share a part: a kill may cost as much work."""
 
 LONGEST_OVERRIDES = 150
-"""Bytes of overrides in the name of a file. Names have at most 255, of which the config's own and
-those of hidden files beside it need some."""
+"""The most bytes of overrides in a file name. A name has at most 255, some of which the config's
+name and hidden files need."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What `hodo run` does with one config: the cases asked for, the reasons why some of them run,
-    and the finished results of cases, of each the one that is still right, or the latest.
+    """The plan of `hodo run` for one config: the requested cases, the reasons why some of them run,
+    and the finished result of each case, the right one or the latest.
 
-    The stored results of cases to be rerun are kept if the run stops before them. `prune` drops
-    those that are no longer in the config.
+    The stored results of cases to be rerun are kept if the run stops before them. `prune` drops the
+    cases that are no longer in the config.
     """
 
     config: Config
@@ -87,10 +87,10 @@ class Plan:
         return [name for name in self.stored if name not in self.config.cases]
 
     def planned(self) -> list[dict[str, str]]:
-        """For each case that is asked for, why it runs or not; and for each stored one that has
-        left the config, whether it stays."""
+        """For each requested case, why it runs or not; and for each stored case that has left the
+        config, whether it stays."""
         plans = {
-            name: f"will run: {self.reasons[name]}"
+            name: f"will run: {self.reasons[name]}{self.members_kept(name)}"
             if name in self.reasons
             else "is kept: nothing that it depends on has changed"
             for name in self.asked
@@ -98,11 +98,17 @@ class Plan:
         plans |= dict.fromkeys(self.left, CASE_DROPPED if self.prune else CASE_KEPT)
         return [{"run": str(self.path), "case": name, "plan": plans[name]} for name in plans]
 
+    def members_kept(self, name: str) -> str:
+        """How many members of a sweep that has grown are not computed again; else empty."""
+        case = self.config.cases[name]
+        earlier = self.earlier(case) if case.sweep and name in self.stored else None
+        return f"; {earlier.kept} of {earlier.members} members are kept" if earlier else ""
+
     def execute(
         self, pool: Pool, progress: Progress, fail_fast: bool = False
     ) -> list[dict[str, Any]]:
-        """Run and store; the attributes of each case that was asked for and reached, in the order
-        of the config.
+        """Run and store; the attributes of each requested case that was reached, in the order of
+        the config.
 
         A case that fails, for whatever reason, is stored as failed unless it has ended well before;
         `fail_fast` leaves out the cases after it. Raises BatchError if the result cannot be
@@ -151,15 +157,16 @@ class Plan:
 
     @property
     def kept(self) -> dict[str, FinishedCase]:
-        """The stored results of the cases asked for that are still right."""
+        """The stored results of the requested cases that are still right."""
         return {name: self.stored[name] for name in self.asked if name not in self.reasons}
 
     def announce(self, progress: Progress) -> None:
-        """Print which results go and, if asked, what runs; and the warnings that the data give."""
+        """Print which results are dropped, what runs if asked, and the warnings that the data
+        give."""
         for row in self.planned():
-            tell = progress.say if row["plan"] == CASE_DROPPED else progress.detail
-            tell(plan_lines([row]))
-        # Before the run: a motion that the data feed energy into may take until its last step.
+            show = progress.say if row["plan"] == CASE_DROPPED else progress.detail
+            show(plan_lines([row]))
+        # Before the run, because a motion into which the data feed energy may run to its last step.
         cases = self.config.cases
         warned = ((text, name) for name in self.reasons for text in early_warnings(cases[name]))
         for warning, names in grouped(warned).items():
@@ -168,7 +175,7 @@ class Plan:
     def outcomes(
         self, pool: Pool, progress: Progress, reached: "Reached"
     ) -> Generator[tuple[Case, Group | Exception], None, None]:
-        """Each case that runs with its group to be stored, or the error that left none: single
+        """Each case that runs, with its group to be stored or the error that left none: single
         cases, then the sweeps."""
         cases = [self.config.cases[name] for name in self.reasons]
         single = [case for case in cases if not case.sweep]
@@ -187,21 +194,21 @@ class Plan:
                 yield case, error
 
     def earlier(self, case: Case) -> "Earlier | None":
-        """The stored result of a sweep that has only grown since."""
+        """The stored result of a sweep that has only gained members since."""
         from ..sweeps.columns import earlier_result  # only sweeps need it
 
         stored = self.stored.get(case.name) if self.reasons[case.name] != FORCED else None
         return earlier_result(case, case_digest(case), stored)
 
     def tidy_chunks(self, finished: str = "") -> None:
-        """Remove the chunks of a sweep that is stored whole and, with `prune`, those of sweeps that
-        are not in the config."""
+        """Remove the chunks of a sweep that is stored whole and, with `prune`, the chunks of sweeps
+        that are not in the config."""
         cases = self.config.cases.values() if self.prune else ()
         wanted = [case_digest(case) for case in cases if case.sweep]
         tidy(self.path, lambda sweep: sweep == finished or (self.prune and sweep not in wanted))
 
     def renew_remarks(self) -> None:
-        """Store the texts of the cases that are kept with the remarks that they have now."""
+        """Store the present remarks of the cases that are kept."""
         texts = {name: dump(self.config.cases[name]) for name in self.kept}
         renewed = {
             x: y for x, y in texts.items() if y != str(self.stored[x].attributes.get("case"))
@@ -212,14 +219,14 @@ class Plan:
                     changes.write(name, Group({"case": text}, {}))
 
     def is_changed(self, attributes: Mapping[str, str]) -> bool:
-        """Whether a result that is there has another config, or cases that are dropped."""
+        """Whether an existing result has another config, or cases that are dropped."""
         if not self.path.exists():
             return False
         with open_run(self.path) as run:
             return run.text != attributes["config"] or (self.prune and bool(self.left))
 
     def rows(self, reached: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-        """How the cases asked for have ended: now, or when they were stored."""
+        """How the requested cases have ended, now or when they were stored."""
         rows = {name: item.attributes for name, item in self.stored.items()} | {**reached}
         return [
             {"case": name, **typed(rows[name], SUMMARY, f"{self.path}: {name}")}
@@ -230,8 +237,8 @@ class Plan:
 
 @dataclass
 class Reached:
-    """The cases that a run has reached: their attributes, and those groups that still wait to be
-    stored, each with what is done when it survives the death of this process."""
+    """The cases that a run has reached: their attributes, and the groups that are not yet stored,
+    each with a function to call once it is safe."""
 
     path: Path
     rows: dict[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -239,15 +246,15 @@ class Reached:
     stored_at: float = field(default_factory=monotonic)
 
     def add(self, name: str, group: Group, then: Callable[[], object]) -> None:
-        """Take a finished case. Short ones share a part, because a file costs as much as a case.
-        Raises BatchError as `put_part` does."""
+        """Take a finished case. Short cases share a part, because writing a file takes as long as a
+        case. Raises BatchError as `put_part` does."""
         self.waiting[name] = group, then
         took = float(group.attributes.get("run_time", 0.0))
         if max(took, monotonic() - self.stored_at) > PART_SECONDS:
             self.store()
 
     def store(self) -> None:
-        """Store the cases that wait as one part. Raises BatchError as `put_part` does."""
+        """Store the waiting cases as one part. Raises BatchError as `put_part` does."""
         if self.waiting:
             put_part(
                 self.path, part_name(), {name: group for name, (group, _) in self.waiting.items()}
@@ -258,7 +265,7 @@ class Reached:
 
 
 def plan_lines(rows: Iterable[Mapping[str, str]]) -> str:
-    """What is planned for cases, a line each."""
+    """The plans for cases, a line each."""
     return "\n".join(f"{row['case']}: {row['plan']}" for row in rows)
 
 
@@ -270,8 +277,8 @@ def run_plans(
     verbose: bool = False,
     fail_fast: bool = False,
 ) -> list[dict[str, Any]]:
-    """Carry out the plans, in so many processes or on a dask scheduler; the attributes of each case
-    that was asked for and reached. Raises BatchError as `Plan.execute` does, or if no scheduler
+    """Carry out the plans in `jobs` processes or on a dask scheduler; the attributes of each
+    requested case that was reached. Raises BatchError as `Plan.execute` does, or if no scheduler
     answers."""
     rows: list[dict[str, Any]] = []
     total = sum(len(plan.reasons) for plan in plans)
@@ -292,14 +299,14 @@ def plans(
     prune: bool = False,
     overrides: Sequence[str] = (),
 ) -> list[Plan]:
-    """The plan of each config with a case that is asked for; its results go into the folder `out`,
-    under the name that `result_name` gives.
+    """The plan of each config with a requested case; the results go into the folder `out`, under
+    the names that `result_name` gives.
 
     Stored cases that have left the config stay, unless `prune`.
 
-    Raises HodoError if two configs have one name, no case is asked for, a result that is there is
-    damaged or, without `force`, that of another config, or a case does not fit into the memory that
-    each of so many jobs can have.
+    Raises HodoError if two configs have one name, no case is requested, an existing result is
+    damaged or, without `force`, is that of another config, or a case does not fit into the memory
+    of each of `jobs` processes.
     """
     paths = [out / result_name(config, overrides) for config in configs]
     for path in paths:
@@ -319,14 +326,15 @@ def plans(
 
 
 def plan_of(config: Config, path: Path, globs: Sequence[str], force: bool, prune: bool) -> Plan:
-    """Which cases of a config run, and why; those that `globs` leave out stay as they are stored.
+    """Which cases of a config run, and why; stored cases that `globs` leave out stay.
 
     Raises HodoError as `finished_cases` does, or, without `force`, as `check_origin` does.
     """
     if os.path.lexists(path) and not force:
         with open_run(path) as run:
             check_origin(config, run, ": write elsewhere (--out), or over them (--force)")
-    # With all that the table shows: to read a file of thousands of cases again takes seconds.
+    # With everything that the table shows: reading a file of thousands of cases again takes
+    # seconds.
     done = finished_cases(path, (*SUMMARY, "hash", "case"))
     asked, reasons = config.matching(globs), {}
     stored = {name: items[0] for name, items in done.items()}
@@ -341,13 +349,13 @@ def plan_of(config: Config, path: Path, globs: Sequence[str], force: bool, prune
 
 def result_name(config: Config, overrides: Sequence[str]) -> str:
     """The file of a config's results: NAME.h5 or, with overrides, NAME,CASE.KEY=VALUE.h5, so that a
-    trial does not replace the results of the config as it is."""
-    # Of two for one key the last counts.
+    trial does not replace the results of the unchanged config."""
+    # Of two overrides of one key the last counts.
     last = {text.partition("=")[0]: text for text in overrides}.values()
     exact = ",".join(sorted(last))
     changes = re.sub(r"[^\w.,=+()\[\]{}-]", "_", exact)
-    # Two formulas or patterns may differ in signs alone that no name of a file has; that of all
-    # cases becomes `_.`, with which the name of no case begins.
+    # Two formulas or patterns may differ only in signs that a file name cannot have. The pattern
+    # for all cases becomes `_.`, with which no case's name begins.
     has_signs = any(re.search(r"[^\w.,:=+()\[\]{}\s'\"-]", x.removeprefix("*.")) for x in last)
     if has_signs or len(changes.encode()) > LONGEST_OVERRIDES:
         beginning = changes.encode()[:LONGEST_OVERRIDES].decode(errors="ignore")
@@ -356,12 +364,13 @@ def result_name(config: Config, overrides: Sequence[str]) -> str:
 
 
 def finished_case(case: Case) -> Group:
-    """A case integrated, as it is stored. Raises HodoError if its method is not available here."""
+    """The group of a case after its integration. Raises HodoError if its method is not available
+    here."""
     return case_group(integrate(case), case_digest(case))
 
 
 def failed_group(case: Case, error: Exception) -> Group:
-    """A case that could not be integrated, as it is stored."""
+    """The group of a case that could not be integrated."""
     message = str(error) if isinstance(error, HodoError) else f"{type(error).__name__}: {error}"
     return case_group(Trajectory.failed(case, message), case_digest(case))
 
@@ -375,8 +384,8 @@ def failure_words(group: Group, outcome: Group | Exception) -> str:
 
 
 def early_warnings(case: Case) -> list[str]:
-    """The objections to its model that the data of a case raise, or those of the members at the
-    ends of a sweep."""
+    """The warnings of a case's model about its data, or about those of the members at the ends of a
+    sweep."""
     if not case.sweep:
         return warnings_of(case.system)
     from ..sweeps.members import warnings_of_ends  # only sweeps need them

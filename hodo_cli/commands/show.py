@@ -1,10 +1,10 @@
-"""`hodo show`: the cases in result files, and how they were computed, as a paper says it."""
+"""`hodo show`: the cases in result files, and how they were computed, in words for a paper."""
 
 import math
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
 from sys import float_info
@@ -14,11 +14,14 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
-from ..cases.case import parse_case
+from ..cases.case import Case, parse_axes, parse_case
+from ..cases.keys import keys_of
+from ..cases.sweep_block import Axis, axes_of, with_number
 from ..quantities import angle_turned
-from ..results.layout import MODEL_SOURCE, SUMMARY, typed_as
+from ..results.layout import MODEL_SOURCE, SUMMARY, typed_as, units_of_case
 from ..results.resume import result_named, results_named, warn_of_changes
 from ..storage import Group, ResultFile, folder_of, open_batch
+from ..sweeps.sweep import stated_unit
 from ..text import few, grouped, in_bytes, magnitude, seconds, table
 
 LISTED = SUMMARY | typed_as("case")
@@ -26,10 +29,10 @@ LISTED = SUMMARY | typed_as("case")
 
 def stored_cases(paths: Iterable[Path], with_data: bool = False) -> list[dict[str, Any]]:
     """The cases of result files, with the attributes that a line of the table shows; `with_data`
-    also the settings of each case that say which motion it is.
+    adds the settings of each case that determine its motion.
 
-    A path may be that of a config. Raises HodoError as `open_batch` does, or if a case has
-    no such attributes.
+    A path may be that of a config. Raises HodoError as `open_batch` does, or if a case lacks such
+    attributes.
     """
     rows: list[dict[str, Any]] = []
     for path, config in results_named(paths):
@@ -42,14 +45,12 @@ def stored_cases(paths: Iterable[Path], with_data: bool = False) -> list[dict[st
                 assumed = assumes_of(text)
                 rows.append({"run": str(path), "case": name, **row, "assumes": assumed})
                 if with_data:
-                    case = parse_case(text)
-                    span = {"start": case.time.start, "end": case.time.end}
-                    rows[-1]["data"] = in_words({**case.data, "t": span})
+                    rows[-1]["data"] = data_in_words(parse_case(text))
     return rows
 
 
 def assumes_of(text: str) -> str:
-    """The values that a stored case takes and its source does not print, in one line."""
+    """The values that a stored case assumes because its source does not print them, in one line."""
     if "\nassumes:" not in text:  # so that of many cases those few are parsed that assume something
         return ""
     try:
@@ -59,7 +60,7 @@ def assumes_of(text: str) -> str:
 
 
 def warn_of_chunks(path: Path) -> None:
-    """Warn of the chunks of sweeps that runs have left beside a result."""
+    """Warn of unfinished chunks of sweeps next to a result."""
     if chunks := [*folder_of(path).glob("chunk-*")]:
         size = in_bytes(sum(chunk.stat().st_size for chunk in chunks if chunk.exists()))
         warnings.warn(
@@ -89,7 +90,7 @@ REFERENCES_IN_WORDS = {
     "averaging itself, which is of first order",
     "refined": "a second integration at another tolerance",
 }
-"""The computations against which errors are measured, by `error_kind`."""
+"""The references of measured errors in words, by `error_kind`."""
 
 
 def methods_of(path: Path) -> dict[str, str]:
@@ -97,7 +98,7 @@ def methods_of(path: Path) -> dict[str, str]:
     tolerances, measured errors, models of the author's own, and what to cite. The path may be that
     of a config.
 
-    Raises HodoError as `open_batch` does, or if the result holds no case that ended well.
+    Raises HodoError as `open_batch` does, or if no case of the result ended well.
     """
     path, _ = result_named(path)
     with open_batch(path) as run:
@@ -106,11 +107,11 @@ def methods_of(path: Path) -> dict[str, str]:
         ended_well = [row for row in rows if row["status"] == "ok"]
         if not ended_well:
             raise HodoError(f"{path} holds no case that ended well")
-        names = {row["case"] for row in ended_well}
-        others = [name for name in run.cases() if name not in names]
+        others = [row["case"] for row in rows if row["status"] != "ok"]
         cited = filter(None, (f"{run.attributes.get('source')}", run.attributes.get("references")))
         sentences = (
             sentence_on_methods(run, ended_well),
+            *(f"Sweep {x['case']}: {', '.join(x['swept'])}." for x in ended_well if x["swept"]),
             sentence_on_errors(ended_well),
             f"The equations of {own_models} are our own; the result holds their text."
             if own_models
@@ -126,15 +127,18 @@ def methods_of(path: Path) -> dict[str, str]:
 def row_of_methods(run: ResultFile, name: str) -> dict[str, Any]:
     """What the paragraph says of a case. A sweep is as many motions as it has members, of which a
     sample is measured. The error of an attitude is an angle, and stands by itself."""
-    row = run.row(name, SUMMARY | typed_as("tol", "error_kind", "case"))
+    row = {"off": math.nan, "turned": math.nan} | run.row(
+        name, SUMMARY | typed_as("tol", "error_kind", "case")
+    )
     more = run.summary(name, ("members", "error_sample", MODEL_SOURCE))
     motions = int(more.get("members", 1))
-    row |= {"off": math.nan, "turned": math.nan}
+    axes = parse_axes(row["case"]) if "members" in more else []
     if "\nattitude:" in row.pop("case") and "members" not in more:
         row |= errors_of_attitude(run.read(name))
     return {
         "case": name,
         **row,
+        "swept": [f"{'.'.join(map(str, path))} {words}" for path, words in ranges_in_words(axes)],
         "motions": motions,
         "motions_measured": int(more.get("error_sample", motions)),
         "is_own_model": MODEL_SOURCE in more,
@@ -142,8 +146,8 @@ def row_of_methods(run: ResultFile, name: str) -> dict[str, Any]:
 
 
 def errors_of_attitude(group: Group) -> dict[str, float]:
-    """The error of a stored motion without its attitude, the angle by which this is `off`, and the
-    angle `turned`; empty if these are not stored."""
+    """The error of a stored motion without its attitude, the angle `off` by which that is wrong,
+    and the angle `turned`; empty if these are not stored."""
     errors = {name: float(x.attrs.get("error", math.nan)) for name, x in group.variables.items()}
     off, known = errors.pop("attitude", math.nan), [x for x in errors.values() if x >= 0]
     if math.isnan(off) or not known or "omega" not in group.variables:
@@ -158,12 +162,12 @@ def methods_paragraphs(rows: Iterable[Mapping[str, str]]) -> str:
 
 
 def stored_version(run: ResultFile, library: str) -> str:
-    """The version of a library by which a result was made."""
+    """The version of a library with which a result was made."""
     return str(run.attributes.get(f"{library}_version", "of unknown version"))
 
 
 def sentence_on_methods(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> str:
-    """The sentence on methods and tolerances: how many motions were computed by which."""
+    """The sentence on methods and tolerances, with the number of motions of each."""
     libraries = {name: stored_version(run, name) for name in ("heyoka", "scipy")}
     methods = Counter[tuple[str, float]]()
     for row in rows:
@@ -174,7 +178,7 @@ def sentence_on_methods(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> s
         tolerance = (
             "" if method in ("exact", "quadrature") else f" at a relative tolerance of {tol:.2g}"
         )
-        # Of the terms that a Taylor series leaves out: the numbers themselves have 2.2e-16.
+        # The bound is on the omitted terms of a Taylor series; the numbers themselves have 2.2e-16.
         finer = ", below the rounding of double precision" if tol < float_info.epsilon else ""
         phrases.append(f"{count} {words}{tolerance}{finer if tolerance else ''}")
     models = ", ".join(dict.fromkeys(f"{row['model']} ({row['form']})" for row in rows))
@@ -186,8 +190,8 @@ def sentence_on_methods(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> s
 
 
 def sentence_on_errors(rows: Sequence[Mapping[str, Any]]) -> str:
-    """The sentence on measured errors, by what they were measured against; a sweep has them of a
-    sample of its members."""
+    """The sentence on measured errors, by their references; a sweep has errors of a sample of its
+    members."""
     phrases, kinds = [], grouped((row["error_kind"], row) for row in rows)
     for kind, of_kind in kinds.items():
         worst = max(of_kind, key=itemgetter("error"))
@@ -220,25 +224,58 @@ def latex_table(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join([begin, r"\toprule", head, r"\midrule", *body, r"\bottomrule", end])
 
 
-def in_words(value: Any) -> str:
-    """A setting in a line: lists in parentheses, and mappings as `key = value`."""
+def ranges_in_words(axes: Iterable[Axis]) -> Iterator[tuple[Sequence[Any], str]]:
+    """The paths of the keys that a sweep varies, with their ranges."""
+    for axis in axes:
+        if axis.sphere:
+            yield ("initial", "direction"), f"{len(axis)} at random"
+        for path, value_range in axis.ranges:
+            ((word, span),) = value_range.items()
+            ends = span if word == "values" else span[:2]
+            yield path, f"{min(ends):g} to {max(ends):g} in {len(axis)} values"
+
+
+def data_in_words(case: Case) -> str:
+    """The data of a case in a line: what its model does not take by default, with units; of a key
+    that a sweep varies its range."""
+    data, axes = dict(case.data), axes_of(case.sweep or {})
+    if any(axis.sphere for axis in axes):  # |G| stays
+        body: Any = case.system
+        G = body.momentum(body.from_principal(np.array(body.start[:3])))
+        data["initial"] = {**dict.fromkeys(data["initial"]), "G": math.hypot(*G), "direction": None}
+    for path, words in ranges_in_words(axes):
+        data = with_number(data, path, words)
+    _, rules = keys_of(case.model, case.form)
+    given = {key: x for key, x in data.items() if x != rules[key].get("default")}
+    span = f"{case.time.start:g} to {case.time.end:g} [{case.time.unit}]".removesuffix(" [1]")
+    return f"{in_words(given, case)}, t = {span}"
+
+
+def in_words(value: Any, case: Case, key: str = "") -> str:
+    """A setting in a line, with its units where the case gives them: lists in parentheses, and
+    mappings as `key = value`."""
     if isinstance(value, Mapping):
-        known = {key: in_words(x) for key, x in value.items() if x not in (None, "", ())}
-        return ", ".join(f"{key} {x}" if "=" in x else f"{key} = {x}" for key, x in known.items())
+        inner = ((k, in_words(x, case, f"{key}.{k}")) for k, x in value.items() if x is not None)
+        return ", ".join(f"{k} {x}" if "=" in x else f"{k} = {x}" for k, x in inner if x)
+    words = f"{value:g}" if isinstance(value, float) else str(value).removesuffix(".0")
     if isinstance(value, tuple):
-        return f"({', '.join(map(in_words, value))})"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+        words = f"({', '.join(in_words(x, case) for x in value)})"
+    stated = stated_unit(case, key.removeprefix("."))
+    is_open = {"mass", "length"} | ({"inertia"} if case.inertia_unit == "1" else set())
+    unit = "1" if any(word in stated for word in is_open) else units_of_case(stated, case)
+    return words if unit == "1" else f"{words} [{unit}]"
 
 
 def latex(text: str) -> str:
-    """A text in LaTeX: its signs escaped, and numbers with powers of ten."""
+    """A text in LaTeX, with its signs escaped, and numbers with powers of ten."""
     escaped = re.sub(r"([&%$#_{}])", r"\\\1", text)
+    escaped = re.sub(r"\^(-?\d+)", r"$^{\1}$", escaped)
     return re.sub(r"(\d)e\+?(-?)0*(\d+)\b", r"\1$\\times10^{\2\3}$", escaped)
 
 
 def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Cases with their method, cost, error and warnings; below them, once each, the warnings that
-    several cases share, and what cases assume where that is known."""
+    """The cases with their method, cost, error and warnings; below them, once each, warnings that
+    several cases share and, where it is known, what cases assume."""
     header = ("case", "model", "form", "method", "steps", "run time", "error", "warnings")
     names = grouped(
         (text, row["case"])
@@ -268,6 +305,6 @@ def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def remarks(row: Mapping[str, Any]) -> list[str]:
-    """How a case ended, unless well and at its time, and its warnings."""
+    """The end of a case, unless it ended well and at its time, and its warnings."""
     ended = row["message"] if row["status"] == "ok" else f"{row['status']}: {row['message']}"
     return [*filter(None, [ended]), *row["warnings"].splitlines()]

@@ -313,11 +313,11 @@ def nested(depth: int, step: TaylorStep, *arguments: np.ndarray) -> None:
         step(*arguments)
 
 
-def stride(tol: float, passing: Event | None) -> float:
-    """The longest step that a tolerance allows, in radii of convergence (`radius`); shorter on the
-    way through an event."""
-    longest = math.exp((math.log(max(tol, 2.0**-62)) - 0.7) / (SERIES_ORDER - 3))
-    return min(longest, PASSAGE_STRIDE) if passing is not None else longest
+def stride(tol: float, passing: Event | None, looser: float = 1.0) -> float:
+    """The longest step that so many tolerances allow, in radii of convergence (`radius`); shorter
+    on the way through an event, where more tolerances shorten it further, so that steps differ."""
+    longest = math.exp((math.log(max(looser * tol, 2.0**-62)) - 0.7) / (SERIES_ORDER - 3))
+    return longest if passing is None else min(longest, PASSAGE_STRIDE / looser**0.05)
 
 
 def coefficients(series: Series, order: int) -> list[Any]:

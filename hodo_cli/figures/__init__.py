@@ -39,7 +39,8 @@ KINDS_DRAWN: dict[str, tuple[Callable[[Sheet, Sequence[Course]], None], tuple[st
     "phase": (phase, ()),
     "invariants": (invariants, ("omega",)),
 }
-"""The kinds of figures of motions: what draws each, and the variables that it needs."""
+"""The kinds of figures of motions: the function that draws each, and the variables that it
+needs."""
 
 KINDS_OF_SWEEPS: dict[str, Callable[[Sheet, Cases], None]] = {
     "map": sweep_map,
@@ -50,8 +51,8 @@ RC_GROUPS = (
     "axes", "axes3d", "errorbar", "font", "grid", "hatch", "legend", "lines", "mathtext", "patch",
     "savefig", "svg", "xtick", "ytick",
 )  # fmt: skip
-"""The groups of matplotlib's parameters that a case file may set. It comes from strangers: others
-name programs and functions that are then started."""
+"""The groups of matplotlib's parameters that a case file may set. Case files come from strangers,
+and other parameters name programs and functions that are then started."""
 
 NONE: Mapping[str, Any] = {}
 
@@ -64,8 +65,8 @@ def user_parameters() -> dict[str, Any]:
 
 
 def check_rc(rc: Mapping[str, Any]) -> None:
-    """Raise HodoError for a parameter of matplotlib that is not there, that no case file sets, or
-    whose value is wrong."""
+    """Raise HodoError for an unknown parameter of matplotlib, one that case files must not set, or
+    a wrong value."""
     for key, value in rc.items():
         if str(key).partition(".")[0] not in RC_GROUPS:
             groups = ", ".join(RC_GROUPS)
@@ -88,7 +89,7 @@ def draw(
     """The figure that one entry of a `figures:` block describes, of datasets by name; it may share
     the scale of other `figures`. Parameters `rc` of matplotlib count where its style has none.
 
-    Raises HodoError if a case or a variable is not there, the kind has no meaning for it, or the
+    Raises HodoError if a case or a variable is missing, the kind has no meaning for it, or the
     style is not one of matplotlib.
     """
     own = spec["style"].get("rc", NONE)
@@ -113,7 +114,7 @@ def draw(
 
 
 def draw_motions(sheet: Sheet, cases: Cases, figures: Mapping[str, Mapping[str, Any]]) -> None:
-    """Draw a figure of motions, and warn of those whose samples are too few."""
+    """Draw a figure of motions, and warn of those with too few samples."""
     spec = sheet.spec
     named = "bodies" if "bodies" in spec else "cases"
     count, given = len(spec.get(named, ())), len(spec["labels"])
@@ -126,8 +127,8 @@ def draw_motions(sheet: Sheet, cases: Cases, figures: Mapping[str, Mapping[str, 
     for name in (others := spec.get("scale_with", ())):
         if name not in figures:
             raise HodoError(f"scale_with: {unknown(f'figure {name!r}', name, figures)}")
-    beside = [case for name in others for case in figures[name]["cases"]]
-    sheet.others = motions_of(cases, beside)
+    sharing = [case for name in others for case in figures[name]["cases"]]
+    sheet.others = motions_of(cases, sharing)
     draw_kind, needs = KINDS_DRAWN[spec["kind"]]
     check_variables([*motions, *sheet.others], spec["kind"], needs)
     check_units(motions, "time")
@@ -144,17 +145,17 @@ def draw_motions(sheet: Sheet, cases: Cases, figures: Mapping[str, Mapping[str, 
 
 
 def remark_on(m: Motion, cubics: Cubics, spec: Mapping[str, Any]) -> str:
-    """The warning about a motion that its samples do not show; an empty text for none."""
+    """The warning about a motion whose samples do not show it; an empty string for none."""
     kind, drawn = spec["kind"], samples_in(m, spec.get("span"))
     names = [spec["x"], spec["y"]] if kind == "phase" else [*spec.get("variables", ())]
-    # What torques alone change has lines between samples.
+    # A quantity that torques alone change has lines between samples.
     is_slow = names and {*names} <= {*SLOW} and not has_formula_of_time(m.case.system)
     return "" if is_slow else remark(m, cubics, kind, names, drawn)
 
 
 def check_variables(motions: Sequence[Motion], kind: str, needs: Sequence[str]) -> None:
-    """Raise HodoError for a motion that lacks what a kind of figure draws, or whose omega is no
-    number at some time, where it has no place on a curve."""
+    """Raise HodoError for a motion that lacks what a kind of figure draws, or whose omega is nan at
+    some time, where it has no place on a curve."""
     for m in motions:
         for name in needs:
             if lack := lack_of(m.case, name, m.sources, f"kind {kind}"):
@@ -165,13 +166,13 @@ def check_variables(motions: Sequence[Motion], kind: str, needs: Sequence[str]) 
         if "omega" in needs and (missing := ~np.isfinite(m.omega).all(axis=-1)).any():
             when = m.case.time.text(m.time[missing.argmax()])
             raise HodoError(
-                f"omega of {m.words} is no number at {when}: draw the samples that have one, "
+                f"omega of {m.words} has no value at {when}: draw the samples that have one, "
                 "as data.dropna('time') selects them"
             )
 
 
 def symbol_of_time(spec: Mapping[str, Any], motions: Sequence[Motion]) -> str:
-    """The symbol of time: that of the figure, or tau for a time without a unit and a slow one."""
+    """The symbol of time: the figure's own, or tau for a slow time without a unit, else t."""
     is_tau = not motions or motions[0].units("time") == "1" or motions[0].case.system.slow_time
     return str(spec.get("time") or (r"\tau" if is_tau else "t"))
 
@@ -198,7 +199,7 @@ def save(sheet: Sheet, path: Path, about: str = "") -> None:
             elif suffix == "png":  # savefig would draw all twice, first for the layout alone
                 sheet.figure.set_dpi(sheet.figure.parameters["savefig.dpi"])
                 canvas: Any = FigureCanvasAgg(sheet.figure)
-                # Level 6, which is usual, costs a third more for 9 % fewer bytes.
+                # The usual level 6 takes a third longer and saves 9 % of the bytes.
                 look = {"compress_level": 3}
                 canvas.print_png(draft, metadata=undated["png"], pil_kwargs=look)
             else:

@@ -1,6 +1,6 @@
-"""A motion between its samples: each variable of the state is there the cubic that has the values
-and the rates of both samples, the rates by the equations of the motion's own case. Whether this is
-the curve is asked of the equations too."""
+"""A motion between its samples, where each variable of the state is the cubic with the values and
+the rates of both samples. The rates are those of the equations of the motion's own case, which also
+show whether the cubic is the curve."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -14,16 +14,17 @@ from ..results.motion import Motion
 from ..storage import Variable
 
 VISIBLE = 0.0015
-"""How far from a curve, as a part of its size, a line may be: 0.06 mm in a column."""
+"""How far a line may be from a curve, relative to its size: 0.06 mm in a column."""
 
 LARGEST_ERROR = 0.03
-"""How far from its size a curve may be of which the eye still reads the values."""
+"""How far a cubic may be from its curve, relative to its size, so that the eye still reads the
+values."""
 
 MOST_PLACES = 24
-"""The most lines between two samples; where more were needed, the cubic is no curve any more."""
+"""The most lines between two samples; where more are needed, the cubic is not the curve."""
 
 JUMPS = 2
-"""Intervals that may each hold a jump, which the eye sees however many samples there are."""
+"""The most intervals with a jump, which the eye sees however many samples there are."""
 
 SLOW = ("G", "G2", "T", "J", "D", "D/2T", "separatrix_distance", "Gz", "H", "u1", "u2", "u3")
 """The quantities that do not change with the turns of a free body."""
@@ -34,14 +35,14 @@ IN_SPACE = ("herpolhode", "axis-trace", "body")
 
 @dataclass(frozen=True, eq=False)
 class Course(Motion):
-    """A motion with places between the samples that are stored."""
+    """A motion with places between its stored samples."""
 
     samples: Any = None
     """The motion as it is stored."""
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Values over time (n,); of what torques alone change a line between samples, since the
-        small error of the cubics would make it oscillate."""
+        """Values over time (n,). A quantity that torques alone change gets lines between samples,
+        because the small error of the cubics would make it oscillate."""
         if name not in SLOW:
             return super().__getitem__(name)
         return np.asarray(np.interp(self.time, self.samples.time, self.samples[name]))
@@ -58,26 +59,26 @@ class Cubics:
 
     @np.errstate(all="ignore")
     def rates(self, time: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """The rates of states (k, ...) at times (...) by the equations; 0 where they are none."""
+        """The rates of states (k, ...) at times (...) by the equations; 0 where they are nan."""
         system = self.motion.case.system
         times = np.broadcast_to(time, y.shape[1:])
         found = stacked(system.equations.rhs(times, [*y], attributes(system.constants)), y)
         return np.asarray(np.nan_to_num(found, posinf=0, neginf=0))
 
     def terms(self, i: Any) -> tuple[np.ndarray, ...]:
-        """The coefficients (k, ...) of the cubics in the part of the intervals i (...)."""
+        """The coefficients (k, ...) of the cubics on the intervals i (...)."""
         h, a, b = np.diff(self.motion.time)[i], self.y[:, i], self.y[:, i + 1]
         u, v = h * self.slope[:, i], h * self.slope[:, i + 1]
         return a, u, 3 * (b - a) - 2 * u - v, 2 * (a - b) + u + v
 
     def at(self, i: Any, s: np.ndarray) -> np.ndarray:
-        """The state (k, ...) at parts s of the intervals i, both (...)."""
+        """The state (k, ...) at fractions s of the intervals i, both (...)."""
         a, u, c, d = self.terms(i)
         return np.asarray(a + s * (u + s * (c + s * d)))
 
 
 def cubics_of(m: Motion) -> Cubics | None:
-    """The cubics of a motion; None where its state is not all stored, as that of most means."""
+    """The cubics of a motion; None if its state is not stored whole, as in most averaged forms."""
     known = {str(x): m.stored(x) for x, v in m.data.items() if v.dims == ("time",)}
     for name, parts in (("gamma", ("gamma1", "gamma2", "gamma3")), ("attitude", QUATERNION)):
         known |= dict(zip(parts, m.stored(name).T, strict=True)) if name in m.data else {}
@@ -113,11 +114,11 @@ def course(m: Motion, cubics: Cubics | None) -> Course:
 
 
 SMALLEST_SEEN = 1e-3
-"""The size, as a part of the largest, below which a variable is 0 for the eye."""
+"""The size, relative to the largest, below which the eye sees a variable as 0."""
 
 
 def sizes(m: Motion, size: np.ndarray) -> np.ndarray:
-    """Sizes (k, ...) of the state with that of the largest component for all of a vector."""
+    """Sizes (k, ...) of the components of the state; all components of a vector get the largest."""
     for name, part in (("omega", slice(0, 3)), ("attitude", slice(-4, None))):
         if name in m.data:
             size[part] = size[part].max(axis=0)
@@ -125,7 +126,8 @@ def sizes(m: Motion, size: np.ndarray) -> np.ndarray:
 
 
 def interpolated(variable: Any, known: np.ndarray, time: np.ndarray) -> Variable:
-    """A variable over known times at others: numbers by lines, labels as at the sample before."""
+    """A variable over known times at other times: numbers by lines, labels as at the sample
+    before."""
     if variable.dtype.kind == "f":
         values = np.interp(time, known, variable.data)
     else:
@@ -134,7 +136,7 @@ def interpolated(variable: Any, known: np.ndarray, time: np.ndarray) -> Variable
 
 
 def vectors_of(m: Motion, y: np.ndarray) -> Iterator[tuple[str, Variable]]:
-    """The variables that are the numbers (k, n) of a state."""
+    """The variables that consist of the numbers (k, n) of a state."""
     names = m.case.system.equations.state
     for name in names:
         if name in m.data:
@@ -157,10 +159,10 @@ def follow_crossings(m: Motion, i: np.ndarray, time: np.ndarray, labels: np.ndar
 
 
 def remark(m: Motion, cubics: Cubics, kind: str, names: Sequence[str], drawn: slice) -> str:
-    """The warning about a motion that leaves its cubics between the samples by what the eye sees;
-    an empty text where it does not.
+    """The warning about a motion that visibly leaves its cubics between the samples; an empty
+    string for none.
 
-    The rates of the cubics are compared with those of the equations at places on the cubics.
+    The rates of the cubics are compared with the equations at places on the cubics.
     """
     state, n = m.case.system.equations.state, len(m.time[drawn]) - 1
     if n < 1:
@@ -186,14 +188,14 @@ def remark(m: Motion, cubics: Cubics, kind: str, names: Sequence[str], drawn: sl
 
 
 TIMES_ASKED = 2**15
-"""The times at which a torque is asked between the samples of a motion."""
+"""The number of times between the samples of a motion at which a torque is evaluated."""
 
 TURNING = ("rotation", "psi", "theta", "phi")
 """The quantities that follow from the attitude, besides vectors in space."""
 
 
 def advice(m: Motion, step: float) -> str:
-    """The number of samples of the whole case that are such a step of time apart."""
+    """The advice to take the number of samples of the whole case that makes a step of this time."""
     time = m.case.time
     instead = ", in place of its values" if time.values else ""
     samples = math.ceil(abs(time.end - time.start) / step) + 1

@@ -1,5 +1,5 @@
 """A body that moves: printed at some moments, played and turned in a page, or written as a film.
-What is drawn stands once, as strokes in axes of the body or of space."""
+All three draw the same strokes, in axes of the body or of space."""
 
 import math
 import warnings
@@ -22,18 +22,18 @@ from .plane import samples_in
 from .space import arrow, pale, view_matrix
 
 FILM_SAMPLES = 4000
-"""The places of a film: with 90 bytes each in a page, it has less than 400 kB."""
+"""The number of places of a film: at 90 bytes each it adds less than 400 kB to a page."""
 
 FRAMES_A_SECOND = 10
 FILM_SIZE, FILM_DPI = 4.0, 100
-"""Inches of a side, and pixels an inch."""
+"""The side in inches, and pixels an inch."""
 
 KEY = {
     "$G$, its hodograph on the body": "red",
     r"$\omega$, its herpolhode in space": "purple",
     "axes of space": "grey",
 }
-"""The meanings of the colours; the axes of the body have their names."""
+"""The meanings of the colours; the axes of the body are labelled by name."""
 
 
 def body(sheet: Sheet, motions: Sequence[Course]) -> None:
@@ -69,7 +69,7 @@ def body(sheet: Sheet, motions: Sequence[Course]) -> None:
 def scene_of(m: Course, index: np.ndarray, spec: Any) -> dict[str, Any]:
     """The strokes of a motion at some of its places, the attitude there, and how long it plays."""
     turned = m.rotations[index]
-    # Of two lengths, since both often point the same way.
+    # Two different lengths, because both often point the same way.
     G, omega = (
         size * values / max(float(np.linalg.norm(values, axis=1).max()), math.ulp(0))
         for size, values in ((1, m.G[index]), (0.8, m.omega[index]))
@@ -94,8 +94,8 @@ def scene_of(m: Course, index: np.ndarray, spec: Any) -> dict[str, Any]:
 
 
 def faces(A: np.ndarray, axes: np.ndarray) -> Iterator[Look]:
-    """The faces of the homogeneous box that has these moments of inertia (3,) about its axes
-    (3, 3), row by row; a plate has a thickness that is seen."""
+    """The faces of the homogeneous box that has these moments of inertia (3,) about its axes (3,
+    3), row by row; a plate gets a visible thickness."""
     # A1 = m (b^2 + c^2)/12, and so on: a^2 is proportional to A2 + A3 - A1.
     sides = np.sqrt(np.maximum(A.sum() - 2 * A, 0))
     half = 0.6 * np.maximum(sides / sides.max(), 0.03)
@@ -107,7 +107,7 @@ def faces(A: np.ndarray, axes: np.ndarray) -> Iterator[Look]:
 
 
 def draw_moment(axes: Axes, scene: Any, i: int, symbol: str) -> None:
-    """Draw place i of a body's scene into a panel."""
+    """Draw the body at place i of a scene into a panel."""
     from scipy.spatial.transform import Rotation  # late: it takes longer than most pictures
 
     V = np.array(scene["view"])
@@ -117,7 +117,7 @@ def draw_moment(axes: Axes, scene: Any, i: int, symbol: str) -> None:
         seen = (points @ R.T if part.get("of") == "body" else points) @ V.T
         x, y, near = seen.T
         if part["kind"] == "face":
-            # The front is a veil over what is behind it.
+            # The front is transparent over what is behind it.
             front = bool(near.mean() > 0)
             look: Look = {"alpha": 0.2 if front else 0.35, "zorder": 4 if front else 1}
             axes.fill(x, y, fc=colour, ec=GREY, lw=0.5, ls="-", **look)
@@ -126,7 +126,7 @@ def draw_moment(axes: Axes, scene: Any, i: int, symbol: str) -> None:
             axes.plot(x[: i + 1], y[: i + 1], "-", color=colour, lw=0.9, zorder=3)
         elif (tip := seen[min(i, len(x) - 1)]).any():  # at rest there is no arrow
             of_space = part["name"] in "xyz"
-            # Else space would look left-handed from behind.
+            # Without this, space would look left-handed from behind.
             shade = pale(colour) if of_space and tip[2] < -1e-9 else colour
             name = part["name"].replace("ω", r"\omega").replace("x", "x_" if not of_space else "x")
             arrow(axes, (0, 0), tip[:2], f"${name}$", shade, 2 if of_space else 5)
@@ -149,6 +149,6 @@ def film(sheet: Sheet, path: Path) -> None:
             canvas.draw()
             shown = Image.fromarray(np.array(canvas.buffer_rgba()))
             pictures.append(shown.convert("P", palette=Image.Palette.ADAPTIVE))
-    # With its format: the name of a draft does not say it.
+    # The format is given, because the name of a draft does not show it.
     first, pause = pictures[0], 1000 // FRAMES_A_SECOND
     first.save(path, "gif", save_all=True, append_images=pictures[1:], duration=pause, loop=0)

@@ -12,12 +12,12 @@ from ..storage import Group, replacing
 from .look import PAGE, STYLE_SHEET, looks
 
 MIN_ERROR = 1e-18
-"""What is drawn of an error of 0 on a logarithmic scale."""
+"""The value drawn for an error of 0 on a logarithmic scale."""
 
 
 def draw_bench(trials: Group, path: Path) -> None:
-    """Draw error against run time, of trials as they are stored, over case, method and tolerance,
-    into a file: a panel for each case and a line for each method."""
+    """Draw error against run time into a file, from trials over case, method and tolerance: a panel
+    for each case and a line for each method."""
     style = {"svg.fonttype": "none", "svg.hashsalt": "hodo"}
     with matplotlib.style.context(["default", STYLE_SHEET, style]), replacing(path) as draft:
         figure = Figure(layout="constrained")
@@ -28,7 +28,7 @@ def draw_bench(trials: Group, path: Path) -> None:
 def work_precision(figure: Figure, stored: Mapping[str, np.ndarray]) -> None:
     """Draw the panels and lines of `draw_bench`."""
     error, methods = np.maximum(stored["error"], MIN_ERROR), stored["method"].tolist()
-    # What ran out of time has an error too, of where it came to.
+    # A trial that ran out of time has an error too, at the place that it reached.
     done = np.isfinite(stored["error"]) & (stored["status"] != "timeout")
     columns = min(3, len(stored["case"]))
     rows = math.ceil(len(stored["case"]) / columns)

@@ -1,5 +1,5 @@
-"""A figure under construction: its panels, legend and the record of what it shows; the colours and
-marks that all kinds share. The style is matplotlib's own, from `hodo.mplstyle`."""
+"""A figure under construction: its panels, its legend and the record of what it shows, with the
+colours and marks that all kinds share. The style is matplotlib's own, from `hodo.mplstyle`."""
 
 import csv
 import io
@@ -35,7 +35,7 @@ COLUMN, PAGE = 84 / 25.4, 174 / 25.4
 """Widths of a journal's column and page, inches."""
 
 LEAST_PANEL = 40 / 25.4
-"""The least width of a panel with its words, inches: two stand in a column."""
+"""The least width of a panel with its words, inches: two fit into a column."""
 
 SCREEN = 150
 """Dots per inch in a notebook."""
@@ -62,20 +62,20 @@ CROSSING: Look = {"ls": "", "marker": "D", "ms": 3.6, "mfc": "#F0E442", "mec": "
 SEPARATRIX: Look = {"color": "black", "lw": 0.7, "ls": (0, (3.2, 2.1))}
 
 TIME_COLOURS = ListedColormap(matplotlib.colormaps["plasma"](np.linspace(0, 0.63, 64)))
-"""The colours of a curve by time; brighter ones are not seen on white."""
+"""The colours of a curve by time, without the bright ones, which white paper hides."""
 
 
 class Drawing(Figure):
-    """A figure that is drawn and saved with parameters of matplotlib of its own, wherever that is.
-    A notebook shows it by itself: as an image or, where the body moves, as the page that plays."""
+    """A figure with its own parameters of matplotlib, wherever it is drawn and saved. A notebook
+    shows it as an image or, if the body moves, as the page that plays."""
 
     parameters: Any = {}
     page: Any = None
     film: Any = None
-    """What makes the page that plays, and the film, of a figure that moves."""
+    """The functions that make the page that plays, and the film, of a figure that moves."""
 
     def styled(self) -> AbstractContextManager[None]:
-        """The context in which the figure's own parameters count."""
+        """The context in which the figure's own parameters apply."""
         return matplotlib.rc_context(self.parameters)
 
     def draw(self, renderer: Any) -> None:
@@ -83,7 +83,8 @@ class Drawing(Figure):
             super().draw(renderer)
 
     def savefig(self, fname: Any, **keys: Any) -> None:
-        """As matplotlib does; to a name that ends with .gif, what moves as a film."""
+        """Save as matplotlib does; a moving figure becomes a film under a name that ends with
+        .gif."""
         with self.styled():
             if self.film and str(fname).endswith(".gif"):
                 self.film(Path(fname))
@@ -104,9 +105,9 @@ class Drawing(Figure):
 
 @dataclass
 class Sheet:
-    """A figure being drawn: the entry of a case file that describes it, the entries of its legend
-    besides labelled lines, a record of every value that it shows, what a viewer turns, the units of
-    what is recorded, and the motions of other figures with which it shares its scale."""
+    """A figure being drawn: its entry of a case file, the entries of its legend besides labelled
+    lines, a record of every value that it shows, the scene of its viewer, the units of what is
+    recorded, and the motions of other figures with which it shares its scale."""
 
     figure: Drawing
     spec: Mapping[str, Any]
@@ -117,12 +118,12 @@ class Sheet:
     others: Sequence[Motion] = ()
 
     def columns(self, width: float, most: int) -> int:
-        """How many panels, up to some, have room side by side in a figure that is so wide, inches,
-        where its style sets no width."""
+        """How many panels, at most `most`, fit side by side into a figure of this width in inches,
+        if its style sets no width."""
         return max(1, min(most, int(self.width(width) / LEAST_PANEL)))
 
     def width(self, usual: float) -> float:
-        """The width in inches that the style of the figure sets, or else the usual one."""
+        """The width in inches that the style of the figure sets, else the given one."""
         given = self.spec["style"].get("width")
         named = {"column": COLUMN, "page": PAGE, None: usual}
         return float(named[given] if given in named else given / 25.4)
@@ -130,7 +131,7 @@ class Sheet:
     def panels(
         self, width: float, height: float, n: int = 1, columns: int = 1, **grid: Any
     ) -> list[Axes]:
-        """n panels in rows of some columns, of a figure of this shape in inches."""
+        """n panels in rows of `columns`, in a figure of this shape in inches."""
         size, style = self.width(width), self.spec["style"]
         title = 0.2 if self.spec["title"] else 0.0
         high = style["height"] / 25.4 if "height" in style else (height + title) * size / width
@@ -140,13 +141,13 @@ class Sheet:
         for spare in axes[n:]:
             spare.remove()
         for lowest in axes[max(0, n - columns) : n]:
-            # Also above a place that stays empty, where matplotlib leaves the ticks to it.
+            # Also above an empty place, where matplotlib leaves out the ticks.
             lowest.tick_params(labelbottom=True)
         return axes[:n]
 
     def record(self, curve: str, **columns: Any) -> None:
-        """Note the values (n,) that a curve shows, by the names of what they are; further ones of
-        the same samples go beside those noted before."""
+        """Note the values (n,) of a curve by the names of their quantities; values of the same
+        samples are added to those noted before."""
         for name, known in self.table:
             shared = known.keys() & columns.keys()
             same = (np.array_equal(known[x], columns[x], equal_nan=True) for x in shared)
@@ -163,8 +164,8 @@ class Sheet:
         self.record(label or m.label, time=m.samples.time, **columns)
 
     def csv(self) -> str:
-        """A row for each sample of each curve, a column for each quantity with its units; what a
-        curve does not have stays empty."""
+        """A row for each sample of each curve, a column for each quantity with its units; a missing
+        value leaves a cell empty."""
         names = dict.fromkeys(name for _, columns in self.table for name in columns)
         heads = {name: f"{name} [{self.units[name]}]" for name in names if name in self.units}
         text = io.StringIO()
@@ -172,14 +173,14 @@ class Sheet:
         writer.writerow({"curve": "curve", **dict(zip(names, names, strict=True)), **heads})
         for curve, columns in self.table:
             name = without_tex(curve)
-            # A spreadsheet would compute what begins so.
+            # A spreadsheet would compute a text that begins so.
             first = {"curve": f"'{name}" if name[:1] in "=+-@" else name}
             for row in zip(*(np.asarray(c).tolist() for c in columns.values()), strict=True):
                 writer.writerow(first | dict(zip(columns, row, strict=True)))
         return text.getvalue()
 
     def finish(self) -> None:
-        """Set what the style says of the panels, and add title and legend."""
+        """Set the properties of the panels that the style gives, and add title and legend."""
         panels = [axes for axes in self.figure.axes if axes.get_subplotspec() is not None]
         for axes in panels:
             try:
@@ -200,7 +201,7 @@ class Sheet:
             self.add_legend([*reversed(entries.values())], across)
 
     def add_legend(self, handles: list[Any], across: int) -> None:
-        """A legend below the panels, in as many columns as fit into a width in letters."""
+        """Add a legend below the panels, in as many columns as fit into a width in letters."""
         for handle in handles:
             handle.set_label(wrapped(str(handle.get_label()), across - 8))
         texts = [without_tex(str(handle.get_label())).splitlines() for handle in handles]
@@ -223,8 +224,8 @@ class Sheet:
 
 
 def looks(n: int, names: Sequence[str] = (), solid: bool = False) -> list[Look]:
-    """Colours and lines of n curves: first the named ones, such as "blue dashed", then the
-    cycle of the style."""
+    """Colours and lines of n curves: first the named ones, such as "blue dashed", then the cycle of
+    the style."""
     named = [name.partition(" ") for name in names]
     for colour, _, line in named:
         if colour not in COLOURS or line not in LINES:
@@ -246,15 +247,15 @@ def labels_of(m: Motion) -> np.ndarray:
 
 
 def time_span(motions: Sequence[Motion]) -> tuple[float, float]:
-    """From when the first motion begins to when the last one ends or comes to rest."""
+    """The time from the start of the first motion to the end, or the stop, of the last one."""
     return min(m.time[0] for m in motions), max(min(m.time[-1], m.stop) for m in motions)
 
 
 def colours_of(
     motions: Sequence[Motion], spec: Mapping[str, Any]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """For each motion colours (m, 3) and the index in them of each place (n,): by time, by the
-    enclosed axis, or one a case."""
+    """For each motion its colours (m, 3), and at each place (n,) the index of its colour: by time,
+    by the enclosed axis, or one a case."""
     colour = spec.get("colour", "axis")
     if colour == "axis":
         labels = sorted(AXIS_LOOKS)
@@ -273,13 +274,13 @@ def colours_of(
 
 
 def colour_legend(sheet: Sheet, panels: Sequence[Axes], motions: Sequence[Motion]) -> None:
-    """The entries of the colours, or the bar of those by time."""
+    """The entries of the colours in the legend, or the bar of colours by time."""
     colour = sheet.spec.get("colour", "axis")
     if colour == "axis":
         # A body at rest goes round no axis, and draws no curve.
         moving = [labels_of(m)[(m.time <= m.stop) & m.G.any(axis=1)] for m in motions]
         seen = sorted({*np.concatenate(moving).tolist()}, key=lambda x: (x < 1, x))
-        # Other axes than those that are drawn, if a body is given by its full tensor of inertia.
+        # These axes differ from the drawn ones if a body is given by its full tensor of inertia.
         turned = any((m.principal_axes != np.eye(3)).any() for m in motions)
         for look, words in (AXIS_LOOKS[label] for label in seen):
             words = words.replace("about", "about principal axis") if turned else words
@@ -289,14 +290,14 @@ def colour_legend(sheet: Sheet, panels: Sequence[Axes], motions: Sequence[Motion
         colour_bar(sheet, scale, panels, time_label(sheet.spec, motions[0]))
     else:
         ways = looks(len(motions), sheet.spec.get("styles", ()), solid=True)
-        named = zip(motions, ways, strict=True)
-        sheet.handles += [Line2D([], [], **way, label=m.label) for m, way in named]
+        for m, way in zip(motions, ways, strict=True):
+            sheet.handles.append(Line2D([], [], **way, label=m.label))
 
 
 def colour_bar(
     sheet: Sheet, scale: Any, panels: Sequence[Axes], label: str, arrows: str = "neither"
 ) -> Any:
-    """The scale of the colours of some panels below them, with arrows at the ends beyond which
+    """The scale of the colours of some panels, below them, with arrows at the ends beyond which
     there are values: "neither", "min", "max" or "both"."""
     place: Look = {"location": "bottom", "fraction": 0.04, "pad": 0.02, "shrink": 0.7, "aspect": 45}
     bar = sheet.figure.colorbar(scale, ax=panels, panchor=False, extend=arrows, **place)
@@ -305,7 +306,8 @@ def colour_bar(
 
 
 def pieces(*keys: np.ndarray) -> list[slice]:
-    """The stretches of a curve on which all keys (n,) are constant, each reaching the next."""
+    """The stretches of a curve on which all keys (n,) are constant; each ends where the next
+    begins."""
     table = np.stack(keys, axis=-1)
     cuts = (np.flatnonzero((table[1:] != table[:-1]).any(axis=-1)) + 1).tolist()
     return [slice(a, b + 1) for a, b in zip([0, *cuts], [*cuts, len(table)], strict=True)]
@@ -315,8 +317,8 @@ def curves(
     axes: Axes, motions: Sequence[Course], spec: Mapping[str, Any], points: Sequence[np.ndarray],
     size: float = 0,
 ) -> None:  # fmt: skip
-    """The curves (n, 2) of motions in a plane with their marks and, of several, their names; of a
-    panel of a size, if it does not show all."""
+    """Draw the curves (n, 2) of motions in a plane with their marks and, for several motions, their
+    names; `size` is that of a panel that does not show all."""
     for m, values, (palette, code) in zip(motions, points, colours_of(motions, spec), strict=True):
         parts = pieces(code)
         lines = [values[part] for part in parts]
@@ -329,7 +331,7 @@ def curves(
 
 
 def names_beside(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[str]:
-    """The names of several motions whose colours show something else; none of others."""
+    """The names of motions, if there are several whose colours do not show the case; else none."""
     is_named = len(motions) > 1 and spec.get("colour", "axis") != "case"
     return [m.label for m in motions] if is_named else []
 
@@ -337,7 +339,8 @@ def names_beside(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[str
 def name_curves(
     axes: Axes, names: Sequence[str], points: Sequence[np.ndarray], colours: Sequence[Any] = ()
 ) -> None:
-    """Name curves (n, 2) beside nine of their places where they are far from the others."""
+    """Write the names of curves (n, 2), each at one of nine of its places that are far from the
+    others."""
     known = [curve[np.isfinite(curve).all(axis=1)] for curve in points]
     thin = [curve[:: max(1, len(curve) // 200)] for curve in known]
     for i, name in enumerate(names):
@@ -352,8 +355,8 @@ def name_curves(
 def marks(
     axes: Axes, curve: np.ndarray, crossings: np.ndarray, reach: float = math.inf, size: float = 0
 ) -> None:
-    """The start, the end and the numbered crossings of a curve (n, 2), those within reach; of a
-    panel of a size, if it does not show all."""
+    """Mark the start, the end and the numbered crossings of a curve (n, 2), if they are in the
+    panel; `size` is that of a panel that does not show all."""
     for look, points in ((START, curve[:1]), (END, curve[-1:]), (CROSSING, crossings)):
         shown = points[(np.abs(points) <= reach).all(axis=1)]
         (line,) = axes.plot(*shown.T, **look, zorder=6, clip_on=reach < math.inf)
@@ -364,7 +367,7 @@ def marks(
 
 
 def number_marks(axes: Axes, crossings: np.ndarray, room: float) -> None:
-    """Number several crossings (n, 2) in time; those within some room have one place for it."""
+    """Number several crossings (n, 2) in time; those close together share one place."""
     together: list[tuple[np.ndarray, list[str]]] = []
     for number, point in enumerate(crossings if len(crossings) > 1 else (), 1):
         near = [names for at, names in together if np.abs(at - point).max() < room]
@@ -378,11 +381,13 @@ def number_marks(axes: Axes, crossings: np.ndarray, room: float) -> None:
 
 
 NUMBER_ROOM = 0.04
-"""The part of a curve's size below which two marks have one place for their numbers."""
+"""The distance of two marks, relative to a curve's size, below which they share a place for their
+numbers."""
 
 
 def mark_legend(sheet: Sheet, motions: Sequence[Motion]) -> None:
-    """The entries of start, end and crossings, with the times that a single motion has."""
+    """The entries of start, end and crossings in the legend, with their times for a single
+    motion."""
     m, tau = motions[0], sheet.spec.get("time") or "t"
     unit = "" if m.units("time") == "1" else f" {m.units('time')}"
     start = m.case.time.start
@@ -394,7 +399,7 @@ def mark_legend(sheet: Sheet, motions: Sequence[Motion]) -> None:
     words = "$D = 0$"
     if len(motions) == 1:
         several = len(m.crossing_time) > 1
-        # With its last zeros, which tell how exact a number is.
+        # With its last zeros, which show how accurate a number is.
         crossed = m.crossing_time[:CROSSINGS_NAMED]
         times = [f"{t:#.{time_digits(t, start)}g}".removesuffix(".") for t in crossed]
         numbered = [f"{t} ({i})" if several else t for i, t in enumerate(times, 1)]
@@ -411,14 +416,14 @@ CROSSINGS_NAMED = 12
 
 
 def width_of(m: Motion) -> float:
-    """A line width, the thinner the longer the hodograph winds."""
+    """A line width, the thinner the more turns the hodograph has."""
     size = max(float(np.abs(m.G).max()), math.ulp(0))
     length = np.linalg.norm(np.diff(m.G / size, axis=0), axis=-1).sum()
     return float(np.interp(length, [15, 120], [1.1, 0.5]) * matplotlib.rcParams["lines.linewidth"])
 
 
 def check_zoom(zoom: float, nearest: float) -> None:
-    """Raise HodoError if curves that come no nearer to the origin are not in a panel to `zoom`."""
+    """Raise HodoError if curves do not come near enough to the origin for a panel up to `zoom`."""
     if nearest >= zoom:
         raise HodoError(
             f"zoom: {zoom:g} shows nothing: the curves come no nearer to the origin than "
@@ -427,7 +432,7 @@ def check_zoom(zoom: float, nearest: float) -> None:
 
 
 def unit(m: Motion, name: str, power: int = 1) -> str:
-    """The units of a variable in brackets, in TeX: a dash for a number, and nothing where the unit
+    """The units of a variable in brackets, in TeX: a dash for a pure number, and empty if the unit
     of the moments of inertia is not known."""
     stated = m.units(name)
     if "inertia" in units_in_words(m, name) and m.case.inertia_unit == "1":
@@ -453,12 +458,12 @@ def time_label(spec: Mapping[str, Any], m: Motion) -> str:
 
 
 def stroke(points: Any, colour: Any = "black", time: np.ndarray | None = None, **kind: Any) -> Look:
-    """A line, mark, arrow or face (n, 3) of a scene, for the viewer: `of` body or space; without
-    the points that are no numbers."""
+    """A line, mark, arrow or face (n, 3) of a scene, for the viewer, in axes `of` body or space;
+    without points that are nan."""
     places = np.asarray(points, float)
     known = np.isfinite(places).all(axis=-1)
     size = float(np.abs(places[known]).max(initial=0)) or 1.0
-    # Five digits, whatever the units.
+    # Five digits, in any units.
     kind["points"] = places[known].round(5 - math.floor(math.log10(size))).tolist()
     if time is not None:
         kind["time"] = time[known].tolist()

@@ -34,7 +34,7 @@ from .look import (
     raised,
 )
 from .space import pale
-from .words import HALO, without_tex
+from .words import HALO, Words, without_tex
 
 NO_VALUE = "#E4E4E4"
 """The colour of members without a value, a grey that no colour map contains."""
@@ -42,13 +42,13 @@ NO_VALUE = "#E4E4E4"
 LEVEL: Look = {
     "color": "white", "lw": 0.9, "path_effects": [withStroke(linewidth=2, foreground="black")],
 }  # fmt: skip
-"""A contour, seen on every colour, and on a white page."""
+"""A contour that is visible on every colour, and on a white page."""
 
 THEORY: Look = {"color": "#D55E00", "lw": 1.4, "ls": (0, (3.4, 1.4))}
 """A curve of theory over a map."""
 
 MOST_COUNTS = 8
-"""The largest difference of counts that have a colour each: of more, colours are too alike."""
+"""The largest difference of counts with a colour each: of more, the colours are too alike."""
 
 KEY_SYMBOLS = {
     "damping": r"\lambda", "inertia": "A", "torque": "M", "quadratic": "c", "rotor": "h",
@@ -56,8 +56,11 @@ KEY_SYMBOLS = {
     "diagonal": "I_{ii}", "off_diagonal": "I_{ij}", "brake": "b", "resistance": "I",
 }  # fmt: skip
 
-VARIABLE_SYMBOLS = {"crossing_time": "$t_1$", "crossing_G": "$|G|$ at $t_1$"}
-"""The symbols of variables whose meanings are longer than an axis."""
+VARIABLE_WORDS = {
+    "crossing_time": "time of the crossing, ${t}_1$",
+    "crossing_G": "$|G|$ at ${t}_1$",
+}
+"""Words for variables whose meanings are longer than an axis, with the symbol of time."""
 
 
 def key_symbol(key: str) -> str:
@@ -96,7 +99,7 @@ Cell = tuple[SweepView, str, str, np.ndarray]
 
 
 def check_axes_differ(spec: Mapping[str, Any]) -> None:
-    """Raise HodoError if a map has one axis of two, or an axis is drawn twice."""
+    """Raise HodoError if a map names only one of two axes, or an axis is drawn twice."""
     given = {key: spec[key] for key in ("x", "y", "panels", "by") if spec.get(key)}
     if spec["kind"] == "map" and len(alone := given.keys() & {"x", "y"}) == 1:
         (missing,) = {"x", "y"} - alone
@@ -117,6 +120,8 @@ def cells(sheet: Sheet, cases: Cases, keep: Sequence[str], along: str | None) ->
         if "members" not in data.attrs:
             raise HodoError(f"case {name} is no sweep")
         swept = SweepView.of(name, data)
+        if reason := swept.undivided(spec["variable"]):
+            raise HodoError(f"case {name} has no separatrix to be drawn: {reason}")
         if missing := [axis for axis in (*keep, along) if axis and axis not in swept.axes]:
             its_axes = ", ".join(swept.axes)
             raise HodoError(f"sweep {name} has no axis {missing[0]} (its axes: {its_axes})")
@@ -140,18 +145,22 @@ def cells(sheet: Sheet, cases: Cases, keep: Sequence[str], along: str | None) ->
     return found
 
 
-def meaning(swept: SweepView, spec: Mapping[str, Any], keep: Sequence[str]) -> str:
-    """What the colours of a map, or the height of a curve, show."""
-    name, _, part = spec["variable"].partition(".")
+def meaning(cells_drawn: Sequence[Cell], spec: Mapping[str, Any], keep: Sequence[str]) -> str:
+    """What the colours of a map, or the height of a curve, show; the mean that all have in
+    common."""
+    (swept, *_), (name, _, part) = cells_drawn[0], spec["variable"].partition(".")
     attrs = swept.variable(name).attrs
-    words = VARIABLE_SYMBOLS.get(name, str(attrs.get("long_name", name)))
+    t = "t" if swept.case.time.unit != "1" else r"\tau"
+    words = VARIABLE_WORDS.get(name, str(attrs.get("long_name", name))).replace("{t}", t)
     if part in str(attrs.get("flag_meanings", "")).split():
         words = f"share of members: ${part[0]}_{part[1:]}$ is the {words}"
     elif part:
         words += f": ${part[0]}_{part[1:]}$"
-    unit = raised(str(attrs.get("units", "1")))
+    stated = str(attrs.get("units", "1"))
+    unit = "–" if stated == "1" and name in VARIABLE_WORDS else raised(stated)
     drawn = {*(keep or [swept.sphere]), spec.get("by"), spec.get("panels")}
-    over = [axis for axis in swept.axes if axis not in drawn]
+    shared = set(swept.axes).intersection(*(cell[0].axes for cell in cells_drawn))
+    over = [axis for axis in swept.axes if axis in shared - drawn]
     mean = f", mean over {', '.join(over)}" if over else ""
     return words + mean + (f" [{unit}]" if unit != "1" else "")
 
@@ -159,8 +168,8 @@ def meaning(swept: SweepView, spec: Mapping[str, Any], keep: Sequence[str]) -> s
 def scale_of(
     spec: Mapping[str, Any], known: np.ndarray, labelled: bool
 ) -> tuple[Normalize, ListedColormap | LinearSegmentedColormap]:
-    """The scale and the colours of a map of known values (n,): of labels, and of the share of one,
-    those of the axes in every figure."""
+    """The scale and the colours of a map of known values (n,). Labels, and the share of a label,
+    have the colours of the axes in every figure."""
     low, high = spec["range"] or (float(known.min()), float(known.max()))
     part = spec["variable"].rpartition(".")[2]
     plasma = ListedColormap(matplotlib.colormaps["plasma"](np.linspace(0, 0.93, 256)))
@@ -170,7 +179,7 @@ def scale_of(
     if part in ("x1", "x2", "x3"):
         colour = AXIS_LOOKS[int(part[1])][0]
         ends: Any = [tuple(pale(colour, 0.88)), colour]
-        # All of one kind has another colour where all say yes than where all say no.
+        # If all values are equal, all yes has another colour than all no.
         alike = np.isin(known, (0, 1)).all() or low == high
         ends_of_scale = (0, 1) if alike and not spec["range"] else (low, high)
         return Normalize(*ends_of_scale), LinearSegmentedColormap.from_list(part, ends)
@@ -183,7 +192,8 @@ def scale_of(
 
 
 def sweep_map(sheet: Sheet, cases: Cases) -> None:
-    """A variable over two axes, or over the directions of the start, a panel a position."""
+    """Draw a variable over two axes, or over the directions of the start, a panel for each
+    position."""
     spec = sheet.spec
     keep = [spec["x"], spec["y"]] if spec["x"] else []
     drawn = cells(sheet, cases, keep, spec["panels"])
@@ -211,7 +221,7 @@ def sweep_map(sheet: Sheet, cases: Cases) -> None:
     if len(known) < len(every):
         absent = "no crossing" if spec["variable"].startswith("crossing") else "no value"
         sheet.handles.append(Patch(fc=NO_VALUE, ec=GREY, lw=0.4, label=absent))
-    said = meaning(first, spec, keep)
+    said = meaning(drawn, spec, keep)
     if words or (said.startswith("share of") and np.isin(known, (0, 1)).all()):
         yes = said.partition(": ")[2]
         named = words or {1: yes, 0: "otherwise"}
@@ -228,7 +238,8 @@ def sweep_map(sheet: Sheet, cases: Cases) -> None:
 def scale_beside(
     sheet: Sheet, panels: Sequence[Axes], look: tuple[Normalize, Any], known: np.ndarray, words: str
 ) -> None:
-    """The bar of the colours of a map, with arrows at the ends beyond which there are values."""
+    """Draw the bar of the colours of a map, with arrows at the ends beyond which there are
+    values."""
     norm, colours = look
     low, high = float(norm.vmin or 0), float(norm.vmax or 0)
     ends = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}
@@ -241,7 +252,7 @@ def scale_beside(
 def plane(
     sheet: Sheet, axes: Axes, swept: SweepView, name: str, values: np.ndarray, look: Look
 ) -> None:
-    """An image over two axes, with a level and the curve of theory."""
+    """Draw an image over two axes, with a level and the curve of theory."""
     spec = sheet.spec
     (x, even_x), (y, even_y) = swept.ticks(spec["x"]), swept.ticks(spec["y"])
     axes.set(
@@ -255,7 +266,9 @@ def plane(
     sheet.record(name, **across, **{spec["variable"]: values.ravel()})
     if spec["level"] is not None:
         unit = sheet.units.get(spec["variable"], "")
-        contour(sheet, axes, (x, y, values), spec["level"], LEVEL, f"{spec['level']:g} {unit}")
+        contour(
+            sheet, axes, (x, y, values), spec["level"], LEVEL, f"level {spec['level']:g} {unit}"
+        )
     if spec["theory"]:
         i, j = (np.unique(np.linspace(0, len(v) - 1, 33).astype(int)) for v in (x, y))
         ratio = [[balance(swept.at({spec["x"]: a, spec["y"]: b})) for b in j] for a in i]
@@ -263,21 +276,27 @@ def plane(
         contour(sheet, axes, places, 1.0, THEORY, "fluid and damping balance")
 
 
+MANY_CELLS = 20
+"""The cells along an axis of which half of an outer one is not missed."""
+
+
 def edges(values: np.ndarray, ratios: bool) -> np.ndarray:
-    """The edges (n + 1,) of cells about values (n,), half way between them, in even ratios or
-    not."""
+    """The edges (n + 1,) of cells about values (n,), half way between them, by differences or
+    ratios."""
     x = np.log(values) if ratios else values
     alone = 0.5 if ratios else 0.1 * abs(x[0]) or 0.5
     half = np.diff(x) / 2 if len(x) > 1 else np.array([alone])
-    # The outer cells are as wide as their neighbours.
-    found = np.concatenate([x[:1] - half[:1], x[:-1] + half[: len(x) - 1], x[-1:] + half[-1:]])
+    # Of many the outer ones end at their values, as those of a coarser grid beside it do.
+    outer = half * (len(x) < MANY_CELLS)
+    found = np.concatenate([x[:1] - outer[:1], x[:-1] + half[: len(x) - 1], x[-1:] + outer[-1:]])
     return np.asarray(np.exp(found) if ratios else found)
 
 
 def contour(
     sheet: Sheet, axes: Axes, of: tuple[np.ndarray, ...], level: float, look: Look, words: str
 ) -> None:
-    """The contour of values (n, m) over x and y at a level, and its entry of the legend."""
+    """Draw the contour of values (n, m) over x and y at a level, and add its entry to the
+    legend."""
     x, y, values = of
     reached = np.fmin.reduce(values, axis=None) <= level < np.fmax.reduce(values, axis=None)
     if reached and min(values.shape) > 1:
@@ -290,8 +309,8 @@ def contour(
 
 
 def balance(case: Any) -> float:
-    """|G| at the start over that at which the sense of crossings turns on the mean. Raises
-    HodoError for a sweep whose torques no theorem takes."""
+    """|G| at the start over the |G| at which the sense of crossings turns on the mean. Raises
+    HodoError for a sweep whose torques no theorem covers."""
     if not (terms := case.system.dissipation):
         raise HodoError("theory: no theorem predicts the sense of crossings of the sweep")
     return float(case.system.momentum_at_start / turning_momenta(terms).mean)
@@ -300,8 +319,8 @@ def balance(case: Any) -> float:
 def globe(
     sheet: Sheet, axes: Axes, swept: SweepView, name: str, values: np.ndarray, look: Look
 ) -> None:
-    """An equal-area map of the directions of G at the start, each cell of the nearest direction on
-    its own side of the separatrix."""
+    """Draw an equal-area map of the directions of G at the start; each cell has the value of the
+    nearest direction on its own side of the separatrix."""
     from scipy.spatial import cKDTree  # late: it loads half of SciPy
 
     directions, A = swept.directions(), swept.body()
@@ -326,9 +345,8 @@ def globe(
         east[1:][np.abs(np.diff(east)) > np.pi] = np.nan
         axes.plot(east, north, **SEPARATRIX, path_effects=HALO, label="separatrix, $D = 0$")
     for text, at in SPHERE_AXES.items():
-        axes.plot(*at, "k.", ms=2.5, zorder=4)
-        place: Look = {"textcoords": "offset points", "size": "small", "path_effects": HALO}
-        axes.annotate(text, at, (3, -9 if at[1] > 0 else 3), **place)
+        axes.plot(*at, "k.", ms=2.5, zorder=4, clip_on=False)
+        Words(axes, text, [at], size="small")
     columns = {f"G.x{i + 1}/|G|": directions[:, i] for i in range(3)}
     sheet.record(name, **columns, **{sheet.spec["variable"]: values})
 
@@ -349,7 +367,7 @@ def outside(directions: np.ndarray, A: np.ndarray | None) -> np.ndarray:
 
 
 def sweep_curve(sheet: Sheet, cases: Cases) -> None:
-    """A variable over one axis: a curve a sweep, or a curve an entry of another axis."""
+    """Draw a variable over one axis: a curve for each sweep, or for each value of another axis."""
     spec = sheet.spec
     (axes,) = sheet.panels(COLUMN, 0.85 * COLUMN)
     drawn = cells(sheet, cases, [spec["x"]], spec["by"])
@@ -367,5 +385,5 @@ def sweep_curve(sheet: Sheet, cases: Cases) -> None:
     if not (every[np.isfinite(every)] % 1).any():  # as numbers of crossings
         axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     first = drawn[0][0]
-    said = meaning(first, spec, [spec["x"]])
+    said = meaning(drawn, spec, [spec["x"]])
     axes.set(xlabel=axis_name(first, spec["x"]), ylabel=said)

@@ -47,7 +47,7 @@ Drawn = tuple[Course, str, Look]
 
 
 def samples_in(m: Motion, span: Sequence[float] | None) -> slice:
-    """The places of a motion within a span of time. Raises HodoError if there is none."""
+    """The places of a motion within a span of time. Raises HodoError if there are none."""
     low, high = span or (-math.inf, math.inf)
     first, end = np.searchsorted(m.time, low), np.searchsorted(m.time, high, "right")
     if first == end:
@@ -86,12 +86,11 @@ def series(sheet: Sheet, motions: Sequence[Course]) -> None:
             inset(sheet, axes, enlarged, curves_of)
     for axes in panels[-columns:]:
         axes.set_xlabel(time_label(spec, motions[0]))
-    first = min(m.time[0] for m in motions)
-    panels[0].set_xlim(*(spec["span"] or (first, None)))
+    panels[0].set_xlim(*(spec["span"] or (min(m.time[0] for m in motions), None)))
 
 
 def series_curve(sheet: Sheet, axes: Axes, m: Course, name: str, look: Look) -> None:
-    """A variable of a motion within the span of the figure, with its law and its marks."""
+    """Draw a variable of a motion within the span of the figure, with its law and its marks."""
     spec, part = sheet.spec, samples_in(m, sheet.spec["span"])
     stored = samples_in(m.samples, spec["span"])
     is_single = part.stop - part.start == 1
@@ -99,7 +98,7 @@ def series_curve(sheet: Sheet, axes: Axes, m: Course, name: str, look: Look) -> 
     time, values = m.samples.time[stored], m.samples[name][stored]
     sheet.record(m.label, time=time, **{name: values})
     if not np.isfinite(values).any():
-        warnings.warn(f"{name} of {m.name} is no number at any sample: no curve", stacklevel=2)
+        warnings.warn(f"{name} of {m.name} has no value at any sample: no curve", stacklevel=2)
     if law := spec["formula"].get(name):
         fitted = formula_values(m.samples, law)[stored]
         words = f"${symbol(name)}$ = {law}".replace("**", "^").replace("*", " · ")
@@ -129,7 +128,7 @@ def label_panel(sheet: Sheet, axes: Axes, drawn: Sequence[Drawn]) -> None:
 
 
 def unbroken(m: Motion, name: str) -> np.ndarray:
-    """Values (n,) with a gap where a rotation vector, half a turn long, goes on elsewhere."""
+    """Values (n,) with a gap where a rotation vector of half a turn jumps to its opposite."""
     values = m[name].astype(float)
     if name.startswith("rotation."):
         jumps = np.linalg.norm(np.diff(m.vector("rotation"), axis=0), axis=1) > math.pi
@@ -138,8 +137,8 @@ def unbroken(m: Motion, name: str) -> np.ndarray:
 
 
 def widen(axes: Axes) -> None:
-    """Give constant quantities a scale on which they look so, and say it: on that of their rounding
-    they would look like noise."""
+    """Give constant quantities a scale on which they look constant, and say so: on the scale of
+    their rounding they would look like noise."""
     known = np.concatenate([np.asarray(line.get_ydata(), float) for line in axes.lines])
     known = known[np.isfinite(known)]
     if known.size > 1 and np.ptp(known) <= 1e-9 * np.abs(known).max():
@@ -151,8 +150,8 @@ def widen(axes: Axes) -> None:
 
 
 def events(axes: Axes, m: Motion, name: str, spec: Mapping[str, Any]) -> None:
-    """Mark the events of a motion on its curve, each with the value there, or with the time where
-    that is 0."""
+    """Mark the events of a motion on its curve, each with the value there, or with the time if that
+    value is 0."""
     low, high = spec["span"] or (-math.inf, math.inf)
     for kind, when in m.events:
         if not low <= when <= high:
@@ -167,7 +166,7 @@ def events(axes: Axes, m: Motion, name: str, spec: Mapping[str, Any]) -> None:
 
 
 def inset(sheet: Sheet, panel: Axes, spec: Mapping[str, Any], drawn: Sequence[Drawn]) -> None:
-    """A part of a panel's curves enlarged within it."""
+    """Draw a part of a panel's curves enlarged within the panel."""
     axes, shown = panel.inset_axes(spec["box"]), []
     for m, name, look in drawn:
         if m.name == spec["case"] and name in spec["variables"]:
@@ -203,7 +202,7 @@ def phase(sheet: Sheet, motions: Sequence[Course]) -> None:
 
 def quadrants(sheet: Sheet, motions: Sequence[Course]) -> None:
     """p^2 against K r^2, with the regions A (D > 0) and B (D < 0); an enlargement is the larger
-    panel, since few turns of most motions are seen on the whole."""
+    panel, because the whole shows few turns of most motions."""
     spec, points = sheet.spec, [m.quadrants for m in motions]
     bodies = {m.inertia.tobytes(): m.name for m in motions}
     if len(bodies) > 1:
@@ -239,7 +238,7 @@ def quadrants(sheet: Sheet, motions: Sequence[Course]) -> None:
 
 
 def regions(axes: Axes, m: Motion, limit: float, is_small: bool) -> None:
-    """The regions A and B below and above the diagonal, shaded and named."""
+    """Shade and name the regions A and B below and above the diagonal."""
     axes.plot([0, limit], [0, limit], color="black", lw=0.7, ls="-")
     places = limit * np.array([(0.97, 0.06), (0.8, 0.06), (0.9, 0.3), (0.7, 0.2), (0.95, 0.6)])
     areas = [("A", m.order[0], (limit, 0), places), ("B", m.order[2], (0, limit), places[:, ::-1])]
@@ -324,13 +323,13 @@ def invariants(sheet: Sheet, motions: Sequence[Course]) -> None:
 
 
 def bounds(panels: Sequence[Axes], m: Motion) -> None:
-    """T between G^2/2A_largest and G^2/2A_smallest; G^2 between its exponentials where constant
-    damping alone changes it."""
+    """Draw the bounds of T, G^2/2A_largest and G^2/2A_smallest, and those of G^2, its exponentials,
+    if constant damping alone changes it."""
     look: Look = {"color": GREY, "lw": 0.5, "ls": "-"}
     for A in (min(m.inertia), max(m.inertia)):
         panels[0].plot(m.time, m["G2"] / (2 * A), **look)
     system = m.case.system
-    # Fluid does not change G.
+    # A fluid does not change G.
     terms = system.dissipation if isinstance(system, Body) else None
     alone = terms and {*system.equations.terms} <= {"damping", "kappa"} and terms.damping
     for rate in {min(alone), max(alone)} if alone else ():

@@ -1,6 +1,5 @@
 """Curves in space: hodographs, spheres, the ellipsoid of inertia with its polhodes, and
-herpolhodes. Each is drawn in one orthographic view; the strokes of its scene are what the viewer
-turns."""
+herpolhodes. Each is drawn in one orthographic view; the viewer turns the strokes of its scene."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -62,7 +61,7 @@ def pale(colour: Any, part: float = 0.65) -> np.ndarray:
 def arrow(
     axes: Axes, tail: Any, tip: Any, name: str = "", colour: Any = GREY, zorder: float = 1
 ) -> None:
-    """An arrow in the page with its name beyond the tip."""
+    """Draw an arrow in the page with its name beyond the tip."""
     head = "-|>,head_width=0.14,head_length=0.35"
     shape = {"arrowstyle": head, "lw": 0.5, "color": colour, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", tuple(tip), tuple(tail), arrowprops=shape, zorder=zorder)
@@ -71,13 +70,14 @@ def arrow(
 
 
 def round_step(size: float) -> float:
-    """A round spacing of two to five marks up to a size."""
+    """A round spacing that puts two to five marks up to a size."""
     power = 10.0 ** math.floor(math.log10(size / 2))
     return max(m * power for m in (1, 2, 5) if m * power <= size / 2)
 
 
 def hodograph(sheet: Sheet, motions: Sequence[Course]) -> None:
-    """The curve of G in body axes; beside it the neighbourhood of the origin and projections."""
+    """Draw the curve of G in body axes, with panels for the neighbourhood of the origin and for
+    projections."""
     spec = sheet.spec
     V, zoom, planes = view_matrix(spec["view"]), spec["zoom"], spec["projections"]
     every = np.concatenate([m.G for m in motions])
@@ -119,10 +119,10 @@ def in_space(
 ) -> None:  # fmt: skip
     """Hodographs in a view V with body axes of these lengths, paler the farther they are; those
     parts alone of which no component is beyond the reach."""
-    body_axes(sheet, axes, V, arms, reach == math.inf)
+    body_axes(sheet, axes, V, arms, motions[0] if reach == math.inf else None)
     chosen = zip(motions, colours_of(motions, sheet.spec), strict=True)
     flat = {}
-    # The longest curve first, so that it does not bury the short ones.
+    # The longest curve first, so that it does not hide the short ones.
     for m, (palette, code) in sorted(chosen, key=lambda item: width_of(item[0])):
         seen, crossed = m.G @ V.T, m.at(m.crossing_time, m.G)
         depth = min(reach, float(np.abs(seen).max())) or 1.0
@@ -146,17 +146,19 @@ def in_space(
 
 
 def body_axes(
-    sheet: Sheet, axes: Axes, V: np.ndarray, arms: tuple[np.ndarray, np.ndarray], to_turn: bool
+    sheet: Sheet, axes: Axes, V: np.ndarray, arms: tuple[np.ndarray, np.ndarray], m: Motion | None
 ) -> None:
     """The axes of G1, G2, G3 through the origin, with round values on those that the view does not
-    shorten too much."""
+    shorten too much; of a motion that is shown whole with units, and for the viewer."""
     up, down = arms
     step = round_step(float(up.max()))
     for i, direct in enumerate(np.eye(3)):
         tail, tip, along = -down[i] * direct, up[i] * direct, (V @ direct)[:2]
-        # Else a right-handed frame would look like its mirror image.
+        # Without this a right-handed frame would look like its mirror image.
         colour = to_hex(tuple(pale(GREY))) if (V @ tip)[2] < -1e-9 else GREY
-        arrow(axes, (V @ tail)[:2], (V @ tip)[:2], f"$G_{i + 1}$", colour)
+        # Once for all three, which have one scale: each longer name would lie on a curve.
+        name = axis_label(m, "G.x3") if m and i == 2 else f"$G_{i + 1}$"
+        arrow(axes, (V @ tail)[:2], (V @ tip)[:2], name, colour)
         for count in range(1, int(0.87 * up[i] / step) + 1) if math.hypot(*along) > 0.5 else ():
             at = tuple(along * count * step)
             axes.plot(*at, ".", ms=2, color=GREY)
@@ -165,7 +167,7 @@ def body_axes(
             look: Look = {"size": "x-small", "color": GREY, "va": "center", "path_effects": HALO}
             words = f"{count * step:.6g}"
             axes.annotate(words, at, shift, textcoords="offset points", zorder=5, **look)
-        if to_turn:
+        if m:
             ends = stroke([tail, tip], GREY, name=f"G{i + 1}", kind="axis")
             sheet.scene.setdefault("strokes", []).append(ends)
 
@@ -187,7 +189,7 @@ def add_strokes(
 
 
 def heading(axes: Axes, seen: np.ndarray, colour: Any, size: float) -> None:
-    """An arrow head that shows the direction of a curve, near its start."""
+    """Draw an arrow head that shows the direction of a curve, near its start."""
     beyond = np.flatnonzero(np.hypot(*(seen - seen[0])[:, :2].T) > size)
     if beyond.size and beyond[0]:
         i = beyond[0]
@@ -208,7 +210,7 @@ Surface = Callable[[np.ndarray], np.ndarray]
 
 
 def ellipsoid_of(m: Motion) -> Surface:
-    """The surface 2 T = const of the ellipsoid of inertia, its longest axis 1: omega lies where the
+    """The surface 2 T = const of the ellipsoid of inertia, its longest axis 1. omega lies where the
     normal is G/|G|, and runs along a polhode."""
     Q, A = m.principal_axes, m.inertia
 
@@ -221,27 +223,29 @@ def ellipsoid_of(m: Motion) -> Surface:
 
 
 def sphere(sheet: Sheet, motions: Sequence[Course]) -> None:
-    """The curves of G/|G| on the unit sphere, with the separatrix of each body; or those of omega
-    on the ellipsoid of inertia of the first, the polhodes."""
+    """Draw the curves of G/|G| on the unit sphere, with the separatrix of each body, or the
+    polhodes, curves of omega on the ellipsoid of inertia of the first body."""
     paths = [GlobeCurve(m, direction(m), m.label) for m in motions]
     for m in motions:
         m.check_separatrix()
-        names = [f"G.x{i}/|G|" for i in (1, 2, 3)]
-        sheet.record_vector(m, direction(m.samples), names)
+        sheet.record_vector(m, direction(m.samples), [f"G.x{i}/|G|" for i in (1, 2, 3)])
     surface = ellipsoid_of(motions[0]) if sheet.spec["ellipsoid"] else np.asarray
     first = {m.inertia.tobytes(): m for m in reversed(motions)}
     on_globe(sheet, paths, ("$x_1$", "$x_2$", "$x_3$"), [*first.values()], surface)
+    if sheet.spec["ellipsoid"]:
+        Q, A = motions[0].principal_axes, motions[0].inertia
+        sheet.scene["normal"] = (Q.T * A @ Q / A.max()).tolist()
 
 
 def axis_trace(sheet: Sheet, motions: Sequence[Course]) -> None:
-    """Where axes of the body point in space, on the unit sphere."""
+    """Draw the directions in space of axes of the body, on the unit sphere."""
     paths = []
     for m in motions:
         for axis in sheet.spec["axes"]:
             label = f"${axis[0]}_{axis[1]}$" + f", {m.label}" * (len(motions) > 1)
-            names = [f"{axis}_space.{x}" for x in "xyz"]
-            sheet.record_vector(m, m.samples.vector(f"{axis}_space"), names, label)
-            paths.append(GlobeCurve(m, m.vector(f"{axis}_space"), label))
+            name = f"{axis}_space"
+            sheet.record_vector(m, m.samples.vector(name), [f"{name}.{x}" for x in "xyz"], label)
+            paths.append(GlobeCurve(m, m.vector(name), label))
     on_globe(sheet, paths, ("$x$", "$y$", "$z$"), [], np.asarray)
 
 
@@ -249,9 +253,9 @@ def on_globe(
     sheet: Sheet, paths: Sequence[GlobeCurve], arms: Sequence[str], bodies: Sequence[Motion],
     surface: Surface,
 ) -> None:  # fmt: skip
-    """Curves on a globe, its far side pale, with the separatrices of bodies."""
+    """Draw curves on a globe, whose far side is pale, with the separatrices of bodies."""
     (axes,), V = sheet.panels(COLUMN, 1.05 * COLUMN), view_matrix(sheet.spec["view"])
-    sheet.scene |= {"globe": surface is np.asarray, "strokes": []}
+    sheet.scene |= {"globe": surface is np.asarray, "normal": np.eye(3).tolist(), "strokes": []}
     globe_below(sheet, axes, V, bodies, surface)
     for foot, name in zip(np.eye(3), arms, strict=True):
         tail = surface(foot)
@@ -277,8 +281,8 @@ def on_globe(
     if not by_case:
         colour_legend(sheet, [axes], motions)
     elif arms[0] == "$x$":
-        named = zip(paths, ways, strict=True)
-        sheet.handles += [Line2D([], [], **way, label=path.label) for path, way in named]
+        for path, way in zip(paths, ways, strict=True):
+            sheet.handles.append(Line2D([], [], **way, label=path.label))
     if bodies and any(separatrix_circles(m.inertia) for m in bodies):
         sheet.handles.append(Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"))
     mark_legend(sheet, motions)
@@ -287,7 +291,7 @@ def on_globe(
 def globe_below(
     sheet: Sheet, axes: Axes, V: np.ndarray, bodies: Sequence[Motion], surface: Surface
 ) -> None:
-    """A globe with its graticule and the separatrices of bodies."""
+    """Draw a globe with its graticule and the separatrices of bodies."""
     c, s = np.cos(CIRCLE), np.sin(CIRCLE)
     outline = surface(c[:, None] * V[0] + s[:, None] * V[1]) @ V.T
     axes.add_patch(Polygon(outline[:, :2], fc="#F8F8F8", ec=GREY, lw=0.6, zorder=1.1))
@@ -308,13 +312,13 @@ def globe_below(
 
 
 CIRCLE = np.linspace(0, 2 * np.pi, 181)
-"""Angles around a circle that the eye does not tell from its polygon."""
+"""The angles of a circle whose polygon the eye sees as a circle."""
 
 
 def globe_curve(
     sheet: Sheet, axes: Axes, V: np.ndarray, path: GlobeCurve, colours: Any, surface: Surface
 ) -> None:
-    """One curve on a globe with its marks."""
+    """Draw one curve on a globe with its marks."""
     m, (palette, code) = path.motion, colours
     curve, near = surface(path.normals), (path.normals @ V.T)[:, 2]
     seen, crossed = curve @ V.T, m.at(m.crossing_time, path.normals)
@@ -340,14 +344,15 @@ def far_and_near(axes: Axes, seen: np.ndarray, near: np.ndarray, color: Any, **l
 
 
 def herpolhode(sheet: Sheet, motions: Sequence[Course]) -> None:
-    """omega in space, projected along the G of the start."""
+    """Draw omega in space, projected along the G of the start."""
     (axes,) = sheet.panels(COLUMN, 1.05 * COLUMN)
     planes = [across(m.vector("G_space")[0]) for m in motions]
-    # The axes of the plane are those of space only where G points along z.
+    # The axes of the plane are axes of space only if G points along z.
     prime = "" if np.abs(np.array(planes) - np.eye(2, 3)).max() < 1e-9 else "'"
     for m, plane in zip(motions, planes, strict=True):
-        values = m.samples.vector("omega_space") @ plane.T
-        sheet.record_vector(m, values, [f"omega_space.{x}{prime}" for x in "xy"])
+        sheet.record_vector(
+            m, m.samples.vector("omega_space") @ plane.T, [f"omega_space.{x}{prime}" for x in "xy"]
+        )
     points = [m.vector("omega_space") @ plane.T for m, plane in zip(motions, planes, strict=True)]
     curves(axes, motions, sheet.spec, points)
     look: Look = {"marker": "+", "ls": "", "color": "black", "ms": 6}
@@ -360,7 +365,7 @@ def herpolhode(sheet: Sheet, motions: Sequence[Course]) -> None:
 
 
 def across(vector: np.ndarray) -> np.ndarray:
-    """Two unit vectors (2, 3), x and y turned by the shortest rotation that takes z to a vector."""
+    """Two unit vectors (2, 3): x and y turned by the shortest rotation that takes z to a vector."""
     x, y, z = vector / max(float(np.hypot.reduce(vector)), math.ulp(0))
     c = max(1 + z, 1e-8)
     return np.array([[1 - x * x / c, -x * y / c, -x], [-x * y / c, 1 - y * y / c, -y]])

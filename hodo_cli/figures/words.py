@@ -1,11 +1,12 @@
-"""Texts in figures: formulas and plain words, numbers at logarithmic ticks, and words that stand in
-the emptiest of some places."""
+"""Texts in figures: formulas and plain words, numbers at logarithmic ticks, and words at the
+emptiest of some places."""
 
 import re
 import textwrap
 import unicodedata
 import warnings
 from collections.abc import Iterator
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -40,8 +41,17 @@ def without_tex(text: str) -> str:
     return re.sub(r"\$([^$]*)\$", letters, text)
 
 
+def in_html(text: str) -> str:
+    """A label in HTML, with its indices."""
+
+    def indexed(formula: re.Match[str]) -> str:
+        return re.sub(r"_(\w|\{[^{}]*\})", r"<sub>\1</sub>", formula[0])
+
+    return without_tex(re.sub(r"\$[^$]*\$", indexed, escape(text)))
+
+
 def wrapped(text: str, width: int) -> str:
-    """A text in lines of a width in letters; no formula is broken, and each has the width of its
+    """A text in lines of a width in letters; a formula is not broken, and has the width of its
     letters."""
     formulas_in = re.findall(r"\$[^$]*\$", text)
     for i, formula in enumerate(formulas_in):
@@ -54,7 +64,7 @@ def wrapped(text: str, width: int) -> str:
 
 
 class LogNumbers(LogFormatterSciNotation):
-    """Numbers at the ticks of a logarithmic axis: 40, and not 4 times a power of ten."""
+    """Numbers at the ticks of a logarithmic axis, such as 40 in place of 4 times a power of ten."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         text = super().__call__(x, pos)
@@ -68,8 +78,8 @@ COMPASS = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0),
 
 
 class Words(Annotation):
-    """Words in a panel that stand at the emptiest of some places (n, 2), or beside it: first of all
-    above it, or `toward` a direction."""
+    """Words in a panel, at or next to the emptiest of some places (n, 2): first of all above it, or
+    `toward` a direction."""
 
     def __init__(
         self, axes: Axes, text: str, places: Any, beside: bool = True, toward: Any = (0, 1),
@@ -78,33 +88,34 @@ class Words(Annotation):
         self.places = np.asarray(places, float)
         likeness = (COMPASS @ np.asarray(toward)) / np.hypot(*COMPASS.T)
         self.shifts = COMPASS[np.argsort(-likeness, kind="stable")] if beside else np.zeros((1, 2))
-        # Outside of the layout, which would make room for them where they stand first.
+        # Outside of the layout, which would make room for them where they are first.
         usual: dict[str, Any] = {"in_layout": False, "path_effects": HALO, "zorder": 8}
         usual |= {"textcoords": "offset points", "ha": "center", "va": "center"}
         super().__init__(text, tuple(self.places[0]), (0, 0), **usual | look)
         axes.add_artist(self)
 
     def take_place(self, panel: Any, dark: np.ndarray) -> np.ndarray:
-        """Stand where they hide the least of the dark points (n, 2) of a panel, pixels; returns
-        some of the points that are dark then."""
+        """Move the words to where they hide the least of the dark points (n, 2) of a panel, in
+        pixels; return some of the points that are then dark."""
         point = self.get_figure(root=True).dpi / 72  # type: ignore[union-attr]
-        box = self.get_window_extent()
-        half = np.array([box.width, box.height]) / 2
-        offsets = self.shifts * (half + 2.5 * point)
+        half = np.array(self.get_window_extent().size) / 2
+        offsets = self.shifts * (half + 4 * point)  # clear of a mark there
         seen = panel.transData.transform(self.places)
         middles = (seen[:, None] + offsets).reshape(-1, 2)
-        inside = (middles - half >= panel.bbox.min) & (middles + half <= panel.bbox.max)
+        frame = panel.bbox.padded(-2 * point)
+        inside = (middles - half >= frame.min) & (middles + half <= frame.max)
         away = np.abs(dark - middles[:, None])
         hidden, near = ((away < half + x * point).all(-1).sum(-1) for x in (1, 6))
         best = int((hidden + near / 50 + 1000 * ~inside.all(-1)).argmin())
         i, j = divmod(best, len(self.shifts))
         self.xy, self.xyann = tuple(self.places[i]), tuple(offsets[j] / point)
-        grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 5)] * 2), -1).reshape(-1, 2)
+        # As dense as strokes are, or words would rather hide words than lines.
+        grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 12)] * 2), -1).reshape(-1, 2)
         return np.asarray(middles[best] + grid * half)
 
 
 def dark_points(panel: Any) -> Iterator[np.ndarray]:
-    """The points (n, 2) of lines, arrows and words of a panel that stay where they are, pixels."""
+    """The points (n, 2) in pixels of lines, arrows and words of a panel that keep their places."""
     lines = [line.get_transform().transform(line.get_xydata()) for line in panel.lines]
     for drawn in panel.collections:
         if isinstance(drawn, LineCollection):
@@ -124,8 +135,8 @@ def dark_points(panel: Any) -> Iterator[np.ndarray]:
 
 
 class Layout(ConstrainedLayoutEngine):
-    """The layout of matplotlib, after which words take their places. Raises HodoError where it
-    finds no room for the panels."""
+    """The layout of matplotlib, after which words take their places. Raises HodoError if there is
+    no room for the panels."""
 
     def execute(self, fig: Any) -> None:
         with warnings.catch_warnings():
@@ -142,7 +153,7 @@ class Layout(ConstrainedLayoutEngine):
             if waiting := [text for text in panel.texts if isinstance(text, Words)]:
                 panel.apply_aspect()
                 dark = np.concatenate([np.zeros((0, 2)), *dark_points(panel)])
-                # One of those that are within the same three pixels, and in the panel.
+                # One of the points within the same three pixels, if it is in the panel.
                 dark = dark[((dark >= panel.bbox.min) & (dark <= panel.bbox.max)).all(axis=1)]
                 cells = np.unique((dark // 3).astype(int) @ [WIDEST, 1])
                 dark = 3.0 * np.stack(np.divmod(cells, WIDEST), axis=-1)

@@ -97,6 +97,17 @@ class Gap:
             at, width = parts[max(int((new < old).argmax()) - 1, 0)], width / CHANGE_PARTS
         return at
 
+    @property
+    def peak(self) -> Any:
+        """The part of the gap at which the rates are largest."""
+        at, width = self.y.dtype.type(0), 1.0
+        for _ in range(CHANGE_ROUNDS):
+            parts = at + width * np.linspace(0, 1, CHANGE_PARTS + 1).astype(self.y.dtype)
+            sizes = np.abs(self.rates_at(parts, self.before)).max(axis=0)
+            largest = int(sizes.argmax())  # which is the first nan, if there is one
+            at, width = parts[max(largest - 1, 0)], 2 * width / CHANGE_PARTS
+        return parts[largest]
+
     def states_after(self, elapsed: np.ndarray) -> np.ndarray:
         """The states (n, m) some times (n,) of the engine behind the start of the gap."""
         earlier = np.minimum(elapsed, self.length * self.change)
@@ -109,13 +120,13 @@ class Gap:
         time = float(self.clock.high)
         if held := self.held():
             return f"{HELD}{held} = 0 by its expression at t = {time_text(time, start)}"
-        sides = (float(self.change) + d * np.array([-1, 1]) for d in (1 / 16, 1 / 2))
+        sides = (float(self.peak) + d * np.array([-1, 1]) for d in (1 / 16, 1 / 2))
         near, far = (np.abs(self.rates_at(x, self.before).astype(float)) for x in sides)
         # Rates that are no numbers at a place count for nothing.
         largest, before = (np.fmax.reduce(x, axis=None, initial=0) for x in (near, far))
-        if largest <= MOST_GROWTH * before:
+        if largest <= MOST_GROWTH * before and np.isfinite(self.behind.astype(float)).all():
             return ""
-        place = float(self.clock.exact(self.length * self.change))
+        place = float(self.clock.exact(self.length * self.peak))
         grain = float(self.length) / self.clock.factor / CHANGE_PARTS
         return not_smooth(grain * round(place / grain), start)
 
@@ -197,6 +208,9 @@ the rounding of the comparison, far below what a pulse of a formula makes of a m
 GRAINS = 16
 """And by how many rounding errors of the time, as parts of the longest step: that is a few times as
 long as a formula takes to change."""
+
+ULPS_OF_TIME = 2
+"""The rounding errors of the time that a step, which knows that of its start, may have made."""
 
 SIZE_AT_REST = 1e-150
 """The least size of a state to which it is relative: a body at rest has none. Its square is a
@@ -356,15 +370,27 @@ class StepCheck(StepBuffer):
         # Without units of its own a motion has the error of one of size 1, however small it is.
         least = SIZE_AT_REST if self.system.equations.degree else 1.0
         sizes = [np.abs(b[:, kind]).max(axis=(1, 2)).clip(least)[:, None] for kind in self.kinds]
-        pairs = zip(self.kinds, sizes, strict=True)
-        excess = [missed[kind].max(axis=0) / (allowed * size) for kind, size in pairs]
-        return np.asarray(np.max(excess, axis=0))
 
-    def _along(self, ends: np.ndarray, x: np.ndarray, series: np.ndarray) -> tuple[Any, ...]:
+        def relative(missed: np.ndarray) -> np.ndarray:
+            pairs = zip(self.kinds, sizes, strict=True)
+            each = [missed[kind].max(axis=0) / (allowed * size) for kind, size in pairs]
+            return np.asarray(np.max(each, axis=0))
+
+        if not (relative(missed) > 1).any():
+            return relative(missed)
+        # What the rounding of the time makes of a formula that changes fast is no miss.
+        later = self._along(ends, x, series, ULPS_OF_TIME)[2]
+        return relative(missed - np.abs(later - rated))
+
+    def _along(
+        self, ends: np.ndarray, x: np.ndarray, series: np.ndarray, later: int = 0
+    ) -> tuple[Any, ...]:
         """The Bernstein coefficients of steps, and at places x (k,) of these the times (n, k) of
-        the case, and by x the slopes (m, n, k) of the equations and of the steps."""
+        the case, some ulps `later`, and by x the slopes (m, n, k) of the equations and of the
+        steps."""
         length = np.diff(ends)
         b = bernstein_coefficients(series.copy(), length[:, 0], self.engine.basis)
         state, slope = (part.swapaxes(0, 1) for part in values_and_slopes(b, x[None]))
         times = self.clock.exact_times(ends[:, :1] + x * length).astype(float)
+        times += later * np.spacing(times)
         return b, times, length * rates(self.system, self.units, self.clock, times, state), slope

@@ -295,11 +295,11 @@ class AveragedLinearDiag(AveragedTurns, LinearDiag):
             (ln Y)' = -2 [lambda3 <cn^2> + lambda2 (1 - <cn^2>)]
     u < 0:  the same with <dn^2> and <cn^2> exchanged
 
-    X = a(a-c) p^2 + b(b-c) q^2 and Y = b(a-b) q^2 + c(a-c) r^2, moment of inertia^2/time^2;
-    a >= b >= c: the moments of inertia with their axes sorted, here A1 >= A2 >= A3;
-    u = ln[(a-b) X/((b-c) Y)], positive where axis a is enclosed; <dn^2> and <cn^2>: means over a
-    turn for k^2 = e^-|u|; the other symbols are those of the full form. The moments have a part in
-    the start only. The separatrix u = 0 is crossed once at most, at a time that errs by some turns.
+    X = a(a-c) p^2 + b(b-c) q^2 and Y = b(a-b) q^2 + c(a-c) r^2, moment of inertia^2/time^2.
+    a >= b >= c: the moments of inertia with their axes sorted, here A1 >= A2 >= A3; they matter in
+    the start only. u = ln[(a-b) X/((b-c) Y)], positive where the axis of a is enclosed. <dn^2> and
+    <cn^2>: means over a turn for k^2 = e^-|u|. The separatrix u = 0 is crossed once at most, at a
+    time that errs by some turns.
 
     Source: L. D. Akulenko, D. D. Leshchenko, F. L. Chernousko, Izv. AN SSSR MTT 1982 no. 3, 5.
     """
@@ -429,16 +429,15 @@ class Averaged(SymmetricCavity):
     a' = -kappa C (C - A) a r^2 / A^3
     r' = kappa (C - A) a^2 r / (A C) + epsilon M3 / C
 
-    a = sqrt(p^2 + q^2) and r, 1/time; stored are x = a^2 and y = r^2; the other symbols are those
+    a = sqrt(p^2 + q^2) and r, 1/time; stored are x = a^2 and y = r^2. The other symbols are those
     of the full form. Without M1 and M2 this is no approximation but an identity of the full
     equations. With them it is right to first order in epsilon, until r, and with it the frequency
     |(C - A) r/A|, has become small. r reaches 0 in finite time where M3 opposes it: the end of
     spin, an event that ends the motion or is passed (`spin_reversal`). In y the equations are not
     Lipschitz there, and solvers stop or go astray.
 
-    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eqs
-    (5), (6), with the sign of a' that follows from (2), and +epsilon M3 in r' as in (2) and (6),
-    not - as in (5).
+    Source: Leshchenko and Kozachenko 2023, eqs (5), (6), with the sign of a' that follows from (2),
+    and +epsilon M3 in r' as in (2) and (6), not - as in (5).
 
     A body with three different moments is averaged by `AveragedTriaxial`.
     """
@@ -474,8 +473,7 @@ class AveragedAsPrinted(SymmetricCavity):
     constant, where it should be x + C^2 y/A^2 = (G/A)^2. Everything else is as in the form
     averaged.
 
-    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eqs
-    (5), (6).
+    Source: Leshchenko and Kozachenko 2023, eqs (5), (6).
     """
 
     form = "averaged-as-printed"

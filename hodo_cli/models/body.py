@@ -118,25 +118,24 @@ def coefficients_of(
 class Body(BodyFrame):
     """A rigid body under any sum of torques.
 
-    A omega' + omega x G = N, the sum of what the case names:
+    A omega' + omega x G = N
 
-    -lambda_i A_i omega_i (`damping`), -I omega (`resistance`), -c_i |omega| A_i omega_i
-    (`quadratic`), the fluid's torque of
-    cavity+constant (`kappa` or `cavity`), epsilon M, constant in the body (`torque`, `epsilon`), -b
-    G/|G| (`brake`), F e, e fixed in space (`space_torque`), and three formulas in p, q, r and t
-    (`expression`).
+    The torque N is the sum of what the case names: -lambda_i A_i omega_i (`damping`), -I omega
+    (`resistance`), -c_i |omega| A_i omega_i (`quadratic`), epsilon M, constant in the body
+    (`torque`, `epsilon`), -b G/|G| (`brake`), F e, with e fixed in space (`space_torque`). Further
+    terms are three formulas in p, q, r and t (`expression`) and the fluid's torque of
+    cavity+constant (`kappa` or `cavity`).
 
     omega = (p, q, r): angular velocity, 1/time (`initial`). A: principal moments of inertia
     (`inertia`), or the full tensor in any body axes; all else is then given and stored in these
     axes, and labels name the principal ones. G = A omega + h, with the angular momentum h of a
     rotor (`rotor`) that turns at constant speed in the body. Each coefficient but those of
-    `cavity` and `rotor` may be an expression in t and constants. Only the terms named are part of
-    the equations.
+    `cavity` and `rotor` may be an expression in t and constants.
 
     A brake brings G to 0 (event `stopped`): from then on omega is 0, or -A^-1 h, and no axis is
-    enclosed. With a rotor the enclosed axis is undetermined. A formula may jump or have corners:
-    each step is compared with the equations, and one that misses them is cut. A motion ends at a
-    pole of a formula, and where a formula holds a component at 0, as dry friction does.
+    enclosed. A formula may jump or have corners: each step is compared with the equations, and one
+    that misses them is cut. A motion ends at a pole of a formula, and where a formula holds a
+    component at 0, as dry friction does.
 
     A torque along G, as of equal damping, equal quadratic drag or a brake, changes the clock of the
     free motion and not its path. Under constant damping, a constant brake, or both, the clock has a
@@ -555,12 +554,12 @@ class LinearDiag(Body):
     A2 q' + (A1 - A3) p r = -lambda2 A2 q
     A3 r' + (A2 - A1) p q = -lambda3 A3 r
 
-    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of
-    inertia (`inertia`); lambda1, lambda2, lambda3: coefficients of resistance, 1/time (`damping`),
+    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`). A1, A2, A3: principal moments of
+    inertia (`inertia`). lambda1, lambda2, lambda3: coefficients of resistance, 1/time (`damping`),
     all zero for free motion. Assumed: constant coefficients, about the same axes as the inertia.
 
-    D changes sign at most once: with l and s the axes of largest and smallest inertia, where D = 0
-    dD/dt = -2 (lambda_l - lambda_s) A_l (A_l - A_m) w_l^2, which never changes sign.
+    D changes sign at most once: where D = 0, its rate -2 (lambda_l - lambda_s) A_l (A_l - A_m)
+    w_l^2 never changes sign, with l and s the axes of largest and smallest inertia.
 
     Source: A. L. Rachinskaya, rotation of a rigid body in a resistant medium, eqs (1)-(4).
     """
@@ -585,8 +584,8 @@ class Tensor(Body):
 
     A1 p' + (A3 - A2) q r = -(I11 p + I12 q + I13 r)      and cyclically
 
-    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of
-    inertia (`inertia`); I: tensor of resistance, moment of inertia / time (`resistance`). Assumed:
+    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`). A1, A2, A3: principal moments of
+    inertia (`inertia`). I: tensor of resistance, moment of inertia / time (`resistance`). Assumed:
     I is constant. It takes energy out of every motion only if its symmetric part is positive
     semi-definite; a tensor that feeds energy in runs too, with a warning.
 
@@ -610,11 +609,11 @@ class Cavity(Body):
                                                 + A2 (A1 - A2)(A1 + A2 - A3) q^2] + epsilon M1
     and cyclically
 
-    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of
-    inertia of body and fluid together (`inertia`); kappa = rho P0/nu, moment of inertia * time
-    (`cavity`, or `kappa`); M1, M2, M3: constant torque (`torque`) with its factor epsilon
-    (`epsilon`). Assumed: small Reynolds number, torques small beside |omega| |G|. The fluid's
-    torque is internal: without M, |G| is constant and the energy falls.
+    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`). A1, A2, A3: principal moments of
+    inertia of body and fluid together (`inertia`). kappa = rho P0/nu, moment of inertia * time
+    (`cavity`, or `kappa`). M1, M2, M3: constant torque (`torque`) with its factor epsilon
+    (`epsilon`). Assumed: small Reynolds number, torques small compared with |omega| |G|. The
+    fluid's torque is internal: without M, |G| is constant and the energy falls.
 
     Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eq.
     (2), where A1 = A2; F. L. Chernousko 1972 for the triaxial body. Their eq. (1) has epsilon^2,

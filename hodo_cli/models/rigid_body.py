@@ -324,14 +324,14 @@ class BodyFrame(Model):
         A = data.get("inertia")
         if A is None:
             return
-        if one_exceeds_others(A):
+        sizes = [(("inertia", i), words) for i, x in enumerate(A) for words in range_mistake(x)]
+        yield from sizes
+        if one_exceeds_others(A) and not sizes:
             largest = A.index(max(A))
             yield (
                 ("inertia", largest),
                 f"no body has A{largest + 1} = {A[largest]:g} larger than the sum of the other two",
             )
-        for i, moment in enumerate(A):
-            yield from ((("inertia", i), message) for message in range_mistake(moment))
         if "initial" not in data:
             return
         yield from mistake_of(("initial",), cls.velocity, A, data["initial"])

@@ -408,24 +408,22 @@ class AveragedTop(Nutating):
     v = <cos theta> = u3 - (u3 - u1) E(k)/K(k)
 
     Gz, H, r: vertical angular momentum, energy, angular velocity about the axis of symmetry
-    (`initial`); u1 <= u2 <= 1 <= u3: roots of the cubic Q(cos theta), cos theta running from u1 to
-    u2, and k^2 = (u2 - u1)/(u3 - u1); A, C: equatorial and axial moments of inertia about the fixed
-    point (`inertia`); mu: largest restoring moment (`mu`); a, b: coefficients of resistance (`a`,
-    `b`); m: torque about the axis of symmetry (`m`), 0 in the source; all functions of tau; tau =
-    epsilon t is the time. Assumed: epsilon small; right to O(epsilon) on an interval of order
-    1/epsilon, while u2 < u3. A = C is allowed: no formula divides by A - C. An upright top, theta =
-    0, ends when it becomes unstable (event `upright_unstable`): where C^2 r^2 = 4 A mu.
-
-    The state is U = Gz - C r and Z = 1 - (2 H - C r^2)/(2 mu), both 0 for an upright top, r, and e
-    = (u2 - u1)/2, which obeys e' = e F with F regular: so regular precession (u1 = u2, where every
-    motion ends and (3.5) divides by zero) is no singularity, and u1, u2 lose no digits. With x = 1
-    - cos theta = X + e cos phi, X = 1 - (u1 + u2)/2 and w = u3 - (u1 + u2)/2 the time is dt ~
-    dphi/sqrt(w + e cos phi).
+    (`initial`). A, C: equatorial and axial moments of inertia about the fixed point (`inertia`).
+    u1 <= u2 <= 1 <= u3: roots of the cubic Q(cos theta), where cos theta runs from u1 to u2, and
+    k^2 = (u2 - u1)/(u3 - u1). Functions of the time tau = epsilon t are mu, the largest restoring
+    moment (`mu`), the coefficients of resistance a and b (`a`, `b`), and the torque m about the
+    axis of symmetry (`m`), 0 in the source. Assumed: epsilon is small; the error is O(epsilon) on
+    an interval of order 1/epsilon, while u2 < u3. A = C is allowed. The motion of an upright top,
+    theta = 0, ends when it becomes unstable (event `upright_unstable`), where C^2 r^2 = 4 A mu.
 
     Source: L. D. Akulenko, Ya. S. Zinkevich, T. A. Kozachenko, D. D. Leshchenko, evolution of
     motions of a rigid body close to the Lagrange case under a non-stationary torque (2017), eqs
     (1.2)-(1.5), (2.4), (3.1).
     """
+
+    # The state is r, U = Gz - C r and Z = 1 - (2 H - C r^2)/(2 mu), both 0 for an upright top, and
+    # e = (u2 - u1)/2. Because e' = e F with F regular, regular precession (u1 = u2), where every
+    # motion ends and (3.5) divides by zero, is no singularity, and u1, u2 lose no digits.
 
     form = "averaged"
     state = ("U", "Z", "r", "e")
@@ -477,8 +475,8 @@ class AveragedU(Nutating):
 
     The symbols are those of the form averaged. Delta vanishes at regular precession, u1 = u2, to
     which every motion tends, and the solution loses its digits on the way. Gz and H follow from eqs
-    (1.5), with r from (3.3), and not from the inverse (2.5), whose signs of R and delta change in
-    mid-motion. It needs r != 0.
+    (1.5), with r from (3.3). The signs of R and delta in the inverse (2.5) change in mid-motion. It
+    needs r != 0.
 
     Source: L. D. Akulenko et al. 2017, eqs (1.5), (3.3), (3.5).
     """
@@ -554,12 +552,12 @@ class FullTop(Top):
     C r' = epsilon M3
     gamma' = gamma x omega
 
-    p, q, r: angular velocity in body axes, 1/time; gamma: the vertical in body axes, (sin theta sin
-    phi, sin theta cos phi, cos theta), in place of the Euler angles, which are singular at theta =
-    0 and pi; M = (-a p, -a q, m - b r); the derivative is by t = tau/epsilon (`epsilon`), the
-    stored time is tau. The other symbols are those of the form averaged. With `theta` the motion
-    starts there, at phi = 0 and p = q = 0. Of the motions with initial Gz, H and r, which differ in
-    phase, that is taken which starts at phi = 0 and cos theta = (u1 + u2)/2, where theta grows.
+    p, q, r: angular velocity in body axes, 1/time. gamma: the vertical in body axes,
+    (sin theta sin phi, sin theta cos phi, cos theta); Euler angles are singular at theta = 0 and
+    pi. M = (-a p, -a q, m - b r). The derivative is by t = tau/epsilon (`epsilon`), the stored time
+    is tau. The other symbols are those of the form averaged. With `theta` the motion starts there,
+    at phi = 0 and p = q = 0. With Gz, H and r it starts at phi = 0 and cos theta = (u1 + u2)/2,
+    where theta grows; motions with the same Gz, H and r differ in phase alone.
 
     Source: L. D. Akulenko et al. 2017, eqs (1.1).
     """

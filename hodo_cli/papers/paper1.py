@@ -28,13 +28,13 @@ from ..results.motion import Motion
 
 
 def numerical_motion(m: Motion) -> np.ndarray:
-    """omega (n, 3) by numerical integration: a closed form shall not be compared with itself."""
+    """omega (n, 3) by numerical integration, so that no closed form is compared with itself."""
     method = "taylor" if have_taylor() else "DOP853"
     return solve(m.case, method, m.case.precision, times=m.time).variables["omega"]
 
 
 def free_rotation(motions: Sequence[Motion]) -> Finding:
-    """Free rotation is Euler's and Jacobi's closed form."""
+    """Free rotation follows the closed form of Euler and Jacobi."""
     return agreement(
         [
             (numerical_motion(m), free_motion(m.inertia, m.omega[0], m.time - m.time[0]))
@@ -45,7 +45,7 @@ def free_rotation(motions: Sequence[Motion]) -> Finding:
 
 
 def no_closed_form(motions: Sequence[Motion]) -> Finding:
-    """There is no closed form: holds where that of `free_rotation` fails."""
+    """There is no closed form: holds where the closed form of `free_rotation` fails."""
     free = free_rotation(motions)
     return Finding(
         deviation_unless(free.deviation > 0),
@@ -56,24 +56,25 @@ def no_closed_form(motions: Sequence[Motion]) -> Finding:
 
 
 def free_rotation_from_q0(motions: Sequence[Motion]) -> Finding:
-    """Free motion from any start is the closed form for q0 = 0, with time counted from a passage of
-    q through 0."""
+    """Free motion from any start is the closed form for q0 = 0, if time is counted from a passage
+    of q through 0."""
     pairs = []
     for m in motions:
         since, passage = passage_of_q(m)
         pairs.append((numerical_motion(m), free_motion(m.inertia, passage, m.time - since)))
-    # The passage is known to some rounding errors of a period, which the motion then carries along.
+    # The passage is known to some rounding errors of a period, which the whole motion then has.
     return agreement(pairs, 1e-9)
 
 
 def passage_of_q(m: Motion) -> tuple[float, np.ndarray]:
-    """A time at which a free motion passes q = 0, and omega (3,) there: Newton's method on q(t)."""
+    """A time at which a free motion passes q = 0, and omega (3,) there, by Newton's method on
+    q(t)."""
     A, start = m.inertia, m.omega[0]
     near = first_time(zero_times(m.time, m.omega[:, 1])) if start[1] else float(m.time[0])
-    # Quadratic from a sample nearby, so that five steps would do.
+    # It converges quadratically from a nearby sample: five steps suffice.
     for _ in range(10):
         p, q, r = free_motion(A, start, np.array([near - m.time[0]]))[0]
-        # q' of Euler's equations for free motion.
+        # q' by Euler's equations for free motion.
         near -= q * A[1] / ((A[2] - A[0]) * p * r)
     return near, free_motion(A, start, np.array([near - m.time[0]]))[0] * (1, 0, 1)
 
@@ -96,7 +97,8 @@ def turning_axis(motions: Sequence[Motion]) -> Finding:
 
 
 def equal_damping(motions: Sequence[Motion]) -> Finding:
-    """omega(t) = exp(-lambda t) Omega((1 - exp(-lambda t))/lambda), Omega free from the same start.
+    """omega(t) = exp(-lambda t) Omega((1 - exp(-lambda t))/lambda), with Omega the free motion from
+    the same start.
 
     Source: E. Padova 1885, as cited; the paper's eq (5) with the time that meets the initial data.
     """
@@ -115,7 +117,7 @@ def turns_about_x3_only(motions: Sequence[Motion]) -> Finding:
 
 def turns_about_one_axis(motions: Sequence[Motion], axis: int) -> Finding:
     """Whether G makes no full turn about the other two axes; decided by the largest part of a turn
-    about one of these."""
+    about one of them."""
     others = [abs(swept_angle(m, i)) for m in motions for i in range(3) if i != axis]
     turns = [abs(swept_angle(m, axis)) for m in motions]
     return Finding(
@@ -129,16 +131,16 @@ def turns_about_one_axis(motions: Sequence[Motion], axis: int) -> Finding:
 
 def inequality_7(motions: Sequence[Motion]) -> Finding:
     """p^2 > K r^2, with K by the moments of inertia alone, exactly where G^2 > 2 T A2. Raises
-    Undecidable where all samples are too near to the separatrix."""
+    Undecidable if all samples are too near to the separatrix."""
     mismatches, compared = 0, 0
     for m in motions:
         # In units of |omega|, so that no size matters.
         w = m.omega / np.abs(m.omega).max(axis=1, keepdims=True)
         A1, A2, A3 = m.inertia
         G2, h = (m.inertia**2 * w * w).sum(axis=1), (m.inertia * w * w).sum(axis=1)
-        # Nearer to the separatrix the difference of G^2 and 2 T A2, as it stands, is rounding.
+        # Nearer to the separatrix the computed difference of G^2 and 2 T A2 is rounding.
         clear = np.abs(G2 - h * A2) > 64 * EPS * G2
-        # Written out as the paper has it, and not by `slope`, which is what is tested.
+        # Written as in the paper, and not by `slope`, which is under test.
         K = A3 * (A2 - A3) / (A1 * (A1 - A2))
         by_moments, by_momentum = w[:, 0] ** 2 > K * w[:, 2] ** 2, h * A2 < G2
         mismatches += int((by_moments != by_momentum)[clear].sum())
@@ -166,9 +168,9 @@ def off_diagonal_sets_area(motions: Sequence[Motion]) -> Finding:
 
 
 def larger_effect(measure: str, values: Sequence[float], entries: str, others: str) -> Finding:
-    """Whether some entries of the tensor have a larger mean effect on a measure than the others, of
-    values at (low, low), (high, low), (low, high), (high, high) diagonal and off-diagonal entries;
-    decided by the ratio of the two."""
+    """Whether some entries of the tensor have a larger mean effect on a measure than the others,
+    from its values at (low, low), (high, low), (low, high), (high, high) diagonal and off-diagonal
+    entries; decided by the ratio of the two effects."""
     grid = np.reshape(values, (2, 2))
     effects = {
         name: abs(float(np.diff(grid, axis=axis).mean()))
@@ -185,7 +187,8 @@ def larger_effect(measure: str, values: Sequence[float], entries: str, others: s
 
 
 def criterion_predicts(motions: Sequence[Motion]) -> Finding:
-    """Before the crossing from x1 to x3 r changes sign, and never p; after it p, and never r."""
+    """r changes sign before the crossing from x1 to x3, and p does not; after the crossing p
+    changes sign, and r does not."""
     steps, words = [], []
     for m in motions:
         times = [
@@ -195,7 +198,7 @@ def criterion_predicts(motions: Sequence[Motion]) -> Finding:
         ]
         steps += [times[1] - times[0], times[2] - times[1]]
         words.append(listed(times))
-    # Without a crossing a step is no number, which is not above 0.
+    # Without a crossing a step is nan, which is not above 0.
     return Finding(
         deviation_unless(all(step > 0 for step in steps)),
         number=min(steps),
@@ -224,15 +227,16 @@ def compared_by_difference(
     members: Sequence[Sequence[Motion]], name: str, without: float
 ) -> list[tuple[float, float]]:
     """The values of a quantity at the smaller and the larger lambda1 - lambda3, for the same
-    lambda1 and lambda2; no pairs in which both have the value of a motion `without` a crossing."""
+    lambda1 and lambda2; without pairs in which both have the value of a motion `without` a
+    crossing."""
     motions = sorted((m for (m,) in members), key=lambda m: m.case.data["damping"])
-    # lambda3 falls as the difference rises, so that of two neighbours the second has the smaller.
+    # lambda3 falls as the difference rises, so the second of two neighbours has the smaller one.
     values = [(number(b, name), number(a, name)) for a, b in in_groups(motions, 2)]
     return [pair for pair in values if pair != (without, without)]
 
 
 def all_in_order(in_order: Sequence[bool], contrary: str) -> Finding:
-    """The finding of a statement on pairs; decided by the share of those that are in its order."""
+    """The finding of a statement on pairs; decided by the share of the pairs in its order."""
     return Finding(
         deviation_unless(all(in_order)),
         number=sum(in_order) / len(in_order),
@@ -243,16 +247,17 @@ def all_in_order(in_order: Sequence[bool], contrary: str) -> Finding:
 
 def larger_difference_sooner_as_a_trend(members: Sequence[Sequence[Motion]]) -> Finding:
     """The larger lambda1 - lambda3, the sooner the crossing, as a trend over all coefficients that
-    cross; decided by the share of pairs in the other order, a half where nothing depends on it."""
+    cross; decided by the share of pairs in the other order, which is a half where nothing depends
+    on it."""
     passages = []
     for m in (m for (m,) in members if m.crossings):
         lambda1, _, lambda3 = m.case.data["damping"]
-        # To the last digit but three, so that 0.003 - 0.001 and 0.005 - 0.003 are one difference.
+        # Rounded, so that 0.003 - 0.001 and 0.005 - 0.003 are one difference.
         passages.append((round(lambda1 - lambda3, 12), number(m, "first_crossing")))
     pairs = itertools.combinations(sorted(passages), 2)
     reversed_ = [sooner < later for (small, sooner), (large, later) in pairs if small < large]
     share = sum(reversed_) / len(reversed_)
-    # A trend, and no law: the middle coefficient matters too, so pairs may be reversed.
+    # A trend and no law: the middle coefficient matters too, so pairs may be reversed.
     return Finding(
         deviation_unless(share < 0.5),
         number=share,
@@ -272,8 +277,8 @@ def equations_6_with_equal_signs(motions: Sequence[Motion]) -> Finding:
 
 
 def solved_by_6(motions: Sequence[Motion], sign: int) -> Finding:
-    """(5)-(6), with a sign of the sine relative to that of the cosine, beside the motion that
-    starts where they start; the better of two choices of both signs."""
+    """Eqs (5)-(6), with a sign of the sine relative to the cosine, compared with the motion from
+    the same start; the better of two choices of both signs counts."""
     (m,) = motions
     shapes = (as_in_equation_6(m, both, sign * both) for both in (1, -1))
     # The argument is some hundred turns at the start, which the functions reduce.
@@ -282,7 +287,7 @@ def solved_by_6(motions: Sequence[Motion], sign: int) -> Finding:
 
 
 def equations_6_meet_the_start(motions: Sequence[Motion]) -> Finding:
-    """q at the start is that of (5)-(6), with equal signs."""
+    """q at the start is q by (5)-(6), with equal signs."""
     (m,) = motions
     missed = abs(float(as_in_equation_6(m, 1, 1)[0, 1] - m.omega[0, 1]))
     return Finding(

@@ -25,29 +25,30 @@ from ..models.terms.fluid import reynolds
 from ..results.motion import Motion
 
 SMALLER = (1.0, 0.3, 0.1, 0.03, 0.01)
-"""Factors of kappa and epsilon together, from the figures' parameters towards the limit in which
-the paper averages."""
+"""The factors by which kappa and epsilon fall together, from the figures' parameters towards the
+limit in which the paper averages."""
 
 
 def last_power(values: Sequence[float]) -> float:
-    """The power of SMALLER by which values at these factors fall between the two smallest, nearest
-    to the limit."""
+    """The power of SMALLER by which values at these factors fall between the two smallest
+    factors."""
     return math.log(values[-2] / values[-1]) / math.log(SMALLER[-2] / SMALLER[-1])
 
 
 def x_at_end_of_spin(m: Motion) -> float:
-    """x where r reaches 0, by interpolation between the samples."""
+    """x where r reaches 0, interpolated between the samples."""
     return float(np.interp(end_of_spin(m), m.time, quantity(m, "x")))
 
 
 def transverse_torque_vanishes(motions: Sequence[Motion]) -> Finding:
     """M1 and M2 vanish on averaging: as kappa and epsilon fall together, x at the end of spin of
-    the full equations with M1 and M2 tends to that without.
+    the full equations with M1 and M2 tends to its value without them.
 
-    Of 12 directions of (M1, M2), 0.3 long, the farthest counts. Decided by the power at which it
-    falls between the two smallest factors: 1/2, because the averaging fails while the frequency,
-    which falls with r, is no larger than the rates. The cases after the first two have a
-    transverse torque at the figures' own parameters; x at their end of spin is listed besides.
+    Of 12 directions of (M1, M2), 0.3 long, the farthest counts. Decided by the power at which the
+    difference falls between the two smallest factors. It is 1/2, because the averaging fails while
+    the frequency, which falls with r, is no larger than the rates. The cases after the first two
+    have a transverse torque at the figures' own parameters; their x at the end of spin is listed
+    too.
     """
     full, averaged, *transverse = motions
     limit = x_at_end_of_spin(averaged)
@@ -81,7 +82,7 @@ def with_torque(m: Motion, factor: float, angle: float) -> Motion:
 
 
 def weaker(m: Motion, factor: float, end: float, samples: int) -> Case:
-    """The case of a motion with kappa and epsilon smaller by a factor, over another time."""
+    """The case with kappa and epsilon multiplied by a factor, over another time."""
     data = m.case.data
     cavity = {"kappa": attributes(m.case.system.constants).kappa * factor}
     time = {"start": 0.0, "end": end, "samples": samples}
@@ -91,11 +92,12 @@ def weaker(m: Motion, factor: float, end: float, samples: int) -> Case:
 
 
 SMALL_NUMBER = 0.01
-"""The Reynolds number up to which a flow is taken as slow."""
+"""The Reynolds number below which a flow counts as slow."""
 
 
 def small_Reynolds_number(motions: Sequence[Motion]) -> Finding:
-    """The Reynolds number of the flow at the start is a SMALL_NUMBER; decided by the largest."""
+    """The Reynolds number of the flow at the start is below SMALL_NUMBER; decided by the
+    largest."""
     numbers = [reynolds(m.case.data["cavity"], m.omega[0]) for m in motions]
     return Finding(
         deviation_unless(max(numbers) <= SMALL_NUMBER),
@@ -106,13 +108,12 @@ def small_Reynolds_number(motions: Sequence[Motion]) -> Finding:
 
 
 TURN_SAMPLES = 401
-"""Samples of a turn of (p, q), in which p and q, which are not slow, are seen to change too."""
+"""Samples in a turn of (p, q), enough to show the change of p and q, which are not slow."""
 
 
 def slow_x_and_y(motions: Sequence[Motion]) -> Finding:
     """x and y are slow: in the first turn of (p, q) they change by the order of kappa and epsilon,
-    while p changes by its own size. Decided by the smallest power of that order.
-    """
+    while p changes by its own size. Decided by the smallest power of that order."""
     powers, words = [], []
     for m in motions:
         turns = [first_turn(m, factor) for factor in SMALLER]

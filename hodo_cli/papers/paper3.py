@@ -32,13 +32,12 @@ from ..results.motion import Motion
 ROOTS = ("u1", "u2", "u3")
 INTEGRALS = ("Gz", "H", "r")
 HALF_THE_DIGITS = 1e-6
-"""What (2.5) is right to: half the digits are lost where one of its square roots is 0."""
+"""The accuracy of (2.5): half the digits are lost where one of its square roots is 0."""
 
 
 def equation_1_3(motions: Sequence[Motion]) -> Finding:
     """Without perturbation cos theta of the full equations is (1.3), with beta = K(k) for a top
-    that is let go at u2, where theta' = 0.
-    """
+    that is let go at u2, where theta' = 0."""
     pairs = []
     for m in motions:
         (u1, u2, _), alpha, modulus1 = nutation_of_1_3(m)
@@ -60,7 +59,7 @@ def nutation_of_1_3(m: Motion) -> tuple[np.ndarray, float, float]:
 
 def equation_2_7(motions: Sequence[Motion]) -> Finding:
     """The coefficients V_ij of (2.7) are the derivatives of the roots of (1.5) by Gz, H and r."""
-    # Smaller by far than the distance of two roots, by which their derivatives change.
+    # Much smaller than the distance of two roots, by which their derivatives change.
     step, pairs = 1e-6, []
     for m in motions:
         start = integrals_at_start(m)
@@ -69,7 +68,7 @@ def equation_2_7(motions: Sequence[Motion]) -> Finding:
             for row in np.eye(3)
         ]
         pairs.append((np.stack(sides, axis=-1) / (2 * step), coefficients_2_7(m, start)))
-    # A central difference is right to about the square of the step, as a part of that distance.
+    # The relative error of a central difference is about the square of the step over that distance.
     return agreement(pairs, 1e-6)
 
 
@@ -113,7 +112,7 @@ def ordering(motions: Sequence[Motion]) -> Finding:
 
 
 def signs(m: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """The signs of R, which is that of Gz^2 - C^2 r^2, and of r over time, each (n,)."""
+    """The signs over time (n,) of R, which is the sign of Gz^2 - C^2 r^2, and of r."""
     Gz, r = quantity(m, "Gz"), quantity(m, "r")
     return np.sign(Gz**2 - (m.inertia[2] * r) ** 2), np.sign(r)
 
@@ -122,7 +121,7 @@ def from_roots(m: Motion, u: Any, sign_R: Any, sign_r: Any) -> tuple[Any, Any, A
     """Gz, H and r by (2.5) from the roots u = (u1, u2, u3) and the signs of `signs`."""
     u1, u2, u3 = u
     A, C, mu = m.inertia[0], m.inertia[2], m.case.data["mu"]
-    # Rounding may bring what is under a root below 0 where it vanishes.
+    # Rounding may make the expression under a root negative where it vanishes.
     R = sign_R * np.sqrt(np.maximum((1 - u1**2) * (1 - u2**2) * (u3**2 - 1), 0))
     delta = np.sign(1 + u1 * u2 + u1 * u3 + u2 * u3)
     total, product = u1 + u2 + u3, u1 * u2 * u3
@@ -133,9 +132,8 @@ def from_roots(m: Motion, u: Any, sign_R: Any, sign_r: Any) -> tuple[Any, Any, A
 
 
 def by_2_5(m: Motion, frozen: bool) -> list[ValuePair]:
-    """Gz, H and r of a motion, each beside its value by (2.5), with the signs of R and r at each
-    moment or at the start.
-    """
+    """Gz, H and r of a motion, each with its value by (2.5), with the signs of R and r at each
+    moment or at the start."""
     followed = signs(m)
     in_use = tuple(np.full(len(s), s[0]) for s in followed) if frozen else followed
     values = from_roots(m, [quantity(m, name) for name in ROOTS], *in_use)
@@ -148,9 +146,9 @@ def inverse(motions: Sequence[Motion]) -> Finding:
 
 
 def signs_change(motions: Sequence[Motion]) -> Finding:
-    """The signs in (2.5) may change in mid-motion: in every motion R does, where |Gz| = C |r|;
-    until then (2.5) holds with the signs at the start, and not after it. Decided by the first time.
-    """
+    """The signs in (2.5) may change in mid-motion: in every motion R changes sign, where |Gz| = C
+    |r|. Until then (2.5) holds with the signs at the start, and after it does not. Decided by the
+    first time."""
     before, after = [], []
     for m in motions:
         sign, _ = signs(m)
@@ -176,9 +174,8 @@ RUNGE_KUTTA_STEPS = 250
 
 
 def r_by_2_5(motions: Sequence[Motion]) -> Finding:
-    """r found as the text finds it agrees with the exact (3.3): (3.5) is integrated, with Gz, H and
-    r by (2.5), up to nine tenths of the time at which R changes its sign.
-    """
+    """r found as in the text agrees with the exact (3.3): (3.5) is integrated, with Gz, H and r by
+    (2.5), up to nine tenths of the time at which R changes its sign."""
     pairs = []
     for m in motions:
         end = min(0.9 * number(m, "rebound_u3"), float(m.time[-1]))
@@ -221,13 +218,13 @@ def rates_3_5(m: Motion, t: float, u: np.ndarray, fixed: tuple[Any, Any]) -> np.
 
 
 SAMPLES_OF_2_8, PHASES = 20, 500
-"""Samples of a motion at which the mean (2.8) is taken, and places of a half turn of the nutation
-by which it is: their sum is right to rounding where u3 is a part of 1e-3 of u2 - u1 beyond u2."""
+"""At how many samples of a motion the mean (2.8) is taken, and at how many places of a half turn of
+the nutation: the sum is right to rounding where u3 - u2 is at least 1e-3 of u2 - u1."""
 
 
 def equation_2_8(motions: Sequence[Motion]) -> Finding:
-    """The rates of Gz, H and r by the averaged equations are the mean (2.8) over a nutation of
-    those under the torques (3.1)."""
+    """The rates of Gz, H and r by the averaged equations are the mean (2.8), over a nutation, of
+    the rates under the torques (3.1)."""
     pairs = []
     for m in motions:
         rows = np.linspace(0, len(m.time) - 1, SAMPLES_OF_2_8).astype(int)
@@ -243,7 +240,7 @@ def mean_rates_2_8(m: Motion, row: int) -> list[float]:
     A, C, mu, t = m.inertia[0], m.inertia[2], m.case.data["mu"], m.time[row]
     a, b = (np.polyval(m.case.data[name][::-1], t) for name in "ab")
     Gz, H, r, u1, u2, u3 = (quantity(m, name)[row] for name in (*INTEGRALS, *ROOTS))
-    # Midpoints: the integrand is even and periodic, so that equal weights are the best.
+    # Midpoints: the integrand is even and periodic, so equal weights are the best.
     u = (u1 + u2) / 2 + (u2 - u1) / 2 * np.cos((np.arange(PHASES) + 0.5) * np.pi / PHASES)
     of_Gz, of_H = -a * (Gz - C * r * u) / A - b * r * u, -a * (2 * H - C * r * r - 2 * mu * u) / A
     rates = [of_Gz, of_H - b * r * r, np.full(PHASES, -b * r / C)]
@@ -268,10 +265,10 @@ def averaged_alike(motions: Sequence[Motion]) -> Finding:
 
 
 def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
-    """Gz and H of the full equations tend to those of the averaged ones as epsilon; cases in fours,
-    averaged first, and then epsilon a quarter of the last.
+    """Gz and H of the full equations tend to those of the averaged equations as epsilon; cases come
+    in fours, averaged first, and then epsilon a quarter of the last.
 
-    Decided by the smallest power, which must be 0.9 of 1 at least.
+    Decided by the smallest power, which must be at least 0.9.
     """
     powers, words = [], []
     for limit, *near in in_groups(motions, 4):
@@ -296,7 +293,7 @@ def u3_quickly(motions: Sequence[Motion]) -> Finding:
 
 
 def u3_quickly_for_good(motions: Sequence[Motion]) -> Finding:
-    """u3 stays within 1 % of 1 from an earlier time on in the first case than in the others;
+    """u3 comes within 1 % of 1, and stays there, sooner in the first case than in the others;
     decided by the time."""
     return sooner(motions, "u3", 1.0, for_good=True)
 
@@ -309,12 +306,12 @@ def H_quickly(motions: Sequence[Motion]) -> Finding:
 
 
 NEAR_LIMIT = 0.01
-"""The part of a limit to within which a quantity has come near it."""
+"""A quantity is near a limit within this fraction of it."""
 
 
 def sooner(motions: Sequence[Motion], name: str, limit: float, for_good: bool = False) -> Finding:
-    """Whether a quantity comes within NEAR_LIMIT of a limit, first or for good, sooner in the first
-    motion."""
+    """Whether a quantity comes within NEAR_LIMIT of a limit, for the first time or to stay, sooner
+    in the first motion than in the others."""
     times, good = [], " for good" if for_good else ""
     for m in motions:
         near = np.abs(quantity(m, name) - limit) <= NEAR_LIMIT * abs(limit)
@@ -329,8 +326,8 @@ def sooner(motions: Sequence[Motion], name: str, limit: float, for_good: bool = 
 
 
 def roughness(m: Motion) -> float:
-    """The largest second derivative of Gz, H, u1, u2, u3, in units of the range of each and of the
-    time in which it covers 9/10 of it; the samples are even."""
+    """The largest second derivative of Gz, H, u1, u2, u3, each in units of its range and of the
+    time in which it covers 9/10 of that; the samples are evenly spaced."""
 
     def of_series(values: np.ndarray) -> float:
         samples = np.argmax(np.abs(values - values[0]) >= 0.9 * np.ptp(values))

@@ -1,7 +1,7 @@
-"""Results as xarray datasets: the one record from a file to a picture, and what a notebook reads.
-The only importer of xarray besides the interface for Python.
+"""Results as xarray datasets, for figures and notebooks. The only importer of xarray besides the
+interface for Python.
 
-Commands that only compute read the same groups without it: loading xarray takes as long as to draw
+Commands that only compute read the same groups without it: loading xarray takes as long as drawing
 two figures.
 """
 
@@ -32,13 +32,13 @@ Cases = Mapping[str, xr.Dataset]
 def dataset(group: Group, source: str = "") -> xr.Dataset:
     """A stored group as a dataset; `source` is its file.
 
-    A variable that is named as its only dimension becomes that dimension's coordinate, and so do
-    the keys and directions that vary along the axes of a sweep.
+    A variable with the name of its only dimension becomes that dimension's coordinate, as do the
+    keys and directions that vary along the axes of a sweep.
     """
     # Copies of the attributes: xarray lets them be changed, and a Group is frozen. A text of an
-    # enumeration (the status) becomes plain, as it is when it comes from a file.
-    # By the fast path: on the other one xarray loads dask, where that is installed, to see whether
-    # an array is one of dask's.
+    # enumeration (the status) becomes plain, as it is when it comes from a file. The constructor
+    # takes its fast path: on the other one xarray loads dask, where that is installed, to see
+    # whether an array is one of dask's.
     arrays = {
         name: xr.Variable(v.dims, v.data, dict(v.attrs), fastpath=True)
         for name, v in without_old_labels(group.variables).items()
@@ -51,7 +51,7 @@ def dataset(group: Group, source: str = "") -> xr.Dataset:
 
 
 def swept_names(data: xr.Dataset) -> list[str]:
-    """The variables of a sweep that say what varies along its axes, in the case's order."""
+    """The variables of a sweep that hold the values along its axes, in the case's order."""
     names = [
         name
         for axis in parse_axes(typed(data.attrs, {"case": str}, "the sweep")["case"])
@@ -61,11 +61,11 @@ def swept_names(data: xr.Dataset) -> list[str]:
 
 
 def ordered(data: xr.Dataset, owner: str) -> xr.Dataset:
-    """A dataset with its times, crossings and the parts of vectors and quaternions in order, and
-    the dimensions of these.
+    """A dataset with its times, its crossings, the parts of vectors and quaternions, and their
+    dimensions in order.
 
-    Raises HodoError, which begins with `owner`, if times or parts stand twice after sorting, or
-    have no coordinate, or parts are missing; of the body axes some may be.
+    Raises HodoError, which begins with `owner`, if times or parts occur twice after sorting or have
+    no coordinate, or if parts are missing; some of the body axes may be.
     """
     for dim in ("time", *PARTS):
         if dim in data.dims and dim not in data.variables:
@@ -99,22 +99,23 @@ def with_parts_in_order(data: xr.Dataset, dim: str, owner: str) -> xr.Dataset:
 
 
 def sorted_along(data: xr.Dataset, dim: str, values: np.ndarray, owner: str) -> xr.Dataset:
-    """A dataset with ascending values along a dimension; untouched if they do not descend."""
+    """A dataset with ascending values along a dimension, unchanged if none descend. Raises
+    HodoError, which begins with `owner`."""
     if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
         raise HodoError(f"{owner}: its coordinate {dim!r} holds more than finite numbers")
     if not (np.diff(values.astype(float)) < 0).any():
         return data
     order = np.argsort(values, kind="stable")
-    # Parts that follow each other may share an end; parts of one span make no single curve.
+    # Consecutive parts may share an end; two parts over the same span make no single curve.
     if twice := values[order][1:][np.diff(values[order]) == 0].tolist():
         raise HodoError(f"{owner}: its coordinate {dim!r} has {twice[0]:.6g} twice, out of order")
     return data.isel({dim: order})
 
 
 def case_in(data: xr.Dataset, owner: str) -> Case:
-    """The case of a dataset, with the values at which a selection has fixed the keys of a sweep.
+    """The case of a dataset. Where a selection has fixed swept keys, the case has their values.
 
-    Raises HodoError, which begins with `owner`, if there is none in its attributes.
+    Raises HodoError, which begins with `owner`, if the attributes hold no case.
     """
     if "case" not in data.attrs:
         raise HodoError(
@@ -134,8 +135,8 @@ MOTION_DIMS = ("time", *PARTS, "crossing", "event")
 
 
 def sweep_axes(data: xr.Dataset) -> list[str]:
-    """The dimensions over which a dataset has members, in the order of their status; none of a
-    single motion."""
+    """The dimensions over which a dataset has members, in the order of `status`; none for a single
+    motion."""
     status = data.variables.get("status")
     if status is not None:
         return [str(dim) for dim in status.dims]
@@ -145,10 +146,9 @@ def sweep_axes(data: xr.Dataset) -> list[str]:
 
 
 def motion_from(data: xr.Dataset, name: str, label: str = "") -> Motion:
-    """The motion in a dataset, its samples in the order of their times; `label` is what figures
-    call it.
+    """The motion in a dataset, its samples in the order of their times; figures call it `label`.
 
-    Raises HodoError if the dataset holds no motion, or what it holds does not fit together.
+    Raises HodoError if the dataset holds no motion, or its contents do not fit together.
     """
     source = str(data.encoding.get("source", ""))
     stored = source.endswith(".h5")
@@ -165,8 +165,8 @@ def motion_from(data: xr.Dataset, name: str, label: str = "") -> Motion:
 
 
 def quantity_array(name: str, values: np.ndarray, dims: Sequence[str], case: Case) -> xr.DataArray:
-    """The values of a quantity over some dimensions and its own components, with its
-    meaning and units."""
+    """The values of a quantity over some dimensions and its own components, with meaning and
+    units."""
     quantity = QUANTITIES[name]
     parts = {quantity.dim: [*PARTS[quantity.dim]]} if quantity.dim else {}
     words = {"long_name": quantity.long_name, "units": units_of_case(quantity.units, case)}
@@ -174,16 +174,16 @@ def quantity_array(name: str, values: np.ndarray, dims: Sequence[str], case: Cas
 
 
 def lacks_labels(data: xr.Dataset) -> bool:
-    """Whether `classify` would label a stored case, and has not."""
+    """Whether a stored case has no labels although `classify` would find them."""
     if "case" not in data.attrs:
         return False  # statements or errata
     return Motion(case_of(data.attrs, "a case"), data.variables).lacks_labels
 
 
 def motions_of(cases: Cases, names: Sequence[str], labels: Sequence[str] = ()) -> list[Motion]:
-    """The motions of some cases, in order, under the labels that a figure gives the first of them.
+    """The motions of some cases, in order; a figure's `labels` name the first of them.
 
-    Raises HodoError as `motion_from` does, or if one has no samples.
+    Raises HodoError as `motion_from` does, or if a motion has no samples.
     """
     labelled = zip_longest(names, labels[: len(names)], fillvalue="")
     if swept := next((name for name in names if sweep_axes(cases[name])), None):
@@ -198,7 +198,8 @@ def motions_of(cases: Cases, names: Sequence[str], labels: Sequence[str] = ()) -
 
 
 class NoSuchCase(HodoError, KeyError):
-    """A case that a file does not hold; a KeyError too, as `in` and `get` of a mapping expect."""
+    """The error for a case that a file does not hold; a KeyError too, as `in` and `get` of a
+    mapping expect."""
 
     # A KeyError prints its message in quotes.
     __str__ = Exception.__str__
@@ -207,15 +208,16 @@ class NoSuchCase(HodoError, KeyError):
 class StoredCases(Mapping[str, xr.Dataset]):
     """The cases of a result file by name, each read when it is asked for.
 
-    `attrs` are the attributes of the file; `asked` are the names that were asked for, whether there
-    is such a case or not, and `cache`, if there is one, holds the cases that were read.
+    `attrs` are the attributes of the file. `asked` holds every name that was asked for, also of
+    missing cases. `cache`, if given, keeps the cases that were read.
     """
 
     def __init__(
         self, path: Path, reader: Callable[[], AbstractContextManager[ResultFile]],
         cache: dict[str, xr.Dataset] | None = None,
     ) -> None:  # fmt: skip
-        """`reader` opens the file for each reading. Raises HodoError as `open_batch` does."""
+        """Take a function that opens the file for each reading. Raises HodoError as `open_batch`
+        does."""
         self.path, self._reader, self.cache = path, reader, cache
         with reader() as run:
             self._names = tuple(run.cases())
@@ -223,9 +225,9 @@ class StoredCases(Mapping[str, xr.Dataset]):
             self.attrs = dict(run.attributes)
 
     def __getitem__(self, name: str) -> xr.Dataset:
-        """A case, in memory; groups that are no cases have names that begin with `_`.
+        """A case, in memory. Groups whose names begin with `_` are no cases.
 
-        Raises HodoError if it is not there, or is damaged or too large.
+        Raises HodoError if the case is missing, damaged or too large.
         """
         if name not in self:
             raise NoSuchCase(f"{self.path}: {unknown(f'case {name!r}', str(name), self._names)}")
@@ -256,8 +258,8 @@ class StoredCases(Mapping[str, xr.Dataset]):
 
 
 def cases_of_file(path: Path) -> StoredCases:
-    """The cases of a result file, which is opened for each reading and closed again, so that a run
-    may replace it meanwhile. Raises HodoError as `open_batch` does."""
+    """The cases of a result file, which is opened and closed for each reading, so that a run may
+    replace it meanwhile. Raises HodoError as `open_batch` does."""
     return StoredCases(path, lambda: open_batch(path))
 
 

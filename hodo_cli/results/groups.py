@@ -1,4 +1,4 @@
-"""A case as it is stored: the groups that `run` and `classify` write."""
+"""The groups that `run` and `classify` store for a case."""
 
 from ..cases.case import Case
 from ..integration import Classification, Trajectory, own_crossings
@@ -26,7 +26,7 @@ PRINCIPAL = {
         "principal moment of inertia", ("principal",), units="moment of inertia"
     ),
 }
-"""What is stored of a body that is given by its full tensor of inertia: labels name these axes."""
+"""The variables stored for a full tensor of inertia; labels name these axes."""
 
 TURN = {
     "turn_period": Stored("time of a turn of the hodograph", units="time"),
@@ -34,7 +34,7 @@ TURN = {
         "angle by which the enclosed axis goes round G in a turn of the hodograph", units="rad"
     ),
 }
-"""What is stored of the hodograph of a free body with an attitude."""
+"""The variables stored for the hodograph of a free body with an attitude."""
 
 GROWTH_RATE = Stored(
     "rate at which a small tilt away from the axis grows, on the mean over a turn",
@@ -54,14 +54,14 @@ def principal_variables(case: Case) -> dict[str, Variable]:
     stored = {
         name: kind.holding(x) for (name, kind), x in zip(PRINCIPAL.items(), values, strict=True)
     }
-    # The components of what else is stored are not along these.
+    # The components of other vectors are along the axes of the case, not along these.
     axis, names = INNER_COORDINATES["axis"]
     axis = axis._replace(long_name="axis of the body, as the case gives it")
     return stored | inner_coordinates(stored.values()) | {"axis": axis.holding(names)}
 
 
 def case_group(trajectory: Trajectory, digest: str) -> Group:
-    """A case as it is stored, with `digest` for its hash."""
+    """The group of a case, with `digest` for its hash."""
     case = trajectory.case
     attributes = case_attributes(
         case,

@@ -1,10 +1,10 @@
-"""The layout of a case in a result file: the variables and attributes that any model's may have,
-and their units.
+"""The layout of a case in a result file: the variables and attributes that any model's case may
+have, and their units.
 
-A case is a group. What the integration stores of it is named by its model (`variables` there); what
-else it may hold, its labels, crossings, events, the columns of a sweep and the attributes, is named
-below. Named elsewhere, by who writes them: the quantiles of a sweep's errors (`sweeps.summary`),
-verdicts (`commands.claims`), checksums and the attributes of the file (`storage`).
+A case is a group. The model names what the integration stores (its `variables`). Labels, crossings,
+events, the columns of a sweep and the attributes are named below. Their writers name the others:
+the quantiles of a sweep's errors (`sweeps.summary`), verdicts (`commands.claims`), checksums and
+the attributes of the file (`storage`).
 """
 
 import math
@@ -30,15 +30,15 @@ from ..storage import Attribute, Variable
 # Units: products of powers of the units that a case gives
 
 INERTIA, TIME_WORD = "moment of inertia", "time"
-"""The words for the units of a case in the units that models, keys and stored names state."""
+"""The words that models, keys and stored names use for the units of a case."""
 
 FACTOR = re.compile(r"([^\W\d_]+|°|%)(?:\^?(-?\d+))?")
-"""A unit and its power: s, m^2, m2."""
+"""A unit with its power: s, m^2, m2."""
 
 
 def units_of_case(stated: str, case: Case) -> str:
-    """Units stated in words, such as "moment of inertia / time^2", in the units of a case, such as
-    "kg m^2/s^2"; other units stay as they are."""
+    """Units in words, such as "moment of inertia / time^2", in the units of a case, such as "kg
+    m^2/s^2"; other units stay as they are."""
     case_units = {"inertia": case.inertia_unit, TIME_WORD: case.time.unit}
     powers = factors(stated.replace(INERTIA, "inertia"))
     if not powers.keys() & case_units.keys():
@@ -53,11 +53,11 @@ def units_of_case(stated: str, case: Case) -> str:
 
 
 STATED_UNITS = re.compile(rf" \[((?:{INERTIA}|{TIME_WORD})[^\]]*)\]")
-"""Units in words behind a number of a sentence: "stops after 12.5 [time]"."""
+"""Units in words after a number in a sentence: "stops after 12.5 [time]"."""
 
 
 def sentence_of_case(sentence: str, case: Case) -> str:
-    """A sentence of a model with the units behind its numbers in the units of a case."""
+    """A sentence of a model, with the words for units replaced by the units of a case."""
 
     def unit(match: re.Match[str]) -> str:
         units = units_of_case(match[1], case)
@@ -67,8 +67,8 @@ def sentence_of_case(sentence: str, case: Case) -> str:
 
 
 def factors(text: str) -> dict[str, int]:
-    """The units in a product such as "kg m^2/s" with their powers; none in "1". A text that is no
-    such product counts as one unit."""
+    """The powers of the units in a product such as "kg m^2/s"; none in "1". Text that is no product
+    counts as one unit."""
     powers: Counter[str] = Counter()
     for position, product in enumerate(text.split("/")):
         for word in re.split(r"[\s*·.]+", product.strip()):
@@ -81,7 +81,7 @@ def factors(text: str) -> dict[str, int]:
 
 
 def product_text(powers: dict[str, int]) -> str:
-    """A product of units as UDUNITS reads it, with a single divisor at the most: "kg m^2/s"."""
+    """A product of units as UDUNITS reads it, with at most one divisor: "kg m^2/s"."""
     above = [power_text(unit, power) for unit, power in powers.items() if power > 0]
     below = [(unit, -power) for unit, power in powers.items() if power < 0]
     if len(below) == 1:
@@ -116,7 +116,7 @@ ATTRIBUTES = {
 
 
 MODEL_SOURCE = "model_source"
-"""The attribute with the source of a model that is not hodo's."""
+"""The attribute with the source of a model of the user's own."""
 
 
 def typed_as(*names: str) -> dict[str, type]:
@@ -127,18 +127,18 @@ def typed_as(*names: str) -> dict[str, type]:
 SUMMARY = typed_as(
     "model", "form", "method", "steps", "run_time", "error", "status", "message", "warnings"
 )
-"""The attributes of a case that its line in a table shows."""
+"""The attributes that a case's line in a table shows."""
 
 RECORDED = typed_as("case", "method", "tol", "error")
-"""The attributes that the classification of a stored case rests on."""
+"""The attributes on which the classification of a stored case depends."""
 
 SHOWN_ATTRIBUTES = SUMMARY | typed_as("case", "error_kind")
-"""The attributes that figures and their page rest on."""
+"""The attributes on which figures and their page depend."""
 
 
 def case_attributes(case: Case, digest: str, **others: Any) -> dict[str, Attribute]:
     """The attributes of a stored case: `digest` is its hash, `others` are the rest by name. The
-    source of a model that is not hodo's comes with it.
+    source of a model of the user's own is added.
 
     Raises KeyError if one of `ATTRIBUTES` is missing.
     """
@@ -157,7 +157,7 @@ def case_attributes(case: Case, digest: str, **others: Any) -> dict[str, Attribu
 
 
 class Stored(NamedTuple):
-    """How a variable is stored: its meaning, type, dimensions and, in words, its units."""
+    """How a variable is stored: its meaning, type, dimensions and units in words."""
 
     long_name: str
     dims: tuple[str, ...] = ()
@@ -166,7 +166,7 @@ class Stored(NamedTuple):
     flags: Mapping[str, Attribute] = {}
 
     def holding(self, data: Any, **more: Attribute) -> Variable:
-        """These values, labelled; texts are kept as they are, numbers in the declared type."""
+        """The values, labelled; texts are kept as they are, numbers get the declared type."""
         values = np.asarray(data, dtype=object if self.dtype == "O" else self.dtype)
         return Variable(self.dims, values, self.attrs | more)
 
@@ -178,7 +178,7 @@ class Stored(NamedTuple):
 
 
 def flags(meanings: Mapping[int, str]) -> dict[str, Attribute]:
-    """The attributes by which CF says what the integers of a variable mean."""
+    """The attributes by which CF explains the integers of a variable."""
     return {
         "flag_values": np.array(list(meanings), dtype=np.int8),
         "flag_meanings": " ".join(meanings.values()),
@@ -193,7 +193,7 @@ INNER_COORDINATES = {
     "principal": (Stored("principal axis of inertia", ("principal",), "O"), [*BODY_AXES]),
     "space": (Stored("axis of space", ("space",), "O"), [*SPACE_AXES]),
 }
-"""The coordinates of what has several numbers at a time, and their values."""
+"""The coordinates of variables with several numbers at a time, and their values."""
 
 TIME = Stored("time", ("time",), units="time")
 
@@ -216,14 +216,14 @@ CROSSING_COLUMNS = {
     "crossing_to": ("end", Stored("axis enclosed after", ("crossing",), "i1", flags=AXIS_FLAGS)),
     "crossing_G": ("momentum", Stored("|G| at the passage", ("crossing",), units=MOMENTUM)),
 }
-"""The columns of crossings: the field of `Crossing` that each holds, and how it is stored."""
+"""The columns of crossings: which field of `Crossing` each holds, and how it is stored."""
 
 EVENT_COLUMNS = {
     "event_time": ("time", Stored("time of the event", ("event",), units="time")),
     "event_error": ("error", Stored("measured error of event_time", ("event",), units="time")),
     "event_kind": ("kind", Stored("kind of the event", ("event",), "O")),
 }
-"""The columns of events: the field of `Occurrence` that each holds, and how it is stored."""
+"""The columns of events: which field of `Occurrence` each holds, and how it is stored."""
 
 EVENT_DETAILS = {
     "from": Stored("axis enclosed before the event", ("event",)),
@@ -249,8 +249,7 @@ MEMBER_CLASSIFIED = {
     "share": Stored("part of the span in which the hodograph encloses an axis", ("axis",)),
     "separation": Stored("smaller |D| of start and end, as a part of the sum of its terms"),
 }
-"""The columns of a sweep's members where a hodograph encloses an axis, over the sweep's
-dimensions."""
+"""The columns of a sweep's members in models where a hodograph encloses an axis."""
 
 MEMBER = {
     "steps": Stored("steps of the integration", (), "i4"),
@@ -270,20 +269,20 @@ MEMBER_STOPPED = {
 """The columns of a sweep's members that may come to rest."""
 
 ON_REQUEST = ("share", "separation", "steps", "event_release")
-"""The columns of a sweep that are stored only where the case asks for them."""
+"""The columns of a sweep that are stored only where `store:` names them."""
 
 
 AXIS_LABELS = ("crossing_from", "crossing_to", "start_axis", "end_axis", "event_from")
-"""The variables of cases and sweeps that are labels of axes, besides `enclosed_axis`."""
+"""The variables of cases and sweeps that hold labels of axes, besides `enclosed_axis`."""
 
 OLD_LABELS = (4, 5)
-"""The labels by which files of 0.2 tell motions with a rotor apart: about both outer axes, and
-without a separatrix."""
+"""The labels of files of 0.2 for motions with a rotor: about both outer axes, and without a
+separatrix."""
 
 
 def without_old_labels(variables: Mapping[str, Variable]) -> Mapping[str, Variable]:
-    """Stored variables with the labels of 0.2 for motions with a rotor as -1, which a warning
-    says."""
+    """Stored variables with the labels of 0.2 for motions with a rotor replaced by -1. Warns of
+    it."""
     labelled = {"enclosed_axis", *AXIS_LABELS} & variables.keys()
     old = {x for x in labelled if np.isin(variables[x].data, OLD_LABELS).any()}
     if old:
@@ -305,7 +304,7 @@ def case_variables(
     events: Sequence[Occurrence],
     errors: Mapping[str, float],
 ) -> dict[str, Variable]:
-    """The variables of a motion: what the model stores over the times (n,), and the events.
+    """The variables of a motion: those of its model over the times (n,), and the events.
 
     `labels` belong to the model's variables; a label of `time` replaces the plain one. `errors` are
     the measured errors of some of them.
@@ -314,7 +313,7 @@ def case_variables(
     for name, data in {"time": time, **values}.items():
         label = labels.get(name, TIME)
         error = {"error": errors[name]} if name in errors else {}
-        # The values keep their own type: a working precision that netCDF lacks must be refused.
+        # The values keep their own type, so that a working precision that netCDF lacks is refused.
         meanings = AXIS_FLAGS if name == "enclosed_axis" else {}
         if label == ATTITUDE_VARIABLE.get(name):
             meanings = {"convention": CONVENTION, "error_units": "rad"}
@@ -327,7 +326,7 @@ def case_variables(
 
 
 def inner_coordinates(variables: Iterable[Variable]) -> dict[str, Variable]:
-    """The coordinates `axis` and `quaternion`, where one of the variables has such a dimension."""
+    """The coordinates `axis` and `quaternion`, if one of the variables has such a dimension."""
     dims = {dim for variable in variables for dim in variable.dims}
     return {
         name: stored.holding(words)
@@ -339,7 +338,7 @@ def inner_coordinates(variables: Iterable[Variable]) -> dict[str, Variable]:
 def columns_of(
     table: Mapping[str, tuple[str, Stored]], items: Sequence[Crossing] | Sequence[Occurrence]
 ) -> dict[str, Variable]:
-    """Crossings or events as variables, one for each of the table's fields."""
+    """Crossings or events as variables, one for each field of the table."""
     return {
         name: stored.holding([getattr(item, field) for item in items])
         for name, (field, stored) in table.items()
@@ -347,7 +346,7 @@ def columns_of(
 
 
 def event_details(events: Sequence[Occurrence]) -> dict[str, Variable]:
-    """The details of events, one variable for each detail that any of them has."""
+    """The details of events, a variable for each detail that any event has."""
     return {
         f"event_{name}": stored.holding([event.details.get(name, math.nan) for event in events])
         for name, stored in EVENT_DETAILS.items()
@@ -363,8 +362,7 @@ def label_variables(labels: np.ndarray, crossings: Sequence[Crossing]) -> dict[s
 
 
 def with_units(variables: Mapping[str, Variable], case: Case) -> dict[str, Variable]:
-    """Variables with their units in the units of a case, and labels and crossings with their
-    meanings there."""
+    """Variables in the units of a case, with the meanings of labels and crossings there."""
 
     def of_case(name: str, attrs: dict[str, Attribute]) -> dict[str, Attribute]:
         units = {"units": units_of_case(str(attrs["units"]), case)} if "units" in attrs else {}

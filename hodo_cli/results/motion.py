@@ -1,5 +1,5 @@
-"""A motion as figures and claims read it: one dataset or group by its variables, and every quantity
-that follows from its samples, computed when it is asked for."""
+"""A motion for figures and claims: the variables of one dataset or group, and every quantity that
+follows from its samples, computed when it is needed."""
 
 import math
 from collections.abc import Mapping
@@ -25,18 +25,18 @@ from ..text import case_words
 from .layout import AXIS_LABELS, CROSSING_COLUMNS, EVENT_COLUMNS, units_of_case
 
 Variables = Mapping[Any, Any]
-"""Labelled arrays by name, with `dims`, `data` and `attrs`: those of an `xarray.Dataset`, or of a
-`Group` where loading xarray would cost more than the work."""
+"""Labelled arrays by name, with `dims`, `data` and `attrs`: an `xarray.Dataset`, or a `Group` where
+loading xarray would cost more than the work."""
 
 LABELS_COMPARED, MIN_MARGIN_COMPARED, MIN_SIZE_COMPARED = 32, 0.1, 1e-290
-"""How many labels are compared with the angular velocities beside them; how far these are from the
-separatrix, as a part of the terms of D, and how large at least."""
+"""How many labels are compared with the angular velocities of their samples; how far these have to
+be from the separatrix, relative to the terms of D, and the least size that they have to have."""
 
 
 @dataclass(frozen=True, eq=False)
 class Motion(Samples):
-    """A case, its variables over ascending times, the attributes that are stored with them, what a
-    figure calls it, its file, and whether its labels are known to be those of its omega."""
+    """A case with its variables over ascending times, their attributes, its label in figures, its
+    file, and whether its labels are known to belong to its omega."""
 
     case: Case
     data: Variables
@@ -52,7 +52,7 @@ class Motion(Samples):
 
     @property
     def words(self) -> str:
-        """The case in messages."""
+        """The name of the case in messages."""
         return case_words(self.name)
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -73,7 +73,8 @@ class Motion(Samples):
             raise HodoError(lack or words) from None
 
     def number(self, name: str) -> np.ndarray:
-        """A number over time (n,) that follows from what is stored; psi and phi as `continued`."""
+        """A number over time (n,) that follows from the stored variables; psi and phi as in
+        `continued`."""
         values = np.asarray(QUANTITIES[name].formula(self))
         return continued(self, name, values) if name in ("psi", "phi") else values
 
@@ -84,25 +85,25 @@ class Motion(Samples):
         return self.G if name == "G" else QUANTITIES[name].formula(self)
 
     def quantity(self, name: str) -> np.ndarray:
-        """A quantity of the table (n,), or (n, 3) where it has components. Raises HodoError if the
-        case lacks what it needs."""
+        """A quantity of the table, (n,) or (n, 3) for its components. Raises HodoError if the case
+        lacks what it needs."""
         if message := lack_of(self.case, name, self.sources, name):
             raise HodoError(message)
         return self.vector(name) if QUANTITIES[name].dim else self.number(name)
 
     def derived_variable(self, name: str) -> Variable:
-        """A quantity as it is stored."""
+        """A quantity as a variable that can be stored."""
         quantity = QUANTITIES[name]
         words: dict[str, Attribute] = {"long_name": quantity.long_name, "units": quantity.units}
         return Variable(quantity.dims, self.quantity(name), words)
 
     def units(self, name: str) -> str:
-        """The units of a variable or quantity, in those of the case; "1" for a number."""
+        """The units of a variable or quantity in the units of the case; "1" for a number."""
         return units_of_case(units_in_words(self, name), self.case)
 
     @property
     def sources(self) -> set[str]:
-        """The variables and constants that it has for quantities to follow from."""
+        """The variables and constants from which quantities can follow."""
         return {*map(str, self.data)} | constants_of(self.case.system, self.case.data)
 
     def _over_time(self, name: str) -> bool:
@@ -116,12 +117,13 @@ class Motion(Samples):
 
     @property
     def principal_G(self) -> np.ndarray:
-        """Angular momentum (n, 3) along the principal axes."""
+        """The angular momentum (n, 3) along the principal axes."""
         return self.frame.to_principal(self.G) if self.frame else self.G
 
     @property
     def quadrants(self) -> np.ndarray:
-        """(w_l^2, K w_s^2) (n, 2): the separatrix is the diagonal, and D > 0 below it.
+        """The points (w_l^2, K w_s^2) (n, 2), of which D = 0 is the diagonal and D > 0 lies below
+        it.
 
         Raises HodoError for a body with a rotor, and where K is infinite.
         """
@@ -138,13 +140,13 @@ class Motion(Samples):
 
     @property
     def lacks_labels(self) -> bool:
-        """Whether `classify` would label this motion, and has not."""
+        """Whether the motion has no labels although `classify` would find them."""
         needs_none = self.classified or self.case.sweep or self.case.system.no_axis_reason
         return not needs_none and "omega" in self.data and self.sampled
 
     @cached_property
     def labels(self) -> np.ndarray:
-        """The enclosed axis (n,). Raises HodoError if `classify` was not run, or finds none."""
+        """The enclosed axis (n,). Raises HodoError if `classify` was not run, or finds no axes."""
         if not self.classified:
             command = f"run `hodo classify {quote(self.path)}` first"
             how = self.case.system.no_axis_reason
@@ -161,18 +163,19 @@ class Motion(Samples):
         return labels
 
     def _contradicts(self, frame: rigid_body.BodyFrame, labels: np.ndarray) -> bool:
-        """Whether omega contradicts every label, of some of the samples, that is beyond doubt."""
+        """Whether omega contradicts every one of some labels that are beyond doubt."""
         count = min(len(labels), LABELS_COMPARED)
         few = np.linspace(0, max(len(labels) - 1, 0), count).astype(int)
         omega = self.omega[few]
         expected = frame.enclosed(frame.to_principal(omega), MIN_MARGIN_COMPARED)
-        # Of the smallest numbers only the scaled state has a label.
+        # The smallest numbers have a label only by the scaled state.
         is_clear = (expected > 0) & (np.abs(omega).max(axis=1) > MIN_SIZE_COMPARED)
         return bool(is_clear.any() and (labels[few] != expected)[is_clear].all())
 
     @cached_property
     def crossings(self) -> tuple[Crossing, ...]:
-        """The separatrix crossings. Raises as `labels` does: none known is not none there."""
+        """The separatrix crossings. Raises as `labels` does: a motion without labels may still
+        cross."""
         if not len(self.labels):
             return ()
         columns = [self.stored(name).tolist() for name in CROSSING_COLUMNS]
@@ -183,16 +186,16 @@ class Motion(Samples):
 
     @property
     def crossing_time(self) -> np.ndarray:
-        """Times (m,) of the separatrix crossings from the first sample to the last; none in a case
-        that is not classified."""
+        """The times (m,) of the separatrix crossings from the first sample to the last; none in a
+        case that is not classified."""
         crossings = self.crossings if self.classified else ()
         times = np.sort([crossing.time for crossing in crossings])
         return times[(times >= self.time[:1]) & (times <= self.time[-1:])]
 
     @property
     def labels_at_ends(self) -> tuple[int, int]:
-        """The labels with which it starts and ends; a body that a brake stops ends with the one
-        that it has until then. Raises as `labels` does."""
+        """The labels at the start and at the end; a body that a brake stops ends with its last
+        label before the stop. Raises as `labels` does."""
         start = label_at_start(self.case, self.time[0], self.labels, self.crossings)
         has_stopped = self.labels[-1] == rigid_body.UNDETERMINED and math.isfinite(self.stop)
         return start, int((self.stored("event_from") if has_stopped else self.labels)[-1])
@@ -207,7 +210,7 @@ class Motion(Samples):
 
     @property
     def stop(self) -> float:
-        """The time at which a brake has brought the body to rest; infinite without."""
+        """The time at which a brake has stopped the body; infinite if none has."""
         return dict(self.events).get("stopped", math.inf)
 
     def at(self, times: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -215,11 +218,11 @@ class Motion(Samples):
         return np.stack([np.interp(times, self.time, column) for column in values.T], axis=-1)
 
 
-@np.errstate(all="ignore")  # what is no number is a gap in a curve, and meets no bound
+@np.errstate(all="ignore")  # nan is a gap in a curve, and meets no bound
 def formula_values(motion: Motion, text: str) -> np.ndarray:
     """The values (n,) of a formula in the time `t` and the variables of a motion.
 
-    Raises HodoError if the motion does not have one of them.
+    Raises HodoError if the motion lacks one of them.
     """
     tree = parse_expression(text, FORMULA_NAMES)
     values = {name: motion.time if name == "t" else motion[name] for name in names_in(tree)}
@@ -227,13 +230,13 @@ def formula_values(motion: Motion, text: str) -> np.ndarray:
 
 
 LATER_COLUMNS = ("crossing_error", "crossing_G")
-"""The columns that early files of format 1 lack; they are nan in a crossing."""
+"""The columns that early files of format 1 lack; their crossings have nan there."""
 
 
 def motion_of(data: Variables, attrs: Mapping[str, Any], owner: str, path: str = "RUN") -> Motion:
-    """The motion in a stored case, whose variables and attributes these are; `path` is its file.
+    """The motion of a stored case with these variables and attributes; `path` is its file.
 
-    Raises HodoError, which begins with `owner`, if what is stored does not fit together.
+    Raises HodoError, which begins with `owner`, if they do not fit together.
     """
     case = case_of(attrs, owner)
     check_whole(data, owner, is_sweep=bool(case.sweep))
@@ -248,16 +251,16 @@ def check_whole(data: Variables, owner: str, is_sweep: bool) -> None:
 
 
 def case_of(attrs: Mapping[str, Any], owner: str) -> Case:
-    """The case in the attributes of a stored one. Raises HodoError as `motion_of` does."""
+    """The case in the attributes of a stored group. Raises HodoError as `motion_of` does."""
     return parsed(typed(attrs, {"case": str}, owner)["case"])
 
 
-# Most cases stand in several figures and on the page, and to parse one takes milliseconds.
+# Most cases are used by several figures and the page, and parsing one takes milliseconds.
 parsed = lru_cache(maxsize=256)(parse_case)
 
 
 def damage(data: Variables) -> str:
-    """The damage to the variables of a single motion; an empty string if there is none."""
+    """What is damaged in the variables of a single motion; an empty string if nothing is."""
     required = required_dims(data)
     for name, dims in required.items():
         if name not in data or data[name].data.dtype.kind not in "fi":
@@ -266,7 +269,7 @@ def damage(data: Variables) -> str:
             return f"its {name} has dimensions {', '.join(data[name].dims) or 'none'}"
     if problem := wrong_labels(data):
         return problem
-    # A component for each of the body axes that are stored.
+    # One component for each of the stored body axes.
     axes = data["axis"].data.shape if "axis" in data else None
     if "omega" in required and data["omega"].data.shape[1:] != axes:
         return "its omega holds no vectors"
@@ -279,8 +282,8 @@ def damage(data: Variables) -> str:
 
 
 def required_dims(data: Variables) -> dict[str, tuple[str, ...]]:
-    """The dimensions that the variables of a single motion must have, those of the variables that
-    it lacks too."""
+    """The dimensions that each variable of a single motion must have, missing variables
+    included."""
     required: dict[str, tuple[str, ...]] = {"time": ("time",)}
     # A selection of one component leaves a number over time.
     if "omega" in data and data["omega"].dims != ("time",):
@@ -293,8 +296,8 @@ def required_dims(data: Variables) -> dict[str, tuple[str, ...]]:
 
 
 def wrong_labels(data: Variables) -> str:
-    """Which variable of a case or of a sweep holds numbers that are labels of no axis; an empty
-    string if none does."""
+    """What is wrong with a variable of labels that holds other numbers; an empty string if none
+    does."""
     for name in ("enclosed_axis", *AXIS_LABELS):
         if name in data and not np.isin(data[name].data, list(rigid_body.LABELS)).all():
             return (
@@ -304,30 +307,30 @@ def wrong_labels(data: Variables) -> str:
 
 
 SAFE_CHANGE, SAFE_TURN = math.pi / 2, 1.0
-"""The change of an angle from one sample to the next, and the turn of the body, up to which no
-whole turn can be lost."""
+"""The change of an angle and the turn of the body between two samples up to which no whole turn can
+be lost."""
 
 PLACES_OF_PATH, PATH_ERROR = 33, 1 / 50
-"""The places of a path between two samples, and how far it may be off in the fourth power of the
-turn: eight times what a cubic misses of a circle."""
+"""At how many places a path between two samples is computed, and how far it may be off, relative to
+the fourth power of the turn: eight times the distance of a cubic from a circle."""
 
 THROUGH_POLE = 1e-9
-"""The sine of theta below which x3 passes the vertical itself, as that of a plane pendulum does:
-the rounding of a long motion is less."""
+"""The sine of theta below which x3 passes the vertical itself, as in a plane pendulum: the rounding
+of a long motion is less."""
 
 
 def continued(m: Motion, name: str, values: np.ndarray) -> np.ndarray:
-    """psi or phi (n,) as it goes on from sample to sample.
+    """psi or phi (n,), continuous from sample to sample.
 
-    Where x3 passes through the vertical itself, both step by pi, up and down by turns. They are no
-    numbers from where samples are too few to tell on which side x3 passes the vertical: whole turns
-    are lost then.
+    Where x3 passes through the vertical itself, both step by pi, up and down alternately. From the
+    first gap on in which the samples do not show on which side x3 passes the vertical the values
+    are nan, because whole turns may be lost.
     """
     known = np.flatnonzero(np.isfinite(values))
     values[known] = np.unwrap(values[known])
     if "omega" not in m.data:
         return values
-    # phi runs the other way round than the azimuth of the vertical in the body.
+    # phi turns against the azimuth of the vertical in the body.
     sense = 1 if name == "psi" else -1
     path, slope, speed = path_of_azimuth(m, name, known)
     time = m.time[known]
@@ -346,8 +349,8 @@ def continued(m: Motion, name: str, values: np.ndarray) -> np.ndarray:
 
 
 def path_of_azimuth(m: Motion, name: str, known: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The unit vectors (n, 3) at some samples of which psi or phi is an azimuth (x3 in space, or
-    the vertical in the body), their rates (n, 3), and the speed of the body (n,)."""
+    """The unit vectors (n, 3) whose azimuth is psi or phi (x3 in space, or the vertical in the
+    body), their rates (n, 3), and the speed of the body (n,), at the samples `known`."""
     of_time = m.case.system.quaternion_factor  # of a full top, whose time is the slow one
     factor = of_time(attributes(m.case.system.constants)) if of_time else 1.0
     turned, omega = m.rotations[known], m.omega[known] * factor
@@ -363,9 +366,9 @@ def path_of_azimuth(m: Motion, name: str, known: np.ndarray) -> tuple[np.ndarray
 def turned_azimuth(
     path: np.ndarray, slope: np.ndarray, time: np.ndarray, after: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The changes (k,) of the azimuth along a path of unit vectors (n, 3) with known slopes (n, 3)
-    at times (n,), each from one of the samples `after` (k,) to the next, by a cubic between the
-    two; and how near (k,) it comes to the pole."""
+    """The changes (k,) of the azimuth from each of the samples `after` (k,) to the next, along a
+    cubic path, and the least distance (k,) of each path from the pole. `path` (n, 3) are unit
+    vectors with slopes `slope` (n, 3) at times (n,)."""
     x, length = np.linspace(0, 1, PLACES_OF_PATH)[:, None, None], np.diff(time)[after, None]
     a, b = path[after, :2], path[after + 1, :2]
     u, v = slope[after, :2] * length, slope[after + 1, :2] * length
@@ -379,8 +382,8 @@ def turned_azimuth(
 
 
 def units_in_words(m: Motion, name: str) -> str:
-    """The units of a variable or quantity, such as "moment of inertia / time". A stored variable
-    has its own or none, whatever quantity has the same name."""
+    """The units of a variable or quantity in words, such as "moment of inertia / time". A stored
+    variable has its own units or none, even if a quantity has the same name."""
     base = name.partition(".")[0]
     if (key := stored_name(base)) in m.data:
         return str(m.data[key].attrs.get("units", "1"))

@@ -1,5 +1,5 @@
-"""What need not be done again: whether a stored case is still right, whether its config still says
-the same, and the digests of what the findings of a command depend on."""
+"""Whether earlier work is still right: a stored case, a config, and the digests on which the
+findings of a command depend."""
 
 import os
 import warnings
@@ -21,13 +21,12 @@ from ..text import few
 FORCED = "--force"
 
 CONFIG_PATH = "config_path"
-"""The attribute of a result that tells its config from another of the same name."""
+"""The attribute of a result that identifies its config among others of the same name."""
 
 OVERRIDES = "overrides"
-"""The attribute of a result that holds what `--set` has changed in the cases of its config, a line
-each."""
+"""The attribute of a result with the changes that `--set` made to its config, a line each."""
 
-# In this order, because another version of hodo may write the same case in other words.
+# The order matters: another version of hodo may write the same case in other words.
 RERUN_REASONS = (
     "the code that computes it has changed",
     "heyoka, numpy or scipy is another version",
@@ -37,9 +36,9 @@ RERUN_REASONS = (
 
 def case_digest(case: Case) -> str:
     """The three digests on which a result depends: of the code of models, engines and integration
-    (of sweeps too, where the case is one), of the libraries, and of the case without its remarks.
+    (and of sweeps for a sweep), of the libraries, and of the case without its remarks.
 
-    Nothing is integrated for it: the method that `auto` takes follows from the three.
+    No integration is needed: the method that `auto` takes follows from the three.
     """
     code = code_digest(SWEEP_SOURCES if case.sweep else CASE_SOURCES, case.model)
     return "-".join((code, library_digest(), _bare_digest(case)))
@@ -51,7 +50,7 @@ def _bare_digest(case: Case) -> str:
 
 
 def rerun_reason(case: Case, done: FinishedCase | None, force: bool) -> str:
-    """Why a case is to be run in spite of its stored result; an empty string if it need not be."""
+    """Why a case is to be run although it is stored; an empty string if it need not be."""
     if done is None:
         return "it has no result yet"
     status = str(done.attributes.get("status"))
@@ -59,7 +58,7 @@ def rerun_reason(case: Case, done: FinishedCase | None, force: bool) -> str:
     changed = [theirs[i : i + 1] != [part] for i, part in enumerate(ours)]
     reasons = (
         (force, FORCED),
-        # A timeout may be due to another program's work, so what did not end well is tried again.
+        # A timeout may be due to another program's work, so failed cases are tried again.
         (status != "ok", f"its status is {status}"),
         *zip(changed, RERUN_REASONS, strict=True),
     )
@@ -67,9 +66,9 @@ def rerun_reason(case: Case, done: FinishedCase | None, force: bool) -> str:
 
 
 def result_named(name: Path) -> tuple[Path, Config | None]:
-    """The result that a name stands for and, if it is the name of a config, that config.
+    """The result that a name means and, if it is the name of a config, that config.
 
-    A config's result is in the folder `runs`. A bare name is a config's, as in `load`. Raises
+    A config's result is in the folder `runs`. A bare name means a config, as in `load`. Raises
     HodoError if the config cannot be read, or has no result.
     """
     if not (is_bare(name) or name.suffix in YAML_SUFFIXES):
@@ -83,8 +82,8 @@ def result_named(name: Path) -> tuple[Path, Config | None]:
 
 
 def results_named(names: Iterable[Path]) -> Iterable[tuple[Path, Config | None]]:
-    """The results that names stand for, each once, with the config of one that names it so. Raises
-    HodoError as `result_named` does."""
+    """The results that names mean, each once, with the config if one was named. Raises HodoError as
+    `result_named` does."""
     results: dict[str, tuple[Path, Config | None]] = {}
     for path, config in map(result_named, names):
         place = os.path.realpath(path)
@@ -94,33 +93,33 @@ def results_named(names: Iterable[Path]) -> Iterable[tuple[Path, Config | None]]
 
 
 def stored_config(run: ResultFile) -> Config:
-    """The config that a result holds, with the overrides that it was run with. Raises HodoError if
-    it cannot be read, or there is none."""
+    """The config that a result holds, with its overrides. Raises HodoError if it cannot be read, or
+    there is none."""
     if not run.text:
         raise HodoError(f"{run.path} holds no case file")
     return parse(run.text, str(run.path), _overrides_of(run), stored=True)
 
 
 def _overrides_of(run: ResultFile) -> list[str]:
-    """The overrides that a result was run with."""
+    """The overrides with which a result was made."""
     return str(run.attributes.get(OVERRIDES, "")).splitlines()
 
 
 def path_from(config: Config, path: Path) -> str:
-    """Where a config lies, seen from the folder of its result: a project that is moved as a whole
-    keeps this path."""
+    """The path of a config relative to the folder of its result: it stays right when a project is
+    moved."""
     return relative_path(os.path.realpath(config.path), os.path.realpath(path.parent))
 
 
 def place_of_config(run: ResultFile) -> str:
-    """Where the config of a result lies, by what the result says of it."""
+    """The path of a result's config, as the result states it."""
     # Before anything is shortened: from a folder that is a link, `..` leads to where that lies.
     return os.path.realpath(run.path.parent / str(run.attributes.get(CONFIG_PATH, "")))
 
 
 def attributes_by(command: str, config: Config) -> dict[str, str]:
-    """The root attributes of a result of a config that a command with its arguments makes; they
-    name the overrides of the config, and the user's own models."""
+    """The root attributes of a result that a command with its arguments makes of a config; they
+    name its overrides and the user's own models."""
     # A line of YAML may be broken where it has a space.
     overrides = "\n".join(" ".join(text.splitlines()) for text in config.overrides)
     more = {OVERRIDES: overrides}
@@ -130,8 +129,8 @@ def attributes_by(command: str, config: Config) -> dict[str, str]:
 def check_origin(config: Config, run: ResultFile, remedy: str = "") -> None:
     """Raise HodoError if a result was made from a config of the same name in another folder.
 
-    One with the same text may be a copy, or be moved there: nothing that it holds would be lost.
-    Results that do not say where their config lies, as early ones, are accepted.
+    A config with the same text is accepted: it may be a copy, or moved, and no content would be
+    lost. So are results of early versions, which do not state a folder.
     """
     origin = str(run.attributes.get(CONFIG_PATH, ""))
     if origin and origin != path_from(config, run.path) and run.text != config.text:
@@ -142,9 +141,8 @@ def check_origin(config: Config, run: ResultFile, remedy: str = "") -> None:
 
 
 def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -> None:
-    """Warn of what has changed since a result was made: the user's own files of models and, in its
-    config, its cases and, where it was the result that a `command` was asked about, the figures or
-    claims which that goes through.
+    """Warn of what has changed since a result was made: the user's own files of models, the cases
+    of its config and, where a `command` uses them, its figures or claims.
 
     Raises HodoError as `check_origin` and `check_cases` do.
     """
@@ -181,7 +179,7 @@ def check_cases(run: ResultFile) -> None:
 
 
 def _config_of(run: ResultFile) -> Config | None:
-    """The config of a result where it lies, if it has changed and can be read."""
+    """The config of a result at its stated place, if it has changed and can be read."""
     path = place_of_config(run)
     # A result never needs its config, and a stranger's may name any file as such.
     with suppress(OSError, HodoError):
@@ -192,8 +190,8 @@ def _config_of(run: ResultFile) -> Config | None:
 
 @cache
 def package_digest() -> str:
-    """The digest of all sources of hodo, its pages, scripts and lists too, of models that are not
-    its own, and of the libraries that compute."""
+    """The digest of all sources of hodo with its pages and lists, of the user's models, and of the
+    libraries that compute."""
     files = [file for file in sorted(PACKAGE.rglob("*.*")) if file.suffix in SOURCE_SUFFIXES]
     texts = [digest(file.read_text("utf-8")) for file in files]
     return digest("".join([library_digest(), models.added_models_digest(), *texts]))
@@ -203,7 +201,7 @@ SOURCE_SUFFIXES = (".py", ".html", ".mplstyle", ".yaml")
 
 
 def content_digest(checksums: Iterable[str], text: str = "") -> str:
-    """The digest of stored groups, by their checksums, of a text, and of the code that would
-    compute from them; empty if a group has no checksum to go by."""
+    """The digest of stored groups by their checksums, of a text, and of the code that computes from
+    them; empty if a group has no checksum."""
     known = [package_digest(), text, *checksums]
     return digest(repr(known)) if all(known[2:]) else ""

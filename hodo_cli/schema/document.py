@@ -1,9 +1,9 @@
-"""YAML 1.2 text as plain values, the places of these, and the mistakes in them, all of them as one
-error: the only importer of PyYAML.
+"""YAML 1.2 text as plain values with their places, and all mistakes in it as one error. The only
+importer of PyYAML.
 
-Only the events of PyYAML's parser are used: its constructor follows YAML 1.1, and expands aliases
-without a bound. Documents may come from strangers: their size, depth and number of values are
-limited, and tags are refused.
+Only the events of PyYAML's parser are used, because its constructor follows YAML 1.1 and expands
+aliases without a bound. Documents may come from strangers: their size, depth and number of values
+are limited, and tags are refused.
 """
 
 import json
@@ -26,20 +26,21 @@ _UNPRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U000100
 
 
 class Place(NamedTuple):
-    """Line and column of a file, from 1; behind all of them those of overrides."""
+    """Line and column in a file, both from 1."""
 
     line: int
     column: int
 
 
 class Source:
-    """A text in which mistakes are noted: the places of the keys and values in its mappings and
-    lists, the values that overrides have put there, and the mistakes."""
+    """A text with the places of its keys and values, the values that overrides have set, and the
+    mistakes that were noted in it."""
 
     def __init__(self, name: str) -> None:
         self.name, self.override = name, ""
         self.document: Any = None
-        # Of key and value, by the container's identity: the document keeps the containers alive.
+        # Places of key and value, by the container's identity: the document keeps the containers
+        # alive.
         self.places: dict[tuple[int, str | int], tuple[Place, Place]] = {}
         self.overridden: dict[tuple[str, ...], str] = {}
         self.noted: dict[tuple[bool, Any, str], None] = {}
@@ -47,7 +48,7 @@ class Source:
         self.count = self.aliased = 0
 
     def note(self, place: Place | str, message: str, path: KeyPath = ()) -> None:
-        """Note a mistake; raises them all when there are too many to go on."""
+        """Note a mistake. Raises HodoError with all of them once there are MAX_MISTAKES."""
         where = ".".join(str(key) for key in path if key != "")
         place, text = self.override or place, f"{where}: {message}" if where else message
         self.noted[isinstance(place, str), place, text] = None
@@ -55,12 +56,13 @@ class Source:
             raise self.error(f"{self.name}: stopped at {MAX_MISTAKES} mistakes")
 
     def fail(self, place: Place | str, message: str, path: KeyPath = ()) -> NoReturn:
-        """Raise a mistake after which reading cannot go on, with all mistakes so far."""
+        """Raise a mistake that ends the reading, with all mistakes noted so far."""
         self.note(place, message, path)
         raise self.error() from None
 
     def error(self, *last: str) -> HodoError:
-        """One line for each mistake, by line and column, those of overrides behind them."""
+        """The error with one line for each mistake, by line and column; mistakes in overrides come
+        last."""
         lines = [
             f"--set {place}: {text}" if is_set else f"{self.name}:{place[0]}:{place[1]}: {text}"
             for is_set, place, text in sorted(self.noted)
@@ -68,7 +70,7 @@ class Source:
         return HodoError("\n".join(map(_one_line, [*lines, *last])))
 
     def raise_any(self) -> None:
-        """Raise all mistakes so far, if there are any."""
+        """Raise all mistakes noted so far, if there are any."""
         if self.noted:
             raise self.error()
 
@@ -83,7 +85,7 @@ class Source:
         return place
 
     def read(self, text: str) -> Any:
-        """The one value of a text. Raises HodoError, with all that was noted, for text that is not
+        """The single value of a text. Raises HodoError, with all mistakes noted, if the text is not
         YAML or exceeds a limit."""
         if bad := _UNPRINTABLE.search(text):
             before = text[: bad.start()]
@@ -102,7 +104,7 @@ class Source:
             self.fail(*_syntax_mistake(error, bool(self.override)))
 
     def _value(self, event: Any, path: KeyPath, outer: Place) -> tuple[Any, Place]:
-        """The value that begins with an event, and its place; `outer` is that of its key."""
+        """The value that begins with an event, and its place; `outer` is the place of its key."""
         place, before = _place(event), self.count
         self.count += 1
         if self.count > MAX_VALUES:
@@ -116,7 +118,7 @@ class Source:
         if isinstance(event, yaml.ScalarEvent):
             if _UNPRINTABLE.search(event.value):
                 self.note(place, "control characters are not allowed in text", path)
-            # What is quoted is a text; an empty value has no place of its own.
+            # A quoted value is text; an empty value has no place of its own.
             value = resolve_scalar(event.value) if event.implicit[0] else event.value
             place = place if event.value or not path else outer
         else:
@@ -169,7 +171,7 @@ class Source:
         return entries
 
     def _key(self, event: Any, place: Place, path: KeyPath) -> str:
-        """A key is the text as written, whatever it looks like: `404:` is the name "404"."""
+        """A key is its text as written: `404:` is the name "404"."""
         if not isinstance(event, yaml.ScalarEvent) or event.anchor or event.tag:
             self.fail(place, "a key is plain text, without anchor or tag", path)
         if len(event.value) > MAX_KEY or _UNPRINTABLE.search(event.value):
@@ -184,7 +186,7 @@ class Source:
 
 
 def _unprintable(code: int) -> str:
-    """What is wrong with a character. Python stands for bytes that are no UTF-8 by some of them."""
+    """What is wrong with a character. Python represents bytes that are not UTF-8 by surrogates."""
     if 0x80 <= code - 0xDC00 <= 0xFF:
         return f"not UTF-8 text (byte {code - 0xDC00:#04x})"
     return f"the character U+{code:04X} is not allowed"
@@ -215,7 +217,7 @@ PLAINER = {
 
 
 def _syntax_mistake(error: Any, is_value: bool) -> tuple[Place, str]:
-    """Where and why PyYAML refuses a text, or a single value."""
+    """The place and the reason for which PyYAML refuses a text, or a single value."""
     mark: Any = getattr(error, "problem_mark", None)
     opening: Any = getattr(error, "context_mark", None)
     if mark is None:
@@ -224,7 +226,7 @@ def _syntax_mistake(error: Any, is_value: bool) -> tuple[Place, str]:
     plainer = (says for problem, says in PLAINER.items() if problem in reason)
     of_line = f" of line {opening.line + 1}" if opening and not is_value else ""
     words = next(plainer, reason).format(of_line)
-    # A key without its colon is where the search for it began.
+    # PyYAML began to search for a colon at the key that lacks it.
     mark = opening if "simple key" in reason else mark
     return Place(mark.line + 1, mark.column + 1), f"not YAML: {words}"
 
@@ -237,7 +239,8 @@ _WORDS: dict[str, Any] = {
     **{sign + word: float(sign + "inf") for sign in ("", "+", "-") for word in _INFINITE},
     **dict.fromkeys((".nan", ".NaN", ".NAN"), float("nan")),
 }
-# int() takes a time that grows as the square of the digits; longer ones are infinite, and refused.
+# The time of int() grows as the square of the number of digits; longer numbers are infinite, and
+# refused.
 _INTEGER = re.compile(r"[-+]?[0-9]{1,300}|0o[0-7]{1,300}|0x[0-9a-fA-F]{1,200}")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 
@@ -253,18 +256,18 @@ def resolve_scalar(text: str) -> Any:
     return float(text) if _FLOAT.fullmatch(text) else text
 
 
-# What JSON may hold as it is, and readers of YAML refuse or fold.
+# Characters that JSON allows and readers of YAML refuse or fold.
 _ESCAPED = re.compile("[\x7f-\xa0\u2028\u2029\ufeff\ufffe\uffff\ud800-\udfff]")
 
 
 def write(value: Any) -> str:
-    """A plain value as JSON, which is YAML 1.2 too; numbers keep every bit."""
+    """A plain value as JSON, which is YAML 1.2 too. Numbers keep every bit."""
     text = json.dumps(value, ensure_ascii=False, allow_nan=False)
     return _ESCAPED.sub(lambda c: f"\\u{ord(c[0]):04x}", text)
 
 
 def read_mapping(text: str, source: Source) -> dict[str, Any]:
-    """The mapping that a text holds, as the document of a source. Raises HodoError."""
+    """The mapping that a text holds, which becomes the source's document. Raises HodoError."""
     document = source.document = source.read(text)
     if not isinstance(document, dict):
         source.fail(Place(1, 1), f"expected a mapping of keys to values, got {shown(document)}")

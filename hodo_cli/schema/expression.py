@@ -1,10 +1,9 @@
 """Expressions of a case file: formulas in named variables, read by Python's parser and a walk over
 its syntax tree.
 
-Nothing of a text is ever evaluated as code. It is tested word by word first, so that what Python's
-parser would take besides (hexadecimal, 1_0, comments, letters of other scripts that it turns into
-ASCII) never reaches it. Its tree is then taken apart node by node, and a node that is not known is
-refused.
+No text is ever evaluated as code. It is first tested word by word, so that Python's parser never
+sees what it would accept besides: hexadecimal numbers, 1_0, comments, letters of other scripts that
+it turns into ASCII. Then each node of the tree has to be a known one.
 """
 
 import ast
@@ -19,8 +18,8 @@ from .kinds import Rule, Wrong, as_finite, expected
 from .spelling import shown, unknown
 
 LONGEST, MOST_NODES, DEEPEST, LARGEST_EXPONENT = 500, 200, 30, 16
-"""Characters, nodes, levels of nesting, and the exponent: more than a torque takes, and few enough
-that no text is slow to read, to compile or to integrate."""
+"""The most characters, nodes, levels of nesting, and the largest exponent: more than a torque
+needs, and few enough to read, compile and integrate any text quickly."""
 
 Tree = float | str | tuple[Any, ...]
 """A constant, the name of a variable, or an operation with its operands, `("*", 2.0, "p")`."""
@@ -34,7 +33,7 @@ FUNCTIONS: Mapping[str, Callable[..., float]] = {
     "abs": abs,
     "tanh": math.tanh,
 }
-"""The functions of an expression, each of one argument, as they are of a constant."""
+"""The functions of an expression, each of one argument, for constants."""
 
 OPERATOR_WORDS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 
@@ -60,9 +59,9 @@ OTHER_FUNCTIONS = {
     "y": "y1, y2 or y3",
     "z": "z1, z2 or z3",
 }
-"""What is written instead of names that are none here."""
+"""What to write instead of names that are unknown here."""
 
-# Without the leading zeros of 007, which Python's parser refuses for reasons of its own.
+# Without the leading zeros of 007, which Python's parser refuses.
 _DIGITS = r"(?!0+[1-9][0-9]*(?![0-9.eE]))(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
 _WORD = re.compile(
     rf"(?P<number>{_DIGITS}(?:[eE][-+]?[0-9]+)?(?![0-9A-Za-z_.]))"
@@ -72,8 +71,8 @@ _WORD = re.compile(
 
 
 def Expression(names: tuple[str, ...] | None, title: str) -> Rule:
-    """An expression in variables of these names, or of any that its case explains, resolved to its
-    text; a number is one too."""
+    """The rule of an expression in variables of these names, or of any names that its case defines.
+    It resolves to the text; a number is an expression too."""
 
     def text_of(value: Any) -> str:
         if isinstance(value, str):
@@ -89,11 +88,11 @@ def Expression(names: tuple[str, ...] | None, title: str) -> Rule:
 
 @lru_cache(maxsize=256)
 def parse_expression(text: str, names: tuple[str, ...] | None = None) -> Tree:
-    """The tree of an expression in variables of these names, or of any names, its constants folded;
-    its value is that of `arithmetic.evaluate`. Raises Wrong, with the column.
+    """The tree of an expression in variables of these names, or of any names, with constants
+    folded; `arithmetic.evaluate` computes its value. Raises Wrong, with the column.
 
-    Numbers are decimals; + - * / ** with a whole number as exponent, signs, parentheses, and the
-    functions of FUNCTIONS.
+    It consists of decimal numbers, + - * /, ** with a whole number as exponent, signs, parentheses,
+    and the functions of FUNCTIONS.
     """
     if len(text) > LONGEST:
         raise _wrong(LONGEST, f"longer than {LONGEST} characters")
@@ -124,7 +123,7 @@ def _wrong(position: int, sentence: str) -> Wrong:
 
 
 def _check_words(text: str, names: tuple[str, ...] | None) -> None:
-    """That all of a text is numbers, known names and operators. Raises Wrong."""
+    """Check that a text consists of numbers, known names and operators. Raises Wrong."""
     for word in _WORD.finditer(text):
         number, name, other = word.groups()
         if other:
@@ -154,12 +153,12 @@ def _unknown_name(name: str, names: tuple[str, ...] | None, is_call: bool) -> st
 
 
 def _syntax_mistake(error: BaseException, line: str, indent: int) -> tuple[int, str]:
-    """Where and why Python's parser refuses a line."""
+    """The place and the reason for which Python's parser refuses a line."""
     if not isinstance(error, SyntaxError):
         return indent, "too many nested parentheses"
-    # Python's own words elsewhere speak of commas, or of nothing but invalid syntax.
+    # Elsewhere Python's own words speak of commas, or say "invalid syntax" alone.
     says = error.msg if re.search(r"[()]|parenthes", error.msg) else "an operand or an operator is "
-    # An offset of 0 is the end of the text.
+    # An offset of 0 means the end of the text.
     position = indent + (error.offset or len(line) + 1) - 1
     return position, says if says == error.msg else f"{says}missing"
 
@@ -180,7 +179,7 @@ def _tree(node: ast.expr, indent: int, level: int) -> Tree:
         case ast.UnaryOp(op=ast.USub()):
             return _folded(node, indent, "neg", _tree(node.operand, indent, level + 1))
         case ast.BinOp() if type(node.op) in OPERATOR_WORDS:
-            # A long sum leans to the left and is not nested for that.
+            # A long sum leans to the left, which is no nesting.
             left, right = _tree(node.left, indent, level), _tree(node.right, indent, level + 1)
             if isinstance(node.op, ast.Pow):
                 right = _exponent(indent + node.right.col_offset, right)
@@ -200,7 +199,7 @@ def _exponent(at: int, tree: Tree) -> int:
 
 
 def _folded(node: ast.expr, indent: int, word: str, *operands: Any) -> Tree:
-    """An operation, or its value where its operands are constants. Raises Wrong."""
+    """An operation, or its value if its operands are constants. Raises Wrong."""
     at = indent + node.col_offset
     if word == "/" and operands[1] == 0:
         raise _wrong(at, "a division by 0")

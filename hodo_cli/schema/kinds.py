@@ -1,12 +1,12 @@
-"""Rules of values: JSON Schema with a few words more, which a reader of case files follows, an
-editor, and the tables of the documentation.
+"""Rules of values: JSON Schema with a few more words, for the reader of case files, for editors,
+and for the tables of the documentation.
 
 A rule is a dict. Besides the words of JSON Schema it may have `title` (the value in words), `unit`,
-`default` (a key with one may be left out), `definition` (its name in a schema that has it several
-times), `repeat` (a value alone stands for so many), `tag` and
-`tables` (one key names the set of the others), `answer` (what to write instead of a value of the
-wrong shape), `convert` (resolves a value of the right shape, or raises Wrong) and `whole` (checks
-and resolves any value by itself).
+`default` (a key with one may be left out), `definition` (its name in a schema that uses it several
+times), `repeat` (a single value means so many equal ones), `tag` and `tables` (one key names the
+set of the others), `answer` (what to write instead of a value of the wrong shape), `convert`
+(resolves a value of the right shape, or raises Wrong) and `whole` (checks and resolves a value of
+any shape).
 """
 
 import math
@@ -22,7 +22,7 @@ Rule = dict[str, Any]
 
 KeyPath = tuple[str | int, ...]
 Mistake = tuple[KeyPath, str]
-"""Where something is wrong, and a sentence that says what is right."""
+"""The path of a mistake, and a sentence that says what is right."""
 
 REQUIRED: Any = object()
 
@@ -40,11 +40,11 @@ class Wrong(Exception):
 
 
 class WrongKey(str):
-    """The last part of a path whose mistake is the key itself, not its value."""
+    """The last part of a path where the key itself is wrong, not its value."""
 
 
 MOST_STRANGE = 100
-"""Unknown keys of one mapping that are reported: each is compared with all valid ones."""
+"""The most unknown keys of one mapping that are reported: each is compared with all valid keys."""
 
 BOUNDS = {
     "exclusiveMinimum": (">", operator.gt),
@@ -58,7 +58,7 @@ BOUNDS = {
 
 
 def Key(rule: Rule, doc: str, unit: str = "1", default: Any = REQUIRED) -> Rule:
-    """The rule of a key: that of its value, its meaning, unit and default."""
+    """The rule of a key: the rule of its value with the meaning, unit and default of the key."""
     optional = {} if default is REQUIRED else {"default": default}
     return rule | {"description": doc, "unit": unit} | optional
 
@@ -66,30 +66,30 @@ def Key(rule: Rule, doc: str, unit: str = "1", default: Any = REQUIRED) -> Rule:
 def Number(
     above: Any = None, least: Any = None, below: Any = None, most: Any = None, type: str = "number"
 ) -> Rule:
-    """A finite number within these bounds."""
+    """The rule of a finite number within bounds."""
     bounds = zip(BOUNDS, (above, least, below, most), strict=True)
     return {"type": type} | {word: bound for word, bound in bounds if bound is not None}
 
 
 def Integer(**bounds: Any) -> Rule:
-    """A whole number within such bounds."""
+    """The rule of a whole number within bounds."""
     return Number(**bounds, type="integer")
 
 
 def Choice(*names: str, title: str = "") -> Rule:
-    """One of some names."""
+    """The rule of one of some names."""
     *others, last = names
     listed = " or ".join(filter(None, [", ".join(others), last]))
     return {"enum": [*names], "title": title or listed}
 
 
 def Switch(yes: str, no: str) -> Rule:
-    """Either of two words, or YAML's true and false, resolved to a bool."""
+    """The rule of two words, or YAML's true and false, resolved to a bool."""
     return Choice(yes, no) | {"enum": [yes, no, True, False], "convert": lambda x: x in (yes, True)}
 
 
 def Text(least: int = 0) -> Rule:
-    """A text of at least so many characters."""
+    """The rule of a text of at least `least` characters."""
     return {"type": "string"} | ({"minLength": least} if least else {})
 
 
@@ -97,7 +97,7 @@ ANGLE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?(deg|rad)", re
 
 
 def _in_radians(rule: Rule, value: Any) -> float:
-    """An angle, or a rate, given as a number or as such a text."""
+    """A number in radians, from a number or from text in degrees."""
     text = ANGLE.fullmatch(value) if isinstance(value, str) else None
     number = as_finite(float(text[1]) if text else value)
     if number is None:
@@ -106,14 +106,15 @@ def _in_radians(rule: Rule, value: Any) -> float:
 
 
 def _or_degrees(number: Rule, title: str, whole: Callable[[Rule, Any], float]) -> Rule:
-    """A number, or a text with a unit of angle."""
+    """The rule of a number, or of text with a unit of angle."""
     text = Text() | {"pattern": f"^{ANGLE.pattern}$"}
     rule: Rule = {"anyOf": [number, text], "title": title}
     return rule | {"whole": lambda value: whole(rule, value)}
 
 
 def Angle(polar: bool = False) -> Rule:
-    """An angle in radians, or text such as "60 deg"; a `polar` one is from 0 to pi."""
+    """The rule of an angle in radians, or text such as "60 deg"; a `polar` angle is from 0 to
+    pi."""
 
     def angle(rule: Rule, value: Any) -> float:
         found = _in_radians(rule, value)
@@ -128,8 +129,7 @@ def Angle(polar: bool = False) -> Rule:
 
 
 def Rate() -> Rule:
-    """A component of an angular velocity in radians, or text such as "2.5 deg", both a unit of
-    time."""
+    """The rule of an angular velocity in radians per unit of time, or text such as "2.5 deg"."""
     return _or_degrees(Number(), "a finite number, or such as '2.5 deg'", _in_radians)
 
 
@@ -141,7 +141,8 @@ def ListOf(
     title: str = "",
     **more: Any,
 ) -> Rule:
-    """A list: at least so many, or exactly `length`; with `alone` a value by itself is a list."""
+    """The rule of a list of at least `least` values, or of exactly `length`; with `alone` a single
+    value is a list too."""
     title = title or f"a list{' of one or more' if least else ''}: {words(rule)}"
     several = {"type": "array", "items": rule, "minItems": length or least, "title": title}
     several |= {"maxItems": length} if length else {}
@@ -150,14 +151,14 @@ def ListOf(
 
 
 def vector(n: int, above: float | None = None, scalar: bool = False) -> Rule:
-    """So many numbers; with `scalar` one number stands for all."""
+    """The rule of a list of `n` numbers; with `scalar` one number means that all are equal."""
     word, _, limits = words(Number(above)).partition("number")
     title = f"{n} {word}numbers{limits}" + (" or one for all" if scalar else "")
     return ListOf(Number(above), length=n, alone=scalar, title=title)
 
 
 def matrix(n: int) -> Rule:
-    """A square of numbers, row by row."""
+    """The rule of an n by n matrix of numbers, row by row."""
     return ListOf(vector(n), length=n, title=f"{n} rows of {n} numbers")
 
 
@@ -165,17 +166,17 @@ NAMES = ListOf(Text(), least=0, alone=True, title="a name or a list of names")
 
 
 def Mapped() -> Rule:
-    """Any mapping."""
+    """The rule of any mapping."""
     return {"type": "object"}
 
 
 def Table(keys: Mapping[str, Rule], **more: Any) -> Rule:
-    """A mapping with these keys."""
+    """The rule of a mapping with these keys."""
     return {"type": "object", "properties": keys, "title": f"a mapping of {', '.join(keys)}"} | more
 
 
 def OneOf(keys: Mapping[str, Rule], **more: Any) -> Rule:
-    """A mapping with one of these keys."""
+    """The rule of a mapping with exactly one of these keys."""
 
     def given(values: Any) -> Any:
         return {name: value for name, value in values.items() if value is not None}
@@ -185,25 +186,25 @@ def OneOf(keys: Mapping[str, Rule], **more: Any) -> Rule:
 
 
 def Variant(tag: str, tables: Mapping[str, Mapping[str, Rule]], doc: str) -> Rule:
-    """A mapping in which one key names the set of the others."""
+    """The rule of a mapping in which one key names the set of the others."""
     head = Key(Choice(*tables), doc)
     title = f"a mapping with {tag}: {head['title']}"
     return {"type": "object", "tag": tag, "tables": tables, "head": head, "title": title}
 
 
 def Each(rule: Rule, title: str, least: int = 1, **more: Any) -> Rule:
-    """A mapping of names to values of one kind, at least so many; `title` says what to what."""
+    """The rule of a mapping of names to values of one kind; `title` says what to what."""
     each = {"type": "object", "additionalProperties": rule, "minProperties": least}
     return each | {"title": f"a mapping of {title}"} | more
 
 
 def Either(*rules: Rule, **more: Any) -> Rule:
-    """A value of one of these kinds."""
+    """The rule of a value of one of these kinds."""
     return {"anyOf": [*rules]} | more
 
 
 def words(rule: Rule) -> str:
-    """The values that a rule takes, in words."""
+    """The values that a rule accepts, in words."""
     match rule:
         case {"title": title}:
             return str(title)
@@ -221,7 +222,7 @@ def words(rule: Rule) -> str:
 
 
 def is_list(value: Any) -> bool:
-    """Whether a value is a list, as YAML has it."""
+    """Whether a value is a list in YAML's sense."""
     return isinstance(value, list | tuple)
 
 
@@ -239,7 +240,7 @@ def takes(rule: Rule, value: Any) -> bool:
 
 
 def expected(rule: Rule, value: Any, hint: str = "") -> Wrong:
-    """The mistake of a value that is something else than its rule says."""
+    """The mistake of a value that its rule does not accept."""
     what = words(rule)
     if rule.get("type") in ("number", "integer") and "title" not in rule:
         finite = "finite " if as_finite(value) is None else ""
@@ -249,7 +250,8 @@ def expected(rule: Rule, value: Any, hint: str = "") -> Wrong:
 
 
 def as_finite(value: Any) -> float | None:
-    """The value as a finite double, or None if it is none; a bool is no number."""
+    """The value as a finite double, or None if it is not a finite number; a bool is not a
+    number."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return float(value) if is_number and abs(value) <= sys.float_info.max else None
 
@@ -260,7 +262,7 @@ def within(prefix: KeyPath, mistakes: Iterable[Mistake]) -> Iterator[Mistake]:
 
 
 def check_parts(parts: Iterable[tuple[Any, Rule, Any]]) -> tuple[dict[Any, Any], list[Mistake]]:
-    """The resolved values by key, without those that are wrong, and all mistakes."""
+    """The resolved values by key, without the wrong ones, and all mistakes."""
     values: dict[Any, Any] = {}
     mistakes: list[Mistake] = []
     for key, rule, value in parts:
@@ -279,14 +281,14 @@ def all_right(values: dict[Any, Any], mistakes: Collection[Mistake]) -> dict[Any
 
 
 def keys_of_tag(rule: Rule, value: Mapping[str, Any]) -> Mapping[str, Rule]:
-    """The keys of a mapping whose tag names them; the tag alone where it is none."""
+    """The keys of a mapping whose tag names them; the tag alone if it names no set."""
     name = value.get(rule["tag"])
     others = rule["tables"].get(name, {}) if isinstance(name, str) else {}
     return {rule["tag"]: rule["head"]} | others
 
 
 def check_tagged(rule: Rule, value: Mapping[str, Any]) -> tuple[dict[str, Any], list[Mistake]]:
-    """As `check_keys`. Without the tag it is not known which other keys are right."""
+    """`check_keys` for the keys that the tag names. Without a valid tag no other key is judged."""
     keys = keys_of_tag(rule, value)
     return check_keys(keys, {k: value[k] for k in value if len(keys) > 1 or k in keys})
 
@@ -294,12 +296,12 @@ def check_tagged(rule: Rule, value: Mapping[str, Any]) -> tuple[dict[str, Any], 
 def check_keys(
     keys: Mapping[str, Rule], entries: Mapping[str, Any]
 ) -> tuple[dict[str, Any], list[Mistake]]:
-    """The values of `keys` with defaults filled in, without those that are missing or wrong, and
-    all mistakes."""
+    """The values of `keys` with defaults filled in, without missing and wrong ones, and all
+    mistakes."""
     values, mistakes = check_parts((k, keys[k], entries[k]) for k in keys if k in entries)
     strange = [name for name in entries if name not in keys][:MOST_STRANGE]
     mistakes += [((WrongKey(name),), unknown("key", name, keys)) for name in strange]
-    # One that is misspelt is not missing as well.
+    # A misspelt key is not reported as missing too.
     absent = [k for k in keys if k not in {*entries, *(near(name, keys) for name in strange)}]
     if missing := [repr(name) for name in absent if "default" not in keys[name]]:
         mistakes.append(((), f"missing {', '.join(missing)}"))
@@ -308,7 +310,7 @@ def check_keys(
 
 
 def check(rule: Rule, value: Any) -> Any:
-    """The resolved value. Raises Wrong with every mistake in it."""
+    """The value resolved by its rule. Raises Wrong with every mistake in it."""
     if "whole" in rule:
         return rule["whole"](value)
     if not takes(rule, value):
@@ -391,7 +393,7 @@ CHECKS: dict[str, Callable[[Rule, Any], Any]] = {
 def unknown_names(
     what: str, named: Mapping[KeyPath, str], valid: Collection[str]
 ) -> Iterator[Mistake]:
-    """A mistake for each of some names, by their paths, that is not among the `valid` ones."""
+    """A mistake for each name, by its path, that is not among the `valid` ones."""
     return (
         (path, unknown(f"{what} {name!r}", name, valid))
         for path, name in named.items()
@@ -400,5 +402,5 @@ def unknown_names(
 
 
 def mistakes_where(*rules: tuple[object, KeyPath, str]) -> Iterator[Mistake]:
-    """The mistakes of those rules whose condition holds: the condition, the path, the sentence."""
+    """The mistakes whose condition holds, from rows of a condition, a path and a sentence."""
     return ((path, sentence) for is_wrong, path, sentence in rules if is_wrong)

@@ -1,4 +1,4 @@
-"""The words of messages about wrong values, and the name that was meant by another one."""
+"""How messages name wrong values, and guess the name that was meant."""
 
 import re
 from collections.abc import Collection, Iterable, Mapping
@@ -29,7 +29,7 @@ OTHER_WORDS: dict[str, tuple[str, ...]] = {
     "timeseries": ("series",),
     **{"rho": ("density",), "nu": ("viscosity",), "eps": ("epsilon",), "m": ("torque",)},
 }
-"""Words, in lower case, that texts and other programs have for some names."""
+"""Words, in lower case, that texts and other programs use for some names of hodo."""
 
 WORDS_FOR_OMEGA = ("omega", "w", "velocity")
 """Words for the angular velocity as a whole."""
@@ -45,23 +45,23 @@ NUMBERS_ELSEWHERE = {
     r"[-+]?[\d.]+ ?[A-Za-z].*": "; a number stands alone: `unit` of time and `inertia_unit` name "
     "units",
 }
-"""How a number is written, by what it looks like where it is none."""
+"""How to write a number, by the look of the text that was written instead."""
 
 
 def nearest(name: Any, valid: Collection[str]) -> str:
-    """'; did you mean ...?', or nothing when no name is near."""
+    """'; did you mean ...?' with the nearest valid name, or an empty string if none is near."""
     spelling = near(name, valid) if isinstance(name, str) else None
     return "" if spelling is None else f"; did you mean {spelling!r}?"
 
 
 def other_word(name: str, valid: Collection[str]) -> str:
-    """The valid name that a text or another program would call by this one, or ""."""
+    """The valid name for a word of a text or another program, or an empty string."""
     return next((word for word in OTHER_WORDS.get(name.lower(), ()) if word in valid), "")
 
 
 def near(name: str, valid: Collection[str]) -> str | None:
-    """The name that is nearest, or None if none is near."""
-    # A short word such as `pi` is like each of its letters, and means none of them.
+    """The valid name nearest to a name, or None if none is near."""
+    # A short word such as `pi` resembles each of its letters, and means none of them.
     folded = {x.casefold(): x for x in valid if len(x) > 1 or {*name.casefold()} == {x.casefold()}}
     close = get_close_matches(name[:100].casefold(), folded, n=1, cutoff=0.65)
     return other_word(name, valid) or (folded[close[0]] if close else None)
@@ -69,7 +69,7 @@ def near(name: str, valid: Collection[str]) -> str | None:
 
 def unknown(what: str, name: str, valid: Iterable[str], answer: str = "") -> str:
     """The sentence about a name that is not among the `valid` ones: what is right, if it is known,
-    or the nearest spelling."""
+    or the nearest name."""
     names = list(valid)
     listed = f" (valid: {', '.join(names)})" if 0 < len(names) <= 40 else ""
     if name.isdecimal():
@@ -82,7 +82,7 @@ def unknown(what: str, name: str, valid: Iterable[str], answer: str = "") -> str
 
 
 def shown(value: Any) -> str:
-    """A value as a message names it, in YAML's words and shortened."""
+    """A value as a message names it: in YAML's words, shortened."""
     match value:
         case None:
             return "an empty value"

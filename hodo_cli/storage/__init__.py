@@ -1,5 +1,5 @@
-"""Files of labelled arrays that no kill loses: groups in HDF5, and how a result is made of them.
-The only importer of h5py; knows no mechanics."""
+"""Files of labelled arrays that no kill loses: groups in HDF5, and how a result is composed of
+them. The only importer of h5py; knows no mechanics."""
 
 from .hdf5 import (
     Attribute,

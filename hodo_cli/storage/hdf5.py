@@ -1,8 +1,8 @@
 """Groups of labelled arrays in HDF5 files that netCDF-4 reads too.
 
 Every array of numbers carries `fletcher32`, so that any reader notices a changed bit. A file ends
-with the SHA-256 of all bytes before it, behind the HDF5 part, where other readers do not look: it
-is compared before HDF5 sees a byte, and goes when another program changes the file.
+with the SHA-256 of all bytes before it, after the HDF5 part, where other readers do not look. It is
+compared before HDF5 sees a byte, and is lost when another program changes the file.
 """
 
 import hashlib
@@ -43,8 +43,8 @@ class Variable:
 
 @dataclass(frozen=True)
 class StreamedVariables:
-    """Variables too large for memory: their arrays carry only shape and dtype, and the values come
-    from `blocks()` as (name, where, block) when the group is written."""
+    """Variables too large for memory: their arrays carry only shape and dtype, and `blocks()`
+    yields the values as (name, where, block) when the group is written."""
 
     names: frozenset[str]
     blocks: Callable[[], Iterator[tuple[str, Any, np.ndarray]]]
@@ -52,7 +52,7 @@ class StreamedVariables:
 
 @dataclass(frozen=True)
 class Group:
-    """What a group holds. A variable that is named as its only dimension is that dimension's
+    """The content of a group. A variable with the name of its only dimension is that dimension's
     coordinate."""
 
     attributes: Mapping[str, Attribute]
@@ -60,18 +60,18 @@ class Group:
     streamed: StreamedVariables | None = None
 
     def with_addition(self, addition: "Group") -> "Group":
-        """This group with what another adds to it or replaces."""
+        """This group with the variables and attributes of another added or replaced."""
         attributes = {**self.attributes, **addition.attributes}
         return Group(attributes, {**self.variables, **addition.variables})
 
     def with_report(self, digest: str, rows: Any) -> "Group":
-        """This group with what a command prints of it, and the digest of what that depends on
-        besides the group: see `ResultFile.report`."""
+        """This group with the line that a command prints of it, and the digest of what that line
+        depends on besides the group: see `ResultFile.report`."""
         return self.with_addition(Group({REPORT_DIGEST: digest, REPORT: json.dumps(rows)}, {}))
 
 
 def dimension_sizes(variables: Mapping[str, Variable]) -> dict[str, int]:
-    """The sizes of the dimensions of variables. Raises ValueError for one that has two."""
+    """The sizes of the dimensions of variables. Raises ValueError if a dimension has two sizes."""
     sizes: dict[str, int] = {}
     for name, variable in variables.items():
         for dim, size in zip(variable.dims, variable.data.shape, strict=True):
@@ -84,13 +84,12 @@ def dimension_sizes(variables: Mapping[str, Variable]) -> dict[str, int]:
 
 MARK = b"\nhodo sha256 "
 MARK_BYTES = len(MARK) + 64
-"""The bytes behind the HDF5 part of a file that hold the hash of those before."""
+"""The bytes after the HDF5 part of a file, which hold the hash of the bytes before."""
 
 
 @contextmanager
 def refused_as(path: Path, parts: Path | None = None) -> Iterator[None]:
-    """Make a BatchError of what the operating system refuses, which says so if there are finished
-    cases in a folder."""
+    """Turn an OSError into a BatchError, which says so if a folder holds finished cases."""
     try:
         yield
     except DAMAGE as error:
@@ -103,8 +102,8 @@ def refused_as(path: Path, parts: Path | None = None) -> Iterator[None]:
 
 
 def refusal(error: BaseException) -> str:
-    """What the operating system said (no space, no permission), or nothing."""
-    # HDF5 gives it in the text of its own errors.
+    """The reason that the operating system gives (no space, no permission), or an empty string."""
+    # HDF5 gives it within the text of its own errors.
     quoted = re.search(r"errno = (\d+)", str(error))
     number = int(quoted[1]) if quoted else getattr(error, "errno", None)
     return os.strerror(number).lower() if number else ""
@@ -112,8 +111,8 @@ def refusal(error: BaseException) -> str:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A name for a new file, which takes the place of `path` when the block ends well: a name that
-    exists is complete. Raises BatchError if the operating system refuses it."""
+    """A name for a new file, which takes the place of `path` when the block ends well, so that a
+    name that exists is complete. Raises BatchError if the operating system refuses it."""
     with refused_as(path):
         for left in path.parent.glob(f".{escape(path.name)}.*.draft"):
             if not is_running(int(left.name.split(".")[-2])):
@@ -123,7 +122,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def is_running(process: int) -> bool:
-    """Whether there is a process of this number on this machine; Windows is not asked."""
+    """Whether a process with this number runs on this machine; Windows is not asked."""
     with suppress(PermissionError):
         try:
             if os.name != "nt":
@@ -164,12 +163,12 @@ def sync(path: Path) -> None:
 
 @contextmanager
 def create(file: Path, attributes: Mapping[str, Attribute], room: int) -> Iterator[h5py.File]:
-    """A new file with these root attributes, to be filled with at most so many bytes. Raises
-    OSError if these do not fit on the disk."""
+    """A new file with these root attributes and room for `room` more bytes, which gets hodo's mark
+    at the end. Raises OSError if they do not fit on the disk."""
     with h5py.File(file, "w", track_order=True, locking="best-effort") as new:
         set_attributes(new, {"format_version": FORMAT_VERSION, **attributes})
     with open(file, "r+b") as disk:
-        # HDF5 takes the process down over a full disk, so the room is taken before.
+        # HDF5 ends the process on a full disk, so the room is reserved before.
         if hasattr(os, "posix_fallocate"):
             os.posix_fallocate(disk.fileno(), 0, disk.seek(0, os.SEEK_END) + room)
     with h5py.File(h5f.open(os.fsencode(file), h5f.ACC_RDWR, AT_ONCE)) as new:
@@ -190,7 +189,7 @@ def save_groups(
 
 
 def room_for(group: Group) -> int:
-    """The bytes that a group takes in a file at most."""
+    """The largest number of bytes that a group takes in a file."""
     arrays = [variable.data for variable in group.variables.values()]
     texts = [text for data in arrays if data.dtype.kind in "OU" for text in data.flat]
     texts += [text for text in group.attributes.values() if isinstance(text, str)]
@@ -212,11 +211,11 @@ _marks: dict[tuple[Path, int, int, int], bool] = {}
 
 
 def is_marked(path: Path) -> bool:
-    """Whether a file has the mark of its bytes; looked at once, until the file changes.
+    """Whether a file has hodo's mark; tested once, until the file changes.
 
     Raises HodoError if the mark does not fit, and OSError if the file cannot be read.
     """
-    # By one descriptor: a name may stand for another file a moment later.
+    # By one descriptor, because a moment later the name may mean another file.
     with open(path, "rb") as file:
         status = os.fstat(file.fileno())
         key = path, status.st_ino, status.st_mtime_ns, status.st_size
@@ -238,14 +237,14 @@ def _fits(path: Path, file: BinaryIO, size: int) -> bool:
 # Writing
 
 STRING = h5py.string_dtype()
-# netCDF-4's own sign of a dimension without a coordinate; its readers look for these very words.
+# netCDF-4's sign of a dimension without a coordinate; its readers look for these very words.
 NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable."
 
 REPORT_DIGEST, REPORT, SHORT_ATTRIBUTES, STAMP = "told_mark", "told", "listed", "stamp"
-"""Attributes of a group that are believed only in a file which no other program has changed: what a
-command has printed of it; its short attributes once more, as JSON (a batch is listed by one
-attribute a case and not by eleven, each of which takes 10 to 30 us); and a number that is another
-one after each change."""
+"""Attributes of a group that count only in a file which no other program has changed: the line that
+a command has printed; the short attributes once more, as JSON (listing a batch then reads one
+attribute a case and not eleven, each of which takes 10 to 30 us); and a number that is new after
+each change."""
 
 BOOKKEEPING = (REPORT_DIGEST, REPORT, SHORT_ATTRIBUTES, STAMP)
 
@@ -258,11 +257,11 @@ HIDDEN = (
 MAX_SHORT_CHARACTERS = 1000
 
 LARGEST_CHUNK_OF_FILE = 1 << 16
-"""Numbers that share a checksum at most."""
+"""The most numbers that share a checksum."""
 
 
-# The calls that h5py has for everybody take two to four times as long as its low-level ones: a case
-# has five datasets and forty attributes, which is half of what it costs to run a short one.
+# h5py's usual calls take two to four times as long as its low-level ones. A case has five datasets
+# and forty attributes, which take half of the time of a short run.
 
 
 def write_group(file: h5py.File, name: str, group: Group) -> None:
@@ -304,7 +303,7 @@ def amend_group(target: h5py.Group, group: Group) -> None:
 
 
 def file_type(name: str, data: np.ndarray) -> Any:
-    """The type of an array in the file. Raises TypeError for one that old netCDF readers lose
+    """The type of an array in the file. Raises TypeError for a type that old netCDF readers lose
     (bool), or crash on (half and long double)."""
     if data.dtype.kind in "OU":
         return STRING
@@ -343,7 +342,7 @@ def attach(items: Mapping[str, h5d.DatasetID], dims: Mapping[str, tuple[str, ...
 
 
 def copy_group(source: h5py.Group, file: h5py.File, name: str) -> None:
-    """Copy a group of another file. HDF5 breaks the links to dimensions: they are made anew."""
+    """Copy a group of another file. HDF5 breaks the links to dimensions, so they are made anew."""
     h5o.copy(source.id, b".", file.id, name.encode(), lcpl=LINK)
     items = datasets_of(h5py.Group(h5g.open(file.id, name.encode())))
     for item in items.values():
@@ -355,11 +354,11 @@ def copy_group(source: h5py.Group, file: h5py.File, name: str) -> None:
 
 
 def set_attributes(item: h5py.HLObject, attributes: Mapping[str, Attribute]) -> None:
-    """Set attributes; texts have variable length, which every reader gives back as text."""
+    """Set attributes; texts have variable length, and every reader returns them as text."""
     for name, value in attributes.items():
         if h5a.exists(item.id, name.encode()):
             h5a.delete(item.id, name.encode())
-        # Half a surrogate cannot be stored, and at a zero C readers would stop.
+        # A lone surrogate cannot be stored, and C readers stop at a zero.
         text = str(value).encode("utf-8", "replace").decode().replace("\0", "\ufffd")
         is_text = isinstance(value, str)
         data = np.asarray(text, dtype=STRING) if is_text else np.asarray(value)
@@ -370,13 +369,13 @@ def set_attributes(item: h5py.HLObject, attributes: Mapping[str, Attribute]) -> 
 
 @cache
 def types(dtype: np.dtype) -> tuple[h5t.TypeID, h5t.TypeID]:
-    """A type as HDF5 names it in a file and in memory."""
+    """The HDF5 types of a numpy type, in a file and in memory."""
     return h5t.py_create(dtype, logical=True), h5t.py_create(dtype)
 
 
 def tracked(kind: h5p.PropClassID) -> h5p.PropOCID:
-    """How groups or datasets are created: the order of creation is tracked throughout, without
-    which netCDF-4 cannot append."""
+    """Settings for new groups or datasets: the order of creation is tracked, without which netCDF-4
+    cannot append."""
     properties = h5p.create(kind)
     properties.set_obj_track_times(False)
     properties.set_attr_creation_order(h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED)
@@ -385,12 +384,12 @@ def tracked(kind: h5p.PropClassID) -> h5p.PropOCID:
 
 TRACKED_GROUP, TRACKED_DATASET = tracked(h5p.GROUP_CREATE), tracked(h5p.DATASET_CREATE)
 TRACKED_GROUP.set_link_creation_order(h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED)
-# What HDF5 holds back it writes when Python frees a dataset, where an error is lost.
+# HDF5 writes what it holds back when Python frees a dataset, where an error is lost.
 AT_ONCE = h5p.create(h5p.FILE_ACCESS)
 AT_ONCE.set_fclose_degree(h5f.CLOSE_STRONG)
 AT_ONCE.set_sieve_buf_size(0)
 AT_ONCE.set_cache(0, 0, 0, 0)
-# As `h5py.File` has them; a draft is open to one process alone.
+# The settings of `h5py.File`; one process alone has a draft open.
 AT_ONCE.set_libver_bounds(h5f.LIBVER_EARLIEST, h5f.LIBVER_LATEST)
 AT_ONCE.set_file_locking(False, True)
 SCALAR, LINK = h5s.create(h5s.SCALAR), h5p.create(h5p.LINK_CREATE)
@@ -411,8 +410,8 @@ DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeEr
 
 
 class ResultFile:
-    """A result that is open for reading; made by `open_run`. `groups` are the names of all groups;
-    `intact` is whether its bytes are as hodo has written them."""
+    """A result that is open for reading; `open_run` makes it. `groups` are the names of all groups;
+    `intact` says whether its bytes are as hodo has written them."""
 
     def __init__(self, path: Path, file: h5py.File, intact: bool) -> None:
         self.path, self.intact, self._file = path, intact, file
@@ -424,18 +423,26 @@ class ResultFile:
         return str(self.attributes.get("config", ""))
 
     def cases(self) -> list[str]:
-        """The names of the cases, in the order of the case file: the groups that do not begin with
-        `_`, unless the file says that it holds something else."""
-        is_other = CONTENT in self.attributes
-        return [name for name in self.groups if not (is_other or name.startswith("_"))]
+        """The names of the cases, in the order of the case file: the groups that hold the text of a
+        case and do not begin with `_`, unless the file states other content."""
+        if CONTENT in self.attributes:
+            return []
+        return [name for name in self.groups if not name.startswith("_") and self._has_case(name)]
+
+    def _has_case(self, name: str) -> bool:
+        """Whether a group holds the text of a case, as the groups of other programs do not."""
+        try:
+            return bool(h5a.exists(self._file.id, b"case", obj_name=name.encode()))
+        except DAMAGE:  # which is reported where the group is read
+            return True
 
     def __contains__(self, name: str) -> bool:
         return name in self.groups
 
     def summary(self, name: str, only: Collection[str] = ()) -> dict[str, Any]:
-        """The attributes of a group (all, or those named), without reading an array. Raises
-        HodoError if there is no such group or it is damaged."""
-        # By the name of the group: to open the group first takes twice the time.
+        """The attributes of a group (all, or the named ones), without reading an array. Raises
+        HodoError if the group is missing or damaged."""
+        # By the group's name: opening the group first takes twice the time.
         short = short_attributes(self._file, name) if self.intact else {}
         if only and short.keys() >= {*only}:
             return {key: short[key] for key in only}
@@ -443,11 +450,12 @@ class ResultFile:
             return attributes_of(group, only)
 
     def row(self, name: str, kinds: Mapping[str, type]) -> dict[str, Any]:
-        """Some attributes of a group. Raises HodoError as `summary` does, and as `typed` does."""
+        """Some attributes of a group, with their types. Raises HodoError as `summary` and `typed`
+        do."""
         return typed(self.summary(name, kinds), kinds, f"{self.path}: {name}")
 
     def read(self, name: str) -> Group:
-        """A group whole. Raises HodoError as `summary` does."""
+        """A whole group. Raises HodoError as `summary` does."""
         with self.open_group(name) as group:
             items = {key: (dims, group[key]) for key, dims in dimensions(group).items()}
             variables = {
@@ -459,25 +467,26 @@ class ResultFile:
     def blocks(
         self, name: str, variables: Iterable[str], box: tuple[slice, ...]
     ) -> Iterator[tuple[str, np.ndarray]]:
-        """A box of some variables of a group, each with its name: of the first of its dimensions.
+        """A box of some variables of a group, with their names; the box is in the first dimensions.
         Raises HodoError as `summary` does."""
         with self.open_group(name) as group:
             for key in variables:
                 yield key, group[key][box]
 
     def report(self, name: str, digest: str) -> Any:
-        """What a command has printed of a group, if that was made of this digest; else None."""
+        """The line that a command has printed of a group, if it was made with this digest; else
+        None."""
         known = self.summary(name, (REPORT_DIGEST, REPORT)) if self.intact else {}
         return json.loads(known[REPORT]) if known.get(REPORT_DIGEST) == digest else None
 
     def checksum(self, name: str) -> str:
-        """What tells the content of a group from any other without reading it; empty if another
-        program may have changed that."""
+        """A text that identifies the content of a group without reading it; empty if another
+        program may have changed the file."""
         return str(self.summary(name, (STAMP,)).get(STAMP, "")) if self.intact else ""
 
     @contextmanager
     def open_group(self, name: str) -> Iterator[h5py.Group]:
-        """A group as h5py opens it. Raises HodoError if there is none, or it is damaged."""
+        """A group as h5py opens it. Raises HodoError if it is missing or damaged."""
         if name not in self.groups:
             raise HodoError(f"{self.path}: there is no case {name!r}")
         try:
@@ -487,7 +496,7 @@ class ResultFile:
 
 
 def short_attributes(item: h5py.Group, name: str = ".") -> dict[str, Any]:
-    """The short attributes of a group, where they are stored as one; none if it has no such."""
+    """The short attributes of a group, if they are stored as one; else none."""
     with suppress(*DAMAGE):
         listed = h5a.open(item.id, SHORT_ATTRIBUTES.encode(), obj_name=name.encode())
         return dict(json.loads(one_value(listed)))
@@ -495,15 +504,15 @@ def short_attributes(item: h5py.Group, name: str = ".") -> dict[str, Any]:
 
 
 def attributes_of(item: h5py.HLObject, only: Collection[str] = ()) -> dict[str, Any]:
-    """Attributes as plain values, in their order, or those of `only`, in its order."""
-    # To ask for a few takes less time than to list all.
+    """All attributes as plain values, in their order, or those in `only`, in its order."""
+    # Asking for a few takes less time than listing all.
     asked = [name for name in only if h5a.exists(item.id, name.encode())]
     names = asked if only else [name for name in item.attrs if name not in HIDDEN]
     return {name: attribute_of(item, name) for name in names}
 
 
 def attribute_of(item: h5py.HLObject, name: str) -> Any:
-    """The value of an attribute, as a plain one where it is one."""
+    """The value of an attribute, as a plain value if possible."""
     value = one_value(h5a.open(item.id, name.encode()))
     value = item.attrs[name] if value is None else value
     value = value.item() if isinstance(value, np.generic) else value
@@ -511,7 +520,7 @@ def attribute_of(item: h5py.HLObject, name: str) -> Any:
 
 
 def one_value(stored: h5a.AttrID) -> Any:
-    """The value of an attribute that is one text or one number, as most are; None of another."""
+    """The value of an attribute that is one text or one number, as most are; None for others."""
     kind = stored.get_type() if stored.shape == () else None
     if isinstance(kind, h5t.TypeStringID) and kind.is_variable_str():
         text = np.empty((), STRING)
@@ -530,16 +539,16 @@ def values_of(item: h5py.Dataset) -> np.ndarray:
 
 
 def datasets_of(group: h5py.Group) -> dict[str, h5d.DatasetID]:
-    """What a group holds, by names."""
+    """The datasets of a group, by name."""
     objects = {name: h5o.open(group.id, name.encode()) for name in group}
     return {name: item for name, item in objects.items() if isinstance(item, h5d.DatasetID)}
 
 
 def dimensions(group: h5py.Group) -> dict[str, tuple[str, ...]]:
-    """The variables of a group with the dimensions of each; not what stands for a dimension without
-    values."""
+    """The dimensions of each variable of a group, without the datasets that only mark
+    dimensions."""
     items = datasets_of(group)
-    # By their places: HDF5 itself takes milliseconds to find a name.
+    # By their places in the file: HDF5 itself takes milliseconds to find a name.
     names = {place_in_file(item): name for name, item in items.items()}
     return {
         name: tuple(names[h5ds.iterate(item, i, place_in_file)] for i in range(item.rank))
@@ -551,7 +560,7 @@ def dimensions(group: h5py.Group) -> dict[str, tuple[str, ...]]:
 
 
 def place_in_file(item: h5d.DatasetID) -> int:
-    """Where a dataset is in its file, which no two share."""
+    """The unique place of a dataset in its file."""
     return int(h5o.get_info(item).addr)
 
 
@@ -565,7 +574,7 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
     path = Path(path)
     try:
         intact = is_marked(path)
-        # Some network file systems have no locks, and what is there is complete in any case.
+        # Some network file systems have no locks, and a file that exists is complete in any case.
         file = h5py.File(path, "r", locking="best-effort")
     except OSError as error:
         lacks = error.errno in RESOURCES and not isinstance(error, BlockingIOError)
@@ -578,7 +587,8 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
 
 
 def _result_of(path: Path, file: h5py.File, intact: bool) -> ResultFile:
-    """A file that h5py has opened. Raises HodoError if it is no result, or is damaged."""
+    """The result in a file that h5py has opened. Raises HodoError if it is no result, or is
+    damaged."""
     try:
         run = ResultFile(path, file, intact)
     except DAMAGE as error:

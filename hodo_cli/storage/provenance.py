@@ -1,4 +1,4 @@
-"""What a result says of its own making: time, command, versions, commit."""
+"""What a result states about its own making: time, command, versions, commit."""
 
 import subprocess
 import sys
@@ -13,17 +13,17 @@ from .. import HodoError, __version__
 from ..machine import library_version
 
 FORMAT_VERSION = 1
-"""Raised when older readers would misread newer files."""
+"""It is raised when older readers would misread newer files."""
 
 CONTENT = "content"
-"""The attribute of a file without cases that says what it holds."""
+"""The attribute that states the content of a file without cases."""
 
-# A dataset that xarray has read from a file has numpy's numbers for attributes.
+# Datasets that xarray has read from a file have numpy's numbers as attributes.
 KINDS = {str: ("text", str), int: ("whole number", Integral), float: ("number", Real)}
 
 
 def typed(attributes: Mapping[str, Any], kinds: Mapping[str, type], owner: str) -> dict[str, Any]:
-    """The attributes of these names. Raises HodoError if one is missing or not of its kind: str,
+    """The attributes of these names. Raises HodoError if one is missing or is not of its type: str,
     int or float."""
     for name, kind in kinds.items():
         words, wanted = KINDS[kind]
@@ -33,7 +33,7 @@ def typed(attributes: Mapping[str, Any], kinds: Mapping[str, type], owner: str) 
 
 
 def result_of(config: Path | str) -> Path:
-    """The result of a config, where it is not written into another folder."""
+    """The path of a config's result, unless another folder is given."""
     return Path("runs") / f"{Path(config).stem}.h5"
 
 
@@ -45,8 +45,8 @@ def history_line(command: str) -> str:
 def root_attributes(
     command: str, title: str, references: str, config: str, more: Mapping[str, str]
 ) -> dict[str, str]:
-    """The root attributes of a result that a command makes of a case file's text; of `more` those
-    are left out that are empty."""
+    """The root attributes of a result that a command makes of a case file's text; empty ones of
+    `more` are left out."""
     libraries = ("numpy", "scipy", "heyoka", "h5py")
     return {
         "Conventions": "CF-1.11",
@@ -63,7 +63,7 @@ def root_attributes(
 
 
 def commit() -> dict[str, str]:
-    """The commit of hodo, and whether it has changes, where it runs from its own git checkout."""
+    """The commit of hodo, and whether it has changes, if hodo runs from its own git checkout."""
     project = Path(__file__).parents[2]
     command = ("git", "--no-optional-locks", "describe", "--always", "--abbrev=40", "--dirty")
     with suppress(OSError, subprocess.CalledProcessError):

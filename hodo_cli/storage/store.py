@@ -1,13 +1,13 @@
 """How a result is made, so that a kill costs half a second of work at most.
 
-What is finished lies in a hidden folder beside the result until the run ends: *parts*, complete
-files that take their names in one step. A part holds cases, or a chunk of a sweep. Each says of
-what it is made (the hash of a case or sweep), so that nobody needs to know which process wrote it,
-or whether that lives. `publish` puts the cases into the result: it composes a new file from the
-result that is there now and from the parts, and gives that the name.
+Until the run ends, finished work lies in a hidden folder next to the result as *parts*: complete
+files that get their names in one step. A part holds cases, or a chunk of a sweep. Each states what
+it is made of (the hash of a case or sweep), so that it does not matter which process wrote it, or
+whether that process lives. `publish` puts the cases into the result: it composes a new file from
+the present result and the parts, and gives it the name.
 
-Both are done under a lock, one of each folder of results, so that any number of processes may work
-on one result: a part is written before another process publishes, or after it.
+Both happen under a lock, one for each folder of results, so that any number of processes may work
+on one result: a part is written before or after another process publishes, never meanwhile.
 """
 
 import os
@@ -42,15 +42,15 @@ from .hdf5 import (
 )
 
 HAVE_FLOCK = find_spec("fcntl") is not None
-"""Whether the system locks files: Windows has other locks."""
+"""Whether the system locks files as here; Windows has other locks."""
 
 if HAVE_FLOCK:
     import fcntl
 
 HEAD, ORDER = "head.h5", "order"
-"""The file among the parts with the root attributes of the result to be, and the attribute there
-that names its cases in their order. Its text is the whole case file: in each of 10,000 parts it
-would be some 10 GB."""
+"""The file among the parts with the root attributes of the future result, and its attribute with
+the names of the cases in their order. It holds the whole case file, which in each of 10,000 parts
+would take some 10 GB."""
 
 
 @dataclass(frozen=True)
@@ -63,55 +63,55 @@ class FinishedCase:
 
 
 def folder_of(path: Path) -> Path:
-    """The folder of the parts of a result."""
+    """The folder of a result's parts."""
     path = Path(os.path.realpath(path))
     return path.with_name(f".{path.name}.parts")
 
 
 def parts_of(path: Path, pattern: str = "cases-*.h5") -> list[Path]:
-    """The parts of a result that wait beside it, oldest first; but for those that a disk has torn,
-    or that another process has just taken."""
+    """The parts of a result, oldest first, without damaged ones and those that another process has
+    just taken."""
     with refused_as(path):
         return [part for part in sorted(folder_of(path).glob(pattern)) if is_sound(part)]
 
 
 def is_sound(file: Path) -> bool:
-    """Whether a file is there and whole."""
+    """Whether a file exists and is whole."""
     with suppress(OSError, HodoError):
         return is_marked(file)
     return False
 
 
 def chunks_of(path: Path, sweep: str) -> dict[int, Path]:
-    """The finished chunks of the sweep with this hash by their numbers."""
+    """The finished chunks of the sweep with this hash, by their numbers."""
     chunks = parts_of(path, f"chunk-{sweep}-*.h5")
     return {int(chunk.stem.rpartition("-")[2]): chunk for chunk in chunks}
 
 
 def chunk_name(sweep: str, number: int) -> str:
-    """The name of the file of a finished chunk of the sweep with this hash."""
+    """The file name of a finished chunk of the sweep with this hash."""
     return f"chunk-{sweep}-{number}.h5"
 
 
 def part_name() -> str:
-    """A name for a new file with finished cases, behind those of the others."""
+    """A name for a new file with finished cases, which sorts after the names of the others."""
     return f"cases-{time.time_ns():020}-{os.getpid()}.h5"
 
 
 def put_part(
     path: Path, name: str, groups: Mapping[str, Group], attributes: Mapping[str, Attribute] = {}
 ) -> None:
-    """Store what is finished of a result as one of its parts, which survives the death of this
-    process. Raises BatchError if the operating system refuses it."""
+    """Store finished groups of a result as one part, which survives the death of this process.
+    Raises BatchError if the operating system refuses it."""
     with locked(path) as folder, drafted(folder / name, folder) as draft:
         save_groups(draft, groups, attributes)
 
 
 @contextmanager
 def locked(path: Path) -> Iterator[Path]:
-    """The time in which no other process writes a part of a result, or the result; the lock ends
-    with the process. Gives the folder of the parts, which goes if it is empty at the end. Raises
-    BatchError if the operating system refuses it."""
+    """Hold a lock during which no other process writes a part of a result, or the result; it ends
+    with the process. Yields the folder of the parts, which is removed if it is empty at the end.
+    Raises BatchError if the operating system refuses it."""
     folder = folder_of(path)
     with refused_as(path, folder):
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -129,14 +129,15 @@ def locked(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def lock_of(folder: Path) -> Iterator[None]:
-    """The lock of a folder. On a file system that has none, the last writer wins."""
+    """The lock of a folder. On a file system without locks the last writer wins."""
     if not HAVE_FLOCK:
         import filelock
 
         with filelock.FileLock(folder / ".hodo.lock"):
             yield
         return
-    # The folder itself: a file would have to stay, since one that is removed may be locked twice.
+    # The folder itself is locked: a lock file would have to stay, because a removed file may be
+    # locked twice.
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         with suppress(OSError):
@@ -148,7 +149,7 @@ def lock_of(folder: Path) -> Iterator[None]:
 
 def finished_cases(path: Path, only: Collection[str] = ()) -> dict[str, list[FinishedCase]]:
     """The finished cases of a result and of its parts, the latest first, with some attributes.
-    Raises HodoError as `open_run` does if the result is there and cannot be read."""
+    Raises HodoError as `open_run` does if the result exists and cannot be read."""
     cases: dict[str, list[FinishedCase]] = {}
 
     def collect(file: Path) -> None:
@@ -166,7 +167,7 @@ def finished_cases(path: Path, only: Collection[str] = ()) -> dict[str, list[Fin
 
 @dataclass
 class Update:
-    """Changes to a result; made by `update`. `seen` holds the hash of each case as it was."""
+    """Changes to a result; `update` makes it. `seen` holds the hash that each case had."""
 
     run: ResultFile
     additions: dict[str, Group] = field(default_factory=dict)
@@ -174,11 +175,12 @@ class Update:
 
     def write(self, name: str, addition: Group) -> None:
         """Add attributes and variables to a case, or replace them; a group that begins with `_` is
-        made anew."""
+        replaced as a whole."""
         self.additions[name] = addition
 
     def apply(self, file: h5py.File) -> None:
-        """Make the changes to the cases that are still the same; verdicts are about all of them."""
+        """Make the changes to the cases that have not changed since; verdicts need all of them
+        unchanged."""
         now = hashes_of(file)
         for name, addition in self.additions.items():
             if name.startswith("_") and now == self.seen:
@@ -204,13 +206,13 @@ def publish(
     line: str = "",
     others: Sequence[Path] = (),
 ) -> None:
-    """Put the parts of a result into it, with new `groups`, a `line` of history, and `changes`; the
-    result is replaced in one step.
+    """Put the parts of a result into it, with new `groups`, a `line` of history, and `changes`, and
+    replace the result in one step.
 
-    Of a case that several files hold the latest counts, or the one in its `chosen` file. Root
-    attributes that are not given are those of the run that has begun the parts, or of the result.
-    Groups of `others`, which are results themselves, are taken in too.
-    Raises BatchError if the operating system refuses it, and HodoError if the result is damaged.
+    If several files hold a case, the latest counts, or the one in its `chosen` file. Root
+    attributes that are not given come from the run that has begun the parts, or from the result.
+    The groups of `others`, which are results themselves, are added. Raises BatchError if the
+    operating system refuses it, and HodoError if the result is damaged.
     """
     check_writable(path)
     with locked(path) as folder:
@@ -247,7 +249,7 @@ def check_writable(path: Path) -> None:
 
 
 def root_of(file: Path) -> dict[str, Any]:
-    """The root attributes of a file; none if there is no such."""
+    """The root attributes of a file; none if it does not exist."""
     if not os.path.lexists(file):
         return {}
     with open_run(file) as run:
@@ -270,8 +272,8 @@ def sources_of(path: Path, parts: Sequence[Path], chosen: Mapping[str, Path]) ->
 
 
 def copy_groups(source: Path, names: Iterable[str], file: h5py.File) -> None:
-    """Copy groups of a file; where another program has changed that, without what hodo believes in
-    its own files alone."""
+    """Copy groups of a file. If another program has changed the file, the attributes that hodo
+    believes in its own files alone are left out."""
     with open_run(source) as run:
         for name in names:
             with run.open_group(name) as group:
@@ -281,8 +283,8 @@ def copy_groups(source: Path, names: Iterable[str], file: h5py.File) -> None:
 
 
 def tidy(path: Path, is_needless: Callable[[str], bool] = lambda sweep: False) -> None:
-    """Remove the chunks beside a result of sweeps with such a hash and, if nothing waits there any
-    more, the folder of its parts."""
+    """Remove the chunks of sweeps whose hash `is_needless` and, if nothing is left there, the
+    folder of the parts."""
     if not folder_of(path).exists():
         return
     with locked(path) as folder:
@@ -294,8 +296,7 @@ def tidy(path: Path, is_needless: Callable[[str], bool] = lambda sweep: False) -
 
 
 def settle(path: Path) -> None:
-    """Put into a result what runs have finished that were killed, or have not ended. Raises as
-    `publish` does."""
+    """Put into a result what killed or running runs have finished. Raises as `publish` does."""
     if parts_of(path):
         publish(path)
         tidy(path)
@@ -303,8 +304,8 @@ def settle(path: Path) -> None:
 
 @contextmanager
 def open_batch(path: Path | str) -> Iterator[ResultFile]:
-    """A result, open for reading, with all that is finished of it. Raises as `open_run` and
-    `publish` do."""
+    """A result, open for reading, with all finished work of it. Raises as `open_run` and `publish`
+    do."""
     settle(Path(path))
     with open_run(path) as run:
         yield run
@@ -313,8 +314,8 @@ def open_batch(path: Path | str) -> Iterator[ResultFile]:
 @contextmanager
 def update(path: Path | str, line: str = "") -> Iterator[Update]:
     """Change a result, which is replaced at the end, with a line of history, if there is anything
-    to change. Another process may replace it meanwhile: the changes apply to the cases that are
-    still the same. Raises as `open_run` and `publish` do."""
+    to change. If another process replaces it meanwhile, the changes apply to the cases that are the
+    same. Raises as `open_run` and `publish` do."""
     path = Path(path)
     with open_batch(path) as run:
         yield (changes := Update(run))

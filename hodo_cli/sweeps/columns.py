@@ -252,6 +252,19 @@ class Earlier:
     sizes: tuple[int, ...]
     indices: tuple[np.ndarray | int, ...]
 
+    @property
+    def members(self) -> int:
+        """The number of members now."""
+        return math.prod(self.sizes)
+
+    @property
+    def kept(self) -> int:
+        """The number of those that are in the earlier result."""
+        return math.prod(
+            before if isinstance(before, int) else int((before >= 0).sum())
+            for before in self.indices
+        )
+
     def positions(self, first: int, last: int) -> np.ndarray:
         """Where the members `first` to `last` - 1 stand in the earlier result (axes, n), -1 along
         an axis that has no such value there."""

@@ -22,6 +22,7 @@ from ..results.dataset import (
     sweep_axes,
     swept_names,
 )
+from ..results.layout import MEMBER_CLASSIFIED
 from ..results.motion import Motion, check_whole
 
 if TYPE_CHECKING:
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 
 KEYS_OF_MOTION = ("initial", "attitude", "damping", "resistance")
 """The keys that change a motion and not what follows from its variables."""
+
+OF_SEPARATRIX = {*MEMBER_CLASSIFIED, "event_from"}
+"""The variables of a sweep that rest on the sign of D."""
 
 EQUAL_STEPS = 1e-9
 """How much, relative to them, steps or ratios along an axis may differ that count as even."""
@@ -99,6 +103,12 @@ class SweepView:
         """The case with the values that vary along axes as they are at positions there."""
         return case_in(self.data[swept_names(self.data)].isel(positions), f"case {self.name}")
 
+    def undivided(self, variable: str) -> str:
+        """Why a variable about enclosed axes and crossings says nothing, where no separatrix
+        divides the motions by the sign of D; else an empty text."""
+        name = variable.partition(".")[0]
+        return self.case.system.no_separatrix_reason if name in OF_SEPARATRIX else ""
+
     @property
     def sphere(self) -> str:
         """The name of the axis that is a sphere of directions; empty if none is."""
@@ -120,7 +130,8 @@ class SweepView:
 
         `share.x1` is a component; `end_axis.x1` is 1 where the label is x1 and 0 where it is
         another, so that its average is a share of members. Members whose status is not ok do not
-        count, but for the status itself. Raises HodoError if there is no such variable, axis or
+        count, but for the status itself, nor do those without an axis in the share of one. Raises
+        HodoError if there is no such variable, axis or
         position.
         """
         column, label = self._numbers(variable)
@@ -161,7 +172,9 @@ class SweepView:
         # By their coordinate, wherever they stand.
         components = [*map(str, column[dim].data)] if dim else []
         if word in labels:
-            return (column == labels[word]).astype(float), []
+            # Of an axis only a member that has one says yes or no.
+            counts = (column > 0) | (labels[word] <= 0)
+            return (column == labels[word]).where(counts), []
         if word in components:
             return column.isel({dim: components.index(word)}), []
         if word or set(column.dims) > self.axes.keys():

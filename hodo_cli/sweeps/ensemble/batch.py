@@ -73,7 +73,7 @@ class BatchState:
         outcome.rejection[turning] = Rejection.UNEVEN.code
         begun = np.flatnonzero(turning & ~uneven(e.start[moving(e.model)]))
         motion = padded(begun)
-        self.columns = columns_at_start(e, motion, stride(e.looser * e.tol, e.passing))
+        self.columns = columns_at_start(e, motion, stride(e.tol, e.passing, e.looser))
         self.output, self.spare = np.empty((2, e.step.rows, len(motion)))
         self.renew(np.arange(len(motion)))
         self.empty(len(begun))
