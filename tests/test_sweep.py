@@ -86,7 +86,6 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
         ("{damping.3: {values: [1]}}", "sweep.damping.3: the case has no such number: damping.3"),
         ("{dampng: {values: [1]}}", "did you mean 'damping'?"),
         ("{time.end: {values: [1]}}", "sweep.time.end: time.end is not a number of the model"),
-        ("{tol: {values: [1]}}", "sweep.tol: tol is not a number of the model"),
         (
             "{inertia.0: {values: [1, -1]}}",
             "sweep.inertia.0.values.1: expected a positive number, got -1",
