@@ -202,7 +202,7 @@ def test_a_curve_changes_its_colour_at_the_crossing() -> None:
     ]
     assert len(parts) == 2
     # On the diagonal, though no sample is near it.
-    assert abs(np.subtract(*parts[0][-1])) < 0.05 * np.abs(parts[0]).max()
+    assert abs(np.subtract(*parts[0][-1])) < 0.05 * parts[0][-1].max()
 
 
 def test_a_panel_says_unit_case_and_colour_of_its_curves() -> None:
