@@ -5,6 +5,8 @@ import csv
 import json
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ import h5py
 import numpy as np
 import pytest
 import series
+import xarray as xr
 from conftest import ROOT, call
 
 import hodo_cli
@@ -344,3 +347,21 @@ def test_the_table_of_crossings_lists_what_the_datasets_hold() -> None:
             stored = [time for key in keys for time in data[key].values.tolist()]
             mine = (row for row in rows if (row["paper"], row["case"]) == (path.stem, name))
             assert [float(row["time"]) for row in mine] == stored
+
+
+@pytest.mark.quadruple
+def test_a_reference_is_made_as_it_is_stored(tmp_path: Path) -> None:
+    """`make reference`, of one case: what it writes is what the repository holds."""
+    config, change = ROOT / "configs" / "paper1.yaml", "fig4.precision=quadruple"
+    ran = call(tmp_path, "run", config, "--case", "fig4", "--set", change, "--out", "r")
+    assert ran.returncode == 0
+    (run,) = (tmp_path / "r").glob("*.h5")
+    assert call(tmp_path, "classify", run).returncode == 0
+    tool = [sys.executable, ROOT / "tools" / "reference.py", tmp_path / "made", run]
+    subprocess.run(tool, check=True, cwd=ROOT)
+    made = hodo_cli.open(tmp_path / "made" / "paper1.h5")
+    assert list(made) == ["fig4"]
+    xr.testing.assert_identical(
+        made["fig4"].drop_attrs(deep=False),
+        hodo_cli.open(REFERENCE / "paper1.h5")["fig4"].drop_attrs(deep=False),
+    )
