@@ -1,7 +1,7 @@
 """Methods of integration behind one protocol, one heavy library each. Imports cases and models;
 knows neither files nor the purpose of a motion.
 
-Each engine is imported at its first use, because heyoka alone takes longer to load than the rest.
+Each engine is imported at its first use, so that a command without heyoka does not load it.
 """
 
 from importlib.util import find_spec
