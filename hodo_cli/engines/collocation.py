@@ -29,7 +29,7 @@ STAGES = 16
 PRECISIONS = {"double": np.float64, "extended": np.longdouble}
 # RADAU5 gives up after 7; here a failed step costs 16 Jacobians, so three more are cheaper.
 ITERATIONS = 10
-# Some times its own length beyond a step, its polynomial is far from any motion.
+# Continued over several times its own length, the polynomial of a step is far from the motion.
 LONGEST_CONTINUED = 2
 """The longest step, in lengths of the last one, for which Newton's method begins with the continued
 polynomial."""
@@ -50,7 +50,8 @@ class Collocation(Stepwise):
     ) -> None:
         super().__init__(events)
         self.dtype, self.model = PRECISIONS[precision], model
-        # Below 32 eps the steps double and no digit is gained: the estimate is rounding by then.
+        # A tolerance below 32 eps doubles the number of steps and gains no digit: the error
+        # estimate is then rounding.
         self.tol = max(tol or 0.0, 32 * float(np.finfo(self.dtype).eps))
         self.band = (1e-100, 1e100)  # its error is relative to the state at every size
         self.basis, self.degree = LEGENDRE, STAGES
@@ -63,7 +64,7 @@ class Collocation(Stepwise):
         values = dense(solver.t_old + (end - solver.t_old) * nodes)
         basis = legendre(2 * nodes - 1, STAGES)
         series, inverse = 0 * values, np.linalg.inv(basis.astype(float))
-        # Twice, since the inverse has the digits of a double.
+        # Twice: the inverse has the digits of a double only.
         for _ in range(2):
             series = series + (values - series @ basis) @ inverse
         return np.asarray(series)
@@ -92,7 +93,8 @@ class Steps:
         self.y, self.end, self.status, self.nfev = y, end, "running", 0
         self.points, self.integrals, self.transform = tableau(y.dtype)
         self.kinds = kinds_of_variables(model)  # the error of each is relative to its own size
-        # The first step resolves the fastest rate; what has decayed then makes way for longer ones.
+        # The first step resolves the fastest rate; steps grow when the fastest components have
+        # decayed.
         fastest = float(np.abs(jacobian(model, k, start, y.astype(float))).sum(axis=1).max())
         self.h = min(end - start, y.dtype.type(1 / fastest)) if fastest else end - start
 
@@ -189,8 +191,8 @@ class Steps:
                 float(np.abs(change[rows]).max()) / size
                 for rows, size in zip(self.kinds, sizes, strict=True)
             )
-            # Either well below tolerance, or no longer falling: what is left is the rounding of the
-            # residual.
+            # The change is well below tolerance, or it falls no longer because only the rounding of
+            # the residual is left.
             if now <= self.tol / 10 or before / 4 <= now <= 10 * self.tol:
                 return np.asarray(z)
             before = now
@@ -206,8 +208,8 @@ class Steps:
         rates = stacked(self.model.rhs(times, list(y), self.k), y)
         self.nfev += STAGES
         slopes = jacobian(self.model, self.k, times.astype(float), y.astype(float))
-        # The Jacobian at every stage and iteration, unlike RADAU5's one for several steps: Newton
-        # then converges quadratically, to the last digits.
+        # RADAU5 keeps one Jacobian for several steps. One at every stage and iteration lets
+        # Newton's method converge quadratically, to the last digits.
         coupling = np.einsum("ji,abj->aibj", float(h) * self.integrals.astype(float), slopes)
         residual = (z - h * (rates @ self.integrals)).astype(float)
         if not (np.isfinite(coupling).all() and np.isfinite(residual).all()):
