@@ -83,7 +83,7 @@ Computational Methods in Applied Mathematics 3 (2003) 608.
 def _halves(degree: int, dtype: np.dtype[Any]) -> np.ndarray:
     """The matrices (2, degree + 1, degree + 1) that convert a row of Bernstein coefficients to the
     coefficients on each half of the interval (de Casteljau's algorithm at 1/2)."""
-    # Sums of positive numbers that add up to 1, so halving amplifies no rounding.
+    # The entries of each column are positive and add up to 1, so halving amplifies no rounding.
     lower = np.array([[comb(i, j) / 2**i for i in range(degree + 1)] for j in range(degree + 1)])
     return np.array([lower, lower[::-1, ::-1]]).astype(dtype)
 
@@ -144,7 +144,7 @@ def isolate(b: np.ndarray, noise: np.ndarray) -> Zeros:
     row, low, width, zeros = np.arange(n), np.zeros(n, dtype=b.dtype), b.dtype.type(1), []
     for halving in range(HALVINGS + 1):
         bound = noise[row][:, None]
-        # Beyond the bound of its rounding a coefficient has the sign that it shows.
+        # A coefficient that exceeds the bound of its rounding has the right sign.
         above, below = b > bound, b < -bound
         slopes = np.diff(b, axis=1)
         monotone = (slopes > 0).all(axis=1) | (slopes < 0).all(axis=1)
@@ -160,7 +160,7 @@ def isolate(b: np.ndarray, noise: np.ndarray) -> Zeros:
         low[1::2] += width
         b = np.matmul(b[split][:, None, None, :], _halves(degree, b.dtype)).reshape(-1, degree + 1)
     row, x, widths, sure, b = (np.concatenate(column) for column in zip(*zeros, strict=True))
-    # A zero is at its place, and what is uncertain begins there.
+    # `x` is so far the left end of each interval; a zero that is sure moves to its place within.
     x[sure] += widths[sure] * _refined(b[sure])
     widths[sure] = 0
     return _merged(Zeros(row, x, widths, sure))
@@ -174,7 +174,7 @@ def _merged(zeros: Zeros) -> Zeros:
     order = np.lexsort((zeros.x, zeros.row))
     row, low, width, sure = (column[order] for column in zeros)
     high = low + width
-    # The last halvings are finer than the places are.
+    # The last halvings are finer than the spacing of the numbers x.
     gap = low[1:] - high[:-1] <= 4 * np.finfo(low.dtype).eps
     touching = ~sure[1:] & ~sure[:-1] & (row[1:] == row[:-1]) & gap
     first = np.flatnonzero(np.append(True, ~touching))
@@ -207,7 +207,8 @@ def _refined(b: np.ndarray) -> np.ndarray:
             inside &= high - low < 0.5 ** (iteration // 2)
         new = np.where(value == 0, x, np.where(inside, new, (low + high) / 2))
         zeros[unconverged] = new
-        # Zeros that have converged stay as they are: no last bit hangs on other polynomials.
+        # Converged zeros are iterated no more, so that their last bits do not depend on other
+        # polynomials.
         moving = np.abs(new - x) > 2 * np.finfo(b.dtype).eps * new
         if not moving.any():
             break
@@ -217,7 +218,7 @@ def _refined(b: np.ndarray) -> np.ndarray:
     return np.asarray(zeros)
 
 
-@np.errstate(all="ignore")  # next to x = 1 powers of t overflow: then it bisects
+@np.errstate(all="ignore")  # next to x = 1 powers of t overflow: `_refined` bisects
 def _newton(c: np.ndarray, d: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Numbers (n,) with the signs of polynomials at x (n,), and the next places (n,) of Newton's
     method.
