@@ -231,8 +231,8 @@ class Taylor:
 
         outcome, steps, rows = through()
         if is_blind:
-            # A motion that begins with a short step is past the zero, where the last two
-            # coefficients suffice.
+            # After a short first step the next ones begin away from the zero, so that their last
+            # two coefficients suffice.
             longest, is_first = min(self._visible_step(), longest), False
             self._begin(k, y, grid[0])
             outcome, steps, rows = through()
