@@ -90,7 +90,8 @@ class Ensemble:
     constants of their equations, flat in the order of the model's `structure`, `start` (m, n) their
     states at the start, and `span` the times of start and end, numbers or arrays (n,). `times` (s,)
     are the sample times. A step has an error of `looser` tolerances; `searches` says whether zeros
-    of events are searched for."""
+    of events are searched for.
+    """
 
     members: np.ndarray
     model: Equations
