@@ -75,8 +75,8 @@ def system_of_member(case: Case, data: Mapping[str, Any]) -> Model | None:
     not valid over the whole span, or lead to other equations than the case's."""
     form, epoch = type(case.system), case.time.epoch
     span = (case.time.start - (epoch or 0.0), case.time.end - (epoch or 0.0))
-    # A body on the border of the triangle inequality, by rounding, is accepted from the case
-    # itself, and not from a swept value.
+    # Moments that violate the triangle inequality by rounding only are accepted from the case
+    # itself, not from a swept value.
     is_own = data.get("inertia") is case.data.get("inertia") and is_rounded(data)
     wrong = (path for path, _ in form.check(data) if not is_own or path[:1] != ("inertia",))
     if any(True for _ in wrong) or any(check_attitude(form, data)):
