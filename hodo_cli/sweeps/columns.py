@@ -248,8 +248,8 @@ class Earlier:
         return np.asarray((self.positions(first, last) >= 0).all(axis=0))
 
     def completed(self, case: Case, first: int, last: int, group: Group) -> Group:
-        """The group of a chunk with the stored columns of the members that the earlier result
-        holds. Raises HodoError if that cannot be read, or is another one by now."""
+        """The group of a chunk, filled in with the stored columns of the members that the earlier
+        result holds. Raises HodoError if that result cannot be read or has been replaced."""
         taken = self.holds(first, last)
         if not taken.any():
             return group
