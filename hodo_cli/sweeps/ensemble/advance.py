@@ -129,7 +129,7 @@ def reject_contradicted(outcome: Outcome, resting: np.ndarray) -> None:
 
 
 def steps_of(candidates: list[TakenSteps], certain: np.ndarray) -> TakenSteps | None:
-    """All steps of those motions that are `certain` (n,); None if there are none."""
+    """The candidate steps of the motions that are `certain` (n,); None if there are none."""
     if not candidates:
         return None
     steps = TakenSteps.joined(candidates)
