@@ -108,8 +108,9 @@ class Units:
     def speeds(
         self, model: Equations, k: Mapping[str, Any], y: np.ndarray, exponent: Any, t: Any
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The rates (n,) at which motions and their derivatives change in these units, at the time
-        t and the state y (m, n), in units of 2**exponent; 0 where they do not change.
+        """The rates at which motions, and their derivatives, change in these units, at the time t
+        and the state y in units of 2**exponent: two numbers for y (m,), two arrays (n,) for y (m,
+        n).
 
         A steady rotation about an axis changes nothing, however large it is. In a unit of time that
         is 1e15 times too short the coefficients of a series would be 0.
