@@ -66,9 +66,9 @@ MOST_EXCESS = 2.0**32
 short."""
 
 PASSAGE_STRIDE = 0.1
-"""The longest step, in radii of convergence, of a motion that goes on after an event. Such a motion
-approaches a logarithmic singularity, which fewer coefficients show, and no step may pass it: at
-0.135 two of five did."""
+"""The longest step, in radii of convergence, of a motion that continues after an event. Such a
+motion approaches a logarithmic singularity, which fewer coefficients show, and no step may pass it:
+at 0.135 two of five did."""
 
 EVENT_ORDER = 6
 """The order up to which the series of an event is computed; the state's series bound its later
@@ -321,7 +321,7 @@ def nested(depth: int, step: TaylorStep, *arguments: np.ndarray) -> None:
 
 def stride(tol: float, passing: Event | None, looser: float = 1.0) -> float:
     """The longest step, in radii of convergence (`radius`), with an error of `looser` tolerances.
-    Motions that go on through an event take shorter steps; there a larger `looser` shortens them
+    Motions that continue after an event take shorter steps; there a larger `looser` shortens them
     further, so that a second integration has other steps."""
     longest = math.exp((math.log(max(looser * tol, 2.0**-62)) - 0.7) / (SERIES_ORDER - 3))
     return longest if passing is None else min(longest, PASSAGE_STRIDE / looser**0.05)
