@@ -1,7 +1,7 @@
-"""Methods of integration behind one protocol, one heavy library each. Imports cases and
-models; knows neither files nor what a motion is wanted for.
+"""Methods of integration behind one protocol, one heavy library each. Imports cases and models;
+knows neither files nor the purpose of a motion.
 
-An engine is loaded when it is first asked for, and heyoka with it.
+Each engine is imported at its first use, so that a command without heyoka does not load it.
 """
 
 from importlib.util import find_spec
@@ -14,7 +14,7 @@ from .protocol import Engine
 
 
 def extended(values: np.ndarray) -> np.ndarray:
-    """Values of any precision as long doubles."""
+    """Values (...) of any precision as long doubles (...)."""
     if values.dtype.type in (np.float64, np.longdouble):
         return values.astype(np.longdouble, copy=False)
     from . import taylor
@@ -28,7 +28,7 @@ def have_taylor() -> bool:
 
 
 def have_quadruple() -> bool:
-    """Whether heyoka is installed, and built with quadruple precision."""
+    """Whether heyoka is installed and was built with quadruple precision."""
     if not have_taylor():
         return False
     from . import taylor
@@ -37,8 +37,8 @@ def have_quadruple() -> bool:
 
 
 def check_heyoka(precision: str) -> None:
-    """Raise HodoError if heyoka is not installed, or lacks a precision."""
-    # Only heyoka's arithmetic is quadruple: no other method would do.
+    """Check that heyoka is installed and has a precision. Raises HodoError if not."""
+    # Only heyoka computes in quadruple precision, so no other method can replace it.
     is_quadruple = precision == "quadruple"
     if not have_taylor():
         needs = "precision quadruple" if is_quadruple else "method taylor"
@@ -61,15 +61,16 @@ def engine_for(
     precision: str,
     is_timed: bool = False,
 ) -> Engine:
-    """The engine of a method, bound to the equations of a model, as functions of the engine's
-    time where that `is_timed`; for taylor this compiles, once per process for all systems of one
-    structure.
+    """The engine of a method, bound to the equations of a model. With `is_timed` the equations are
+    functions of the engine's time. For taylor this compiles, once per process for all systems of
+    one structure.
 
-    Raises HodoError if it needs what is not installed. The precision is one of the method's own.
+    The method must have this precision. Raises HodoError if it needs a package that is not
+    installed.
     """
     model = system.equations
     if is_timed:
-        # The engine's time begins with each stretch, in units that fit the motion.
+        # The engine's time starts at 0 in each stretch and has a unit that fits the motion.
         model, events = of_engine_time(model, events)
     if method == "taylor":
         check_heyoka(precision)

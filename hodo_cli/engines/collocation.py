@@ -1,11 +1,11 @@
 """Radau IIA collocation with 16 stages (order 31) for stiff motions, in double and extended
 precision.
 
-In each step the motion is a polynomial whose derivative meets the equations at the Radau points,
-the end among them. The method is L-stable: it passes over what has decayed without resolving it, as
-Radau of order 5 does, but to the last digits, in a tenth of the steps. Newton's method solves a
-step's equations. Its matrices are in double; its residuals are in the working precision, and so is
-what it converges to.
+In each step the motion is a polynomial whose derivative satisfies the equations at the Radau
+points, one of which is the end. The method is L-stable: like Radau of order 5 it steps over decayed
+components without resolving them, but it is right to the last digits and takes a tenth of the
+steps. Newton's method solves the equations of a step. Its matrices are in double and its residuals
+in the working precision, so its solution has the working precision too.
 
 Source: E. Hairer and G. Wanner, Solving Ordinary Differential Equations II (1996), sections IV.5
 and IV.8.
@@ -29,12 +29,13 @@ STAGES = 16
 PRECISIONS = {"double": np.float64, "extended": np.longdouble}
 # RADAU5 gives up after 7; here a failed step costs 16 Jacobians, so three more are cheaper.
 ITERATIONS = 10
-# Some times its own length beyond a step, its polynomial is far from any motion.
+# Continued over several times its own length, the polynomial of a step is far from the motion.
 LONGEST_CONTINUED = 2
-"""How much longer than the last step one may be that begins with the continued polynomial."""
+"""The longest step, in lengths of the last one, for which Newton's method begins with the continued
+polynomial."""
 
 SIGNS = (-1.0) ** np.arange(STAGES + 1)
-"""Legendre's polynomials at the start of a step."""
+"""The values of Legendre's polynomials at the start of a step."""
 
 
 class Collocation(Stepwise):
@@ -49,20 +50,21 @@ class Collocation(Stepwise):
     ) -> None:
         super().__init__(events)
         self.dtype, self.model = PRECISIONS[precision], model
-        # Below 32 eps the steps double and no digit is gained: the estimate is rounding by then.
+        # A tolerance below 32 eps doubles the number of steps and gains no digit: the error
+        # estimate is then rounding.
         self.tol = max(tol or 0.0, 32 * float(np.finfo(self.dtype).eps))
         self.band = (1e-100, 1e100)  # its error is relative to the state at every size
         self.basis, self.degree = LEGENDRE, STAGES
 
     def series(self, solver: Any, dense: Callable[[Any], np.ndarray], end: Any) -> np.ndarray:
-        """See `Stepwise.series`; the coefficients of a whole step are at hand."""
+        """See `Stepwise.series`; the solver has the coefficients of a whole step."""
         if end == solver.t:
             return np.asarray(solver.series)
         nodes = chebyshev(STAGES)[0].astype(self.dtype)
         values = dense(solver.t_old + (end - solver.t_old) * nodes)
         basis = legendre(2 * nodes - 1, STAGES)
         series, inverse = 0 * values, np.linalg.inv(basis.astype(float))
-        # Twice, since the inverse has the digits of a double.
+        # Twice: the inverse has the digits of a double only.
         for _ in range(2):
             series = series + (values - series @ basis) @ inverse
         return np.asarray(series)
@@ -73,7 +75,8 @@ class Collocation(Stepwise):
 
 
 class Steps:
-    """One integration under way, as SciPy's OdeSolver. The type of `y` is the working precision."""
+    """One integration, with the interface of SciPy's OdeSolver. The type of `y` is the working
+    precision."""
 
     def __init__(
         self,
@@ -90,7 +93,8 @@ class Steps:
         self.y, self.end, self.status, self.nfev = y, end, "running", 0
         self.points, self.integrals, self.transform = tableau(y.dtype)
         self.kinds = kinds_of_variables(model)  # the error of each is relative to its own size
-        # The first step resolves the fastest rate; what has decayed then makes way for longer ones.
+        # The first step resolves the fastest rate; steps grow when the fastest components have
+        # decayed.
         fastest = float(np.abs(jacobian(model, k, start, y.astype(float))).sum(axis=1).max())
         self.h = min(end - start, y.dtype.type(1 / fastest)) if fastest else end - start
 
@@ -109,8 +113,8 @@ class Steps:
                 continue
             series = stages @ self.transform
             error = self._error(series, self.y + stages[:, -1])
-            # The last coefficient of a step falls as h^STAGES. Safety 0.9 and the limits 1/5 and 8
-            # are those of RADAU5; 1e-300 stands for an error of 0.
+            # The last coefficient of a step falls as h^STAGES. RADAU5 has the same safety factor
+            # 0.9 and limits 1/5 and 8; 1e-300 replaces an error of 0.
             self.h = h * min(max(0.9 * (self.tol / max(error, 1e-300)) ** (1 / STAGES), 0.2), 8.0)
             if error <= self.tol:
                 break
@@ -124,7 +128,7 @@ class Steps:
         return None
 
     def dense_output(self) -> Callable[[Any], np.ndarray]:
-        """The polynomial of the last step."""
+        """The polynomial of the last step, as a function from times (...) to states (m, ...)."""
         start, h, series = self.t_old, self.t - self.t_old, self.series
 
         def dense(t: Any) -> np.ndarray:
@@ -135,10 +139,10 @@ class Steps:
         return dense
 
     def _through_start(self, series: np.ndarray) -> np.ndarray:
-        """The collocation polynomial (m, STAGES + 1) from the one through the points alone, which
-        misses the start: without it D would leap where two steps meet.
+        """The collocation polynomial (m, STAGES + 1) from the polynomial through the collocation
+        points, which misses the start: with the latter D would jump where two steps meet.
 
-        P_s - P_(s-1) vanishes at all of the points and is 2 at the start, up to its sign.
+        P_s - P_(s-1) vanishes at all collocation points and is 2 or -2 at the start.
         """
         full = np.pad(series, ((0, 0), (0, 1)))
         missed = -(series * SIGNS[:-1]).sum(axis=1)
@@ -148,9 +152,10 @@ class Steps:
         return full
 
     def _error(self, series: np.ndarray, end: np.ndarray) -> float:
-        """An estimate of the polynomial's error, relative to the state where it is smaller, start
-        or end: its last coefficients, and by how much it misses the start, where no point lies. A
-        decay too fast for the step shows there."""
+        """An estimate of the polynomial's error, relative to the smaller of the states at start and
+        end. The estimate is the largest of its last two coefficients and its distance from the
+        state at the start, which is no collocation point: a decay too fast for the step shows
+        there."""
         missed = series[:, ::2].sum(axis=1) - series[:, 1::2].sum(axis=1)
         worst = np.abs([series[:, -1], series[:, -2], missed]).max(axis=0)
         return max(
@@ -163,8 +168,8 @@ class Steps:
         return np.abs(self.y[rows]).max()
 
     def _expected(self, h: Any) -> np.ndarray:
-        """The change of the state (m, STAGES) that Newton's method begins with: that of the last
-        step's polynomial, continued. From no change it takes two iterations more, of five or six.
+        """The change of the state (m, STAGES) with which Newton's method begins, from the continued
+        polynomial of the last step. From a change of 0 it takes five or six iterations, two more.
         """
         if self.t == self.t_old or h > LONGEST_CONTINUED * (self.t - self.t_old):
             return np.zeros((len(self.y), STAGES), dtype=self.y.dtype)
@@ -186,16 +191,16 @@ class Steps:
                 float(np.abs(change[rows]).max()) / size
                 for rows, size in zip(self.kinds, sizes, strict=True)
             )
-            # Either well below tolerance, or no longer falling: what is left is the rounding of the
-            # residual.
+            # The change is well below tolerance, or it falls no longer because only the rounding of
+            # the residual is left.
             if now <= self.tol / 10 or before / 4 <= now <= 10 * self.tol:
                 return np.asarray(z)
             before = now
         return None
 
     def _correction(self, times: np.ndarray, h: Any, z: np.ndarray) -> np.ndarray:
-        """What Newton's method takes from changes z (m, STAGES) of the state up to the collocation
-        points, at these times of a step of length h.
+        """The correction (m, STAGES) that Newton's method subtracts from changes z (m, STAGES) of
+        the state up to the collocation points, at these times of a step of length h.
 
         Raises LinAlgError where its equations have no finite numbers or no solution.
         """
@@ -203,8 +208,8 @@ class Steps:
         rates = stacked(self.model.rhs(times, list(y), self.k), y)
         self.nfev += STAGES
         slopes = jacobian(self.model, self.k, times.astype(float), y.astype(float))
-        # The Jacobian at every stage and iteration, unlike RADAU5's one for several steps: Newton
-        # then converges quadratically, to the last digits.
+        # RADAU5 keeps one Jacobian for several steps. One at every stage and iteration lets
+        # Newton's method converge quadratically, to the last digits.
         coupling = np.einsum("ji,abj->aibj", float(h) * self.integrals.astype(float), slopes)
         residual = (z - h * (rates @ self.integrals)).astype(float)
         if not (np.isfinite(coupling).all() and np.isfinite(residual).all()):
@@ -224,11 +229,12 @@ def legendre(x: np.ndarray, degree: int) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def tableau(fp: np.dtype[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The Radau points (s,) in (0, 1], and two matrices (s, s) that act on values at these points
-    from the right.
+    """The Radau points (s,) in (0, 1], and two matrices (s, s) by which values at these points are
+    multiplied from the right.
 
-    They give the integrals of the polynomial with these values from 0 to each point (that is A.T of
-    Butcher's tableau), and its coefficients in Legendre's polynomials of 2 t - 1.
+    The first matrix, A.T of Butcher's tableau, gives the integrals from 0 to each point of the
+    polynomial with these values; the second gives its coefficients in Legendre's polynomials of 2 t
+    - 1.
 
     The points are the zeros of P_(s-1) - P_s; their weights, (1 + x)/(s P_(s-1))^2 and 2/s^2 at the
     end, make the transform a sum. P_k is the derivative of (P_(k+1) - P_(k-1))/(2 k + 1). (Hairer

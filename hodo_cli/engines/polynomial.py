@@ -1,8 +1,8 @@
-"""All zeros of polynomials on a step, isolated by bounds, in the arithmetic of their coefficients.
+"""All zeros of a step's polynomials, isolated by bounds, in the precision of their coefficients.
 
-An engine's step is a polynomial of the time. `to_bernstein` takes it to the basis of 0 <= x <= 1 in
-which a polynomial lies between its least and its largest coefficient; `isolate` finds where it
-vanishes, and says where that drowns in `rounding`.
+An engine's step is a polynomial of the time. `to_bernstein` converts it to Bernstein's basis on 0
+<= x <= 1, in which a polynomial lies between its least and its largest coefficient. `isolate` finds
+its zeros, and the intervals in which `rounding` hides whether it has one.
 """
 
 from collections.abc import Callable
@@ -16,23 +16,25 @@ import numpy as np
 from ..arithmetic import horner
 
 TAYLOR, LEGENDRE, CHEBYSHEV = "taylor", "legendre", "chebyshev"
-"""The bases in which engines hand over a step: powers of the time since its start, which become
-powers of x once the coefficients are multiplied by those of its length, or polynomials of x."""
+"""The bases in which engines return the polynomial of a step. Taylor's are powers of the time since
+its start, and become powers of x when each coefficient is multiplied by the same power of the
+step's length. The others are polynomials of x."""
 
 HALVINGS = 64
-"""Halvings after which an interval of a step is a point even in long double."""
+"""Halvings after which an interval of a step is a single number even in long double."""
 
 MOST_ITERATIONS = 80
-"""More steps towards a zero than ever needed: bisection alone takes the 64 bits of a long
-double."""
+"""The most iterations for a zero, more than it ever needs: bisection alone takes 64, one for each
+bit of a long double."""
 
 
 class Zeros(NamedTuple):
     """Places where polynomials vanish, in order of `row` and `x`, each (k,).
 
-    `row` is the polynomial, `x` the place in [0, 1]. Around a zero that is `sure` the polynomial is
-    monotone, and on both sides larger than its rounding. Where `sure` is False it drowns in its
-    rounding over the length `width` around x: it may vanish there any number of times, or not.
+    `row` is the number of the polynomial, `x` the place in [0, 1]. Around a zero that is `sure` the
+    polynomial is monotone, and on both sides it is larger than its rounding. Where `sure` is False
+    it is smaller than its rounding over the length `width` around x: it may vanish there any number
+    of times, or never.
     """
 
     row: np.ndarray
@@ -43,10 +45,11 @@ class Zeros(NamedTuple):
 
 @lru_cache(maxsize=64)
 def to_bernstein(basis: str, degree: int, dtype: np.dtype[Any]) -> np.ndarray:
-    """The matrix (degree + 1, degree + 1) by which a row of coefficients is multiplied from the
-    right to become one of Bernstein's basis on [0, 1].
+    """The matrix (degree + 1, degree + 1) that converts a row of coefficients in a basis,
+    multiplied from the right, to Bernstein's basis on [0, 1].
 
-    It is exact before it is rounded. From powers all its entries are in [0, 1]: no digits are lost.
+    It is computed in fractions and rounded once to `dtype`. For powers all its entries are in [0,
+    1], so the conversion loses no digits.
     """
     terms = SCALED_BERNSTEIN[basis]
     exact = [
@@ -68,8 +71,8 @@ SCALED_BERNSTEIN: dict[str, Callable[[int, int], int]] = {
     LEGENDRE: lambda k, i: (-1) ** (k - i) * comb(k, i) ** 2,
     CHEBYSHEV: lambda k, i: (-1) ** (k - i) * comb(2 * k, 2 * i),
 }
-"""The integers a_i by which polynomial k of a basis is the sum of a_i x^i (1 - x)^(k - i). Times
-(x + 1 - x)^(n - k) it becomes the same of degree n.
+"""The integers a_i, as functions of k and i, for which polynomial k of a basis is the sum of a_i
+x^i (1 - x)^(k - i). Multiplied by (x + 1 - x)^(n - k) = 1, this sum becomes one of degree n.
 
 Source: R. T. Farouki, Journal of Computational and Applied Mathematics 119 (2000) 145; A. Rababah,
 Computational Methods in Applied Mathematics 3 (2003) 608.
@@ -78,9 +81,9 @@ Computational Methods in Applied Mathematics 3 (2003) 608.
 
 @lru_cache(maxsize=64)
 def _halves(degree: int, dtype: np.dtype[Any]) -> np.ndarray:
-    """The matrices (2, degree + 1, degree + 1) from a row of Bernstein coefficients to those on
-    each half of the interval (de Casteljau's algorithm at 1/2)."""
-    # Sums of positive numbers that add up to 1, so halving amplifies no rounding.
+    """The matrices (2, degree + 1, degree + 1) that convert a row of Bernstein coefficients to the
+    coefficients on each half of the interval (de Casteljau's algorithm at 1/2)."""
+    # The entries of each column are positive and add up to 1, so halving amplifies no rounding.
     lower = np.array([[comb(i, j) / 2**i for i in range(degree + 1)] for j in range(degree + 1)])
     return np.array([lower, lower[::-1, ::-1]]).astype(dtype)
 
@@ -91,14 +94,14 @@ def _binomials(degree: int, dtype: np.dtype[Any]) -> np.ndarray:
 
 
 def weights(x: np.ndarray, degree: int) -> np.ndarray:
-    """Bernstein's polynomials (..., degree + 1) at places (...); their sum is 1."""
+    """The values (..., degree + 1) of Bernstein's polynomials at places (...); their sum is 1."""
     up, down = (np.vander(y.ravel(), degree + 1, increasing=True) for y in (x, 1 - x))
     return np.reshape(_binomials(degree, x.dtype) * up * down[:, ::-1], (*x.shape, degree + 1))
 
 
 def bernstein_coefficients(c: np.ndarray, length: np.ndarray, basis: str) -> np.ndarray:
-    """The Bernstein coefficients (n, m, degree + 1) of steps with these coefficients in the basis
-    of their engine, which are overwritten, and these lengths (n,)."""
+    """The Bernstein coefficients (n, m, degree + 1) of steps of these lengths (n,), from their
+    coefficients c (n, m, degree + 1) in the basis of the engine. Overwrites c."""
     order = c.shape[2] - 1
     if basis == TAYLOR:
         # Powers of the time since the start of the step become powers of x = (t - start)/length.
@@ -108,19 +111,20 @@ def bernstein_coefficients(c: np.ndarray, length: np.ndarray, basis: str) -> np.
 
 def values_and_slopes(b: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The values (n, m, k) of polynomials with Bernstein coefficients b (n, m, degree + 1), and
-    their derivatives by x, at places x: of their own (n, k), or the same (1, k) for all."""
+    their derivatives by x, at places x (n, k), or (1, k) if all polynomials have the same
+    places."""
     degree = b.shape[2] - 1
     places, of_slope = (weights(x, n).swapaxes(1, 2) for n in (degree, degree - 1))
     return b @ places, degree * (np.diff(b, axis=2) @ of_slope)
 
 
 def rounding(c: np.ndarray, basis: str) -> np.ndarray:
-    """What rounding may change the values of polynomials by (...,), from their coefficients
-    (..., degree + 1).
+    """A bound (...) on the rounding of the values of polynomials, from their coefficients (...,
+    degree + 1).
 
-    In whatever order it is added up, a sum of n + 1 products has met n + 2 roundings of half an
-    eps, each of at most the sum of the products' sizes; those are the coefficients times the
-    largest entries of their rows of `to_bernstein`.
+    In whatever order it is added up, a sum of n + 1 products has n + 2 roundings of half an eps,
+    each relative to at most the sum of the products' sizes. A product is at most a coefficient
+    times the largest entry of its row of `to_bernstein`.
     """
     degree = c.shape[-1] - 1
     growth = np.abs(to_bernstein(basis, degree, c.dtype)).max(axis=1)
@@ -131,8 +135,8 @@ def isolate(b: np.ndarray, noise: np.ndarray) -> Zeros:
     """All zeros in [0, 1] of the polynomials with the Bernstein coefficients b (n, degree + 1).
 
     A polynomial lies between its least and its largest coefficient, and is monotone where they rise
-    or fall all along. Intervals where neither decides are halved, until nothing is left in them
-    that exceeds `noise` (n,), the bound of the polynomial's rounding.
+    or fall all along. Intervals where neither decides are halved, until no coefficient in them
+    exceeds `noise` (n,), the bound of the polynomial's rounding.
 
     Source: R. T. Farouki and V. T. Rajan, Computer Aided Geometric Design 4 (1987) 191.
     """
@@ -140,7 +144,7 @@ def isolate(b: np.ndarray, noise: np.ndarray) -> Zeros:
     row, low, width, zeros = np.arange(n), np.zeros(n, dtype=b.dtype), b.dtype.type(1), []
     for halving in range(HALVINGS + 1):
         bound = noise[row][:, None]
-        # Beyond the bound of its rounding a coefficient has the sign that it shows.
+        # A coefficient that exceeds the bound of its rounding has the right sign.
         above, below = b > bound, b < -bound
         slopes = np.diff(b, axis=1)
         monotone = (slopes > 0).all(axis=1) | (slopes < 0).all(axis=1)
@@ -156,20 +160,21 @@ def isolate(b: np.ndarray, noise: np.ndarray) -> Zeros:
         low[1::2] += width
         b = np.matmul(b[split][:, None, None, :], _halves(degree, b.dtype)).reshape(-1, degree + 1)
     row, x, widths, sure, b = (np.concatenate(column) for column in zip(*zeros, strict=True))
-    # A zero is at its place, and what is uncertain begins there.
+    # `x` is so far the left end of each interval; a zero that is sure moves to its place within.
     x[sure] += widths[sure] * _refined(b[sure])
     widths[sure] = 0
     return _merged(Zeros(row, x, widths, sure))
 
 
 def _merged(zeros: Zeros) -> Zeros:
-    """Zeros in order, with adjacent uncertain intervals as one, at its middle."""
+    """Zeros in order of row and x. Adjacent uncertain intervals become one, whose x is its
+    middle."""
     if not len(zeros.row):
         return zeros
     order = np.lexsort((zeros.x, zeros.row))
     row, low, width, sure = (column[order] for column in zeros)
     high = low + width
-    # The last halvings are finer than the places are.
+    # The last halvings are finer than the spacing of the numbers x.
     gap = low[1:] - high[:-1] <= 4 * np.finfo(low.dtype).eps
     touching = ~sure[1:] & ~sure[:-1] & (row[1:] == row[:-1]) & gap
     first = np.flatnonzero(np.append(True, ~touching))
@@ -180,8 +185,9 @@ def _merged(zeros: Zeros) -> Zeros:
 def _refined(b: np.ndarray) -> np.ndarray:
     """The one zero in [0, 1] of each monotone polynomial (n, degree + 1), to the last bits.
 
-    Newton's method from the secant's zero, within the bracket that the signs leave. It bisects
-    where a step leaves the bracket, and every fourth time as long as this has not become small.
+    Newton's method starts from the zero of the secant and keeps a bracket by the signs. Bisection
+    replaces a step that leaves the bracket, and every fourth step as long as the bracket has not
+    become small.
     """
     degree = b.shape[1] - 1
     # The first and the last coefficient are the values at the ends.
@@ -201,7 +207,8 @@ def _refined(b: np.ndarray) -> np.ndarray:
             inside &= high - low < 0.5 ** (iteration // 2)
         new = np.where(value == 0, x, np.where(inside, new, (low + high) / 2))
         zeros[unconverged] = new
-        # Zeros that have converged stay as they are: no last bit hangs on other polynomials.
+        # Converged zeros are iterated no more, so that their last bits do not depend on other
+        # polynomials.
         moving = np.abs(new - x) > 2 * np.finfo(b.dtype).eps * new
         if not moving.any():
             break
@@ -211,9 +218,10 @@ def _refined(b: np.ndarray) -> np.ndarray:
     return np.asarray(zeros)
 
 
-@np.errstate(all="ignore")  # next to x = 1 powers of t overflow: then it bisects
+@np.errstate(all="ignore")  # next to x = 1 powers of t overflow: `_refined` bisects
 def _newton(c: np.ndarray, d: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What has the sign of polynomials at x (n,), and the next places of Newton's method.
+    """Numbers (n,) with the signs of polynomials at x (n,), and the next places (n,) of Newton's
+    method.
 
     With t = x/(1 - x), p = (1 - x)^n sum c_j t^j and p' = n (1 - x)^(n - 1) sum d_j t^j: Horner's
     scheme on whole columns, at an eighth of the cost of Bernstein's polynomials.

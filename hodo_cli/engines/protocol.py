@@ -1,4 +1,4 @@
-"""The protocol between the driver and the engines, which have a file each."""
+"""The protocol between the driver of integrations and the engines, each of which has a file."""
 
 import math
 from collections.abc import Callable
@@ -24,38 +24,39 @@ PRECISION = {
 EPS = PRECISION["double"]
 
 LAST_STEP = {"taylor": 10_000_000, "collocation": 100_000} | dict.fromkeys(IVP, 1_000_000)
-"""Steps after which a motion is given up unless its case says otherwise: some 10 s of heyoka's, one
-to two minutes of those taken in Python."""
+"""The number of steps after which a motion is given up unless its case says otherwise: heyoka takes
+them in some 10 s, the methods in Python in one to two minutes."""
 
-# A state between 1/8 and 8: an engine's control, absolute below 1, then costs a digit at most, and
-# a decay by e^-100 meets new units some 50 times.
+# An engine's control is absolute below 1. With a state between 1/8 and 8 it costs at most one
+# digit, and a decay by e^-100 needs new units some 50 times.
 NORM_BAND = (1 / 8, 8.0)
-"""The norm of a scaled state that needs no new units."""
+"""The bounds of the norm of a scaled state between which it needs no new units."""
 
 
 class Coded(StrEnum):
-    """Words, which sweeps store by their places in the order in which they are listed."""
+    """Words that sweeps store as codes: their positions in the order in which they are listed."""
 
     @property
     def code(self) -> int:
-        """Its place."""
+        """The position of the word, from 0."""
         return list(type(self)).index(self)
 
 
 class Status(Coded):
-    """How a motion ended; the values are what is stored."""
+    """How a motion ended. Results store the values."""
 
     OK = "ok"
     FAILED = "failed"
     TIMEOUT = "timeout"
     INVALID = "invalid"
-    """Of a member of a sweep that is no body, or has no start."""
+    """A member of a sweep whose data describe no body or no start."""
     UNDECIDED = "undecided"
-    """Of a member of a sweep whose crossings its error hides; its motion is right."""
+    """A member of a sweep whose error hides its crossings; its motion is right."""
 
 
 class EventRoot(NamedTuple):
-    """A zero of an event's function: its place in the list of events, time and state."""
+    """A zero of an event's function: the event's position in the list of events, the time, and the
+    state (m,)."""
 
     event: int
     time: float
@@ -63,11 +64,11 @@ class EventRoot(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """A part of a motion, integrated in fixed units: the states at the grid points passed, and
-    where it ended.
+    """A part of a motion, integrated in fixed units: the states `rows` (points, m) at the grid
+    points passed, and the time and the `state` (m,) at its end.
 
-    `time` is a pair whose sum is the time reached. `stop` is the terminal event, if one ended the
-    stretch; `roots` are the other events, in order of time.
+    `time` is a pair whose sum is the time reached. `stop` is the terminal event that ended the
+    stretch, or None; `roots` are the other events, in order of time.
     """
 
     rows: np.ndarray
@@ -78,9 +79,9 @@ class Stretch(NamedTuple):
 
 
 Observer = Callable[[Any, Any, np.ndarray], None]
-"""Called after each step as observer(start, end, series): the state's polynomial on the step, by
-its coefficients (m, degree + 1) in the `basis` of the engine. They are lent, not given: heyoka
-writes those of the next step into the same array."""
+"""A function called after each step as observer(start, end, series), where the series are the
+coefficients (m, degree + 1) of the state's polynomial in the `basis` of the engine. An observer
+must copy them to keep them: heyoka writes the next step's coefficients into the same array."""
 
 
 class Engine(Protocol):
@@ -95,19 +96,20 @@ class Engine(Protocol):
     def integrate(
         self, k: Constants, y: np.ndarray, grid: np.ndarray, control: "StepControl"
     ) -> Stretch:
-        """Integrate from `y` at grid[0] to grid[-1], or to a terminal event, or until `control`
-        says stop."""
+        """Integrate from the state `y` (m,) at grid[0] to grid[-1], to a terminal event, or until
+        `control` ends the stretch. State and grid are in the engine's units. A failure is recorded
+        in `control`."""
 
 
 SMALL_COMPONENT = 1e-9
-"""The part of the largest component of a start below which another one is lost to the control of
-the error, which is relative to the largest: a series then takes steps in which what is small may
-grow by many powers of e, and so does that of a higher precision."""
+"""The ratio to the largest component of a start below which the control of the error, which is
+relative to the largest, does not see another component. A series of any precision then takes steps
+in which the small component may grow by many powers of e."""
 
 
 def uneven(y: np.ndarray) -> Any:
-    """Whether states (m,) or (m, n) have a component that is small beside the largest, but not
-    0."""
+    """Whether states (m,) or (m, n) have a component that is not 0 but less than SMALL_COMPONENT of
+    the largest: a bool, or (n,)."""
     size = np.abs(y)
     return ((size > 0) & (size < SMALL_COMPONENT * size.max(axis=0))).any(axis=0)
 
@@ -117,8 +119,8 @@ class StepControl:
     """Decides after each step whether to go on; `status` and `message` say why a motion was given
     up.
 
-    With `band` = (low, high) it also ends the stretch, for new units, as soon as the norm
-    of the state leaves the band: of those `rows` of it, if any are named, that carry a unit.
+    With `band` = (low, high) it also ends the stretch, for new units, as soon as the norm of the
+    state leaves the band. Only the `rows` that carry a unit count, if any are named.
     """
 
     max_steps: float = math.inf
@@ -127,10 +129,10 @@ class StepControl:
     rows: np.ndarray | None = None
     observer: Observer | None = None
     longest: float = math.inf
-    """The longest step that an engine may take in the stretch, in its units: it ends where what
-    needs such a limit has grown."""
+    """The longest step that an engine may take in the stretch, in its units. With such a limit the
+    stretch ends as soon as no component of the state is small any more."""
     is_over: bool = False
-    """Set by an observer that has seen enough of the stretch."""
+    """An observer sets this to end the stretch."""
     steps: int = 0
     evaluations: int = 0
     status: Status = Status.OK
@@ -141,7 +143,7 @@ class StepControl:
         self._next_check = 1.0
 
     def step(self, y: np.ndarray) -> bool:
-        """Count a step that ended in `y`; False to stop."""
+        """Count a step that ended in the state `y` (m,); returns whether the stretch goes on."""
         if self.is_over:
             return False
         self.steps += 1
@@ -153,12 +155,12 @@ class StepControl:
             return False
         if self.band is None:
             return True
-        # Of Python's own numbers: numpy's take ten times as long one by one.
+        # `math.hypot` of Python's numbers: numpy's scalars take ten times as long.
         return self.band[0] < math.hypot(*y.tolist()) < self.band[1]
 
     def _goes_on(self) -> bool:
-        """Whether there are steps and seconds left. Not asked at each step: the time of day alone
-        takes about a tenth of a fast one."""
+        """Whether there are steps and seconds left. It is not asked at each step, because reading
+        the clock takes about a tenth of a fast step."""
         if self.status is not Status.OK:  # an observer may have given up
             return False
         if self.steps >= self.max_steps:
@@ -170,20 +172,20 @@ class StepControl:
         return self.has_time()
 
     def has_time(self) -> bool:
-        """Whether there are seconds left; a motion without is given up."""
+        """Whether there are seconds left; gives the motion up if there are none."""
         if perf_counter() <= self.deadline:
             return True
         return self.give_up(Status.TIMEOUT, f"max_seconds: stopped after {self.max_seconds:g} s")
 
     def take_back(self, steps: int, evaluations: int) -> None:
-        """Go back to these counts: the steps since then are of no motion, and that they failed
-        counts for nothing, but their seconds are spent."""
+        """Go back to these counts. The steps since then belong to no motion and a failure in them
+        is forgotten, but the seconds that they took count."""
         self.steps, self.evaluations, self._next_check = steps, evaluations, steps + 1.0
         if self.status is Status.FAILED:
             self.status, self.message = Status.OK, ""
 
     def give_up(self, status: Status, message: str) -> bool:
-        """Record that the motion ends here, and why: the first reason counts."""
+        """Record that the motion ends here, and why; the first reason is kept. Returns False."""
         if self.status is Status.OK:
             self.status, self.message = status, message
         return False

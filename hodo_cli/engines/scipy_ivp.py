@@ -15,11 +15,12 @@ from .stepwise import Stepwise
 
 SOLVERS = {"DOP853": DOP853, "RK45": RK45, "LSODA": LSODA, "Radau": Radau, "BDF": BDF}
 DEGREES = {"DOP853": 7, "RK45": 4, "LSODA": 12, "Radau": 3, "BDF": 5}
-"""The degrees of their dense output; of LSODA and BDF, which change their order, the largest."""
+"""The degree of each solver's dense output; the largest for LSODA and BDF, which change their
+order."""
 
 LOCK = Lock()
-"""One stretch at a time: LSODA of older SciPy keeps its state in the library, and the warnings that
-are ignored are those of the process."""
+"""One stretch at a time: LSODA of older SciPy keeps its state in the library, and warnings are
+ignored in the whole process."""
 
 LEAST_TOL = 100 * EPS
 """The smallest relative tolerance that SciPy's solvers accept."""
@@ -48,12 +49,13 @@ class Ivp(Stepwise):
     ) -> OdeSolver:
         """See `Stepwise.solver`; the implicit methods are given the Jacobian."""
         rates = partial(self._rhs, k, control)
-        # A step from rates that are no numbers has no length, and SciPy would try it for ever.
+        # From rates that are no numbers SciPy gets no length of a step, and would try for ever.
         if not np.isfinite(rates(start, y)).all():
             raise ValueError("the rates are infinite or not a number")
         options = {"jac": partial(jacobian, self.model, k)} if self.implicit else {}
         return self.method(
-            # One tolerance for both: the units keep the largest component near 1.
+            # The absolute tolerance equals the relative one: the units keep the largest component
+            # near 1.
             rates,
             start,
             y,
@@ -65,11 +67,11 @@ class Ivp(Stepwise):
         )
 
     def _rhs(self, k: Any, control: StepControl, t: float, y: np.ndarray) -> np.ndarray:
-        """The rates, not a number where they are no real numbers: the solver then tries a shorter
-        step. Raises ValueError where the motion has no seconds left, which ends the step."""
+        """The rates (m,) in a state y (m,), or nan where they are complex: the solver then tries a
+        shorter step. Raises ValueError, which ends the step, if the motion has no seconds left."""
         if not control.has_time():
             raise ValueError(control.message)
-        # Python floats: for three numbers they take half the time of numpy's scalars. But a root of
-        # a negative one is complex, and a solver would go on with its real part.
+        # For three numbers Python's floats take half the time of numpy's scalars. But their root of
+        # a negative number is complex, and a solver would go on with its real part.
         rates = np.array(self.model.rhs(t, y.tolist(), k))
         return np.full(len(y), np.nan) if rates.dtype == complex else rates

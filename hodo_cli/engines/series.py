@@ -1,5 +1,4 @@
-"""Power series: the Taylor coefficients of a motion, from the same lines that state its
-equations."""
+"""Power series: the Taylor coefficients of a motion, computed by the `rhs` of its model."""
 
 from collections.abc import Callable, Sequence
 from functools import partial, reduce
@@ -9,7 +8,7 @@ from typing import Any
 from .. import arithmetic
 
 TINY_DIVISOR = 1e-290
-"""Added to what is divided by and may be 0."""
+"""Added to a divisor that may be 0."""
 
 CoefficientRule = Callable[[int], Any]
 
@@ -17,11 +16,11 @@ CoefficientRule = Callable[[int], Any]
 class Series:
     """c[0] + c[1] s + c[2] s^2 + ..., whose coefficients are computed when they are asked for.
 
-    It knows + - * /, ** with a constant on one side, and the functions of `arithmetic` but for
-    `abs`, which is all that a model's equations use. A coefficient may be anything that knows them
-    too: a number, an array of one number for each motion, a symbol. A coefficient asks for those of
-    lower order only, so that a series may occur in its own rule: that is how a differential
-    equation is solved.
+    A series has + - * /, ** with a constant on one side, and the functions of `arithmetic` except
+    `abs`: the equations of models use no others. A coefficient may be of any type that has them
+    too: a number, an array of one number for each motion, a symbol. A rule asks for coefficients of
+    lower order only, so that a series may occur in its own rule; this solves a differential
+    equation.
 
     Source: A. Jorba and M. Zou, Experimental Mathematics 14 (2005) 99, proposition 2.1.
     """
@@ -42,7 +41,8 @@ class Series:
         return type(self)(rule)
 
     def _solving(self, rule: Callable[["Series", int], Any]) -> "Series":
-        """The series whose coefficient k is rule(series, k), which asks for those before."""
+        """The series whose coefficient k is rule(series, k), a function of the coefficients
+        before."""
         solution: Series = self._new(lambda k: rule(solution, k))
         return solution
 
@@ -72,7 +72,8 @@ class Series:
     __rmul__ = __mul__
 
     def _square(self, k: int, first: int = 0) -> Any:
-        # Half the products of a general one, here without those of coefficients before `first`.
+        # By symmetry half the products of two different series. Coefficients before `first` are
+        # left out.
         middle = [self[k // 2] * self[k // 2]] if k % 2 == 0 else []
         pairs = [self[i] * self[k - i] for i in reversed(range(first, (k + 1) // 2))]
         return total([2.0 * total(pairs), *middle] if pairs else middle)
@@ -98,7 +99,7 @@ class Series:
         if isinstance(exponent, int | float) and exponent == 0:
             return self._new(partial(constant, 1.0))
         if isinstance(exponent, int | float) and float(exponent).is_integer():
-            # By products: a logarithm divides by y, which may be 0 or lose digits beside it.
+            # By products: a logarithm divides by y, which may be 0, and near 0 loses digits.
             power: Series = arithmetic.whole_power(self, int(exponent))
             return power
         return self.log().__mul__(exponent).exp()
@@ -130,7 +131,7 @@ class Series:
         def rule(root: Series, k: int) -> Any:
             if k == 0:
                 return self[0] ** 0.5
-            # From root^2 = y: a third of the operations of another power.
+            # From root^2 = y, by a third of the operations of a general power.
             rest = self[k] - root._square(k, 1) if k > 1 else self[k]
             return rest * (0.5 / root[0])
 
@@ -170,8 +171,8 @@ class Series:
 class Combination(Series):
     """A sum of series, each with a constant factor.
 
-    Factors are multiplied with each other, once, and not with every coefficient, which all later
-    ones would wait for: a step of tensor, whose equations divide a sum by a moment of inertia, took
+    Factors are multiplied by each other once. Multiplied by every coefficient, they would delay all
+    later coefficients: a step of tensor, whose equations divide a sum by a moment of inertia, took
     half as long again.
     """
 
@@ -197,7 +198,8 @@ class Combination(Series):
             return Combination(*((factor * other, series) for factor, series in self.terms))
         if other is self or min(len(self.terms), len(terms_of(other))) > 1:
             return super().__mul__(other)
-        # The factor of the shorter one goes to the terms of the longer one, before the product.
+        # The factor of the shorter combination multiplies the terms of the longer one before the
+        # product.
         short, terms = sorted((self.terms, terms_of(other)), key=len)
         factor, series = short[0]
         if len(terms) == 1:
@@ -209,20 +211,21 @@ class Combination(Series):
 
 
 def terms_of(series: Series) -> tuple[tuple[Any, Series], ...]:
-    """A series as terms of a combination."""
+    """The terms (factor, series) of a series as a combination."""
     return series.terms if isinstance(series, Combination) else ((1.0, series),)
 
 
 def total(terms: Sequence[Any]) -> Any:
-    """The sum of one or more terms, which need not know 0."""
+    """The sum of one or more terms, which need not support 0 + term."""
     return reduce(add, terms)
 
 
 def outwards(k: int) -> list[int]:
-    """0 to k from the middle outwards, in which order a coefficient of a product is added up.
+    """The numbers 0 to k from the middle outwards, the order in which a coefficient of a product is
+    added up.
 
-    What stands last needs the coefficients just computed; a processor adds up the others while it
-    waits for these. A step of linear-diag took a fifth longer in the order of the numbers.
+    The last terms need the coefficients just computed, and a processor adds up the others while it
+    waits for these. In ascending order a step of linear-diag took a fifth longer.
     """
     return sorted(range(k + 1), key=lambda i: max(i, k - i))
 
@@ -234,8 +237,8 @@ def motion(
     k: Any,
     unit: Any = 1.0,
 ) -> tuple[Series, list[Series]]:
-    """The time and the state as series in the time from `t`, where the state is `y`; the time of
-    the series runs in a `unit` of its own."""
+    """The time and the state (m series) as power series in s, where the time is t + unit s and the
+    state at s = 0 is `y` (m,)."""
     time = Series(lambda i: (t, unit)[i] if i < 2 else 0.0)
 
     def rates(state: list[Series]) -> list[Series]:
@@ -250,8 +253,8 @@ def integrals(
     rates: Callable[[list[Series]], list[Series]],
     new: Callable[[CoefficientRule], Series],
 ) -> list[Series]:
-    """The series, made by `new`, that begin with `start` and whose derivatives are `rates` of
-    themselves."""
+    """The solution of the differential equations y' = rates(y) from `start` (m,), as m series made
+    by `new`."""
     derivatives: list[Series] = []
 
     def coefficient(j: int, k: int) -> Any:

@@ -1,5 +1,5 @@
-"""The loop that engines share which advance one step at a time and have a formula for the state
-inside it."""
+"""The loop of the engines that advance one step at a time and have a formula for the state within a
+step."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from .protocol import NORM_BAND, Engine, EventRoot, Status, StepControl, Stretch
 
 
 class Stepwise(Engine):
-    """An engine that starts a solver for each stretch, an object with the interface of SciPy's
+    """An engine that makes a solver for each stretch. The solver has the interface of SciPy's
     OdeSolver."""
 
     dtype: Any = np.float64
@@ -26,12 +26,13 @@ class Stepwise(Engine):
 
     @abstractmethod
     def solver(self, k: Any, y: np.ndarray, start: Any, end: Any, control: StepControl) -> Any:
-        """A new solver from `y` at `start` to `end`, in steps of at most `control.longest`. Raises
-        ValueError, with a sentence, where the equations let it take none."""
+        """A new solver from the state `y` (m,) at the time `start` to `end`, in steps of at most
+        `control.longest`. Raises ValueError, with a message for the result, if the equations allow
+        no step."""
 
     def series(self, solver: Any, dense: Callable[[Any], np.ndarray], end: Any) -> np.ndarray:
-        """The polynomial of the last step (m, degree + 1) up to the time `end`, from its values at
-        Chebyshev's nodes."""
+        """The coefficients (m, degree + 1), in the engine's `basis`, of the last step's polynomial
+        up to the time `end`, from its values at Chebyshev's nodes."""
         nodes, transform = chebyshev(self.degree)
         return np.asarray(dense(solver.t_old + (end - solver.t_old) * nodes) @ transform)
 
@@ -91,24 +92,25 @@ class Stepwise(Engine):
                 return event.function(t, list(dense(t)), k)
 
             times = start + (end - start) * between(zeros, i)
-            # At the start the dense output has rounding, and a motion that starts at a zero does
-            # not pass through it.
+            # The state before the step decides the sign at the start, because the dense output has
+            # rounding there. A motion that starts at a zero does not pass through it.
             at_start = event.function(start, list(before), k)
             signs = np.sign([at_start, *event.function(times[1:], list(dense(times[1:])), k)])
             for j in np.flatnonzero(signs[:-1] * signs[1:] < 0):
                 time = zero(value, times[j], times[j + 1])
                 roots.append(EventRoot(i, time, dense(time)))
-            # The next step starts at such a zero, and does not pass through it.
+            # A zero at the end counts here: the next step starts at it and does not pass through
+            # it.
             if signs[-1] == 0 and signs[-2] != 0:
                 roots.append(EventRoot(i, end, dense(end)))
         return sorted(roots, key=lambda root: root.time)
 
 
 def motion_of_step(solver: Any) -> Callable[[Any], np.ndarray]:
-    """Take a step; the motion within it.
+    """Take a step; returns the motion within it, a function from times (...) to states (m, ...).
 
-    Raises ValueError if there is none, or no time left: SciPy's implicit methods do, of a matrix
-    that is not finite, and the rates, which DOP853 asks for again within the step.
+    Raises ValueError if the step fails. SciPy's implicit methods raise it for a matrix that is not
+    finite, and the rates, which DOP853 evaluates again within the step, when no time is left.
     """
     message = solver.step()
     # LSODA returns success with nan where an equation is not Lipschitz.
@@ -119,8 +121,8 @@ def motion_of_step(solver: Any) -> Callable[[Any], np.ndarray]:
 
 
 def between(zeros: Zeros, row: int) -> np.ndarray:
-    """Places in [0, 1], both ends among them, that part the zeros of one polynomial: in the middle
-    between two of them, and at the ends of uncertain intervals."""
+    """Places in [0, 1], in order, that separate the zeros of polynomial `row`: both ends, the
+    middle between two zeros, and the ends of uncertain intervals."""
     chosen = zeros.row == row
     low, high = ((zeros.x + side * zeros.width / 2)[chosen] for side in (-1, 1))
     unsure = np.append(low, high)[np.tile(~zeros.sure[chosen], 2)]
@@ -139,10 +141,10 @@ def chebyshev(degree: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def zero(f: Callable[[Any], Any], a: Any, b: Any) -> Any:
-    """A zero of f between a and b, where it differs in sign, to the last bit: bisection is never
-    led astray."""
+    """A zero, to the last bit, of a function f that has different signs at a and b. Bisection finds
+    one whatever f does in between."""
     rising = f(b) > 0
-    # Ends when no number is left between the two.
+    # The loop ends when no number lies between a and b.
     while a < (middle := a + (b - a) / 2) < b:
         if (f(middle) > 0) == rising:
             b = middle

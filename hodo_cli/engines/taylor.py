@@ -31,11 +31,12 @@ from .stepwise import zero
 hy.set_logger_level_error()
 
 CODE_LIMIT = 128 << 20
-"""What heyoka's code on the disk takes at most, in bytes: the papers' is 8 MB. By itself it keeps
-20 GB, and reads all of them before it first compiles in a process, which takes 0.2 s a GB."""
+"""The most bytes of compiled code that heyoka keeps on the disk; the papers' cases take 8 MB. Its
+own limit is 20 GB, and it reads all of them before its first compilation in a process, which takes
+0.2 s a GB."""
 
 if "HEYOKA_CACHE_DIR" not in os.environ:
-    # Where the user's folder cannot be had, or is not private, heyoka keeps its own.
+    # Where the user's folder cannot be made, or is not private, heyoka keeps its own.
     with suppress(OSError, RuntimeError, ValueError):
         hy.llvm_state.set_diskcache_path(cache_folder() / "heyoka")
         hy.llvm_state.set_diskcache_limit(CODE_LIMIT)
@@ -43,26 +44,26 @@ if "HEYOKA_CACHE_DIR" not in os.environ:
 SYMBOLS[hy.expression] = hy
 
 DTYPES: dict[str, Any] = {"double": np.float64, "extended": np.longdouble}
-# A heyoka built without it does all else: so are those for macOS and Windows.
+# heyoka can be built without real128, as for macOS and Windows; all else works.
 if hasattr(hy, "real128"):
     DTYPES["quadruple"] = hy.real128
 
 UNROLLED_NODES = 150
-"""The largest system that is unrolled, in nodes of its expressions: beyond, unrolling takes longer
-than the steps of most motions."""
+"""The largest system whose code is unrolled, in nodes of its expressions. For larger ones unrolling
+takes longer than the steps of most motions."""
 
 OPTIMISED_NODES = 10_000
-"""The largest system that the compiler optimises. Beyond are averaged tops, which take tens of
-steps."""
+"""The largest system that the compiler optimises, in nodes. Only averaged tops are larger, and they
+take tens of steps."""
 
 BLIND_RATIO = 1.35
-"""By what ratio a step may be longer than by the rule from all its later coefficients. Its error is
-then 400 times the tolerance of a step, less than rounding."""
+"""The largest ratio of a step to the length by the rule from all its later coefficients. At this
+ratio its error is 400 times the tolerance of a step, which is less than rounding."""
 
 
 class Taylor:
-    """One compiled integrator; the constants are its runtime parameters, so that it serves every
-    case."""
+    """One compiled integrator. The constants are its runtime parameters, so that it serves all
+    cases of one structure."""
 
     band = NORM_BAND
     basis = TAYLOR
@@ -76,8 +77,8 @@ class Taylor:
     ) -> None:
         self.dtype = fp = DTYPES[precision]
         eps = PRECISION[precision]
-        # heyoka's control is absolute below 1: a margin keeps the digits of small components, at no
-        # cost.
+        # heyoka's control is absolute below 1: a smaller tolerance keeps the digits of small
+        # components, at no cost.
         self.tol = eps / 1024 if tol is None else max(tol, eps / 2**20)
         self.roots: list[EventRoot] = []
         # The integrator keeps its state, parameters and roots: it serves one stretch at a time.
@@ -113,7 +114,7 @@ class Taylor:
         )
         self.degree = self.ta.order
 
-    # heyoka copies what it is to call, and a bound method with all that it is bound to.
+    # heyoka copies its callbacks, and would copy a bound method together with its object.
     def _recorder(self, event: int) -> Callable[[Any, Any, int], None]:
         return lambda ta, time, direction: self._record(event, time)
 
@@ -122,8 +123,8 @@ class Taylor:
         self.roots.append(EventRoot(event, time, self.ta.d_output.copy()))
 
     def _stopper(self, event: int) -> Callable[[Any, int], bool]:
-        # The outcome of a propagation does not name the event where the step's own callback has
-        # stopped it as well.
+        # The outcome of a propagation does not name the event if the callback of the step has
+        # stopped it too.
         def stop(ta: Any, direction: int) -> bool:
             self.roots.append(EventRoot(event, ta.time, ta.state.copy()))
             return False
@@ -136,9 +137,10 @@ class Taylor:
     def _record_lost(
         self, k: SimpleNamespace, start: Any, before: list[Any], after: list[Any]
     ) -> None:
-        """Record the events that heyoka has lost in a step, by their values before and after it.
+        """Record the events that heyoka has lost in a step, found by the signs of their values
+        before and after it.
 
-        Its search gives up on a zero in the first 1e-8 of a step, with a line in its log alone.
+        Its search gives up on a zero in the first 1e-8 of a step, and reports that in its log only.
         """
         ta = self.ta
         recorded = {root.event for root in self.roots if root.time > start}
@@ -164,18 +166,19 @@ class Taylor:
         ta.state[:] = y
         ta.dtime = (time, self.dtype(0))
         if ta.with_events:
-            # A cooldown of the last stretch would swallow an event at the start of this one.
+            # After an event heyoka ignores it for a while, and would so miss one at the start of
+            # this stretch.
             ta.reset_cooldowns()
         self.roots.clear()
 
     def _visible_step(self) -> float:
-        """The length of the last step by heyoka's rule, from all coefficients of the later half and
-        not from the last two alone.
+        """The length of the last step by heyoka's rule, from all coefficients of the later half
+        instead of the last two.
 
-        Under a law that is a power of the time those of a series from t = 0 may be 0 or small: it
-        is one in powers of t**3, say.
+        Under a torque that is a power of the time, the last two coefficients of a series from t = 0
+        may be 0 or small, as in a series in powers of t**3.
         """
-        # In the engine's precision, whose coefficients may be beyond the doubles.
+        # In the engine's precision: its coefficients may be beyond the range of doubles.
         size, first = np.abs(self.ta.tc).max(axis=0), self.degree // 2
         norm = max(size[0], self.dtype(1))
         later = enumerate(size[first:], first)
@@ -196,11 +199,13 @@ class Taylor:
         self._begin(k, y, grid[0])
         state, series, observe, last = ta.state, ta.tc, control.observer, grid[0]
         values, is_blind = self._values(last, state, self.numbers), False
-        # Of a motion that is under way a step begins at the zero of a law by chance alone.
+        # Only the first step of a motion is checked: a later one begins at the zero of a power of
+        # the time by chance alone.
         is_first = control.steps == 0
 
         def after_step(ta: Any) -> bool:
-            """Record events that heyoka has lost, and show the step; whether to go on."""
+            """Record events that heyoka has lost, and call the observer; returns whether to go
+            on."""
             nonlocal last, values, is_first, is_blind
             now = ta.time
             if is_first and now - last > BLIND_RATIO * self._visible_step():
@@ -226,13 +231,14 @@ class Taylor:
 
         outcome, steps, rows = through()
         if is_blind:
-            # The steps behind a short one know more.
+            # After a short first step the next ones begin away from the zero, so that their last
+            # two coefficients suffice.
             longest, is_first = min(self._visible_step(), longest), False
             self._begin(k, y, grid[0])
             outcome, steps, rows = through()
         if (stop := self._first_stop) is not None and stop.time == grid[0]:
-            # A motion that starts at a zero does not pass through it; the event's cooldown keeps it
-            # from returning.
+            # A motion that starts at a zero does not pass through it. heyoka ignores the event for
+            # a while after it, so it does not stop the motion again.
             self.roots.clear()
             outcome, steps, rows = through()
             stop = self._first_stop
@@ -242,15 +248,15 @@ class Taylor:
             rows = rows[: np.searchsorted(grid, end, side="right")]
         elif outcome == hy.taylor_outcome.err_nf_state:
             control.give_up(Status.FAILED, "the state became infinite or not a number")
-        # What vanishes at the start does not pass through zero there.
+        # A function that vanishes at the start does not pass through zero there.
         others = [root for root in self.roots if not self.events[root.event].terminal]
         passed = tuple(root for root in others if grid[0] < root.time <= end)
         return Stretch(rows, ta.dtime, state.copy(), stop, passed)
 
 
 def longdouble(values: np.ndarray) -> np.ndarray:
-    """Quadruple values as long doubles."""
-    # There is no direct conversion: the leading 53 bits first, then what they leave.
+    """Quadruple values (...) as long doubles (...)."""
+    # There is no direct conversion: the leading 53 bits are converted first, then the rest.
     high = values.astype(np.float64)
     return np.asarray(
         high.astype(np.longdouble) + (values - high.astype(DTYPES["quadruple"])).astype(np.float64)

@@ -1,8 +1,8 @@
-"""Many motions at once: one Taylor step of a model, compiled, for arrays of them.
+"""Many motions at once: one Taylor step of a model, compiled for arrays of motions.
 
-The coefficients come from the model's own equations, on truncated power series of heyoka's symbols.
-The motions do not influence each other, bit for bit: what stands beside a motion, and how an
-ensemble is cut into parts, does not change it.
+The coefficients come from the model's own `rhs`, called with truncated power series of heyoka's
+symbols. The motions do not influence each other: no bit of a motion depends on the other motions of
+an array, or on how an ensemble is cut into parts.
 """
 
 import hashlib
@@ -34,61 +34,65 @@ from .taylor import BLIND_RATIO, OPTIMISED_NODES
 
 
 def has_avx512() -> bool:
-    """Whether this processor has registers of 512 bits. numpy knows; heyoka's recommended size is 4
-    on some of those that have."""
+    """Whether this processor has registers of 512 bits, by numpy: heyoka recommends 4 numbers even
+    on some processors that have them."""
     found = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
     return any(name.startswith("AVX512") or name == "X86_V4" for name in found)
 
 
 WIDTH = 8 if has_avx512() else hy.recommended_simd_size()
-"""Motions in one register of this processor, which holds no more with what a step needs: for
-linear-diag a step of a motion took 33 ns at 8, 46 at 4 and 55 at 16 with AVX-512, and 64 at 4, 96
-at 8 and 121 at 2 with AVX2. It changes no bit."""
+"""The motions in one register of this processor. More would not fit with the other numbers of a
+step: for linear-diag a step of a motion took 33 ns at 8, 46 at 4 and 55 at 16 with AVX-512, and 64
+at 4, 96 at 8 and 121 at 2 with AVX2. It changes no bit."""
 
 
 SERIES_ORDER = 20
-"""The order of every step: what heyoka takes at the rounding of a double. At 1e-12 it takes 15,
-which needs the fewest operations; with what else a step costs, 18 to 20 cost least there."""
+"""The order of every step, which heyoka takes too when the tolerance is the rounding of a double.
+At 1e-12 heyoka takes 15, which needs the fewest operations for the coefficients; with the other
+costs of a step, 18 to 20 are cheapest there."""
 
 ROOT_ORDER = 16
-"""The order by whose coefficients the length of a step is chosen: its root is four square roots. A
-logarithm and an exponential took a third of a step."""
+"""The order of the coefficients that determine the length of a step. Its root is four square roots;
+a logarithm and an exponential took a third of a step."""
 
 LATER_ORDER = 10
-"""The order from which on coefficients of equations with the time are held against a radius: those
-that tell it may be 0 or small by chance, where a series is one in powers of t**3, say. Half of them
-are of orders below 16, so that the eighth root of an excess makes good for it."""
+"""The order from which on the coefficients are compared with the radius if equations contain the
+time: the coefficients that determine the radius may be 0 or small by chance, as in a series in
+powers of t**3. Half of those compared are of orders below 16, so that the eighth root of an excess
+corrects the radius enough."""
 
 MOST_EXCESS = 2.0**32
-"""The excess beyond which a motion is left to single cases: its steps would be far too short."""
+"""The excess above which a motion is integrated as a single case: its steps would be far too
+short."""
 
 PASSAGE_STRIDE = 0.1
-"""The longest step, in radii of convergence, of a motion that goes on through an event. It
-approaches a logarithm, which fewer coefficients show, and a step must not lead beyond: at 0.135 two
-of five did."""
+"""The longest step, in radii of convergence, of a motion that continues after an event. Such a
+motion approaches a logarithmic singularity, which fewer coefficients show, and no step may pass it:
+at 0.135 two of five did."""
 
 EVENT_ORDER = 6
-"""The order up to which the series of an event is computed; its rest is bounded by the series of
-the state. At 20 the event took a third of a step, at 4 five times as many steps would be
-suspected."""
+"""The order up to which the series of an event is computed; the state's series bound its later
+terms. At 20 the event took a third of a step; at 4 five times as many steps would be candidates for
+a zero."""
 
 SUM_CHAINS = 4
-"""Parts of a polynomial that are summed side by side: in one chain a processor waits for each
-product, which took a third of a step."""
+"""The parts of a polynomial that are summed in parallel: in a single sum the processor waits for
+each product, which took a third of a step."""
 
 PLACES_CHECKED, MOST_MISSED = 8, 8
-"""Places of a step, evenly spaced, at which its series are held against formulas of a user's own;
-and by how much they may miss these at most: by this power of the `stride`, which is far above the
-rounding and the rest of the series, and 1e-8 of a motion to rounding, as single cases allow."""
+"""The number of places of a step, evenly spaced, at which its series are compared with a user's
+formulas; and the largest error allowed there, as a power of the `stride`. It is far above the
+rounding and the truncation of the series; at the tolerance of rounding it is 1e-8 of the motion, as
+for single cases."""
 
 BOUND_ROUNDING = 2.0**-40
-"""The part of a bound on the rest of an event's series that covers its rounding."""
+"""The relative margin that covers rounding in the bound on the later terms of an event's series."""
 
 
 class Majorant(Series):
-    """A series whose coefficients are at least as large as those of another are in size.
+    """A series whose coefficients are at least as large as the absolute values of another series'.
 
-    Raises NotImplementedError where a series is a divisor or has an exponent.
+    Raises NotImplementedError for a function or a power of a series, or a division by one.
     """
 
     def __neg__(self) -> "Majorant":
@@ -121,13 +125,13 @@ class Majorant(Series):
 
 
 class TaylorStep:
-    """One step of a model, as a function of columns that are one motion each.
+    """One step of a model, as a function of columns, each of which is a motion.
 
-    Rows of the input: the state, the time left, what rounding has taken from it, and the steps
-    taken. Rows of the output: the same after the step, the length of the step, and for each event a
-    number that is negative where its function may have zeros within the step. That is a lower bound
-    on how far the function stays from 0; of motions that cross the separatrix once at most, the
-    product of its values at both ends.
+    Rows of the input: the state, the time left, the rounding error of that time, and the number of
+    steps taken. Rows of the output: the same after the step, the length of the step, and for each
+    event a number that is negative where its function may have zeros within the step. This number
+    is a lower bound on the function's distance from 0; for motions that cross the separatrix once
+    at most, it is the product of the function's values at both ends.
     """
 
     def __init__(
@@ -142,33 +146,33 @@ class TaylorStep:
         self.rows: int = self._step.nouts
 
     def __call__(self, columns: np.ndarray, k: np.ndarray, out: np.ndarray) -> None:
-        """Step columns (m + 3, n) to `out`, with the parameters k (c + 2, n): the end's time, the
-        constants, and the `stride`.
+        """Write columns (m + 3, n) after a step to `out` (rows, n). The parameters k (c + 2, n) are
+        the time of the end, the constants, and the `stride`.
 
-        n must be a multiple of WIDTH: what remains would go through other machine code, of other
-        rounding. One thread only: the chunks of a sweep are what runs in parallel.
+        n must be a multiple of WIDTH: the remaining columns would go through other machine code,
+        with other rounding. It runs in one thread, because the chunks of a sweep run in parallel.
         """
         self._step(columns, pars=k, outputs=out, batch_parallel=False)
 
     def event_series(self, event: Event, columns: np.ndarray, k: np.ndarray) -> np.ndarray:
-        """The coefficients (order + 1, n) of an event's function in powers of the time from the
-        columns' own, for arguments as of a step."""
-        # By its function: the caller's event may end a motion, and those of the step end nothing.
+        """The coefficients (order + 1, n) of an event's function in powers of the time since the
+        start of the step, for the arguments of a step."""
+        # Found by its function: the caller's event may be terminal, and no event of the step is.
         index = [own.function for own in self.events].index(event.function)
         if index not in self._series:
             compiled_series = partial(self._compiled_series, self.events[index])
             self._series[index] = cached_code(f"{self._key}-event{index}", compiled_series)
         series = self._series[index]
-        # The last parameters do not occur in it.
+        # The series does not contain the last parameters.
         pars = k[: series.nparams]
         return np.asarray(series(columns, pars=pars, batch_parallel=False))
 
     def _digest(self) -> str:
-        """What the code depends on: the equations, what hodo makes of them, and what compiles them
-        for which processor."""
+        """A digest of all that the compiled code depends on: the equations, the sources of hodo
+        that make a step of them, the compiler and the processor."""
         t, y, k = self._symbols()
         functions = [event.function for event in self.events]
-        # Not their text, which is cut where it is long.
+        # Pickled, because the text of a long expression is cut.
         equations = pickle.dumps([*self.model.rhs(t, y, k), *(of(t, y, k) for of in functions)])
         kinds = [event.passage is None for event in self.events]
         model = self.structure, kinds, self.model.always_absorbing, self.model.has_formulas
@@ -182,11 +186,11 @@ class TaylorStep:
         return hy.make_vars("remaining"), y, namespace(self.structure, numbers)
 
     def _motion(self) -> "SymbolicMotion":
-        """The motion from the start of a step on."""
+        """The motion from the start of a step."""
         remaining, y, k = self._symbols()
         lost, steps = hy.make_vars("lost", "steps")
-        # The first parameter is the time of the end, from which the time left is counted. That is
-        # in units that fit the motion, the end in the case's own.
+        # The first parameter is the time of the end, in the case's own unit. The start is this less
+        # the time left, which is in units that fit the motion.
         unit = getattr(k, UNIT, 1.0)
         begin = (hy.par[0] - remaining * unit) - lost * unit
         time, state = motion(self.model.rhs, begin, y, k, unit)
@@ -199,14 +203,14 @@ class TaylorStep:
         # The last parameter is the `stride`, so that the code serves every tolerance.
         R, excessive = radius(y), hy.expression(1.0)
         if hasattr(at.k, UNIT):
-            # Equations without the time have no such series, but from near rest.
+            # Without the time in the equations, coefficients vanish by chance only near rest.
             excessive = excess(y, R)
             R = R / hy.sqrt(hy.sqrt(hy.sqrt(excessive)))
         longest = hy.par[count(self.structure) + 1] * R
         step = smaller(longest, remaining)
-        # The last step takes exactly the time left, so that it leaves 0 and no rounding.
+        # The last step takes exactly the time left, so that 0 is left and no rounding error.
         after = remaining - step
-        # What the subtraction has rounded away is kept, so that many steps cost the time no digits.
+        # The rounding error of the subtraction is kept, so that many steps cost the time no digits.
         lost = lost + ((remaining - after) - step)
         steps = steps + hy.select(hy.gt(remaining, 0.0), hy.expression(1.0), hy.expression(0.0))
         after = hy.select(hy.gt(excessive, MOST_EXCESS), hy.expression(math.nan), after)
@@ -221,8 +225,8 @@ class TaylorStep:
         return compiled_function(at.inputs, rows, 1 if is_large else 3)
 
     def _missed(self, at: "SymbolicMotion", y: Sequence[Sequence[Any]], step: Any) -> Any:
-        """By how much a step with the series y misses its equations more than it may: a series goes
-        over a corner of a formula without a trace."""
+        """The largest error of the series y in the equations within a step, less the error allowed:
+        without this check a series passes over a corner of a formula unnoticed."""
         slopes = [[i * c for i, c in enumerate(series)][1:] for series in y]
         part = hy.par[count(self.structure) + 1] ** MOST_MISSED
         excess = hy.expression(-math.inf)
@@ -237,7 +241,7 @@ class TaylorStep:
         return excess
 
     def _event_row(self, event: Event, at: "SymbolicMotion", end: list[Any], step: Any) -> Any:
-        """The row of an event in a step to the state `end`."""
+        """The row of an event in the output of a step to the state `end`."""
         if event.passage or not self.model.always_absorbing:
             return least_distance(event.function, at, step)
         begin, unit = at.time[0], at.time[1]
@@ -247,7 +251,7 @@ class TaylorStep:
     def _compiled_series(self, event: Event) -> Any:
         at = self._motion()
         rows = coefficients(event.function(at.time, at.state, at.k), SERIES_ORDER)
-        # Few steps need it: not worth the optimiser's time.
+        # Few steps need the series, so it is not worth the optimiser's time.
         return compiled_function(at.inputs, rows, 1)
 
 
@@ -255,7 +259,7 @@ STEP_SOURCES = [
     Path(str(module)).read_text("utf-8")
     for module in (__file__, series_module.__file__, arithmetic.__file__)
 ]
-"""The modules that make a step of equations."""
+"""The sources of the modules that make a step of equations."""
 
 
 class SymbolicMotion(NamedTuple):
@@ -269,25 +273,27 @@ class SymbolicMotion(NamedTuple):
 
 
 def compiled_function(inputs: list[Any], rows: list[Any], opt_level: int) -> Any:
-    """Rows as a function of inputs."""
-    # No fast_math: it would see that nothing is lost in exact arithmetic, and it adds up in an
-    # order of its own.
+    """A compiled function from the inputs to the rows."""
+    # Without fast_math, which would remove the rounding errors that a step keeps, since they are 0
+    # in exact arithmetic, and would change the order of sums.
     return hy.cfunc(rows, vars=inputs, batch_size=WIDTH, opt_level=opt_level)
 
 
 ALIGNMENT_DEPTHS, ALIGNMENT_TRIALS = 4, 8
-"""Depths of a call that part the alignments of a stack, and steps that try them, twice each."""
+"""The depths of a call that give the stack its different alignments, and the first steps, which try
+each depth twice."""
 
 
 class AlignedCalls:
     """Calls of one step, from the depth of the stack at which it is fastest.
 
-    A step keeps on the stack what its registers do not hold. The code that heyoka compiles takes
-    the stack as it comes, aligned to 16 bytes: in three of four cases each store of 64 bytes then
-    touches two lines of the cache, and a step takes 1.25 times as long (tensor: 49 in place of 39
-    ns). Where the stack begins is chance, of each process. A call through `map` moves it by 16
-    bytes more than a multiple of 64, or less; so one of four depths is right, and the first steps
-    tell which. (Calls of a method move it by twice as much, which reaches two of the four.)
+    A step keeps on the stack the numbers for which its registers have no room. The code that heyoka
+    compiles takes the stack as it comes, aligned to 16 bytes: in three of four cases each store of
+    64 bytes then touches two lines of the cache, and a step takes 1.25 times as long (tensor: 49 in
+    place of 39 ns). The stack begins at a random place in each process. A call through `map` moves
+    it by a multiple of 64 bytes plus or minus 16, so that one of four depths is right; the first
+    steps are timed to find it. (A call of a method moves it by twice as much, which reaches two of
+    the four alignments.)
     """
 
     def __init__(self, step: TaylorStep) -> None:
@@ -306,7 +312,7 @@ class AlignedCalls:
 
 
 def nested(depth: int, step: TaylorStep, *arguments: np.ndarray) -> None:
-    """A step, through so many calls of `map`."""
+    """Take a step, through `depth` calls of `map`."""
     if depth:
         next(map(nested, (depth - 1,), (step,), *((argument,) for argument in arguments)))
     else:
@@ -314,8 +320,9 @@ def nested(depth: int, step: TaylorStep, *arguments: np.ndarray) -> None:
 
 
 def stride(tol: float, passing: Event | None, looser: float = 1.0) -> float:
-    """The longest step that so many tolerances allow, in radii of convergence (`radius`); shorter
-    on the way through an event, where more tolerances shorten it further, so that steps differ."""
+    """The longest step, in radii of convergence (`radius`), with an error of `looser` tolerances.
+    Motions that continue after an event take shorter steps; there a larger `looser` shortens them
+    further, so that a second integration has other steps."""
     longest = math.exp((math.log(max(looser * tol, 2.0**-62)) - 0.7) / (SERIES_ORDER - 3))
     return longest if passing is None else min(longest, PASSAGE_STRIDE / looser**0.05)
 
@@ -326,19 +333,20 @@ def coefficients(series: Series, order: int) -> list[Any]:
 
 
 def total_of_powers(c: Sequence[Any], s: Any) -> Any:
-    """c[0] + c[1] s + ..., of more than SUM_CHAINS coefficients."""
+    """c[0] + c[1] s + ..., for more than SUM_CHAINS coefficients."""
     chains = [horner(c[1 + i :: SUM_CHAINS], (s * s) * (s * s)) for i in range(SUM_CHAINS)]
-    # The largest term comes last, so that all roundings but one are of what a step changes.
+    # The largest term is added last, so that all roundings but one are relative to the change in a
+    # step.
     return c[0] + s * horner(chains, s)
 
 
 def radius(y: Sequence[Sequence[Any]]) -> Any:
     """The radius of convergence R of a state's series: (max(1, |y|) / |y_k|)^(1/k), k = ROOT_ORDER.
 
-    A series in even or odd powers has no such coefficient, and then the geometric mean of its
-    neighbours stands for it. A step h = R tol^(1/(n - 1)) of the order n, less the safety factor
-    exp(-0.7/(n - 1)), would keep the error below the tolerance: heyoka's rule, for any order. With
-    R from fewer coefficients than n it takes n - 3: with n - 1, times of late crossings were off by
+    In a series of odd powers this coefficient is 0, and the geometric mean of its neighbours
+    replaces it. heyoka's rule, for any order n, is a step h = R tol^(1/(n - 1)) times the safety
+    factor exp(-0.7/(n - 1)), which keeps the error below the tolerance. Here R comes from fewer
+    than n coefficients, and n - 3 replaces n - 1: with n - 1, times of late crossings were off by
     up to 24 times the error that their members state.
 
     Source: A. Jorba and M. Zou, Experimental Mathematics 14 (2005) 99, section 3.2, where n is
@@ -348,16 +356,16 @@ def radius(y: Sequence[Sequence[Any]]) -> Any:
     norm, lower, highest, higher = (
         largest_size(y, i) for i in (0, ROOT_ORDER - 1, ROOT_ORDER, ROOT_ORDER + 1)
     )
-    # A steady rotation has coefficients of 0. ROOT_ORDER is a power of 2, whose root is a row of
-    # square roots: heyoka's symbols have no other one.
+    # TINY_DIVISOR is for a steady rotation, whose coefficients are 0. ROOT_ORDER is a power of 2,
+    # so that its root is a sequence of square roots: heyoka's symbols have no other root.
     coefficient = larger(highest, hy.sqrt(lower * higher)) + TINY_DIVISOR
     power = larger(norm, hy.expression(1.0)) / coefficient
     return reduce(lambda x, _: hy.sqrt(x), range(int(math.log2(ROOT_ORDER))), power)
 
 
 def excess(y: Sequence[Sequence[Any]], R: Any) -> Any:
-    """How much larger coefficients of a state's series are, from LATER_ORDER on, than at a radius
-    that is BLIND_RATIO times less than a given one; 1 where none is larger."""
+    """The largest ratio of the coefficients of a state's series, from LATER_ORDER on, to the size
+    that they have at the radius R/BLIND_RATIO; 1 where none is larger."""
     x = smaller(R, hy.expression(2.0**40)) / BLIND_RATIO
     norm, power = larger(largest_size(y, 0), hy.expression(1.0)), x**LATER_ORDER
     most = norm
@@ -367,17 +375,17 @@ def excess(y: Sequence[Sequence[Any]], R: Any) -> Any:
 
 
 def largest_size(y: Sequence[Sequence[Any]], order: int) -> Any:
-    """The largest size of a state's coefficients of an order."""
+    """The largest absolute value of a state's coefficients of an order."""
     return reduce(larger, [absolute(c[order]) for c in y])
 
 
 def least_distance(function: Callable[..., Any], at: SymbolicMotion, step: Any) -> Any:
-    """A lower bound on |D(s)| for s from 0 to `step`, D a function of a motion; negative where it
-    shows nothing.
+    """A lower bound on |D(s)| for s from 0 to `step`, where D is a function of a motion. Where it
+    is negative D may vanish.
 
-    |D| is at least |D_0| + min(0, s sign(D_0) D_1), less the sum of |D_k| s^k from k = 2. Beyond
-    EVENT_ORDER these are less than the same function of majorants is, as a whole less its terms up
-    to there.
+    |D| is at least |D_0| + min(0, s sign(D_0) D_1), less the sum of |D_k| s^k from k = 2. The terms
+    beyond EVENT_ORDER are bounded by the same function of majorants, less its terms up to that
+    order.
     """
     order = EVENT_ORDER
     try:
@@ -391,7 +399,7 @@ def least_distance(function: Callable[..., Any], at: SymbolicMotion, step: Any) 
 
 
 def majorant_beyond(order: int, function: Callable[..., Any], at: SymbolicMotion, step: Any) -> Any:
-    """A bound on the terms beyond an order of a function of a motion within a step.
+    """A bound on the sum of the terms beyond an order, in a function of a motion within a step.
 
     Raises NotImplementedError where the function has no majorant.
     """
@@ -399,7 +407,7 @@ def majorant_beyond(order: int, function: Callable[..., Any], at: SymbolicMotion
     sums = [total_of_powers(coefficients(series, SERIES_ORDER), step) for series in inputs]
     whole = [Majorant(partial(constant, total)) for total in sums]
     of_series, of_sums = (function(y[0], y[1:], at.k) for y in (inputs, whole))
-    # Both are rounded.
+    # The margin covers the rounding of both sums.
     own = total_of_powers(coefficients(of_series, order), step)
     return (1 + BOUND_ROUNDING) * of_sums[0] - own
 

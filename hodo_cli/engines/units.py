@@ -1,4 +1,4 @@
-"""Units that fit a motion at every moment, and the clock that runs in them."""
+"""Units of omega and time that fit a motion at every moment, and the clock that counts in them."""
 
 import math
 from collections.abc import Mapping
@@ -28,18 +28,19 @@ from ..models.base import (
 from . import extended
 
 SLOWEST_EXPONENT = -1000
-"""The binary order of magnitude below which a unit of time grows no longer: 2**-1000 of the
-motion's own would leave the range of doubles."""
+"""The binary order of magnitude of a rate below which the unit of time grows no longer: slower
+rates would take it out of the range of doubles."""
 
 
 LEAST_EXPONENT = -960
-"""The binary order of magnitude of omega below which formulas are told that of this one, and their
-torques taken to be in proportion to omega: in the case's own units both would leave the doubles."""
+"""The binary order of magnitude of omega below which a user's formulas are evaluated at this order,
+and their torques taken to be proportional to omega: in the case's own units both would leave the
+range of doubles."""
 
 
 class TimeWindow(NamedTuple):
-    """A time of motions whose equations contain it, and how long they last; both one number, or one
-    for each of n motions."""
+    """A time, and the length of the span, of motions whose equations contain the time: one number
+    each, or arrays (n,) for n motions."""
 
     time: Any
     span: Any
@@ -47,10 +48,11 @@ class TimeWindow(NamedTuple):
 
 @dataclass(frozen=True)
 class Units:
-    """omega = 2**exponent W and s = 2**rate (t - origin), for one motion or for arrays (n,).
+    """omega = 2**exponent W and s = 2**rate (t - origin); exponent and rate are whole numbers or
+    arrays (n,) for n motions.
 
-    The series of an engine controls its error against max(1, |y|), so a motion far below 1 would be
-    right only absolutely. With W near 1, and a unit of time in which nothing is faster than 1, it
+    The series of an engine controls its error against max(1, |y|), so that a motion far below 1
+    would be right only absolutely. With W near 1, and a unit of time in which no rate exceeds 1, it
     is right relatively at every scale. Powers of two make the change of units exact.
     """
 
@@ -67,63 +69,66 @@ class Units:
         moment: TimeWindow | None = None,
         falling: Any = False,
     ) -> "Units":
-        """The units for a model at the state `y` (m,) or (m, n), itself in units of 2**exponent,
-        and at a moment if its equations contain the time; of a `falling` motion those of its state
-        alone.
+        """The units for a model with constants k at the state `y` (m,) or (m, n), given in units of
+        2**exponent, and at a `moment` if its equations contain the time. For a `falling` motion the
+        torques are left out and the state alone determines the unit of omega.
         """
         if not model.degree:
             return cls(0, int(clock_rates(model, attributes(k), y)))
         orders = orders_of_constants(model, k)
-        # Of numpy: Python's own numbers raise an error where a formula divides by 0.
+        # A number of numpy: Python's own numbers raise an error where a formula divides by 0.
         t = np.asarray(moment.time if moment else 0.0)[()]
         units = cls.of_exponent(
             model, orders, fitting_exponent(model, orders, y, exponent, falling)
         )
         if VELOCITY in k:
-            # Of formulas nothing is known: in a time as long as a motion is slow they may make more
-            # than a double holds.
+            # The rates of formulas are unknown: over a unit of time as long as the motion is slow
+            # they may change it by more than a double holds.
             units = cls(units.exponent, np.maximum(units.rate, 0))
         speed, turn = units.speeds(model, k, y, exponent, t)
-        # The bound of the rates may be far too fast: a body that turns steadily about an axis needs
-        # no steps.
+        # The bound from the constants may be far above the rates: a body that turns steadily about
+        # an axis does not change at all.
         slower = np.frexp(np.where(speed > 0, np.maximum(speed, turn), 0.0))[1]
         rate = units.rate + np.maximum(slower, SLOWEST_EXPONENT)
-        if moment:  # what is slow now may hang on a law of time that soon changes
+        if moment:  # a motion that is slow now may follow a torque that soon changes
             rate = np.maximum(rate, -np.frexp(moment.span)[1])
         return cls(units.exponent, rate)
 
     @classmethod
     def of_exponent(cls, model: Equations, orders: Mapping[str, Any], exponent: Any) -> "Units":
-        """The units of omega 2**exponent, whose time is short for all that the constants of a
-        model, of these binary orders of magnitude, may do."""
+        """The units with omega's unit 2**exponent, and a unit of time in which no term of the model
+        is faster than about 1, from the binary orders of magnitude of its constants."""
         rate = exponent
         for name, degree in model.degree.items():
             if name != "g":  # the gyroscopic terms are of rate |omega|, which is 2**exponent
                 rate = np.maximum(rate, orders[name] + (degree - 1) * exponent)
-        # Of C's int, because ldexp takes ten times as long by a wider one.
+        # As C's int, because ldexp takes ten times as long with a wider type.
         return cls(np.asarray(exponent).astype(np.intc)[()], np.ceil(rate).astype(np.intc)[()])
 
     def speeds(
         self, model: Equations, k: Mapping[str, Any], y: np.ndarray, exponent: Any, t: Any
     ) -> tuple[np.ndarray, np.ndarray]:
-        """How fast motions at the time t, and their derivatives, change in these units, at a state
-        y in units of 2**exponent; 0 where they do not.
+        """The rates at which motions, and their derivatives, change in these units, at the time t
+        and the state y in units of 2**exponent: two numbers for y (m,), two arrays (n,) for y (m,
+        n).
 
-        A steady rotation about an axis is not fast however large it is. A series in a unit of time
-        that is 1e15 times too short has coefficients of 0.
+        A steady rotation about an axis changes nothing, however large it is. In a unit of time that
+        is 1e15 times too short the coefficients of a series would be 0.
         """
         scaled = SimpleNamespace(**self.constants(model, k))
         y = rescaled(model, y.T, exponent - self.exponent).T
         rate = np.array(np.broadcast_arrays(*model.rhs(t, [*y], scaled)))
         speed = np.abs(rate).max(axis=0)
         along = np.divide(rate, speed, out=np.zeros_like(rate), where=speed > 0)
-        # The second derivative by a complex step, as in `jacobian`: it sees what turns at constant
-        # speed. Of a longer one, which a formula is told in the case's own units.
+        # The second derivative shows a turn at constant speed. It comes from a complex step, as in
+        # `jacobian`, but of 1e-20: a formula evaluates it in the case's own units, where a shorter
+        # one would vanish.
         second = np.array(np.broadcast_arrays(*model.rhs(t, [*(y + 1e-20j * along)], scaled)))
         return speed, np.abs(second.imag / 1e-20).max(axis=0)
 
     def constants(self, model: Equations, k: Mapping[str, Any]) -> dict[str, Any]:
-        """The constants of the equations in these units."""
+        """The constants of the equations by name, from their values k in the case's units, in these
+        units."""
         scaled = {
             name: in_unit(k[name], (degree - 1) * self.exponent - self.rate)
             for name, degree in model.degree.items()
@@ -133,8 +138,8 @@ class Units:
 
 
 def orders_of_constants(model: Equations, k: Mapping[str, Any]) -> dict[str, Any]:
-    """The binary orders of magnitude (...) of the constants of a model, by moments of inertia: in
-    logarithms, because their products may leave the range of doubles."""
+    """The binary orders of magnitude (...) of a model's constants divided by the smallest moment of
+    inertia, by name. They are logarithms, because the quotients may leave the range of doubles."""
     with np.errstate(divide="ignore"):  # log2(0) = -inf: a term that is absent sets no unit
         lightest = np.log2(np.minimum(np.minimum(k["A1"], k["A2"]), k["A3"]))
         return {name: np.log2(largest_of(k[name])) - lightest for name in model.degree}
@@ -143,8 +148,9 @@ def orders_of_constants(model: Equations, k: Mapping[str, Any]) -> dict[str, Any
 def fitting_exponent(
     model: Equations, orders: Mapping[str, Any], y: np.ndarray, exponent: Any, falling: Any
 ) -> Any:
-    """The binary order of magnitude (...) of the unit of omega that fits states y, in units of
-    2**exponent, and what torques make of them; of a `falling` motion the state alone counts."""
+    """The binary order of magnitude (...) of the unit of omega that fits states y (m, ...), in
+    units of 2**exponent, and the omega to which torques lead. For a `falling` motion the state
+    alone counts."""
     of_state = order_of_magnitude(model, y) + exponent
     by_torques = np.maximum(of_state, order_by_torques(model, orders))
     fitting = np.where(falling & (of_state > -np.inf), of_state, by_torques)
@@ -152,27 +158,28 @@ def fitting_exponent(
 
 
 def order_by_torques(model: Equations, orders: Mapping[str, Any]) -> Any:
-    """The binary order of magnitude (...) of omega that torques N make from rest, about sqrt(N/A)
-    in 1/sqrt(N/A); minus infinity without any."""
+    """The binary order of magnitude (...) of the omega that torques N produce from rest: about
+    sqrt(N/A), in the time 1/sqrt(N/A). It is minus infinity without torques."""
     constant = [name for name, degree in model.degree.items() if degree == 0]
     torques = (orders[name] for name in constant if name not in model.form.resisting)
     return np.ceil(reduce(np.maximum, torques, -np.inf) / 2)
 
 
 FALLING_BITS = 16
-"""The binary orders of magnitude above that of its torques from which on a motion is falling."""
+"""The binary orders of magnitude by which a falling motion exceeds the omega that its torques
+produce."""
 
 
 def is_falling(model: Equations, k: Mapping[str, Any], y: np.ndarray) -> np.ndarray:
-    """Whether motions with starts (m, ...) begin so far above what constant torques make of them
-    that they lose digits in units of what the torques make: they decay by many orders of magnitude
-    before they settle."""
+    """Whether (...) motions with starts y (m, ...) begin far above the omega that constant torques
+    produce. They decay by many orders of magnitude before they settle, and would lose digits in
+    units of that omega."""
     made = order_by_torques(model, orders_of_constants(model, k))
     return np.asarray(np.isfinite(made) & (order_of_magnitude(model, y) > made + FALLING_BITS))
 
 
 def largest_of(constant: Any) -> Any:
-    """The size of a constant of a model: of a number, or of the largest number of a tuple."""
+    """The size of a model's constant; for a tuple, the size of its largest number."""
     return np.abs(constant).max(axis=0) if isinstance(constant, tuple) else np.abs(constant)
 
 
@@ -186,13 +193,14 @@ def order_of_magnitude(model: Equations, y: np.ndarray) -> np.ndarray:
 
 
 RESOLVED_STEP = 1.5
-"""The step that follows what is small, in units of its fastest growth or turn: of order 20 and more
-a series is then right to the last digit of it."""
+"""The longest step that resolves a small component, in units of the time of its fastest growth or
+turn. A series of order 20 or more is then right to the component's last digit."""
 
 
 def longest_step(model: Equations, k: Constants, t: float, y: np.ndarray) -> float:
-    """The longest step that follows what is small in a state (m,): an infinitesimal change of it
-    grows or turns at the rates of the Jacobian's eigenvalues. What only decays needs no steps."""
+    """The longest step that resolves the small components of a state y (m,) at the time t: an
+    infinitesimal change of the state grows or turns at the rates of the Jacobian's eigenvalues. A
+    decay needs no limit; the step is then infinite."""
     slopes = jacobian(model, attributes(k), t, y)
     if not np.isfinite(slopes).all():
         return math.inf
@@ -202,17 +210,17 @@ def longest_step(model: Equations, k: Constants, t: float, y: np.ndarray) -> flo
 
 
 MODERATE_BITS = 16
-"""The binary orders of magnitude of a rate within which a model without degrees keeps the case's
-own unit of time."""
+"""A model without degrees keeps the case's unit of time as long as its rates are within these
+binary orders of magnitude of 1."""
 
 
 def clock_rates(model: Equations, k: SimpleNamespace, y: np.ndarray) -> np.ndarray:
-    """The rate (...), as a power of two, of the clock of motions with starts (m, ...), of a model
-    without degrees; 0 for the case's own.
+    """The binary exponents (...) of the clock's rate for motions with starts y (m, ...) of a model
+    without degrees; 0 for the case's own unit of time.
 
-    The coefficients of a series are powers of its rates: in seconds, those of a body that slows
-    down in a million years are below the smallest double from the third on, and no event is found
-    on what is left.
+    The coefficients of a series go with powers of its rates. For a body that slows down in a
+    million years, in seconds, they are below the smallest double from the third on, and without
+    them no event is found.
     """
     with np.errstate(all="ignore"):
         rates = np.array(np.broadcast_arrays(*model.rhs(0.0, [*y], k)), dtype=float)
@@ -221,8 +229,8 @@ def clock_rates(model: Equations, k: SimpleNamespace, y: np.ndarray) -> np.ndarr
 
 
 def is_timed(system: Model, events: tuple[Event, ...] = ()) -> bool:
-    """Whether the equations or events of a motion are to be told the time of the case: they contain
-    it, and the motion has units of its own."""
+    """Whether the equations or events of a motion need the case's time from the engine's: they
+    contain the time, and the motion has units of its own."""
     if not system.equations.degree:
         return bool(units_at_start(system).rate)
     return contains_time(system.equations, events)
@@ -230,8 +238,8 @@ def is_timed(system: Model, events: tuple[Event, ...] = ()) -> bool:
 
 @lru_cache(maxsize=64)
 def units_at_start(system: Model, moment: TimeWindow | None = None) -> Units:
-    """The units that fit a motion as it begins: its trial, the motion itself and its reference ask
-    for them."""
+    """The units that fit a motion at its start. They are cached, because its trial, the motion
+    itself and its reference ask for them."""
     return Units.fit(
         system.equations, system.constants, np.array(system.initial_state), moment=moment
     )
@@ -249,11 +257,12 @@ class Clock:
     factor: float = 1.0
 
     def until(self, times: Any) -> Any:
-        """How long it is until some of the case's times."""
+        """The time from the present to the case's `times`, in the case's unit."""
         return (times - self.high) - self.low
 
     def grid(self, times: np.ndarray) -> np.ndarray:
-        """The present, then `times`, in the engine's time."""
+        """The present, which is 0, and then the case's `times` (n,), in the engine's time (n +
+        1,)."""
         later = self.until(times) * type(self.high)(self.factor)
         return np.concatenate(([self.high * 0], later))
 
@@ -262,25 +271,25 @@ class Clock:
         return self.high + (self.low + s / type(self.high)(self.factor))
 
     def restart(self, time: Any) -> None:
-        """Go on from another time."""
+        """Go on from another time of the case."""
         self.high, self.low = time, time * 0
 
     def exact_times(self, s: np.ndarray) -> np.ndarray:
-        """The case's times at many times (...) of the engine, as long doubles."""
+        """The case's times (...) at times s (...) of the engine, as long doubles."""
         high, low = extended(np.array([self.high, self.low]))
         return np.asarray(high + (low + s / np.longdouble(self.factor)))
 
     @property
     def constants(self) -> dict[str, Any]:
-        """The constants by which equations know the case's time from the engine's."""
+        """The constants from which equations compute the case's time at the engine's time."""
         return {START: self.high, UNIT: 1 / self.factor}
 
     def advance(self, elapsed: tuple[Any, Any]) -> None:
-        """Move on by a time of the engine."""
+        """Move on by a time of the engine, given as the sum of two numbers."""
         for part in elapsed:
             step = part / type(self.high)(self.factor)
             total = self.high + step
-            # Knuth's two-sum: what rounding takes from `total` goes to `low`.
+            # Knuth's two-sum: `low` receives the rounding error of `total`.
             carried = total - self.high
             self.low += (self.high - (total - carried)) + (step - carried)
             self.high = total

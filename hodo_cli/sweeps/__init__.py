@@ -1,2 +1,2 @@
-"""Ensembles: a case with a `sweep:` block as many members, reduced to a few numbers each. Imports
-results and what lies below."""
+"""Sweeps: a case with a `sweep:` block has many members, each reduced to a few numbers. Imports
+results and the layers below."""

@@ -48,25 +48,25 @@ from .members import (
 )
 
 LARGEST_CHUNK, SMALLEST_CHUNK = 32768, 256
-"""Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
-spends on each call, and HDF5 on each file, does not count."""
+"""The numbers of members of a chunk. The columns of the largest fit a processor's cache; those of
+the smallest are so long that the costs of a call of numpy and of a file of HDF5 do not count."""
 
 MEMBERS_ALONE = 64
-"""Members of a chunk that go each by itself, at milliseconds each."""
+"""The most members of a chunk if each is integrated alone, which takes milliseconds each."""
 
 MOST_SAMPLED = 1 << 21
-"""Numbers of the samples of a chunk that stores trajectories, of which some five copies are in
-memory at once."""
+"""The most numbers in the samples of a chunk that stores trajectories: some five copies of them are
+in memory at once."""
 
 WORTH_COMPILING = 250
-"""Members for each number among the constants, from which on it is worth seconds to compile the
-step of averaged equations, at about a millisecond for each member by itself."""
+"""The fewest members, for each number among the constants, for which the step of averaged equations
+is compiled. That takes seconds, and a member alone takes about a millisecond."""
 
 
 @dataclass(frozen=True)
 class Chunk:
     """The members `first` to `last` - 1 of a sweep, in the order in which the last axis varies
-    fastest; those that an earlier result holds are not computed."""
+    fastest. Members that an `earlier` result holds are not computed."""
 
     case: Case
     first: int
@@ -81,16 +81,16 @@ class Chunk:
         return self.earlier.holds(self.first, self.last)
 
     def completed(self, computed: Group) -> Group:
-        """Its columns with those of the members that an earlier result holds. Raises HodoError if
-        that cannot be read any more."""
+        """The computed columns, filled in with the members that an earlier result holds. Raises
+        HodoError if that result cannot be read any more."""
         if self.earlier is None:
             return computed
         return self.earlier.completed(self.case, self.first, self.last, computed)
 
 
 def chunks(case: Case, earlier: Earlier | None = None) -> Iterator[Chunk]:
-    """The tasks of a sweep. Their members depend on the case alone, so that another run finds the
-    same."""
+    """The chunks of a sweep. Their limits depend on the case alone, so that another run finds the
+    same chunks."""
     sizes = shape(case)
     most = min(LARGEST_CHUNK, max(SMALLEST_CHUNK, -(-math.prod(sizes) // 16)))
     if reason_alone(case):
@@ -104,13 +104,13 @@ def chunks(case: Case, earlier: Earlier | None = None) -> Iterator[Chunk]:
 
 
 def boxes(sizes: tuple[int, ...], most: int) -> Iterator[tuple[int, int]]:
-    """The first member of each box of an array of these sizes, and the one behind its last: boxes
-    of at most so many members, which are whole rows or stretches of one."""
-    # The first axis of which one row or more fit into a box.
+    """The boxes of an array of these sizes, as the first member of each and the one after its last.
+    A box has at most `most` members, and is a number of whole rows or a part of one row."""
+    # The first axis of which at least one row fits into a box.
     axis = next(i for i in range(len(sizes)) if math.prod(sizes[i + 1 :]) <= most)
     row, length = math.prod(sizes[axis + 1 :]), sizes[axis]
     count = -(-length // (most // row))
-    # As even as whole rows allow.
+    # Boxes of equal size, as far as whole rows allow.
     edges = [length * i // count * row for i in range(count + 1)]
     for begin in range(0, math.prod(sizes), length * row):
         for low, high in pairwise(edges):
@@ -118,14 +118,14 @@ def boxes(sizes: tuple[int, ...], most: int) -> Iterator[tuple[int, int]]:
 
 
 def reason_alone(case: Case) -> str:
-    """Why the members of a sweep go each by itself: their method or their model asks for it, or
-    they are too few to be worth the compilation of a step. An empty string where they go side by
+    """Why each member of a sweep is integrated alone: its method or its model requires it, or the
+    members are too few to be worth the compilation of a step. Empty if they are integrated side by
     side."""
     if other := other_method(case):
         return other
     if may_hide_in_time(case.system):
         return "formulas that may change within a step"
-    # The step of a body is soon compiled.
+    # The step of a body compiles in a short time.
     is_body = case.system.starts_with_omega
     fewest = 0 if is_body else WORTH_COMPILING * len(flatten(case.system.constants))
     too_few = math.prod(shape(case)) < fewest
@@ -133,13 +133,14 @@ def reason_alone(case: Case) -> str:
 
 
 def compute(chunk: Chunk) -> Group:
-    """The members of a chunk, reduced to a few numbers each, with the number of those that each
-    `Rejection` has left to be integrated alone: the task of a pool."""
+    """The columns of the members of a chunk: the task of a pool. The attribute `rejections` counts,
+    by `Rejection`, the members that were integrated alone."""
     began = thread_time()
     case, taken = chunk.case, chunk.taken
     group = blank_group(case, len(taken), Status.INVALID)
     values = {name: variable.data for name, variable in group.variables.items()}
-    # Where all go alone for a reason of the case, no `Rejection` tells more.
+    # Where all are integrated alone for a reason of the case, the kind of `Rejection` has no
+    # meaning.
     rejection = np.where(taken, 0, 1) if reason_alone(case) else integrate_together(chunk, values)
     methods = {"taylor"} if (values["status"] == Status.OK.code).any() else set()
     alone = np.flatnonzero(rejection)
@@ -157,12 +158,13 @@ def compute(chunk: Chunk) -> Group:
 
 
 def lost_chunk(chunk: Chunk) -> Group:
-    """The columns of a chunk whose worker failed, with those of an earlier result."""
+    """The columns of a chunk whose worker failed: its members failed, except those of an earlier
+    result."""
     return chunk.completed(blank_group(chunk.case, chunk.last - chunk.first, Status.FAILED))
 
 
 def blank_group(case: Case, n: int, status: Status) -> Group:
-    """The columns of n members that have ended in one way, and of which nothing else is known."""
+    """The columns of n members of one status, without any other values."""
     variables = {
         name: Variable(
             ("member", *column.dims), blank_array((n, *lengths(case, column)), column.dtype)
@@ -175,14 +177,15 @@ def blank_group(case: Case, n: int, status: Status) -> Group:
 
 
 def enter(values: Mapping[str, np.ndarray], rows: Any, reduced: Mapping[str, np.ndarray]) -> None:
-    """Enter the columns of some members in their rows of those columns that their sweep has."""
+    """Copy the `reduced` columns of some members to their rows of the sweep's columns, as far as
+    the sweep has them."""
     for name in values.keys() & reduced.keys():
         values[name][rows] = reduced[name]
 
 
 def integrate_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Fill in the members whose motions an ensemble accepts; returns the codes (n,) of why it
-    rejects others, 0 for those without a body or a start too."""
+    """Fill in the members whose motions an ensemble accepts. Returns the codes (n,) of the
+    `Rejection` of each member, 0 for accepted members and for members without a body or a start."""
     case, rejection = chunk.case, np.zeros(chunk.last - chunk.first, dtype=np.int64)
     computed = np.flatnonzero(~chunk.taken)
     if not computed.size:
@@ -190,7 +193,7 @@ def integrate_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nda
     times = sample_times(case) if "trajectory" in case.store else np.empty(0)
     for group in prepare(case, chunk.first + computed):
         positions = computed[group.members]
-        # By the events of these members: which there are depends on their numbers.
+        # Each group has its own events: which ones a member has depends on its numbers.
         if times.size and group.passing:
             rejection[positions] = Rejection.SAMPLES.code
             continue
@@ -206,15 +209,15 @@ def integrate_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nda
 
 
 def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np.ndarray]]:
-    """The status of one member that is integrated as a single case, its method, and its columns
-    (1,): none where it comes to nothing."""
+    """The status, the method and the columns (1,) of one member, integrated as a single case;
+    without columns if there is no body or the integration fails."""
     samples = None if "trajectory" in case.store else 2
     single = member(case, number, samples)
     if not system_of_member(case, single.data):
         return Status.INVALID, "", {}
     if not (case.system.no_axis_reason or case.system.is_quadrature):
-        # Its crossings need the error of the motion, also where none is asked for if an ensemble
-        # has rejected it; `member` leaves it out for all others.
+        # Its crossings need the error of the motion. If an ensemble has rejected it, the error is
+        # measured even where the case does not ask for one; `member` asks for none.
         is_rejected = not reason_alone(case)
         single = replace(single, error=case.error or is_rejected)
     try:
@@ -230,8 +233,8 @@ def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np
 
 
 def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
-    """The columns (1,) of the end, of the labels and of the events of a single case, and whether
-    its labels are certain."""
+    """The columns (1,) of the end, of the labels and of the events of a single case, with the
+    status `ok`, or `undecided` if its labels are uncertain."""
     case, variables = motion.case, motion.variables
     columns = {name: values[-1:] for name, values in variables.items()}
     columns |= event_columns({0: motion.events}, 1)
@@ -260,7 +263,8 @@ def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
 
 
 def least_separation_alone(motion: Trajectory) -> np.ndarray:
-    """The smaller separation (1,) from the separatrix of start and end of a single case."""
+    """The smaller of the separations (1,) of start and end of a single case from the separatrix;
+    infinite where there is no separatrix."""
     body = body_of(motion.case)
     ends = np.array([body.initial_state[:3], motion.state[-1, :3].astype(float)])
     apart = separation(body.moments, ends.T, inertia_order(body.moments)).min(keepdims=True)
@@ -268,8 +272,8 @@ def least_separation_alone(motion: Trajectory) -> np.ndarray:
 
 
 def sampled(motion: Trajectory) -> dict[str, np.ndarray]:
-    """The variables (1, s, ...) of a motion at the samples of its case; without a value from where
-    an event has ended it."""
+    """The variables (1, s, ...) of a motion at the samples of its case; without a value after an
+    event has ended it."""
     times = sample_times(motion.case)
     reached, asked = np.isin(times, motion.time), np.isin(motion.time, times)
     filled = {}

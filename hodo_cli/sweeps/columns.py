@@ -1,6 +1,6 @@
-"""What is stored of the members of a sweep, one column each, from an ensemble of motions or from
-single ones. Of a sweep that has grown, the members that an earlier result holds are taken over from
-it, and only the others are computed."""
+"""The columns that a sweep stores of its members, from an ensemble of motions or from single
+motions. If a sweep has grown since an earlier result, the members in that result are copied, and
+only the others are computed."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,14 +31,14 @@ from .ensemble.motions import Ensemble, Outcome, Passages
 
 
 def columns(case: Case) -> dict[str, Stored]:
-    """All columns to which the members of a sweep are reduced: the variables at the end or, where
-    trajectories are stored, at every sample."""
+    """All columns of the members of a sweep, by name. They include the variables at the end or,
+    where trajectories are stored, at every sample."""
     model, is_sampled = case.system.equations, "trajectory" in case.store
     words, first = ("", 0) if is_sampled else (", at the end", 1)
     final = {
         name: Stored(f"{variable.long_name}{words}", variable.dims[first:], units=variable.units)
         for name, variable in model.variables.items()
-        if is_sampled or name != "enclosed_axis"  # as a label at the end it is `end_axis`
+        if is_sampled or name != "enclosed_axis"  # its label at the end is the column `end_axis`
     }
     reduced = MEMBER_CLASSIFIED | (MEMBER_STOPPED if model.may_stop else {})
     if model.form.no_axis_reason:
@@ -47,10 +47,10 @@ def columns(case: Case) -> dict[str, Stored]:
 
 
 def stored_columns(case: Case) -> dict[str, Stored]:
-    """The columns that are stored in the result."""
+    """The columns that the result stores: those that `store` names, or all that need no request."""
     asked = set(case.store) - {"trajectory"}
     if asked and "trajectory" in case.store:
-        asked |= set(case.system.equations.variables)  # whose samples are the trajectory
+        asked |= set(case.system.equations.variables)  # their samples are the trajectory
     return {
         name: column
         for name, column in columns(case).items()
@@ -64,7 +64,7 @@ def lengths(case: Case, column: Stored) -> tuple[int, ...]:
 
 
 def blank_array(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
-    """An array without a value: nan, or 0 where numbers are whole."""
+    """An array without values: nan, or 0 for whole numbers."""
     return np.full(shape, 0 if np.dtype(dtype).kind == "i" else np.nan, dtype)
 
 
@@ -74,7 +74,8 @@ def shape(case: Case) -> tuple[int, ...]:
 
 
 def event_columns(events: Mapping[int, Sequence[Occurrence]], n: int) -> dict[str, np.ndarray]:
-    """The columns of the last events of n members, by the positions of members that have some."""
+    """The columns of the last events of n members, from the events of members by position (those
+    without events may be missing)."""
     times, axes = np.full(n, math.nan), np.full(n, UNDETERMINED)
     for row, of_member in events.items():
         for last in of_member[-1:]:
@@ -90,18 +91,20 @@ def label_columns(
     stop: np.ndarray,
     time: Time,
 ) -> dict[str, np.ndarray]:
-    """The columns of the labels of n members, with the first crossing of each, and the part of the
-    span for which each axis is enclosed.
+    """The columns of the labels of n members: the axes at start and end, the first crossing of
+    each, and the share of the span in which each axis is enclosed.
 
-    `start` and `end` (n,) are the axes that they enclose at both ends, `crossings` (k,) by the
-    names of their columns those of the members `member` (k,), in order of time, and `stop` (n,) the
-    times at which members stop, nan where they do not.
+    `start` and `end` (n,) are the enclosed axes at both ends. `crossings` are the columns (k,) of
+    all crossings by name, in order of time, and `member` (k,) the positions of their members.
+    `stop` (n,) are the times at which members stop, nan where they do not.
     """
     n, (crossing, first) = len(start), np.unique(member, return_index=True)
-    # A start on D = 0 leaves it at once, for the axis that the motion keeps until it crosses.
+    # A motion that starts on D = 0 leaves it at once, to the axis that it then encloses until it
+    # crosses.
     kept = end.copy()
     kept[crossing] = crossings["crossing_from"][first]
-    # The stretches of one axis, of all members: each begins with the motion, or with a crossing.
+    # The intervals in which all members enclose one axis: each begins with the motion or at a
+    # crossing.
     owner = np.concatenate((np.arange(n), member))
     axis = np.concatenate((np.where(start == 0, kept, start), crossings["crossing_to"]))
     begin = np.concatenate((np.full(n, time.start), crossings["crossing_time"]))
@@ -154,7 +157,7 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
             time_of_release(e.named(i), time, e.span[1], outcome.state[:, i])
             for i, time in zip(accepted, final["event_time"], strict=True)
         ])  # fmt: skip
-    # Behind any other event the motion goes on.
+    # After any other event the motion goes on.
     stop = np.where(e.model.may_stop, final["event_time"], math.nan)
     return final | label_columns(start_axis, axis, member, crossings, stop, time)
 
@@ -162,8 +165,8 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
 def output_of(
     e: Ensemble, motions: np.ndarray, times: np.ndarray, states: np.ndarray, exponent: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """The variables (n, s, ...) of some motions (n,) at times (s,) or (n, s) from their states (m,
-    n, s) in units of 2**exponent (n, s)."""
+    """The variables (n, s, ...) by name of some motions (n,) at times (s,) or (n, s), from their
+    states (m, n, s) in units of 2**exponent (n, s)."""
     y = rescaled(e.model, np.moveaxis(states, 0, -1), exponent)
     n, s = exponent.shape
     k, times = e.named(np.repeat(motions, s)), np.broadcast_to(times, (n, s)).ravel()
@@ -172,7 +175,7 @@ def output_of(
 
 
 def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
-    """The axis (k,) that is enclosed on a side (k,), as of `Passages`."""
+    """The enclosed axes (k,) on sides (k,); a side is the sign of D, as in `Passages`."""
     order = rigid_body.inertia_order(e.inertia[:, 0])
     axes = np.array([order[2] + 1, rigid_body.UNDETERMINED, order[0] + 1], dtype=np.int8)
     return np.asarray(axes[side.astype(int) + 1])
@@ -181,17 +184,17 @@ def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
 def separation_at(
     e: Ensemble, motions: np.ndarray, state: np.ndarray, exponent: np.ndarray
 ) -> np.ndarray:
-    """The separation (k,) of some motions (k,) from the separatrix, in states (m, n) in units of
-    2**exponent (n,)."""
+    """The separations (k,) of some motions (k,) from the separatrix, from the states (m, n) of all
+    motions in units of 2**exponent (n,)."""
     y = state[:, motions]
     order = rigid_body.inertia_order(e.inertia[:, 0])
     apart = rigid_body.separation(e.inertia[:, motions], y[:3], order)
-    # As of a sphere: with a rotor D = 0 divides nothing.
+    # Infinite as for a sphere: with a rotor D = 0 separates no motions.
     return np.full_like(apart, np.inf) if e.model.no_separatrix_reason else apart
 
 
 def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:
-    """Passages (k,) through the separatrix, as CROSSING_COLUMNS."""
+    """The columns (k,) of passages through the separatrix, by the names of CROSSING_COLUMNS."""
     G = e.inertia[:, passed.motion] * passed.state[:3]
     return {
         "crossing_time": passed.time,
@@ -205,10 +208,11 @@ def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:
 @dataclass(frozen=True)
 class Earlier:
     """An earlier result of a sweep that has grown since: its file, its name there, its attributes,
-    and the lengths of the axes now.
+    and the present lengths of the axes.
 
-    `indices` are those (n,) that the values along each axis have in the earlier result, -1 for new
-    ones; of a sphere, how many directions that has, which are the first ones.
+    `indices` has an entry for each axis: the positions (n,) of its values in the earlier result, -1
+    for new values; for a sphere the number of directions in the earlier result, which are the first
+    ones now.
     """
 
     file: Path
@@ -224,15 +228,15 @@ class Earlier:
 
     @property
     def kept(self) -> int:
-        """The number of those that are in the earlier result."""
+        """The number of present members that are in the earlier result."""
         return math.prod(
             before if isinstance(before, int) else int((before >= 0).sum())
             for before in self.indices
         )
 
     def positions(self, first: int, last: int) -> np.ndarray:
-        """Where the members `first` to `last` - 1 stand in the earlier result (axes, n), -1 along
-        an axis that has no such value there."""
+        """The positions (axes, n) of the members `first` to `last` - 1 in the earlier result, -1
+        along an axis that has no such value there."""
         index = np.unravel_index(np.arange(first, last), self.sizes)
         return np.array([
             np.where(i < before, i, -1) if isinstance(before, int) else before[i]
@@ -240,12 +244,12 @@ class Earlier:
         ])  # fmt: skip
 
     def holds(self, first: int, last: int) -> np.ndarray:
-        """Which of these members (n,) are in the earlier result."""
+        """Whether (n,) each of the members `first` to `last` - 1 is in the earlier result."""
         return np.asarray((self.positions(first, last) >= 0).all(axis=0))
 
     def completed(self, case: Case, first: int, last: int, group: Group) -> Group:
-        """The group of a chunk with the stored columns of the members that the earlier result
-        holds. Raises HodoError if that cannot be read, or is another one by now."""
+        """The group of a chunk, filled in with the stored columns of the members that the earlier
+        result holds. Raises HodoError if that result cannot be read or has been replaced."""
         taken = self.holds(first, last)
         if not taken.any():
             return group
@@ -254,7 +258,7 @@ class Earlier:
         box = tuple(map(slice, corner, positions.max(axis=1) + 1))
         variables = dict(group.variables)
         with open_run(self.file) as run:
-            # Another run may have grown it too: its members then have other positions.
+            # Another run may have replaced the result, with members at other positions.
             if run.summary(self.name, ("hash",))["hash"] != self.attributes["hash"]:
                 raise HodoError(f"{self.file}: another run has replaced {self.name}: run it again")
             for name, values in run.blocks(self.name, stored_columns(case), box):
@@ -265,11 +269,12 @@ class Earlier:
 
 
 def earlier_result(case: Case, case_digest: str, stored: FinishedCase | None) -> Earlier | None:
-    """The stored result of a sweep that has values in common with it, and else only directions
-    more, if all of that ended well and was computed by the same code; else None."""
+    """The stored result of a sweep, if its members can be copied; else None. It must have ended
+    well, come from the same code and libraries, and differ from the sweep only in values along its
+    axes, some of them common."""
     if stored is None or stored.attributes.get("status") != "ok":
         return None
-    # Of the digests of code, libraries and case, the first two.
+    # A hash joins the digests of code, libraries and case; the first two must agree.
     code, stored_code = (
         digests.split("-")[:2] for digests in (case_digest, str(stored.attributes.get("hash")))
     )
@@ -290,27 +295,27 @@ def earlier_result(case: Case, case_digest: str, stored: FinishedCase | None) ->
     earlier = Earlier(stored.file, stored.name, attributes, shape(case), known)
     if earlier.kept < attributes["members"]:
         if attributes.get("released"):
-            return None  # it is not known which of them move again
-        # What the other members have cost is no part of this sweep.
+            return None  # the members that move again are counted, not named
+        # The cost of members that this sweep no longer has is left out.
         left = {k: x for k, x in attributes.items() if k not in ("steps", "run_time")}
         return replace(earlier, attributes=left | {"members": earlier.kept})
     return earlier
 
 
 def earlier_indices(axis: Axis, before: Axis) -> np.ndarray | int | None:
-    """The entry of `Earlier.indices` for an axis; None if the earlier one has other keys, or no
-    value in common with it."""
+    """The entry of `Earlier.indices` for an axis; None if the earlier axis has other keys, or no
+    value in common."""
     if axis.sphere is not None and before.sphere is not None:
         is_prefix = axis.sphere["seed"] == before.sphere["seed"] and len(before) <= len(axis)
         return len(before) if is_prefix else None
     if axis.sphere or before.sphere or axis.keys != before.keys:
         return None
-    # To the last bit: a third of the step of a linspace has many values of the whole one.
+    # Compared to the last bit: a linspace with a third of the step repeats many values exactly.
     positions = {values: i for i, values in enumerate(values_along(before))}
     indices = np.array([positions.get(values, -1) for values in values_along(axis)])
     return indices if (indices >= 0).any() else None
 
 
 def values_along(axis: Axis) -> Iterator[tuple[float, ...]]:
-    """The values of all keys of an axis, position by position."""
+    """The values of all keys of an axis, one tuple for each position."""
     return zip(*(axis.values(i).tolist() for i in range(len(axis.keys))), strict=True)

@@ -1,5 +1,5 @@
-"""The members of a sweep: their data, any one of them as a single case, and many as motions side by
-side; and single cases of one kind, integrated side by side."""
+"""The members of a sweep: their data, each as a single case, and many as an ensemble of motions;
+and single cases of one kind, integrated as an ensemble."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -36,7 +36,8 @@ from .ensemble.motions import Ensemble
 
 
 def ensemble_of(case: Case, system: Model, members: np.ndarray, start: Iterable[Any]) -> Ensemble:
-    """The motions of members (n,) that a system describes, with starts of their own."""
+    """The ensemble of members (n,) that a system describes, each with its own start: `start` has an
+    entry, a number or n of them, for each variable of the state."""
     model, events = system.equations, (*system.run_events, *system.class_events)
     numbers = [*flatten(system.constants)]
     if model.degree and contains_time(model, events) and UNIT not in model.names:
@@ -47,7 +48,7 @@ def ensemble_of(case: Case, system: Model, members: np.ndarray, start: Iterable[
 
 
 def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
-    """Numbers, columns of them or arrays (n,) as the rows of an array."""
+    """Numbers, columns of numbers or arrays (n,) as the rows of an array (rows, n)."""
     array = np.empty((len(numbers), n))
     for i, number in enumerate(numbers):
         array[i] = number if isinstance(number, np.ndarray) else member_values(number)
@@ -55,14 +56,14 @@ def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
 
 
 Described = tuple[Mapping[str, Any], Model | None]
-"""The data of members with one combination of the values that vary otherwise than over a sphere, or
-with a column of many, and the system that they describe; None where they describe no body or no
-start."""
+"""The data of members with one combination of swept values (or a column of many combinations), a
+direction on a sphere apart, and the system that they describe; None where they describe no body or
+no start."""
 
 
 def described(case: Case, paths: Sequence[KeyPath], values: Sequence[Any]) -> Described:
-    """The data of members with one combination of values, or columns of many, at the paths that
-    vary."""
+    """The data and the system of members with one combination of values, or columns of many, at the
+    paths that vary."""
     data = case.data
     for path, new in zip(paths, values, strict=True):
         data = with_number(data, path, new)
@@ -70,18 +71,19 @@ def described(case: Case, paths: Sequence[KeyPath], values: Sequence[Any]) -> De
 
 
 def system_of_member(case: Case, data: Mapping[str, Any]) -> Model | None:
-    """The equations of a member with these data; None where they describe no body, no start,
-    nothing that lasts over the span, or what has other equations than the case."""
+    """The equations of a member with these data; None where they describe no body or no start, are
+    not valid over the whole span, or lead to other equations than the case's."""
     form, epoch = type(case.system), case.time.epoch
     span = (case.time.start - (epoch or 0.0), case.time.end - (epoch or 0.0))
-    # A rounded body of the case itself is forgiven, and no one that a sweep makes.
+    # Moments that violate the triangle inequality by rounding only are accepted from the case
+    # itself, not from a swept value.
     is_own = data.get("inertia") is case.data.get("inertia") and is_rounded(data)
     wrong = (path for path, _ in form.check(data) if not is_own or path[:1] != ("inertia",))
     if any(True for _ in wrong) or any(check_attitude(form, data)):
         return None
     if any(form.check_span(data, *span)):
         return None
-    # With other terms the variables are others too, for which the sweep has no columns.
+    # With other terms there are other variables, for which the sweep has no columns.
     system = models.find(case.model, case.form).of(data, epoch)
     is_alike = system.equations.terms == case.system.equations.terms
     return system if is_alike and type(system) is form else None
@@ -90,8 +92,9 @@ def system_of_member(case: Case, data: Mapping[str, Any]) -> Model | None:
 def combinations(
     case: Case, members: np.ndarray
 ) -> tuple[list[KeyPath], np.ndarray, np.ndarray, np.ndarray | None]:
-    """The paths that vary, the values there (p, k) of each combination that occurs among members
-    (n,), the position (n,) of each member's combination, and its direction (n, 3), if any."""
+    """The combinations of swept values that occur among members (n,): the paths that vary, the
+    values (p, k) there of each combination, the position (n,) of each member's combination, and the
+    directions (n, 3) of members on a sphere, or None."""
     axes = axes_of(case.sweep or {})
     index = np.unravel_index(members, shape(case))
     plain = [(axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is None]
@@ -100,7 +103,7 @@ def combinations(
     ]
     sizes = [len(axis) for axis, _ in plain] or [1]
     number = np.ravel_multi_index([i for _, i in plain] or [np.zeros_like(members)], sizes)
-    # The members of a sphere have their data in common.
+    # All directions of a sphere share one combination.
     occurring, combination = np.unique(number, return_inverse=True)
     varying = [
         (path, axis.values(j, along))
@@ -113,8 +116,8 @@ def combinations(
 
 
 def prepare(case: Case, members: np.ndarray) -> list[Ensemble]:
-    """The motions of members (n,), by their positions there; those without a body or a start are
-    left out."""
+    """The ensembles of members (n,), which name them by their positions. Members without a body or
+    a start are left out."""
     paths, values, combination, direction = combinations(case, members)
     if direction is None:
         every = np.arange(len(members))
@@ -132,11 +135,11 @@ def prepare(case: Case, members: np.ndarray) -> list[Ensemble]:
 def prepared_by_branch(
     case: Case, paths: Sequence[KeyPath], values: np.ndarray, positions: np.ndarray
 ) -> Iterator[Ensemble]:
-    """The members at some positions, with values (p, n) at paths: those at once for which their
-    model takes the same branches; one by one if they are refused, or their model takes plain
-    numbers only."""
+    """The ensembles of the members at some positions, with values (p, n) at paths. Members for
+    which the model takes the same branches are prepared together; members are prepared one by one
+    if they are invalid together, or if the model takes plain numbers only."""
     try:
-        with np.errstate(all="ignore"):  # columns refuse what is not finite
+        with np.errstate(all="ignore"):  # columns refuse numbers that are not finite
             _, system = described(case, paths, [*map(Column, values[:, positions])])
         if system is not None:
             yield ensemble_of(case, system, positions, system.initial_state)
@@ -145,7 +148,7 @@ def prepared_by_branch(
         for branch in (branches.where, ~branches.where):
             yield from prepared_by_branch(case, paths, values, positions[branch])
         return
-    except (TypeError, AttributeError):  # the latter from numpy's functions of two objects
+    except (TypeError, AttributeError):  # numpy's functions of two objects raise the latter
         pass
     for position, row in zip(positions[:, None], values[:, positions].T.tolist(), strict=True):
         _, system = described(case, paths, row)
@@ -154,7 +157,7 @@ def prepared_by_branch(
 
 
 def alike(ensembles: Iterable[Ensemble]) -> list[Ensemble]:
-    """Ensembles, joined where they can share a compiled step."""
+    """The same motions in fewer ensembles, joined where they can share a compiled step."""
     kinds = grouped(((e.model, e.events), e) for e in ensembles)
     return [joined(kind) for kind in kinds.values()]
 
@@ -169,8 +172,8 @@ def joined(kind: Sequence[Ensemble]) -> Ensemble:
 def velocities(
     sets: Sequence[Described], combination: np.ndarray, direction: np.ndarray
 ) -> np.ndarray:
-    """The angular velocities (n, 3) at the start that have these directions (n, 3) of G, and |G| of
-    the data of their combination (n,); nan for data that describe no body or no start."""
+    """The angular velocities (n, 3) at the start for these directions (n, 3) of G, with |G| from
+    the data of each member's combination (n,); nan for data that describe no body or no start."""
     omega = np.full(direction.shape, np.nan)
     for i, (_, system) in enumerate(sets):
         if system is None:
@@ -183,13 +186,13 @@ def velocities(
 
 
 def member(case: Case, number: int, samples: int | None = 2) -> Case:
-    """One member as a case of its own."""
+    """One member as a single case."""
     return next(members_as_cases(case, np.array([number]), samples))
 
 
 def members_as_cases(case: Case, numbers: np.ndarray, samples: int | None) -> Iterator[Case]:
-    """Members as cases of their own, with so many samples evenly spaced; None: those of the
-    case."""
+    """Members as single cases, with a number of evenly spaced samples, or with the case's own
+    samples if it is None."""
     paths, values, combination, direction = combinations(case, numbers)
     sets = [described(case, paths, row) for row in values.T.tolist()]
     time = case.time if samples is None else case.time.resampled(samples)
@@ -198,7 +201,7 @@ def members_as_cases(case: Case, numbers: np.ndarray, samples: int | None) -> It
     for i, number in enumerate(numbers):
         data, system = sets[combination[i]]
         if omega is not None and system is not None:
-            # The other ways to give the start (|G|, x and y) make way for the components.
+            # The components replace other ways to give the start (|G|, x and y).
             start = dict.fromkeys(data["initial"]) | dict(
                 zip("pqr", omega[i].tolist(), strict=True)
             )
@@ -207,10 +210,10 @@ def members_as_cases(case: Case, numbers: np.ndarray, samples: int | None) -> It
 
 
 def warnings_of_ends(case: Case) -> list[str]:
-    """The warnings that the models of the first and of the last member give of their data.
+    """The warnings of the models of the first and the last member about their data.
 
-    The data of the case itself may never be run. Values on an axis mostly rise or fall, so that of
-    one axis a warning of any member is mostly one of these two.
+    The data of the case itself may belong to no member. Values along an axis mostly rise or fall,
+    so that on one axis the first or the last member mostly gives the warnings of all.
     """
     total = math.prod(shape(case))
     given = grouped(
@@ -225,8 +228,7 @@ def warnings_of_ends(case: Case) -> list[str]:
 
 
 def other_method(case: Case) -> str:
-    """Why the method of a case is another than that of `ensemble`; an empty string where it is
-    not."""
+    """Why a case cannot be integrated by the compiled steps of an ensemble; empty if it can."""
     reasons = {
         f"method {case.method}": case.method not in ("auto", "taylor"),
         f"{case.precision} precision": case.precision != "double",
@@ -237,18 +239,18 @@ def other_method(case: Case) -> str:
     return next((reason for reason, applies in reasons.items() if applies), "")
 
 
-# Formulas that may hide what they do in time from steps taken side by side, of which few places are
-# compared with the equations
+# Formulas of the time that an ensemble may miss, because it compares its steps with the equations
+# at few places
 
 
 @dataclass(frozen=True)
 class TimeInRates:
-    """What passes for the time in equations, and tells how high a power of it they hold, and the
-    slope of what is linear in it: nan of all else.
+    """A substitute for the time in equations that records the highest power of the time in a term,
+    and the slope of a term linear in it, nan for all others.
 
-    Sines, exponentials that fall and negative powers of what is linear count as numbers, since no
-    point of theirs is without a trace of the others. What else is no sum or product is a TypeError
-    or an AttributeError.
+    Sines, falling exponentials and negative powers of a linear term count as numbers, because their
+    series at any point shows the whole function. All other functions raise TypeError or
+    AttributeError.
     """
 
     power: int = 1
@@ -287,17 +289,17 @@ class TimeInRates:
 
 
 def as_time(rate: Any) -> TimeInRates:
-    """A rate, or a number, which holds no time."""
+    """A rate as it is, or a number as a rate without the time."""
     return rate if isinstance(rate, TimeInRates) else TimeInRates(0, 0.0)
 
 
 def may_hide_in_time(system: Model) -> bool:
-    """Whether a Taylor series may not know at the start of a step what a user's formulas of the
-    time do within it: a pulse leaves no trace far from it, nor does t**2 in the orders that choose
-    a step at t = 0."""
+    """Whether a Taylor series at the start of a step may miss the change of a user's formulas
+    within it: a pulse leaves no trace in a series far from it, nor does t**2 at t = 0 in the orders
+    that determine a step."""
     if not has_formula_of_time(system):
         return False
-    # Of a state that is no number, so that the sign of no slope follows from it.
+    # The state is nan, so that no slope that depends on it counts as falling.
     y, k = [math.nan] * len(system.equations.state), attributes(system.constants)
     try:
         return max(as_time(rate).power for rate in system.equations.rhs(TimeInRates(), y, k)) > 1
@@ -308,15 +310,16 @@ def may_hide_in_time(system: Model) -> bool:
 # Single cases
 
 FEWEST_CASES = 32
-"""Single cases of one kind, below which each by itself takes less time than compiling the step."""
+"""The fewest single cases of one kind that are integrated as an ensemble: fewer take less time one
+by one than compiling the step."""
 
 CrossedMotion = tuple[Trajectory, tuple[Crossing, ...]]
 """A motion and its separatrix crossings."""
 
 
 def side_by_side(cases: Sequence[Case]) -> list[CrossedMotion | None]:
-    """The motions of single cases, integrated side by side where there are enough of one kind; None
-    for a case that is left to `classify`."""
+    """The motions of single cases, integrated as an ensemble where there are enough of one kind;
+    None for a case that is left to `classify`."""
     motions: list[CrossedMotion | None] = [None] * len(cases)
     for e in ensembles_of(cases):
         times = sample_times(cases[e.members[0]])
@@ -338,7 +341,7 @@ def side_by_side(cases: Sequence[Case]) -> list[CrossedMotion | None]:
 
 
 def ensembles_of(cases: Sequence[Case]) -> Iterator[Ensemble]:
-    """The ensembles that single cases make, where there are enough of one kind."""
+    """The ensembles of single cases of one kind, where there are at least FEWEST_CASES."""
     kinds = grouped(
         (
             (case.system.equations, case.time, case.tol),
@@ -352,7 +355,8 @@ def ensembles_of(cases: Sequence[Case]) -> Iterator[Ensemble]:
 
 
 def watches_separatrix(case: Case) -> bool:
-    """Whether an ensemble finds the crossings of a case, with a step that is soon compiled."""
+    """Whether an ensemble can find the crossings of a case, with a step that compiles in a short
+    time."""
     system = case.system
     is_small = bool(system.equations.degree) and not system.no_axis_reason
     return is_small and not other_method(case) and not system.run_events

@@ -1,4 +1,4 @@
-"""Counts over all members of a sweep, and the measured errors of some."""
+"""Counts over all members of a sweep, and the measured errors of a sample of members."""
 
 import math
 from collections import Counter
@@ -33,35 +33,36 @@ from .ensemble.motions import Rejection
 from .members import members_as_cases, prepare
 
 RANDOM_MEMBERS, NEAREST_MEMBERS = 256, 64
-"""Members whose error is asked for: drawn at random, and nearest to the separatrix."""
+"""The numbers of members in the sample for errors: drawn at random, and nearest to the
+separatrix."""
 
 MEASURED_MEMBERS = 96
-"""Of these, the members whose error is measured against a reference, at milliseconds each: those
-whose ends two integrations in double place farthest apart. Of the others this difference, which
-costs a hundredth of that, is taken for the error."""
+"""The number of members in the sample whose error is measured against a reference, at milliseconds
+each: the members for which two integrations in double differ most at the end. For the others this
+difference, which costs a hundredth as much, is taken as the error."""
 
 MEMBERS_PER_TASK = 16
-"""Members of one task: of some milliseconds each, enough tasks for any number of processes, few
-enough for their overhead."""
+"""The members in one task of measuring errors, at some milliseconds each: there are enough tasks
+for many processes, and few enough that their overhead does not count."""
 
 ERROR_TASKS = MEASURED_MEMBERS // MEMBERS_PER_TASK
-"""The most tasks that the errors of a sweep take."""
+"""The most tasks that measure the errors of a sweep."""
 
 QUANTILE_LEVELS = (0.5, 0.9, 0.99, 1.0)
-"""Of the errors, these quantiles are stored."""
+"""The quantiles of the errors that are stored."""
 
 EXTENDED_TOL = 2.0**-60
-"""The tolerance of references in long double: two hundred times below the rounding of a double, and
-a third cheaper than all that a long double holds."""
+"""The tolerance of references in long double: 1/256 of the rounding of a double, and a third
+cheaper than the full precision of a long double."""
 
 LEAST_SIZE = 1e-290
-"""The size of a stored number from which on its error is measured: of smaller ones, components may
-be below the smallest normal double, and differ for that alone."""
+"""The smallest final state whose error is measured. Components of smaller states may be below the
+smallest normal double, and differ for that reason alone."""
 
 
 class MemberEnd(NamedTuple):
-    """A member as it is stored: its number, its variables at the end, with the time of its last
-    event, and that of its first crossing."""
+    """The stored result of a member: its number, its variables at the end with the time of its last
+    event, and the time of its first crossing."""
 
     number: int
     final: Mapping[str, np.ndarray]
@@ -70,7 +71,7 @@ class MemberEnd(NamedTuple):
 
 class MemberError(NamedTuple):
     """The errors of the final state and of the first crossing of a member, the kind of the
-    reference that they are measured against, and why there is none."""
+    reference, and the reason if there is no reference."""
 
     final: float = math.nan
     crossing_time: float = math.nan
@@ -79,8 +80,8 @@ class MemberError(NamedTuple):
 
 
 def differences(case: Case, ends: Sequence[MemberEnd]) -> np.ndarray:
-    """The errors (n, 2) of final states and first crossings of members by an integration in double
-    with other steps; infinite where only a reference can tell."""
+    """The errors (n, 2) of final states and first crossings of members, estimated by an integration
+    in double with other steps; infinite where only a reference can measure them."""
     apart = np.full((len(ends), 2), math.inf)
     for group in prepare(case, np.array([end.number for end in ends])):
         e = replace(group, looser=LOOSER_TOLS)
@@ -96,14 +97,14 @@ def differences(case: Case, ends: Sequence[MemberEnd]) -> np.ndarray:
 
 
 def part_apart(a: np.ndarray, b: np.ndarray) -> float:
-    """How far two values of a variable are apart, relative to its size."""
+    """The difference of two values of a variable, relative to the size of the first."""
     return float(np.abs(a - b).max() / max(np.abs(a).max(), LEAST_SIZE))
 
 
 def worst_first(
     case: Case, ends: Sequence[MemberEnd]
 ) -> tuple[Sequence[MemberEnd], list[MemberError]]:
-    """The ends of those members whose errors are to be measured, and the errors of the others by
+    """The ends of the members whose errors are to be measured, and the errors of the others from
     `differences`."""
     if len(ends) <= MEASURED_MEMBERS or reason_alone(case):
         return ends, []
@@ -111,14 +112,14 @@ def worst_first(
     states, crossings = np.argsort(-np.nan_to_num(apart, nan=0.0, posinf=math.inf), axis=0).T
     share = MEASURED_MEMBERS * 2 // 3
     worst = {*states[:share].tolist(), *crossings[: MEASURED_MEMBERS - share].tolist()}
-    # In the order of their numbers, so that those that share their data lie together.
+    # In the order of their numbers, so that members with common data are in one task.
     others = [MemberError(*apart[i]) for i in range(len(ends)) if i not in worst]
     return [ends[i] for i in sorted(worst)], others
 
 
 def probe(case: Case, ends: Sequence[MemberEnd]) -> tuple[list[MemberError], float]:
-    """The errors of some members, and the seconds that they cost; an exception costs its own
-    member."""
+    """The errors of some members, and the processor time that they took, in seconds. An exception
+    leaves its own member without an error."""
     errors, began = [], thread_time()
     singles = members_as_cases(case, np.array([end.number for end in ends]), samples=2)
     for end, single in zip(ends, singles, strict=True):
@@ -126,22 +127,22 @@ def probe(case: Case, ends: Sequence[MemberEnd]) -> tuple[list[MemberError], flo
             errors.append(member_error(case, single, end))
         except NOT_OF_A_CASE:
             raise
-        except Exception as error:  # of whatever kind, since the sweep itself is computed
+        except Exception as error:  # of any kind, because the sweep itself is computed
             errors.append(MemberError(problem=str(error) or type(error).__name__))
     return errors, thread_time() - began
 
 
 def member_error(case: Case, single: Case, end: MemberEnd) -> MemberError:
-    """The error of a member of a sweep, which is also a case by itself.
+    """The error of a member of a sweep; `single` is the member as a single case.
 
-    The error of a crossing is |D / (dD/dt)| where the reference stands at that time: a step of
-    Newton's method.
+    The error of a crossing is |D / (dD/dt)| of the reference at the member's crossing time, a step
+    of Newton's method.
     """
     crossing = end.crossing_time
     method = choose(single)[0] if reason_alone(case) else "taylor"
     tol = case.tol or PRECISION[case.precision]
-    # nan where there is no crossing, and then the comparison is false. Averaged motions have no
-    # function whose zero a crossing is.
+    # Without a crossing the time is nan, and the comparison is false. The crossings of averaged
+    # motions are not zeros of a function.
     is_crossing = crossing < case.time.end and not case.system.is_quadrature
     crossings = [crossing] if is_crossing else []
     times = np.array([case.time.start, *crossings, case.time.end])
@@ -156,8 +157,8 @@ def member_error(case: Case, single: Case, end: MemberEnd) -> MemberError:
 
 def final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> float:
     """The largest error of the stored variables of a member at its end, and of the time of its last
-    event, by the rules of `errors_against`; of a number relative to its largest value at start and
-    end, since it may vanish."""
+    event, by the rules of `errors_against`. The error of a number is relative to its largest value
+    at start and end, because the number may vanish."""
     errors = [0.0]
     if "event_time" in final:
         errors.append(error_of_last_event(float(final["event_time"]), reference))
@@ -179,7 +180,7 @@ def error_of_last_event(time: float, reference: Trajectory) -> float:
 
 
 def crossing_error(reference: Trajectory) -> float:
-    """How far in time the second sample of a motion is from the separatrix."""
+    """The distance in time of the second sample of a motion from the separatrix."""
     system, second = reference.case.system, reference.at(slice(1, 2))
     (event,) = system.class_events
     state, k = extended(second.state).T, system.constants
@@ -187,9 +188,9 @@ def crossing_error(reference: Trajectory) -> float:
 
 
 class Summary:
-    """Sums over the chunks of a sweep, the ends of the members whose error is measured, and how
-    many of these have none, by reason; with what the attributes of an `earlier` result say of the
-    members that are taken over from it."""
+    """Sums over the chunks of a sweep, the ends of the members in the sample for errors, and the
+    number of these without an error, by reason. The sums begin with the attributes of an `earlier`
+    result, for the members that are copied from it."""
 
     def __init__(self, case: Case, total: int, earlier: Mapping[str, Any]) -> None:
         self.case, self.earlier = case, earlier
@@ -199,7 +200,7 @@ class Summary:
         self.run_time = float(self.earlier.get("run_time", 0.0))
         self.methods = {*filter(None, str(self.earlier.get("method", "")).split(", "))}
         self.unmeasured: Counter[str] = Counter()
-        # Seeded by the number of members: the same sweep has the same sample wherever it runs.
+        # The seed is the number of members, so that a sweep has the same sample wherever it runs.
         draw = np.random.default_rng(total)
         self._drawn = draw.choice(total, min(RANDOM_MEMBERS, total), replace=False)
         self._ends: list[MemberEnd] = []
@@ -230,18 +231,18 @@ class Summary:
 
     @property
     def ends(self) -> list[MemberEnd]:
-        """The members whose error is asked for."""
+        """The members in the sample for errors, in the order of their numbers."""
         ends = {end.number: end for end in [*self._ends, *(end for _, end in self._near)]}
         return [ends[number] for number in sorted(ends)]
 
 
 def member_end(chunk: Chunk, columns: Mapping[str, np.ndarray], i: int) -> MemberEnd:
-    """The end of a member of a chunk, by its row there."""
+    """The end of a member of a chunk, from row i of the chunk's columns."""
     final = {}
     for name, variable in chunk.case.system.equations.variables.items():
         if name != "enclosed_axis":  # a label, which has no error
             values = columns[name][i]
-            # A member whose samples are stored has an axis more.
+            # If samples are stored, the time is a further axis.
             final[name] = values[-1] if values.ndim == len(variable.dims) else values
     if "event_time" in columns and not math.isnan(columns["event_time"][i]):
         final["event_time"] = columns["event_time"][i]
@@ -250,16 +251,16 @@ def member_end(chunk: Chunk, columns: Mapping[str, np.ndarray], i: int) -> Membe
 
 
 def largest(end: MemberEnd) -> float:
-    """The largest component of the stored variables of a member."""
+    """The largest component of the final variables of a member."""
     return float(max(np.abs(values).max() for values in end.final.values()))
 
 
 def sampled_errors(
     pool: Pool, summary: Summary, report: Callable[[float], object]
 ) -> dict[str, Any]:
-    """Quantiles of the errors of the members asked for; the summary counts members that have none.
-    `report` is called with the finished share of them. The summary's run time is then with
-    theirs."""
+    """The attributes of a sweep about its errors: the largest, and quantiles over the sample. The
+    summary counts members of the sample without an error, and its run time then includes the time
+    for errors. `report` is called with the finished share of the tasks."""
     began, asked = thread_time(), summary.ends
     sizes = [largest(end) for end in asked]
     known_ends = [end for end, size in zip(asked, sizes, strict=True) if size > LEAST_SIZE]
@@ -298,15 +299,16 @@ def sampled_errors(
 
 
 def known(measured: Sequence[float], estimated: Sequence[float]) -> list[float]:
-    """Errors that are known; the largest is one that was measured."""
+    """The measured and the estimated errors that are not nan; no estimate exceeds the largest
+    measured error."""
     largest = np.fmax.reduce(measured, initial=0.0)
     found = [*measured, *np.minimum(estimated, largest).tolist()]
     return [x for x in found if not math.isnan(x)]
 
 
 def earlier_errors(summary: Summary, name: str) -> list[float]:
-    """Upper bounds for the errors that an earlier run has measured, by their stored quantiles: as
-    many as lie between two of these have the larger one."""
+    """Upper bounds of the errors that an earlier run measured, from their stored quantiles: each
+    error between two quantiles counts as the larger one."""
     if name not in summary.earlier:
         return []
     ranks = np.floor(np.array(QUANTILE_LEVELS) * int(summary.earlier["error_sample"])).astype(int)

@@ -1,9 +1,8 @@
-"""Sweeps: a case with a `sweep:` block, as an ensemble of single cases that are reduced to a few
-numbers each.
+"""Sweeps: a case with a `sweep:` block is an ensemble of single cases, each reduced to a few
+numbers.
 
-The members go in chunks, which are the tasks of a pool. Each finished chunk is stored by itself, so
-that a run that is killed goes on from there, and no more than a few of them are in memory at a
-time.
+The members are computed in chunks, which are the tasks of a pool. Each finished chunk is stored in
+a file, so that a killed run can be continued, and only a few chunks are in memory at a time.
 """
 
 import math
@@ -52,8 +51,9 @@ def run_sweep(
     progress: Progress,
     earlier: Earlier | None = None,
 ) -> Group:
-    """All members of a sweep as the group of a result file; the members of an `earlier` result are
-    kept and, with `resume`, the chunks that a run with the same digest has stored."""
+    """Compute a sweep; returns the group of its result file. Members of an `earlier` result are
+    kept and, with `resume`, chunks that a run with the same digest has stored. `progress` gets the
+    finished share. A chunk that fails is counted in the attributes and raises nothing."""
     stored = chunks_of(path, case_digest) if resume else {}
     tasks = list(chunks(case, earlier))
     problems: Counter[str] = Counter()
@@ -67,16 +67,18 @@ def run_sweep(
         file = folder_of(path) / chunk_name(case_digest, chunk.first)
         with suppress(HodoError), open_run(file) as part:
             return part.read("part")
-        # Another run of the same sweep has ended, and has removed its chunks.
+        # Another run of the same sweep has ended and removed the chunks, so this one is computed
+        # again.
         return chunk.completed(compute(chunk))
 
     def groups() -> Iterator[tuple[Chunk, Group]]:
-        """The chunks that are stored, and then the others as they finish."""
+        """The chunks that are stored, then the others as they finish."""
         yield from ((chunk, finished(chunk)) for chunk in tasks if chunk.first in stored)
         missing = [chunk for chunk in tasks if chunk.first not in stored]
         for chunk, outcome in pool.map(compute, missing):
             if isinstance(outcome, Exception):
-                # A chunk that fails costs its own members; the sweep goes on and says how many.
+                # A chunk that fails loses its own members only; the sweep continues and reports
+                # their number.
                 problems[str(outcome)] += int(np.count_nonzero(~chunk.taken))
                 lost.add(chunk.first)
                 yield chunk, lost_chunk(chunk)
@@ -86,7 +88,7 @@ def run_sweep(
                 yield chunk, group
 
     summary = Summary(case, tasks[-1].last, earlier.attributes if earlier else {})
-    # A chunk and a task of measuring errors take about as long as each other.
+    # A task that measures errors takes about as long as a chunk.
     members = len(tasks) / (len(tasks) + (ERROR_TASKS if case.error else 0))
     progress.report(case.name, 0.0)
     for i, (chunk, group) in enumerate(groups(), 1):
@@ -109,13 +111,13 @@ def group_of_columns(
     tasks: Sequence[Chunk],
     finished: Callable[[Chunk], Group],
 ) -> Group:
-    """The sweep as it is stored, with its axes as dimensions; its variables are filled in from the
-    chunks when it is written."""
+    """The sweep as a group, with its axes as dimensions. Its variables are read from the chunks
+    when the group is written, so that memory never holds all of them."""
     sizes, stored = shape(case), stored_columns(case)
     axes = axes_of(case.sweep or {})
     names, variables = [axis.name for axis in axes], coordinates(case)
     for name, column in stored.items():
-        # The shape and type of an array without its memory: a zero that stands everywhere.
+        # A broadcast zero has the shape and type of an array without its memory.
         outline = np.broadcast_to(np.zeros((), column.dtype), (*sizes, *lengths(case, column)))
         variables[name] = Variable((*names, *column.dims), outline, column.attrs)
     variables |= inner_coordinates(variables.values())
@@ -141,7 +143,7 @@ def sweep_attributes(
     problems: Mapping[str, int],
     errors: Mapping[str, Attribute],
 ) -> dict[str, Attribute]:
-    """The attributes of a sweep, with those of its `errors`."""
+    """The attributes of a sweep, including those of its `errors`."""
     counts = summary.status.tolist()
     total, (ok, failed, timeout, invalid, hidden) = sum(counts), counts
     status = Status.FAILED if failed or not ok + hidden else Status.OK
@@ -159,7 +161,7 @@ def sweep_attributes(
     endings = {"failed": failed, "stopped at max_steps or max_seconds": timeout}
     messages = [f"{count} of {total} members: {message}" for message, count in problems.items()]
     messages += [f"{n} of {total} members {outcome}" for outcome, n in endings.items() if n]
-    if summary.released:  # which a sweep that adds members to these counts too
+    if summary.released:  # stored, so that a grown sweep adds its own to it
         errors = {**errors, "released": summary.released}
     return case_attributes(
         case,
@@ -179,7 +181,7 @@ def sweep_attributes(
 
 
 def method_reason(case: Case, summary: Summary) -> str:
-    """Which members of a sweep were integrated side by side and which by themselves, and why."""
+    """How many members of a sweep were integrated side by side and how many alone, and why."""
     total, alone = summary.status.sum(), summary.alone[1:].sum()
     named = zip(summary.alone.tolist(), Rejection, strict=True)
     why = "; ".join(f"{count}: {rejection}" for count, rejection in named if rejection and count)
@@ -193,7 +195,8 @@ def method_reason(case: Case, summary: Summary) -> str:
 
 
 def coordinates(case: Case) -> dict[str, Variable]:
-    """The values along each axis; of a sphere, the outline of its directions."""
+    """The coordinates of each axis by name: its values, or for a sphere the shape of its
+    directions."""
     variables: dict[str, Variable] = {}
     for axis in axes_of(case.sweep or {}):
         if axis.sphere is not None:
@@ -210,8 +213,8 @@ def coordinates(case: Case) -> dict[str, Variable]:
 
 
 def directions(case: Case) -> Iterator[tuple[str, slice, np.ndarray]]:
-    """The directions along a sphere by the name of their variable, block by block: to draw a
-    million at once takes 100 MB."""
+    """The directions along a sphere, in blocks of (variable, slice of the axis, array (n, 3)): a
+    million drawn at once would take 100 MB."""
     for axis in axes_of(case.sweep or {}):
         for first in range(0, len(axis) if axis.sphere else 0, LARGEST_CHUNK):
             last = min(first + LARGEST_CHUNK, len(axis))
@@ -219,10 +222,12 @@ def directions(case: Case) -> Iterator[tuple[str, slice, np.ndarray]]:
 
 
 def stated_unit(case: Case, name: str) -> str:
-    """The unit of a swept key, in words; radians of an angle, however it is given."""
+    """The unit of a swept key, in words; an angle is in radians, whatever unit the case file
+    has."""
     _, keys = keys_of(case.model, case.form)
     unit = "1"
-    # From key to key within, as long as these are named: an entry of a list has the list's unit.
+    # Follow the path through nested keys; an index is no key, so that an entry of a list has the
+    # list's unit.
     for name_of_key in map(str, path_of(name)):
         if key := keys.get(name_of_key):
             unit, keys = key["unit"], keys_inside(key)
@@ -230,7 +235,7 @@ def stated_unit(case: Case, name: str) -> str:
 
 
 def keys_inside(rule: Rule) -> dict[str, Rule]:
-    """The keys of the mappings that a value of a rule may be, or be a list of."""
+    """The keys, with their rules, of the mappings that a rule allows as a value or in a list."""
     tables = [rule.get("properties", {}), *rule.get("tables", {}).values()]
     inner = [*rule.get("anyOf", ()), *([rule["items"]] if "items" in rule else ())]
     return dict(chain.from_iterable(x.items() for x in (*tables, *map(keys_inside, inner))))

@@ -1,5 +1,5 @@
-"""A sweep as figures read it: its axes by the coordinates of its dataset, and any of its variables
-over some of them."""
+"""A sweep for figures: its axes from the coordinates of its dataset, and its variables over some of
+the axes."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -29,17 +29,18 @@ if TYPE_CHECKING:
     import xarray as xr
 
 KEYS_OF_MOTION = ("initial", "attitude", "damping", "resistance")
-"""The keys that change a motion and not what follows from its variables."""
+"""The keys that change a motion, but not the formulas of the quantities that follow from its
+variables."""
 
 OF_SEPARATRIX = {*MEMBER_CLASSIFIED, "event_from"}
-"""The variables of a sweep that rest on the sign of D."""
+"""The variables of a sweep that depend on the sign of D."""
 
 EQUAL_STEPS = 1e-9
-"""How much, relative to them, steps or ratios along an axis may differ that count as even."""
+"""The largest relative difference of steps or ratios along an axis that count as equal."""
 
 
 def in_even_ratios(values: np.ndarray) -> bool:
-    """Whether values (n,) go in even ratios and not in even steps; two alone do both."""
+    """Whether values (n,) have equal ratios and not equal steps; two values have both."""
     if len(values) < 3 or (values <= 0).any():
         return False
     steps, ratios = np.diff(values), np.diff(np.log(values))
@@ -48,7 +49,7 @@ def in_even_ratios(values: np.ndarray) -> bool:
 
 
 def same_values(a: "xr.DataArray | None", b: "xr.DataArray | None") -> bool:
-    """Whether what varies along an axis is the same in two sweeps, to rounding."""
+    """Whether two sweeps have the same coordinate along an axis, to rounding."""
     if a is None or b is None or a.sizes != b.sizes:
         return False
     return np.allclose(a.data, b.transpose(*a.dims).data, rtol=EQUAL_STEPS, atol=0)
@@ -56,8 +57,8 @@ def same_values(a: "xr.DataArray | None", b: "xr.DataArray | None") -> bool:
 
 @dataclass(frozen=True)
 class SweepView:
-    """A sweep: the name of its case, the case, and its dataset, whose last dimensions are `time`
-    and `axis`."""
+    """A sweep: the name of its case, the case, and its dataset. The axes come first among its
+    dimensions, `time` and `axis` last."""
 
     name: str
     case: Case
@@ -65,7 +66,8 @@ class SweepView:
 
     @classmethod
     def of(cls, name: str, data: "xr.Dataset") -> "SweepView":
-        """The sweep in a dataset. Raises HodoError if what it holds does not fit together."""
+        """The sweep in a dataset. Raises HodoError if the parts of the dataset do not fit
+        together."""
         owner = f"case {name}"
         case, data = case_in(data, owner), ordered(data, owner)
         check_whole(data.variables, owner, is_sweep=True)
@@ -77,13 +79,14 @@ class SweepView:
         return {name: self.data.sizes[name] for name in sweep_axes(self.data)}
 
     def keys(self, name: str) -> list[str]:
-        """The coordinates that vary along an axis alone; the first is that which figures show."""
+        """The coordinates that vary along this axis alone; figures show the first one."""
         named = [*swept_names(self.data), *map(str, self.data.coords)]
         along = [key for key in named if self.data.variables[key].dims == (name,)]
         return list(dict.fromkeys(along))
 
     def body(self) -> np.ndarray | None:
-        """A1, A2, A3 if all members have the same body."""
+        """A1, A2, A3 if all members have the same body, with a separatrix and principal axes; else
+        None."""
         varied = [path_of(key)[0] for axis in self.axes for key in self.keys(axis)]
         body = self.case.system
         # A separatrix is drawn on the sphere only where all members share one.
@@ -93,18 +96,18 @@ class SweepView:
         return body.moments if is_plain else None
 
     def at(self, positions: Mapping[str, int]) -> Case:
-        """The case with the values that vary along axes as they are at positions there."""
+        """The case with the swept values at these positions of some axes."""
         return case_in(self.data[swept_names(self.data)].isel(positions), f"case {self.name}")
 
     def undivided(self, variable: str) -> str:
-        """Why a variable about enclosed axes and crossings says nothing, where no separatrix
-        divides the motions by the sign of D; else an empty text."""
+        """Why a variable about enclosed axes or crossings has no meaning: no separatrix divides the
+        motions by the sign of D. Empty if it has one."""
         name = variable.partition(".")[0]
         return self.case.system.no_separatrix_reason if name in OF_SEPARATRIX else ""
 
     @property
     def sphere(self) -> str:
-        """The name of the axis that is a sphere of directions; empty if none is."""
+        """The name of the axis that is a sphere of directions; empty if there is none."""
         return next((name for name in self.axes if f"{name}_vector" in self.data), "")
 
     def directions(self) -> np.ndarray:
@@ -123,9 +126,8 @@ class SweepView:
 
         `share.x1` is a component; `end_axis.x1` is 1 where the label is x1 and 0 where it is
         another, so that its average is a share of members. Members whose status is not ok do not
-        count, but for the status itself, nor do those without an axis in the share of one. Raises
-        HodoError if there is no such variable, axis or
-        position.
+        count, except for the status itself; members without an axis do not count in the share of an
+        axis. Raises HodoError if there is no such variable, axis or position.
         """
         column, label = self._numbers(variable)
         for axis, i in {**dict.fromkeys(keep, 0), **at}.items():
@@ -142,30 +144,31 @@ class SweepView:
         return np.asarray(self._counted(column).isel(at).mean(averaged).transpose(*keep).data)
 
     def left_out(self, variable: str, at: Mapping[str, int]) -> tuple[int, int]:
-        """How many of the members at fixed positions do not count in an average of a variable, and
-        how many there are. Raises HodoError as `values` does."""
+        """The number of members at fixed positions that do not count in an average of a variable,
+        and the number of all members there. Raises HodoError as `values` does."""
         column, _ = self._numbers(variable)
         missing = self._counted(column).isel(at).isnull()
         return int(missing.sum()), missing.size
 
     def _counted(self, column: "xr.DataArray") -> "xr.DataArray":
-        """A column with nan for members that failed: they hold nan or 0, and 0 is a label."""
+        """A column with nan for members that failed. The stored column has nan or 0 there, and 0 is
+        a label."""
         all_count = column.name == "status" or "status" not in self.data
         return column.where(True if all_count else self.data["status"] == 0)
 
     def _numbers(self, variable: str) -> tuple["xr.DataArray", list[str]]:
-        """A variable, component or share over all axes, the same along one that it does not have,
-        and the words of a label: none of a number."""
+        """A variable, component or share over all axes, repeated along axes that it does not have,
+        and the words of a label (no words for a number)."""
         name, _, word = variable.partition(".")
         column = self.variable(name)
         column = column.expand_dims({a: n for a, n in self.axes.items() if a not in column.dims})
         words = str(column.attrs.get("flag_meanings", "")).split()
         labels = dict(zip(words, column.attrs.get("flag_values", ()), strict=False))
         dim = next((str(dim) for dim in column.dims if dim in PARTS), "")
-        # By their coordinate, wherever they stand.
+        # Components are found by their coordinate, in any order.
         components = [*map(str, column[dim].data)] if dim else []
         if word in labels:
-            # Of an axis only a member that has one says yes or no.
+            # In the share of an axis only members that have an axis count.
             counts = (column > 0) | (labels[word] <= 0)
             return (column == labels[word]).where(counts), []
         if word in components:
@@ -176,8 +179,8 @@ class SweepView:
         return column.astype(float), words
 
     def variable(self, name: str) -> "xr.DataArray":
-        """A stored variable, or a quantity that follows from those. Raises HodoError if there is
-        none of this name."""
+        """A stored variable, or a quantity that follows from stored variables. Raises HodoError if
+        there is none of this name."""
         if name not in self.data and name in QUANTITIES:
             return self.derived(name)
         if name not in self.data:
@@ -187,18 +190,18 @@ class SweepView:
 
     @cached_property
     def ends(self) -> list[str]:
-        """The variables at the ends of the members."""
+        """The variables at the ends of the members: those without samples in time."""
         return [str(key) for key, v in self.data.variables.items() if "time" not in v.dims]
 
     @cached_property
     def sources(self) -> set[str]:
-        """The variables and constants that it has for quantities to follow from."""
+        """The variables and constants of the sweep from which quantities can follow."""
         return {*self.ends} | constants_of(self.case.system, self.case.data)
 
     def derived(self, name: str) -> "xr.DataArray":
-        """A quantity at the ends of the members, by what is stored of them.
+        """A quantity at the ends of the members, from their stored variables.
 
-        Raises HodoError if the sweep lacks what it needs.
+        Raises HodoError if the sweep lacks a variable, a constant or a coordinate that it needs.
         """
         if message := lack_of(self.case, name, self.sources, name):
             raise HodoError(message)
@@ -210,7 +213,7 @@ class SweepView:
         parts = [len(PARTS[dim]) for dim in QUANTITIES[name].dims[1:]]
         blank = np.full((*self.axes.values(), *parts), np.nan)
         values = quantity_array(name, blank, [*self.axes], self.case)
-        # Along an axis that changes the body, one body after the other; along all others at once.
+        # Bodies are computed one by one, and all members of one body at once.
         bodies = [
             axis
             for axis in self.axes
@@ -222,10 +225,10 @@ class SweepView:
         return values
 
     def _of_one_body(self, name: str, at: Mapping[str, int], blank: "xr.DataArray") -> np.ndarray:
-        """A quantity of the members of one body, which stands at these positions, along all other
-        axes; `blank` for one that has come to nothing."""
+        """A quantity of the members of one body, at these positions of the axes that change the
+        body, along all other axes. Members without finite variables keep the values of `blank`."""
         others = [axis for axis in self.axes if axis not in at]
-        # As the samples of a motion.
+        # The members take the place of the samples of a motion.
         members = self.data[self.ends].isel(at).expand_dims("body")
         members = members.stack(time=["body", *others], create_index=False).transpose("time", ...)
         n = members.sizes["time"]
@@ -240,10 +243,12 @@ class SweepView:
         return np.asarray(values.reshape(blank.shape))
 
     def distance(self, other: "SweepView", variable: str, against: str) -> "SweepView":
-        """This sweep with a variable as its distance from one of another sweep of the same axes, in
-        any order; for labels, 1 where they differ. Members count where both are ok.
+        """This sweep with a variable replaced by its distance from a variable of another sweep with
+        the same axes, in any order; for labels, 1 where they differ. A member counts where both are
+        ok.
 
-        Raises HodoError unless the sweeps have them, over the same values along each axis.
+        Raises HodoError if a sweep lacks its variable, or if the values along an axis or the sizes
+        differ.
         """
         mine, theirs = (
             {key: x for key, x in view.data.coords.items() if {*x.dims} & {*view.axes}}
@@ -264,9 +269,11 @@ class SweepView:
         return replace(self, data=self.data.assign(changed))
 
     def sorted_along(self, *names: str) -> "SweepView":
-        """The sweep with the values along some axes in order, ascending unless they descend.
+        """The sweep with the values along some axes in ascending order; descending values stay as
+        they are.
 
-        Raises HodoError if one then stands twice: members of several sweeps make no single curve.
+        Raises HodoError if a value then occurs twice: members of several sweeps make no single
+        curve.
         """
         data = self.data
         for name in names:
@@ -276,8 +283,8 @@ class SweepView:
         return replace(self, data=data)
 
     def ticks(self, name: str) -> tuple[np.ndarray, bool]:
-        """The values (n,) along an axis, of the first of its keys and in its `unit`, or of a key,
-        and whether they go in even ratios.
+        """The values (n,) along an axis, which are those of its first key in its `unit`, or along a
+        key, and whether they have equal ratios.
 
         Raises HodoError if it has no finite numbers.
         """

@@ -1,5 +1,5 @@
-"""The motions of an ensemble from their start to their end: their steps, the zeros of an event's
-function, and which motions they leave uncertain."""
+"""The motions of an ensemble from start to end: their steps, the zeros of an event's function, and
+the motions that remain uncertain."""
 
 from dataclasses import replace
 
@@ -26,24 +26,26 @@ from .motions import (
 )
 
 LOOSER_TOLS, GROWN_ERRORS = 16, 32
-"""The tolerances that a step takes where the growth of errors is looked for, and the error that a
-crossing may have in differences that this makes. A difference may be small by chance. For 6 of
-35,000 crossings of tensors and cavities the error that steps lose was too small, and the difference
-a quarter of the true one at the least. For four in five, GROWN_ERRORS differences enlarge
-nothing."""
+"""The second integration that measures the growth of errors has LOOSER_TOLS tolerances, and a
+crossing gets GROWN_ERRORS times the difference that it makes as its error. The factor is large
+because a difference may be small by chance: for 6 of 35,000 crossings of tensors and cavities the
+error estimated from the steps was too small, and the difference was at least a quarter of the true
+error. For four in five crossings GROWN_ERRORS differences are below the estimate from the steps."""
 
 STEP_ROUNDING, PER_STEP = 2.0**-52, 1 / 16
-"""The part of a state that a step is taken to lose to rounding, and, in tolerances, to the end of
-the series. What follows for the times of crossings was two to three times the largest error in
-random ensembles of all models (tests/test_sweep.py), and some fifty times the common one."""
+"""The assumed relative error of a state in a step, from rounding, and from the truncation of the
+series, in tolerances. The errors that follow for the times of crossings were two to three times the
+largest error in random ensembles of all models (tests/test_sweep.py), and some fifty times the
+common error."""
 
 
-@np.errstate(all="ignore")  # what overflows is not finite, hence not accepted
+@np.errstate(all="ignore")  # an overflow is not finite, hence not accepted
 def advance(e: Ensemble) -> Outcome:
-    """All motions of an ensemble through their span."""
+    """Integrate all motions of an ensemble over their span."""
     m, n = e.start.shape
     outcome = Outcome(m, n, len(e.times))
-    # One compiled step watches one event of each kind; of more, single cases keep the order.
+    # A compiled step finds one event with a passage and one without; the order of more is left to
+    # single cases.
     kinds = [event.passage is not None for event in e.events]
     if len(kinds) > len(set(kinds)):
         outcome.rejection[:] = Rejection.EVENTS.code
@@ -51,7 +53,7 @@ def advance(e: Ensemble) -> Outcome:
     if e.onset.any():
         batch = BatchState(e, outcome)
         while batch.columns.motion.size:
-            # Numpy's own work is in the pauses; between them a step is one call of compiled code.
+            # The work of numpy is done in pauses; between them a step is one call of compiled code.
             for _ in range(STEPS_PER_PAUSE):
                 batch.advance()
             batch.pause()
@@ -66,7 +68,7 @@ def advance(e: Ensemble) -> Outcome:
 
 
 def stop_at_rest(outcome: Outcome) -> None:
-    """Put motions that have become too slow to be followed at rest, as single cases are."""
+    """Set motions that have become too slow to be integrated to rest, as in single cases."""
     for state, exponent in (
         (outcome.state, outcome.exponent),
         (outcome.samples, outcome.sample_exponent),
@@ -82,16 +84,16 @@ def stop_at_rest(outcome: Outcome) -> None:
 def decide_passages(
     e: Ensemble, event: Event, candidates: list[TakenSteps], outcome: Outcome
 ) -> None:
-    """Find where motions pass from one side to another, in the steps in which they may.
+    """Find where motions pass from one side to another, in the candidate steps.
 
-    A motion is accepted if its passages lead, by turns, from the side at its start to that at its
-    end, and none of these is uncertain.
+    A motion is accepted if its passages alternate and lead from the side at its start to the side
+    at its end, and no side or passage is uncertain.
     """
     outcome.start_side = e.side(event, e.span[0], e.onset)
     outcome.end_side = e.side(event, e.span[1], outcome.state)
-    # Where a brake has brought them to rest no side is left.
+    # A body that a brake has stopped is on no side.
     resting = (outcome.state[:3] == 0).all(axis=0)
-    # With an uncertain side a motion is not accepted, whatever passages it has.
+    # A motion with an uncertain side is not accepted, so its passages are not needed.
     certain = (outcome.start_side != 0) & (event.terminal | resting | (outcome.end_side != 0))
     steps = steps_of(candidates, certain & ~e.is_one_sided)
     if steps is not None:
@@ -105,7 +107,8 @@ def decide_passages(
 
 
 def stop_at(zeros: Passages, times: np.ndarray, outcome: Outcome) -> None:
-    """Let motions end at zeros (k,) of an event's function, with samples at `times` up to there."""
+    """End motions at zeros (k,) of an event's function; their samples at later `times` become
+    nan."""
     outcome.state[:, zeros.motion] = zeros.state
     outcome.exponent[zeros.motion] = zeros.exponent
     outcome.end_side[zeros.motion] = zeros.after
@@ -114,19 +117,19 @@ def stop_at(zeros: Passages, times: np.ndarray, outcome: Outcome) -> None:
 
 
 def reject_contradicted(outcome: Outcome, resting: np.ndarray) -> None:
-    """Reject motions whose passages do not lead, by turns, from the side at their start to that at
-    their end, unless they are at rest (n,) there; and those that start on none."""
+    """Reject motions whose passages do not alternate or do not lead to the side at their end,
+    unless they are at rest (n,) there; and motions that start on no side."""
     passed = outcome.passages
     before = np.where(passed.is_first, outcome.start_side[passed.motion], np.roll(passed.after, 1))
     outcome.reject(passed.motion[passed.before != before], Rejection.UNCERTAIN)
     side = outcome.start_side.copy()
-    side[passed.motion] = passed.after  # of several, the last one counts
+    side[passed.motion] = passed.after  # of several passages, the last one is assigned
     contradicted = (side != outcome.end_side) & ~resting
     outcome.reject(contradicted | (outcome.start_side == 0), Rejection.UNCERTAIN)
 
 
 def steps_of(candidates: list[TakenSteps], certain: np.ndarray) -> TakenSteps | None:
-    """All steps of those motions that are `certain` (n,); None if there are none."""
+    """The candidate steps of the motions that are `certain` (n,); None if there are none."""
     if not candidates:
         return None
     steps = TakenSteps.joined(candidates)
@@ -135,18 +138,20 @@ def steps_of(candidates: list[TakenSteps], certain: np.ndarray) -> TakenSteps | 
 
 
 def zeros_within(e: Ensemble, event: Event, steps: TakenSteps) -> tuple[Passages, np.ndarray]:
-    """The zeros in steps that may have some, and the motions that are undecided."""
+    """The zeros of an event's function in candidate steps, and the motions (k,) that have uncertain
+    ones."""
     powers, begin = steps.powers(e.step, event), steps.start
     noise = e.uncertainty(event, begin.time, begin.state, begin.named(e.model.structure))
     zeros = zeros_of(*without_start(e, begin, powers, noise))
     undecided = begin.motion[zeros.row[~zeros.sure]]
-    # From here on a row is a zero, no longer a step.
+    # From here a row is a zero instead of a step.
     row, x = zeros.row[zeros.sure], zeros.x[zeros.sure]
     passed = steps.chosen(row)
     times, motion, rate = passed.times_at(x), passed.start.motion, passed.start.rate
     slope = horner(polyder(powers[row].T), x) / passed.length
     uncertainty = np.ldexp(noise[row] / np.abs(slope), -rate)
-    # By what so many steps lose, of a state whose error leaves a side uncertain for so long.
+    # `uncertainty` belongs to a state's error of e.error_bound; the error of the steps taken is in
+    # proportion.
     taken = passed.start.clock[-1] + 2
     certain_part = (STEP_ROUNDING + PER_STEP * e.tol) * taken / e.error_bound
     errors = certain_part * uncertainty + np.spacing(np.abs(times)) / 2
@@ -161,9 +166,9 @@ def zeros_within(e: Ensemble, event: Event, steps: TakenSteps) -> tuple[Passages
 def without_start(
     e: Ensemble, start: Columns, powers: np.ndarray, noise: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The series (k, order + 1) of D in steps, of those that begin at rest by its square: of a body
-    set going from rest D begins with the square of the time, and that zero is no passage. And the
-    bounds (k,) of their rounding."""
+    """The series (k, order + 1) of D in steps, divided by the time squared in those that begin at
+    rest, and the bounds (k,) of their rounding. From rest D begins with the square of the time, and
+    this zero is no passage."""
     at_rest = np.flatnonzero(~start.state[moving(e.model)].any(axis=0))
     later, noise = powers.copy(), noise.copy()
     later[at_rest] = np.pad(powers[at_rest, 2:], ((0, 0), (0, 2)))
@@ -172,17 +177,19 @@ def without_start(
 
 
 def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
-    """Enlarge the errors of first crossings to what a second integration, with other steps, shows.
+    """Enlarge the errors of first crossings to the difference from a second integration, with other
+    steps.
 
-    Errors grow along a motion that stays near the separatrix, some 1e4-fold: a pass by the middle
-    axis turns one of D into one of the phase, and a torque that depends on the phase turns that
-    into a larger one of D. No single step tells it. The second integration ends at the time of the
-    crossing, and its distance from D = 0 there is the difference of the two times. A motion where
-    it is larger than the time for which the sign of D is taken to be uncertain is not accepted.
+    Errors grow some 1e4-fold along a motion that stays near the separatrix: passing the middle axis
+    turns an error of D into an error of the phase, and a torque that depends on the phase turns
+    that into a larger error of D. No single step shows this. The second integration ends at the
+    time of the crossing, and its distance in time from D = 0 there is the difference of the two
+    crossing times. A motion is rejected if this is larger than the time for which the sign of D is
+    assumed to be uncertain.
     """
     passed = outcome.passages
     first = np.flatnonzero(passed.is_first & outcome.accepted[passed.motion])
-    # Where no motion crosses twice, errors do not grow beside the separatrix.
+    # In models where no motion crosses twice, errors do not grow near the separatrix.
     if not first.size or e.model.form.no_axis_reason or e.model.always_absorbing:
         return
     motion, time = passed.motion[first], passed.time[first]
@@ -198,36 +205,36 @@ def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
     outcome.reject(motion[~is_sure], Rejection.UNCERTAIN)
 
 
-# The motions that are under way, and their steps
+# The motions in progress, and their steps
 
 FITTING, STILL_FITTING = (1 / 16, 16.0), (1 / 256, 256.0)
-"""The largest component of a scaled state that needs no new units. heyoka's control of the error is
-absolute below 1, so that a motion at 1/16 has lost a digit. Outside of FITTING units are renewed at
-one pause of PAUSES_PER_RENEWAL, since numpy spends more on the call, some 0.1 ms, than on a
-thousand motions, and outside of STILL_FITTING, where few motions ever get, at every pause. So no
-motion's units depend on other motions."""
+"""The bounds of the largest component of a scaled state that needs no new units. The control of the
+error is absolute below 1, so that a motion at 1/16 has lost a digit. Outside FITTING units are
+renewed at every PAUSES_PER_RENEWAL-th pause, because a call of numpy, some 0.1 ms, costs more than
+a thousand motions; outside STILL_FITTING, which few motions leave, at every pause. So the units of
+a motion depend on no other motion."""
 
 PAUSES_PER_RENEWAL = 4
 
 STEP_LIMIT = int(4 * MIN_STIFF_STEPS)
-"""Steps after which a motion is left to the driver of single cases."""
+"""Steps after which a motion is left to be integrated as a single case."""
 
 HOPELESS_STEPS = 100 * MIN_STIFF_STEPS
-"""Steps that a motion would need if all were as long as its first ones, beyond which it is left to
-single cases at once."""
+"""A motion that would need more steps, if all were as long as its first ones, is left to be
+integrated as a single case at once."""
 
 STEPS_PER_PAUSE = 6
-"""Steps from one look for motions that are at their end or have outgrown their units to the next:
-1.5 % of the steps are idle for it, and looking costs as much as a third of a step."""
+"""The number of steps between pauses, which look for motions that have ended or need new units.
+With it 1.5 % of the steps are of ended motions, and a pause costs as much as a third of a step."""
 
 FULL_ENOUGH = 0.93
-"""The part of the columns that must be under way; with fewer, the others are dropped. Copying all
-columns costs about as much as one step."""
+"""The share of columns in progress below which the others are dropped. Copying all columns costs
+about as much as one step."""
 
 
 def columns_at_start(e: Ensemble, motion: np.ndarray, longest: float) -> Columns:
-    """The columns of some motions (n,) at their start, in the units of the case, in steps of at
-    most `longest`."""
+    """The columns of some motions (n,) at their start, in the units of the case, with `longest` as
+    the stride of their steps."""
     n = len(motion)
     end = np.broadcast_to(e.span[1], e.start.shape[1])[motion]
     rows = np.array([*e.start[:, motion], *e.lengths[:, motion], np.zeros(n)])
@@ -238,9 +245,9 @@ def columns_at_start(e: Ensemble, motion: np.ndarray, longest: float) -> Columns
 class BatchState:
     """The motions of an ensemble that have not reached their end, in columns.
 
-    A step is written to `output`, whose first rows are those of the `columns` behind it, and the
-    columns before it are then `spare`. The columns are a multiple of the engine's width; one
-    without a motion has no time left.
+    A step is written to `output`, whose first rows are the rows of the `columns` after it; the
+    memory of the columns before it is then `spare`. The number of columns is a multiple of the
+    engine's width. A column without a motion has no time left.
     """
 
     def __init__(self, e: Ensemble, outcome: Outcome) -> None:
@@ -249,7 +256,7 @@ class BatchState:
         self.ensemble, self.outcome, self.step = e, outcome, AlignedCalls(e.step)
         self.candidates, self.history = list[TakenSteps](), list[np.ndarray]()
         self.pauses = 0
-        # Those of uneven starts are left to single cases, whose steps can be limited.
+        # Motions with uneven starts are left to single cases, whose steps can be limited.
         turning = (e.onset[moving(e.model)] != 0).any(axis=0)
         outcome.rejection[turning] = Rejection.UNEVEN.code
         begun = np.flatnonzero(turning & ~uneven(e.start[moving(e.model)]))
@@ -262,18 +269,18 @@ class BatchState:
         np.copyto(outcome.samples, e.start[:, :, None], where=at_start)
 
     def empty(self, first: int) -> None:
-        """Mark the columns from the `first` on as without a motion."""
+        """Mark the columns from position `first` on as columns without a motion."""
         self.columns.clock[0, first:], self.columns.motion[first:] = 0, -1
 
     def advance(self) -> None:
-        """One step of every motion."""
+        """Take one step of every motion."""
         e, before, end = self.ensemble, self.columns, len(self.columns.rows)
         if e.times.size:
             self.history.append(before.rows.copy())
         self.output, self.spare = self.spare, self.output
         self.step(before.rows, before.params, self.output)
-        # Rows of the output: the columns anew, the length of the step, and for each event a number
-        # that is negative where it may have a zero in the step.
+        # Rows of the output: the columns after the step, the length of the step, and for each event
+        # a number that is negative where it may have a zero in the step.
         self.columns = Columns(self.output[:end], *before[1:])
         steps, passed = TakenSteps(before, self.output[end]), np.empty(0, dtype=np.int64)
         for event, bound in zip(e.step.events, self.output[end + 1 :], strict=False):
@@ -282,18 +289,18 @@ class BatchState:
                 passed = self.cut_at_zero(event, steps, columns)
             elif columns.size and e.event is not None:
                 self.note_candidates(e.event, steps, columns)
-        # Behind the search for zeros in the same steps, since it changes their units.
+        # Done after the search for zeros in the same steps, because it changes their units.
         if passed.size:
             self.restart(passed)
             self.renew(passed)
 
     def sample(self) -> None:
-        """Enter the states at the sample times within the steps since the last pause: a sample is a
-        step that has no more time left."""
+        """Store the states at the sample times within the steps since the last pause. A sample is
+        computed by a step that ends at its time."""
         e, columns = self.ensemble, self.columns
         history = np.stack([*self.history, columns.rows], axis=1)  # (rows, steps + 1, n)
         self.history.clear()
-        # A motion at its end has none left, though rounding has taken some of it.
+        # A motion at its end has no time left, not even the rounding error of it.
         past = Columns(history, *columns[1:])
         remaining, lost, _ = past.clock
         lost[remaining <= 0] = 0
@@ -311,10 +318,10 @@ class BatchState:
         self.outcome.sample_exponent.reshape(-1)[entry] = start.exponent
 
     def note_candidates(self, event: Event, steps: TakenSteps, columns: np.ndarray) -> None:
-        """Remember the steps just taken in some columns, where an event's function may have zeros;
-        a motion that is seen to have passed a terminal event stops."""
+        """Keep the steps just taken in some columns, where an event's function may have zeros. A
+        motion in which a terminal event has changed its sign stops."""
         self.candidates.append(steps.chosen(columns))
-        # Where in the step it ended is found at the end, for all at once.
+        # The time within the step is found at the end, for all motions at once.
         if event.terminal:
             ends = [at.chosen(columns) for at in (steps.start, self.columns)]
             structure = self.ensemble.model.structure
@@ -322,8 +329,8 @@ class BatchState:
             self.columns.clock[0, columns[np.multiply(*values) < 0]] = 0
 
     def cut_at_zero(self, event: Event, steps: TakenSteps, columns: np.ndarray) -> np.ndarray:
-        """Let the steps just taken in some columns end at the first zero of an event's function;
-        returns those of the columns where there is one."""
+        """End the steps just taken in some columns at the first zero of an event's function.
+        Returns the columns that have one."""
         step, cut = self.ensemble.step, steps.chosen(columns)
         powers = cut.powers(step, event)
         zeros = zeros_of(powers, rounding(powers, TAYLOR))
@@ -339,11 +346,11 @@ class BatchState:
         return np.asarray(columns[is_sure])
 
     def restart(self, columns: np.ndarray) -> None:
-        """Put motions behind their passage of an event, in the case's own units."""
+        """Continue motions after their passage of an event, in the case's own units."""
         e, before = self.ensemble, self.columns.chosen(columns)
         states = rescaled(e.model, before.state.T, before.exponent)
         constants = e.constants[:, before.motion]
-        # A passage is one of numbers: only what is done for all takes arrays.
+        # A passage takes numbers, so that only the rest of this is done with arrays.
         rows = before.motion, before.params[0], before.time, states, constants.T
         at_end = []
         for column, *of_motion in zip(columns.tolist(), *map(np.ndarray.tolist, rows), strict=True):
@@ -351,20 +358,20 @@ class BatchState:
                 at_end.append(column)
         self.columns.constants[:, columns] = constants
         self.columns.exponent[columns] = self.columns.rate[columns] = 0
-        # A step in the state of an end may lead anywhere.
+        # Motions that have ended leave their columns: a step from a final state may lead anywhere.
         self.enter(np.array(at_end, dtype=np.int64))
 
     def pass_event(
         self, column: int, motion: int, end: float, time: float, state: list[float],
         numbers: list[float],
     ) -> bool:  # fmt: skip
-        """Put one motion behind its passage of an event; returns whether it is at its end there."""
+        """Continue one motion after its passage of an event; returns whether it ends there."""
         event, columns = self.ensemble.passing, self.columns
         assert event is not None
         assert event.passage is not None
         try:
             passage = event.passage(time, state, namespace(self.ensemble.model.structure, numbers))
-        except (ValueError, ArithmeticError):  # a step has led beyond the passage itself
+        except (ValueError, ArithmeticError):  # the step has gone too far for a passage
             columns.clock[0, column] = np.nan
             return False
         if passage.details is not None:
@@ -376,21 +383,24 @@ class BatchState:
         return onward >= end
 
     def pause(self) -> None:
-        """Drop the motions that are at their end, and renew units that no longer fit."""
+        """Store the samples, drop the motions that have ended, and renew units that no longer
+        fit."""
         columns = self.columns
         self.pauses += 1
         if self.history:
             self.sample()
         remaining, lost, steps = columns.clock
         going = (remaining > 0) & (steps < STEP_LIMIT)
-        # What rounding took from the time left, back to it before it decides the last steps.
+        # The rounding error goes back to the time left, before the time left decides the last
+        # steps.
         restored = remaining + lost
         lost += remaining - restored
         np.copyto(remaining, restored, where=going)
-        # Of a step without a length the next is the same: its series is larger than doubles are.
+        # After a step of length 0 the next is the same: its series exceeds the range of doubles.
         remaining[going & (self.output[len(columns.rows)] == 0)] = np.nan
         going &= ~np.isnan(remaining)
-        # An averaged motion is slow at the separatrix only, where its steps are the shorter.
+        # An averaged motion has short steps near the separatrix only, so short first ones do not
+        # last.
         if self.pauses == 1 and self.ensemble.passing is None:
             span = np.ldexp(self.ensemble.lengths[0, columns.motion], columns.rate)
             going &= STEPS_PER_PAUSE * span < HOPELESS_STEPS * (span - remaining)
@@ -407,7 +417,7 @@ class BatchState:
         return np.flatnonzero(outgrown & (self.columns.clock[0] > 0))
 
     def drop(self, done: np.ndarray) -> None:
-        """Drop the columns that are done, and keep the others."""
+        """Store the motions of columns that are done (n,), and keep the other columns."""
         self.enter(np.flatnonzero(done & (self.columns.motion >= 0)))
         going = np.flatnonzero(~done)
         columns = padded(going)
@@ -416,7 +426,8 @@ class BatchState:
         self.empty(len(going))
 
     def enter(self, columns: np.ndarray) -> None:
-        """Enter some columns in the outcome; they are then without a motion."""
+        """Copy the motions of some columns to the outcome; the columns are then without a
+        motion."""
         outcome, ended = self.outcome, self.columns.chosen(columns)
         outcome.state[:, ended.motion], outcome.exponent[ended.motion] = ended.state, ended.exponent
         remaining, _, outcome.steps[ended.motion] = ended.clock
@@ -431,11 +442,11 @@ class BatchState:
             return
         old = self.columns.chosen(columns)
         k, moment = vars(e.named(old.motion)), None
-        y = np.where(np.isfinite(old.state).all(axis=0), old.state, 1.0)  # overflowed: any units
+        y = np.where(np.isfinite(old.state).all(axis=0), old.state, 1.0)  # overflow: any units do
         if e.is_timed:
             moment = TimeWindow(old.time, e.lengths[0, old.motion])
         units = Units.fit(e.model, k, y, old.exponent, moment, e.falling[old.motion])
-        # By powers of two throughout, so that new units change no digit.
+        # All factors are powers of two, so that new units change no digit.
         self.columns.state[:, columns] = rescaled(
             e.model, old.state.T, old.exponent - units.exponent
         ).T
@@ -447,8 +458,8 @@ class BatchState:
 
 
 def times_within(times: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The times (s,) that steps reach, which lie between edges (steps + 1, n): the step (k,), row
-    by row, and the position (k,) of the time."""
+    """The times (s,) that steps reach, where `edges` (steps + 1, n) are the times at the limits of
+    the steps: the number (k,) of the step, row by row, and the position (k,) of the time."""
     passed = np.searchsorted(times, edges, side="right")
     count = np.diff(passed, axis=0).ravel()
     step = np.repeat(np.arange(len(count)), count)

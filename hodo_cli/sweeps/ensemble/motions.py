@@ -1,5 +1,5 @@
-"""An ensemble of motions, what became of them, and their steps in columns, with the states and
-zeros within these."""
+"""An ensemble of motions, its outcome, and its steps in columns, with the states and zeros within
+steps."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -28,15 +28,16 @@ if TYPE_CHECKING:
     from ...engines.taylor_batch import TaylorStep
 
 ERROR_BOUND, PER_TOLERANCE = 1e-9, 1e3
-"""The error of a state is taken to stay below this part of it, or so many tolerances: where that
-could turn the sign of an event's function, the sign is uncertain. It is no measured error, as
-single cases have, but ERROR_BOUND is a hundred times what the rounding of all steps adds up to, and
-no ensemble was off by more than three tolerances. It leaves few random motions to the
-single cases: of 200,000 tensors 10, at 20 ms each, and of as many linear-diag none."""
+"""The assumed bound on the relative error of a state: ERROR_BOUND, or PER_TOLERANCE tolerances if
+that is larger. Where such an error could change the sign of an event's function, the sign is
+uncertain. Single cases have a measured error instead; but ERROR_BOUND is a hundred times the
+rounding of all steps together, and no ensemble was off by more than three tolerances. Few random
+motions are left to single cases: 10 of 200,000 tensors, at 20 ms each, and none of 200,000
+linear-diag."""
 
 
 class Rejection(Coded):
-    """Why a motion is not accepted, in the words of a result."""
+    """Why a motion is not accepted, in the words that a result prints."""
 
     NONE = ""
     EVENTS = "more than one event"
@@ -51,9 +52,10 @@ class Rejection(Coded):
 
 
 class Passages(NamedTuple):
-    """Where (k,) motions pass from one side to another, in order of motion and time: the error that
-    the time may have, how long about it the side is uncertain, the sides before and behind it, and
-    the state (m, k) there in units of 2**exponent. A side is the sign of an event's function."""
+    """The passages (k,) of motions from one side to another, in order of motion and time: a bound
+    on the error of the time, the time around it for which the side is uncertain, the sides before
+    and after it, and the state (m, k) there in units of 2**exponent. A side is the sign of an
+    event's function."""
 
     motion: np.ndarray
     time: np.ndarray
@@ -65,28 +67,31 @@ class Passages(NamedTuple):
     exponent: np.ndarray
 
     def chosen(self, index: np.ndarray) -> "Passages":
-        """Some of them, by position or by a mask."""
+        """Some of the passages, by position or by a mask (k,)."""
         return Passages(*(column[..., index] for column in self))
 
     @classmethod
     def none(cls, m: int) -> "Passages":
-        """None, of motions with states (m,)."""
+        """No passages, for motions with states (m,)."""
         whole, empty = np.empty(0, dtype=np.int64), np.empty(0)
         return cls(whole, empty, empty, empty, whole, whole, np.empty((m, 0)), whole)
 
     @property
     def is_first(self) -> np.ndarray:
-        """Whether (k,) each is the first of its motion."""
+        """Whether (k,) each passage is the first of its motion."""
         return np.asarray(np.diff(self.motion, prepend=-1) != 0)
 
 
 @dataclass(frozen=True)
 class Ensemble:
-    """n motions: whose they are among the cases or members asked for, by position (n,), the
-    constants of their equations (c, n), flat as its `structure` says, their states at the start
-    (m, n), the times at which they begin and end, each one or (n,), their events, and the
-    tolerance, of which each step takes `looser`. `searches` says whether zeros of events are looked
-    for."""
+    """n motions of one model.
+
+    `members` (n,) are their positions among the cases or members asked for, `constants` (c, n) the
+    constants of their equations, flat in the order of the model's `structure`, `start` (m, n) their
+    states at the start, and `span` the times of start and end, numbers or arrays (n,). `times` (s,)
+    are the sample times. A step has an error of `looser` tolerances; `searches` says whether zeros
+    of events are searched for.
+    """
 
     members: np.ndarray
     model: Equations
@@ -101,32 +106,32 @@ class Ensemble:
 
     @cached_property
     def step(self) -> "TaylorStep":
-        """The compiled step of the motions."""
+        """The compiled step of these motions."""
         from ...engines import taylor_batch  # heyoka may be missing
 
-        # Its code is the same whether the event ends a motion or not.
+        # Compiled code is shared: it is the same whether or not the event ends a motion.
         events = tuple(event._replace(terminal=False) for event in self.events)
         return taylor_batch.build(self.model, events)
 
     @cached_property
     def event(self) -> Event | None:
-        """The event whose zeros are looked for."""
+        """The event whose zeros are searched for, or None."""
         looked_for = (event for event in self.events if self.searches and not event.passage)
         return next(looked_for, None)
 
     @cached_property
     def passing(self) -> Event | None:
-        """The event with a passage, through which motions go on."""
+        """The event with a passage, after which motions go on, or None."""
         return next((event for event in self.events if event.passage), None)
 
     @property
     def error_bound(self) -> float:
-        """The part of a state that its error is taken to stay below."""
+        """The assumed bound on the relative error of a state."""
         return max(ERROR_BOUND, PER_TOLERANCE * self.tol)
 
     @property
     def lengths(self) -> np.ndarray:
-        """How long each motion takes, as the sum of two rows (2, n)."""
+        """The length of each motion's span, as the sum of two rows (2, n)."""
         begin, end = (np.broadcast_to(time, self.start.shape[1]) for time in self.span)
         return np.array(exact_difference(end, begin))
 
@@ -142,8 +147,8 @@ class Ensemble:
 
     @cached_property
     def onset(self) -> np.ndarray:
-        """The start (m, n), of motions at rest the rates there: what they turn along as soon as
-        they turn."""
+        """The starts (m, n); for motions that begin at rest the rates there, which have the
+        direction of the first motion."""
         rates = self.model.rhs(self.span[0], [*self.start], self.named())
         return np.where(self.at_rest, stacked(rates, self.start), self.start)
 
@@ -154,13 +159,13 @@ class Ensemble:
 
     @cached_property
     def falling(self) -> np.ndarray:
-        """Whether (n,) the motions call for units of their state alone; see `is_falling`."""
+        """Whether (n,) the state alone determines the units of each motion; see `is_falling`."""
         return is_falling(self.model, vars(self.named()), self.start)
 
     @property
     def is_one_sided(self) -> np.ndarray:
-        """Whether (n,) the event is that of the separatrix of a body with two equal moments: D is
-        then a single square, which touches 0 but changes no sign."""
+        """Whether (n,) the event is a crossing of the separatrix and the body has two equal
+        moments: D is then a single square, which touches 0 without a change of sign."""
         if self.event is None or self.event.kind != "separatrix":
             return np.zeros(self.start.shape[1], dtype=bool)
         smallest, middle, largest = np.sort(self.inertia, axis=0)
@@ -168,7 +173,7 @@ class Ensemble:
 
     @cached_property
     def scaled_rows(self) -> dict[str, np.ndarray]:
-        """The rows (r, 1) of those constants that change with the units, by name."""
+        """The rows (r, 1) of the constants that change with the units, by name."""
         rows = vars(namespace(self.model.structure, range(len(self.constants))))
         scaled = {*self.model.degree, UNIT, VELOCITY} & rows.keys()
         return {name: np.atleast_1d(rows[name])[:, None] for name in scaled}
@@ -179,11 +184,13 @@ class Ensemble:
         return UNIT in self.scaled_rows
 
     def uncertainty(self, event: Event, t: Any, y: np.ndarray, k: SimpleNamespace) -> np.ndarray:
-        """How far an event's function (n,) may be off in states y (m, n) at the time t: its slope
-        along each component, by a complex step, times the error that the largest one may have.
+        """A bound (n,) on the error of an event's function in states y (m, n) at the time t: its
+        slope along each component, by a complex step, times the assumed error of the largest
+        component.
 
-        The slopes are those where all components are as large as the largest: what D has lost while
-        its terms were large is still lost when they have become small, near the middle axis.
+        The slopes are taken where all components are as large as the largest one, because digits
+        that D lost while its terms were large are still lost when the terms have become small, near
+        the middle axis.
         """
         size = np.abs(y[moving(self.model)]).max(axis=0)
         tilts = [size + 1e-100j * np.eye(len(y))[:, [i]] for i in range(len(y))]
@@ -191,7 +198,7 @@ class Ensemble:
         return np.asarray(self.error_bound * size * sum(slopes))
 
     def side(self, event: Event, t: Any, y: np.ndarray) -> np.ndarray:
-        """The sign (n,) of an event's function in states y (m, n) at the time t, 0 where it is
+        """The signs (n,) of an event's function in states y (m, n) at the time t, 0 where
         uncertain."""
         k = self.named()
         value = event.function(t, [*y], k)
@@ -199,16 +206,17 @@ class Ensemble:
 
 
 class Outcome:
-    """What became of n motions: states at the end (m, n) in units of 2**exponent (n,), samples (m,
+    """The results of n motions: states at the end (m, n) in units of 2**exponent (n,), samples (m,
     n, s) in units of 2**sample_exponent (n, s), and the zeros of the event's function, with the
-    side at both ends (n,).
+    sides at both ends (n,).
 
-    A terminal event ends a motion; `events` are those that motions have passed through, by number.
-    Nothing here counts where the code of a `rejection` (n,) is not 0.
+    A terminal event ends a motion; `events` are the events that motions have passed through, by the
+    number of the motion. The results of a motion are void where its code in `rejection` (n,) is not
+    0.
     """
 
     def __init__(self, m: int, n: int, s: int) -> None:
-        """Nothing known of n motions."""
+        """An outcome of n motions without results."""
         self.state, self.samples = np.full((m, n), np.nan), np.full((m, n, s), np.nan)
         self.exponent, self.steps, self.start_side, self.end_side = np.zeros((4, n), dtype=np.intc)
         self.sample_exponent = np.zeros((n, s), dtype=np.intc)
@@ -222,7 +230,8 @@ class Outcome:
         return np.asarray(self.rejection == 0)
 
     def reject(self, motions: np.ndarray, why: Rejection) -> None:
-        """Reject motions, by number or by a mask (n,), unless they are rejected already."""
+        """Reject motions, by number or by a mask (n,); a motion rejected before keeps its
+        reason."""
         rejected = np.zeros(len(self.rejection), dtype=bool)
         rejected[motions] = True
         self.rejection[rejected & self.accepted] = why.code
@@ -234,7 +243,7 @@ class Outcome:
 
 
 def exact_difference(a: Any, b: Any) -> tuple[Any, Any]:
-    """a - b (...) as its rounded value and the rest.
+    """a - b (...) as its rounded value and the rounding error; their sum is exact.
 
     Source: D. E. Knuth, The Art of Computer Programming 2, section 4.2.2.
     """
@@ -244,17 +253,18 @@ def exact_difference(a: Any, b: Any) -> tuple[Any, Any]:
 
 
 CLOCK_ROWS = 3
-"""Rows of a column after its state: the time left until its end, what rounding has taken from that,
-and the steps taken."""
+"""The rows of a column after its state: the time left until its end, the rounding error of that
+time, and the number of steps taken."""
 
 
 class Columns(NamedTuple):
-    """Motions under way, a column each (n,): what a compiled step takes, and whose it is.
+    """Motions in progress, a column (n,) each: the arguments of a compiled step, and the motion
+    that they belong to.
 
     `rows` (m + CLOCK_ROWS, n) hold the state, in units of omega of 2**exponent and of time of
     2**-rate, and the `clock` in this unit of time. `params` (c + 2, n) are the time of the end in
     the case's own unit, the constants in these units, and the `stride` of the steps. `motion` is
-    the position in the ensemble; of a column without a motion it is -1.
+    the position in the ensemble, or -1 for a column without a motion.
     """
 
     rows: np.ndarray
@@ -270,7 +280,7 @@ class Columns(NamedTuple):
 
     @property
     def clock(self) -> np.ndarray:
-        """The time left, what rounding has taken from it, and the steps taken (CLOCK_ROWS, n)."""
+        """The time left, its rounding error, and the number of steps taken (CLOCK_ROWS, n)."""
         return self.rows[-CLOCK_ROWS:]
 
     @property
@@ -284,8 +294,8 @@ class Columns(NamedTuple):
 
     @property
     def time_and_correction(self) -> tuple[np.ndarray, np.ndarray]:
-        """The case's own times (n,), as sums of two numbers: early in a long span the time left has
-        fewer digits than the time itself."""
+        """The case's own times (n,), each as the sum of two numbers: early in a long span the time
+        left has fewer digits than the time itself."""
         remaining, lost, _ = self.clock
         time, correction = exact_difference(self.params[0], np.ldexp(remaining, -self.rate))
         return time, correction - np.ldexp(lost, -self.rate)
@@ -297,12 +307,13 @@ class Columns(NamedTuple):
 
     def chosen(self, index: np.ndarray) -> "Columns":
         """Copies of some columns, by position."""
-        # From a list: at every step some are chosen, and a generator takes half as long again.
+        # From a list: columns are chosen at every step, and a generator takes half as long again.
         return Columns(*[values.take(index, axis=-1) for values in self])
 
 
 class TakenSteps(NamedTuple):
-    """Steps (k,): the columns at their start, and their lengths in the columns' units of time."""
+    """Steps (k,): the columns at their starts, and their lengths (k,) in the columns' units of
+    time."""
 
     start: Columns
     length: np.ndarray
@@ -319,33 +330,34 @@ class TakenSteps(NamedTuple):
         return TakenSteps(self.start.chosen(index), self.length[index])
 
     def times_at(self, x: np.ndarray) -> np.ndarray:
-        """The case's own times (k,) at parts x (k,) of the steps."""
+        """The case's own times (k,) at fractions x (k,) of the steps."""
         time, correction = self.start.time_and_correction
         return np.asarray(time + (correction + np.ldexp(x * self.length, -self.start.rate)))
 
     def states_at(self, step: "TaylorStep", x: np.ndarray) -> np.ndarray:
-        """The states (m, k) at parts x (k,) of the steps."""
+        """The states (m, k) at fractions x (k,) of the steps."""
         return states_after(step, self.start, x * self.length)
 
     def powers(self, step: "TaylorStep", event: Event) -> np.ndarray:
-        """The series (k, order + 1) of an event's function, in powers of the part of each step."""
+        """The series (k, order + 1) of an event's function, in powers of the fraction of each
+        step."""
         rows, params = padded(self.start.rows), padded(self.start.params)
         series = step.event_series(event, rows, params)[:, : len(self.length)]
         return np.asarray(series.T * self.length[:, None] ** np.arange(len(series)))
 
 
 def states_after(step: "TaylorStep", columns: Columns, elapsed: np.ndarray) -> np.ndarray:
-    """The states (m, n) in a step of columns, some time (n,) behind its start, in their units: at
-    the end of a step of this length."""
+    """The states (m, n) within steps of columns, at a time (n,) after their start in the columns'
+    units. Each is computed as the end of a step of this length."""
     n, rows, params = len(elapsed), padded(columns.rows), padded(columns.params)
     remaining = rows[-CLOCK_ROWS, :n]
-    # The step begins when it did: at the end of the motion less the time that remains.
+    # The step begins at its own time, which is the time of the end less the time that remains.
     params[0, :n] += np.ldexp(elapsed - remaining, -columns.rate)
     remaining[:] = elapsed
     out = np.empty((step.rows, rows.shape[1]))
     step(rows, params, out)
-    # The length of its steps is all that rounding tells of a motion that is a polynomial: this one,
-    # from another rounding of the same moment, may have ended before.
+    # For a motion that is a polynomial, rounding alone determines the length of a step. This step
+    # begins with another rounding of the time and may so be shorter than `elapsed`.
     length = out[len(rows), :n]
     if (is_short := length < elapsed).any():
         params[-1, :n] *= np.where(is_short, 2 * elapsed / length, 1)
@@ -354,7 +366,7 @@ def states_after(step: "TaylorStep", columns: Columns, elapsed: np.ndarray) -> n
 
 
 def padded(columns: np.ndarray) -> np.ndarray:
-    """A copy of columns (..., n), with more of the last one up to a multiple of the engine's
+    """A copy of columns (..., n), with the last one repeated up to a multiple of the engine's
     width."""
     from ...engines.taylor_batch import WIDTH  # heyoka may be missing
 
@@ -363,7 +375,8 @@ def padded(columns: np.ndarray) -> np.ndarray:
 
 
 def zeros_of(powers: np.ndarray, noise: np.ndarray) -> Zeros:
-    """The zeros in [0, 1] of series (k, order + 1), with the bounds (k,) of their rounding."""
-    # Row by row: one product of all would round as the number of rows happens to be.
+    """The zeros in [0, 1] of series (k, order + 1), from the bounds `noise` (k,) of their
+    rounding."""
+    # Row by row: the rounding of one product of all rows depends on their number.
     matrix = to_bernstein(TAYLOR, powers.shape[1] - 1, powers.dtype)
     return isolate(np.matmul(powers[:, None], matrix)[:, 0], noise)
