@@ -36,6 +36,7 @@ from ..integration import (
     thinned,
     with_measured_error,
 )
+from ..models.base import Model
 from ..progress import Progress
 from ..results.resume import attributes_by
 from ..storage import CONTENT, Group, Variable, replacing, save_groups
@@ -114,8 +115,11 @@ def reference_motion(case: Case) -> tuple[Trajectory, float]:
 
 def worst(errors: Mapping[str, float]) -> float:
     """The largest of the errors; nan counts as infinite."""
-    return max(
-        (math.inf if math.isnan(error) else error for error in errors.values()), default=math.nan
+    return float(
+        max(
+            (math.inf if math.isnan(error) else error for error in errors.values()),
+            default=math.nan,
+        )
     )
 
 
@@ -154,7 +158,7 @@ def trial(
     """One case by one method at one tolerance, timed, and compared with its reference and with the
     effect of one ulp."""
     true_motion, floor = reference
-    if finds_no_stop(method, case.system):
+    if finds_no_stop(method, case.system) or not takes(case.system, method):
         return Trial(method, NOT_TRIED, floor=floor)
     case = replace(case, method=method, tol=tol, max_seconds=max_seconds)
     try:
@@ -173,6 +177,13 @@ def trial(
         floor=floor,
         message=motion.message,
     )
+
+
+def takes(system: Model, method: str) -> bool:
+    """Whether a method is one for these equations."""
+    if system.is_quadrature:
+        return method in ("auto", "quadrature")
+    return method != "quadrature" and (method != "exact" or system.has_closed_form)
 
 
 def least_time(case: Case, motion: Trajectory, repeats: int) -> float:
