@@ -107,13 +107,14 @@ HEAVY = {
 
 
 def loaded_by(folder: Path, *arguments: str) -> tuple[str, set[str]]:
-    """What `hodo ARGUMENTS` prints in a fresh interpreter, and the heavy libraries that it
-    loads."""
+    """What `hodo ARGUMENTS` prints in a fresh interpreter, and the heavy libraries and rooms that
+    it loads."""
+    heavy = (*HEAVY, "hodo_cli.sweeps", "hodo_cli.figures", "hodo_cli.claims")
     script = (
         "import sys\n"
         "from hodo_cli.cli import main\n"
         f"main({list(arguments)!r}, standalone_mode=False)\n"
-        f"print('loaded:', *(name for name in {HEAVY!r} if sys.modules.get(name)))"
+        f"print('loaded:', *(name for name in {heavy!r} if sys.modules.get(name)))"
     )
     done = subprocess.run(
         [sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=True

@@ -158,7 +158,7 @@ def trial(
     """One case by one method at one tolerance, timed, and compared with its reference and with the
     effect of one ulp."""
     true_motion, floor = reference
-    if finds_no_stop(method, case.system) or not takes(case.system, method):
+    if finds_no_stop(method, case.system) or not suits(case.system, method):
         return Trial(method, NOT_TRIED, floor=floor)
     case = replace(case, method=method, tol=tol, max_seconds=max_seconds)
     try:
@@ -179,7 +179,7 @@ def trial(
     )
 
 
-def takes(system: Model, method: str) -> bool:
+def suits(system: Model, method: str) -> bool:
     """Whether a method is one for these equations."""
     if system.is_quadrature:
         return method in ("auto", "quadrature")

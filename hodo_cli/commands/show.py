@@ -21,7 +21,6 @@ from ..quantities import angle_turned
 from ..results.layout import MODEL_SOURCE, SUMMARY, typed_as, units_of_case
 from ..results.resume import result_named, results_named, warn_of_changes
 from ..storage import Group, ResultFile, folder_of, open_batch
-from ..sweeps.sweep import stated_unit
 from ..text import few, grouped, in_bytes, magnitude, seconds, table
 
 LISTED = SUMMARY | typed_as("case")
@@ -254,6 +253,8 @@ def data_in_words(case: Case) -> str:
 def in_words(value: Any, case: Case, key: str = "") -> str:
     """A setting in a line, with its units where the case gives them: lists in parentheses, and
     mappings as `key = value`."""
+    from ..sweeps.sweep import stated_unit  # late: every run prints a table, and few have sweeps
+
     if isinstance(value, Mapping):
         inner = ((k, in_words(x, case, f"{key}.{k}")) for k, x in value.items() if x is not None)
         return ", ".join(f"{k} {x}" if "=" in x else f"{k} = {x}" for k, x in inner if x)
