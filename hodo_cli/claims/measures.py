@@ -175,8 +175,8 @@ def decides_unless(remark: str) -> None:
 
 
 def check_margin(name: str, margin: float, *motions: Motion) -> None:
-    """Raise Undecidable where a number is nearer to what decides than its error, or several numbers
-    are nearer to each other than their errors, and this error is more than any good result has."""
+    """Raise Undecidable where a margin is smaller than the summed error of the motions, and this
+    error is larger than rounding."""
     error = sum(error_of(m, name) for m in motions)
     if abs(margin) < error and error > ROUNDING * max(range_of(m, name) for m in motions):
         raise known_too_roughly(name, error, margin, *motions)

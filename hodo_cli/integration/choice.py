@@ -77,8 +77,8 @@ def stiffness(case: Case) -> str:
 
 
 def taylor_steps(case: Case, path: Trajectory | None = None) -> float:
-    """About how many Taylor steps a case takes if it is all the time as fast as at the start (under
-    laws of time as they are in the end), or as on a path."""
+    """About how many Taylor steps a case takes: at the fastest rate of its start throughout, with
+    laws of time at their end, or at the rates along a path."""
     system, end = case.system, case.time.end
     span = end - case.time.start if is_timed(system) else None
     if path is None:

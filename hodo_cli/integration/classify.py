@@ -398,9 +398,10 @@ def with_hidden_labels(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndar
 def resolve_conflicts(
     listed: CrossingList, reference: BetterSolution
 ) -> tuple[list[Crossing], tuple[str, ...]]:
-    """The crossings to be stored, from those of a motion and of its reference, and warnings.
+    """The crossings to be stored, and warnings, from the crossings of a motion and of its reference.
 
-    Lists that differ are exchanged only if the reference decides everything, and with a warning.
+    Where the two lists differ, the list of the reference is stored, with a warning, if the
+    reference is undecided nowhere.
     """
     better = reference.listed
     if axes(listed) == axes(better):

@@ -339,7 +339,8 @@ class StepCheck(StepBuffer):
         return self.is_cut
 
     def _pass_over(self, at: Any) -> None:
-        """Let the motion go straight on over a time of the engine."""
+        """Lead the motion straight over the engine's time `at`, in a short gap around it."""
+        # at * 0 is the start of the stretch, in the engine's type of numbers.
         begin, place = self.clock.exact_times(extended(np.array([at * 0, at]))).astype(float)
         near = BESIDE * ((place - self.start) or self.span)
         near = max(near, ULPS_BESIDE * np.spacing(abs(place)))

@@ -405,7 +405,8 @@ class Body(BodyFrame):
         return [*predictions, *filter(None, [self.no_separatrix_reason]), *(self.turn or ())[2:]]
 
     def stop_predictions(self, terms: Dissipation) -> list[str]:
-        """When the brake stops the body, or between which times: fluid does not change |G|."""
+        """The time at which the brake stops the body, or the two times between which it does where
+        the damping is unequal. A fluid needs no term here: it does not change |G|."""
         others = self.quadratic, any(terms.torque)
         if not self.brake or not terms.covered or any(others):
             return []

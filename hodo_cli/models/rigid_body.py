@@ -472,7 +472,7 @@ class BodyFrame(Model):
         w = np.moveaxis(omega, -1, 0)
         if len(self.state) == len(w):
             return w.copy()
-        # What else a user's state holds may follow from omega, as only its own start knows.
+        # A user's state may hold further variables that depend on omega: its own start gives them.
         each = (dict(zip("pqr", one, strict=True)) for one in omega.reshape(-1, 3).tolist())
         others = dict.fromkeys(self.initial)
         starts = [replace(self, initial=others | initial).start for initial in each]
