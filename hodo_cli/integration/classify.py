@@ -398,7 +398,7 @@ def with_hidden_labels(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndar
 def resolve_conflicts(
     listed: CrossingList, reference: BetterSolution
 ) -> tuple[list[Crossing], tuple[str, ...]]:
-    """The crossings to be stored, and warnings, from the crossings of a motion and of its reference.
+    """The crossings to be stored, and warnings, from those of a motion and of its reference.
 
     Where the two lists differ, the list of the reference is stored, with a warning, if the
     reference is undecided nowhere.
