@@ -20,7 +20,7 @@ TOOLS := $(VENV)/.ready-dev
 # Of the lowest versions there are no wheels for a later Python.
 LOWEST := build/lowest/.ready
 OLDEST = $(shell command -v python3.11 || command -v python3.12 || echo $(BIN)/python)
-MEETING := $(addprefix tests/test_,store.py dataset.py named.py error.py integrate.py classify.py install.py)
+MEETING := $(addprefix tests/test_,results.py dataset.py named.py error.py integrate.py classify.py install.py)
 # A file's tests stay in one process, so that what its fixtures integrate is integrated once.
 PYTEST := $(BIN)/pytest -q -n logical --maxprocesses 4 --dist loadfile
 
