@@ -222,9 +222,8 @@ def trials_of(
     their duration in seconds."""
     began = perf_counter()
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # warnings of SciPy and overflows: the verdicts count their causes
+        # Warnings of SciPy and overflows: the verdicts count their causes.
+        warnings.simplefilter("ignore")
         reference = reference_motion(case)
         patience = dict.fromkeys(methods, max_seconds) | {"auto": PATIENCE_OF_TRIALS}
         trials = [

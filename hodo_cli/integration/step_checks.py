@@ -377,8 +377,9 @@ class StepCheck(StepBuffer):
             each = [missed[kind].max(axis=0) / (allowed * size) for kind, size in pairs]
             return np.asarray(np.max(each, axis=0))
 
-        if not (relative(missed) > 1).any():
-            return relative(missed)
+        excess = relative(missed)
+        if not (excess > 1).any():
+            return excess
         # What the rounding of the time makes of a formula that changes fast is no miss.
         later = self._along(ends, x, series, ULPS_OF_TIME)[2]
         return relative(missed - np.abs(later - rated))

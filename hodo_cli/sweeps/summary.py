@@ -278,12 +278,8 @@ def sampled_errors(
     small, unknown = sum(x <= LEAST_SIZE for x in sizes), sum(map(math.isnan, sizes))
     summary.unmeasured[f"they end below {LEAST_SIZE:g}"] = small
     summary.unmeasured["an event ends them before their last sample"] = unknown
-    states, times = (
-        known(
-            [getattr(error, name) for error in errors], [getattr(other, name) for other in others]
-        )
-        for name in ("final", "crossing_time")
-    )
+    states = known([error.final for error in errors], [other.final for other in others])
+    times = known(*([error.crossing_time for error in by] for by in (errors, others)))
     states += earlier_errors(summary, "error_quantiles")
     times += earlier_errors(summary, "crossing_error_quantiles")
     kinds = sorted({error.kind for error in errors} - {"none"})
