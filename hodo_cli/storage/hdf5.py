@@ -350,7 +350,7 @@ def copy_group(source: h5py.Group, file: h5py.File, name: str) -> None:
             if h5a.exists(item, link):
                 h5a.delete(item, link)
     with suppress(KeyError):  # a dimension that another program has removed
-        attach(items, dimensions(source))
+        attach(items, dimensions(datasets_of(source)))
 
 
 def set_attributes(item: h5py.HLObject, attributes: Mapping[str, Attribute]) -> None:
@@ -358,10 +358,11 @@ def set_attributes(item: h5py.HLObject, attributes: Mapping[str, Attribute]) -> 
     for name, value in attributes.items():
         if h5a.exists(item.id, name.encode()):
             h5a.delete(item.id, name.encode())
-        # A lone surrogate cannot be stored, and C readers stop at a zero.
-        text = str(value).encode("utf-8", "replace").decode().replace("\0", "\ufffd")
-        is_text = isinstance(value, str)
-        data = np.asarray(text, dtype=STRING) if is_text else np.asarray(value)
+        data = np.asarray(value)
+        if isinstance(value, str):
+            # A lone surrogate cannot be stored, and C readers stop at a zero.
+            text = value.encode("utf-8", "replace").decode().replace("\0", "\ufffd")
+            data = np.asarray(text, dtype=STRING)
         space = h5s.create_simple(data.shape) if data.shape else SCALAR
         in_file, in_memory = types(data.dtype)
         h5a.create(item.id, name.encode(), in_file, space).write(data, in_memory)
@@ -456,13 +457,14 @@ class ResultFile:
 
     def read(self, name: str) -> Group:
         """A whole group. Raises HodoError as `summary` does."""
+        short = short_attributes(self._file, name) if self.intact else {}
         with self.open_group(name) as group:
-            items = {key: (dims, group[key]) for key, dims in dimensions(group).items()}
+            items = datasets_of(group)
             variables = {
-                key: Variable(dims, values_of(item), attributes_of(item))
-                for key, (dims, item) in items.items()
+                key: Variable(dims, values_of(items[key]), attributes_of(h5py.Dataset(items[key])))
+                for key, dims in dimensions(items).items()
             }
-            return Group(attributes_of(group), variables)
+            return Group(attributes_of(group, known=short), variables)
 
     def blocks(
         self, name: str, variables: Iterable[str], box: tuple[slice, ...]
@@ -503,12 +505,15 @@ def short_attributes(item: h5py.Group, name: str = ".") -> dict[str, Any]:
     return {}
 
 
-def attributes_of(item: h5py.HLObject, only: Collection[str] = ()) -> dict[str, Any]:
-    """All attributes as plain values, in their order, or those in `only`, in its order."""
+def attributes_of(
+    item: h5py.HLObject, only: Collection[str] = (), known: Mapping[str, Any] = {}
+) -> dict[str, Any]:
+    """All attributes as plain values, in their order, or those in `only`, in its order; `known`
+    ones are not read."""
     # Asking for a few takes less time than listing all.
     asked = [name for name in only if h5a.exists(item.id, name.encode())]
     names = asked if only else [name for name in item.attrs if name not in HIDDEN]
-    return {name: attribute_of(item, name) for name in names}
+    return {name: known[name] if name in known else attribute_of(item, name) for name in names}
 
 
 def attribute_of(item: h5py.HLObject, name: str) -> Any:
@@ -533,9 +538,13 @@ def one_value(stored: h5a.AttrID) -> Any:
     return None
 
 
-def values_of(item: h5py.Dataset) -> np.ndarray:
+def values_of(item: h5d.DatasetID) -> np.ndarray:
     """The values of a dataset."""
-    return np.asarray(item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()])
+    if h5py.check_string_dtype(item.dtype):
+        return np.asarray(h5py.Dataset(item).asstr()[()])
+    values = np.empty(item.shape, item.dtype)
+    item.read(h5s.ALL, h5s.ALL, values)
+    return values
 
 
 def datasets_of(group: h5py.Group) -> dict[str, h5d.DatasetID]:
@@ -544,10 +553,9 @@ def datasets_of(group: h5py.Group) -> dict[str, h5d.DatasetID]:
     return {name: item for name, item in objects.items() if isinstance(item, h5d.DatasetID)}
 
 
-def dimensions(group: h5py.Group) -> dict[str, tuple[str, ...]]:
-    """The dimensions of each variable of a group, without the datasets that only mark
+def dimensions(items: Mapping[str, h5d.DatasetID]) -> dict[str, tuple[str, ...]]:
+    """The dimensions of each variable among the datasets of a group, without those that only mark
     dimensions."""
-    items = datasets_of(group)
     # By their places in the file: HDF5 itself takes milliseconds to find a name.
     names = {place_in_file(item): name for name, item in items.items()}
     return {
