@@ -49,9 +49,6 @@ from ..storage import (
 from ..text import few, file_name_fault, grouped
 
 if TYPE_CHECKING:
-    pass
-
-if TYPE_CHECKING:
     from ..sweeps.columns import Earlier
 
 CASE_KEPT = "is kept, though it is no longer in the config (--prune drops it)"
