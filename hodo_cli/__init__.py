@@ -37,9 +37,9 @@ class BatchError(Exception):
     shown as one line. Exit status 2."""
 
 
-NOT_OF_A_CASE = (BatchError, OSError, ModuleNotFoundError)
+NOT_OF_A_CASE = (BatchError, OSError, ImportError)
 """Exceptions for which no case, figure or task is to blame. Code that catches every other exception
-lets these pass."""
+lets these pass. A signal that meets a library while it loads becomes an ImportError."""
 
 
 LATE = ("Case", "derive", "open", "plot", "run", "sweep")

@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import Hodo, wait_until
-from faults import BATCH, numbers, prepared, same, written
+from faults import BATCH, SWEEP, numbers, prepared, same, written
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="forks, signals and /proc")
 needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc compiles what watches calls")
@@ -282,6 +282,31 @@ def test_workers_import_nothing_from_the_current_folder(tmp_path: Path) -> None:
         said = process.communicate()[1]
     assert process.returncode == 0, said
     assert not (tmp_path / "owned").exists()
+
+
+HEYOKA_THAT_IS_STOPPED = """\
+import os, signal
+
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+except KeyboardInterrupt as error:
+    raise ImportError("initialization failed") from error
+"""
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("case", ["c1", "s"])
+def test_a_signal_that_meets_a_loading_library_is_no_failure_of_a_case(
+    tmp_path: Path, hodo: Hodo, case: str
+) -> None:
+    # A compiled library makes its own error of the exception that the signal raises.
+    (tmp_path / "libraries" / "heyoka").mkdir(parents=True)
+    (tmp_path / "libraries" / "heyoka" / "__init__.py").write_text(HEYOKA_THAT_IS_STOPPED)
+    written(tmp_path, BATCH + SWEEP)
+    libraries = {**os.environ, "PYTHONPATH": str(tmp_path / "libraries")}
+    ended = hodo("run", "x.yaml", "--case", case, env=libraries)
+    assert (ended.returncode, ended.stderr) == (130, "interrupted; finished cases are kept\n")
+    assert not (tmp_path / "runs" / "x.h5").exists()
 
 
 def test_a_stopped_run_ends_within_a_second_of_a_signal(tmp_path: Path, hodo: Hodo) -> None:
