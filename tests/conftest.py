@@ -47,13 +47,6 @@ def keep_compiled_code_here() -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):  # else it is that of the process that has started this
         keep_compiled_code_here()
-        state = tempfile.TemporaryDirectory()
-        config.add_cleanup(state.cleanup)
-        os.environ["XDG_STATE_HOME"] = state.name
-        # Of a secret that stays the same, code is compiled once for all workers and runs.
-        folder = Path(state.name, "hodo")
-        folder.mkdir(mode=0o700)
-        (folder / "secret").write_bytes(b"that of all tests".ljust(32))
     # Matrices of a hundred rows: the threads of several workers only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
