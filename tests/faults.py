@@ -493,8 +493,8 @@ def calls_fail(library: Path, folder: Path, most: int, step: int) -> Count:
             reads, forever = divmod(kind, 2)
             what = f"{name}: {'reads' if reads else 'writes'} {'for ever' if forever else 'once'}"
             # What a classification writes is looked at most closely: it takes the least time.
-            is_closer = what == "classify: writes once"
-            for first in range(1, most + 1, max(1, step // 12) if is_closer else step):
+            each = max(1, step // 12) if what == "classify: writes once" else step
+            for first in range(max(1, each // 2), most + 1, each):
                 number = errno.EIO if reads or first % 2 else errno.ENOSPC
                 fault = partial(arm, bytes(folder / "work"), first, forever, reads, number)
                 calls = one_fails(folder, name, states, fault)

@@ -203,16 +203,6 @@ def test_what_is_below_the_smallest_double_is_0_whatever_the_user_has_set() -> N
     assert swept.status.values.tolist() == [0, 0]
 
 
-def test_a_sweep_has_its_axes_as_dimensions() -> None:
-    made = api.sweep({**FIG4, "sweep": {"damping.2": {"linspace": [0.003, 0.007, 3]}}})
-    assert dict(made.sizes) == {"damping.2": 3, "axis": 3}
-    assert made["damping.2"].values.tolist() == pytest.approx([0.003, 0.005, 0.007])
-    assert made.crossings.values.tolist() == [1, 0, 0]
-    assert float(made.crossing_time[0]) == pytest.approx(305.35895516671, abs=1e-9)
-    with pytest.raises(HodoError, match=r"use hodo\.run"):
-        api.sweep(FIG4)
-
-
 def test_a_figure_is_drawn_of_datasets() -> None:
     made = api.run(FIG4)
     figure = api.plot([made, made], kind="series", variables=["T"], labels=["one", "two"])
@@ -328,9 +318,6 @@ def test_ranges_of_an_angle_may_be_in_degrees() -> None:
     ranges = {"initial.theta": {"linspace": ["30 deg", "60 deg", 3]}}
     made = api.sweep({**top, "sweep": ranges})
     assert made["initial.theta"].values == pytest.approx(np.radians([30, 45, 60]), rel=1e-15)
-    (axes,) = api.plot(made, kind="curve", variable="u2", x="initial.theta").axes
-    assert axes.get_xlabel() == r"$\theta$ [rad]"
-    assert axes.lines[0].get_xdata() == pytest.approx(np.radians([30, 45, 60]), rel=1e-15)
     with pytest.raises(HodoError, match="only angles and angular velocities are given in degrees"):
         api.sweep({**FIG4, "sweep": {"damping.2": {"values": ["5 deg"]}}})
     with pytest.raises(HodoError, match="expected"):

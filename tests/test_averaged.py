@@ -101,8 +101,9 @@ STARTS = [
 @pytest.mark.parametrize(
     ("A", "w", "lam"),
     [
-        *((*start, lam) for start in STARTS for lam in ((5, 4, 3), (4, 6, 3), 0)),
-        *((*STARTS[i], lam) for i in (0, 1) for lam in ((3, 4, 5), (6, 3, 4.7), (5, 4, 5))),
+        *((*start, lam) for start, lam in zip(STARTS, [(5, 4, 3), (4, 6, 3)] * 3, strict=True)),
+        *((*start, 0) for start in STARTS[1:5]),
+        *((*STARTS[i % 2], lam) for i, lam in enumerate(((3, 4, 5), (6, 3, 4.7), (5, 4, 5)))),
         (*STARTS[2], (-1, 2, 4)),
     ],
 )

@@ -852,24 +852,6 @@ def test_an_empty_default_may_be_written() -> None:
     assert len(empty) > 10
     for rule in empty:
         assert conforms(rule["default"], rule, RULES), rule["description"]
-    of_sweep = "cases: b, variable: crossings, x: damping.2, at: []"
-    text = f"""
-cases:
-  a: {{{BODY}, {SPAN}, attitude: yes, assumes: {{}}, store: []}}
-  b: {{{BODY}, {SPAN}, sweep: {{damping.2: {{values: [1, 2]}}, damping.0: {{values: [1, 2]}}}}}}
-bench: {{methods: [taylor], tols: []}}
-figures:
-  f: {{kind: series, cases: a, variables: [G], formula: {{}}, insets: [], labels: [], styles: []}}
-  g: {{kind: hodograph, cases: a, projections: []}}
-  h: {{kind: body, cases: a, moments: []}}
-  i: {{kind: curve, by: damping.0, {of_sweep}}}
-  j: {{kind: map, y: damping.0, {of_sweep}}}
-claims: []
-errata: []
-"""
-    assert obeys_schema(text)
-    figures = parse(text, "x.yaml").figures
-    assert figures["i"]["at"] == figures["j"]["at"] == ()
 
 
 def test_the_schema_takes_what_the_loader_takes() -> None:

@@ -255,14 +255,6 @@ def test_what_contradicts_the_theory_is_said(doubted: Case, words: str) -> None:
     assert words in warning
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_arrays_of_states_are_the_states_one_by_one(form: str) -> None:
-    k = constants(case(form=form, torque="[0.1, 0.2, 0.3]"))
-    y = np.random.default_rng(1).normal(size=(len(FORMS[form].state), 7))
-    expected = np.array([FORMS[form].rhs(0, column, k) for column in y.T]).T
-    assert np.array_equal(np.array(FORMS[form].rhs(0, y, k)), expected)
-
-
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("method", ["auto", "collocation"])
 @pytest.mark.parametrize(("torque", "reversal"), [(-0.1, "stop"), (0, "stop"), (0.1, "continue")])

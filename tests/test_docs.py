@@ -134,7 +134,6 @@ def test_case_files_are_right(name: str) -> None:
         assert named == {erratum["id"] for erratum in config.errata}
 
 
-@pytest.mark.process
 @pytest.mark.heyoka
 def test_readme_can_be_followed(hodo: Hodo, tmp_path: Path) -> None:
     """Its case, its commands with what they print, and its snippets, one after the other."""

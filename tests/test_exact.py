@@ -278,19 +278,6 @@ def case(**keys: object) -> Case:
     return Case.of({"inertia": [1, 0.6, 0.8], "initial": start, **keys})
 
 
-@pytest.mark.parametrize(
-    ("keys", "expected"),
-    [
-        ({"model": "linear-diag"}, True),
-        ({"model": "linear-diag", "damping": 0.1}, True),
-        ({"model": "linear-diag", "damping": [0.1, 0.1, 0.2]}, False),
-        ({"model": "tensor", "resistance": {"diagonal": 0.1, "off_diagonal": 0}}, False),
-    ],
-)
-def test_which_cases_have_a_closed_form(keys, expected):
-    assert case(time={"end": 1}, **keys).system.has_closed_form is expected
-
-
 def test_a_case_begins_at_its_own_start_of_time():
     one = case(model="linear-diag", damping=0.1, time={"start": 3, "end": 13})
     omega0 = np.array([0.5, 1.4, -0.25])

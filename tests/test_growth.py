@@ -4,7 +4,6 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 from conftest import call, classified
@@ -137,26 +136,3 @@ def test_nothing_is_predicted_for_a_kernel_or_a_tensor_that_feeds_energy_in() ->
     assert damped("tensor", (1.0, 0.0, 0.0), resistance=LITERAL).system.final_axis is None
     lopsided = ((0.003, 0.001, 0.0), (0.0, 0.003, 0.0), (0.0, 0.0, 0.003))
     assert damped("tensor", (1.0, 0.0, 0.0), resistance=lopsided).system.final_axis is None
-
-
-def test_a_sweep_with_other_values_keeps_the_members_that_both_have(tmp_path: Path) -> None:
-    """Every third value of the finer range is one of the coarser, where their doubles are equal."""
-
-    def swept(span: str) -> dict[str, np.ndarray]:
-        body = "model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0.004, error: off"
-        start = "initial: {p: 0.3, q: 0.7, r: -0.9}, time: {end: 20}"
-        text = f"cases:\n  s: {{{body}, {start}, sweep: {{damping.2: {{{span}}}}}}}\n"
-        (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
-        assert call(tmp_path, "run", "a.yaml", "--quiet").returncode == 0
-        with h5py.File(tmp_path / "runs" / "a.h5") as file:
-            group = file["s"]
-            reason, members = group.attrs["method_reason"], group.attrs["members"]
-            return {"reason": reason, "members": members, "omega": group["omega"][:]}
-
-    swept("linspace: [0, 0.01, 20]")
-    finer = swept("linspace: [0, 0.01, 58]")
-    kept = int(finer["reason"].partition(" of 58 members from an earlier run")[0])
-    assert kept == len({*np.linspace(0, 0.01, 20)} & {*np.linspace(0, 0.01, 58)}) > 2
-    coarser = swept("values: [0, 0.01]")
-    assert coarser["reason"].startswith("2 of 2 members from an earlier run")
-    assert (coarser["omega"] == finer["omega"][[0, -1]]).all()

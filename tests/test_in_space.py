@@ -15,7 +15,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from conftest import Hodo, call, classified, run_hodo
+from conftest import classified, run_hodo
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from test_own_time import TIMED, random_body, scaled
@@ -336,14 +336,6 @@ def test_a_sweep_of_no_number_of_the_attitude_is_refused(key: str) -> None:
         made(1, attitude={"align": "G"}, sweep={f"attitude.{key}": {"values": [1]}})
 
 
-def test_warnings_name_the_members_at_both_ends(hodo: Hodo, tmp_path: Path) -> None:
-    case = made(1, attitude={"euler": [0, 0, 0]}).entries
-    case |= {"sweep": {"attitude.euler.0": {"values": [0, 1, 2]}}}
-    (tmp_path / "a.yaml").write_text(json.dumps({"cases": {"a": case}}))
-    said = "first and last of 3 members (only the first and the last are checked): the start is"
-    assert said in hodo("run", "a.yaml", "-v").stderr
-
-
 @pytest.mark.heyoka
 def test_members_have_it() -> None:
     """At the end of each, and along each: as of single cases; aligned with the G of each."""
@@ -360,40 +352,6 @@ def test_members_have_it() -> None:
         assert in_space(motion)[0, :2] == pytest.approx([0, 0], abs=1e-14)
 
 
-@pytest.mark.heyoka
-def test_stored_and_drawn(tmp_path: Path) -> None:
-    """From the case file to the picture: single cases, and sweeps with their ends and with all
-    samples."""
-    (tmp_path / "a.yaml").write_text(
-        """
-defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74},
-           attitude: yes, time: {end: 20, samples: 21}}
-cases:
-  one: {}
-  none: {attitude: no}
-  many: {store: [trajectory], sweep: {initial.p: {linspace: [0.7, 0.9, 3]}}}
-  ends: {sweep: {initial.p: {linspace: [0.7, 0.9, 3]}}}
-figures:
-  f: {kind: series, cases: [one], variables: [G_space.x, x3_space.z, theta, attitude.a]}
-""",
-        encoding="utf-8",
-    )
-    for arguments in (["run", "a.yaml"], ["classify", "runs/a.h5"], ["plot", "a.yaml"]):
-        done = call(tmp_path, *arguments)
-        assert done.returncode == 0, done.stderr
-    with h5py.File(tmp_path / "runs" / "a.h5") as file:
-        stored = file["one/attitude"]
-        assert stored.shape == (21, 4)
-        assert stored.attrs["error"] < 1e-13
-        assert "scalar first" in stored.attrs["convention"]
-        assert [x.decode() for x in file["one/quaternion"]] == ["a", "b", "c", "d"]
-        assert "attitude" not in file["none"]
-        assert file["many/attitude"].shape == (3, 21, 4)
-        assert file["ends/attitude"].shape == (3, 4)
-        assert file["many/attitude"][:, -1] == pytest.approx(file["ends/attitude"][:], abs=1e-13)
-    assert call(tmp_path, "compare", "runs/a.h5", "runs/a.h5").returncode == 0
-
-
 @pytest.mark.parametrize(("kappa", "bound"), [("0.02*exp(-0.05*t)", 8e-4), (0.03, 2.3e-4)])
 def test_the_momentum_of_body_and_fluid_stays(kappa: Any, bound: float) -> None:
     """To O(kappa^2), that of the body to O(kappa); under a law by the kappa of each moment."""
@@ -404,16 +362,6 @@ def test_the_momentum_of_body_and_fluid_stays(kappa: Any, bound: float) -> None:
     total, G = derived.total_space.values, derived.G_space.values
     assert np.linalg.norm(total - total[0], axis=1).max() < bound
     assert np.linalg.norm(G - G[0], axis=1).max() > 5 * bound
-
-
-def test_only_the_member_without_an_attitude_is_invalid() -> None:
-    """A quaternion of length 0 among others is no reason to lose these."""
-    case = made(6, damping=0, attitude={"initial": [1, 0, 0, 0]}).entries
-    members = sweep({**case, "sweep": {"attitude.initial.0": {"values": [0, 1, 2]}}})
-    assert members.status.values.tolist() == [3, 0, 0]
-    assert np.isnan(members.attitude.values[0]).all()
-    last = run_case(case).attitude[-1]
-    assert members.attitude.values[1:] == pytest.approx(np.array([last, last]), abs=1e-13)
 
 
 @pytest.mark.parametrize("rotor", [[0.1, -0.2, 0.15], None])

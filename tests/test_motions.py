@@ -1,6 +1,6 @@
 """Random motions of every kind against the independent series: crossings, labels, stated errors.
 
-HODO_FUZZ sets the number of motions of each kind (default 5, without heyoka 2).
+HODO_FUZZ sets the number of motions of each kind (default 4, without heyoka 2).
 """
 
 import math
@@ -23,7 +23,7 @@ from hodo_cli.engines import have_taylor
 from hodo_cli.integration import integrate
 
 # Without heyoka most draws go by the same methods, whose integration does not change.
-EVERY_RUN = 5 if have_taylor() else 2
+EVERY_RUN = 4 if have_taylor() else 2
 COUNT = int(os.environ.get("HODO_FUZZ", EVERY_RUN))
 LOOSE = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
 

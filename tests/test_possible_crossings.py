@@ -2,7 +2,7 @@
 
 The motions are integrated side by side by a method of Runge and Kutta of order 8 at a fixed step,
 from the equations as they are printed, in all six orders of the axes. HODO_SUMS sets the number of
-members of each test (default 150).
+members of each test (default 100).
 """
 
 import itertools
@@ -16,7 +16,7 @@ from scipy.integrate import DOP853
 from hodo_cli import Case
 from hodo_cli.models.theory import theorems as theory
 
-MEMBERS = int(os.environ.get("HODO_SUMS", "150"))
+MEMBERS = int(os.environ.get("HODO_SUMS", "100"))
 P1 = (1.0, 0.8, 0.6)
 
 NONE, TO_LARGEST, TO_SMALLEST, THERE_AND_BACK = map(frozenset, ((), (1,), (-1,), (1, -1)))

@@ -31,7 +31,7 @@ from ..schema.kinds import (
     check,
     check_keys,
     expected,
-    is_list,
+    leaves,
     mistakes_where,
     unknown_names,
 )
@@ -259,26 +259,27 @@ def note_all(faults: Iterable[Mistake], source: Source) -> None:
     """Note the faults at their places in a document. A fault in an inherited value is named by its
     path in `defaults`."""
     for path, sentence in faults:
-        shown_path = at = path
-        if path[:1] == ("cases",) and len(path) > 2 and _is_inherited(source.document, *path[1:]):
-            shown_path = at = ("defaults", *path[2:])
-        override = _override_of(path, source)
-        source.note(override or source.locate(at), sentence, path if override else shown_path)
+        if override := _override_of(path, source):
+            source.note(override, sentence, path)
+            continue
+        is_inside = path[:1] == ("cases",) and len(path) > 2
+        if is_inside and _is_inherited(source.document, *path[1:]):
+            path = ("defaults", *path[2:])
+        source.note(source.locate(path), sentence, path)
 
 
 def _override_of(path: KeyPath, source: Source) -> str:
     """The override that has set the wrong value at a path; an empty string if none has."""
-    parts = tuple(map(str, path))
-    heads = (parts[:n] for n in range(len(parts), 2, -1))
-    texts = [source.overridden[head] for head in heads if head in source.overridden]
+    parts, set_by = tuple(map(str, path)), source.overridden
+    texts = [set_by[parts[:n]] for n in range(len(parts), 2, -1) if parts[:n] in set_by]
     if path and isinstance(path[-1], WrongKey):  # a key that is there for what is put below it
-        texts += [text for at, text in source.overridden.items() if at[: len(parts)] == parts]
+        texts += [text for at, text in set_by.items() if at[: len(parts)] == parts]
     return next(iter(texts), "")
 
 
 def _is_inherited(document: Any, case: Any, *path: Any) -> bool:
     own, common = document["cases"].get(case), document.get("defaults")
-    for key in path[: 1 + (path[:1] != () and path[0] in MERGED_KEYS)]:
+    for key in path[: 1 + (path[0] in MERGED_KEYS)]:
         if not isinstance(own, Mapping) or not isinstance(common, Mapping) or key not in common:
             return False
         if key not in own:
@@ -297,7 +298,12 @@ def checked_case(name: Any, block: Mapping[str, Any], inherited: Collection[str]
     values, mistakes = check_keys(keys, entries)
     mistakes += foreign
     own = {key: x for key, x in entries.items() if key in keys and key not in LIMITS}
-    sizes = [*_size_mistakes(own)]
+    sizes = [
+        (path, words)
+        for path, value in leaves(own)
+        if (size := abs(as_finite(value) or 0.0))
+        for words in range_mistake(size, SMALLEST_SIZE)
+    ]
     if model is None:
         raise Wrong(*mistakes, *sizes)
     # A case without an attitude is the same whether it says so or not.
@@ -360,19 +366,6 @@ squares are doubles, and units near the motion's own need no more."""
 
 LIMITS = {"tol", "max_seconds", "max_steps"}
 """The keys whose numbers are no data of the body or its torques."""
-
-
-def _size_mistakes(value: Any, path: KeyPath = ()) -> Iterator[Mistake]:
-    """A mistake for each number whose size is out of range, except within expressions."""
-    parts: Iterable[tuple[Any, Any]] = ()
-    if isinstance(value, Mapping):
-        parts = value.items()
-    elif is_list(value):
-        parts = enumerate(value)
-    elif size := abs(as_finite(value) or 0.0):
-        yield from ((path, words) for words in range_mistake(size, SMALLEST_SIZE))
-    for key, part in parts:
-        yield from _size_mistakes(part, (*path, key))
 
 
 def _sampled_time(system: Model, values: Mapping[str, Any]) -> Time:

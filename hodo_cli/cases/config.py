@@ -226,20 +226,11 @@ def _case_named(cases: Mapping[str, Case], names: Iterable[str], entry: Any) -> 
 
 
 def composed_text(cases: Mapping[str, Case], **sections: Any) -> str:
-    """The text of a case file with these complete cases and with other sections as plain values,
-    one line an entry."""
-    sections["cases"] = {name: case.entries for name, case in cases.items()}
-    lines = []
-    for section, value in sections.items():
-        match value:
-            case Mapping() if value:
-                entries = [f"  {name}: {write(entry)}" for name, entry in value.items()]
-                lines += [f"{section}:", *entries]
-            case list() if value:
-                lines += [f"{section}:", *(f"  - {write(entry)}" for entry in value)]
-            case str() if value:
-                lines.append(f"{section}: {write(value)}")
-    return "\n".join([*lines, ""])
+    """The text of a case file with these complete cases, one line each, after other sections as
+    plain values."""
+    lines = [f"{section}: {write(value)}" for section, value in sections.items() if value]
+    lines += ["cases:", *(f"  {name}: {write(case.entries)}" for name, case in cases.items()), ""]
+    return "\n".join(lines)
 
 
 def _entries(section: str, named: Mapping[str, Any]) -> tuple[dict[str, Any], list[Mistake]]:

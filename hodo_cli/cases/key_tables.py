@@ -20,19 +20,19 @@ Row = tuple[str, str, str, str, str]
 """Path, value, unit, default and meaning of a key."""
 
 
-def _written(rule: Rule) -> Any:
-    """The default of a key as a case file writes it; None if there is none."""
+def _default(rule: Rule) -> dict[str, Any]:
+    """The default of a key as a case file writes it, in JSON Schema; empty if there is none."""
     default = rule.get("default")
-    return rule["enum"][not default] if isinstance(default, bool) else default
+    written = rule["enum"][not default] if isinstance(default, bool) else default
+    return {} if written is None else {"default": written}
 
 
 def _rows(path: str, rule: Rule, chosen: str = "") -> Iterator[Row]:
     """The row of a key, then the rows of the keys inside it."""
-    written = _written(rule)
-    is_word = isinstance(written, str) and resolve_scalar(written or "~") == written
-    shown = written if is_word else write(written)
-    default = f"`{shown}`" if written is not None else ""
-    default = default if "default" in rule else "required"
+    default = "" if "default" in rule else "required"
+    if (written := _default(rule).get("default")) is not None:
+        is_word = isinstance(written, str) and resolve_scalar(written or "~") == written
+        default = f"`{written if is_word else write(written)}`"
     yield f"`{path}`{chosen}", words(rule), rule["unit"], default, rule["description"]
     for option in rule.get("anyOf", [rule]):
         inner = option.get("items", option)
@@ -59,88 +59,66 @@ def _takers(named: Mapping[str, Sequence[str]], catalogue: Mapping[str, Mapping[
     return f" ({'; '.join(f'{model} {forms}'.rstrip() for model, forms in some.items())})"
 
 
-def _groups() -> Iterator[tuple[str, str, list[Row]]]:
-    """Each group of keys: the heading of its page, its own heading and its rows."""
-    # Statements and styles have tables of their own.
-    yield (
-        "Keys of case files",
-        "The file",
-        [row for row in _table(SECTIONS) if not re.match(r"`(claims|errata|style)\.", row[0])],
-    )
+def _pages() -> dict[str, dict[str, list[Row]]]:
+    """The rows of all keys by page and by group, each with its heading."""
     catalogue = models.catalogue()
-    yield (
-        "Keys of case files",
-        "Every case",
-        _table({"model": keys_of(None, None)[1]["model"]} | COMMON),
-    )
     takers = grouped(
         (row, (model, name))
         for model, forms in catalogue.items()
         for name, form in forms.items()
         for row in _table(keys_of_form(form))
     )
-    alone: dict[str, list[Row]] = {model: [] for model in catalogue}
-    shared: list[Row] = []
+    of_models: dict[str, list[Row]] = {"Several models": []} | {
+        f"Model `{model}`": _table({"form": keys_of(model, None)[1]["form"]}) for model in catalogue
+    }
     for row, taking in takers.items():
         named = grouped(taking)
-        table = shared if len(named) > 1 else alone[next(iter(named))]
-        table.append((row[0] + _takers(named, catalogue), *row[1:]))
-    yield "Keys of case files", "Several models", shared
-    for model in catalogue:
-        yield (
-            "Keys of case files",
-            f"Model `{model}`",
-            _table({"form": keys_of(model, None)[1]["form"]}) + alone[model],
-        )
+        group = "Several models" if len(named) > 1 else f"Model `{next(iter(named))}`"
+        of_models[group].append((row[0] + _takers(named, catalogue), *row[1:]))
     first, *others = figure_block.FIGURE_KINDS.values()
     # A key belongs to "most figures" if most kinds take it with the same meaning.
     common = {
         k: x for k, x in first.items() if sum(keys.get(k) == x for keys in others) > len(others) / 2
     }
-    yield (
-        "Keys of figures",
-        "Most figures",
-        _table({"kind": figure_block.FIGURE["head"]} | common),
-    )
-    for name, keys in figure_block.FIGURE_KINDS.items():
-        yield (
-            "Keys of figures",
-            f"Figure `{name}`",
-            _table({k: x for k, x in keys.items() if common.get(k) != x}),
-        )
-    yield (
-        "Keys of statements",
-        "Every claim",
-        [row for row in _table(claim_block.CLAIM) if "(kind: " not in row[0]],
-    )
-    for name, keys in claim_block.CHECK_KINDS.items():
-        yield (
-            "Keys of statements",
-            f"Check `{name}`",
-            _table({f"check.{key}": x for key, x in keys.items()}),
-        )
+    # Statements and styles have tables of their own.
+    of_file = [row for row in _table(SECTIONS) if not re.match(r"`(claims|errata|style)\.", row[0])]
+    return {
+        "Keys of case files": {
+            "The file": of_file,
+            "Every case": _table({"model": keys_of(None, None)[1]["model"]} | COMMON),
+        }
+        | of_models,
+        "Keys of figures": {"Most figures": _table({"kind": figure_block.FIGURE["head"]} | common)}
+        | {
+            f"Figure `{name}`": _table({k: x for k, x in keys.items() if common.get(k) != x})
+            for name, keys in figure_block.FIGURE_KINDS.items()
+        },
+        "Keys of statements": {
+            "Every claim": [row for row in _table(claim_block.CLAIM) if "(kind: " not in row[0]]
+        }
+        | {
+            f"Check `{name}`": _table({f"check.{key}": x for key, x in keys.items()})
+            for name, keys in claim_block.CHECK_KINDS.items()
+        },
+    }
 
 
 def key_tables() -> str:
     """Every key of a case file, in Markdown: a table a page, with a row in bold before each
     group."""
-    pages = grouped(
-        (page, row)
-        for page, heading, rows in _groups()
-        for row in rows and [(f"**{heading}**", "", "", "", ""), *rows]
-    )
-    tables = [
-        (page, markdown(("key", "value", "unit", "default", "meaning"), rows))
-        for page, rows in pages.items()
-    ]
+    tables = {}
+    for page, groups in _pages().items():
+        headed = ([(f"**{heading}**", "", "", "", ""), *rows] for heading, rows in groups.items())
+        rows = [row for group in headed if len(group) > 1 for row in group]
+        tables[page] = markdown(("key", "value", "unit", "default", "meaning"), rows)
     # The components of a vector have the same meaning, and share a row.
     named = grouped((meaning, f"`{x}`") for x, meaning in claim_block.QUANTITY_NAMES.items())
     quantities = [(", ".join(names), meaning) for meaning, names in named.items()]
     halves = zip_longest(quantities[::2], quantities[1::2], fillvalue=("", ""))
-    in_two = markdown(("quantity", "meaning") * 2, ((*left, *right) for left, right in halves))
-    return "\n".join(
-        f"## {heading}\n\n{table}" for heading, table in [*tables, ("Quantities of checks", in_two)]
+    tables["Quantities of checks"] = markdown(
+        ("quantity", "meaning") * 2, ((*left, *right) for left, right in halves)
     )
+    return "\n".join(f"## {heading}\n\n{table}" for heading, table in tables.items())
 
 
 # The words of a rule that go into its JSON Schema unchanged; the others are translated or are
@@ -154,8 +132,7 @@ _TAKEN_OVER = (
 def schema_of(rule: Rule, is_partial: bool = False) -> dict[str, Any]:
     """A rule as JSON Schema, or as a reference to its definition; `is_partial`: no key is required,
     and empty values are allowed."""
-    words = {word: rule[word] for word in ("description",) if word in rule}
-    words |= {} if _written(rule) is None else {"default": _written(rule)}
+    words = {word: rule[word] for word in ("description",) if word in rule} | _default(rule)
     if "definition" in rule:
         return words | {"$ref": f"#/$defs/{rule['definition']}"}
     return words | _schema_in_full(rule, is_partial)
@@ -170,8 +147,8 @@ def _schema_in_full(rule: Rule, is_partial: bool = False) -> dict[str, Any]:
     schema: dict[str, Any] = {word: rule[word] for word in _TAKEN_OVER if word in rule}
     schema |= {"anyOf": [*map(schema_of, rule["anyOf"])]} if "anyOf" in rule else {}
     schema |= {"items": schema_of(rule["items"])} if "items" in rule else {}
-    if (each := rule.get("additionalProperties")) is not None:
-        schema |= {"additionalProperties": of_inner(each)}
+    if "additionalProperties" in rule:
+        schema |= {"additionalProperties": of_inner(rule["additionalProperties"])}
     if (keys := rule.get("properties")) is None:
         return schema
     required = [name for name, key in keys.items() if "default" not in key and not is_partial]

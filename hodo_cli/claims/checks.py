@@ -8,13 +8,16 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..cases.claim_block import SINGLE_NUMBERS
+from ..integration import Crossing
 from ..models import rigid_body
 from ..results.motion import Motion
+from ..text import grouped
 from .finding import (
     PLOTTING_ACCURACY,
     ROUNDING,
@@ -28,13 +31,13 @@ from .finding import (
     listed,
 )
 from .measures import (
+    check_known,
     check_margin,
     check_reached,
     enclosed_at,
     error_of,
     extremes,
     known_crossings,
-    known_too_roughly,
     largest_magnitude,
     law_values,
     number,
@@ -57,15 +60,17 @@ def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
     complying, words = 0, []
     for m in motions:
         axes = {moment: enclosed_at(m, moment) for moment in wanted}
-        labels = dict.fromkeys(rigid_body.LABELS[label] for label in m.labels_at_ends)
-        words.append(" to ".join(labels) + (", until G is 0" if math.isfinite(m.stop) else ""))
         turns = [turns_at(m, moment) for moment in wanted] if check["turns"] else []
-        if turns:
-            words[-1] += f" ({listed(dict.fromkeys(turns), 3)} turns)"
         complying += wanted == axes and all(turn >= check["turns"] for turn in turns)
-    contrary = [f"an axis other than {axis} at the {moment}" for moment, axis in wanted.items()]
-    if len(named := {*wanted.values()}) == 1:
-        contrary = [f"an axis other than {next(iter(named))}"]
+        labels = dict.fromkeys(rigid_body.LABELS[label] for label in m.labels_at_ends)
+        until = ", until G is 0" if math.isfinite(m.stop) else ""
+        made = f" ({listed(dict.fromkeys(turns), 3)} turns)" if turns else ""
+        words.append(f"{' to '.join(labels)}{until}{made}")
+    moments = grouped((axis, moment) for moment, axis in wanted.items())
+    contrary = [
+        f"an axis other than {axis}" + (f" at the {at[0]}" if len(moments) > 1 else "")
+        for axis, at in moments.items()
+    ]
     contrary += [f"fewer turns about it than {check['turns']:g}"] if check["turns"] else []
     return Finding(
         deviation_unless(complying == len(motions)),
@@ -77,56 +82,39 @@ def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Number and direction of the crossings of each case; decided by the largest number."""
-    least = least_crossings(check)
-    most = math.inf if check["most"] is None else check["most"]
-    of_motions = [
-        [
-            (
-                m.case.time.text(c.time, 4),
-                rigid_body.LABELS[c.start],
-                rigid_body.LABELS[c.end],
-            )
-            for c in m.crossings
-        ]
-        for m in motions
-    ]
-    goes_astray = any(
-        check["from"] not in (None, a) or check["to"] not in (None, b)
-        for _, a, b in itertools.chain(*of_motions)
-    )
-    fails = goes_astray or any(len(passages) > most for passages in of_motions)
-    lacks_some = any(len(passages) < least for passages in of_motions)
+    # At least one, unless `most` alone is given: a direction needs a crossing.
+    least, most = check["least"] or int(check["most"] is None), check["most"]
+    counts = [len(m.crossings) for m in motions]
+    asked = {side: check[side] for side in ("from", "to") if check[side]}
+    goes_astray = any(asked.items() - ends_of(c).items() for m in motions for c in m.crossings)
+    fails = goes_astray or (most is not None and max(counts) > most)
+    lacks_some = min(counts) < least
     # An unknown crossing may be the missing one, or one too many.
-    if not fails and (lacks_some or check["most"] is not None or check["from"] or check["to"]):
+    if not fails and (lacks_some or most is not None or asked):
         for m in motions:
             known_crossings(m)
-    words = [
-        ", ".join(f"{time} ({a} to {b})" for time, a, b in passages) or "no crossing"
-        for passages in of_motions
-    ]
-    largest = float(max(map(len, of_motions)))
+    fewer = "no crossing" if least == 1 else f"fewer crossings than {least}"
+    more = f"more crossings than {most}" if most else "a crossing"
+    astray = f"a crossing that is not {' '.join(map(' '.join, asked.items()))}"
+    contrary = ((fewer, least), (more, most is not None), (astray, asked))
     return Finding(
         deviation_unless(not (fails or lacks_some)),
-        number=largest,
-        evidence="; ".join(words),
-        contradicted_by=contrary_crossings(check),
+        number=float(max(counts)),
+        evidence="; ".join(
+            ", ".join(
+                f"{m.case.time.text(c.time, 4)} ({' to '.join(ends_of(c).values())})"
+                for c in m.crossings
+            )
+            or "no crossing"
+            for m in motions
+        ),
+        contradicted_by=" or ".join(words for words, is_contrary in contrary if is_contrary),
     )
 
 
-def least_crossings(check: Keys) -> int:
-    """The fewest crossings that a check allows: at least one, unless `most` alone is given, because
-    a direction needs a crossing."""
-    return check["least"] or int(check["most"] is None)
-
-
-def contrary_crossings(check: Keys) -> str:
-    """In words, the crossings that a check does not allow."""
-    least, most = least_crossings(check), check["most"]
-    fewer = "no crossing" if least == 1 else f"fewer crossings than {least}"
-    more = f"more crossings than {most}" if most else "a crossing"
-    ends = " ".join(f"{side} {check[side]}" for side in ("from", "to") if check[side])
-    contrary = ((fewer, least), (more, most is not None), (f"a crossing that is not {ends}", ends))
-    return " or ".join(words for words, is_contrary in contrary if is_contrary)
+def ends_of(crossing: Crossing) -> dict[str, str]:
+    """The axes enclosed before and after a crossing, by the keys of a check."""
+    return {"from": rigid_body.LABELS[crossing.start], "to": rigid_body.LABELS[crossing.end]}
 
 
 def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -154,51 +142,37 @@ def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
     )
 
 
-class Limit(NamedTuple):
-    """A bound of a quantity in one motion: the side on which values violate it, the bound, the
-    value nearest to it or farthest beyond it, and the motion."""
-
-    side: str
-    value: float
-    nearest: float
-    motion: Motion
-
-    @property
-    def violation(self) -> float:
-        """How far the value is beyond the bound; negative where the bound is met."""
-        beyond = self.nearest - self.value
-        return beyond if self.side == "above" else -beyond
-
-
 def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     """A quantity compared with a bound; decided by its value nearest to the bound, or farthest
     beyond it."""
     name, everywhere = check["of"], check["at"] == "always"
-    limits, ends = [], []
-    for m in motions:
-        low, high = extremes(m, name) if everywhere else (number(m, name, check["at"]),) * 2
-        ends.append((low, high))
-        for side, value, nearest in (
-            ("above", check["most"], high),
-            ("below", check["least"], low),
-        ):
-            if value is not None:
-                limits.append(Limit(side, value, nearest, m))
-    for limit in limits:
-        check_reached(limit.motion, name, limit.value)
-    decisive = max(limits, key=lambda limit: limit.violation)
-    is_single = name in SINGLE_NUMBERS
-    digits = max(digits_to_show(limit.nearest, limit.violation) for limit in limits)
-    low, high = min(low for low, _ in ends), max(high for _, high in ends)
-    words = f"{name} from {low:.{digits}g} to {high:.{digits}g}{among(motions, decisive.motion)}"
-    if not everywhere:
-        words = f"{name} = {listed((low for low, _ in ends), digits)}"
-    deviation_of = number_deviation if is_single else course_deviation
+    of_motions = [
+        extremes(m, name) if everywhere else (number(m, name, check["at"]),) * 2 for m in motions
+    ]
+    bounds = [(sign, check[key]) for sign, key in ((1, "most"), (-1, "least"))]
+    bounds = [(sign, bound) for sign, bound in bounds if bound is not None]
+    # The value that is nearest to a bound, or farthest beyond it, and how far that is.
+    nearest = [
+        (sign * (ends[sign > 0] - bound), ends[sign > 0], m)
+        for m, ends in zip(motions, of_motions, strict=True)
+        for sign, bound in bounds
+    ]
+    for m, (_, bound) in itertools.product(motions, bounds):
+        check_reached(m, name, bound)
+    _, decisive, of_case = max(nearest, key=itemgetter(0))
+    digits = max(digits_to_show(value, violation) for violation, value, _ in nearest)
+    lows, highs = zip(*of_motions, strict=True)
+    words = f"{name} from {min(lows):.{digits}g} to {max(highs):.{digits}g}"
+    deviation_of = number_deviation if name in SINGLE_NUMBERS else course_deviation
     return Finding(
-        max(deviation_of(x.motion, name, x.violation) for x in limits),
-        number=decisive.nearest,
-        evidence=words,
-        contradicted_by=" or ".join(dict.fromkeys(f"a value {x.side} {x.value:g}" for x in limits)),
+        max(deviation_of(m, name, violation) for violation, _, m in nearest),
+        number=decisive,
+        evidence=words + among(motions, of_case)
+        if everywhere
+        else f"{name} = {listed(lows, digits)}",
+        contradicted_by=" or ".join(
+            f"a value {'above' if sign > 0 else 'below'} {bound:g}" for sign, bound in bounds
+        ),
     )
 
 
@@ -226,8 +200,7 @@ def course_deviation(
         return 0.0
     error = error_of(m, name)
     hidden = max(PLOTTING_ACCURACY * scale, ROUNDING * vector_size(m, name))
-    if abs(violation) < error and error > hidden:
-        raise known_too_roughly(name, error, violation, m)
+    check_known(name, error, violation, hidden, m)
     return 0.0 if violation <= error else deviation_beyond(difference / scale, 0.0)
 
 

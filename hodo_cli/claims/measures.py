@@ -133,16 +133,9 @@ def number(m: Motion, name: str, at: str = "end") -> float:
     return float(quantity(m, name)[0 if at == "start" else -1])
 
 
-def undecided_crossings(m: Motion) -> str:
-    """Why it is open whether a motion crosses the separatrix; an empty text if it is known."""
-    warnings = str(m.attrs.get("classify_warnings", "")).splitlines()
-    remarks = [f"{m.words}: {warning}" for warning in warnings if UNDECIDED in warning]
-    return next(iter(remarks), "")
-
-
 def check_divided(m: Motion) -> None:
-    """Raises Undecidable for a motion that no separatrix divides by the sign of D, such as one with
-    a rotor: it has no crossings, and goes round no axis, that would be known."""
+    """Raise Undecidable for a motion that no separatrix divides by the sign of D, such as one with
+    a rotor: its crossings and the axis that it goes round are not known."""
     if reason := m.case.system.no_separatrix_reason:
         raise Undecidable(f"{m.words}: {reason}")
 
@@ -150,7 +143,9 @@ def check_divided(m: Motion) -> None:
 def known_crossings(m: Motion) -> tuple[Crossing, ...]:
     """The crossings of a motion. Raises Undecidable where it is open whether these are all."""
     check_divided(m)
-    decides_unless(undecided_crossings(m))
+    for warning in str(m.attrs.get("classify_warnings", "")).splitlines():
+        if UNDECIDED in warning:
+            raise Undecidable(f"{m.words}: {warning}")
     return m.crossings
 
 
@@ -159,34 +154,29 @@ def enclosed_at(m: Motion, moment: str) -> str:
     a motion may be nearer to the separatrix than its error, or stop there."""
     label = m.labels_at_ends[moment == "end"]
     if label == rigid_body.SEPARATRIX:
-        decides_unless(undecided_crossings(m))
+        known_crossings(m)
     if label == rigid_body.UNDETERMINED:
         check_divided(m)
-        decides_unless(
-            f"{m.words} is at rest or rotates steadily at the {moment}: G goes round no axis"
-        )
+        reason = f"is at rest or rotates steadily at the {moment}: G goes round no axis"
+        raise Undecidable(f"{m.words} {reason}")
     return rigid_body.LABELS[label]
-
-
-def decides_unless(remark: str) -> None:
-    """Raise Undecidable with a remark, unless it is empty."""
-    if remark:
-        raise Undecidable(remark)
 
 
 def check_margin(name: str, margin: float, *motions: Motion) -> None:
     """Raise Undecidable where a margin is smaller than the summed error of the motions, and this
     error is larger than rounding."""
     error = sum(error_of(m, name) for m in motions)
-    if abs(margin) < error and error > ROUNDING * max(range_of(m, name) for m in motions):
-        raise known_too_roughly(name, error, margin, *motions)
+    rounding = ROUNDING * max(range_of(m, name) for m in motions)
+    check_known(name, error, margin, rounding, *motions)
 
 
-def known_too_roughly(name: str, error: float, margin: float, *motions: Motion) -> Undecidable:
-    """Why a quantity with an error above the deciding difference does not decide."""
-    owners = " and ".join(dict.fromkeys(m.words for m in motions))
-    decides = f"a difference of {abs(margin):.2g} decides"
-    return Undecidable(f"{name} of {owners} is known to {error:.2g} only, and {decides}")
+def check_known(name: str, error: float, margin: float, least: float, *motions: Motion) -> None:
+    """Raise Undecidable where the error of a quantity is above the deciding margin and above
+    `least`."""
+    if abs(margin) < error and error > least:
+        owners = " and ".join(dict.fromkeys(m.words for m in motions))
+        decides = f"a difference of {abs(margin):.2g} decides"
+        raise Undecidable(f"{name} of {owners} is known to {error:.2g} only, and {decides}")
 
 
 def check_reached(m: Motion, name: str, limit: float) -> None:
@@ -273,21 +263,14 @@ VISIBLE_MOMENTUM = 0.1
 """The |G| above which a figure shows a turn; |G| is about 1 at the start."""
 
 
-def is_about(m: Motion, axis: int, least: float) -> np.ndarray:
-    """Whether samples (n,) enclose axis `axis` (0, 1, 2) with |G| of at least `least`."""
-    return np.asarray((m.labels == axis + 1) & (m["G"] >= least))
-
-
 def turns_about(m: Motion, axis: int, least: float = 0.0) -> list[float]:
-    """The turns that G makes about an axis in each stretch of the motion that `is_about` it, in
-    order. A stretch reaches from edge to edge, which lie between samples."""
+    """The turns that G makes about axis `axis` (0, 1, 2) in each stretch of the motion that
+    encloses it with |G| of at least `least`, in order. A stretch reaches from edge to edge, which
+    lie between samples."""
     check_divided(m)
-    inside = np.r_[False, is_about(m, axis, least), False]
+    inside = np.r_[False, (m.labels == axis + 1) & (m["G"] >= least), False]
     angle, edges = angle_about(m, axis), np.flatnonzero(np.diff(inside)).tolist()
-    times = [edge_time(m, edge, least) for edge in edges]
-    places = np.searchsorted(m.time, times).tolist()
-    curves = [smooth_curve(m.time, angle, i, t) for i, t in zip(places, times, strict=True)]
-    at_edges = [float(curve(0.0)) for curve in curves]
+    at_edges = [value_at(m, angle, edge_time(m, edge, least)) for edge in edges]
     return [
         abs(end - start) / (2 * math.pi)
         for start, end in zip(at_edges[::2], at_edges[1::2], strict=True)
@@ -350,9 +333,13 @@ def part_of_region_filled(m: Motion, side: int) -> float:
     # It may be largest where the motion enters or leaves the region, between two samples.
     axis = m.order[side] + 1
     passages = [c.time for c in m.crossings if axis in (c.start, c.end)]
-    at = [smooth_curve(m.time, coordinate, int(np.searchsorted(m.time, t)), t) for t in passages]
-    reached += [float(curve(0.0)) for curve in at]
+    reached += [value_at(m, coordinate, time) for time in passages]
     return max(reached) / max(peak(m.time, column) for column in m.quadrants.T)
+
+
+def value_at(m: Motion, values: np.ndarray, time: float) -> float:
+    """The value at a time of a smooth curve through values (n,) over the samples of a motion."""
+    return float(smooth_curve(m.time, values, int(np.searchsorted(m.time, time)), time)(0.0))
 
 
 def smooth_curve(
@@ -382,18 +369,14 @@ UNDERFLOW = 1e-290
 """The size from which on a quantity that decays may be 0 in the next sample."""
 
 
-def zero_intervals(values: np.ndarray) -> np.ndarray:
-    """The intervals in which values (n,) reach or pass 0."""
+def zero_times(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """The times at which values (n,) reach or pass 0."""
     # By signs: a zero may fall on a sample, and products of small numbers are 0.
     side = np.sign(values)
     passes = (side[:-1] != 0) & (side[:-1] != side[1:])
-    # What decays never reaches 0, but for doubles that end before it.
-    return np.flatnonzero(passes & ((side[1:] != 0) | (np.abs(values[:-1]) > UNDERFLOW)))
-
-
-def zero_times(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """The times at which values (n,) reach or pass 0."""
-    return np.array([zero_between(time, values, int(i)) for i in zero_intervals(values)])
+    # A quantity that decays never reaches 0, but doubles end before it.
+    passes &= (side[1:] != 0) | (np.abs(values[:-1]) > UNDERFLOW)
+    return np.array([zero_between(time, values, int(i)) for i in np.flatnonzero(passes)])
 
 
 def zero_between(time: np.ndarray, values: np.ndarray, i: int) -> float:

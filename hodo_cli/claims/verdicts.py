@@ -84,11 +84,10 @@ def members(
             for mistake in type(member.system).check(member.data):
                 raise HodoError(f"member {case.name}.{number}: {mistake}")
         by_case.append(of_case)
-    labels = [starting_axes(of_case) for of_case in by_case if start]
     return {
         name: of_member
-        for i, (name, of_member) in enumerate(zip(names, zip(*by_case, strict=True), strict=True))
-        if all(of_case[i] == start for of_case in labels)
+        for name, of_member in zip(names, zip(*by_case, strict=True), strict=True)
+        if start is None or all(starting_axis(case) == start for case in of_member)
     }
 
 
@@ -103,18 +102,10 @@ def member_name(axes: Sequence[Axis], index: Sequence[Any]) -> str:
     return ", ".join(words)
 
 
-def starting_axes(cases: Sequence[Case]) -> list[str]:
-    """The axes that the hodographs of body-frame cases enclose at the start."""
-    names = [""] * len(cases)
-    bodies = (case.data["inertia"] for case in cases)
-    # All cases of one body at once.
-    for of_body in grouped((body, i) for i, body in enumerate(bodies)).values():
-        body = body_of(cases[of_body[0]])
-        omega = np.array([cases[i].system.start[:3] for i in of_body])
-        labels = body.enclosed(omega, ROUNDING)
-        for i, label in zip(of_body, labels.tolist(), strict=True):
-            names[i] = rigid_body.LABELS[label]
-    return names
+def starting_axis(case: Case) -> str:
+    """The axis that the hodograph of a body-frame case encloses at the start."""
+    labels = body_of(case).enclosed(np.array([case.system.start[:3]]), ROUNDING)
+    return rigid_body.LABELS[int(labels[0])]
 
 
 def changed_case(case: Case, changes: Mapping[str, Any]) -> Case:
@@ -216,14 +207,9 @@ class Judge:
 
     def _reading(self, claim: Mapping[str, Any]) -> Verdict:
         """The verdict on a claim without readings."""
-        check = claim["check"]
-        missing = unusable(claim["cases"], self.run)
-        if check["kind"] == "paper" and check["name"] not in checks_of_papers():
-            missing = f"this version has no check {check['name']!r}"
-        if missing:
-            return undecided(NOT_TESTED, missing)
         try:
-            if check["kind"] == "average":
+            check_usable(claim, self.run)
+            if claim["check"]["kind"] == "average":
                 return by_finding(of_sweep(claim, self.run))
             verdict = self._measured(claim)
         except Undecidable as error:
@@ -245,16 +231,16 @@ class Judge:
         """The motions of entries of `cases:`, in order: as stored, or integrated where they have
         other values or where the check is decided along the motion."""
         along = is_of_course(check)
-        new = [self._case(entry) for entry in entries if along or not isinstance(entry, str)]
+        stored = [stored_motion(self.run, x) if isinstance(x, str) else None for x in entries]
+        new = [
+            self._case(x)
+            for x, of_case in zip(entries, stored, strict=True)
+            if along or not of_case
+        ]
         varied = iter(next(self.varied.of([new], along)) if new else ())
-        motions = []
-        for entry in entries:
-            if not isinstance(entry, str):
-                motions.append(next(varied))
-                continue
-            stored = stored_motion(self.run, entry)
-            motions.append(with_errors(next(varied), stored) if along else stored)
-        return motions
+        if along:
+            return [with_errors(m, x) if x else m for m, x in zip(varied, stored, strict=True)]
+        return [of_case or next(varied) for of_case in stored]
 
     def _measured(self, claim: Mapping[str, Any]) -> Verdict:
         """The verdict on a claim by the motions of its cases, in order, or by the members of its
@@ -331,15 +317,18 @@ def undecided(word: str, evidence: str = "") -> Verdict:
     return Verdict(word, Finding(math.nan, number=math.nan, evidence=evidence))
 
 
-def unusable(cases: Sequence[Any], run: ResultFile) -> str:
-    """In words, a case without a result and why; an empty string if every case has a result."""
-    for name in map(case_name, cases):
+def check_usable(claim: Mapping[str, Any], run: ResultFile) -> None:
+    """Raise Undecidable if this version lacks the check of a claim, or the result one of its
+    cases."""
+    check = claim["check"]
+    if check["kind"] == "paper" and check["name"] not in checks_of_papers():
+        raise Undecidable(f"this version has no check {check['name']!r}")
+    for name in map(case_name, claim["cases"]):
         if name not in run:
-            return f"{name}: missing"
+            raise Undecidable(f"{name}: missing")
         ended = run.row(name, {"status": str, "message": str})
         if ended["status"] != "ok":
-            return f"{name}: {ended['status']} {ended['message']}".rstrip()
-    return ""
+            raise Undecidable(f"{name}: {ended['status']} {ended['message']}".rstrip())
 
 
 def of_sweep(claim: Mapping[str, Any], run: ResultFile) -> Finding:
@@ -389,12 +378,15 @@ def with_errors(m: Motion, stored: Motion) -> Motion:
     return replace(m, data={**m.data, **known}, attrs=stored.attrs, path=stored.path)
 
 
-def standing(claim: Mapping[str, Any], holds: int, total: int) -> int:
-    """2 if a statement holds that `holds` of `total` members of `over` meet, 0 if it does not, and
-    1 if it holds on a part of a grid of what the text does not print."""
-    if claim["share"] is not None:
-        return 2 * bool(holds / total >= claim["share"])
-    return (holds == total) + (holds == total if claim["theorem"] else holds > 0)
+def over_some(claim: Mapping[str, Any], holds: int, total: int) -> str:
+    """The verdict on a statement that `holds` of `total` members of `over` meet, to plotting
+    accuracy at least. It is under-determined on a part of a grid of what the text does not print;
+    one member refutes a theorem."""
+    share = 1 if claim["share"] is None else claim["share"]
+    if holds / total >= share:
+        return REPRODUCED
+    is_open = holds and claim["share"] is None and not claim["theorem"]
+    return UNDERDETERMINED if is_open else CONTRADICTED
 
 
 def over_members(
@@ -407,35 +399,26 @@ def over_members(
     depends on what these members would give.
     """
     holds, total = sum(f.holds for f in findings.values()), len(findings) + len(remarks)
-    if standing(claim, holds, total) != standing(claim, holds + len(remarks), total):
+    word = over_some(claim, holds, total)
+    if word != over_some(claim, holds + len(remarks), total):
         others = f" (open for {len(remarks)} of {total} members)" if total > 1 else ""
         raise Undecidable(f"{remarks[0]}{others}")
     numbers = [f.number for f in findings.values()]
     spread = f", {min(numbers):.3g} to {max(numbers):.3g}" if min(numbers) < max(numbers) else ""
     spread += f"; open for {len(remarks)}: {remarks[0]}" if remarks else ""
-    if claim["share"] is not None:
-        return over_sample(claim, [*findings.values()], total, spread)
     worst, finding = max(findings.items(), key=lambda member: member[1].deviation)
-    evidence = f"holds on {holds} of {total} members{spread}"
-    if finding.deviation:
+    if (share := claim["share"]) is not None:
+        fewest = f"more than {100 * (1 - share):.3g} % of the members" if share < 1 else "a member"
+        finding = replace(finding, number=holds / total)
+        evidence = f"holds for {holds} of {total} members of a sample ({100 * holds / total:.3g} %)"
+    else:
+        fewest = "a member" if claim["theorem"] else "every member"
+        # The worst member may hold to plotting accuracy alone.
+        word = finding.degree if holds == total else word
+        evidence = f"holds on {holds} of {total} members"
         is_sized = finding.deviation < math.inf
         size = f"{in_percent(finding.deviation)} of the range " if is_sized else ""
-        evidence += f"; largest violation {size}at {worst} ({finding.evidence})"
-    contrary = f"{finding.contradicted_by}, for {'a' if claim['theorem'] else 'every'} member"
-    word = UNDERDETERMINED if 0 < holds < total else finding.degree
-    return Verdict(word, replace(finding, evidence=evidence, contradicted_by=contrary))
-
-
-def over_sample(
-    claim: Mapping[str, Any], findings: Sequence[Finding], total: int, spread: str
-) -> Verdict:
-    """The verdict over a sample of `total` motions, a share of which has to comply."""
-    share, holds = claim["share"], sum(finding.holds for finding in findings)
-    complying = holds / total
-    percent = f"({100 * complying:.3g} %)"
-    evidence = f"holds for {holds} of {total} members of a sample {percent}{spread}"
-    fewest = f"more than {100 * (1 - share):.3g} % of the members" if share < 1 else "a member"
-    worst = max(findings, key=lambda finding: finding.deviation)
-    contrary = f"{worst.contradicted_by}, for {fewest}"
-    finding = Finding(math.nan, number=complying, evidence=evidence, contradicted_by=contrary)
-    return Verdict(REPRODUCED if standing(claim, holds, total) else CONTRADICTED, finding)
+        violation = f"; largest violation {size}at {worst} ({finding.evidence})"
+        spread += violation if finding.deviation else ""
+    contrary = f"{finding.contradicted_by}, for {fewest}"
+    return Verdict(word, replace(finding, evidence=evidence + spread, contradicted_by=contrary))

@@ -21,6 +21,7 @@ from ..cases.case import parse_case
 from ..models import rigid_body
 from ..results.motion import check_whole
 from ..results.resume import check_cases, result_named, warn_of_changes
+from ..schema.kinds import leaves
 from ..storage import Group, ResultFile, Variable, open_run
 from ..text import counted, magnitude, table
 
@@ -146,25 +147,18 @@ def differing_settings(ours: str, theirs: str) -> Iterator[Line]:
     if ours == theirs:
         return
     try:
-        cases = [settings_by_path("", parse_case(text).entries) for text in (ours, theirs)]
+        settings = [leaves(parse_case(text).entries) for text in (ours, theirs)]
     except HodoError as error:  # of another version, or damaged
         yield "case", math.inf, f"cannot be read: {error}"
         return
-    of_motion = (
-        {key: x for key, x in case.items() if not f"{key}.".startswith(HOW_COMPUTED)}
-        for case in cases
+    named = ({".".join(map(str, path)): x for path, x in of_case} for of_case in settings)
+    yield from unequal(
+        "",
+        *(
+            {key: x for key, x in of_case.items() if not f"{key}.".startswith(HOW_COMPUTED)}
+            for of_case in named
+        ),
     )
-    yield from unequal("", *of_motion)
-
-
-def settings_by_path(path: str, value: Any) -> dict[str, Any]:
-    """Every setting within a value, by its path."""
-    if isinstance(value, tuple):
-        value = dict(enumerate(value))
-    if not isinstance(value, Mapping):
-        return {path: value}
-    inner = (settings_by_path(f"{path}.{key}".lstrip("."), item) for key, item in value.items())
-    return dict(entry for entries in inner for entry in entries.items())
 
 
 def unequal(prefix: str, ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> Iterator[Line]:

@@ -226,6 +226,15 @@ def is_list(value: Any) -> bool:
     return isinstance(value, list | tuple)
 
 
+def leaves(value: Any, path: KeyPath = ()) -> Iterator[tuple[KeyPath, Any]]:
+    """Every value within mappings and lists, by its path."""
+    if not isinstance(value, Mapping | list | tuple):
+        yield path, value
+        return
+    for key, part in value.items() if isinstance(value, Mapping) else enumerate(value):
+        yield from leaves(part, (*path, key))
+
+
 SHAPES: dict[str, Any] = {"array": (list, tuple), "object": Mapping}
 
 

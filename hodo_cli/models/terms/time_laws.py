@@ -29,6 +29,7 @@ from ...schema.kinds import (
     check,
     expected,
     is_list,
+    leaves,
     within,
     words,
 )
@@ -140,13 +141,9 @@ CONSTANTS = Key(
 )
 
 
-def expressions_of(value: Any, path: KeyPath = ()) -> Iterator[tuple[KeyPath, str]]:
+def expressions_of(value: Any) -> Iterator[tuple[KeyPath, str]]:
     """The expressions among the data of a case, by their paths."""
-    if isinstance(value, str):
-        yield path, value
-    items: Iterable[tuple[Any, Any]] = value.items() if isinstance(value, Mapping) else ()
-    for key, item in enumerate(value) if is_list(value) else items:
-        yield from expressions_of(item, (*path, key))
+    return ((path, x) for path, x in leaves(value) if isinstance(x, str))
 
 
 def name_mistakes(
