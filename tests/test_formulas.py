@@ -361,7 +361,7 @@ def test_a_formula_that_is_0_at_rest_leaves_a_body_there() -> None:
 @pytest.mark.parametrize("formula", [["-100*p", "-100*q", "-100*r"], ["0", "0", "-100*r*(1+r**2)"]])
 def test_a_motion_that_dies_out_ends_at_rest(formula: list[str]) -> None:
     start = {"p": 0, "q": 0, "r": 1}
-    ds = motion(formula, initial=start, time={"end": 20, "samples": 41})
+    ds = motion(formula, initial=start, time={"end": 24, "samples": 25})
     assert (ds.attrs["status"], ds.attrs["error"] < 1e-12) == ("ok", True)
     assert (ds.omega[-1] == 0).all()
 

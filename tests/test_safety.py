@@ -31,10 +31,6 @@ def test_killed_runs_and_sweeps_lose_nothing(tmp_path: Path) -> None:
     assert faults.kill_runs(tmp_path, 3)["ended by the signal"]
 
 
-def test_killed_classifications_lose_nothing(tmp_path: Path) -> None:
-    faults.kill_classifications(tmp_path, 3)
-
-
 def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
     assert faults.fill_disk(tmp_path, 8)["refused"]
 

@@ -247,7 +247,7 @@ def test_a_sweep_warns_of_an_error_above_its_tolerance() -> None:
 
 @pytest.mark.heyoka
 def test_the_shares_of_a_member_that_crosses_there_and_back() -> None:
-    """Of paper 1's Fig. 12 (tests/test_crossings.py has the source)."""
+    """Of paper 1's Fig. 12 (tests/data/crossings.csv)."""
     start = "initial: {p: 0.5, q: 0.25, r: 1.40435829552939}, sweep: {initial.q: {values: [0.25]}}"
     values = computed(one(f"{FIG12}, {start}"))
     times = [0, 256.993064559, 396.993309847, 406.942439380, 1000]  # x3, x1, x3, x1

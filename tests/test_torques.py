@@ -96,7 +96,7 @@ CROSSINGS = {
 def test_sums_of_torques_cross_when_a_reference_does(
     start: Any, end: float, terms: Any, times: list[float]
 ) -> None:
-    motion = run(start, end, **terms)
+    motion = run(start, end, **terms, error="off")
     assert motion["crossing_time"].values == pytest.approx(times, abs=1e-11)
 
 
@@ -221,6 +221,7 @@ def test_members_whose_motion_is_a_polynomial_stop_in_time() -> None:
 def test_a_body_that_would_move_again_is_told_of() -> None:
     """A torque that grows beyond the brake after the stop: at t = 25."""
     case = {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "initial": SPIN}
+    case["error"] = "off"
     for end, torque, told in (
         (24, {"torque": ["-0.004*t", 0, 0]}, ""),
         (100, {"torque": ["-0.004*t", 0, 0]}, "the body would move again"),
@@ -238,7 +239,9 @@ def test_few_samples_do_not_change_when_a_body_would_move_again(samples: int) ->
     """A torque that exceeds the brake between the samples only."""
     case = {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "initial": {**SPIN, "p": 0.5}}
     torque = ["-0.008*t + 8e-05*t**2", 0, 0]
-    motion = hodo.run({**case, "torque": torque, "time": {"end": 100, "samples": samples}})
+    motion = hodo.run(
+        {**case, "error": "off", "torque": torque, "time": {"end": 100, "samples": samples}}
+    )
     told = float(re.search(r"from t = (\S+) on", motion.attrs["warnings"])[1])  # type: ignore[index]
     # 0.008 t - 0.00008 t^2 = 0.1
     assert told == pytest.approx(50 - 1250**0.5, abs=0.01)
@@ -249,7 +252,7 @@ def test_members_that_would_move_again_are_counted(alone: dict[str, str]) -> Non
     """G1' = -c t - b from G1 = 3, of which all members stop, and move again from b/c on."""
     law = ["-0.004*t", 0, 0]
     case = {"model": "torques", "inertia": [3, 2, 1], "torque": law, "initial": SPIN, **alone}
-    case |= {"time": {"end": 40}, "store": ["event_time", "event_release"]}
+    case |= {"time": {"end": 40}, "store": ["event_time", "event_release"], "error": "off"}
     members = hodo.sweep({**case, "sweep": {"brake": {"linspace": [0.1003, 0.2003, 3]}}})
     b, stop, release = (members[name].values for name in ("brake", *case["store"]))
     assert stop == pytest.approx((np.sqrt(b * b + 0.024) - b) / 0.004, abs=1e-9)
@@ -363,11 +366,11 @@ OLD_NAMES = {
 def test_a_tensor_of_resistance_follows_its_laws() -> None:
     """A case, and members of a sweep over one of its constants."""
     rates = ["0.005*exp(-0.01*t)", "0.002 + 1e-5*t", 0.003]
-    damped = run(B, 100, damping=rates).omega.data
+    damped = run(B, 100, damping=rates, error="off").omega.data
     entries = [f"{A}*({rate})" for rate, A in zip(rates, BODY, strict=True)]
     entries[0] = f"{BODY[0]}*0.005*exp(-k*t)"
     rows = [[entries[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
-    alone = run(B, 100, resistance=rows, constants={"k": 0.01})
+    alone = run(B, 100, resistance=rows, constants={"k": 0.01}, error="off")
     assert alone.omega.data == pytest.approx(damped, abs=1e-14)
     case = {"model": "torques", "inertia": BODY, "initial": B, "resistance": rows}
     case |= {"constants": {"k": 0.01}, "time": {"end": 100}, "error": "off"}
@@ -378,7 +381,8 @@ def test_a_tensor_of_resistance_follows_its_laws() -> None:
 
 @pytest.mark.parametrize(("model", "terms"), OLD_NAMES.items(), ids=OLD_NAMES)
 def test_the_models_of_one_torque_are_sums_of_one(model: str, terms: Any) -> None:
-    case = {"inertia": BODY, "initial": C, "time": {"end": 100, "samples": 11}, **terms}
+    case = {"inertia": BODY, "initial": C, "time": {"end": 100, "samples": 11}, "error": "off"}
+    case |= terms
     alone, summed = (hodo.run({"model": name, **case}) for name in (model, "torques"))
     assert np.array_equal(alone["omega"].values, summed["omega"].values)
 
@@ -489,7 +493,7 @@ def test_classify_says_what_theory_foretells(terms: Any, predictions: list[str])
 
 def test_predictions_carry_the_units_of_the_case() -> None:
     time = {"end": 10, "samples": 11, "unit": "s"}
-    common = {"time": time, "inertia_unit": "kg m^2"}
+    common = {"time": time, "inertia_unit": "kg m^2", "error": "off"}
     stopped = run(C, 10, kappa=0.01, brake=0.01, **common).attrs["predictions"].splitlines()
     assert stopped[-1].endswith(" s")
     turning = run(C, 10, kappa=0.03, damping=MEDIUM, **common).attrs["predictions"]
