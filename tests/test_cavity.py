@@ -150,13 +150,11 @@ def test_the_ways_to_give_the_start_agree() -> None:
         ({"initial": "{x: -1, y: 1}"}, r"initial\.x: expected a number >= 0"),
         ({"initial": "{p: 1, q: 1}"}, "r missing"),
         ({"inertia": "[3, 1, 1]"}, "larger than the sum"),
-        (
-            {"inertia": "[1.3, 1.2, 1]", "form": "averaged-as-printed"},
-            "inertia: form averaged-as-printed needs A1 = A2, not 1.3 and 1.2;",
-        ),
+        ({"inertia": "[1.3, 1.2, 1]", "form": "averaged-as-printed"},
+         "inertia: form averaged-as-printed needs A1 = A2, not 1.3 and 1.2;"),
         ({"spin_reversal": "stop"}, "spin_reversal"),
     ],
-)
+)  # fmt: skip
 def test_wrong_data_are_refused(given: dict[str, str], message: str) -> None:
     with pytest.raises(HodoError, match=message):
         case(**given)
@@ -165,10 +163,8 @@ def test_wrong_data_are_refused(given: dict[str, str], message: str) -> None:
 @pytest.mark.parametrize(
     ("doubted", "words"),
     [
-        (
-            PAPER2["fig1"],
-            "b = 1.39, and its fluid a mass of 14175 and a moment of inertia of 10956",
-        ),
+        (PAPER2["fig1"],
+         "b = 1.39, and its fluid a mass of 14175 and a moment of inertia of 10956"),
         (PAPER2["fig1"], "of 10956, more than the 4 of body and fluid"),
         (PAPER2["fig3-as-printed"], "more than the 1 of body and fluid"),
         (changed("fig4", form="full"), "more than the 1 of body and fluid"),
@@ -184,7 +180,7 @@ def test_wrong_data_are_refused(given: dict[str, str], message: str) -> None:
         (case(torque="[0, 0, 1]"), "torque epsilon M is not small"),
         (case(form="averaged", torque="[0.03, 0, 0]"), "it is 0.1 at the start"),
     ],
-)
+)  # fmt: skip
 def test_what_contradicts_the_theory_is_said(doubted: Case, words: str) -> None:
     (warning,) = doubted.system.warnings
     assert words in warning

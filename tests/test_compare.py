@@ -133,10 +133,8 @@ def test_a_result_equals_itself(made: Path) -> None:
         (without("free/omega"), ("free", "omega")),
         (with_attribute("damped/omega", units="deg/s"), ("damped", "omega:units")),
         (with_attribute("damped/omega", long_name="momentum"), ("damped", "omega:long_name")),
-        (
-            with_attribute("damped/enclosed_axis", flag_meanings="a b c d e"),
-            ("damped", "enclosed_axis:flag_meanings"),
-        ),
+        (with_attribute("damped/enclosed_axis", flag_meanings="a b c d e"),
+         ("damped", "enclosed_axis:flag_meanings")),
         (with_attribute("damped", status="failed"), ("damped", "status")),
         (with_attribute("damped", model="tensor"), ("damped", "model")),
         (with_attribute("damped", form="averaged"), ("damped", "form")),
@@ -144,7 +142,7 @@ def test_a_result_equals_itself(made: Path) -> None:
         (with_text('"unit": "s"', '"unit": "h"'), ("damped", "time.unit")),
         (with_text("model: ", "modle: "), ("damped", "case")),
     ],
-)
+)  # fmt: skip
 def test_a_difference_is_found_in_its_place(
     made: Path, change: Change, found: tuple[str, str]
 ) -> None:

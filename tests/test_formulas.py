@@ -28,33 +28,18 @@ Torque = Callable[[float, np.ndarray], Sequence[float]]
 
 # Each with the torque itself, and the times between which a series is right.
 FORMULAS: dict[str, tuple[list[str], Torque, list[float]]] = {
-    "thruster": (
-        ["0", "0", switched(40.5, 41.25)],
-        lambda t, w: (0, 0, 0.05 * (40.5 < t < 41.25)),
-        [40.5, 41.25],
-    ),
-    "at a sample": (
-        ["0", "0", switched(40, 41)],
-        lambda t, w: (0, 0, 0.05 * (40 < t < 41)),
-        [40.0, 41.0],
-    ),
-    "pulse": (
-        ["0", "0.5*exp(-((t-60.3)/0.03)**2)", "0"],
-        lambda t, w: (0, 0.5 * math.exp(-(((t - 60.3) / 0.03) ** 2)), 0),
-        [60.0, 60.6],
-    ),
-    "ramp": (
-        ["0", "0.001*((t-50)+sqrt((t-50)**2))/2", "0"],
-        lambda t, w: (0, 0.001 * max(0, t - 50), 0),
-        [50.0],
-    ),
+    "thruster": (["0", "0", switched(40.5, 41.25)], lambda t, w: (0, 0, 0.05 * (40.5 < t < 41.25)),
+        [40.5, 41.25]),
+    "at a sample": (["0", "0", switched(40, 41)], lambda t, w: (0, 0, 0.05 * (40 < t < 41)),
+        [40.0, 41.0]),
+    "pulse": (["0", "0.5*exp(-((t-60.3)/0.03)**2)", "0"], lambda t,
+        w: (0, 0.5 * math.exp(-(((t - 60.3) / 0.03) ** 2)), 0), [60.0, 60.6]),
+    "ramp": (["0", "0.001*((t-50)+sqrt((t-50)**2))/2", "0"], lambda t,
+        w: (0, 0.001 * max(0, t - 50), 0), [50.0]),
     # At its start the series is no number.
-    "rectified from the start": (
-        ["0", "0.002*sqrt(sin(0.3*t)**2)", "0"],
-        lambda t, w: (0, 0.002 * abs(math.sin(0.3 * t)), 0),
-        [n * math.pi / 0.3 for n in range(1, 10)],
-    ),
-}
+    "rectified from the start": (["0", "0.002*sqrt(sin(0.3*t)**2)", "0"], lambda t,
+        w: (0, 0.002 * abs(math.sin(0.3 * t)), 0), [n * math.pi / 0.3 for n in range(1, 10)]),
+}  # fmt: skip
 
 
 def pieces(torque: Torque, ends: list[float], end: float = END) -> np.ndarray:

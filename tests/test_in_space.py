@@ -247,19 +247,15 @@ REFUSED = [
     ({"attitude": {"initial": [0, 0, 0, 0]}}, "attitude.initial: a quaternion of length 0"),
     ({"attitude": {"initial": [1, 0, 0]}}, "attitude.initial: expected 4 numbers"),
     ({"attitude": {}}, "attitude: give one of initial, euler and align, not none"),
-    (
-        {"attitude": {"align": "G", "initial": [1, 0, 0, 0]}},
-        "attitude: give one of initial, euler and align, not initial and align",
-    ),
+    ({"attitude": {"align": "G", "initial": [1, 0, 0, 0]}},
+     "attitude: give one of initial, euler and align, not initial and align"),
     ({"attitude": {"euler": [1, 2, 3], "sequence": "XXZ"}}, "attitude.sequence: expected three of"),
     ({"attitude": {"euler": [1, 2, 3], "sequence": "XyZ"}}, "attitude.sequence: expected three of"),
-    (
-        {"attitude": "yes", "model": "Lagrange-averaged", "form": "averaged", "mu": 1},
-        "attitude: is a key of form full, and this is form averaged",
-    ),
+    ({"attitude": "yes", "model": "Lagrange-averaged", "form": "averaged", "mu": 1},
+     "attitude: is a key of form full, and this is form averaged"),
     ({"attitude": "yes", "store": "attitud"}, "store.0: unknown variable 'attitud'; did you mean"),
     ({"store": "attitude"}, "store.0: this case has no attitude: write `attitude: yes`"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("wrong", "message"), REFUSED)
