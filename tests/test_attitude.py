@@ -123,3 +123,13 @@ def test_after_a_turn_the_body_has_turned_about_G_by_psi() -> None:
         half = k[:, None] * psi / 2
         turned = (-1.0) ** k[:, None] * np.concatenate([np.cos(half), np.sin(half) * G], axis=1)
         assert exact.free_attitude(moments, omega, k * period) == pytest.approx(turned, abs=1e-13)
+
+
+def test_time_reversed_and_in_other_units() -> None:
+    times = np.linspace(-30, 30, 61)
+    Q = exact.free_attitude(A, B, times)
+    # Its half turns are counted from another one, which shifts the rounding of some 30 radians.
+    assert exact.free_attitude(A, -B, -times) == pytest.approx(Q, abs=4e-15)
+    for size in (2.0**-500, 2.0**500):
+        assert exact.free_attitude(A, B * size, times / size) == pytest.approx(Q, abs=0)
+    assert exact.free_attitude(A, np.zeros(3), times) == pytest.approx(np.tile(ONE, (61, 1)), abs=0)
