@@ -68,7 +68,7 @@ SWEEP = """\
   s:
     damping: [0.005, 0.004, 0.003]
     initial: {p: 0.8, q: 0.5, r: 0.74}
-    time: {end: 400}
+    time: {end: 100}
     error: off
     sweep: {damping.2: {linspace: [0.001, 0.009, 60]}, damping.0: {linspace: [0.004, 0.006, 100]}}
 """
