@@ -47,13 +47,6 @@ def keep_compiled_code_here() -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):  # else it is that of the process that has started this
         keep_compiled_code_here()
-        state = tempfile.TemporaryDirectory()
-        config.add_cleanup(state.cleanup)
-        os.environ["XDG_STATE_HOME"] = state.name
-        # Of a secret that stays the same, code is compiled once for all workers and runs.
-        folder = Path(state.name, "hodo")
-        folder.mkdir(mode=0o700)
-        (folder / "secret").write_bytes(b"that of all tests".ljust(32))
     # Matrices of a hundred rows: the threads of several workers only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -173,24 +166,6 @@ def process_state(pid: int) -> str:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2][:1]
     except OSError:
         return ""
-
-
-def in_child(action: Callable[[], object]) -> int:
-    """Start a process that does something and ends."""
-    child = os.fork()
-    if child == 0:
-        status = 1
-        try:
-            action()
-            status = 0
-        finally:
-            os._exit(status)
-    return child
-
-
-def exit_status(child: int) -> int:
-    """That of a process that `in_child` has started, at its end."""
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
 def limit(kind: int, most: int) -> None:

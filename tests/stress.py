@@ -4,7 +4,6 @@
 and prints a table of what it counted. Exit status 1 where something was lost.
 """
 
-import os
 import subprocess
 import sys
 import tempfile
@@ -48,10 +47,8 @@ def row(name: str, tries: int) -> tuple[bool, str]:
 if __name__ == "__main__":
     tries = int(sys.argv[1]) if len(sys.argv) > 1 else 150
     print("| class | tried | lost or wrong | of which | s |\n|---|---|---|---|---|")
-    with tempfile.TemporaryDirectory() as state:
-        os.environ["XDG_STATE_HOME"] = state
-        rows = []
-        for name in sys.argv[2:] or [function.__name__ for function in CLASSES]:
-            rows.append(row(name, tries))
-            print(rows[-1][1], flush=True)
+    rows = []
+    for name in sys.argv[2:] or [function.__name__ for function in CLASSES]:
+        rows.append(row(name, tries))
+        print(rows[-1][1], flush=True)
     sys.exit(not all(is_sound for is_sound, _ in rows))
