@@ -168,24 +168,6 @@ def process_state(pid: int) -> str:
         return ""
 
 
-def in_child(action: Callable[[], object]) -> int:
-    """Start a process that does something and ends."""
-    child = os.fork()
-    if child == 0:
-        status = 1
-        try:
-            action()
-            status = 0
-        finally:
-            os._exit(status)
-    return child
-
-
-def exit_status(child: int) -> int:
-    """That of a process that `in_child` has started, at its end."""
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-
-
 def limit(kind: int, most: int) -> None:
     """Set a limit of this process, such as resource.RLIMIT_FSIZE, which it may lift again."""
     resource.setrlimit(kind, (most, resource.getrlimit(kind)[1]))

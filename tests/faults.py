@@ -68,7 +68,7 @@ SWEEP = """\
   s:
     damping: [0.005, 0.004, 0.003]
     initial: {p: 0.8, q: 0.5, r: 0.74}
-    time: {end: 400}
+    time: {end: 100}
     error: off
     sweep: {damping.2: {linspace: [0.001, 0.009, 60]}, damping.0: {linspace: [0.004, 0.006, 100]}}
 """
@@ -219,27 +219,6 @@ def kill_runs(folder: Path, tries: int) -> Count:
             count["chunks kept"] += int(parts[1]) if parts else 0
             finished = set()
             shutil.rmtree(folder / out)
-    return count
-
-
-def kill_classifications(folder: Path, tries: int) -> Count:
-    """Kill `classify` on a file of finished cases: it is as before or has its labels; every third
-    time the command is repeated, and ends."""
-    right = prepared(folder / "right", BATCH, classify=False)
-    shutil.copytree(folder / "right", folder / "trial")
-    took, count = timed(folder, "classify", "trial/x.h5"), Count()
-    for i, (kill, after) in enumerate(moments(tries, took)):
-        out = folder / f"trial{i}"
-        shutil.copytree(folder / "right", out)
-        ended, _ = killed(folder, kill, after, "classify", f"{out.name}/x.h5")
-        same(numbers(out / "x.h5"), right)
-        count.update({"tried": 1, kill.name: 1, "ended by the signal": ended})
-        if i % 3 == 2:
-            done = call(folder, "classify", f"{out.name}/x.h5")
-            assert done.returncode == 0, done.stderr
-            nothing_waits(out, "x.h5", "x.yaml")
-            assert all("crossing_time" in case for case in numbers(out / "x.h5").values())
-        shutil.rmtree(out)
     return count
 
 

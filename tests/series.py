@@ -18,7 +18,6 @@ from operator import mul
 from typing import Any, NamedTuple
 
 import mpmath
-import numpy as np
 
 Polynomial = dict[tuple[int, ...], Fraction]
 """Coefficients by monomial; (1, 2) is y1 y2, (0, 0) is y0**2, () is 1."""
@@ -67,16 +66,6 @@ def cavity(inertia: Data, kappa: float | Fraction, torque: Data) -> System:
 
     M1, M2, M3 = torque
     return row(A, B, C, 1, 2, 0, M1), row(B, C, A, 2, 0, 1, M2), row(C, A, B, 0, 1, 2, M3)
-
-
-def cavity_symmetric(A: float, C: float, kappa: float | Fraction, torque: Data) -> System:
-    """P2 eq (2) as printed, for (p, q, r); `torque` is eps M."""
-    A, C, k, M1, M2, M3 = map(Fraction, (A, C, kappa, *torque))
-    return (
-        {(1, 2): (A - C) / A, (0, 2, 2): k * C * (A - C) / A**3, (): M1 / A},
-        {(0, 2): (C - A) / A, (1, 2, 2): k * C * (A - C) / A**3, (): M2 / A},
-        {(0, 0, 2): k * (C - A) / (A * C), (1, 1, 2): k * (C - A) / (A * C), (): M3 / C},
-    )
 
 
 def cavity_averaged(
@@ -289,18 +278,6 @@ def _fixed(value: float | Fraction, bits: int) -> int:
 
 
 # The floor of every error.
-
-
-def one_ulp(observe: Callable[..., Any], data: Sequence[float]) -> np.ndarray:
-    """How far observe(*data) moves when one datum grows by one unit in the last place: an array
-    (datum, ...).
-
-    `observe` returns numbers of this module, states or the times of crossings, say, from about 128
-    bits.
-    """
-    plain = np.array(observe(*data), dtype=object)
-    moved = [[*data[:i], math.nextafter(x, math.inf), *data[i + 1 :]] for i, x in enumerate(data)]
-    return np.array([np.array(observe(*d), dtype=object) - plain for d in moved]).astype(float)
 
 
 # The separatrix.

@@ -5,9 +5,6 @@ import signal
 import sys
 import time
 from pathlib import Path
-from threading import Timer
-
-import numpy as np
 
 
 def troubled(task: tuple[Path, str | int]) -> object:
@@ -29,12 +26,6 @@ def troubled(task: tuple[Path, str | int]) -> object:
     return what
 
 
-def worker(enough: Path) -> int:
-    if not enough.exists():
-        time.sleep(0.02)
-    return os.getpid()
-
-
 def stay(task: tuple[float, Path]) -> None:
     """Leave the number of its process, and after some seconds their number."""
     seconds, folder = task
@@ -46,12 +37,3 @@ def stay(task: tuple[float, Path]) -> None:
 def tell(text: str) -> str:
     os.write(1, text.encode())  # as a library may, past Python's own stream
     return sys.stdin.read()
-
-
-def dies_while_it_answers(folder: Path) -> np.ndarray:
-    """A large result, of which the process sends a part and is killed; but not the second time."""
-    if not (folder / "tried").exists():
-        (folder / "tried").touch()
-        Timer(0.02, os.kill, (os.getpid(), signal.SIGKILL)).start()
-        return np.zeros(50_000_000)
-    return np.zeros(3)

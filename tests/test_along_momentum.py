@@ -11,7 +11,6 @@ import pytest
 from hodo_cli.models.theory import exact
 
 A = np.array([1.0, 0.8, 0.6])
-B, C = np.array([0.8, 0.5, 0.74]), np.array([0.5, 0.25, 1.4])
 
 
 def elapsed(rates: tuple[float, ...], g: Any) -> tuple[Any, Any]:
@@ -88,17 +87,3 @@ def digits(x: Any) -> Any:
     x = np.longdouble(x)
     high = float(x)
     return mpmath.mpf(high) + mpmath.mpf(float(x - np.longdouble(high)))
-
-
-def test_stops_are_those_of_the_literature() -> None:
-    """And unequal damping is bounded by its largest and its smallest rate."""
-    size = 0.99856697321711977397
-    stops = {(0, 0.01): 99.856697321711977, (0.004, 0.01): 84.015679138909045}
-    clocks = {(0, 0.01): 49.928348660855989, (0.004, 0.01): 39.659378408459034}
-    for (damping, brake), time in stops.items():
-        law = exact.AlongMomentum(damping, brake / size)
-        assert law.stop == pytest.approx(time, rel=1e-15)
-        assert law.clock(law.stop)[1] == pytest.approx(clocks[damping, brake], rel=1e-15)
-    bounds = [float(exact.AlongMomentum(rate, 0.002 / size).stop) for rate in (0.005, 0.003)]
-    assert bounds == pytest.approx([250.348, 305.144], abs=5e-4)
-    assert bounds[0] < 267.05497187079620 < bounds[1]

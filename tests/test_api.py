@@ -387,9 +387,9 @@ def test_an_argument_of_a_wrong_type_is_one_error(function: str, tmp_path: Path)
                     call(**{**given, name: value})
 
 
-@pytest.mark.parametrize("times", [2, -1, 0.5])
 @pytest.mark.parametrize(
-    "given", [{}, {"damping": 0.01, "model": "torques"}, {"inertia": [3, 5, 4]}]
+    ("times", "given"),
+    [(2, {}), (-1, {"damping": 0.01, "model": "torques"}), (0.5, {"inertia": [3, 5, 4]})],
 )
 def test_labels_of_another_motion_are_refused(times: float, given: dict[str, Any]) -> None:
     data = api.run({**FIG4, "time": {"end": 100}, **given})

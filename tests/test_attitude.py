@@ -9,7 +9,6 @@ import mpmath
 import numpy as np
 import pytest
 import series
-from scipy.spatial.transform import Rotation
 
 from hodo_cli.models.theory import exact
 
@@ -134,15 +133,3 @@ def test_time_reversed_and_in_other_units() -> None:
     for size in (2.0**-500, 2.0**500):
         assert exact.free_attitude(A, B * size, times / size) == pytest.approx(Q, abs=0)
     assert exact.free_attitude(A, np.zeros(3), times) == pytest.approx(np.tile(ONE, (61, 1)), abs=0)
-
-
-def test_the_branch_is_continuous_and_G_stands_still() -> None:
-    """G in space, by the quaternion and the free motion, over many turns."""
-    for start in (B, C, B[::-1]):
-        times = np.linspace(0, 300, 20001)
-        Q = exact.free_attitude(A, start, times)
-        assert np.linalg.norm(np.diff(Q, axis=0), axis=1).max() < 0.02
-        assert np.linalg.norm(Q, axis=1) == pytest.approx(1, abs=1e-15 * 4)
-        G = A * exact.free_motion(A, start, times)
-        in_space = Rotation.from_quat(Q, scalar_first=True).apply(G)
-        assert in_space == pytest.approx(np.tile(A * start, (len(times), 1)), abs=4e-14)

@@ -189,25 +189,6 @@ def test_a_fixed_point_draws_motions_to_it_or_is_a_threshold(lam: Any, fixed: fl
             assert len(found.crossing_time) == int(k2 > fixed)
 
 
-def test_on_the_fixed_point_about_an_axis_and_of_a_symmetric_body_the_shape_stays() -> None:
-    for changes in (
-        {"initial": {"p": 1, "q": 0, "r": 0}},
-        {"damping": 0.005},
-        {"inertia": [1, 1, 0.6]},
-        {"inertia": [1, 0.6, 0.6]},
-    ):
-        found = averaged(FIG4, **changes)
-        assert np.ptp(found.k2.values) < 1e-15
-        assert len(found.crossing_time) == 0
-    equal = averaged(FIG4, damping=0.005)
-    np.testing.assert_allclose(
-        equal.momentum, equal.momentum[0] * np.exp(-0.005 * equal.time), rtol=1e-14
-    )
-    # It comes nearer to the separatrix for ever and stays on its side.
-    near = averaged(FIG4, damping=[0.005, 0.004, 0.005], time={"end": 1e6})
-    assert (near.enclosed_axis == 1).all()
-
-
 @pytest.mark.parametrize("off", [1e-3, 1e-8, 1e-13])
 def test_a_start_beside_the_separatrix_keeps_its_digits(off: float) -> None:
     p = 0.9 * 0.6**0.5 * (1 + off)

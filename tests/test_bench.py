@@ -40,27 +40,6 @@ def test_the_fastest_is_taken_among_those_that_are_right() -> None:
         assert bench.auto_failed(made) == is_failure
 
 
-def test_one_tolerance_gives_a_table_of_verdicts_and_several_one_of_speeds() -> None:
-    tried = tuple(
-        bench.Trial(status="accurate", error=e, run_time=t, method=m)
-        for m, e, t in [
-            ("taylor", 1e-14, 0.5),
-            ("m", 1e-14, 0.3),
-            ("exact", 1e-15, 0.25),
-            ("m", 1, 0.1),
-        ]
-    )
-    several = bench.table_of_trials(["a", "b"], ["auto", "m"], [np.nan], tried)
-    verdicts = bench.table_of_bench(several, as_markdown=False)
-    rows = [line.split() for line in verdicts.splitlines()]
-    assert rows[0][:3] == ["case", "auto", "takes"]
-    assert [(row[0], row[1]) for row in rows[1:]] == [("a", "taylor"), ("b", "exact")]
-    assert [row[-2:] for row in rows[1:]] == [["300", "ms"], ["accurate", "-"]]
-    by_tolerance = bench.table_of_trials(["a"], ["auto", "m"], [1e-4, 1e-8], tried)
-    speeds = bench.table_of_bench(by_tolerance, as_markdown=True)
-    assert speeds.startswith("| case | 3 digits | ")
-
-
 def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(
     hodo: Hodo, tmp_path: Path
 ) -> None:

@@ -94,13 +94,3 @@ def test_the_page_drops_no_verdict(judged: Any) -> None:
     told = page.partition("<details>")[0]
     assert all(f"text {i} **Contradicted" in told for i in range(5))
     assert "text 4 **Contradicted (expected: reproduced)**" in told
-
-
-def test_an_order_of_one_case_says_how_many_it_expects(hodo: Hodo, tmp_path: Path) -> None:
-    (tmp_path / "s.yaml").write_text(
-        f"cases: {{s: {BRAKED}}}\nclaims:\n  - {{id: c, where: s, statement: s, cases: [s],"
-        " check: {kind: order, of: G, sense: falls}, expect: reproduced}\n"
-    )
-    done = hodo("run", "s.yaml")
-    assert done.returncode == 2
-    assert "expected cases in groups of two or more, got 1 in all" in done.stderr

@@ -120,24 +120,6 @@ def test_a_crossing_depends_on_no_sampling_and_no_engine(
     assert off <= 2 * motion.crossing_error.item() + 1e-13 * CROSSING
 
 
-def test_the_start_is_that_of_the_motion_and_not_of_its_first_sample(
-    hodo: Hodo, tmp_path: Path
-) -> None:
-    common = "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 0.003]"
-    start = "initial: {p: 0.8, q: 0.5, r: 0.74}"
-    cases = [
-        f"  full{i}: {{{common}, {start}, time: {time}}}\n"
-        for i, time in enumerate(("{values: [900, 950, 1000]}", "{end: 1000, samples: 1}"))
-    ]
-    (tmp_path / "a.yaml").write_text("cases:\n" + "".join(cases))
-    assert hodo("run", "a.yaml").returncode == 0
-    rows = json.loads(hodo("classify", "runs/a.h5", "--json").stdout)
-    assert len(rows) == 2
-    for row in rows:
-        assert [row["start"], row["end"]] == ["x1", "x3"]
-        assert [[c["from"], c["to"]] for c in row["crossings"]] == [["x1", "x3"]]
-
-
 def test_a_motion_that_comes_back_between_the_places_looked_at_has_crossed_twice() -> None:
     # It encloses x3 at each of its two samples and of the 513 other times.
     case: dict[str, Any] = {
@@ -153,7 +135,6 @@ def test_a_motion_that_comes_back_between_the_places_looked_at_has_crossed_twice
 
 # `read_sign_changes` by itself, on moments made by hand.
 
-ONCE = [0.5, None, -0.5]
 TOUCH = [0.5, None, -1e-16, None, 0.5, None, 1e-16]
 LEAVE = [0.5, None, -0.5, 1e-16, -0.5, 0.0]
 MOMENTS: list[tuple[list[float | None], tuple[int, ...], list[tuple[int, int]], int]] = [
@@ -317,31 +298,6 @@ def test_the_side_of_a_state_is_told_by_the_digits_that_it_has() -> None:
     np.testing.assert_allclose(found, exact.astype(float), rtol=0.1, atol=0)
     np.testing.assert_allclose(found[3], float(exact[3]), rtol=1e-14)
     assert rigid_body.margin(A, omega[1], order) == found[1]
-
-
-def test_of_many_crossings_a_table_shows_the_first_ones_and_the_last(
-    hodo: Hodo, tmp_path: Path
-) -> None:
-    """r swings about the value at which D is 0, and the slow body hardly turns meanwhile."""
-    body = "model: torques, inertia: [1, 0.8, 0.6], initial: {p: 0.01, q: 0, r: 0.013}"
-    swings = 'expression: ["0", "0", "0.039*cos(10*t)"]'
-    cases = {
-        n: f"  c{n}: {{{body}, {swings}, time: {{end: {0.3142 * n + 0.17}}}}}\n" for n in (4, 5, 9)
-    }
-    (tmp_path / "a.yaml").write_text("cases:\n" + "".join(cases.values()))
-    assert hodo("run", "a.yaml").returncode == 0
-    rows = json.loads(hodo("classify", "a.yaml", "--json").stdout)
-    table = hodo("classify", "a.yaml").stdout.splitlines()[1:]
-    counts = [len(row["crossings"]) for row in rows]
-    assert max(counts) > 6
-    assert min(counts) <= 5
-    for row, line in zip(rows, table, strict=True):
-        words = [f"{c['time']:.15g} ({c['from']} -> {c['to']}" for c in row["crossings"]]
-        n = len(words)
-        shown = words if n <= 5 else [*words[:4], f"{n - 5} more (--json lists them)", words[-1]]
-        told = line.partition("  x")[2].partition("  ")[2].strip().split("; ")
-        assert len(told) == len(shown)
-        assert all(a.endswith(b) or b in a for a, b in zip(told, shown, strict=True))
 
 
 @pytest.mark.parametrize("order", [*permutations(range(3))])

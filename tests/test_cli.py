@@ -198,7 +198,9 @@ def test_no_change_is_too_long_for_the_name_of_a_file(
           for command in ("show", "run", "classify")),
         (["run", "two.yaml", "--out", "y" * 300], f"cannot write {'y' * 300}/two.h5: file name"),
         (["run", "two.yaml", "--set", "turns.damping.0=x"], "--set turns.damping.0=x: cases.turns"),
-
+        (["run", "two.yaml", "--quiet", "-v"], "--quiet and --verbose exclude each other"),
+        (["run", "two.yaml", "-j", "2", "--scheduler", "tcp://127.0.0.1:9"], "-j: leave it out"),
+        (["plot", "two.yaml", "--alone", "a.html", "--format", "csv"], "--alone shows all figures"),
         (["run", "two.yaml", "--case", "turn"], "no case matches turn; did you mean 'turns'?"),
         (["compare", "a.h5", "b.h5", "--rtol=-1"], "--rtol: expected a number >= 0, got -1"),
         (["compare", "a.h5", "b.h5", "--atol=nan"], "--atol: expected a number >= 0, got nan"),
@@ -240,18 +242,6 @@ def test_of_two_overrides_of_a_key_the_file_is_named_after_the_last(
         given = [f"turns.damping.2={value}" for value in (first, last)]
         hodo("run", config, "--case", "turns", "--set", given[0], "--set", given[1])
         assert (tmp_path / "runs" / f"two,{given[1]}.h5").exists()
-
-
-def test_a_motion_that_an_event_ends_early_says_so(hodo: Hodo, tmp_path: Path) -> None:
-    (tmp_path / "spin.yaml").write_text(
-        "cases:\n  down: {model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, "
-        "torque: [0, 0, -0.1], initial: {p: 1, q: 0, r: 1}, time: {end: 600}}\n",
-        encoding="utf-8",
-    )
-    for command in (("run", "spin.yaml"), ("show", "runs/spin.h5"), ("classify", "runs/spin.h5")):
-        done = hodo(*command)
-        assert done.returncode == 0, done.stderr
-        assert re.search(r"ends at t = [\d.]+: end of spin", done.stdout), done.stdout
 
 
 MERGED = {
@@ -408,25 +398,6 @@ def test_a_paragraph_for_a_paper_says_of_how_many_members_the_error_is_measured(
     assert measured < 500
     text = " ".join(call(tmp_path, "show", "--methods", "a.yaml").stdout.split())
     assert f"extended precision, for a sample of {measured} of 500" in text
-
-
-@pytest.mark.parametrize(
-    ("options", "refused"),
-    [
-        (["run", "--quiet", "-v"], "--quiet and --verbose exclude each other"),
-        (["run", "-j", "2", "--scheduler", "tcp://127.0.0.1:9"], "-j: leave it out, the workers"),
-        (
-            ["plot", "--alone", "a.html", "--format", "csv"],
-            "--alone shows all figures: give no names",
-        ),
-    ],
-)
-def test_options_that_contradict_each_other_are_refused(
-    two_results: Path, options: list[str], refused: str
-) -> None:
-    done = call(two_results, *options, "b.yaml")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith(refused)
 
 
 def test_a_command_that_a_message_names_can_be_typed(tmp_path: Path) -> None:

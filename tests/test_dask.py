@@ -112,11 +112,11 @@ def equal(a: Path, b: Path) -> None:
 
 @pytest.mark.heyoka
 def test_a_worker_that_is_killed_costs_only_a_retry(tmp_path: Path, cluster: Cluster) -> None:
-    (tmp_path / "a.yaml").write_text(SWEEP.replace("COUNT", "12000"), encoding="utf-8")
+    (tmp_path / "a.yaml").write_text(SWEEP.replace("COUNT", "6000"), encoding="utf-8")
     command = [sys.executable, "-m", "hodo_cli.cli", "run", "a.yaml", "--out", "far"]
     command += ["--scheduler", cluster.address]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as far:
-        wait_until(lambda: len([*tmp_path.glob("far/.a.h5.parts/chunk-*.h5")]) >= 2)  # of 16
+        wait_until(lambda: len([*tmp_path.glob("far/.a.h5.parts/chunk-*.h5")]) >= 2)  # of 8
         os.kill(cluster.workers[0].pid, signal.SIGKILL)
         said = far.communicate()[1]
     assert (far.returncode, said) == (0, "")

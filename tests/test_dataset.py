@@ -2,8 +2,6 @@
 
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -60,28 +58,6 @@ def test_cases_of_the_sample() -> None:
     assert fig4.attrs["warnings"] == "first\nsecond"
     assert spin["event_kind"].values.tolist() == ["end of spin"]
     assert np.isnan(spin.attrs["error"])
-
-
-def test_the_dataset_is_what_netCDF4_reads() -> None:
-    """netCDF4 brings an HDF5 library of its own, so the datasets meet as pickles, in a fresh
-    interpreter."""
-    script = """
-import pickle, sys, xarray
-theirs = {name: xarray.load_dataset(sys.argv[1], group=name, engine="netcdf4", decode_cf=False)
-          for name in ("fig4", "spin", "_claims")}
-assert "h5py" not in sys.modules
-ours = pickle.load(sys.stdin.buffer)
-for name, data in theirs.items():
-    assert data.identical(ours[name]), name
-"""
-    import pickle
-
-    cases = hodo_cli.open(SAMPLE)
-    ours = {name: cases[name] for name in ("fig4", "spin", "_claims")}
-    done = subprocess.run(
-        [sys.executable, "-c", script, str(SAMPLE)], input=pickle.dumps(ours), capture_output=True
-    )
-    assert done.returncode == 0, done.stderr.decode()
 
 
 def test_every_column_of_a_sweep_that_a_case_may_ask_for_is_declared() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from conftest import run_hodo
 from scipy.integrate import solve_ivp
+from test_own_models import EXAMPLE
 
 import hodo_cli as hodo
 
@@ -28,33 +29,18 @@ Torque = Callable[[float, np.ndarray], Sequence[float]]
 
 # Each with the torque itself, and the times between which a series is right.
 FORMULAS: dict[str, tuple[list[str], Torque, list[float]]] = {
-    "thruster": (
-        ["0", "0", switched(40.5, 41.25)],
-        lambda t, w: (0, 0, 0.05 * (40.5 < t < 41.25)),
-        [40.5, 41.25],
-    ),
-    "at a sample": (
-        ["0", "0", switched(40, 41)],
-        lambda t, w: (0, 0, 0.05 * (40 < t < 41)),
-        [40.0, 41.0],
-    ),
-    "pulse": (
-        ["0", "0.5*exp(-((t-60.3)/0.03)**2)", "0"],
-        lambda t, w: (0, 0.5 * math.exp(-(((t - 60.3) / 0.03) ** 2)), 0),
-        [60.0, 60.6],
-    ),
-    "ramp": (
-        ["0", "0.001*((t-50)+sqrt((t-50)**2))/2", "0"],
-        lambda t, w: (0, 0.001 * max(0, t - 50), 0),
-        [50.0],
-    ),
+    "thruster": (["0", "0", switched(40.5, 41.25)], lambda t, w: (0, 0, 0.05 * (40.5 < t < 41.25)),
+        [40.5, 41.25]),
+    "at a sample": (["0", "0", switched(40, 41)], lambda t, w: (0, 0, 0.05 * (40 < t < 41)),
+        [40.0, 41.0]),
+    "pulse": (["0", "0.5*exp(-((t-60.3)/0.03)**2)", "0"], lambda t,
+        w: (0, 0.5 * math.exp(-(((t - 60.3) / 0.03) ** 2)), 0), [60.0, 60.6]),
+    "ramp": (["0", "0.001*((t-50)+sqrt((t-50)**2))/2", "0"], lambda t,
+        w: (0, 0.001 * max(0, t - 50), 0), [50.0]),
     # At its start the series is no number.
-    "rectified from the start": (
-        ["0", "0.002*sqrt(sin(0.3*t)**2)", "0"],
-        lambda t, w: (0, 0.002 * abs(math.sin(0.3 * t)), 0),
-        [n * math.pi / 0.3 for n in range(1, 10)],
-    ),
-}
+    "rectified from the start": (["0", "0.002*sqrt(sin(0.3*t)**2)", "0"], lambda t,
+        w: (0, 0.002 * abs(math.sin(0.3 * t)), 0), [n * math.pi / 0.3 for n in range(1, 10)]),
+}  # fmt: skip
 
 
 def pieces(torque: Torque, ends: list[float], end: float = END) -> np.ndarray:
@@ -303,41 +289,14 @@ def test_a_high_power_of_the_time_costs_members_no_digits() -> None:
     assert ds.omega[1].values == pytest.approx(ivp.y[:, -1], rel=1e-12)
 
 
-OWN = """
-from dataclasses import dataclass
-from hodo_cli import functions as f
-from hodo_cli.models.rigid_body import INERTIA, INITIAL, BodyFrame
-from hodo_cli.schema.kinds import Key, Number
-
-@dataclass(frozen=True)
-class Pulsed(BodyFrame):
-    "A short pulse about x2."
-    size: float
-    name, form = "pulsed", "full"
-    keys = {"inertia": INERTIA, "size": Key(Number(), "torque"), "initial": INITIAL}
-    degree = {"g": 2, "n": 0}
-
-    @property
-    def constants(self):
-        return {**super().constants, "n": self.size}
-
-    @staticmethod
-    def rhs(t, y, k):
-        p, q, r = y
-        pulse = k.n * f.exp(-((t - 60.3) / 0.03) * ((t - 60.3) / 0.03))
-        return (
-            k.g * (k.A2 - k.A3) / k.A1 * q * r,
-            (k.g * (k.A3 - k.A1) * p * r + pulse) / k.A2,
-            k.g * (k.A1 - k.A2) / k.A3 * p * q,
-        )
-"""
-
-
 @pytest.mark.parametrize("method", METHODS[:2])
 def test_an_own_model_sees_it(tmp_path: Path, method: str) -> None:
-    (tmp_path / "own.py").write_text(OWN, encoding="utf-8")
+    """The example of the documents, without its drag, under the pulse about x2."""
+    pulse = "0.5 / k.A2 * f.exp(-((t - 60.3) / 0.03) * ((t - 60.3) / 0.03))"
+    text = EXAMPLE.replace("k.c * w * q", f"k.c * w * q + {pulse}")
+    (tmp_path / "own.py").write_text(f"from hodo_cli import functions as f\n{text}", "utf-8")
     (tmp_path / "a.yaml").write_text(
-        f"cases: {{a: {{model: pulsed, inertia: {[*A]}, size: 0.5, method: {method},"
+        f"cases: {{a: {{model: quadratic-drag, inertia: {[*A]}, drag: 0, method: {method},"
         f" initial: {{p: {START[0]}, q: {START[1]}, r: {START[2]}}},"
         f" time: {{end: {END}, samples: 101}}}}}}",
         encoding="utf-8",
@@ -361,7 +320,7 @@ def test_a_formula_that_is_0_at_rest_leaves_a_body_there() -> None:
 @pytest.mark.parametrize("formula", [["-100*p", "-100*q", "-100*r"], ["0", "0", "-100*r*(1+r**2)"]])
 def test_a_motion_that_dies_out_ends_at_rest(formula: list[str]) -> None:
     start = {"p": 0, "q": 0, "r": 1}
-    ds = motion(formula, initial=start, time={"end": 20, "samples": 41})
+    ds = motion(formula, initial=start, time={"end": 24, "samples": 25})
     assert (ds.attrs["status"], ds.attrs["error"] < 1e-12) == ("ok", True)
     assert (ds.omega[-1] == 0).all()
 

@@ -6,7 +6,6 @@ HODO_FUZZ sets the number of random bodies (default 24).
 
 import json
 import math
-import os
 import re
 from itertools import product
 from pathlib import Path
@@ -25,8 +24,6 @@ from hodo_cli import run as run_case
 from hodo_cli.integration import Trajectory, integrate, solve
 from hodo_cli.models.theory import exact
 from hodo_cli.results.dataset import motion_from
-
-COUNT = int(os.environ.get("HODO_FUZZ", "24"))
 
 A = [1, 0.8, 0.6]
 B = {"p": 0.8, "q": 0.5, "r": 0.74}
@@ -124,37 +121,11 @@ def test_known_attitudes(
 
 
 @pytest.mark.heyoka
-def test_random_bodies_are_in_closed_form() -> None:
-    """Over many turns of the hodograph the integrated attitude is the closed form's, up to what
-    rounding does to the phase."""
-    draw, times, worst = np.random.default_rng(1), np.array([8.0, 80.0, 800.0]), 0.0
-    for _ in range(COUNT):
-        inertia, omega = draw.uniform(0.52, 1, 3), draw.uniform(-1, 1, 3)
-        initial = dict(zip("pqr", omega.tolist(), strict=True))
-        motion = solve(made(800, inertia=inertia.tolist(), initial=initial), "taylor", times=times)
-        known = exact.free_attitude(inertia, omega, times)
-        off = angles(attitudes(motion), known)
-        phase = np.linalg.norm(omega) * times
-        worst = max(worst, float((off / (1e-15 * (10 + 30 * phase))).max()))
-        assert attitudes(motion) == pytest.approx(known, abs=1e-9)  # on the same branch
-    assert worst < 1
-
-
-@pytest.mark.heyoka
 def test_nothing_drifts() -> None:
     """|Q| and G in space stay to t = 1e5; nothing norms the quaternion."""
     motion = solve(made(1e5), "taylor")
     assert np.linalg.norm(attitudes(motion), axis=1) == pytest.approx(1, abs=1e-12)
     assert in_space(motion) == pytest.approx(np.tile([0.8, 0.4, 0.444], (11, 1)), abs=2e-12)
-
-
-def test_at_any_scale_the_attitude_is_the_same() -> None:
-    plain, _ = classified(made(60, damping=[0.005, 0.004, 0.003]))
-    for s in (2.0**500, 2.0**-500):
-        initial = {name: x * s for name, x in B.items()}
-        damping = [0.005 * s, 0.004 * s, 0.003 * s]
-        far, _ = classified(made(60 / s, damping=damping, initial=initial))
-        assert apart(attitudes(far), attitudes(plain)) < 1e-13
 
 
 def test_a_model_of_ones_own_has_it(tmp_path: Path) -> None:
@@ -276,19 +247,15 @@ REFUSED = [
     ({"attitude": {"initial": [0, 0, 0, 0]}}, "attitude.initial: a quaternion of length 0"),
     ({"attitude": {"initial": [1, 0, 0]}}, "attitude.initial: expected 4 numbers"),
     ({"attitude": {}}, "attitude: give one of initial, euler and align, not none"),
-    (
-        {"attitude": {"align": "G", "initial": [1, 0, 0, 0]}},
-        "attitude: give one of initial, euler and align, not initial and align",
-    ),
+    ({"attitude": {"align": "G", "initial": [1, 0, 0, 0]}},
+     "attitude: give one of initial, euler and align, not initial and align"),
     ({"attitude": {"euler": [1, 2, 3], "sequence": "XXZ"}}, "attitude.sequence: expected three of"),
     ({"attitude": {"euler": [1, 2, 3], "sequence": "XyZ"}}, "attitude.sequence: expected three of"),
-    (
-        {"attitude": "yes", "model": "Lagrange-averaged", "form": "averaged", "mu": 1},
-        "attitude: is a key of form full, and this is form averaged",
-    ),
+    ({"attitude": "yes", "model": "Lagrange-averaged", "form": "averaged", "mu": 1},
+     "attitude: is a key of form full, and this is form averaged"),
     ({"attitude": "yes", "store": "attitud"}, "store.0: unknown variable 'attitud'; did you mean"),
     ({"store": "attitude"}, "store.0: this case has no attitude: write `attitude: yes`"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("wrong", "message"), REFUSED)

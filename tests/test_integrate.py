@@ -305,14 +305,6 @@ def test_what_has_decayed_below_every_number_is_at_rest() -> None:
     assert trajectory.run_time < 10
 
 
-def test_a_tensor_that_feeds_energy_in_is_named() -> None:
-    tensor = 0.003 - 0.002 * np.eye(3)
-    trajectory = integrate(resisted(tensor, {"p": 0.5, "q": 0.25, "G": 1.0}, 100, 501))
-    assert "-0.002, -0.002, 0.007" in trajectory.warnings[0]
-    momentum = np.linalg.norm(trajectory.variables["omega"] * BODY, axis=1)
-    assert momentum.max() == pytest.approx(1.0083, abs=5e-5)
-
-
 def test_the_clock_loses_no_digits() -> None:
     clock = Clock(np.float64(0), np.float64(0), 1.0)
     for _ in range(10_000):

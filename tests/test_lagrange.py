@@ -110,38 +110,13 @@ def test_the_right_hand_sides_are_the_derivatives_of_integrals_and_roots(
     assert found == pytest.approx(expected, rel=1e-8, abs=3e-9)
 
 
-@pytest.mark.parametrize("name", ["case1", "case2", "case3"])
-def test_the_averaged_motion_is_that_of_the_independent_reference(name: str) -> None:
-    times = [0.5, 1.0, 2.0, 4.0]
-    reference, initial = series.paper3(name)
-    expected = reference.states(initial, times, digits=16)
-    motion = integrate(PAPER3[name])
-    assert motion.error < 10 * CLOSE
-    rows = np.searchsorted(motion.time, np.array(times) - 1e-9)
-    for i, variable in enumerate(("Gz", "H", "r")):
-        found, scale = motion.variables[variable], np.abs(motion.variables[variable]).max()
-        assert np.abs(found[rows] - [float(y[i]) for y in expected]).max() < 10 * CLOSE * scale
-    with mpmath.workdps(30):
-        roots = [reference.roots(*y) for y in expected]
-    # Six digits of the reference's sixteen go where u1 and u2 are near each other.
-    for i, variable in enumerate(("u1", "u2", "u3")):
-        found = motion.variables[variable][rows]
-        assert np.abs(found - [float(u[i]) for u in roots]).max() < 100 * CLOSE
-
-
 SPINS = {
     "eq. (3.3)": ({}, lambda t: 0.1 * t + t * t / 2),
     "square": ({"b": "[0.1, 0.2, 0.3]"}, lambda t: 0.1 * t + 0.1 * t**2 + 0.1 * t**3),
     "exponential": ({"b": "0.3*exp(-0.7*t)"}, lambda t: 0.3 * -np.expm1(-0.7 * t) / 0.7),
-    "power": (
-        {"b": "0.3*exp(-1.5*log(1 + 2*t))"},
-        lambda t: 0.3 * (1 - (1 + 2 * t) ** -0.5),
-    ),
-    "driven": (
-        {"a": "0", "b": "0", "m": "0.2"},
-        lambda t: -np.log(1 + 0.2 * t / math.sqrt(3)),
-    ),
-}
+    "power": ({"b": "0.3*exp(-1.5*log(1 + 2*t))"}, lambda t: 0.3 * (1 - (1 + 2 * t) ** -0.5)),
+    "driven": ({"a": "0", "b": "0", "m": "0.2"}, lambda t: -np.log(1 + 0.2 * t / math.sqrt(3))),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -155,15 +130,6 @@ def test_r_decays_as_the_closed_form_says(form: str, spin: str) -> None:
     t, v = motion.time, motion.variables
     r = v["omega"][:, 2] if form == "full" else v["r"]
     assert np.abs(r - math.sqrt(3) * np.exp(-integral(t))).max() < CLOSE
-
-
-def test_the_full_motion_is_that_of_the_independent_reference() -> None:
-    top = case(form="full", epsilon="0.1", a="[0.125, 1, 0.2]", time="{end: 3, samples: 7}")
-    motion = integrate(top)
-    system = series.lagrange(1.5, 1.0, 0.5, 0.1, (0.125, 1.0, 0.2), (0.1, 1.0))
-    expected = series.states(system, (*start(top), 0), motion.time.tolist(), bits=128)
-    found = np.concatenate((motion.variables["omega"], motion.variables["gamma"]), axis=1)
-    assert np.abs(found - np.array(expected)[:, :6].astype(float)).max() < 100 * CLOSE
 
 
 @pytest.mark.parametrize("theta", ["5 deg", "150 deg", "0", "1e-5", "3.141592652589793", "180 deg"])
@@ -268,22 +234,16 @@ def test_a_constant_is_swept_by_its_name(form: str) -> None:
         ({"initial": "{theta: 1}"}, "missing 'r'"),
         ({"initial": "{theta: 60, r: 1}"}, "degrees are written as '60 deg'"),
         ({"initial": "{theta: 190 deg, r: 1}"}, "expected an angle from 0 to pi"),
-        (
-            {"sweep": "{initial.theta: {values: [1, 60]}}"},
-            r"values\.1: expected an angle from 0 to pi .* degrees are written as '60 deg'",
-        ),
-        (
-            {"sweep": "{initial.theta: {linspace: [0 deg, 181 deg, 9]}}"},
-            r"linspace\.1: expected an angle from 0 to pi",
-        ),
+        ({"sweep": "{initial.theta: {values: [1, 60]}}"},
+         r"values\.1: expected an angle from 0 to pi .* degrees are written as '60 deg'"),
+        ({"sweep": "{initial.theta: {linspace: [0 deg, 181 deg, 9]}}"},
+         r"linspace\.1: expected an angle from 0 to pi"),
         ({"initial": "{theta: 1, r: 1, H: 1}"}, "give theta and r, or Gz, H and r"),
         ({"initial": "{r: 1, H: 1}"}, "give theta and r, or Gz, H and r"),
         ({"initial": "{r: 2, Gz: 1, H: 1.9}"}, "no motion has these"),
         # Its u1 and u2 are by 1e-7 and more above 1.
-        (
-            {"inertia": "{A: 1.5, C: 2.5}", "initial": "{r: 2.2, Gz: 5.501, H: 2}"},
-            "no motion has these",
-        ),
+        ({"inertia": "{A: 1.5, C: 2.5}", "initial": "{r: 2.2, Gz: 5.501, H: 2}"},
+         "no motion has these"),
         ({"initial": "{r: 1e100, Gz: 1, H: 1e150}"}, "initial: "),
         ({"initial": "{theta: 1, r: 1e200}"}, "out of range"),
         ({"initial": "{theta: 0, r: 1.7320508075688772}"}, "u2 = u3"),
@@ -293,18 +253,14 @@ def test_a_constant_is_swept_by_its_name(form: str) -> None:
         ({"mu": "[0.5, -1]"}, "mu: mu falls to -3.5 in the span"),
         ({"mu": "[0.5, 0.1]", "form": "averaged-u"}, "mu: form averaged-u takes a constant mu"),
         ({"m": "0.1", "form": "averaged-u"}, "m: form averaged-u has no m"),
-        (
-            {"mu": "[0.5, 0.1]", "time": "{start: 1, end: 2}"},
-            "mu: a polynomial of mu begins with the initial data",
-        ),
+        ({"mu": "[0.5, 0.1]", "time": "{start: 1, end: 2}"},
+         "mu: a polynomial of mu begins with the initial data"),
         ({"a": "[]"}, r"a: expected a polynomial in tau: \[a0, a1, ...\]"),
         ({"a": "much"}, "a: column 1 of the expression: unknown name 'much'"),
-        (
-            {"form": "full", "epsilon": "0.1", "perturbation": "linear-dissipation"},
-            "perturbation: unknown key",
-        ),
+        ({"form": "full", "epsilon": "0.1", "perturbation": "linear-dissipation"},
+         "perturbation: unknown key"),
     ],
-)
+)  # fmt: skip
 def test_wrong_data_are_refused(given: dict[str, str], message: str) -> None:
     with pytest.raises(HodoError, match=message):
         case(**given)
@@ -345,22 +301,16 @@ FALLING = str(Polynomial(_IN_TAU_LESS_1)(Polynomial([-1, 1])).coef.tolist())
 """0.5/(1 + 0.3 tau) as a polynomial."""
 
 LAWS_OF_TIME = {
-    "axial torque": (
-        {"m": "0.2", "a": "0.125", "b": "0.1", "mu": "0.5"},
+    "axial torque": ({"m": "0.2", "a": "0.125", "b": "0.1", "mu": "0.5"},
         (7.14615158788087723e-5, -0.483421185149415059, 1.75754954455580245),
-        (-0.448675351253786695, -0.886842219122204261, 0.110459529057910492),
-    ),
-    "falling mu": (
-        {"mu": FALLING, "a": "0", "b": "0"},
+        (-0.448675351253786695, -0.886842219122204261, 0.110459529057910492)),
+    "falling mu": ({"mu": FALLING, "a": "0", "b": "0"},
         (0.0728953513394852740, -0.501290446981690064, 1.73205080756887729),
-        (0.0595182228060932324, -0.996188403105960674, 0.0637671284534613974),
-    ),
-    "both": (
-        {"m": "0.2/(1 + t)", "mu": "[0.5, 0.15]", "a": "0.125", "b": "0.1"},
+        (0.0595182228060932324, -0.996188403105960674, 0.0637671284534613974)),
+    "both": ({"m": "0.2/(1 + t)", "mu": "[0.5, 0.15]", "a": "0.125", "b": "0.1"},
         (0.428277629153334897, -0.282365071105278370, 1.69839359908822709),
-        (0.442736113796192254, -0.891876926990276199, 0.0924136388366275793),
-    ),
-}
+        (0.442736113796192254, -0.891876926990276199, 0.0924136388366275793)),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("keys", "omega", "gamma"), LAWS_OF_TIME.values(), ids=LAWS_OF_TIME)

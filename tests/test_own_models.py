@@ -293,21 +293,15 @@ def test_its_powers_keep_their_digits_where_a_component_passes_zero(
         ("x = 1\nexit(0)\n", ":2: SystemExit: 0"),
         ("x = 1\n", ": there is no model in it (a class with `name` and `form`)"),
         ("from hodo_cli.models.body import Tensor\n", ": there is no model in it (a class with"),
-        (
-            EXAMPLE.replace('"quadratic-drag"', '"linear-diag"'),
-            ": QuadraticDrag: there is already a model 'linear-diag'",
-        ),
+        (EXAMPLE.replace('"quadratic-drag"', '"linear-diag"'),
+         ": QuadraticDrag: there is already a model 'linear-diag'"),
         (EXAMPLE.replace("    drag: float\n", ""), ": QuadraticDrag: expected a field for each of"),
-        (
-            EXAMPLE.replace("@dataclass(frozen=True)\n", ""),
-            ": QuadraticDrag: expected a frozen dataclass",
-        ),
-        (
-            EXAMPLE.replace("drag", "momentum"),
-            ": QuadraticDrag: its key momentum is an attribute of BodyFrame: name it otherwise",
-        ),
+        (EXAMPLE.replace("@dataclass(frozen=True)\n", ""),
+         ": QuadraticDrag: expected a frozen dataclass"),
+        (EXAMPLE.replace("drag", "momentum"),
+         ": QuadraticDrag: its key momentum is an attribute of BodyFrame: name it otherwise"),
     ],
-)
+)  # fmt: skip
 def test_a_bad_file_is_one_line(hodo: Hodo, folder: Path, text: str | None, said: str) -> None:
     if text is not None:
         (folder / "bad.py").write_text(text, encoding="utf-8")
@@ -338,12 +332,9 @@ EQUATION_MISTAKES = [
     ("p, q, r = y", "y[0] = p = y[1]; q, r = y[1:]", ":24: TypeError: 'tuple' object does not"),
     ("def rhs(t, y, k)", "def rates(t, y, k)", ":1: NotImplementedError: the model states no"),
     ('"c": self', '"time_unit": 1.0, "c": self', ": the constant time_unit is an engine's"),
-    (
-        BEFORE,
-        "    @staticmethod\n    def output(t, y, k):\n        return {'omega': y[:, :2]}\n\n"
-        + BEFORE,
-        ": omega has the size (2, 2), expected (2, 3)",
-    ),
+    (BEFORE,
+     "    @staticmethod\n    def output(t, y, k):\n        return {'omega': y[:, :2]}\n\n" + BEFORE,
+     ": omega has the size (2, 2), expected (2, 3)"),
     (BEFORE, f"    start = (1.0, 2.0)\n\n{BEFORE}", ":24: ValueError: not enough values to unpack"),
     (
         BEFORE,
@@ -352,7 +343,7 @@ EQUATION_MISTAKES = [
         + BEFORE,
         ":35: TypeError: '>' not supported",
     ),
-]
+]  # fmt: skip
 """What stands in the example, what in its place, and what is said of that."""
 
 

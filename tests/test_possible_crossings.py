@@ -223,18 +223,13 @@ def test_the_axes_are_those_of_the_body_in_any_order(order: tuple[int, ...]) -> 
         (theory.Dissipation(P1, (0.02, 0, 0), (0.01, 0, 0.02)), UNKNOWN),
         (theory.Dissipation(P1, kappa=0.1, quadratic=(0.02, 0, 0)), UNKNOWN),
         # Where |omega| counts beside |G|, the sense turns at no one size.
-        (
-            theory.Dissipation(P1, (0.02, 0, 0), (0.02, 0, 0), kappa=0.1),
-            UNKNOWN,
-        ),
+        (theory.Dissipation(P1, (0.02, 0, 0), (0.02, 0, 0), kappa=0.1), UNKNOWN),
         # Negative damping may make G grow, so that the sense turns more than once.
         (theory.Dissipation(P1, (0.02, -0.1, 0), kappa=0.1), UNKNOWN),
-        (
-            theory.Dissipation((1e-100, 0.8e-100, 0.6e-100), (0.02, 0, 0), kappa=1e-250),
-            THERE_AND_BACK,
-        ),
+        (theory.Dissipation((1e-100, 0.8e-100, 0.6e-100), (0.02, 0, 0), kappa=1e-250),
+         THERE_AND_BACK),
     ],
-)
+)  # fmt: skip
 def test_single_sums(terms: theory.Dissipation, expected: frozenset[int] | None) -> None:
     assert theory.possible_crossings(terms) == expected
 

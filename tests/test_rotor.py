@@ -131,17 +131,15 @@ def test_the_fluid_of_a_gyrostat_is_that_of_its_free_motion() -> None:
     [
         {"rotor": ROTOR},
         {"quadratic": 0.01, "kappa": 0.02, "brake": 0.0005, "torque": [0.001, -0.002, 0.0015]},
-        {
-            "resistance": [[0.003, 0.001, 0], [0.001, 0.003, 0.001], [0, 0.001, 0.002]],
-            "kappa": 0.01,
-        },
+        {"resistance": [[0.003, 0.001, 0], [0.001, 0.003, 0.001], [0, 0.001, 0.002]],
+         "kappa": 0.01},
         {"rotor": ROTOR, "kappa": 0.02, "damping": 0.004, "brake": 0.001},
         {"damping": "0.01*exp(-0.02*t)"},
         {"resistance": np.diag([0.01, 0.0064, 0.0036]).tolist()},
         # In closed form.
         {"damping": 0.004, "brake": 0.002, "attitude": "yes"},
     ],
-)
+)  # fmt: skip
 def test_a_full_tensor_tells_the_same_in_other_axes(terms: Any) -> None:
     plain = {
         name: np.array(x).tolist() if isinstance(x, np.ndarray) else x for name, x in terms.items()
@@ -193,22 +191,14 @@ def test_starts_on_a_sphere_have_the_momentum_of_body_and_rotor() -> None:
         ({"inertia": [[1, 0, 0], [0, 0.3, 0], [0, 0, 0.6]]}, "no body has principal moments"),
         ({"inertia": [[1, 0, 0], 0.8, 0.6]}, "some of each"),
         ({"inertia": [[1, 0], [0, 1], [0, 0]]}, "expected 3"),
-        (
-            {"inertia": np.diag(BODY).tolist(), "damping": [0.1, 0.2, 0.3]},
-            "acts about principal axes",
-        ),
-        (
-            {
-                "rotor": [0.3, 0.24, -0.18],
-                "brake": 0.1,
-                "initial": {"p": -0.3, "q": -0.3, "r": 0.3},
-            },
-            "brake: a body whose G is 0 has no direction to brake in",
-        ),
+        ({"inertia": np.diag(BODY).tolist(), "damping": [0.1, 0.2, 0.3]},
+         "acts about principal axes"),
+        ({"rotor": [0.3, 0.24, -0.18], "brake": 0.1, "initial": {"p": -0.3, "q": -0.3, "r": 0.3}},
+         "brake: a body whose G is 0 has no direction to brake in"),
         ({"rotor": [0, 0, 0.1], "initial": {"p": 0.1, "q": 0.1, "G": 1}}, "does not determine"),
         ({"rotor": [0, 0]}, "3 numbers"),
     ],
-)
+)  # fmt: skip
 def test_what_no_body_has_is_refused(terms: Any, message: str) -> None:
     with pytest.raises(HodoError, match=message):
         run(1, **{"damping": 0.01, **terms})

@@ -8,7 +8,6 @@ from fractions import Fraction
 from pathlib import Path
 
 import mpmath
-import numpy as np
 import pytest
 import series
 
@@ -98,13 +97,10 @@ def test_torque_of_the_cavity_follows_from_free_motion():
     ] == expected
 
 
-def test_equation_2_is_the_symmetric_case_and_closes_in_x_and_r():
+def test_the_symmetric_case_closes_in_x_and_r():
     A, C, kappa = 8.0, 4.0, 0.6048
-    symmetric = series.cavity_symmetric(A, C, kappa, (0.01, 0.02, -0.03))
-    triaxial = series.cavity((A, A, C), kappa, (0.01, 0.02, -0.03))
-    assert [{m: k for m, k in row.items() if k} for row in triaxial] == list(symmetric)
     ((p, q, r),) = series.states(
-        series.cavity_symmetric(A, C, kappa, (0, 0, -0.01)), (0.6, 0.8, 1), [40]
+        series.cavity((A, A, C), kappa, (0, 0, -0.01)), (0.6, 0.8, 1), [40]
     )
     x0 = Fraction(0.6) ** 2 + Fraction(0.8) ** 2
     (averaged,) = series.states(
@@ -221,20 +217,7 @@ def test_forms_lost_in_rounding_are_refused():
     )
 
 
-def test_one_ulp_near_the_separatrix():
-    """(0.79, 0, 1.02), free: one ulp of r grows to about 3e-11 by t = 1000; that of q = 0 is
-    nothing."""
-
-    def motion(p, q, r):
-        return series.states(series.diagonal(INERTIA, (0, 0, 0)), (p, q, r), [500, 1000], bits=128)
-
-    moved = series.one_ulp(motion, (0.79, 0.0, 1.02))
-    assert moved.shape == (3, 2, 3)
-    assert 1e-11 < np.abs(moved[2, 1]).max() < 1e-10
-    assert not np.abs(moved[1]).any()
-
-
-@pytest.mark.parametrize("name", series.PAPER1)
+@pytest.mark.parametrize("name", [*series.PAPER1][::3])
 def test_table_of_crossings(name):
     """At two thirds of the precision that made the table: that all its digits return shows that
     they are digits."""

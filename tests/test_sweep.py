@@ -74,49 +74,33 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
             "cases.a.sweep.damping.2: expected one of linspace, logspace, values, zip, sphere, "
             "got 3",
         ),
-        (
-            "{damping.2: {values: [1, 2], linspace: [1, 2, 3]}}",
-            "got a mapping, of 2 keys: 'values, linspace'",
-        ),
+        ("{damping.2: {values: [1, 2], linspace: [1, 2, 3]}}",
+         "got a mapping, of 2 keys: 'values, linspace'"),
         ("{damping.2: {linspce: [1, 2, 3]}}", "did you mean 'linspace'?"),
-        (
-            "{damping.2: {logspace: [0, 2, 5]}}",
-            "sweep.damping.2.logspace.0: expected a positive number, got 0",
-        ),
+        ("{damping.2: {logspace: [0, 2, 5]}}",
+         "sweep.damping.2.logspace.0: expected a positive number, got 0"),
         ("{damping.3: {values: [1]}}", "sweep.damping.3: the case has no such number: damping.3"),
         ("{dampng: {values: [1]}}", "did you mean 'damping'?"),
         ("{time.end: {values: [1]}}", "sweep.time.end: time.end is not a number of the model"),
-        (
-            "{inertia.0: {values: [1, -1]}}",
-            "sweep.inertia.0.values.1: expected a positive number, got -1",
-        ),
+        ("{inertia.0: {values: [1, -1]}}",
+         "sweep.inertia.0.values.1: expected a positive number, got -1"),
         ("{initial: {values: [1]}}", "expected a mapping of p, q, r, G, got 1.0"),
         ("{inertia: {values: [1]}}", "sweep.inertia: inertia is not a number: name one of its"),
         ("{time: {sphere: {count: 2}}}", "time is a name in every result: call the axis otherwise"),
         ("{status: {zip: {damping.0: {values: [1]}}}}", "status is a name in every result"),
-        (
-            "{d: {sphere: {count: 0}}}",
-            "sweep.d.sphere.count: expected an integer >= 1, <= 1e+09, got 0",
-        ),
+        ("{d: {sphere: {count: 0}}}",
+         "sweep.d.sphere.count: expected an integer >= 1, <= 1e+09, got 0"),
         ("{d: {sphere: {count: 2}}, e: {sphere: {count: 2}}}", "one axis may be a sphere"),
-        (
-            "{d: {zip: {damping.0: {values: [1]}, damping.1: {values: [1, 2]}}}}",
-            "1 and 2 values cannot be zipped",
-        ),
-        (
-            "{damping.2: {values: [1]}, d: {zip: {damping.2: {values: [1]}}}}",
-            "damping.2 varies along another axis already, or a part of it does",
-        ),
-        (
-            "{initial.r: {values: [1, 2]}}",
-            "sweep.initial.r: G stands for exactly one of p, q, r: leave that one out",
-        ),
-        (
-            "{d: {sphere: {count: 1e6}}, damping.2: {linspace: [0, 1, 1e4]}}",
-            "more than 1e+09 members",
-        ),
+        ("{d: {zip: {damping.0: {values: [1]}, damping.1: {values: [1, 2]}}}}",
+         "1 and 2 values cannot be zipped"),
+        ("{damping.2: {values: [1]}, d: {zip: {damping.2: {values: [1]}}}}",
+         "damping.2 varies along another axis already, or a part of it does"),
+        ("{initial.r: {values: [1, 2]}}",
+         "sweep.initial.r: G stands for exactly one of p, q, r: leave that one out"),
+        ("{d: {sphere: {count: 1e6}}, damping.2: {linspace: [0, 1, 1e4]}}",
+         "more than 1e+09 members"),
     ],
-)
+)  # fmt: skip
 def test_a_mistake_in_a_sweep_is_named_with_its_place(block: str, message: str) -> None:
     text = f"title: t\ncases:\n  a:\n    {{{FIG4}, {BALL},\n    sweep: {block}}}\n"
     with pytest.raises(HodoError) as error:
@@ -137,25 +121,17 @@ AVERAGED_TOP = (
     ("text", "message"),
     [
         # A cavity is given by `kappa` or by `cavity`, whose keys are there all the same.
-        (
-            f"{HEAD}, {BALL}, model: torques, kappa: 1, sweep: {{cavity.kappa: {{values: [0.3]}}}}",
-            r"the case has no such number: cavity\.kappa",
-        ),
-        (
-            f"{AVERAGED_TOP}, sweep: {{d: {{sphere: {{count: 2}}}}}}",
-            "only the start of a body-frame model has a direction",
-        ),
-        (
-            f"{FIG4}, {BALL}, store: [crosing_time], sweep: {{d: {{sphere: {{count: 2}}}}}}",
-            "did you mean 'crossing_time'",
-        ),
+        (f"{HEAD}, {BALL}, model: torques, kappa: 1, sweep: {{cavity.kappa: {{values: [0.3]}}}}",
+         r"the case has no such number: cavity\.kappa"),
+        (f"{AVERAGED_TOP}, sweep: {{d: {{sphere: {{count: 2}}}}}}",
+         "only the start of a body-frame model has a direction"),
+        (f"{FIG4}, {BALL}, store: [crosing_time], sweep: {{d: {{sphere: {{count: 2}}}}}}",
+         "did you mean 'crossing_time'"),
         # It is of what a brake stops.
-        (
-            f"{FIG4}, {BALL}, sweep: {{damping.2: {{values: [0]}}}}, store: [event_time]",
-            "unknown variable 'event_time'",
-        ),
+        (f"{FIG4}, {BALL}, sweep: {{damping.2: {{values: [0]}}}}, store: [event_time]",
+         "unknown variable 'event_time'"),
     ],
-)
+)  # fmt: skip
 def test_what_a_case_does_not_have_is_neither_swept_nor_stored(text: str, message: str) -> None:
     with pytest.raises(HodoError, match=message):
         one(text)
@@ -247,7 +223,7 @@ def test_a_sweep_warns_of_an_error_above_its_tolerance() -> None:
 
 @pytest.mark.heyoka
 def test_the_shares_of_a_member_that_crosses_there_and_back() -> None:
-    """Of paper 1's Fig. 12 (tests/test_crossings.py has the source)."""
+    """Of paper 1's Fig. 12 (tests/data/crossings.csv)."""
     start = "initial: {p: 0.5, q: 0.25, r: 1.40435829552939}, sweep: {initial.q: {values: [0.25]}}"
     values = computed(one(f"{FIG12}, {start}"))
     times = [0, 256.993064559, 396.993309847, 406.942439380, 1000]  # x3, x1, x3, x1
@@ -316,14 +292,11 @@ MARKED = {
         "sweep: {attitude.initial.0: {values: [0, 1, 2]}}",
         [INVALID, OK, OK],
     ),
-    "no body": (
-        f"{FIG4}, {BODY_MOVES}, sweep: {{inertia.1: {{values: [0.1, 0.8, 2.0]}}}}",
-        [INVALID, OK, INVALID],
-    ),
+    "no body": (f"{FIG4}, {BODY_MOVES}, sweep: {{inertia.1: {{values: [0.1, 0.8, 2.0]}}}}",
+        [INVALID, OK, INVALID]),
     "a limit of steps": (
         f"{FIG4}, {BODY_MOVES}, max_steps: 20, sweep: {{damping.2: {{values: [0, 1]}}}}",
-        [TIMEOUT, TIMEOUT],
-    ),
+        [TIMEOUT, TIMEOUT]),
     # Those whose single cases are refused for their span.
     "a power of 0": (
         f"{REFUSED_LATER}, constants: {{k: 0.1}}, damping: 0.01*(1 + k*t)**-2, "
@@ -336,15 +309,12 @@ MARKED = {
         [OK, INVALID],
     ),
     # With A1 = A2 the spin is a variable of the averaged body; there is another class for others.
-    "other equations": (
-        f"{FLUID_INSIDE}, inertia: [8, 8, 4], initial: {{x: 2, y: 3}}, {MIDDLE}",
-        [OK, INVALID, INVALID],
-    ),
+    "other equations": (f"{FLUID_INSIDE}, inertia: [8, 8, 4], initial: {{x: 2, y: 3}}, {MIDDLE}",
+        [OK, INVALID, INVALID]),
     "other equations, alone": (
         f"{FLUID_INSIDE}, inertia: [8, 6, 4], initial: {{p: 0.1, q: 0.1, r: 1}}, {MIDDLE}",
-        [INVALID, OK, OK],
-    ),
-}
+        [INVALID, OK, OK]),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", MARKED)
@@ -869,14 +839,11 @@ DISC = {"form": "averaged", "kappa": 0.1, "torque": [0, 0, -0.1], "initial": {"x
     [
         ({"model": "linear-diag", "inertia": [1, 0.8, 0.6]}, "initial.p", [1, 0.8, 0.6]),
         ({"model": "linear-diag", "inertia": [1, 0.8, 0.6]}, "inertia.1", None),
-        (
-            {"model": "torques", "inertia": [[1, 0.1, 0], [0.1, 0.8, 0], [0, 0, 0.6]]},
-            "damping",
-            None,
-        ),
+        ({"model": "torques", "inertia": [[1, 0.1, 0], [0.1, 0.8, 0], [0, 0, 0.6]]}, "damping",
+         None),
         ({"model": "cavity+constant", "inertia": [8, 8, 4], **DISC}, "initial.x", [8, 8, 4]),
     ],
-)
+)  # fmt: skip
 def test_members_share_a_body_along_its_principal_axes(
     case: dict[str, Any], key: str, body: list[float] | None
 ) -> None:
@@ -1075,33 +1042,6 @@ def test_the_errors_of_a_sweep_are_measured_at_every_scale(size: float) -> None:
     assert 1e-15 < attributes["error"] < 1e-11
     quantiles = size * attributes["crossing_error_quantiles"]
     assert 1e-15 < quantiles[0] <= quantiles[-1] < 1e-10
-
-
-@pytest.mark.heyoka
-def test_the_error_of_the_top_is_measured() -> None:
-    """It is the distance of what is stored from the single cases at full precision."""
-    top = {
-        "model": "Lagrange-averaged", "inertia": {"A": 1.5, "C": 1}, "a": [0.125, 1],
-        "b": [0.1, 1], "initial": {"theta": "60 deg", "r": 1.7}, "mu": 0.5,
-    }  # fmt: skip
-    swept = top | {"time": {"end": 1}, "sweep": {"mu": {"values": [0.3, 0.5]}}}
-    rough = hodo_cli.sweep(swept | {"method": "RK45", "tol": 1e-4})
-    reason = "each by itself: method RK45"
-    assert (rough.attrs["method"], rough.attrs["method_reason"]) == ("RK45", reason)
-    assert rough.attrs["error_sample"] == 2
-    errors = []
-    for i, mu in enumerate((0.3, 0.5)):
-        fine = hodo_cli.run(top | {"mu": mu, "tol": 1e-15, "time": {"end": 1, "samples": 2}})
-        for name in FORMS_OF_TOP:
-            off = abs(rough[name][i] - fine[name][-1]) / np.abs(fine[name]).max()
-            errors.append(float(off))
-    assert 1e-9 < max(errors) < 1e-2
-    assert rough.attrs["error"] == pytest.approx(max(errors), rel=1e-6)
-    assert rough.attrs["error_kind"] == "extended"
-    assert hodo_cli.sweep(swept | {"tol": 1e-15}).attrs["method"] == "taylor"
-
-
-FORMS_OF_TOP = ("Gz", "H", "r", "u1", "u2", "u3")
 
 
 BENT = "[[5e-3, 1e-3, 0], [1e-3, 4e-3, 0], [0, 0, 3e-3]]"

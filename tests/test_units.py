@@ -182,9 +182,9 @@ def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
         "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: .8, q: .5, r: .74}, "
         "damping: [.05, .04, .03], time: {end: 40, unit: s}, inertia_unit: kg m^2"
     )
-    turned = f"{body}, attitude: yes"
-    starts = "p: 0, q: 0, G: 1}, sweep: {direction: {sphere: {count: 9, seed: 1}}}"
-    sweep = "sweep: {damping.0: {linspace: [0.04, 0.06, 3]}}"
+    turned = f"{body}, attitude: yes, error: off"
+    starts = "p: 0, q: 0, G: 1}, error: off, sweep: {direction: {sphere: {count: 9, seed: 1}}}"
+    sweep = "error: off, sweep: {damping.0: {linspace: [0.04, 0.06, 3]}}"
     figure = "{kind: series, cases: [a], variables: [p, G, T, D, D/2T]}"
     curve = "{kind: curve, cases: [s], variable: crossing_G, x: damping.0}"
     text = f"cases:\n  a: {{{body}}}\n  s: {{{body}, {sweep}}}\n  t: {{{turned}}}\n"

@@ -15,8 +15,7 @@ RTOL = 1e-8
 other order of rounding of a long motion does not."""
 
 PAPERS = [
-    ("paper1", ["fig1-1", "fig4"]),
-    ("paper1", ["fig7", "fig16"]),
+    ("paper1", ["fig4", "fig16"]),
     ("paper2", ["fig[12]-as-printed", "internal-triaxial"]),
     ("paper3", ["case?", "case1-full"]),
 ]
