@@ -302,14 +302,15 @@ def _check_range(
     path: KeyPath,
     rule: Rule,
     model: type[Model],
-    data: Mapping[str, Any],
+    data: Any,
 ) -> Iterator[Mistake]:
     """What is wrong with the range of a swept key, whose rule is given."""
     name = ".".join(map(str, path))
     present: Any = data
     try:
         for step in path:
-            if not isinstance(present, Mapping if isinstance(step, str) else tuple):
+            is_there = isinstance(present, Mapping if isinstance(step, str) else tuple)
+            if not is_there:
                 raise LookupError
             present = present[step]
     except LookupError:
