@@ -176,14 +176,14 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
     entries, more = _entries("cases", named)
     faults += more
     blocks = {case: merged(defaults, block) for case, block in entries.items()}
-    inherited = {case: inherited_keys(defaults, block) for case, block in entries.items()}
     faults += _default_mistakes(defaults, [*blocks.values()])
     for override in overrides:
         _apply_override(override, blocks, source)
     cases = {}
     for case, block in blocks.items():
         try:
-            cases[case] = checked_case(case, block, inherited[case])
+            inherited = inherited_keys(defaults, entries[case])
+            cases[case] = checked_case(case, block, inherited)
         except Wrong as error:
             faults += within(("cases", case), error.mistakes)
     figures, figure_faults = _figures(sections.get("figures") or {}, named, sections.get("style"))
@@ -236,16 +236,16 @@ def composed_text(cases: Mapping[str, Case], **sections: Any) -> str:
 def _entries(section: str, named: Mapping[str, Any]) -> tuple[dict[str, Any], list[Mistake]]:
     """The entries of a section that have a proper name and are mappings, and the mistakes in the
     others."""
-    entries: dict[str, Any] = {}
-    mistakes: list[Mistake] = []
-    for name, value in named.items():
-        if not NAME.fullmatch(name):
-            mistakes.append(((section, WrongKey(name)), NAME_RULE))
-        elif not isinstance(value, Mapping):
-            mistakes.append(((section, name), f"expected a mapping, got {shown(value)}"))
-        else:
-            entries[name] = value
-    return entries, mistakes
+    proper = {name: value for name, value in named.items() if NAME.fullmatch(name)}
+    mistakes: list[Mistake] = [
+        ((section, WrongKey(name)), NAME_RULE) for name in named if name not in proper
+    ]
+    mistakes += [
+        ((section, name), f"expected a mapping, got {shown(value)}")
+        for name, value in proper.items()
+        if not isinstance(value, Mapping)
+    ]
+    return {name: x for name, x in proper.items() if isinstance(x, Mapping)}, mistakes
 
 
 def _default_mistakes(defaults: Mapping[str, Any], blocks: Sequence[Any]) -> list[Mistake]:
@@ -335,15 +335,14 @@ def with_value(value: Any, path: Sequence[str], new: Any) -> Any:
     path does not exist."""
     if not path:
         return new
+    head, *rest = path
     if value is None or isinstance(value, Mapping):
         entries = {key: item for key, item in (value or {}).items() if item is not None}
-        return {**entries, path[0]: with_value(entries.get(path[0]), path[1:], new)}
-    if not is_list(value):
-        raise ValueError(f"there is no {path[0]!r} in {shown(value)}")
-    if not path[0].isdecimal() or int(path[0]) >= len(value):
-        positions = (
-            f"a list whose positions are 0 to {len(value) - 1}" if value else "an empty list"
-        )
-        raise ValueError(f"there is no {path[0]!r} in {positions}")
-    i = int(path[0])
-    return [*value[:i], with_value(value[i], path[1:], new), *value[i + 1 :]]
+        return {**entries, head: with_value(entries.get(head), rest, new)}
+    if is_list(value) and head.isdecimal() and int(head) < len(value):
+        i = int(head)
+        return [*value[:i], with_value(value[i], rest, new), *value[i + 1 :]]
+    words = shown(value)
+    if is_list(value):
+        words = f"a list whose positions are 0 to {len(value) - 1}" if value else "an empty list"
+    raise ValueError(f"there is no {head!r} in {words}")

@@ -216,11 +216,8 @@ def _length(value_range: Mapping[str, Any]) -> int:
 
 def storable(model: Equations) -> list[str]:
     """The variables that `store:` may name in a sweep of a model."""
-    columns: tuple[str, ...] = MEMBER_COLUMNS
-    if model.may_stop:
-        columns += STOP_COLUMNS
-    if model.form.no_axis_reason:
-        columns = ("event_time",)
+    columns = MEMBER_COLUMNS + (STOP_COLUMNS if model.may_stop else ())
+    columns = ("event_time",) if model.form.no_axis_reason else columns
     return [*model.variables, *columns, "steps", "status", "trajectory"]
 
 
@@ -305,14 +302,17 @@ def _check_range(
     path: KeyPath,
     rule: Rule,
     model: type[Model],
-    data: Mapping[str, Any],
+    data: Any,
 ) -> Iterator[Mistake]:
     """What is wrong with the range of a swept key, whose rule is given."""
     name = ".".join(map(str, path))
     present: Any = data
     try:
         for step in path:
-            present = _part(present, step)
+            is_there = isinstance(present, Mapping if isinstance(step, str) else tuple)
+            if not is_there:
+                raise LookupError
+            present = present[step]
     except LookupError:
         yield (), f"the case has no such number: {name}"
         return
@@ -323,30 +323,16 @@ def _check_range(
     ((word, span),) = value_range.items()
     mistakes: list[Mistake] = []
     for i, value in enumerate(span if word == "values" else span[:2]):
-        mistakes += within((word, i), _wrong_value(rule, data, path, value))
+        new = value.text if isinstance(value, InDegrees) else value
+        try:
+            check(rule, given(with_number(data[path[0]], path[1:], new)))
+        except Wrong as error:
+            mistakes += (((word, i), sentence) for _, sentence in error.mistakes)
     if present is None and not mistakes:  # other keys of the case may say as much
         of_model = {key: data[key] for key in model.keys if key in data}
         of_first = model.check(with_number(of_model, path, span[0]))
         mistakes = [((), sentence) for _, sentence in of_first]
     yield from mistakes
-
-
-def _part(data: Any, step: str | int) -> Any:
-    """The value at one step of a path in the data of a case. Raises LookupError if there is
-    none."""
-    is_there = isinstance(data, Mapping if isinstance(step, str) else tuple)
-    if not is_there:
-        raise LookupError
-    return data[step]
-
-
-def _wrong_value(rule: Rule, data: Any, path: KeyPath, value: float) -> Iterator[Mistake]:
-    """What is wrong with one value of a swept key."""
-    new = value.text if isinstance(value, InDegrees) else value
-    try:
-        check(rule, given(with_number(data[path[0]], path[1:], new)))
-    except Wrong as error:
-        yield from (((), sentence) for _, sentence in error.mistakes)
 
 
 def _check_axis(axis: Axis, axes: Sequence[Axis], model: Equations) -> Iterator[Mistake]:

@@ -20,12 +20,6 @@ IN_FULL = 3
 """The statements that are told in full at least, besides all that are contradicted and all whose
 verdict is not the expected one: authors read these first, and unfold the tables."""
 
-HEADERS = {
-    "errata": ("where", "printed", "should be", "verdict", "shown by"),
-    "statements": ("where", "statement", "verdict", "decided by", "contradicted by"),
-    "assumptions": ("what", "taken here", "cases"),
-}
-
 
 def account(
     counts: Iterable[str],
@@ -43,18 +37,40 @@ def account(
     items = [*map(in_full, shown)]
     if more := len(doubted) - len(shown):
         items += [f"- and {more} more in the table of every statement"]
-    tables = {
-        "Errata": table_of("errata", map(erratum_cells, errata)),
-        "Every statement": table_of("statements", map(statement_cells, statements)),
-        "What is left open, and what is taken here": table_of("assumptions", assumptions(cases)),
-    }
     in_list = "\n".join(items)
+    # What the paper leaves open: each assumption once, with the names of its cases.
+    open_ = grouped((taken, case.name) for case in cases for taken in case.assumes.items())
+    tables = (
+        (
+            "Errata",
+            ("where", "printed", "should be", "verdict", "shown by"),
+            [[x["where"], x["printed"], x["should_be"], x["verdict"], shown_by(x)] for x in errata],
+        ),
+        (
+            "Every statement",
+            ("where", "statement", "verdict", "decided by", "contradicted by"),
+            [
+                [
+                    x["where"],
+                    x["statement"],
+                    marked(x),
+                    shown_by(x, x["theorem"]),
+                    x["contradicted_by"],
+                ]
+                for x in statements
+            ],
+        ),
+        (
+            "What is left open, and what is taken here",
+            ("what", "taken here", "cases"),
+            [[*taken, few(names)] for taken, names in open_.items()],
+        ),
+    )
     parts = [f"## What does not simply hold\n\n{in_list}"] if items else []
-    parts += [
-        f"<details><summary>{heading}</summary>\n\n{table}\n\n</details>"
-        for heading, table in tables.items()
-        if table
-    ]
+    for heading, header, rows in tables:
+        table = markdown(header, [[escaped(cell) for cell in row] for row in rows]).rstrip()
+        fold = f"<details><summary>{heading}</summary>\n\n{table}\n\n</details>"
+        parts += [fold] if rows else []
     return "\n\n".join([f"{'. '.join(counts)}.", *parts])
 
 
@@ -85,33 +101,10 @@ def in_full(row: VerdictRow) -> str:
     return " ".join(["-", *parts])
 
 
-def erratum_cells(row: VerdictRow) -> Sequence[str]:
-    """A misprint as a row of its table."""
-    shown = with_remark(row["evidence"], row["note"])
-    return [row["where"], row["printed"], row["should_be"], row["verdict"], shown]
-
-
-def statement_cells(row: VerdictRow) -> Sequence[str]:
-    """A statement as a row of its table; a theorem's reason decides where there is one."""
-    deciding = with_remark(row["theorem"] or row["evidence"], row["note"])
-    return [row["where"], row["statement"], marked(row), deciding, row["contradicted_by"]]
-
-
-def with_remark(reason: str, note: str) -> str:
-    """The reason of a verdict, followed by the remark if there is one."""
-    return f"{reason}; {note}" if reason and note else reason or note
-
-
-def assumptions(cases: Iterable[Case]) -> list[Sequence[str]]:
-    """What the paper leaves open: each assumption once, with the names of its cases."""
-    pairs = ((taken, case.name) for case in cases for taken in case.assumes.items())
-    return [(*taken, few(names)) for taken, names in grouped(pairs).items()]
-
-
-def table_of(topic: str, rows: Iterable[Sequence[str]]) -> str:
-    """A table of texts; empty without rows."""
-    cells = [[escaped(cell) for cell in row] for row in rows]
-    return markdown(HEADERS[topic], cells).rstrip() if cells else ""
+def shown_by(row: VerdictRow, theorem: str = "") -> str:
+    """What decides a statement or shows a misprint, a theorem where there is one, and the
+    remark."""
+    return "; ".join(filter(None, [theorem or row["evidence"], row["note"]]))
 
 
 def escaped(text: str) -> str:

@@ -321,8 +321,12 @@ def case_variables(
         stored[name] = Variable(label.dims, data, attributes)
     stored |= inner_coordinates(stored.values())
     if events:
-        stored |= columns_of(EVENT_COLUMNS, events) | event_details(events)
-    return stored
+        stored |= columns_of(EVENT_COLUMNS, events)
+    return stored | {
+        f"event_{name}": detail.holding([event.details.get(name, math.nan) for event in events])
+        for name, detail in EVENT_DETAILS.items()
+        if any(name in event.details for event in events)
+    }
 
 
 def inner_coordinates(variables: Iterable[Variable]) -> dict[str, Variable]:
@@ -342,15 +346,6 @@ def columns_of(
     return {
         name: stored.holding([getattr(item, field) for item in items])
         for name, (field, stored) in table.items()
-    }
-
-
-def event_details(events: Sequence[Occurrence]) -> dict[str, Variable]:
-    """The details of events, a variable for each detail that any event has."""
-    return {
-        f"event_{name}": stored.holding([event.details.get(name, math.nan) for event in events])
-        for name, stored in EVENT_DETAILS.items()
-        if any(name in event.details for event in events)
     }
 
 

@@ -2,7 +2,7 @@
 follows from its samples, computed when it is needed."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from shlex import quote
@@ -246,7 +246,7 @@ def motion_of(data: Variables, attrs: Mapping[str, Any], owner: str, path: str =
 def check_whole(data: Variables, owner: str, is_sweep: bool) -> None:
     """Raise HodoError, which begins with `owner`, if the variables of a motion or of a sweep are
     damaged."""
-    if problem := wrong_labels(data) if is_sweep else damage(data):
+    for problem in wrong_labels(data) if is_sweep else damage(data):
         raise HodoError(f"{owner} is damaged ({problem})")
 
 
@@ -259,26 +259,25 @@ def case_of(attrs: Mapping[str, Any], owner: str) -> Case:
 parsed = lru_cache(maxsize=256)(parse_case)
 
 
-def damage(data: Variables) -> str:
-    """What is damaged in the variables of a single motion; an empty string if nothing is."""
+def damage(data: Variables) -> Iterator[str]:
+    """What is damaged in the variables of a single motion, the first fault that hides others
+    first."""
     required = required_dims(data)
     for name, dims in required.items():
         if name not in data or data[name].data.dtype.kind not in "fi":
-            return f"its {name} is no array of numbers"
+            yield f"its {name} is no array of numbers"
         if data[name].dims != dims:
-            return f"its {name} has dimensions {', '.join(data[name].dims) or 'none'}"
-    if problem := wrong_labels(data):
-        return problem
+            yield f"its {name} has dimensions {', '.join(data[name].dims) or 'none'}"
+    yield from wrong_labels(data)
     # One component for each of the stored body axes.
     axes = data["axis"].data.shape if "axis" in data else None
     if "omega" in required and data["omega"].data.shape[1:] != axes:
-        return "its omega holds no vectors"
+        yield "its omega holds no vectors"
     names = [*required, *(name for name in EVENT_COLUMNS if name in data)]
     try:
         dimension_sizes({name: data[name] for name in names})
     except ValueError as error:
-        return f"its {error}"
-    return ""
+        yield f"its {error}"
 
 
 def required_dims(data: Variables) -> dict[str, tuple[str, ...]]:
@@ -295,15 +294,11 @@ def required_dims(data: Variables) -> dict[str, tuple[str, ...]]:
     return required
 
 
-def wrong_labels(data: Variables) -> str:
-    """What is wrong with a variable of labels that holds other numbers; an empty string if none
-    does."""
+def wrong_labels(data: Variables) -> Iterator[str]:
+    """What is wrong with each variable of labels that holds other numbers."""
     for name in ("enclosed_axis", *AXIS_LABELS):
         if name in data and not np.isin(data[name].data, list(rigid_body.LABELS)).all():
-            return (
-                f"its {name} holds labels that are none, as after arithmetic with a whole dataset"
-            )
-    return ""
+            yield f"its {name} holds labels that are none, as after arithmetic with a whole dataset"
 
 
 SAFE_CHANGE, SAFE_TURN = math.pi / 2, 1.0
