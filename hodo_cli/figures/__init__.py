@@ -12,17 +12,16 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from .. import HodoError
-from ..models.base import has_formula_of_time
 from ..quantities import lack_of
 from ..results.dataset import Cases, motions_of
 from ..results.motion import Motion
 from ..schema.spelling import unknown
 from ..storage import replacing
-from .between import SLOW, Course, Cubics, course, cubics_of, remark
+from .between import Course, course, remark, samples_in
 from .body import body, film
 from .look import STYLE_SHEET, Drawing, Sheet, check_units
 from .maps import sweep_curve, sweep_map
-from .plane import invariants, phase, quadrant_sketch, quadrants, samples_in, series
+from .plane import invariants, phase, quadrant_sketch, quadrants, series
 from .space import axis_trace, herpolhode, hodograph, sphere
 from .viewer import page_of
 from .words import Layout
@@ -132,25 +131,18 @@ def draw_motions(sheet: Sheet, cases: Cases, figures: Mapping[str, Mapping[str, 
     draw_kind, needs = KINDS_DRAWN[spec["kind"]]
     check_variables([*motions, *sheet.others], spec["kind"], needs)
     check_units(motions, "time")
-    cubics = [cubics_of(m) for m in motions]
-    draw_kind(sheet, [course(m, cubic) for m, cubic in zip(motions, cubics, strict=True)])
+    courses = [course(m) for m in motions]
+    draw_kind(sheet, courses)
     for name in {name for _, columns in sheet.table for name in columns} if motions else ():
-        bare = name.endswith("/|G|") or name[:1] == "A" or name == "K"
-        square = name.endswith("^2")
-        if (stated := motions[0].units("y" if square else name)) != "1" and not bare:
+        # A square has the units of y = r^2, and a direction has none.
+        stated = motions[0].units("y" if name.endswith("^2") else name)
+        if stated != "1" and not name.endswith("/|G|"):
             sheet.units[name] = stated
-    for m, cubic in zip(motions, cubics, strict=True):
-        if cubic and (line := remark_on(m, cubic, spec)):
+    variables = [spec[key] for key in ("x", "y") if key in spec]
+    for m in courses:
+        names = [*needs, *spec.get("variables", variables)]
+        if line := remark(m, names, samples_in(m.samples, spec.get("span"))):
             warnings.warn(line, stacklevel=3)
-
-
-def remark_on(m: Motion, cubics: Cubics, spec: Mapping[str, Any]) -> str:
-    """The warning about a motion whose samples do not show it; an empty string for none."""
-    kind, drawn = spec["kind"], samples_in(m, spec.get("span"))
-    names = [spec["x"], spec["y"]] if kind == "phase" else [*spec.get("variables", ())]
-    # A quantity that torques alone change has lines between samples.
-    is_slow = names and {*names} <= {*SLOW} and not has_formula_of_time(m.case.system)
-    return "" if is_slow else remark(m, cubics, kind, names, drawn)
 
 
 def check_variables(motions: Sequence[Motion], kind: str, needs: Sequence[str]) -> None:

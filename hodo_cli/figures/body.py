@@ -16,9 +16,8 @@ from PIL import Image
 
 from .. import HodoError
 from ..text import time_text
-from .between import Course
+from .between import Course, samples_in
 from .look import AXIS_LOOKS, COLOURS, GREY, PAGE, Look, Sheet, stroke
-from .plane import samples_in
 from .space import arrow, pale, view_matrix
 
 FILM_SAMPLES = 4000

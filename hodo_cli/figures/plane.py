@@ -16,7 +16,7 @@ from ..models.rigid_body import inertia_order, slope
 from ..quantities import symbol
 from ..results.motion import Motion, formula_values
 from ..schema.spelling import unknown
-from .between import Course
+from .between import Course, samples_in
 from .look import (
     AXIS_LOOKS,
     COLUMN,
@@ -44,15 +44,6 @@ FITTED: Look = {"color": "black", "lw": 1.0, "ls": (0, (5, 1.5)), "zorder": 4}
 
 Drawn = tuple[Course, str, Look]
 """A variable of a motion and the look of its curve."""
-
-
-def samples_in(m: Motion, span: Sequence[float] | None) -> slice:
-    """The places of a motion within a span of time. Raises HodoError if there are none."""
-    low, high = span or (-math.inf, math.inf)
-    first, end = np.searchsorted(m.time, low), np.searchsorted(m.time, high, "right")
-    if first == end:
-        raise HodoError(f"span: holds no sample of {m.name}, from {m.time[0]:g} to {m.time[-1]:g}")
-    return slice(int(first), int(end))
 
 
 def series(sheet: Sheet, motions: Sequence[Course]) -> None:
