@@ -40,6 +40,12 @@ TURNING = ("rotation", "psi", "theta", "phi")
 """The quantities that follow from the attitude, besides vectors in space."""
 
 
+VECTORS_OF_STATE = {
+    "omega": ("p", "q", "r"), "gamma": ("gamma1", "gamma2", "gamma3"), "attitude": QUATERNION,
+}  # fmt: skip
+"""The components of stored vectors by their names in a state."""
+
+
 @dataclass(frozen=True)
 class Cubics:
     """The state y (k, n) of a motion at its samples, in the order of the model's `state`, and its
@@ -89,9 +95,10 @@ def course(m: Motion) -> Course:
 def cubics_of(m: Motion) -> Cubics | None:
     """The cubics of a motion; None if its state is not stored whole, as in most averaged forms."""
     known = {str(x): m.stored(x) for x, v in m.data.items() if v.dims == ("time",)}
-    for name, parts in (("gamma", ("gamma1", "gamma2", "gamma3")), ("attitude", QUATERNION)):
-        known |= dict(zip(parts, m.stored(name).T, strict=True)) if name in m.data else {}
-    known |= dict(zip("pqr", m.principal_omega.T, strict=True)) if "omega" in m.data else {}
+    for name, parts in VECTORS_OF_STATE.items():
+        if name in m.data and m.stored(name).shape == (len(m.time), len(parts)):
+            values = m.principal_omega if name == "omega" else m.stored(name)
+            known |= dict(zip(parts, values.T, strict=True))
     if len(m.time) < 2 or not known.keys() >= {*m.case.system.equations.state}:
         return None
     y = np.array([known[name] for name in m.case.system.equations.state])
