@@ -122,14 +122,16 @@ def draw_motions(sheet: Sheet, cases: Cases, figures: Mapping[str, Mapping[str, 
     sheet.others = motions_of(cases, sharing)
     draw_kind, needs = KINDS_DRAWN[spec["kind"]]
     check_variables([*motions, *sheet.others], spec["kind"], needs)
-    check_units(motions, "time")
     courses = [course(m) for m in motions]
     draw_kind(sheet, courses)
-    for name in {name for _, columns in sheet.table for name in columns} if motions else ():
-        # A square has the units of y = r^2, and a direction has none.
-        stated = motions[0].units("y" if name.endswith("^2") else name)
-        if stated != "1" and not name.endswith("/|G|"):
-            sheet.units[name] = stated
+    recorded = [name for _, columns in sheet.table for name in columns]
+    for name in dict.fromkeys(recorded) if motions else ():
+        # A square has the units of y = r^2.
+        quantity = "y" if name.endswith("^2") else name
+        # A direction has none.
+        if not name.endswith("/|G|"):
+            check_units(motions, quantity)
+            sheet.units[name] = motions[0].units(quantity)
     variables = [spec[key] for key in ("x", "y") if key in spec]
     for m in courses:
         names = [*needs, *spec.get("variables", variables)]

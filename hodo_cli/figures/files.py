@@ -74,9 +74,14 @@ def page_of(sheet: Sheet, title: str, about: str = "", folder: str = "") -> str:
         sheet.figure.savefig(picture, format="svg", metadata={"Date": None, "Creator": None})
         coded = b64encode(picture.getvalue()).decode()
         image = f'<img alt="{escape(about)}" src="data:image/svg+xml;base64,{coded}">'
-    time, of = without_tex(f"${sheet.spec.get('time', 't')}$"), sheet.units.get("time", "")
+    time, of = without_tex(f"${sheet.spec.get('time', 't')}$"), sheet.units.get("time", "1")
     view = view_matrix(sheet.spec.get("view", (24.0, 35.0)))
-    scene = {"view": view.tolist(), "symbol": time, "unit": of and f" {of}", **sheet.scene}
+    scene = {
+        "view": view.tolist(),
+        "symbol": time,
+        "unit": "" if of == "1" else f" {of}",
+        **sheet.scene,
+    }
     # A name may hold what ends a script.
     data = json.dumps(scene).replace("</", "<\\/")
     back = f'<a href="../index.html#{quote(folder)}/{quote(title)}">All figures</a>'

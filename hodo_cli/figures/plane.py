@@ -1,11 +1,13 @@
-"""Plane figures: series over time, one variable against another, quadrants, invariants."""
+"""Plane figures: series over time, one variable against another, quadrants, invariants, and error
+against run time."""
 
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from itertools import zip_longest
+from pathlib import Path
 from typing import Any
 
+import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon, Wedge
@@ -16,8 +18,10 @@ from ..models.rigid_body import inertia_order, slope
 from ..quantities import symbol
 from ..results.motion import Motion, formula_values
 from ..schema.spelling import unknown
+from ..storage import Group
 from ..text import grouped
 from .between import Course, samples_in
+from .files import save
 from .look import (
     AXIS_LOOKS,
     COLUMN,
@@ -26,10 +30,10 @@ from .look import (
     GREY,
     PAGE,
     SEPARATRIX,
+    STYLE_SHEET,
     Look,
     Sheet,
     axis_label,
-    check_units,
     check_zoom,
     colour_legend,
     crossing_legend,
@@ -114,7 +118,6 @@ def label_variable(axes: Axes, drawn: Sequence[Drawn]) -> None:
     """Name the variable that a panel shows of all cases. Constant values get a scale on which they
     look constant, and words that say so: on the scale of their rounding they look like noise."""
     m, name, _ = drawn[0]
-    check_units([m for m, *_ in drawn], name)
     axes.set_ylabel(axis_label(m, name))
     known = np.concatenate([np.asarray(line.get_ydata(), float) for line in axes.lines])
     known = known[np.isfinite(known)]
@@ -170,16 +173,14 @@ def inset(sheet: Sheet, panel: Axes, spec: Mapping[str, Any], drawn: Sequence[Dr
 
 def phase(sheet: Sheet, motions: Sequence[Course]) -> None:
     """One variable against another."""
-    names = [sheet.spec["x"], sheet.spec["y"]]
+    names, first = [sheet.spec["x"], sheet.spec["y"]], motions[0]
     (axes,) = sheet.panels(0.9 * COLUMN)
     for m, look in zip(motions, looks(len(motions), sheet.spec["styles"]), strict=True):
         points = np.stack([m[name] for name in names], axis=-1)
         axes.plot(*points.T, **look, label=m.label if len(motions) > 1 else "")
         marks(axes, points, m.at(m.crossing_time, points))
         sheet.record(m.label, {"time": m.samples.time} | {x: m.samples[x] for x in names})
-    for name, set_label in zip(names, (axes.set_xlabel, axes.set_ylabel), strict=True):
-        check_units(motions, name)
-        set_label(axis_label(motions[0], name))
+    axes.set(xlabel=axis_label(first, names[0]), ylabel=axis_label(first, names[1]))
     axes.margins(0.06)
     vectors = {"omega" if name in "pqr" else name.rpartition(".")[0] for name in names}
     if len(vectors) == 1 and vectors != {""}:
@@ -204,8 +205,10 @@ def quadrants(sheet: Sheet, motions: Sequence[Course]) -> None:
         check_zoom(spec["zoom"], min(float(curve.max(axis=1).min()) for curve in points))
         limits.append(spec["zoom"])
     columns = sheet.columns(len(limits))
-    row, ratios = (0.62 * PAGE, {"width_ratios": [1, 1.8]}) if columns > 1 else (1.05 * COLUMN, {})
-    panels = sheet.panels(row, len(limits), columns, **ratios)
+    row, grid = 1.05 * COLUMN, dict[str, Any]()
+    if columns > 1:
+        row, grid = 0.62 * PAGE, {"width_ratios": [1, 1.8]}
+    panels = sheet.panels(row, len(limits), columns, **grid)
     of_omega = unit(m, "omega", 2)
     for axes, limit in zip(panels, limits, strict=True):
         axes.plot([0, limit], [0, limit], color="black", lw=0.7, ls="-")
@@ -237,7 +240,8 @@ def quadrant_sketch(sheet: Sheet, motions: Sequence[Course]) -> None:
     bodies, labels = sheet.spec["bodies"], sheet.spec["labels"]
     columns = sheet.columns(len(bodies))
     panels = sheet.panels(usual_width(columns) / columns + 0.5, len(bodies), columns)
-    for axes, A, label in zip_longest(panels, bodies, labels, fillvalue=""):
+    titles = [*labels, *[""] * (len(bodies) - len(labels))]
+    for axes, A, label in zip(panels, bodies, titles, strict=True):
         K, (largest, _, smallest) = slope(A), inertia_order(A)
         title = label or "$A_i$ = {:g}, {:g}, {:g}".format(*A)
         sheet.record(title, {f"A{i}": np.array([a]) for i, a in enumerate(A, 1)} | {"K": [K]})
@@ -280,7 +284,6 @@ def invariants(sheet: Sheet, motions: Sequence[Course]) -> None:
         Words(panels[2], f"about $x_{i + 1}$", places, beside=False)
     panels[2].axhline(0, **SEPARATRIX)
     for axes, name in zip(panels, names, strict=True):
-        check_units(motions, name)
         axes.set_ylabel(axis_label(m, name))
         axes.margins(x=0)
     for axes in panels[:2]:
@@ -307,3 +310,37 @@ def bounds(panels: Sequence[Axes], m: Motion) -> None:
     alone = terms and {*system.equations.terms} <= {"damping", "kappa"} and terms.damping
     for rate in {min(alone), max(alone)} if alone else ():
         panels[1].plot(m.time, m["G2"][0] * np.exp(-2 * rate * (m.time - m.time[0])), **look)
+
+
+MIN_ERROR = 1e-18
+"""The value drawn for an error of 0 on a logarithmic scale."""
+
+
+def draw_bench(trials: Group, path: Path) -> None:
+    """Draw error against run time into a file, from trials over case, method and tolerance: a panel
+    for each case and a line for each method."""
+    with matplotlib.style.context(["default", STYLE_SHEET, {"svg.fonttype": "none"}]):
+        sheet = Sheet({"style": {}, "title": ""})
+        work_precision(sheet, {name: x.data for name, x in trials.variables.items()})
+        sheet.finish()
+    save(sheet, path)
+
+
+def work_precision(sheet: Sheet, stored: Mapping[str, np.ndarray]) -> None:
+    """Draw the panels and lines of `draw_bench`."""
+    error, methods = np.maximum(stored["error"], MIN_ERROR), stored["method"].tolist()
+    # A trial that ran out of time has an error too, at the place that it reached.
+    done = np.isfinite(stored["error"]) & (stored["status"] != "timeout")
+    n, columns = len(stored["case"]), sheet.columns(min(3, len(stored["case"])))
+    panels = sheet.panels(1.8, n, columns, 0.2, sharex=True, sharey=True)
+    for i, (axes, case) in enumerate(zip(panels, stored["case"], strict=True)):
+        for j, (method, look) in enumerate(zip(methods, looks(len(methods)), strict=True)):
+            x, y = stored["run_time"][i, j][done[i, j]], error[i, j][done[i, j]]
+            # A method with one point needs a mark.
+            axes.loglog(x, y, marker="o" if len(x) == 1 else "", ms=2, label=method, **look)
+        floor = max(stored["floor"][i].max(), MIN_ERROR)
+        axes.axhline(floor, color="black", lw=0.7, ls=":", label="one ulp in the data")
+        axes.set(title=case, ylim=(MIN_ERROR, 10))
+    for axes in panels[-columns:]:
+        axes.set_xlabel("run time [s]")
+    sheet.figure.supylabel("largest relative error", size="medium")

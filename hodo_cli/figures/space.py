@@ -35,7 +35,6 @@ from .look import (
     mark_legend,
     marks,
     name_curves,
-    names_beside,
     number_marks,
     pieces,
     unit,
@@ -85,7 +84,7 @@ def hodograph(sheet: Sheet, motions: Sequence[Course]) -> None:
     seen = np.concatenate([every, np.diag(up), -np.diag(down)]) @ V.T
     low, high = seen.min(axis=0)[:2] - 0.07 * size, seen.max(axis=0)[:2] + 0.09 * size
     n, shape = 1 + (zoom is not None) + len(planes), float(np.divide(*(high - low)))
-    columns, grid = sheet.columns(min(n, 2)), {}
+    columns, grid = sheet.columns(min(n, 2)), dict[str, Any]()
     row = COLUMN / max(shape, 0.8) + 0.3 if columns == 1 else 0.475 * PAGE
     if n == columns == 2:
         row, grid = min(PAGE / (shape + 1), 3.3) + 0.3, {"width_ratios": [shape, 1]}
@@ -136,7 +135,7 @@ def in_space(
         flat[m.name] = np.where(inside[:, None], seen[:, :2], np.nan)
         near = np.where(np.abs(crossed).max(axis=1, keepdims=True) <= reach, crossed, np.nan)
         marks(axes, flat[m.name], (near @ V.T)[:, :2], 2 * reach)
-    name_curves(axes, names_beside(motions, sheet.spec), [flat[m.name] for m in motions])
+    name_curves(axes, sheet.spec, [m.label for m in motions], [flat[m.name] for m in motions])
     axes.set(aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set(visible=not is_whole, color="#BBBBBB")
 
@@ -153,7 +152,8 @@ def body_axes(
         colour = pale(GREY) if (V @ direct)[2] < -1e-9 else GREY
         # Once for all three, which have one scale: each longer name would lie on a curve.
         name = axis_label(m, "G.x3") if m and i == 2 else f"$G_{i + 1}$"
-        arrow(axes, *(ends @ V.T)[:, :2], name, colour)
+        tail, tip = (ends @ V.T)[:, :2]
+        arrow(axes, tail, tip, name, colour)
         for count in range(1, int(0.87 * up / step) + 1) if math.hypot(*along) > 0.5 else ():
             at = tuple(along * count * step)
             axes.plot(*at, ".", ms=2, color=GREY)
@@ -242,19 +242,16 @@ def on_globe(
     for foot, name in zip(np.eye(3), arms, strict=True):
         ends = surface(foot) + np.outer([0, 0.2], foot)
         near = (V @ foot)[2] > -1e-9
-        arrow(axes, *(ends @ V.T)[:, :2], name, zorder=5 if near else 1)
+        tail, tip = (ends @ V.T)[:, :2]
+        arrow(axes, tail, tip, name, zorder=5 if near else 1)
         sheet.stroke(ends, GREY, kind="axis", name=name.strip("$").replace("_", ""))
-    colours = colours_of(motions, sheet.spec)
-    for path, shades in zip(paths, colours, strict=True):
-        globe_curve(sheet, axes, V, path, shades, surface)
-    by_case = sheet.spec["colour"] == "case"
+    for path, colours in zip(paths, colours_of(motions, sheet.spec), strict=True):
+        globe_curve(sheet, axes, V, path, colours, surface)
     fronts = [(surface(n) @ V.T)[(n @ V.T)[:, 2] > 0.2, :2] for _, n, _ in paths]
-    shades = [palette[0] if by_case else "black" for palette, _ in colours]
-    name_curves(axes, labels if len(paths) > 1 else (), fronts, shades)
+    name_curves(axes, sheet.spec, labels, fronts)
     axes.set(xlim=(-1.3, 1.3), ylim=(-1.15, 1.35), aspect="equal")
     axes.set_axis_off()
-    if not by_case or arms[0] == "$x$":
-        colour_legend(sheet, [axes], motions, labels)
+    colour_legend(sheet, [axes], motions, labels)
     if circles:
         sheet.name("separatrix, $D = 0$", **SEPARATRIX)
     mark_legend(sheet, motions)
