@@ -291,7 +291,7 @@ def benchmark(config: Config, globs: Sequence[str], out: Path, jobs: int, quiet:
     with replacing(out / f"{name}.bench.h5") as draft:
         save_groups(draft, {"bench": bench}, attributes)
     if len(bench.variables["tol"].data) > 1:
-        from ..figures.costs import draw_bench  # late: the processes that try cases draw nothing
+        from ..figures.plane import draw_bench  # late: the processes that try cases draw nothing
 
         draw_bench(bench, out / "figures" / f"{name}.bench.svg")
     return bench

@@ -28,13 +28,16 @@ PAGE_FILE, DRAWN_RECORD = "index.html", "drawn.json"
 FigureRecord = dict[str, Any]
 """How a figure was drawn: its problem, its warnings, and the digest of each of its files."""
 
+EMPTY: FigureRecord = {"problem": "", "warnings": [], "files": {}, "digest": ""}
+
 
 class ToDraw(NamedTuple):
-    """A result, its config, and the digest of each requested figure."""
+    """A result, its config, the digest of each requested figure, and the folder to draw into."""
 
     path: Path
     config: Config
     digests: dict[str, str]
+    folder: Path
 
 
 def results_and_figures(names: Sequence[str]) -> tuple[list[Path], list[str]]:
@@ -58,22 +61,16 @@ def draw_results(
     """
     if alone and (names or not {"png", "svg"} & {*formats}):
         raise HodoError("--alone shows all figures: give no names, and --format png or svg")
-    results = [*results_to_draw(paths, names)]
+    results, problems = [*results_to_draw(paths, names, out)], []
     check_request(results, formats)
-    drew, problems = False, []
     for result in results:
-        folder = out / result.path.stem
-        record = read_record(folder)
-        pending = [
-            x for x in result.digests if force or not is_kept(result, folder, record, x, formats)
-        ]
-        drew |= draw_pending(result, folder, record, pending, formats, jobs)
+        record = draw_changed(result, formats, jobs, force)
         for name, drawn in ((name, record[name]) for name in result.digests):
             problems += [(drawn["problem"], name)] * bool(drawn["problem"])
             for line in drawn["warnings"]:
                 warnings.warn(line, stacklevel=2)
             for file in (file for file in drawn["files"] if file.endswith((*formats,))):
-                yield str(folder / file), False
+                yield str(result.folder / file), False
     # Once for all figures that share it.
     yield from ((f"{few(of)}: {problem}", True) for problem, of in grouped(problems).items())
     if names:
@@ -81,7 +78,7 @@ def draw_results(
     from .page import sections_of, write_page  # late, since it loads what fills pages
 
     page = out / PAGE_FILE
-    if drew or is_older(page, results):
+    if is_older(page, results):
         write_page(page, [*sections_of(out)], alone=False)
     yield str(page), False
     if alone:
@@ -89,7 +86,7 @@ def draw_results(
         yield str(alone), False
 
 
-def results_to_draw(paths: Sequence[Path], names: Sequence[str]) -> Iterator[ToDraw]:
+def results_to_draw(paths: Sequence[Path], names: Sequence[str], out: Path) -> Iterator[ToDraw]:
     """The results that paths name, with the figures of these names, or all figures. Raises
     HodoError for a missing figure."""
     for path, config in results_named(paths):
@@ -99,7 +96,7 @@ def results_to_draw(paths: Sequence[Path], names: Sequence[str]) -> Iterator[ToD
             checksums = {name: run.checksum(name) for name in run.groups}
             wanted = dict.fromkeys(names or config.figures)
             digests = {name: figure_digest(config, name, checksums) for name in wanted}
-            yield ToDraw(run.path, config, digests)
+            yield ToDraw(run.path, config, digests, out / run.path.stem)
 
 
 def check_request(results: Sequence[ToDraw], formats: Sequence[str]) -> None:
@@ -108,9 +105,14 @@ def check_request(results: Sequence[ToDraw], formats: Sequence[str]) -> None:
     for stem, of in grouped((result.path.stem, str(result.path)) for result in results).items():
         if len(of) > 1:
             raise HodoError(f"{' and '.join(of)} would both draw into {stem}: rename one")
-    moves = any(r.config.figures[name]["kind"] == "body" for r in results for name in r.digests)
-    if {*formats} <= {*FILMS} and not moves:
+    figures = [(result.config.figures[name], name) for result in results for name in result.digests]
+    if not any(files_of(spec, name, formats) for spec, name in figures):
         raise HodoError(f"no figure moves: only one of kind body makes a film ({', '.join(FILMS)})")
+
+
+def files_of(spec: Mapping[str, Any], name: str, formats: Sequence[str]) -> list[str]:
+    """The files of a figure in these formats; only a body moves and makes a film."""
+    return [f"{name}.{x}" for x in formats if x not in FILMS or spec["kind"] == "body"]
 
 
 def figure_digest(config: Config, name: str, checksums: Mapping[str, str]) -> str:
@@ -131,21 +133,11 @@ def read_record(folder: Path) -> dict[str, FigureRecord]:
     return {}
 
 
-EMPTY: FigureRecord = {"problem": "", "warnings": [], "files": {}, "moves": False, "digest": ""}
-
-
-def is_kept(
-    result: ToDraw,
-    folder: Path,
-    record: Mapping[str, FigureRecord],
-    name: str,
-    formats: Sequence[str],
-) -> bool:
+def is_kept(result: ToDraw, name: str, drawn: FigureRecord, formats: Sequence[str]) -> bool:
     """Whether the files of a figure are those that a new drawing would give."""
-    known, digest = record.get(name, EMPTY), result.digests[name]
-    wanted = [f"{name}.{suffix}" for suffix in formats if suffix not in FILMS or known["moves"]]
-    intact = all(known["files"].get(x) == file_digest(folder / x) != "" for x in wanted)
-    return bool(digest and known["digest"] == digest and not known["problem"] and intact)
+    wanted = files_of(result.config.figures[name], name, formats)
+    intact = all(drawn["files"].get(x) == file_digest(result.folder / x) != "" for x in wanted)
+    return drawn["digest"] == result.digests[name] and not drawn["problem"] and intact
 
 
 def file_digest(file: Path) -> str:
@@ -153,31 +145,33 @@ def file_digest(file: Path) -> str:
     return sha256(file.read_bytes()).hexdigest() if file.is_file() else ""
 
 
-def draw_pending(
-    result: ToDraw, folder: Path, record: dict[str, FigureRecord], pending: Sequence[str],
-    formats: Sequence[str], jobs: int,
-) -> bool:  # fmt: skip
-    """Draw figures of a result into a folder in `jobs` processes, and write the record; whether
-    there was any figure to draw."""
-    if kept := len(result.digests) - len(pending):
-        words = f"{kept} of {len(result.digests)} figures are kept; --force draws them anew"
+def draw_changed(
+    result: ToDraw, formats: Sequence[str], jobs: int, force: bool
+) -> dict[str, FigureRecord]:
+    """Draw the figures of a result that would change, or all by `force`, in `jobs` processes, and
+    write and return the record."""
+    record, digests = read_record(result.folder), result.digests
+    kept = [x for x in digests if not force and is_kept(result, x, record.get(x, EMPTY), formats)]
+    if kept:
+        words = f"{len(kept)} of {len(digests)} figures are kept; --force draws them anew"
         Progress(0).say(words)
+    pending = [name for name in digests if name not in kept]
     if not pending:
-        return False
-    drawing = partial(draw_figure, result.path, result.config.figures, formats, folder)
+        return record
+    drawing = partial(draw_figure, result.path, result.config.figures, formats, result.folder)
     with Progress(len(pending)) as progress:
         for name, drawn in Pool(jobs).map(drawing, pending):
             if isinstance(drawn, Exception):
                 raise drawn
-            old, digest = record.get(name, EMPTY), result.digests[name]
+            old, digest = record.get(name, EMPTY), digests[name]
             others = old["files"] if old["digest"] == digest else {}
             record[name] = {**drawn, "digest": digest, "files": {**others, **drawn["files"]}}
             progress.done(name)
-    place = relative_path(result.path, folder.parent)
-    with replacing(folder / DRAWN_RECORD) as draft:
+    place = relative_path(result.path, result.folder.parent)
+    with replacing(result.folder / DRAWN_RECORD) as draft:
         text = json.dumps({"result": place, "figures": record}, indent=1)
         draft.write_text(text, encoding="utf-8")
-    return True
+    return record
 
 
 def draw_figure(
@@ -188,32 +182,29 @@ def draw_figure(
     from ..figures import draw, save
     from ..results.dataset import lacks_labels, open_cases
 
-    drawn, caught = {**EMPTY, "files": {}}, []
+    spec, files, problem, caught = figures[name], {}, "", []
     try:
         with warnings.catch_warnings(record=True) as caught, open_cases(path) as cases:
             warnings.simplefilter("always")
-            sheet = draw(figures[name], cases, figures)
+            sheet = draw(spec, cases, figures)
             if any(map(lacks_labels, (cases.cache or {}).values())):
                 how = f"run `hodo classify {quote(str(path))}` for labels and crossings"
                 warnings.warn(f"{path} is not classified: {how}", stacklevel=2)
-            drawn["moves"] = "attitude" in sheet.scene
-            for suffix in formats:
-                if suffix not in FILMS or drawn["moves"]:
-                    file = folder / f"{name}.{suffix}"
-                    save(sheet, file, figures[name]["caption"])
-                    drawn["files"][file.name] = file_digest(file)
+            for file in files_of(spec, name, formats):
+                save(sheet, folder / file, spec["caption"])
+                files[file] = file_digest(folder / file)
     except HodoError as error:
-        drawn["problem"] = "; ".join(str(error).splitlines())
+        problem = "; ".join(str(error).splitlines())
     except NOT_OF_A_CASE:
         raise
     except Exception as error:  # a mistake of ours in one figure shall not cost the others
-        drawn["problem"] = f"{type(error).__name__}: {error}"
+        problem = f"{type(error).__name__}: {error}"
     # Warnings of deprecated calls inside libraries are for programmers.
     texts = [str(w.message) for w in caught if not issubclass(w.category, DeprecationWarning)]
-    return {**drawn, "warnings": [*dict.fromkeys(texts)]}
+    return {**EMPTY, "problem": problem, "warnings": [*dict.fromkeys(texts)], "files": files}
 
 
 def is_older(page: Path, results: Sequence[ToDraw]) -> bool:
-    """Whether a page is missing, or older than a result."""
-    times = [os.path.getmtime(result.path) for result in results]
-    return not page.exists() or max(times) > os.path.getmtime(page)
+    """Whether a page is missing, or older than a result or its figures."""
+    read = [file for x in results for file in (x.path, x.folder / DRAWN_RECORD) if file.exists()]
+    return not page.exists() or max(map(os.path.getmtime, read)) > os.path.getmtime(page)

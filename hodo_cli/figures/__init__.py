@@ -3,29 +3,25 @@ importer of matplotlib; it reads datasets and knows no command and no claim."""
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import matplotlib.style
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from .. import HodoError
-from ..models.base import has_formula_of_time
 from ..quantities import lack_of
 from ..results.dataset import Cases, motions_of
 from ..results.motion import Motion
 from ..schema.spelling import unknown
-from ..storage import replacing
-from .between import SLOW, Course, Cubics, course, cubics_of, remark
-from .body import body, film
-from .look import STYLE_SHEET, Drawing, Sheet, check_units
+from .between import Course, course, remark, samples_in
+from .body import body
+from .files import save
+from .look import STYLE_SHEET, Sheet, check_units
 from .maps import sweep_curve, sweep_map
-from .plane import invariants, phase, quadrant_sketch, quadrants, samples_in, series
+from .plane import invariants, phase, quadrant_sketch, quadrants, series
 from .space import axis_trace, herpolhode, hodograph, sphere
-from .viewer import page_of
-from .words import Layout
+
+__all__ = ["draw", "save", "user_parameters"]
 
 KINDS_DRAWN: dict[str, tuple[Callable[[Sheet, Sequence[Course]], None], tuple[str, ...]]] = {
     "hodograph": (hodograph, ("omega",)),
@@ -99,17 +95,12 @@ def draw(
             owner = getattr(cases, "path", "the data")
             raise HodoError(f"{owner} has no result of case {name} yet: run it first")
     with matplotlib.style.context(["default", STYLE_SHEET, dict(rc), dict(own)]):
-        figure = Drawing(layout=Layout(w_pad=0.04, h_pad=0.06, wspace=0.04))
-        figure.parameters = matplotlib.rcParams.copy()
-        sheet = Sheet(figure, spec)
+        sheet = Sheet(spec)
         if of_sweeps := KINDS_OF_SWEEPS.get(spec["kind"]):
             of_sweeps(sheet, {name: cases[name] for name in spec["cases"]})
         else:
             draw_motions(sheet, cases, figures)
         sheet.finish()
-    if "attitude" in sheet.scene:
-        figure.film = partial(film, sheet)
-        figure.page = partial(page_of, sheet, "The body in space")
     return sheet
 
 
@@ -131,26 +122,21 @@ def draw_motions(sheet: Sheet, cases: Cases, figures: Mapping[str, Mapping[str, 
     sheet.others = motions_of(cases, sharing)
     draw_kind, needs = KINDS_DRAWN[spec["kind"]]
     check_variables([*motions, *sheet.others], spec["kind"], needs)
-    check_units(motions, "time")
-    cubics = [cubics_of(m) for m in motions]
-    draw_kind(sheet, [course(m, cubic) for m, cubic in zip(motions, cubics, strict=True)])
-    for name in {name for _, columns in sheet.table for name in columns} if motions else ():
-        bare = name.endswith("/|G|") or name[:1] == "A" or name == "K"
-        square = name.endswith("^2")
-        if (stated := motions[0].units("y" if square else name)) != "1" and not bare:
-            sheet.units[name] = stated
-    for m, cubic in zip(motions, cubics, strict=True):
-        if cubic and (line := remark_on(m, cubic, spec)):
+    courses = [course(m) for m in motions]
+    draw_kind(sheet, courses)
+    recorded = [name for _, columns in sheet.table for name in columns]
+    for name in dict.fromkeys(recorded) if motions else ():
+        # A square has the units of y = r^2.
+        quantity = "y" if name.endswith("^2") else name
+        # A direction has none.
+        if not name.endswith("/|G|"):
+            check_units(motions, quantity)
+            sheet.units[name] = motions[0].units(quantity)
+    variables = [spec[key] for key in ("x", "y") if key in spec]
+    for m in courses:
+        names = [*needs, *spec.get("variables", variables)]
+        if line := remark(m, names, samples_in(m.samples, spec.get("span"))):
             warnings.warn(line, stacklevel=3)
-
-
-def remark_on(m: Motion, cubics: Cubics, spec: Mapping[str, Any]) -> str:
-    """The warning about a motion whose samples do not show it; an empty string for none."""
-    kind, drawn = spec["kind"], samples_in(m, spec.get("span"))
-    names = [spec["x"], spec["y"]] if kind == "phase" else [*spec.get("variables", ())]
-    # A quantity that torques alone change has lines between samples.
-    is_slow = names and {*names} <= {*SLOW} and not has_formula_of_time(m.case.system)
-    return "" if is_slow else remark(m, cubics, kind, names, drawn)
 
 
 def check_variables(motions: Sequence[Motion], kind: str, needs: Sequence[str]) -> None:
@@ -175,34 +161,3 @@ def symbol_of_time(spec: Mapping[str, Any], motions: Sequence[Motion]) -> str:
     """The symbol of time: the figure's own, or tau for a slow time without a unit, else t."""
     is_tau = not motions or motions[0].units("time") == "1" or motions[0].case.system.slow_time
     return str(spec.get("time") or (r"\tau" if is_tau else "t"))
-
-
-def save(sheet: Sheet, path: Path, about: str = "") -> None:
-    """Write a figure in the format of the path's suffix, the same bytes every time; `about` is its
-    caption. Raises HodoError if the file cannot be written, or a text is not TeX."""
-    suffix = path.suffix[1:]
-    # Without dates and versions.
-    undated: dict[str, dict[str, Any]] = {
-        "png": {"Software": None, "Description": about},
-        "svg": {"Date": None, "Creator": None, "Description": about},
-        "pdf": {"CreationDate": None, "Creator": None, "Producer": None, "Subject": about},
-    }
-    with replacing(path) as draft:
-        try:
-            if suffix == "gif":
-                film(sheet, draft)
-            elif suffix == "csv":
-                draft.write_text(sheet.csv(), encoding="utf-8", newline="")
-            elif suffix == "html":
-                page = page_of(sheet, path.stem, about, path.parent.name)
-                draft.write_text(page, encoding="utf-8")
-            elif suffix == "png":  # savefig would draw all twice, first for the layout alone
-                sheet.figure.set_dpi(sheet.figure.parameters["savefig.dpi"])
-                canvas: Any = FigureCanvasAgg(sheet.figure)
-                # The usual level 6 takes a third longer and saves 9 % of the bytes.
-                look = {"compress_level": 3}
-                canvas.print_png(draft, metadata=undated["png"], pil_kwargs=look)
-            else:
-                sheet.figure.savefig(draft, format=suffix, metadata=undated[suffix])
-        except ValueError as error:  # of matplotlib, about TeX
-            raise HodoError(str(error).strip().splitlines()[-1]) from None

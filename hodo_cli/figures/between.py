@@ -3,12 +3,13 @@ the rates of both samples. The rates are those of the equations of the motion's 
 show whether the cubic is the curve."""
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from .. import HodoError
 from ..models.base import QUATERNION, attributes, has_formula_of_time, stacked
 from ..results.motion import Motion
 from ..storage import Variable
@@ -26,44 +27,33 @@ MOST_PLACES = 24
 JUMPS = 2
 """The most intervals with a jump, which the eye sees however many samples there are."""
 
+SMALLEST_SEEN = 1e-3
+"""The size, relative to the largest, below which the eye sees a variable as 0."""
+
+TIMES_ASKED = 2**15
+"""The number of times between the samples of a motion at which a torque is evaluated."""
+
 SLOW = ("G", "G2", "T", "J", "D", "D/2T", "separatrix_distance", "Gz", "H", "u1", "u2", "u3")
 """The quantities that do not change with the turns of a free body."""
 
-IN_SPACE = ("herpolhode", "axis-trace", "body")
-"""The kinds of figures that draw what the body carries along."""
+TURNING = ("rotation", "psi", "theta", "phi")
+"""The quantities that follow from the attitude, besides vectors in space."""
 
 
-@dataclass(frozen=True, eq=False)
-class Course(Motion):
-    """A motion with places between its stored samples."""
-
-    samples: Any = None
-    """The motion as it is stored."""
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        """Values over time (n,). A quantity that torques alone change gets lines between samples,
-        because the small error of the cubics would make it oscillate."""
-        if name not in SLOW:
-            return super().__getitem__(name)
-        return np.asarray(np.interp(self.time, self.samples.time, self.samples[name]))
+VECTORS_OF_STATE = {
+    "omega": ("p", "q", "r"), "gamma": ("gamma1", "gamma2", "gamma3"), "attitude": QUATERNION,
+}  # fmt: skip
+"""The components of stored vectors by their names in a state."""
 
 
 @dataclass(frozen=True)
 class Cubics:
-    """The state y (k, n) of a motion at its samples, and its rates there, in the order of the
-    model's `state`."""
+    """The state y (k, n) of a motion at its samples, in the order of the model's `state`, and its
+    rates there."""
 
     motion: Motion
     y: np.ndarray
     slope: np.ndarray
-
-    @np.errstate(all="ignore")
-    def rates(self, time: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """The rates of states (k, ...) at times (...) by the equations; 0 where they are nan."""
-        system = self.motion.case.system
-        times = np.broadcast_to(time, y.shape[1:])
-        found = stacked(system.equations.rhs(times, [*y], attributes(system.constants)), y)
-        return np.asarray(np.nan_to_num(found, posinf=0, neginf=0))
 
     def terms(self, i: Any) -> tuple[np.ndarray, ...]:
         """The coefficients (k, ...) of the cubics on the intervals i (...)."""
@@ -77,23 +67,57 @@ class Cubics:
         return np.asarray(a + s * (u + s * (c + s * d)))
 
 
+@dataclass(frozen=True, eq=False)
+class Course(Motion):
+    """A motion with places between its stored samples, by its cubics if it has any."""
+
+    samples: Any = None
+    """The motion as it is stored."""
+
+    cubics: Cubics | None = None
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Values over time (n,). A quantity that torques alone change gets lines between samples,
+        because the small error of the cubics would make it oscillate."""
+        if name not in SLOW:
+            return super().__getitem__(name)
+        return np.asarray(np.interp(self.time, self.samples.time, self.samples[name]))
+
+
+def course(m: Motion) -> Course:
+    """A motion with as many places between its samples as smooth curves need."""
+    data, cubics = m.data, cubics_of(m)
+    if cubics:
+        data = between_samples(m, cubics)
+    return Course(m.case, data, m.attrs, m.label, m.path, m.has_own_labels, m, cubics)
+
+
 def cubics_of(m: Motion) -> Cubics | None:
     """The cubics of a motion; None if its state is not stored whole, as in most averaged forms."""
     known = {str(x): m.stored(x) for x, v in m.data.items() if v.dims == ("time",)}
-    for name, parts in (("gamma", ("gamma1", "gamma2", "gamma3")), ("attitude", QUATERNION)):
-        known |= dict(zip(parts, m.stored(name).T, strict=True)) if name in m.data else {}
-    known |= dict(zip("pqr", m.principal_omega.T, strict=True)) if "omega" in m.data else {}
+    for name, parts in VECTORS_OF_STATE.items():
+        if name in m.data and m.stored(name).shape == (len(m.time), len(parts)):
+            values = m.principal_omega if name == "omega" else m.stored(name)
+            known |= dict(zip(parts, values.T, strict=True))
     if len(m.time) < 2 or not known.keys() >= {*m.case.system.equations.state}:
         return None
     y = np.array([known[name] for name in m.case.system.equations.state])
-    bare = Cubics(m, y, y)
-    return replace(bare, slope=bare.rates(m.time, y))
+    return Cubics(m, y, rates(m, m.time, y))
 
 
-def course(m: Motion, cubics: Cubics | None) -> Course:
-    """A motion with as many places between its samples as smooth curves need."""
-    if cubics is None:
-        return Course(m.case, m.data, m.attrs, m.label, m.path, m.has_own_labels, m)
+@np.errstate(all="ignore")
+def rates(m: Motion, time: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The rates of states y (k, ...) at times (...) by the equations of a motion; 0 where they are
+    nan."""
+    system = m.case.system
+    times = np.broadcast_to(time, y.shape[1:])
+    found = stacked(system.equations.rhs(times, [*y], attributes(system.constants)), y)
+    return np.asarray(np.nan_to_num(found, posinf=0, neginf=0))
+
+
+def between_samples(m: Motion, cubics: Cubics) -> dict[Any, Any]:
+    """The variables of a motion at its samples and at places between them: by its cubics where they
+    follow from the state, else numbers by lines, and labels as at the sample before."""
     bow = np.abs(np.diff(m.time) * np.diff(cubics.slope, axis=1)) / 8
     y = np.abs(cubics.y)
     size = sizes(m, np.maximum(y[:, 1:], y[:, :-1]) + SMALLEST_SEEN * y.max(axis=1, keepdims=True))
@@ -102,19 +126,20 @@ def course(m: Motion, cubics: Cubics | None) -> Course:
     i = np.repeat(np.arange(len(places)), places)
     s = (np.arange(len(i)) - (np.cumsum(places) - places)[i]) / places[i]
     time = np.append(m.time[i] + s * np.diff(m.time)[i], m.time[-1])
+    before = np.append(i, len(m.time) - 1)
     y = np.concatenate([cubics.at(i, s), cubics.y[:, -1:]], axis=1)
-    data = {
-        name: interpolated(v, m.time, time) for name, v in m.data.items() if v.dims == ("time",)
-    }
-    data |= {name: v for name, v in m.data.items() if "time" not in v.dims}
-    data |= dict(vectors_of(m, y))
-    if "enclosed_axis" in data:
-        follow_crossings(m, np.append(i, len(m.time) - 1), time, data["enclosed_axis"].data)
-    return Course(m.case, data, m.attrs, m.label, m.path, m.has_own_labels, m)
-
-
-SMALLEST_SEEN = 1e-3
-"""The size, relative to the largest, below which the eye sees a variable as 0."""
+    system = m.case.system
+    values = system.equations.output(time, y.T, attributes(system.constants))
+    for name, v in ((x, v) for x, v in m.data.items() if x not in values):
+        if v.dims == ("time",):
+            is_number = v.dtype.kind == "f"
+            values[name] = np.interp(time, m.time, v.data) if is_number else v.data[before]
+        elif "time" not in v.dims:
+            values[name] = v.data
+    for crossing in m.crossings if "enclosed_axis" in values else ():
+        passed = (m.time[before] <= crossing.time) & (crossing.time <= time)
+        values["enclosed_axis"][passed] = crossing.end
+    return {x: Variable(v.dims, values[x], dict(v.attrs)) for x, v in m.data.items() if x in values}
 
 
 def sizes(m: Motion, size: np.ndarray) -> np.ndarray:
@@ -125,78 +150,45 @@ def sizes(m: Motion, size: np.ndarray) -> np.ndarray:
     return np.asarray(np.maximum(size, math.ulp(0)))
 
 
-def interpolated(variable: Any, known: np.ndarray, time: np.ndarray) -> Variable:
-    """A variable over known times at other times: numbers by lines, labels as at the sample
-    before."""
-    if variable.dtype.kind == "f":
-        values = np.interp(time, known, variable.data)
-    else:
-        values = variable.data[np.searchsorted(known, time, "right") - 1]
-    return Variable(("time",), values, dict(variable.attrs))
+def samples_in(m: Motion, span: Sequence[float] | None) -> slice:
+    """The places of a motion within a span of time. Raises HodoError if there are none."""
+    low, high = span or (-math.inf, math.inf)
+    first, end = np.searchsorted(m.time, low), np.searchsorted(m.time, high, "right")
+    if first == end:
+        raise HodoError(f"span: holds no sample of {m.name}, from {m.time[0]:g} to {m.time[-1]:g}")
+    return slice(int(first), int(end))
 
 
-def vectors_of(m: Motion, y: np.ndarray) -> Iterator[tuple[str, Variable]]:
-    """The variables that consist of the numbers (k, n) of a state."""
-    names = m.case.system.equations.state
-    for name in names:
-        if name in m.data:
-            yield name, Variable(("time",), y[names.index(name)], dict(m.data[name].attrs))
-    if "omega" in m.data:
-        omega = m.frame.from_principal(y[:3].T) if m.frame else y[:3].T
-        yield "omega", Variable(("time", "axis"), omega, dict(m.data["omega"].attrs))
-    if "gamma" in m.data:
-        yield "gamma", Variable(("time", "axis"), y[3:6].T, dict(m.data["gamma"].attrs))
-    if "attitude" in m.data:
-        Q = y[-4:] / np.linalg.norm(y[-4:], axis=0)
-        yield "attitude", Variable(("time", "quaternion"), Q.T, dict(m.data["attitude"].attrs))
-
-
-def follow_crossings(m: Motion, i: np.ndarray, time: np.ndarray, labels: np.ndarray) -> None:
-    """Let labels at places after the samples i change at the crossings themselves."""
-    for crossing in m.crossings:
-        after = np.searchsorted(m.time, crossing.time, "right") - 1
-        labels[(i == after) & (time >= crossing.time)] = crossing.end
-
-
-def remark(m: Motion, cubics: Cubics, kind: str, names: Sequence[str], drawn: slice) -> str:
-    """The warning about a motion that visibly leaves its cubics between the samples; an empty
-    string for none.
+def remark(m: Course, names: Sequence[str], drawn: slice) -> str:
+    """The warning about a motion that visibly leaves its cubics between the samples `drawn`, as a
+    figure of some variables shows it; an empty string for none.
 
     The rates of the cubics are compared with the equations at places on the cubics.
     """
-    state, n = m.case.system.equations.state, len(m.time[drawn]) - 1
-    if n < 1:
-        return ""
+    motion, cubics, n = m.samples, m.cubics, drawn.stop - drawn.start - 1
     by_time = has_formula_of_time(m.case.system)
+    # A quantity that torques alone change has lines between samples.
+    if cubics is None or n < 1 or ({*names} <= {*SLOW} and not by_time):
+        return ""
+    state = m.case.system.equations.state
     parts = max(16, TIMES_ASKED // n) if by_time else 4
     i, s = np.meshgrid(np.arange(n) + drawn.start, (np.arange(parts) + 0.5) / parts)
-    h, (_, u, c, d) = np.diff(m.time)[i], cubics.terms(i)
+    h, (_, u, c, d) = np.diff(motion.time)[i], cubics.terms(i)
     size = sizes(m, np.abs(cubics.y[:, drawn]).max(axis=1))[:, None, None]
-    rates = h * cubics.rates(m.time[i] + s * h, cubics.at(i, s)) / size
-    path = np.cumsum(rates - (u + s * (2 * c + 3 * s * d)) / size, axis=1) / parts
-    in_space = kind in IN_SPACE or any("_space" in name or name in TURNING for name in names)
+    turned = h * rates(motion, motion.time[i] + s * h, cubics.at(i, s)) / size
+    path = np.cumsum(turned - (u + s * (2 * c + 3 * s * d)) / size, axis=1) / parts
+    in_space = any("_space" in name or name.partition(".")[0] in TURNING for name in names)
     rows = [x for x, name in enumerate(state) if name in names] or [*range(len(state))[:3]]
     rows += [*range(len(state))[-4:]] if in_space and "attitude" in m.data else []
-    path, away = path[rows], np.abs(path[rows]).max(axis=(0, 1))
+    away = np.abs(path[rows]).max(axis=(0, 1))
     if np.sort(away)[-min(JUMPS + 1, n)] <= LARGEST_ERROR:
         return ""
     worst = int(away.argmax())
-    turn = float(np.abs(rates[rows, :, worst]).max())
-    swings = int((np.diff(np.sign(path[:, :, worst]), axis=1) != 0).sum(axis=1).max()) * by_time
-    finer = max(1.5, turn, 3 * swings, (away[worst] / VISIBLE) ** 0.25)
-    return f"{m.name} is not known between its samples: {advice(m, h[0, worst] / finer)}"
-
-
-TIMES_ASKED = 2**15
-"""The number of times between the samples of a motion at which a torque is evaluated."""
-
-TURNING = ("rotation", "psi", "theta", "phi")
-"""The quantities that follow from the attitude, besides vectors in space."""
-
-
-def advice(m: Motion, step: float) -> str:
-    """The advice to take the number of samples of the whole case that makes a step of this time."""
+    turn = float(np.abs(turned[rows, :, worst]).max())
+    swings = int((np.diff(np.sign(path[rows, :, worst]), axis=1) != 0).sum(axis=1).max()) * by_time
+    step = h[0, worst] / max(1.5, turn, 3 * swings, (away[worst] / VISIBLE) ** 0.25)
     time = m.case.time
     instead = ", in place of its values" if time.values else ""
     samples = math.ceil(abs(time.end - time.start) / step) + 1
-    return f"time: {{samples: {samples}}}{instead} draws it"
+    advice = f"time: {{samples: {samples}}}{instead} draws it"
+    return f"{m.name} is not known between its samples: {advice}"

@@ -24,9 +24,9 @@ from .. import HodoError
 from ..quantities import symbol
 from ..results.motion import Motion, units_in_words
 from ..schema.spelling import unknown
-from ..text import time_digits, time_text
+from ..text import grouped, time_digits, time_text
 from .between import Course
-from .words import LogNumbers, Words, without_tex, wrapped
+from .words import Layout, LogNumbers, Words, without_tex, wrapped
 
 Look = dict[str, Any]
 
@@ -69,10 +69,13 @@ class Drawing(Figure):
     """A figure with its own parameters of matplotlib, wherever it is drawn and saved. A notebook
     shows it as an image or, if the body moves, as the page that plays."""
 
-    parameters: Any = {}
     page: Any = None
     film: Any = None
     """The functions that make the page that plays, and the film, of a figure that moves."""
+
+    def __init__(self) -> None:
+        super().__init__(layout=Layout(w_pad=0.04, h_pad=0.06, wspace=0.04))
+        self.parameters = matplotlib.rcParams.copy()
 
     def styled(self) -> AbstractContextManager[None]:
         """The context in which the figure's own parameters apply."""
@@ -109,18 +112,17 @@ class Sheet:
     lines, a record of every value that it shows, the scene of its viewer, the units of what is
     recorded, and the motions of other figures with which it shares its scale."""
 
-    figure: Drawing
     spec: Mapping[str, Any]
+    figure: Drawing = field(default_factory=Drawing)
     handles: list[Any] = field(default_factory=list)
     table: list[tuple[str, dict[str, np.ndarray]]] = field(default_factory=list)
     scene: dict[str, Any] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     others: Sequence[Motion] = ()
 
-    def columns(self, width: float, most: int) -> int:
-        """How many panels, at most `most`, fit side by side into a figure of this width in inches,
-        if its style sets no width."""
-        return max(1, min(most, int(self.width(width) / LEAST_PANEL)))
+    def columns(self, most: int) -> int:
+        """How many panels, at most `most`, fit side by side."""
+        return max(1, min(most, int(self.width(PAGE) / LEAST_PANEL)))
 
     def width(self, usual: float) -> float:
         """The width in inches that the style of the figure sets, else the given one."""
@@ -129,15 +131,16 @@ class Sheet:
         return float(named[given] if given in named else given / 25.4)
 
     def panels(
-        self, width: float, height: float, n: int = 1, columns: int = 1, **grid: Any
+        self, row: float, n: int = 1, columns: int = 1, more: float = 0, **grid: Any
     ) -> list[Axes]:
-        """n panels in rows of `columns`, in a figure of this shape in inches."""
-        size, style = self.width(width), self.spec["style"]
-        title = 0.2 if self.spec["title"] else 0.0
-        high = style["height"] / 25.4 if "height" in style else (height + title) * size / width
-        self.figure.set_size_inches(size, high)
-        places = self.figure.subplots(math.ceil(n / columns), columns, squeeze=False, **grid)
-        axes = [*places.ravel()]
+        """n panels in rows of `columns`, in a figure of a column or, with several columns, a page.
+        A row is so high in inches, and the whole figure higher by `more`."""
+        style, rows = self.spec["style"], math.ceil(n / columns)
+        usual = usual_width(columns)
+        width, height = self.width(usual), rows * row + more + 0.2 * bool(self.spec["title"])
+        height = style["height"] / 25.4 if "height" in style else height * width / usual
+        self.figure.set_size_inches(width, height)
+        axes = [*self.figure.subplots(rows, columns, squeeze=False, **grid).ravel()]
         for spare in axes[n:]:
             spare.remove()
         for lowest in axes[max(0, n - columns) : n]:
@@ -145,7 +148,7 @@ class Sheet:
             lowest.tick_params(labelbottom=True)
         return axes[:n]
 
-    def record(self, curve: str, **columns: Any) -> None:
+    def record(self, curve: str, columns: Mapping[str, Any]) -> None:
         """Note the values (n,) of a curve by the names of their quantities; values of the same
         samples are added to those noted before."""
         for name, known in self.table:
@@ -154,20 +157,36 @@ class Sheet:
             if name == curve and shared and all(same):
                 known |= columns
                 return
-        self.table.append((curve, columns))
+        self.table.append((curve, dict(columns)))
 
     def record_vector(
         self, m: Course, values: np.ndarray, names: Iterable[str], label: str = ""
     ) -> None:
         """Note a vector (n, k) of the samples of a motion by the names of its components."""
         columns = dict(zip(names, values.T, strict=True))
-        self.record(label or m.label, time=m.samples.time, **columns)
+        self.record(label or m.label, {"time": m.samples.time, **columns})
+
+    def name(self, label: str, **look: Any) -> None:
+        """Add an entry to the legend: a line or a mark of this look."""
+        self.handles.append(Line2D([], [], **look, label=label))
+
+    def stroke(self, points: Any, colour: Any, time: np.ndarray | None = None, **kind: Any) -> None:
+        """Add a line, mark, arrow or face (n, 3) to the scene of the viewer, in axes `of` body or
+        space, without points that are nan."""
+        places = np.asarray(points, float)
+        known = np.isfinite(places).all(axis=-1)
+        size = float(np.abs(places[known]).max(initial=0)) or 1.0
+        # Five digits, in any units.
+        kind["points"] = places[known].round(5 - math.floor(math.log10(size))).tolist()
+        if time is not None:
+            kind["time"] = time[known].tolist()
+        self.scene.setdefault("strokes", []).append({"colour": to_hex(colour), **kind})
 
     def csv(self) -> str:
         """A row for each sample of each curve, a column for each quantity with its units; a missing
         value leaves a cell empty."""
         names = dict.fromkeys(name for _, columns in self.table for name in columns)
-        heads = {name: f"{name} [{self.units[name]}]" for name in names if name in self.units}
+        heads = {x: f"{x} [{of}]" for x, of in self.units.items() if x in names and of != "1"}
         text = io.StringIO()
         writer = csv.DictWriter(text, ["curve", *names], restval="", lineterminator="\n")
         writer.writerow({"curve": "curve", **dict(zip(names, names, strict=True)), **heads})
@@ -207,13 +226,9 @@ class Sheet:
         texts = [without_tex(str(handle.get_label())).splitlines() for handle in handles]
         # A line with its gaps is some ten letters wide.
         wide = [10 + max(map(len, lines)) for lines in texts]
-        fits = (
-            n
-            for n in range(len(wide), 1, -1)
-            if sum(max(wide[i::n]) for i in range(n)) <= 1.3 * across
-        )
-        rows = math.ceil(len(wide) / next(fits, 1))
-        columns = math.ceil(len(wide) / rows)
+        widths = {n: sum(max(wide[i::n]) for i in range(n)) for n in range(1, len(wide) + 1)}
+        most = max((n for n, width in widths.items() if width <= 1.3 * across), default=1)
+        columns = math.ceil(len(wide) / math.ceil(len(wide) / most))
         # matplotlib fills column by column.
         ordered = [handle for column in range(columns) for handle in handles[column::columns]]
         if "height" not in self.spec["style"]:
@@ -223,22 +238,25 @@ class Sheet:
         self.figure.legend(handles=ordered, **place)
 
 
+def usual_width(columns: int) -> float:
+    """The width in inches of a figure with these columns of panels, if its style sets none."""
+    return COLUMN if columns == 1 else PAGE
+
+
 def looks(n: int, names: Sequence[str] = (), solid: bool = False) -> list[Look]:
     """Colours and lines of n curves: first the named ones, such as "blue dashed", then the cycle of
     the style."""
-    named = [name.partition(" ") for name in names]
-    for colour, _, line in named:
+    given: list[Look] = []
+    for colour, _, line in (name.partition(" ") for name in names):
         if colour not in COLOURS or line not in LINES:
             wrong = f"style {f'{colour} {line}'.strip()!r}"
             raise HodoError(f"styles: {unknown(wrong, colour, [*COLOURS, *LINES])}")
-    given = [{"color": COLOURS[colour], "ls": LINES[line]} for colour, _, line in named]
+        given.append({"color": COLOURS[colour], "ls": LINES[line]})
     cycle = [*matplotlib.rcParams["axes.prop_cycle"]]
-    cycle *= 1 + n // len(cycle)
-    free = [
-        {"color": way.get("color", "black"), "ls": "-" if solid else way.get("linestyle", "-")}
-        for way in cycle[len(given) :]
-    ]
-    return [*given, *free][:n]
+    for way in (cycle * (1 + n // len(cycle)))[len(given) :]:
+        line = "-" if solid else way.get("linestyle", "-")
+        given.append({"color": way.get("color", "black"), "ls": line})
+    return given[:n]
 
 
 def labels_of(m: Motion) -> np.ndarray:
@@ -246,9 +264,11 @@ def labels_of(m: Motion) -> np.ndarray:
     return m.labels if m.classified else np.full(len(m.time), NOT_CLASSIFIED)
 
 
-def time_span(motions: Sequence[Motion]) -> tuple[float, float]:
-    """The time from the start of the first motion to the end, or the stop, of the last one."""
-    return min(m.time[0] for m in motions), max(min(m.time[-1], m.stop) for m in motions)
+def time_scale(motions: Sequence[Motion]) -> Normalize:
+    """The scale of time from the start of the first motion to the end, or the stop, of the last
+    one."""
+    ends = [min(m.time[-1], m.stop) for m in motions]
+    return Normalize(min(m.time[0] for m in motions), max(ends), clip=True)
 
 
 def colours_of(
@@ -262,36 +282,35 @@ def colours_of(
         palette = np.array([to_rgb(AXIS_LOOKS[label][0]) for label in labels])
         return [(palette, np.searchsorted(labels, labels_of(m))) for m in motions]
     if colour == "time":
-        first, last = time_span(motions)
-        palette = np.asarray(TIME_COLOURS.colors)[:, :3]
-        parts = [(m.time - first) / (last - first or 1) for m in motions]
-        return [(palette, (63 * np.clip(part, 0, 1)).astype(int)) for part in parts]
+        palette, scale = np.asarray(TIME_COLOURS.colors)[:, :3], time_scale(motions)
+        return [(palette, (63 * scale(m.time)).astype(int)) for m in motions]
     ways = looks(len(motions), spec.get("styles", ()), solid=True)
-    return [
-        (np.array([to_rgb(way["color"])]), np.zeros(len(m.time), int))
-        for m, way in zip(motions, ways, strict=True)
-    ]
+    palettes = [np.array([to_rgb(way["color"])]) for way in ways]
+    return [(p, np.zeros(len(m.time), int)) for m, p in zip(motions, palettes, strict=True)]
 
 
-def colour_legend(sheet: Sheet, panels: Sequence[Axes], motions: Sequence[Motion]) -> None:
-    """The entries of the colours in the legend, or the bar of colours by time."""
+def colour_legend(
+    sheet: Sheet, panels: Sequence[Axes], motions: Sequence[Motion], labels: Sequence[str] = ()
+) -> None:
+    """The entries of the colours in the legend, or the bar of colours by time; `labels` name the
+    curves if their motions do not."""
     colour = sheet.spec.get("colour", "axis")
-    if colour == "axis":
+    if colour == "time":
+        scale = matplotlib.cm.ScalarMappable(time_scale(motions), TIME_COLOURS)
+        colour_bar(sheet, scale, panels, time_label(sheet.spec, motions[0]))
+    elif colour == "case":
+        ways = looks(len(motions), sheet.spec.get("styles", ()), solid=True)
+        for label, way in zip(labels or [m.label for m in motions], ways, strict=True):
+            sheet.name(label, **way)
+    else:
         # A body at rest goes round no axis, and draws no curve.
         moving = [labels_of(m)[(m.time <= m.stop) & m.G.any(axis=1)] for m in motions]
-        seen = sorted({*np.concatenate(moving).tolist()}, key=lambda x: (x < 1, x))
         # These axes differ from the drawn ones if a body is given by its full tensor of inertia.
         turned = any((m.principal_axes != np.eye(3)).any() for m in motions)
-        for look, words in (AXIS_LOOKS[label] for label in seen):
-            words = words.replace("about", "about principal axis") if turned else words
-            sheet.handles.append(Line2D([], [], color=look, lw=1.5, label=words))
-    elif colour == "time":
-        scale = matplotlib.cm.ScalarMappable(Normalize(*time_span(motions)), TIME_COLOURS)
-        colour_bar(sheet, scale, panels, time_label(sheet.spec, motions[0]))
-    else:
-        ways = looks(len(motions), sheet.spec.get("styles", ()), solid=True)
-        for m, way in zip(motions, ways, strict=True):
-            sheet.handles.append(Line2D([], [], **way, label=m.label))
+        about = "about principal axis" if turned else "about"
+        for axis in sorted({*np.concatenate(moving).tolist()}, key=lambda x: (x < 1, x)):
+            look, words = AXIS_LOOKS[axis]
+            sheet.name(words.replace("about", about), color=look, lw=1.5)
 
 
 def colour_bar(
@@ -327,29 +346,22 @@ def curves(
         axes.add_collection(LineCollection(lines, colors=colours, **look))
         marks(axes, values, m.at(m.crossing_time, values), size=size)
     axes.autoscale_view()
-    name_curves(axes, names_beside(motions, spec), points)
-
-
-def names_beside(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[str]:
-    """The names of motions, if there are several whose colours do not show the case; else none."""
-    is_named = len(motions) > 1 and spec.get("colour", "axis") != "case"
-    return [m.label for m in motions] if is_named else []
+    name_curves(axes, spec, [m.label for m in motions], points)
 
 
 def name_curves(
-    axes: Axes, names: Sequence[str], points: Sequence[np.ndarray], colours: Sequence[Any] = ()
+    axes: Axes, spec: Mapping[str, Any], names: Sequence[str], points: Sequence[np.ndarray]
 ) -> None:
-    """Write the names of curves (n, 2), each at one of nine of its places that are far from the
-    others."""
+    """Write the names of several curves (n, 2) whose colours do not show the case, each at one of
+    nine of its places that are far from the others."""
     known = [curve[np.isfinite(curve).all(axis=1)] for curve in points]
     thin = [curve[:: max(1, len(curve) // 200)] for curve in known]
-    for i, name in enumerate(names):
-        if len(thin[i]):
-            others = np.concatenate([*thin[:i], *thin[i + 1 :], np.full((1, 2), 1e9)])
-            apart = np.hypot(*(thin[i][:, None] - others).T).min(axis=0)
-            places = thin[i][np.argsort(-apart, kind="stable")[: max(1, len(apart) // 4)]]
-            colour = colours[i] if colours else "black"
-            Words(axes, name, places[:: max(1, len(places) // 9)], color=colour)
+    is_named = len(names) > 1 and spec.get("colour", "axis") != "case"
+    for i in (i for i, curve in enumerate(thin) if is_named and len(curve)):
+        others = np.concatenate([*thin[:i], *thin[i + 1 :], np.full((1, 2), 1e9)])
+        apart = np.hypot(*(thin[i][:, None] - others).T).min(axis=0)
+        places = thin[i][np.argsort(-apart, kind="stable")[: max(1, len(apart) // 4)]]
+        Words(axes, names[i], places[:: max(1, len(places) // 9)])
 
 
 def marks(
@@ -367,17 +379,15 @@ def marks(
 
 
 def number_marks(axes: Axes, crossings: np.ndarray, room: float) -> None:
-    """Number several crossings (n, 2) in time; those close together share one place."""
-    together: list[tuple[np.ndarray, list[str]]] = []
-    for number, point in enumerate(crossings if len(crossings) > 1 else (), 1):
-        near = [names for at, names in together if np.abs(at - point).max() < room]
-        if near:
-            near[0].append(str(number))
-        elif np.isfinite(point).all():
-            together.append((point, [str(number)]))
-    for point, names in together:
-        words = ", ".join(names if len(names) < 4 else [names[0], "...", names[-1]])
-        Words(axes, words, [point], toward=(1, 1), size="x-small")
+    """Number several crossings (n, 2) in time; those within a square of this room share one
+    place."""
+    known = np.isfinite(crossings).all(axis=1) & (len(crossings) > 1)
+    shown = np.flatnonzero(known).tolist()
+    squares = grouped((tuple(np.round(crossings[i] / room)), i) for i in shown)
+    for first, *more in squares.values():
+        names = [str(i + 1) for i in (first, *more)]
+        names[1:-1] = names[1:-1] if len(names) < 4 else ["..."]
+        Words(axes, ", ".join(names), [crossings[first]], toward=(1, 1), size="x-small")
 
 
 NUMBER_ROOM = 0.04
@@ -386,29 +396,36 @@ numbers."""
 
 
 def mark_legend(sheet: Sheet, motions: Sequence[Motion]) -> None:
-    """The entries of start, end and crossings in the legend, with their times for a single
-    motion."""
+    """The entries of start, end and crossings in the legend."""
     m, tau = motions[0], sheet.spec.get("time") or "t"
-    unit = "" if m.units("time") == "1" else f" {m.units('time')}"
-    start = m.case.time.start
     ends = {
-        f"stop, ${tau} = {time_text(m.stop, start)}${unit}" if m.stop < math.inf
-        else f"end, ${tau} = {m.case.time.text(m.time[-1])}${unit}"
+        f"stop, ${tau} = {time_text(m.stop, m.case.time.start)}$" if m.stop < math.inf
+        else f"end, ${tau} = {m.case.time.text(m.time[-1])}$"
         for m in motions
     }  # fmt: skip
-    words = "$D = 0$"
+    sheet.name("start", **START)
+    sheet.name(ends.pop() + unit_of_time(m) if len(ends) == 1 else "end", **END)
+    crossing_legend(sheet, motions)
+
+
+def crossing_legend(sheet: Sheet, motions: Sequence[Motion]) -> None:
+    """The entry of crossings in the legend, with their times for a single motion."""
+    m, words = motions[0], "$D = 0$"
     if len(motions) == 1:
-        several = len(m.crossing_time) > 1
         # With its last zeros, which show how accurate a number is.
-        crossed = m.crossing_time[:CROSSINGS_NAMED]
-        times = [f"{t:#.{time_digits(t, start)}g}".removesuffix(".") for t in crossed]
-        numbered = [f"{t} ({i})" if several else t for i, t in enumerate(times, 1)]
-        more = ", ..." if len(m.crossing_time) > CROSSINGS_NAMED else ""
-        words += f" at ${tau}$ = {', '.join(numbered)}{more}{unit}"
-    sheet.handles += [Line2D([], [], **START, label="start")]
-    sheet.handles += [Line2D([], [], **END, label=ends.pop() if len(ends) == 1 else "end")]
+        digits = [(t, time_digits(t, m.case.time.start)) for t in m.crossing_time]
+        texts = [f"{t:#.{n}g}".removesuffix(".") for t, n in digits]
+        if len(texts) > 1:
+            texts = [f"{text} ({i})" for i, text in enumerate(texts, 1)]
+        texts[CROSSINGS_NAMED:] = ["..."] * (len(texts) > CROSSINGS_NAMED)
+        words += f" at ${sheet.spec.get('time') or 't'}$ = {', '.join(texts)}{unit_of_time(m)}"
     if any(len(m.crossing_time) for m in motions):
-        sheet.handles += [Line2D([], [], **CROSSING, label=words)]
+        sheet.name(words, **CROSSING)
+
+
+def unit_of_time(m: Motion) -> str:
+    """The unit behind a number of time; empty for a pure number."""
+    return "" if m.units("time") == "1" else f" {m.units('time')}"
 
 
 CROSSINGS_NAMED = 12
@@ -455,19 +472,6 @@ def axis_label(m: Motion, name: str) -> str:
 def time_label(spec: Mapping[str, Any], m: Motion) -> str:
     """The symbol and the units of time."""
     return f"${spec.get('time') or 't'}$ {unit(m, 'time')}"
-
-
-def stroke(points: Any, colour: Any = "black", time: np.ndarray | None = None, **kind: Any) -> Look:
-    """A line, mark, arrow or face (n, 3) of a scene, for the viewer, in axes `of` body or space;
-    without points that are nan."""
-    places = np.asarray(points, float)
-    known = np.isfinite(places).all(axis=-1)
-    size = float(np.abs(places[known]).max(initial=0)) or 1.0
-    # Five digits, in any units.
-    kind["points"] = places[known].round(5 - math.floor(math.log10(size))).tolist()
-    if time is not None:
-        kind["time"] = time[known].tolist()
-    return {"colour": to_hex(colour), **kind}
 
 
 def check_units(motions: Iterable[Motion], name: str) -> None:

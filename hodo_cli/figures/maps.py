@@ -1,8 +1,7 @@
 """Figures of sweeps: a variable over one axis, over two, or over the directions of the start."""
 
-import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, repeat
 from typing import Any
 
@@ -11,7 +10,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, ListedColormap, Normalize
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
@@ -21,17 +19,18 @@ from ..models.rigid_body import inertia_order, separatrix_circles, separatrix_te
 from ..models.theory.theorems import turning_momenta
 from ..results.dataset import Cases
 from ..sweeps.view import SweepView
+from ..text import grouped
 from .look import (
     AXIS_LOOKS,
     COLUMN,
     GREY,
-    PAGE,
     SEPARATRIX,
     Look,
     Sheet,
     colour_bar,
     looks,
     raised,
+    usual_width,
 )
 from .space import pale
 from .words import HALO, Words, without_tex
@@ -83,17 +82,6 @@ def axis_name(swept: SweepView, axis: str) -> str:
     return f"${key_symbol(swept.key(axis))}$" + (f" [{unit}]" if unit else "")
 
 
-def position(swept: SweepView, at: Mapping[str, int], in_tex: bool) -> str:
-    """A position on axes in words: symbol, or key, = value."""
-    words = []
-    for axis, i in at.items():
-        value = f"{swept.ticks(axis)[0][i]:.4g}"
-        key = swept.key(axis)
-        equal = f"${key_symbol(key)} = {value}$" if in_tex else f"{key} = {value}"
-        words.append(f"{equal} {swept.unit(axis)}".strip())
-    return ", ".join(words)
-
-
 Cell = tuple[SweepView, str, str, np.ndarray]
 """A panel or curve: its sweep, its name in the picture and in tables, and its values."""
 
@@ -104,10 +92,9 @@ def check_axes_differ(spec: Mapping[str, Any]) -> None:
     if spec["kind"] == "map" and len(alone := given.keys() & {"x", "y"}) == 1:
         (missing,) = {"x", "y"} - alone
         raise HodoError(f"missing '{missing}': a map has x and y, or neither")
-    firsts: dict[str, str] = {}
-    for key, name in given.items():
-        if (first := firsts.setdefault(name, key)) != key:
-            raise HodoError(f"{key}: {name} is the axis of '{first}' already")
+    for name, (first, *more) in grouped((given[key], key) for key in given).items():
+        if more:
+            raise HodoError(f"{more[0]}: {name} is the axis of '{first}' already")
 
 
 def cells(sheet: Sheet, cases: Cases, keep: Sequence[str], along: str | None) -> list[Cell]:
@@ -115,34 +102,48 @@ def cells(sheet: Sheet, cases: Cases, keep: Sequence[str], along: str | None) ->
     HodoError as `check_axes_differ` does, and for an axis that is missing or has several units."""
     spec, found = sheet.spec, []
     check_axes_differ(spec)
-    labels, units = chain(spec["labels"], repeat("")), dict[str, str]()
+    labels = chain(spec["labels"], repeat(""))
     for name, data in cases.items():
-        if "members" not in data.attrs:
-            raise HodoError(f"case {name} is no sweep")
-        swept = SweepView.of(name, data)
-        if reason := swept.undivided(spec["variable"]):
-            raise HodoError(f"case {name} has no separatrix to be drawn: {reason}")
-        if missing := [axis for axis in (*keep, along) if axis and axis not in swept.axes]:
-            its_axes = ", ".join(swept.axes)
-            raise HodoError(f"sweep {name} has no axis {missing[0]} (its axes: {its_axes})")
+        swept = swept_in(name, data, spec["variable"], [*keep, *filter(None, [along])])
         swept = swept.sorted_along(*keep)
         for axis in keep:
-            if units.setdefault(axis, swept.unit(axis)) != swept.unit(axis):
+            if sheet.units.setdefault(axis, swept.unit(axis)) != swept.unit(axis):
                 raise HodoError(f"axis {axis} has several units: one scale has one unit")
-        whole = swept.axes[along] if along else 0
-        places = [{along: i} for i in spec["at"] or range(whole)] if along else [{}]
+        places = [{along: i} for i in spec["at"] or range(swept.axes[along])] if along else [{}]
         for at in places:
             values = swept.values(spec["variable"], keep or [swept.sphere], at)
             label, of_case = next(labels), name if len(cases) > 1 else ""
-            names = [label] * 2
-            if not label:
-                both = (position(swept, at, True), position(swept, at, False))
-                names = [", ".join(filter(None, [of_case, words])) for words in both]
-            found.append((swept, names[0], without_tex(names[1]) or name, values))
-    sheet.units |= {axis: of for axis, of in units.items() if of not in ("", "rad")}
-    stated = str(found[0][0].variable(spec["variable"].partition(".")[0]).attrs.get("units", "1"))
-    sheet.units |= {spec["variable"]: stated} if stated != "1" else {}
+            shown, plain = (
+                label or ", ".join(filter(None, [of_case, *position(swept, at, in_tex)]))
+                for in_tex in (True, False)
+            )
+            found.append((swept, shown, without_tex(plain) or name, values))
+    variable = found[0][0].variable(spec["variable"].partition(".")[0])
+    sheet.units[spec["variable"]] = str(variable.attrs.get("units", "1"))
+    sheet.units = {x: of for x, of in sheet.units.items() if of not in ("", "1", "rad")}
     return found
+
+
+def swept_in(name: str, data: Any, variable: str, axes: Sequence[str]) -> SweepView:
+    """The sweep in a dataset. Raises HodoError if it is none, has no such axes, or if the variable
+    has no meaning for it."""
+    if "members" not in data.attrs:
+        raise HodoError(f"case {name} is no sweep")
+    swept = SweepView.of(name, data)
+    if reason := swept.undivided(variable):
+        raise HodoError(f"case {name} has no separatrix to be drawn: {reason}")
+    if missing := [axis for axis in axes if axis not in swept.axes]:
+        its_axes = ", ".join(swept.axes)
+        raise HodoError(f"sweep {name} has no axis {missing[0]} (its axes: {its_axes})")
+    return swept
+
+
+def position(swept: SweepView, at: Mapping[str, int], in_tex: bool) -> Iterator[str]:
+    """A position on each of some axes in words: symbol, or key, = value."""
+    for axis, i in at.items():
+        value, key = f"{swept.ticks(axis)[0][i]:.4g}", swept.key(axis)
+        equal = f"${key_symbol(key)} = {value}$" if in_tex else f"{key} = {value}"
+        yield f"{equal} {swept.unit(axis)}".strip()
 
 
 def meaning(cells_drawn: Sequence[Cell], spec: Mapping[str, Any], keep: Sequence[str]) -> str:
@@ -178,7 +179,7 @@ def scale_of(
         return Normalize(low - 0.5, high + 0.5), ListedColormap(colours)
     if part in ("x1", "x2", "x3"):
         colour = AXIS_LOOKS[int(part[1])][0]
-        ends: Any = [tuple(pale(colour, 0.88)), colour]
+        ends: Any = [pale(colour, 0.88), colour]
         # If all values are equal, all yes has another colour than all no.
         alike = np.isin(known, (0, 1)).all() or low == high
         ends_of_scale = (0, 1) if alike and not spec["range"] else (low, high)
@@ -205,13 +206,12 @@ def sweep_map(sheet: Sheet, cases: Cases) -> None:
     known = every[np.isfinite(every)]
     norm, colours = scale_of(spec, known if known.size else np.zeros(1), bool(words))
     by_case = n // len(cases) if len(cases) > 1 < n // len(cases) else min(n, 3)
-    columns = sheet.columns(PAGE, 2 if by_case == 3 and n == 4 else by_case)
-    width = COLUMN if columns == 1 else PAGE
-    height = math.ceil(n / columns) * width / columns * (0.85 if keep else 0.6) + 0.55
+    columns = sheet.columns(2 if by_case == 3 and n == 4 else by_case)
     grid: Look = {"sharex": True, "sharey": True}
-    panels = sheet.panels(
-        width, height, n, columns, **grid if keep else {"subplot_kw": {"projection": "hammer"}}
-    )
+    if not keep:
+        grid = {"subplot_kw": {"projection": "hammer"}}
+    row = usual_width(columns) / columns * (0.85 if keep else 0.6)
+    panels = sheet.panels(row, n, columns, 0.55, **grid)
     look: Look = {"norm": norm, "cmap": colours.with_extremes(bad=NO_VALUE), "rasterized": True}
     for axes, (swept, title, name, values) in zip(panels, drawn, strict=True):
         axes.set_title(title)
@@ -222,16 +222,13 @@ def sweep_map(sheet: Sheet, cases: Cases) -> None:
         absent = "no crossing" if spec["variable"].startswith("crossing") else "no value"
         sheet.handles.append(Patch(fc=NO_VALUE, ec=GREY, lw=0.4, label=absent))
     said = meaning(drawn, spec, keep)
-    if words or (said.startswith("share of") and np.isin(known, (0, 1)).all()):
-        yes = said.partition(": ")[2]
-        named = words or {1: yes, 0: "otherwise"}
-        of = f"{said}: " if words else ""
-        sheet.handles += [
-            Patch(fc=colours(norm(value)), label=of + re.sub(r"^x([123])$", r"$x_\1$", word))
-            for value, word in named.items()
-            if value in known
-        ]
-    elif known.size:
+    of, named = f"{said}: ", words
+    if said.startswith("share of") and np.isin(known, (0, 1)).all():
+        of, named = "", {1: said.partition(": ")[2], 0: "otherwise"}
+    for value in (value for value in named if value in known):
+        word = re.sub(r"^x([123])$", r"$x_\1$", named[value])
+        sheet.handles.append(Patch(fc=colours(norm(value)), label=of + word))
+    if known.size and not named:
         scale_beside(sheet, panels, (norm, colours), known, said)
 
 
@@ -263,7 +260,7 @@ def plane(
     )
     axes.pcolormesh(edges(x, even_x), edges(y, even_y), values.T, **look)
     across = {spec["x"]: np.repeat(x, len(y)), spec["y"]: np.tile(y, len(x))}
-    sheet.record(name, **across, **{spec["variable"]: values.ravel()})
+    sheet.record(name, {**across, spec["variable"]: values.ravel()})
     if spec["level"] is not None:
         unit = sheet.units.get(spec["variable"], "")
         contour(
@@ -303,9 +300,9 @@ def contour(
         drawn = axes.contour(x, y, values.T, [level], colors=look["color"])
         drawn.set(linewidth=look["lw"], linestyle=[look.get("ls", "-")])
         drawn.set(path_effects=look.get("path_effects"))
-        sheet.handles.append(Line2D([], [], **look, label=words.strip()))
+        sheet.name(words.strip(), **look)
     else:
-        sheet.handles.append(Line2D([], [], ls="", label=f"nowhere {words.strip()}"))
+        sheet.name(f"nowhere {words.strip()}", ls="")
 
 
 def balance(case: Any) -> float:
@@ -348,7 +345,7 @@ def globe(
         axes.plot(*at, "k.", ms=2.5, zorder=4, clip_on=False)
         Words(axes, text, [at], size="small")
     columns = {f"G.x{i + 1}/|G|": directions[:, i] for i in range(3)}
-    sheet.record(name, **columns, **{sheet.spec["variable"]: values})
+    sheet.record(name, {**columns, sheet.spec["variable"]: values})
 
 
 SPHERE_AXES = {
@@ -369,7 +366,7 @@ def outside(directions: np.ndarray, A: np.ndarray | None) -> np.ndarray:
 def sweep_curve(sheet: Sheet, cases: Cases) -> None:
     """Draw a variable over one axis: a curve for each sweep, or for each value of another axis."""
     spec = sheet.spec
-    (axes,) = sheet.panels(COLUMN, 0.85 * COLUMN)
+    (axes,) = sheet.panels(0.85 * COLUMN)
     drawn = cells(sheet, cases, [spec["x"]], spec["by"])
     if not any(np.isfinite(values).any() for *_, values in drawn):
         raise HodoError(f"the sweep has no value of {spec['variable']} to draw")
@@ -378,7 +375,7 @@ def sweep_curve(sheet: Sheet, cases: Cases) -> None:
         way: Look = {"marker": ".", "ms": 3, "lw": 0.4 if len(x) < 12 else 1}
         axes.plot(x, values, **look, **way, label=title if len(drawn) > 1 else "")
         axes.set(xscale="log" if even else "linear")
-        sheet.record(name, **{spec["x"]: x, spec["variable"]: values})
+        sheet.record(name, {spec["x"]: x, spec["variable"]: values})
     if spec["level"] is not None:
         axes.axhline(spec["level"], **SEPARATRIX)
     every = np.concatenate([values for *_, values in drawn])

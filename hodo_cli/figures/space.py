@@ -3,14 +3,14 @@ herpolhodes. Each is drawn in one orthographic view; the viewer turns the stroke
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from functools import partial
+from itertools import product, repeat
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex, to_rgb
-from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
 from ..models.rigid_body import separatrix_circles
@@ -32,14 +32,11 @@ from .look import (
     colour_legend,
     colours_of,
     curves,
-    looks,
     mark_legend,
     marks,
     name_curves,
-    names_beside,
     number_marks,
     pieces,
-    stroke,
     unit,
     width_of,
 )
@@ -53,9 +50,9 @@ def view_matrix(angles: Sequence[float]) -> np.ndarray:
     return np.array([(-sa, ca, 0), (-se * ca, -se * sa, ce), (ce * ca, ce * sa, se)])
 
 
-def pale(colour: Any, part: float = 0.65) -> np.ndarray:
-    """A colour (3,) mixed with white, as on the far side."""
-    return np.array(to_rgb(colour)) * (1 - part) + part
+def pale(colour: Any, part: float = 0.65) -> tuple[float, ...]:
+    """A colour mixed with white, as on the far side."""
+    return tuple(np.array(to_rgb(colour)) * (1 - part) + part)
 
 
 def arrow(
@@ -87,14 +84,11 @@ def hodograph(sheet: Sheet, motions: Sequence[Course]) -> None:
     seen = np.concatenate([every, np.diag(up), -np.diag(down)]) @ V.T
     low, high = seen.min(axis=0)[:2] - 0.07 * size, seen.max(axis=0)[:2] + 0.09 * size
     n, shape = 1 + (zoom is not None) + len(planes), float(np.divide(*(high - low)))
-    columns = sheet.columns(PAGE, 2) if n > 1 else 1
-    if columns == 1:
-        panels = sheet.panels(COLUMN, n * (COLUMN / max(shape, 0.8) + 0.3), n)
-    elif n == 2:
-        height = min(PAGE / (shape + 1), 3.3) + 0.3
-        panels = sheet.panels(PAGE, height, 2, 2, width_ratios=[shape, 1])
-    else:
-        panels = sheet.panels(PAGE, 0.95 * PAGE, n, 2)
+    columns, grid = sheet.columns(min(n, 2)), dict[str, Any]()
+    row = COLUMN / max(shape, 0.8) + 0.3 if columns == 1 else 0.475 * PAGE
+    if n == columns == 2:
+        row, grid = min(PAGE / (shape + 1), 3.3) + 0.3, {"width_ratios": [shape, 1]}
+    panels = sheet.panels(row, n, columns, **grid)
     for m in motions:
         sheet.record_vector(m, m.samples.G, [f"G.x{i}" for i in (1, 2, 3)])
     in_space(sheet, panels[0], motions, V, (up, down))
@@ -119,7 +113,8 @@ def in_space(
 ) -> None:  # fmt: skip
     """Hodographs in a view V with body axes of these lengths, paler the farther they are; those
     parts alone of which no component is beyond the reach."""
-    body_axes(sheet, axes, V, arms, motions[0] if reach == math.inf else None)
+    is_whole = reach == math.inf
+    body_axes(sheet, axes, V, arms, motions[0] if is_whole else None)
     chosen = zip(motions, colours_of(motions, sheet.spec), strict=True)
     flat = {}
     # The longest curve first, so that it does not hide the short ones.
@@ -134,15 +129,15 @@ def in_space(
         look: Look = {"linewidths": width_of(m), "capstyle": "round"}
         lines = LineCollection([seen[part, :2] for part in parts], colors=shades, **look)
         axes.add_collection(lines, autolim=False)
-        if reach == math.inf:
+        if is_whole:
             heading(axes, seen, palette[code[0]], 0.12 * depth)
             add_strokes(sheet, m, m.G, (palette, code), crossed, m.label)
         flat[m.name] = np.where(inside[:, None], seen[:, :2], np.nan)
         near = np.where(np.abs(crossed).max(axis=1, keepdims=True) <= reach, crossed, np.nan)
         marks(axes, flat[m.name], (near @ V.T)[:, :2], 2 * reach)
-    name_curves(axes, names_beside(motions, sheet.spec), [flat[m.name] for m in motions])
+    name_curves(axes, sheet.spec, [m.label for m in motions], [flat[m.name] for m in motions])
     axes.set(aspect="equal", xticks=[], yticks=[])
-    axes.spines[:].set(visible=reach < math.inf, color="#BBBBBB")
+    axes.spines[:].set(visible=not is_whole, color="#BBBBBB")
 
 
 def body_axes(
@@ -150,16 +145,16 @@ def body_axes(
 ) -> None:
     """The axes of G1, G2, G3 through the origin, with round values on those that the view does not
     shorten too much; of a motion that is shown whole with units, and for the viewer."""
-    up, down = arms
-    step = round_step(float(up.max()))
-    for i, direct in enumerate(np.eye(3)):
-        tail, tip, along = -down[i] * direct, up[i] * direct, (V @ direct)[:2]
+    step = round_step(float(arms[0].max()))
+    for i, (direct, up, down) in enumerate(zip(np.eye(3), *arms, strict=True)):
+        ends, along = np.array([-down * direct, up * direct]), (V @ direct)[:2]
         # Without this a right-handed frame would look like its mirror image.
-        colour = to_hex(tuple(pale(GREY))) if (V @ tip)[2] < -1e-9 else GREY
+        colour = pale(GREY) if (V @ direct)[2] < -1e-9 else GREY
         # Once for all three, which have one scale: each longer name would lie on a curve.
         name = axis_label(m, "G.x3") if m and i == 2 else f"$G_{i + 1}$"
-        arrow(axes, (V @ tail)[:2], (V @ tip)[:2], name, colour)
-        for count in range(1, int(0.87 * up[i] / step) + 1) if math.hypot(*along) > 0.5 else ():
+        tail, tip = (ends @ V.T)[:, :2]
+        arrow(axes, tail, tip, name, colour)
+        for count in range(1, int(0.87 * up / step) + 1) if math.hypot(*along) > 0.5 else ():
             at = tuple(along * count * step)
             axes.plot(*at, ".", ms=2, color=GREY)
             # An upright axis has its values to the right, the others below.
@@ -168,24 +163,21 @@ def body_axes(
             words = f"{count * step:.6g}"
             axes.annotate(words, at, shift, textcoords="offset points", zorder=5, **look)
         if m:
-            ends = stroke([tail, tip], GREY, name=f"G{i + 1}", kind="axis")
-            sheet.scene.setdefault("strokes", []).append(ends)
+            sheet.stroke(ends, GREY, name=f"G{i + 1}", kind="axis")
 
 
 def add_strokes(
     sheet: Sheet, m: Motion, curve: np.ndarray, colours: Any, crossed: np.ndarray, name: str
 ) -> None:
     """Add a curve (n, 3) and its marks to the scene of the viewer."""
-    strokes, (palette, code) = sheet.scene.setdefault("strokes", []), colours
+    palette, code = colours
     for part in pieces(code):
-        strokes.append(stroke(curve[part], palette[code[part.start]], m.time[part], name=name))
+        sheet.stroke(curve[part], palette[code[part.start]], m.time[part], name=name)
     moving = curve[np.isfinite(curve).all(axis=1)]
-    named = [(moving[:1], "white", "start"), (moving[-1:], "black", "end")]
-    named += [
-        (crossed[[i]], CROSSING["mfc"], f"crossing at {t:.12g}")
-        for i, t in enumerate(m.crossing_time)
-    ]
-    strokes += [stroke(point, colour, kind="mark", name=words) for point, colour, words in named]
+    sheet.stroke(moving[:1], "white", kind="mark", name="start")
+    sheet.stroke(moving[-1:], "black", kind="mark", name="end")
+    for point, t in zip(crossed, m.crossing_time, strict=True):
+        sheet.stroke([point], CROSSING["mfc"], kind="mark", name=f"crossing at {t:.12g}")
 
 
 def heading(axes: Axes, seen: np.ndarray, colour: Any, size: float) -> None:
@@ -196,119 +188,91 @@ def heading(axes: Axes, seen: np.ndarray, colour: Any, size: float) -> None:
         arrow(axes, seen[i - 1, :2], seen[i, :2], "", to_hex(colour), 5)
 
 
-@dataclass(frozen=True)
-class GlobeCurve:
-    """A curve on a globe by its normals (n, 3), with its name."""
-
-    motion: Course
-    normals: np.ndarray
-    label: str
-
-
 Surface = Callable[[np.ndarray], np.ndarray]
 """The points (..., 3) of a closed surface at which it has these unit normals (..., 3)."""
 
-
-def ellipsoid_of(m: Motion) -> Surface:
-    """The surface 2 T = const of the ellipsoid of inertia, its longest axis 1. omega lies where the
-    normal is G/|G|, and runs along a polhode."""
-    Q, A = m.principal_axes, m.inertia
-
-    def surface(normals: np.ndarray) -> np.ndarray:
-        along = normals @ Q.T
-        size = np.sqrt((along * along / A).sum(axis=-1, keepdims=True) / min(A))
-        return np.asarray((along / A / size) @ Q)
-
-    return surface
+Path = tuple[Course, np.ndarray, str]
+"""A curve on a globe: its motion, its normals (n, 3), and its name."""
 
 
 def sphere(sheet: Sheet, motions: Sequence[Course]) -> None:
     """Draw the curves of G/|G| on the unit sphere, with the separatrix of each body, or the
     polhodes, curves of omega on the ellipsoid of inertia of the first body."""
-    paths = [GlobeCurve(m, direction(m), m.label) for m in motions]
     for m in motions:
         m.check_separatrix()
         sheet.record_vector(m, direction(m.samples), [f"G.x{i}/|G|" for i in (1, 2, 3)])
-    surface = ellipsoid_of(motions[0]) if sheet.spec["ellipsoid"] else np.asarray
-    first = {m.inertia.tobytes(): m for m in reversed(motions)}
-    on_globe(sheet, paths, ("$x_1$", "$x_2$", "$x_3$"), [*first.values()], surface)
+    surface: Surface = np.asarray
     if sheet.spec["ellipsoid"]:
         Q, A = motions[0].principal_axes, motions[0].inertia
+        surface = partial(on_ellipsoid, Q, A)
         sheet.scene["normal"] = (Q.T * A @ Q / A.max()).tolist()
+    bodies = {m.inertia.tobytes(): m for m in reversed(motions)}
+    circles = [c @ m.principal_axes for m in bodies.values() for c in separatrix_circles(m.inertia)]
+    paths = [(m, direction(m), m.label) for m in motions]
+    on_globe(sheet, paths, ("$x_1$", "$x_2$", "$x_3$"), circles, surface)
+
+
+def on_ellipsoid(Q: np.ndarray, A: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """The points of the ellipsoid of inertia 2 T = const, its longest axis 1, with these normals.
+    omega lies where the normal is G/|G|, and runs along a polhode."""
+    along = normals @ Q.T
+    size = np.sqrt((along * along / A).sum(axis=-1, keepdims=True) / min(A))
+    return np.asarray((along / A / size) @ Q)
 
 
 def axis_trace(sheet: Sheet, motions: Sequence[Course]) -> None:
     """Draw the directions in space of axes of the body, on the unit sphere."""
     paths = []
-    for m in motions:
-        for axis in sheet.spec["axes"]:
-            label = f"${axis[0]}_{axis[1]}$" + f", {m.label}" * (len(motions) > 1)
-            name = f"{axis}_space"
-            sheet.record_vector(m, m.samples.vector(name), [f"{name}.{x}" for x in "xyz"], label)
-            paths.append(GlobeCurve(m, m.vector(name), label))
+    for m, axis in product(motions, sheet.spec["axes"]):
+        label = f"${axis[0]}_{axis[1]}$" + f", {m.label}" * (len(motions) > 1)
+        name = f"{axis}_space"
+        sheet.record_vector(m, m.samples.vector(name), [f"{name}.{x}" for x in "xyz"], label)
+        paths.append((m, m.vector(name), label))
     on_globe(sheet, paths, ("$x$", "$y$", "$z$"), [], np.asarray)
 
 
 def on_globe(
-    sheet: Sheet, paths: Sequence[GlobeCurve], arms: Sequence[str], bodies: Sequence[Motion],
+    sheet: Sheet, paths: Sequence[Path], arms: Sequence[str], circles: Sequence[np.ndarray],
     surface: Surface,
 ) -> None:  # fmt: skip
-    """Draw curves on a globe, whose far side is pale, with the separatrices of bodies."""
-    (axes,), V = sheet.panels(COLUMN, 1.05 * COLUMN), view_matrix(sheet.spec["view"])
-    sheet.scene |= {"globe": surface is np.asarray, "normal": np.eye(3).tolist(), "strokes": []}
-    globe_below(sheet, axes, V, bodies, surface)
+    """Draw curves on a globe, whose far side is pale, with the circles of separatrices."""
+    (axes,), V = sheet.panels(1.05 * COLUMN), view_matrix(sheet.spec["view"])
+    motions, _, labels = zip(*paths, strict=True)
+    globe_below(sheet, axes, V, circles, surface)
     for foot, name in zip(np.eye(3), arms, strict=True):
-        tail = surface(foot)
+        ends = surface(foot) + np.outer([0, 0.2], foot)
         near = (V @ foot)[2] > -1e-9
-        arrow(axes, (V @ tail)[:2], (V @ (tail + 0.2 * foot))[:2], name, zorder=5 if near else 1)
-        words = name.strip("$").replace("_", "")
-        sheet.scene["strokes"].append(
-            stroke([tail, tail + 0.2 * foot], GREY, kind="axis", name=words)
-        )
-    by_case = sheet.spec["colour"] == "case"
-    ways = looks(len(paths), sheet.spec.get("styles", ()), solid=True)
-    colours = colours_of([path.motion for path in paths], sheet.spec)
-    for path, way, (palette, code) in zip(paths, ways, colours, strict=True):
-        if by_case:
-            palette = np.array([to_rgb(way["color"])])
-        globe_curve(sheet, axes, V, path, (palette, code), surface)
-    fronts = [(surface(x.normals) @ V.T)[(x.normals @ V.T)[:, 2] > 0.2, :2] for x in paths]
-    names = [path.label for path in paths] if len(paths) > 1 else []
-    name_curves(axes, names, fronts, [way["color"] if by_case else "black" for way in ways])
+        tail, tip = (ends @ V.T)[:, :2]
+        arrow(axes, tail, tip, name, zorder=5 if near else 1)
+        sheet.stroke(ends, GREY, kind="axis", name=name.strip("$").replace("_", ""))
+    for path, colours in zip(paths, colours_of(motions, sheet.spec), strict=True):
+        globe_curve(sheet, axes, V, path, colours, surface)
+    fronts = [(surface(n) @ V.T)[(n @ V.T)[:, 2] > 0.2, :2] for _, n, _ in paths]
+    name_curves(axes, sheet.spec, labels, fronts)
     axes.set(xlim=(-1.3, 1.3), ylim=(-1.15, 1.35), aspect="equal")
     axes.set_axis_off()
-    motions = [path.motion for path in paths]
-    if not by_case:
-        colour_legend(sheet, [axes], motions)
-    elif arms[0] == "$x$":
-        for path, way in zip(paths, ways, strict=True):
-            sheet.handles.append(Line2D([], [], **way, label=path.label))
-    if bodies and any(separatrix_circles(m.inertia) for m in bodies):
-        sheet.handles.append(Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"))
+    colour_legend(sheet, [axes], motions, labels)
+    if circles:
+        sheet.name("separatrix, $D = 0$", **SEPARATRIX)
     mark_legend(sheet, motions)
 
 
 def globe_below(
-    sheet: Sheet, axes: Axes, V: np.ndarray, bodies: Sequence[Motion], surface: Surface
+    sheet: Sheet, axes: Axes, V: np.ndarray, circles: Sequence[np.ndarray], surface: Surface
 ) -> None:
-    """Draw a globe with its graticule and the separatrices of bodies."""
+    """Draw a globe with its graticule and the circles of separatrices."""
     c, s = np.cos(CIRCLE), np.sin(CIRCLE)
     outline = surface(c[:, None] * V[0] + s[:, None] * V[1]) @ V.T
     axes.add_patch(Polygon(outline[:, :2], fc="#F8F8F8", ec=GREY, lw=0.6, zorder=1.1))
+    sheet.scene = {"globe": surface is np.asarray, "normal": np.eye(3).tolist(), **sheet.scene}
+    a, b = np.radians(range(0, 180, 30)), np.radians([-60, -30, 0, 30, 60])
+    lines = [np.stack([np.cos(x) * c, np.cos(x) * s, 0 * c + np.sin(x)], axis=-1) for x in b]
+    lines += [np.stack([np.cos(x) * c, np.sin(x) * c, s], axis=-1) for x in a]
     grid: Look = {"color": "#C8C8C8", "lw": 0.35}
-    lines: list[tuple[np.ndarray, Look]] = []
-    for b in np.radians([-60, -30, 0, 30, 60]):
-        lines.append((np.stack([np.cos(b) * c, np.cos(b) * s, 0 * c + np.sin(b)], -1), grid))
-    for a in np.radians(range(0, 180, 30)):
-        lines.append((np.stack([np.cos(a) * c, np.sin(a) * c, s], -1), grid))
-    for m in bodies:
-        circles = separatrix_circles(m.inertia)
-        lines += [(circle @ m.principal_axes, SEPARATRIX) for circle in circles]
-    for normals, look in lines:
+    for normals, look in [*zip(lines, repeat(grid)), *zip(circles, repeat(SEPARATRIX))]:
         points = surface(normals)
         far_and_near(axes, points @ V.T, (normals @ V.T)[:, 2], **look)
-        drawn = stroke(points, look["color"], width=look["lw"], dashed=look is SEPARATRIX)
-        sheet.scene["strokes"].append(drawn)
+        sheet.stroke(points, look["color"], width=look["lw"], dashed=look is SEPARATRIX)
 
 
 CIRCLE = np.linspace(0, 2 * np.pi, 181)
@@ -316,23 +280,21 @@ CIRCLE = np.linspace(0, 2 * np.pi, 181)
 
 
 def globe_curve(
-    sheet: Sheet, axes: Axes, V: np.ndarray, path: GlobeCurve, colours: Any, surface: Surface
+    sheet: Sheet, axes: Axes, V: np.ndarray, path: Path, colours: Any, surface: Surface
 ) -> None:
     """Draw one curve on a globe with its marks."""
-    m, (palette, code) = path.motion, colours
-    curve, near = surface(path.normals), (path.normals @ V.T)[:, 2]
-    seen, crossed = curve @ V.T, m.at(m.crossing_time, path.normals)
+    (m, normals, label), (palette, code) = path, colours
+    curve, near = surface(normals), (normals @ V.T)[:, 2]
+    seen, crossed = curve @ V.T, m.at(m.crossing_time, normals)
     for part in pieces(code):
         far_and_near(axes, seen[part], near[part], color=palette[code[part.start]], lw=1.1)
     heading(axes, seen, palette[code[0]], 0.15)
-    add_strokes(sheet, m, curve, colours, surface(crossed), path.label)
-    known = np.flatnonzero(np.isfinite(seen).all(axis=1))
-    ends = [(START, seen[known[:1]], near[known[:1]]), (END, seen[known[-1:]], near[known[-1:]])]
-    ends.append((CROSSING, surface(crossed) @ V.T, (crossed @ V.T)[:, 2]))
-    for look, points, depth in ends:
-        for (x, y, _), z in zip(points, depth, strict=True):
-            axes.plot(x, y, **look, alpha=1 if z > 0 else 0.4, zorder=6)
-    number_marks(axes, ends[-1][1][:, :2], 0.1)
+    add_strokes(sheet, m, curve, colours, surface(crossed), label)
+    known = normals[np.isfinite(normals).all(axis=1)]
+    for look, points in ((START, known[:1]), (END, known[-1:]), (CROSSING, crossed)):
+        for x, y, front in np.column_stack([(surface(points) @ V.T)[:, :2], points @ V[2]]):
+            axes.plot(x, y, **look, alpha=1 if front > 0 else 0.4, zorder=6)
+    number_marks(axes, (surface(crossed) @ V.T)[:, :2], 0.1)
 
 
 def far_and_near(axes: Axes, seen: np.ndarray, near: np.ndarray, color: Any, **look: Any) -> None:
@@ -345,22 +307,21 @@ def far_and_near(axes: Axes, seen: np.ndarray, near: np.ndarray, color: Any, **l
 
 def herpolhode(sheet: Sheet, motions: Sequence[Course]) -> None:
     """Draw omega in space, projected along the G of the start."""
-    (axes,) = sheet.panels(COLUMN, 1.05 * COLUMN)
-    planes = [across(m.vector("G_space")[0]) for m in motions]
+    (axes,) = sheet.panels(1.05 * COLUMN)
+    planes = [across(m.vector("G_space")[0]).T for m in motions]
     # The axes of the plane are axes of space only if G points along z.
-    prime = "" if np.abs(np.array(planes) - np.eye(2, 3)).max() < 1e-9 else "'"
+    prime = "" if np.abs(np.array(planes) - np.eye(3, 2)).max() < 1e-9 else "'"
+    names = [f"omega_space.{x}{prime}" for x in "xy"]
     for m, plane in zip(motions, planes, strict=True):
-        sheet.record_vector(
-            m, m.samples.vector("omega_space") @ plane.T, [f"omega_space.{x}{prime}" for x in "xy"]
-        )
-    points = [m.vector("omega_space") @ plane.T for m, plane in zip(motions, planes, strict=True)]
+        sheet.record_vector(m, m.samples.vector("omega_space") @ plane, names)
+    points = [m.vector("omega_space") @ plane for m, plane in zip(motions, planes, strict=True)]
     curves(axes, motions, sheet.spec, points)
     look: Look = {"marker": "+", "ls": "", "color": "black", "ms": 6}
     axes.plot(0, 0, **look)
     labels = [rf"$\omega_{{{x}{prime}}}$ {unit(motions[0], 'omega')}" for x in "xy"]
     axes.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
     colour_legend(sheet, [axes], motions)
-    sheet.handles.append(Line2D([], [], **look, label="$G$ at the start"))
+    sheet.name("$G$ at the start", **look)
     mark_legend(sheet, motions)
 
 

@@ -5,7 +5,6 @@ import re
 import textwrap
 import unicodedata
 import warnings
-from collections.abc import Iterator
 from html import escape
 from typing import Any
 
@@ -71,9 +70,6 @@ class LogNumbers(LogFormatterSciNotation):
         return f"{x:g}" if text and 1e-3 <= abs(x) < 1e5 else text
 
 
-WIDEST = 10**6
-"""More pixels than any figure has."""
-
 COMPASS = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)])
 
 
@@ -114,24 +110,27 @@ class Words(Annotation):
         return np.asarray(middles[best] + grid * half)
 
 
-def dark_points(panel: Any) -> Iterator[np.ndarray]:
-    """The points (n, 2) in pixels of lines, arrows and words of a panel that keep their places."""
+def dark_points(panel: Any) -> np.ndarray:
+    """The points (n, 2) in pixels within a panel of lines, arrows and words that keep their places,
+    one of those within the same three pixels."""
+    drawn = [x for x in panel.collections if isinstance(x, LineCollection)]
     lines = [line.get_transform().transform(line.get_xydata()) for line in panel.lines]
-    for drawn in panel.collections:
-        if isinstance(drawn, LineCollection):
-            lines += [drawn.get_transform().transform(path.vertices) for path in drawn.get_paths()]
+    lines += [x.get_transform().transform(path.vertices) for x in drawn for path in x.get_paths()]
     for text in panel.texts:
         if isinstance(text, Annotation) and text.arrow_patch:
             lines.append(panel.transData.transform([text.xyann, text.xy]))
         elif not isinstance(text, Words):
             lines.append(text.get_window_extent().get_points())
-    for line in lines:
-        known = line[np.isfinite(line).all(axis=1)]
-        if len(known):
-            length = np.append(0, np.hypot(*np.diff(known, axis=0).T).cumsum())
-            # A point each three pixels, or a long stroke would seem empty.
-            at = np.linspace(0, length[-1], int(min(length[-1] / 3, 20000)) + 2)
-            yield np.stack([np.interp(at, length, x) for x in known.T], axis=-1)
+    points = [np.zeros((0, 2))]
+    for known in filter(len, (line[np.isfinite(line).all(axis=1)] for line in lines)):
+        length = np.append(0, np.hypot(*np.diff(known, axis=0).T).cumsum())
+        # A point each three pixels, or a long stroke would seem empty.
+        at = np.linspace(0, length[-1], int(min(length[-1] / 3, 20000)) + 2)
+        points.append(np.stack([np.interp(at, length, x) for x in known.T], axis=-1))
+    dark = np.concatenate(points)
+    dark = dark[((dark >= panel.bbox.min) & (dark <= panel.bbox.max)).all(axis=1)]
+    cells = np.unique(dark // 3 @ [1, 1j])
+    return 3 * np.stack([cells.real, cells.imag], axis=-1)
 
 
 class Layout(ConstrainedLayoutEngine):
@@ -152,10 +151,6 @@ class Layout(ConstrainedLayoutEngine):
         for panel in fig.axes:
             if waiting := [text for text in panel.texts if isinstance(text, Words)]:
                 panel.apply_aspect()
-                dark = np.concatenate([np.zeros((0, 2)), *dark_points(panel)])
-                # One of the points within the same three pixels, if it is in the panel.
-                dark = dark[((dark >= panel.bbox.min) & (dark <= panel.bbox.max)).all(axis=1)]
-                cells = np.unique((dark // 3).astype(int) @ [WIDEST, 1])
-                dark = 3.0 * np.stack(np.divmod(cells, WIDEST), axis=-1)
+                dark = dark_points(panel)
                 for words in waiting:
                     dark = np.concatenate([dark, words.take_place(panel, dark)])
