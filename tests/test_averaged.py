@@ -72,9 +72,7 @@ axes, nearly symmetric, and about the middle axis."""
 
 
 @pytest.mark.parametrize(("A", "w", "lam", "axis", "end", "expected"), MOTIONS)
-def test_motions_are_those_of_an_integral_in_30_digits(
-    A: Any, w: Any, lam: Any, axis: int, end: float, expected: tuple[float, ...]
-) -> None:
+def test_motions_are_those_of_an_integral_in_30_digits(A, w, lam, axis, end, expected):
     body = FIG4 | {"damping": [1e-3 * x for x in lam]} if lam else FLUID
     initial, time = dict(zip("pqr", w, strict=True)), {"values": [0, end]}
     found = averaged(body, inertia=A, initial=initial, time=time)
@@ -99,9 +97,7 @@ def test_motions_are_those_of_an_integral_in_30_digits(
         (FLUID, {}, 133.454550741943),
     ],
 )
-def test_the_separatrix_is_crossed_at_the_time_of_an_integral_in_30_digits(
-    body: Any, changes: Any, time: float
-) -> None:
+def test_the_separatrix_is_crossed_at_the_time_of_an_integral_in_30_digits(body, changes, time):
     found = averaged(body, **changes)
     assert found.crossing_time.values == pytest.approx(
         [time], rel=1e-14 if body is FLUID else 1e-15

@@ -143,9 +143,7 @@ def test_a_result_equals_itself(made: Path) -> None:
         (with_text("model: ", "modle: "), ("damped", "case")),
     ],
 )  # fmt: skip
-def test_a_difference_is_found_in_its_place(
-    made: Path, change: Change, found: tuple[str, str]
-) -> None:
+def test_a_difference_is_found_in_its_place(made, change, found):
     assert found in differing(compared(made, change))
 
 
@@ -269,9 +267,7 @@ def exact_states(case: Any, times: list[float]) -> list[list[object]]:
 
 
 @pytest.mark.parametrize(("paper", "name", "samples"), STATES)
-def test_states_of_the_papers_agree_with_the_series(
-    paper: str, name: str, samples: list[int]
-) -> None:
+def test_states_of_the_papers_agree_with_the_series(paper, name, samples):
     data = hodo_cli.open(REFERENCE / f"{paper}.h5")[name]
     names = next(x for x in (("Gz", "H", "r"), ("omega", "gamma"), ("omega",)) if {*x} <= {*data})
     stored = [data[x].values[samples].reshape(len(samples), -1) for x in names]

@@ -51,9 +51,7 @@ def test_the_error_is_that_of_the_stored_doubles(precision: str) -> None:
     assert 2**-60 < motion.error < 2**-52
 
 
-def test_without_the_next_precision_the_reference_is_another_tolerance_or_method(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_without_the_next_precision_the_reference_is_another_tolerance_or_method(monkeypatch):
     """A heyoka without quadruple precision, and at last a long double that is a double."""
     monkeypatch.setattr(engines, "have_quadruple", lambda: False)
     assert integrate(FIG4).error_kind == "extended"
