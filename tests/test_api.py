@@ -237,10 +237,7 @@ def test_curves_of_a_sweep_show_its_values() -> None:
     figure = api.plot(made, kind="curve", variable="crossing_time", x="damping.2", by="damping.0")
     (axes,) = figure.axes
     curves = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
-    assert [line.get_label() for line in curves] == [
-        r"$\lambda_1 = 0.005$",
-        r"$\lambda_1 = 0.006$",
-    ]
+    assert [line.get_label() for line in curves] == [r"$\lambda_1 = 0.005$", r"$\lambda_1 = 0.006$"]
     assert np.isnan(made.crossing_time.values).any()
     for i, line in enumerate(curves):
         np.testing.assert_array_equal(line.get_ydata(), made.crossing_time.values[:, i])

@@ -320,14 +320,8 @@ def test_what_cannot_be_merged_is_one_line_and_writes_nothing(two_results: Path)
         (two_results / f"{name}.yaml").write_text(text, encoding="utf-8")
         assert call(two_results, "run", f"{name}.yaml").returncode == 0
     for names, words in (
-        (
-            ("a.yaml", "c.yaml"),
-            "case turns is in runs/a.h5 and runs/c.h5 with different content",
-        ),
-        (
-            ("a.yaml", "d.yaml"),
-            "claims t is in runs/a.h5 and runs/d.h5 with different content",
-        ),
+        (("a.yaml", "c.yaml"), "case turns is in runs/a.h5 and runs/c.h5 with different content"),
+        (("a.yaml", "d.yaml"), "claims t is in runs/a.h5 and runs/d.h5 with different content"),
         (("a.yaml", "runs/e.h5"), "runs/e.h5: no such file or directory"),
     ):
         done = call(two_results, "merge", *names, "--out", "new.h5")

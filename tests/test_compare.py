@@ -232,9 +232,7 @@ def check(values: np.ndarray, exact: list[object]) -> None:
     assert np.abs(values - truth).max() <= 4e-16 * np.abs(truth).max()
 
 
-NAMES = [
-    *("fig1-1", "fig2-2", "fig3-2", "fig4", "fig8", "fig12", "fig12-all-entries", "fig18"),
-]
+NAMES = [*("fig1-1", "fig2-2", "fig3-2", "fig4", "fig8", "fig12", "fig12-all-entries", "fig18")]
 STATES = [
     *(("paper1", name, [3, -1]) for name in NAMES), ("paper2", "internal-triaxial", [5, -1]),
     ("paper3", "case2-full", [7, -1]), *(("paper3", f"case{i}", [10]) for i in (1, 2, 3)),

@@ -137,11 +137,7 @@ def true_stop(name: str) -> float:
 @pytest.mark.parametrize("name", STOPPING)
 @pytest.mark.parametrize(
     ("method", "tol"),
-    [
-        pytest.param("taylor", 1e-4, marks=pytest.mark.heyoka),
-        ("collocation", 1e-5),
-        ("auto", None),
-    ],
+    [pytest.param("taylor", 1e-4, marks=pytest.mark.heyoka), ("collocation", 1e-5), ("auto", None)],
 )
 def test_the_error_of_an_event_is_its_true_one(name: str, method: str, tol: float | None) -> None:
     data = {**BODY, **STOPPING[name]}

@@ -172,11 +172,7 @@ def test_seconds_since_an_epoch_cost_the_digits_that_are_stated(precision: str) 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     ("formula", "start", "pole"),
-    [
-        ("1e-9/(5.5 - t)", 0, 5.5),
-        ("p/(5.5 - t)", 0, 5.5),
-        ("1/t", -3, 0),
-    ],
+    [("1e-9/(5.5 - t)", 0, 5.5), ("p/(5.5 - t)", 0, 5.5), ("1/t", -3, 0)],
 )
 def test_a_pole_is_named_after_few_steps(formula, start, pole, method):
     motion = hodo.run(torqued(formula, start, method), classify=False)

@@ -101,8 +101,7 @@ linear algebra rounds on a processor: by its kernels of five of them they were o
 
 
 @pytest.mark.parametrize(
-    "method",
-    ["auto", *(pytest.param(m, marks=pytest.mark.heyoka) for m in BOUNDS if m != "exact")],
+    "method", ["auto", *(pytest.param(m, marks=pytest.mark.heyoka) for m in BOUNDS if m != "exact")]
 )
 @pytest.mark.parametrize(("given", "end", "Q", "G"), ROWS)
 def test_known_attitudes(given, end, Q, G, method):

@@ -118,8 +118,7 @@ SPINS = {
 
 
 @pytest.mark.parametrize(
-    ("form", "spin"),
-    [*itertools.product(("averaged", "full"), SPINS), ("averaged-u", "eq. (3.3)")],
+    ("form", "spin"), [*itertools.product(("averaged", "full"), SPINS), ("averaged-u", "eq. (3.3)")]
 )
 def test_r_decays_as_the_closed_form_says(form: str, spin: str) -> None:
     """And grows, under a torque m alone, at m/C."""

@@ -302,10 +302,7 @@ def test_a_law_that_is_a_power_of_the_time_is_not_stepped_over(key: str, power: 
         "attitude": key == "torque",
     }  # fmt: skip
     through = 0.1 * end ** (power + 1) / (power + 1)
-    expected = {
-        "damping": p * np.exp(-through),
-        "torque": p + through / 3,
-    }[key]
+    expected = {"damping": p * np.exp(-through), "torque": p + through / 3}[key]
     members = hodo.sweep({**case, "sweep": {"initial.p": {"values": p.tolist()}}})
     alone = hodo.run(case)
     for omega, right in ((members.omega[:, 0], expected), (alone.omega[-1, 0], expected[20])):
