@@ -146,9 +146,9 @@ def test_readme_can_be_followed(hodo: Hodo, tmp_path: Path) -> None:
             assert done.returncode == 0, done.stderr
             printed = done.stderr.split("[1/1]")[0] + done.stdout
             assert vague(printed) == vague(promised)
-    code = "".join(f"exec({text!r}, {{}})\n" for text in snippets("README.md", "python"))
-    environment = {"MPLBACKEND": "agg", "PATH": ""}
-    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, check=True)
+    for code in snippets("README.md", "python"):
+        environment = {"MPLBACKEND": "agg", "PATH": ""}
+        subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, check=True)
 
 
 def vague(printed: str) -> list[list[str]]:
