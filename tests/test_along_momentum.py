@@ -59,9 +59,7 @@ def test_size_and_clock_are_the_integrals(rates: tuple[float, ...]) -> None:
 @pytest.mark.parametrize(
     ("rates", "stops"), [((-0.1, 0.2), True), ((-0.199, 0.2), True), ((-0.3, 0.2), False)]
 )
-def test_negative_damping_may_keep_a_body_from_rest(
-    rates: tuple[float, float], stops: bool
-) -> None:
+def test_negative_damping_may_keep_a_body_from_rest(rates, stops):
     law = exact.AlongMomentum(*rates)
     assert np.isfinite(law.stop) == stops
     end = float(law.stop) if stops else 20.0

@@ -80,9 +80,7 @@ def test_listed_times_are_the_samples_of_a_case_and_of_members() -> None:
     assert '"values": [0.0, 10.0, ' in swept.attrs["case"]
 
 
-def test_several_cases_give_a_list_and_a_file_that_commands_read(
-    tmp_path: Path, hodo: Hodo
-) -> None:
+def test_several_cases_give_a_list_and_a_file_that_commands_read(tmp_path, hodo):
     slow = Case.of(FIG4 | {"damping": 0.001}, "slow")
     single = api.run(FIG4)
     for options in ({}, {"jobs": 2}, {"to": tmp_path / "runs" / "mine.h5"}):
@@ -101,9 +99,7 @@ def test_several_cases_give_a_list_and_a_file_that_commands_read(
     assert (tmp_path / "runs" / "mine.h5").read_bytes() == before
 
 
-def test_a_case_added_to_a_result_comes_last_and_takes_nothing_away(
-    tmp_path: Path, hodo: Hodo
-) -> None:
+def test_a_case_added_to_a_result_comes_last_and_takes_nothing_away(tmp_path, hodo):
     (tmp_path / "a.yaml").write_text(
         "style: {width: 100}\ncases: {a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0, "
         "initial: {p: 1, q: 1, r: 1}, time: {end: 9}}}\n"
@@ -121,9 +117,7 @@ def test_a_case_added_to_a_result_comes_last_and_takes_nothing_away(
         api.run(FIG4, to=tmp_path / "runs" / "a.h5")
 
 
-def test_a_case_that_another_run_adds_after_the_plan_is_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_case_that_another_run_adds_after_the_plan_is_kept(tmp_path, monkeypatch):
     path, planned = tmp_path / "a.h5", api.api.run_plans
 
     def late(*arguments: Any, **options: Any) -> object:
@@ -166,9 +160,7 @@ WRONG: list[tuple[Callable[..., object], Any, dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("function", "given", "options", "words"), WRONG)
-def test_a_wrong_argument_is_one_line(
-    function: Callable[..., object], given: Any, options: dict[str, Any], words: str
-) -> None:
+def test_a_wrong_argument_is_one_line(function, given, options, words):
     with pytest.raises(HodoError) as raised:
         function(given, **options)
     assert str(raised.value).startswith(words)
@@ -245,10 +237,7 @@ def test_curves_of_a_sweep_show_its_values() -> None:
     figure = api.plot(made, kind="curve", variable="crossing_time", x="damping.2", by="damping.0")
     (axes,) = figure.axes
     curves = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
-    assert [line.get_label() for line in curves] == [
-        r"$\lambda_1 = 0.005$",
-        r"$\lambda_1 = 0.006$",
-    ]
+    assert [line.get_label() for line in curves] == [r"$\lambda_1 = 0.005$", r"$\lambda_1 = 0.006$"]
     assert np.isnan(made.crossing_time.values).any()
     for i, line in enumerate(curves):
         np.testing.assert_array_equal(line.get_ydata(), made.crossing_time.values[:, i])

@@ -28,9 +28,7 @@ NUMBERS = st.lists(st.floats(0.1, 1e3), min_size=9, max_size=9)
         arithmetic.power,
     ],
 )
-def test_columns_have_the_digits_of_numbers(
-    function: Callable[[Any, Any], Any], x: list[float], y: list[float]
-) -> None:
+def test_columns_have_the_digits_of_numbers(function, x, y):
     x[0], y[0] = 0.3, 2.5  # so that no power is too large
     x, y = ([min(each, 30.0) for each in values] for values in (x, y))
     a, b = arithmetic.Column(np.array(x)), arithmetic.Column(np.array(y))
@@ -71,9 +69,7 @@ def test_functions_of_columns_are_those_of_numbers(x: list[float]) -> None:
         (lambda x: sorted((x, 2.5)), [False, False, True]),
     ],
 )
-def test_a_column_parts_where_its_members_go_two_ways(
-    way: Callable[[Any], Any], expected: list[bool]
-) -> None:
+def test_a_column_parts_where_its_members_go_two_ways(way, expected):
     with pytest.raises(arithmetic.BranchDivergence) as parted:
         way(arithmetic.Column(np.array([1.0, 2.0, 3.0])))
     assert parted.value.where.tolist() in (expected, [not each for each in expected])

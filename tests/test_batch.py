@@ -183,9 +183,7 @@ def test_failures_are_said_at_once_and_at_the_end(config: Path) -> None:
     ]
 
 
-def test_a_bug_in_one_case_is_that_case_s_own(
-    config: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_bug_in_one_case_is_that_case_s_own(config, monkeypatch):
     finish = run_command.finished_case
 
     def buggy(case: Case) -> Group:
@@ -251,9 +249,7 @@ def read(terminal: int) -> bytes:
 
 
 @pytest.mark.parametrize(("jobs", "share"), [("1", ""), ("2", " for each of 2 processes")])
-def test_what_does_not_fit_into_memory_is_refused_with_the_figure(
-    config: Path, jobs: str, share: str
-) -> None:
+def test_what_does_not_fit_into_memory_is_refused_with_the_figure(config, jobs, share):
     done = run(config, "--set", "c.time.samples=1000000000", "-j", jobs)
     assert done.returncode == 2
     place, _, message = done.stderr.partition(": cases.c.time.samples: ")

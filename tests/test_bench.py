@@ -40,9 +40,7 @@ def test_the_fastest_is_taken_among_those_that_are_right() -> None:
         assert bench.auto_failed(made) == is_failure
 
 
-def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(
-    hodo: Hodo, tmp_path: Path
-) -> None:
+def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(hodo, tmp_path):
     (tmp_path / "small.yaml").write_text(CONFIG, encoding="utf-8")
     done = hodo("bench", "small.yaml")
     assert done.returncode == 0, done.stderr

@@ -628,9 +628,7 @@ OVERRIDDEN: list[tuple[str, str, dict[str, dict[str, Any]]]] = [
 
 
 @pytest.mark.parametrize(("text", "overrides", "changes"), OVERRIDDEN)
-def test_overrides_change_what_they_name_and_nothing_else(
-    text: str, overrides: str, changes: dict[str, dict[str, Any]]
-) -> None:
+def test_overrides_change_what_they_name_and_nothing_else(text, overrides, changes):
     plain, found = overridden(text=text), overridden(*overrides.split("; "), text=text)
     for name, case in found.items():
         before = plain[name].entries

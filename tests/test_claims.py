@@ -656,9 +656,6 @@ def test_a_wrong_claim_is_named_with_its_place(claim: str, words: str) -> None:
     assert message.startswith(f"claims.0.{words}")
 
 
-# What is not known well enough.
-
-
 # What the command stores, shows and wants.
 
 TURNING = f"""
@@ -827,9 +824,7 @@ def test_every_claim_of_the_papers_has_the_verdict_expected(
 
 
 @pytest.mark.heyoka
-def test_the_numbers_that_decide_are_those_found_by_other_means(
-    results: Path,
-) -> None:
+def test_the_numbers_that_decide_are_those_found_by_other_means(results: Path) -> None:
     (one, misprints), (two, _), (three, _) = (judged(results, paper) for paper in PAPERS)
     assert one["fig4-separatrix"]["evidence"] == "305.4 (x1 to x3)"
     assert misprints["curve-3"]["number"] == pytest.approx(0.0535 / 1.0777**2, rel=1e-3)

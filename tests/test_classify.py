@@ -85,9 +85,7 @@ def test_rotation_about_the_middle_axis_is_the_separatrix(error: str) -> None:
         (BODY, (0.0, 0.0, 0.0), UNDETERMINED),
     ],
 )
-def test_labels_name_the_body_axes_as_given(
-    inertia: tuple[float, ...], start: tuple[float, ...], label: int
-) -> None:
+def test_labels_name_the_body_axes_as_given(inertia, start, label):
     assert labels_of(diagonal(0.001, start, inertia=inertia)) == {label}
 
 
@@ -108,9 +106,7 @@ def test_labels_go_on_below_the_smallest_double() -> None:
         ({"method": "Radau", "tol": 1e-7}, 1e-6),
     ],
 )
-def test_a_crossing_depends_on_no_sampling_and_no_engine(
-    keys: dict[str, Any], bound: float
-) -> None:
+def test_a_crossing_depends_on_no_sampling_and_no_engine(keys, bound):
     """To the bound of the method, and to the error that is stated."""
     motion = fig4(**{"time": {"end": 400, "samples": 3}, **keys})
     assert crossings_of(motion) == [(1, 3)]
@@ -173,9 +169,7 @@ def read(margins: list[float | None], error: float = 1e-15, **more: Any) -> Any:
 
 
 @pytest.mark.parametrize(("margins", "never_left", "expected", "undecided"), MOMENTS)
-def test_moments_make_crossings(
-    margins: list[float | None], never_left: tuple[int, ...], expected: Any, undecided: int
-) -> None:
+def test_moments_make_crossings(margins, never_left, expected, undecided):
     verdict = read(margins, absorbing=frozenset(never_left))
     assert [(c.start, c.end) for c in verdict.crossings] == expected
     assert len(verdict.undecided) == undecided
@@ -195,9 +189,7 @@ def test_times_of_crossings_and_of_what_is_undecided() -> None:
     st.permutations([1.0, 0.8, 0.6]),
     st.integers(-900, 900),
 )
-def test_a_label_is_the_sign_of_the_separatrix_function(
-    omega: list[float], inertia: list[float], exponent: int
-) -> None:
+def test_a_label_is_the_sign_of_the_separatrix_function(omega, inertia, exponent):
     A, w = [Fraction(x) for x in inertia], [Fraction(x) for x in omega]
     momentum = sum((a * x) ** 2 for a, x in zip(A, w, strict=True))
     energy = sum(a * x * x for a, x in zip(A, w, strict=True))
@@ -301,9 +293,7 @@ def test_the_side_of_a_state_is_told_by_the_digits_that_it_has() -> None:
 
 
 @pytest.mark.parametrize("order", [*permutations(range(3))])
-def test_what_begins_on_no_side_has_crossed_nothing_when_it_stands_on_one(
-    order: tuple[int, int, int],
-) -> None:
+def test_what_begins_on_no_side_has_crossed_nothing_when_it_stands_on_one(order):
     """D < 0 for all t > 0 as p grows with t^7 and r with t^2."""
     inertia, torque = (1, 0.8, 0.6), ("0", "0.1*t**3", "0.01*t")
     ds = hodo_cli.run(
@@ -318,9 +308,7 @@ def test_what_begins_on_no_side_has_crossed_nothing_when_it_stands_on_one(
     assert ds.enclosed_axis[:2].values.tolist() == [UNDETERMINED, order.index(2) + 1]
 
 
-def test_a_motion_with_a_rotor_encloses_no_axis_and_the_table_says_why(
-    hodo: Hodo, tmp_path: Path
-) -> None:
+def test_a_motion_with_a_rotor_encloses_no_axis_and_the_table_says_why(hodo, tmp_path):
     """In a case, whatever D does, and in the members of a sweep."""
     body = (
         "model: torques, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 0.003], "

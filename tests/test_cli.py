@@ -138,9 +138,7 @@ def test_a_config_that_is_named_twice_is_run_once(hodo: Hodo, tmp_path: Path) ->
     assert (done.returncode, done.stdout) == (0, hodo("run", "a", "--dry-run").stdout), done.stderr
 
 
-def test_the_result_of_another_config_of_this_name_is_its_own(
-    hodo: Hodo, config: Path, tmp_path: Path
-) -> None:
+def test_the_result_of_another_config_of_this_name_is_its_own(hodo, config, tmp_path):
     assert hodo("run", config).returncode == 0
     before = (tmp_path / "runs" / "two.h5").read_bytes()
     other = tmp_path / "other" / "two.yaml"
@@ -173,9 +171,7 @@ def test_the_result_of_another_config_of_this_name_is_its_own(
     assert hodo("run", config).returncode == 0
 
 
-def test_no_change_is_too_long_for_the_name_of_a_file(
-    hodo: Hodo, config: Path, tmp_path: Path
-) -> None:
+def test_no_change_is_too_long_for_the_name_of_a_file(hodo, config, tmp_path):
     for end in "ab":
         hodo("run", config, "--case", "stays", "--set", f"stays.note={'é/' * 200}{end}")
     names = [path.name for path in (tmp_path / "runs").iterdir()]
@@ -206,9 +202,7 @@ def test_no_change_is_too_long_for_the_name_of_a_file(
         (["compare", "a.h5", "b.h5", "--atol=nan"], "--atol: expected a number >= 0, got nan"),
     ],
 )  # fmt: skip
-def test_a_wrong_option_is_one_line(
-    hodo: Hodo, config: Path, arguments: list[str], said: str
-) -> None:
+def test_a_wrong_option_is_one_line(hodo, config, arguments, said):
     done = hodo(*arguments)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
     assert done.stderr.startswith(said)
@@ -235,9 +229,7 @@ def test_a_motion_that_was_broken_off_says_how_far_it_goes(hodo: Hodo, tmp_path:
     assert drawn in hodo("plot", "runs/cut.h5", "f").stderr
 
 
-def test_of_two_overrides_of_a_key_the_file_is_named_after_the_last(
-    hodo: Hodo, config: Path, tmp_path: Path
-) -> None:
+def test_of_two_overrides_of_a_key_the_file_is_named_after_the_last(hodo, config, tmp_path):
     for first, last in ("12", "21"):
         given = [f"turns.damping.2={value}" for value in (first, last)]
         hodo("run", config, "--case", "turns", "--set", given[0], "--set", given[1])
@@ -328,14 +320,8 @@ def test_what_cannot_be_merged_is_one_line_and_writes_nothing(two_results: Path)
         (two_results / f"{name}.yaml").write_text(text, encoding="utf-8")
         assert call(two_results, "run", f"{name}.yaml").returncode == 0
     for names, words in (
-        (
-            ("a.yaml", "c.yaml"),
-            "case turns is in runs/a.h5 and runs/c.h5 with different content",
-        ),
-        (
-            ("a.yaml", "d.yaml"),
-            "claims t is in runs/a.h5 and runs/d.h5 with different content",
-        ),
+        (("a.yaml", "c.yaml"), "case turns is in runs/a.h5 and runs/c.h5 with different content"),
+        (("a.yaml", "d.yaml"), "claims t is in runs/a.h5 and runs/d.h5 with different content"),
         (("a.yaml", "runs/e.h5"), "runs/e.h5: no such file or directory"),
     ):
         done = call(two_results, "merge", *names, "--out", "new.h5")
@@ -384,9 +370,7 @@ def test_methods_are_a_paragraph_for_a_paper(two_results: Path) -> None:
 
 
 @pytest.mark.heyoka
-def test_a_paragraph_for_a_paper_says_of_how_many_members_the_error_is_measured(
-    tmp_path: Path,
-) -> None:
+def test_a_paragraph_for_a_paper_says_of_how_many_members_the_error_is_measured(tmp_path):
     (tmp_path / "a.yaml").write_text(
         "cases:\n  a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [5e-3, 4e-3, 3e-3],\n"
         "      initial: {p: 0, q: 0, r: 1}, time: {end: 10},\n"

@@ -143,9 +143,7 @@ def test_a_result_equals_itself(made: Path) -> None:
         (with_text("model: ", "modle: "), ("damped", "case")),
     ],
 )  # fmt: skip
-def test_a_difference_is_found_in_its_place(
-    made: Path, change: Change, found: tuple[str, str]
-) -> None:
+def test_a_difference_is_found_in_its_place(made, change, found):
     assert found in differing(compared(made, change))
 
 
@@ -234,9 +232,7 @@ def check(values: np.ndarray, exact: list[object]) -> None:
     assert np.abs(values - truth).max() <= 4e-16 * np.abs(truth).max()
 
 
-NAMES = [
-    *("fig1-1", "fig2-2", "fig3-2", "fig4", "fig8", "fig12", "fig12-all-entries", "fig18"),
-]
+NAMES = [*("fig1-1", "fig2-2", "fig3-2", "fig4", "fig8", "fig12", "fig12-all-entries", "fig18")]
 STATES = [
     *(("paper1", name, [3, -1]) for name in NAMES), ("paper2", "internal-triaxial", [5, -1]),
     ("paper3", "case2-full", [7, -1]), *(("paper3", f"case{i}", [10]) for i in (1, 2, 3)),
@@ -269,9 +265,7 @@ def exact_states(case: Any, times: list[float]) -> list[list[object]]:
 
 
 @pytest.mark.parametrize(("paper", "name", "samples"), STATES)
-def test_states_of_the_papers_agree_with_the_series(
-    paper: str, name: str, samples: list[int]
-) -> None:
+def test_states_of_the_papers_agree_with_the_series(paper, name, samples):
     data = hodo_cli.open(REFERENCE / f"{paper}.h5")[name]
     names = next(x for x in (("Gz", "H", "r"), ("omega", "gamma"), ("omega",)) if {*x} <= {*data})
     stored = [data[x].values[samples].reshape(len(samples), -1) for x in names]

@@ -2,7 +2,6 @@
 transposed, or read back from another program's file."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -90,9 +89,7 @@ def test_the_same_sweep_has_the_same_quantities(grid: xr.Dataset, change: str) -
 
 
 @pytest.mark.parametrize("engine", ["netcdf4", "h5netcdf"])
-def test_what_xarray_has_written_and_read_has_the_same(
-    motion: xr.Dataset, tmp_path: Path, engine: str
-) -> None:
+def test_what_xarray_has_written_and_read_has_the_same(motion, tmp_path, engine):
     derived = hodo.derive(motion, *NAMES)
     derived.to_netcdf(tmp_path / "a.nc", engine=engine)
     read = xr.load_dataset(tmp_path / "a.nc", engine=engine)
@@ -120,8 +117,6 @@ def test_a_member_with_its_samples_is_a_motion_of_its_own_body() -> None:
         np.testing.assert_allclose(hodo.derive(member, "T")["T"], T, rtol=1e-15)
 
 
-def test_a_sweep_without_the_coordinate_that_its_members_vary_in_is_one_line(
-    grid: xr.Dataset,
-) -> None:
+def test_a_sweep_without_the_coordinate_that_its_members_vary_in_is_one_line(grid):
     with pytest.raises(HodoError, match=r"no coordinate .damping\.0"):
         hodo.derive(grid.rename({"damping.0": "d"}), "T")

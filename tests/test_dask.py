@@ -145,9 +145,7 @@ def test_a_scheduler_with_certificates_takes_who_has_them(
 
 
 @pytest.mark.parametrize("wrong", ["nonsense", "tcp://127.0.0.1:1"])
-def test_a_scheduler_that_does_not_answer_is_bad_input(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: str
-) -> None:
+def test_a_scheduler_that_does_not_answer_is_bad_input(tmp_path, monkeypatch, wrong):
     import distributed
 
     class Impatient(distributed.Client):

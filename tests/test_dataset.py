@@ -127,9 +127,7 @@ def test_no_permission(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*has no checksums:UserWarning")
-def test_labels_of_motions_with_a_rotor_in_files_of_0_2_are_read_as_undetermined(
-    tmp_path: Path,
-) -> None:
+def test_labels_of_motions_with_a_rotor_in_files_of_0_2_are_read_as_undetermined(tmp_path):
     """About both outer axes they were 4, and without a separatrix 5."""
     body = {"model": "torques", "inertia": [1, 0.8, 0.6], "rotor": [0, 0, 0.2], "damping": 0.01}
     motion = hodo_cli.run(

@@ -51,9 +51,7 @@ def test_the_error_is_that_of_the_stored_doubles(precision: str) -> None:
     assert 2**-60 < motion.error < 2**-52
 
 
-def test_without_the_next_precision_the_reference_is_another_tolerance_or_method(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_without_the_next_precision_the_reference_is_another_tolerance_or_method(monkeypatch):
     """A heyoka without quadruple precision, and at last a long double that is a double."""
     monkeypatch.setattr(engines, "have_quadruple", lambda: False)
     assert integrate(FIG4).error_kind == "extended"
@@ -139,11 +137,7 @@ def true_stop(name: str) -> float:
 @pytest.mark.parametrize("name", STOPPING)
 @pytest.mark.parametrize(
     ("method", "tol"),
-    [
-        pytest.param("taylor", 1e-4, marks=pytest.mark.heyoka),
-        ("collocation", 1e-5),
-        ("auto", None),
-    ],
+    [pytest.param("taylor", 1e-4, marks=pytest.mark.heyoka), ("collocation", 1e-5), ("auto", None)],
 )
 def test_the_error_of_an_event_is_its_true_one(name: str, method: str, tol: float | None) -> None:
     data = {**BODY, **STOPPING[name]}

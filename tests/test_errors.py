@@ -157,9 +157,7 @@ def test_a_bug_of_the_machine_in_a_task_ends_the_batch() -> None:
         (("dot.",), "dot. ends with a dot"),
     ],
 )
-def test_names_that_are_no_files_elsewhere_are_refused(
-    folder: Path, names: tuple[str, ...], message: str
-) -> None:
+def test_names_that_are_no_files_elsewhere_are_refused(folder, names, message):
     """For what becomes a file: figures and case files; a case is a group, and free."""
     figure = "{kind: phase, cases: [a], x: p, y: r}"
     lines = "".join(f"  {name}: {figure}\n" for name in names)

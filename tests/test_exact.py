@@ -237,8 +237,7 @@ def test_every_scale_is_alike(A, omega0, lam, size):
     if lam == 0 or abs(lam) > 1e-3:  # smaller ones are rounded by the change of scale
         assert np.array_equal(found, np.ldexp(exact.damped_motion(A, omega0, lam, times), size))
     assert np.array_equal(
-        exact.free_motion(np.ldexp(A, -size), omega0, times),
-        exact.free_motion(A, omega0, times),
+        exact.free_motion(np.ldexp(A, -size), omega0, times), exact.free_motion(A, omega0, times)
     )
 
 
@@ -246,10 +245,7 @@ def test_decay_far_below_the_smallest_double():
     """lam t = 0.1 x 1000 leaves e^-100; 0.1 x 1e5 leaves nothing that a double can hold, but the
     scaled state stays."""
     A, omega0, times = np.array([1, 0.8, 0.6]), np.array([0.8, 0.5, 0.74]), np.array([1000.0, 1e5])
-    found, truth = (
-        exact.damped_motion(A, omega0, 0.1, times),
-        reference(A, omega0, 0.1, times),
-    )
+    found, truth = (exact.damped_motion(A, omega0, 0.1, times), reference(A, omega0, 0.1, times))
     assert errors(found[:1], truth[:1])[0] <= 1e-15 * 0.1 * 1000
     assert not found[1].any()
     state, exponent = exact.scaled_motion(A, omega0, 0.1, times)

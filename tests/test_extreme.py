@@ -148,9 +148,7 @@ def test_collocation_does_not_pass_over_a_decay_that_it_has_to_resolve() -> None
     assert np.abs(steps.dense_output()(times)[0] - np.exp(-times)).max() < 1e-13
 
 
-def test_collocation_takes_a_shorter_step_where_its_equations_are_singular(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_collocation_takes_a_shorter_step_where_its_equations_are_singular(monkeypatch):
     solve, asked = np.linalg.solve, []
 
     def singular_at_first(*of: np.ndarray) -> np.ndarray:

@@ -172,15 +172,9 @@ def test_seconds_since_an_epoch_cost_the_digits_that_are_stated(precision: str) 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     ("formula", "start", "pole"),
-    [
-        ("1e-9/(5.5 - t)", 0, 5.5),
-        ("p/(5.5 - t)", 0, 5.5),
-        ("1/t", -3, 0),
-    ],
+    [("1e-9/(5.5 - t)", 0, 5.5), ("p/(5.5 - t)", 0, 5.5), ("1/t", -3, 0)],
 )
-def test_a_pole_is_named_after_few_steps(
-    formula: str, start: float, pole: float, method: str
-) -> None:
+def test_a_pole_is_named_after_few_steps(formula, start, pole, method):
     motion = hodo.run(torqued(formula, start, method), classify=False)
     assert motion.attrs["status"] == "failed"
     words, _, time = motion.attrs["message"].rpartition(" ")
@@ -255,9 +249,7 @@ def test_members_see_a_pulse_that_the_first_of_them_has_not(order: int) -> None:
         ("0.1*sin(t*t)", True),
     ],
 )
-def test_formulas_that_no_series_oversteps_let_members_go_side_by_side(
-    formula: str, is_alone: bool
-) -> None:
+def test_formulas_that_no_series_oversteps_let_members_go_side_by_side(formula, is_alone):
     """From p, q = 0, r = 0 and t = 0 a series of p' = p t^2 has no term of the orders 19 and 20, by
     which heyoka chooses a step."""
     case = {
@@ -333,9 +325,7 @@ def test_a_motion_that_dies_out_ends_at_rest(formula: list[str]) -> None:
         ({"p": 0, "q": 0, "r": 0.6}, 0.02, 11.469160652, "collocation"),
     ],
 )
-def test_dry_friction_ends_at_once_with_one_cause(
-    start: Any, drag: float, end: float, method: str
-) -> None:
+def test_dry_friction_ends_at_once_with_one_cause(start, drag, end, method):
     """A formula that is no number where r = 0, where r stays."""
     case = {
         "model": "torques", "inertia": [2, 2, 2], "expression": ["0", "0", "-0.1*r/sqrt(r**2)"],

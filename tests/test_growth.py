@@ -39,9 +39,7 @@ def tensor(on: float, off: float) -> Case:
         (damped("tensor", (0.8, 0.5, 0.74), resistance=LITERAL), 0.00083333, 0.00583333),
     ],
 )
-def test_the_rates_are_those_of_the_papers_media(
-    case: Case, about_x1: float, about_x3: float
-) -> None:
+def test_the_rates_are_those_of_the_papers_media(case, about_x1, about_x3):
     _, found = classified(case)
     assert found.growth is not None
     assert found.growth[[0, 2]] == pytest.approx([about_x1, about_x3], abs=5e-9)
@@ -104,9 +102,7 @@ def test_the_axis_in_the_end_is_that_of_omega_beside_an_attitude(start: Sequence
         ((0.005, 0.004, 0.003), 2),
     ],
 )
-def test_of_a_diagonal_tensor_the_outer_rates_decide(
-    rates: Sequence[float], final: int | None, order: Sequence[int]
-) -> None:
+def test_of_a_diagonal_tensor_the_outer_rates_decide(rates, final, order):
     A = np.array((1.0, 0.8, 0.6))[[*order]]
     data = {"inertia": A.tolist(), "resistance": np.diag(np.array(rates)[[*order]] * A).tolist()}
     both = {"model": "tensor", "time": {"end": 1.0}, **data}

@@ -101,13 +101,10 @@ linear algebra rounds on a processor: by its kernels of five of them they were o
 
 
 @pytest.mark.parametrize(
-    "method",
-    ["auto", *(pytest.param(m, marks=pytest.mark.heyoka) for m in BOUNDS if m != "exact")],
+    "method", ["auto", *(pytest.param(m, marks=pytest.mark.heyoka) for m in BOUNDS if m != "exact")]
 )
 @pytest.mark.parametrize(("given", "end", "Q", "G"), ROWS)
-def test_known_attitudes(
-    given: dict[str, Any], end: float, Q: list[float], G: list[float], method: str
-) -> None:
+def test_known_attitudes(given, end, Q, G, method):
     """Q by every method, its stated error, and G in space. Fig 4's motion passes near the middle
     axis, where the rounding of its data to doubles counts 600 times."""
     motion, _ = classified(made(end, method=method, **given))
@@ -333,9 +330,7 @@ def test_the_momentum_of_body_and_fluid_stays(kappa: Any, bound: float) -> None:
 
 @pytest.mark.parametrize("rotor", [[0.1, -0.2, 0.15], None])
 @pytest.mark.parametrize("inertia", [[1, 0.8, 0.6], [[1, 0.1, 0], [0.1, 0.8, 0], [0, 0, 0.6]]])
-def test_a_body_with_a_rotor_turns_on_where_a_brake_has_stopped_G(
-    inertia: Any, rotor: list[float] | None
-) -> None:
+def test_a_body_with_a_rotor_turns_on_where_a_brake_has_stopped_G(inertia, rotor):
     """At the constant omega of G = 0; before the stop a motion without corners, here of SciPy."""
     tensor = np.diag(inertia) if np.ndim(inertia) == 1 else np.array(inertia)
     h, Q0, brake = np.array(rotor or [0, 0, 0]), Rotation.identity(), 0.03

@@ -25,18 +25,13 @@ def test_a_new_case_file_runs_and_is_never_replaced(hodo: Hodo, tmp_path: Path) 
         assert done.returncode == 0, done.stderr
     assert (tmp_path / "runs" / "figures" / "mine" / "turning.png").exists()
     done = hodo("init", "mine.yaml")
-    assert (done.returncode, done.stderr) == (
-        2,
-        "mine.yaml is there already: take another name\n",
-    )
+    assert (done.returncode, done.stderr) == (2, "mine.yaml is there already: take another name\n")
     assert (tmp_path / "mine.yaml").read_text(encoding="utf-8") == text
     done = hodo("init", "none/mine")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
 
 
-def test_a_file_of_the_working_folder_goes_before_what_is_brought(
-    hodo: Hodo, tmp_path: Path
-) -> None:
+def test_a_file_of_the_working_folder_goes_before_what_is_brought(hodo, tmp_path):
     planned = hodo("run", "paper1", "--dry-run").stdout
     assert "fig4: will run" in planned
     assert hodo("run", "paper1", "--case", "fig4").returncode == 0

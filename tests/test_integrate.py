@@ -130,9 +130,7 @@ def test_limits_are_honoured_inside_one_integration(method: str) -> None:
 
 @taylor
 @pytest.mark.usefixtures("ticking")
-def test_the_choice_of_a_method_takes_no_longer_than_the_motion_may(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_choice_of_a_method_takes_no_longer_than_the_motion_may(monkeypatch):
     """Its trial of collocation took thousands of steps, whatever the limit."""
     trials: list[int] = []
 
@@ -252,9 +250,7 @@ def test_the_method_is_chosen_by_what_the_case_is() -> None:
         ("double", "timeout", ("taylor", "timeout")),
     ],
 )
-def test_where_the_series_fails_auto_takes_collocation(
-    monkeypatch: pytest.MonkeyPatch, precision: str, status: str, expected: tuple[str, str]
-) -> None:
+def test_where_the_series_fails_auto_takes_collocation(monkeypatch, precision, status, expected):
     def without_series(case: Case, method: str, *rest: Any) -> Trajectory:
         solution = solve(case, method, *rest)
         ended = type(solution.status)(status)
@@ -347,9 +343,7 @@ def test_no_step_is_beyond_the_limit_where_each_asks_for_new_units() -> None:
     assert (motion.status, motion.steps) == ("timeout", 20)
 
 
-def test_an_error_is_measured_where_no_finer_computation_is_to_be_had(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_error_is_measured_where_no_finer_computation_is_to_be_had(monkeypatch):
     monkeypatch.setattr(engines, "have_taylor", lambda: False)
     case = diagonal((0.005, 0.004, 0.003), precision="extended", time=Time(end=50.0, samples=11))
     motion = integrate(case)

@@ -91,9 +91,7 @@ def slopes(case: Case, t: float) -> tuple[mpmath.matrix, mpmath.matrix, series.L
 
 @pytest.mark.parametrize("given", MOTIONS, ids=lambda given: given["initial"])
 @pytest.mark.parametrize("form", AVERAGED)
-def test_the_right_hand_sides_are_the_derivatives_of_integrals_and_roots(
-    form: str, given: dict[str, str]
-) -> None:
+def test_the_right_hand_sides_are_the_derivatives_of_integrals_and_roots(form, given):
     top = case(form=form, **given)
     k, y, t, h = constants(top), np.array(start(top)), 0.3, 1e-6
     with mpmath.workdps(40):
@@ -120,8 +118,7 @@ SPINS = {
 
 
 @pytest.mark.parametrize(
-    ("form", "spin"),
-    [*itertools.product(("averaged", "full"), SPINS), ("averaged-u", "eq. (3.3)")],
+    ("form", "spin"), [*itertools.product(("averaged", "full"), SPINS), ("averaged-u", "eq. (3.3)")]
 )
 def test_r_decays_as_the_closed_form_says(form: str, spin: str) -> None:
     """And grows, under a torque m alone, at m/C."""
@@ -281,9 +278,7 @@ def test_what_makes_the_averages_doubtful_is_said() -> None:
         (2.9044158204366, -1.0425217736524961e-05, 0.12, "[0.442]", 1e-6),
     ],
 )
-def test_the_rounding_of_the_roots_at_the_start_is_part_of_their_error(
-    theta: float, spin: float, mu: float, a: str, least: float
-) -> None:
+def test_the_rounding_of_the_roots_at_the_start_is_part_of_their_error(theta, spin, mu, a, least):
     """Gz is a sum of products of the roots, over r: a slow spin leaves few of its digits."""
     given = {"initial": f"{{theta: {theta}, r: {spin}}}", "mu": str(mu), "a": a, "error": "on"}
     given |= {"time": "{end: 1, samples: 5}", "inertia": "{A: 1.53, C: 0.9}"}

@@ -72,9 +72,7 @@ cases:
 """
 
 
-def test_numbers_of_a_size_that_has_no_square_are_refused_with_their_places(
-    hodo, tmp_path: Path
-) -> None:
+def test_numbers_of_a_size_that_has_no_square_are_refused_with_their_places(hodo, tmp_path):
     """Each of them, in every place that holds data; 0 is none of them, and what stands within an
     expression is not looked at."""
     (tmp_path / "a.yaml").write_text(SIZES)

@@ -137,9 +137,7 @@ def side_of(draw: Draw) -> int:
 
 @pytest.mark.parametrize("seed", range(COUNT))
 @pytest.mark.parametrize("draw_one", [damped, resisted, loose, beside_the_middle_axis])
-def test_crossings_and_labels_are_right_or_undecided(
-    draw_one: Callable[[random.Random], Draw], seed: int
-) -> None:
+def test_crossings_and_labels_are_right_or_undecided(draw_one, seed):
     rng = random.Random(seed)
     draw = draw_one(rng)
     expected = truth(draw)
@@ -282,9 +280,7 @@ def nodding(rng: random.Random) -> Known:
 
 @pytest.mark.parametrize("seed", range(COUNT))
 @pytest.mark.parametrize("draw", [filled, spun, faint, nodding])
-def test_no_stated_error_is_smaller_than_the_true_one(
-    draw: Callable[[random.Random], Known], seed: int
-) -> None:
+def test_no_stated_error_is_smaller_than_the_true_one(draw, seed):
     case, system, start, stored, bits = draw(random.Random(seed))
     try:
         motion = integrate(case)

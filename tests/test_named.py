@@ -85,9 +85,7 @@ def test_remarks_are_no_change_and_a_broken_config_is_no_mistake(config: Path) -
     assert hodo("show", "a.yaml").returncode == 2
 
 
-def test_a_config_without_a_result_names_the_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_config_without_a_result_names_the_command(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("a.yaml").write_text(CONFIG)
     for command in ("show", "classify", "claims", "plot"):

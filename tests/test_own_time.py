@@ -1,28 +1,20 @@
 """Models of one's own whose equations contain the time and variables of other units than omega: by
 every engine, against the integers of `series`.
-
-HODO_FUZZ sets the number of motions of each method (default 3).
 """
 
 import json
-import math
-import os
 import random
 from collections.abc import Iterator, Mapping
-from fractions import Fraction
-from functools import cache
 from typing import Any
 
 import h5py
-import mpmath
 import numpy as np
 import pytest
-import series
 from conftest import ROOT, run_hodo
 
 from hodo_cli.engines import have_taylor
 
-COUNT = int(os.environ.get("HODO_FUZZ", "3"))
+COUNT = 3
 TIMED = ROOT / "tests" / "own_models" / "timed.py"
 LAWS = ["falling", "polynomial", "exponential"]
 
@@ -59,66 +51,9 @@ def scaled(body: dict[str, Any], size: int, **others: Any) -> dict[str, Any]:
     }
 
 
-def exactly(body: dict[str, Any], times: list[float]) -> np.ndarray:
-    """The states (n, 6) at times after the start, by the integers of `series`, where the law is a
-    variable x of its own."""
-    A = [Fraction(a) for a in body["inertia"]]
-    n, F, rate = (Fraction(body[name]) for name in ("torque", "force", "rate"))
-    begin = rate * Fraction(body["time"]["start"])
-    law, ruled, first = {
-        "falling": ({(6, 6): Fraction(1)}, {(6, 6): -rate}, 1 / (1 + begin)),
-        "polynomial": (
-            {(): Fraction(1), (6,): Fraction(-1), (6, 6): Fraction(1, 2)},
-            {(): rate},
-            begin,
-        ),
-        "exponential": ({(6,): Fraction(1)}, {(6,): -rate}, None),
-    }[body["law"]]
-    if first is None:
-        with mpmath.workprec(250):
-            # The model's e is a double too.
-            power = mpmath.power(mpmath.mpf(math.e), -mpmath.fraction(*begin.as_integer_ratio()))
-            first = Fraction(int(mpmath.floor(mpmath.ldexp(power, 240))), 1 << 240)
-            change = mpmath.log(mpmath.mpf(math.e))
-            ratio = Fraction(int(mpmath.floor(mpmath.ldexp(change, 240))), 1 << 240)
-        ruled = {(6,): -rate * ratio}
-    system = []
-    for i, lam in enumerate(map(Fraction, body["damping"])):
-        j, m = (i + 1) % 3, (i + 2) % 3
-        row = {tuple(sorted((j, m))): (A[j] - A[m]) / A[i]}
-        for monomial, c in law.items():
-            row[tuple(sorted((i, *monomial)))] = -lam * c
-            row[tuple(sorted((i + 3, *monomial)))] = F * c / A[i]
-            if i == 2:
-                row[tuple(sorted(monomial))] = n * c / A[i]
-        system.append(row)
-    one = Fraction(1)
-    system += [
-        {(2, 4): one, (1, 5): -one},
-        {(0, 5): one, (2, 3): -one},
-        {(1, 3): one, (0, 4): -one},
-    ]
-    start = [*(body["initial"][name] for name in "pqr"), 0.0, 0.6, 0.8, first]
-    found = series.states((*system, ruled), start, times, 160)
-    return np.array([[float(x) for x in state[:6]] for state in found])
-
-
-@cache
-def known(body: str, times: tuple[Fraction, ...]) -> np.ndarray:
-    """`exactly` of a body as JSON: once for all methods and sizes."""
-    return exactly(json.loads(body), [*times])
-
-
-def test_the_reference_is_right() -> None:
-    """The row of a law of time in the torques' table: 0.005/(1 + 0.01 t)^2."""
-    body = random_body(0, False) | {
-        "inertia": [1, Fraction(8, 10), Fraction(6, 10)], "damping": [Fraction(5, 1000)] * 3,
-        "rate": Fraction(1, 100), "law": "falling", "time": {"start": 0},
-        "initial": {"p": Fraction(8, 10), "q": Fraction(1, 2), "r": Fraction(74, 100)},
-    }  # fmt: skip
-    known = [0.50412305006140321, 0.69766151997966874, 0.32975278857125048]
-    assert exactly(body, [100])[0, :3] == pytest.approx(known, rel=1e-15)
-
+KNOWN = json.loads((ROOT / "tests" / "data" / "own_time.json").read_text("utf-8"))
+"""omega and gamma (6,) at the second and the third sample of each motion: by series in integers of
+160 bits that share no code with hodo, where the law is a variable of its own, as in `series`."""
 
 SIZES = [0, 3, 7]
 BOUNDS = {
@@ -186,10 +121,8 @@ def test_a_law_of_time_is_that_of_the_case(result: Result, method: str, precisio
     says."""
     bound = BOUNDS[method, precision]
     for seed, size in seeds(method, precision):
-        body, motion = ruled(method, seed), result[f"{method}-{precision}-{seed}"]
-        start = Fraction(body["time"]["start"])
-        times = tuple(Fraction(t) * Fraction(2) ** size - start for t in motion["time"][1:])
-        right = known(json.dumps(body), times)
+        name = f"{method}-{precision}-{seed}"
+        motion, right = result[name], np.array(KNOWN[name])
         assert motion.attrs["status"] == "ok"
         for name, columns in (("omega", slice(3)), ("gamma", slice(3, 6))):
             unit = 2.0**size if name == "omega" else 1

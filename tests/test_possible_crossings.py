@@ -164,11 +164,7 @@ def test_no_motion_crosses_otherwise(name: str) -> None:
         )
         senses = [sense for sense, *_ in passed]
         crossed += len(senses)
-        expected = {
-            NONE: [[]],
-            TO_LARGEST: [[], [1]],
-            TO_SMALLEST: [[], [-1]],
-        }
+        expected = {NONE: [[]], TO_LARGEST: [[], [1]], TO_SMALLEST: [[], [-1]]}
         assert senses in expected.get(allowed, [senses])
         # An axis that is kept is entered, if at all, by the last crossing.
         for side, axis in zip((1, -1), outer_axes(A[n]), strict=True):

@@ -2,14 +2,12 @@
 statements and of sweeps."""
 
 import json
-from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 import xarray as xr
-from conftest import Hodo
 from scipy.spatial.transform import Rotation
 
 import hodo_cli
@@ -45,9 +43,7 @@ OF_BODY, OF_TOP = derivable(BODY), derivable(TOP)
 
 
 @pytest.mark.parametrize(("case", "names"), [(BODY, OF_BODY), (TOP, OF_TOP)])
-def test_what_is_stored_is_what_is_derived(
-    tmp_path: Path, case: dict[str, Any], names: list[str]
-) -> None:
+def test_what_is_stored_is_what_is_derived(tmp_path, case, names):
     """Every name, in a file too; a name there holds no slash."""
     path = tmp_path / "a.h5"
     whole, stored = hodo_cli.run(case), hodo_cli.run({**case, "store": names}, to=path)
@@ -231,9 +227,7 @@ STATEMENTS: list[tuple[dict[str, Any], str, str]] = [
 ]  # fmt: skip
 
 
-def test_statements_take_no_rounding_for_a_change_and_no_rest_for_a_direction(
-    tmp_path: Path, hodo: Hodo
-) -> None:
+def test_statements_take_no_rounding_for_a_change_and_no_rest_for_a_direction(tmp_path, hodo):
     cases = {f"c{i}": case for i, (case, *_) in enumerate(STATEMENTS)}
     claims = "".join(
         f"  - {{id: c{i}, where: x, statement: s, cases: [c{i}], check: {{{check}}}, "

@@ -99,9 +99,7 @@ def test_remarks_and_captions_rerun_nothing(copy: Copy) -> None:
         (copy.folder / "a.yaml").write_text(CONFIG)
 
 
-def test_nothing_is_integrated_to_see_what_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_is_integrated_to_see_what_runs(tmp_path, monkeypatch):
     def no_integration(*arguments: object) -> None:
         raise AssertionError("integrated")
 

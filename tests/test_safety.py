@@ -108,9 +108,7 @@ def test_what_a_living_run_has_finished_can_be_looked_at(tmp_path: Path, hodo: H
     assert len(labelled) >= 12, "labels are lost"
 
 
-def test_cases_that_are_added_and_changed_beside_an_unfinished_run(
-    tmp_path: Path, hodo: Hodo
-) -> None:
+def test_cases_that_are_added_and_changed_beside_an_unfinished_run(tmp_path, hodo):
     with running(tmp_path, LONG) as process:
         finished_in(process, 12)
     changed = LONG.replace("p: 0.8, q: 0.3", "p: 0.7, q: 0.3").partition("  mid")[0]
@@ -161,9 +159,7 @@ def test_a_failure_does_not_replace_a_good_result(result: Path, hodo: Hodo) -> N
     same(numbers(result), before)
 
 
-def test_a_case_that_has_left_the_case_file_stays_until_it_is_pruned(
-    result: Path, hodo: Hodo
-) -> None:
+def test_a_case_that_has_left_the_case_file_stays_until_it_is_pruned(result, hodo):
     changed(result, "  b: {damping: [0.03, 0.04, 0.05]}\n", "")
     changed(result, "cases: [a, b]", "cases: [a]")
     before = numbers(result)
@@ -227,9 +223,7 @@ def test_every_numeric_array_has_a_checksum_of_its_own(result: Path) -> None:
         assert [item.name for item in arrays if not item.fletcher32] == []
 
 
-def test_a_file_that_another_program_has_changed_is_read_with_a_warning(
-    result: Path, hodo: Hodo
-) -> None:
+def test_a_file_that_another_program_has_changed_is_read_with_a_warning(result, hodo):
     before = numbers(result)
     with h5py.File(result, "r+") as file:
         file["a"]["mine"] = np.arange(3.0)

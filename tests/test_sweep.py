@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import series
 import xarray as xr
-from conftest import Hodo, call, classified, wait_until
+from conftest import call, classified, wait_until
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -183,9 +183,7 @@ def test_directions_are_uniform_and_those_of_the_members_in_every_block_of_them(
         ("averaged", ["trajectory"], {"values": [400, 440]}),
     ],
 )
-def test_a_member_starts_about_the_axis_of_its_start_whenever_its_samples_begin(
-    form: str, store: list[str], time: dict[str, Any]
-) -> None:
+def test_a_member_starts_about_the_axis_of_its_start_whenever_its_samples_begin(form, store, time):
     wanted = ["start_axis", "end_axis", "crossings", "crossing_time"]
     wanted += ["share"] if form == "full" else []
     common = {
@@ -318,9 +316,7 @@ MARKED = {
 
 
 @pytest.mark.parametrize("kind", MARKED)
-def test_members_that_do_not_end_well_are_marked(
-    kind: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_members_that_do_not_end_well_are_marked(kind, monkeypatch):
     text, status = MARKED[kind]
     monkeypatch.setattr(chunk, "WORTH_COMPILING", 250 if "alone" in kind else 0)
     case = one(text)
@@ -619,9 +615,7 @@ def test_every_command_takes_a_sweep(small: Path) -> None:
 
 
 @pytest.mark.heyoka
-def test_processes_and_repeats_change_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_processes_and_repeats_change_nothing(tmp_path, monkeypatch):
     monkeypatch.undo()  # steps that round as those of workers do
     for name in "ab":
         (tmp_path / name).mkdir()
@@ -637,9 +631,7 @@ def test_processes_and_repeats_change_nothing(
 
 
 @pytest.mark.heyoka
-def test_a_killed_sweep_goes_on_from_its_last_chunk(
-    tmp_path: Path, hodo: Hodo, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_sweep_goes_on_from_its_last_chunk(tmp_path, hodo, monkeypatch):
     monkeypatch.undo()  # steps that round as those of the other process do
     text = SMALL.replace("count: 400", "count: 600").replace("time:", "error: off, time:")
     (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
@@ -711,9 +703,7 @@ def stored_sweeps(folder: Path, *texts: str) -> xr.Dataset:
 
 @pytest.mark.heyoka
 @pytest.mark.parametrize("kind", GROWING)
-def test_a_sweep_that_grows_computes_its_new_members_only(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_sweep_that_grows_computes_its_new_members_only(kind, tmp_path, monkeypatch):
     text, *values = GROWING[kind]
     # Or else the errors of some hundred members take most of the time.
     monkeypatch.setattr(summary, "RANDOM_MEMBERS", 24)
@@ -778,9 +768,7 @@ def test_a_sweep_that_changes_otherwise_is_computed_anew(tmp_path: Path) -> None
 
 
 @pytest.mark.heyoka
-def test_a_chunk_whose_worker_dies_is_marked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_chunk_whose_worker_dies_is_marked(tmp_path, monkeypatch):
     text = SMALL.replace("count: 400", "count: 100").replace("error: on", "error: off")
     as_before = chunk.compute
 
@@ -799,9 +787,7 @@ def test_a_chunk_whose_worker_dies_is_marked(
 
 
 @pytest.mark.heyoka
-def test_an_error_that_cannot_be_measured_costs_its_member(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_error_that_cannot_be_measured_costs_its_member(monkeypatch):
     solved = summary.solve
 
     def solve(case: Case, *rest: Any) -> Any:
@@ -844,9 +830,7 @@ DISC = {"form": "averaged", "kappa": 0.1, "torque": [0, 0, -0.1], "initial": {"x
         ({"model": "cavity+constant", "inertia": [8, 8, 4], **DISC}, "initial.x", [8, 8, 4]),
     ],
 )  # fmt: skip
-def test_members_share_a_body_along_its_principal_axes(
-    case: dict[str, Any], key: str, body: list[float] | None
-) -> None:
+def test_members_share_a_body_along_its_principal_axes(case, key, body):
     """A separatrix on a sphere is that of this body."""
     damped = {"damping": 0.01, "initial": START} if "form" not in case else {"epsilon": 0.1}
     swept = damped | case | {"time": {"end": 1}, "sweep": {key: {"values": [0.9, 0.95]}}}
@@ -1071,9 +1055,7 @@ LATE = random_starts(BENT, 1e-12, "count: 100000, seed: 77")
         (LATE, 74140, 0, math.inf),
     ],
 )
-def test_an_error_that_grows_along_a_motion_is_stated(
-    case: Case, number: int, least: float, most: float
-) -> None:
+def test_an_error_that_grows_along_a_motion_is_stated(case, number, least, most):
     """Other members beside one change no digit of it."""
     values = computed(case, number, number + 1)
     true = precisely(members.member(case, number), "quadruple").crossing_time.values

@@ -74,9 +74,7 @@ def tangents() -> list[Tangent]:
         pytest.param("BDF", 1e-5, 1.0, marks=pytest.mark.heyoka),
     ],
 )
-def test_a_pair_of_crossings_is_found_or_undecided(
-    tangents: list[Tangent], method: str, tol: float | None, certain: float
-) -> None:
+def test_a_pair_of_crossings_is_found_or_undecided(tangents, method, tol, certain):
     """Down to a distance of `certain` the list is right and nothing is said: a pair is as deep as
     the square of its distance, and the error of the method is some digits smaller."""
     for t in tangents:

@@ -82,9 +82,7 @@ CROSSINGS = {
 
 
 @pytest.mark.parametrize(("start", "end", "terms", "times"), CROSSINGS.values(), ids=CROSSINGS)
-def test_sums_of_torques_cross_when_a_reference_does(
-    start: Any, end: float, terms: Any, times: list[float]
-) -> None:
+def test_sums_of_torques_cross_when_a_reference_does(start, end, terms, times):
     motion = run(start, end, **terms, error="off")
     assert motion["crossing_time"].values == pytest.approx(times, abs=1e-11)
 
@@ -160,9 +158,7 @@ TURNED = {
 
 @pytest.mark.parametrize("method", ["auto", "collocation"])
 @pytest.mark.parametrize(("terms", "momentum"), TURNED.values(), ids=TURNED)
-def test_a_torque_stronger_than_the_brake_turns_a_body_round(
-    terms: Any, momentum: float, method: str
-) -> None:
+def test_a_torque_stronger_than_the_brake_turns_a_body_round(terms, momentum, method):
     # G1' = -0.1 sign(G1) + N1(t) from G1 = 3, or 3.6 with the rotor, until t = 30.
     case = {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "method": method}
     motion = hodo.run({**case, **terms, "initial": SPIN, "time": SPAN})
@@ -306,10 +302,7 @@ def test_a_law_that_is_a_power_of_the_time_is_not_stepped_over(key: str, power: 
         "attitude": key == "torque",
     }  # fmt: skip
     through = 0.1 * end ** (power + 1) / (power + 1)
-    expected = {
-        "damping": p * np.exp(-through),
-        "torque": p + through / 3,
-    }[key]
+    expected = {"damping": p * np.exp(-through), "torque": p + through / 3}[key]
     members = hodo.sweep({**case, "sweep": {"initial.p": {"values": p.tolist()}}})
     alone = hodo.run(case)
     for omega, right in ((members.omega[:, 0], expected), (alone.omega[-1, 0], expected[20])):
@@ -488,9 +481,7 @@ def test_the_stop_of_a_body_is_printed_and_drawn(tmp_path: Path) -> None:
 
 @pytest.mark.heyoka
 @pytest.mark.parametrize(("torque", "in_space"), [(1e-11, True), (1e-60, False)])
-def test_a_torque_that_is_tiny_beside_the_start_costs_no_digit(
-    torque: float, in_space: bool
-) -> None:
+def test_a_torque_that_is_tiny_beside_the_start_costs_no_digit(torque, in_space):
     """The motion falls by up to 60 orders of magnitude to where the torque and the damping are in
     balance: in the body at N/(A lambda), in space as a torque twice as large says, beside which
     the gyroscopic terms are nothing either. A sweep falls as its cases do."""

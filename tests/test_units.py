@@ -247,9 +247,7 @@ SLOW = {"damping": [(1e-13 * x, -1, 0) for x, *_ in DAMPING]}
     ],
 )
 @pytest.mark.parametrize("rate", [2.0**-60, 2.0**100])
-def test_averaged_motions_are_alike_in_units_of_any_size(
-    model: str, other: dict[str, Any], end: float, powers: dict[str, int], rate: float
-) -> None:
+def test_averaged_motions_are_alike_in_units_of_any_size(model, other, end, powers, rate):
     here, there = (averaged_in(x, model, other, end) for x in (1.0, 1 / rate))
     assert there.attrs["status"] == "ok"
     assert there.attrs["error"] < 1e-11

@@ -3,7 +3,6 @@
 import json
 import os
 from collections.abc import Sequence
-from pathlib import Path
 
 import pytest
 from conftest import ROOT, Hodo
@@ -50,9 +49,7 @@ def all_went_well(hodo: Hodo, *commands: Sequence[str], **options: object) -> li
 
 
 @pytest.mark.parametrize(("paper", "cases"), PAPERS)
-def test_papers_are_those_of_the_references(
-    hodo: Hodo, environment: dict[str, str], paper: str, cases: list[str]
-) -> None:
+def test_papers_are_those_of_the_references(hodo, environment, paper, cases):
     chosen = [word for case in cases for word in ("--case", case)]
     run = ["run", paper, "--quiet", "--json", *chosen]
     ran, _ = all_went_well(hodo, run, ["classify", f"runs/{paper}.h5"], env=environment)
@@ -65,9 +62,7 @@ def test_papers_are_those_of_the_references(
     assert not [row for row in rows if row["differs"]]
 
 
-def test_a_full_tensor_an_attitude_and_a_sweep_are_those_of_the_series(
-    hodo: Hodo, environment: dict[str, str], tmp_path: Path
-) -> None:
+def test_a_full_tensor_an_attitude_and_a_sweep_are_those_of_the_series(hodo, environment, tmp_path):
     (tmp_path / "few.yaml").write_text(CASES, encoding="utf-8")
     run = ["run", "few.yaml", "--quiet", "--json", "--out"]
     (ran,) = all_went_well(hodo, [*run, "here"], env=environment)
