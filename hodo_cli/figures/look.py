@@ -120,6 +120,13 @@ class Sheet:
     units: dict[str, str] = field(default_factory=dict)
     others: Sequence[Motion] = ()
 
+    @property
+    def view(self) -> np.ndarray:
+        """The directions right, up and toward the reader (3, 3), from elevation and azimuth."""
+        e, a = np.radians(self.spec.get("view", (0, 0)))
+        se, ce, sa, ca = math.sin(e), math.cos(e), math.sin(a), math.cos(a)
+        return np.array([(-sa, ca, 0), (-se * ca, -se * sa, ce), (ce * ca, ce * sa, se)])
+
     def columns(self, most: int) -> int:
         """How many panels, at most `most`, fit side by side."""
         return max(1, min(most, int(self.width(PAGE) / LEAST_PANEL)))
