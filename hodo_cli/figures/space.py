@@ -46,6 +46,7 @@ from .look import (
     mark_legend,
     marks,
     name_curves,
+    names_beside,
     number_marks,
     pieces,
     unit,
@@ -140,7 +141,7 @@ def in_space(
         flat[m.name] = np.where(inside[:, None], seen[:, :2], np.nan)
         near = np.where(np.abs(crossed).max(axis=1, keepdims=True) <= reach, crossed, np.nan)
         marks(axes, flat[m.name], (near @ V.T)[:, :2], 2 * reach)
-    name_curves(axes, sheet.spec, [m.label for m in motions], [flat[m.name] for m in motions])
+    name_curves(axes, names_beside(motions, sheet.spec), [flat[m.name] for m in motions])
     axes.set(aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set(visible=not is_whole, color="#BBBBBB")
 
@@ -250,13 +251,18 @@ def on_globe(
         tail, tip = (ends @ V.T)[:, :2]
         arrow(axes, tail, tip, name, zorder=5 if near else 1)
         sheet.stroke(ends, GREY, kind="axis", name=name.strip("$").replace("_", ""))
-    for path, colours in zip(paths, colours_of(motions, sheet.spec), strict=True):
-        globe_curve(sheet, axes, V, path, colours, surface)
+    by_case, colours = sheet.spec["colour"] == "case", colours_of(motions, sheet.spec)
+    for path, shades in zip(paths, colours, strict=True):
+        globe_curve(sheet, axes, V, path, shades, surface)
     fronts = [(surface(n) @ V.T)[(n @ V.T)[:, 2] > 0.2, :2] for _, n, _ in paths]
-    name_curves(axes, sheet.spec, labels, fronts)
+    if len(paths) > 1:
+        shades = [palette[0] for palette, _ in colours] if by_case else []
+        name_curves(axes, labels, fronts, shades)
     axes.set(xlim=(-1.3, 1.3), ylim=(-1.15, 1.35), aspect="equal")
     axes.set_axis_off()
-    colour_legend(sheet, [axes], motions, labels)
+    # The curves of G have their names beside them alone.
+    if not by_case or arms[0] == "$x$":
+        colour_legend(sheet, [axes], motions, labels)
     if circles:
         sheet.name("separatrix, $D = 0$", **SEPARATRIX)
     mark_legend(sheet, motions)
@@ -313,13 +319,13 @@ def far_and_near(axes: Axes, seen: np.ndarray, near: np.ndarray, color: Any, **l
 def herpolhode(sheet: Sheet, motions: Sequence[Course]) -> None:
     """Draw omega in space, projected along the G of the start."""
     (axes,) = sheet.panels(1.05 * COLUMN)
-    planes = [across(m.vector("G_space")[0]).T for m in motions]
+    planes = [across(m.vector("G_space")[0]) for m in motions]
     # The axes of the plane are axes of space only if G points along z.
-    prime = "" if np.abs(np.array(planes) - np.eye(3, 2)).max() < 1e-9 else "'"
+    prime = "" if np.abs(np.array(planes) - np.eye(2, 3)).max() < 1e-9 else "'"
     names = [f"omega_space.{x}{prime}" for x in "xy"]
     for m, plane in zip(motions, planes, strict=True):
-        sheet.record_vector(m, m.samples.vector("omega_space") @ plane, names)
-    points = [m.vector("omega_space") @ plane for m, plane in zip(motions, planes, strict=True)]
+        sheet.record_vector(m, m.samples.vector("omega_space") @ plane.T, names)
+    points = [m.vector("omega_space") @ plane.T for m, plane in zip(motions, planes, strict=True)]
     curves(axes, motions, sheet.spec, points)
     look: Look = {"marker": "+", "ls": "", "color": "black", "ms": 6}
     axes.plot(0, 0, **look)
