@@ -128,6 +128,8 @@ def between_samples(m: Motion, cubics: Cubics) -> dict[Any, Any]:
     time = np.append(m.time[i] + s * np.diff(m.time)[i], m.time[-1])
     before = np.append(i, len(m.time) - 1)
     y = np.concatenate([cubics.at(i, s), cubics.y[:, -1:]], axis=1)
+    if "attitude" in m.data:
+        y[-4:] /= np.linalg.norm(y[-4:], axis=0)
     system = m.case.system
     values = system.equations.output(time, y.T, attributes(system.constants))
     for name, v in ((x, v) for x, v in m.data.items() if x not in values):
