@@ -252,8 +252,8 @@ def on_globe(
         arrow(axes, tail, tip, name, zorder=5 if near else 1)
         sheet.stroke(ends, GREY, kind="axis", name=name.strip("$").replace("_", ""))
     by_case, colours = sheet.spec["colour"] == "case", colours_of(motions, sheet.spec)
-    for path, shades in zip(paths, colours, strict=True):
-        globe_curve(sheet, axes, V, path, shades, surface)
+    for path, of_path in zip(paths, colours, strict=True):
+        globe_curve(sheet, axes, V, path, of_path, surface)
     fronts = [(surface(n) @ V.T)[(n @ V.T)[:, 2] > 0.2, :2] for _, n, _ in paths]
     if len(paths) > 1:
         shades = [palette[0] for palette, _ in colours] if by_case else []
