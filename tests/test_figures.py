@@ -359,6 +359,23 @@ def test_a_style_sets_the_size_and_each_panel(tmp_path: Path) -> None:
     assert matplotlib.image.imread(tmp_path / "narrow.png").shape[1] == int(50 * 84 / 25.4)
 
 
+def test_a_body_is_seen_from_behind_and_time_is_a_variable_of_a_phase() -> None:
+    data = motion(10, 101, attitude=True)
+    # The axes y and z of space point away from the reader.
+    names = [text.get_text() for text in api.plot(data, "body", view=[-60, -90]).axes[0].texts]
+    assert {"$x$", "$y$", "$z$"} <= {*names}
+    (curve,) = (
+        x for x in api.plot(data, "phase", x="time", y="G").axes[0].lines if len(x.get_xdata()) > 9
+    )
+    np.testing.assert_allclose(curve.get_xdata()[[0, -1]], [0, 10])
+
+
+def test_one_component_is_drawn_as_lines_between_its_samples() -> None:
+    data = motion(10, 101)
+    axes = api.plot(data.isel(axis=0), "series", variables=["omega"]).axes[0]
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), data.omega[:, 0])
+
+
 # Mistakes
 
 
@@ -400,6 +417,8 @@ def test_what_has_no_place_in_a_figure_is_refused() -> None:
         (gap, "hodograph", {}, r"omega of .* has no value at 0\.5: draw the samples"),
         ([motion(10, 101), seconds], "series", {"variables": ["G"]},
          r"time is in '1' in .* and 's' in .*: one scale"),
+        ([motion(10, 101), motion(10, 101, inertia_unit="kg m^2")], "hodograph", {},
+         "G.x1 is in '1' in .* and 'kg m.2' in .*: one scale"),
         ([motion(10, 101), other], "quadrants", {}, "motions of several bodies"),
         (motion(10, 101), "invariants", {"style": {"width": 20, "height": 20}},
          "20 mm by 20 mm have no room for the panels"),

@@ -24,7 +24,7 @@ IMPORTERS = {
     "heyoka": "engines/taylor.py engines/taylor_batch.py",
     "matplotlib": "figures/ api.py",
     "netCDF4": "",
-    "scipy": "engines/scipy_ivp.py figures/maps.py figures/body.py quantities.py",
+    "scipy": "engines/scipy_ivp.py figures/maps.py figures/space.py quantities.py",
     "tqdm": "progress.py",
     "xarray": "results/dataset.py api.py",
     "yaml": "schema/document.py",

@@ -14,12 +14,11 @@ from ..results.dataset import Cases, motions_of
 from ..results.motion import Motion
 from ..schema.spelling import unknown
 from .between import Course, course, remark, samples_in
-from .body import body
 from .files import save
 from .look import STYLE_SHEET, Sheet, check_units
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, series
-from .space import axis_trace, herpolhode, hodograph, sphere
+from .space import axis_trace, body, herpolhode, hodograph, sphere
 
 __all__ = ["draw", "save", "user_parameters"]
 

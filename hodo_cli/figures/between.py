@@ -102,11 +102,11 @@ def cubics_of(m: Motion) -> Cubics | None:
     if len(m.time) < 2 or not known.keys() >= {*m.case.system.equations.state}:
         return None
     y = np.array([known[name] for name in m.case.system.equations.state])
-    return Cubics(m, y, rates(m, m.time, y))
+    return Cubics(m, y, slopes_at(m, m.time, y))
 
 
 @np.errstate(all="ignore")
-def rates(m: Motion, time: np.ndarray, y: np.ndarray) -> np.ndarray:
+def slopes_at(m: Motion, time: np.ndarray, y: np.ndarray) -> np.ndarray:
     """The rates of states y (k, ...) at times (...) by the equations of a motion; 0 where they are
     nan."""
     system = m.case.system
@@ -128,6 +128,8 @@ def between_samples(m: Motion, cubics: Cubics) -> dict[Any, Any]:
     time = np.append(m.time[i] + s * np.diff(m.time)[i], m.time[-1])
     before = np.append(i, len(m.time) - 1)
     y = np.concatenate([cubics.at(i, s), cubics.y[:, -1:]], axis=1)
+    if "attitude" in m.data:
+        y[-4:] /= np.linalg.norm(y[-4:], axis=0)
     system = m.case.system
     values = system.equations.output(time, y.T, attributes(system.constants))
     for name, v in ((x, v) for x, v in m.data.items() if x not in values):
@@ -175,7 +177,7 @@ def remark(m: Course, names: Sequence[str], drawn: slice) -> str:
     i, s = np.meshgrid(np.arange(n) + drawn.start, (np.arange(parts) + 0.5) / parts)
     h, (_, u, c, d) = np.diff(motion.time)[i], cubics.terms(i)
     size = sizes(m, np.abs(cubics.y[:, drawn]).max(axis=1))[:, None, None]
-    turned = h * rates(motion, motion.time[i] + s * h, cubics.at(i, s)) / size
+    turned = h * slopes_at(motion, motion.time[i] + s * h, cubics.at(i, s)) / size
     path = np.cumsum(turned - (u + s * (2 * c + 3 * s * d)) / size, axis=1) / parts
     in_space = any("_space" in name or name.partition(".")[0] in TURNING for name in names)
     rows = [x for x, name in enumerate(state) if name in names] or [*range(len(state))[:3]]

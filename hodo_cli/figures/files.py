@@ -17,7 +17,6 @@ from matplotlib.colors import to_hex
 from .. import HodoError
 from ..storage import replacing
 from .look import Sheet
-from .space import view_matrix
 from .words import in_html, without_tex
 
 
@@ -75,9 +74,8 @@ def page_of(sheet: Sheet, title: str, about: str = "", folder: str = "") -> str:
         coded = b64encode(picture.getvalue()).decode()
         image = f'<img alt="{escape(about)}" src="data:image/svg+xml;base64,{coded}">'
     time, of = without_tex(f"${sheet.spec.get('time', 't')}$"), sheet.units.get("time", "1")
-    view = view_matrix(sheet.spec.get("view", (24.0, 35.0)))
     scene = {
-        "view": view.tolist(),
+        "view": sheet.view.tolist(),
         "symbol": time,
         "unit": "" if of == "1" else f" {of}",
         **sheet.scene,

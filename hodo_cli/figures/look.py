@@ -24,7 +24,7 @@ from .. import HodoError
 from ..quantities import symbol
 from ..results.motion import Motion, units_in_words
 from ..schema.spelling import unknown
-from ..text import grouped, time_digits, time_text
+from ..text import time_digits, time_text
 from .between import Course
 from .words import Layout, LogNumbers, Words, without_tex, wrapped
 
@@ -119,6 +119,13 @@ class Sheet:
     scene: dict[str, Any] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     others: Sequence[Motion] = ()
+
+    @property
+    def view(self) -> np.ndarray:
+        """The directions right, up and toward the reader (3, 3), from elevation and azimuth."""
+        e, a = np.radians(self.spec.get("view", (0, 0)))
+        se, ce, sa, ca = math.sin(e), math.cos(e), math.sin(a), math.cos(a)
+        return np.array([(-sa, ca, 0), (-se * ca, -se * sa, ce), (ce * ca, ce * sa, se)])
 
     def columns(self, most: int) -> int:
         """How many panels, at most `most`, fit side by side."""
@@ -346,22 +353,28 @@ def curves(
         axes.add_collection(LineCollection(lines, colors=colours, **look))
         marks(axes, values, m.at(m.crossing_time, values), size=size)
     axes.autoscale_view()
-    name_curves(axes, spec, [m.label for m in motions], points)
+    name_curves(axes, names_beside(motions, spec), points)
+
+
+def names_beside(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[str]:
+    """The names of motions, if there are several whose colours do not show the case; else none."""
+    is_named = len(motions) > 1 and spec.get("colour", "axis") != "case"
+    return [m.label for m in motions] if is_named else []
 
 
 def name_curves(
-    axes: Axes, spec: Mapping[str, Any], names: Sequence[str], points: Sequence[np.ndarray]
+    axes: Axes, names: Sequence[str], points: Sequence[np.ndarray], colours: Sequence[Any] = ()
 ) -> None:
-    """Write the names of several curves (n, 2) whose colours do not show the case, each at one of
-    nine of its places that are far from the others."""
+    """Write the names of curves (n, 2), each at one of nine of its places that are far from the
+    others."""
     known = [curve[np.isfinite(curve).all(axis=1)] for curve in points]
     thin = [curve[:: max(1, len(curve) // 200)] for curve in known]
-    is_named = len(names) > 1 and spec.get("colour", "axis") != "case"
-    for i in (i for i, curve in enumerate(thin) if is_named and len(curve)):
+    for i in (i for i in range(len(names)) if len(thin[i])):
         others = np.concatenate([*thin[:i], *thin[i + 1 :], np.full((1, 2), 1e9)])
         apart = np.hypot(*(thin[i][:, None] - others).T).min(axis=0)
         places = thin[i][np.argsort(-apart, kind="stable")[: max(1, len(apart) // 4)]]
-        Words(axes, names[i], places[:: max(1, len(places) // 9)])
+        colour = colours[i] if colours else "black"
+        Words(axes, names[i], places[:: max(1, len(places) // 9)], color=colour)
 
 
 def marks(
@@ -379,13 +392,13 @@ def marks(
 
 
 def number_marks(axes: Axes, crossings: np.ndarray, room: float) -> None:
-    """Number several crossings (n, 2) in time; those within a square of this room share one
-    place."""
+    """Number several crossings (n, 2) in time; those close together share one place."""
     known = np.isfinite(crossings).all(axis=1) & (len(crossings) > 1)
-    shown = np.flatnonzero(known).tolist()
-    squares = grouped((tuple(np.round(crossings[i] / room)), i) for i in shown)
-    for first, *more in squares.values():
-        names = [str(i + 1) for i in (first, *more)]
+    together: dict[int, list[str]] = {}
+    for i in np.flatnonzero(known).tolist():
+        near = (j for j in together if np.abs(crossings[j] - crossings[i]).max() < room)
+        together.setdefault(next(near, i), []).append(str(i + 1))
+    for first, names in together.items():
         names[1:-1] = names[1:-1] if len(names) < 4 else ["..."]
         Words(axes, ", ".join(names), [crossings[first]], toward=(1, 1), size="x-small")
 

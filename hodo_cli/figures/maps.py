@@ -118,9 +118,10 @@ def cells(sheet: Sheet, cases: Cases, keep: Sequence[str], along: str | None) ->
                 for in_tex in (True, False)
             )
             found.append((swept, shown, without_tex(plain) or name, values))
+    sheet.units = {axis: of for axis, of in sheet.units.items() if of not in ("", "rad")}
     variable = found[0][0].variable(spec["variable"].partition(".")[0])
-    sheet.units[spec["variable"]] = str(variable.attrs.get("units", "1"))
-    sheet.units = {x: of for x, of in sheet.units.items() if of not in ("", "1", "rad")}
+    if (stated := str(variable.attrs.get("units", "1"))) != "1":
+        sheet.units[spec["variable"]] = stated
     return found
 
 

@@ -67,10 +67,13 @@ def series(sheet: Sheet, motions: Sequence[Course]) -> None:
         for i, m in enumerate(motions)
         for j, name in enumerate(names)
     )
+    for panel in (entry["panel"] for entry in spec["insets"]):
+        if panel not in groups:
+            raise HodoError(f"insets: {unknown(f'panel {panel!r}', panel, groups)}")
     columns = sheet.columns(min(spec["columns"], len(groups)))
     row = max(0.62 * usual_width(columns) / columns, 1.4)
     panels = sheet.panels(row, len(groups), columns, 0.2, sharex=True, sharey=by_case)
-    for axes, curves_of in zip(panels, groups.values(), strict=True):
+    for axes, (group, curves_of) in zip(panels, groups.items(), strict=True):
         for m, name, look in curves_of:
             over_time(sheet, axes, m, name, look)
             law_of(sheet, axes, m, name)
@@ -79,10 +82,8 @@ def series(sheet: Sheet, motions: Sequence[Course]) -> None:
         if spec["level"] is not None:
             axes.axhline(spec["level"], **SEPARATRIX)
         (label_case if by_case else label_variable)(axes, curves_of)
-    for enlarged in spec["insets"]:
-        if (panel := enlarged["panel"]) not in groups:
-            raise HodoError(f"insets: {unknown(f'panel {panel!r}', panel, groups)}")
-        inset(sheet, panels[[*groups].index(panel)], enlarged, groups[panel])
+        for enlarged in (entry for entry in spec["insets"] if entry["panel"] == group):
+            inset(sheet, axes, enlarged, curves_of)
     for axes in panels[-columns:]:
         axes.set_xlabel(time_label(spec, motions[0]))
     panels[0].set_xlim(*(spec["span"] or (min(m.time[0] for m in motions), None)))

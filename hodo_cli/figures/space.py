@@ -1,23 +1,34 @@
-"""Curves in space: hodographs, spheres, the ellipsoid of inertia with its polhodes, and
-herpolhodes. Each is drawn in one orthographic view; the viewer turns the strokes of its scene."""
+"""What is in space: hodographs, spheres, the ellipsoid of inertia with its polhodes, herpolhodes,
+and the body that moves. Each is drawn in one orthographic view; the viewer turns the strokes of its
+scene."""
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import product, repeat
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
+from PIL import Image
 
+from .. import HodoError
 from ..models.rigid_body import separatrix_circles
 from ..quantities import direction
 from ..results.motion import Motion
-from .between import Course
+from ..text import time_text
+from .between import Course, samples_in
+from .files import page_of
 from .look import (
+    AXIS_LOOKS,
+    COLOURS,
     COLUMN,
     CROSSING,
     END,
@@ -35,19 +46,14 @@ from .look import (
     mark_legend,
     marks,
     name_curves,
+    names_beside,
     number_marks,
     pieces,
     unit,
+    usual_width,
     width_of,
 )
 from .words import HALO, Words
-
-
-def view_matrix(angles: Sequence[float]) -> np.ndarray:
-    """The directions right, up and toward the reader (3, 3), from elevation and azimuth."""
-    e, a = map(math.radians, angles)
-    se, ce, sa, ca = math.sin(e), math.cos(e), math.sin(a), math.cos(a)
-    return np.array([(-sa, ca, 0), (-se * ca, -se * sa, ce), (ce * ca, ce * sa, se)])
 
 
 def pale(colour: Any, part: float = 0.65) -> tuple[float, ...]:
@@ -76,7 +82,7 @@ def hodograph(sheet: Sheet, motions: Sequence[Course]) -> None:
     """Draw the curve of G in body axes, with panels for the neighbourhood of the origin and for
     projections."""
     spec = sheet.spec
-    V, zoom, planes = view_matrix(spec["view"]), spec["zoom"], spec["projections"]
+    V, zoom, planes = sheet.view, spec["zoom"], spec["projections"]
     every = np.concatenate([m.G for m in motions])
     size = float(np.abs(every).max()) or 1.0
     up = np.maximum(1.1 * every.max(axis=0), 0.45 * size)
@@ -135,7 +141,7 @@ def in_space(
         flat[m.name] = np.where(inside[:, None], seen[:, :2], np.nan)
         near = np.where(np.abs(crossed).max(axis=1, keepdims=True) <= reach, crossed, np.nan)
         marks(axes, flat[m.name], (near @ V.T)[:, :2], 2 * reach)
-    name_curves(axes, sheet.spec, [m.label for m in motions], [flat[m.name] for m in motions])
+    name_curves(axes, names_beside(motions, sheet.spec), [flat[m.name] for m in motions])
     axes.set(aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set(visible=not is_whole, color="#BBBBBB")
 
@@ -191,7 +197,7 @@ def heading(axes: Axes, seen: np.ndarray, colour: Any, size: float) -> None:
 Surface = Callable[[np.ndarray], np.ndarray]
 """The points (..., 3) of a closed surface at which it has these unit normals (..., 3)."""
 
-Path = tuple[Course, np.ndarray, str]
+Curve = tuple[Course, np.ndarray, str]
 """A curve on a globe: its motion, its normals (n, 3), and its name."""
 
 
@@ -232,11 +238,11 @@ def axis_trace(sheet: Sheet, motions: Sequence[Course]) -> None:
 
 
 def on_globe(
-    sheet: Sheet, paths: Sequence[Path], arms: Sequence[str], circles: Sequence[np.ndarray],
+    sheet: Sheet, paths: Sequence[Curve], arms: Sequence[str], circles: Sequence[np.ndarray],
     surface: Surface,
 ) -> None:  # fmt: skip
     """Draw curves on a globe, whose far side is pale, with the circles of separatrices."""
-    (axes,), V = sheet.panels(1.05 * COLUMN), view_matrix(sheet.spec["view"])
+    (axes,), V = sheet.panels(1.05 * COLUMN), sheet.view
     motions, _, labels = zip(*paths, strict=True)
     globe_below(sheet, axes, V, circles, surface)
     for foot, name in zip(np.eye(3), arms, strict=True):
@@ -245,13 +251,18 @@ def on_globe(
         tail, tip = (ends @ V.T)[:, :2]
         arrow(axes, tail, tip, name, zorder=5 if near else 1)
         sheet.stroke(ends, GREY, kind="axis", name=name.strip("$").replace("_", ""))
-    for path, colours in zip(paths, colours_of(motions, sheet.spec), strict=True):
-        globe_curve(sheet, axes, V, path, colours, surface)
+    by_case, colours = sheet.spec["colour"] == "case", colours_of(motions, sheet.spec)
+    for path, of_path in zip(paths, colours, strict=True):
+        globe_curve(sheet, axes, V, path, of_path, surface)
     fronts = [(surface(n) @ V.T)[(n @ V.T)[:, 2] > 0.2, :2] for _, n, _ in paths]
-    name_curves(axes, sheet.spec, labels, fronts)
+    if len(paths) > 1:
+        shades = [palette[0] for palette, _ in colours] if by_case else []
+        name_curves(axes, labels, fronts, shades)
     axes.set(xlim=(-1.3, 1.3), ylim=(-1.15, 1.35), aspect="equal")
     axes.set_axis_off()
-    colour_legend(sheet, [axes], motions, labels)
+    # The curves of G have their names beside them alone.
+    if not by_case or arms[0] == "$x$":
+        colour_legend(sheet, [axes], motions, labels)
     if circles:
         sheet.name("separatrix, $D = 0$", **SEPARATRIX)
     mark_legend(sheet, motions)
@@ -280,7 +291,7 @@ CIRCLE = np.linspace(0, 2 * np.pi, 181)
 
 
 def globe_curve(
-    sheet: Sheet, axes: Axes, V: np.ndarray, path: Path, colours: Any, surface: Surface
+    sheet: Sheet, axes: Axes, V: np.ndarray, path: Curve, colours: Any, surface: Surface
 ) -> None:
     """Draw one curve on a globe with its marks."""
     (m, normals, label), (palette, code) = path, colours
@@ -308,13 +319,13 @@ def far_and_near(axes: Axes, seen: np.ndarray, near: np.ndarray, color: Any, **l
 def herpolhode(sheet: Sheet, motions: Sequence[Course]) -> None:
     """Draw omega in space, projected along the G of the start."""
     (axes,) = sheet.panels(1.05 * COLUMN)
-    planes = [across(m.vector("G_space")[0]).T for m in motions]
+    planes = [across(m.vector("G_space")[0]) for m in motions]
     # The axes of the plane are axes of space only if G points along z.
-    prime = "" if np.abs(np.array(planes) - np.eye(3, 2)).max() < 1e-9 else "'"
+    prime = "" if np.abs(np.array(planes) - np.eye(2, 3)).max() < 1e-9 else "'"
     names = [f"omega_space.{x}{prime}" for x in "xy"]
     for m, plane in zip(motions, planes, strict=True):
-        sheet.record_vector(m, m.samples.vector("omega_space") @ plane, names)
-    points = [m.vector("omega_space") @ plane for m, plane in zip(motions, planes, strict=True)]
+        sheet.record_vector(m, m.samples.vector("omega_space") @ plane.T, names)
+    points = [m.vector("omega_space") @ plane.T for m, plane in zip(motions, planes, strict=True)]
     curves(axes, motions, sheet.spec, points)
     look: Look = {"marker": "+", "ls": "", "color": "black", "ms": 6}
     axes.plot(0, 0, **look)
@@ -330,3 +341,133 @@ def across(vector: np.ndarray) -> np.ndarray:
     x, y, z = vector / max(float(np.hypot.reduce(vector)), math.ulp(0))
     c = max(1 + z, 1e-8)
     return np.array([[1 - x * x / c, -x * y / c, -x], [-x * y / c, 1 - y * y / c, -y]])
+
+
+# A body that moves: printed at some moments, played and turned in a page, or written as a film. All
+# three draw the same strokes, in axes of the body or of space.
+
+MOST_SHOWN = 4000
+"""The most places of a motion that are shown: at 90 bytes each they add less than 400 kB to a
+page."""
+
+FRAMES_A_SECOND = 10
+FILM_SIZE, FILM_DPI = 4.0, 100
+"""The side in inches, and pixels an inch."""
+
+KEY = {
+    "$G$, its hodograph on the body": "red",
+    r"$\omega$, its herpolhode in space": "purple",
+    "axes of space": "grey",
+}
+"""The meanings of the colours; the axes of the body are labelled by name."""
+
+
+def body(sheet: Sheet, motions: Sequence[Course]) -> None:
+    """The body in space at some moments, with G, omega, the hodograph on the body and the
+    herpolhode in space."""
+    (m,), spec = motions, sheet.spec
+    part = samples_in(m, spec["span"])
+    time, count = m.time[part], part.stop - part.start
+    moments = spec["moments"] or time[[0, count // 2, -1]].tolist()
+    if wrong := [t for t in moments if not time[0] <= t <= time[-1]]:
+        raise HodoError(f"moments: {wrong[0]:g} is not in the motion of {m.name}")
+    printed = [int(np.abs(time - t).argmin()) for t in moments]
+    places = np.linspace(0, count - 1, min(count, MOST_SHOWN)).round().astype(int)
+    shown = np.unique([*places, *printed])
+    if (every := count // MOST_SHOWN) > 1:
+        words = f"one of {every} places of its curves is shown: a shorter span: shows more"
+        warnings.warn(f"{m.name}: {words}", stacklevel=2)
+    for name in ("omega_space", "G_space", "x1_space", "x2_space", "x3_space"):
+        sheet.record_vector(m, m.samples.vector(name), [f"{name}.{x}" for x in "xyz"])
+    set_scene(sheet, m, part.start + shown)
+    columns = sheet.columns(3 if len(moments) == 3 else min(2, len(moments)))
+    panels = sheet.panels(usual_width(columns) / columns + 0.25, len(moments), columns)
+    for axes, i in zip(panels, np.searchsorted(shown, printed).tolist(), strict=True):
+        draw_moment(axes, sheet, i)
+    for words, colour in KEY.items():
+        sheet.name(words, color=COLOURS[colour])
+    sheet.figure.film = partial(film, sheet)
+    sheet.figure.page = partial(page_of, sheet, "The body in space")
+
+
+def set_scene(sheet: Sheet, m: Course, index: np.ndarray) -> None:
+    """Add the strokes of a motion at some of its places to the scene, with the attitude there, and
+    how long it plays."""
+    turned = m.rotations[index]
+    # Two different lengths, because both often point the same way.
+    G, omega = (
+        size * values / max(float(np.linalg.norm(values, axis=1).max()), math.ulp(0))
+        for size, values in ((1, m.G[index]), (0.8, m.omega[index]))
+    )
+    add_faces(sheet, m.inertia, m.principal_axes)
+    for i, direct in enumerate(np.eye(3), 1):
+        sheet.stroke([0.7 * direct], AXIS_LOOKS[i][0], kind="arrow", of="body", name=f"x{i}")
+    for name, direct in zip("xyz", np.eye(3), strict=True):
+        sheet.stroke([1.12 * direct], GREY, kind="arrow", name=name)
+    sheet.stroke(G, COLOURS["red"], kind="trail", of="body")
+    sheet.stroke(turned.apply(omega), COLOURS["purple"], kind="trail")
+    sheet.stroke(turned.apply(omega), COLOURS["purple"], kind="arrow", name="ω")
+    sheet.stroke(turned.apply(G), COLOURS["red"], kind="arrow", name="G")
+    attitude = np.roll(turned.as_quat(), 1, axis=1).round(6).tolist()
+    sheet.scene |= {"time": m.time[index].tolist(), "attitude": attitude}
+    sheet.scene["seconds"] = sheet.spec["seconds"]
+
+
+def add_faces(sheet: Sheet, A: np.ndarray, axes: np.ndarray) -> None:
+    """Add the faces of the homogeneous box that has these moments of inertia (3,) about its axes
+    (3, 3), row by row; a plate gets a visible thickness."""
+    # A1 = m (b^2 + c^2)/12, and so on: a^2 is proportional to A2 + A3 - A1.
+    sides = np.sqrt(np.maximum(A.sum() - 2 * A, 0))
+    half = 0.6 * np.maximum(sides / sides.max(), 0.03)
+    square = np.array([(1, 1), (1, -1), (-1, -1), (-1, 1)])
+    for axis, sign in product(range(3), (1, -1)):
+        corners = (np.insert(square, axis, sign, axis=1) * half) @ axes
+        sheet.stroke(corners, AXIS_LOOKS[axis + 1][0], kind="face", of="body")
+
+
+def draw_moment(axes: Axes, sheet: Sheet, i: int) -> None:
+    """Draw the body at place i of its scene into a panel."""
+    from scipy.spatial.transform import Rotation  # late: it takes longer than most pictures
+
+    scene, V = sheet.scene, sheet.view
+    R = Rotation.from_quat(np.roll(scene["attitude"][i], -1)).as_matrix()
+    for part in scene["strokes"]:
+        points, colour = np.array(part["points"]), part["colour"]
+        seen = (points @ R.T if part.get("of") == "body" else points) @ V.T
+        x, y, near = seen.T
+        if part["kind"] == "face":
+            # The front is transparent over what is behind it.
+            front = bool(near.mean() > 0)
+            look: Look = {"alpha": 0.2 if front else 0.35, "zorder": 4 if front else 1}
+            axes.fill(x, y, fc=colour, ec=GREY, lw=0.5, ls="-", **look)
+        elif part["kind"] == "trail":
+            axes.plot(x, y, "-", color=colour, lw=0.5, alpha=0.3, zorder=2)
+            axes.plot(x[: i + 1], y[: i + 1], "-", color=colour, lw=0.9, zorder=3)
+        elif (tip := seen[min(i, len(x) - 1)]).any():  # at rest there is no arrow
+            of_space = part["name"] in "xyz"
+            # Without this, space would look left-handed from behind.
+            shade = pale(colour) if of_space and tip[2] < -1e-9 else colour
+            name = part["name"].replace("ω", r"\omega").replace("x", "x_" if not of_space else "x")
+            arrow(axes, (0, 0), tip[:2], f"${name}$", shade, 2 if of_space else 5)
+    axes.set(xlim=(-1.3, 1.3), ylim=(-1.3, 1.3), aspect="equal")
+    axes.set_title(f"${sheet.spec['time']}$ = {time_text(scene['time'][i], scene['time'][0], 5)}")
+    axes.set_axis_off()
+
+
+def film(sheet: Sheet, path: Path) -> None:
+    """The film of a moving body as GIF."""
+    times, pictures = np.array(sheet.scene["time"]), []
+    count = max(2, round(FRAMES_A_SECOND * sheet.scene["seconds"]))
+    with sheet.figure.styled():
+        fig = Figure((FILM_SIZE, FILM_SIZE), dpi=FILM_DPI)
+        canvas: Any = FigureCanvasAgg(fig)
+        axes = fig.add_axes((0, 0, 1, 0.93))
+        for when in np.linspace(times[0], times[-1], count):
+            axes.clear()
+            draw_moment(axes, sheet, int((times >= when).argmax()))
+            canvas.draw()
+            shown = Image.fromarray(np.array(canvas.buffer_rgba()))
+            pictures.append(shown.convert("P", palette=Image.Palette.ADAPTIVE))
+    # The format is given, because the name of a draft does not show it.
+    first, pause = pictures[0], 1000 // FRAMES_A_SECOND
+    first.save(path, "gif", save_all=True, append_images=pictures[1:], duration=pause, loop=0)
