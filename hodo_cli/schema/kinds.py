@@ -289,16 +289,11 @@ def all_right(values: dict[Any, Any], mistakes: Collection[Mistake]) -> dict[Any
     return values
 
 
-def keys_of_tag(rule: Rule, value: Mapping[str, Any]) -> Mapping[str, Rule]:
-    """The keys of a mapping whose tag names them; the tag alone if it names no set."""
-    name = value.get(rule["tag"])
-    others = rule["tables"].get(name, {}) if isinstance(name, str) else {}
-    return {rule["tag"]: rule["head"]} | others
-
-
 def check_tagged(rule: Rule, value: Mapping[str, Any]) -> tuple[dict[str, Any], list[Mistake]]:
     """`check_keys` for the keys that the tag names. Without a valid tag no other key is judged."""
-    keys = keys_of_tag(rule, value)
+    name = value.get(rule["tag"])
+    others = rule["tables"].get(name, {}) if isinstance(name, str) else {}
+    keys = {rule["tag"]: rule["head"]} | others
     return check_keys(keys, {k: value[k] for k in value if len(keys) > 1 or k in keys})
 
 
