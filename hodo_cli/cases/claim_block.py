@@ -319,8 +319,8 @@ def readings(claim: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 def cases_of(entry: Mapping[str, Any]) -> list[str]:
     """The names of the cases of a claim or an erratum, under all its readings, each once."""
-    named = (case_name(case) for reading in readings(entry).values() for case in reading["cases"])
-    return list(dict.fromkeys(named))
+    entries = (case for reading in readings(entry).values() for case in reading["cases"])
+    return list(dict.fromkeys(map(case_name, entries)))
 
 
 def case_name(case: Any) -> str:

@@ -24,7 +24,7 @@ from ..integration import (
 from ..models import rigid_body
 from ..quantities import OVER_TIME
 from ..results.layout import case_variables, label_variables
-from ..results.motion import Motion, formula_values
+from ..results.motion import Motion
 from ..storage import Variable
 from ..text import case_words
 from .finding import ROUNDING, Undecidable
@@ -119,12 +119,6 @@ def known_values(m: Motion, name: str, values: np.ndarray) -> np.ndarray:
         when = m.case.time.text(m.time[int(missing.argmax())])
         raise Undecidable(f"{name} of {m.words} has no value at {when}")
     return values
-
-
-def law_values(m: Motion, law: str) -> np.ndarray:
-    """The values (n,) of a law in the time and the quantities of a motion. Raises as `quantity`
-    does."""
-    return known_values(m, law, formula_values(m, law))
 
 
 def number(m: Motion, name: str, at: str = "end") -> float:
@@ -391,11 +385,6 @@ def zero_between(time: np.ndarray, values: np.ndarray, i: int) -> float:
     return by_line + x if a <= by_line + x <= b else float(by_line)
 
 
-def first_zero(m: Motion, values: np.ndarray) -> float:
-    """The first time at which values (n,) of a motion reach or pass 0; infinite if they do not."""
-    return first_time(zero_times(m.time, values))
-
-
 def first_time(times: Sequence[float] | np.ndarray) -> float:
     """The first of some times; infinite if there is none."""
     return float(times[0]) if len(times) else math.inf
@@ -403,13 +392,13 @@ def first_time(times: Sequence[float] | np.ndarray) -> float:
 
 def end_of_spin(m: Motion) -> float:
     """The time at which r reaches 0: that of the event or, where the form has none, of a zero of r
-    or of the brake's stop. Raises as `first_zero` does."""
+    or of the brake's stop."""
     by_event = [time for kind, time in m.events if kind == "end_of_spin"]
     if by_event or not {"omega", "r"} & m.data.keys():
         return first_time(by_event)
-    by_zero, r = first_zero(m, m["r"]), m["r"]
+    r = m["r"]
     by_brake = m.stop if r[0] and not r[-1] else math.inf
-    return min(by_zero, by_brake)
+    return min(first_time(zero_times(m.time, r)), by_brake)
 
 
 NUMBERS: dict[str, Callable[[Motion], float]] = {
@@ -424,6 +413,8 @@ NUMBERS: dict[str, Callable[[Motion], float]] = {
     "growth_smallest": lambda m: tilt_growth(m, 2),
     "end_of_spin": end_of_spin,
     # u3 touches 1 where |Gz| = C |r|.
-    "rebound_u3": lambda m: first_zero(m, np.abs(m["Gz"]) - m.inertia[2] * np.abs(m["r"])),
+    "rebound_u3": lambda m: first_time(
+        zero_times(m.time, np.abs(m["Gz"]) - m.inertia[2] * np.abs(m["r"]))
+    ),
 }
 """The function of each of `claim_block.SINGLE_NUMBERS`."""
