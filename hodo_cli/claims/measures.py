@@ -264,7 +264,7 @@ def turns_about(m: Motion, axis: int, least: float = 0.0) -> list[float]:
     check_divided(m)
     inside = np.r_[False, (m.labels == axis + 1) & (m["G"] >= least), False]
     angle, edges = angle_about(m, axis), np.flatnonzero(np.diff(inside)).tolist()
-    at_edges = [value_at(m, angle, edge_time(m, edge, least)) for edge in edges]
+    at_edges = [smooth_value(m, angle, edge_time(m, edge, least)) for edge in edges]
     return [
         abs(end - start) / (2 * math.pi)
         for start, end in zip(at_edges[::2], at_edges[1::2], strict=True)
@@ -327,11 +327,11 @@ def part_of_region_filled(m: Motion, side: int) -> float:
     # It may be largest where the motion enters or leaves the region, between two samples.
     axis = m.order[side] + 1
     passages = [c.time for c in m.crossings if axis in (c.start, c.end)]
-    reached += [value_at(m, coordinate, time) for time in passages]
+    reached += [smooth_value(m, coordinate, time) for time in passages]
     return max(reached) / max(peak(m.time, column) for column in m.quadrants.T)
 
 
-def value_at(m: Motion, values: np.ndarray, time: float) -> float:
+def smooth_value(m: Motion, values: np.ndarray, time: float) -> float:
     """The value at a time of a smooth curve through values (n,) over the samples of a motion."""
     return float(smooth_curve(m.time, values, int(np.searchsorted(m.time, time)), time)(0.0))
 
