@@ -290,11 +290,8 @@ def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
 def formula(check: Keys, motions: Sequence[Motion]) -> Finding:
     """A quantity compared with a law; decided by the largest difference over its largest value."""
     name, law = check["of"], check["formula"]
-    by_law = [known_values(m, law, formula_values(m, law)) for m in motions]
-    differences = [
-        (m, name, float(np.abs(quantity(m, name) - values).max()))
-        for m, values in zip(motions, by_law, strict=True)
-    ]
+    apart = (quantity(m, name) - known_values(m, law, formula_values(m, law)) for m in motions)
+    differences = [(m, name, float(np.abs(x).max())) for m, x in zip(motions, apart, strict=True)]
     worst, deviation, of_case = relative_differences(differences, check["within"], motions)
     return Finding(
         deviation,
