@@ -65,7 +65,7 @@ def ordered(data: xr.Dataset, owner: str) -> xr.Dataset:
     dimensions in order.
 
     Raises HodoError, which begins with `owner`, if times or parts occur twice after sorting or have
-    no coordinate, or if parts are missing; some of the body axes may be.
+    no coordinate, or if parts are missing.
     """
     for dim in ("time", *PARTS):
         if dim in data.dims and dim not in data.variables:
@@ -87,8 +87,7 @@ def with_parts_in_order(data: xr.Dataset, dim: str, owner: str) -> xr.Dataset:
     names = [name.decode() if isinstance(name, bytes) else str(name) for name in stored]
     if strange := [name for name in names if name not in valid]:
         raise HodoError(f"{owner}: {strange[0]!r} along {dim!r} is none of {', '.join(valid)}")
-    is_whole = dim == "axis" or len(names) == len(valid)
-    if len({*names}) < len(names) or not is_whole:
+    if sorted(names) != sorted(valid):
         raise HodoError(
             f"{owner}: its coordinate {dim!r} has {', '.join(names)}, and not each of "
             f"{', '.join(valid)} once"
