@@ -120,3 +120,9 @@ def test_a_member_with_its_samples_is_a_motion_of_its_own_body() -> None:
 def test_a_sweep_without_the_coordinate_that_its_members_vary_in_is_one_line(grid):
     with pytest.raises(HodoError, match=r"no coordinate .damping\.0"):
         hodo.derive(grid.rename({"damping.0": "d"}), "T")
+
+
+def test_a_motion_without_one_of_its_axes_is_refused(motion: xr.Dataset) -> None:
+    """By position x2 would be taken for x1."""
+    with pytest.raises(HodoError, match="has x2, x3, and not each of x1, x2, x3 once"):
+        hodo.derive(motion.isel(axis=[1, 2]), "p")

@@ -420,13 +420,11 @@ def merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
 
 def inherited_keys(common: Mapping[str, Any], own: Mapping[str, Any]) -> set[str]:
     """The keys, and the names of constants, that a case does not give itself."""
-    ours, theirs = (_entries_at(entries, CONSTANTS_KEY) for entries in (own, common))
-    return {*(common.keys() - own), *(f"{CONSTANTS_KEY}.{name}" for name in theirs.keys() - ours)}
-
-
-def _entries_at(entries: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    value = entries.get(key)
-    return value if isinstance(value, Mapping) else {}
+    ours, theirs = (
+        {f"{CONSTANTS_KEY}.{path[0]}" for path, _ in leaves(entries.get(CONSTANTS_KEY)) if path}
+        for entries in (own, common)
+    )
+    return {*(common.keys() - own), *(theirs - ours)}
 
 
 def variation(case: Case, changes: Mapping[str, Any]) -> Case:

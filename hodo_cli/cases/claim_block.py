@@ -2,11 +2,11 @@
 and how each is checked."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from ..quantities import OVER_TIME
 from ..schema.document import Source
@@ -191,22 +191,14 @@ them."""
 CHECKS_OF_PAPERS = Path(__file__).parents[1] / "papers" / "checks.yaml"
 
 
-class PaperCheck(NamedTuple):
-    """A check that is written for one text: the module of its function, the models that the text is
-    about (empty: any model), and whether it takes the motions of all members of `over:` at once."""
-
-    module: str
-    models: Sequence[str]
-    is_trend: bool
-
-
 @cache
-def checks_of_papers() -> dict[str, PaperCheck]:
-    """The checks that are written for one text, by name, from `checks.yaml`: reading a list does
-    not load the modules, which compute."""
+def checks_of_papers() -> dict[str, tuple[str, str]]:
+    """The checks that are written for one text, by name, each with the module of its function and
+    its list in `checks.yaml`: "checks" or "trends". Reading a list does not load the modules, which
+    compute."""
     text = CHECKS_OF_PAPERS.read_text(encoding="utf-8")
     return {
-        name: PaperCheck(module, entries.get("models", ()), is_trend=section == "trends")
+        name: (module, section)
         for module, entries in Source(CHECKS_OF_PAPERS.name).read(text).items()
         for section in ("checks", "trends")
         for name in entries.get(section, ())
@@ -327,8 +319,8 @@ def readings(claim: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 def cases_of(entry: Mapping[str, Any]) -> list[str]:
     """The names of the cases of a claim or an erratum, under all its readings, each once."""
-    named = (case_name(case) for reading in readings(entry).values() for case in reading["cases"])
-    return list(dict.fromkeys(named))
+    entries = (case for reading in readings(entry).values() for case in reading["cases"])
+    return list(dict.fromkeys(map(case_name, entries)))
 
 
 def case_name(case: Any) -> str:

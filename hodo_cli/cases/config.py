@@ -85,16 +85,6 @@ def is_bare(name: str | Path) -> bool:
     return path.name == str(name) and not path.suffix and not path.exists()
 
 
-def _path_and_label(path: str) -> tuple[Path, str]:
-    """The file that a name means, and its name in messages. A bare name means NAME.yaml in the
-    working folder, else a case file that comes with hodo."""
-    if is_bare(path) and Path(f"{path}.yaml").exists():
-        return Path(f"{path}.yaml"), f"{path}.yaml"
-    if is_bare(path) and (bundled := BUNDLED_CONFIGS / f"{path}.yaml").exists():
-        return bundled, path
-    return Path(path), path
-
-
 def write_new(path: Path) -> Path:
     """Write a commented case file to begin with, and return its path, which ends with .yaml.
 
@@ -126,8 +116,10 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Config:
     positions within its value, and a value in YAML. It may add a key. Raises HodoError, one line
     for each mistake.
     """
-    file_path, name = _path_and_label(str(path))
-    return parse(text_of(file_path, name), name, overrides)
+    name, here = str(path), Path(f"{path}.yaml")
+    meant = [(here, str(here)), (BUNDLED_CONFIGS / here, name)] if is_bare(name) else []
+    file, label = next((pair for pair in meant if pair[0].exists()), (Path(name), name))
+    return parse(text_of(file, label), label, overrides)
 
 
 def text_of(path: Path, name: str) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 from ..cases.claim_block import SINGLE_NUMBERS
 from ..integration import Crossing
 from ..models import rigid_body
-from ..results.motion import Motion
+from ..results.motion import Motion, formula_values
 from ..text import grouped
 from .finding import (
     PLOTTING_ACCURACY,
@@ -38,8 +38,8 @@ from .measures import (
     error_of,
     extremes,
     known_crossings,
+    known_values,
     largest_magnitude,
-    law_values,
     number,
     quantity,
     range_of,
@@ -290,9 +290,8 @@ def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
 def formula(check: Keys, motions: Sequence[Motion]) -> Finding:
     """A quantity compared with a law; decided by the largest difference over its largest value."""
     name, law = check["of"], check["formula"]
-    differences = [
-        (m, name, float(np.abs(quantity(m, name) - law_values(m, law)).max())) for m in motions
-    ]
+    apart = (quantity(m, name) - known_values(m, law, formula_values(m, law)) for m in motions)
+    differences = [(m, name, float(np.abs(x).max())) for m, x in zip(motions, apart, strict=True)]
     worst, deviation, of_case = relative_differences(differences, check["within"], motions)
     return Finding(
         deviation,

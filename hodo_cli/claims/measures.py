@@ -24,7 +24,7 @@ from ..integration import (
 from ..models import rigid_body
 from ..quantities import OVER_TIME
 from ..results.layout import case_variables, label_variables
-from ..results.motion import Motion, formula_values
+from ..results.motion import Motion
 from ..storage import Variable
 from ..text import case_words
 from .finding import ROUNDING, Undecidable
@@ -119,12 +119,6 @@ def known_values(m: Motion, name: str, values: np.ndarray) -> np.ndarray:
         when = m.case.time.text(m.time[int(missing.argmax())])
         raise Undecidable(f"{name} of {m.words} has no value at {when}")
     return values
-
-
-def law_values(m: Motion, law: str) -> np.ndarray:
-    """The values (n,) of a law in the time and the quantities of a motion. Raises as `quantity`
-    does."""
-    return known_values(m, law, formula_values(m, law))
 
 
 def number(m: Motion, name: str, at: str = "end") -> float:
@@ -270,7 +264,7 @@ def turns_about(m: Motion, axis: int, least: float = 0.0) -> list[float]:
     check_divided(m)
     inside = np.r_[False, (m.labels == axis + 1) & (m["G"] >= least), False]
     angle, edges = angle_about(m, axis), np.flatnonzero(np.diff(inside)).tolist()
-    at_edges = [interpolated(m, angle, edge_time(m, edge, least)) for edge in edges]
+    at_edges = [smooth_value(m, angle, edge_time(m, edge, least)) for edge in edges]
     return [
         abs(end - start) / (2 * math.pi)
         for start, end in zip(at_edges[::2], at_edges[1::2], strict=True)
@@ -333,11 +327,11 @@ def part_of_region_filled(m: Motion, side: int) -> float:
     # It may be largest where the motion enters or leaves the region, between two samples.
     axis = m.order[side] + 1
     passages = [c.time for c in m.crossings if axis in (c.start, c.end)]
-    reached += [interpolated(m, coordinate, time) for time in passages]
+    reached += [smooth_value(m, coordinate, time) for time in passages]
     return max(reached) / max(peak(m.time, column) for column in m.quadrants.T)
 
 
-def interpolated(m: Motion, values: np.ndarray, time: float) -> float:
+def smooth_value(m: Motion, values: np.ndarray, time: float) -> float:
     """The value at a time of a smooth curve through values (n,) over the samples of a motion."""
     return float(smooth_curve(m.time, values, int(np.searchsorted(m.time, time)), time)(0.0))
 
@@ -391,11 +385,6 @@ def zero_between(time: np.ndarray, values: np.ndarray, i: int) -> float:
     return by_line + x if a <= by_line + x <= b else float(by_line)
 
 
-def first_zero(m: Motion, values: np.ndarray) -> float:
-    """The first time at which values (n,) of a motion reach or pass 0; infinite if they do not."""
-    return first_time(zero_times(m.time, values))
-
-
 def first_time(times: Sequence[float] | np.ndarray) -> float:
     """The first of some times; infinite if there is none."""
     return float(times[0]) if len(times) else math.inf
@@ -403,13 +392,13 @@ def first_time(times: Sequence[float] | np.ndarray) -> float:
 
 def end_of_spin(m: Motion) -> float:
     """The time at which r reaches 0: that of the event or, where the form has none, of a zero of r
-    or of the brake's stop. Raises as `first_zero` does."""
+    or of the brake's stop."""
     by_event = [time for kind, time in m.events if kind == "end_of_spin"]
     if by_event or not {"omega", "r"} & m.data.keys():
         return first_time(by_event)
-    by_zero, r = first_zero(m, m["r"]), m["r"]
+    r = m["r"]
     by_brake = m.stop if r[0] and not r[-1] else math.inf
-    return min(by_zero, by_brake)
+    return min(first_time(zero_times(m.time, r)), by_brake)
 
 
 NUMBERS: dict[str, Callable[[Motion], float]] = {
@@ -424,6 +413,8 @@ NUMBERS: dict[str, Callable[[Motion], float]] = {
     "growth_smallest": lambda m: tilt_growth(m, 2),
     "end_of_spin": end_of_spin,
     # u3 touches 1 where |Gz| = C |r|.
-    "rebound_u3": lambda m: first_zero(m, np.abs(m["Gz"]) - m.inertia[2] * np.abs(m["r"])),
+    "rebound_u3": lambda m: first_time(
+        zero_times(m.time, np.abs(m["Gz"]) - m.inertia[2] * np.abs(m["r"]))
+    ),
 }
 """The function of each of `claim_block.SINGLE_NUMBERS`."""

@@ -254,7 +254,7 @@ class Judge:
             raise HodoError(f"no member starts about {claim['start']}")
         by_member = self.varied.of([*varied.values()], is_of_course(check))
         # A trend is about all members at once: no single member decides it.
-        if check["kind"] == "paper" and checks_of_papers()[check["name"]].is_trend:
+        if check["kind"] == "paper" and checks_of_papers()[check["name"]][1] == "trends":
             return by_finding(self._decide(check, [*by_member]))
         findings: dict[str, Finding] = {}
         remarks: list[str] = []

@@ -144,9 +144,7 @@ def decision(verdict: Verdict) -> dict[str, Any]:
 
 def as_expected(row: Mapping[str, Any]) -> bool:
     """Whether a claim has the verdict that its file expects, or an erratum is confirmed."""
-    if "expect" in row:
-        return bool(row["verdict"] == row["expect"])
-    return row["verdict"] in (CONFIRMED, BY_READING)
+    return row["verdict"] in ([row["expect"]] if "expect" in row else (CONFIRMED, BY_READING))
 
 
 def claim_group(rows: Rows, columns: Sequence[str]) -> Group:
@@ -168,19 +166,17 @@ def verdict_tables(rows: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     number of each verdict; a mark shows an unexpected verdict."""
     statements, errata, parts = rows["statements"], rows["errata"], []
     if statements:
-        lines = []
-        for row in statements:
-            unexpected = "" if row["verdict"] == row["expect"] else f" (EXPECTED: {row['expect']})"
-            lines.append((row["id"], row["where"], row["verdict"] + unexpected, row["evidence"]))
+        unexpected = ("" if as_expected(x) else f" (EXPECTED: {x['expect']})" for x in statements)
+        lines = [
+            [row["id"], row["where"], row["verdict"] + expected, row["evidence"]]
+            for row, expected in zip(statements, unexpected, strict=True)
+        ]
         parts += [table(("claim", "where", "verdict", "decided by"), lines)]
-        parts += [totals("statement", statements, VERDICTS)]
+        parts += [totals("statement", statements, VERDICTS), *([""] if errata else [])]
     if errata:
         header = ("erratum", "where", "printed", "should be", "verdict", "shown by")
         keys = ("id", "where", "printed", "should_be", "verdict", "evidence")
-        parts += [
-            *([""] if parts else []),
-            table(header, [[row[key] for key in keys] for row in errata]),
-        ]
+        parts += [table(header, [[row[key] for key in keys] for row in errata])]
         parts += [totals("erratum", errata, MISPRINTS)]
     return "\n".join(parts)
 

@@ -123,7 +123,7 @@ def compared_case(
     yield from differing_settings(*(str(of.attributes.get("case", "")) for of in (a, b)))
     if missing := [key for key in b.variables if key not in a.variables]:
         yield ", ".join(missing), math.inf, "missing"
-    rows = nearest_times(*(times_of(group) for group in (a, b)))
+    rows = nearest_times(a.variables.get("time"), b.variables.get("time"))
     for key in (key for key in b.variables if key in a.variables):
         ours, theirs = a.variables[key], b.variables[key]
         meanings = ({name: of.attrs.get(name) for name in MEANING} for of in (ours, theirs))
@@ -169,19 +169,15 @@ def unequal(prefix: str, ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> 
             yield f"{prefix}{key}", math.inf, f"{ours.get(key)}, not {theirs.get(key)}"
 
 
-def times_of(group: Group) -> np.ndarray:
-    """The times (n,) of a stored case; empty for a sweep."""
-    return group.variables["time"].data if "time" in group.variables else np.empty(0)
-
-
-def nearest_times(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """The positions in `ours` (n,) of the times nearest to `theirs` (m,): a reference may be
-    thinned, and an end of spin differs by a rounding."""
-    if not len(ours):
+def nearest_times(ours: Variable | None, theirs: Variable | None) -> np.ndarray:
+    """The positions (m,) in our times (n,) of the times nearest to theirs (m,); none for a sweep.
+    A reference may be thinned, and an end of spin differs by a rounding."""
+    if ours is None or theirs is None or not len(ours.data):
         return np.empty(0, dtype=np.intp)
+    last = len(ours.data) - 1
     # From half a step on the next position is nearer. Damaged times may be nan, or fall.
-    positions = np.rint(np.nan_to_num(np.interp(theirs, ours, np.arange(len(ours)))))
-    return np.asarray(np.clip(positions, 0, len(ours) - 1), dtype=np.intp)
+    positions = np.interp(theirs.data, ours.data, np.arange(last + 1))
+    return np.asarray(np.clip(np.rint(np.nan_to_num(positions)), 0, last), dtype=np.intp)
 
 
 def largest_difference(

@@ -41,10 +41,9 @@ def stored_cases(paths: Iterable[Path], with_data: bool = False) -> list[dict[st
             for name in run.cases():
                 row = run.row(name, LISTED)
                 text = row.pop("case")
-                assumed = assumes_of(text)
-                rows.append({"run": str(path), "case": name, **row, "assumes": assumed})
-                if with_data:
-                    rows[-1]["data"] = data_in_words(parse_case(text))
+                more = {"assumes": assumes_of(text)}
+                more |= {"data": data_in_words(parse_case(text))} if with_data else {}
+                rows.append({"run": str(path), "case": name, **row, **more})
     return rows
 
 

@@ -12,6 +12,6 @@ from ..claims.finding import Finding
 def finding_of(name: str, motions: Sequence[Any]) -> Finding:
     """The finding of the check with this name in a case file: its function is called by it, with
     underscores for hyphens."""
-    module = import_module(f"{__name__}.{checks_of_papers()[name].module}")
+    module = import_module(f"{__name__}.{checks_of_papers()[name][0]}")
     check: Callable[[Sequence[Any]], Finding] = getattr(module, name.replace("-", "_"))
     return check(motions)

@@ -6,6 +6,7 @@ Equation numbers are the paper's. Its body axes are ordered: A1 > A2 > A3.
 import itertools
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -105,16 +106,6 @@ def equal_damping(motions: Sequence[Motion]) -> Finding:
     return agreement([(numerical_motion(m), damped_from(m, m.omega[0])) for m in motions], 1e-10)
 
 
-def turns_about_x1_only(motions: Sequence[Motion]) -> Finding:
-    """G makes no full turn about x2 or x3, followed over the whole motion."""
-    return turns_about_one_axis(motions, 0)
-
-
-def turns_about_x3_only(motions: Sequence[Motion]) -> Finding:
-    """G makes no full turn about x1 or x2, followed over the whole motion."""
-    return turns_about_one_axis(motions, 2)
-
-
 def turns_about_one_axis(motions: Sequence[Motion], axis: int) -> Finding:
     """Whether G makes no full turn about the other two axes; decided by the largest part of a turn
     about one of them."""
@@ -127,6 +118,13 @@ def turns_about_one_axis(motions: Sequence[Motion], axis: int) -> Finding:
         f"at most {max(others):.3g} about another axis",
         contradicted_by="a full turn about another axis",
     )
+
+
+turns_about_x1_only = partial(turns_about_one_axis, axis=0)
+"""G makes no full turn about x2 or x3, followed over the whole motion."""
+
+turns_about_x3_only = partial(turns_about_one_axis, axis=2)
+"""G makes no full turn about x1 or x2, followed over the whole motion."""
 
 
 def inequality_7(motions: Sequence[Motion]) -> Finding:
@@ -266,16 +264,6 @@ def larger_difference_sooner_as_a_trend(members: Sequence[Sequence[Motion]]) -> 
     )
 
 
-def equations_6_as_printed(motions: Sequence[Motion]) -> Finding:
-    """(5)-(6) with opposite signs of cosine and sine are a motion."""
-    return solved_by_6(motions, -1)
-
-
-def equations_6_with_equal_signs(motions: Sequence[Motion]) -> Finding:
-    """(5)-(6) with equal signs of cosine and sine are a motion."""
-    return solved_by_6(motions, 1)
-
-
 def solved_by_6(motions: Sequence[Motion], sign: int) -> Finding:
     """Eqs (5)-(6), with a sign of the sine relative to the cosine, compared with the motion from
     the same start; the better of two choices of both signs counts."""
@@ -284,6 +272,13 @@ def solved_by_6(motions: Sequence[Motion], sign: int) -> Finding:
     # The argument is some hundred turns at the start, which the functions reduce.
     findings = (agreement([(damped_from(m, shape[0]), shape)], 1e-9) for shape in shapes)
     return min(findings, key=lambda finding: finding.number)
+
+
+equations_6_as_printed = partial(solved_by_6, sign=-1)
+"""(5)-(6) with opposite signs of cosine and sine are a motion."""
+
+equations_6_with_equal_signs = partial(solved_by_6, sign=1)
+"""(5)-(6) with equal signs of cosine and sine are a motion."""
 
 
 def equations_6_meet_the_start(motions: Sequence[Motion]) -> Finding:

@@ -7,6 +7,7 @@ Equation numbers are the paper's. The time of every motion is tau = epsilon t.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -287,17 +288,6 @@ def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
     )
 
 
-def u3_quickly(motions: Sequence[Motion]) -> Finding:
-    """u3 comes within 1 % of 1 sooner in the first case than in the others; decided by the time."""
-    return sooner(motions, "u3", 1.0)
-
-
-def u3_quickly_for_good(motions: Sequence[Motion]) -> Finding:
-    """u3 comes within 1 % of 1, and stays there, sooner in the first case than in the others;
-    decided by the time."""
-    return sooner(motions, "u3", 1.0, for_good=True)
-
-
 def H_quickly(motions: Sequence[Motion]) -> Finding:
     """H comes within 1 % of -mu, -0.5, sooner in the last case than in the others; decided by the
     time.
@@ -325,6 +315,14 @@ def sooner(motions: Sequence[Motion], name: str, limit: float, for_good: bool = 
     )
 
 
+u3_quickly = partial(sooner, name="u3", limit=1.0)
+"""u3 comes within 1 % of 1 sooner in the first case than in the others; decided by the time."""
+
+u3_quickly_for_good = partial(sooner, name="u3", limit=1.0, for_good=True)
+"""u3 comes within 1 % of 1, and stays there, sooner in the first case than in the others; decided
+by the time."""
+
+
 def roughness(m: Motion) -> float:
     """The largest second derivative of Gz, H, u1, u2, u3, each in units of its range and of the
     time in which it covers 9/10 of that; the samples are evenly spaced."""
@@ -350,16 +348,6 @@ def smoothing(motions: Sequence[Motion]) -> Finding:
     )
 
 
-def period_as_printed(motions: Sequence[Motion]) -> Finding:
-    """Without perturbation u = cos theta has the period K(k)/alpha."""
-    return comes_back(motions, 1)
-
-
-def period(motions: Sequence[Motion]) -> Finding:
-    """Without perturbation u = cos theta has the period 2 K(k)/alpha."""
-    return comes_back(motions, 2)
-
-
 def comes_back(motions: Sequence[Motion], multiple: int) -> Finding:
     """Whether u after a multiple of K(k)/alpha is u again, by the full equations for a top that is
     let go at u2."""
@@ -375,6 +363,13 @@ def comes_back(motions: Sequence[Motion], multiple: int) -> Finding:
         pairs.append(tuple(u[np.searchsorted(times, t)] for t in (earlier, earlier + shift)))
     # Several periods carry the rounding of the roots along.
     return agreement(pairs, 1e-9)
+
+
+period_as_printed = partial(comes_back, multiple=1)
+"""Without perturbation u = cos theta has the period K(k)/alpha."""
+
+period = partial(comes_back, multiple=2)
+"""Without perturbation u = cos theta has the period 2 K(k)/alpha."""
 
 
 def half_period(m: Motion) -> float:

@@ -61,25 +61,40 @@ def swept_names(data: xr.Dataset) -> list[str]:
 
 
 def ordered(data: xr.Dataset, owner: str) -> xr.Dataset:
-    """A dataset with its times and its crossings in order.
+    """A dataset with its times, its crossings, the parts of vectors and quaternions, and their
+    dimensions in order.
 
-    Raises HodoError, which begins with `owner`, as `sorted_along` does, and if the times or the
-    parts of vectors and quaternions have no coordinate, or another one than those of a result.
+    Raises HodoError, which begins with `owner`, if times or parts occur twice after sorting or have
+    no coordinate, or if parts are missing.
     """
     for dim in ("time", *PARTS):
         if dim in data.dims and dim not in data.variables:
             raise HodoError(f"{owner} has no coordinate {dim!r}, which tells its values apart")
-    for dim in PARTS.keys() & data.dims:
-        names = [x.decode() if isinstance(x, bytes) else str(x) for x in data.variables[dim].data]
-        if names != [*PARTS[dim]]:
-            listed, valid = ", ".join(names), ", ".join(PARTS[dim])
-            raise HodoError(f"{owner}: its coordinate {dim!r} has {listed}, and not {valid}")
     if "time" in data.dims:
         data = sorted_along(data, "time", np.asarray(data.variables["time"].data), owner)
+    for dim in PARTS.keys() & data.dims:
+        data = with_parts_in_order(data, dim, owner)
     if "crossing_time" in data and data.variables["crossing_time"].dims == ("crossing",):
         order = np.argsort(data.variables["crossing_time"].data, kind="stable")
         data = data.isel(crossing=order) if (np.diff(order) != 1).any() else data
-    return data
+    transposed = any(v.dims[1:] == ("time",) for v in data.variables.values())
+    return data.transpose(..., "time", *PARTS, missing_dims="ignore") if transposed else data
+
+
+def with_parts_in_order(data: xr.Dataset, dim: str, owner: str) -> xr.Dataset:
+    """A dataset with the parts along a dimension in the order of `PARTS`. Raises as `ordered`."""
+    stored, valid = data.variables[dim].data, PARTS[dim]
+    names = [name.decode() if isinstance(name, bytes) else str(name) for name in stored]
+    if strange := [name for name in names if name not in valid]:
+        raise HodoError(f"{owner}: {strange[0]!r} along {dim!r} is none of {', '.join(valid)}")
+    if sorted(names) != sorted(valid):
+        raise HodoError(
+            f"{owner}: its coordinate {dim!r} has {', '.join(names)}, and not each of "
+            f"{', '.join(valid)} once"
+        )
+    if isinstance(stored[0], bytes):  # as other programs store texts
+        data = data.assign_coords({dim: np.array(names, dtype=object)})
+    return sorted_along(data, dim, np.array([valid.index(name) for name in names]), owner)
 
 
 def sorted_along(data: xr.Dataset, dim: str, values: np.ndarray, owner: str) -> xr.Dataset:
@@ -192,8 +207,7 @@ class NoSuchCase(HodoError, KeyError):
 class StoredCases(Mapping[str, xr.Dataset]):
     """The cases of a result file by name, each read when it is asked for.
 
-    `attrs` are the attributes of the file. `asked` holds every name that was asked for, also of
-    missing cases. `cache`, if given, keeps the cases that were read.
+    `attrs` are the attributes of the file. `cache`, if given, keeps the cases that were read.
     """
 
     def __init__(

@@ -96,41 +96,36 @@ def Text(least: int = 0) -> Rule:
 ANGLE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?(deg|rad)", re.ASCII)
 
 
-def _in_radians(rule: Rule, value: Any) -> float:
-    """A number in radians, from a number or from text in degrees."""
-    text = ANGLE.fullmatch(value) if isinstance(value, str) else None
-    number = as_finite(float(text[1]) if text else value)
-    if number is None:
-        raise expected(rule, value)
-    return math.radians(number) if text and text[2] == "deg" else number
+def _angular(number: Rule, title: str) -> Rule:
+    """The rule of a number in radians, or of text with a unit of angle."""
 
+    def radians(value: Any) -> float:
+        text = ANGLE.fullmatch(value) if isinstance(value, str) else None
+        size = as_finite(float(text[1]) if text else value)
+        if size is None:
+            raise expected(rule, value)
+        angle = math.radians(size) if text and text[2] == "deg" else size
+        if number.get("minimum", angle) <= angle <= number.get("maximum", angle):
+            return angle
+        is_degrees = not isinstance(value, str) and 0 <= angle <= 180
+        hint = f"; degrees are written as '{angle:.9g} deg'" if is_degrees else ""
+        raise expected(rule, value, hint)
 
-def _or_degrees(number: Rule, title: str, whole: Callable[[Rule, Any], float]) -> Rule:
-    """The rule of a number, or of text with a unit of angle."""
     text = Text() | {"pattern": f"^{ANGLE.pattern}$"}
-    rule: Rule = {"anyOf": [number, text], "title": title}
-    return rule | {"whole": lambda value: whole(rule, value)}
+    rule: Rule = {"anyOf": [number, text], "title": title, "whole": radians}
+    return rule
 
 
 def Angle(polar: bool = False) -> Rule:
     """The rule of an angle in radians, or text such as "60 deg"; a `polar` angle is from 0 to
     pi."""
-
-    def angle(rule: Rule, value: Any) -> float:
-        found = _in_radians(rule, value)
-        if not polar or 0 <= found <= math.pi:
-            return found
-        is_degrees = not isinstance(value, str) and 0 <= found <= 180
-        hint = f"; degrees are written as '{found:.9g} deg'" if is_degrees else ""
-        raise expected(rule, value, hint)
-
     title = f"an angle{' from 0 to pi' if polar else ''} in radians, or such as '60 deg'"
-    return _or_degrees(Number(least=0, most=math.pi) if polar else Number(), title, angle)
+    return _angular(Number(least=0, most=math.pi) if polar else Number(), title)
 
 
 def Rate() -> Rule:
     """The rule of an angular velocity in radians per unit of time, or text such as "2.5 deg"."""
-    return _or_degrees(Number(), "a finite number, or such as '2.5 deg'", _in_radians)
+    return _angular(Number(), "a finite number, or such as '2.5 deg'")
 
 
 def ListOf(
@@ -289,16 +284,11 @@ def all_right(values: dict[Any, Any], mistakes: Collection[Mistake]) -> dict[Any
     return values
 
 
-def keys_of_tag(rule: Rule, value: Mapping[str, Any]) -> Mapping[str, Rule]:
-    """The keys of a mapping whose tag names them; the tag alone if it names no set."""
-    name = value.get(rule["tag"])
-    others = rule["tables"].get(name, {}) if isinstance(name, str) else {}
-    return {rule["tag"]: rule["head"]} | others
-
-
 def check_tagged(rule: Rule, value: Mapping[str, Any]) -> tuple[dict[str, Any], list[Mistake]]:
     """`check_keys` for the keys that the tag names. Without a valid tag no other key is judged."""
-    keys = keys_of_tag(rule, value)
+    name = value.get(rule["tag"])
+    others = rule["tables"].get(name, {}) if isinstance(name, str) else {}
+    keys = {rule["tag"]: rule["head"]} | others
     return check_keys(keys, {k: value[k] for k in value if len(keys) > 1 or k in keys})
 
 
