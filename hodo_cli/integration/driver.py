@@ -247,8 +247,8 @@ class Propagation:
             self.clock.restart(fp(outcome.onward))
             # The samples that the passage skips.
             is_moving = self.y[self.moving].any() or not self.model.degree
-            skipped = outcome.states(self.samples.ahead(float(outcome.onward)), fp)
-            self.samples.add(skipped, 0 if is_moving else -REST_BITS)
+            exponent_there = 0 if is_moving else -REST_BITS
+            self.samples.fill(float(outcome.onward), self.y, exponent_there)
         return exponent
 
     def change_units(self, exponent: int) -> None:

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ..schema.kinds import KeyPath, Mistake, Rule
-from .euler import about, composed, in_case_axes, quaternion_rates, turned_back
+from .euler import in_case_axes, quaternion_rates, turned_back
 from .terms.time_laws import EPOCH, EPOCH_NAME, CaseConstants
 
 ATTITUDE_KEY, CONSTANTS_KEY = "attitude", "constants"
@@ -66,28 +66,13 @@ class EventOutcome(NamedTuple):
     in that state where `onward` is None.
 
     `time` is what is stored as the event's time, with the numbers of `details`; nothing is stored
-    of an event whose `details` are None. A state that lasts has `onward` infinite; a body with an
-    attitude turns on in it at `spin` (3,), along the axes of the quaternion that ends the state.
+    of an event whose `details` are None. A state that lasts has `onward` infinite.
     """
 
     time: float
     details: Mapping[str, float] | None
     state: Sequence[Any]
     onward: Any = None
-    spin: Sequence[Any] = ()
-
-    def states(self, times: Any, fp: Any = float) -> np.ndarray:
-        """The states (..., m) at times (...) from the event to `onward`, in a precision."""
-        state, omega = np.array(self.state, dtype=fp), np.array(self.spin, dtype=fp)
-        states = np.broadcast_to(state, (*np.shape(times), len(state)))
-        if (omega != 0).any():
-            # By what a quadruple has too, which is no type of numpy's.
-            peak = np.abs(omega).max()
-            speed = peak * np.sqrt(np.square(omega / peak).sum())
-            angle = (np.asarray(times, dtype=fp) - fp(self.time)) * speed
-            turned = composed(state[-4:], about(omega / speed, angle))
-            states = np.concatenate((states[..., :-4], np.stack(turned, axis=-1)), axis=-1)
-        return states
 
 
 Passage = Callable[[Any, Sequence[Any], Any], EventOutcome]

@@ -92,11 +92,7 @@ def braked_stage(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
         # By ratios, since momenta and torques may be of any size.
         along = sum(n / b * (x / size) for n, x in zip(N, G, strict=True))
         left = size / b * (1 + along) / (1 - (strength / b) ** 2)
-    # It turns as behind the stop from the event on, but for a part of 1e-7.
-    spin = in_case_axes(state[:3], k) if attitude_in(y, k) else ()
-    at_event = EventOutcome(float(t), details, state, math.inf, tuple(spin))
-    stop = float(t + left)
-    return at_event._replace(time=stop, state=at_event.states(stop, type(t)).tolist())
+    return EventOutcome(float(t + left), details, state, math.inf)
 
 
 def attitude_in(y: Sequence[Any], k: Any) -> Sequence[Any]:

@@ -378,7 +378,7 @@ class BatchState:
             occurrence = Occurrence(event.kind, passage.time, passage.details)
             self.outcome.events.setdefault(motion, []).append(occurrence)
         onward = end if passage.onward is None else float(passage.onward)
-        columns.state[:, column] = passage.states(min(onward, end))
+        columns.state[:, column] = passage.state
         columns.clock[:2, column] = exact_difference(end, min(onward, end))
         return onward >= end
 
