@@ -481,15 +481,9 @@ def fading(value: float, rate: float = 0.01) -> str:
         ),
         ({"damping": MEDIUM}, ["one crossing at most, x1 to x3"]),
         ({"kappa": 0.03}, ["one crossing at most, x3 to x1"]),
-        (
-            {"brake": 0.01, "kappa": 0.01},
-            ["one crossing at most, x3 to x1", "stops after 99.779757466131[34]"],
-        ),
-        ({"brake": 0.01, "damping": 0.004}, ["no crossing is possible", "stops after "]),
-        (
-            {"brake": 0.002, "damping": MEDIUM},
-            ["one crossing at most, x1 to x3", "stops after 250.238 to 304.98"],
-        ),
+        ({"brake": 0.01, "kappa": 0.01}, ["one crossing at most, x3 to x1"]),
+        ({"brake": 0.01, "damping": 0.004}, ["no crossing is possible"]),
+        ({"brake": 0.002, "damping": MEDIUM}, ["one crossing at most, x1 to x3"]),
         ({"damping": MEDIUM, "torque": [0, 0.001, 0.001]}, []),
         ({"damping": MEDIUM, "brake": fading(0.002)}, ["one crossing at most, x1 to x3"]),
         # The diagonal of a tensor bounds no |G|' where it has other entries.
@@ -512,8 +506,8 @@ def test_classify_says_what_theory_foretells(terms: Any, predictions: list[str])
 def test_predictions_carry_the_units_of_the_case() -> None:
     time = {"end": 10, "samples": 11, "unit": "s"}
     common = {"time": time, "inertia_unit": "kg m^2"}
-    stopped = run(C, 10, kappa=0.01, brake=0.01, **common).attrs["predictions"].splitlines()
-    assert stopped[-1].endswith(" s")
+    free = run(C, 10, damping=0, attitude=True, **common).attrs["predictions"].splitlines()
+    assert free[-1].endswith(" s")
     turning = run(C, 10, kappa=0.03, damping=MEDIUM, **common).attrs["predictions"]
     assert turning.count(" kg m^2/s") == 3
 
@@ -595,7 +589,7 @@ ALL_TORQUES: dict[str, Any] = {
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("names", [*ALL_TORQUES, "brake rotor", "kappa rotor", "quadratic rotor"])
+@pytest.mark.parametrize("names", [*ALL_TORQUES, "kappa rotor", "quadratic rotor"])
 def test_a_body_under_every_torque_has_an_attitude(names: str) -> None:
     """A series against a Runge-Kutta method, alone and beside a rotor."""
     torques = {key: ALL_TORQUES[key] for key in names.split()}

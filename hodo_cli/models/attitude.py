@@ -1,4 +1,8 @@
-"""Attitude: the key of a case for where the body points, and the quaternion at the start."""
+"""Attitude: a unit quaternion Q with v_space = Q (0, v_body) Q* and Q' = Q (0, omega)/2.
+
+Here are the key of a case for where the body points, and Q at the start: given, by three Euler
+angles, or with G along the space axis z.
+"""
 
 import math
 import re

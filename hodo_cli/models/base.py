@@ -1,5 +1,9 @@
-"""What every model states; and what engines make of it: its constants as flat lists of numbers, the
-units of its state and of its time, and the Jacobian of its equations."""
+"""What every model states: y' = rhs(t, y, k), a start and the stored variables. And what engines
+need of it: the constants k as flat lists of numbers, units of omega and of time, the Jacobian.
+
+With omega = sigma W and s = rho t, a constant of degree d, whose term is of degree d in omega,
+becomes value * sigma**(d - 1) / rho: so the state stays near 1 however far a motion decays.
+"""
 
 import math
 import sys
@@ -27,12 +31,11 @@ Constants = Mapping[str, float | tuple[float, ...] | str]
 """Numbers and tuples of numbers by name; a string is structure, which chooses between equations."""
 
 Structure = tuple[tuple[str, int | str], ...]
-"""What of the constants is structure: each name with its length (0 for a plain number), or its
-string."""
+"""The structure of constants: each name with its length (0 for a plain number), or its string."""
 
 
 LENGTHS = {"axis": 3, "quaternion": 4, "principal": 3, "space": 3}
-"""The lengths of the dimensions that a variable of a motion may have besides its time."""
+"""The lengths of the other dimensions, besides time, of a motion's variables."""
 
 
 REST_BITS = 2**12
@@ -120,8 +123,8 @@ class Model:
     lines. `k` has the names of `constants` as attributes. They are functions of the class, because
     an engine compiles them once for all cases of one `Equations`.
 
-    `t` is the case's own time in `rhs`, in events and in `output`, whatever the units. Behind the
-    variables of `state` an event sees the quaternion of an attitude.
+    `t` is the case's own time in `rhs`, in events and in `output`, whatever the units. An event
+    gets the quaternion of an attitude after the variables of `state`.
     """
 
     attitude: Any = field(default=None, kw_only=True)
@@ -132,7 +135,7 @@ class Model:
     `constants` are the numbers of its equations."""
 
     is_backward: bool = field(default=False, kw_only=True)
-    """Whether the time of its motion, which rises, is that of the case with another sign."""
+    """Whether the motion's time, which rises, is the case's time with the other sign."""
 
     name: ClassVar[str]
     form: ClassVar[str]
@@ -145,9 +148,9 @@ class Model:
 
     It makes a change of units possible: with omega = sigma W and s = rho t, every such constant
     becomes value * sigma**(degree - 1) / rho. A constant of degree 0 is a torque that spins a body
-    up, and so sets a least unit of omega. What of a rate has no degree finds the units where
-    `constants` names them: `velocity_unit` (sigma) and `time_unit` (1/rho), both 1 in the case's
-    own units. A model without degrees is integrated in its own units.
+    up, and so sets a least unit of omega. A term without a degree converts by the constants
+    `velocity_unit` (sigma) and `time_unit` (1/rho), both 1 in the case's own units. A model without
+    degrees is integrated in its own units.
     """
 
     resisting: ClassVar[frozenset[str]] = frozenset()
@@ -159,14 +162,14 @@ class Model:
 
     fixed_in_space: ClassVar[tuple[str, ...]] = ()
     """Three variables of the state: the components along body axes of a vector that is fixed in
-    space, where its components are those of the start, if an attitude says how the two differ."""
+    space. With an attitude `start` gives its components in space."""
 
     starts_with_omega: ClassVar[bool] = False
     """Whether its motions start with an angular velocity in body axes."""
 
     always_absorbing: ClassVar[bool] = False
     """Whether it has `absorbing_axes` whatever the data: no motion crosses the separatrix twice,
-    and errors do not grow beside it."""
+    and errors do not grow near it."""
 
     slow_time: ClassVar[bool] = False
     """Whether its time is tau = epsilon t."""
@@ -212,17 +215,14 @@ class Model:
         cls, data: Mapping[str, Any], epoch: float | None = None, is_backward: bool = False
     ) -> "Model":
         """The object with the data of a case, whose expressions count t from an epoch."""
-        own = dict(data)
+        own, of_epoch = dict(data), {EPOCH_NAME: -epoch if is_backward else epoch} if epoch else {}
         # As pairs, which can be hashed.
-        named = (own.pop(CONSTANTS_KEY, None) or {}) if CONSTANTS_KEY in cls.keys else {}
-        if epoch:
-            named = named | {EPOCH_NAME: -epoch if is_backward else epoch}
-        named = tuple(named.items())
+        named = (*(own.pop(CONSTANTS_KEY, None) or {}).items(), *of_epoch.items())
         return cls.form_of(data)(**own, case_constants=named, is_backward=is_backward)
 
     @classmethod
     def form_of(cls, data: Mapping[str, Any]) -> "type[Model]":
-        """The class for these data: this one, or one that stands in for it."""
+        """The class for these data: this one, or its replacement."""
         return cls
 
     @cached_property
@@ -255,7 +255,7 @@ class Model:
 
     @property
     def no_separatrix_reason(self) -> str:
-        """As of its equations."""
+        """The reason of its equations."""
         return self.equations.no_separatrix_reason
 
     @cached_property
@@ -272,7 +272,7 @@ class Model:
         return *start.tolist(), *Q
 
     def to_principal(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors (..., 3) in the axes of the case along those of the state, in their own
+        """Vectors (..., 3) in the axes of the case, turned into the axes of the state, in their own
         precision."""
         return vectors
 
@@ -293,7 +293,7 @@ class Model:
 
     def predictions(self, start: float, end: float) -> list[str]:
         """What theory says of the motion between two times, from the data alone: sentences, with
-        units in words behind their numbers, as in "stops after 12.5 [time]"."""
+        units in words after their numbers, as in "turns in 12.5 [time]"."""
         return []
 
     @property
@@ -327,7 +327,7 @@ class Model:
         return []
 
     def warnings_within(self, start: float, end: float) -> list[str]:
-        """What they say against them between two times."""
+        """What they say against them between two times: coefficients that become negative, say."""
         return []
 
     @property
@@ -343,8 +343,8 @@ class Model:
 
 @dataclass(frozen=True)
 class Equations:
-    """The equations of all motions of a form that have one structure: what is compiled once. Behind
-    the form's own variables stands the quaternion of an attitude.
+    """The equations of all motions of a form that have one structure: they are compiled once. The
+    quaternion of an attitude follows the form's own variables.
 
     With the constants `time_start` and `time_unit` they are functions of an engine's time s, in
     units that fit the motion: the case's own is t = time_start + s time_unit.
@@ -399,32 +399,29 @@ class Equations:
 
     @property
     def always_absorbing(self) -> bool:
-        """As of the form; what theory says of a motion forward does not count backward."""
+        """As the form says; theory holds for motions forward only."""
         return self.form.always_absorbing and not self.is_backward
 
     @cached_property
     def has_formulas(self) -> bool:
-        """Whether they hold formulas of a user's own, in which anything may happen within a step:
-        those of a model from outside the package do."""
-        forms = (base for base in self.form.__mro__ if issubclass(base, Model))
-        files = [str(sys.modules[form.__module__].__file__) for form in forms]
+        """Whether they hold formulas of a user's own, in which anything may happen within a step;
+        the equations of a model from outside the package do."""
+        forms = (sys.modules[x.__module__] for x in self.form.__mro__ if issubclass(x, Model))
+        is_own = not all(str(module.__file__).startswith(OWN_FOLDER) for module in forms)
         has_laws = any(name.endswith("_law") for name in self.names)
-        is_own = not all(file.startswith(OWN_FOLDER) for file in files)
         return has_laws or is_own or "expression" in self.terms
 
     def rhs(self, t: Any, y: Sequence[Any], k: Any) -> Sequence[Any]:
         """The time derivative of each state variable."""
         t, k = self.in_case_time(t, k)
+        rates: Sequence[Any] = ()
         if self.has_attitude:
-            own, factor = y[:-4], self.form.quaternion_factor(k)
-            turning = quaternion_rates(in_case_axes(y[:3], k), y[-4:], factor)
-            if "expression" in self.terms:
-                k = SimpleNamespace(**vars(k), attitude=y[-4:])
-            rates: Sequence[Any] = (*self.form.rhs(t, own, k), *turning)
-        else:
-            rates = self.form.rhs(t, y, k)
+            y, Q, factor = y[:-4], y[-4:], self.form.quaternion_factor(k)
+            rates = quaternion_rates(in_case_axes(y[:3], k), Q, factor)
+            k = SimpleNamespace(**vars(k), attitude=Q)
+        rates = (*self.form.rhs(t, y, k), *rates)
         rates = [-rate for rate in rates] if self.is_backward else rates
-        # The degrees of constants give rates by the engine's time; without them it is told.
+        # The degrees of constants give rates by the engine's time; else its unit is a constant.
         is_own_unit = self.degree or START not in self.names
         return rates if is_own_unit else [rate * k.time_unit for rate in rates]
 
@@ -498,24 +495,24 @@ def state_powers(model: Equations) -> np.ndarray:
 
 
 def rescaled(model: Equations, y: np.ndarray, exponent: Any) -> np.ndarray:
-    """States (..., m) in units of omega that are 2**exponent (...) times as small: as they are
-    where `exponent` is that of their own units."""
+    """States (..., m) in units of omega that are 2**exponent (...) times as small."""
     # Laid out in memory as columns of motions are: a view (n, m) of those stays one.
     powers = np.moveaxis(np.multiply.outer(state_powers(model), exponent), 0, -1)
     return np.asarray(np.ldexp(y, powers))
 
 
 def moving(model: Equations) -> np.ndarray | slice:
-    """The positions of the state variables that carry a unit of omega: those that tell how large a
-    motion is."""
+    """The positions of the state variables that carry a unit of omega: they give the size of a
+    motion."""
     powers = state_powers(model)
+    # A slice gives a view, and no copy.
     return np.flatnonzero(powers) if model.degree and not powers.all() else slice(None)
 
 
 def kinds_of_variables(model: Equations) -> list[np.ndarray]:
     """The positions of the state variables that carry a unit of omega, and of those that carry
-    none, if there are any: the one may decay by any factor beside the other, so that each kind has
-    its own size."""
+    none, if there are any. One kind may decay by any factor while the other does not: each has its
+    own size."""
     powers = state_powers(model)
     kinds = np.flatnonzero(powers), np.flatnonzero(powers == 0)
     return [rows for rows in kinds if rows.size]
@@ -534,7 +531,7 @@ def jacobian(model: Equations, k: SimpleNamespace, t: Any, y: np.ndarray) -> np.
 
     Source: W. Squire and G. Trapp, SIAM Review 40 (1998) 110.
     """
-    # Its square vanishes beside every double, so nothing is truncated, and no difference is taken,
+    # The square of `tiny` is lost in every double, so nothing is truncated; no difference is taken,
     # so nothing cancels.
     tiny, unit_steps = 1e-100, np.eye(len(y)).reshape(len(y), len(y), *[1] * (y.ndim - 1))
     steps = y[:, None] + 1j * tiny * unit_steps
@@ -567,12 +564,9 @@ def contains_time(model: Equations, events: tuple[Event, ...] = ()) -> bool:
     k = namespace(model.structure, [1.1 + i / 7 for i in range(count(model.structure))])
     y = [np.float64(0.3 + i / 11) for i in range(len(model.state))]
     functions = (model.rhs, *(event.function for event in events))
-    return any(_is_lost(function, y, k) for function in functions)
-
-
-def _is_lost(function: Callable[..., Any], y: Sequence[Any], k: Any) -> bool:
     try:
-        return bool(np.isnan(np.array(function(np.float64(math.nan), y, k), dtype=complex)).any())
+        values = [np.ravel(function(np.float64(math.nan), y, k)) for function in functions]
+        return bool(np.isnan(np.concatenate(values).astype(complex)).any())
     except (ArithmeticError, ValueError, TypeError):
         return True  # what such a time disturbs contains it
 

@@ -42,18 +42,18 @@ For phi = lambda + b/|G| (damping, a brake) let beta = b/|G(0)|. Then g' = -(bet
 The body stops at the zero of g.
 
 The attitude of a free body. With e, m, o the enclosed, the middle and the other axis, n and k' as
-above, and sn, cn, dn those of u = n t + u0, the body turns about G by
+above, and sn, cn, dn of u = n t + u0, the body turns about G by
 
     psi' = |G| (A_m w_m^2 + A_o w_o^2)/(A_m^2 w_m^2 + A_o^2 w_o^2),
     psi = |G| {t/A_o + (1/A_m - 1/A_o) [J]/n},    J = (1 + nu) int sn^2/(1 + nu sn^2) du,
     1 + nu = A_m |A_e - A_o|/(A_o |A_e - A_m|),
 
 while g = G/|G| goes round e in the body, at a longitude and an angle from e. Turned back by the two
-and by psi about g, the body stands in axes of space one of which is G; and so it did at the start.
-The angles are continuous, and so is the quaternion.
+and by psi about g, the body is in axes of space one of which is G, as at the start. The angles are
+continuous, and so is the quaternion.
 
 A half turn lies about a place where sn = 0, from which u and J are counted. Within it they are
-Carlson's integrals (DLMF 19.25), whose terms are positive, so that nothing cancels beside the
+Carlson's integrals (DLMF 19.25), whose terms are positive, so that nothing cancels near the
 separatrix, where cn and dn are small.
 
 Source: R. Montgomery, Am. J. Phys. 59 (1991) 394, for psi over a turn.
@@ -83,8 +83,8 @@ def free_motion(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
     at t = 0.
 
     A (3,): principal moments of inertia in any order, equal ones included; |omega0| of any size; t
-    may be negative. Components of omega0 below 1e-300 |omega0| lose digits. The formulas, their
-    source and their limits stand above.
+    may be negative. Components of omega0 below 1e-300 |omega0| lose digits. Formulas, source and
+    limits: the docstring of the module.
     """
     return damped_motion(A, omega0, 0.0, t)
 
@@ -268,8 +268,7 @@ class AlongMomentum(NamedTuple):
 
     @np.errstate(over="ignore", invalid="ignore")  # of what grows beyond all doubles
     def clock(self, times: Any) -> tuple[np.ndarray, np.ndarray]:
-        """g and s (...) at times >= 0 (...), in their precision; at rest g is 0 and s stands
-        still."""
+        """g and s (...) at times >= 0 (...), in their precision; at rest g is 0 and s constant."""
         stopped, fp = np.asarray(times) >= self.stop, np.result_type(times, float).type
         t, brake = np.minimum(times, fp(self.stop)), fp(self.brake)
         a = free_time(self.damping, t)
