@@ -32,7 +32,7 @@ from ..arithmetic import hypot
 from ..schema.kinds import Choice, Key, Mistake
 from .base import Event, EventOutcome, Label, Model, attributes
 from .body import Body, Cavity, LinearDiag, Tensor
-from .rigid_body import inertia_order, is_diagonal, separatrix_terms
+from .rigid_body import inertia_order, separatrix_terms
 from .theory.exact import sum_along_mean
 
 Rates = Callable[[int, Any], tuple[Any, ...]]
@@ -321,12 +321,6 @@ class AveragedTensor(AveragedTurns, Tensor):
 
     def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
         return self.linear_rates((np.diag(self.resistance_matrix) / self.inertia).tolist(), side, v)
-
-    @property
-    def warnings(self) -> list[str]:
-        """Also of entries that drop out."""
-        says = "to first order I is its diagonal alone"
-        return [*super().warnings, *([] if is_diagonal(self.resistance_matrix) else [says])]
 
 
 # A cavity full of viscous fluid: of symmetric bodies two amplitudes say all

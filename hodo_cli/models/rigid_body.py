@@ -239,6 +239,8 @@ def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
     named = ", ".join(f"{moment:.6g}" for moment in moments)
     if not moments.min() > 0:
         raise ValueError(f"the principal moments of this tensor are not all positive: {named}")
+    for words in (words for A in moments for words in range_mistake(float(A))):
+        raise ValueError(words)
     if one_exceeds_others(moments):
         raise ValueError(
             f"no body has principal moments of {named}: one exceeds the sum of the other two"
