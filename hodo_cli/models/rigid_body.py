@@ -106,7 +106,8 @@ def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray
     """
     A = np.asarray(A, dtype=omega.dtype)
     D, total, bound = scaled_separatrix(A, np.moveaxis(omega, -1, 0), order)
-    return share_of(np.sqrt(bound) * np.sqrt(total), D)  # moments to the fourth leave the doubles
+    # Moments to the fourth leave the doubles.
+    return share_of(np.sqrt(bound) * np.sqrt(total), D).astype(float)
 
 
 def near_middle_axis(A: Any, omega: np.ndarray) -> np.ndarray:

@@ -74,45 +74,6 @@ def nutation(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
     return (T1 + w - T2 - e * e) / (3 - T1 + w), w
 
 
-def drift(
-    y: Sequence[Any],
-    k: Any,
-    means: Sequence[Any],
-    shape: tuple[Any, Any],
-    by_mu: tuple[Any, Any] = (0.0, 0.0),
-) -> tuple[Any, ...]:
-    """dy/dtau of the state (U, Z, r, e) from the means <f>, <f cos phi>, <M3>, <M3 cos phi> over
-    one nutation, and X and w of `nutation`; `by_mu` is mu'/mu and, unless that is 0, the mean of
-    `mean_cosine`.
-
-    The symbols are those of `AveragedTop`. U, Z and r follow from eqs (2.4), and dH/dtau = mu' v. e
-    follows from the roots' own derivatives, with M(x) = T1' x^2 - T2' x - T3' at x = X divided by e
-    by hand, so that regular precession, e = 0, is as regular as any other motion: by the cubic
-    itself (U + c X)^2/(2 A mu) is X (2 - X)(X - Z) - e^2 w, so that all that is not of the order of
-    e^2 cancels in the part of mu.
-    """
-    U, Z, r, e = y
-    X, w = shape
-    f, f_cos, M3, M3_cos = means
-    change, mean = by_mu
-    A, C, mu = k.A, k.C, k.mu
-    # u = 1 - x turns Gz - C r u into U + c x, and 2 H - C r^2 - 2 mu u into 2 mu (x - Z).
-    c, G = C * r, U + C * r * X
-    # <f x> with x = X + e cos phi; U and Z lose their terms in M3 to C r' = M3.
-    fx = X * f + e * f_cos
-    dU = (U * f + c * fx) / A - X * M3 - e * M3_cos
-    dZ = -2 * (fx - Z * f) / A + change * (X - Z - e * e * mean)
-    # The rates of the coefficients of the cubic: T1', M(X)/e and the slope of M.
-    dT1 = -c * M3 / (A * mu) + change * c * c / (2 * A * mu)
-    M = 2 / A * (e * w * f + (X * (2 - X) - c * G / (2 * A * mu)) * f_cos) + G * M3_cos / (A * mu)
-    M = M + change * e * (mean * X * (2 - X) - w)
-    slope = -(c * (dU + M3 * X) + G * M3) / (A * mu) + change * c * G / (A * mu)
-    slope = 2 * dZ * (X - 1) + slope
-    # Singular only at w = e, that is u2 = u3, where a nutation takes for ever.
-    de = (w * (M + e * (dZ + dT1)) - e * slope) / (2 * (w - e) * (w + e))
-    return dU, dZ, M3 / C, de
-
-
 def first_integrals(omega: Sequence[Any], gamma: Sequence[Any], k: Any) -> tuple[Any, Any]:
     """Gz and H, eqs (1.2), from the components of omega and of the vertical in body axes; k has A,
     C and mu."""
@@ -432,13 +393,36 @@ class AveragedTop(Nutating):
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        """U', Z', r' and e': U, Z and r follow from eqs (2.4), and dH/dtau = mu' v.
+
+        e follows from the roots' own derivatives, with M(x) = T1' x^2 - T2' x - T3' at x = X
+        divided by e by hand, so that regular precession, e = 0, is as regular as any other motion:
+        by the cubic itself (U + c X)^2/(2 A mu) is X (2 - X)(X - Z) - e^2 w, so that all that is
+        not of the order of e^2 cancels in the part of mu.
+        """
+        U, Z, r, e = y
         now = with_mu(k, t)
-        X, w = nutation(y, now)
-        a, M3 = coefficient_at(k, "a", t), axial_torque(t, y[2], k)
-        mean = mean_cosine(y[3], w)
-        mean_cos = -y[3] * mean
-        change = 0.0 if now is k else slope_at(k, "mu", t) / now.mu
-        return drift(y, now, (-a, -a * mean_cos, M3, M3 * mean_cos), (X, w), (change, mean))
+        (X, w), A, C, mu = nutation(y, now), now.A, now.C, now.mu
+        change = 0.0 if now is k else slope_at(k, "mu", t) / mu
+        # The equatorial torque is f (p, q); f and M3 times cos phi on the mean over a nutation.
+        f, M3, mean = -coefficient_at(k, "a", t), axial_torque(t, r, k), mean_cosine(e, w)
+        mean_cos = -e * mean
+        f_cos, M3_cos = f * mean_cos, M3 * mean_cos
+        # u = 1 - x turns Gz - C r u into U + c x, and 2 H - C r^2 - 2 mu u into 2 mu (x - Z).
+        c, G = C * r, U + C * r * X
+        # <f x> with x = X + e cos phi; U and Z lose their terms in M3 to C r' = M3.
+        fx = X * f + e * f_cos
+        dU = (U * f + c * fx) / A - X * M3 - e * M3_cos
+        dZ = -2 * (fx - Z * f) / A + change * (X - Z - e * e * mean)
+        # The rates of the coefficients of the cubic: T1', M(X)/e and the slope of M.
+        dT1 = -c * M3 / (A * mu) + change * c * c / (2 * A * mu)
+        M = 2 / A * (e * w * f + (X * (2 - X) - c * G / (2 * A * mu)) * f_cos)
+        M = M + G * M3_cos / (A * mu) + change * e * (mean * X * (2 - X) - w)
+        slope = -(c * (dU + M3 * X) + G * M3) / (A * mu) + change * c * G / (A * mu)
+        slope = 2 * dZ * (X - 1) + slope
+        # Singular only at w = e, that is u2 = u3, where a nutation takes for ever.
+        de = (w * (M + e * (dZ + dT1)) - e * slope) / (2 * (w - e) * (w + e))
+        return dU, dZ, M3 / C, de
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
