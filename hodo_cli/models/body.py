@@ -381,10 +381,9 @@ class Body(BodyFrame):
 
     @property
     def final_axis(self) -> int | None:
+        is_covered = self.terms == ("resistance",) and not (self.changing_terms or self.frame)
         turns = np.count_nonzero(self.omega_at_start) > 1
-        if self.terms != ("resistance",) or self.changing_terms or self.frame or not turns:
-            return None
-        return final_axis(self.moments, self.resistance_matrix)
+        return final_axis(self.moments, self.resistance_matrix) if is_covered and turns else None
 
     def predictions(self, start: float, end: float) -> list[str]:
         """Which crossings are possible, that a rotor leaves no axis, and how a free body with an

@@ -173,15 +173,12 @@ def roots_of_motion(omega: Sequence[Any], gamma: Sequence[Any], k: Any) -> tuple
 
 
 def axial_torque(tau: Any, r: Any, k: Any) -> Any:
-    """M3 = m - b r; where a case gives no m it is 0."""
-    resistance = -coefficient_at(k, "b", tau) * r
-    return resistance + coefficient_at(k, "m", tau) if hasattr(k, "m") else resistance
+    """M3 = m - b r."""
+    return coefficient_at(k, "m", tau) - coefficient_at(k, "b", tau) * r
 
 
 def with_mu(k: Any, tau: Any) -> Any:
     """The constants of a top with mu as it is at tau."""
-    if not isinstance(k.mu, tuple):
-        return k
     return SimpleNamespace(**vars(k) | {"mu": coefficient_at(k, "mu", tau)})
 
 
@@ -305,8 +302,8 @@ class Top(Model):
     @cached_property
     def constants(self) -> Constants:
         of_case = self.case_constants
-        given = ((name, getattr(self, name)) for name in LAW_KEYS)
-        laws = {name: resolved(x, of_case) for name, x in given if x is not None}
+        given = vars(self).items()
+        laws = {k: resolved(0.0 if x is None else x, of_case) for k, x in given if k in LAW_KEYS}
         return {**self.inertia, **law_constants(laws), **named_constants(of_case)}
 
     @property
@@ -403,7 +400,7 @@ class AveragedTop(Nutating):
         U, Z, r, e = y
         now = with_mu(k, t)
         (X, w), A, C, mu = nutation(y, now), now.A, now.C, now.mu
-        change = 0.0 if now is k else slope_at(k, "mu", t) / mu
+        change = slope_at(k, "mu", t) / mu if isinstance(k.mu, tuple) else 0.0
         # The equatorial torque is f (p, q); f and M3 times cos phi on the mean over a nutation.
         f, M3, mean = -coefficient_at(k, "a", t), axial_torque(t, r, k), mean_cosine(e, w)
         mean_cos = -e * mean
@@ -619,9 +616,8 @@ class FullTop(Top):
 
     @property
     def extended_start(self) -> np.ndarray:
-        y = super().extended_start
+        y, theta = super().extended_start, self.initial["theta"]
         # The sine and cosine of theta have lost digits as doubles.
-        if self.initial["theta"] is not None:
-            theta = np.longdouble(self.initial["theta"])
-            y[4:6] = np.sin(theta), np.cos(theta)
+        if theta is not None:
+            y[4:6] = np.sin(np.longdouble(theta)), np.cos(np.longdouble(theta))
         return y

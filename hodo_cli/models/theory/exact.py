@@ -171,6 +171,7 @@ def free_turn(A: np.ndarray, omega0: np.ndarray, fp: Any) -> FreeTurn | None:
     # e is to be the enclosed axis, about which dn never vanishes.
     if about_e < about_o:
         e, o = o, e
+    # Y = |G^2 - 2 T A_o| and d = dn(u0), as above.
     Y = B[m] * abs(B[o] - B[m]) * w[m] ** 2 + B[e] * abs(B[o] - B[e]) * w[e] ** 2
     n = _sqrt(abs(B[m] - B[e]) * Y / (A1 * A2 * A3), fp)
     complementary = _sqrt(abs(B[o] - B[e]) * abs(about_e - about_o) / (abs(B[m] - B[e]) * Y), fp)
