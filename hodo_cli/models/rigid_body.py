@@ -291,7 +291,8 @@ def components_answer(value: Any) -> str:
     """What to write where a start is given as a list of p, q and r."""
     if not is_list(value) or len(value) != 3 or not all(isinstance(w, int | float) for w in value):
         return ""
-    return "; write {p: %g, q: %g, r: %g}" % tuple(value)
+    p, q, r = value
+    return f"; write {{p: {p:g}, q: {q:g}, r: {r:g}}}"
 
 
 INITIAL = Key(
