@@ -183,19 +183,23 @@ class Model:
     )
     """Why the enclosed axis does not apply; empty where it does."""
 
-    @staticmethod
-    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        """The time derivative of each state variable."""
-        raise NotImplementedError("the model states no rhs")
+    rhs: ClassVar[Callable[..., Sequence[Any]]]
+    """rhs(t, y, k): the time derivative of each state variable."""
 
-    @staticmethod
-    def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
-        """The stored variables from the times (n,) and the states (n, m), in the dtype of `y`.
+    output: ClassVar[Callable[..., dict[str, np.ndarray]]]
+    """output(t, y, k): the stored variables from the times (n,) and the states (n, m), in the dtype
+    of `y`.
 
-        Where their errors are judged the states of a model with `degree` are in units of omega of
-        their own, so that each variable has to be homogeneous in it.
-        """
-        raise NotImplementedError
+    Where their errors are judged the states of a model with `degree` are in units of omega of their
+    own, so that each variable has to be homogeneous in it.
+    """
+
+    attitude_at: ClassVar[Callable[..., tuple[Any, ...]]]
+    """self.attitude_at(start): the quaternion at a start (m,)."""
+
+    exact_states: ClassVar[Callable[..., tuple[np.ndarray, np.ndarray]]]
+    """self.exact_states(t), with a closed form: the states (n, m) of size about 1 at times t (n,)
+    from the start, in the precision of t, and the exponents (n,) of their units."""
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -276,10 +280,6 @@ class Model:
         precision."""
         return vectors
 
-    def attitude_at(self, start: np.ndarray) -> tuple[Any, ...]:
-        """The quaternion at a start."""
-        raise NotImplementedError
-
     @property
     def extended_start(self) -> np.ndarray:
         """The initial state (m,) in long double, where its rounding to doubles costs digits: a
@@ -300,11 +300,6 @@ class Model:
     def has_closed_form(self) -> bool:
         """Whether `exact_states` has the motion."""
         return False
-
-    def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The states (n, m) of size about 1 at times t (n,) from the start, in the precision of t,
-        and the exponents (n,) of their units."""
-        raise NotImplementedError
 
     def exact_end(self, fp: type) -> tuple[str, EventOutcome] | None:
         """The event of a motion in closed form, computed in a precision, at its time from the
