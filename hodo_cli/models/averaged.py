@@ -225,7 +225,7 @@ class AveragedTurns(Body):
     def velocity(
         cls, inertia: Sequence[float], initial: Mapping[str, float | None]
     ) -> tuple[float, ...]:
-        """Raises ValueError too where there is no turn to average."""
+        """(p, q, r) at the start. Raises ValueError too where there is no turn to average."""
         omega = super().velocity(inertia, initial)
         slow_variables(inertia, omega)
         return omega
@@ -237,7 +237,7 @@ class AveragedTurns(Body):
 
     @cached_property
     def paths(self) -> dict[type, Path]:
-        """The motions that have been computed last, by precision."""
+        """The motion computed last in each precision."""
         return {}
 
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -203,7 +203,7 @@ class Model:
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        """What is wrong with values that are each right by themselves.
+        """The mistakes of values that are each valid alone.
 
         Keys whose values are wrong by themselves are missing from `data`.
         """
@@ -211,7 +211,7 @@ class Model:
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
-        """What is wrong with right values in a motion from one time to another."""
+        """The mistakes of valid values in a motion from one time to another."""
         yield from ()
 
     @classmethod
@@ -268,7 +268,7 @@ class Model:
         return self.with_attitude(np.array(self.start)) if self.attitude else self.start
 
     def with_attitude(self, start: np.ndarray) -> tuple[Any, ...]:
-        """A start and the attitude there, with what is fixed in space along the state's axes."""
+        """A start and the attitude there; a vector fixed in space turns into the state's axes."""
         Q = self.attitude_at(start)
         rows = [i for i, name in enumerate(self.equations.state) if name in self.fixed_in_space]
         if rows:
@@ -292,7 +292,7 @@ class Model:
         return None
 
     def predictions(self, start: float, end: float) -> list[str]:
-        """What theory says of the motion between two times, from the data alone: sentences, with
+        """What theory says of the motion between two times, from the data: sentences, with
         units in words after their numbers, as in "turns in 12.5 [time]"."""
         return []
 
@@ -302,13 +302,13 @@ class Model:
         return False
 
     def exact_end(self, fp: type) -> tuple[str, EventOutcome] | None:
-        """The event of a motion in closed form, computed in a precision, at its time from the
-        start, and its kind."""
+        """The kind of the event of a motion in closed form, and the event at its time from the
+        start, in a precision; None without an event."""
         return None
 
     @property
     def final_axis(self) -> int | None:
-        """The axis enclosed in the end, where theory predicts it from the data alone."""
+        """The axis enclosed in the end, where theory predicts it from the data."""
         return None
 
     def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
@@ -322,7 +322,7 @@ class Model:
         return []
 
     def warnings_within(self, start: float, end: float) -> list[str]:
-        """What they say against them between two times: coefficients that become negative, say."""
+        """What the data say against the assumptions between two times."""
         return []
 
     @property
@@ -428,7 +428,7 @@ class Equations:
         return self.form.output(t, y[:, :-4], k) | dict.fromkeys(ATTITUDE_VARIABLE, y[:, -4:])
 
     def in_case_time(self, t: Any, k: Any) -> tuple[Any, Any]:
-        """The time as the form's own equations know it, and the constants."""
+        """The time of the form's own equations, and the constants."""
         if START in self.names:
             t, k = from_engine_time(t, k)
         if self.is_backward:
@@ -454,7 +454,7 @@ def structure(k: Constants) -> Structure:
 
 
 def count(of: Structure) -> int:
-    """How many numbers the constants hold."""
+    """The number of values that the constants hold."""
     return sum(max(size, 1) for _, size in of if isinstance(size, int))
 
 
@@ -553,8 +553,8 @@ stretch begins, and the units of time and of velocity."""
 @lru_cache(maxsize=64)
 @np.errstate(all="ignore")
 def contains_time(model: Equations, events: tuple[Event, ...] = ()) -> bool:
-    """Whether the rates of a model, or the functions of events, contain the time: they are then
-    not a number where the time is none."""
+    """Whether the rates of a model, or the functions of events, contain the time: with a time that
+    is not a number they are not numbers then."""
     # Any numbers serve that no formula makes 0 or equal.
     k = namespace(model.structure, [1.1 + i / 7 for i in range(count(model.structure))])
     y = [np.float64(0.3 + i / 11) for i in range(len(model.state))]
@@ -567,8 +567,8 @@ def contains_time(model: Equations, events: tuple[Event, ...] = ()) -> bool:
 
 
 def has_formula_of_time(system: Model) -> bool:
-    """Whether equations hold a formula of a user's own, and contain the time: between two times
-    they may then do anything."""
+    """Whether equations hold a user's formula and contain the time: between two times anything may
+    happen then."""
     return system.equations.has_formulas and contains_time(system.equations)
 
 
@@ -578,8 +578,8 @@ def with_epoch(k: Any, epoch: Any) -> SimpleNamespace:
 
 
 def from_engine_time(s: Any, k: Any) -> tuple[Any, Any]:
-    """The case's own time by the engine's, and the constants; of a case with an epoch it counts
-    from there: two numbers near each other are subtracted first."""
+    """The case's own time from the engine's, and the constants. With an epoch the time counts from
+    there: two numbers near each other are subtracted first."""
     if not hasattr(k, EPOCH):
         return k.time_start + s * k.time_unit, k
     return (k.time_start - k.epoch) + s * k.time_unit, with_epoch(k, 0.0)

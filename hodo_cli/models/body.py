@@ -306,7 +306,7 @@ class Body(BodyFrame):
 
     @property
     def warnings(self) -> list[str]:
-        """What no medium has, and torques for which a theory does not hold."""
+        """Coefficients that no medium has, and torques for which a theory does not hold."""
         # Of what changes with time only the damping is judged, coefficient by coefficient.
         coefficients, changing = self.term_coefficients.items(), self.changing_terms
         given = {term: entries for term, entries in coefficients if term not in changing}
@@ -337,7 +337,7 @@ class Body(BodyFrame):
         ]
 
     def warnings_within(self, start: float, end: float) -> list[str]:
-        """Which coefficients that change with time are negative, and from when on."""
+        """The changing coefficients that become negative, with the first time."""
         times, constants = np.linspace(start, end, PLACES), self.case_constants
         laws = ((k, x) for k, c in self.term_coefficients.items() for x in c if is_law(x))
         first = [(k, first_negative(x, times, constants)) for k, x in laws if k in RESISTING]
@@ -431,7 +431,7 @@ class Body(BodyFrame):
         return np.column_stack(rows), exponent
 
     def exact_end(self, fp: type) -> tuple[str, EventOutcome] | None:
-        """When and how a brake stops a body of closed form; None without a stop."""
+        """The stop of a body of closed form by a brake; None without a stop."""
         along = self.along_momentum
         if along is None or np.isinf(along.stop):
             return None

@@ -86,7 +86,7 @@ def scaled_separatrix(A: Any, w: Any, order: tuple[int, int, int]) -> tuple[Any,
 
 
 def share_of(total: Any, part: Any, of_nothing: float = 0.0) -> np.ndarray:
-    """part/total, something else where the total is 0."""
+    """part/total, `of_nothing` where the total is 0."""
     return np.asarray(np.divide(part, total, out=np.full_like(total, of_nothing), where=total > 0))
 
 
@@ -141,7 +141,7 @@ def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
 
 
 def separatrix_circles(A: np.ndarray) -> list[np.ndarray]:
-    """The two great circles D = 0 of the directions of G (721, 3); none of a body without."""
+    """The two great circles D = 0 of the directions of G (721, 3); none of a symmetric body."""
     largest, middle, smallest = inertia_order(A)
     if A[largest] == A[middle] or A[middle] == A[smallest]:
         return []
@@ -190,8 +190,8 @@ def one_exceeds_others(moments: Sequence[Any] | np.ndarray) -> bool:
 
 
 def excess_of_rounding(moments: Sequence[float]) -> float:
-    """By how much one of three moments is larger than the sum of the others, where that is one unit
-    of its last decimal at most, as rounding makes it; else 0."""
+    """The excess of one of three moments over the sum of the others, if it is at most one unit of
+    the last decimal, which rounding explains; else 0."""
     *others, largest = sorted(moments)
     excess = largest - sum(others)
     return excess if 0 < excess <= last_digit(largest) else 0.0
@@ -205,8 +205,8 @@ def last_digit(x: float) -> float:
 
 
 def symmetric(tensor: Sequence[Any]) -> Sequence[Any]:
-    """A tensor whose entries differ from their transposes by one unit of the last decimal at most,
-    as rounding makes it, as its symmetric part; other values as they are."""
+    """The symmetric part of a tensor whose entries differ from their transposes by at most one unit
+    of the last decimal, which rounding explains; other values as they are."""
     if not all(isinstance(row, tuple) for row in tensor):
         return tensor
     rows = [list(row) for row in tensor]
@@ -288,7 +288,7 @@ SMALLEST_MOMENT."""
 
 
 def components_answer(value: Any) -> str:
-    """What to write where a start is given as a list of p, q and r."""
+    """The mapping to write instead of a list of p, q and r."""
     if not is_list(value) or len(value) != 3 or not all(isinstance(w, int | float) for w in value):
         return ""
     p, q, r = value
@@ -502,10 +502,10 @@ class BodyFrame(Model):
 
     @np.errstate(all="ignore")  # a torque may have no value where a component is 0
     def tilt_growth(self, t: float) -> np.ndarray | None:
-        """On the mean over a turn, from the equations at a time, at the speed of the start and in
-        the sense of each component there; not a number for the middle axis, about which free
-        rotation is unstable. None at rest, with a rotor, and under torques that are fixed in space
-        or depend on the attitude.
+        """The rates (3,) at which a small tilt away from each body axis grows on the mean over a
+        turn, at the start's speed and in the sense of its components; not a number for the middle
+        axis, about which free rotation is unstable. None at rest, with a rotor, and under torques
+        that are fixed in space or depend on the attitude.
 
         With w_i' the rate of the speed w, and J the Jacobian of the equations there, it is
         (J_jj + J_kk)/2 - w_i'/w to first order in the torques: a tilt turns, and the mean of its

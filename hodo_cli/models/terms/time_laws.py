@@ -39,8 +39,8 @@ EPOCH, EPOCH_NAME = "epoch", "time.epoch"
 name among the constants of a case, which no expression can name."""
 
 MOST_COEFFICIENTS = 20
-"""How many a polynomial may have. A series of the least order sees no higher power of the time from
-t = 0, and in powers of t few fits hold that many digits."""
+"""The most coefficients of a polynomial. From t = 0 a series of the least order sees no higher
+power of the time, and in powers of t few fits hold that many digits."""
 
 VELOCITIES = ("p", "q", "r")
 SPACE_COMPONENTS = ("y1", "y2", "y3", "z1", "z2", "z3")
@@ -214,7 +214,7 @@ def coefficient_at(k: Any, name: str, t: Any) -> Any:
 
 
 def slope_at(k: Any, name: str, t: Any) -> Any:
-    """The derivative by time of a coefficient that follows a polynomial."""
+    """The time derivative of a coefficient that follows a polynomial."""
     terms = [i * c for i, c in enumerate(getattr(k, name))][1:]
     return horner(terms, since_epoch(k, t)) if terms else 0 * t
 

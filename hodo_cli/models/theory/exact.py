@@ -1,7 +1,8 @@
-"""Closed forms: the free rotation of a rigid body, and its rotation under torques along G.
+"""Closed forms: the free rotation of a rigid body, A omega' + omega x A omega = 0, its rotation
+under torques along G, and its attitude.
 
 Free motion (Euler, Poinsot, Jacobi). Let e be the enclosed axis (that of the largest moment of
-inertia where D = G^2 - 2 T A_m is positive, else that of the smallest), m the axis of the middle
+inertia where D = G^2 - 2 T A_m is positive, else of the smallest), m the axis of the middle
 moment and o the remaining one. With
 
     Y  = A_m |A_o - A_m| w_m^2 + A_e |A_o - A_e| w_e^2          (= |2 T A_o - G^2|)
@@ -348,10 +349,10 @@ def longitude_and_area(
 
 
 def turn_of_hodograph(A: np.ndarray, omega0: np.ndarray) -> tuple[float, float, str] | None:
-    """The turn of the hodograph of a free body with moments A (3,), in any order, and angular
-    velocity omega0 (3,) at the start: the time T that it takes, the integral of psi' over it, whole
-    turns included, and a sentence; None for a rotation about an axis, and on the separatrix, where
-    it takes for ever. Errors are relative, and a few units of the last digit.
+    """The time T in which the hodograph of a free body with moments A (3,), in any order, and
+    angular velocity omega0 (3,) at the start turns once; the integral of psi' over it, whole turns
+    included; and a sentence. None for a rotation about an axis, and on the separatrix, where the
+    turn never ends. The relative errors are a few units of the last digit.
 
     The enclosed axis goes round G in 2 pi T/angle. Where it has the largest moment, the long axis,
     that of the smallest one, goes round that axis once the other way meanwhile, and so round G in

@@ -1,5 +1,5 @@
-"""What follows from a sum of torques alone: which way a motion crosses the separatrix, and
-which axis is enclosed in the end.
+"""Theorems on a sum of torques: which way a motion crosses the separatrix D = 0, and which axis is
+enclosed in the end.
 
 With a > b > c the moments of inertia and 1, 2, 3 their axes, let D = 0 at a given |G|. One number
 is left, sigma in 0 to 1:
@@ -49,8 +49,8 @@ def turning_momenta(terms: Dissipation) -> tuple[float, float, float]:
     """The sizes of G at which the sense of crossings turns; not numbers where it does not.
 
     Above the first a body crosses to the axis of largest inertia only, under the fluid; below the
-    second to that of smallest only, under damping. At the third the mean over a half turn changes
-    its sign.
+    second to the axis of smallest only, under damping. At the third the mean over a half turn
+    changes its sign.
     """
     c, b, a = np.sort(np.asarray(terms.inertia, float))
     # In ratios, since (a b c)^2 may have no double.
@@ -67,7 +67,7 @@ def turning_momenta(terms: Dissipation) -> tuple[float, float, float]:
 
 def possible_crossings(terms: Dissipation) -> frozenset[int] | None:
     """The senses of the crossings that a motion can have: 1 to the axis of largest inertia, -1 to
-    that of smallest; None where nothing is known.
+    the axis of smallest; None where nothing is known.
 
     Of one sense there is one crossing at most. With both, the motion may go to the axis of largest
     inertia, and back: two at most, but for what happens between the two sizes of G at which the
@@ -88,7 +88,7 @@ def possible_crossings(terms: Dissipation) -> frozenset[int] | None:
         return frozenset({1} if has_fluid or min(media) < 0 else ())
     if not has_fluid and min(media) >= 0:
         return frozenset({-1})
-    # |G| alone tells which of fluid and damping is the stronger, and it falls.
+    # |G| alone decides which of fluid and damping is the stronger, and it falls.
     turns = has_fluid and damping > 0 and not quadratic and min(terms.damping) >= 0
     return frozenset({1, -1}) if turns else None
 
