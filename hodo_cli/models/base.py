@@ -413,7 +413,7 @@ class Equations:
         if self.has_attitude:
             y, Q, factor = y[:-4], y[-4:], self.form.quaternion_factor(k)
             rates = quaternion_rates(in_case_axes(y[:3], k), Q, factor)
-            k = SimpleNamespace(**vars(k), attitude=Q)
+            k = SimpleNamespace(**vars(k), attitude=Q) if "expression" in self.terms else k
         rates = (*self.form.rhs(t, y, k), *rates)
         rates = [-rate for rate in rates] if self.is_backward else rates
         # The degrees of constants give rates by the engine's time; else its unit is a constant.

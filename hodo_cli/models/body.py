@@ -296,8 +296,7 @@ class Body(BodyFrame):
         given = (data.get("initial") or {}).items()
         known = {name: w for name, w in given if name in VELOCITIES and w is not None}
         known |= {"t": start, **(data.get(CONSTANTS_KEY) or {})}
-        torques = {name: data[name] for name in TERMS if name in data}
-        expressions = [*expressions_of(torques)]
+        expressions = [*expressions_of({name: data[name] for name in TERMS if name in data})]
         mistakes = [*value_mistakes(expressions, known)]
         if data.get("brake") is not None and data.get("rotor") is None and not mistakes:
             at_rest = known | dict.fromkeys(VELOCITIES, 0.0)

@@ -343,13 +343,8 @@ class Nutating(Top):
 
     @property
     def warnings(self) -> list[str]:
-        if not self.m1 < ROUGH_M1:
-            return super().warnings
-        return [
-            *super().warnings,
-            f"1 - k^2 = {self.m1:.1e} at the start: "
-            "so near u2 = u3 the mean over a nutation loses digits",
-        ]
+        near = f"1 - k^2 = {self.m1:.1e} at the start: so near u2 = u3 the mean over a nutation"
+        return [*super().warnings, *([f"{near} loses digits"] if self.m1 < ROUGH_M1 else [])]
 
 
 def upright_stability(t: Any, y: Sequence[Any], k: Any) -> Any:

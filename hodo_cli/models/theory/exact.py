@@ -146,7 +146,7 @@ def in_own_units(omega0: np.ndarray) -> tuple[int, np.ndarray]:
 
 class FreeTurn(NamedTuple):
     """The enclosed, middle and other axis, n, k', d, and the factors (3,) of w_j w_k in Euler's
-    w_i', in the letters above."""
+    w_i'/n, in the letters above."""
 
     e: int
     m: int
@@ -177,7 +177,7 @@ def free_turn(A: np.ndarray, omega0: np.ndarray, fp: Any) -> FreeTurn | None:
     n = _sqrt(abs(B[m] - B[e]) * Y / (A1 * A2 * A3), fp)
     complementary = _sqrt(abs(B[o] - B[e]) * abs(about_e - about_o) / (abs(B[m] - B[e]) * Y), fp)
     d = _sqrt(B[e] * abs(B[o] - B[e]) * w[e] ** 2 / Y, fp)
-    factors = tuple((1 if x > 0 else -1) * _sqrt(x * x, fp) for x in gyroscopic)
+    factors = tuple((1 if x > 0 else -1) * _sqrt(x * x, fp) / n for x in gyroscopic)
     return FreeTurn(e, m, o, n, complementary, d, factors)
 
 
@@ -187,16 +187,16 @@ def _free(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
     if turn is None:
         return np.broadcast_to(omega0, (*np.shape(t), 3))
 
-    e, m, o, n, complementary, d, factors = turn
+    e, m, o, n, complementary, d, g = turn
     sn, cn, dn = sn_cn_dn(n * t, complementary)
     h = np.hypot(cn, d * sn)
     cn, dn, we, wm, wo = cn / h, dn / h, omega0[e] / h, omega0[m], omega0[o] / h
-    g = [factor / n for factor in factors]
-    omega = np.empty((*np.shape(t), 3), dtype=t.dtype)
-    omega[..., o] = wo * cn + g[o] * wm * we * sn * dn
-    omega[..., m] = wm * cn * dn + g[m] * we * wo * sn
-    omega[..., e] = we * dn + g[e] * wo * wm * sn * cn
-    return omega
+    components = {
+        o: wo * cn + g[o] * wm * we * sn * dn,
+        m: wm * cn * dn + g[m] * we * wo * sn,
+        e: we * dn + g[e] * wo * wm * sn * cn,
+    }
+    return np.stack([components[i] for i in range(3)], axis=-1)
 
 
 def _sqrt(x: Fraction, fp: Any) -> Any:
