@@ -18,7 +18,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ..schema.kinds import KeyPath, Mistake, Rule
-from .euler import in_case_axes, quaternion_rates, turned_back
+from .euler import TERMS, in_case_axes, quaternion_rates, turned_back
 from .terms.time_laws import EPOCH, EPOCH_NAME, CaseConstants
 
 ATTITUDE_KEY, CONSTANTS_KEY = "attitude", "constants"
@@ -239,17 +239,6 @@ class Model:
         """The initial state."""
         raise NotImplementedError
 
-    @classmethod
-    def rows(cls, terms: Sequence[str]) -> dict[str, int]:
-        """The variables of the state under these terms, and the power d >= 0 of the unit of omega
-        that each carries: 0 for what has a size of its own, such as a direction.
-
-        The degree of a constant in the rate of such a variable is 1 - d more than the power of
-        omega in its terms: the factor of Q' = Q (0, omega)/2 is of degree 2, as `g`, since
-        W = omega/sigma and s change it alike.
-        """
-        return dict.fromkeys(cls.state, 1)
-
     @cached_property
     def equations(self) -> "Equations":
         """Its equations without their numbers."""
@@ -362,8 +351,16 @@ class Equations:
 
     @cached_property
     def rows(self) -> dict[str, int]:
-        """The variables of the state, and the power of the unit of omega that each carries."""
-        return self.form.rows(self.terms) | dict.fromkeys(QUATERNION * self.has_attitude, 0)
+        """The variables of the state, and the power d >= 0 of the unit of omega that each carries:
+        0 for a variable with a size of its own, such as a direction.
+
+        The degree of a constant in the rate of such a variable is 1 - d more than the power of
+        omega in its terms: the factor of Q' = Q (0, omega)/2 is of degree 2, as `g`, since
+        W = omega/sigma and s change it alike.
+        """
+        extra = {row: power for name in self.terms for row, power in TERMS[name].extra.items()}
+        turning = dict.fromkeys(QUATERNION * self.has_attitude, 0)
+        return dict.fromkeys(self.form.state, 1) | extra | turning
 
     @cached_property
     def state(self) -> tuple[str, ...]:

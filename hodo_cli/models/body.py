@@ -162,11 +162,6 @@ class Body(BodyFrame):
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         return rates_under(k.terms.split(), t, y, k)
 
-    @classmethod
-    def rows(cls, terms: Sequence[str]) -> dict[str, int]:
-        own = super().rows(terms)
-        return own | {row: n for name in terms for row, n in TERMS[name].extra.items()}
-
     @cached_property
     def terms(self) -> tuple[str, ...]:
         """The torques that act, by the keys of TERMS."""

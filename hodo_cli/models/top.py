@@ -173,8 +173,9 @@ def roots_of_motion(omega: Sequence[Any], gamma: Sequence[Any], k: Any) -> tuple
 
 
 def axial_torque(tau: Any, r: Any, k: Any) -> Any:
-    """M3 = m - b r."""
-    return coefficient_at(k, "m", tau) - coefficient_at(k, "b", tau) * r
+    """M3 = m - b r; where a case gives no m it is 0."""
+    resistance = -coefficient_at(k, "b", tau) * r
+    return resistance + coefficient_at(k, "m", tau) if hasattr(k, "m") else resistance
 
 
 def with_mu(k: Any, tau: Any) -> Any:
@@ -302,8 +303,8 @@ class Top(Model):
     @cached_property
     def constants(self) -> Constants:
         of_case = self.case_constants
-        given = vars(self).items()
-        laws = {k: resolved(0.0 if x is None else x, of_case) for k, x in given if k in LAW_KEYS}
+        given = {name: getattr(self, name) for name in LAW_KEYS}
+        laws = {name: resolved(x, of_case) for name, x in given.items() if x is not None}
         return {**self.inertia, **law_constants(laws), **named_constants(of_case)}
 
     @property
