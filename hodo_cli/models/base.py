@@ -183,9 +183,6 @@ class Model:
     )
     """Why the enclosed axis does not apply; empty where it does."""
 
-    rhs: ClassVar[Callable[..., Sequence[Any]]]
-    """rhs(t, y, k): the time derivative of each state variable."""
-
     output: ClassVar[Callable[..., dict[str, np.ndarray]]]
     """output(t, y, k): the stored variables from the times (n,) and the states (n, m), in the dtype
     of `y`.
@@ -200,6 +197,11 @@ class Model:
     exact_states: ClassVar[Callable[..., tuple[np.ndarray, np.ndarray]]]
     """self.exact_states(t), with a closed form: the states (n, m) of size about 1 at times t (n,)
     from the start, in the precision of t, and the exponents (n,) of their units."""
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        """The time derivative of each state variable."""
+        raise NotImplementedError("the model states no rhs")
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
