@@ -221,7 +221,8 @@ class Model:
         cls, data: Mapping[str, Any], epoch: float | None = None, is_backward: bool = False
     ) -> "Model":
         """The object with the data of a case, whose expressions count t from an epoch."""
-        own, of_epoch = dict(data), {EPOCH_NAME: -epoch if is_backward else epoch} if epoch else {}
+        own, sign = dict(data), -1.0 if is_backward else 1.0
+        of_epoch = {EPOCH_NAME: sign * epoch} if epoch else {}
         # As pairs, which can be hashed.
         named = (*(own.pop(CONSTANTS_KEY, None) or {}).items(), *of_epoch.items())
         return cls.form_of(data)(**own, case_constants=named, is_backward=is_backward)
