@@ -207,16 +207,6 @@ def isfinite(x: Any) -> bool:
     return isinstance(x, Column) or math.isfinite(x)
 
 
-def as_numpy_float(x: Any) -> Any:
-    """A number whose arithmetic has infinite results where Python's raises exceptions."""
-    return x if isinstance(x, Column) else np.float64(x)
-
-
-def as_float(x: Any) -> Any:
-    """The inverse of `as_numpy_float`: a plain number."""
-    return x if isinstance(x, Column) else float(x)
-
-
 def horner(c: Sequence[Any] | np.ndarray, x: Any) -> Any:
     """c[0] + c[1] x + ... by Horner's scheme."""
     result = c[-1]

@@ -189,8 +189,7 @@ def test_what_it_does_not_do_is_refused(body: Any, changes: Any, sentence: str) 
         averaged(body, **changes)
 
 
-def test_large_resistance_and_lost_entries_are_said() -> None:
-    assert "to first order I is its diagonal alone" in averaged(FIG12).attrs["warnings"]
+def test_large_resistance_is_said() -> None:
     assert "needs weak resistance" in averaged(FIG4, damping=[0.5, 0.4, 0.3]).attrs["warnings"]
     assert averaged(FIG4).attrs["warnings"] == ""
 

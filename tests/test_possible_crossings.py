@@ -121,8 +121,9 @@ def passages(A: Any, states: Any) -> list[list[tuple[int, float, float]]]:
 
 def assert_there_and_back(passed: list[tuple[int, float, float]], turning: Any) -> None:
     """That a motion crosses at most once under the fluid, and then at most once under damping."""
-    assert [side for side, _, after in passed if after > turning.fluid] in ([], [1])
-    assert [side for side, before, _ in passed if before < turning.damping] in ([], [-1])
+    fluid, damping, _ = turning
+    assert [side for side, _, after in passed if after > fluid] in ([], [1])
+    assert [side for side, before, _ in passed if before < damping] in ([], [-1])
 
 
 def random_terms(draw: np.random.Generator, n: int, *names: str) -> theory.Dissipation:

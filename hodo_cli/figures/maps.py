@@ -311,7 +311,7 @@ def balance(case: Any) -> float:
     HodoError for a sweep whose torques no theorem covers."""
     if not (terms := case.system.dissipation):
         raise HodoError("theory: no theorem predicts the sense of crossings of the sweep")
-    return float(case.system.momentum_at_start / turning_momenta(terms).mean)
+    return float(case.system.momentum_at_start / turning_momenta(terms)[-1])
 
 
 def globe(

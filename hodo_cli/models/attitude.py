@@ -1,4 +1,8 @@
-"""Attitude: the key of a case for where the body points, and the quaternion at the start."""
+"""Attitude: a unit quaternion Q with v_space = Q (0, v_body) Q* and Q' = Q (0, omega)/2.
+
+Here are the key of a case for where the body points, and Q at the start: given, by three Euler
+angles, or with G along the space axis z.
+"""
 
 import math
 import re
@@ -165,18 +169,11 @@ def angle_apart(difference: np.ndarray, Q: np.ndarray) -> np.ndarray:
 
 
 def warnings_of(system: Model) -> list[str]:
-    """The warnings of a model, and those of the start of its attitude."""
+    """The warnings of a model, and of the start of its attitude."""
     attitude = system.attitude
-    is_aligned = isinstance(attitude, Mapping) and attitude["align"]
-    no_G = is_aligned and not any(system.start[:3]) and not system.no_separatrix_reason
-    of_axis = ["without a G at the start, z lies along x3 there"] if no_G else []
-    return [*system.warnings, *attitude_warnings(attitude), *of_axis]
-
-
-def attitude_warnings(attitude: Any) -> list[str]:
-    """Warnings of the start of an attitude."""
     if not isinstance(attitude, Mapping):
-        return []
+        return system.warnings
+    is_still = not (any(system.start[:3]) or system.no_separatrix_reason)
     initial, euler, sequence = attitude["initial"], attitude["euler"], attitude["sequence"]
     length, widest = math.hypot(*(initial or (1.0,))), max(euler or (0.0,), key=abs)
     _, middle, _ = euler or (0.0, 1.0, 0.0)
@@ -192,5 +189,6 @@ def attitude_warnings(attitude: Any) -> list[str]:
         "one axis there, and the attitude shows no more than their sum or difference": (
             abs(pole) <= UNIT_LENGTH_TOL
         ),
+        "without a G at the start, z lies along x3 there": attitude["align"] and is_still,
     }
-    return [sentence for sentence, applies in sentences.items() if applies]
+    return [*system.warnings, *(words for words, applies in sentences.items() if applies)]

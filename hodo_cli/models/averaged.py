@@ -32,7 +32,7 @@ from ..arithmetic import hypot
 from ..schema.kinds import Choice, Key, Mistake
 from .base import Event, EventOutcome, Label, Model, attributes
 from .body import Body, Cavity, LinearDiag, Tensor
-from .rigid_body import inertia_order, is_diagonal, separatrix_terms
+from .rigid_body import inertia_order, separatrix_terms
 from .theory.exact import sum_along_mean
 
 Rates = Callable[[int, Any], tuple[Any, ...]]
@@ -51,7 +51,7 @@ MEAN_STEPS = 8
 
 NODES, REFERENCE_NODES = 20, 26
 """The points of a panel of z: the integrands are analytic where |Im z| < pi/2, so that each term of
-their series is 6 times as small as the one before. The second number is that of long doubles."""
+their series is 6 times as small as the one before. The second number serves long doubles."""
 
 NEWTON_STEPS = 5
 """Enough to find a time in a panel, within which dt/dz changes by a factor of e at most."""
@@ -71,8 +71,8 @@ def turn_means(v: Any) -> tuple[Any, Any, Any, Any]:
 @lru_cache(maxsize=16)  # a case asks several times, and exact fractions take 0.2 ms
 @np.errstate(all="ignore")
 def slow_variables(inertia: Any, omega: Any) -> tuple[int, Any, np.ndarray]:
-    """The side, v, and ln X and ln Y (2,) at a start, in long double. v is that of the exact D: the
-    difference of two logarithms has lost its digits beside the separatrix.
+    """The side, v, and ln X and ln Y (2,) at a start, in long double. v follows from the exact D:
+    the difference of two logarithms has lost its digits near the separatrix.
 
     Raises ValueError where there is no turn to average.
     """
@@ -91,8 +91,8 @@ def slow_variables(inertia: Any, omega: Any) -> tuple[int, Any, np.ndarray]:
 
 @cache
 def chebyshev_fit(fp: type) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points of -1..1 in a precision, and what makes of values there the coefficients of a series
-    and those of its integral from -1."""
+    """Points of -1..1 in a precision, and the two matrices that take values there to the Chebyshev
+    coefficients of a series and of its integral from -1."""
     n = NODES if fp is np.float64 else REFERENCE_NODES
     angle = (np.arange(n, dtype=fp) + fp(0.5)) * np.arccos(fp(-1)) / n
     weights = np.where(np.arange(n), 2, 1)[:, None] / fp(n)
@@ -121,11 +121,11 @@ def from_line(z: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.nd
 
 
 class Path(NamedTuple):
-    """An averaged motion in k panels of z, and behind them at constant rates.
+    """An averaged motion in k panels of z, and after them at constant rates.
 
     Of each panel: the time `begin` (k,) at which it begins and its `side` (k,); the `series`
     (n + 1, 4, k) of time, ln X, ln Y and m in x = -1..1, by Chebyshev's polynomials, and the `pace`
-    dt/dx (n, k). `end` (3,) is time, ln X and ln Y behind the last one, from where ln X and ln Y go
+    dt/dx (n, k). `end` (3,) is time, ln X and ln Y after the last one, from where ln X and ln Y go
     on at their `rates` (2,); `crossing` (3,) is the same at the separatrix, where there is one.
     """
 
@@ -218,14 +218,14 @@ class AveragedTurns(Body):
         m, m1, ss, _ = turn_means(v)
         dd = 1 - m * ss
         logs = -2 * (l_b + (l_e - l_b) * dd), -2 * (l_b + (l_o - l_b) * (1 - ss))
-        # By <dn^2> - <cn^2> = (1 - m) <sn^2>: beside the separatrix nothing cancels.
+        # By <dn^2> - <cn^2> = (1 - m) <sn^2>: near the separatrix nothing cancels.
         return -2 * ((l_e - l_o) * dd + (l_o - l_b) * m1 * ss), *logs[::side]
 
     @classmethod
     def velocity(
         cls, inertia: Sequence[float], initial: Mapping[str, float | None]
     ) -> tuple[float, ...]:
-        """Besides: something turns."""
+        """(p, q, r) at the start. Raises ValueError too where there is no turn to average."""
         omega = super().velocity(inertia, initial)
         slow_variables(inertia, omega)
         return omega
@@ -237,7 +237,7 @@ class AveragedTurns(Body):
 
     @cached_property
     def paths(self) -> dict[type, Path]:
-        """The motions that have been computed last, by precision."""
+        """The motion computed last in each precision."""
         return {}
 
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -247,7 +247,7 @@ class AveragedTurns(Body):
         return self.paths[fp].at(t), np.zeros(len(t), dtype=np.intc)
 
     def exact_end(self, fp: type) -> tuple[str, EventOutcome] | None:
-        """The passage through the separatrix, behind which the motion goes on."""
+        """The passage through the separatrix, after which the motion goes on."""
         path = self.paths.get(fp)
         if path is None or path.crossing is None:
             return None
@@ -277,7 +277,7 @@ class AveragedTurns(Body):
 
     @property
     def warnings(self) -> list[str]:
-        """Besides: resistance that is not weak beside the turns."""
+        """Also of resistance that is not weak compared with the turns."""
         side, v, logs = self.slow_start
         A_e, b, A_o = np.sort(self.moments)[::-side]
         # One turn takes 4K/n, n^2 = |A_e - b| X_e/(A_e b A_o).
@@ -322,12 +322,6 @@ class AveragedTensor(AveragedTurns, Tensor):
     def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
         return self.linear_rates((np.diag(self.resistance_matrix) / self.inertia).tolist(), side, v)
 
-    @property
-    def warnings(self) -> list[str]:
-        """Besides: entries that drop out."""
-        says = "to first order I is its diagonal alone"
-        return [*super().warnings, *([] if is_diagonal(self.resistance_matrix) else [says])]
-
 
 # A cavity full of viscous fluid: of symmetric bodies two amplitudes say all
 
@@ -369,7 +363,7 @@ class SymmetricCavity(Cavity):
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        """Besides: A1 = A2."""
+        """Also that A1 = A2."""
         yield from super().check(data)
         A = data.get("inertia")
         if A is not None and A[0] != A[1]:
@@ -383,22 +377,13 @@ class SymmetricCavity(Cavity):
         p, q, r = super().start
         return hypot(p, q), r
 
-    @property
-    def extended_start(self) -> np.ndarray:
-        # The roots of x and y have digits that a double has not, and x and y are what is stored.
-        squares = [self.initial.get(name) for name in "xy"]
-        if None not in squares:
-            return np.sqrt(np.array(squares, dtype=np.longdouble))
-        p, q, r = np.array(super().start, dtype=np.longdouble)
-        return np.array([np.hypot(p, q), r])
-
     def starts(self, omega: np.ndarray) -> np.ndarray:
         p, q, r = np.moveaxis(omega, -1, 0)
         return np.stack((np.hypot(p, q), r))
 
     @property
     def warnings(self) -> list[str]:
-        """Besides: M1 and M2 where the turns do not average them away."""
+        """Also of M1 and M2 where the turns do not average them away."""
         A, _, C = self.inertia
         a, r = self.start
         dropped = abs(self.epsilon) * math.hypot(*self.torque[:2])
@@ -501,7 +486,7 @@ class AveragedTriaxial(AveragedTurns, Cavity):
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        """Besides: no torque."""
+        """Also that there is no torque."""
         yield from super().check(data)
         if any(data.get("torque", ())):
             yield (

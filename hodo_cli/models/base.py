@@ -1,5 +1,9 @@
-"""What every model states; and what engines make of it: its constants as flat lists of numbers, the
-units of its state and of its time, and the Jacobian of its equations."""
+"""What every model states: y' = rhs(t, y, k), a start and the stored variables. And what engines
+need of it: the constants k as flat lists of numbers, units of omega and of time, the Jacobian.
+
+With omega = sigma W and s = rho t, a constant of degree d, whose term is of degree d in omega,
+becomes value * sigma**(d - 1) / rho: so the state stays near 1 however far a motion decays.
+"""
 
 import math
 import sys
@@ -14,7 +18,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ..schema.kinds import KeyPath, Mistake, Rule
-from .euler import about, composed, in_case_axes, quaternion_rates, turned_back
+from .euler import TERMS, about, composed, in_case_axes, quaternion_rates, turned_back
 from .terms.time_laws import EPOCH, EPOCH_NAME, CaseConstants
 
 ATTITUDE_KEY, CONSTANTS_KEY = "attitude", "constants"
@@ -27,12 +31,11 @@ Constants = Mapping[str, float | tuple[float, ...] | str]
 """Numbers and tuples of numbers by name; a string is structure, which chooses between equations."""
 
 Structure = tuple[tuple[str, int | str], ...]
-"""What of the constants is structure: each name with its length (0 for a plain number), or its
-string."""
+"""The structure of constants: each name with its length (0 for a plain number), or its string."""
 
 
 LENGTHS = {"axis": 3, "quaternion": 4, "principal": 3, "space": 3}
-"""The lengths of the dimensions that a variable of a motion may have besides its time."""
+"""The lengths of the other dimensions, besides time, of a motion's variables."""
 
 
 REST_BITS = 2**12
@@ -135,8 +138,8 @@ class Model:
     lines. `k` has the names of `constants` as attributes. They are functions of the class, because
     an engine compiles them once for all cases of one `Equations`.
 
-    `t` is the case's own time in `rhs`, in events and in `output`, whatever the units. Behind the
-    variables of `state` an event sees the quaternion of an attitude.
+    `t` is the case's own time in `rhs`, in events and in `output`, whatever the units. An event
+    gets the quaternion of an attitude after the variables of `state`.
     """
 
     attitude: Any = field(default=None, kw_only=True)
@@ -147,7 +150,7 @@ class Model:
     `constants` are the numbers of its equations."""
 
     is_backward: bool = field(default=False, kw_only=True)
-    """Whether the time of its motion, which rises, is that of the case with another sign."""
+    """Whether the motion's time, which rises, is the case's time with the other sign."""
 
     name: ClassVar[str]
     form: ClassVar[str]
@@ -160,9 +163,9 @@ class Model:
 
     It makes a change of units possible: with omega = sigma W and s = rho t, every such constant
     becomes value * sigma**(degree - 1) / rho. A constant of degree 0 is a torque that spins a body
-    up, and so sets a least unit of omega. What of a rate has no degree finds the units where
-    `constants` names them: `velocity_unit` (sigma) and `time_unit` (1/rho), both 1 in the case's
-    own units. A model without degrees is integrated in its own units.
+    up, and so sets a least unit of omega. A term without a degree converts by the constants
+    `velocity_unit` (sigma) and `time_unit` (1/rho), both 1 in the case's own units. A model without
+    degrees is integrated in its own units.
     """
 
     resisting: ClassVar[frozenset[str]] = frozenset()
@@ -174,14 +177,14 @@ class Model:
 
     fixed_in_space: ClassVar[tuple[str, ...]] = ()
     """Three variables of the state: the components along body axes of a vector that is fixed in
-    space, where its components are those of the start, if an attitude says how the two differ."""
+    space. With an attitude `start` gives its components in space."""
 
     starts_with_omega: ClassVar[bool] = False
     """Whether its motions start with an angular velocity in body axes."""
 
     always_absorbing: ClassVar[bool] = False
     """Whether it has `absorbing_axes` whatever the data: no motion crosses the separatrix twice,
-    and errors do not grow beside it."""
+    and errors do not grow near it."""
 
     slow_time: ClassVar[bool] = False
     """Whether its time is tau = epsilon t."""
@@ -195,23 +198,29 @@ class Model:
     )
     """Why the enclosed axis does not apply; empty where it does."""
 
+    output: ClassVar[Callable[..., dict[str, np.ndarray]]]
+    """output(t, y, k): the stored variables from the times (n,) and the states (n, m), in the dtype
+    of `y`.
+
+    Where their errors are judged the states of a model with `degree` are in units of omega of their
+    own, so that each variable has to be homogeneous in it.
+    """
+
+    attitude_at: ClassVar[Callable[..., tuple[Any, ...]]]
+    """self.attitude_at(start): the quaternion at a start (m,)."""
+
+    exact_states: ClassVar[Callable[..., tuple[np.ndarray, np.ndarray]]]
+    """self.exact_states(t), with a closed form: the states (n, m) of size about 1 at times t (n,)
+    from the start, in the precision of t, and the exponents (n,) of their units."""
+
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         """The time derivative of each state variable."""
         raise NotImplementedError("the model states no rhs")
 
-    @staticmethod
-    def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
-        """The stored variables from the times (n,) and the states (n, m), in the dtype of `y`.
-
-        Where their errors are judged the states of a model with `degree` are in units of omega of
-        their own, so that each variable has to be homogeneous in it.
-        """
-        raise NotImplementedError
-
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        """What is wrong with values that are each right by themselves.
+        """The mistakes of values that are each valid alone.
 
         Keys whose values are wrong by themselves are missing from `data`.
         """
@@ -219,7 +228,7 @@ class Model:
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
-        """What is wrong with right values in a motion from one time to another."""
+        """The mistakes of valid values in a motion from one time to another."""
         yield from ()
 
     @classmethod
@@ -227,17 +236,15 @@ class Model:
         cls, data: Mapping[str, Any], epoch: float | None = None, is_backward: bool = False
     ) -> "Model":
         """The object with the data of a case, whose expressions count t from an epoch."""
-        own = dict(data)
+        own, sign = dict(data), -1.0 if is_backward else 1.0
+        of_epoch = {EPOCH_NAME: sign * epoch} if epoch else {}
         # As pairs, which can be hashed.
-        named = (own.pop(CONSTANTS_KEY, None) or {}) if CONSTANTS_KEY in cls.keys else {}
-        if epoch:
-            named = named | {EPOCH_NAME: -epoch if is_backward else epoch}
-        named = tuple(named.items())
+        named = (*(own.pop(CONSTANTS_KEY, None) or {}).items(), *of_epoch.items())
         return cls.form_of(data)(**own, case_constants=named, is_backward=is_backward)
 
     @classmethod
     def form_of(cls, data: Mapping[str, Any]) -> "type[Model]":
-        """The class for these data: this one, or one that stands in for it."""
+        """The class for these data: this one, or its replacement."""
         return cls
 
     @cached_property
@@ -250,17 +257,6 @@ class Model:
         """The initial state."""
         raise NotImplementedError
 
-    @classmethod
-    def rows(cls, terms: Sequence[str]) -> dict[str, int]:
-        """The variables of the state under these terms, and the power d >= 0 of the unit of omega
-        that each carries: 0 for what has a size of its own, such as a direction.
-
-        The degree of a constant in the rate of such a variable is 1 - d more than the power of
-        omega in its terms: the factor of Q' = Q (0, omega)/2 is of degree 2, as `g`, since
-        W = omega/sigma and s change it alike.
-        """
-        return dict.fromkeys(cls.state, 1)
-
     @cached_property
     def equations(self) -> "Equations":
         """Its equations without their numbers."""
@@ -270,7 +266,7 @@ class Model:
 
     @property
     def no_separatrix_reason(self) -> str:
-        """As of its equations."""
+        """The reason of its equations."""
         return self.equations.no_separatrix_reason
 
     @cached_property
@@ -279,7 +275,7 @@ class Model:
         return self.with_attitude(np.array(self.start)) if self.attitude else self.start
 
     def with_attitude(self, start: np.ndarray) -> tuple[Any, ...]:
-        """A start and the attitude there, with what is fixed in space along the state's axes."""
+        """A start and the attitude there; a vector fixed in space turns into the state's axes."""
         Q = self.attitude_at(start)
         rows = [i for i, name in enumerate(self.equations.state) if name in self.fixed_in_space]
         if rows:
@@ -287,13 +283,9 @@ class Model:
         return *start.tolist(), *Q
 
     def to_principal(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors (..., 3) in the axes of the case along those of the state, in their own
+        """Vectors (..., 3) in the axes of the case, turned into the axes of the state, in their own
         precision."""
         return vectors
-
-    def attitude_at(self, start: np.ndarray) -> tuple[Any, ...]:
-        """The quaternion at a start."""
-        raise NotImplementedError
 
     @property
     def extended_start(self) -> np.ndarray:
@@ -307,8 +299,8 @@ class Model:
         return None
 
     def predictions(self, start: float, end: float) -> list[str]:
-        """What theory says of the motion between two times, from the data alone: sentences, with
-        units in words behind their numbers, as in "stops after 12.5 [time]"."""
+        """What theory says of the motion between two times, from the data: sentences, with
+        units in words after their numbers, as in "turns in 12.5 [time]"."""
         return []
 
     @property
@@ -316,19 +308,14 @@ class Model:
         """Whether `exact_states` has the motion."""
         return False
 
-    def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The states (n, m) of size about 1 at times t (n,) from the start, in the precision of t,
-        and the exponents (n,) of their units."""
-        raise NotImplementedError
-
     def exact_end(self, fp: type) -> tuple[str, EventOutcome] | None:
-        """The event of a motion in closed form, computed in a precision, at its time from the
-        start, and its kind."""
+        """The kind of the event of a motion in closed form, and the event at its time from the
+        start, in a precision; None without an event."""
         return None
 
     @property
     def final_axis(self) -> int | None:
-        """The axis enclosed in the end, where theory predicts it from the data alone."""
+        """The axis enclosed in the end, where theory predicts it from the data."""
         return None
 
     def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
@@ -342,7 +329,7 @@ class Model:
         return []
 
     def warnings_within(self, start: float, end: float) -> list[str]:
-        """What they say against them between two times."""
+        """What the data say against the assumptions between two times."""
         return []
 
     @property
@@ -358,8 +345,8 @@ class Model:
 
 @dataclass(frozen=True)
 class Equations:
-    """The equations of all motions of a form that have one structure: what is compiled once. Behind
-    the form's own variables stands the quaternion of an attitude.
+    """The equations of all motions of a form that have one structure: they are compiled once. The
+    quaternion of an attitude follows the form's own variables.
 
     With the constants `time_start` and `time_unit` they are functions of an engine's time s, in
     units that fit the motion: the case's own is t = time_start + s time_unit.
@@ -382,8 +369,16 @@ class Equations:
 
     @cached_property
     def rows(self) -> dict[str, int]:
-        """The variables of the state, and the power of the unit of omega that each carries."""
-        return self.form.rows(self.terms) | dict.fromkeys(QUATERNION * self.has_attitude, 0)
+        """The variables of the state, and the power d >= 0 of the unit of omega that each carries:
+        0 for a variable with a size of its own, such as a direction.
+
+        The degree of a constant in the rate of such a variable is 1 - d more than the power of
+        omega in its terms: the factor of Q' = Q (0, omega)/2 is of degree 2, as `g`, since
+        W = omega/sigma and s change it alike.
+        """
+        extra = {row: power for name in self.terms for row, power in TERMS[name].extra.items()}
+        turning = dict.fromkeys(QUATERNION * self.has_attitude, 0)
+        return dict.fromkeys(self.form.state, 1) | extra | turning
 
     @cached_property
     def state(self) -> tuple[str, ...]:
@@ -414,32 +409,29 @@ class Equations:
 
     @property
     def always_absorbing(self) -> bool:
-        """As of the form; what theory says of a motion forward does not count backward."""
+        """As the form says; theory holds for motions forward only."""
         return self.form.always_absorbing and not self.is_backward
 
     @cached_property
     def has_formulas(self) -> bool:
-        """Whether they hold formulas of a user's own, in which anything may happen within a step:
-        those of a model from outside the package do."""
-        forms = (base for base in self.form.__mro__ if issubclass(base, Model))
-        files = [str(sys.modules[form.__module__].__file__) for form in forms]
+        """Whether they hold formulas of a user's own, in which anything may happen within a step;
+        the equations of a model from outside the package do."""
+        forms = (sys.modules[x.__module__] for x in self.form.__mro__ if issubclass(x, Model))
+        is_own = not all(str(module.__file__).startswith(OWN_FOLDER) for module in forms)
         has_laws = any(name.endswith("_law") for name in self.names)
-        is_own = not all(file.startswith(OWN_FOLDER) for file in files)
         return has_laws or is_own or "expression" in self.terms
 
     def rhs(self, t: Any, y: Sequence[Any], k: Any) -> Sequence[Any]:
         """The time derivative of each state variable."""
         t, k = self.in_case_time(t, k)
+        rates: Sequence[Any] = ()
         if self.has_attitude:
-            own, factor = y[:-4], self.form.quaternion_factor(k)
-            turning = quaternion_rates(in_case_axes(y[:3], k), y[-4:], factor)
-            if "expression" in self.terms:
-                k = SimpleNamespace(**vars(k), attitude=y[-4:])
-            rates: Sequence[Any] = (*self.form.rhs(t, own, k), *turning)
-        else:
-            rates = self.form.rhs(t, y, k)
+            y, Q, factor = y[:-4], y[-4:], self.form.quaternion_factor(k)
+            rates = quaternion_rates(in_case_axes(y[:3], k), Q, factor)
+            k = SimpleNamespace(**vars(k), attitude=Q) if "expression" in self.terms else k
+        rates = (*self.form.rhs(t, y, k), *rates)
         rates = [-rate for rate in rates] if self.is_backward else rates
-        # The degrees of constants give rates by the engine's time; without them it is told.
+        # The degrees of constants give rates by the engine's time; else its unit is a constant.
         is_own_unit = self.degree or START not in self.names
         return rates if is_own_unit else [rate * k.time_unit for rate in rates]
 
@@ -451,7 +443,7 @@ class Equations:
         return self.form.output(t, y[:, :-4], k) | dict.fromkeys(ATTITUDE_VARIABLE, y[:, -4:])
 
     def in_case_time(self, t: Any, k: Any) -> tuple[Any, Any]:
-        """The time as the form's own equations know it, and the constants."""
+        """The time of the form's own equations, and the constants."""
         if START in self.names:
             t, k = from_engine_time(t, k)
         if self.is_backward:
@@ -477,7 +469,7 @@ def structure(k: Constants) -> Structure:
 
 
 def count(of: Structure) -> int:
-    """How many numbers the constants hold."""
+    """The number of values that the constants hold."""
     return sum(max(size, 1) for _, size in of if isinstance(size, int))
 
 
@@ -513,24 +505,24 @@ def state_powers(model: Equations) -> np.ndarray:
 
 
 def rescaled(model: Equations, y: np.ndarray, exponent: Any) -> np.ndarray:
-    """States (..., m) in units of omega that are 2**exponent (...) times as small: as they are
-    where `exponent` is that of their own units."""
+    """States (..., m) in units of omega that are 2**exponent (...) times as small."""
     # Laid out in memory as columns of motions are: a view (n, m) of those stays one.
     powers = np.moveaxis(np.multiply.outer(state_powers(model), exponent), 0, -1)
     return np.asarray(np.ldexp(y, powers))
 
 
 def moving(model: Equations) -> np.ndarray | slice:
-    """The positions of the state variables that carry a unit of omega: those that tell how large a
-    motion is."""
+    """The positions of the state variables that carry a unit of omega: they give the size of a
+    motion."""
     powers = state_powers(model)
+    # A slice gives a view, and no copy.
     return np.flatnonzero(powers) if model.degree and not powers.all() else slice(None)
 
 
 def kinds_of_variables(model: Equations) -> list[np.ndarray]:
     """The positions of the state variables that carry a unit of omega, and of those that carry
-    none, if there are any: the one may decay by any factor beside the other, so that each kind has
-    its own size."""
+    none, if there are any. One kind may decay by any factor while the other does not: each has its
+    own size."""
     powers = state_powers(model)
     kinds = np.flatnonzero(powers), np.flatnonzero(powers == 0)
     return [rows for rows in kinds if rows.size]
@@ -549,7 +541,7 @@ def jacobian(model: Equations, k: SimpleNamespace, t: Any, y: np.ndarray) -> np.
 
     Source: W. Squire and G. Trapp, SIAM Review 40 (1998) 110.
     """
-    # Its square vanishes beside every double, so nothing is truncated, and no difference is taken,
+    # The square of `tiny` is lost in every double, so nothing is truncated; no difference is taken,
     # so nothing cancels.
     tiny, unit_steps = 1e-100, np.eye(len(y)).reshape(len(y), len(y), *[1] * (y.ndim - 1))
     steps = y[:, None] + 1j * tiny * unit_steps
@@ -576,25 +568,22 @@ stretch begins, and the units of time and of velocity."""
 @lru_cache(maxsize=64)
 @np.errstate(all="ignore")
 def contains_time(model: Equations, events: tuple[Event, ...] = ()) -> bool:
-    """Whether the rates of a model, or the functions of events, contain the time: they are then
-    not a number where the time is none."""
+    """Whether the rates of a model, or the functions of events, contain the time: with a time that
+    is not a number they are not numbers then."""
     # Any numbers serve that no formula makes 0 or equal.
     k = namespace(model.structure, [1.1 + i / 7 for i in range(count(model.structure))])
     y = [np.float64(0.3 + i / 11) for i in range(len(model.state))]
     functions = (model.rhs, *(event.function for event in events))
-    return any(_is_lost(function, y, k) for function in functions)
-
-
-def _is_lost(function: Callable[..., Any], y: Sequence[Any], k: Any) -> bool:
     try:
-        return bool(np.isnan(np.array(function(np.float64(math.nan), y, k), dtype=complex)).any())
+        values = [np.ravel(function(np.float64(math.nan), y, k)) for function in functions]
+        return bool(np.isnan(np.concatenate(values).astype(complex)).any())
     except (ArithmeticError, ValueError, TypeError):
         return True  # what such a time disturbs contains it
 
 
 def has_formula_of_time(system: Model) -> bool:
-    """Whether equations hold a formula of a user's own, and contain the time: between two times
-    they may then do anything."""
+    """Whether equations hold a user's formula and contain the time: between two times anything may
+    happen then."""
     return system.equations.has_formulas and contains_time(system.equations)
 
 
@@ -604,8 +593,8 @@ def with_epoch(k: Any, epoch: Any) -> SimpleNamespace:
 
 
 def from_engine_time(s: Any, k: Any) -> tuple[Any, Any]:
-    """The case's own time by the engine's, and the constants; of a case with an epoch it counts
-    from there: two numbers near each other are subtracted first."""
+    """The case's own time from the engine's, and the constants. With an epoch the time counts from
+    there: two numbers near each other are subtracted first."""
     if not hasattr(k, EPOCH):
         return k.time_start + s * k.time_unit, k
     return (k.time_start - k.epoch) + s * k.time_unit, with_epoch(k, 0.0)

@@ -1,7 +1,6 @@
 """One rigid body under a sum of torques, A omega' + omega x A omega = N, and the key tables of the
 models that are such a sum: `linear-diag`, `tensor`, `cavity+constant` and `torques`."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -37,7 +36,6 @@ from .rigid_body import (
     is_diagonal,
     is_tensor,
     principal_axes,
-    range_mistake,
     symmetric,
 )
 from .terms.fluid import CAVITY, cavity_warnings, coefficient, weak
@@ -82,13 +80,13 @@ TENSOR_ROUNDING = 1e-13
 ZEROS = (0.0, 0.0, 0.0)
 
 RESISTING = ("damping", "quadratic", "kappa", "brake")
-"""The terms of which negative coefficients drive the body."""
+"""The terms whose negative coefficients drive the body."""
 
 PLACES = 4097
 """The times at which coefficients are looked at for negative values."""
 
 NOT_COVERED = frozenset({"rotor", "space_torque", "expression"})
-"""The terms of which the theorems on crossings say nothing."""
+"""The terms that the theorems on crossings do not cover."""
 
 
 def terms_named(data: Mapping[str, Any]) -> tuple[str, ...]:
@@ -101,7 +99,7 @@ def coefficients_of(
     data: Mapping[str, Any], constants: CaseConstants
 ) -> dict[str, tuple[Any, ...]]:
     """The coefficients of each term that a case names, numbers or laws, in the order of the term's
-    constants; those of `torque` times epsilon."""
+    constants; the coefficients of `torque` times epsilon."""
     if data.get("cavity") is not None:
         data = {**data, "kappa": coefficient(data["cavity"])}
     named = {name: TERMS[name].coefficients(data[name]) for name in terms_named(data)}
@@ -158,16 +156,11 @@ class Body(BodyFrame):
     """Whether a case has to name a fluid."""
 
     says_crossings: ClassVar[bool] = False
-    """Whether its predictions tell which crossings its torques allow."""
+    """Whether its predictions say which crossings its torques allow."""
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         return rates_under(k.terms.split(), t, y, k)
-
-    @classmethod
-    def rows(cls, terms: Sequence[str]) -> dict[str, int]:
-        own = super().rows(terms)
-        return own | {row: n for name in terms for row, n in TERMS[name].extra.items()}
 
     @cached_property
     def terms(self) -> tuple[str, ...]:
@@ -181,23 +174,18 @@ class Body(BodyFrame):
 
     @cached_property
     def constants(self) -> Constants:
-        constants: dict[str, Any] = {}
+        named = self.term_coefficients.items()
+        given = {k: x for term, c in named for k, x in zip(TERMS[term].degree, c, strict=True)}
+        constants: dict[str, Any] = law_constants(given) | {TERMS_NAME: " ".join(self.terms)}
         if self.expression is not None:
             constants |= {f"expression{i}": text for i, text in enumerate(self.expression, 1)}
             constants |= {"velocity_unit": 1.0, "time_unit": 1.0}
         if self.brake is not None:
             constants["momentum_at_start"] = self.momentum_at_start
-        for term, entries in self.term_coefficients.items():
-            for name, entry in zip(TERMS[term].degree, entries, strict=True):
-                constants |= law_constants(name, entry)
-        constants |= body_constants(self.inertia) | {TERMS_NAME: " ".join(self.terms)}
         if self.changing_terms or self.expression is not None:
             constants |= named_constants(self.case_constants)
         if (frame := self.frame) is None:
-            return constants
-        if self.rotor is not None:
-            h = self.to_principal(np.array(self.rotor, dtype=np.longdouble))
-            constants |= dict(zip(TERMS["rotor"].degree, h, strict=True))
+            return constants | body_constants(self.inertia)
         axes = tuple(frame.axes.ravel())
         return constants | body_constants([*frame.moments]) | {"principal_axes": axes}
 
@@ -241,7 +229,8 @@ class Body(BodyFrame):
     @property
     def extended_start(self) -> np.ndarray:
         y = super().extended_start
-        y[:3] = self.to_principal(np.array(self.initial_velocity, dtype=np.longdouble))
+        own = self.starts(np.array(self.initial_velocity, dtype=np.longdouble))[:3]
+        y[: len(own)] = own
         return y
 
     @property
@@ -302,8 +291,7 @@ class Body(BodyFrame):
         given = (data.get("initial") or {}).items()
         known = {name: w for name, w in given if name in VELOCITIES and w is not None}
         known |= {"t": start, **(data.get(CONSTANTS_KEY) or {})}
-        torques = {name: data[name] for name in TERMS if name in data}
-        expressions = [*expressions_of(torques)]
+        expressions = [*expressions_of({name: data[name] for name in TERMS if name in data})]
         mistakes = [*value_mistakes(expressions, known)]
         if data.get("brake") is not None and data.get("rotor") is None and not mistakes:
             at_rest = known | dict.fromkeys(VELOCITIES, 0.0)
@@ -312,7 +300,7 @@ class Body(BodyFrame):
 
     @property
     def warnings(self) -> list[str]:
-        """What no medium has, and torques for which a theory does not hold."""
+        """Coefficients that no medium has, and torques for which a theory does not hold."""
         # Of what changes with time only the damping is judged, coefficient by coefficient.
         coefficients, changing = self.term_coefficients.items(), self.changing_terms
         given = {term: entries for term, entries in coefficients if term not in changing}
@@ -343,7 +331,7 @@ class Body(BodyFrame):
         ]
 
     def warnings_within(self, start: float, end: float) -> list[str]:
-        """Which coefficients that change with time are negative, and from when on."""
+        """The changing coefficients that become negative, with the first time."""
         times, constants = np.linspace(start, end, PLACES), self.case_constants
         laws = ((k, x) for k, c in self.term_coefficients.items() for x in c if is_law(x))
         first = [(k, first_negative(x, times, constants)) for k, x in laws if k in RESISTING]
@@ -368,21 +356,18 @@ class Body(BodyFrame):
         given = self.term_coefficients
         if not NOT_COVERED.isdisjoint(self.terms) or self.changing_terms - {"brake"}:
             return None
-        terms = Dissipation(
+        I = np.reshape(given.get("resistance", np.zeros(9)), (3, 3))
+        if self.frame:
+            I = self.to_principal(self.to_principal(I).T)
+            I = np.where(np.abs(I) > TENSOR_ROUNDING * np.abs(I).max(), I, 0)
+        return Dissipation(
             self.moments,
-            damping=given.get("damping", ZEROS),
+            damping=tuple(np.add(given.get("damping", ZEROS), np.diag(I) / self.moments).tolist()),
             quadratic=given.get("quadratic", ZEROS),
             kappa=given.get("kappa", ZEROS)[0],
             torque=self.to_principal(np.array(given.get("torque", ZEROS))),
+            covered=is_diagonal(I),
         )
-        if "resistance" not in given:
-            return terms
-        I, axes = self.resistance_matrix, self.principal_axes
-        if axes is not None:
-            I = (axes @ I @ axes.T).astype(float)
-            I = np.where(np.abs(I) > TENSOR_ROUNDING * np.abs(I).max(), I, 0)
-        damping = tuple((np.array(terms.damping) + np.diag(I) / self.moments).tolist())
-        return terms._replace(damping=damping, covered=is_diagonal(I))
 
     def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
         terms = self.dissipation
@@ -390,52 +375,33 @@ class Body(BodyFrame):
 
     @property
     def final_axis(self) -> int | None:
-        is_constant = self.terms == ("resistance",) and not self.changing_terms
-        if not is_constant or self.frame is not None:
-            return None
-        return final_axis(np.array(self.inertia), self.resistance_matrix, self.omega_at_start)
+        is_covered = self.terms == ("resistance",) and not (self.changing_terms or self.frame)
+        turns = np.count_nonzero(self.omega_at_start) > 1
+        return final_axis(self.moments, self.resistance_matrix) if is_covered and turns else None
 
     def predictions(self, start: float, end: float) -> list[str]:
-        """Which crossings are possible, when a brake stops the body, and how a free body with an
+        """Which crossings are possible, that a rotor leaves no axis, and how a free body with an
         attitude turns."""
-        predictions = []
-        if self.says_crossings and (terms := self.dissipation):
-            predictions += crossing_predictions(terms)
-            predictions += [] if self.changing_terms else self.stop_predictions(terms)
-        return [*predictions, *filter(None, [self.no_separatrix_reason]), *(self.turn or ())[2:]]
-
-    def stop_predictions(self, terms: Dissipation) -> list[str]:
-        """The time at which the brake stops the body, or the two times between which it does where
-        the damping is unequal. A fluid needs no term here: it does not change |G|."""
-        others = self.quadratic, any(terms.torque)
-        if not self.brake or not terms.covered or any(others):
-            return []
-        rate = np.longdouble(self.brake / self.momentum_at_start)
-        first, last = (AlongMomentum(of(terms.damping), rate).stop for of in (max, min))
-        if first == last:
-            return [f"stops after {first:.15g} [time]"] if math.isfinite(first) else []
-        return [f"stops after {first:.6g} to {last:.6g} [time]"]
+        terms = self.dissipation if self.says_crossings else None
+        crossings = crossing_predictions(terms) if terms else []
+        return [*crossings, *filter(None, [self.no_separatrix_reason]), *(self.turn or ())[2:]]
 
     # The motion in closed form
 
     @property
     def along_momentum(self) -> AlongMomentum | None:
-        """The rates of equal damping, a brake, or both, all constant; None for other sums, and
-        where a brake has nothing to brake."""
+        """The rates of equal damping, a brake, or both, all constant; None for other sums."""
         given = self.term_coefficients
-        damping, brake = given.get("damping", (0.0,)), given.get("brake", (0.0,))
+        damping, (brake,) = given.get("damping", (0.0,)), given.get("brake", (0.0,))
         others = given.keys() - {"damping", "brake"} or self.changing_terms
         if others or len(set(damping)) > 1:
             return None
-        if "brake" not in given:
-            return AlongMomentum(damping[0], np.longdouble(0))
-        omega = np.array(self.initial_velocity, dtype=np.longdouble)
-        momentum = np.hypot.reduce(self.momentum(omega))
-        return AlongMomentum(damping[0], brake[0] / momentum) if momentum else None
+        G = self.momentum(np.array(self.initial_velocity, dtype=np.longdouble))
+        return AlongMomentum(damping[0], np.longdouble(brake) / (np.hypot.reduce(G) or 1))
 
     @property
     def has_closed_form(self) -> bool:
-        """That of an attitude is known of free motion alone."""
+        """With an attitude only free motion has one."""
         along = self.along_momentum
         return along is not None and not (self.attitude and any(along))
 
@@ -459,7 +425,7 @@ class Body(BodyFrame):
         return np.column_stack(rows), exponent
 
     def exact_end(self, fp: type) -> tuple[str, EventOutcome] | None:
-        """When and how a brake stops a body of closed form; None without a stop."""
+        """The stop of a body of closed form by a brake; None without a stop."""
         along = self.along_momentum
         if along is None or np.isinf(along.stop):
             return None
@@ -482,10 +448,7 @@ def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
     if not all(isinstance(row, tuple) for row in inertia):
         yield ("inertia",), "expected 3 positive numbers, or 3 rows of 3 numbers, got some of each"
         return
-    wrong = [*mistake_of(("inertia",), principal_axes, inertia)]
-    moments = () if wrong else principal_axes(inertia).moments
-    sizes = [(("inertia",), words) for A in moments for words in range_mistake(float(A))]
-    yield from [*wrong, *sizes[:1]]
+    yield from mistake_of(("inertia",), principal_axes, inertia)
     if "initial" in data:
         yield from mistake_of(("initial",), complete, inertia, data["initial"])
     says = "acts about principal axes: give the three moments as `inertia`, or `resistance`"
@@ -494,24 +457,21 @@ def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def is_at_rest(data: Mapping[str, Any]) -> bool:
-    """Whether G is 0 at a start, as far as that is right."""
-    if not (data.get("inertia") and data.get("initial")):
-        return False
-    body = Body(data["inertia"], data["initial"], rotor=data.get("rotor"))
-    with suppress(ValueError):  # another check says so
+    """Whether G is 0 at a start that no other check refuses."""
+    with suppress(KeyError, ValueError):
+        body = Body(data["inertia"], data["initial"], rotor=data.get("rotor"))
         return not body.momentum(np.array(body.initial_velocity)).any()
     return False
 
 
 def negative_coefficients(data: Mapping[str, Any]) -> Iterator[Mistake]:
-    """The mistakes of constant coefficients of which only positive ones resist."""
+    """The mistakes of negative constant coefficients of media and brakes."""
     with suppress(KeyError, ArithmeticError, ValueError):  # of expressions, which others see
         given = coefficients_of(data, data.get(CONSTANTS_KEY) or ())
-        for name in ("quadratic", "kappa", "brake"):
-            for i, entry in enumerate(given.get(name, ())):
-                if not is_law(entry) and entry < 0:
-                    is_one = len(TERMS[name].degree) == 1
-                    yield (name,) if is_one else (name, i), NEGATIVE_COEFFICIENT
+        entries = [(k, i, x) for k in RESISTING[1:] for i, x in enumerate(given.get(k, ()))]
+        negative = [(k, i) for k, i, x in entries if not is_law(x) and x < 0]
+        # A term of one coefficient has no position.
+        yield from ((at[: len(TERMS[at[0]].degree)], NEGATIVE_COEFFICIENT) for at in negative)
 
 
 # The key tables
@@ -520,15 +480,12 @@ RATE, TORQUE = "1/time", "moment of inertia / time^2"
 RESISTANCE, FLUID = "moment of inertia / time", "moment of inertia * time"
 
 
-def resistance_key(entry: Rule, **more: Any) -> Rule:
-    """The key of a tensor of resistance whose entries are of a kind."""
+def resistance_key(entry: Rule, rows: Rule, **more: Any) -> Rule:
+    """The key of a tensor of resistance: its entries, two numbers or all in `rows`."""
     two = {
         "diagonal": Key(entry, "every I_ii", unit=RESISTANCE),
         "off_diagonal": Key(entry, "every I_ij, i != j", unit=RESISTANCE),
     }
-    row = ListOf(entry, length=3, title="3 numbers or expressions in t")
-    of_expressions = ListOf(row, length=3, title="3 rows of 3 numbers or expressions in t")
-    rows = matrix(3) if entry.get("type") == "number" else of_expressions
     return Key(Either(rows, Table(two)), "tensor I of -I omega", unit=RESISTANCE, **more)
 
 
@@ -581,7 +538,7 @@ class Tensor(Body):
     form = "full"
     keys = {
         "inertia": INERTIA,
-        "resistance": resistance_key(Number()),
+        "resistance": resistance_key(Number(), matrix(3)),
         "initial": INITIAL,
     }
 
@@ -652,7 +609,15 @@ class Torques(Body):  # noqa: D101
         "damping": Key(
             coefficients_kind(), "coefficients lambda_i of -lambda_i A_i omega_i", RATE, None
         ),
-        "resistance": resistance_key(coefficient_kind(), default=None),
+        "resistance": resistance_key(
+            coefficient_kind(),
+            ListOf(
+                ListOf(coefficient_kind(), length=3, title="3 numbers or expressions in t"),
+                length=3,
+                title="3 rows of 3 numbers or expressions in t",
+            ),
+            default=None,
+        ),
         "quadratic": Key(
             coefficients_kind(), "coefficients c_i of -c_i |omega| A_i omega_i", default=None
         ),

@@ -1,4 +1,11 @@
-"""The stages of braking, the last of which ends at rest."""
+"""Braking to rest: N = -b G/|G|, so that |G|' = -b without other torques, and G = 0 in the end.
+
+The equations have a corner at G = 0, which no series passes. So the motion is integrated in stages,
+in each of which |G| falls to an eighth. After the last of them the torques beside the brake are
+constant, and the rest has a closed form: G turns towards their sum N_0, and is 0 after the time
+
+    |G| (1 + N_0.G/(b |G|)) / (b (1 - |N_0|^2/b^2)).
+"""
 
 import math
 from collections.abc import Sequence
@@ -29,8 +36,8 @@ STAGES, STAGES_WITH_ROTOR, STAGE_RATIO = 14, 10, 8
 the body: to 2e-13 of it, with a rotor, whose h hides what is left of G, to 9e-10."""
 
 AS_STRONG = 1e-12
-"""The part by which a torque may differ from a brake and counts as equal to it: what comes to rest
-against it stays there."""
+"""The relative difference up to which a torque counts as equal to a brake: a body that comes to
+rest against such a torque stays at rest."""
 
 
 def drives(k: Any) -> bool:
@@ -45,8 +52,8 @@ def stop_details(G: np.ndarray, label: Any) -> dict[str, float]:
 
 
 def stage_end(t: Any, y: Sequence[Any], k: Any) -> Any:
-    """|G|^2 less what it is where a stage of braking ends, in units of A1^2; 0 too where |G| of a
-    body that a torque drives has grown as much, so that from there its stages are as many again.
+    """|G|^2 less its value at the end of a stage of braking, in units of A1^2; 0 too where a torque
+    has increased |G| by the same ratio: a new stage begins there.
 
     y[3] holds |G|/A1 as the stage began: an engine's tolerance is a part of the largest variable or
     event, and |G| itself would be the largest by far of a heavy body.
@@ -58,12 +65,10 @@ def stage_end(t: Any, y: Sequence[Any], k: Any) -> Any:
 
 
 def braked_stage(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
-    """The passage at the end of a stage of braking, beside other torques: to another one, or to
-    rest.
+    """The passage at the end of a stage of braking: to the next stage, or to rest.
 
-    With a brake the equations have no solution at rest, and an integrator that does not know of it
-    goes on behind it. After the last stage G pursues the direction of N, the other torques at rest.
-    A body that comes as near to rest against a stronger torque turns round: G goes through 0.
+    After the last stage G pursues the direction of N, the sum of the other torques at rest. A body
+    that comes near to rest against a stronger torque turns round: G goes through 0.
     """
     G, state = angular_momentum_of(y[:3], k), [*y]
     # In units of A1, as in `stage_end`: |G|^2 need not be a double.
@@ -92,7 +97,7 @@ def braked_stage(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
         # By ratios, since momenta and torques may be of any size.
         along = sum(n / b * (x / size) for n, x in zip(N, G, strict=True))
         left = size / b * (1 + along) / (1 - (strength / b) ** 2)
-    # It turns as behind the stop from the event on, but for a part of 1e-7.
+    # From the event on it turns as after the stop, but for a part of 1e-7.
     spin = in_case_axes(state[:3], k) if attitude_in(y, k) else ()
     at_event = EventOutcome(float(t), details, state, math.inf, tuple(spin))
     stop = float(t + left)
@@ -100,32 +105,33 @@ def braked_stage(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
 
 
 def attitude_in(y: Sequence[Any], k: Any) -> Sequence[Any]:
-    """The quaternion behind the variables of the torques in a state; empty without an attitude."""
+    """The quaternion of a state, which comes after the variables of the torques; empty without an
+    attitude."""
     return y[3 + sum(len(TERMS[name].extra) for name in k.terms.split()) :]
 
 
 def torque_at_rest(t: Any, y: Sequence[Any], k: Any) -> list[Any]:
-    """The sum of the torques (3,) beside the brake where G is 0."""
+    """The sum of all torques but the brake (3,) where G is 0."""
     others = [name for name in k.terms.split() if name != "brake"]
     at_rest = omega_of((0.0, 0.0, 0.0), k)
-    seen = SimpleNamespace(**vars(k), attitude=attitude_in(y, k) or None)
+    seen = SimpleNamespace(**vars(k) | {"attitude": attitude_in(y, k) or None})
     # A omega', since -omega x G is 0 there.
     rates = rates_under(others, t, [*at_rest, *y[4:]], seen)[:3]
     return [A * rate for A, rate in zip((k.A1, k.A2, k.A3), rates, strict=True)]
 
 
 PLACES_OF_MEMBER = 2**12
-"""How many intervals of the time that a brake holds a body are looked through for stronger torques:
-of a member of a sweep, whose motion takes ten times as long as so many."""
+"""The number of intervals of a member's time at rest that are searched for stronger torques: its
+motion takes ten times as long as this search."""
 
 
 @np.errstate(all="ignore")  # of a formula that has no value at a time
 def time_of_release(
     k: Any, stop: float, end: float, y: np.ndarray, places: int = PLACES_OF_MEMBER
 ) -> float:
-    """When a body with these constants that a brake has stopped, in a state (m,), would move again,
-    because other torques are stronger, to so many parts of the time until the end; nan where it has
-    not stopped, or would not."""
+    """The time at which other torques would move a body with these constants again, which a brake
+    has stopped in a state (m,), to one of `places` parts of the time until the end; nan where it
+    has not stopped, or stays."""
     if not (stop < end and drives(k)):
         return math.nan
     t = np.linspace(stop, end, places + 1)
@@ -138,7 +144,7 @@ def time_of_release(
 
 
 def omega_of(G: Sequence[Any], k: Any) -> Sequence[Any]:
-    """omega (3,) of an angular momentum (3,), that of a rotor included."""
+    """omega (3,) from an angular momentum (3,), which includes h of a rotor."""
     return accelerations(vector_sum(G, [-x for x in rotor_of(k)]) if hasattr(k, "h1") else G, k)
 
 

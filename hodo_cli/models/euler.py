@@ -1,4 +1,5 @@
-"""Euler's equations, A omega' + omega x A omega = N, and the torques N, one function each.
+"""Euler's equations, A omega' + omega x G = N with G = A omega + h, and the torques N, one function
+each.
 
 A torque is a function of the time, of its coefficients then, of omega = (p, q, r), of the constants
 k and of state variables of its own. It is written with + - * /, ** and the functions of
@@ -59,10 +60,10 @@ def angular_momentum_of(w: Sequence[Any], k: Any) -> Components:
     return vector_sum(G, rotor_of(k)) if hasattr(k, "h1") else G
 
 
-def rotor_of(k: Any) -> Components:
+def rotor_of(k: Any) -> Sequence[Any]:
     """h of a rotor in the units of A omega."""
     # As every constant of degree 1 it is in units of the time as well, and so is g.
-    return k.h1 / k.g, k.h2 / k.g, k.h3 / k.g
+    return along_principal_axes((k.h1 / k.g, k.h2 / k.g, k.h3 / k.g), k)
 
 
 # Vectors and quaternions: numbers, arrays or an engine's symbols
@@ -111,7 +112,7 @@ def about(axis: Iterable[Any], angle: Any) -> tuple[Any, ...]:
 
 
 def composed(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, ...]:
-    """The components of the rotation `second`, then `first`, from those of both."""
+    """The quaternion of the rotation `second` followed by the rotation `first`."""
     a, b, c, d = first
     e, f, g, h = second
     return (
@@ -144,8 +145,7 @@ class Term(NamedTuple):
     angular momentum the moments of inertia drop out. `extra` names the term's own state variables
     with the powers of omega that they carry; `rates` are their derivatives, where not only events
     change them. `in_case_axes` is set where omega and N have components along the axes of the case.
-    `coefficients` are those of the constants, numbers or laws of time, from the value
-    of a case's key.
+    `coefficients` gives the values of the constants, numbers or laws of time, from a case's key.
     """
 
     function: Function
@@ -192,8 +192,8 @@ def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> Co
     """The torque of a highly viscous fluid: kappa (omega'' + omega x omega'), with the omega' of
     free motion.
 
-    It is orthogonal to G = (Ap, Bq, Cr), and turns the body's energy into heat. For A = B it is
-    that of Leshchenko and Kozachenko, eq. (2).
+    It is orthogonal to G = (Ap, Bq, Cr), and turns the body's energy into heat. For A = B it is the
+    torque of Leshchenko and Kozachenko, eq. (2).
 
     Source: F. L. Chernousko, The movement of a rigid body with cavities containing a viscous fluid,
     1972.
@@ -263,7 +263,7 @@ def direction_rates(
 def expression_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Components:
-    """Three expressions, in the case's own units whatever those of the motion."""
+    """Three expressions, in the case's own units."""
     values = dict(zip(VELOCITIES, (k.velocity_unit * x for x in w), strict=True))
     values |= {**values_of_names(k, t), **space_components(getattr(k, "attitude", None))}
     factor = k.time_unit / k.velocity_unit
@@ -299,7 +299,7 @@ TERMS: Mapping[str, Term] = {
         extra={"stage_momentum": 1},
         coefficients=lambda value: (value,),
     ),
-    "rotor": Term(rotor_torque, dict.fromkeys(("h1", "h2", "h3"), 1)),
+    "rotor": Term(rotor_torque, dict.fromkeys(("h1", "h2", "h3"), 1), in_case_axes=True),
     "space_torque": Term(
         space_torque,
         {"F": 0},

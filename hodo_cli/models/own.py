@@ -21,8 +21,8 @@ well."""
 
 
 class OwnFile(NamedTuple):
-    """A user's file: its path, the forms of models in it, and its text with those of the files that
-    it imports from its own folder, each below the file's path from there."""
+    """A user's file: its path, the forms of models in it, and its text. The text includes the files
+    that it imports from its own folder, each below its path from there."""
 
     path: str
     forms: list[type[Model]]
@@ -112,7 +112,8 @@ def _class_mistakes(form: type[Model], taken: tuple[str, ...]) -> Iterator[str]:
 
 
 def with_place(error: BaseException, path: str) -> str:
-    """An error after the line, of a user's file or of one beside it, that raises it."""
+    """The message of an error, after the line of the user's file, or of one in its folder, that
+    raises it."""
     # A mistake in the grammar knows its place itself.
     frames = [] if isinstance(error, SyntaxError) else traceback.extract_tb(error.__traceback__)
     places = [
@@ -128,8 +129,8 @@ def with_place(error: BaseException, path: str) -> str:
 
 
 class Symbol:
-    """What stands in equations for a number and for all that engines put there: it knows what they
-    all know, and no more."""
+    """A substitute for a number in equations, with the operations that every engine's symbols have,
+    and no others."""
 
     __array_ufunc__ = __bool__ = __eq__ = __ne__ = None  # type: ignore[assignment]
 

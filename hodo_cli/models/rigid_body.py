@@ -1,5 +1,11 @@
-"""A rigid body: functions of the constants k of its equations, functions of its principal moments
-of inertia and omega, and what the models share whose state begins with omega."""
+"""A rigid body with the principal moments A1, A2, A3: G = A omega, and the axis that G encircles.
+
+    D = G^2 - 2 T A_m = A_l (A_l - A_m) w_l^2 - A_s (A_m - A_s) w_s^2
+
+l, m, s are the axes of largest, middle and smallest inertia. Seen from the body, G goes round axis
+l where D > 0, and round axis s where D < 0. Further the principal axes of a full tensor, the keys
+`inertia` and `initial`, and the class that models with a state of omega share.
+"""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -42,12 +48,10 @@ def inertia_order(A: Any) -> tuple[int, int, int]:
 
 
 def separatrix_terms(A: Any, omega: Any, order: tuple[int, int, int]) -> tuple[Any, Any]:
-    """The two non-negative terms whose difference is D = G^2 - 2 T A_middle.
+    """The two non-negative terms A_l (A_l - A_m) w_l^2 and A_s (A_m - A_s) w_s^2 of D.
 
-    D = A_l (A_l - A_m) w_l^2 - A_s (A_m - A_s) w_s^2, with l, m, s the axes of largest, middle and
-    smallest inertia. The hodograph of G encloses axis l where D > 0 and axis s where D < 0.
-    Subtracting G^2 - 2TA_m itself loses every digit near the separatrix; this form costs only what
-    the data's own conditioning costs.
+    The difference G^2 - 2 T A_m itself loses every digit near the separatrix; this form loses no
+    more than the data's own conditioning.
 
     Source: Rachinskaya, eqs (7)-(8), solved for D.
     """
@@ -82,7 +86,7 @@ def scaled_separatrix(A: Any, w: Any, order: tuple[int, int, int]) -> tuple[Any,
 
 
 def share_of(total: Any, part: Any, of_nothing: float = 0.0) -> np.ndarray:
-    """part/total, something else where the total is 0."""
+    """part/total, `of_nothing` where the total is 0."""
     return np.asarray(np.divide(part, total, out=np.full_like(total, of_nothing), where=total > 0))
 
 
@@ -93,36 +97,22 @@ def separation(A: Any, omega: Any, order: tuple[int, int, int]) -> np.ndarray:
     return np.where(A[order[0]] == A[order[2]], np.inf, share_of(total, np.abs(D)))
 
 
-CANCELLING_MARGIN = 1e-9
-"""The margin below which its terms cancel so far that the rounding of a double, below 1e-15, might
-be taken for it."""
-
-
 def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
     """How far omega (..., 3) is from the separatrix, relative to |omega|: an error of about that
     size may change its side. Positive where the axis of largest inertia is enclosed.
 
-    It is D sqrt(near) over the sum of its two terms, near being that of `near_middle_axis`: up to a
-    factor between 1 and sqrt 2, the smaller of the two forms over sqrt(a^2 + b^2) |omega|. Doubles,
-    with the digits of `omega` where its terms cancel: few places are that near, and ten times the
-    work is to be done at each in long double.
+    It is D sqrt(near) over the sum of the two terms of D, with `near` of `near_middle_axis`: up to
+    a factor between 1 and sqrt 2, the smaller of the two forms over sqrt(a^2 + b^2) |omega|.
     """
-    signed = _margin(np.asarray(A, dtype=float), omega.astype(float), order)
-    near = np.abs(signed) < CANCELLING_MARGIN
-    if omega.dtype != np.float64 and near.any():
-        signed[near] = _margin(np.asarray(A, dtype=omega.dtype), omega[near], order)
-    return signed
-
-
-def _margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
-    """`margin`, in the arithmetic of its arguments."""
+    A = np.asarray(A, dtype=omega.dtype)
     D, total, bound = scaled_separatrix(A, np.moveaxis(omega, -1, 0), order)
-    return share_of(np.sqrt(bound) * np.sqrt(total), D)  # moments to the fourth leave the doubles
+    # Moments to the fourth leave the doubles.
+    return share_of(np.sqrt(bound) * np.sqrt(total), D).astype(float)
 
 
 def near_middle_axis(A: Any, omega: np.ndarray) -> np.ndarray:
-    """How the terms of D at omega (..., 3) compare with what they could be: their sum over that of
-    their weights times |omega|^2; 1 for a sphere and at rest, where D has no terms.
+    """The sum of the two terms of D at omega (..., 3) over its bound, the sum of their weights
+    times |omega|^2; 1 for a sphere and at rest, where D has no terms.
 
     Its root is, roughly, the angle between the rotation and the middle axis of a triaxial body.
     """
@@ -151,16 +141,13 @@ def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
 
 
 def separatrix_circles(A: np.ndarray) -> list[np.ndarray]:
-    """The two great circles D = 0 of the directions of G (721, 3); none of a body without."""
+    """The two great circles D = 0 of the directions of G (721, 3); none of a symmetric body."""
     largest, middle, smallest = inertia_order(A)
     if A[largest] == A[middle] or A[middle] == A[smallest]:
         return []
     # D = G_l^2 (1/A_m - 1/A_l) - G_s^2 (1/A_s - 1/A_m), up to a factor.
     ratio = math.sqrt((1 / A[smallest] - 1 / A[middle]) / (1 / A[middle] - 1 / A[largest]))
-    turn, (x, y, z) = (
-        np.linspace(0, 2 * np.pi, 721)[:, None],
-        np.eye(3)[[largest, middle, smallest]],
-    )
+    turn, (x, y, z) = np.linspace(0, 2 * np.pi, 721)[:, None], np.eye(3)[[*inertia_order(A)]]
     outward = [(sign * ratio * x + z) / math.hypot(ratio, 1) for sign in (1, -1)]
     return [np.cos(turn) * direction + np.sin(turn) * y for direction in outward]
 
@@ -203,8 +190,8 @@ def one_exceeds_others(moments: Sequence[Any] | np.ndarray) -> bool:
 
 
 def excess_of_rounding(moments: Sequence[float]) -> float:
-    """By how much one of three moments is larger than the sum of the others, where that is one unit
-    of its last decimal at most, as rounding makes it; else 0."""
+    """The excess of one of three moments over the sum of the others, if it is at most one unit of
+    the last decimal, which rounding explains; else 0."""
     *others, largest = sorted(moments)
     excess = largest - sum(others)
     return excess if 0 < excess <= last_digit(largest) else 0.0
@@ -218,8 +205,8 @@ def last_digit(x: float) -> float:
 
 
 def symmetric(tensor: Sequence[Any]) -> Sequence[Any]:
-    """A tensor whose entries differ from their transposes by one unit of the last decimal at most,
-    as rounding makes it, as its symmetric part; other values as they are."""
+    """The symmetric part of a tensor whose entries differ from their transposes by at most one unit
+    of the last decimal, which rounding explains; other values as they are."""
     if not all(isinstance(row, tuple) for row in tensor):
         return tensor
     rows = [list(row) for row in tensor]
@@ -231,14 +218,14 @@ def symmetric(tensor: Sequence[Any]) -> Sequence[Any]:
 
 
 def is_diagonal(tensor: np.ndarray) -> bool:
-    """Whether a tensor has no entries besides those of its diagonal."""
+    """Whether a tensor has no entries off its diagonal."""
     return not (tensor - np.diag(np.diag(tensor))).any()
 
 
 @lru_cache(maxsize=256)
 def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
-    """The principal axes of a tensor of inertia, each numbered as that of the given axes which it
-    is near: those of a diagonal tensor are the given ones.
+    """The principal axes of a tensor of inertia, each with the number of the given axis that it is
+    near. A diagonal tensor has the given axes.
 
     Raises ValueError, with a sentence, for a tensor that no body has.
     """
@@ -249,12 +236,12 @@ def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
             f"a tensor of inertia is symmetric, and this one has {J[i, j]:g} in row {i + 1}, "
             f"column {j + 1}, and {J[j, i]:g} in the transpose"
         )
-    J = (J + J.T) / 2
-    axes = np.eye(3) if is_diagonal(J) else _numbered(np.linalg.eigh(J)[1])
-    moments, axes = _refined(J.astype(np.longdouble), axes)
+    moments, axes = diagonalized(((J + J.T) / 2).astype(np.longdouble))
     named = ", ".join(f"{moment:.6g}" for moment in moments)
     if not moments.min() > 0:
         raise ValueError(f"the principal moments of this tensor are not all positive: {named}")
+    for words in (words for A in moments for words in range_mistake(float(A))):
+        raise ValueError(words)
     if one_exceeds_others(moments):
         raise ValueError(
             f"no body has principal moments of {named}: one exceeds the sum of the other two"
@@ -262,32 +249,26 @@ def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
     return PrincipalAxes(moments, axes)
 
 
-def _numbered(vectors: np.ndarray) -> np.ndarray:
-    """Axes, the columns of `vectors`, in the order and with the signs that bring them nearest to
-    the given ones."""
-    order = max(permutations(range(3)), key=lambda p: sum(abs(vectors[i, p[i]]) for i in range(3)))
-    axes = vectors[:, order].T
-    axes = axes * np.where(np.diag(axes) < 0, -1, 1)[:, None]
-    if np.linalg.det(axes) < 0:
+SWEEPS = 8
+"""The sweeps of Jacobi's rotations, which converge quadratically: the sixth of random tensors
+changed nothing."""
+
+
+def diagonalized(J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The moments and axes of a tensor of long doubles, by Jacobi's rotations; in the order and
+    with the signs that bring the axes nearest to the given ones."""
+    axes = np.eye(3, dtype=np.longdouble)
+    for i, j in [*combinations(range(3), 2)] * SWEEPS:
+        turned = axes @ J @ axes.T
+        if turned[i, j]:
+            ratio = (turned[j, j] - turned[i, i]) / (2 * turned[i, j])
+            tangent = (1 if ratio >= 0 else -1) / (abs(ratio) + np.hypot(1, ratio))
+            cosine = 1 / np.hypot(1, tangent)
+            axes[[i, j]] = cosine * np.array([[1, -tangent], [tangent, 1]]) @ axes[[i, j]]
+    order = max(permutations(range(3)), key=lambda p: np.abs(axes[p, range(3)]).sum())
+    axes = axes[[*order]] * np.where(np.diag(axes[[*order]]) < 0, -1, 1)[:, None]
+    if np.linalg.det(axes.astype(float)) < 0:
         axes[np.abs(np.diag(axes)).argmin()] *= -1
-    return axes
-
-
-def _refined(J: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The moments and axes of a tensor of long doubles from axes that are right in double."""
-    axes = axes.astype(np.longdouble)
-    # The nearest orthogonal matrix, by Newton's method; then Jacobi's rotations. Both converge
-    # quadratically.
-    for _ in range(2):
-        axes = (3 * axes - axes @ axes.T @ axes) / 2
-        for i, j in combinations(range(3), 2):
-            turned = axes @ J @ axes.T
-            if turned[i, j]:
-                ratio = (turned[j, j] - turned[i, i]) / (2 * turned[i, j])
-                tangent = (1 if ratio >= 0 else -1) / (abs(ratio) + np.hypot(1, ratio))
-                cosine = 1 / np.hypot(1, tangent)
-                pair = cosine * np.array([[1, -tangent], [tangent, 1]])
-                axes[[i, j]] = pair @ axes[[i, j]]
     return np.diag(axes @ J @ axes.T), axes
 
 
@@ -302,12 +283,12 @@ INERTIA = Key(
     "principal moments of inertia A1, A2, A3",
     unit="moment of inertia",
 )
-"""Three moments in any order; `BodyFrame.check` asks for the triangle inequality and the range of
-SMALLEST_MOMENT besides."""
+"""Three moments in any order; `BodyFrame.check` checks the triangle inequality and the range of
+SMALLEST_MOMENT."""
 
 
 def components_answer(value: Any) -> str:
-    """What to write where a start is given as a list of p, q and r."""
+    """The mapping to write instead of a list of p, q and r."""
     if not is_list(value) or len(value) != 3 or not all(isinstance(w, int | float) for w in value):
         return ""
     p, q, r = value
@@ -339,7 +320,7 @@ def is_tensor(inertia: Any) -> bool:
 
 
 def is_rounded(data: Mapping[str, Any]) -> bool:
-    """Whether moments of inertia that no body has are those of one, rounded to decimals."""
+    """Whether moments of inertia that no body has are a body's moments, rounded to decimals."""
     A = data.get("inertia")
     return isinstance(A, tuple) and not is_tensor(A) and excess_of_rounding(A) > 0
 
@@ -417,10 +398,7 @@ class BodyFrame(Model):
     @classmethod
     def output(cls, t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         others = {name: y[:, i] for i, name in enumerate(cls.state) if name in cls.variables}
-        omega = y[:, :3]
-        if hasattr(k, "principal_axes"):
-            omega = np.stack(in_case_axes([*omega.T], k), axis=-1)
-        return {"omega": omega, **others}
+        return {"omega": np.stack(in_case_axes([*y[:, :3].T], k), axis=-1), **others}
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -437,9 +415,8 @@ class BodyFrame(Model):
                 ("inertia", largest),
                 f"no body has A{largest + 1} = {A[largest]:g} larger than the sum of the other two",
             )
-        if "initial" not in data:
-            return
-        yield from mistake_of(("initial",), cls.velocity, A, data["initial"])
+        if "initial" in data:
+            yield from mistake_of(("initial",), cls.velocity, A, data["initial"])
 
     @cached_property  # in a hundred decimal places, and asked for a dozen times
     def initial_velocity(self) -> tuple[float, ...]:
@@ -460,23 +437,19 @@ class BodyFrame(Model):
         return quaternion_at_start(self.attitude, G.tolist())
 
     def initial_states(self, omega: np.ndarray) -> np.ndarray:
-        """`starts`, and the attitudes there."""
+        """The states (m, n), with an attitude, for angular velocities (n, 3) at the start."""
         starts = self.starts(omega)
-        if not self.attitude:
-            return starts
-        each = map(self.with_attitude, starts.reshape(len(starts), -1).T)
-        return np.array([*each]).T.reshape(-1, *starts.shape[1:])
+        return np.array([*map(self.with_attitude, starts.T)]).T if self.attitude else starts
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
-        """The states (m, ...) for angular velocities (..., 3) at the start."""
-        w = np.moveaxis(omega, -1, 0)
-        if len(self.state) == len(w):
-            return w.copy()
-        # A user's state may hold further variables that depend on omega: its own start gives them.
-        each = (dict(zip("pqr", one, strict=True)) for one in omega.reshape(-1, 3).tolist())
+        """The states (m, n) for angular velocities (n, 3) at the start."""
+        if len(self.state) == 3:
+            return omega.T.copy()
+        # A user's state may hold further variables that depend on omega: only its own `start` gives
+        # them.
         others = dict.fromkeys(self.initial)
-        starts = [replace(self, initial=others | initial).start for initial in each]
-        return np.array(starts).T.reshape(-1, *w.shape[1:])
+        each = (others | dict(zip("pqr", one, strict=True)) for one in omega.tolist())
+        return np.array([replace(self, initial=initial).start for initial in each]).T
 
     @cached_property
     def constants(self) -> Constants:
@@ -489,7 +462,7 @@ class BodyFrame(Model):
 
     @property
     def exact_moments(self) -> np.ndarray:
-        """The principal moments of inertia (3,) in long double: those of a full tensor are no
+        """The principal moments of inertia (3,) in long double: the moments of a full tensor are no
         doubles, and a touch of the separatrix shows their rounding."""
         return self.frame.moments if self.frame else np.array(self.inertia, dtype=np.longdouble)
 
@@ -529,10 +502,10 @@ class BodyFrame(Model):
 
     @np.errstate(all="ignore")  # a torque may have no value where a component is 0
     def tilt_growth(self, t: float) -> np.ndarray | None:
-        """On the mean over a turn, from the equations at a time, at the speed of the start and in
-        the sense of each component there; not a number for the middle axis, about which free
-        rotation is unstable. None at rest, with a rotor, and under torques that are fixed in space
-        or hang on the attitude.
+        """The rates (3,) at which a small tilt away from each body axis grows on the mean over a
+        turn, at the start's speed and in the sense of its components; not a number for the middle
+        axis, about which free rotation is unstable. None at rest, with a rotor, and under torques
+        that are fixed in space or depend on the attitude.
 
         With w_i' the rate of the speed w, and J the Jacobian of the equations there, it is
         (J_jj + J_kk)/2 - w_i'/w to first order in the torques: a tilt turns, and the mean of its
@@ -564,7 +537,7 @@ class BodyFrame(Model):
 
 def turned(axes: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Vectors (..., 3) along axes, row by row (3, 3), in their own precision."""
-    # Not by a product of matrices, whose last digits hang on their number of columns.
+    # Not by a product of matrices, whose last digits depend on the number of columns.
     rows = axes.astype(vectors.dtype).ravel()
     return np.stack(times([*rows], [*np.moveaxis(vectors, -1, 0)]), axis=-1)
 

@@ -1,21 +1,28 @@
-"""The Lagrange top under a small torque that changes slowly with time: its forms, and its nutation:
-the roots of its cubic from the slow state, its mean over a turn, its drift under the torques, and
-the state at the start."""
+"""The Lagrange top under a small torque that changes slowly with time, full and averaged.
+
+The first integrals of the free top are Gz, H and r, and u = cos theta swings between two roots of
+
+    Q(u) = (2 H - C r^2 - 2 mu u)(1 - u^2) - (Gz - C r u)^2/A,     -1 <= u1 <= u <= u2 <= 1 <= u3.
+
+A torque changes them slowly; averaged over one nutation their rates depend on <u> alone. First come
+the roots from the slow state, the mean, the drift and the state at the start; then the forms.
+"""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arithmetic import as_float, as_numpy_float, at_once, cos, isfinite, sin, sqrt
-from ..schema.kinds import Angle, Key, Mistake, Number, Rate, Table
+from ..arithmetic import at_once, cos, isfinite, sin, sqrt
+from ..schema.kinds import Angle, Either, Key, Mistake, Number, Rate, Table, mistakes_where
 from .base import CONSTANTS_KEY, Constants, Event, Label, Model, attributes, mistake_of
 from .terms.time_laws import (
     CONSTANTS,
+    POLYNOMIAL,
     coefficient_at,
     coefficient_kind,
     expressions_of,
@@ -25,12 +32,11 @@ from .terms.time_laws import (
     named_constants,
     resolved,
     slope_at,
-    value_at,
     value_mistakes,
 )
 from .theory.exact import sum_along_mean
 
-LAW = coefficient_kind(polynomial="tau", repeat=1)
+LAW = coefficient_kind(POLYNOMIAL, repeat=1)
 """A coefficient of resistance as a function of tau; a number is a polynomial of one."""
 
 ROOT_ROUNDING = 1e-13
@@ -68,45 +74,6 @@ def nutation(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
     return (T1 + w - T2 - e * e) / (3 - T1 + w), w
 
 
-def drift(
-    y: Sequence[Any],
-    k: Any,
-    means: Sequence[Any],
-    shape: tuple[Any, Any],
-    by_mu: tuple[Any, Any] = (0.0, 0.0),
-) -> tuple[Any, ...]:
-    """dy/dtau of the state (U, Z, r, e) from the means <f>, <f cos phi>, <M3>, <M3 cos phi> over
-    one nutation, and X and w of `nutation`; `by_mu` is mu'/mu and, unless that is 0, the mean of
-    `mean_cosine`.
-
-    The symbols are those of `AveragedTop`. U, Z and r follow from eqs (2.4), and dH/dtau = mu' v. e
-    follows from the roots' own derivatives, with M(x) = T1' x^2 - T2' x - T3' at x = X divided by e
-    by hand, so that regular precession, e = 0, is as regular as any other motion: by the cubic
-    itself (U + c X)^2/(2 A mu) is X (2 - X)(X - Z) - e^2 w, so that all that is not of the order of
-    e^2 cancels in the part of mu.
-    """
-    U, Z, r, e = y
-    X, w = shape
-    f, f_cos, M3, M3_cos = means
-    change, mean = by_mu
-    A, C, mu = k.A, k.C, k.mu
-    # u = 1 - x turns Gz - C r u into U + c x, and 2 H - C r^2 - 2 mu u into 2 mu (x - Z).
-    c, G = C * r, U + C * r * X
-    # <f x> with x = X + e cos phi; U and Z lose their terms in M3 to C r' = M3.
-    fx = X * f + e * f_cos
-    dU = (U * f + c * fx) / A - X * M3 - e * M3_cos
-    dZ = -2 * (fx - Z * f) / A + change * (X - Z - e * e * mean)
-    # The rates of the coefficients of the cubic: T1', M(X)/e and the slope of M.
-    dT1 = -c * M3 / (A * mu) + change * c * c / (2 * A * mu)
-    M = 2 / A * (e * w * f + (X * (2 - X) - c * G / (2 * A * mu)) * f_cos) + G * M3_cos / (A * mu)
-    M = M + change * e * (mean * X * (2 - X) - w)
-    slope = -(c * (dU + M3 * X) + G * M3) / (A * mu) + change * c * G / (A * mu)
-    slope = 2 * dZ * (X - 1) + slope
-    # Singular only at w = e, that is u2 = u3, where a nutation takes for ever.
-    de = (w * (M + e * (dZ + dT1)) - e * slope) / (2 * (w - e) * (w + e))
-    return dU, dZ, M3 / C, de
-
-
 def first_integrals(omega: Sequence[Any], gamma: Sequence[Any], k: Any) -> tuple[Any, Any]:
     """Gz and H, eqs (1.2), from the components of omega and of the vertical in body axes; k has A,
     C and mu."""
@@ -137,7 +104,8 @@ def nutation_at_start(
     theta, r, Gz, H = (initial[name] for name in ("theta", "r", "Gz", "H"))
     if (theta is None) == (Gz is None) or (Gz is None) != (H is None):
         raise ValueError("give theta and r, or Gz, H and r")
-    A, C, mu = (as_numpy_float(value) for value in (inertia["A"], inertia["C"], mu))
+    # As numpy's numbers, which have infinite results where Python's raise exceptions.
+    A, C, mu = (np.float64(1) * value for value in (inertia["A"], inertia["C"], mu))
     c, scale = C * r, 2 * A * mu
     excess = c * c / scale - 2
     if theta is not None:
@@ -149,10 +117,10 @@ def nutation_at_start(
         e, slack = sqrt(max(square, 0.0)), math.sqrt(ROOT_ROUNDING)
         if not (square >= -ROOT_ROUNDING and -slack <= X - e and X + e <= 2 + slack):
             raise ValueError("no motion has these Gz, H and r: -1 <= u1 <= u2 <= 1 cannot be met")
-    state = [as_numpy_float(value) for value in (U, Z, r, e)]
+    state = [np.float64(1) * value for value in (U, Z, r, e)]
     if not all(map(isfinite, [*state, excess])):
         raise ValueError("the initial data are out of range")
-    return Nutation(*map(as_float, (*state, *nutation(state, SimpleNamespace(A=A, C=C, mu=mu)))))
+    return Nutation._make([*state, *nutation(state, SimpleNamespace(A=A, C=C, mu=mu))])
 
 
 def released(theta: Any, excess: Any) -> tuple[Any, Any]:
@@ -212,8 +180,6 @@ def axial_torque(tau: Any, r: Any, k: Any) -> Any:
 
 def with_mu(k: Any, tau: Any) -> Any:
     """The constants of a top with mu as it is at tau."""
-    if not isinstance(k.mu, tuple):
-        return k
     return SimpleNamespace(**vars(k) | {"mu": coefficient_at(k, "mu", tau)})
 
 
@@ -249,13 +215,15 @@ class Top(Model):
             "moments of inertia about the fixed point",
         ),
         "mu": Key(
-            coefficient_kind(above=0, polynomial="tau", expression=False),
+            Either(
+                Number(above=0), POLYNOMIAL, title=f"a positive number, or {POLYNOMIAL['title']}"
+            ),
             "largest restoring moment (heavy top: mass g l); forms averaged and full take a "
             "polynomial, the others a number alone, from `defaults:` too",
             "moment of inertia / time^2",
         ),
         "m": Key(
-            coefficient_kind(polynomial="tau"),
+            coefficient_kind(POLYNOMIAL),
             "torque m(tau) about the axis of symmetry; form "
             "averaged-u refuses it, from `defaults:` too",
             "moment of inertia / time^2",
@@ -281,28 +249,19 @@ class Top(Model):
         ),
     }
     slow_time = True
-    has_changing_mu: ClassVar[bool] = True
-    has_axial_torque: ClassVar[bool] = True
     no_axis_reason = (
         "gravity turns G in space, so no separatrix of free motion divides its hodographs"
     )
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        """What no body and no start of a form can be, and laws that a form does not take."""
+        """What no body and no start of a form can be."""
         inertia = data.get("inertia")
         if inertia and inertia["C"] > 2 * inertia["A"]:
             yield (
                 ("inertia", "C"),
                 f"no body has C = {inertia['C']:g} larger than 2 A = {2 * inertia['A']:g}",
             )
-        if is_law(data.get("mu")) and not cls.has_changing_mu:
-            yield (
-                ("mu",),
-                f"form {cls.form} takes a constant mu; averaged and full take a polynomial",
-            )
-        if data.get("m") is not None and not cls.has_axial_torque:
-            yield ("m",), f"form {cls.form} has no m, which all other forms have"
         if {"inertia", "mu", "initial"} <= set(data):
             # Neither the start nor what a form asks of it depends on the keys that may be missing.
             known = {**dict.fromkeys(cls.keys), **data}
@@ -313,15 +272,19 @@ class Top(Model):
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
         known = {"t": start, **(data.get(CONSTANTS_KEY) or {})}
         yield from value_mistakes(expressions_of({name: data[name] for name in LAW_KEYS}), known)
-        if not is_law(data["mu"]):
-            return
-        if start:
-            yield (
+        least = least_value(data["mu"], start, end) if is_law(data["mu"]) else 1.0
+        yield from mistakes_where(
+            (
+                is_law(data["mu"]) and start,
                 ("mu",),
                 "a polynomial of mu begins with the initial data: take time.start 0, or an epoch",
-            )
-        elif (least := least_value(data["mu"], start, end)) <= 0:
-            yield ("mu",), f"mu falls to {least:.6g} in the span, and has to stay positive"
+            ),
+            (
+                least <= 0 and not start,
+                ("mu",),
+                f"mu falls to {least:.6g} in the span, and has to stay positive",
+            ),
+        )
 
     def refuse_start(self) -> None:
         """Raise ValueError, with a sentence, if no motion of this form has these initial data."""
@@ -330,7 +293,7 @@ class Top(Model):
     @property
     def mu_at_start(self) -> Any:
         """mu at tau = 0."""
-        return value_at(self.mu, 0.0)
+        return self.mu[0] if is_law(self.mu) else self.mu
 
     @cached_property
     def nutation(self) -> Nutation:
@@ -339,12 +302,10 @@ class Top(Model):
 
     @cached_property
     def constants(self) -> Constants:
-        constants: dict[str, Any] = {**self.inertia}
-        for name in LAW_KEYS:
-            if (coefficient := getattr(self, name)) is not None:
-                law = resolved(coefficient, self.case_constants)
-                constants |= law_constants(name, law)
-        return constants | named_constants(self.case_constants)
+        of_case = self.case_constants
+        given = {name: getattr(self, name) for name in LAW_KEYS}
+        laws = {name: resolved(x, of_case) for name, x in given.items() if x is not None}
+        return {**self.inertia, **law_constants(laws), **named_constants(of_case)}
 
     @property
     def warnings(self) -> list[str]:
@@ -383,13 +344,8 @@ class Nutating(Top):
 
     @property
     def warnings(self) -> list[str]:
-        if not self.m1 < ROUGH_M1:
-            return super().warnings
-        return [
-            *super().warnings,
-            f"1 - k^2 = {self.m1:.1e} at the start: "
-            "so near u2 = u3 the mean over a nutation loses digits",
-        ]
+        near = f"1 - k^2 = {self.m1:.1e} at the start: so near u2 = u3 the mean over a nutation"
+        return [*super().warnings, *([f"{near} loses digits"] if self.m1 < ROUGH_M1 else [])]
 
 
 def upright_stability(t: Any, y: Sequence[Any], k: Any) -> Any:
@@ -430,13 +386,36 @@ class AveragedTop(Nutating):
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        """U', Z', r' and e': U, Z and r follow from eqs (2.4), and dH/dtau = mu' v.
+
+        e follows from the roots' own derivatives, with M(x) = T1' x^2 - T2' x - T3' at x = X
+        divided by e by hand, so that regular precession, e = 0, is as regular as any other motion:
+        by the cubic itself (U + c X)^2/(2 A mu) is X (2 - X)(X - Z) - e^2 w, so that all that is
+        not of the order of e^2 cancels in the part of mu.
+        """
+        U, Z, r, e = y
         now = with_mu(k, t)
-        X, w = nutation(y, now)
-        a, M3 = coefficient_at(k, "a", t), axial_torque(t, y[2], k)
-        mean = mean_cosine(y[3], w)
-        mean_cos = -y[3] * mean
-        change = 0.0 if now is k else slope_at(k, "mu", t) / now.mu
-        return drift(y, now, (-a, -a * mean_cos, M3, M3 * mean_cos), (X, w), (change, mean))
+        (X, w), A, C, mu = nutation(y, now), now.A, now.C, now.mu
+        change = slope_at(k, "mu", t) / mu if isinstance(k.mu, tuple) else 0.0
+        # The equatorial torque is f (p, q); f and M3 times cos phi on the mean over a nutation.
+        f, M3, mean = -coefficient_at(k, "a", t), axial_torque(t, r, k), mean_cosine(e, w)
+        mean_cos = -e * mean
+        f_cos, M3_cos = f * mean_cos, M3 * mean_cos
+        # u = 1 - x turns Gz - C r u into U + c x, and 2 H - C r^2 - 2 mu u into 2 mu (x - Z).
+        c, G = C * r, U + C * r * X
+        # <f x> with x = X + e cos phi; U and Z lose their terms in M3 to C r' = M3.
+        fx = X * f + e * f_cos
+        dU = (U * f + c * fx) / A - X * M3 - e * M3_cos
+        dZ = -2 * (fx - Z * f) / A + change * (X - Z - e * e * mean)
+        # The rates of the coefficients of the cubic: T1', M(X)/e and the slope of M.
+        dT1 = -c * M3 / (A * mu) + change * c * c / (2 * A * mu)
+        M = 2 / A * (e * w * f + (X * (2 - X) - c * G / (2 * A * mu)) * f_cos)
+        M = M + G * M3_cos / (A * mu) + change * e * (mean * X * (2 - X) - w)
+        slope = -(c * (dU + M3 * X) + G * M3) / (A * mu) + change * c * G / (A * mu)
+        slope = 2 * dZ * (X - 1) + slope
+        # Singular only at w = e, that is u2 = u3, where a nutation takes for ever.
+        de = (w * (M + e * (dZ + dT1)) - e * slope) / (2 * (w - e) * (w + e))
+        return dU, dZ, M3 / C, de
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
@@ -482,8 +461,18 @@ class AveragedU(Nutating):
     """
 
     form = "averaged-u"
-    has_changing_mu = has_axial_torque = False
     state = ("u1", "u2", "u3", "r")
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Also what the other forms take."""
+        yield from super().check(data)
+        mu_words = f"form {cls.form} takes a constant mu; averaged and full take a polynomial"
+        m_words = f"form {cls.form} has no m, which all other forms have"
+        yield from mistakes_where(
+            (is_law(data.get("mu")), ("mu",), mu_words),
+            (data.get("m") is not None, ("m",), m_words),
+        )
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
@@ -623,9 +612,8 @@ class FullTop(Top):
 
     @property
     def extended_start(self) -> np.ndarray:
-        y = super().extended_start
+        y, theta = super().extended_start, self.initial["theta"]
         # The sine and cosine of theta have lost digits as doubles.
-        if self.initial["theta"] is not None:
-            theta = np.longdouble(self.initial["theta"])
-            y[4:6] = np.sin(theta), np.cos(theta)
+        if theta is not None:
+            y[4:6] = np.sin(np.longdouble(theta)), np.cos(np.longdouble(theta))
         return y

@@ -53,7 +53,7 @@ def units_of_case(stated: str, case: Case) -> str:
 
 
 STATED_UNITS = re.compile(rf" \[((?:{INERTIA}|{TIME_WORD})[^\]]*)\]")
-"""Units in words after a number in a sentence: "stops after 12.5 [time]"."""
+"""Units in words after a number in a sentence: "turns in 12.5 [time]"."""
 
 
 def sentence_of_case(sentence: str, case: Case) -> str:

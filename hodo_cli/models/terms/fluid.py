@@ -1,4 +1,6 @@
-"""The fluid in a cavity: its keys, its coefficient kappa, and the limits of its theory."""
+"""The fluid in a cavity, kappa = rho P0/nu with P0 = 8 pi b^7/525 of a sphere: its keys, kappa, and
+the limits of its theory: a small Reynolds number b^2 |omega|/nu and a torque small beside
+|omega| |G|."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -60,19 +62,19 @@ def coefficient(cavity: Mapping[str, float | None] | None, alone: float | None =
 
     Raises ValueError, with a sentence, unless it is given in exactly one way.
     """
-    entries = {name: value for name, value in (cavity or {}).items() if value is not None}
-    if alone is not None and entries:
+    given = {name: value for name, value in (cavity or {}).items() if value is not None}
+    if alone is not None and given:
         raise ValueError("kappa is given, so leave out the cavity")
-    if alone is not None:
-        return alone
-    if set(entries) == {"kappa"}:
-        return entries["kappa"]
-    if set(entries) not in ({"density", "viscosity", "P0"}, {"density", "viscosity", "radius"}):
-        named = f"not {', '.join(entries)}" if entries else "and none of them is given"
+    given |= {} if alone is None else {"kappa": alone}
+    ways = {"kappa"}, {"density", "viscosity", "P0"}, {"density", "viscosity", "radius"}
+    if set(given) not in ways:
+        named = f"not {', '.join(given)}" if given else "and none of them is given"
         raise ValueError(
             f"the cavity is density, viscosity and P0 or radius, or kappa alone, {named}"
         )
-    kappa: float = entries["density"] * shape_factor(entries) / entries["viscosity"]
+    if "kappa" in given:
+        return given["kappa"]
+    kappa: float = given["density"] * shape_factor(given) / given["viscosity"]
     if not isfinite(kappa):
         raise ValueError("kappa = rho P0/nu is too large a number")
     return kappa
@@ -84,8 +86,8 @@ def reynolds(cavity: Mapping[str, Any], omega: np.ndarray) -> float:
 
 
 def weak(A: np.ndarray, omega: np.ndarray, kappa: Any, torque: Sequence[float]) -> list[str]:
-    """Warnings for torques that turn G at a rate not small beside |omega|; none for a body at
-    rest."""
+    """Warnings for torques that turn G at a rate not small compared with |omega|; none for a body
+    at rest."""
     peak, heaviest = float(np.abs(omega).max()), float(A.max())
     if not peak:
         return []
@@ -106,7 +108,7 @@ def cavity_warnings(
     cavity: Mapping[str, Any] | None, A: np.ndarray, omega: np.ndarray
 ) -> list[str]:
     """Warnings if the Reynolds number is not small, as the fluid's torque assumes, and if the
-    fluid's own moment of inertia exceeds that of body and fluid together: there is no such body.
+    fluid's own moment of inertia exceeds a moment of body and fluid together: no body has that.
 
     With kappa alone neither is known. A sphere of fluid has 2/5 m b^2.
     """

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...arithmetic import evaluate, horner, isfinite
-from ...schema.expression import FUNCTIONS, LONGEST, names_in, parse_expression
+from ...schema.expression import FUNCTIONS, LONGEST, Expression, names_in, parse_expression
 from ...schema.kinds import (
     Each,
     Either,
@@ -27,6 +27,7 @@ from ...schema.kinds import (
     Wrong,
     WrongKey,
     check,
+    check_parts,
     expected,
     is_list,
     leaves,
@@ -39,8 +40,8 @@ EPOCH, EPOCH_NAME = "epoch", "time.epoch"
 name among the constants of a case, which no expression can name."""
 
 MOST_COEFFICIENTS = 20
-"""How many a polynomial may have. A series of the least order sees no higher power of the time from
-t = 0, and in powers of t few fits hold that many digits."""
+"""The most coefficients of a polynomial. From t = 0 a series of the least order sees no higher
+power of the time, and in powers of t few fits hold that many digits."""
 
 VELOCITIES = ("p", "q", "r")
 SPACE_COMPONENTS = ("y1", "y2", "y3", "z1", "z2", "z3")
@@ -63,8 +64,8 @@ class Formula(NamedTuple):
 
 
 def as_expression(value: Any) -> str:
-    """The expression to write instead of what was a law of time once: a mapping with `law`, or the
-    coefficients of a polynomial."""
+    """The expression to write instead of a law of time of earlier versions: a mapping with `law`,
+    or the coefficients of a polynomial."""
     match value:
         case {"law": "exponential", "value": a, "rate": rate}:
             text = f"{a}*exp(-{rate}*t)"
@@ -82,33 +83,31 @@ def as_expression(value: Any) -> str:
     return f'; write "{text}"' if "{" not in text and len(text) < 200 else ""
 
 
-def coefficient_kind(
-    above: float | None = None, polynomial: str = "", expression: bool = True, repeat: int = 0
-) -> Rule:
-    """The kind of one coefficient: a number, which may have a bound, or an expression in t; in this
-    time it may be a polynomial. With `repeat` a value alone is a tuple of so many."""
-    number = Number(above=above)
-    title = f"a polynomial in {polynomial}: [a0, a1, ...], {MOST_COEFFICIENTS} at most"
-    listed = ListOf(Number(), title=title, maxItems=MOST_COEFFICIENTS)
-    kinds = [number, *([listed] if polynomial else [])]
-    named = [f"a {words(number)}", *([words(listed)] if polynomial else [])]
-    title = ", or ".join([*named, *(["an expression in t"] if expression else [])])
+POLYNOMIAL = ListOf(
+    Number(),
+    title=f"a polynomial in tau: [a0, a1, ...], {MOST_COEFFICIENTS} at most",
+    maxItems=MOST_COEFFICIENTS,
+)
+
+
+def coefficient_kind(*others: Rule, repeat: int = 0) -> Rule:
+    """The kind of one coefficient: a number, or an expression in t, or a list of another kind. With
+    `repeat` a number stands for a tuple of as many."""
+    text = {"type": "string", "maxLength": LONGEST}
+    title = ", or ".join(["a number", *map(words, others), "an expression in t"])
 
     def coefficient(value: Any) -> Any:
-        if polynomial and is_list(value):
-            return check(listed, value)
-        resolved = check(number, value) if isinstance(value, float | int) else None
-        if expression and isinstance(value, str):
-            tree = parse_expression(value)
-            resolved = check(number, tree) if isinstance(tree, float) else value
-        if resolved is None:
+        if others and is_list(value):
+            return check(Either(*others), value)
+        resolved = parse_expression(value) if isinstance(value, str) else value
+        if isinstance(value, str) and not isinstance(resolved, float):
+            return value
+        if not isinstance(resolved, float | int):
             raise expected(rule, value)
-        # Of a polynomial a number is the first coefficient, and an expression is none.
-        is_alone = isinstance(resolved, str) and polynomial
-        return (resolved,) * repeat if repeat and not is_alone else resolved
+        number = check(Number(), resolved)
+        return (number,) * repeat if repeat else number
 
-    text = [{"type": "string", "maxLength": LONGEST}] if expression else []
-    rule = Either(*kinds, *text, title=title, whole=coefficient, answer=as_expression)
+    rule = Either(Number(), *others, text, title=title, whole=coefficient, answer=as_expression)
     return rule
 
 
@@ -154,16 +153,14 @@ def name_mistakes(
     """The mistakes of expressions that name what their case does not have."""
     for path, text in expressions:
         is_torque = path[0] == "expression"
-        known: tuple[str, ...] = (*VELOCITIES, "t") if is_torque else ("t",)
-        space = names_in(parse_expression(text)) & {*SPACE_COMPONENTS}
-        if is_torque and space and not has_attitude:
-            yield path, f"{min(space)} needs attitude: yes"
-            continue
-        known += SPACE_COMPONENTS if is_torque and has_attitude else ()
-        try:
-            parse_expression(text, (*known, *constants))
-        except Wrong as error:
-            yield from within(path, error.mistakes)
+        own, space = (VELOCITIES, SPACE_COMPONENTS) if is_torque else ((), ())
+        known = (*own, "t", *(space if has_attitude else ()), *constants)
+        _, mistakes = check_parts([(path[-1], Expression(known, ""), text)])
+        needed = names_in(parse_expression(text)) & {*space} - {*known}
+        if needed:
+            yield path, f"{min(needed)} needs attitude: yes"
+        else:
+            yield from within(path[:-1], mistakes)
 
 
 def is_law(coefficient: Any) -> bool:
@@ -172,8 +169,8 @@ def is_law(coefficient: Any) -> bool:
 
 
 def resolved(coefficient: Any, constants: CaseConstants) -> Any:
-    """A coefficient as given in a case: a number, which it is too where no t stands in its
-    expression, a polynomial, or a Formula."""
+    """A coefficient as given in a case: a number, to which an expression without t is evaluated, a
+    polynomial, or a Formula."""
     if not isinstance(coefficient, str):
         return coefficient
     tree = parse_expression(coefficient)
@@ -187,15 +184,15 @@ def scaled(coefficient: Any, factor: Any) -> Any:
     return factor * coefficient
 
 
-def law_constants(name: str, coefficient: Any) -> dict[str, Any]:
-    """The constants of a model that stand for a coefficient."""
-    if isinstance(coefficient, Formula):
-        return {name: coefficient.factor, f"{name}_law": coefficient.text}
-    return {name: coefficient}
+def law_constants(coefficients: Mapping[str, Any]) -> dict[str, Any]:
+    """The constants of a model that hold its coefficients, given by name."""
+    formulas = {name: x for name, x in coefficients.items() if isinstance(x, Formula)}
+    texts = {f"{name}_law": x.text for name, x in formulas.items()}
+    return {**coefficients} | {name: x.factor for name, x in formulas.items()} | texts
 
 
 def named_constants(constants: CaseConstants) -> dict[str, Any]:
-    """The constants of a model that stand for those of its case."""
+    """The constants of a model that hold the named constants of its case."""
     named = dict(constants)
     epoch = {EPOCH: named.pop(EPOCH_NAME)} if EPOCH_NAME in named else {}
     if not named:
@@ -224,15 +221,9 @@ def coefficient_at(k: Any, name: str, t: Any) -> Any:
 
 
 def slope_at(k: Any, name: str, t: Any) -> Any:
-    """The derivative by time of a coefficient that follows a polynomial."""
+    """The time derivative of a coefficient that follows a polynomial."""
     terms = [i * c for i, c in enumerate(getattr(k, name))][1:]
     return horner(terms, since_epoch(k, t)) if terms else 0 * t
-
-
-def value_at(coefficient: Any, t: Any, constants: CaseConstants = ()) -> Any:
-    """The value of a coefficient at a time t, or at several; a number at any time."""
-    k = SimpleNamespace(**law_constants("c", coefficient), **named_constants(constants))
-    return coefficient_at(k, "c", t)
 
 
 def least_value(polynomial: Sequence[float], start: float, end: float) -> float:
@@ -244,8 +235,9 @@ def least_value(polynomial: Sequence[float], start: float, end: float) -> float:
 
 def first_negative(coefficient: Any, times: np.ndarray, constants: CaseConstants) -> float | None:
     """The first of some times at which a coefficient is negative, if there is one."""
+    k = SimpleNamespace(**law_constants({"c": coefficient}), **named_constants(constants))
     with np.errstate(all="ignore"):
-        is_negative = np.broadcast_to(value_at(coefficient, times, constants) < 0, times.shape)
+        is_negative = np.broadcast_to(coefficient_at(k, "c", times) < 0, times.shape)
     return float(times[is_negative.argmax()]) if is_negative.any() else None
 
 
@@ -257,7 +249,7 @@ def value_mistakes(
     """The mistakes of expressions without a value where their variables have these values."""
     for path, text in expressions:
         tree = parse_expression(text)
-        # What is not known, as a component that G stands for, decides nothing.
+        # An unknown variable, as a component that G replaces, decides nothing.
         if names_in(tree) <= variables.keys() and not _has_value(tree, variables):
             yield path, f"has no finite value {where}"
 

@@ -1,7 +1,8 @@
-"""Closed forms: the free rotation of a rigid body, and its rotation under torques along G.
+"""Closed forms: the free rotation of a rigid body, A omega' + omega x A omega = 0, its rotation
+under torques along G, and its attitude.
 
 Free motion (Euler, Poinsot, Jacobi). Let e be the enclosed axis (that of the largest moment of
-inertia where D = G^2 - 2 T A_m is positive, else that of the smallest), m the axis of the middle
+inertia where D = G^2 - 2 T A_m is positive, else of the smallest), m the axis of the middle
 moment and o the remaining one. With
 
     Y  = A_m |A_o - A_m| w_m^2 + A_e |A_o - A_e| w_e^2          (= |2 T A_o - G^2|)
@@ -42,18 +43,18 @@ For phi = lambda + b/|G| (damping, a brake) let beta = b/|G(0)|. Then g' = -(bet
 The body stops at the zero of g.
 
 The attitude of a free body. With e, m, o the enclosed, the middle and the other axis, n and k' as
-above, and sn, cn, dn those of u = n t + u0, the body turns about G by
+above, and sn, cn, dn of u = n t + u0, the body turns about G by
 
     psi' = |G| (A_m w_m^2 + A_o w_o^2)/(A_m^2 w_m^2 + A_o^2 w_o^2),
     psi = |G| {t/A_o + (1/A_m - 1/A_o) [J]/n},    J = (1 + nu) int sn^2/(1 + nu sn^2) du,
     1 + nu = A_m |A_e - A_o|/(A_o |A_e - A_m|),
 
 while g = G/|G| goes round e in the body, at a longitude and an angle from e. Turned back by the two
-and by psi about g, the body stands in axes of space one of which is G; and so it did at the start.
-The angles are continuous, and so is the quaternion.
+and by psi about g, the body is in axes of space one of which is G, as at the start. The angles are
+continuous, and so is the quaternion.
 
 A half turn lies about a place where sn = 0, from which u and J are counted. Within it they are
-Carlson's integrals (DLMF 19.25), whose terms are positive, so that nothing cancels beside the
+Carlson's integrals (DLMF 19.25), whose terms are positive, so that nothing cancels near the
 separatrix, where cn and dn are small.
 
 Source: R. Montgomery, Am. J. Phys. 59 (1991) 394, for psi over a turn.
@@ -83,8 +84,8 @@ def free_motion(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
     at t = 0.
 
     A (3,): principal moments of inertia in any order, equal ones included; |omega0| of any size; t
-    may be negative. Components of omega0 below 1e-300 |omega0| lose digits. The formulas, their
-    source and their limits stand above.
+    may be negative. Components of omega0 below 1e-300 |omega0| lose digits. Formulas, source and
+    limits: the docstring of the module.
     """
     return damped_motion(A, omega0, 0.0, t)
 
@@ -145,7 +146,7 @@ def in_own_units(omega0: np.ndarray) -> tuple[int, np.ndarray]:
 
 class FreeTurn(NamedTuple):
     """The enclosed, middle and other axis, n, k', d, and the factors (3,) of w_j w_k in Euler's
-    w_i', in the letters above."""
+    w_i'/n, in the letters above."""
 
     e: int
     m: int
@@ -171,11 +172,12 @@ def free_turn(A: np.ndarray, omega0: np.ndarray, fp: Any) -> FreeTurn | None:
     # e is to be the enclosed axis, about which dn never vanishes.
     if about_e < about_o:
         e, o = o, e
+    # Y = |G^2 - 2 T A_o| and d = dn(u0), as above.
     Y = B[m] * abs(B[o] - B[m]) * w[m] ** 2 + B[e] * abs(B[o] - B[e]) * w[e] ** 2
     n = _sqrt(abs(B[m] - B[e]) * Y / (A1 * A2 * A3), fp)
     complementary = _sqrt(abs(B[o] - B[e]) * abs(about_e - about_o) / (abs(B[m] - B[e]) * Y), fp)
     d = _sqrt(B[e] * abs(B[o] - B[e]) * w[e] ** 2 / Y, fp)
-    factors = tuple((1 if x > 0 else -1) * _sqrt(x * x, fp) for x in gyroscopic)
+    factors = tuple((1 if x > 0 else -1) * _sqrt(x * x, fp) / n for x in gyroscopic)
     return FreeTurn(e, m, o, n, complementary, d, factors)
 
 
@@ -185,16 +187,16 @@ def _free(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
     if turn is None:
         return np.broadcast_to(omega0, (*np.shape(t), 3))
 
-    e, m, o, n, complementary, d, factors = turn
+    e, m, o, n, complementary, d, g = turn
     sn, cn, dn = sn_cn_dn(n * t, complementary)
     h = np.hypot(cn, d * sn)
     cn, dn, we, wm, wo = cn / h, dn / h, omega0[e] / h, omega0[m], omega0[o] / h
-    g = [factor / n for factor in factors]
-    omega = np.empty((*np.shape(t), 3), dtype=t.dtype)
-    omega[..., o] = wo * cn + g[o] * wm * we * sn * dn
-    omega[..., m] = wm * cn * dn + g[m] * we * wo * sn
-    omega[..., e] = we * dn + g[e] * wo * wm * sn * cn
-    return omega
+    components = {
+        o: wo * cn + g[o] * wm * we * sn * dn,
+        m: wm * cn * dn + g[m] * we * wo * sn,
+        e: we * dn + g[e] * wo * wm * sn * cn,
+    }
+    return np.stack([components[i] for i in range(3)], axis=-1)
 
 
 def _sqrt(x: Fraction, fp: Any) -> Any:
@@ -268,8 +270,7 @@ class AlongMomentum(NamedTuple):
 
     @np.errstate(over="ignore", invalid="ignore")  # of what grows beyond all doubles
     def clock(self, times: Any) -> tuple[np.ndarray, np.ndarray]:
-        """g and s (...) at times >= 0 (...), in their precision; at rest g is 0 and s stands
-        still."""
+        """g and s (...) at times >= 0 (...), in their precision; at rest g is 0 and s constant."""
         stopped, fp = np.asarray(times) >= self.stop, np.result_type(times, float).type
         t, brake = np.minimum(times, fp(self.stop)), fp(self.brake)
         a = free_time(self.damping, t)
@@ -348,10 +349,10 @@ def longitude_and_area(
 
 
 def turn_of_hodograph(A: np.ndarray, omega0: np.ndarray) -> tuple[float, float, str] | None:
-    """The turn of the hodograph of a free body with moments A (3,), in any order, and angular
-    velocity omega0 (3,) at the start: the time T that it takes, the integral of psi' over it, whole
-    turns included, and a sentence; None for a rotation about an axis, and on the separatrix, where
-    it takes for ever. Errors are relative, and a few units of the last digit.
+    """The time T in which the hodograph of a free body with moments A (3,), in any order, and
+    angular velocity omega0 (3,) at the start turns once; the integral of psi' over it, whole turns
+    included; and a sentence. None for a rotation about an axis, and on the separatrix, where the
+    turn never ends. The relative errors are a few units of the last digit.
 
     The enclosed axis goes round G in 2 pi T/angle. Where it has the largest moment, the long axis,
     that of the smallest one, goes round that axis once the other way meanwhile, and so round G in

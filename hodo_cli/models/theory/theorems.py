@@ -1,5 +1,5 @@
-"""What follows from a sum of torques alone: which way a motion crosses the separatrix, and
-which axis is enclosed in the end.
+"""Theorems on a sum of torques: which way a motion crosses the separatrix D = 0, and which axis is
+enclosed in the end.
 
 With a > b > c the moments of inertia and 1, 2, 3 their axes, let D = 0 at a given |G|. One number
 is left, sigma in 0 to 1:
@@ -25,12 +25,11 @@ I_ii/A_i), and without a torque fixed in the body or in space, an expression or 
 two equal moments never crosses.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..rigid_body import SEPARATRIX, enclosed_axis, inertia_order, is_diagonal
+from ..rigid_body import enclosed_axis, inertia_order
 
 
 class Dissipation(NamedTuple):
@@ -45,21 +44,14 @@ class Dissipation(NamedTuple):
     covered: Any = True
 
 
-class SenseReversal(NamedTuple):
+@np.errstate(all="ignore")
+def turning_momenta(terms: Dissipation) -> tuple[float, float, float]:
     """The sizes of G at which the sense of crossings turns; not numbers where it does not.
 
-    Above `fluid` a body crosses to the axis of largest inertia only, below `damping` to that of
-    smallest only; `mean` is where the mean over a half turn changes its sign.
+    Above the first a body crosses to the axis of largest inertia only, under the fluid; below the
+    second to the axis of smallest only, under damping. At the third the mean over a half turn
+    changes its sign.
     """
-
-    fluid: float
-    damping: float
-    mean: float
-
-
-@np.errstate(all="ignore")
-def turning_momenta(terms: Dissipation) -> SenseReversal:
-    """Where fluid and damping change places."""
     c, b, a = np.sort(np.asarray(terms.inertia, float))
     # In ratios, since (a b c)^2 may have no double.
     scale, narrow = (a - c) / a / (a * b * c), (a + c - b) / c
@@ -69,12 +61,13 @@ def turning_momenta(terms: Dissipation) -> SenseReversal:
     strengths = np.array([min(alpha, beta), max(alpha, beta), (2 * alpha + beta) / 3])
     squares = excess / (terms.kappa * strengths)
     valid = (squares > 0) & np.isfinite(squares)
-    return SenseReversal(*np.where(valid, np.sqrt(squares), np.nan).tolist())
+    fluid, damping, mean = np.where(valid, np.sqrt(squares), np.nan).tolist()
+    return fluid, damping, mean
 
 
 def possible_crossings(terms: Dissipation) -> frozenset[int] | None:
     """The senses of the crossings that a motion can have: 1 to the axis of largest inertia, -1 to
-    that of smallest; None where nothing is known.
+    the axis of smallest; None where nothing is known.
 
     Of one sense there is one crossing at most. With both, the motion may go to the axis of largest
     inertia, and back: two at most, but for what happens between the two sizes of G at which the
@@ -95,7 +88,7 @@ def possible_crossings(terms: Dissipation) -> frozenset[int] | None:
         return frozenset({1} if has_fluid or min(media) < 0 else ())
     if not has_fluid and min(media) >= 0:
         return frozenset({-1})
-    # |G| alone tells which of fluid and damping is the stronger, and it falls.
+    # |G| alone decides which of fluid and damping is the stronger, and it falls.
     turns = has_fluid and damping > 0 and not quadratic and min(terms.damping) >= 0
     return frozenset({1, -1}) if turns else None
 
@@ -133,38 +126,20 @@ EQUAL_RATES = 1e-12
 rounding may have made the difference."""
 
 
-def final_axis(A: np.ndarray, I: np.ndarray, start: np.ndarray) -> int | None:
-    """The axis that is enclosed in the end of a motion with omega (3,) at the start, when the
-    rotation has become slower than its damping: A omega' = -I omega then, and omega turns to the
-    eigenvector of A^-1 I that decays most slowly.
+def final_axis(A: np.ndarray, I: np.ndarray) -> int | None:
+    """The axis that is enclosed in the end, when the rotation has become slower than its damping:
+    A omega' = -I omega then, and omega turns to the eigenvector of A^-1 I that decays most slowly.
 
-    None unless I is symmetric and takes energy out of every motion; none either at rest, and where
-    that eigenvector is not known from others, or lies on the separatrix, as the middle axis does.
+    None unless I is symmetric and takes energy out of every motion; None too where rounding decides
+    which eigenvector it is, or on which side of the separatrix it lies. A rotation about a body
+    axis may stay there instead.
     """
-    values = np.linalg.eigvalsh(I)
-    # A kernel, or an eigenvalue that is rounding, stops no motion: omega x A omega decides.
-    if not start.any() or (I != I.T).any() or values[0] <= EQUAL_RATES * values[-1]:
-        return None
-    # A rotation about a body axis that I leaves alone lasts for ever.
-    turning = np.flatnonzero(start)
-    is_steady = len(turning) == 1 and not np.delete(I, turning, axis=0)[:, turning].any()
-    direction, error = (start, 0.0) if is_steady else slowest_direction(A, I)
-    label = int(enclosed_axis(A, direction, error))
-    if is_steady or label != SEPARATRIX or not is_diagonal(I):
-        return label if label > 0 else None
-    # D' = -2 lambda D for each of the two outer axes: what is about one decays more slowly.
-    largest, _, smallest = inertia_order(A)
-    rate = np.diag(I) / A
-    if math.isclose(rate[largest], rate[smallest], rel_tol=EQUAL_RATES):
-        return None
-    return 1 + (largest if rate[largest] < rate[smallest] else smallest)
-
-
-def slowest_direction(A: np.ndarray, I: np.ndarray) -> tuple[np.ndarray, float]:
-    """The direction (3,) of the solution of A omega' = -I omega that decays most slowly, with what
-    rounding may turn it by; I is symmetric."""
     # A^-1 I has the eigenvalues of this symmetric matrix, and its eigenvectors times A^(1/2).
     root = np.sqrt(A)
     rates, vectors = np.linalg.eigh(I / np.outer(root, root))
-    gap = max(rates[1] - rates[0], EQUAL_RATES * rates[0])
-    return vectors[:, 0] / root, EQUAL_RATES * rates[2] / gap
+    gap = rates[1] - rates[0]
+    # A kernel, or an eigenvalue that is rounding, stops no motion: omega x A omega decides.
+    if (I != I.T).any() or min(rates[0], gap) <= EQUAL_RATES * rates[2]:
+        return None
+    label = int(enclosed_axis(A, vectors[:, 0] / root, EQUAL_RATES * rates[2] / gap))
+    return label if label > 0 else None
