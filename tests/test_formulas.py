@@ -377,7 +377,8 @@ def test_dry_friction_ends_at_once_with_one_cause(
     }  # fmt: skip
     ds = hodo.run(case)
     assert ds.attrs["status"] == "failed"
-    assert ds.attrs["message"] == f"held at omega_3 = 0 by its expression at t = {end:.6g}"
+    assert ds.attrs["message"] == f"its formulas are not smooth near t = {end:.6g}"
     assert ds.attrs["steps"] < 500
+    assert ds.attrs["error"] < 1e-12  # it ends before the first of the many turns
     assert end - 1 <= ds.time.values[-1] <= end
     assert np.isfinite(ds.omega).all()

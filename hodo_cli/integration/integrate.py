@@ -16,7 +16,7 @@ from ..text import time_digits, to_error
 from .choice import choose
 from .error import with_measured_error
 from .solve import Trajectory, solve, with_seconds_left
-from .step_checks import HELD, NOT_SMOOTH
+from .step_checks import NOT_SMOOTH
 
 ERROR_LIMIT_ASKED = 1e-12
 """The error that a motion may have whose tolerance is at the limit of its precision."""
@@ -51,7 +51,7 @@ def in_time_of_case(motion: Trajectory, case: Case) -> Trajectory:
 
 
 FAR_SPANS = 100
-"""So many spans from 0 a time counts from an epoch; hardly a law that names t counts from there."""
+"""At this many spans from 0 a time counts from an epoch, and a law that names t hardly does."""
 
 
 def epoch_warning(case: Case) -> list[str]:
@@ -141,7 +141,7 @@ def solved(case: Case, method: str, reason: str) -> Trajectory:
         and motion.status is Status.FAILED
         and case.precision != "quadruple"
         # No method leads on from there; a series that cannot begin may know no derivatives alone.
-        and not (motion.steps and motion.message.startswith((HELD, NOT_SMOOTH)))
+        and not (motion.steps and motion.message.startswith(NOT_SMOOTH))
     ):
         rest = with_seconds_left(case, motion)
         other = solve(rest, "collocation", case.precision, case.tol)

@@ -24,11 +24,11 @@ MOST_GROWTH = 1.25
 """How much larger rates may be eight times as near to that place: at a jump they are not, at a pole
 eight times."""
 
-HELD_WITHIN = 1e-9
-"""The part of a state beside which a component of it is at 0."""
+LEAST_JUMP = 1e-6
+"""The least jump, as a part of the rates, that is far above their rounding."""
 
-HELD, NOT_SMOOTH = "held at ", "its formulas are not smooth near t = "
-"""How the messages begin of motions that no method leads on, because of what their formulas do."""
+NOT_SMOOTH = "its formulas are not smooth near t = "
+"""How the message begins of a motion that no method leads on, because of its formulas."""
 
 
 class Break(NamedTuple):
@@ -60,7 +60,7 @@ def not_smooth(time: float, start: float) -> str:
 @dataclass
 class Gap:
     """A short time `length` of the engine from a state y (m,) on, within which formulas change at
-    once: the motion goes on by the rates `before`, and `behind` the change by others."""
+    once: the motion goes on by the rates `before`, and after the change by the rates `behind`."""
 
     system: Model
     units: Units
@@ -76,8 +76,8 @@ class Gap:
 
     @cached_property
     def before(self) -> np.ndarray:
-        """The rates (m,) of the present, or those behind the change: at the change itself, as a
-        motion may begin, a formula may be no number."""
+        """The rates (m,) of the present, or after the change: at the change itself, as a motion may
+        begin, a formula may be no number."""
         present, later = self.rates_at([0, 1], 0 * self.y).T
         return np.asarray(present if np.isfinite(present.astype(float)).all() else later)
 
@@ -88,7 +88,7 @@ class Gap:
 
     @cached_property
     def change(self) -> Any:
-        """The part of the gap at which the rates change from those before to those behind."""
+        """The part of the gap at which the rates change from `before` to `behind`."""
         at, width = self.y.dtype.type(0), 1.0
         for _ in range(CHANGE_ROUNDS):
             parts = at + width * np.linspace(0, 1, CHANGE_PARTS + 1).astype(self.y.dtype)
@@ -109,17 +109,27 @@ class Gap:
         return parts[largest]
 
     def states_after(self, elapsed: np.ndarray) -> np.ndarray:
-        """The states (n, m) some times (n,) of the engine behind the start of the gap."""
+        """The states (n, m) some times (n,) of the engine after the start of the gap."""
         earlier = np.minimum(elapsed, self.length * self.change)
         later = np.outer(elapsed - earlier, self.behind)
         return np.asarray(self.y + np.outer(earlier, self.before) + later)
 
+    @property
+    def leads_back(self) -> bool:
+        """Whether the rates after the change lead the motion back before it, so that it is held
+        there, as by dry friction. A brake has an event where it holds the body."""
+        if "brake" in self.system.equations.terms:
+            return False
+        y, time = self.y + self.length * (self.before + self.behind), self.clock.exact(self.length)
+        onward = rates(self.system, self.units, self.clock, time, y)
+        change, left = (np.abs(r - self.before).max() for r in (self.behind, onward))
+        return bool(2 * left < change > LEAST_JUMP * np.abs(self.before).max())
+
     def problem(self, start: float) -> str:
         """Why no motion goes on from here, in words that count the time from a start; an empty
         string if one does."""
-        time = float(self.clock.high)
-        if held := self.held():
-            return f"{HELD}{held} = 0 by its expression at t = {time_text(time, start)}"
+        if self.leads_back:
+            return not_smooth(float(self.clock.high), start)
         sides = (float(self.peak) + d * np.array([-1, 1]) for d in (1 / 16, 1 / 2))
         near, far = (np.abs(self.rates_at(x, self.before).astype(float)) for x in sides)
         # Rates that are no numbers at a place count for nothing.
@@ -129,30 +139,6 @@ class Gap:
         place = float(self.clock.exact(self.length * self.peak))
         grain = float(self.length) / self.clock.factor / CHANGE_PARTS
         return not_smooth(grain * round(place / grain), start)
-
-    def held(self) -> str:
-        """The components of the angular velocity, or all of it, that the rates lead back to 0 from
-        both sides; an empty string if there are none."""
-        if not self.system.starts_with_omega or "brake" in self.system.equations.terms:
-            return ""
-        y = self.y.astype(float)
-        ways = np.maximum(4 * np.abs(y), HELD_WITHIN * np.abs(y).max()) * np.eye(len(y))
-        names = [f"omega_{i + 1}" for i in range(3) if self.leads_back(ways[i])]
-        whole = np.where(np.arange(len(y)) < 3, 4 * y, 0)
-        return " = ".join(names or ["omega"] * self.leads_back(whole))
-
-    def leads_back(self, way: np.ndarray) -> bool:
-        """Whether the rates lead the state back to 0 along a way (m,), from both sides of it and
-        however near."""
-        y = self.y.astype(float)
-        beside = np.where(way == 0, y, 0)[:, None] + np.outer(way, [1, 1 / 16, -1 / 16, -1])
-        times = np.full(4, self.clock.high, dtype=float)
-        outer, inner, inner_behind, outer_behind = way @ rates(
-            self.system, self.units, self.clock, times, beside
-        )
-        is_jump = 2 * inner < outer < inner / 2 < 0 < inner_behind / 2 < outer_behind
-        is_near = abs(way @ y) <= 2 * float(self.length) * abs(inner)
-        return bool(is_jump and is_near and outer_behind < 2 * inner_behind)
 
 
 STEPS_AT_ONCE = 512
@@ -229,7 +215,7 @@ how many such steps ahead a pole is looked for, and how many times farther from 
 smaller by as much."""
 
 SHORT, SHORT_STEPS, BESIDE, ULPS_BESIDE = 2.0**-46, 64, 2.0**-40, 8
-"""The part of the time since its start below which a step of a motion is short. So many of them
+"""The part of the time since its start below which a step of a motion is short. This many of them
 come ever nearer to a place where its rates change at once; it is taken straight over that place
 from as near as this, or from some rounding errors of the time."""
 
@@ -280,7 +266,7 @@ class StepCheck(StepBuffer):
         return 8 + int(POINTS_CHECKED * self.longest / self.clock.factor / self.span)
 
     def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
-        """Compare steps; those behind a cut are of another motion."""
+        """Compare steps; the steps after a cut are of another motion."""
         if self.is_cut:
             return
         # Nearer to each other towards the ends, where collocation has no points of its own.
@@ -316,7 +302,7 @@ class StepCheck(StepBuffer):
         return ends[0, 0] + (high if is_onset else (low + high) / 2) * (ends[0, 1] - ends[0, 0])
 
     def _meets_pole(self, ends: np.ndarray, y: np.ndarray) -> bool:
-        """Whether the equations have a pole soon behind a step from a state y (m,): their rates
+        """Whether the equations have a pole soon after a step from a state y (m,): their rates
         grow by the inverse of the distance, down to the rounding. A gap then leads over it."""
 
         def size(s: np.ndarray) -> Any:
@@ -340,7 +326,7 @@ class StepCheck(StepBuffer):
 
     def _pass_over(self, at: Any) -> None:
         """Lead the motion straight over the engine's time `at`, in a short gap around it."""
-        # at * 0 is the start of the stretch, in the engine's type of numbers.
+        # `at * 0` is the start of the stretch, in the engine's type of numbers.
         begin, place = self.clock.exact_times(extended(np.array([at * 0, at]))).astype(float)
         near = BESIDE * ((place - self.start) or self.span)
         near = max(near, ULPS_BESIDE * np.spacing(abs(place)))
