@@ -1,4 +1,4 @@
-"""Methods of integration behind one protocol, one heavy library each. Imports cases and models;
+"""Methods of integration with one protocol, one heavy library each. Imports cases and models;
 knows neither files nor the purpose of a motion.
 
 Each engine is imported at its first use, so that a command without heyoka does not load it.

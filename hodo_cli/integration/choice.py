@@ -25,7 +25,7 @@ MAX_TRIAL_STEPS = 5000
 """The most steps of a trial of collocation, which then takes a few seconds at worst."""
 
 TRIAL_TOL = 1e-4
-"""The tolerance of a trial: it counts steps, and those of a stiff motion hardly depend on it."""
+"""The tolerance of a trial: it counts steps, and a stiff motion takes nearly as many at any."""
 
 
 def choose(case: Case) -> tuple[str, str]:
@@ -96,8 +96,8 @@ def taylor_steps(case: Case, path: Trajectory | None = None) -> float:
             moment = None if span is None else TimeWindow(t, span)
             units = Units.fit(system.equations, system.constants, state, exponent, moment)
             rates.append(fastest_rate(system, t, state, exponent, units))
-    # A Taylor step at full precision covers some 8 units of the fastest rate: right to 25 % for a
-    # stiff motion, for which it decides, and a third of the steps that others take.
+    # A Taylor step at full precision covers some 8 units of the fastest rate. The estimate is right
+    # to 25 % for a stiff motion, whose method it decides; other motions take three times as many.
     return float(np.mean(rates) * (end - case.time.start)) / 8
 
 

@@ -162,7 +162,7 @@ class BetterSolution(NamedTuple):
 
 class DenseSolution(NamedTuple):
     """A motion at its case's samples, which are its `rows`, and at other times, with the moments
-    that tell on which side of the separatrix it stands."""
+    that show on which side of the separatrix it is."""
 
     motion: Trajectory
     signs: list[SignChanges]
@@ -180,7 +180,7 @@ def searched(
     """Integrate a case with a search for zeros of D, through its samples and ERROR_CHECKS other
     times.
 
-    `uncertainty` is that of the `CrossingSearch`. The motion ends at the time `until`.
+    The `CrossingSearch` has this `uncertainty`. The motion ends at the time `until`.
     """
     samples = sample_times(case)
     times = with_checks(samples, even_times(case, ERROR_CHECKS))
@@ -189,7 +189,7 @@ def searched(
     search = CrossingSearch(body, uncertainty)
     motion = solve(case, method, precision, tol, times, search)
     rows = np.searchsorted(times, samples)
-    if motion.succeeded:  # an event that ends it is its last sample, whatever times lie behind
+    if motion.succeeded:  # an event that ends it is its last sample, whatever times follow
         rows = distinct(np.minimum(rows, len(motion.time) - 1))
     return DenseSolution(motion, search.parts, rows[rows < len(motion.time)])
 
@@ -278,7 +278,7 @@ def growth_off_axis(motion: Trajectory) -> np.ndarray:
     """How much larger an error is than that of a step (n,), after a motion left the middle axis.
 
     Every step errs in D by a part of what its terms are then. Where these have become small again,
-    that of the largest terms so far is still there.
+    the error of the largest terms so far is still there.
     """
     body, omega = body_of(motion.case), extended(motion.omega).astype(float)
     near = rigid_body.near_middle_axis(body.moments, omega)
@@ -291,7 +291,7 @@ def start_error(case: Case) -> float:
     """The error of a start: each of its components is right to its own last bit.
 
     So D is right to the rounding of its terms, however near the middle axis. A start whose D is 0
-    to that rounding stands on neither side, in every precision. Along the principal axes of a full
+    to that rounding is on neither side, in every precision. Along the principal axes of a full
     tensor each component is a sum, right to the last bit of the largest one.
     """
     body = body_of(case)
@@ -327,7 +327,7 @@ def distances(motion: Trajectory, reference: Trajectory) -> np.ndarray:
     distance, size = (np.sqrt(np.vecdot(x, x)) for x in (apart, better.astype(float)))
     errors = np.divide(distance, size, out=np.zeros_like(distance), where=size > 0)
     least = EPS if motion.state.dtype == np.float64 else PRECISION["extended"]
-    # The two may have ended at different times; beyond the earlier end the last error stands.
+    # The two may have ended at different times; beyond the earlier end the last error holds.
     return np.pad(np.maximum(errors, least), (0, len(motion.time) - n), mode="edge")
 
 
@@ -356,16 +356,16 @@ def crossings_of(
         with np.errstate(divide="ignore", invalid="ignore"):
             uncertainty[early] *= np.maximum(1, sides.momentum[1] / signs.momentum[early])
     listed = read_sign_changes(signs, uncertainty, absorbing)
-    # A body set going from rest stands on a side as soon as the time differs from the start.
+    # A body set going from rest is on a side as soon as the time differs from the start.
     started = case.time.start + 1e-12 * (case.time.end - case.time.start)
     return listed._replace(undecided=[moment for moment in listed.undecided if moment > started])
 
 
 def sample_sides(motion: Trajectory) -> SignChanges:
-    """The sides on which a motion stands at its times, up to a stop."""
+    """The sides on which a motion is at its times, up to a stop."""
     body, omega = body_of(motion.case), extended(motion.omega)
     G = body.moments * omega.astype(float)
-    is_turning = G.any(axis=1)  # behind a stop there is no side
+    is_turning = G.any(axis=1)  # after a stop there is no side
     turning = slice(np.flatnonzero(is_turning)[-1] + 1 if is_turning.any() else len(G))
     with np.errstate(over="ignore"):
         margins, sides = sides_of(body, omega[turning])
@@ -398,7 +398,7 @@ def with_hidden_labels(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndar
 def resolve_conflicts(
     listed: CrossingList, reference: BetterSolution
 ) -> tuple[list[Crossing], tuple[str, ...]]:
-    """The crossings to be stored, and warnings, from those of a motion and of its reference.
+    """The crossings to store, and warnings, from the crossings of a motion and of its reference.
 
     Where the two lists differ, the list of the reference is stored, with a warning, if the
     reference is undecided nowhere.
@@ -407,7 +407,7 @@ def resolve_conflicts(
     if axes(listed) == axes(better):
         pairs = zip(listed.crossings, better.crossings, strict=True)
         crossings = [with_error(a, abs(a.time - b.time)) for a, b in pairs]
-        # Where the motion is undecided its reference may decide, and then nothing is missing.
+        # Where only the motion is undecided, the reference decides: no warning.
         return crossings, undecided_warning(listed.undecided if better.undecided else [])
     counts = len(listed.crossings), len(better.crossings)
     lists = f"the motion has {counts[0]}, that by {reference.name} has {counts[1]}"
@@ -431,7 +431,7 @@ def with_error(crossing: Crossing, error: float) -> Crossing:
 
 
 UNDECIDED = "undecided"
-"""The word by which a warning tells that the crossings of a motion are not all known."""
+"""The word by which a warning says that the crossings of a motion are not all known."""
 
 
 def undecided_warning(times: list[float]) -> tuple[str, ...]:

@@ -4,8 +4,9 @@ With a^2 = A_l (A_l - A_m) and b^2 = A_s (A_m - A_s)
 
     D = (a w_l - b w_s)(a w_l + b w_s),
 
-so that its zeros are those of two linear forms of the state. They have the degree of the engine's
-polynomial, half that of D, and lose no digits near the middle axis, where both vanish.
+so that its zeros are the zeros of two linear forms of the state. The forms have the degree of the
+engine's polynomial, half the degree of D, and lose no digits near the middle axis, where both
+vanish.
 """
 
 import math
@@ -26,9 +27,9 @@ from ..models.rigid_body import UNDETERMINED, BodyFrame, inertia_order, margin
 from .step_checks import StepBuffer
 
 CERTAIN_ERRORS = 8.0
-"""D counts where its margin is so many times the error of the state. The error can shift the margin
-by twice its own size, once for each term of D; the rest is a reserve, for an error that is measured
-beside the crossing and not at it."""
+"""D counts where its margin is this many times the error of the state. The error can shift the
+margin by twice its own size, once for each term of D; the rest is a reserve, for an error that is
+measured beside the crossing and not at it."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def label_at_start(
 
 
 class SignChanges(NamedTuple):
-    """Moments of a motion that tell on which side of the separatrix it stands, in order, each (k,).
+    """Moments of a motion that show on which side of the separatrix it is, in order, each (k,).
 
     `margin` is that of `rigid_body.margin`, 0 where D `vanishes`; `rate` is how fast the margin
     changes with time, `momentum` is |G|, and `axis` the label of the side.
@@ -238,7 +239,7 @@ def read_sign_changes(
     the list. Where the margin becomes uncertain and is certain again on the side from which it
     came, or does not become certain any more, it is undecided whether the motion has crossed.
     """
-    # A zero is on neither side, so only the moments between zeros can tell that a side has changed;
+    # A zero is on neither side, so only the moments between zeros can show that a side has changed;
     # where G vanishes there is no side.
     is_sure = ~signs.vanishes & (np.abs(signs.margin) > uncertainty)
     sure = np.flatnonzero(is_sure & (signs.axis != UNDETERMINED))
@@ -264,7 +265,7 @@ def deciding_moments(
     sure: np.ndarray, axis: np.ndarray, absorbing: frozenset[int]
 ) -> tuple[np.ndarray, bool]:
     """Those of the sure moments (k,), with these axes (k,), that decide where a motion crosses, and
-    whether it stays where the last of them stands.
+    whether it stays on the side of the last of them.
 
     They are the last one before it comes to an absorbing axis, and the first one there.
     """

@@ -94,7 +94,7 @@ class SampleBuffer:
         self.add(np.broadcast_to(state, (len(self.ahead(until)), len(state))), exponent)
 
     def end(self, time: float, state: np.ndarray, exponent: int) -> None:
-        """Put the state (m,) in which the motion ends behind the known samples, as the last one."""
+        """Put the state (m,) in which the motion ends after the known samples, as the last one."""
         known = slice(self.done)
         self.time = np.append(self.time[known], time)
         self.state = np.concatenate((self.state[known], state[None]))
@@ -220,7 +220,7 @@ class Propagation:
             Occurrence(self.events[root.event].kind, float(clock.exact(root.time)))
             for root in stretch.roots
         ]
-        # The first row is where it began, and one behind the samples is at a break.
+        # The first row is where it began, and one after the samples is at a break.
         samples.add(stretch.rows[1 : len(block) + 1], units.exponent)
         if stretch.stop:
             return self.pass_event(stretch.stop)
@@ -229,7 +229,7 @@ class Propagation:
         return int(units.exponent)
 
     def pass_event(self, root: EventRoot) -> int:
-        """Go on behind a terminal event, or end there; the exponent of the unit of omega in which
+        """Go on after a terminal event, or end there; the exponent of the unit of omega in which
         the state is then."""
         event, exponent, fp = self.events[root.event], int(self.units.exponent), self.engine.dtype
         time = self.clock.exact(root.time)
@@ -254,7 +254,7 @@ class Propagation:
     def change_units(self, exponent: int) -> None:
         """Give the state, in units of omega of 2**exponent, units that fit it. The motion ends
         where it comes to rest, or exceeds the largest number."""
-        # Behind the last sample new units would tell only whether the motion exceeds all numbers.
+        # After the last sample new units would show only whether the motion exceeds all numbers.
         is_over = self.samples.is_complete and exponent < LARGEST_EXPONENT // 2
         if is_over or not self.model.degree:
             return

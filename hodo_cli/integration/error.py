@@ -219,7 +219,7 @@ def error_over_span(error: float, time: float, start: float) -> float:
 
 def events_apart(motion: Trajectory, reference: Trajectory) -> list[tuple[float, float]]:
     """The time of each event of two motions, and how far apart they meet it: of one that only one
-    of them has, the other may meet it behind its end."""
+    of them has, the other may meet it after its end."""
     apart = []
     for ours, theirs in zip_longest(motion.events, reference.events):
         time = ours.time if ours else float(motion.time[-1])

@@ -51,7 +51,7 @@ def in_time_of_case(motion: Trajectory, case: Case) -> Trajectory:
 
 
 FAR_SPANS = 100
-"""So many spans from 0 a time counts from an epoch; hardly a law that names t counts from there."""
+"""At this many spans from 0 a time counts from an epoch, and a law that names t hardly does."""
 
 
 def epoch_warning(case: Case) -> list[str]:

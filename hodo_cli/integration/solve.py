@@ -110,7 +110,7 @@ def distinct(numbers: Any) -> np.ndarray:
 
 
 def even_times(case: Case, number: int) -> np.ndarray:
-    """So many times, evenly spaced, from the start of a case to its end; fewer of a span that has
+    """This many times, evenly spaced, from the start of a case to its end; fewer of a span that has
     no more doubles."""
     return distinct(np.linspace(case.time.start, case.time.end, number))
 

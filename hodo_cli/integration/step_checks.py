@@ -25,10 +25,10 @@ MOST_GROWTH = 1.25
 eight times."""
 
 HELD_WITHIN = 1e-9
-"""The part of a state beside which a component of it is at 0."""
+"""The part of a state below which a component of it counts as 0."""
 
 HELD, NOT_SMOOTH = "held at ", "its formulas are not smooth near t = "
-"""How the messages begin of motions that no method leads on, because of what their formulas do."""
+"""The beginnings of the messages of motions that no method continues, because of their formulas."""
 
 
 class Break(NamedTuple):
@@ -60,7 +60,7 @@ def not_smooth(time: float, start: float) -> str:
 @dataclass
 class Gap:
     """A short time `length` of the engine from a state y (m,) on, within which formulas change at
-    once: the motion goes on by the rates `before`, and `behind` the change by others."""
+    once: the motion goes on by the rates `before`, and after the change by the rates `behind`."""
 
     system: Model
     units: Units
@@ -76,8 +76,8 @@ class Gap:
 
     @cached_property
     def before(self) -> np.ndarray:
-        """The rates (m,) of the present, or those behind the change: at the change itself, as a
-        motion may begin, a formula may be no number."""
+        """The rates (m,) of the present, or after the change: at the change itself, as a motion may
+        begin, a formula may be no number."""
         present, later = self.rates_at([0, 1], 0 * self.y).T
         return np.asarray(present if np.isfinite(present.astype(float)).all() else later)
 
@@ -88,7 +88,7 @@ class Gap:
 
     @cached_property
     def change(self) -> Any:
-        """The part of the gap at which the rates change from those before to those behind."""
+        """The part of the gap at which the rates change from `before` to `behind`."""
         at, width = self.y.dtype.type(0), 1.0
         for _ in range(CHANGE_ROUNDS):
             parts = at + width * np.linspace(0, 1, CHANGE_PARTS + 1).astype(self.y.dtype)
@@ -109,7 +109,7 @@ class Gap:
         return parts[largest]
 
     def states_after(self, elapsed: np.ndarray) -> np.ndarray:
-        """The states (n, m) some times (n,) of the engine behind the start of the gap."""
+        """The states (n, m) some times (n,) of the engine after the start of the gap."""
         earlier = np.minimum(elapsed, self.length * self.change)
         later = np.outer(elapsed - earlier, self.behind)
         return np.asarray(self.y + np.outer(earlier, self.before) + later)
@@ -229,7 +229,7 @@ how many such steps ahead a pole is looked for, and how many times farther from 
 smaller by as much."""
 
 SHORT, SHORT_STEPS, BESIDE, ULPS_BESIDE = 2.0**-46, 64, 2.0**-40, 8
-"""The part of the time since its start below which a step of a motion is short. So many of them
+"""The part of the time since its start below which a step of a motion is short. This many of them
 come ever nearer to a place where its rates change at once; it is taken straight over that place
 from as near as this, or from some rounding errors of the time."""
 
@@ -280,7 +280,7 @@ class StepCheck(StepBuffer):
         return 8 + int(POINTS_CHECKED * self.longest / self.clock.factor / self.span)
 
     def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
-        """Compare steps; those behind a cut are of another motion."""
+        """Compare steps; the steps after a cut belong to another motion."""
         if self.is_cut:
             return
         # Nearer to each other towards the ends, where collocation has no points of its own.
@@ -316,7 +316,7 @@ class StepCheck(StepBuffer):
         return ends[0, 0] + (high if is_onset else (low + high) / 2) * (ends[0, 1] - ends[0, 0])
 
     def _meets_pole(self, ends: np.ndarray, y: np.ndarray) -> bool:
-        """Whether the equations have a pole soon behind a step from a state y (m,): their rates
+        """Whether the equations have a pole soon after a step from a state y (m,): their rates
         grow by the inverse of the distance, down to the rounding. A gap then leads over it."""
 
         def size(s: np.ndarray) -> Any:

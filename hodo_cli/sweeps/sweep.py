@@ -143,7 +143,7 @@ def sweep_attributes(
     problems: Mapping[str, int],
     errors: Mapping[str, Attribute],
 ) -> dict[str, Attribute]:
-    """The attributes of a sweep, including those of its `errors`."""
+    """The attributes of a sweep, its `errors` among them."""
     counts = summary.status.tolist()
     total, (ok, failed, timeout, invalid, hidden) = sum(counts), counts
     status = Status.FAILED if failed or not ok + hidden else Status.OK

@@ -283,7 +283,7 @@ class SweepView:
         return replace(self, data=data)
 
     def ticks(self, name: str) -> tuple[np.ndarray, bool]:
-        """The values (n,) along an axis, which are those of its first key in its `unit`, or along a
+        """The values (n,) along an axis, which its first key has in its `unit`, or along a
         key, and whether they have equal ratios.
 
         Raises HodoError if it has no finite numbers.

@@ -239,7 +239,8 @@ def columns_at_start(e: Ensemble, motion: np.ndarray, longest: float) -> Columns
     end = np.broadcast_to(e.span[1], e.start.shape[1])[motion]
     rows = np.array([*e.start[:, motion], *e.lengths[:, motion], np.zeros(n)])
     params = np.array([end, *e.constants[:, motion], np.full(n, longest)])
-    return Columns(rows, params, motion, *np.zeros((2, n), dtype=np.intc))
+    exponent, rate = np.zeros((2, n), dtype=np.intc)
+    return Columns(rows, params, motion, exponent, rate)
 
 
 class BatchState:
