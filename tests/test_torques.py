@@ -274,6 +274,19 @@ def test_a_body_stops_alike_in_units_of_any_size(others: str, m: float, u: float
         assert motion[name].values == pytest.approx(plain[name].values, abs=1e-7)
 
 
+@pytest.mark.parametrize("method", ["taylor", "collocation"])
+def test_a_body_stops_alike_beside_a_torque_with_t_in_a_coefficient(method: str) -> None:
+    """A torque that spins the body up keeps its units, in which it is tiny near the stop. The time
+    is from DOP853 and the closed form of the last 1e-9 of G."""
+    brake = {"brake": 0.1, "method": method, "error": "off"}
+    start = {"p": 0.01, "q": 0.04, "r": 0.09}
+    by_key, by_expression = (run(start, 1, **{key: ["0.05*t", 0, 0]}, **brake)
+                             for key in ("torque", "expression"))  # fmt: skip
+    assert by_key.attrs["status"] == "ok"
+    assert by_key["event_time"].values == pytest.approx([0.6848433190442809], abs=1e-13)
+    assert by_key["event_time"].values == pytest.approx(by_expression["event_time"].values)
+
+
 def test_against_a_torque_as_strong_as_the_brake_a_body_stops() -> None:
     case = {"model": "torques", "inertia": [3, 2, 1], "brake": 0.1, "torque": [-0.1, 0, 0]}
     motion = hodo.run({**case, "initial": SPIN, "time": SPAN})

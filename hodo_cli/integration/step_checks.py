@@ -13,7 +13,7 @@ from ..engines import extended
 from ..engines.polynomial import TAYLOR, bernstein_coefficients, values_and_slopes
 from ..engines.protocol import Engine, Status, StepControl
 from ..engines.units import Clock, Units
-from ..models.base import Model, attributes, kinds_of_variables, stacked
+from ..models.base import Model, attributes, kinds_of_variables, moving, stacked
 from ..text import time_text
 
 CHANGE_PARTS, CHANGE_ROUNDS = 64, 5
@@ -274,6 +274,14 @@ class StepCheck(StepBuffer):
         if self.control.status is Status.FAILED and not self.is_cut:
             self._pass_over(self.last)
 
+    @cached_property
+    def renews_units(self) -> bool:
+        """Whether the motion gets new units where it has become small. Otherwise its error is that
+        of a motion of size 1, however small it is, as beside a torque that spins the body up."""
+        system = self.system
+        begins_at_rest = not np.array(system.initial_state)[moving(system.equations)].any()
+        return bool(system.equations.degree) and (begins_at_rest or self.control.band is not None)
+
     @property
     def points(self) -> int:
         """The number of places at which each of the steps noted is compared."""
@@ -368,8 +376,7 @@ class StepCheck(StepBuffer):
         longest = max(self.longest, 1.0)
         parts = max(self.tol**0.5, GRAINS * grain / longest) * length / longest
         allowed = np.maximum(parts, max(DEFECT, 100 * self.tol))
-        # Without units of its own a motion has the error of one of size 1, however small it is.
-        least = SIZE_AT_REST if self.system.equations.degree else 1.0
+        least = SIZE_AT_REST if self.renews_units else 1.0
         sizes = [np.abs(b[:, kind]).max(axis=(1, 2)).clip(least)[:, None] for kind in self.kinds]
 
         def relative(missed: np.ndarray) -> np.ndarray:
