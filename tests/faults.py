@@ -222,6 +222,27 @@ def kill_runs(folder: Path, tries: int) -> Count:
     return count
 
 
+def kill_classifications(folder: Path, tries: int) -> Count:
+    """Kill `classify` on a file of finished cases: it is as before or has its labels; every third
+    time the command is repeated, and ends."""
+    right = prepared(folder / "right", BATCH, classify=False)
+    shutil.copytree(folder / "right", folder / "trial")
+    took, count = timed(folder, "classify", "trial/x.h5"), Count()
+    for i, (kill, after) in enumerate(moments(tries, took)):
+        out = folder / f"trial{i}"
+        shutil.copytree(folder / "right", out)
+        ended, _ = killed(folder, kill, after, "classify", f"{out.name}/x.h5")
+        same(numbers(out / "x.h5"), right)
+        count.update({"tried": 1, kill.name: 1, "ended by the signal": ended})
+        if i % 3 == 2:
+            done = call(folder, "classify", f"{out.name}/x.h5")
+            assert done.returncode == 0, done.stderr
+            nothing_waits(out, "x.h5", "x.yaml")
+            assert all("crossing_time" in case for case in numbers(out / "x.h5").values())
+        shutil.rmtree(out)
+    return count
+
+
 # A command in a fork of this process, which has all libraries already.
 
 
