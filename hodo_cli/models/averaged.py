@@ -377,6 +377,15 @@ class SymmetricCavity(Cavity):
         p, q, r = super().start
         return hypot(p, q), r
 
+    @property
+    def extended_start(self) -> np.ndarray:
+        # The roots of x and y have digits that a double has not, and x and y are what is stored.
+        squares = [self.initial.get(name) for name in "xy"]
+        if None not in squares:
+            return np.sqrt(np.array(squares, dtype=np.longdouble))
+        p, q, r = np.array(super().start, dtype=np.longdouble)
+        return np.array([np.hypot(p, q), r])
+
     def starts(self, omega: np.ndarray) -> np.ndarray:
         p, q, r = np.moveaxis(omega, -1, 0)
         return np.stack((np.hypot(p, q), r))

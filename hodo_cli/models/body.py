@@ -229,8 +229,7 @@ class Body(BodyFrame):
     @property
     def extended_start(self) -> np.ndarray:
         y = super().extended_start
-        own = self.starts(np.array(self.initial_velocity, dtype=np.longdouble))[:3]
-        y[: len(own)] = own
+        y[:3] = self.to_principal(np.array(self.initial_velocity, dtype=np.longdouble))
         return y
 
     @property
