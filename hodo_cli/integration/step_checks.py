@@ -1,5 +1,5 @@
-"""The steps of a motion as they are seen, a check of them where equations hold formulas of a user's
-own, and what leads over the times at which these change at once."""
+"""Observers of the steps of a motion; a check of the steps where a user's formulas are in the
+equations; and the gaps that lead a motion over the times at which such formulas change at once."""
 
 import bisect
 import math
@@ -21,8 +21,8 @@ CHANGE_PARTS, CHANGE_ROUNDS = 64, 5
 to find where."""
 
 MOST_GROWTH = 1.25
-"""How much larger rates may be eight times as near to that place: at a jump they are not, at a pole
-eight times."""
+"""The largest growth of the rates from a place to one eight times as near to the change: it is 1 at a
+jump, and 8 at a pole."""
 
 HELD_WITHIN = 1e-9
 """The part of a state below which a component of it counts as 0."""
@@ -202,18 +202,17 @@ POINTS_CHECKED, POINTS_AT_ONCE = 1 << 15, 1 << 13
 may be overlooked; and those that are compared together."""
 
 DEFECT = 1e-12
-"""By how much a step may miss its equations at least, relative to the size of the state: far above
-the rounding of the comparison, far below what a pulse of a formula makes of a motion."""
+"""The least tolerance for the difference between the slopes of a step and the equations, relative to
+the size of the state: far above the rounding of the comparison, far below the effect of a pulse."""
 
 GRAINS = 16
-"""And by how many rounding errors of the time, as parts of the longest step: that is a few times as
-long as a formula takes to change."""
+"""The same tolerance in rounding errors of the time, as parts of the longest step."""
 
 ULPS_OF_TIME = 2
-"""The rounding errors of the time that a step, which knows that of its start, may have made."""
+"""The error of the time within a step, in roundings."""
 
 SIZE_AT_REST = 1e-150
-"""The least size of a state to which it is relative: a body at rest has none. Its square is a
+"""The least size of a state, to which DEFECT is relative: a body at rest has none. Its square is a
 double."""
 
 PARTS, ROUNDS = 128, 9
@@ -224,14 +223,14 @@ MOST_BREAKS, MOST_AT_ONE_PLACE, ONE_PLACE = 10_000, 64, 2.0**-16
 """How many breaks a motion may have, and how many of them within this part of its span."""
 
 NEAR_POLE, AHEAD, FARTHER = 2.0**-27, 1e5, 1024
-"""The part of the time since its start below which a step of a motion may be one towards a pole,
-how many such steps ahead a pole is looked for, and how many times farther from it the rates are
-smaller by as much."""
+"""A step shorter than NEAR_POLE times the time since the start may lead to a pole, which is looked for
+up to AHEAD such steps ahead. There the rates must fall by half of FARTHER at a distance FARTHER times
+as large."""
 
 SHORT, SHORT_STEPS, BESIDE, ULPS_BESIDE = 2.0**-46, 64, 2.0**-40, 8
-"""The part of the time since its start below which a step of a motion is short. This many of them
-come ever nearer to a place where its rates change at once; it is taken straight over that place
-from as near as this, or from some rounding errors of the time."""
+"""A step is short if it is below SHORT times the time since the start. SHORT_STEPS of them approach a
+place where the rates change at once: the motion is then led straight over that place, from BESIDE
+times that time, or from ULPS_BESIDE roundings of the time."""
 
 
 @dataclass
@@ -308,9 +307,9 @@ class StepCheck(StepBuffer):
         self.at_once = min(2 * self.at_once, POINTS_AT_ONCE)
 
     def _onset(self, ends: np.ndarray, series: np.ndarray, low: float, high: float) -> Any:
-        """The time of the engine at which a step begins to miss its equations, between two parts of
-        it; of a step by points, and of one that misses them from its start, at which their rates
-        have the sharpest bend: what goes over a change by some points is wrong all along."""
+        """The engine's time at which a step begins to miss its equations, between two parts of it.
+        For a step by points, or one that misses them from its start, it is the time at which the
+        rates bend most sharply: points on both sides of a change spoil the whole step."""
         is_onset = self.engine.basis == TAYLOR and low < high
         low, high = (low, high) if is_onset else (0.0, 1.0)
         for _ in range(ROUNDS):
@@ -324,8 +323,9 @@ class StepCheck(StepBuffer):
         return ends[0, 0] + (high if is_onset else (low + high) / 2) * (ends[0, 1] - ends[0, 0])
 
     def _meets_pole(self, ends: np.ndarray, y: np.ndarray) -> bool:
-        """Whether the equations have a pole soon after a step from a state y (m,): their rates
-        grow by the inverse of the distance, down to the rounding. A gap then leads over it."""
+        """Whether the equations have a pole soon after a step that begins in the state y (m,). Near
+        a pole the rates grow as the inverse of the distance, down to its rounding. A gap then leads
+        over the pole."""
 
         def size(s: np.ndarray) -> Any:
             state = np.repeat(y[:, None].astype(float), len(s), axis=1)
