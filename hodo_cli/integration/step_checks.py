@@ -21,8 +21,8 @@ CHANGE_PARTS, CHANGE_ROUNDS = 64, 5
 to find where."""
 
 MOST_GROWTH = 1.25
-"""The largest growth of the rates from a place to one eight times as near to the change: it is 1 at a
-jump, and 8 at a pole."""
+"""The largest growth of the rates from a place to one eight times as near to the change: it is 1 at
+a jump, and 8 at a pole."""
 
 HELD_WITHIN = 1e-9
 """The part of a state below which a component of it counts as 0."""
@@ -202,8 +202,9 @@ POINTS_CHECKED, POINTS_AT_ONCE = 1 << 15, 1 << 13
 may be overlooked; and those that are compared together."""
 
 DEFECT = 1e-12
-"""The least tolerance for the difference between the slopes of a step and the equations, relative to
-the size of the state: far above the rounding of the comparison, far below the effect of a pulse."""
+"""The least tolerance for the difference between the slopes of a step and the equations, relative
+to the size of the state: far above the rounding of the comparison, far below the effect of a
+pulse."""
 
 GRAINS = 16
 """The same tolerance in rounding errors of the time, as parts of the longest step."""
@@ -223,13 +224,13 @@ MOST_BREAKS, MOST_AT_ONE_PLACE, ONE_PLACE = 10_000, 64, 2.0**-16
 """How many breaks a motion may have, and how many of them within this part of its span."""
 
 NEAR_POLE, AHEAD, FARTHER = 2.0**-27, 1e5, 1024
-"""A step shorter than NEAR_POLE times the time since the start may lead to a pole, which is looked for
-up to AHEAD such steps ahead. There the rates must fall by half of FARTHER at a distance FARTHER times
-as large."""
+"""A step shorter than NEAR_POLE times the time since the start may lead to a pole, which is looked
+for up to AHEAD such steps ahead. There the rates must fall by half of FARTHER at a distance FARTHER
+times as large."""
 
 SHORT, SHORT_STEPS, BESIDE, ULPS_BESIDE = 2.0**-46, 64, 2.0**-40, 8
-"""A step is short if it is below SHORT times the time since the start. SHORT_STEPS of them approach a
-place where the rates change at once: the motion is then led straight over that place, from BESIDE
+"""A step is short if it is below SHORT times the time since the start. SHORT_STEPS of them approach
+a place where the rates change at once: the motion is then led straight over that place, from BESIDE
 times that time, or from ULPS_BESIDE roundings of the time."""
 
 
