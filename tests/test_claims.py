@@ -185,6 +185,7 @@ rising-first: monotone, of: [r], sense: falls -> contradicted
 humming: bound, of: p, at: always, most: 0.971 -> contradicted 1
 humming: bound, of: p, at: always, most: 0.999999 -> plotting 1
 humming: bound, of: p, at: always, most: 1.000000000001 -> reproduced 1
+humming: bound, of: x1_direction, at: always, least: 1.0e-6 -> plotting 0
 rattling: conserved, of: [r] -> contradicted
 rattling: bound, of: r, at: always, most: 1.2 -> contradicted
 rattling: bound, of: r, at: always, most: 1.5 -> reproduced

@@ -234,7 +234,20 @@ def largest_magnitude(m: Motion, name: str) -> float:
 def extremes(m: Motion, name: str) -> tuple[float, float]:
     """The least and the largest value of a quantity over its course."""
     values = quantity(m, name)
-    return -peak(m.time, -values), peak(m.time, values)
+    least = 0.0 if touches_zero(values) else -peak(m.time, -values)
+    return least, peak(m.time, values)
+
+
+def touches_zero(values: np.ndarray) -> bool:
+    """Whether values (n,) are the sizes of a smooth function that is 0 next to the least of them:
+    with another sign before it, or up to it, they bend less than half as much."""
+    i = int(values.argmin())
+    near = values[max(0, i - 2) : i + 3]
+    signs = np.where(np.arange(5) < [[0], [2], [3]], -1, 1)
+    if len(near) < 5 or near.min() < 0:
+        return False
+    plain, *turned = np.abs(np.diff(signs * near, 2)).max(axis=1)
+    return bool(2 * min(turned) < plain)
 
 
 def peak(time: np.ndarray, values: np.ndarray) -> float:
