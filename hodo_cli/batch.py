@@ -150,6 +150,11 @@ class Processes(futures.ProcessPoolExecutor):
         # There is a public call for it from Python 3.14 on.
         for process in [*(self._processes or {}).values()]:
             process.kill()
+        # One that is killed while it writes a result leaves a part of it. The thread that reads
+        # results would wait for the rest, unless no process can write any more.
+        results: Any = self._result_queue
+        if results is not None:
+            results._writer.close()
         super().shutdown(cancel_futures=True)
 
 

@@ -37,3 +37,7 @@ def stay(task: tuple[float, Path]) -> None:
 def tell(text: str) -> str:
     os.write(1, text.encode())  # as a library may, past Python's own stream
     return sys.stdin.read()
+
+
+def large(task: int) -> bytes:
+    return b"x" * 60_000_000

@@ -93,6 +93,22 @@ def test_what_still_runs_is_given_up_at_the_end(tmp_path: Path) -> None:
 # Runs.
 
 
+ENDED_EARLY = """\
+from hodo_cli.batch import Pool
+from tasks import large
+
+with Pool(2) as pool:
+    next(pool.map(large, range(8)))
+"""
+
+
+def test_a_pool_ends_while_its_workers_write_their_results() -> None:
+    """In a process of its own, which a pool that waits for ever does not hold."""
+    subprocess.run(
+        [sys.executable, "-c", ENDED_EARLY], cwd=Path(__file__).parent, timeout=60, check=True
+    )
+
+
 def test_what_a_task_prints_is_no_answer(capfd: pytest.CaptureFixture[str]) -> None:
     """Nor a part of a table or of JSON, which go to the output of the command."""
     with Pool(2) as workers:
