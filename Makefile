@@ -22,7 +22,7 @@ LOWEST := build/lowest/.ready
 OLDEST = $(shell command -v python3.11 || command -v python3.12 || echo $(BIN)/python)
 MEETING := $(addprefix tests/test_,results.py dataset.py named.py error.py integrate.py classify.py install.py)
 # A file's tests stay in one process, so that what its fixtures integrate is integrated once.
-PYTEST := $(BIN)/pytest -q -n logical --maxprocesses 4 --dist loadfile
+PYTEST := $(BIN)/pytest -q -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 UV := $(shell command -v uv 2>/dev/null)
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
@@ -81,7 +81,7 @@ test: lint  ## The checks of `lint`, then the whole test suite
 	$(PYTEST)
 
 lowest: $(LOWEST)  #: The tests that meet the libraries most, with the lowest versions that pyproject.toml allows
-	$(dir $(LOWEST))bin/pytest -q -n logical --maxprocesses 4 --dist loadfile -p no:cacheprovider $(MEETING)
+	$(dir $(LOWEST))bin/pytest -q -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder -p no:cacheprovider $(MEETING)
 
 stress: $(TOOLS)  #: Kill runs, lose the power, let calls fail, let twenty commands meet, feed the loader bad inputs (some 30 minutes)
 	$(BIN)/python tests/stress.py

@@ -51,7 +51,12 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
+LONG = ("sweep", "safety", "own_models", "dask", "claims", "formulas", "figures", "taylor_batch")
+"""The files that take longest: they begin first, so that the workers end together."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.stem.removeprefix("test_") not in LONG)
     from hodo_cli import engines  # late: the cache has its folder now
 
     for marker, met in (("heyoka", engines.have_taylor), ("quadruple", engines.have_quadruple)):
