@@ -542,6 +542,8 @@ def values_of(item: h5d.DatasetID) -> np.ndarray:
     """The values of a dataset."""
     if h5py.check_string_dtype(item.dtype):
         return np.asarray(h5py.Dataset(item).asstr()[()])
+    if item.shape is None:  # another program's dataset without a value
+        return np.asarray(h5py.Dataset(item)[()])
     values = np.empty(item.shape, item.dtype)
     item.read(h5s.ALL, h5s.ALL, values)
     return values
