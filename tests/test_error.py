@@ -164,7 +164,7 @@ cases:
     assert hodo("run", "stops.yaml").returncode == 0
     table = hodo("classify", "runs/stops.h5").stdout
     # Where no error was measured, the classification asks a reference about the time next to rest.
-    lines = re.findall(r"stopped at 67\.1487\d{4} \(error \d\.\de-08\)$", table, re.MULTILINE)
+    lines = re.findall(r"stopped at 67\.14876\d{6} \(error \d\.\de-11\)$", table, re.MULTILINE)
     assert len(lines) == 2, table
     assert "stopped at 67.1488 (error not measured)" in table
 

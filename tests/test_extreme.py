@@ -132,9 +132,9 @@ class Decay(base.Model):
         return -y[0], 0 * y[1]
 
 
-def steps_of_decay(end: float) -> collocation.Steps:
+def steps_of_decay(end: float) -> collocation.RadauSolver:
     equations, start, span = base.Equations(Decay), np.ones(2), (np.float64(0), np.float64(end))
-    return collocation.Steps(equations, SimpleNamespace(), start, *span, 1e-14)
+    return collocation.RadauSolver(equations, SimpleNamespace(), start, *span, 1e-14)
 
 
 def test_collocation_does_not_pass_over_a_decay_that_it_has_to_resolve() -> None:

@@ -136,7 +136,7 @@ class Outflow(BodyFrame):
 @pytest.mark.parametrize("method", [name for name in DRIVEN if name != "taylor"])
 def test_equations_that_leave_the_real_numbers_end_the_motion(method: str) -> None:
     # A root of a negative number is complex to Python, and a solver would go on with a part of it.
-    engine = engines.engine_for(method, Outflow((1.0, 1.0, 1.0), {}), (), 1e-6, "double")
+    engine = engines.engine_for(method, Outflow((1.0, 1.0, 1.0), {}), 1e-6, "double")
     control = protocol.StepControl(max_steps=10_000)
     stretch = engine.integrate({}, np.array([1.0, 0.0, 0.0]), np.linspace(0, 4, 17), control)
     assert control.status == "failed"

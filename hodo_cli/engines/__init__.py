@@ -9,7 +9,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from .. import HodoError
-from ..models.base import Event, Model, of_engine_time
+from ..models.base import Model, of_engine_time
 from .protocol import Engine
 
 
@@ -56,7 +56,6 @@ def check_heyoka(precision: str) -> None:
 def engine_for(
     method: str,
     system: Model,
-    events: tuple[Event, ...],
     tol: float | None,
     precision: str,
     is_timed: bool = False,
@@ -71,16 +70,16 @@ def engine_for(
     model = system.equations
     if is_timed:
         # The engine's time starts at 0 in each stretch and has a unit that fits the motion.
-        model, events = of_engine_time(model, events)
+        model = of_engine_time(model)
     if method == "taylor":
         check_heyoka(precision)
         from . import taylor
 
-        return taylor.compiled(model, events, tol, precision)
+        return taylor.compiled(model, tol, precision)
     if method == "collocation":
         from .collocation import Collocation
 
-        return Collocation(model, events, tol, precision)
+        return Collocation(model, tol, precision)
     from .scipy_ivp import Ivp
 
     return Ivp(method, model, tol)

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from ..models.base import Equations, Event, jacobian, kinds_of_variables, stacked
+from ..models.base import Equations, jacobian, kinds_of_variables, stacked
 from .polynomial import LEGENDRE
 from .protocol import StepControl
-from .stepwise import Stepwise, chebyshev
+from .stepwise import Stepwise
 
 # The fastest on stiff motions (26 ms where 8, 12, 20 and 24 stages take 153, 39, 46 and 52): fewer
 # need more steps, more need larger matrices.
@@ -41,14 +41,7 @@ SIGNS = (-1.0) ** np.arange(STAGES + 1)
 class Collocation(Stepwise):
     """The method bound to one model; the state is scaled to about 1."""
 
-    def __init__(
-        self,
-        model: Equations,
-        events: tuple[Event, ...],
-        tol: float | None,
-        precision: str,
-    ) -> None:
-        super().__init__(events)
+    def __init__(self, model: Equations, tol: float | None, precision: str) -> None:
         self.dtype, self.model = PRECISIONS[precision], model
         # A tolerance below 32 eps doubles the number of steps and gains no digit: the error
         # estimate is then rounding.
@@ -56,25 +49,18 @@ class Collocation(Stepwise):
         self.band = (1e-100, 1e100)  # its error is relative to the state at every size
         self.basis, self.degree = LEGENDRE, STAGES
 
-    def series(self, solver: Any, dense: Callable[[Any], np.ndarray], end: Any) -> np.ndarray:
-        """See `Stepwise.series`; the solver has the coefficients of a whole step."""
-        if end == solver.t:
-            return np.asarray(solver.series)
-        nodes = chebyshev(STAGES)[0].astype(self.dtype)
-        values = dense(solver.t_old + (end - solver.t_old) * nodes)
-        basis = legendre(2 * nodes - 1, STAGES)
-        series, inverse = 0 * values, np.linalg.inv(basis.astype(float))
-        # Twice: the inverse has the digits of a double only.
-        for _ in range(2):
-            series = series + (values - series @ basis) @ inverse
-        return np.asarray(series)
+    def series(self, solver: Any, dense: Callable[[Any], np.ndarray]) -> np.ndarray:
+        """See `Stepwise.series`; the solver has the coefficients."""
+        return np.asarray(solver.series)
 
-    def solver(self, k: Any, y: np.ndarray, start: Any, end: Any, control: StepControl) -> "Steps":
+    def solver(
+        self, k: Any, y: np.ndarray, start: Any, end: Any, control: StepControl
+    ) -> "RadauSolver":
         """See `Stepwise.solver`."""
-        return Steps(self.model, k, y, start, end, self.tol, control.longest)
+        return RadauSolver(self.model, k, y, start, end, self.tol, control.longest)
 
 
-class Steps:
+class RadauSolver:
     """One integration, with the interface of SciPy's OdeSolver. The type of `y` is the working
     precision."""
 

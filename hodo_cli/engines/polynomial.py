@@ -93,20 +93,21 @@ def _binomials(degree: int, dtype: np.dtype[Any]) -> np.ndarray:
     return np.array([comb(degree, j) for j in range(degree + 1)]).astype(dtype)
 
 
+@lru_cache(maxsize=8)
+def chebyshev(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """The zeros in [0, 1] of Chebyshev's polynomial of the next degree, and the matrix from the
+    values (m, degree + 1) of a polynomial there to its coefficients; in long double."""
+    halfway = np.arccos(np.longdouble(0))
+    angles = (2 * np.arange(degree + 1) + 1) * halfway / (degree + 1)
+    transform = 2 * np.cos(np.outer(angles, np.arange(degree + 1))) / (degree + 1)
+    transform[:, 0] /= 2
+    return (np.cos(angles) + 1) / 2, transform
+
+
 def weights(x: np.ndarray, degree: int) -> np.ndarray:
     """The values (..., degree + 1) of Bernstein's polynomials at places (...); their sum is 1."""
     up, down = (np.vander(y.ravel(), degree + 1, increasing=True) for y in (x, 1 - x))
     return np.reshape(_binomials(degree, x.dtype) * up * down[:, ::-1], (*x.shape, degree + 1))
-
-
-def bernstein_coefficients(c: np.ndarray, length: np.ndarray, basis: str) -> np.ndarray:
-    """The Bernstein coefficients (n, m, degree + 1) of steps of these lengths (n,), from their
-    coefficients c (n, m, degree + 1) in the basis of the engine. Overwrites c."""
-    order = c.shape[2] - 1
-    if basis == TAYLOR:
-        # Powers of the time since the start of the step become powers of x = (t - start)/length.
-        c[:, :, 1:] *= np.cumprod(np.repeat(length[:, None], order, axis=1), axis=1)[:, None]
-    return np.asarray(c @ to_bernstein(basis, order, c.dtype))
 
 
 def values_and_slopes(b: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -116,6 +117,14 @@ def values_and_slopes(b: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndar
     degree = b.shape[2] - 1
     places, of_slope = (weights(x, n).swapaxes(1, 2) for n in (degree, degree - 1))
     return b @ places, degree * (np.diff(b, axis=2) @ of_slope)
+
+
+def state_at(c: np.ndarray, length: Any, basis: str, x: Any) -> np.ndarray:
+    """The state (m,) at a place x of a step of this length, from its coefficients c (m, degree + 1)
+    in the basis of the engine, in their precision."""
+    if basis == TAYLOR:
+        return np.asarray(horner(c.T, x * length))
+    return np.asarray(c @ to_bernstein(basis, c.shape[1] - 1, c.dtype) @ weights(x, c.shape[1] - 1))
 
 
 def rounding(c: np.ndarray, basis: str) -> np.ndarray:

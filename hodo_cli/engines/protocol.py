@@ -54,38 +54,25 @@ class Status(Coded):
     """A member of a sweep whose error hides its crossings; its motion is right."""
 
 
-class EventRoot(NamedTuple):
-    """A zero of an event's function: the event's position in the list of events, the time, and the
-    state (m,)."""
-
-    event: int
-    time: float
-    state: np.ndarray
-
-
 class Stretch(NamedTuple):
     """A part of a motion, integrated in fixed units: the states `rows` (points, m) at the grid
-    points passed, and the time and the `state` (m,) at its end.
-
-    `time` is a pair whose sum is the time reached. `stop` is the terminal event that ended the
-    stretch, or None; `roots` are the other events, in order of time.
-    """
+    points passed, and the time and the `state` (m,) at its end. `time` is a pair whose sum is the
+    time reached."""
 
     rows: np.ndarray
     time: tuple[Any, Any]
     state: np.ndarray
-    stop: EventRoot | None = None
-    roots: tuple[EventRoot, ...] = ()
 
 
-Observer = Callable[[Any, Any, np.ndarray], None]
-"""A function called after each step as observer(start, end, series), where the series are the
-coefficients (m, degree + 1) of the state's polynomial in the `basis` of the engine. An observer
-must copy them to keep them: heyoka writes the next step's coefficients into the same array."""
+Observer = Callable[[Any, Any, np.ndarray, np.ndarray], bool]
+"""A function called after each step as observer(start, end, series, state), where the series are
+the coefficients (m, degree + 1) of the state's polynomial in the `basis` of the engine, and the
+state (m,) is that at the end; it returns whether the stretch goes on. An observer must copy both
+arrays to keep them: heyoka writes those of the next step into the same memory."""
 
 
 class Engine(Protocol):
-    """A solver bound to one model's equations and events."""
+    """A solver bound to one model's equations."""
 
     dtype: Any
     tol: float
@@ -96,9 +83,8 @@ class Engine(Protocol):
     def integrate(
         self, k: Constants, y: np.ndarray, grid: np.ndarray, control: "StepControl"
     ) -> Stretch:
-        """Integrate from the state `y` (m,) at grid[0] to grid[-1], to a terminal event, or until
-        `control` ends the stretch. State and grid are in the engine's units. A failure is recorded
-        in `control`."""
+        """Integrate from the state `y` (m,) at grid[0] to grid[-1], or until `control` ends the
+        stretch. State and grid are in the engine's units. A failure is recorded in `control`."""
 
 
 SMALL_COMPONENT = 1e-9
@@ -131,8 +117,6 @@ class StepControl:
     longest: float = math.inf
     """The longest step that an engine may take in the stretch, in its units. With such a limit the
     stretch ends as soon as no component of the state is small any more."""
-    is_over: bool = False
-    """An observer sets this to end the stretch."""
     steps: int = 0
     evaluations: int = 0
     status: Status = Status.OK
@@ -144,8 +128,6 @@ class StepControl:
 
     def step(self, y: np.ndarray) -> bool:
         """Count a step that ended in the state `y` (m,); returns whether the stretch goes on."""
-        if self.is_over:
-            return False
         self.steps += 1
         if self.steps >= self._next_check and not self._goes_on():
             return False
@@ -177,12 +159,11 @@ class StepControl:
             return True
         return self.give_up(Status.TIMEOUT, f"max_seconds: stopped after {self.max_seconds:g} s")
 
-    def take_back(self, steps: int, evaluations: int) -> None:
-        """Go back to these counts. The steps since then belong to no motion and a failure in them
-        is forgotten, but the seconds that they took count."""
-        self.steps, self.evaluations, self._next_check = steps, evaluations, steps + 1.0
-        if self.status is Status.FAILED:
-            self.status, self.message = Status.OK, ""
+    def take_back(self, steps: int) -> None:
+        """Go back to this number of steps. The steps since then belong to no motion, and how they
+        ended is forgotten; the seconds and evaluations that they took count."""
+        self.steps, self._next_check = steps, steps + 1.0
+        self.status, self.message = Status.OK, ""
 
     def give_up(self, status: Status, message: str) -> bool:
         """Record that the motion ends here, and why; the first reason is kept. Returns False."""

@@ -30,7 +30,6 @@ class Ivp(Stepwise):
     """One of SciPy's solvers, with the state scaled to about 1."""
 
     def __init__(self, method: str, model: Equations, tol: float | None) -> None:
-        super().__init__(())
         self.method, self.model = SOLVERS[method], model
         self.degree = DEGREES[method]
         self.implicit = method in ("LSODA", "Radau", "BDF")

@@ -15,7 +15,6 @@ from ..models.base import (
     VELOCITY,
     Constants,
     Equations,
-    Event,
     Model,
     attributes,
     contains_time,
@@ -228,12 +227,11 @@ def clock_rates(model: Equations, k: SimpleNamespace, y: np.ndarray) -> np.ndarr
     return np.where(np.isfinite(mantissa) & (np.abs(order) > MODERATE_BITS), order, 0)
 
 
-def is_timed(system: Model, events: tuple[Event, ...] = ()) -> bool:
-    """Whether the equations or events of a motion need the case's time from the engine's: they
-    contain the time, and the motion has units of its own."""
-    if not system.equations.degree:
-        return bool(units_at_start(system).rate)
-    return contains_time(system.equations, events)
+def is_timed(system: Model) -> bool:
+    """Whether the equations of a motion need the case's time, or its unit, from the engine's: they
+    contain the time, or have no degrees by which they convert to another unit of time."""
+    no_degree = not system.equations.degree
+    return contains_time(system.equations) or bool(no_degree and units_at_start(system).rate)
 
 
 @lru_cache(maxsize=64)
@@ -293,20 +291,3 @@ class Clock:
             carried = total - self.high
             self.low += (self.high - (total - carried)) + (step - carried)
             self.high = total
-
-
-class AbsoluteClock(Clock):
-    """The clock of a model without units of its own, whose equations may contain the time
-    itself."""
-
-    def grid(self, times: np.ndarray) -> np.ndarray:
-        return np.concatenate(([self.high], times))
-
-    def exact(self, s: Any) -> Any:
-        return s
-
-    def exact_times(self, s: np.ndarray) -> np.ndarray:
-        return extended(s)
-
-    def advance(self, elapsed: tuple[Any, Any]) -> None:
-        self.high = elapsed[0]

@@ -187,7 +187,7 @@ def searched(
     times = times[times <= until]
     body = body_of(case)
     search = CrossingSearch(body, uncertainty)
-    motion = solve(case, method, precision, tol, times, search)
+    motion = solve(case, method, precision, tol, times, search.examine)
     rows = np.searchsorted(times, samples)
     if motion.succeeded:  # an event that ends it is its last sample, whatever times follow
         rows = distinct(np.minimum(rows, len(motion.time) - 1))

@@ -11,20 +11,20 @@ vanish.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..cases.case import Case
-from ..engines.polynomial import bernstein_coefficients, isolate, rounding, values_and_slopes
+from ..engines.polynomial import isolate, rounding, values_and_slopes
 from ..engines.protocol import EPS
 from ..engines.units import Units
 from ..models import rigid_body
 from ..models.base import Equations, Event, rescaled
 from ..models.rigid_body import UNDETERMINED, BodyFrame, inertia_order, margin
-from .step_checks import StepBuffer
+from .steps import Steps
 
 CERTAIN_ERRORS = 8.0
 """D counts where its margin is this many times the error of the state. The error can shift the
@@ -92,7 +92,7 @@ class CrossingList(NamedTuple):
 
 
 @dataclass
-class CrossingSearch(StepBuffer):
+class CrossingSearch:
     """Searches the steps of a motion for zeros of D.
 
     It notes no moment of a step in which |margin| stays above `uncertainty` all along.
@@ -106,30 +106,28 @@ class CrossingSearch(StepBuffer):
         self.A = self.body.exact_moments
         self.order = inertia_order(self.A)
 
-    def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
+    def examine(self, steps: Steps) -> None:
         """Search steps: all in double precision, and in their own the few where D may vanish."""
-        if not has_sides(self.body):
+        if not (len(steps) and has_sides(self.body)):
             return
+        steps = replace(steps, series=steps.series[:, :3])
         # In double for all: few steps come near D = 0, and long double is several times slower.
-        near = self._near(series[:, :3].astype(float), ends.astype(float))
+        near = self._near(*self._bernstein(steps.in_double()))
         if near.size:
-            b, noise = self._bernstein(series[near, :3], ends[near])
-            self._search(b, noise, ends[near])
+            self._search(steps.chosen(near))
 
-    def _bernstein(self, c: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The Bernstein coefficients (n, 3, degree + 1) of steps, and the rounding (n,) of a form.
-
-        `c` is overwritten.
-        """
-        b = bernstein_coefficients(c, times[:, 1] - times[:, 0], self.engine.basis)
-        outer, inner = rigid_body.separatrix_roots(self.A.astype(c.dtype), self.order)
-        noise = rounding(c, self.engine.basis)
+    def _bernstein(self, steps: Steps) -> tuple[np.ndarray, np.ndarray]:
+        """The Bernstein coefficients (n, 3, degree + 1) of steps, and the rounding (n,) of a
+        form."""
+        b = steps.bernstein
+        outer, inner = rigid_body.separatrix_roots(self.A.astype(b.dtype), self.order)
+        noise = rounding(steps.coefficients, steps.basis)
         return b, outer * noise[:, self.order[0]] + inner * noise[:, self.order[2]]
 
-    def _near(self, c: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """The steps (k,) in which |margin| may be `uncertainty` or less."""
-        b, noise = self._bernstein(c, times)
-        A = self.A.astype(c.dtype)
+    def _near(self, b: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """The steps (k,) in which |margin| may be `uncertainty` or less, from their Bernstein
+        coefficients b (n, 3, degree + 1) and the rounding (n,) of a form."""
+        A = self.A.astype(b.dtype)
         # |margin| is at least the smaller |form| over sqrt(a^2 + b^2) |omega|.
         scale = np.hypot(*rigid_body.separatrix_roots(A, self.order))
         most = scale * np.sqrt(np.square(np.abs(b).max(axis=2)).sum(axis=1))
@@ -138,9 +136,10 @@ class CrossingSearch(StepBuffer):
         clear = (forms > bound).all(axis=2) | (forms < -bound).all(axis=2)
         return np.flatnonzero(~clear.all(axis=0))
 
-    def _search(self, b: np.ndarray, noise: np.ndarray, times: np.ndarray) -> None:
+    def _search(self, near: Steps) -> None:
         """Note the ends of steps, the zeros of both forms, and their extrema, at which a pair of
         zeros shows how far it is from a touch."""
+        b, noise = self._bernstein(near)
         steps, fp = np.arange(len(b)), b.dtype
         forms = np.concatenate(
             rigid_body.separatrix_forms(self.A.astype(fp), b.swapaxes(0, 1), self.order)
@@ -161,15 +160,14 @@ class CrossingSearch(StepBuffer):
         )
         row, x = map(np.concatenate, zip(*places, strict=True))
         vanishes = np.repeat((False, False, True, False, False), [len(of) for of, _ in places])
-        self._note(row, x, vanishes, b, times)
+        self._note(row, x, vanishes, b, near)
 
     @np.errstate(divide="ignore", invalid="ignore")
     def _note(
-        self, row: np.ndarray, x: np.ndarray, vanishes: np.ndarray, b: np.ndarray, times: np.ndarray
+        self, row: np.ndarray, x: np.ndarray, vanishes: np.ndarray, b: np.ndarray, steps: Steps
     ) -> None:
         """Note the motion at places x (k,), in any order, of the steps in `row` (k,), and whether
-        D `vanishes` (k,) there. All steps have the Bernstein coefficients b (n, 3, degree + 1) and
-        the ends `times` (n, 2)."""
+        D `vanishes` (k,) there. All steps have the Bernstein coefficients b (n, 3, degree + 1)."""
         order = np.lexsort((x, row))
         row, x, vanishes = row[order], x[order], vanishes[order]
         A, motion = self.A.astype(b.dtype), values_and_slopes(b[row], x[:, None])
@@ -182,12 +180,13 @@ class CrossingSearch(StepBuffer):
         scale = np.hypot(*rigid_body.separatrix_roots(A, self.order))
         relative = change / (scale * np.sqrt(np.square(omega).sum(axis=1)))
         momentum = np.sqrt(np.square(A * omega).sum(axis=1))
-        momentum = np.ldexp(momentum.astype(float), self.units.exponent)
+        momentum = np.ldexp(momentum.astype(float), steps.units.exponent)
         margin, label = sides_of(self.body, omega)
-        start, end = self.clock.exact_times(times.T).astype(float)
+        times = steps.ends
+        start, end = steps.clock.exact_times(times.T).astype(float)
         rate = np.nan_to_num(relative / (end - start)[row]).astype(float)
         within = times[row, 0] + x * (times[row, 1] - times[row, 0])
-        time = self.clock.exact_times(within).astype(float)
+        time = steps.clock.exact_times(within).astype(float)
         margin = np.where(vanishes, 0, margin).astype(float)
         self.parts.append(SignChanges(time, margin, vanishes, rate, momentum, label))
 

@@ -1,17 +1,17 @@
 """The driver of the engines: from a start through the sample times, in units that fit the motion at
 every moment."""
 
-import bisect
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engines.protocol import Engine, EventRoot, Status, StepControl, uneven
+from ..engines import extended
+from ..engines.polynomial import state_at
+from ..engines.protocol import Engine, Status, StepControl, uneven
 from ..engines.units import (
-    AbsoluteClock,
     Clock,
     TimeWindow,
     Units,
@@ -31,7 +31,8 @@ from ..models.base import (
     rescaled,
     state_powers,
 )
-from .step_checks import NO_BREAK, Break, Gap, StepBuffer
+from .step_checks import NO_BREAK, Gap, StepCheck
+from .steps import EventSearch, Steps
 
 SAMPLES_AT_ONCE = 1 << 16
 """Samples handed to an engine at once."""
@@ -102,6 +103,121 @@ class SampleBuffer:
         self.done += 1
 
 
+STEPS_AT_ONCE = 512
+"""Steps that are examined together: numpy's overhead, some 0.1 ms, is then 0.2 us a step."""
+
+
+Reader = Callable[[Steps], object]
+"""What looks at the steps of a motion, many at once and in order."""
+
+
+class StretchEnd(NamedTuple):
+    """Where a stretch ends that its engine goes on beyond: the time of the engine and the state
+    (m,) there, and the event that it comes to, or None."""
+
+    time: Any
+    state: np.ndarray
+    event: Event | None = None
+
+
+class StepBuffer:
+    """The `Observer` of a motion: notes its steps, and shows many at once to the search for events,
+    to the check of formulas, and to a further reader."""
+
+    def __init__(
+        self, engine: Engine, control: StepControl, events: EventSearch, check: StepCheck | None,
+        reader: Reader | None,
+    ) -> None:  # fmt: skip
+        self.engine, self.control = engine, control
+        self.events, self.check, self.reader = events, check, reader
+        self.occurrences: list[Occurrence] = []
+
+    def begin(self, clock: Clock, units: Units, k: Mapping[str, Any], y: np.ndarray) -> None:
+        """A stretch begins in the state y (m,), with the constants k in these units."""
+        self.clock, self.units, self.taken = clock, units, self.control.steps
+        self.end: StretchEnd | None = None
+        self.ends, self.series = list[tuple[Any, Any]](), list[np.ndarray]()
+        # The states between the steps, and the time of the last of them.
+        self.states, self.last = [y.copy()], self.engine.dtype(0)
+        self.events.begin(clock, k, y)
+        if self.check:
+            self.check.begin()
+
+    def __call__(self, start: Any, end: Any, series: np.ndarray, state: np.ndarray) -> bool:
+        """See `Observer`."""
+        self.ends.append((start, end))
+        self.series.append(series.copy())
+        self.states.append(state.copy())
+        self.last, enough = end, float(STEPS_AT_ONCE)
+        if self.check:
+            elapsed = float(self.clock.exact(end)) - self.check.start
+            enough = self.check.enough(float(end - start) / self.clock.factor, elapsed)
+        if self.events.note(end, state) or len(self.ends) >= enough:
+            self.flush()
+        return self.end is None
+
+    def flush(self) -> None:
+        """Examine the steps noted."""
+        if not self.ends:
+            return
+        ends, series = np.array(self.ends, dtype=self.engine.dtype), np.array(self.series)
+        if self.engine.dtype is not np.float64:
+            ends, series = extended(ends), extended(series)
+        steps = Steps(ends, series, self.engine.basis, self.clock, self.units)
+        roots = self.events.roots(steps)
+        stop = next((root for root in roots if root.event.terminal), None)
+        parts, taken = [steps], 0
+        if stop and (self.check or self.reader):
+            parts = [steps.chosen(slice(stop.step)), steps.chosen([stop.step]).until(stop.x)]
+        for part in filter(len, parts):
+            right = self.check.examine(part) if self.check else len(part)
+            taken += right
+            if self.reader:
+                self.reader(part.chosen(slice(right)))
+            if right < len(part):
+                self._end(taken, 0.0)
+                break
+        else:
+            if stop:
+                self._end(stop.step, stop.x, stop.event)
+        self.occurrences += [
+            Occurrence(root.event.kind, float(steps.chosen([root.step]).times_at(root.x)[0, 0]))
+            for root in roots
+            if not root.event.terminal and root.step < taken
+        ]
+        self.taken += len(self.ends)
+        self.ends.clear()
+        self.series.clear()
+        del self.states[:-1]
+
+    def _end(self, step: int, x: Any, event: Event | None = None) -> None:
+        """End the stretch at a place x of one of the steps noted."""
+        (start, end), x = self.ends[step], of_precision(x, self.engine.dtype)
+        state = self.states[step + int(x)]
+        if 0 < x < 1:
+            state = state_at(self.series[step], end - start, self.engine.basis, x)
+        self.end = StretchEnd(start + x * (end - start), state, event)
+        self.control.take_back(self.taken + step + bool(event))
+
+    def finish(self) -> StretchEnd | None:
+        """Examine the last steps of the stretch. Returns where it ends, if not where its engine
+        does; a motion with formulas that its engine leads on no farther goes straight on from its
+        last state."""
+        self.flush()
+        if self.check and not self.end and self.control.status is Status.FAILED:
+            self.check.pass_over(np.empty(0), float(self.clock.exact(self.last)))
+            self.end = StretchEnd(self.last, self.states[0])
+            self.control.take_back(self.taken)
+        return self.end
+
+
+def of_precision(values: Any, fp: Any) -> Any:
+    """Doubles or long doubles (...) in the precision of an engine."""
+    # From long doubles to a quadruple there is no way but by doubles.
+    high = np.asarray(values).astype(float)
+    return (high.astype(fp) + np.asarray(values - high).astype(float).astype(fp))[()]
+
+
 class Propagation:
     """A motion from a start through sample times: its state `y`, in `units` that fit it, at the
     time of the `clock`."""
@@ -112,64 +228,62 @@ class Propagation:
         system: Model,
         start: float,
         times: np.ndarray,
-        events: tuple[Event, ...],
+        control: StepControl,
+        reader: Reader | None = None,
     ) -> None:
-        model = system.equations
-        self.engine, self.system, self.model, self.events = engine, system, model, events
-        self.start, self.times = start, times
+        self.engine, self.system, self.model = engine, system, system.equations
+        self.start, self.times, self.control = start, times, control
         self.span = float(times[-1]) - start if len(times) else 0.0
-        self.is_timed, self.moving = is_timed(system, events), moving(model)
-        y0 = np.array(system.initial_state)
-        self.is_falling = bool(model.degree) and bool(is_falling(model, system.constants, y0))
+        self.is_timed, self.moving = is_timed(system), moving(self.model)
+        y0, k = np.array(system.initial_state), system.constants
+        self.is_falling = bool(self.model.degree) and bool(is_falling(self.model, k, y0))
+        control.band = norm_band(engine, system, self.is_falling)
+        control.rows = None if isinstance(self.moving, slice) else self.moving
+        # What begins and ends at one time has no steps.
+        is_checked = self.model.has_formulas and bool((times > start).any())
+        check = StepCheck(system, start, self.span, engine.tol, control)
+        self.check, events = check if is_checked else None, EventSearch(system.run_events)
+        self.buffer = StepBuffer(engine, control, events, self.check, reader)
+        if events.events or self.check or reader:
+            control.observer = self.buffer
 
     def begin(self) -> None:
         """Put the motion at its start, where the first samples may lie."""
         system, fp = self.system, self.engine.dtype
-        kind = Clock if self.model.degree or self.is_timed else AbsoluteClock
-        self.clock = kind(fp(self.start), fp(0))
+        self.clock = Clock(fp(self.start), fp(0))
         self.units = units_at_start(system, self.window)
         exact = np.array(system.initial_state) if fp is np.float64 else system.extended_start
-        y = rescaled(self.model, exact, -self.units.exponent)
-        # From long doubles to a quadruple there is no way but by doubles.
-        high = y.astype(float)
-        self.y = high.astype(fp) + (y - high).astype(float).astype(fp)
+        self.y = of_precision(rescaled(self.model, exact, -self.units.exponent), fp)
         self.samples = SampleBuffer.empty(self.times, len(exact), fp)
+        self.samples.events = self.buffer.occurrences
         self.samples.fill(self.start, self.y, self.units.exponent)
         # Whether small components may need shorter steps, see `longest_step`: not those of a model
         # without degrees on a clock of its own, whose phase is far smaller than all else.
-        self.is_uneven = bool(self.model.degree) or not self.is_timed
+        self.is_uneven = bool(self.model.degree or not self.units.rate)
 
     @property
     def window(self) -> TimeWindow | None:
         """The time of the motion, and how long it lasts, where its equations contain the time."""
         return TimeWindow(float(self.clock.high), self.span) if self.is_timed else None
 
-    def run(
-        self, control: StepControl, observer: StepBuffer | None, breaks: list[Break]
-    ) -> SampleBuffer:
+    def run(self) -> SampleBuffer:
         """Integrate through the sample times, with new units whenever the motion has outgrown them,
-        and over the `breaks`, in order, of which the observer may add some.
+        and straight over the gaps that the check of formulas finds.
 
         Ends early at a terminal event, whose time and state are then the last ones, or when the
         control says so.
         """
         self.begin()
-        self.control, self.observer = control, observer or StepBuffer()
-        control.band = norm_band(self.engine, self.system, self.is_falling)
-        control.rows = None if isinstance(self.moving, slice) else self.moving
-        control.observer = observer
         clock, fp = self.clock, self.engine.dtype
         while not self.samples.is_complete and self.control.status is Status.OK:
             clock.factor = float(np.ldexp(1.0, self.units.rate))
-            ahead = breaks[bisect.bisect_left(breaks, Break(float(clock.high), -math.inf)) :]
-            at = next((at for at in ahead if clock.until(fp(at.onward)) > 0), NO_BREAK)
+            at = self.check.ahead if self.check else NO_BREAK
+            at = at if clock.until(fp(at.onward)) > 0 else NO_BREAK
             # Already from so near to it that its time may be that of the present, rounded.
             if 4 * clock.until(fp(at.time)) < clock.until(fp(at.onward)):
                 self.go_straight_on(at.onward)
-                continue
-            exponent = self.integrate(at.time)
-            if not self.observer.is_cut:
-                self.change_units(exponent)
+            else:
+                self.change_units(self.integrate(at.time))
         return self.samples
 
     def go_straight_on(self, end: float) -> None:
@@ -205,37 +319,28 @@ class Propagation:
             if self.is_uneven
             else math.inf
         )
-        self.control.is_over = False
-        self.observer.begin(self.engine, clock, units)
+        self.buffer.begin(clock, units, k, self.y)
         k = k | clock.constants if self.is_timed else k
-        spent = self.control.steps, self.control.evaluations
-        stretch = self.engine.integrate(k, self.y, grid, self.control)
-        self.observer.flush()
-        if self.observer.is_cut:
-            self.control.take_back(*spent)
-            if self.observer.verdict[0] is not Status.OK:
-                self.control.give_up(*self.observer.verdict)
-            return int(units.exponent)
-        samples.events += [
-            Occurrence(self.events[root.event].kind, float(clock.exact(root.time)))
-            for root in stretch.roots
-        ]
+        rows, time, self.y = self.engine.integrate(k, self.y, grid, self.control)
+        if end := self.buffer.finish():
+            rows = rows[: np.searchsorted(grid, end.time, side="right")]
+            time, self.y = (end.time, end.time * 0), end.state
+        if self.check and self.check.problem:
+            self.control.give_up(Status.FAILED, self.check.problem)
         # The first row is where it began, and one after the samples is at a break.
-        samples.add(stretch.rows[1 : len(block) + 1], units.exponent)
-        if stretch.stop:
-            return self.pass_event(stretch.stop)
-        clock.advance(stretch.time)
-        self.y = stretch.state
+        samples.add(rows[1 : len(block) + 1], units.exponent)
+        if end and end.event:
+            return self.pass_event(end.event, clock.exact(end.time))
+        clock.advance(time)
         return int(units.exponent)
 
-    def pass_event(self, root: EventRoot) -> int:
-        """Go on after a terminal event, or end there; the exponent of the unit of omega in which
-        the state is then."""
-        event, exponent, fp = self.events[root.event], int(self.units.exponent), self.engine.dtype
-        time = self.clock.exact(root.time)
-        outcome = EventOutcome(float(time), {}, [*root.state])
+    def pass_event(self, event: Event, time: Any) -> int:
+        """Go on after a terminal event at a time, or end there; the exponent of the unit of omega
+        in which the state is then."""
+        exponent, fp = int(self.units.exponent), self.engine.dtype
+        outcome = EventOutcome(float(time), {}, [*self.y])
         if event.passage:
-            state, exponent = scaled_by(self.model, root.state, exponent), 0
+            state, exponent = scaled_by(self.model, self.y, exponent), 0
             numbers = attributes(self.system.constants, fp)
             outcome = event.passage(time, [*state], numbers)
         if outcome.details is not None:

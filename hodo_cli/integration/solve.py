@@ -21,9 +21,9 @@ from .driver import (
     SAMPLES_AT_ONCE,
     Occurrence,
     Propagation,
+    Reader,
     SampleBuffer,
 )
-from .step_checks import StepBuffer, StepCheck
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def solve(
     precision: str = "double",
     tol: float | None = None,
     times: np.ndarray | None = None,
-    observer: StepBuffer | None = None,
+    reader: Reader | None = None,
 ) -> Trajectory:
     """The motion of a case by one method; the run time is the processor's, without imports and
     compilation.
@@ -145,7 +145,7 @@ def solve(
         raise HodoError(message)
     if method in ("exact", "quadrature") or case.system.is_quadrature:
         return closed_form(case, times, precision, method)
-    return attempted(case, method, precision, tol, times, observer)
+    return attempted(case, method, precision, tol, times, reader)
 
 
 def with_seconds_left(case: Case, motion: Trajectory) -> Case:
@@ -161,27 +161,18 @@ def attempted(
     precision: str,
     tol: float | None,
     times: np.ndarray,
-    observer: StepBuffer | None = None,
+    reader: Reader | None = None,
 ) -> Trajectory:
     """The motion of a case by a method that takes steps."""
-    system, events = case.system, case.system.run_events
-    engine = engines.engine_for(method, system, events, tol, precision, is_timed(system, events))
+    system = case.system
+    engine = engines.engine_for(method, system, tol, precision, is_timed(system))
     # Both times from here on, since compiling and imports are paid once for all cases of a model: a
     # case must not run into its limit for being the first. `began` is of this thread's processor,
     # since the clock counts what else the machine does.
     began = thread_time()
-    limits = case.max_steps or LAST_STEP[method], case.max_seconds or math.inf
-    control = StepControl(*limits)
-    # What begins and ends at one time has no steps.
-    is_checked = system.equations.has_formulas and bool((times > case.time.start).any())
+    control = StepControl(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
     try:
-        propagation = Propagation(engine, system, case.time.start, times, events)
-        check = StepCheck(system, case.time.start, propagation.span, engine.tol, control)
-        if is_checked:
-            samples = propagation.run(control, check, check.breaks)
-        if observer or not is_checked:
-            control = StepControl(*limits)
-            samples = propagation.run(control, observer, check.breaks)
+        samples = Propagation(engine, system, case.time.start, times, control, reader).run()
     except ArithmeticError as error:
         raise HodoError(f"{case.name}: its numbers exceed the range of doubles") from error
     return trajectory(case, method, engine.tol, samples, control, began)

@@ -1,7 +1,6 @@
-"""Observers of the steps of a motion; a check of the steps where a user's formulas are in the
-equations; and the gaps that lead a motion over the times at which such formulas change at once."""
+"""A check of the steps of a motion where a user's formulas are in the equations; and the gaps that
+lead a motion over the times at which such formulas change at once."""
 
-import bisect
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -9,12 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engines import extended
-from ..engines.polynomial import TAYLOR, bernstein_coefficients, values_and_slopes
-from ..engines.protocol import Engine, Status, StepControl
+from ..engines.polynomial import TAYLOR, values_and_slopes
+from ..engines.protocol import StepControl
 from ..engines.units import Clock, Units
 from ..models.base import Model, attributes, kinds_of_variables, moving, stacked
 from ..text import time_text
+from .steps import Steps
 
 CHANGE_PARTS, CHANGE_ROUNDS = 64, 5
 """The parts of a gap in which formulas change at once, and how often one of them is divided again,
@@ -155,51 +154,9 @@ class Gap:
         return bool(is_jump and is_near and outer_behind < 2 * inner_behind)
 
 
-STEPS_AT_ONCE = 512
-"""Steps that are examined together: numpy's overhead, some 0.1 ms, is then 0.2 us a step."""
-
-
-class StepBuffer:
-    """Sees every step of a motion, as an `Observer` that knows in which units the step is, and
-    examines `enough` of them at once. `is_cut` is set where the steps of a stretch are to be taken
-    anew, up to the next of the `breaks`; the `verdict` is then that of the motion."""
-
-    enough: float = STEPS_AT_ONCE
-    is_cut = False
-    verdict = Status.OK, ""
-
-    def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
-        """The steps from here on are in these units, their times those of the clock."""
-        self.engine, self.clock, self.units = engine, clock, units
-        self.ends, self.series = list[tuple[Any, Any]](), list[np.ndarray]()
-
-    def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
-        """See `Observer`."""
-        self.ends.append((start, end))
-        self.series.append(series.copy())
-        if len(self.ends) >= self.enough:
-            self.flush()
-
-    def flush(self) -> None:
-        """Examine what is kept: the units are about to change, or the motion has ended."""
-        if not self.ends:
-            return
-        ends, series = np.array(self.ends, dtype=self.engine.dtype), np.array(self.series)
-        self.ends.clear()
-        self.series.clear()
-        if self.engine.dtype is not np.float64:
-            ends, series = extended(ends), extended(series)
-        self.examine(ends, series)
-
-    def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
-        """Look at steps with these ends (n, 2) and coefficients (n, m, degree + 1): doubles, or
-        long doubles where the motion is finer."""
-        raise NotImplementedError
-
-
-POINTS_CHECKED, POINTS_AT_ONCE = 1 << 15, 1 << 13
+POINTS_CHECKED, POINTS_AT_FIRST, POINTS_AT_ONCE = 1 << 15, 1 << 9, 1 << 13
 """Places of a span, evenly spaced, at which steps are compared with formulas, since what is shorter
-may be overlooked; and those that are compared together."""
+may be overlooked; and those that are compared together, at first and at most."""
 
 DEFECT = 1e-12
 """The least tolerance for the difference between the slopes of a step and the equations, relative
@@ -235,9 +192,9 @@ times that time, or from ULPS_BESIDE roundings of the time."""
 
 
 @dataclass
-class StepCheck(StepBuffer):
-    """Compares the polynomials of steps with their equations all along, and cuts a step where it
-    begins to miss them: at a time of `breaks`, from which the motion begins anew.
+class StepCheck:
+    """Compares the polynomials of steps with their equations all along. Where one begins to miss
+    them the motion ends its stretch, and goes on to the gap `ahead`.
 
     A series knows a formula by its derivatives at the start of a step, and other methods by its
     values at some points: they pass a short pulse, and a series a corner too, without a trace. Cut
@@ -249,30 +206,31 @@ class StepCheck(StepBuffer):
     span: float
     tol: float
     control: StepControl
-    breaks: list[Break] = field(default_factory=list)
+    gaps: list[Break] = field(default_factory=list)
     short_steps: int = 0
+    problem: str = ""
+    """Why no method leads the motion on; empty as long as one does."""
 
-    def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
-        super().begin(engine, clock, units)
-        self.longest, self.at_once, self.is_cut = 0.0, 512, False
-        self.last = engine.dtype(0)
-        self.kinds = kinds_of_variables(self.system.equations)
+    def begin(self) -> None:
+        """The steps from here on are in other units."""
+        self.longest, self.at_once = 0.0, POINTS_AT_FIRST
 
-    def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
-        length, elapsed = float(end - start), float(self.clock.exact(end)) - self.start
+    @property
+    def ahead(self) -> Break:
+        """The gap that was found last."""
+        return self.gaps[-1] if self.gaps else NO_BREAK
+
+    def enough(self, length: float, elapsed: float) -> float:
+        """How many steps are examined at once after one more of this length, in the case's time,
+        which ends this time after the start."""
         self.longest = max(self.longest, length)
-        self.enough = self.at_once / self.points
-        self.last = end
-        super().__call__(start, end, series)
-        is_short = length < SHORT * elapsed * self.clock.factor
-        self.short_steps = self.short_steps + 1 if is_short else 0
-        if self.short_steps == SHORT_STEPS and not self.is_cut:
-            self._pass_over(self.last)
+        self.short_steps = self.short_steps + 1 if length < SHORT * elapsed else 0
+        return 0 if self.has_short_steps else self.at_once / self.points
 
-    def flush(self) -> None:
-        super().flush()
-        if self.control.status is Status.FAILED and not self.is_cut:
-            self._pass_over(self.last)
+    @property
+    def has_short_steps(self) -> bool:
+        """Whether steps have become so short that the rates change at once nearby."""
+        return self.short_steps >= SHORT_STEPS
 
     @cached_property
     def renews_units(self) -> bool:
@@ -285,103 +243,106 @@ class StepCheck(StepBuffer):
     @property
     def points(self) -> int:
         """The number of places at which each of the steps noted is compared."""
-        return 8 + int(POINTS_CHECKED * self.longest / self.clock.factor / self.span)
+        return 8 + int(POINTS_CHECKED * self.longest / self.span)
 
-    def examine(self, ends: np.ndarray, series: np.ndarray) -> None:
-        """Compare steps; the steps after a cut belong to another motion."""
-        if self.is_cut:
-            return
+    def examine(self, steps: Steps) -> int:
+        """Compare steps with their equations; returns how many of them the motion takes."""
         # Nearer to each other towards the ends, where collocation has no points of its own.
         x = (1 - np.cos(np.pi * np.arange(self.points + 1) / self.points)) / 2
-        missed = ~(self._excess(ends.astype(float), x, series.astype(float)) <= 1)
-        elapsed = self.clock.exact_times(ends[:, 1]) - self.start
-        is_near = np.diff(ends)[:, 0] < NEAR_POLE * elapsed * self.clock.factor
-        if is_near.any() and self._meets_pole(
-            ends[is_near.argmax()], series[is_near.argmax(), :, 0]
-        ):
-            return
-        if missed.any():
-            step, first = np.argwhere(missed)[0]
-            only = slice(step, step + 1)
-            self._pass_over(self._onset(ends[only], series[only], x[max(first - 1, 0)], x[first]))
+        missed = np.argwhere(~(self._excess(steps.in_double(), x) <= 1))
+        right = int(missed[0, 0]) if missed.size else len(steps)
+        elapsed = steps.times_at(np.ones(1))[:, 0] - self.start
+        is_near = steps.lengths < NEAR_POLE * elapsed * steps.clock.factor
+        for step in np.flatnonzero(is_near[: right + 1])[:1]:
+            if self._meets_pole(steps, step):
+                return int(step)
+        if missed.size or self.has_short_steps:
+            at = steps.ends[-1, 1]
+            if missed.size:
+                places = x[max(missed[0, 1] - 1, 0)], x[missed[0, 1]]
+                at = self._onset(steps.chosen([right]), *places)
+            starts = steps.times_at(np.zeros(1))[:, 0].astype(float)
+            return self.pass_over(starts, float(steps.clock.exact_times(np.array([at]))[0]))
         self.longest = 0.0
         self.at_once = min(2 * self.at_once, POINTS_AT_ONCE)
+        return right
 
-    def _onset(self, ends: np.ndarray, series: np.ndarray, low: float, high: float) -> Any:
+    def _onset(self, step: Steps, low: float, high: float) -> Any:
         """The engine's time at which a step begins to miss its equations, between two parts of it.
         For a step by points, or one that misses them from its start, it is the time at which the
         rates bend most sharply: points on both sides of a change spoil the whole step."""
-        is_onset = self.engine.basis == TAYLOR and low < high
+        is_onset = step.basis == TAYLOR and low < high
         low, high = (low, high) if is_onset else (0.0, 1.0)
         for _ in range(ROUNDS):
             places = np.linspace(low, high, PARTS + 1)
             if is_onset:
-                first = (~(self._excess(ends, places, series)[0] <= 1)).argmax()
+                first = (~(self._excess(step, places)[0] <= 1)).argmax()
                 low, high = places[max(first - 1, 0)], places[first]
             else:
-                bend = np.abs(np.diff(self._along(ends, places, series)[2][:, 0], 2)).max(axis=0)
+                bend = np.abs(np.diff(self._along(step, places)[2][:, 0], 2)).max(axis=0)
                 low, high = places[bend.argmax()], places[bend.argmax() + 2]
-        return ends[0, 0] + (high if is_onset else (low + high) / 2) * (ends[0, 1] - ends[0, 0])
+        return step.ends[0, 0] + (high if is_onset else (low + high) / 2) * step.lengths[0]
 
-    def _meets_pole(self, ends: np.ndarray, y: np.ndarray) -> bool:
-        """Whether the equations have a pole soon after a step that begins in the state y (m,). Near
-        a pole the rates grow as the inverse of the distance, down to its rounding. A gap then leads
-        over the pole."""
+    def _meets_pole(self, steps: Steps, step: int) -> bool:
+        """Whether the equations have a pole soon after a step begins. Near a pole the rates grow as
+        the inverse of the distance, down to its rounding. A gap then leads over the pole."""
+        clock, y = steps.clock, steps.chosen([step]).bernstein[0, :, :1].astype(float)
 
         def size(s: np.ndarray) -> Any:
-            state = np.repeat(y[:, None].astype(float), len(s), axis=1)
-            times = self.clock.exact_times(s)
-            return np.abs(rates(self.system, self.units, self.clock, times, state)).max(axis=0)
+            state, times = np.repeat(y, len(s), axis=1), clock.exact_times(s)
+            return np.abs(rates(self.system, steps.units, clock, times, state)).max(axis=0)
 
-        begin, width = ends[0], AHEAD * (ends[1] - ends[0])
+        begin, width = steps.ends[step, 0], AHEAD * steps.lengths[step]
         for _ in range(ROUNDS):
             places = begin + width * np.linspace(0, 1, PARTS + 1)
             largest = int(size(places).argmax())
             begin, width = places[max(largest - 1, 0)], 2 * width / PARTS
-        first, pole = self.clock.exact_times(np.array([ends[0], places[largest]])).astype(float)
-        beside = 4 * np.spacing(abs(pole) + self.span) * self.clock.factor
+        ends = np.array([steps.ends[step, 0], places[largest]])
+        first, pole = clock.exact_times(ends).astype(float)
+        beside = 4 * np.spacing(abs(pole) + self.span) * clock.factor
         near, farther = size(places[largest] + beside * np.array([1, FARTHER]))
         is_pole = 2 * near > FARTHER * farther and pole <= self.start + self.span
         # Once: the steps up to the gap may be as short.
-        if is_pole and not any(gap.time < pole < gap.onward for gap in self.breaks):
-            self._note(Break(2 * pole - first, first))
-        return self.is_cut
+        if not is_pole or any(gap.time < pole < gap.onward for gap in self.gaps):
+            return False
+        self._note(Break(2 * pole - first, first))
+        return True
 
-    def _pass_over(self, at: Any) -> None:
-        """Lead the motion straight over the engine's time `at`, in a short gap around it."""
-        # at * 0 is the start of the stretch, in the engine's type of numbers.
-        begin, place = self.clock.exact_times(extended(np.array([at * 0, at]))).astype(float)
+    def pass_over(self, starts: np.ndarray, place: float) -> int:
+        """Lead the motion straight over a time, in a short gap around it; returns how many steps
+        with these `starts` (n,), in the case's time, are taken before."""
         near = BESIDE * ((place - self.start) or self.span)
         near = max(near, ULPS_BESIDE * np.spacing(abs(place)))
-        self._note(Break(place + near / 2, max(place - near / 2, begin)))
+        taken = max(int(np.searchsorted(starts, place - near / 2, side="right")) - 1, 0)
+        self._note(Break(place + near / 2, max([place - near / 2, *starts[taken : taken + 1]])))
+        return taken
 
     def _note(self, gap: Break) -> None:
-        """Let the steps of the stretch be taken anew, and the motion go straight on over a gap."""
-        bisect.insort(self.breaks, gap)
-        self.is_cut = self.control.is_over = True
+        """Let the motion go straight on over a gap."""
+        self.gaps.append(gap)
+        self.short_steps = 0
         aside = ONE_PLACE * self.span
-        at_one_place = sum(abs(other.time - gap.time) < aside for other in self.breaks)
-        if at_one_place > MOST_AT_ONE_PLACE or len(self.breaks) > MOST_BREAKS:
-            self.verdict = Status.FAILED, not_smooth(gap.time, self.start)
+        at_one_place = sum(abs(other.time - gap.time) < aside for other in self.gaps)
+        if at_one_place > MOST_AT_ONE_PLACE or len(self.gaps) > MOST_BREAKS:
+            self.problem = not_smooth(gap.time, self.start)
 
     @np.errstate(all="ignore")
-    def _excess(self, ends: np.ndarray, x: np.ndarray, series: np.ndarray) -> np.ndarray:
+    def _excess(self, steps: Steps, x: np.ndarray) -> np.ndarray:
         """How far steps miss their equations (n, k) at places x (k,): beyond 1 something has
         changed."""
-        length = np.diff(ends)
-        b, times, rated, slope = self._along(ends, x, series)
+        b, times, rated, slope = self._along(steps, x)
         missed = np.abs(slope - rated)
         # Between the ends of a step its polynomial has half of the digits at worst, and formulas
         # of seconds since an epoch, which are rounded, have fewer.
-        grain = np.spacing(np.abs(times).max()) * self.clock.factor
-        longest = max(self.longest, 1.0)
-        parts = max(self.tol**0.5, GRAINS * grain / longest) * length / longest
+        grain = np.spacing(np.abs(times).max()) * steps.clock.factor
+        longest = max(self.longest * steps.clock.factor, 1.0)
+        parts = max(self.tol**0.5, GRAINS * grain / longest) * steps.lengths[:, None] / longest
         allowed = np.maximum(parts, max(DEFECT, 100 * self.tol))
-        least = SIZE_AT_REST if self.renews_units else 1.0
-        sizes = [np.abs(b[:, kind]).max(axis=(1, 2)).clip(least)[:, None] for kind in self.kinds]
+        least, kinds = SIZE_AT_REST if self.renews_units else 1.0, self.kinds
+        sizes = [np.abs(b[:, kind]).max(axis=(1, 2)).clip(least)[:, None] for kind in kinds]
 
         def relative(missed: np.ndarray) -> np.ndarray:
-            pairs = zip(self.kinds, sizes, strict=True)
+            pairs = zip(kinds, sizes, strict=True)
             each = [missed[kind].max(axis=0) / (allowed * size) for kind, size in pairs]
             return np.asarray(np.max(each, axis=0))
 
@@ -389,18 +350,21 @@ class StepCheck(StepBuffer):
         if not (excess > 1).any():
             return excess
         # What the rounding of the time makes of a formula that changes fast is no miss.
-        later = self._along(ends, x, series, ULPS_OF_TIME)[2]
+        later = self._along(steps, x, ULPS_OF_TIME)[2]
         return relative(missed - np.abs(later - rated))
 
-    def _along(
-        self, ends: np.ndarray, x: np.ndarray, series: np.ndarray, later: int = 0
-    ) -> tuple[Any, ...]:
+    @cached_property
+    def kinds(self) -> list[np.ndarray]:
+        """The positions of the state variables that have a size of their own together."""
+        return kinds_of_variables(self.system.equations)
+
+    def _along(self, steps: Steps, x: np.ndarray, later: int = 0) -> tuple[Any, ...]:
         """The Bernstein coefficients of steps, and at places x (k,) of these the times (n, k) of
         the case, some ulps `later`, and by x the slopes (m, n, k) of the equations and of the
         steps."""
-        length = np.diff(ends)
-        b = bernstein_coefficients(series.copy(), length[:, 0], self.engine.basis)
+        b = steps.bernstein
         state, slope = (part.swapaxes(0, 1) for part in values_and_slopes(b, x[None]))
-        times = self.clock.exact_times(ends[:, :1] + x * length).astype(float)
+        times = steps.times_at(x).astype(float)
         times += later * np.spacing(times)
-        return b, times, length * rates(self.system, self.units, self.clock, times, state), slope
+        by_time = rates(self.system, steps.units, steps.clock, times, state)
+        return b, times, steps.lengths[:, None] * by_time, slope

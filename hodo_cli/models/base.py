@@ -600,18 +600,6 @@ def from_engine_time(s: Any, k: Any) -> tuple[Any, Any]:
     return (k.time_start - k.epoch) + s * k.time_unit, with_epoch(k, 0.0)
 
 
-def in_engine_time(function: Callable[..., Any], s: Any, y: Sequence[Any], k: Any) -> Any:
-    """A function (t, y, k) of the case's own time as one of the engine's time."""
-    t, k = from_engine_time(s, k)
-    return function(t, y, k)
-
-
-def of_engine_time(
-    model: Equations, events: tuple[Event, ...]
-) -> tuple[Equations, tuple[Event, ...]]:
-    """The same equations, and events, as functions of the engine's time."""
-    of_engine = (
-        event._replace(function=Bound(in_engine_time, (event.function,))) for event in events
-    )
-    form = tuple({**dict(model.structure), START: 0, UNIT: 0}.items())
-    return replace(model, structure=form), tuple(of_engine)
+def of_engine_time(model: Equations) -> Equations:
+    """The same equations as functions of the engine's time."""
+    return replace(model, structure=tuple({**dict(model.structure), START: 0, UNIT: 0}.items()))

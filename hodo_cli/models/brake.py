@@ -1,7 +1,7 @@
 """Braking to rest: N = -b G/|G|, so that |G|' = -b without other torques, and G = 0 in the end.
 
 The equations have a corner at G = 0, which no series passes. So the motion is integrated in stages,
-in each of which |G| falls to an eighth. After the last of them the torques beside the brake are
+in each of which |G| falls to a 64th. After the last of them the torques beside the brake are
 constant, and the rest has a closed form: G turns towards their sum N_0, and is 0 after the time
 
     |G| (1 + N_0.G/(b |G|)) / (b (1 - |N_0|^2/b^2)).
@@ -31,7 +31,7 @@ from .terms.time_laws import coefficient_at
 DRIVING = frozenset({"torque", "space_torque", "expression"})
 """The torques under which |G| may grow from rest, and fall again."""
 
-STAGES, STAGES_WITH_ROTOR, STAGE_RATIO = 14, 10, 8
+STAGES, STAGES_WITH_ROTOR, STAGE_RATIO = 7, 5, 64
 """How often |G| falls by a ratio, a stage of braking each time, before a brake has all but stopped
 the body: to 2e-13 of it, with a rotor, whose h hides what is left of G, to 9e-10."""
 
