@@ -218,6 +218,11 @@ def of_precision(values: Any, fp: Any) -> Any:
     return (high.astype(fp) + np.asarray(values - high).astype(float).astype(fp))[()]
 
 
+SIZE_AT_REST = 1e-150
+"""The least size of a state to which the error of its steps is relative where it gets new units: a
+body at rest has none. Its square is a double."""
+
+
 class Propagation:
     """A motion from a start through sample times: its state `y`, in `units` that fit it, at the
     time of the `clock`."""
@@ -237,11 +242,16 @@ class Propagation:
         self.is_timed, self.moving = is_timed(system), moving(self.model)
         y0, k = np.array(system.initial_state), system.constants
         self.is_falling = bool(self.model.degree) and bool(is_falling(self.model, k, y0))
-        control.band = norm_band(engine, system, self.is_falling)
+        band = norm_band(engine, system, self.is_falling)
+        is_turning = y0[self.moving].any()  # a body at rest needs no new units
+        control.band = band if is_turning else None
         control.rows = None if isinstance(self.moving, slice) else self.moving
         # What begins and ends at one time has no steps.
         is_checked = self.model.has_formulas and bool((times > start).any())
-        check = StepCheck(system, start, self.span, engine.tol, control)
+        # Without new units the error of a motion is absolute, however small it becomes.
+        is_relative = bool(self.model.degree) and (band or not is_turning)
+        least = SIZE_AT_REST if is_relative else 1.0
+        check = StepCheck(system, start, self.span, engine.tol, least)
         self.check, events = check if is_checked else None, EventSearch(system.run_events)
         self.buffer = StepBuffer(engine, control, events, self.check, reader)
         if events.events or self.check or reader:
@@ -383,13 +393,11 @@ def scaled_by(model: Equations, y: np.ndarray, exponent: int) -> np.ndarray:
 def norm_band(engine: Engine, system: Model, falling: bool) -> tuple[float, float] | None:
     """Where the norm of the state may stay before it gets new units; None for anywhere.
 
-    New units serve a motion that decays or grows. A model without degrees has none, a body at rest
-    needs none, and under a torque that is constant the motion settles at a size of its own, unless
-    it begins far above it.
+    New units serve a motion that decays or grows. A model without degrees has none, and under a
+    torque that is constant the motion settles at a size of its own, unless it begins far above it.
     """
     constant = {
         name for name, degree in system.equations.degree.items() if degree == 0
     } - system.resisting
     forced = any(np.any(system.constants[name]) for name in constant)
-    turning = np.array(system.initial_state)[moving(system.equations)].any()
-    return engine.band if system.equations.degree and turning and (falling or not forced) else None
+    return engine.band if system.equations.degree and (falling or not forced) else None

@@ -2,6 +2,7 @@
 lead a motion over the times at which such formulas change at once."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -9,15 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..engines.polynomial import TAYLOR, values_and_slopes
-from ..engines.protocol import StepControl
 from ..engines.units import Clock, Units
-from ..models.base import Model, attributes, kinds_of_variables, moving, stacked
+from ..models.base import Model, attributes, kinds_of_variables, stacked
 from ..text import time_text
 from .steps import Steps
 
-CHANGE_PARTS, CHANGE_ROUNDS = 64, 5
-"""The parts of a gap in which formulas change at once, and how often one of them is divided again,
-to find where."""
+PARTS, ROUNDS = 128, 9
+"""The parts of an interval in which a place is searched for, and how often one of them is divided
+again: to the rounding of the time."""
 
 MOST_GROWTH = 1.25
 """The largest growth of the rates from a place to one eight times as near to the change: it is 1 at
@@ -56,6 +56,19 @@ def not_smooth(time: float, start: float) -> str:
     return f"{NOT_SMOOTH}{time_text(time, start)}"
 
 
+def narrowed(
+    pick: Callable[[np.ndarray], Any], low: Any, width: Any, kept: int
+) -> tuple[np.ndarray, int]:
+    """The last places (PARTS + 1,) into which an interval is divided, and the number of the one
+    that `pick` chooses among them. Each time the interval shrinks to the parts before and, if two
+    are `kept`, after that place."""
+    for _ in range(ROUNDS):
+        places = low + width * np.linspace(0, 1, PARTS + 1).astype(np.result_type(low, 1.0))
+        number = int(pick(places))
+        low, width = places[max(number - 1, 0)], kept * width / PARTS
+    return places, number
+
+
 @dataclass
 class Gap:
     """A short time `length` of the engine from a state y (m,) on, within which formulas change at
@@ -88,24 +101,24 @@ class Gap:
     @cached_property
     def change(self) -> Any:
         """The part of the gap at which the rates change from `before` to `behind`."""
-        at, width = self.y.dtype.type(0), 1.0
-        for _ in range(CHANGE_ROUNDS):
-            parts = at + width * np.linspace(0, 1, CHANGE_PARTS + 1).astype(self.y.dtype)
+
+        def first_changed(parts: np.ndarray) -> Any:
             along = self.rates_at(parts, self.before)
             new, old = (np.abs(along - r[:, None]).sum(axis=0) for r in (self.behind, self.before))
-            at, width = parts[max(int((new < old).argmax()) - 1, 0)], width / CHANGE_PARTS
-        return at
+            return (new < old).argmax()
 
-    @property
+        places, first = narrowed(first_changed, self.y.dtype.type(0), 1.0, 1)
+        return places[max(first - 1, 0)]
+
+    @cached_property
     def peak(self) -> Any:
-        """The part of the gap at which the rates are largest."""
-        at, width = self.y.dtype.type(0), 1.0
-        for _ in range(CHANGE_ROUNDS):
-            parts = at + width * np.linspace(0, 1, CHANGE_PARTS + 1).astype(self.y.dtype)
-            sizes = np.abs(self.rates_at(parts, self.before)).max(axis=0)
-            largest = int(sizes.argmax())  # which is the first nan, if there is one
-            at, width = parts[max(largest - 1, 0)], 2 * width / CHANGE_PARTS
-        return parts[largest]
+        """The part of the gap at which the rates are largest, or first no number."""
+
+        def largest(parts: np.ndarray) -> Any:
+            return np.abs(self.rates_at(parts, self.before)).max(axis=0).argmax()
+
+        places, at = narrowed(largest, self.y.dtype.type(0), 1.0, 2)
+        return places[at]
 
     def states_after(self, elapsed: np.ndarray) -> np.ndarray:
         """The states (n, m) some times (n,) of the engine after the start of the gap."""
@@ -126,7 +139,7 @@ class Gap:
         if largest <= MOST_GROWTH * before and np.isfinite(self.behind.astype(float)).all():
             return ""
         place = float(self.clock.exact(self.length * self.peak))
-        grain = float(self.length) / self.clock.factor / CHANGE_PARTS
+        grain = float(self.length) / self.clock.factor / PARTS
         return not_smooth(grain * round(place / grain), start)
 
     def held(self) -> str:
@@ -169,14 +182,6 @@ GRAINS = 16
 ULPS_OF_TIME = 2
 """The error of the time within a step, in roundings."""
 
-SIZE_AT_REST = 1e-150
-"""The least size of a state, to which DEFECT is relative: a body at rest has none. Its square is a
-double."""
-
-PARTS, ROUNDS = 128, 9
-"""The parts of an interval in which a step begins to miss its equations, and how often one of them
-is divided again: to the rounding of the time."""
-
 MOST_BREAKS, MOST_AT_ONE_PLACE, ONE_PLACE = 10_000, 64, 2.0**-16
 """How many breaks a motion may have, and how many of them within this part of its span."""
 
@@ -205,7 +210,8 @@ class StepCheck:
     start: float
     span: float
     tol: float
-    control: StepControl
+    least_size: float
+    """The least size of a state to which the error allowed is relative."""
     gaps: list[Break] = field(default_factory=list)
     short_steps: int = 0
     problem: str = ""
@@ -231,14 +237,6 @@ class StepCheck:
     def has_short_steps(self) -> bool:
         """Whether steps have become so short that the rates change at once nearby."""
         return self.short_steps >= SHORT_STEPS
-
-    @cached_property
-    def renews_units(self) -> bool:
-        """Whether the motion gets new units where it has become small. Otherwise its error is that
-        of a motion of size 1, however small it is, as beside a torque that spins the body up."""
-        system = self.system
-        begins_at_rest = not np.array(system.initial_state)[moving(system.equations)].any()
-        return bool(system.equations.degree) and (begins_at_rest or self.control.band is not None)
 
     @property
     def points(self) -> int:
@@ -271,17 +269,21 @@ class StepCheck:
         """The engine's time at which a step begins to miss its equations, between two parts of it.
         For a step by points, or one that misses them from its start, it is the time at which the
         rates bend most sharply: points on both sides of a change spoil the whole step."""
+
+        def first_missed(places: np.ndarray) -> Any:
+            return (~(self._excess(step, places)[0] <= 1)).argmax()
+
+        def sharpest_bend(places: np.ndarray) -> Any:
+            slopes = self._along(step, places)[2][:, 0]
+            return np.abs(np.diff(slopes, 2)).max(axis=0).argmax() + 1
+
         is_onset = step.basis == TAYLOR and low < high
-        low, high = (low, high) if is_onset else (0.0, 1.0)
-        for _ in range(ROUNDS):
-            places = np.linspace(low, high, PARTS + 1)
-            if is_onset:
-                first = (~(self._excess(step, places)[0] <= 1)).argmax()
-                low, high = places[max(first - 1, 0)], places[first]
-            else:
-                bend = np.abs(np.diff(self._along(step, places)[2][:, 0], 2)).max(axis=0)
-                low, high = places[bend.argmax()], places[bend.argmax() + 2]
-        return step.ends[0, 0] + (high if is_onset else (low + high) / 2) * step.lengths[0]
+        places, at = (
+            narrowed(first_missed, low, high - low, 1)
+            if is_onset
+            else narrowed(sharpest_bend, 0.0, 1.0, 2)
+        )
+        return step.ends[0, 0] + places[at] * step.lengths[0]
 
     def _meets_pole(self, steps: Steps, step: int) -> bool:
         """Whether the equations have a pole soon after a step begins. Near a pole the rates grow as
@@ -293,11 +295,8 @@ class StepCheck:
             return np.abs(rates(self.system, steps.units, clock, times, state)).max(axis=0)
 
         begin, width = steps.ends[step, 0], AHEAD * steps.lengths[step]
-        for _ in range(ROUNDS):
-            places = begin + width * np.linspace(0, 1, PARTS + 1)
-            largest = int(size(places).argmax())
-            begin, width = places[max(largest - 1, 0)], 2 * width / PARTS
-        ends = np.array([steps.ends[step, 0], places[largest]])
+        places, largest = narrowed(lambda s: size(s).argmax(), begin, width, 2)
+        ends = np.array([begin, places[largest]])
         first, pole = clock.exact_times(ends).astype(float)
         beside = 4 * np.spacing(abs(pole) + self.span) * clock.factor
         near, farther = size(places[largest] + beside * np.array([1, FARTHER]))
@@ -338,7 +337,7 @@ class StepCheck:
         longest = max(self.longest * steps.clock.factor, 1.0)
         parts = max(self.tol**0.5, GRAINS * grain / longest) * steps.lengths[:, None] / longest
         allowed = np.maximum(parts, max(DEFECT, 100 * self.tol))
-        least, kinds = SIZE_AT_REST if self.renews_units else 1.0, self.kinds
+        kinds, least = self.kinds, self.least_size
         sizes = [np.abs(b[:, kind]).max(axis=(1, 2)).clip(least)[:, None] for kind in kinds]
 
         def relative(missed: np.ndarray) -> np.ndarray:
