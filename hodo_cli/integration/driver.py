@@ -198,6 +198,8 @@ class StepBuffer:
             state = state_at(self.series[step], end - start, self.engine.basis, x)
         self.end = StretchEnd(start + x * (end - start), state, event)
         self.control.take_back(self.taken + step + bool(event))
+        if not event:
+            self.control.has_time()  # or steps might be cut for ever
 
     def finish(self) -> StretchEnd | None:
         """Examine the last steps of the stretch. Returns where it ends, if not where its engine
