@@ -248,13 +248,13 @@ class Propagation:
         is_turning = y0[self.moving].any()  # a body at rest needs no new units
         control.band = band if is_turning else None
         control.rows = None if isinstance(self.moving, slice) else self.moving
+        events, self.check = EventSearch(system.run_events), None
         # What begins and ends at one time has no steps.
-        is_checked = self.model.has_formulas and bool((times > start).any())
-        # Without new units the error of a motion is absolute, however small it becomes.
-        is_relative = bool(self.model.degree) and (band or not is_turning)
-        least = SIZE_AT_REST if is_relative else 1.0
-        check = StepCheck(system, start, self.span, engine.tol, least)
-        self.check, events = check if is_checked else None, EventSearch(system.run_events)
+        if self.model.has_formulas and (times > start).any():
+            # Without new units the error of a motion is absolute, however small it becomes.
+            is_relative = bool(self.model.degree) and (band or not is_turning)
+            least = SIZE_AT_REST if is_relative else 1.0
+            self.check = StepCheck(system, start, self.span, engine.tol, least)
         self.buffer = StepBuffer(engine, control, events, self.check, reader)
         if events.events or self.check or reader:
             control.observer = self.buffer
