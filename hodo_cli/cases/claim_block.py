@@ -352,7 +352,7 @@ def cross_check(claims: Any, errata: Any, case_of: CaseOf) -> Iterator[Mistake]:
 
 def _check_entry(section: str, entry: Mapping[str, Any], case_of: CaseOf) -> Iterator[Mistake]:
     """The mistakes of one claim or erratum, under each of its readings."""
-    # A key that is wrong by itself has been noted; its absence here proves nothing.
+    # A key whose value is wrong has been noted, and is missing here.
     if not {"readings", "cases", "check"} <= entry.keys():
         return
     declared = entry["readings"]
@@ -360,7 +360,7 @@ def _check_entry(section: str, entry: Mapping[str, Any], case_of: CaseOf) -> Ite
     if has_both_forms and declared.keys() != {READ_AS_PRINTED, READ_CORRECTED}:
         yield ("readings",), f"expected two readings, {READ_AS_PRINTED!r} and {READ_CORRECTED!r}"
     if section == "errata" and not (declared or entry["cases"] or entry["check"]):
-        return  # it is seen by reading
+        return  # a misprint without a check is shown by reading
     for name, reading in readings(entry).items():
         prefix: KeyPath = ("readings", name) if declared else ()
         yield from within(prefix, _check_reading(reading, case_of))
@@ -406,7 +406,8 @@ MOST_MEMBERS = 100_000
 
 
 def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
-    """The mistakes of a check of `count` cases: a key that it needs, or the number of cases."""
+    """The mistakes of a check of `count` cases: missing keys, unknown names, and a number of cases
+    that it does not take."""
     kind, values = check["kind"], check.get("values", {})
     yield from (
         ((), f"needs {' or '.join(keys)}: without, every motion meets it")
