@@ -3,10 +3,10 @@ and for the tables of the documentation.
 
 A rule is a dict. Besides the words of JSON Schema it may have `title` (the value in words), `unit`,
 `default` (a key with one may be left out), `definition` (its name in a schema that uses it several
-times), `repeat` (a single value means so many equal ones), `tag` and `tables` (one key names the
-set of the others), `answer` (what to write instead of a value of the wrong shape), `convert`
-(resolves a value of the right shape, or raises Wrong) and `whole` (checks and resolves a value of
-any shape).
+times), `repeat` (a single value stands for this number of equal ones), `tag` and `tables` (the
+value of the tag's key decides which other keys there are), `answer` (what to write instead of a
+value of the wrong shape), `convert` (resolves a value of the right shape, or raises Wrong) and
+`whole` (checks and resolves a value of any shape).
 """
 
 import math
@@ -181,14 +181,15 @@ def OneOf(keys: Mapping[str, Rule], **more: Any) -> Rule:
 
 
 def Variant(tag: str, tables: Mapping[str, Mapping[str, Rule]], doc: str) -> Rule:
-    """The rule of a mapping in which one key names the set of the others."""
+    """The rule of a mapping in which the value of one key, `tag`, decides which others it has."""
     head = Key(Choice(*tables), doc)
     title = f"a mapping with {tag}: {head['title']}"
     return {"type": "object", "tag": tag, "tables": tables, "head": head, "title": title}
 
 
 def Each(rule: Rule, title: str, least: int = 1, **more: Any) -> Rule:
-    """The rule of a mapping of names to values of one kind; `title` says what to what."""
+    """The rule of a mapping of names to values of one kind; `title` says what names and values
+    are."""
     each = {"type": "object", "additionalProperties": rule, "minProperties": least}
     return each | {"title": f"a mapping of {title}"} | more
 
@@ -261,12 +262,13 @@ def as_finite(value: Any) -> float | None:
 
 
 def within(prefix: KeyPath, mistakes: Iterable[Mistake]) -> Iterator[Mistake]:
-    """The mistakes of a value, with its own path put before theirs."""
+    """The mistakes within a value, with the value's path put before the path of each."""
     return (((*prefix, *path), sentence) for path, sentence in mistakes)
 
 
 def check_parts(parts: Iterable[tuple[Any, Rule, Any]]) -> tuple[dict[Any, Any], list[Mistake]]:
-    """The resolved values by key, without the wrong ones, and all mistakes."""
+    """The values of (key, rule, value) resolved by their rules, by key and without the wrong ones,
+    and all mistakes."""
     values: dict[Any, Any] = {}
     mistakes: list[Mistake] = []
     for key, rule, value in parts:
