@@ -97,17 +97,14 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
     more = f"more crossings than {most}" if most else "a crossing"
     astray = f"a crossing that is not {' '.join(map(' '.join, asked.items()))}"
     contrary = ((fewer, least), (more, most is not None), (astray, asked))
+    of_motions = (
+        [f"{m.case.time.text(c.time, 4)} ({' to '.join(ends_of(c).values())})" for c in m.crossings]
+        for m in motions
+    )
     return Finding(
         deviation_unless(not (fails or lacks_some)),
         number=float(max(counts)),
-        evidence="; ".join(
-            ", ".join(
-                f"{m.case.time.text(c.time, 4)} ({' to '.join(ends_of(c).values())})"
-                for c in m.crossings
-            )
-            or "no crossing"
-            for m in motions
-        ),
+        evidence="; ".join(", ".join(words) or "no crossing" for words in of_motions),
         contradicted_by=" or ".join(words for words, is_contrary in contrary if is_contrary),
     )
 
@@ -149,8 +146,8 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     of_motions = [
         extremes(m, name) if everywhere else (number(m, name, check["at"]),) * 2 for m in motions
     ]
-    bounds = [(sign, check[key]) for sign, key in ((1, "most"), (-1, "least"))]
-    bounds = [(sign, bound) for sign, bound in bounds if bound is not None]
+    signs = {"most": 1, "least": -1}
+    bounds = [(sign, check[key]) for key, sign in signs.items() if check[key] is not None]
     # The value that is nearest to a bound, or farthest beyond it, and how far that is.
     nearest = [
         (sign * (ends[sign > 0] - bound), ends[sign > 0], m)
@@ -162,14 +159,13 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     _, decisive, of_case = max(nearest, key=itemgetter(0))
     digits = max(digits_to_show(value, violation) for violation, value, _ in nearest)
     lows, highs = zip(*of_motions, strict=True)
-    words = f"{name} from {min(lows):.{digits}g} to {max(highs):.{digits}g}"
+    range_words = f"from {min(lows):.{digits}g} to {max(highs):.{digits}g}"
+    of_course = f"{name} {range_words}{among(motions, of_case)}"
     deviation_of = number_deviation if name in SINGLE_NUMBERS else course_deviation
     return Finding(
         max(deviation_of(m, name, violation) for violation, _, m in nearest),
         number=decisive,
-        evidence=words + among(motions, of_case)
-        if everywhere
-        else f"{name} = {listed(lows, digits)}",
+        evidence=of_course if everywhere else f"{name} = {listed(lows, digits)}",
         contradicted_by=" or ".join(
             f"a value {'above' if sign > 0 else 'below'} {bound:g}" for sign, bound in bounds
         ),
@@ -205,7 +201,8 @@ def course_deviation(
 
 
 def among(motions: Sequence[Motion], m: Motion) -> str:
-    """In words, the case that decides a check of several cases; empty for one case."""
+    """The name of the case that decides a check of several cases, as the end of a sentence; empty
+    for one case."""
     return f", {m.words}" if len(motions) > 1 else ""
 
 
@@ -263,7 +260,7 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
             contradicted_by="two values that differ",
         )
     sign, contrary = (-1, "rises") if check["sense"] == "falls" else (1, "falls")
-    # The smallest step is the first to decide otherwise.
+    # The smallest step is the nearest to the other verdict.
     return Finding(
         deviation_unless(bool((sign * steps > 0).all())),
         number=float(np.abs(steps).min()),
@@ -306,7 +303,8 @@ def relative_differences(
     differences: Sequence[tuple[Motion, str, float]], within: float, motions: Sequence[Motion]
 ) -> tuple[float, float, str]:
     """The largest difference relative to the largest |value| of its quantity, or the first that is
-    nan; its deviation; and in words the case that decides."""
+    nan; the largest deviation; and the words of `among` for its case. `differences` are rows of a
+    motion, the name of a quantity, and a difference of it."""
     sizes = [largest_magnitude(m, name) for m, name, _ in differences]
     ratios = [x / size for (*_, x), size in zip(differences, sizes, strict=True)]
     deviations = [
