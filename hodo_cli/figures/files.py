@@ -80,7 +80,7 @@ def page_of(sheet: Sheet, title: str, about: str = "", folder: str = "") -> str:
         "unit": "" if of == "1" else f" {of}",
         **sheet.scene,
     }
-    # A name may hold what ends a script.
+    # A name may hold </script>, which would end the script that holds the data.
     data = json.dumps(scene).replace("</", "<\\/")
     back = f'<a href="../index.html#{quote(folder)}/{quote(title)}">All figures</a>'
     shell = Template(Path(__file__).with_name("viewer.html").read_text(encoding="utf-8"))
