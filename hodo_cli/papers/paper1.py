@@ -77,6 +77,7 @@ def passage_of_q(m: Motion) -> tuple[float, np.ndarray]:
         p, q, r = free_motion(A, start, np.array([near - m.time[0]]))[0]
         # q' by Euler's equations for free motion.
         near -= q * A[1] / ((A[2] - A[0]) * p * r)
+    # The rounding of q is left out.
     return near, free_motion(A, start, np.array([near - m.time[0]]))[0] * (1, 0, 1)
 
 
@@ -225,8 +226,8 @@ def compared_by_difference(
     members: Sequence[Sequence[Motion]], name: str, without: float
 ) -> list[tuple[float, float]]:
     """The values of a quantity at the smaller and the larger lambda1 - lambda3, for the same
-    lambda1 and lambda2; without pairs in which both have the value of a motion `without` a
-    crossing."""
+    lambda1 and lambda2. A pair of two motions without a crossing is left out; `without` is the
+    value of such a motion."""
     motions = sorted((m for (m,) in members), key=lambda m: m.case.data["damping"])
     # lambda3 falls as the difference rises, so the second of two neighbours has the smaller one.
     values = [(number(b, name), number(a, name)) for a, b in in_groups(motions, 2)]
@@ -244,9 +245,9 @@ def all_in_order(in_order: Sequence[bool], contrary: str) -> Finding:
 
 
 def larger_difference_sooner_as_a_trend(members: Sequence[Sequence[Motion]]) -> Finding:
-    """The larger lambda1 - lambda3, the sooner the crossing, as a trend over all coefficients that
-    cross; decided by the share of pairs in the other order, which is a half where nothing depends
-    on it."""
+    """The larger lambda1 - lambda3, the sooner the crossing, as a trend over all members that
+    cross; decided by the share of pairs in the other order, which is a half if the time does not
+    depend on the difference."""
     passages = []
     for m in (m for (m,) in members if m.crossings):
         lambda1, _, lambda3 = m.case.data["damping"]
