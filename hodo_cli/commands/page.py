@@ -37,7 +37,7 @@ Entry = dict[str, Any]
 """The values of a result, a figure or a statement for the template, by name."""
 
 PICTURES = {".png": "png", ".svg": "svg+xml"}
-"""The suffixes of files that a browser shows, and their media types."""
+"""The suffixes of picture files that a browser shows, and their media types."""
 
 
 def write_page(path: Path, sections: Sequence[Entry], alone: bool) -> None:
@@ -122,7 +122,8 @@ def image_of(file: Path, folder: Path, alone: bool) -> str:
 
 
 def verdicts(run: ResultFile, group: str, entries: Sequence[Entry]) -> Iterator[Entry]:
-    """The statements or misprints that `hodo claims` has judged."""
+    """The statements (`_claims`) or misprints (`_errata`) of a result that `hodo claims` has
+    judged; `entries` are their entries in the case file."""
     if group not in run:
         return
     stored, about = run.read(group).variables, {entry["id"]: cases_of(entry) for entry in entries}
@@ -133,7 +134,7 @@ def verdicts(run: ResultFile, group: str, entries: Sequence[Entry]) -> Iterator[
 
 
 def crossing_rows(run: ResultFile, name: str) -> Iterator[Sequence[str]]:
-    """The crossings of a case: time, error, from, to, |G|."""
+    """A row for each crossing of a case: time, error, axis before, axis after, |G|."""
     stored = run.read(name).variables
     # The members of a sweep have no such dimension.
     if "crossing_time" in stored and "crossing" in stored["crossing_time"].dims:
