@@ -35,7 +35,7 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
         entries: dict[tuple[str, str], Any] = {("title", config.title): config.title}
         entries |= {("references", config.references): config.references}
         entries |= {("case", name): row["hash"] for name, row in stored.items()}
-        # The style of a file belongs to its own figures alone.
+        # The style of a file applies to its own figures alone, and is written into each.
         style = document.get("style") or {}
         entries |= {
             ("figures", name): figure | {"style": style | (figure.get("style") or {})}
