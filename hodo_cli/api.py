@@ -123,7 +123,7 @@ def _stored(
         with TemporaryDirectory(prefix="hodo-") as folder:
             datasets = _stored(cases, Path(folder) / "cases.h5", jobs, classify)
         for data in datasets:
-            del data.encoding["source"]
+            del data.encoding["source"]  # the file is gone
         return datasets
     if path.suffix != ".h5":
         raise _wrong("to: expected a name that ends with .h5", str(path))

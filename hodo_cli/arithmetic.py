@@ -35,8 +35,9 @@ def _common_answer(answers: np.ndarray) -> bool:
 
 
 def _finite_column(values: np.ndarray) -> "Column":
-    """A column of results. Raises BranchDivergence if only some of them are finite, because the
-    same arithmetic of plain numbers may raise an exception, and TypeError if none is."""
+    """A column of results, all of which must be finite, because plain numbers may raise an
+    exception where they are not. Raises BranchDivergence if only some are finite, and TypeError if
+    none is."""
     if not _common_answer(np.isfinite(values)):
         raise TypeError("a column holds finite numbers only")
     return Column(values)

@@ -36,7 +36,7 @@ def _end(number: int, frame: object) -> NoReturn:
 
 
 def _end_at_once(lost: Any) -> None:
-    """End the process where the exception would be lost, in a destructor."""
+    """End the process at a signal whose exception Python has `lost`, as in a destructor."""
     if isinstance(lost.exc_value, KeyboardInterrupt):
         os.write(2, b"interrupted\n")
         os._exit(128 + next(iter(lost.exc_value.args), signal.SIGINT))

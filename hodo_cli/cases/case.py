@@ -215,7 +215,7 @@ class Case:
     def entries(self) -> dict[str, Any]:
         """The keys of a case file that describe the case, without its name."""
         common = {name: getattr(self, name) for name in COMMON} | {"time": self.time.entries}
-        present = {k: value for k, value in common.items() if value != {}}  # {} of `assumes`
+        present = {k: value for k, value in common.items() if value != {}}  # an empty `assumes`
         return dict(given({"model": self.model, "form": self.form, **self.data, **present}))
 
     @cached_property
@@ -355,7 +355,7 @@ def _entries_of(
         if is_strange and key in FORMER_KEYS:
             foreign.append(((WrongKey(key),), FORMER_KEYS[key]))
         elif is_strange and model and (takers := _takers(model, key)):
-            # By likeness alone one model's key would be taken for another's: torque for store.
+            # The nearest key would be misleading: store for torque.
             word = other_word(key, keys)
             hint = f"; did you mean {word!r}?" if word else ""
             foreign.append(((WrongKey(key),), f"is a key of {takers}{hint}"))

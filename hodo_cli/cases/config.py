@@ -317,6 +317,7 @@ def _with_override(block: Mapping[str, Any], path: Sequence[str], new: Any) -> d
         before = check(rule, before) if rule and len(path) > 1 else before
     changed = {**block, head: with_value(before, path[1:], new)}
     if head == "time" and isinstance(changed["time"], dict):
+        # `path[1:2]` holds the key within `time:`, if the override names one.
         drop_replaced_times(changed["time"], dict.fromkeys(path[1:2], new))
     return changed
 

@@ -258,7 +258,8 @@ def peak(time: np.ndarray, values: np.ndarray) -> float:
     through the samples about the highest one, if they lie on a smooth curve."""
     i = int(values.argmax())
     bends = np.diff(values[max(0, i - 2) : i + 3], 2)
-    # At a kink or an end of the curve the largest value is a sample.
+    # On a smooth peak all bends are negative, and within a factor of 2. At a kink or an end of the
+    # curve the largest value is a sample.
     if len(bends) < 3 or not 2 * bends.max() < bends.min() < 0:
         return float(values[i])
     curve = smooth_curve(time, values, i, float(time[i]))

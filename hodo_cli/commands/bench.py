@@ -158,7 +158,7 @@ def trial(
         return Trial(method, NOT_TRIED, floor=floor)
     case = replace(case, method=method, tol=tol, max_seconds=max_seconds)
     try:
-        choose(case)  # the time does not include the trial for stiffness
+        choose(case)  # kept for the next call: the time includes no trial for stiffness
         motion = solved(case, *choose(case))
     except HodoError as mistake:
         return Trial(method, "failed with a message", message=str(mistake), floor=floor)

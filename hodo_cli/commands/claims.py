@@ -49,7 +49,7 @@ id."""
 
 def judge_results(paths: Iterable[Path]) -> dict[str, Rows]:
     """Judge the claims and the errata of result files, or of the results of configs, and store the
-    verdicts; the rows of both TABLES.
+    verdicts. Returns the rows of both TABLES.
 
     A file without claims is warned of, because an empty table would look like a passed check.
     Raises HodoError as `Judge.claim` does, or if a file cannot be read or replaced.

@@ -109,8 +109,8 @@ def classification_of(motion: Motion, recorded: Mapping[str, Any]) -> Classifica
 
 
 def events_of(motion: Motion, labelled: Classification) -> list[dict[str, Any]]:
-    """The events of a stored motion for the table, with their errors: the stored events or, if
-    there are none, those that its classification has measured."""
+    """The events of a stored motion for the table. Each has its stored error or, if no error is
+    stored, the one that the classification has measured."""
     errors = np.full(len(motion.events), math.nan)
     if "event_error" in motion.data:
         errors = np.atleast_1d(motion.stored("event_error"))

@@ -181,7 +181,7 @@ class Plan:
         for case in (case for case in cases if case.sweep):
             from ..sweeps.sweep import run_sweep
 
-            reached.store()  # sweeps take long, and short cases wait for others
+            reached.store()  # finished cases may wait for others, and a sweep takes long
             resume = self.reasons[case.name] != FORCED
             try:
                 earlier, hash = self.earlier(case), case_digest(case)
@@ -192,7 +192,8 @@ class Plan:
                 yield case, error
 
     def earlier(self, case: Case) -> "Earlier | None":
-        """The stored result of a sweep that has only gained members since."""
+        """The stored result of a sweep that has only gained members since; None for other
+        sweeps."""
         from ..sweeps.columns import earlier_result  # only sweeps need it
 
         stored = self.stored.get(case.name) if self.reasons[case.name] != FORCED else None

@@ -268,7 +268,7 @@ def quadrant_sketch(sheet: Sheet, motions: Sequence[Course]) -> None:
 
 
 def invariants(sheet: Sheet, motions: Sequence[Course]) -> None:
-    """T, G^2 and D/2T against time, with the bounds that the body and its damping set."""
+    """Draw T, G^2 and D/2T against time, with the bounds that the body and its damping set."""
     names, m = ("T", "G2", "D/2T"), motions[0]
     panels = sheet.panels(1.75 / 3 * COLUMN, 3, sharex=True)
     for motion, look in zip(motions, looks(len(motions), sheet.spec["styles"]), strict=True):
@@ -279,6 +279,7 @@ def invariants(sheet: Sheet, motions: Sequence[Course]) -> None:
         bounds(panels, motion)
         crossed = motion.crossing_time
         panels[2].plot(crossed, 0 * crossed, **CROSSING, zorder=4)
+    # D/2T of a rotation about each axis: those of the outer axes are the bounds of D/2T.
     ends = m.inertia - sorted(m.inertia)[1]
     for i in (i for i in (m.order[0], m.order[2]) if ends[i]):
         panels[2].axhspan(*sorted((0, ends[i])), fc=AXIS_LOOKS[i + 1][0], alpha=0.1, lw=0)

@@ -270,7 +270,7 @@ def solved_by_6(motions: Sequence[Motion], sign: int) -> Finding:
     the same start; the better of two choices of both signs counts."""
     (m,) = motions
     shapes = (as_in_equation_6(m, both, sign * both) for both in (1, -1))
-    # The argument is some hundred turns at the start, which the functions reduce.
+    # To 1e-9, because the functions reduce an argument of some hundred turns at the start.
     findings = (agreement([(damped_from(m, shape[0]), shape)], 1e-9) for shape in shapes)
     return min(findings, key=lambda finding: finding.number)
 

@@ -358,8 +358,8 @@ def label_variables(labels: np.ndarray, crossings: Sequence[Crossing]) -> dict[s
 
 
 def with_units(variables: Mapping[str, Variable], case: Case) -> dict[str, Variable]:
-    """Variables in the units of a case. Of an averaged form, the meanings of its own variables, of
-    crossings and of a sweep's columns say so."""
+    """Variables in the units of a case. For an averaged form, the long names of its own variables,
+    of crossings and of a sweep's columns say that they are averaged."""
     own = {*case.system.equations.variables, *CROSSING_COLUMNS, *MEMBER_CLASSIFIED}
 
     def of_case(name: str, attrs: dict[str, Attribute]) -> dict[str, Attribute]:

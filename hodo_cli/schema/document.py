@@ -228,7 +228,7 @@ def _syntax_mistake(error: Any, is_value: bool) -> tuple[Place, str]:
     plainer = (says for problem, says in PLAINER.items() if problem in reason)
     of_line = f" of line {opening.line + 1}" if opening and not is_value else ""
     words = next(plainer, reason).format(of_line)
-    # The opening of a search for a colon is the key that lacks it.
+    # Where PyYAML has looked for a colon in vain, `opening` is the key that lacks it.
     mark = opening if "simple key" in reason else mark
     return Place(mark.line + 1, mark.column + 1), f"not YAML: {words}"
 

@@ -268,6 +268,7 @@ def sources_of(path: Path, parts: Sequence[Path], chosen: Mapping[str, Path]) ->
     sources: dict[str, Path] = {}
     for file in [*([path] if os.path.lexists(path) else []), *parts]:
         with open_run(file) as run:
+            # A later file replaces an earlier one, unless another file is chosen.
             is_chosen = (x for x in run.groups if x not in sources or chosen.get(x, file) == file)
             sources |= dict.fromkeys(is_chosen, file)
     return sources
