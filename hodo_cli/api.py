@@ -189,7 +189,8 @@ def open(path: str | Path) -> StoredCases:
 @as_usual
 def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **keys: Any) -> Figure:
     """A figure of one dataset or several, by the `kind` and `keys` of a `figures:` block.
-    Parameters of matplotlib that rc_context or a style have set apply where its `style` has none.
+    Parameters of matplotlib that rc_context or a style sheet have set apply where its `style` sets
+    none.
 
     Raises HodoError if the kind or a key does not exist, or the kind has no meaning for the data.
     """

@@ -158,8 +158,8 @@ class Processes(futures.ProcessPoolExecutor):
 
 
 def begin() -> None:
-    """Prepare a worker: it ends when its parent is gone, in any way. It leaves signals, which a
-    terminal sends to all processes, and the output to its parent."""
+    """Prepare a worker: it ends when its parent has ended, however that ended. It leaves signals,
+    which a terminal sends to all processes, and the standard output to its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     os.dup2(2, 1)

@@ -74,7 +74,8 @@ spaced."""
 def drop_replaced_times(time: dict[str, Any], given: Mapping[str, Any]) -> None:
     """Remove the keys of `time:` that the keys given now replace."""
     changed = [name for name, value in given.items() if value is not None]
-    for key in set().union(*(REPLACED_TIMES.get(name, ()) for name in changed)) - given.keys():
+    replaced = {key for name in changed for key in REPLACED_TIMES.get(name, ())}
+    for key in replaced - given.keys():
         time.pop(key, None)
 
 

@@ -108,7 +108,7 @@ def cubics_of(m: Motion) -> Cubics | None:
 @np.errstate(all="ignore")
 def slopes_at(m: Motion, time: np.ndarray, y: np.ndarray) -> np.ndarray:
     """The rates of states y (k, ...) at times (...) by the equations of a motion; 0 where they are
-    nan."""
+    not finite."""
     system = m.case.system
     times = np.broadcast_to(time, y.shape[1:])
     found = stacked(system.equations.rhs(times, [*y], attributes(system.constants)), y)

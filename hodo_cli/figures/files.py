@@ -65,8 +65,8 @@ def legend_of(sheet: Sheet) -> Iterator[str]:
 
 
 def page_of(sheet: Sheet, title: str, about: str = "", folder: str = "") -> str:
-    """The page with the strokes of a sheet's scene, or with its picture if it has none, and with a
-    link to the page of all figures if that is in the same folder."""
+    """The page of one figure: the strokes of a sheet's scene, or its picture if it has no scene.
+    With the name of the figure's `folder`, it links to the page of all figures."""
     image = ""
     if not sheet.scene:
         picture = io.BytesIO()

@@ -227,6 +227,7 @@ def sweep_map(sheet: Sheet, cases: Cases) -> None:
         sheet.handles.append(Patch(fc=NO_VALUE, ec=GREY, lw=0.4, label=absent))
     said = meaning(drawn, spec, keep)
     of, named = f"{said}: ", words
+    # Shares that are all 0 or 1 need no scale: two entries of the legend name them.
     if said.startswith("share of") and np.isin(known, (0, 1)).all():
         of, named = "", {1: said.partition(": ")[2], 0: "otherwise"}
     for value in (value for value in named if value in known):

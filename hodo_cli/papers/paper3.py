@@ -305,6 +305,7 @@ def sooner(motions: Sequence[Motion], name: str, limit: float, for_good: bool = 
     times, good = [], " for good" if for_good else ""
     for m in motions:
         near = np.abs(quantity(m, name) - limit) <= NEAR_LIMIT * abs(limit)
+        # For good: True at samples from which on all are near.
         stays = np.logical_and.accumulate(near[::-1])[::-1] if for_good else near
         times.append(float(m.time[np.argmax(stays)]) if stays.any() else math.inf)
     return Finding(

@@ -370,8 +370,10 @@ def turned_azimuth(
     x, length = np.linspace(0, 1, PLACES_OF_PATH)[:, None, None], np.diff(time)[after, None]
     a, b = path[after, :2], path[after + 1, :2]
     u, v = slope[after, :2] * length, slope[after + 1, :2] * length
+    # The Hermite cubic between two samples, at PLACES_OF_PATH places.
     places = a + x * (u + x * (3 * (b - a) - 2 * u - v + x * (2 * (a - b) + u + v)))
     azimuth = np.unwrap(np.arctan2(places[..., 1], places[..., 0]), axis=0)
+    # The point of each side of this polygon that is nearest to the pole.
     sides = np.diff(places, axis=0)
     square = np.maximum((sides * sides).sum(-1), math.ulp(0))
     foot = np.clip(-(places[:-1] * sides).sum(-1) / square, 0, 1)[..., None]

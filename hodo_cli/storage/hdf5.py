@@ -515,8 +515,8 @@ def short_attributes(item: h5py.Group, name: str = ".") -> dict[str, Any]:
 def attributes_of(
     item: h5py.HLObject, only: Collection[str] = (), known: Mapping[str, Any] = {}
 ) -> dict[str, Any]:
-    """All attributes as plain values, in their order, or those in `only`, in its order; `known`
-    ones are not read."""
+    """The attributes as plain values: all in their order, or those named in `only` in its order.
+    Values in `known` are not read again."""
     # To ask for a few attributes takes less time than to list all.
     asked = [name for name in only if h5a.exists(item.id, name.encode())]
     names = asked if only else [name for name in item.attrs if name not in HIDDEN]

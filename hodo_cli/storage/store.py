@@ -299,7 +299,7 @@ def tidy(path: Path, is_needless: Callable[[str], bool] = lambda sweep: False) -
 
 
 def settle(path: Path) -> None:
-    """Put the cases into a result that killed or running runs of it have finished. Raises as
+    """Put into a result the cases that killed or running runs of it have finished. Raises as
     `publish` does."""
     if parts_of(path):
         publish(path)
