@@ -144,6 +144,7 @@ def _wrong(what_is_right: str, value: object) -> HodoError:
 
 
 def _checked_jobs(jobs: object) -> int:
+    """The number of processes. Raises HodoError if it is no positive whole number."""
     if isinstance(jobs, bool) or not isinstance(jobs, Integral) or jobs < 1:
         raise _wrong("jobs: expected a whole number >= 1", jobs)
     return int(jobs)  # products of jobs and bytes of memory may overflow numpy's integers

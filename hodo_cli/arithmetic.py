@@ -79,7 +79,7 @@ class Column(np.lib.mixins.NDArrayOperatorsMixin):
 
 
 def member_values(x: Any) -> Any:
-    """The numbers (n,) of a column; a plain number is returned as it is."""
+    """The numbers (n,) of a column; a plain number as a float."""
     return x.values if isinstance(x, Column) else float(x)
 
 

@@ -73,6 +73,8 @@ class Hodo(click.Group):
             ctx.exit(128 + next(iter(_received), signal.SIGINT))
 
     def _invoke(self, ctx: click.Context) -> None:
+        """Invoke the command with handlers of signals, and show its warnings and errors in a line
+        each."""
         with ExitStack() as afterwards:
             for number in (signal.SIGINT, signal.SIGTERM):
                 afterwards.callback(signal.signal, number, signal.signal(number, _end))

@@ -114,6 +114,7 @@ class Progress:
                     self._draw()
 
     def _draw(self) -> None:
+        """Draw the line with the present numbers."""
         line = self._line = self._line or line_of_terminal(self._total)
         running = dict(self._running)
         named = [*running.items()][:MOST_NAMED]

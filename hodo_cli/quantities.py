@@ -117,6 +117,7 @@ def _momentum(m: Samples) -> np.ndarray:
 
 
 def _energy(m: Samples) -> np.ndarray:
+    """The kinetic energy T, stored by an averaged form or from omega."""
     if "kinetic_energy" in m.data:
         return m.stored("kinetic_energy")
     return np.asarray((m.inertia * m.principal_omega * m.principal_omega).sum(axis=-1) / 2)

@@ -77,7 +77,7 @@ def magnitude(value: float) -> str:
 
 def time_digits(time: float, start: float, digits: int = 6) -> int:
     """How many digits show a time to `digits` digits of the time since the start of a motion. The
-    first digits of seconds since an epoch are those of the start, and say nothing."""
+    first digits of seconds since an epoch are the digits of the start, and say nothing."""
     passed = max(abs(time - start), math.ulp(time))
     in_common = math.ceil(math.log10(max(1.0, abs(time) / passed)))
     return min(digits + in_common, 15)

@@ -85,6 +85,7 @@ def Ranged(above: float | None = None) -> Rule:
     """A value of a swept key: a number or, for an angle or a rate, text in degrees."""
 
     def value_of(value: Any) -> float:
+        """The number, which remembers text in degrees. Raises Wrong."""
         if not isinstance(value, str):
             return float(check(Number(above), value))
         number = InDegrees(check(Rate(), value))

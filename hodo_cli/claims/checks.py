@@ -359,7 +359,8 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
     """Averages over the members of a sweep (all, or at positions), or their range along axes,
     compared with bounds or in order; decided by the last average."""
     name = check["variable"]
-    at: Sequence[Mapping[str, int]] = check["at"] or ([] if check["along"] else [{}])
+    everywhere: Sequence[Mapping[str, int]] = [] if check["along"] else [{}]
+    at = check["at"] or everywhere
     means = [float(swept.values(name, (), position)) for position in at]
     for along in check["along"]:
         values = swept.values(name, (along,), {})

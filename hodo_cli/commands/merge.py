@@ -11,6 +11,7 @@ from ..cases.config import composed_text, parse
 from ..results.resume import attributes_by, check_cases, result_named, stored_config
 from ..schema.document import Source, read_mapping
 from ..storage import open_batch, publish
+from ..text import grouped
 
 
 def merge_results(paths: Iterable[Path], out: Path) -> None:
@@ -48,9 +49,8 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
             if first != entry:
                 where = f"{section} {name} is in {other} and {path}"
                 raise HodoError(f"{where} with different content: rename it in one config")
-    of: dict[str, dict[str, Any]] = {}
-    for (section, name), (_, entry) in known.items():
-        of.setdefault(section, {})[name] = entry
+    named = grouped((section, (name, entry)) for (section, name), (_, entry) in known.items())
+    of = {section: dict(entries_of) for section, entries_of in named.items()}
     heads = {section: "; ".join(filter(None, of[section])) for section in ("title", "references")}
     lists = {section: [*of.get(section, {}).values()] for section in ("claims", "errata")}
     text = composed_text(cases, **heads, figures=of.get("figures", {}), **lists)

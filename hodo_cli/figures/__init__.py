@@ -159,4 +159,5 @@ def check_variables(motions: Sequence[Motion], kind: str, needs: Sequence[str]) 
 def symbol_of_time(spec: Mapping[str, Any], motions: Sequence[Motion]) -> str:
     """The symbol of time: the figure's own, or tau for a slow time without a unit, else t."""
     is_tau = not motions or motions[0].units("time") == "1" or motions[0].case.system.slow_time
-    return str(spec.get("time") or (r"\tau" if is_tau else "t"))
+    usual = r"\tau" if is_tau else "t"
+    return str(spec.get("time") or usual)

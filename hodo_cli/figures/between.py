@@ -183,7 +183,8 @@ def remark(m: Course, names: Sequence[str], drawn: slice) -> str:
     in_space = any("_space" in name or name.partition(".")[0] in TURNING for name in names)
     rows = [x for x, name in enumerate(state) if name in names] or [*range(len(state))[:3]]
     rows += [*range(len(state))[-4:]] if in_space and "attitude" in m.data else []
-    # The largest distance of the cubic from the curve in each interval. JUMPS of them may jump.
+    # The largest distance of the cubic from the curve in each interval; JUMPS intervals may have a
+    # larger one.
     away = np.abs(path[rows]).max(axis=(0, 1))
     if np.sort(away)[-min(JUMPS + 1, n)] <= LARGEST_ERROR:
         return ""

@@ -73,8 +73,8 @@ def key_symbol(key: str) -> str:
         whole, _, before = key_symbol(head).partition("_")
         indices = before.strip("{}") + index
         return f"{whole}_{indices}" if len(indices) == 1 else f"{whole}_{{{indices}}}"
-    words = rf"\mathrm{{{last}}}".replace("_", r"\_")
-    return KEY_SYMBOLS.get(last) or (last if len(last) < 3 else words)
+    words = last if len(last) < 3 else rf"\mathrm{{{last}}}".replace("_", r"\_")
+    return KEY_SYMBOLS.get(last, words)
 
 
 def axis_name(swept: SweepView, axis: str) -> str:

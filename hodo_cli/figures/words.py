@@ -50,8 +50,8 @@ def in_html(text: str) -> str:
 
 
 def wrapped(text: str, width: int) -> str:
-    """A text in lines of at most `width` letters; a formula is not broken, and counts as its
-    letters without TeX."""
+    """A text in lines of `width` letters; a formula is not broken, and counts as its letters
+    without TeX."""
     formulas_in = re.findall(r"\$[^$]*\$", text)
     for i, formula in enumerate(formulas_in):
         text = text.replace(formula, chr(0xE000 + i) * max(1, len(without_tex(formula))), 1)

@@ -236,6 +236,7 @@ class StoredCases(Mapping[str, xr.Dataset]):
         return read[name]
 
     def _read(self, name: str) -> xr.Dataset:
+        """A case as it is in the file. Raises HodoError if it is damaged."""
         with self._reader() as run:
             group = run.read(name)
         try:

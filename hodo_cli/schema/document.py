@@ -136,6 +136,7 @@ class Source:
         return value, place
 
     def _alias(self, event: Any, path: KeyPath, place: Place) -> Any:
+        """The value of the anchor that an alias names."""
         if (anchored := self.anchors.get(event.anchor)) is None:
             reason = (
                 "stands inside itself"
@@ -151,6 +152,7 @@ class Source:
         return value
 
     def _list(self, path: KeyPath, place: Place) -> list[Any]:
+        """The list that has begun, up to its end."""
         items: list[Any] = []
         while not isinstance(event := next(self.events), yaml.SequenceEndEvent):
             value, of_value = self._value(event, (*path, len(items)), place)
@@ -159,6 +161,7 @@ class Source:
         return items
 
     def _mapping(self, path: KeyPath, place: Place) -> dict[str, Any]:
+        """The mapping that has begun, up to its end; of two equal keys the first counts."""
         entries: dict[str, Any] = {}
         while not isinstance(event := next(self.events), yaml.MappingEndEvent):
             of_key = _place(event)

@@ -145,6 +145,7 @@ def _check_words(text: str, names: tuple[str, ...] | None) -> None:
 
 
 def _unknown_name(name: str, names: tuple[str, ...] | None, is_call: bool) -> str:
+    """The message about a name that stands for nothing in an expression."""
     if name in FUNCTIONS:
         return f"{name} is a function of one argument: {name}(x)"
     answer = f"; write {OTHER_FUNCTIONS[name]}" if name in OTHER_FUNCTIONS else ""
@@ -191,6 +192,7 @@ def _tree(node: ast.expr, indent: int, level: int) -> Tree:
 
 
 def _exponent(at: int, tree: Tree) -> int:
+    """The exponent in a tree, as a whole number. Raises Wrong, with the column `at`."""
     if not isinstance(tree, float) or tree % 1 or abs(tree) > LARGEST_EXPONENT:
         most = LARGEST_EXPONENT
         hint = "; a root is sqrt(x)" if tree == 0.5 else ""

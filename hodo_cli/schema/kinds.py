@@ -322,6 +322,7 @@ def check(rule: Rule, value: Any) -> Any:
 
 
 def _any_of(rule: Rule, value: Any) -> Any:
+    """The value resolved by the first of several rules that accepts it. Raises Wrong."""
     problems = []
     for option in (option for option in rule["anyOf"] if takes(option, value)):
         try:
@@ -335,18 +336,21 @@ def _any_of(rule: Rule, value: Any) -> Any:
 
 
 def _word(rule: Rule, value: Any) -> Any:
+    """The value, if it is one of the rule's words. Raises Wrong."""
     if value in rule["enum"]:
         return value
     raise expected(rule, value, nearest(value, [x for x in rule["enum"] if isinstance(x, str)]))
 
 
 def _text(rule: Rule, value: Any) -> str:
+    """The value, if it is a text that is long enough. Raises Wrong."""
     if isinstance(value, str) and len(value) >= rule.get("minLength", 0):
         return value
     raise expected(rule, value, "; put it in quotes" if isinstance(value, int | float) else "")
 
 
 def _items(rule: Rule, value: Any) -> tuple[Any, ...]:
+    """The resolved items of a list. Raises Wrong with the mistakes of all items."""
     most, each = rule.get("maxItems", math.inf), rule["items"]
     if not rule["minItems"] <= len(value) <= most:
         # YAML takes [0,005, 0,004, 0,003] for six numbers.
@@ -358,6 +362,7 @@ def _items(rule: Rule, value: Any) -> tuple[Any, ...]:
 
 
 def _entries(rule: Rule, value: Mapping[str, Any]) -> Any:
+    """The resolved entries of a mapping. Raises Wrong with the mistakes of all entries."""
     if not rule.get("minProperties", 0) <= len(value) <= rule.get("maxProperties", math.inf):
         listed = shown(", ".join(map(str, value)))
         raise expected(rule, value, f", of {len(value)} keys: {listed}" if value else "")
@@ -371,6 +376,7 @@ def _entries(rule: Rule, value: Mapping[str, Any]) -> Any:
 
 
 def _number(rule: Rule, value: Any) -> float:
+    """The value as a number within the rule's bounds. Raises Wrong."""
     number, is_whole = as_finite(value), rule["type"] == "integer"
     if number is None:
         raise expected(rule, value, number_advice(value))

@@ -64,7 +64,8 @@ def near(name: str, valid: Collection[str]) -> str | None:
     # A short word such as `pi` resembles each of its letters, and means none of them.
     folded = {x.casefold(): x for x in valid if len(x) > 1 or {*name.casefold()} == {x.casefold()}}
     close = get_close_matches(name[:100].casefold(), folded, n=1, cutoff=0.65)
-    return other_word(name, valid) or (folded[close[0]] if close else None)
+    similar = folded[close[0]] if close else None
+    return other_word(name, valid) or similar
 
 
 def unknown(what: str, name: str, valid: Iterable[str], answer: str = "") -> str:

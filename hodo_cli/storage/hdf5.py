@@ -567,7 +567,7 @@ def dimensions(items: Mapping[str, h5d.DatasetID]) -> dict[str, tuple[str, ...]]
     dimensions."""
     # Datasets are compared by their places in the file: HDF5 takes milliseconds to find a name.
     names = {place_in_file(item): name for name, item in items.items()}
-    # Without a list of dimensions a dataset is the coordinate of its own dimension.
+    # Without a list of dimensions a dataset is a number, or the coordinate of its own dimension.
     return {
         name: tuple(names[h5ds.iterate(item, i, place_in_file)] for i in range(item.rank))
         if h5a.exists(item, b"DIMENSION_LIST")

@@ -298,19 +298,14 @@ def tidy(path: Path, is_needless: Callable[[str], bool] = lambda sweep: False) -
             (folder / HEAD).unlink(missing_ok=True)
 
 
-def settle(path: Path) -> None:
-    """Put into a result the cases that killed or running runs of it have finished. Raises as
-    `publish` does."""
+@contextmanager
+def open_batch(path: Path | str) -> Iterator[ResultFile]:
+    """A result, open for reading, with the cases that killed or running runs of it have finished.
+    Raises as `open_run` and `publish` do."""
+    path = Path(path)
     if parts_of(path):
         publish(path)
         tidy(path)
-
-
-@contextmanager
-def open_batch(path: Path | str) -> Iterator[ResultFile]:
-    """A result, open for reading, after its finished parts were put into it. Raises as `open_run`
-    and `publish` do."""
-    settle(Path(path))
     with open_run(path) as run:
         yield run
 
