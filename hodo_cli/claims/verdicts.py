@@ -133,6 +133,7 @@ class Motions:
         Undecidable if a motion stops before its end."""
         if along:
             members = [[*map(followed, cases)] for cases in members]
+        # Members are integrated in blocks that fit into memory.
         size = max(1, MOST_VARIED_SAMPLES // sum(case.time.samples for case in members[0]))
         for i in range(0, len(members), size):
             if sum(len(m.time) for m in self._known.values()) > MOST_VARIED_SAMPLES:

@@ -83,6 +83,7 @@ def case_group(trajectory: Trajectory, digest: str) -> Group:
     variables = case_variables(labels, trajectory.time, kept, events, trajectory.errors)
     if case.system.is_quadrature:  # the quadrature itself gives labels and crossings
         variables |= label_variables(values["enclosed_axis"], own_crossings(trajectory))
+    # `store:` may name quantities too, which follow from the whole state.
     if derived := [name for name in store if name not in labels]:
         motion = Motion(case, case_variables(labels, trajectory.time, values, (), {}))
         variables |= {stored_name(name): motion.derived_variable(name) for name in derived}

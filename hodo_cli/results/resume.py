@@ -50,7 +50,7 @@ def _bare_digest(case: Case) -> str:
 
 
 def rerun_reason(case: Case, done: FinishedCase | None, force: bool) -> str:
-    """Why a case is to be run although it is stored; an empty string if it need not be."""
+    """Why a case is to be run; an empty string if its stored result is still right."""
     if done is None:
         return "it has no result yet"
     status = str(done.attributes.get("status"))

@@ -287,7 +287,8 @@ def all_right(values: dict[Any, Any], mistakes: Collection[Mistake]) -> dict[Any
 
 
 def check_tagged(rule: Rule, value: Mapping[str, Any]) -> tuple[dict[str, Any], list[Mistake]]:
-    """`check_keys` for the keys that the tag names. Without a valid tag no other key is judged."""
+    """`check_keys` for the tag and the keys of the table that it names. Without a valid tag no
+    other key is judged."""
     name = value.get(rule["tag"])
     others = rule["tables"].get(name, {}) if isinstance(name, str) else {}
     keys = {rule["tag"]: rule["head"]} | others
