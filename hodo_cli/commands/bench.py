@@ -344,7 +344,8 @@ def auto_failed(bench: Group) -> bool:
 
 
 def speed_table(bench: Mapping[str, np.ndarray]) -> list[list[str]]:
-    """A row per case: the fastest method, with its run time, for each number of digits."""
+    """The header, and a row for each case: the fastest method for each number of right digits, with
+    its run time."""
     rows = [["case", *(f"{digits} digits" for digits in DIGITS)]]
     for case, error, run_time in zip(bench["case"], bench["error"], bench["run_time"], strict=True):
         # A comparison with nan is false, so that a trial without an error is never the fastest.
@@ -365,8 +366,8 @@ VERDICT_HEADER = [
 
 
 def verdict_table(bench: Mapping[str, np.ndarray]) -> list[list[str]]:
-    """A row per case: the method that auto took, its error, floor, run time and verdict, and the
-    methods by verdict."""
+    """The header, and a row for each case: the method that auto took, its error, the error that one
+    ulp in the data makes, run time and verdict, and the fastest other method that is right."""
     rows = [VERDICT_HEADER]
     is_auto = bench["method"] == "auto"
     for i, case in enumerate(bench["case"]):

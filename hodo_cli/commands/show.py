@@ -23,8 +23,6 @@ from ..results.resume import result_named, results_named, warn_of_changes
 from ..storage import Group, ResultFile, folder_of, open_batch
 from ..text import few, grouped, in_bytes, magnitude, seconds, table
 
-LISTED = SUMMARY | typed_as("case")
-
 
 def stored_cases(paths: Iterable[Path], with_data: bool = False) -> list[dict[str, Any]]:
     """The cases of result files, with the attributes that a line of the table shows; `with_data`
@@ -39,7 +37,7 @@ def stored_cases(paths: Iterable[Path], with_data: bool = False) -> list[dict[st
             warn_of_changes(run, config)
             warn_of_chunks(path)
             for name in run.cases():
-                row = run.row(name, LISTED)
+                row = run.row(name, SUMMARY | typed_as("case"))
                 text = row.pop("case")
                 more = {"assumes": assumes_of(text)}
                 more |= {"data": data_in_words(parse_case(text))} if with_data else {}

@@ -49,8 +49,6 @@ RC_GROUPS = (
 """The groups of matplotlib's parameters that a case file may set. Case files come from strangers,
 and other parameters name programs and functions that are then started."""
 
-NONE: Mapping[str, Any] = {}
-
 
 def user_parameters() -> dict[str, Any]:
     """The parameters of matplotlib that a notebook or a style sheet has set."""
@@ -78,8 +76,8 @@ def check_rc(rc: Mapping[str, Any]) -> None:
 def draw(
     spec: Mapping[str, Any],
     cases: Cases,
-    figures: Mapping[str, Mapping[str, Any]] = NONE,
-    rc: Mapping[str, Any] = NONE,
+    figures: Mapping[str, Mapping[str, Any]] = {},
+    rc: Mapping[str, Any] = {},
 ) -> Sheet:
     """The figure that one entry of a `figures:` block describes, of datasets by name; it may share
     the scale of other `figures`. Parameters `rc` of matplotlib apply where its style sets none.
@@ -87,7 +85,7 @@ def draw(
     Raises HodoError if a case or a variable is missing, the kind has no meaning for a case, or
     matplotlib does not know the style.
     """
-    own = spec["style"].get("rc", NONE)
+    own = spec["style"].get("rc", {})
     check_rc(own)
     for name in spec.get("cases", ()):
         if name not in cases:

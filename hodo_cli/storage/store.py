@@ -182,18 +182,13 @@ class Update:
     def apply(self, file: h5py.File) -> None:
         """Change the cases whose hash is still the one in `seen`. A group that begins with `_`
         (verdicts) is written only if the cases are the same and none has changed."""
-        now = hashes_of(file)
+        cases = {name: group for name, group in file.items() if not name.startswith("_")}
+        now = {name: attributes_of(x, ("hash",)).get("hash") for name, x in cases.items()}
         for name, addition in self.additions.items():
             if name.startswith("_") and now == self.seen:
                 write_group(file, name, addition)
             elif name in now and now[name] == self.seen[name]:
                 amend_group(file[name], addition)
-
-
-def hashes_of(file: h5py.File) -> dict[str, Any]:
-    """The hashes of the cases in a file."""
-    groups = {name: group for name, group in file.items() if not name.startswith("_")}
-    return {name: attributes_of(group, ("hash",)).get("hash") for name, group in groups.items()}
 
 
 def publish(
