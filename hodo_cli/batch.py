@@ -252,7 +252,7 @@ def sources(parts: tuple[str, ...]) -> list[Path]:
 def check_unedited() -> None:
     """Raise BatchError if a source of the code that computes has changed since this process began:
     the loaded code may then differ from its digest."""
-    # Copying keeps the time of the content, but not ctime. A time in the future is another clock's.
+    # A copy keeps the time of its content, but not ctime. Another clock sets a time in the future.
     changed = max(file.stat().st_ctime for file in sources(SWEEP_SOURCES))
     if STARTED < changed <= time.time():
         raise BatchError(EDITED)

@@ -145,8 +145,8 @@ def known_crossings(m: Motion) -> tuple[Crossing, ...]:
 
 
 def enclosed_at(m: Motion, moment: str) -> str:
-    """The axis enclosed at "start" or "end". Raises Undecidable if there is none, or if it is open:
-    a motion may be nearer to the separatrix than its error, or stop there."""
+    """The axis enclosed at "start" or "end". Raises Undecidable if there is none, or if it is not
+    known: a motion may be nearer to the separatrix than its error, or stop there."""
     label = m.labels_at_ends[moment == "end"]
     if label == rigid_body.SEPARATRIX:
         known_crossings(m)
@@ -397,7 +397,7 @@ def zero_between(time: np.ndarray, values: np.ndarray, i: int) -> float:
     by_line = a - values[i] * (b - a) / (values[i + 1] - values[i])
     curve = smooth_curve(time, values, i + 1, by_line)
     slope, x = curve.deriv(), 0.0
-    for _ in range(4):  # quadratic from nearby
+    for _ in range(4):  # Newton's method converges quadratically from a place nearby
         x -= float(curve(x) / (slope(x) or math.inf))
     return by_line + x if a <= by_line + x <= b else float(by_line)
 

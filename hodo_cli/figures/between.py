@@ -56,7 +56,8 @@ class Cubics:
     slope: np.ndarray
 
     def terms(self, i: Any) -> tuple[np.ndarray, ...]:
-        """The coefficients (k, ...) of the cubics on the intervals i (...)."""
+        """The four coefficients (k, ...) of the cubics on the intervals i (...), in the fraction s
+        of an interval, from the power 0 upwards."""
         h, a, b = np.diff(self.motion.time)[i], self.y[:, i], self.y[:, i + 1]
         u, v = h * self.slope[:, i], h * self.slope[:, i + 1]
         return a, u, 3 * (b - a) - 2 * u - v, 2 * (a - b) + u + v

@@ -85,6 +85,7 @@ def hodograph(sheet: Sheet, motions: Sequence[Course]) -> None:
     V, zoom, planes = sheet.view, spec["zoom"], spec["projections"]
     every = np.concatenate([m.G for m in motions])
     size = float(np.abs(every).max()) or 1.0
+    # How far the axes are drawn: beyond the curve, and far enough to be seen.
     up = np.maximum(1.1 * every.max(axis=0), 0.45 * size)
     down = np.maximum(-1.1 * every.min(axis=0), 0.12 * size)
     seen = np.concatenate([every, np.diag(up), -np.diag(down)]) @ V.T

@@ -53,6 +53,7 @@ def wrapped(text: str, width: int) -> str:
     """A text in lines of `width` letters; a formula is not broken, and counts as its letters
     without TeX."""
     formulas_in = re.findall(r"\$[^$]*\$", text)
+    # While lines are made, a letter of the private use area stands for each formula.
     for i, formula in enumerate(formulas_in):
         text = text.replace(formula, chr(0xE000 + i) * max(1, len(without_tex(formula))), 1)
     lines = [textwrap.fill(line, width, break_long_words=False) for line in text.splitlines()]

@@ -98,8 +98,9 @@ def with_parts_in_order(data: xr.Dataset, dim: str, owner: str) -> xr.Dataset:
 
 
 def sorted_along(data: xr.Dataset, dim: str, values: np.ndarray, owner: str) -> xr.Dataset:
-    """A dataset with ascending values along a dimension, unchanged if none descend. Raises
-    HodoError, which begins with `owner`."""
+    """A dataset sorted by the `values` along a dimension, unchanged if they descend nowhere. Raises
+    HodoError, which begins with `owner`, if they are not finite numbers, or if two of those to be
+    sorted are equal."""
     if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
         raise HodoError(f"{owner}: its coordinate {dim!r} holds more than finite numbers")
     if not (np.diff(values.astype(float)) < 0).any():
