@@ -192,9 +192,9 @@ def connected(address: str) -> Any:
 def with_digest(function: Callable[[Task], Result], task: Task) -> tuple[str, Result]:
     """The digest of the code of the process that computes, and a function's result for a task."""
     try:
-        known, result = process_digest(), function(task)
+        own_digest, result = process_digest(), function(task)
         check_unedited()
-        return known, result
+        return own_digest, result
     except SystemExit as error:  # of a model that is not hodo's
         raise HodoError(f"its model calls exit({error})") from error
     except OSError as error:

@@ -52,8 +52,8 @@ def library_version(library: str) -> str:
     """The version of an installed library, loaded or not."""
     # `importlib.metadata` reads more, and loading it takes a tenth of a short run.
     places = [Path(place) for place in sys.path]
-    found = [info.stem for place in places for info in place.glob(f"{library}-*.*-info")]
-    return found[0].split("-")[1] if found else "not installed"
+    stems = [info.stem for place in places for info in place.glob(f"{library}-*.*-info")]
+    return stems[0].split("-")[1] if stems else "not installed"
 
 
 def cache_folder() -> Path:

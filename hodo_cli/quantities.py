@@ -142,8 +142,8 @@ def _of_direction(formula: Callable[[Samples], np.ndarray], m: Samples) -> np.nd
         return formula(m)
     size = np.abs(m.omega).max(axis=-1, keepdims=True)
     near_1 = np.ldexp(m.omega, -np.frexp(size)[1])
-    known = np.where(size < sys.float_info.min, np.nan, near_1)
-    return formula(Samples(m.case, {"omega": SimpleNamespace(data=known)}))
+    scaled = np.where(size < sys.float_info.min, np.nan, near_1)
+    return formula(Samples(m.case, {"omega": SimpleNamespace(data=scaled)}))
 
 
 def _momentum_over_energy(m: Samples) -> np.ndarray:

@@ -412,23 +412,23 @@ def smooth_samples(system: Model, span: float) -> int:
 def merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     """The entries of `defaults` or of another case (`common`), replaced by a case's own entries;
     an own entry without a value removes the common one."""
-    both = {k: v for k, v in {**common, **own}.items() if v is not None or k not in common}
+    entries = {k: v for k, v in {**common, **own}.items() if v is not None or k not in common}
     for key in MERGED_KEYS:
-        ours, theirs = own.get(key), common.get(key)
-        if isinstance(ours, Mapping) and isinstance(theirs, Mapping):
-            both[key] = merged(theirs, ours)
+        own_part, common_part = own.get(key), common.get(key)
+        if isinstance(own_part, Mapping) and isinstance(common_part, Mapping):
+            entries[key] = merged(common_part, own_part)
             if key == "time":
-                drop_replaced_times(both[key], ours)
-    return both
+                drop_replaced_times(entries[key], own_part)
+    return entries
 
 
 def inherited_keys(common: Mapping[str, Any], own: Mapping[str, Any]) -> set[str]:
     """The keys, and the names of constants, that a case does not give itself."""
-    ours, theirs = (
+    own_names, common_names = (
         {f"{CONSTANTS_KEY}.{path[0]}" for path, _ in leaves(entries.get(CONSTANTS_KEY)) if path}
         for entries in (own, common)
     )
-    return {*(common.keys() - own), *(theirs - ours)}
+    return {*(common.keys() - own), *(common_names - own_names)}
 
 
 def variation(case: Case, changes: Mapping[str, Any]) -> Case:

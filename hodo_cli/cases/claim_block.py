@@ -368,7 +368,7 @@ def _check_entry(section: str, entry: Mapping[str, Any], case_of: CaseOf) -> Ite
 
 def _check_reading(reading: Mapping[str, Any], case_of: CaseOf) -> Iterator[Mistake]:
     """The mistakes of a claim under one reading."""
-    check, entries, known = reading["check"], reading["cases"], list[Any]()
+    check, entries, cases = reading["check"], reading["cases"], list[Any]()
     if not entries or check is None:
         yield (), "names no case" if check else "has no check"
         return
@@ -382,10 +382,10 @@ def _check_reading(reading: Mapping[str, Any], case_of: CaseOf) -> Iterator[Mist
             continue
         if case is not None and bool(case.sweep) != is_swept:
             yield ("cases", i), f"case {case.name} is {sweep}"
-        known += [] if case is None else [case]
+        cases += [] if case is None else [case]
     yield from within(("check",), _check_check(check, len(entries)))
-    if reading.get("over") and known:
-        yield from _check_members(reading["over"], known[0])
+    if reading.get("over") and cases:
+        yield from _check_members(reading["over"], cases[0])
 
 
 def _check_members(over: Mapping[str, Any], case: Any) -> Iterator[Mistake]:

@@ -115,8 +115,8 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Config:
     positions within its value, and a value in YAML. It may add a key. Raises HodoError, one line
     for each mistake.
     """
-    name, here = str(path), Path(f"{path}.yaml")
-    meant = [(here, str(here)), (BUNDLED_CONFIGS / here, name)] if is_bare(name) else []
+    name, local = str(path), Path(f"{path}.yaml")
+    meant = [(local, str(local)), (BUNDLED_CONFIGS / local, name)] if is_bare(name) else []
     file, label = next((pair for pair in meant if pair[0].exists()), (Path(name), name))
     return parse(text_of(file, label), label, overrides)
 

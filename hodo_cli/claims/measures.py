@@ -105,13 +105,13 @@ def quantity(m: Motion, name: str) -> np.ndarray:
     """
     if name not in NUMBERS:
         return known_values(m, name, m[name])
-    known = NUMBERS_KNOWN.setdefault(m, {})
-    if name not in known:
+    computed = NUMBERS_KNOWN.setdefault(m, {})
+    if name not in computed:
         try:
-            known[name] = NUMBERS[name](m)
+            computed[name] = NUMBERS[name](m)
         except KeyError as missing:
             raise HodoError(f"{m.words} has no {missing}, which {name} needs") from None
-    return np.array([known[name]])
+    return np.array([computed[name]])
 
 
 def known_values(m: Motion, name: str, values: np.ndarray) -> np.ndarray:

@@ -147,12 +147,12 @@ class Motions:
     def _finer(self, members: Sequence[Sequence[Case]]) -> list[list[Case]]:
         """The cases of members. A case whose motion has few samples to a step of its method is
         replaced by one with more samples, which is integrated."""
-        known = {case: self._known[case] for case in itertools.chain(*members)}
-        steps = {case: m.attrs["steps"] for case, m in known.items()}
-        few = {case for case, m in known.items() if len(m.time) < FEWEST_A_STEP * steps[case]}
+        motions = {case: self._known[case] for case in itertools.chain(*members)}
+        steps = {case: m.attrs["steps"] for case, m in motions.items()}
+        sparse = {case for case, m in motions.items() if len(m.time) < FEWEST_A_STEP * steps[case]}
         # The same number of steps for all, so that they are integrated side by side.
-        most = max((steps[case] for case in few), default=0)
-        finer = {case: followed(case, most) for case in few}
+        most = max((steps[case] for case in sparse), default=0)
+        finer = {case: followed(case, most) for case in sparse}
         self._integrate(finer.values())
         return [[finer.get(case, case) for case in cases] for cases in members]
 
@@ -378,8 +378,8 @@ def is_of_course(check: Mapping[str, Any]) -> bool:
 
 def with_errors(m: Motion, stored: Motion) -> Motion:
     """A motion with the crossings, events and measured errors of the stored one."""
-    known = {k: v for k, v in stored.data.items() if k.startswith(("crossing", "event"))}
-    return replace(m, data={**m.data, **known}, attrs=stored.attrs, path=stored.path)
+    measured = {k: v for k, v in stored.data.items() if k.startswith(("crossing", "event"))}
+    return replace(m, data={**m.data, **measured}, attrs=stored.attrs, path=stored.path)
 
 
 def over_some(claim: Mapping[str, Any], holds: int, total: int) -> str:

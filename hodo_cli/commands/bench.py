@@ -100,8 +100,8 @@ def reference_motion(case: Case) -> tuple[Trajectory, float]:
 
     It is integrated in quadruple precision unless that takes too long.
     """
-    every = sample_times(case)
-    times = every[thinned(len(every))]
+    all_times = sample_times(case)
+    times = all_times[thinned(len(all_times))]
     method, _ = best(case, "extended")
     # In long double the rounding of the integration is far below one ulp of the data.
     motion, *moved = [

@@ -54,9 +54,9 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
 def labelled_case(name: str, changes: Update, config: Config | None) -> dict[str, Any]:
     """The line of a stored case, which is labelled if it is not yet. Raises HodoError as
     `classified` does."""
-    known = changes.run.report(name, package_digest())
-    if known is not None:
-        return dict(known)
+    stored_row = changes.run.report(name, package_digest())
+    if stored_row is not None:
+        return dict(stored_row)
     group = changes.run.read(name)
     case = config.cases.get(name) if config else None
     # Parsing a short case takes a tenth of the time of labelling it.
@@ -228,10 +228,10 @@ def crossings_line(row: Mapping[str, Any]) -> tuple[str, ...]:
     predicted = filter(None, [row.get("final", ""), *row.get("predictions", ())])
     time_unit = row.get("units", {}).get("time", "1")
     unit = "" if time_unit == "1" else f" {time_unit}"
-    every = [crossing_words(crossing, unit) for crossing in row["crossings"]]
+    crossings = [crossing_words(crossing, unit) for crossing in row["crossings"]]
     events = [event_words(event, unit) for event in row.get("events", ())]
     remarks = [remark for remark in row["warnings"] if remark != row.get("unlabelled")]
-    passages = abridged(every, CROSSINGS_SHOWN, " (--json lists them)")
+    passages = abridged(crossings, CROSSINGS_SHOWN, " (--json lists them)")
     return (
         *(row["case"], row["start"], row["end"], ", ".join(growth), "; ".join(predicted)),
         "; ".join([*passages, *events, *remarks]),
@@ -241,8 +241,8 @@ def crossings_line(row: Mapping[str, Any]) -> tuple[str, ...]:
 def event_words(event: Mapping[str, Any], unit: str) -> str:
     """One event of the motion itself: its time, with its error."""
     error = event["error"]
-    known = "not measured" if math.isnan(error) else f"{magnitude(error)}{unit}"
-    return f"{event['kind']} at {to_error(event['time'], error, 15)}{unit} (error {known})"
+    error_words = "not measured" if math.isnan(error) else f"{magnitude(error)}{unit}"
+    return f"{event['kind']} at {to_error(event['time'], error, 15)}{unit} (error {error_words})"
 
 
 def crossing_words(crossing: Mapping[str, Any], unit: str) -> str:

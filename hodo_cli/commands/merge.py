@@ -50,10 +50,12 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
                 where = f"{section} {name} is in {other} and {path}"
                 raise HodoError(f"{where} with different content: rename it in one config")
     named = grouped((section, (name, entry)) for (section, name), (_, entry) in known.items())
-    of = {section: dict(entries_of) for section, entries_of in named.items()}
-    heads = {section: "; ".join(filter(None, of[section])) for section in ("title", "references")}
-    lists = {section: [*of.get(section, {}).values()] for section in ("claims", "errata")}
-    text = composed_text(cases, **heads, figures=of.get("figures", {}), **lists)
+    by_section = {section: dict(entries_of) for section, entries_of in named.items()}
+    heads = {
+        section: "; ".join(filter(None, by_section[section])) for section in ("title", "references")
+    }
+    lists = {section: [*by_section.get(section, {}).values()] for section in ("claims", "errata")}
+    text = composed_text(cases, **heads, figures=by_section.get("figures", {}), **lists)
     attributes = attributes_by(
         f"merge {' '.join(map(str, results))}", parse(text, str(out), stored=True)
     )

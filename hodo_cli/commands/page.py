@@ -54,14 +54,14 @@ def write_page(path: Path, sections: Sequence[Entry], alone: bool) -> None:
 
 def sections_of(folder: Path, alone: bool = False) -> Iterator[Entry]:
     """The sections of all results with figures in a folder, papers first."""
-    found = []
+    sections = []
     for file in sorted(folder.glob("*/drawn.json")):
         # A missing result, or a record of another version, has no section.
         with suppress(HodoError, ValueError, KeyError, TypeError):
             record = json.loads(file.read_text(encoding="utf-8"))
             with open_batch(os.path.normpath(folder / record["result"])) as run:
-                found.append(section_of(run, file.parent, record["figures"], alone))
-    yield from sorted(found, key=lambda section: not section["errata"])
+                sections.append(section_of(run, file.parent, record["figures"], alone))
+    yield from sorted(sections, key=lambda section: not section["errata"])
 
 
 def section_of(run: ResultFile, folder: Path, drawn: Mapping[str, Any], alone: bool) -> Entry:
@@ -76,8 +76,8 @@ def section_of(run: ResultFile, folder: Path, drawn: Mapping[str, Any], alone: b
     ]
     for figure in figures:
         cases = {*figure["shown"]}
-        every = [row for group in judged.values() for row in group]
-        figure["statements"] = [row for row in every if cases & {*row["cases"]}]
+        judged_rows = [row for group in judged.values() for row in group]
+        figure["statements"] = [row for row in judged_rows if cases & {*row["cases"]}]
         figure["cases"] = {name: rows[name] for name in figure["shown"] if name in rows}
         for row in figure["statements"]:
             row["figures"].append(figure["name"])
@@ -97,14 +97,14 @@ def figure_of(
     spec, recorded = config.figures[name], sorted(drawn.get("files", ()))
     files = [folder / file for file in recorded if (folder / file).exists()]
     shown = spec.get("cases", ())
-    known = [config.cases[case].assumes.items() for case in shown if case in config.cases]
+    assumptions = [config.cases[case].assumes.items() for case in shown if case in config.cases]
     images = (image_of(file, folder, alone) for file in files if file.suffix in PICTURES)
     links = [(file.suffix[1:].upper(), relative_path(file, folder.parent)) for file in files]
     return {
         "name": name, "kind": spec["kind"], "caption": spec["caption"], "shown": shown,
         "files": links, "image": next(images, ""),
         "problem": drawn.get("problem", ""), "notes": drawn.get("warnings", ()),
-        "assumed": dict.fromkeys(": ".join(item) for items in known for item in items),
+        "assumed": dict.fromkeys(": ".join(item) for items in assumptions for item in items),
         "wide": any(map(is_wide, files)),
     }  # fmt: skip
 

@@ -145,11 +145,11 @@ def errors_of_attitude(group: Group) -> dict[str, float]:
     """The error of a stored motion without its attitude, the angle `off` by which the attitude is
     wrong, and the angle `turned`; empty if these errors or omega are not stored."""
     errors = {name: float(x.attrs.get("error", math.nan)) for name, x in group.variables.items()}
-    off, known = errors.pop("attitude", math.nan), [x for x in errors.values() if x >= 0]
-    if math.isnan(off) or not known or "omega" not in group.variables:
+    off, measured = errors.pop("attitude", math.nan), [x for x in errors.values() if x >= 0]
+    if math.isnan(off) or not measured or "omega" not in group.variables:
         return {}
     time, omega = (group.variables[name].data for name in ("time", "omega"))
-    return {"error": max(known), "off": off, "turned": angle_turned(time, omega)}
+    return {"error": max(measured), "off": off, "turned": angle_turned(time, omega)}
 
 
 def methods_paragraphs(rows: Iterable[Mapping[str, str]]) -> str:

@@ -95,14 +95,14 @@ def course(m: Motion) -> Course:
 
 def cubics_of(m: Motion) -> Cubics | None:
     """The cubics of a motion; None if its state is not stored whole, as in most averaged forms."""
-    known = {str(x): m.stored(x) for x, v in m.data.items() if v.dims == ("time",)}
+    components = {str(x): m.stored(x) for x, v in m.data.items() if v.dims == ("time",)}
     for name, parts in VECTORS_OF_STATE.items():
         if name in m.data and m.stored(name).shape == (len(m.time), len(parts)):
             values = m.principal_omega if name == "omega" else m.stored(name)
-            known |= dict(zip(parts, values.T, strict=True))
-    if len(m.time) < 2 or not known.keys() >= {*m.case.system.equations.state}:
+            components |= dict(zip(parts, values.T, strict=True))
+    if len(m.time) < 2 or not components.keys() >= {*m.case.system.equations.state}:
         return None
-    y = np.array([known[name] for name in m.case.system.equations.state])
+    y = np.array([components[name] for name in m.case.system.equations.state])
     return Cubics(m, y, slopes_at(m, m.time, y))
 
 
@@ -112,8 +112,8 @@ def slopes_at(m: Motion, time: np.ndarray, y: np.ndarray) -> np.ndarray:
     not finite."""
     system = m.case.system
     times = np.broadcast_to(time, y.shape[1:])
-    found = stacked(system.equations.rhs(times, [*y], attributes(system.constants)), y)
-    return np.asarray(np.nan_to_num(found, posinf=0, neginf=0))
+    rates = stacked(system.equations.rhs(times, [*y], attributes(system.constants)), y)
+    return np.asarray(np.nan_to_num(rates, posinf=0, neginf=0))
 
 
 def between_samples(m: Motion, cubics: Cubics) -> dict[Any, Any]:

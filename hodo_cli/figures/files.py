@@ -73,11 +73,11 @@ def page_of(sheet: Sheet, title: str, about: str = "", folder: str = "") -> str:
         sheet.figure.savefig(picture, format="svg", metadata={"Date": None, "Creator": None})
         coded = b64encode(picture.getvalue()).decode()
         image = f'<img alt="{escape(about)}" src="data:image/svg+xml;base64,{coded}">'
-    time, of = without_tex(f"${sheet.spec.get('time', 't')}$"), sheet.units.get("time", "1")
+    time, unit = without_tex(f"${sheet.spec.get('time', 't')}$"), sheet.units.get("time", "1")
     scene = {
         "view": sheet.view.tolist(),
         "symbol": time,
-        "unit": "" if of == "1" else f" {of}",
+        "unit": "" if unit == "1" else f" {unit}",
         **sheet.scene,
     }
     # A name may hold </script>, which would end the script that holds the data.

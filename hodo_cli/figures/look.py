@@ -181,12 +181,12 @@ class Sheet:
         """Add a line, mark, arrow or face (n, 3) to the scene of the viewer, without points that
         are nan. `kind` holds its further properties, such as `of`, whose axes its points have."""
         places = np.asarray(points, float)
-        known = np.isfinite(places).all(axis=-1)
-        size = float(np.abs(places[known]).max(initial=0)) or 1.0
+        finite = np.isfinite(places).all(axis=-1)
+        size = float(np.abs(places[finite]).max(initial=0)) or 1.0
         # Five digits, in any units.
-        kind["points"] = places[known].round(5 - math.floor(math.log10(size))).tolist()
+        kind["points"] = places[finite].round(5 - math.floor(math.log10(size))).tolist()
         if time is not None:
-            kind["time"] = time[known].tolist()
+            kind["time"] = time[finite].tolist()
         self.scene.setdefault("strokes", []).append({"colour": to_hex(colour), **kind})
 
     def csv(self) -> str:
@@ -368,8 +368,8 @@ def name_curves(
 ) -> None:
     """Write the names of curves (n, 2), each at one of some nine places of its curve that are far
     from other curves."""
-    known = [curve[np.isfinite(curve).all(axis=1)] for curve in points]
-    thin = [curve[:: max(1, len(curve) // 200)] for curve in known]
+    finite = [curve[np.isfinite(curve).all(axis=1)] for curve in points]
+    thin = [curve[:: max(1, len(curve) // 200)] for curve in finite]
     for i in (i for i in range(len(names)) if len(thin[i])):
         others = np.concatenate([*thin[:i], *thin[i + 1 :], np.full((1, 2), 1e9)])
         apart = np.hypot(*(thin[i][:, None] - others).T).min(axis=0)
@@ -394,9 +394,9 @@ def marks(
 
 def number_marks(axes: Axes, crossings: np.ndarray, room: float) -> None:
     """Number several crossings (n, 2) in time; those close together share one place."""
-    known = np.isfinite(crossings).all(axis=1) & (len(crossings) > 1)
+    numbered = np.isfinite(crossings).all(axis=1) & (len(crossings) > 1)
     together: dict[int, list[str]] = {}
-    for i in np.flatnonzero(known).tolist():
+    for i in np.flatnonzero(numbered).tolist():
         near = (j for j in together if np.abs(crossings[j] - crossings[i]).max() < room)
         together.setdefault(next(near, i), []).append(str(i + 1))
     for first, names in together.items():

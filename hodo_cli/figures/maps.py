@@ -101,7 +101,7 @@ def check_axes_differ(spec: Mapping[str, Any]) -> None:
 def cells(sheet: Sheet, cases: Cases, keep: Sequence[str], along: str | None) -> list[Cell]:
     """Each panel or curve of a figure of sweeps, with the values over the axes to keep. Raises
     HodoError as `check_axes_differ` does, and for an axis that is missing or has several units."""
-    spec, found = sheet.spec, []
+    spec, cells_drawn = sheet.spec, []
     check_axes_differ(spec)
     labels = chain(spec["labels"], repeat(""))
     for name, data in cases.items():
@@ -118,12 +118,12 @@ def cells(sheet: Sheet, cases: Cases, keep: Sequence[str], along: str | None) ->
                 label or ", ".join(filter(None, [of_case, *position(swept, at, in_tex)]))
                 for in_tex in (True, False)
             )
-            found.append((swept, shown, without_tex(plain) or name, values))
+            cells_drawn.append((swept, shown, without_tex(plain) or name, values))
     sheet.units = {axis: of for axis, of in sheet.units.items() if of not in ("", "rad")}
-    variable = found[0][0].variable(spec["variable"].partition(".")[0])
+    variable = cells_drawn[0][0].variable(spec["variable"].partition(".")[0])
     if (stated := str(variable.attrs.get("units", "1"))) != "1":
         sheet.units[spec["variable"]] = stated
-    return found
+    return cells_drawn
 
 
 def swept_in(name: str, data: Any, variable: str, axes: Sequence[str]) -> SweepView:
@@ -204,9 +204,9 @@ def sweep_map(sheet: Sheet, cases: Cases) -> None:
     flags = first.data[spec["variable"]].attrs if spec["variable"] in first.data else {}
     numbers = np.atleast_1d(flags.get("flag_values", ())).tolist()
     words = dict(zip(numbers, str(flags.get("flag_meanings", "")).split(), strict=False))
-    every = np.concatenate([values.ravel() for *_, values in drawn])
-    known = every[np.isfinite(every)]
-    norm, colours = scale_of(spec, known if known.size else np.zeros(1), bool(words))
+    all_values = np.concatenate([values.ravel() for *_, values in drawn])
+    finite = all_values[np.isfinite(all_values)]
+    norm, colours = scale_of(spec, finite if finite.size else np.zeros(1), bool(words))
     of_each = n // len(cases)  # a row for each case that has several panels
     by_case = of_each if len(cases) > 1 and of_each > 1 else min(n, 3)
     columns = sheet.columns(2 if by_case == 3 and n == 4 else by_case)
@@ -222,19 +222,19 @@ def sweep_map(sheet: Sheet, cases: Cases) -> None:
         draw_panel(sheet, axes, swept, name, values, look)
     for axes in panels if keep else ():
         axes.label_outer()
-    if len(known) < len(every):
+    if len(finite) < len(all_values):
         absent = "no crossing" if spec["variable"].startswith("crossing") else "no value"
         sheet.handles.append(Patch(fc=NO_VALUE, ec=GREY, lw=0.4, label=absent))
-    said = meaning(drawn, spec, keep)
-    of, named = f"{said}: ", words
+    colour_words = meaning(drawn, spec, keep)
+    prefix, meanings = f"{colour_words}: ", words
     # Shares that are all 0 or 1 need no scale: two entries of the legend name them.
-    if said.startswith("share of") and np.isin(known, (0, 1)).all():
-        of, named = "", {1: said.partition(": ")[2], 0: "otherwise"}
-    for value in (value for value in named if value in known):
-        word = re.sub(r"^x([123])$", r"$x_\1$", named[value])
-        sheet.handles.append(Patch(fc=colours(norm(value)), label=of + word))
-    if known.size and not named:
-        scale_beside(sheet, panels, (norm, colours), known, said)
+    if colour_words.startswith("share of") and np.isin(finite, (0, 1)).all():
+        prefix, meanings = "", {1: colour_words.partition(": ")[2], 0: "otherwise"}
+    for value in (value for value in meanings if value in finite):
+        word = re.sub(r"^x([123])$", r"$x_\1$", meanings[value])
+        sheet.handles.append(Patch(fc=colours(norm(value)), label=prefix + word))
+    if finite.size and not meanings:
+        scale_beside(sheet, panels, (norm, colours), finite, colour_words)
 
 
 def scale_beside(
@@ -291,8 +291,8 @@ def edges(values: np.ndarray, ratios: bool) -> np.ndarray:
     half = np.diff(x) / 2 if len(x) > 1 else np.array([alone])
     # If there are many cells, the outer ones end at their values.
     outer = half * (len(x) < MANY_CELLS)
-    found = np.concatenate([x[:1] - outer[:1], x[:-1] + half[: len(x) - 1], x[-1:] + outer[-1:]])
-    return np.asarray(np.exp(found) if ratios else found)
+    ends = np.concatenate([x[:1] - outer[:1], x[:-1] + half[: len(x) - 1], x[-1:] + outer[-1:]])
+    return np.asarray(np.exp(ends) if ratios else ends)
 
 
 def contour(
@@ -385,9 +385,9 @@ def sweep_curve(sheet: Sheet, cases: Cases) -> None:
         sheet.record(name, {spec["x"]: x, spec["variable"]: values})
     if spec["level"] is not None:
         axes.axhline(spec["level"], **SEPARATRIX)
-    every = np.concatenate([values for *_, values in drawn])
-    if not (every[np.isfinite(every)] % 1).any():  # as numbers of crossings
+    all_values = np.concatenate([values for *_, values in drawn])
+    if not (all_values[np.isfinite(all_values)] % 1).any():  # as numbers of crossings
         axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     first = drawn[0][0]
-    said = meaning(drawn, spec, [spec["x"]])
-    axes.set(xlabel=axis_name(first, spec["x"]), ylabel=said)
+    height_words = meaning(drawn, spec, [spec["x"]])
+    axes.set(xlabel=axis_name(first, spec["x"]), ylabel=height_words)

@@ -100,9 +100,9 @@ def over_time(sheet: Sheet, axes: Axes, m: Course, name: str, look: Look) -> Non
         values[1:][jumps] = np.nan
     mark = "o" if part.stop - part.start == 1 else ""
     axes.plot(m.time[part], values[part], **look, marker=mark)
-    known = m.samples[name][stored]
-    sheet.record(m.label, {"time": m.samples.time[stored], name: known})
-    if not np.isfinite(known).any():
+    recorded = m.samples[name][stored]
+    sheet.record(m.label, {"time": m.samples.time[stored], name: recorded})
+    if not np.isfinite(recorded).any():
         warnings.warn(f"{name} of {m.name} has no value at any sample: no curve", stacklevel=2)
 
 
@@ -121,12 +121,12 @@ def label_variable(axes: Axes, drawn: Sequence[Drawn]) -> None:
     look constant, and words that say so: on the scale of their rounding they look like noise."""
     m, name, _ = drawn[0]
     axes.set_ylabel(axis_label(m, name))
-    known = np.concatenate([np.asarray(line.get_ydata(), float) for line in axes.lines])
-    known = known[np.isfinite(known)]
-    if known.size > 1 and np.ptp(known) <= 1e-9 * np.abs(known).max():
-        half = 0.1 * np.abs(known).max() or 1.0
-        axes.set_ylim(known.mean() - half, known.mean() + half)
-        words = f"constant to {np.ptp(known):.1e}" if np.ptp(known) else "constant"
+    values = np.concatenate([np.asarray(line.get_ydata(), float) for line in axes.lines])
+    values = values[np.isfinite(values)]
+    if values.size > 1 and np.ptp(values) <= 1e-9 * np.abs(values).max():
+        half = 0.1 * np.abs(values).max() or 1.0
+        axes.set_ylim(values.mean() - half, values.mean() + half)
+        words = f"constant to {np.ptp(values):.1e}" if np.ptp(values) else "constant"
         place: Look = {"xycoords": "axes fraction", "ha": "right", "va": "top", "size": "small"}
         axes.annotate(words, (0.97, 0.95), **place)
 

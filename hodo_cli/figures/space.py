@@ -83,12 +83,12 @@ def hodograph(sheet: Sheet, motions: Sequence[Course]) -> None:
     projections."""
     spec = sheet.spec
     V, zoom, planes = sheet.view, spec["zoom"], spec["projections"]
-    every = np.concatenate([m.G for m in motions])
-    size = float(np.abs(every).max()) or 1.0
+    all_points = np.concatenate([m.G for m in motions])
+    size = float(np.abs(all_points).max()) or 1.0
     # How far the axes are drawn: beyond the curve, and far enough to be seen.
-    up = np.maximum(1.1 * every.max(axis=0), 0.45 * size)
-    down = np.maximum(-1.1 * every.min(axis=0), 0.12 * size)
-    seen = np.concatenate([every, np.diag(up), -np.diag(down)]) @ V.T
+    up = np.maximum(1.1 * all_points.max(axis=0), 0.45 * size)
+    down = np.maximum(-1.1 * all_points.min(axis=0), 0.12 * size)
+    seen = np.concatenate([all_points, np.diag(up), -np.diag(down)]) @ V.T
     low, high = seen.min(axis=0)[:2] - 0.07 * size, seen.max(axis=0)[:2] + 0.09 * size
     n, shape = 1 + (zoom is not None) + len(planes), float(np.divide(*(high - low)))
     columns, grid = sheet.columns(min(n, 2)), dict[str, Any]()
@@ -304,8 +304,8 @@ def globe_curve(
         far_and_near(axes, seen[part], near[part], color=palette[code[part.start]], lw=1.1)
     heading(axes, seen, palette[code[0]], 0.15)
     add_strokes(sheet, m, curve, colours, surface(crossed), label)
-    known = normals[np.isfinite(normals).all(axis=1)]
-    for look, points in ((START, known[:1]), (END, known[-1:]), (CROSSING, crossed)):
+    finite = normals[np.isfinite(normals).all(axis=1)]
+    for look, points in ((START, finite[:1]), (END, finite[-1:]), (CROSSING, crossed)):
         for x, y, front in np.column_stack([(surface(points) @ V.T)[:, :2], points @ V[2]]):
             axes.plot(x, y, **look, alpha=1 if front > 0 else 0.4, zorder=6)
     number_marks(axes, (surface(crossed) @ V.T)[:, :2], 0.1)

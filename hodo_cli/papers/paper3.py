@@ -359,8 +359,8 @@ def comes_back(motions: Sequence[Motion], multiple: int) -> Finding:
         times = distinct([*earlier, *(earlier + shift)])
         if not times.size:
             raise Undecidable(f"{m.words} is shorter than {multiple} K(k)/alpha")
-        both = integrated_motion(replace(m.case, time=m.case.time.listed(times)))
-        u = both.stored("gamma")[:, 2]
+        motion = integrated_motion(replace(m.case, time=m.case.time.listed(times)))
+        u = motion.stored("gamma")[:, 2]
         pairs.append(tuple(u[np.searchsorted(times, t)] for t in (earlier, earlier + shift)))
     # Several periods carry the rounding of the roots along.
     return agreement(pairs, 1e-9)

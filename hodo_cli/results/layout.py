@@ -288,10 +288,10 @@ def without_old_labels(variables: Mapping[str, Variable]) -> Mapping[str, Variab
     if old:
         remark = "the labels 4 and 5, of motions with a rotor, are read as -1 (undetermined)"
         warnings.warn(remark, stacklevel=3)
-    known = {
+    replaced = {
         x: np.where(np.isin(variables[x].data, OLD_LABELS), -1, variables[x].data) for x in old
     }
-    return {**variables, **{x: replace(variables[x], data=data) for x, data in known.items()}}
+    return {**variables, **{x: replace(variables[x], data=data) for x, data in replaced.items()}}
 
 
 # Groups

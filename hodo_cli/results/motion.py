@@ -67,8 +67,8 @@ class Motion(Samples):
                 return self.vector(base)[:, PARTS[dim].index(part)]
             return self.stored(name) if self._over_time(name) else self.number(name)
         except (KeyError, AttributeError, IndexError, StopIteration):
-            known = [*map(str, self.data), *QUANTITIES]
-            words = f"{self.words}: {unknown(f'variable {name!r}', name, known)}"
+            names = [*map(str, self.data), *QUANTITIES]
+            words = f"{self.words}: {unknown(f'variable {name!r}', name, names)}"
             lack = lack_of(self.case, base, self.sources, name) if base in QUANTITIES else ""
             raise HodoError(lack or words) from None
 
@@ -108,8 +108,8 @@ class Motion(Samples):
 
     def _over_time(self, name: str) -> bool:
         """Whether a stored variable of this name has a number at each time."""
-        found = self.data.get(stored_name(name))
-        return found is not None and found.dims == ("time",) and found.data.dtype.kind in "biuf"
+        stored = self.data.get(stored_name(name))
+        return stored is not None and stored.dims == ("time",) and stored.data.dtype.kind in "biuf"
 
     @property
     def sampled(self) -> bool:
@@ -166,12 +166,12 @@ class Motion(Samples):
     def _contradicts(self, frame: rigid_body.BodyFrame, labels: np.ndarray) -> bool:
         """Whether omega contradicts all labels that it determines beyond doubt, among a few."""
         count = min(len(labels), LABELS_COMPARED)
-        few = np.linspace(0, max(len(labels) - 1, 0), count).astype(int)
-        omega = self.omega[few]
+        samples = np.linspace(0, max(len(labels) - 1, 0), count).astype(int)
+        omega = self.omega[samples]
         expected = frame.enclosed(frame.to_principal(omega), MIN_MARGIN_COMPARED)
         # The label of the smallest numbers follows from the scaled state alone.
         is_clear = (expected > 0) & (np.abs(omega).max(axis=1) > MIN_SIZE_COMPARED)
-        return bool(is_clear.any() and (labels[few] != expected)[is_clear].all())
+        return bool(is_clear.any() and (labels[samples] != expected)[is_clear].all())
 
     @cached_property
     def crossings(self) -> tuple[Crossing, ...]:

@@ -54,9 +54,9 @@ def rerun_reason(case: Case, done: FinishedCase | None, force: bool) -> str:
     if done is None:
         return "it has no result yet"
     status = str(done.attributes.get("status"))
-    ours, theirs = case_digest(case).split("-"), str(done.attributes.get("hash")).split("-")
+    parts, stored_parts = case_digest(case).split("-"), str(done.attributes.get("hash")).split("-")
     # By slices, because a stored hash may have fewer parts.
-    changed = [theirs[i : i + 1] != [part] for i, part in enumerate(ours)]
+    changed = [stored_parts[i : i + 1] != [part] for i, part in enumerate(parts)]
     reasons = (
         (force, FORCED),
         # A timeout may be due to another program's work, so failed cases are tried again.

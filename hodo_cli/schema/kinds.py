@@ -190,8 +190,8 @@ def Variant(tag: str, tables: Mapping[str, Mapping[str, Rule]], doc: str) -> Rul
 def Each(rule: Rule, title: str, least: int = 1, **more: Any) -> Rule:
     """The rule of a mapping of names to values of one kind; `title` says what names and values
     are."""
-    each = {"type": "object", "additionalProperties": rule, "minProperties": least}
-    return each | {"title": f"a mapping of {title}"} | more
+    mapping = {"type": "object", "additionalProperties": rule, "minProperties": least}
+    return mapping | {"title": f"a mapping of {title}"} | more
 
 
 def Either(*rules: Rule, **more: Any) -> Rule:
@@ -352,13 +352,13 @@ def _text(rule: Rule, value: Any) -> str:
 
 def _items(rule: Rule, value: Any) -> tuple[Any, ...]:
     """The resolved items of a list. Raises Wrong with the mistakes of all items."""
-    most, each = rule.get("maxItems", math.inf), rule["items"]
+    most, item_rule = rule.get("maxItems", math.inf), rule["items"]
     if not rule["minItems"] <= len(value) <= most:
         # YAML takes [0,005, 0,004, 0,003] for six numbers.
         raise expected(rule, value, DECIMAL_HINT if 0 in value and len(value) > most else "")
-    if value and all(is_list(item) and not takes(each, item) for item in value):
+    if value and all(is_list(item) and not takes(item_rule, item) for item in value):
         raise expected(rule, value)  # one mistake, not one an item
-    parts = ((i, each, item) for i, item in enumerate(value))
+    parts = ((i, item_rule, item) for i, item in enumerate(value))
     return tuple(all_right(*check_parts(parts)).values())
 
 
@@ -371,8 +371,8 @@ def _entries(rule: Rule, value: Mapping[str, Any]) -> Any:
         return all_right(*check_keys(rule["properties"], value))
     if "tag" in rule:
         return all_right(*check_tagged(rule, value))
-    if each := rule.get("additionalProperties"):
-        return all_right(*check_parts((name, each, item) for name, item in value.items()))
+    if value_rule := rule.get("additionalProperties"):
+        return all_right(*check_parts((name, value_rule, item) for name, item in value.items()))
     return value
 
 

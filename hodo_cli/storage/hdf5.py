@@ -485,8 +485,8 @@ class ResultFile:
     def report(self, name: str, digest: str) -> Any:
         """The line that a command has printed of a group, if the digest stored with it is this one;
         else None."""
-        known = self.summary(name, (REPORT_DIGEST, REPORT)) if self.intact else {}
-        return json.loads(known[REPORT]) if known.get(REPORT_DIGEST) == digest else None
+        stored = self.summary(name, (REPORT_DIGEST, REPORT)) if self.intact else {}
+        return json.loads(stored[REPORT]) if stored.get(REPORT_DIGEST) == digest else None
 
     def checksum(self, name: str) -> str:
         """A text that identifies the content of a group without reading it; empty if another

@@ -212,10 +212,10 @@ def publish(
     """
     check_writable(path)
     with locked(path) as folder:
-        parts, known, head = parts_of(path), root_of(path), root_of(folder / HEAD)
+        parts, present, head = parts_of(path), root_of(path), root_of(folder / HEAD)
         order = order or str(head.pop(ORDER, "")).splitlines()
-        root = {**(attributes or head or known)}
-        lines = [*history_of(known), *history_of(root), *filter(None, [line])]
+        root = {**(attributes or head or present)}
+        lines = [*history_of(present), *history_of(root), *filter(None, [line])]
         root["history"] = "\n".join(dict.fromkeys(lines))
         sources = sources_of(path, [*others, *parts], chosen) | dict.fromkeys(groups, None)
         names = [x for x in dict.fromkeys([*order, *sources]) if x in sources and x not in dropped]
