@@ -300,6 +300,7 @@ def checked_case(name: Any, block: Mapping[str, Any], inherited: Collection[str]
     values, mistakes = check_keys(keys, entries)
     mistakes += foreign
     own = {key: x for key, x in entries.items() if key in keys and key not in LIMITS}
+    # Numbers other than 0 whose size is out of range.
     sizes = [
         (path, words)
         for path, value in leaves(own)

@@ -115,9 +115,10 @@ def ends_of(crossing: Crossing) -> dict[str, str]:
 
 
 def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """Values at start or end compared with those of the text; decided by the largest difference."""
+    """Values at start or end compared with the printed values; decided by the largest
+    difference."""
     deviations, differences, words = [0.0], [0.0], []
-    # Half a unit of the last digit is rounded itself, hence one more rounding is allowed.
+    # `within`, such as half a unit of the last digit, is itself rounded: one rounding is allowed.
     allowed = check["within"] * (1 + ROUNDING)
     for name, printed in check["values"].items():
         values = [number(m, name, check["at"]) for m in motions]

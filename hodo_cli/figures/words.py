@@ -102,6 +102,8 @@ class Words(Annotation):
         frame = panel.bbox.padded(-2 * point)
         inside = (middles - half >= frame.min) & (middles + half <= frame.max)
         away = np.abs(dark - middles[:, None])
+        # The dark points under the words, and those within six points of them. A place beyond the
+        # frame is the worst.
         hidden, near = ((away < half + x * point).all(-1).sum(-1) for x in (1, 6))
         best = int((hidden + near / 50 + 1000 * ~inside.all(-1)).argmin())
         i, j = divmod(best, len(self.shifts))

@@ -254,7 +254,11 @@ def larger_difference_sooner_as_a_trend(members: Sequence[Sequence[Motion]]) -> 
         # Rounded, so that 0.003 - 0.001 and 0.005 - 0.003 are one difference.
         passages.append((round(lambda1 - lambda3, 12), number(m, "first_crossing")))
     pairs = itertools.combinations(sorted(passages), 2)
-    reversed_ = [sooner < later for (small, sooner), (large, later) in pairs if small < large]
+    reversed_ = [
+        time_of_small < time_of_large
+        for (small, time_of_small), (large, time_of_large) in pairs
+        if small < large
+    ]
     share = sum(reversed_) / len(reversed_)
     # A trend and no law: the middle coefficient matters too, so pairs may be reversed.
     return Finding(
