@@ -117,13 +117,13 @@ def _integrated(made: Case, classify: bool) -> xr.Dataset:
 def _stored(
     cases: Sequence[Case], path: Path | None, jobs: int, classify: bool
 ) -> list[xr.Dataset]:
-    """The datasets of cases that run into a result file as in `hodo run`; without a path into a
-    temporary one."""
+    """The datasets of cases that run as in `hodo run`, into the result file `path` or, without a
+    path, into a temporary one."""
     if path is None:
         with TemporaryDirectory(prefix="hodo-") as folder:
             datasets = _stored(cases, Path(folder) / "cases.h5", jobs, classify)
         for data in datasets:
-            del data.encoding["source"]
+            del data.encoding["source"]  # the file is gone
         return datasets
     if path.suffix != ".h5":
         raise _wrong("to: expected a name that ends with .h5", str(path))
@@ -144,9 +144,10 @@ def _wrong(what_is_right: str, value: object) -> HodoError:
 
 
 def _checked_jobs(jobs: object) -> int:
+    """The number of processes. Raises HodoError if it is no positive whole number."""
     if isinstance(jobs, bool) or not isinstance(jobs, Integral) or jobs < 1:
         raise _wrong("jobs: expected a whole number >= 1", jobs)
-    return int(jobs)  # a number of numpy's may be too small for the bytes of a memory
+    return int(jobs)  # products of jobs and bytes of memory may overflow numpy's integers
 
 
 def _path(what_is_right: str, name: str | Path) -> Path:
@@ -189,7 +190,8 @@ def open(path: str | Path) -> StoredCases:
 @as_usual
 def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **keys: Any) -> Figure:
     """A figure of one dataset or several, by the `kind` and `keys` of a `figures:` block.
-    Parameters of matplotlib that rc_context or a style have set apply where its `style` has none.
+    Parameters of matplotlib that rc_context or a style sheet have set apply where its `style` sets
+    none.
 
     Raises HodoError if the kind or a key does not exist, or the kind has no meaning for the data.
     """
@@ -230,13 +232,13 @@ def derive(data: xr.Dataset, *names: str) -> xr.Dataset:
         stored_name(name): quantity_array(name, motion.quantity(name), ["time"], motion.case)
         for name in names
     }
-    # By their times, whose order in a dataset may differ.
+    # With times as coordinates, because the times of the dataset may be in another order.
     return data.assign({name: x.assign_coords(time=motion.time) for name, x in arrays.items()})
 
 
 def _check_quantities(names: Sequence[str], sources: set[str]) -> None:
-    """Raise HodoError for a name that is no quantity, with the quantities that follow from these
-    sources."""
+    """Raise HodoError for a name that is no quantity; it lists the quantities that follow from
+    these variables and constants."""
     for name in names:
         if name not in QUANTITIES:
             raise HodoError(
@@ -262,8 +264,9 @@ def _named(several: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
 
 
 def extended_text(path: Path, cases: Mapping[str, Case]) -> str:
-    """The case file of a result with more cases, or with others of the same names; with these alone
-    if there is no result yet. Raises HodoError if it cannot be read."""
+    """The text of a result's case file with these cases added, or in place of stored cases of the
+    same names; the text of these cases alone if there is no result yet. Raises HodoError if the
+    result cannot be read."""
     if not os.path.lexists(path):
         return composed_text(cases)
     with open_run(path) as run:

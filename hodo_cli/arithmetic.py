@@ -35,7 +35,9 @@ def _common_answer(answers: np.ndarray) -> bool:
 
 
 def _finite_column(values: np.ndarray) -> "Column":
-    """A column of results. Where one is not finite, a plain number may raise an exception."""
+    """A column of results, all of which must be finite, because plain numbers may raise an
+    exception where they are not. Raises BranchDivergence if only some are finite, and TypeError if
+    none is."""
     if not _common_answer(np.isfinite(values)):
         raise TypeError("a column holds finite numbers only")
     return Column(values)
@@ -45,7 +47,7 @@ OPERATORS = {
     *(np.add, np.subtract, np.multiply, np.divide, np.negative, np.absolute),
     *(np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal),
 }
-"""Those of numpy's operators that give the digits of Python's; the power does not."""
+"""The operators of numpy that give the digits of Python's operators; numpy's power does not."""
 
 
 class Column(np.lib.mixins.NDArrayOperatorsMixin):
@@ -77,7 +79,7 @@ class Column(np.lib.mixins.NDArrayOperatorsMixin):
 
 
 def member_values(x: Any) -> Any:
-    """The numbers (n,) of a column; a plain number is returned as it is."""
+    """The numbers (n,) of a column; a plain number as a float."""
     return x.values if isinstance(x, Column) else float(x)
 
 
@@ -101,8 +103,8 @@ def _elementwise(function: Callable[..., float]) -> Callable[..., Any]:
 
 
 def at_once(function: Callable[..., Sequence[Any]], *x: Any) -> Sequence[Any]:
-    """The results of a function of arrays for numbers, or for columns, whose members it takes
-    together."""
+    """The results of a function of numbers or arrays, for numbers or for columns; it is called
+    once, with an array (n,) of the members for each column."""
     if not any(isinstance(value, Column) for value in x):
         return function(*x)
     return [*map(_finite_column, function(*map(member_values, x)))]
@@ -122,9 +124,9 @@ def _function(name: str) -> Callable[[Any], Any]:
         if isinstance(x, Column | float | int):
             try:
                 return of_number(x)
-            except ValueError:  # as of an array: a motion that comes there fails, and no other one
+            except ValueError:  # nan as of an array, so that only the motion that comes there fails
                 return math.nan
-            except OverflowError:  # of exp: 1/(1 + exp(x)) has its limit there
+            except OverflowError:  # only exp overflows; 1/(1 + exp(x)) has its limit, 0, there
                 return math.inf
         # An engine's symbol is taken by its library's functions; a power series has methods.
         functions = SYMBOLS.get(type(x))
@@ -178,8 +180,8 @@ def whole_power(x: Any, n: int) -> Any:
 
 
 def size_of(x: Any) -> Any:
-    """|x| of an expression; for a series and an engine's symbol as a root, which has no value at
-    the corner itself."""
+    """|x| in an expression; for a series and an engine's symbol it is sqrt(x x), which has no
+    series at the corner itself."""
     is_plain = isinstance(x, Column | float | int | np.ndarray | np.generic)
     return abs(x) if is_plain else sqrt(x * x)
 
@@ -203,7 +205,7 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
 
 
 def isfinite(x: Any) -> bool:
-    """Whether a number is finite; for a column, whose numbers all are, True."""
+    """Whether a number is finite; all numbers of a column are."""
     return isinstance(x, Column) or math.isfinite(x)
 
 

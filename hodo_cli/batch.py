@@ -47,9 +47,9 @@ take."""
 
 
 class Pool:
-    """Applies functions to tasks: in this process if `jobs` is 1 (unless `always` elsewhere), in
-    `jobs` processes, or on the workers of a dask scheduler at tcp://HOST:PORT. A context manager,
-    which gives up unfinished tasks.
+    """Applies functions to tasks: in this process if `jobs` is 1, in `jobs` processes otherwise or
+    `always`, or on the workers of a dask scheduler at tcp://HOST:PORT. A context manager; at its
+    end unfinished tasks are given up.
 
     Raises BatchError if no scheduler answers, and ModuleNotFoundError without dask.
     """
@@ -107,7 +107,7 @@ class Pool:
             self._end()
 
     def _submit(self, function: Callable[[Task], Result], task: Task) -> Future[Any]:
-        """Hand a task to the executor, which begins with the first one."""
+        """The future of a task. The executor starts with its first task."""
         if self._is_here:
             return done_now(function, task)
         if self._executor is None:
@@ -123,8 +123,8 @@ class Pool:
 
 
 class Processes(futures.ProcessPoolExecutor):
-    """Processes of this machine, which end when this executor is shut down, or with this process,
-    in any case."""
+    """Processes of this machine, which end when this executor is shut down, and with this process,
+    however it ends."""
 
     def __init__(self, workers: int) -> None:
         # A fork starts in a millisecond, with everything loaded. It is safe on Linux alone, and if
@@ -136,8 +136,7 @@ class Processes(futures.ProcessPoolExecutor):
     def submit(self, *task: Any, **keywords: Any) -> Any:
         """Submit a task, for which a process may be started."""
         before = os.environ.get("PYTHONSAFEPATH")
-        # The modules that Python imports to start a process do not come from the current folder
-        # either.
+        # A Python that starts must not import modules from the current folder.
         os.environ["PYTHONSAFEPATH"] = before or "1"
         try:
             return super().submit(*task, **keywords)
@@ -147,11 +146,11 @@ class Processes(futures.ProcessPoolExecutor):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes."""
-        # There is a public call for it from Python 3.14 on.
+        # Python has a public method for this from 3.14 on.
         for process in [*(self._processes or {}).values()]:
             process.kill()
-        # One that is killed while it writes a result leaves a part of it. The thread that reads
-        # results would wait for the rest, unless no process can write any more.
+        # A process that is killed while it writes a result leaves a part of it. The thread that
+        # reads results would wait for the rest, unless no process can write any more.
         results: Any = self._result_queue
         if results is not None:
             results._writer.close()
@@ -159,8 +158,8 @@ class Processes(futures.ProcessPoolExecutor):
 
 
 def begin() -> None:
-    """Prepare a worker: it ends when its parent is gone, in any way. It leaves signals, which a
-    terminal sends to all processes, and the output to its parent."""
+    """Prepare a worker: it ends when its parent has ended, however that ended. It leaves signals,
+    which a terminal sends to all processes, and the standard output to its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     os.dup2(2, 1)
@@ -191,11 +190,11 @@ def connected(address: str) -> Any:
 
 
 def with_digest(function: Callable[[Task], Result], task: Task) -> tuple[str, Result]:
-    """The digest of the code that computes in a worker, and a function's result for a task."""
+    """The digest of the code of the process that computes, and a function's result for a task."""
     try:
-        known, result = process_digest(), function(task)
+        own_digest, result = process_digest(), function(task)
         check_unedited()
-        return known, result
+        return own_digest, result
     except SystemExit as error:  # of a model that is not hodo's
         raise HodoError(f"its model calls exit({error})") from error
     except OSError as error:
@@ -203,7 +202,7 @@ def with_digest(function: Callable[[Task], Result], task: Task) -> tuple[str, Re
 
 
 def done_now(function: Callable[[Task], Result], task: Task) -> Future[Any]:
-    """What this process makes of a task."""
+    """A future with the outcome of a task that this process computes now."""
     future: Future[Any] = Future()
     try:
         future.set_result(with_digest(function, task))
@@ -221,7 +220,7 @@ def outcome(future: Future[Any]) -> Any:
     except futures.BrokenExecutor:
         return LOST
     except Exception as error:
-        if type(error).__name__ == "KilledWorker":  # dask has tried it on several
+        if type(error).__name__ == "KilledWorker":  # dask has tried several workers
             return HodoError(str(LOST))
         if type(error).__module__.startswith(("distributed", "concurrent")):
             raise BatchError(f"the dask scheduler has failed: {first_line(error)}") from None
@@ -253,7 +252,7 @@ def sources(parts: tuple[str, ...]) -> list[Path]:
 def check_unedited() -> None:
     """Raise BatchError if a source of the code that computes has changed since this process began:
     the loaded code may then differ from its digest."""
-    # Copying keeps the time of the content, but not ctime. A time in the future is another clock's.
+    # A copy keeps the time of its content, but not ctime. Another clock sets a time in the future.
     changed = max(file.stat().st_ctime for file in sources(SWEEP_SOURCES))
     if STARTED < changed <= time.time():
         raise BatchError(EDITED)
@@ -261,8 +260,8 @@ def check_unedited() -> None:
 
 @cache
 def code_digest(parts: tuple[str, ...], model: str = "") -> str:
-    """The digest of the code that computes and, for a model that is not hodo's own, of that
-    model."""
+    """The digest of these parts of the package and, for a `model` of the user's own, of its
+    code."""
     lines = [
         f"{file.relative_to(PACKAGE).as_posix()} {digest(file.read_text('utf-8'))}"
         for file in sources(parts)

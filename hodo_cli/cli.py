@@ -36,7 +36,7 @@ def _end(number: int, frame: object) -> NoReturn:
 
 
 def _end_at_once(lost: Any) -> None:
-    """End the process where the exception would be lost, in a destructor."""
+    """End the process at a signal whose exception Python has `lost`, as in a destructor."""
     if isinstance(lost.exc_value, KeyboardInterrupt):
         os.write(2, b"interrupted\n")
         os._exit(128 + next(iter(lost.exc_value.args), signal.SIGINT))
@@ -44,8 +44,8 @@ def _end_at_once(lost: Any) -> None:
 
 
 NEW_OBJECTS = 20_000
-"""How many new objects make Python look for garbage. With its own number, 700, a sixth of the time
-in which thousands of cases are read goes by in searches that find none."""
+"""After how many new objects Python looks for garbage. With its usual number, 700, searches that
+find nothing take a sixth of the time of reading thousands of cases."""
 
 
 class Hodo(click.Group):
@@ -73,6 +73,8 @@ class Hodo(click.Group):
             ctx.exit(128 + next(iter(_received), signal.SIGINT))
 
     def _invoke(self, ctx: click.Context) -> None:
+        """Invoke the command with handlers of signals, and show its warnings and errors in a line
+        each."""
         with ExitStack() as afterwards:
             for number in (signal.SIGINT, signal.SIGTERM):
                 afterwards.callback(signal.signal, number, signal.signal(number, _end))
@@ -102,15 +104,15 @@ class Hodo(click.Group):
 
 @contextmanager
 def _output() -> Iterator[None]:
-    """A context in which a command prints; a full device is noticed at its end, and not when Python
-    ends."""
+    """A context in which a command prints; an error of its output, such as a full device, is raised
+    at the end of the context, and not lost when Python ends."""
     _open_standard_files()
     try:
         yield
     finally:
         try:
             sys.stderr.flush()
-        except (OSError, ValueError):  # what is left in it would decide the exit status
+        except (OSError, ValueError):  # the unwritten text would decide the exit status
             sys.stderr = open(os.devnull, "w")  # noqa: SIM115
         sys.stdout.flush()
 
@@ -140,8 +142,8 @@ def error_line(error: Exception) -> str:
             return f"this needs {package}, which is not installed: pip install {wanted}"
         case MemoryError():
             return "the memory is exhausted, or the limit on it (ulimit -v) too low"
-        # Errors of files are reported where files are written. This one is of the output, or of a
-        # limit on descriptors or processes.
+        # Errors of files are reported where files are written. Here it is an error of the output,
+        # or of a limit on descriptors or processes.
         case OSError(errno=number) if number in RESOURCES:
             return f"the operating system refuses it: {os.strerror(number).lower()}"
     return ""
@@ -170,11 +172,11 @@ def _open_standard_files() -> None:
 
 
 def _refuse(ctx: click.Context, line: str) -> NoReturn:
-    """Print the reason, if that is still possible, and end."""
+    """Print the reason, if that is still possible, and end with status 2."""
     _say(line)
     try:
         sys.stdout.flush()
-    except (OSError, ValueError):  # what is left in it would end in a traceback at the exit
+    except (OSError, ValueError):  # the unwritten text would cause a traceback at the exit
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115
     ctx.exit(2)
 
@@ -220,7 +222,7 @@ def _named_in(section: str) -> Callable[..., list[Any]]:
         from .storage import open_run
 
         names: list[str] = []
-        # Because of an option without its value click has not given the arguments their names.
+        # After an option without a value click leaves the arguments in `args`.
         for given in ctx.params.get("runs") or ctx.args:
             # A shell shows no mistakes, and not every word is a file.
             with suppress(HodoError), warnings.catch_warnings(action="ignore"):
@@ -374,7 +376,8 @@ def _run(
 def _report(
     rows: Any, table: Callable[[Any], str], as_json: bool = False, problems: Iterable[str] = ()
 ) -> int:
-    """Print rows as a table or as JSON, then problems; the exit status, 1 if there is a problem."""
+    """Print rows as a table or as JSON, then problems; return the exit status, 1 if there is a
+    problem."""
     from .text import as_json as json_of
 
     text = json_of(rows) if as_json else table(rows)

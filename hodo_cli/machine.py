@@ -52,8 +52,8 @@ def library_version(library: str) -> str:
     """The version of an installed library, loaded or not."""
     # `importlib.metadata` reads more, and loading it takes a tenth of a short run.
     places = [Path(place) for place in sys.path]
-    found = [info.stem for place in places for info in place.glob(f"{library}-*.*-info")]
-    return found[0].split("-")[1] if found else "not installed"
+    stems = [info.stem for place in places for info in place.glob(f"{library}-*.*-info")]
+    return stems[0].split("-")[1] if stems else "not installed"
 
 
 def cache_folder() -> Path:
@@ -80,8 +80,7 @@ def cached_code(key: str, compiled: Callable[[], Any]) -> Any:
     """The result of `compiled`, from the disk if a process has stored it under this key.
 
     It is a pickle, which could run anything, so it lies in a folder that only the user can reach.
-    Its hash comes before it, because a pickle makes anything of damaged bytes, or those of another
-    version.
+    In the file its hash comes before it, because damaged bytes can be a pickle of something else.
     """
     try:
         file = cache_folder() / f"{key}.code"
@@ -94,8 +93,8 @@ def cached_code(key: str, compiled: Callable[[], Any]) -> Any:
             return pickle.loads(stored[32:])
     code = compiled()
     with suppress(OSError):  # the disk is full
-        # The name of a draft begins alike, so that drafts which a kill has left are removed with
-        # the oldest.
+        # A draft that a kill has left is removed with the oldest files, because its name begins
+        # with the name of its file.
         draft = file.with_name(f"{file.name}.{os.getpid()}")
         data = pickle.dumps(code)
         draft.write_bytes(hashlib.sha256(data).digest() + data)

@@ -1,5 +1,5 @@
-"""How far a command is, as a line on a terminal that is written over; and problems, on any
-stream."""
+"""The progress of a command, as one line of a terminal that is drawn again and again; and its
+problems, on any stream."""
 
 import os
 import sys
@@ -51,7 +51,7 @@ class Progress:
     def __exit__(self, *exception: object) -> None:
         warnings.showwarning = self._warned
         self._ended.set()
-        with self._cleared():
+        with self._cleared():  # after a drawing that has begun
             pass
 
     def say(self, line: str) -> None:
@@ -114,6 +114,7 @@ class Progress:
                     self._draw()
 
     def _draw(self) -> None:
+        """Draw the line with the present numbers."""
         line = self._line = self._line or line_of_terminal(self._total)
         running = dict(self._running)
         named = [*running.items()][:MOST_NAMED]

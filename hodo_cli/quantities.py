@@ -37,8 +37,8 @@ class Samples:
         """The values of a stored variable. Raises KeyError if it is not stored."""
         if (key := stored_name(name)) not in self.data:  # xarray's own error lists all variables
             raise KeyError(name)
-        # The digits of a sum depend on the order of its terms in memory, which exchanged axes
-        # change.
+        # The digits of a sum depend on the order of its terms in memory, which a transposed array
+        # changes.
         return np.asarray(self.data[key].data, order="C")
 
     @cached_property
@@ -117,6 +117,7 @@ def _momentum(m: Samples) -> np.ndarray:
 
 
 def _energy(m: Samples) -> np.ndarray:
+    """The kinetic energy T, stored by an averaged form or from omega."""
     if "kinetic_energy" in m.data:
         return m.stored("kinetic_energy")
     return np.asarray((m.inertia * m.principal_omega * m.principal_omega).sum(axis=-1) / 2)
@@ -135,13 +136,14 @@ _ratio = partial(rigid_body.share_of, of_nothing=np.nan)
 
 def _of_direction(formula: Callable[[Samples], np.ndarray], m: Samples) -> np.ndarray:
     """A formula in which the size of omega cancels, for omega scaled to a size near 1: the squares
-    of 1e-160 have lost their digits. It is nan where omega has lost its own."""
-    if "omega" not in m.data or m.case.system.no_separatrix_reason:  # h has a size of its own
+    of 1e-160 have lost their digits. It is nan where omega itself has lost digits."""
+    # The momentum of a rotor does not scale with omega.
+    if "omega" not in m.data or m.case.system.no_separatrix_reason:
         return formula(m)
     size = np.abs(m.omega).max(axis=-1, keepdims=True)
     near_1 = np.ldexp(m.omega, -np.frexp(size)[1])
-    known = np.where(size < sys.float_info.min, np.nan, near_1)
-    return formula(Samples(m.case, {"omega": SimpleNamespace(data=known)}))
+    scaled = np.where(size < sys.float_info.min, np.nan, near_1)
+    return formula(Samples(m.case, {"omega": SimpleNamespace(data=scaled)}))
 
 
 def _momentum_over_energy(m: Samples) -> np.ndarray:
@@ -169,8 +171,8 @@ def _tilt(m: Samples) -> np.ndarray:
 
 
 def _of_top(of_state: Callable[..., Any], i: int, m: Samples) -> np.ndarray:
-    """One of the quantities that follow from omega and the vertical of a top, with mu at each
-    time."""
+    """Number `i` of the values that `of_state` computes from omega, the vertical and the constants
+    of a top, with mu at each time."""
     k = with_mu(attributes(m.case.system.constants), m.time)
     return np.asarray(of_state([*m.omega.T], [*m.stored("gamma").T], k)[i])
 
@@ -404,9 +406,9 @@ def derivable(sources: Collection[str]) -> list[str]:
 
 
 def lack_of(case: Any, name: str, sources: Collection[str], user: str) -> str:
-    """What is wrong with a case that lacks what a variable or quantity, which the `user` names,
-    needs besides these variables and constants, and what to do; an empty string if nothing is
-    missing."""
+    """A sentence on the variables that a case lacks for a variable or quantity `name`, and what to
+    write; an empty string if it lacks none. It has `sources`, its variables and constants; `user`
+    is what needs `name`, in words."""
     known = case.system.equations.variables
     if not (lacks := missing(name, sources, known)):
         return ""
@@ -422,5 +424,5 @@ def lack_of(case: Any, name: str, sources: Collection[str], user: str) -> str:
 
 
 def remedy_of(lacks: Sequence[str]) -> str:
-    """What to write in a case that lacks these variables and constants."""
+    """The end of a message: what to write in a case that lacks these variables and constants."""
     return ": write `attitude: yes`" if "attitude" in lacks else ""

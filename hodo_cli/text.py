@@ -16,8 +16,9 @@ def table(
     right: Sequence[str] = (),
     optional: Sequence[str] = (),
 ) -> str:
-    """A table with a header and aligned columns, those named in `right` to the right. Columns named
-    in `optional` are left out if all of their cells are empty. Lines have no trailing space.
+    """A table with a header and aligned columns. Columns named in `right` are aligned to the right;
+    those named in `optional` are left out if all of their cells are empty. Lines have no trailing
+    space.
 
     A character that a terminal would obey is shown as a question mark.
     """
@@ -75,8 +76,8 @@ def magnitude(value: float) -> str:
 
 
 def time_digits(time: float, start: float, digits: int = 6) -> int:
-    """How many digits show a time to `digits` digits of the time since the start of a motion: of
-    seconds since an epoch the first digits say nothing."""
+    """How many digits show a time to `digits` digits of the time since the start of a motion. The
+    first digits of seconds since an epoch are the digits of the start, and say nothing."""
     passed = max(abs(time - start), math.ulp(time))
     in_common = math.ceil(math.log10(max(1.0, abs(time) / passed)))
     return min(digits + in_common, 15)
@@ -113,7 +114,7 @@ def first_line(error: BaseException) -> str:
 
 
 def case_words(name: str) -> str:
-    """A case in a message: without a name of its own, in Python, it is called `case`."""
+    """A case as a message names it; a case made in Python without a name is called `case`."""
     return "the case" if name == "case" else f"case {name}"
 
 
@@ -130,14 +131,14 @@ def grouped(pairs: Iterable[tuple[_Kind, _Item]]) -> dict[_Kind, list[_Item]]:
 
 
 def abridged(items: Sequence[str], most: int, remark: str = "") -> list[str]:
-    """The items, or of more than `most` the first ones and the last, with the number of the
-    rest."""
+    """The items; if they are more than `most`, the first ones, the number of the rest, and the
+    last one."""
     more = len(items) - most
     return [*items] if more <= 0 else [*items[: most - 1], f"{more} more{remark}", items[-1]]
 
 
 def few(names: Sequence[str]) -> str:
-    """Some names of cases, in a line about all of them."""
+    """The names of cases in one line; of many cases only some names."""
     return ", ".join(abridged(names, NAMES_LISTED))
 
 
@@ -146,8 +147,8 @@ DEVICE_NAMES = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNO
 
 
 def file_name_fault(name: str, others: Iterable[str]) -> str:
-    """Why a name cannot be a file's on every system, next to the `others`, or "": results are
-    exchanged, and folders copied."""
+    """Why a name cannot name a file on every system, in a folder with files of the names `others`;
+    an empty string if it can. Results go from one system to another."""
     twins = [other for other in others if other != name and other.lower() == name.lower()]
     pair = " and ".join([name, *twins[:1]])
     faults = (

@@ -120,7 +120,7 @@ class Time:
 
     def text(self, time: float, digits: int = 6) -> str:
         """A time of the motion as text, with `digits` digits of the time since the start."""
-        sign = -1 if self.mirrored else 1
+        sign = -1 if self.mirrored else 1  # a mirrored span counts -t
         return time_text(sign * time, sign * self.start, digits)
 
     @property
@@ -204,8 +204,8 @@ class Case:
 
     def rests_on(self, variable: str) -> bool:
         """Whether the case stores a variable of its model, or a quantity that may need it."""
-        known = self.system.equations.variables.keys()
-        return variable in (self.store or (variable,)) or not known >= {*self.store}
+        stores_quantities = not self.system.equations.variables.keys() >= {*self.store}
+        return not self.store or variable in self.store or stores_quantities
 
     def leaves_out(self, lacks: Iterable[str]) -> bool:
         """Whether variables are missing because `store:` does not name them."""
@@ -215,13 +215,12 @@ class Case:
     def entries(self) -> dict[str, Any]:
         """The keys of a case file that describe the case, without its name."""
         common = {name: getattr(self, name) for name in COMMON} | {"time": self.time.entries}
-        present = {k: value for k, value in common.items() if value != {}}
+        present = {k: value for k, value in common.items() if value != {}}  # an empty `assumes`
         return dict(given({"model": self.model, "form": self.form, **self.data, **present}))
 
     @cached_property
     def lines(self) -> Mapping[str, str]:
-        """The case as YAML: each line by its key. All lines are its text; those without remarks
-        determine its digest."""
+        """The lines of the case as YAML, by key. Lines of remarks do not enter its digest."""
         return {
             key: f"{key}: {write(value)}\n"
             for key, value in {"name": self.name, **self.entries}.items()
@@ -272,13 +271,16 @@ def _override_of(path: KeyPath, source: Source) -> str:
     """The override that has set the wrong value at a path; an empty string if none has."""
     parts, set_by = tuple(map(str, path)), source.overridden
     texts = [set_by[parts[:n]] for n in range(len(parts), 2, -1) if parts[:n] in set_by]
-    if path and isinstance(path[-1], WrongKey):  # a key that is there for what is put below it
+    if path and isinstance(path[-1], WrongKey):
+        # An override of KEY.PART makes a KEY that was not there.
         texts += [text for at, text in set_by.items() if at[: len(parts)] == parts]
     return next(iter(texts), "")
 
 
 def _is_inherited(document: Any, case: Any, *path: Any) -> bool:
+    """Whether a case takes the value at a path of its entries from `defaults`."""
     own, common = document["cases"].get(case), document.get("defaults")
+    # Only a merged key is inherited in parts, which are one level deep.
     for key in path[: 1 + (path[0] in MERGED_KEYS)]:
         if not isinstance(own, Mapping) or not isinstance(common, Mapping) or key not in common:
             return False
@@ -289,8 +291,8 @@ def _is_inherited(document: Any, case: Any, *path: Any) -> bool:
 
 
 def checked_case(name: Any, block: Mapping[str, Any], inherited: Collection[str] = ()) -> Case:
-    """The case that merged entries describe. Those of the `inherited` ones that its model does not
-    take are ignored. Raises Wrong with all mistakes."""
+    """The case that merged entries describe. An inherited entry that its model does not take is
+    ignored. Raises Wrong with all mistakes."""
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise Wrong(((), f"{NAME_RULE}, not {shown(name)}"))
     model, keys = keys_in(block)
@@ -298,6 +300,7 @@ def checked_case(name: Any, block: Mapping[str, Any], inherited: Collection[str]
     values, mistakes = check_keys(keys, entries)
     mistakes += foreign
     own = {key: x for key, x in entries.items() if key in keys and key not in LIMITS}
+    # Numbers other than 0 whose size is out of range.
     sizes = [
         (path, words)
         for path, value in leaves(own)
@@ -311,14 +314,14 @@ def checked_case(name: Any, block: Mapping[str, Any], inherited: Collection[str]
     data = {key: values[key] for key in keys_of_form(model) if key in values.keys() - without}
     if data.get(CONSTANTS_KEY):
         data[CONSTANTS_KEY], unused = _constants_named(model, data, inherited)
-        # An expression that cannot be read may name them.
+        # An expression that cannot be read may name the constants that seem unused.
         mistakes += () if mistakes or sizes else unused
     data |= first_values(values.get("sweep") or {}, model, data)
-    # A key that seems to be missing may be there under a misspelt name.
     of_data = [*_data_mistakes(model, data, None if mistakes or sizes else values["time"])]
     # A model's own range for a number is the narrower one.
     judged = {path for path, _ in of_data}
     mistakes += [mistake for mistake in sizes if mistake[0] not in judged]
+    # A mistake without a path may be a missing key that is there under a misspelt name.
     mistakes += [mistake for mistake in of_data if mistake[0] or not mistakes]
     epoch = values["time"]["epoch"] if "time" in values else None
     system: Model | None = None if mistakes else model.of(data, epoch)
@@ -340,7 +343,9 @@ def _entries_of(
     block: Mapping[str, Any],
     inherited: Collection[str],
 ) -> tuple[dict[str, Any], list[Mistake]]:
-    """The entries of a case that count, and a mistake for each key of another model."""
+    """The entries of a case that are to be checked, unknown keys included, and a mistake for each
+    key of another model or of an earlier version. Inherited keys that the model does not take are
+    left out."""
     entries, foreign = {}, list[Mistake]()
     others: Collection[str] = ()
     if model is None:
@@ -351,7 +356,7 @@ def _entries_of(
         if is_strange and key in FORMER_KEYS:
             foreign.append(((WrongKey(key),), FORMER_KEYS[key]))
         elif is_strange and model and (takers := _takers(model, key)):
-            # By likeness alone one model's key would be taken for another's: torque for store.
+            # The nearest key would be misleading: store for torque.
             word = other_word(key, keys)
             hint = f"; did you mean {word!r}?" if word else ""
             foreign.append(((WrongKey(key),), f"is a key of {takers}{hint}"))
@@ -361,11 +366,11 @@ def _entries_of(
 
 
 SMALLEST_SIZE = 1e-154
-"""The least size of a number of a case that is not 0, and the inverse of the largest size. Their
-squares are doubles, and units near the motion's own need no more."""
+"""The smallest absolute value of a number of a case that is not 0; its inverse is the largest.
+Their squares are doubles, and numbers in units near the motion's own need no wider range."""
 
 LIMITS = {"tol", "max_seconds", "max_steps"}
-"""The keys whose numbers are no data of the body or its torques."""
+"""The keys whose numbers are no data of the body or its torques, and may have any size."""
 
 
 def _sampled_time(system: Model, values: Mapping[str, Any]) -> Time:
@@ -406,25 +411,25 @@ def smooth_samples(system: Model, span: float) -> int:
 
 
 def merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """A case's own entries over those of `defaults` or of another case; an empty own entry removes
-    the entry of the other."""
-    both = {k: v for k, v in {**common, **own}.items() if v is not None or k not in common}
+    """The entries of `defaults` or of another case (`common`), replaced by a case's own entries;
+    an own entry without a value removes the common one."""
+    entries = {k: v for k, v in {**common, **own}.items() if v is not None or k not in common}
     for key in MERGED_KEYS:
-        ours, theirs = own.get(key), common.get(key)
-        if isinstance(ours, Mapping) and isinstance(theirs, Mapping):
-            both[key] = merged(theirs, ours)
+        own_part, common_part = own.get(key), common.get(key)
+        if isinstance(own_part, Mapping) and isinstance(common_part, Mapping):
+            entries[key] = merged(common_part, own_part)
             if key == "time":
-                drop_replaced_times(both[key], ours)
-    return both
+                drop_replaced_times(entries[key], own_part)
+    return entries
 
 
 def inherited_keys(common: Mapping[str, Any], own: Mapping[str, Any]) -> set[str]:
     """The keys, and the names of constants, that a case does not give itself."""
-    ours, theirs = (
+    own_names, common_names = (
         {f"{CONSTANTS_KEY}.{path[0]}" for path, _ in leaves(entries.get(CONSTANTS_KEY)) if path}
         for entries in (own, common)
     )
-    return {*(common.keys() - own), *(theirs - ours)}
+    return {*(common.keys() - own), *(common_names - own_names)}
 
 
 def variation(case: Case, changes: Mapping[str, Any]) -> Case:
@@ -434,7 +439,8 @@ def variation(case: Case, changes: Mapping[str, Any]) -> Case:
 
 
 def _expressions(model: type[Model], data: Mapping[str, Any]) -> Iterable[tuple[KeyPath, str]]:
-    """The expressions of a case, by their paths; its model takes constants."""
+    """The expressions of a case whose model takes constants, each with its path."""
+    # Texts of the attitude and words of a choice are no expressions.
     others = {ATTITUDE_KEY, *(key for key, rule in model.keys.items() if "enum" in rule)}
     return expressions_of({k: value for k, value in data.items() if k not in others})
 
@@ -458,11 +464,13 @@ def _constants_named(
 def _data_mistakes(
     model: type[Model], data: Mapping[str, Any], time: Mapping[str, Any] | None
 ) -> Iterator[Mistake]:
-    """The mistakes that only several keys of the data show together, also over the span if one is
-    given."""
+    """The mistakes that only several keys of the data show together and, if a time span is given,
+    those that the data make within it."""
     model_data = {key: value for key, value in data.items() if key != ATTITUDE_KEY}
     of_model = model.check(model_data)
-    if is_rounded(data):  # in a single case; such members of sweeps are invalid
+    if is_rounded(data):
+        # A single case is integrated with moments that rounding has made impossible; members of
+        # sweeps with such moments are invalid.
         of_model = (mistake for mistake in of_model if mistake[0][:1] != ("inertia",))
     mistakes = [*of_model, *check_attitude(model, data)]
     if CONSTANTS_KEY in data:
@@ -472,8 +480,9 @@ def _data_mistakes(
     if time and not mistakes:
         epoch, is_backward = time["epoch"] or 0.0, time["end"] < time["start"]
         yield from model.check_span(model_data, time["start"] - epoch, time["end"] - epoch)
-        if is_backward and ("averaged" in model.form or data.get("brake") is not None):
-            what = "a brake" if data.get("brake") is not None else f"form {model.form}"
+        has_brake = data.get("brake") is not None
+        if is_backward and (has_brake or "averaged" in model.form):
+            what = "a brake" if has_brake else f"form {model.form}"
             yield ("time", "end"), f"a motion of {what} runs forward: take an end after the start"
 
 
@@ -508,7 +517,7 @@ def _store_mistakes(
     model: type[Model], system: Model | None, values: Mapping[str, Any]
 ) -> Iterator[Mistake]:
     """The mistakes in `store:`: variables that the case does not have, and quantities that need
-    more than it has. Without a system nothing is known of them."""
+    variables that it does not have. What a quantity needs is not checked without a system."""
     form, is_swept = system.equations if system else Equations(model), bool(values.get("sweep"))
     valid = storable(form) if is_swept else list(form.variables)
     sources = {*form.variables, *(constants_of(system, values) if system else ())}
@@ -519,11 +528,8 @@ def _store_mistakes(
         if name == ATTITUDE_KEY and takes_attitude(model):
             yield ("store", i), f"this case has no attitude{remedy_of([ATTITUDE_KEY])}"
         elif name not in QUANTITIES:
-            yield from unknown_names(
-                "variable",
-                {("store", i): name},
-                [*valid, *([] if is_swept else derivable(sources))],
-            )
+            names = valid if is_swept else [*valid, *derivable(sources)]
+            yield from unknown_names("variable", {("store", i): name}, names)
         elif is_swept or lacks:
             needed = (
                 "figures and averages derive it"

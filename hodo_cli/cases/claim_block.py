@@ -352,7 +352,7 @@ def cross_check(claims: Any, errata: Any, case_of: CaseOf) -> Iterator[Mistake]:
 
 def _check_entry(section: str, entry: Mapping[str, Any], case_of: CaseOf) -> Iterator[Mistake]:
     """The mistakes of one claim or erratum, under each of its readings."""
-    # A key that is wrong by itself has been noted; its absence here proves nothing.
+    # A key whose value is wrong has been noted, and is missing here.
     if not {"readings", "cases", "check"} <= entry.keys():
         return
     declared = entry["readings"]
@@ -360,7 +360,7 @@ def _check_entry(section: str, entry: Mapping[str, Any], case_of: CaseOf) -> Ite
     if has_both_forms and declared.keys() != {READ_AS_PRINTED, READ_CORRECTED}:
         yield ("readings",), f"expected two readings, {READ_AS_PRINTED!r} and {READ_CORRECTED!r}"
     if section == "errata" and not (declared or entry["cases"] or entry["check"]):
-        return  # it is seen by reading
+        return  # a misprint without a check is shown by reading
     for name, reading in readings(entry).items():
         prefix: KeyPath = ("readings", name) if declared else ()
         yield from within(prefix, _check_reading(reading, case_of))
@@ -368,7 +368,7 @@ def _check_entry(section: str, entry: Mapping[str, Any], case_of: CaseOf) -> Ite
 
 def _check_reading(reading: Mapping[str, Any], case_of: CaseOf) -> Iterator[Mistake]:
     """The mistakes of a claim under one reading."""
-    check, entries, known = reading["check"], reading["cases"], list[Any]()
+    check, entries, cases = reading["check"], reading["cases"], list[Any]()
     if not entries or check is None:
         yield (), "names no case" if check else "has no check"
         return
@@ -382,10 +382,10 @@ def _check_reading(reading: Mapping[str, Any], case_of: CaseOf) -> Iterator[Mist
             continue
         if case is not None and bool(case.sweep) != is_swept:
             yield ("cases", i), f"case {case.name} is {sweep}"
-        known += [] if case is None else [case]
+        cases += [] if case is None else [case]
     yield from within(("check",), _check_check(check, len(entries)))
-    if reading.get("over") and known:
-        yield from _check_members(reading["over"], known[0])
+    if reading.get("over") and cases:
+        yield from _check_members(reading["over"], cases[0])
 
 
 def _check_members(over: Mapping[str, Any], case: Any) -> Iterator[Mistake]:
@@ -406,7 +406,8 @@ MOST_MEMBERS = 100_000
 
 
 def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
-    """The mistakes of a check of `count` cases: a key that it needs, or the number of cases."""
+    """The mistakes of a check of `count` cases: missing keys, unknown names, and a number of cases
+    that it does not take."""
     kind, values = check["kind"], check.get("values", {})
     yield from (
         ((), f"needs {' or '.join(keys)}: without, every motion meets it")

@@ -79,8 +79,7 @@ package in a clone. It may be missing: a copy of the package alone runs too."""
 
 
 def is_bare(name: str | Path) -> bool:
-    """Whether a name has neither folder nor suffix and is not the name of a file, so that it may
-    mean NAME.yaml."""
+    """Whether a name may mean NAME.yaml: it has neither folder nor suffix, and no file has it."""
     path = Path(name)
     return path.name == str(name) and not path.suffix and not path.exists()
 
@@ -116,8 +115,8 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Config:
     positions within its value, and a value in YAML. It may add a key. Raises HodoError, one line
     for each mistake.
     """
-    name, here = str(path), Path(f"{path}.yaml")
-    meant = [(here, str(here)), (BUNDLED_CONFIGS / here, name)] if is_bare(name) else []
+    name, local = str(path), Path(f"{path}.yaml")
+    meant = [(local, str(local)), (BUNDLED_CONFIGS / local, name)] if is_bare(name) else []
     file, label = next((pair for pair in meant if pair[0].exists()), (Path(name), name))
     return parse(text_of(file, label), label, overrides)
 
@@ -218,16 +217,16 @@ def _case_named(cases: Mapping[str, Case], names: Iterable[str], entry: Any) -> 
 
 
 def composed_text(cases: Mapping[str, Case], **sections: Any) -> str:
-    """The text of a case file with these complete cases, one line each, after other sections as
-    plain values."""
+    """The text of a case file: first other sections, given as plain values, then these complete
+    cases, one line each."""
     lines = [f"{section}: {write(value)}" for section, value in sections.items() if value]
     lines += ["cases:", *(f"  {name}: {write(case.entries)}" for name, case in cases.items()), ""]
     return "\n".join(lines)
 
 
 def _entries(section: str, named: Mapping[str, Any]) -> tuple[dict[str, Any], list[Mistake]]:
-    """The entries of a section that have a proper name and are mappings, and the mistakes in the
-    others."""
+    """The entries of a section that have a valid name and are mappings, and the mistakes in the
+    other entries."""
     proper = {name: value for name, value in named.items() if NAME.fullmatch(name)}
     mistakes: list[Mistake] = [
         ((section, WrongKey(name)), NAME_RULE) for name in named if name not in proper
@@ -244,7 +243,7 @@ def _default_mistakes(defaults: Mapping[str, Any], blocks: Sequence[Any]) -> lis
     """A mistake for each of the defaults that no case takes."""
     models = [(block, *keys_in(block)) for block in blocks]
     if any(model is None and "model" in block for block, model, _ in models):
-        return []  # it may have keys of its own
+        return []  # an unknown model may have keys of its own
     # A case without a model may take any known key.
     taken = {key for _, model, keys in models for key in (keys if model else all_keys())}
     return [
@@ -297,7 +296,7 @@ def _apply_override(text: str, blocks: dict[str, Any], source: Source) -> None:
     if not names:
         source.note(text, unknown(f"case {parts[0]!r}", parts[0], blocks))
     source.override = text
-    with suppress(HodoError):  # what is wrong with the text of a value is noted
+    with suppress(HodoError):  # the source has noted the mistakes in the text of a value
         new = source.read(value)
         for name in names:
             try:
@@ -313,11 +312,12 @@ def _with_override(block: Mapping[str, Any], path: Sequence[str], new: Any) -> d
     exist."""
     head, rule = path[0], keys_in(block)[1].get(path[0])
     before = block.get(head, (rule or {}).get("default"))
-    with suppress(Wrong):  # its own mistakes are noted elsewhere
+    with suppress(Wrong):  # mistakes in the earlier value are noted with its case
         # A single number for three equal ones has no components until it is written out.
         before = check(rule, before) if rule and len(path) > 1 else before
     changed = {**block, head: with_value(before, path[1:], new)}
     if head == "time" and isinstance(changed["time"], dict):
+        # `path[1:2]` holds the key within `time:`, if the override names one.
         drop_replaced_times(changed["time"], dict.fromkeys(path[1:2], new))
     return changed
 

@@ -39,6 +39,7 @@ VIEW = Key(
 
 
 def _rising(ends: tuple[float, ...]) -> tuple[float, ...]:
+    """The two ends themselves. Raises Wrong unless the first is the lower one."""
     if not ends[0] < ends[1]:
         raise Wrong(((), f"expected the lower end first, got {ends[0]:g}, {ends[1]:g}"))
     return ends

@@ -23,6 +23,7 @@ Row = tuple[str, str, str, str, str]
 def _default(rule: Rule) -> dict[str, Any]:
     """The default of a key as a case file writes it, in JSON Schema; empty if there is none."""
     default = rule.get("default")
+    # A switch lists the word for True first.
     written = rule["enum"][not default] if isinstance(default, bool) else default
     return {} if written is None else {"default": written}
 
@@ -44,6 +45,7 @@ def _rows(path: str, rule: Rule, chosen: str = "") -> Iterator[Row]:
 
 
 def _table(keys: Mapping[str, Rule]) -> list[Row]:
+    """The rows of several keys and of the keys inside them."""
     return [row for name, rule in keys.items() for row in _rows(name, rule)]
 
 
@@ -139,6 +141,8 @@ def schema_of(rule: Rule, is_partial: bool = False) -> dict[str, Any]:
 
 
 def _schema_in_full(rule: Rule, is_partial: bool = False) -> dict[str, Any]:
+    """A rule as JSON Schema without its description and default, and without a reference to its
+    own definition."""
     if "tag" in rule:
         heads = {name: Key(Choice(name), rule["head"]["description"]) for name in rule["tables"]}
         tables = (Table({rule["tag"]: heads[name]} | keys) for name, keys in rule["tables"].items())
@@ -157,6 +161,7 @@ def _schema_in_full(rule: Rule, is_partial: bool = False) -> dict[str, Any]:
 
 
 def _closed(properties: dict[str, Any]) -> dict[str, Any]:
+    """JSON Schema of a mapping that takes these keys and no others."""
     return {"properties": properties, "additionalProperties": False}
 
 

@@ -74,7 +74,8 @@ spaced."""
 def drop_replaced_times(time: dict[str, Any], given: Mapping[str, Any]) -> None:
     """Remove the keys of `time:` that the keys given now replace."""
     changed = [name for name, value in given.items() if value is not None]
-    for key in set().union(*(REPLACED_TIMES.get(name, ()) for name in changed)) - given.keys():
+    replaced = {key for name in changed for key in REPLACED_TIMES.get(name, ())}
+    for key in replaced - given.keys():
         time.pop(key, None)
 
 
@@ -104,20 +105,19 @@ def _time_mistakes(time: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _order_mistakes(start: float, values: Sequence[float]) -> Iterator[Mistake]:
-    """The mistakes of times that neither all rise from the start nor all fall from it."""
-    is_backward = values[-1] < start
-    side = "before" if is_backward else "after"
-    if values[0] > start if is_backward else values[0] < start:
-        other = "after" if is_backward else "before"
+    """The mistakes of listed times, which must all rise from the start, or all fall from it."""
+    sign = -1 if values[-1] < start else 1
+    side, other = ("after", "before")[::sign]
+    if sign * values[0] < sign * start:
         yield ("values", 0), f"expected no time {other} start, {start:g}, got {values[0]:g}"
     for i, (last, time) in enumerate(pairwise(values), 1):
-        if not (time < last if is_backward else time > last):
+        if sign * time <= sign * last:
             yield ("values", i), f"expected a time {side} {last:g}, got {time:g}"
 
 
 def most_samples(start: float, end: float) -> float:
     """How many samples of a span can be different doubles; infinite if the end is the start, where
-    all samples are one."""
+    all samples are one time."""
     # Times two doubles apart are never rounded to the same double.
     grain = 2 * math.ulp(max(abs(start), abs(end)))
     return max(2, int(abs(end - start) / grain) + 1) if start != end else math.inf
@@ -271,7 +271,7 @@ SECTIONS = {
 
 
 def _own_model(name: Any) -> str:
-    """How to name the file of a model that hodo does not have."""
+    """The end of a message about an unknown model: how to name the file of a user's own model."""
     how = "hodo --models FILE.py ..., in Python HODO_MODELS=FILE.py before it starts"
     return f" (from a file of your own: {how})" if isinstance(name, str) else ""
 

@@ -85,6 +85,7 @@ def Ranged(above: float | None = None) -> Rule:
     """A value of a swept key: a number or, for an angle or a rate, text in degrees."""
 
     def value_of(value: Any) -> float:
+        """The number, which remembers text in degrees. Raises Wrong."""
         if not isinstance(value, str):
             return float(check(Number(above), value))
         number = InDegrees(check(Rate(), value))
@@ -95,7 +96,7 @@ def Ranged(above: float | None = None) -> Rule:
 
 
 def _of_one_kind(values: tuple[float, ...]) -> tuple[float, ...]:
-    """The values, which have to be given in degrees all or not at all. Raises Wrong otherwise."""
+    """The values themselves. Raises Wrong unless all of them, or none, are given in degrees."""
     if len({isinstance(value, InDegrees) for value in values}) > 1:
         raise Wrong(((), "expected all values in degrees, or none"))
     return values
@@ -188,7 +189,7 @@ class Axis:
     def _listed(self) -> list[np.ndarray]:
         """The values of each key whose range is not a linspace."""
         return [
-            # The ends are the given numbers to the last bit; those of 10 ** linspace are not.
+            # geomspace keeps the given ends to the last bit; 10 ** linspace does not.
             np.geomspace(*value_range["logspace"])
             if "logspace" in value_range
             else np.array(value_range.get("values", ()), dtype=float)
@@ -210,6 +211,7 @@ class Axis:
 
 
 def _length(value_range: Mapping[str, Any]) -> int:
+    """The number of values of a range."""
     ((word, value),) = value_range.items()
     return len(value) if word == "values" else int(value[2])
 
@@ -217,6 +219,7 @@ def _length(value_range: Mapping[str, Any]) -> int:
 def storable(model: Equations) -> list[str]:
     """The variables that `store:` may name in a sweep of a model."""
     columns = MEMBER_COLUMNS + (STOP_COLUMNS if model.may_stop else ())
+    # Where no axis is enclosed there are neither labels nor crossings.
     columns = ("event_time",) if model.form.no_axis_reason else columns
     return [*model.variables, *columns, "steps", "status", "trajectory"]
 
@@ -232,8 +235,10 @@ def axes_of(sweep: Mapping[str, Any]) -> list[Axis]:
 
 
 def swept_path(path: Sequence[str]) -> list[str]:
-    """A path within `sweep:` as its keys, which may contain points."""
+    """A path within `sweep:`, split at its points, as keys, which may contain points:
+    damping.2.values is (damping.2, values)."""
     words = {*RANGES, "zip", "sphere"}
+    # A key ends where one of these words begins; the first part is a key in any case.
     n = next((i for i, part in enumerate(path) if part in words), len(path)) or 1
     within_axis = [*path[n + 1 :]]
     rest = swept_path(within_axis) if path[n : n + 1] == ["zip"] and within_axis else within_axis
@@ -248,8 +253,8 @@ def path_of(key: str) -> KeyPath:
 def first_values(
     sweep: Mapping[str, Any], model: type[Model], data: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The first values of the swept keys that the case does not give itself: with them it is of the
-    same kind as its members."""
+    """The first values of the swept keys that the case does not give itself. With them the case
+    has the same terms as its members."""
     values = {}
     for path, value_range in (ranged for axis in axes_of(sweep) for ranged in axis.ranges):
         ((first, *_),) = value_range.values()
@@ -304,7 +309,8 @@ def _check_range(
     model: type[Model],
     data: Any,
 ) -> Iterator[Mistake]:
-    """What is wrong with the range of a swept key, whose rule is given."""
+    """The mistakes in the range of a swept key; `path` is the path of the key in the data of its
+    case, and `rule` the rule of the first key in it."""
     name = ".".join(map(str, path))
     present: Any = data
     try:
@@ -328,7 +334,8 @@ def _check_range(
             check(rule, given(with_number(data[path[0]], path[1:], new)))
         except Wrong as error:
             mistakes += (((word, i), sentence) for _, sentence in error.mistakes)
-    if present is None and not mistakes:  # other keys of the case may say as much
+    if present is None and not mistakes:
+        # The key may contradict others of the case, as initial.G contradicts p, q and r.
         of_model = {key: data[key] for key in model.keys if key in data}
         of_first = model.check(with_number(of_model, path, span[0]))
         mistakes = [((), sentence) for _, sentence in of_first]
@@ -364,11 +371,11 @@ def given(data: Any) -> Any:
 
 
 def with_number(value: Any, path: Sequence[Any], new: Any) -> Any:
-    """A copy of resolved case data with `new` at a path; a vector there gets it in all
-    components."""
+    """A copy of resolved case data with `new` at a path; a vector at this path gets `new` in all
+    its components."""
     if not path:
         if isinstance(value, int) and isinstance(new, float):
-            return int(new)  # a count stays one
+            return int(new)  # a count stays a whole number
         # A scalar given for a vector (`damping`) means that all components are equal.
         return (new,) * len(value) if isinstance(value, tuple) else new
     head, *tail = path

@@ -17,8 +17,8 @@ GRAVEST = (CONTRADICTED, AS_PRINTED, ONCE_CORRECTED, UNDERDETERMINED)
 """The verdicts on statements that do not simply hold, the gravest first."""
 
 IN_FULL = 3
-"""The statements that are told in full at least, besides all that are contradicted and all whose
-verdict is not the expected one: authors read these first, and unfold the tables."""
+"""How many of the gravest statements are shown in full, besides all that are contradicted and all
+whose verdict is not the expected one: authors read these first, and unfold the tables."""
 
 
 def account(
@@ -86,13 +86,14 @@ def gravest(statements: Iterable[VerdictRow]) -> list[VerdictRow]:
 
 
 def marked(row: VerdictRow) -> str:
-    """The verdict on a statement, and the one expected where it is another."""
+    """The verdict on a statement, with the expected verdict where that is another."""
     expected = "" if row["verdict"] == row["expect"] else f" (expected: {row['expect']})"
     return f"{row['verdict']}{expected}"
 
 
 def in_full(row: VerdictRow) -> str:
-    """A statement as an item of a list: ours, the paper's words, the verdict and remarks."""
+    """A statement as an item of a list: in our words, in the paper's words, the verdict and
+    remarks."""
     parts = [f"**{escaped(row['where'])}**: {escaped(row['statement'])}"]
     parts += [f"*{escaped(row['original'])}*"] if row["original"] else []
     parts += [f"**{marked(row).capitalize()}**: {escaped(row['evidence'])}."]
@@ -102,8 +103,8 @@ def in_full(row: VerdictRow) -> str:
 
 
 def shown_by(row: VerdictRow, theorem: str = "") -> str:
-    """What decides a statement or shows a misprint, a theorem where there is one, and the
-    remark."""
+    """What decides a statement or shows a misprint (its `theorem`, if there is one, or else the
+    evidence), and the remark."""
     return "; ".join(filter(None, [theorem or row["evidence"], row["note"]]))
 
 

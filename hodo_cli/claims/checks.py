@@ -97,17 +97,14 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
     more = f"more crossings than {most}" if most else "a crossing"
     astray = f"a crossing that is not {' '.join(map(' '.join, asked.items()))}"
     contrary = ((fewer, least), (more, most is not None), (astray, asked))
+    of_motions = (
+        [f"{m.case.time.text(c.time, 4)} ({' to '.join(ends_of(c).values())})" for c in m.crossings]
+        for m in motions
+    )
     return Finding(
         deviation_unless(not (fails or lacks_some)),
         number=float(max(counts)),
-        evidence="; ".join(
-            ", ".join(
-                f"{m.case.time.text(c.time, 4)} ({' to '.join(ends_of(c).values())})"
-                for c in m.crossings
-            )
-            or "no crossing"
-            for m in motions
-        ),
+        evidence="; ".join(", ".join(words) or "no crossing" for words in of_motions),
         contradicted_by=" or ".join(words for words, is_contrary in contrary if is_contrary),
     )
 
@@ -118,9 +115,10 @@ def ends_of(crossing: Crossing) -> dict[str, str]:
 
 
 def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """Values at start or end compared with those of the text; decided by the largest difference."""
+    """Values at start or end compared with the printed values; decided by the largest
+    difference."""
     deviations, differences, words = [0.0], [0.0], []
-    # Half a unit of the last digit is rounded itself, hence one more rounding is allowed.
+    # `within`, such as half a unit of the last digit, is itself rounded: one rounding is allowed.
     allowed = check["within"] * (1 + ROUNDING)
     for name, printed in check["values"].items():
         values = [number(m, name, check["at"]) for m in motions]
@@ -149,8 +147,8 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     of_motions = [
         extremes(m, name) if everywhere else (number(m, name, check["at"]),) * 2 for m in motions
     ]
-    bounds = [(sign, check[key]) for sign, key in ((1, "most"), (-1, "least"))]
-    bounds = [(sign, bound) for sign, bound in bounds if bound is not None]
+    signs = {"most": 1, "least": -1}
+    bounds = [(sign, check[key]) for key, sign in signs.items() if check[key] is not None]
     # The value that is nearest to a bound, or farthest beyond it, and how far that is.
     nearest = [
         (sign * (ends[sign > 0] - bound), ends[sign > 0], m)
@@ -162,14 +160,13 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     _, decisive, of_case = max(nearest, key=itemgetter(0))
     digits = max(digits_to_show(value, violation) for violation, value, _ in nearest)
     lows, highs = zip(*of_motions, strict=True)
-    words = f"{name} from {min(lows):.{digits}g} to {max(highs):.{digits}g}"
+    range_words = f"from {min(lows):.{digits}g} to {max(highs):.{digits}g}"
+    of_course = f"{name} {range_words}{among(motions, of_case)}"
     deviation_of = number_deviation if name in SINGLE_NUMBERS else course_deviation
     return Finding(
         max(deviation_of(m, name, violation) for violation, _, m in nearest),
         number=decisive,
-        evidence=words + among(motions, of_case)
-        if everywhere
-        else f"{name} = {listed(lows, digits)}",
+        evidence=of_course if everywhere else f"{name} = {listed(lows, digits)}",
         contradicted_by=" or ".join(
             f"a value {'above' if sign > 0 else 'below'} {bound:g}" for sign, bound in bounds
         ),
@@ -205,7 +202,8 @@ def course_deviation(
 
 
 def among(motions: Sequence[Motion], m: Motion) -> str:
-    """In words, the case that decides a check of several cases; empty for one case."""
+    """The name of the case that decides a check of several cases, as the end of a sentence; empty
+    for one case."""
     return f", {m.words}" if len(motions) > 1 else ""
 
 
@@ -263,7 +261,7 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
             contradicted_by="two values that differ",
         )
     sign, contrary = (-1, "rises") if check["sense"] == "falls" else (1, "falls")
-    # The smallest step is the first to decide otherwise.
+    # The smallest step is the nearest to the other verdict.
     return Finding(
         deviation_unless(bool((sign * steps > 0).all())),
         number=float(np.abs(steps).min()),
@@ -306,7 +304,8 @@ def relative_differences(
     differences: Sequence[tuple[Motion, str, float]], within: float, motions: Sequence[Motion]
 ) -> tuple[float, float, str]:
     """The largest difference relative to the largest |value| of its quantity, or the first that is
-    nan; its deviation; and in words the case that decides."""
+    nan; the largest deviation; and the words of `among` for its case. `differences` are rows of a
+    motion, the name of a quantity, and a difference of it."""
     sizes = [largest_magnitude(m, name) for m, name, _ in differences]
     ratios = [x / size for (*_, x), size in zip(differences, sizes, strict=True)]
     deviations = [
@@ -361,7 +360,8 @@ def averages(check: Keys, swept: "SweepView") -> Finding:
     """Averages over the members of a sweep (all, or at positions), or their range along axes,
     compared with bounds or in order; decided by the last average."""
     name = check["variable"]
-    at: Sequence[Mapping[str, int]] = check["at"] or ([] if check["along"] else [{}])
+    everywhere: Sequence[Mapping[str, int]] = [] if check["along"] else [{}]
+    at = check["at"] or everywhere
     means = [float(swept.values(name, (), position)) for position in at]
     for along in check["along"]:
         values = swept.values(name, (along,), {})

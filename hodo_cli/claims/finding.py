@@ -76,7 +76,8 @@ def listed(values: Iterable[float], digits: int = 4) -> str:
 
 
 def digits_to_show(number: float, difference: float) -> int:
-    """How many digits of a number show a difference to half of its last digit, at least 4."""
+    """How many digits of a number, at least 4, show a difference: half a unit of the last digit is
+    at most as large as the difference."""
     if not (ROUNDING * abs(number) < abs(difference) < abs(number)):
         return 4
     return max(4, 1 + place_of_first_digit(number) - place_of_first_digit(2 * difference))

@@ -55,8 +55,8 @@ LEAST_TIMES = 201
 """The fewest samples that a course needs."""
 
 SAMPLES_A_STEP, FEWEST_A_STEP = 8, 3
-"""The samples to each step of a method, which is about a fifth of a turn: how many are taken, and
-below how many more are taken."""
+"""A motion with fewer than FEWEST_A_STEP samples to a step of its method is integrated again with
+SAMPLES_A_STEP samples to a step. A step is about a fifth of a turn."""
 
 
 def check_followed(m: Motion) -> None:
@@ -71,13 +71,14 @@ def check_followed(m: Motion) -> None:
 def sampled_motion(
     trajectory: Trajectory, passed: Sequence[Crossing] | None, warnings: Sequence[str] = ()
 ) -> Motion:
-    """A trajectory as a motion, with labels where its crossings are known, and with their warnings.
-    Raises Undecidable if it stops before its end."""
+    """A trajectory as a motion. If its crossings are given (`passed` is not None), the motion has
+    them, labels, and the warnings about them. Raises Undecidable if the trajectory stops before its
+    end."""
     case, events = trajectory.case, trajectory.events
     if not trajectory.succeeded:
         words = f"{case_words(case.name)}, integrated for the statement"
         raise Undecidable(f"{words}: {trajectory.status} {trajectory.message}")
-    if passed is not None:  # a crossing is an event too, of which the labels tell more
+    if passed is not None:  # crossings are stored with the labels, not as events
         events = tuple(e for e in events if e.kind != "separatrix")
     variables = case_variables(
         case.system.equations.variables, trajectory.time, trajectory.variables, events, {}
@@ -104,13 +105,13 @@ def quantity(m: Motion, name: str) -> np.ndarray:
     """
     if name not in NUMBERS:
         return known_values(m, name, m[name])
-    known = NUMBERS_KNOWN.setdefault(m, {})
-    if name not in known:
+    computed = NUMBERS_KNOWN.setdefault(m, {})
+    if name not in computed:
         try:
-            known[name] = NUMBERS[name](m)
+            computed[name] = NUMBERS[name](m)
         except KeyError as missing:
             raise HodoError(f"{m.words} has no {missing}, which {name} needs") from None
-    return np.array([known[name]])
+    return np.array([computed[name]])
 
 
 def known_values(m: Motion, name: str, values: np.ndarray) -> np.ndarray:
@@ -144,8 +145,8 @@ def known_crossings(m: Motion) -> tuple[Crossing, ...]:
 
 
 def enclosed_at(m: Motion, moment: str) -> str:
-    """The axis enclosed at "start" or "end". Raises Undecidable if there is none, or if it is open:
-    a motion may be nearer to the separatrix than its error, or stop there."""
+    """The axis enclosed at "start" or "end". Raises Undecidable if there is none, or if it is not
+    known: a motion may be nearer to the separatrix than its error, or stop there."""
     label = m.labels_at_ends[moment == "end"]
     if label == rigid_body.SEPARATRIX:
         known_crossings(m)
@@ -207,7 +208,8 @@ def vector_size(m: Motion, name: str) -> float:
 
 def moved_by(m: Motion, name: str, error: float) -> float:
     """How far a quantity moves with a relative error of omega. D near the separatrix, and a
-    component of a few parts in a million, move by more than that part of their own size."""
+    component of a few parts in a million, change by more than this error relative to their own
+    size."""
     if "omega" not in m.data:
         return 0.0
     omega, moved = m.data["omega"], np.zeros(len(m.time))
@@ -239,10 +241,11 @@ def extremes(m: Motion, name: str) -> tuple[float, float]:
 
 
 def touches_zero(values: np.ndarray) -> bool:
-    """Whether values (n,) are the sizes of a smooth function that is 0 next to the least of them:
-    with another sign before it, or up to it, they bend less than half as much."""
+    """Whether values (n,) are the absolute values of a smooth function that is 0 next to the least
+    of them: five values around it bend less than half as much if the sign changes there."""
     i = int(values.argmin())
     near = values[max(0, i - 2) : i + 3]
+    # One row for each case: no change of sign, a change before the least value, one after it.
     signs = np.where(np.arange(5) < [[0], [2], [3]], -1, 1)
     if len(near) < 5 or near.min() < 0:
         return False
@@ -255,7 +258,8 @@ def peak(time: np.ndarray, values: np.ndarray) -> float:
     through the samples about the highest one, if they lie on a smooth curve."""
     i = int(values.argmax())
     bends = np.diff(values[max(0, i - 2) : i + 3], 2)
-    # A kink or an end is no peak between samples.
+    # On a smooth peak all bends are negative, and within a factor of 2. At a kink or an end of the
+    # curve the largest value is a sample.
     if len(bends) < 3 or not 2 * bends.max() < bends.min() < 0:
         return float(values[i])
     curve = smooth_curve(time, values, i, float(time[i]))
@@ -285,8 +289,8 @@ def turns_about(m: Motion, axis: int, least: float = 0.0) -> list[float]:
 
 
 def edge_time(m: Motion, i: int, least: float) -> float:
-    """The time at which a stretch begins or ends between the samples i - 1 and i: at a crossing, or
-    where |G| passes `least`, else at the sample inside it."""
+    """The time at which a stretch begins or ends between the samples i - 1 and i: at a crossing,
+    where |G| passes `least`, or at the stop; else at sample i - 1."""
     if i in (0, len(m.time)):
         return float(m.time[min(i, len(m.time) - 1)])
     ends = slice(i - 1, i + 1)
@@ -298,13 +302,13 @@ def edge_time(m: Motion, i: int, least: float) -> float:
 
 
 def turns_at(m: Motion, moment: str) -> float:
-    """The turns that G makes in the stretch of "start" or "end" about the axis that it encloses
-    there; 0 where it goes round no single axis."""
+    """The turns that G makes in the first stretch ("start") or the last ("end") about the axis that
+    it encloses there; 0 where it goes round no single axis."""
     check_divided(m)
     i = 0 if moment == "start" else -1
     axis = m.labels_at_ends[i] - 1
     turns = turns_about(m, axis) if axis in range(3) else []
-    # There is none where a body comes to this axis and stops between two samples.
+    # There is no stretch where a body comes to this axis and stops between two samples.
     return turns[i] if turns else 0.0
 
 
@@ -337,7 +341,7 @@ def part_of_region_filled(m: Motion, side: int) -> float:
     coordinate, reached = m.quadrants[:, side // 2], [0.0]
     if inside.any():
         reached += [peak(m.time, inside)]
-    # It may be largest where the motion enters or leaves the region, between two samples.
+    # The coordinate may be largest where the motion enters or leaves the region, between samples.
     axis = m.order[side] + 1
     passages = [c.time for c in m.crossings if axis in (c.start, c.end)]
     reached += [smooth_value(m, coordinate, time) for time in passages]
@@ -359,8 +363,8 @@ def smooth_curve(
 
 
 REACH = 4
-"""The samples on either side of a place that a value there is found by: peaks are missed by 1e-9 at
-most where a motion turns by 12 degrees from sample to sample."""
+"""How many samples on either side of a place give the value there: peaks are missed by 1e-9 at most
+where a motion turns by 12 degrees from sample to sample."""
 
 
 def tilt_growth(m: Motion, side: int) -> float:
@@ -373,7 +377,7 @@ def tilt_growth(m: Motion, side: int) -> float:
 
 
 UNDERFLOW = 1e-290
-"""The size from which on a quantity that decays may be 0 in the next sample."""
+"""The size up to which a quantity that decays may be 0 in the next sample by underflow."""
 
 
 def zero_times(time: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -381,7 +385,7 @@ def zero_times(time: np.ndarray, values: np.ndarray) -> np.ndarray:
     # By signs: a zero may fall on a sample, and products of small numbers are 0.
     side = np.sign(values)
     passes = (side[:-1] != 0) & (side[:-1] != side[1:])
-    # A quantity that decays never reaches 0, but doubles end before it.
+    # A quantity that decays never reaches 0, but its double becomes 0.
     passes &= (side[1:] != 0) | (np.abs(values[:-1]) > UNDERFLOW)
     return np.array([zero_between(time, values, int(i)) for i in np.flatnonzero(passes)])
 
@@ -393,7 +397,7 @@ def zero_between(time: np.ndarray, values: np.ndarray, i: int) -> float:
     by_line = a - values[i] * (b - a) / (values[i + 1] - values[i])
     curve = smooth_curve(time, values, i + 1, by_line)
     slope, x = curve.deriv(), 0.0
-    for _ in range(4):  # quadratic from nearby
+    for _ in range(4):  # Newton's method converges quadratically from a place nearby
         x -= float(curve(x) / (slope(x) or math.inf))
     return by_line + x if a <= by_line + x <= b else float(by_line)
 
@@ -404,8 +408,8 @@ def first_time(times: Sequence[float] | np.ndarray) -> float:
 
 
 def end_of_spin(m: Motion) -> float:
-    """The time at which r reaches 0: that of the event or, where the form has none, of a zero of r
-    or of the brake's stop."""
+    """The time at which r reaches 0: the time of the event or, where the form has no such event,
+    the time of a zero of r or of the stop by a brake, whichever is first."""
     by_event = [time for kind, time in m.events if kind == "end_of_spin"]
     if by_event or not {"omega", "r"} & m.data.keys():
         return first_time(by_event)

@@ -62,7 +62,8 @@ from .measures import (
 def members(
     cases: tuple[Case, ...], over: FrozenDict, start: str | None
 ) -> Mapping[str, Sequence[Case]]:
-    """The members of a sweep that several cases share, by name; kept for the next claim about them.
+    """The members of a sweep over several cases, by name: each member holds one variation of each
+    case. They are kept for the next claim about them.
 
     With `start`, only the members in which every case starts about this axis. Raises HodoError for
     a member whose data make no body.
@@ -132,6 +133,7 @@ class Motions:
         Undecidable if a motion stops before its end."""
         if along:
             members = [[*map(followed, cases)] for cases in members]
+        # Members are integrated in blocks that fit into memory.
         size = max(1, MOST_VARIED_SAMPLES // sum(case.time.samples for case in members[0]))
         for i in range(0, len(members), size):
             if sum(len(m.time) for m in self._known.values()) > MOST_VARIED_SAMPLES:
@@ -143,14 +145,14 @@ class Motions:
             yield from ([self._known[case] for case in cases] for cases in block)
 
     def _finer(self, members: Sequence[Sequence[Case]]) -> list[list[Case]]:
-        """The cases of members with more samples, and their motions too, where these have few
-        samples to a step of their method."""
-        known = {case: self._known[case] for case in itertools.chain(*members)}
-        steps = {case: m.attrs["steps"] for case, m in known.items()}
-        few = {case for case, m in known.items() if len(m.time) < FEWEST_A_STEP * steps[case]}
-        # The same number for all, so that they are integrated side by side.
-        most = max((steps[case] for case in few), default=0)
-        finer = {case: followed(case, most) for case in few}
+        """The cases of members. A case whose motion has few samples to a step of its method is
+        replaced by one with more samples, which is integrated."""
+        motions = {case: self._known[case] for case in itertools.chain(*members)}
+        steps = {case: m.attrs["steps"] for case, m in motions.items()}
+        sparse = {case for case, m in motions.items() if len(m.time) < FEWEST_A_STEP * steps[case]}
+        # The same number of steps for all, so that they are integrated side by side.
+        most = max((steps[case] for case in sparse), default=0)
+        finer = {case: followed(case, most) for case in sparse}
         self._integrate(finer.values())
         return [[finer.get(case, case) for case in cases] for cases in members]
 
@@ -237,6 +239,7 @@ class Judge:
             for x, of_case in zip(entries, stored, strict=True)
             if along or not of_case
         ]
+        # `varied` takes the new cases as those of a single member.
         varied = iter(next(self.varied.of([new], along)) if new else ())
         if along:
             return [with_errors(m, x) if x else m for m, x in zip(varied, stored, strict=True)]
@@ -283,8 +286,8 @@ class Judge:
 
 
 def by_reading(words: Mapping[str, str], of_all: str) -> str:
-    """Words under each reading by its name; equal words occur once, and after `of_all` if all
-    readings have the same."""
+    """Words about each reading, by its name, in one sentence. Equal words occur once; words that
+    all readings have follow `of_all` instead of names."""
     names = grouped((text, name) for name, text in words.items())
     if len(names) == 1:
         return f"{of_all}{next(iter(names))}"
@@ -365,23 +368,24 @@ READ_ALONG = {
 
 
 def is_of_course(check: Mapping[str, Any]) -> bool:
-    """Whether a check is decided along the motion, and not by its last sample and its events; the
-    first stored sample may be later than the start."""
-    named = {check.get("of")} if isinstance(check.get("of"), str) else {*check.get("values", ())}
-    along = check["kind"] in ("monotone", "conserved", "formula") or check.get("at", "end") != "end"
-    return bool(along or check.get("turns") or named & READ_ALONG)
+    """Whether a check is decided along the motion, and not by its last sample and its events."""
+    if check["kind"] in ("monotone", "conserved", "formula") or check.get("turns"):
+        return True
+    named = {check.get("of"), *check.get("values", ())}
+    # The first stored sample may be later than the start.
+    return check.get("at", "end") != "end" or bool(named & READ_ALONG)
 
 
 def with_errors(m: Motion, stored: Motion) -> Motion:
     """A motion with the crossings, events and measured errors of the stored one."""
-    known = {k: v for k, v in stored.data.items() if k.startswith(("crossing", "event"))}
-    return replace(m, data={**m.data, **known}, attrs=stored.attrs, path=stored.path)
+    measured = {k: v for k, v in stored.data.items() if k.startswith(("crossing", "event"))}
+    return replace(m, data={**m.data, **measured}, attrs=stored.attrs, path=stored.path)
 
 
 def over_some(claim: Mapping[str, Any], holds: int, total: int) -> str:
-    """The verdict on a statement that `holds` of `total` members of `over` meet, to plotting
-    accuracy at least. It is under-determined on a part of a grid of what the text does not print;
-    one member refutes a theorem."""
+    """The verdict on a statement that holds, to plotting accuracy at least, for `holds` of `total`
+    members of `over`. A statement that holds on a part of a grid of values that the text leaves
+    open is under-determined; one member refutes a theorem."""
     share = 1 if claim["share"] is None else claim["share"]
     if holds / total >= share:
         return REPRODUCED

@@ -95,15 +95,15 @@ class Trial:
 
 
 def reference_motion(case: Case) -> tuple[Trajectory, float]:
-    """The motion of a case at its samples, more accurate than in double precision, and the change
-    that one ulp in the data makes.
+    """The motion of a case at samples, more accurate than in double precision, and the error that
+    one ulp in the data makes.
 
     It is integrated in quadruple precision unless that takes too long.
     """
-    every = sample_times(case)
-    times = every[thinned(len(every))]
+    all_times = sample_times(case)
+    times = all_times[thinned(len(all_times))]
     method, _ = best(case, "extended")
-    # In long double, where the rounding of the integration is far below one ulp of the data.
+    # In long double the rounding of the integration is far below one ulp of the data.
     motion, *moved = [
         solve(variant, method, "extended", times=times) for variant in (case, *perturbed(case))
     ]
@@ -114,13 +114,9 @@ def reference_motion(case: Case) -> tuple[Trajectory, float]:
 
 
 def worst(errors: Mapping[str, float]) -> float:
-    """The largest of the errors; nan counts as infinite."""
-    return float(
-        max(
-            (math.inf if math.isnan(error) else error for error in errors.values()),
-            default=math.nan,
-        )
-    )
+    """The largest of the errors; nan counts as infinite. It is nan if there are none."""
+    sizes = (math.inf if math.isnan(error) else error for error in errors.values())
+    return max(sizes, default=math.nan)
 
 
 def perturbed(case: Case) -> Iterator[Case]:
@@ -138,7 +134,7 @@ def _moved(value: Any, towards: Iterator[float]) -> Any:
     if isinstance(value, Mapping):
         return {key: _moved(item, towards) for key, item in value.items()}
     if isinstance(value, tuple):
-        # A scalar given for three stays one, and a symmetric body symmetric: else the form has
+        # Three equal components stay equal, and a symmetric body symmetric: else the form has
         # another state.
         moved = {item: _moved(item, towards) for item in dict.fromkeys(value)}
         return tuple(moved[item] for item in value)
@@ -162,7 +158,7 @@ def trial(
         return Trial(method, NOT_TRIED, floor=floor)
     case = replace(case, method=method, tol=tol, max_seconds=max_seconds)
     try:
-        choose(case)  # the time does not include the trial for stiffness
+        choose(case)  # kept for the next call: the time includes no trial for stiffness
         motion = solved(case, *choose(case))
     except HodoError as mistake:
         return Trial(method, "failed with a message", message=str(mistake), floor=floor)
@@ -180,19 +176,17 @@ def trial(
 
 
 def suits(system: Model, method: str) -> bool:
-    """Whether a method is one for these equations."""
+    """Whether a method can integrate these equations."""
     if system.is_quadrature:
         return method in ("auto", "quadrature")
     return method != "quadrature" and (method != "exact" or system.has_closed_form)
 
 
 def least_time(case: Case, motion: Trajectory, repeats: int) -> float:
-    """The least run time of a motion of a case and of its repeats; short runs are repeated more
-    often. Other processes can only add to a time."""
-    times = [motion.run_time]
-    while motion.run_time < SINGLE_RUN_SECONDS and (
-        len(times) < repeats or (sum(times) < REPEAT_SECONDS and len(times) < MAX_REPEATS)
-    ):
+    """The least run time of a motion and of its repeats; short runs are repeated more often. It is
+    the least because other processes can only add to a time."""
+    times, fewest = [motion.run_time], repeats if motion.run_time < SINGLE_RUN_SECONDS else 1
+    while len(times) < fewest or (sum(times) < REPEAT_SECONDS and len(times) < MAX_REPEATS):
         times.append(solve(case, motion.method, case.precision, case.tol).run_time)
     return min(times)
 
@@ -210,7 +204,7 @@ def verdict(motion: Trajectory, error: float, floor: float) -> str:
         return "accurate"
     if error <= ULP_EFFECTS * floor:
         return "limited by the data"
-    # Measured late: a right result needs no warning.
+    # The error is measured only here, because a right result needs no warning.
     remarks = motion_remarks(compared(with_measured_error(motion)))
     return "inaccurate, as stated" if any(remarks) else "SILENT"
 
@@ -218,11 +212,11 @@ def verdict(motion: Trajectory, error: float, floor: float) -> str:
 def trials_of(
     case: Case, methods: Sequence[str], tols: Sequence[float], repeats: int, max_seconds: float
 ) -> tuple[list[Trial], float]:
-    """The trials of a case, by tolerances within methods (no tolerance: each method's own), and
+    """The trials of a case by each method at each tolerance (without `tols`, the method's own), and
     their duration in seconds."""
     began = perf_counter()
     with warnings.catch_warnings():
-        # Warnings of SciPy and overflows: the verdicts count their causes.
+        # SciPy's warnings, and those of overflows, are not shown: the verdicts count their causes.
         warnings.simplefilter("ignore")
         reference = reference_motion(case)
         patience = dict.fromkeys(methods, max_seconds) | {"auto": PATIENCE_OF_TRIALS}
@@ -236,7 +230,7 @@ def trials_of(
 # All cases of a config
 
 DIGITS = (3, 6, 9, 12)
-"""The numbers of right digits for which the fastest method is named."""
+"""The numbers of right digits for which the table names the fastest method."""
 
 MEASURED = {
     "method": ("method taken", ""),
@@ -253,8 +247,8 @@ MEASURED = {
 def table_of_trials(
     cases: Sequence[str], methods: Sequence[str], tols: Sequence[float], trials: Iterable[Trial]
 ) -> Group:
-    """Trials as they are stored, over case, method and tolerance, of which the last varies fastest;
-    nan is the method's own tolerance."""
+    """The group of trials over case, method and tolerance. In `trials` the tolerance varies
+    fastest, and the case slowest; nan is the method's own tolerance."""
     axes = {
         "case": (np.array(cases, dtype=object), "case"),
         "method": (np.array(methods, dtype=object), "method asked for"),
@@ -302,8 +296,7 @@ def try_cases(cases: Sequence[Case], settings: Mapping[str, Any], jobs: int, qui
     has failed trials."""
     methods, tols = settings["methods"], settings["tols"] or (math.nan,)
     trials: dict[str, list[Trial]] = {}
-    # In a process even for a single one: a solver that crashes its process fails its own case
-    # alone.
+    # Even a single case runs in another process: a solver that crashes it fails this case alone.
     with Pool(jobs, always=True) as pool, Progress(len(cases), quiet) as progress:
         tasks = progress.starting(cases, attrgetter("name"))
         for case, outcome in pool.map(partial(trials_of, **settings), tasks):
@@ -349,7 +342,8 @@ def auto_failed(bench: Group) -> bool:
 
 
 def speed_table(bench: Mapping[str, np.ndarray]) -> list[list[str]]:
-    """A row per case: the fastest method, with its run time, for each number of digits."""
+    """The header, and a row for each case: the fastest method for each number of right digits, with
+    its run time."""
     rows = [["case", *(f"{digits} digits" for digits in DIGITS)]]
     for case, error, run_time in zip(bench["case"], bench["error"], bench["run_time"], strict=True):
         # A comparison with nan is false, so that a trial without an error is never the fastest.
@@ -370,8 +364,8 @@ VERDICT_HEADER = [
 
 
 def verdict_table(bench: Mapping[str, np.ndarray]) -> list[list[str]]:
-    """A row per case: the method that auto took, its error, floor, run time and verdict, and the
-    methods by verdict."""
+    """The header, and a row for each case: the method that auto took, its error, the error that one
+    ulp in the data makes, run time and verdict, and the fastest other method that is right."""
     rows = [VERDICT_HEADER]
     is_auto = bench["method"] == "auto"
     for i, case in enumerate(bench["case"]):

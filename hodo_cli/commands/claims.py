@@ -49,7 +49,7 @@ id."""
 
 def judge_results(paths: Iterable[Path]) -> dict[str, Rows]:
     """Judge the claims and the errata of result files, or of the results of configs, and store the
-    verdicts; the rows of both TABLES.
+    verdicts. Returns the rows of both TABLES.
 
     A file without claims is warned of, because an empty table would look like a passed check.
     Raises HodoError as `Judge.claim` does, or if a file cannot be read or replaced.
@@ -67,8 +67,8 @@ def judge_results(paths: Iterable[Path]) -> dict[str, Rows]:
 
 
 def rows_of_result(changes: Update, config: Config | None) -> dict[str, Rows]:
-    """The rows of one result: the stored ones if nothing has changed on which they depend, else
-    they are judged and stored. Raises HodoError as `judged` does."""
+    """The rows of one result. They are read from it if nothing on which they depend has changed;
+    else they are judged and stored. Raises HodoError as `judged` does."""
     run, digest = changes.run, ""
     with suppress(HodoError):  # a case that cannot be read may matter to no claim
         digest = content_digest(map(run.checksum, run.cases()), (config or run).text)
@@ -78,14 +78,14 @@ def rows_of_result(changes: Update, config: Config | None) -> dict[str, Rows]:
     stated = config or stored_config(run)
     rows = judged(stated, run)
     if unknown := unknown_checks(stated):
-        digest = ""  # verdicts that are not kept are given, with the warning, each time
+        digest = ""  # without a digest the verdicts are judged again, and the warning is repeated
         warnings.warn(
             f"{run.path}: this version has no check {', '.join(map(repr, unknown))}: "
             "hodo run with the case file of this version renews its statements",
             stacklevel=3,
         )
-    # Empty groups too: they replace verdicts on removed statements, and the first one holds the
-    # report on errata alone.
+    # Empty groups are written too: they replace verdicts on statements that were removed, and the
+    # first group holds the report even if there are only errata.
     if any(rows.values()) or any(name in run for name, _ in TABLES.values()):
         for topic, (name, columns) in TABLES.items():
             group = claim_group(rows[topic], columns)
@@ -144,7 +144,8 @@ def decision(verdict: Verdict) -> dict[str, Any]:
 
 def as_expected(row: Mapping[str, Any]) -> bool:
     """Whether a claim has the verdict that its file expects, or an erratum is confirmed."""
-    return row["verdict"] in ([row["expect"]] if "expect" in row else (CONFIRMED, BY_READING))
+    expected = (row["expect"],) if "expect" in row else (CONFIRMED, BY_READING)
+    return row["verdict"] in expected
 
 
 def claim_group(rows: Rows, columns: Sequence[str]) -> Group:

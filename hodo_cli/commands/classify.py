@@ -26,9 +26,8 @@ from ..text import abridged, few, grouped, magnitude, table, to_error
 
 
 def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
-    """Label the cases of result files, or of the results of configs; the lines of the table, and
-    why cases are missing there. A case that cannot be labelled does not keep others from their
-    labels.
+    """Label the cases of result files, or of the results of configs. Returns the lines of the table
+    and a sentence for each case that cannot be labelled; the other cases are labelled all the same.
 
     Raises HodoError if a file cannot be read or replaced.
     """
@@ -45,9 +44,8 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
                 except HodoError as error:
                     # Refusals of the file itself begin with its path.
                     words = str(error).removeprefix(f"{path}: ")
-                    problems.append(
-                        f"{path}: {words if words.startswith(name) else f'{name}: {words}'}"
-                    )
+                    owner = "" if words.startswith(name) else f"{name}: "
+                    problems.append(f"{path}: {owner}{words}")
                 except (LookupError, RuntimeError, ValueError) as error:
                     problems.append(f"{path}: {name} is damaged ({error!r})")
     return rows, problems
@@ -56,9 +54,9 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
 def labelled_case(name: str, changes: Update, config: Config | None) -> dict[str, Any]:
     """The line of a stored case, which is labelled if it is not yet. Raises HodoError as
     `classified` does."""
-    known = changes.run.report(name, package_digest())
-    if known is not None:
-        return dict(known)
+    stored_row = changes.run.report(name, package_digest())
+    if stored_row is not None:
+        return dict(stored_row)
     group = changes.run.read(name)
     case = config.cases.get(name) if config else None
     # Parsing a short case takes a tenth of the time of labelling it.
@@ -70,8 +68,8 @@ def labelled_case(name: str, changes: Update, config: Config | None) -> dict[str
 
 
 def classified(name: str, group: Group, case: Case) -> tuple[Group | None, dict[str, Any]]:
-    """The group that `classify` adds to a stored case (None if labels do not apply to it), and the
-    line of the table.
+    """The group that `classify` adds to a stored case (None if the case has no labels of its own),
+    and the line of the table.
 
     Raises HodoError as `integration.classify` does.
     """
@@ -111,8 +109,8 @@ def classification_of(motion: Motion, recorded: Mapping[str, Any]) -> Classifica
 
 
 def events_of(motion: Motion, labelled: Classification) -> list[dict[str, Any]]:
-    """The events of a stored motion for the table, with their errors: the stored events or, if
-    there are none, those that its classification has measured."""
+    """The events of a stored motion for the table. Each has its stored error or, if no error is
+    stored, the one that the classification has measured."""
     errors = np.full(len(motion.events), math.nan)
     if "event_error" in motion.data:
         errors = np.atleast_1d(motion.stored("event_error"))
@@ -143,7 +141,7 @@ def row_of_motion(motion: Motion, labelled: Classification) -> dict[str, Any]:
         "case": motion.label,
         "start": names[start],
         "end": names[int(labelled.labels[-1])],
-        # There is none about the middle axis, nor for a body that does not turn.
+        # There is no rate about the middle axis, nor for a body that does not turn.
         "growth": {names[i]: rate for i, rate in enumerate(rates, 1) if math.isfinite(rate)},
         "final": "" if labelled.final is None else names[labelled.final],
         "predictions": [sentence_of_case(words, case) for words in labelled.predictions],
@@ -224,16 +222,16 @@ CROSSINGS_SHOWN = 5
 
 
 def crossings_line(row: Mapping[str, Any]) -> tuple[str, ...]:
-    """The line of a case in the table of crossings: of many crossings the first ones and the
+    """The line of a case in the table of crossings; of many crossings it has the first ones and the
     last."""
     growth = [f"{axis} {rate:+.6g}" for axis, rate in row.get("growth", {}).items()]
     predicted = filter(None, [row.get("final", ""), *row.get("predictions", ())])
     time_unit = row.get("units", {}).get("time", "1")
     unit = "" if time_unit == "1" else f" {time_unit}"
-    every = [crossing_words(crossing, unit) for crossing in row["crossings"]]
+    crossings = [crossing_words(crossing, unit) for crossing in row["crossings"]]
     events = [event_words(event, unit) for event in row.get("events", ())]
     remarks = [remark for remark in row["warnings"] if remark != row.get("unlabelled")]
-    passages = abridged(every, CROSSINGS_SHOWN, " (--json lists them)")
+    passages = abridged(crossings, CROSSINGS_SHOWN, " (--json lists them)")
     return (
         *(row["case"], row["start"], row["end"], ", ".join(growth), "; ".join(predicted)),
         "; ".join([*passages, *events, *remarks]),
@@ -243,8 +241,8 @@ def crossings_line(row: Mapping[str, Any]) -> tuple[str, ...]:
 def event_words(event: Mapping[str, Any], unit: str) -> str:
     """One event of the motion itself: its time, with its error."""
     error = event["error"]
-    known = "not measured" if math.isnan(error) else f"{magnitude(error)}{unit}"
-    return f"{event['kind']} at {to_error(event['time'], error, 15)}{unit} (error {known})"
+    error_words = "not measured" if math.isnan(error) else f"{magnitude(error)}{unit}"
+    return f"{event['kind']} at {to_error(event['time'], error, 15)}{unit} (error {error_words})"
 
 
 def crossing_words(crossing: Mapping[str, Any], unit: str) -> str:

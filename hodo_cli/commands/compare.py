@@ -28,7 +28,7 @@ from ..text import counted, magnitude, table
 # Looser than the results' 1e-12, so that another machine's compiler changes no verdict, and tighter
 # than any figure shows.
 RTOL = 1e-9
-"""The relative tolerance of a variable without one of its own."""
+"""The relative tolerance of a variable that has none of its own."""
 
 SUBNORMAL = 2.0**-1060
 """A few thousand times the smallest double: numbers below it have fewer digits than any
@@ -70,7 +70,7 @@ class Tolerance:
                 raise HodoError(f"--{name}: expected a number >= 0, got {value:g}")
 
     def allowed(self, name: str, group: Group) -> np.ndarray:
-        """The allowed difference (...) of a variable of the reference, whose group this is."""
+        """The allowed difference (...) of a variable of the reference; `group` is its case."""
         b, attrs = group.variables[name].data, group.variables[name].attrs
         rtol = float(attrs.get("rtol", RTOL)) if self.rtol is None else self.rtol
         atol = float(attrs.get("atol", 0.0)) if self.atol is None else self.atol
@@ -113,7 +113,8 @@ def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[dict[str, An
 def compared_case(
     name: str, run: ResultFile, reference: ResultFile, tolerance: Tolerance
 ) -> Iterator[Line]:
-    """The lines of one case: other properties that differ, then each variable of the reference."""
+    """The lines of one case: first its other properties that differ, then each variable of the
+    reference."""
     for result in (run, reference):
         if name not in result.cases():
             yield "", math.inf, f"missing in {result.path}"
@@ -143,7 +144,8 @@ def checked_group(run: ResultFile, name: str) -> Group:
 
 
 def differing_settings(ours: str, theirs: str) -> Iterator[Line]:
-    """A line for each setting that makes two stored cases different motions, by their texts."""
+    """A line for each setting in which the texts of two stored cases differ, if it decides which
+    motion they are."""
     if ours == theirs:
         return
     try:
@@ -152,17 +154,15 @@ def differing_settings(ours: str, theirs: str) -> Iterator[Line]:
         yield "case", math.inf, f"cannot be read: {error}"
         return
     named = ({".".join(map(str, path)): x for path, x in of_case} for of_case in settings)
-    yield from unequal(
-        "",
-        *(
-            {key: x for key, x in of_case.items() if not f"{key}.".startswith(HOW_COMPUTED)}
-            for of_case in named
-        ),
+    motions = (
+        {key: x for key, x in of_case.items() if not f"{key}.".startswith(HOW_COMPUTED)}
+        for of_case in named
     )
+    yield from unequal("", *motions)
 
 
 def unequal(prefix: str, ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> Iterator[Line]:
-    """A line for each of some values that differs between both."""
+    """A line for each name whose values differ; a missing value is None."""
     for key in {**theirs, **ours}:
         a, b = (np.asarray(of.get(key), dtype=object) for of in (ours, theirs))
         if not np.array_equal(a, b):
@@ -170,8 +170,8 @@ def unequal(prefix: str, ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> 
 
 
 def nearest_times(ours: Variable | None, theirs: Variable | None) -> np.ndarray:
-    """The positions (m,) in our times (n,) of the times nearest to theirs (m,); none for a sweep.
-    A reference may be thinned, and an end of spin differs by a rounding."""
+    """For each time (m,) of the reference the position of the nearest of our times (n,); none for a
+    sweep. A reference may be thinned, and the time of an end of spin differs by a rounding."""
     if ours is None or theirs is None or not len(ours.data):
         return np.empty(0, dtype=np.intp)
     last = len(ours.data) - 1
@@ -183,8 +183,8 @@ def nearest_times(ours: Variable | None, theirs: Variable | None) -> np.ndarray:
 def largest_difference(
     a: np.ndarray, name: str, reference: Group, tolerance: Tolerance
 ) -> tuple[float, str]:
-    """The largest scaled difference from the values of a variable of the reference, and its place.
-    A number that is not finite equals itself alone."""
+    """The largest scaled difference of values `a` from a variable of the reference, and its place.
+    A number that is not finite is equal to the same number only."""
     variable = reference.variables[name]
     if a.shape != (b := variable.data).shape:
         return math.inf, f"shape {a.shape}, not {b.shape}"

@@ -11,6 +11,7 @@ from ..cases.config import composed_text, parse
 from ..results.resume import attributes_by, check_cases, result_named, stored_config
 from ..schema.document import Source, read_mapping
 from ..storage import open_batch, publish
+from ..text import grouped
 
 
 def merge_results(paths: Iterable[Path], out: Path) -> None:
@@ -35,7 +36,7 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
         entries: dict[tuple[str, str], Any] = {("title", config.title): config.title}
         entries |= {("references", config.references): config.references}
         entries |= {("case", name): row["hash"] for name, row in stored.items()}
-        # The style of a file belongs to its own figures alone.
+        # The style of a file applies to its own figures alone, and is written into each.
         style = document.get("style") or {}
         entries |= {
             ("figures", name): figure | {"style": style | (figure.get("style") or {})}
@@ -48,12 +49,13 @@ def merge_results(paths: Iterable[Path], out: Path) -> None:
             if first != entry:
                 where = f"{section} {name} is in {other} and {path}"
                 raise HodoError(f"{where} with different content: rename it in one config")
-    of: dict[str, dict[str, Any]] = {}
-    for (section, name), (_, entry) in known.items():
-        of.setdefault(section, {})[name] = entry
-    heads = {section: "; ".join(filter(None, of[section])) for section in ("title", "references")}
-    lists = {section: [*of.get(section, {}).values()] for section in ("claims", "errata")}
-    text = composed_text(cases, **heads, figures=of.get("figures", {}), **lists)
+    named = grouped((section, (name, entry)) for (section, name), (_, entry) in known.items())
+    by_section = {section: dict(entries_of) for section, entries_of in named.items()}
+    heads = {
+        section: "; ".join(filter(None, by_section[section])) for section in ("title", "references")
+    }
+    lists = {section: [*by_section.get(section, {}).values()] for section in ("claims", "errata")}
+    text = composed_text(cases, **heads, figures=by_section.get("figures", {}), **lists)
     attributes = attributes_by(
         f"merge {' '.join(map(str, results))}", parse(text, str(out), stored=True)
     )

@@ -37,7 +37,7 @@ Entry = dict[str, Any]
 """The values of a result, a figure or a statement for the template, by name."""
 
 PICTURES = {".png": "png", ".svg": "svg+xml"}
-"""The suffixes of files that a browser shows, and their media types."""
+"""The suffixes of picture files that a browser shows, and their media types."""
 
 
 def write_page(path: Path, sections: Sequence[Entry], alone: bool) -> None:
@@ -54,14 +54,14 @@ def write_page(path: Path, sections: Sequence[Entry], alone: bool) -> None:
 
 def sections_of(folder: Path, alone: bool = False) -> Iterator[Entry]:
     """The sections of all results with figures in a folder, papers first."""
-    found = []
+    sections = []
     for file in sorted(folder.glob("*/drawn.json")):
         # A missing result, or a record of another version, has no section.
         with suppress(HodoError, ValueError, KeyError, TypeError):
             record = json.loads(file.read_text(encoding="utf-8"))
             with open_batch(os.path.normpath(folder / record["result"])) as run:
-                found.append(section_of(run, file.parent, record["figures"], alone))
-    yield from sorted(found, key=lambda section: not section["errata"])
+                sections.append(section_of(run, file.parent, record["figures"], alone))
+    yield from sorted(sections, key=lambda section: not section["errata"])
 
 
 def section_of(run: ResultFile, folder: Path, drawn: Mapping[str, Any], alone: bool) -> Entry:
@@ -76,8 +76,8 @@ def section_of(run: ResultFile, folder: Path, drawn: Mapping[str, Any], alone: b
     ]
     for figure in figures:
         cases = {*figure["shown"]}
-        every = [row for group in judged.values() for row in group]
-        figure["statements"] = [row for row in every if cases & {*row["cases"]}]
+        judged_rows = [row for group in judged.values() for row in group]
+        figure["statements"] = [row for row in judged_rows if cases & {*row["cases"]}]
         figure["cases"] = {name: rows[name] for name in figure["shown"] if name in rows}
         for row in figure["statements"]:
             row["figures"].append(figure["name"])
@@ -97,14 +97,14 @@ def figure_of(
     spec, recorded = config.figures[name], sorted(drawn.get("files", ()))
     files = [folder / file for file in recorded if (folder / file).exists()]
     shown = spec.get("cases", ())
-    known = [config.cases[case].assumes.items() for case in shown if case in config.cases]
+    assumptions = [config.cases[case].assumes.items() for case in shown if case in config.cases]
     images = (image_of(file, folder, alone) for file in files if file.suffix in PICTURES)
     links = [(file.suffix[1:].upper(), relative_path(file, folder.parent)) for file in files]
     return {
         "name": name, "kind": spec["kind"], "caption": spec["caption"], "shown": shown,
         "files": links, "image": next(images, ""),
         "problem": drawn.get("problem", ""), "notes": drawn.get("warnings", ()),
-        "assumed": dict.fromkeys(": ".join(item) for items in known for item in items),
+        "assumed": dict.fromkeys(": ".join(item) for items in assumptions for item in items),
         "wide": any(map(is_wide, files)),
     }  # fmt: skip
 
@@ -122,7 +122,8 @@ def image_of(file: Path, folder: Path, alone: bool) -> str:
 
 
 def verdicts(run: ResultFile, group: str, entries: Sequence[Entry]) -> Iterator[Entry]:
-    """The statements or misprints that `hodo claims` has judged."""
+    """The statements (`_claims`) or misprints (`_errata`) of a result that `hodo claims` has
+    judged; `entries` are their entries in the case file."""
     if group not in run:
         return
     stored, about = run.read(group).variables, {entry["id"]: cases_of(entry) for entry in entries}
@@ -133,7 +134,7 @@ def verdicts(run: ResultFile, group: str, entries: Sequence[Entry]) -> Iterator[
 
 
 def crossing_rows(run: ResultFile, name: str) -> Iterator[Sequence[str]]:
-    """The crossings of a case: time, error, from, to, |G|."""
+    """A row for each crossing of a case: time, error, axis before, axis after, |G|."""
     stored = run.read(name).variables
     # The members of a sweep have no such dimension.
     if "crossing_time" in stored and "crossing" in stored["crossing_time"].dims:

@@ -41,8 +41,8 @@ class ToDraw(NamedTuple):
 
 
 def results_and_figures(names: Sequence[str]) -> tuple[list[Path], list[str]]:
-    """The arguments that name results or configs, the first one in any case, and the names of
-    figures."""
+    """The arguments of `hodo plot` that name results or configs, and the names of figures. The
+    first argument is no figure."""
     is_file = [not i or name.endswith((".h5", *YAML_SUFFIXES)) for i, name in enumerate(names)]
     files = [Path(name) for name, known in zip(names, is_file, strict=True) if known]
     return files, [name for name, known in zip(names, is_file, strict=True) if not known]
@@ -66,16 +66,16 @@ def draw_results(
     for result in results:
         record = draw_changed(result, formats, jobs, force)
         for name, drawn in ((name, record[name]) for name in result.digests):
-            problems += [(drawn["problem"], name)] * bool(drawn["problem"])
+            problems += [(drawn["problem"], name)] if drawn["problem"] else []
             for line in drawn["warnings"]:
                 warnings.warn(line, stacklevel=2)
             for file in (file for file in drawn["files"] if file.endswith((*formats,))):
                 yield str(result.folder / file), False
-    # Once for all figures that share it.
+    # A problem that several figures share is printed once.
     yield from ((f"{few(of)}: {problem}", True) for problem, of in grouped(problems).items())
     if names:
         return
-    from .page import sections_of, write_page  # late, since it loads what fills pages
+    from .page import sections_of, write_page  # late, because it loads jinja2
 
     page = out / PAGE_FILE
     if is_older(page, results):
@@ -126,7 +126,8 @@ def figure_digest(config: Config, name: str, checksums: Mapping[str, str]) -> st
 
 
 def read_record(folder: Path) -> dict[str, FigureRecord]:
-    """How the figures of a folder were drawn; empty if that is not known."""
+    """How the figures of a folder were drawn, by name; empty if the folder has no readable
+    record."""
     with suppress(OSError, ValueError, KeyError, TypeError):
         record = json.loads((folder / DRAWN_RECORD).read_text(encoding="utf-8"))["figures"]
         return {name: entry for name, entry in record.items() if {*EMPTY} <= entry.keys()}
@@ -134,7 +135,8 @@ def read_record(folder: Path) -> dict[str, FigureRecord]:
 
 
 def is_kept(result: ToDraw, name: str, drawn: FigureRecord, formats: Sequence[str]) -> bool:
-    """Whether the files of a figure are those that a new drawing would give."""
+    """Whether a figure need not be drawn again: its digest is the same, there was no problem, and
+    its files are unchanged."""
     wanted = files_of(result.config.figures[name], name, formats)
     intact = all(drawn["files"].get(x) == file_digest(result.folder / x) != "" for x in wanted)
     return drawn["digest"] == result.digests[name] and not drawn["problem"] and intact
@@ -148,8 +150,8 @@ def file_digest(file: Path) -> str:
 def draw_changed(
     result: ToDraw, formats: Sequence[str], jobs: int, force: bool
 ) -> dict[str, FigureRecord]:
-    """Draw the figures of a result that would change, or all by `force`, in `jobs` processes, and
-    write and return the record."""
+    """Draw the figures of a result that would change, or with `force` all, in `jobs` processes.
+    Write the record of all figures, and return it."""
     record, digests = read_record(result.folder), result.digests
     kept = [x for x in digests if not force and is_kept(result, x, record.get(x, EMPTY), formats)]
     if kept:
@@ -197,7 +199,7 @@ def draw_figure(
         problem = "; ".join(str(error).splitlines())
     except NOT_OF_A_CASE:
         raise
-    except Exception as error:  # a mistake of ours in one figure shall not cost the others
+    except Exception as error:  # a fault of hodo in one figure shall not cost the others
         problem = f"{type(error).__name__}: {error}"
     # Warnings of deprecated calls inside libraries are for programmers.
     texts = [str(w.message) for w in caught if not issubclass(w.category, DeprecationWarning)]

@@ -64,11 +64,11 @@ name and hidden files need."""
 
 @dataclass(frozen=True)
 class Plan:
-    """The plan of `hodo run` for one config: the requested cases, the reasons why some of them run,
-    and the finished result of each case, the right one or the latest.
+    """The plan of `hodo run` for one config: the requested cases (`asked`), the `reasons` why some
+    of them run, and the `stored` result of each case, the latest or one that is still right.
 
-    The stored results of cases to be rerun are kept if the run stops before them. `prune` drops the
-    cases that are no longer in the config.
+    A case that is to run again keeps its stored result if the run stops before it. `prune` drops
+    the cases that are no longer in the config.
     """
 
     config: Config
@@ -96,7 +96,8 @@ class Plan:
         return [{"run": str(self.path), "case": name, "plan": plans[name]} for name in plans]
 
     def members_kept(self, name: str) -> str:
-        """How many members of a sweep that has grown are not computed again; else empty."""
+        """How many members of a sweep that has grown are not computed again, in words; empty for
+        other cases."""
         case = self.config.cases[name]
         earlier = self.earlier(case) if case.sweep and name in self.stored else None
         return f"; {earlier.kept} of {earlier.members} members are kept" if earlier else ""
@@ -104,12 +105,12 @@ class Plan:
     def execute(
         self, pool: Pool, progress: Progress, fail_fast: bool = False
     ) -> list[dict[str, Any]]:
-        """Run and store; the attributes of each requested case that was reached, in the order of
-        the config.
+        """Run the cases and store them. Returns a row for each requested case that was reached, in
+        the order of the config.
 
-        A case that fails, for whatever reason, is stored as failed unless it has ended well before;
-        `fail_fast` leaves out the cases after it. Raises BatchError if the result cannot be
-        written.
+        A case that fails, for whatever reason, is stored as failed unless it has an earlier result
+        that ended well; `fail_fast` leaves out the cases after it. Raises BatchError if the result
+        cannot be written.
         """
         self.announce(progress)
         attributes = attributes_by(f"run {self.config.path}", self.config)
@@ -158,8 +159,8 @@ class Plan:
         return {name: self.stored[name] for name in self.asked if name not in self.reasons}
 
     def announce(self, progress: Progress) -> None:
-        """Print which results are dropped, what runs if asked, and the warnings that the data
-        give."""
+        """Print which results are dropped, the whole plan if verbose, and the warnings that the
+        data of cases give."""
         for row in self.planned():
             show = progress.say if row["plan"] == CASE_DROPPED else progress.detail
             show(plan_lines([row]))
@@ -172,15 +173,15 @@ class Plan:
     def outcomes(
         self, pool: Pool, progress: Progress, reached: "Reached"
     ) -> Generator[tuple[Case, Group | Exception], None, None]:
-        """Each case that runs, with its group to be stored or the error that left none: single
-        cases, then the sweeps."""
+        """Each case that runs, with its group to be stored or the error by which it failed: first
+        single cases, then sweeps."""
         cases = [self.config.cases[name] for name in self.reasons]
         single = [case for case in cases if not case.sweep]
         yield from pool.map(finished_case, progress.starting(single, attrgetter("name")))
         for case in (case for case in cases if case.sweep):
             from ..sweeps.sweep import run_sweep
 
-            reached.store()  # sweeps take long, and short cases wait for others
+            reached.store()  # finished cases may wait for others, and a sweep takes long
             resume = self.reasons[case.name] != FORCED
             try:
                 earlier, hash = self.earlier(case), case_digest(case)
@@ -191,7 +192,8 @@ class Plan:
                 yield case, error
 
     def earlier(self, case: Case) -> "Earlier | None":
-        """The stored result of a sweep that has only gained members since."""
+        """The stored result of a sweep that has only gained members since; None for other
+        sweeps."""
         from ..sweeps.columns import earlier_result  # only sweeps need it
 
         stored = self.stored.get(case.name) if self.reasons[case.name] != FORCED else None
@@ -205,7 +207,7 @@ class Plan:
         tidy(self.path, lambda sweep: sweep == finished or (self.prune and sweep not in wanted))
 
     def renew_remarks(self) -> None:
-        """Store the present remarks of the cases that are kept."""
+        """Store the texts of kept cases whose remarks have changed."""
         texts = {name: dump(self.config.cases[name]) for name in self.kept}
         renewed = {
             x: y for x, y in texts.items() if y != str(self.stored[x].attributes.get("case"))
@@ -223,7 +225,7 @@ class Plan:
             return run.text != attributes["config"] or (self.prune and bool(self.left))
 
     def rows(self, reached: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-        """How the requested cases have ended, now or when they were stored."""
+        """A row for each requested case that has ended, now or when it was stored."""
         rows = {name: item.attributes for name, item in self.stored.items()} | {**reached}
         return [
             {"case": name, **typed(rows[name], SUMMARY, f"{self.path}: {name}")}
@@ -274,9 +276,8 @@ def run_plans(
     verbose: bool = False,
     fail_fast: bool = False,
 ) -> list[dict[str, Any]]:
-    """Carry out the plans in `jobs` processes or on a dask scheduler; the attributes of each
-    requested case that was reached. Raises BatchError as `Plan.execute` does, or if no scheduler
-    answers."""
+    """Carry out the plans in `jobs` processes or on a dask scheduler. Returns the rows of
+    `Plan.execute`. Raises BatchError as it does, or if no scheduler answers."""
     rows: list[dict[str, Any]] = []
     total = sum(len(plan.reasons) for plan in plans)
     with Pool(jobs, scheduler) as pool, Progress(total, quiet, verbose) as progress:
@@ -302,7 +303,7 @@ def plans(
     Stored cases that have left the config stay, unless `prune`.
 
     Raises HodoError if two configs have one name, no case is requested, an existing result is
-    damaged or, without `force`, is that of another config, or a case does not fit into the memory
+    damaged or, without `force`, belongs to another config, or a case does not fit into the memory
     of each of `jobs` processes.
     """
     paths = [out / result_name(config, overrides) for config in configs]
@@ -330,8 +331,7 @@ def plan_of(config: Config, path: Path, globs: Sequence[str], force: bool, prune
     if os.path.lexists(path) and not force:
         with open_run(path) as run:
             check_origin(config, run, ": write elsewhere (--out), or over them (--force)")
-    # With everything that the table shows: reading a file of thousands of cases again takes
-    # seconds.
+    # Everything that the table shows is read here: to read thousands of cases again takes seconds.
     done = finished_cases(path, (*SUMMARY, "hash", "case"))
     asked, reasons = config.matching(globs), {}
     stored = {name: items[0] for name, items in done.items()}
@@ -351,8 +351,9 @@ def result_name(config: Config, overrides: Sequence[str]) -> str:
     last = {text.partition("=")[0]: text for text in overrides}.values()
     exact = ",".join(sorted(last))
     changes = re.sub(r"[^\w.,=+()\[\]{}-]", "_", exact)
-    # Two formulas or patterns may differ only in signs that a file name cannot have. The pattern
-    # for all cases becomes `_.`, with which no case's name begins.
+    # Two formulas or patterns may differ only in signs that a file name cannot have: a digest tells
+    # them apart. `*.`, the pattern for all cases, needs none: it becomes `_.`, and no case has the
+    # name `_`.
     has_signs = any(re.search(r"[^\w.,:=+()\[\]{}\s'\"-]", x.removeprefix("*.")) for x in last)
     if has_signs or len(changes.encode()) > LONGEST_OVERRIDES:
         beginning = changes.encode()[:LONGEST_OVERRIDES].decode(errors="ignore")
@@ -381,8 +382,8 @@ def failure_words(group: Group, outcome: Group | Exception) -> str:
 
 
 def early_warnings(case: Case) -> list[str]:
-    """The warnings of a case's model about its data, or about those of the members at the ends of a
-    sweep."""
+    """The warnings of a model about the data of a case or, for a sweep, about the data of the
+    members at its ends."""
     if not case.sweep:
         return warnings_of(case.system)
     from ..sweeps.members import warnings_of_ends  # only sweeps need them

@@ -23,15 +23,13 @@ from ..results.resume import result_named, results_named, warn_of_changes
 from ..storage import Group, ResultFile, folder_of, open_batch
 from ..text import few, grouped, in_bytes, magnitude, seconds, table
 
-LISTED = SUMMARY | typed_as("case")
-
 
 def stored_cases(paths: Iterable[Path], with_data: bool = False) -> list[dict[str, Any]]:
     """The cases of result files, with the attributes that a line of the table shows; `with_data`
     adds the settings of each case that determine its motion.
 
-    A path may be that of a config. Raises HodoError as `open_batch` does, or if a case lacks such
-    attributes.
+    A path may name a result or its config. Raises HodoError as `open_batch` does, or if a case
+    lacks such attributes.
     """
     rows: list[dict[str, Any]] = []
     for path, config in results_named(paths):
@@ -39,7 +37,7 @@ def stored_cases(paths: Iterable[Path], with_data: bool = False) -> list[dict[st
             warn_of_changes(run, config)
             warn_of_chunks(path)
             for name in run.cases():
-                row = run.row(name, LISTED)
+                row = run.row(name, SUMMARY | typed_as("case"))
                 text = row.pop("case")
                 more = {"assumes": assumes_of(text)}
                 more |= {"data": data_in_words(parse_case(text))} if with_data else {}
@@ -49,11 +47,11 @@ def stored_cases(paths: Iterable[Path], with_data: bool = False) -> list[dict[st
 
 def assumes_of(text: str) -> str:
     """The values that a stored case assumes because its source does not print them, in one line."""
-    if "\nassumes:" not in text:  # so that of many cases those few are parsed that assume something
+    if "\nassumes:" not in text:  # most cases assume nothing, and need not be parsed
         return ""
     try:
         return "; ".join(f"{name}: {value}" for name, value in parse_case(text).assumes.items())
-    except HodoError:  # its model is in a file that has not been named
+    except HodoError:  # its model is in a file that --models does not name
         return ""
 
 
@@ -93,8 +91,8 @@ REFERENCES_IN_WORDS = {
 
 def methods_of(path: Path) -> dict[str, str]:
     """How the cases of a result were computed, as a paragraph for a paper: versions, methods,
-    tolerances, measured errors, models of the author's own, and what to cite. The path may be that
-    of a config.
+    tolerances, measured errors, models of the author's own, and what to cite. The path may name a
+    result or its config.
 
     Raises HodoError as `open_batch` does, or if no case of the result ended well.
     """
@@ -123,8 +121,8 @@ def methods_of(path: Path) -> dict[str, str]:
 
 
 def row_of_methods(run: ResultFile, name: str) -> dict[str, Any]:
-    """What the paragraph says of a case. A sweep is as many motions as it has members, of which a
-    sample is measured. The error of an attitude is an angle, and stands by itself."""
+    """What the paragraph says of a case. A sweep counts as one motion for each member; the errors
+    of a sample of them are measured. The error of an attitude is an angle, `off`."""
     row = {"off": math.nan, "turned": math.nan} | run.row(
         name, SUMMARY | typed_as("tol", "error_kind", "case")
     )
@@ -144,14 +142,14 @@ def row_of_methods(run: ResultFile, name: str) -> dict[str, Any]:
 
 
 def errors_of_attitude(group: Group) -> dict[str, float]:
-    """The error of a stored motion without its attitude, the angle `off` by which that is wrong,
-    and the angle `turned`; empty if these are not stored."""
+    """The error of a stored motion without its attitude, the angle `off` by which the attitude is
+    wrong, and the angle `turned`; empty if these errors or omega are not stored."""
     errors = {name: float(x.attrs.get("error", math.nan)) for name, x in group.variables.items()}
-    off, known = errors.pop("attitude", math.nan), [x for x in errors.values() if x >= 0]
-    if math.isnan(off) or not known or "omega" not in group.variables:
+    off, measured = errors.pop("attitude", math.nan), [x for x in errors.values() if x >= 0]
+    if math.isnan(off) or not measured or "omega" not in group.variables:
         return {}
     time, omega = (group.variables[name].data for name in ("time", "omega"))
-    return {"error": max(known), "off": off, "turned": angle_turned(time, omega)}
+    return {"error": max(measured), "off": off, "turned": angle_turned(time, omega)}
 
 
 def methods_paragraphs(rows: Iterable[Mapping[str, str]]) -> str:
@@ -234,8 +232,8 @@ def ranges_in_words(axes: Iterable[Axis]) -> Iterator[tuple[Sequence[Any], str]]
 
 
 def data_in_words(case: Case) -> str:
-    """The data of a case in a line: what its model does not take by default, with units; of a key
-    that a sweep varies its range."""
+    """The data of a case in a line, with units and without defaults of its model; for a key that a
+    sweep varies its range."""
     data, axes = dict(case.data), axes_of(case.sweep or {})
     if any(axis.sphere for axis in axes):  # |G| stays
         body: Any = case.system
@@ -250,8 +248,8 @@ def data_in_words(case: Case) -> str:
 
 
 def in_words(value: Any, case: Case, key: str = "") -> str:
-    """A setting in a line, with its units where the case gives them: lists in parentheses, and
-    mappings as `key = value`."""
+    """The value of a key in a line, with its units where the case gives them: lists in parentheses,
+    and mappings as `key = value`."""
     from ..sweeps.sweep import stated_unit  # late: every run prints a table, and few have sweeps
 
     if isinstance(value, Mapping):
@@ -305,6 +303,6 @@ def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def remarks(row: Mapping[str, Any]) -> list[str]:
-    """The end of a case, unless it ended well and at its time, and its warnings."""
+    """How a case ended, unless it ended well at its end time, and its warnings."""
     ended = row["message"] if row["status"] == "ok" else f"{row['status']}: {row['message']}"
     return [*filter(None, [ended]), *row["warnings"].splitlines()]

@@ -49,8 +49,6 @@ RC_GROUPS = (
 """The groups of matplotlib's parameters that a case file may set. Case files come from strangers,
 and other parameters name programs and functions that are then started."""
 
-NONE: Mapping[str, Any] = {}
-
 
 def user_parameters() -> dict[str, Any]:
     """The parameters of matplotlib that a notebook or a style sheet has set."""
@@ -78,16 +76,16 @@ def check_rc(rc: Mapping[str, Any]) -> None:
 def draw(
     spec: Mapping[str, Any],
     cases: Cases,
-    figures: Mapping[str, Mapping[str, Any]] = NONE,
-    rc: Mapping[str, Any] = NONE,
+    figures: Mapping[str, Mapping[str, Any]] = {},
+    rc: Mapping[str, Any] = {},
 ) -> Sheet:
     """The figure that one entry of a `figures:` block describes, of datasets by name; it may share
-    the scale of other `figures`. Parameters `rc` of matplotlib count where its style has none.
+    the scale of other `figures`. Parameters `rc` of matplotlib apply where its style sets none.
 
-    Raises HodoError if a case or a variable is missing, the kind has no meaning for it, or the
-    style is not one of matplotlib.
+    Raises HodoError if a case or a variable is missing, the kind has no meaning for a case, or
+    matplotlib does not know the style.
     """
-    own = spec["style"].get("rc", NONE)
+    own = spec["style"].get("rc", {})
     check_rc(own)
     for name in spec.get("cases", ()):
         if name not in cases:
@@ -104,7 +102,7 @@ def draw(
 
 
 def draw_motions(sheet: Sheet, cases: Cases, figures: Mapping[str, Mapping[str, Any]]) -> None:
-    """Draw a figure of motions, and warn of those with too few samples."""
+    """Draw a figure of motions, and warn of motions with too few samples."""
     spec = sheet.spec
     named = "bodies" if "bodies" in spec else "cases"
     count, given = len(spec.get(named, ())), len(spec["labels"])
@@ -125,9 +123,9 @@ def draw_motions(sheet: Sheet, cases: Cases, figures: Mapping[str, Mapping[str, 
     draw_kind(sheet, courses)
     recorded = [name for _, columns in sheet.table for name in columns]
     for name in dict.fromkeys(recorded) if motions else ():
-        # A square has the units of y = r^2.
+        # A squared rate has the units of y = r^2.
         quantity = "y" if name.endswith("^2") else name
-        # A direction has none.
+        # G/|G| has no units.
         if not name.endswith("/|G|"):
             check_units(motions, quantity)
             sheet.units[name] = motions[0].units(quantity)
@@ -139,8 +137,8 @@ def draw_motions(sheet: Sheet, cases: Cases, figures: Mapping[str, Mapping[str, 
 
 
 def check_variables(motions: Sequence[Motion], kind: str, needs: Sequence[str]) -> None:
-    """Raise HodoError for a motion that lacks what a kind of figure draws, or whose omega is nan at
-    some time, where it has no place on a curve."""
+    """Raise HodoError for a motion that lacks a variable which a kind of figure draws, or whose
+    omega is nan at some time: such a sample has no place on a curve."""
     for m in motions:
         for name in needs:
             if lack := lack_of(m.case, name, m.sources, f"kind {kind}"):
@@ -159,4 +157,5 @@ def check_variables(motions: Sequence[Motion], kind: str, needs: Sequence[str]) 
 def symbol_of_time(spec: Mapping[str, Any], motions: Sequence[Motion]) -> str:
     """The symbol of time: the figure's own, or tau for a slow time without a unit, else t."""
     is_tau = not motions or motions[0].units("time") == "1" or motions[0].case.system.slow_time
-    return str(spec.get("time") or (r"\tau" if is_tau else "t"))
+    usual = r"\tau" if is_tau else "t"
+    return str(spec.get("time") or usual)

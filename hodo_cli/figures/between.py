@@ -1,6 +1,6 @@
 """A motion between its samples, where each variable of the state is the cubic with the values and
-the rates of both samples. The rates are those of the equations of the motion's own case, which also
-show whether the cubic is the curve."""
+the rates of both samples. The equations of the motion's own case give the rates, and show whether
+the cubic is the curve."""
 
 import math
 from collections.abc import Sequence
@@ -56,7 +56,8 @@ class Cubics:
     slope: np.ndarray
 
     def terms(self, i: Any) -> tuple[np.ndarray, ...]:
-        """The coefficients (k, ...) of the cubics on the intervals i (...)."""
+        """The four coefficients (k, ...) of the cubics on the intervals i (...), in the fraction s
+        of an interval, from the power 0 upwards."""
         h, a, b = np.diff(self.motion.time)[i], self.y[:, i], self.y[:, i + 1]
         u, v = h * self.slope[:, i], h * self.slope[:, i + 1]
         return a, u, 3 * (b - a) - 2 * u - v, 2 * (a - b) + u + v
@@ -94,30 +95,31 @@ def course(m: Motion) -> Course:
 
 def cubics_of(m: Motion) -> Cubics | None:
     """The cubics of a motion; None if its state is not stored whole, as in most averaged forms."""
-    known = {str(x): m.stored(x) for x, v in m.data.items() if v.dims == ("time",)}
+    components = {str(x): m.stored(x) for x, v in m.data.items() if v.dims == ("time",)}
     for name, parts in VECTORS_OF_STATE.items():
         if name in m.data and m.stored(name).shape == (len(m.time), len(parts)):
             values = m.principal_omega if name == "omega" else m.stored(name)
-            known |= dict(zip(parts, values.T, strict=True))
-    if len(m.time) < 2 or not known.keys() >= {*m.case.system.equations.state}:
+            components |= dict(zip(parts, values.T, strict=True))
+    if len(m.time) < 2 or not components.keys() >= {*m.case.system.equations.state}:
         return None
-    y = np.array([known[name] for name in m.case.system.equations.state])
+    y = np.array([components[name] for name in m.case.system.equations.state])
     return Cubics(m, y, slopes_at(m, m.time, y))
 
 
 @np.errstate(all="ignore")
 def slopes_at(m: Motion, time: np.ndarray, y: np.ndarray) -> np.ndarray:
     """The rates of states y (k, ...) at times (...) by the equations of a motion; 0 where they are
-    nan."""
+    not finite."""
     system = m.case.system
     times = np.broadcast_to(time, y.shape[1:])
-    found = stacked(system.equations.rhs(times, [*y], attributes(system.constants)), y)
-    return np.asarray(np.nan_to_num(found, posinf=0, neginf=0))
+    rates = stacked(system.equations.rhs(times, [*y], attributes(system.constants)), y)
+    return np.asarray(np.nan_to_num(rates, posinf=0, neginf=0))
 
 
 def between_samples(m: Motion, cubics: Cubics) -> dict[Any, Any]:
     """The variables of a motion at its samples and at places between them: by its cubics where they
     follow from the state, else numbers by lines, and labels as at the sample before."""
+    # How far the cubic bends from its chord, h^2 |y''|/8; n lines are n^2 times nearer to it.
     bow = np.abs(np.diff(m.time) * np.diff(cubics.slope, axis=1)) / 8
     y = np.abs(cubics.y)
     size = sizes(m, np.maximum(y[:, 1:], y[:, :-1]) + SMALLEST_SEEN * y.max(axis=1, keepdims=True))
@@ -162,8 +164,8 @@ def samples_in(m: Motion, span: Sequence[float] | None) -> slice:
 
 
 def remark(m: Course, names: Sequence[str], drawn: slice) -> str:
-    """The warning about a motion that visibly leaves its cubics between the samples `drawn`, as a
-    figure of some variables shows it; an empty string for none.
+    """The warning about a motion that visibly leaves its cubics between the samples `drawn`, in a
+    figure of the variables `names`; an empty string if it does not.
 
     The rates of the cubics are compared with the equations at places on the cubics.
     """
@@ -182,12 +184,15 @@ def remark(m: Course, names: Sequence[str], drawn: slice) -> str:
     in_space = any("_space" in name or name.partition(".")[0] in TURNING for name in names)
     rows = [x for x, name in enumerate(state) if name in names] or [*range(len(state))[:3]]
     rows += [*range(len(state))[-4:]] if in_space and "attitude" in m.data else []
+    # The largest distance of the cubic from the curve in each interval; JUMPS intervals may have a
+    # larger one.
     away = np.abs(path[rows]).max(axis=(0, 1))
     if np.sort(away)[-min(JUMPS + 1, n)] <= LARGEST_ERROR:
         return ""
     worst = int(away.argmax())
     turn = float(np.abs(turned[rows, :, worst]).max())
     swings = int((np.diff(np.sign(path[rows, :, worst]), axis=1) != 0).sum(axis=1).max()) * by_time
+    # The error of a cubic falls with the fourth power of the step.
     step = h[0, worst] / max(1.5, turn, 3 * swings, (away[worst] / VISIBLE) ** 0.25)
     time = m.case.time
     instead = ", in place of its values" if time.values else ""

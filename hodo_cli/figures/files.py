@@ -65,22 +65,22 @@ def legend_of(sheet: Sheet) -> Iterator[str]:
 
 
 def page_of(sheet: Sheet, title: str, about: str = "", folder: str = "") -> str:
-    """The page with the strokes of a sheet's scene, or with its picture if it has none, and with a
-    link to the page of all figures if that is in the same folder."""
+    """The page of one figure: the strokes of a sheet's scene, or its picture if it has no scene.
+    With the name of the figure's `folder`, it links to the page of all figures."""
     image = ""
     if not sheet.scene:
         picture = io.BytesIO()
         sheet.figure.savefig(picture, format="svg", metadata={"Date": None, "Creator": None})
         coded = b64encode(picture.getvalue()).decode()
         image = f'<img alt="{escape(about)}" src="data:image/svg+xml;base64,{coded}">'
-    time, of = without_tex(f"${sheet.spec.get('time', 't')}$"), sheet.units.get("time", "1")
+    time, unit = without_tex(f"${sheet.spec.get('time', 't')}$"), sheet.units.get("time", "1")
     scene = {
         "view": sheet.view.tolist(),
         "symbol": time,
-        "unit": "" if of == "1" else f" {of}",
+        "unit": "" if unit == "1" else f" {unit}",
         **sheet.scene,
     }
-    # A name may hold what ends a script.
+    # A name may hold </script>, which would end the script that holds the data.
     data = json.dumps(scene).replace("</", "<\\/")
     back = f'<a href="../index.html#{quote(folder)}/{quote(title)}">All figures</a>'
     shell = Template(Path(__file__).with_name("viewer.html").read_text(encoding="utf-8"))

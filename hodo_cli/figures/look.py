@@ -109,8 +109,8 @@ class Drawing(Figure):
 @dataclass
 class Sheet:
     """A figure being drawn: its entry of a case file, the entries of its legend besides labelled
-    lines, a record of every value that it shows, the scene of its viewer, the units of what is
-    recorded, and the motions of other figures with which it shares its scale."""
+    lines, a record of every value that it shows, the scene of its viewer, the units of recorded
+    quantities, and the motions of other figures with which it shares its scale."""
 
     spec: Mapping[str, Any]
     figure: Drawing = field(default_factory=Drawing)
@@ -140,8 +140,8 @@ class Sheet:
     def panels(
         self, row: float, n: int = 1, columns: int = 1, more: float = 0, **grid: Any
     ) -> list[Axes]:
-        """n panels in rows of `columns`, in a figure of a column or, with several columns, a page.
-        A row is so high in inches, and the whole figure higher by `more`."""
+        """n panels in rows of `columns`, in a figure as wide as a column or, with several columns,
+        a page. `row` is the height of a row in inches; the figure is higher by `more`."""
         style, rows = self.spec["style"], math.ceil(n / columns)
         usual = usual_width(columns)
         width, height = self.width(usual), rows * row + more + 0.2 * bool(self.spec["title"])
@@ -151,7 +151,7 @@ class Sheet:
         for spare in axes[n:]:
             spare.remove()
         for lowest in axes[max(0, n - columns) : n]:
-            # Also above an empty place, where matplotlib leaves out the ticks.
+            # Matplotlib leaves out the numbers of a panel above an empty place.
             lowest.tick_params(labelbottom=True)
         return axes[:n]
 
@@ -178,15 +178,15 @@ class Sheet:
         self.handles.append(Line2D([], [], **look, label=label))
 
     def stroke(self, points: Any, colour: Any, time: np.ndarray | None = None, **kind: Any) -> None:
-        """Add a line, mark, arrow or face (n, 3) to the scene of the viewer, in axes `of` body or
-        space, without points that are nan."""
+        """Add a line, mark, arrow or face (n, 3) to the scene of the viewer, without points that
+        are nan. `kind` holds its further properties, such as `of`, whose axes its points have."""
         places = np.asarray(points, float)
-        known = np.isfinite(places).all(axis=-1)
-        size = float(np.abs(places[known]).max(initial=0)) or 1.0
+        finite = np.isfinite(places).all(axis=-1)
+        size = float(np.abs(places[finite]).max(initial=0)) or 1.0
         # Five digits, in any units.
-        kind["points"] = places[known].round(5 - math.floor(math.log10(size))).tolist()
+        kind["points"] = places[finite].round(5 - math.floor(math.log10(size))).tolist()
         if time is not None:
-            kind["time"] = time[known].tolist()
+            kind["time"] = time[finite].tolist()
         self.scene.setdefault("strokes", []).append({"colour": to_hex(colour), **kind})
 
     def csv(self) -> str:
@@ -199,14 +199,15 @@ class Sheet:
         writer.writerow({"curve": "curve", **dict(zip(names, names, strict=True)), **heads})
         for curve, columns in self.table:
             name = without_tex(curve)
-            # A spreadsheet would compute a text that begins so.
+            # A spreadsheet would compute a text that begins with one of these signs.
             first = {"curve": f"'{name}" if name[:1] in "=+-@" else name}
             for row in zip(*(np.asarray(c).tolist() for c in columns.values()), strict=True):
                 writer.writerow(first | dict(zip(columns, row, strict=True)))
         return text.getvalue()
 
     def finish(self) -> None:
-        """Set the properties of the panels that the style gives, and add title and legend."""
+        """Set the properties of the panels that the style gives, and add the title and the
+        legend."""
         panels = [axes for axes in self.figure.axes if axes.get_subplotspec() is not None]
         for axes in panels:
             try:
@@ -222,6 +223,7 @@ class Sheet:
             self.figure.suptitle(wrapped(self.spec["title"], across))
         lines = [line for axes in panels for line in axes.get_lines()]
         named = [(str(handle.get_label()), handle) for handle in (*lines, *self.handles)]
+        # Of equal labels the first counts.
         entries = {label: h for label, h in reversed(named) if label and label[0] != "_"}
         if entries:
             self.add_legend([*reversed(entries.values())], across)
@@ -272,8 +274,7 @@ def labels_of(m: Motion) -> np.ndarray:
 
 
 def time_scale(motions: Sequence[Motion]) -> Normalize:
-    """The scale of time from the start of the first motion to the end, or the stop, of the last
-    one."""
+    """The scale of time from the first start of a motion to the last end, or stop, of one."""
     ends = [min(m.time[-1], m.stop) for m in motions]
     return Normalize(min(m.time[0] for m in motions), max(ends), clip=True)
 
@@ -281,8 +282,8 @@ def time_scale(motions: Sequence[Motion]) -> Normalize:
 def colours_of(
     motions: Sequence[Motion], spec: Mapping[str, Any]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """For each motion its colours (m, 3), and at each place (n,) the index of its colour: by time,
-    by the enclosed axis, or one a case."""
+    """For each motion its colours (m, 3), and the index (n,) of the colour at each of its places.
+    The colours show the time, the enclosed axis, or the case."""
     colour = spec.get("colour", "axis")
     if colour == "axis":
         labels = sorted(AXIS_LOOKS)
@@ -332,8 +333,8 @@ def colour_bar(
 
 
 def pieces(*keys: np.ndarray) -> list[slice]:
-    """The stretches of a curve on which all keys (n,) are constant; each ends where the next
-    begins."""
+    """The stretches of a curve on which all keys (n,) are constant; the last place of each is the
+    first of the next."""
     table = np.stack(keys, axis=-1)
     cuts = (np.flatnonzero((table[1:] != table[:-1]).any(axis=-1)) + 1).tolist()
     return [slice(a, b + 1) for a, b in zip([0, *cuts], [*cuts, len(table)], strict=True)]
@@ -344,7 +345,7 @@ def curves(
     size: float = 0,
 ) -> None:  # fmt: skip
     """Draw the curves (n, 2) of motions in a plane with their marks and, for several motions, their
-    names; `size` is that of a panel that does not show all."""
+    names; `size` is the size of a panel that shows only a part of them."""
     for m, values, (palette, code) in zip(motions, points, colours_of(motions, spec), strict=True):
         parts = pieces(code)
         lines = [values[part] for part in parts]
@@ -365,10 +366,10 @@ def names_beside(motions: Sequence[Motion], spec: Mapping[str, Any]) -> list[str
 def name_curves(
     axes: Axes, names: Sequence[str], points: Sequence[np.ndarray], colours: Sequence[Any] = ()
 ) -> None:
-    """Write the names of curves (n, 2), each at one of nine of its places that are far from the
-    others."""
-    known = [curve[np.isfinite(curve).all(axis=1)] for curve in points]
-    thin = [curve[:: max(1, len(curve) // 200)] for curve in known]
+    """Write the names of curves (n, 2), each at one of some nine places of its curve that are far
+    from other curves."""
+    finite = [curve[np.isfinite(curve).all(axis=1)] for curve in points]
+    thin = [curve[:: max(1, len(curve) // 200)] for curve in finite]
     for i in (i for i in range(len(names)) if len(thin[i])):
         others = np.concatenate([*thin[:i], *thin[i + 1 :], np.full((1, 2), 1e9)])
         apart = np.hypot(*(thin[i][:, None] - others).T).min(axis=0)
@@ -380,8 +381,8 @@ def name_curves(
 def marks(
     axes: Axes, curve: np.ndarray, crossings: np.ndarray, reach: float = math.inf, size: float = 0
 ) -> None:
-    """Mark the start, the end and the numbered crossings of a curve (n, 2), if they are in the
-    panel; `size` is that of a panel that does not show all."""
+    """Mark the start, the end and the numbered crossings of a curve (n, 2), where no coordinate is
+    beyond `reach`; `size` is the size of a panel that shows only a part of the curve."""
     for look, points in ((START, curve[:1]), (END, curve[-1:]), (CROSSING, crossings)):
         shown = points[(np.abs(points) <= reach).all(axis=1)]
         (line,) = axes.plot(*shown.T, **look, zorder=6, clip_on=reach < math.inf)
@@ -393,9 +394,9 @@ def marks(
 
 def number_marks(axes: Axes, crossings: np.ndarray, room: float) -> None:
     """Number several crossings (n, 2) in time; those close together share one place."""
-    known = np.isfinite(crossings).all(axis=1) & (len(crossings) > 1)
+    numbered = np.isfinite(crossings).all(axis=1) & (len(crossings) > 1)
     together: dict[int, list[str]] = {}
-    for i in np.flatnonzero(known).tolist():
+    for i in np.flatnonzero(numbered).tolist():
         near = (j for j in together if np.abs(crossings[j] - crossings[i]).max() < room)
         together.setdefault(next(near, i), []).append(str(i + 1))
     for first, names in together.items():
@@ -425,7 +426,7 @@ def crossing_legend(sheet: Sheet, motions: Sequence[Motion]) -> None:
     """The entry of crossings in the legend, with their times for a single motion."""
     m, words = motions[0], "$D = 0$"
     if len(motions) == 1:
-        # With its last zeros, which show how accurate a number is.
+        # Zeros at the end of a number are kept: they show how accurate it is.
         digits = [(t, time_digits(t, m.case.time.start)) for t in m.crossing_time]
         texts = [f"{t:#.{n}g}".removesuffix(".") for t, n in digits]
         if len(texts) > 1:
@@ -437,7 +438,7 @@ def crossing_legend(sheet: Sheet, motions: Sequence[Motion]) -> None:
 
 
 def unit_of_time(m: Motion) -> str:
-    """The unit behind a number of time; empty for a pure number."""
+    """The unit after a number of time; empty for a pure number."""
     return "" if m.units("time") == "1" else f" {m.units('time')}"
 
 
@@ -446,7 +447,7 @@ CROSSINGS_NAMED = 12
 
 
 def width_of(m: Motion) -> float:
-    """A line width, the thinner the more turns the hodograph has."""
+    """The width of the line of a motion: the longer the hodograph, the thinner."""
     size = max(float(np.abs(m.G).max()), math.ulp(0))
     length = np.linalg.norm(np.diff(m.G / size, axis=0), axis=-1).sum()
     return float(np.interp(length, [15, 120], [1.1, 0.5]) * matplotlib.rcParams["lines.linewidth"])

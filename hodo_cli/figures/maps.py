@@ -41,13 +41,14 @@ NO_VALUE = "#E4E4E4"
 LEVEL: Look = {
     "color": "white", "lw": 0.9, "path_effects": [withStroke(linewidth=2, foreground="black")],
 }  # fmt: skip
-"""A contour that is visible on every colour, and on a white page."""
+"""The look of a contour, visible on every colour, and on a white page."""
 
 THEORY: Look = {"color": "#D55E00", "lw": 1.4, "ls": (0, (3.4, 1.4))}
-"""A curve of theory over a map."""
+"""The look of a curve of theory over a map."""
 
 MOST_COUNTS = 8
-"""The largest difference of counts with a colour each: of more, the colours are too alike."""
+"""The largest range of counts in which each count has a colour of its own: with more colours they
+are too alike."""
 
 KEY_SYMBOLS = {
     "damping": r"\lambda", "inertia": "A", "torque": "M", "quadratic": "c", "rotor": "h",
@@ -72,8 +73,8 @@ def key_symbol(key: str) -> str:
         whole, _, before = key_symbol(head).partition("_")
         indices = before.strip("{}") + index
         return f"{whole}_{indices}" if len(indices) == 1 else f"{whole}_{{{indices}}}"
-    words = rf"\mathrm{{{last}}}".replace("_", r"\_")
-    return KEY_SYMBOLS.get(last) or (last if len(last) < 3 else words)
+    words = last if len(last) < 3 else rf"\mathrm{{{last}}}".replace("_", r"\_")
+    return KEY_SYMBOLS.get(last, words)
 
 
 def axis_name(swept: SweepView, axis: str) -> str:
@@ -100,7 +101,7 @@ def check_axes_differ(spec: Mapping[str, Any]) -> None:
 def cells(sheet: Sheet, cases: Cases, keep: Sequence[str], along: str | None) -> list[Cell]:
     """Each panel or curve of a figure of sweeps, with the values over the axes to keep. Raises
     HodoError as `check_axes_differ` does, and for an axis that is missing or has several units."""
-    spec, found = sheet.spec, []
+    spec, cells_drawn = sheet.spec, []
     check_axes_differ(spec)
     labels = chain(spec["labels"], repeat(""))
     for name, data in cases.items():
@@ -117,12 +118,12 @@ def cells(sheet: Sheet, cases: Cases, keep: Sequence[str], along: str | None) ->
                 label or ", ".join(filter(None, [of_case, *position(swept, at, in_tex)]))
                 for in_tex in (True, False)
             )
-            found.append((swept, shown, without_tex(plain) or name, values))
+            cells_drawn.append((swept, shown, without_tex(plain) or name, values))
     sheet.units = {axis: of for axis, of in sheet.units.items() if of not in ("", "rad")}
-    variable = found[0][0].variable(spec["variable"].partition(".")[0])
+    variable = cells_drawn[0][0].variable(spec["variable"].partition(".")[0])
     if (stated := str(variable.attrs.get("units", "1"))) != "1":
         sheet.units[spec["variable"]] = stated
-    return found
+    return cells_drawn
 
 
 def swept_in(name: str, data: Any, variable: str, axes: Sequence[str]) -> SweepView:
@@ -140,7 +141,7 @@ def swept_in(name: str, data: Any, variable: str, axes: Sequence[str]) -> SweepV
 
 
 def position(swept: SweepView, at: Mapping[str, int], in_tex: bool) -> Iterator[str]:
-    """A position on each of some axes in words: symbol, or key, = value."""
+    """A position on each of some axes in words: the symbol of the key, or the key, = the value."""
     for axis, i in at.items():
         value, key = f"{swept.ticks(axis)[0][i]:.4g}", swept.key(axis)
         equal = f"${key_symbol(key)} = {value}$" if in_tex else f"{key} = {value}"
@@ -148,8 +149,8 @@ def position(swept: SweepView, at: Mapping[str, int], in_tex: bool) -> Iterator[
 
 
 def meaning(cells_drawn: Sequence[Cell], spec: Mapping[str, Any], keep: Sequence[str]) -> str:
-    """What the colours of a map, or the height of a curve, show; the mean that all have in
-    common."""
+    """What the colours of a map, or the heights of a curve, show, with the axes over which all
+    sweeps are averaged."""
     (swept, *_), (name, _, part) = cells_drawn[0], spec["variable"].partition(".")
     attrs = swept.variable(name).attrs
     t = "t" if swept.case.time.unit != "1" else r"\tau"
@@ -181,12 +182,12 @@ def scale_of(
     if part in ("x1", "x2", "x3"):
         colour = AXIS_LOOKS[int(part[1])][0]
         ends: Any = [pale(colour, 0.88), colour]
-        # If all values are equal, all yes has another colour than all no.
+        # Where all values are equal, 1 has another colour than 0.
         alike = np.isin(known, (0, 1)).all() or low == high
         ends_of_scale = (0, 1) if alike and not spec["range"] else (low, high)
         return Normalize(*ends_of_scale), LinearSegmentedColormap.from_list(part, ends)
     if not spec["range"] and high - low <= MOST_COUNTS and (known % 1 == 0).all():
-        # The colours of a continuous scale would show counts that no member has.
+        # A continuous scale would show counts that no member has.
         return Normalize(low - 0.5, high + 0.5), plasma.resampled(int(high - low) + 1)
     if high - low <= 1e-12 * max(abs(high), abs(low)):  # a scale of rounding has no meaning
         return Normalize(low - 0.1 * abs(low), low + 0.1 * abs(low)), plasma.resampled(1)
@@ -203,10 +204,11 @@ def sweep_map(sheet: Sheet, cases: Cases) -> None:
     flags = first.data[spec["variable"]].attrs if spec["variable"] in first.data else {}
     numbers = np.atleast_1d(flags.get("flag_values", ())).tolist()
     words = dict(zip(numbers, str(flags.get("flag_meanings", "")).split(), strict=False))
-    every = np.concatenate([values.ravel() for *_, values in drawn])
-    known = every[np.isfinite(every)]
-    norm, colours = scale_of(spec, known if known.size else np.zeros(1), bool(words))
-    by_case = n // len(cases) if len(cases) > 1 < n // len(cases) else min(n, 3)
+    all_values = np.concatenate([values.ravel() for *_, values in drawn])
+    finite = all_values[np.isfinite(all_values)]
+    norm, colours = scale_of(spec, finite if finite.size else np.zeros(1), bool(words))
+    of_each = n // len(cases)  # a row for each case that has several panels
+    by_case = of_each if len(cases) > 1 and of_each > 1 else min(n, 3)
     columns = sheet.columns(2 if by_case == 3 and n == 4 else by_case)
     grid: Look = {"sharex": True, "sharey": True}
     if not keep:
@@ -216,21 +218,23 @@ def sweep_map(sheet: Sheet, cases: Cases) -> None:
     look: Look = {"norm": norm, "cmap": colours.with_extremes(bad=NO_VALUE), "rasterized": True}
     for axes, (swept, title, name, values) in zip(panels, drawn, strict=True):
         axes.set_title(title)
-        (plane if keep else globe)(sheet, axes, swept, name, values, look)
+        draw_panel = plane if keep else globe
+        draw_panel(sheet, axes, swept, name, values, look)
     for axes in panels if keep else ():
         axes.label_outer()
-    if len(known) < len(every):
+    if len(finite) < len(all_values):
         absent = "no crossing" if spec["variable"].startswith("crossing") else "no value"
         sheet.handles.append(Patch(fc=NO_VALUE, ec=GREY, lw=0.4, label=absent))
-    said = meaning(drawn, spec, keep)
-    of, named = f"{said}: ", words
-    if said.startswith("share of") and np.isin(known, (0, 1)).all():
-        of, named = "", {1: said.partition(": ")[2], 0: "otherwise"}
-    for value in (value for value in named if value in known):
-        word = re.sub(r"^x([123])$", r"$x_\1$", named[value])
-        sheet.handles.append(Patch(fc=colours(norm(value)), label=of + word))
-    if known.size and not named:
-        scale_beside(sheet, panels, (norm, colours), known, said)
+    colour_words = meaning(drawn, spec, keep)
+    prefix, meanings = f"{colour_words}: ", words
+    # Shares that are all 0 or 1 need no scale: two entries of the legend name them.
+    if colour_words.startswith("share of") and np.isin(finite, (0, 1)).all():
+        prefix, meanings = "", {1: colour_words.partition(": ")[2], 0: "otherwise"}
+    for value in (value for value in meanings if value in finite):
+        word = re.sub(r"^x([123])$", r"$x_\1$", meanings[value])
+        sheet.handles.append(Patch(fc=colours(norm(value)), label=prefix + word))
+    if finite.size and not meanings:
+        scale_beside(sheet, panels, (norm, colours), finite, colour_words)
 
 
 def scale_beside(
@@ -275,19 +279,20 @@ def plane(
 
 
 MANY_CELLS = 20
-"""The cells along an axis of which half of an outer one is not missed."""
+"""With this many cells along an axis half of an outer cell is not missed."""
 
 
 def edges(values: np.ndarray, ratios: bool) -> np.ndarray:
     """The edges (n + 1,) of cells about values (n,), half way between them, by differences or
     ratios."""
     x = np.log(values) if ratios else values
+    # Half of the width of a single cell.
     alone = 0.5 if ratios else 0.1 * abs(x[0]) or 0.5
     half = np.diff(x) / 2 if len(x) > 1 else np.array([alone])
-    # Of many the outer ones end at their values, as those of a coarser grid beside it do.
+    # If there are many cells, the outer ones end at their values.
     outer = half * (len(x) < MANY_CELLS)
-    found = np.concatenate([x[:1] - outer[:1], x[:-1] + half[: len(x) - 1], x[-1:] + outer[-1:]])
-    return np.asarray(np.exp(found) if ratios else found)
+    ends = np.concatenate([x[:1] - outer[:1], x[:-1] + half[: len(x) - 1], x[-1:] + outer[-1:]])
+    return np.asarray(np.exp(ends) if ratios else ends)
 
 
 def contour(
@@ -329,7 +334,8 @@ def globe(
     side, grid_side = (outside(points, A) for points in (directions, grid))
     shown = np.empty(along.shape)
     for which in np.unique(grid_side):
-        starts = side == which if (side == which).any() else np.full(len(side), True)
+        own_side = side == which
+        starts = own_side if own_side.any() else np.full(len(side), True)
         nearest = cKDTree(directions[starts]).query(grid[grid_side == which])[1]
         shown[grid_side == which] = values[starts][nearest]
     axes.pcolormesh(longitude, latitude, shown, **look)
@@ -379,9 +385,9 @@ def sweep_curve(sheet: Sheet, cases: Cases) -> None:
         sheet.record(name, {spec["x"]: x, spec["variable"]: values})
     if spec["level"] is not None:
         axes.axhline(spec["level"], **SEPARATRIX)
-    every = np.concatenate([values for *_, values in drawn])
-    if not (every[np.isfinite(every)] % 1).any():  # as numbers of crossings
+    all_values = np.concatenate([values for *_, values in drawn])
+    if not (all_values[np.isfinite(all_values)] % 1).any():  # as numbers of crossings
         axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     first = drawn[0][0]
-    said = meaning(drawn, spec, [spec["x"]])
-    axes.set(xlabel=axis_name(first, spec["x"]), ylabel=said)
+    height_words = meaning(drawn, spec, [spec["x"]])
+    axes.set(xlabel=axis_name(first, spec["x"]), ylabel=height_words)

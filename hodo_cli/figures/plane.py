@@ -81,7 +81,8 @@ def series(sheet: Sheet, motions: Sequence[Course]) -> None:
         axes.margins(x=0.02, y=0.08)
         if spec["level"] is not None:
             axes.axhline(spec["level"], **SEPARATRIX)
-        (label_case if by_case else label_variable)(axes, curves_of)
+        label_panel = label_case if by_case else label_variable
+        label_panel(axes, curves_of)
         for enlarged in (entry for entry in spec["insets"] if entry["panel"] == group):
             inset(sheet, axes, enlarged, curves_of)
     for axes in panels[-columns:]:
@@ -90,18 +91,18 @@ def series(sheet: Sheet, motions: Sequence[Course]) -> None:
 
 
 def over_time(sheet: Sheet, axes: Axes, m: Course, name: str, look: Look) -> None:
-    """Draw a variable of a motion within the span of the figure."""
+    """Draw a variable of a motion against time, within the span of the figure."""
     part, stored = (samples_in(x, sheet.spec.get("span")) for x in (m, m.samples))
     values = m[name].astype(float)
     if name.startswith("rotation."):
-        # Where a vector of half a turn jumps to its opposite there is a gap.
+        # The curve has a gap where a rotation vector of half a turn jumps to its opposite.
         jumps = np.linalg.norm(np.diff(m.vector("rotation"), axis=0), axis=1) > math.pi
         values[1:][jumps] = np.nan
     mark = "o" if part.stop - part.start == 1 else ""
     axes.plot(m.time[part], values[part], **look, marker=mark)
-    known = m.samples[name][stored]
-    sheet.record(m.label, {"time": m.samples.time[stored], name: known})
-    if not np.isfinite(known).any():
+    recorded = m.samples[name][stored]
+    sheet.record(m.label, {"time": m.samples.time[stored], name: recorded})
+    if not np.isfinite(recorded).any():
         warnings.warn(f"{name} of {m.name} has no value at any sample: no curve", stacklevel=2)
 
 
@@ -116,22 +117,23 @@ def law_of(sheet: Sheet, axes: Axes, m: Course, name: str) -> None:
 
 
 def label_variable(axes: Axes, drawn: Sequence[Drawn]) -> None:
-    """Name the variable that a panel shows of all cases. Constant values get a scale on which they
+    """Label a panel that shows one variable of all cases. Constant values get a scale on which they
     look constant, and words that say so: on the scale of their rounding they look like noise."""
     m, name, _ = drawn[0]
     axes.set_ylabel(axis_label(m, name))
-    known = np.concatenate([np.asarray(line.get_ydata(), float) for line in axes.lines])
-    known = known[np.isfinite(known)]
-    if known.size > 1 and np.ptp(known) <= 1e-9 * np.abs(known).max():
-        half = 0.1 * np.abs(known).max() or 1.0
-        axes.set_ylim(known.mean() - half, known.mean() + half)
-        words = f"constant to {np.ptp(known):.1e}" if np.ptp(known) else "constant"
+    values = np.concatenate([np.asarray(line.get_ydata(), float) for line in axes.lines])
+    values = values[np.isfinite(values)]
+    if values.size > 1 and np.ptp(values) <= 1e-9 * np.abs(values).max():
+        half = 0.1 * np.abs(values).max() or 1.0
+        axes.set_ylim(values.mean() - half, values.mean() + half)
+        words = f"constant to {np.ptp(values):.1e}" if np.ptp(values) else "constant"
         place: Look = {"xycoords": "axes fraction", "ha": "right", "va": "top", "size": "small"}
         axes.annotate(words, (0.97, 0.95), **place)
 
 
 def label_case(axes: Axes, drawn: Sequence[Drawn]) -> None:
-    """Name the case and, in the first panel of a row, the variables that a panel shows of it."""
+    """Label a panel that shows one case with its name and, if it is the first of a row, with the
+    variables."""
     m = drawn[0][0]
     axes.set_title(m.label)
     labels, units = [axis_label(m, name) for _, name, _ in drawn], {unit(m, x) for _, x, _ in drawn}
@@ -144,7 +146,7 @@ def label_case(axes: Axes, drawn: Sequence[Drawn]) -> None:
 
 
 def events(axes: Axes, m: Motion, name: str, spec: Mapping[str, Any]) -> None:
-    """Mark the events of a motion on its curve, each with the value there, or with the time if that
+    """Mark the events of a motion on its curve, each with the value there, or with its time if the
     value is 0."""
     low, high = spec["span"] or (-math.inf, math.inf)
     for kind, when in ((kind, when) for kind, when in m.events if low <= when <= high):
@@ -190,8 +192,8 @@ def phase(sheet: Sheet, motions: Sequence[Course]) -> None:
 
 
 def quadrants(sheet: Sheet, motions: Sequence[Course]) -> None:
-    """p^2 against K r^2, with the regions A (D > 0) and B (D < 0); an enlargement is the larger
-    panel, because the whole shows few turns of most motions."""
+    """K r^2 against p^2, with the regions A (D > 0) and B (D < 0). With an enlargement, that is the
+    larger panel, because the whole shows few turns of most motions."""
     spec, points = sheet.spec, [m.quadrants for m in motions]
     bodies = {m.inertia.tobytes(): m.name for m in motions}
     if len(bodies) > 1:
@@ -218,7 +220,7 @@ def quadrants(sheet: Sheet, motions: Sequence[Course]) -> None:
             ("A", m.order[0], (limit, 0), places),
             ("B", m.order[2], (0, limit), places[:, ::-1]),
         ]
-        # Without K no point is above the diagonal: a body with two smallest moments has no B.
+        # With K = 0 no point is above the diagonal: a body with two smallest moments has no B.
         for name, axis, corner, at in areas if slope(m.inertia) else areas[:1]:
             triangle: Any = [(0, 0), (limit, limit), corner]
             axes.add_patch(Polygon(triangle, fc=AXIS_LOOKS[axis + 1][0], alpha=0.1, lw=0))
@@ -266,7 +268,7 @@ def quadrant_sketch(sheet: Sheet, motions: Sequence[Course]) -> None:
 
 
 def invariants(sheet: Sheet, motions: Sequence[Course]) -> None:
-    """T, G^2 and D/2T against time, with the bounds that the body and its damping set."""
+    """Draw T, G^2 and D/2T against time, with the bounds that the body and its damping set."""
     names, m = ("T", "G2", "D/2T"), motions[0]
     panels = sheet.panels(1.75 / 3 * COLUMN, 3, sharex=True)
     for motion, look in zip(motions, looks(len(motions), sheet.spec["styles"]), strict=True):
@@ -277,6 +279,7 @@ def invariants(sheet: Sheet, motions: Sequence[Course]) -> None:
         bounds(panels, motion)
         crossed = motion.crossing_time
         panels[2].plot(crossed, 0 * crossed, **CROSSING, zorder=4)
+    # D/2T of a rotation about each axis: those of the outer axes are the bounds of D/2T.
     ends = m.inertia - sorted(m.inertia)[1]
     for i in (i for i in (m.order[0], m.order[2]) if ends[i]):
         panels[2].axhspan(*sorted((0, ends[i])), fc=AXIS_LOOKS[i + 1][0], alpha=0.1, lw=0)
@@ -300,13 +303,13 @@ def invariants(sheet: Sheet, motions: Sequence[Course]) -> None:
 
 
 def bounds(panels: Sequence[Axes], m: Motion) -> None:
-    """Draw the bounds of T, G^2/2A_largest and G^2/2A_smallest, and those of G^2, its exponentials,
+    """Draw the bounds of T, G^2/2A_largest and G^2/2A_smallest, and the exponential bounds of G^2,
     if constant damping alone changes it."""
     look: Look = {"color": GREY, "lw": 0.5, "ls": "-"}
     for A in (min(m.inertia), max(m.inertia)):
         panels[0].plot(m.time, m["G2"] / (2 * A), **look)
     system = m.case.system
-    # A fluid does not change G.
+    # A fluid does not change |G|.
     terms = system.dissipation if isinstance(system, Body) else None
     alone = terms and {*system.equations.terms} <= {"damping", "kappa"} and terms.damping
     for rate in {min(alone), max(alone)} if alone else ():
@@ -330,7 +333,7 @@ def draw_bench(trials: Group, path: Path) -> None:
 def work_precision(sheet: Sheet, stored: Mapping[str, np.ndarray]) -> None:
     """Draw the panels and lines of `draw_bench`."""
     error, methods = np.maximum(stored["error"], MIN_ERROR), stored["method"].tolist()
-    # A trial that ran out of time has an error too, at the place that it reached.
+    # A trial that ran out of time may have an error, but of a part of the motion alone.
     done = np.isfinite(stored["error"]) & (stored["status"] != "timeout")
     n, columns = len(stored["case"]), sheet.columns(min(3, len(stored["case"])))
     panels = sheet.panels(1.8, n, columns, 0.2, sharex=True, sharey=True)

@@ -1,4 +1,4 @@
-"""What is in space: hodographs, spheres, the ellipsoid of inertia with its polhodes, herpolhodes,
+"""Figures in space: hodographs, spheres, the ellipsoid of inertia with its polhodes, herpolhodes,
 and the body that moves. Each is drawn in one orthographic view; the viewer turns the strokes of its
 scene."""
 
@@ -64,7 +64,7 @@ def pale(colour: Any, part: float = 0.65) -> tuple[float, ...]:
 def arrow(
     axes: Axes, tail: Any, tip: Any, name: str = "", colour: Any = GREY, zorder: float = 1
 ) -> None:
-    """Draw an arrow in the page with its name beyond the tip."""
+    """Draw an arrow in the plane of the page, with its name beyond the tip."""
     head = "-|>,head_width=0.14,head_length=0.35"
     shape = {"arrowstyle": head, "lw": 0.5, "color": colour, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", tuple(tip), tuple(tail), arrowprops=shape, zorder=zorder)
@@ -83,11 +83,12 @@ def hodograph(sheet: Sheet, motions: Sequence[Course]) -> None:
     projections."""
     spec = sheet.spec
     V, zoom, planes = sheet.view, spec["zoom"], spec["projections"]
-    every = np.concatenate([m.G for m in motions])
-    size = float(np.abs(every).max()) or 1.0
-    up = np.maximum(1.1 * every.max(axis=0), 0.45 * size)
-    down = np.maximum(-1.1 * every.min(axis=0), 0.12 * size)
-    seen = np.concatenate([every, np.diag(up), -np.diag(down)]) @ V.T
+    all_points = np.concatenate([m.G for m in motions])
+    size = float(np.abs(all_points).max()) or 1.0
+    # How far the axes are drawn: beyond the curve, and far enough to be seen.
+    up = np.maximum(1.1 * all_points.max(axis=0), 0.45 * size)
+    down = np.maximum(-1.1 * all_points.min(axis=0), 0.12 * size)
+    seen = np.concatenate([all_points, np.diag(up), -np.diag(down)]) @ V.T
     low, high = seen.min(axis=0)[:2] - 0.07 * size, seen.max(axis=0)[:2] + 0.09 * size
     n, shape = 1 + (zoom is not None) + len(planes), float(np.divide(*(high - low)))
     columns, grid = sheet.columns(min(n, 2)), dict[str, Any]()
@@ -117,8 +118,8 @@ def in_space(
     sheet: Sheet, axes: Axes, motions: Sequence[Course], V: np.ndarray,
     arms: tuple[np.ndarray, np.ndarray], reach: float = math.inf,
 ) -> None:  # fmt: skip
-    """Hodographs in a view V with body axes of these lengths, paler the farther they are; those
-    parts alone of which no component is beyond the reach."""
+    """Draw hodographs in a view V, paler where they are farther, with body axes of these lengths;
+    only the parts with no component beyond `reach`."""
     is_whole = reach == math.inf
     body_axes(sheet, axes, V, arms, motions[0] if is_whole else None)
     chosen = zip(motions, colours_of(motions, sheet.spec), strict=True)
@@ -149,14 +150,15 @@ def in_space(
 def body_axes(
     sheet: Sheet, axes: Axes, V: np.ndarray, arms: tuple[np.ndarray, np.ndarray], m: Motion | None
 ) -> None:
-    """The axes of G1, G2, G3 through the origin, with round values on those that the view does not
-    shorten too much; of a motion that is shown whole with units, and for the viewer."""
+    """Draw the axes of G1, G2, G3 through the origin, with round values on axes that the view does
+    not shorten too much. For a motion `m`, which is shown whole, they have units, and are strokes
+    of the viewer too."""
     step = round_step(float(arms[0].max()))
     for i, (direct, up, down) in enumerate(zip(np.eye(3), *arms, strict=True)):
         ends, along = np.array([-down * direct, up * direct]), (V @ direct)[:2]
-        # Without this a right-handed frame would look like its mirror image.
+        # An axis that points away is pale: else a right-handed frame would look left-handed.
         colour = pale(GREY) if (V @ direct)[2] < -1e-9 else GREY
-        # Once for all three, which have one scale: each longer name would lie on a curve.
+        # Units once, because the axes have one scale, and each longer name would lie on a curve.
         name = axis_label(m, "G.x3") if m and i == 2 else f"$G_{i + 1}$"
         tail, tip = (ends @ V.T)[:, :2]
         arrow(axes, tail, tip, name, colour)
@@ -195,7 +197,8 @@ def heading(axes: Axes, seen: np.ndarray, colour: Any, size: float) -> None:
 
 
 Surface = Callable[[np.ndarray], np.ndarray]
-"""The points (..., 3) of a closed surface at which it has these unit normals (..., 3)."""
+"""A function from unit normals (..., 3) to the points (..., 3) at which a closed surface has
+them."""
 
 Curve = tuple[Course, np.ndarray, str]
 """A curve on a globe: its motion, its normals (n, 3), and its name."""
@@ -219,8 +222,8 @@ def sphere(sheet: Sheet, motions: Sequence[Course]) -> None:
 
 
 def on_ellipsoid(Q: np.ndarray, A: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """The points of the ellipsoid of inertia 2 T = const, its longest axis 1, with these normals.
-    omega lies where the normal is G/|G|, and runs along a polhode."""
+    """The points at which the ellipsoid of inertia 2 T = const, with longest semi-axis 1, has these
+    normals. omega is at the point with the normal G/|G|, and runs along a polhode."""
     along = normals @ Q.T
     size = np.sqrt((along * along / A).sum(axis=-1, keepdims=True) / min(A))
     return np.asarray((along / A / size) @ Q)
@@ -260,7 +263,7 @@ def on_globe(
         name_curves(axes, labels, fronts, shades)
     axes.set(xlim=(-1.3, 1.3), ylim=(-1.15, 1.35), aspect="equal")
     axes.set_axis_off()
-    # The curves of G have their names beside them alone.
+    # Names next to the curves of G are enough.
     if not by_case or arms[0] == "$x$":
         colour_legend(sheet, [axes], motions, labels)
     if circles:
@@ -301,15 +304,16 @@ def globe_curve(
         far_and_near(axes, seen[part], near[part], color=palette[code[part.start]], lw=1.1)
     heading(axes, seen, palette[code[0]], 0.15)
     add_strokes(sheet, m, curve, colours, surface(crossed), label)
-    known = normals[np.isfinite(normals).all(axis=1)]
-    for look, points in ((START, known[:1]), (END, known[-1:]), (CROSSING, crossed)):
+    finite = normals[np.isfinite(normals).all(axis=1)]
+    for look, points in ((START, finite[:1]), (END, finite[-1:]), (CROSSING, crossed)):
         for x, y, front in np.column_stack([(surface(points) @ V.T)[:, :2], points @ V[2]]):
             axes.plot(x, y, **look, alpha=1 if front > 0 else 0.4, zorder=6)
     number_marks(axes, (surface(crossed) @ V.T)[:, :2], 0.1)
 
 
 def far_and_near(axes: Axes, seen: np.ndarray, near: np.ndarray, color: Any, **look: Any) -> None:
-    """A curve in view (n, 3) on a globe, pale where its normals point away from the reader."""
+    """Draw a curve (n, 3), given in the view, on a globe; it is pale where its normals point away
+    from the reader (`near` (n,) is negative)."""
     for part in pieces(near < 0):
         far = near[part.start] < 0
         shade, zorder = (pale(color), 2) if far else (color, 3)
@@ -317,7 +321,7 @@ def far_and_near(axes: Axes, seen: np.ndarray, near: np.ndarray, color: Any, **l
 
 
 def herpolhode(sheet: Sheet, motions: Sequence[Course]) -> None:
-    """Draw omega in space, projected along the G of the start."""
+    """Draw the curves of omega in space, projected along G at the start."""
     (axes,) = sheet.panels(1.05 * COLUMN)
     planes = [across(m.vector("G_space")[0]) for m in motions]
     # The axes of the plane are axes of space only if G points along z.
@@ -337,7 +341,8 @@ def herpolhode(sheet: Sheet, motions: Sequence[Course]) -> None:
 
 
 def across(vector: np.ndarray) -> np.ndarray:
-    """Two unit vectors (2, 3): x and y turned by the shortest rotation that takes z to a vector."""
+    """Two unit vectors (2, 3) across a vector: x and y turned by the shortest rotation that takes z
+    to its direction."""
     x, y, z = vector / max(float(np.hypot.reduce(vector)), math.ulp(0))
     c = max(1 + z, 1e-8)
     return np.array([[1 - x * x / c, -x * y / c, -x], [-x * y / c, 1 - y * y / c, -y]])
@@ -363,7 +368,7 @@ KEY = {
 
 
 def body(sheet: Sheet, motions: Sequence[Course]) -> None:
-    """The body in space at some moments, with G, omega, the hodograph on the body and the
+    """Draw the body in space at some moments, with G, omega, the hodograph on the body and the
     herpolhode in space."""
     (m,), spec = motions, sheet.spec
     part = samples_in(m, spec["span"])
@@ -394,7 +399,7 @@ def set_scene(sheet: Sheet, m: Course, index: np.ndarray) -> None:
     """Add the strokes of a motion at some of its places to the scene, with the attitude there, and
     how long it plays."""
     turned = m.rotations[index]
-    # Two different lengths, because both often point the same way.
+    # Two different lengths, because G and omega often point the same way.
     G, omega = (
         size * values / max(float(np.linalg.norm(values, axis=1).max()), math.ulp(0))
         for size, values in ((1, m.G[index]), (0.8, m.omega[index]))
@@ -436,7 +441,7 @@ def draw_moment(axes: Axes, sheet: Sheet, i: int) -> None:
         seen = (points @ R.T if part.get("of") == "body" else points) @ V.T
         x, y, near = seen.T
         if part["kind"] == "face":
-            # The front is transparent over what is behind it.
+            # A face in front is transparent, over the strokes behind it.
             front = bool(near.mean() > 0)
             look: Look = {"alpha": 0.2 if front else 0.35, "zorder": 4 if front else 1}
             axes.fill(x, y, fc=colour, ec=GREY, lw=0.5, ls="-", **look)
@@ -445,9 +450,10 @@ def draw_moment(axes: Axes, sheet: Sheet, i: int) -> None:
             axes.plot(x[: i + 1], y[: i + 1], "-", color=colour, lw=0.9, zorder=3)
         elif (tip := seen[min(i, len(x) - 1)]).any():  # at rest there is no arrow
             of_space = part["name"] in "xyz"
-            # Without this, space would look left-handed from behind.
+            # An axis that points away is pale: else space would look left-handed.
             shade = pale(colour) if of_space and tip[2] < -1e-9 else colour
-            name = part["name"].replace("ω", r"\omega").replace("x", "x_" if not of_space else "x")
+            of_body = part["name"].replace("ω", r"\omega").replace("x", "x_")
+            name = part["name"] if of_space else of_body
             arrow(axes, (0, 0), tip[:2], f"${name}$", shade, 2 if of_space else 5)
     axes.set(xlim=(-1.3, 1.3), ylim=(-1.3, 1.3), aspect="equal")
     axes.set_title(f"${sheet.spec['time']}$ = {time_text(scene['time'][i], scene['time'][0], 5)}")
@@ -455,7 +461,7 @@ def draw_moment(axes: Axes, sheet: Sheet, i: int) -> None:
 
 
 def film(sheet: Sheet, path: Path) -> None:
-    """The film of a moving body as GIF."""
+    """Write the film of a moving body as GIF."""
     times, pictures = np.array(sheet.scene["time"]), []
     count = max(2, round(FRAMES_A_SECOND * sheet.scene["seconds"]))
     with sheet.figure.styled():

@@ -50,9 +50,10 @@ def in_html(text: str) -> str:
 
 
 def wrapped(text: str, width: int) -> str:
-    """A text in lines of a width in letters; a formula is not broken, and has the width of its
-    letters."""
+    """A text in lines of `width` letters; a formula is not broken, and counts as its letters
+    without TeX."""
     formulas_in = re.findall(r"\$[^$]*\$", text)
+    # While lines are made, a letter of the private use area stands for each formula.
     for i, formula in enumerate(formulas_in):
         text = text.replace(formula, chr(0xE000 + i) * max(1, len(without_tex(formula))), 1)
     lines = [textwrap.fill(line, width, break_long_words=False) for line in text.splitlines()]
@@ -74,8 +75,8 @@ COMPASS = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0),
 
 
 class Words(Annotation):
-    """Words in a panel, at or next to the emptiest of some places (n, 2): first of all above it, or
-    `toward` a direction."""
+    """Words in a panel, at the emptiest of some places (n, 2) or, with `beside`, next to it: above
+    it, or `toward` a direction, unless another side is emptier."""
 
     def __init__(
         self, axes: Axes, text: str, places: Any, beside: bool = True, toward: Any = (0, 1),
@@ -84,7 +85,7 @@ class Words(Annotation):
         self.places = np.asarray(places, float)
         likeness = (COMPASS @ np.asarray(toward)) / np.hypot(*COMPASS.T)
         self.shifts = COMPASS[np.argsort(-likeness, kind="stable")] if beside else np.zeros((1, 2))
-        # Outside of the layout, which would make room for them where they are first.
+        # The layout leaves them out: it would make room for their first place.
         usual: dict[str, Any] = {"in_layout": False, "path_effects": HALO, "zorder": 8}
         usual |= {"textcoords": "offset points", "ha": "center", "va": "center"}
         super().__init__(text, tuple(self.places[0]), (0, 0), **usual | look)
@@ -101,18 +102,20 @@ class Words(Annotation):
         frame = panel.bbox.padded(-2 * point)
         inside = (middles - half >= frame.min) & (middles + half <= frame.max)
         away = np.abs(dark - middles[:, None])
+        # The dark points under the words, and those within six points of them. A place beyond the
+        # frame is the worst.
         hidden, near = ((away < half + x * point).all(-1).sum(-1) for x in (1, 6))
         best = int((hidden + near / 50 + 1000 * ~inside.all(-1)).argmin())
         i, j = divmod(best, len(self.shifts))
         self.xy, self.xyann = tuple(self.places[i]), tuple(offsets[j] / point)
-        # As dense as strokes are, or words would rather hide words than lines.
+        # As dense as the points of strokes: else later words would hide these rather than lines.
         grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 12)] * 2), -1).reshape(-1, 2)
         return np.asarray(middles[best] + grid * half)
 
 
 def dark_points(panel: Any) -> np.ndarray:
-    """The points (n, 2) in pixels within a panel of lines, arrows and words that keep their places,
-    one of those within the same three pixels."""
+    """The points (n, 2) in pixels of lines, arrows and words that keep their places in a panel, at
+    most one in each square of three pixels."""
     drawn = [x for x in panel.collections if isinstance(x, LineCollection)]
     lines = [line.get_transform().transform(line.get_xydata()) for line in panel.lines]
     lines += [x.get_transform().transform(path.vertices) for x in drawn for path in x.get_paths()]
@@ -124,7 +127,7 @@ def dark_points(panel: Any) -> np.ndarray:
     points = [np.zeros((0, 2))]
     for known in filter(len, (line[np.isfinite(line).all(axis=1)] for line in lines)):
         length = np.append(0, np.hypot(*np.diff(known, axis=0).T).cumsum())
-        # A point each three pixels, or a long stroke would seem empty.
+        # A point at each three pixels: the places between two distant points are dark too.
         at = np.linspace(0, length[-1], int(min(length[-1] / 3, 20000)) + 2)
         points.append(np.stack([np.interp(at, length, x) for x in known.T], axis=-1))
     dark = np.concatenate(points)

@@ -10,8 +10,8 @@ from ..claims.finding import Finding
 
 
 def finding_of(name: str, motions: Sequence[Any]) -> Finding:
-    """The finding of the check with this name in a case file: its function is called by it, with
-    underscores for hyphens."""
+    """The finding of the check that case files call by this name; its function has the same name
+    with underscores for hyphens."""
     module = import_module(f"{__name__}.{checks_of_papers()[name][0]}")
     check: Callable[[Sequence[Any]], Finding] = getattr(module, name.replace("-", "_"))
     return check(motions)

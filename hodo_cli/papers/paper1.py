@@ -77,6 +77,7 @@ def passage_of_q(m: Motion) -> tuple[float, np.ndarray]:
         p, q, r = free_motion(A, start, np.array([near - m.time[0]]))[0]
         # q' by Euler's equations for free motion.
         near -= q * A[1] / ((A[2] - A[0]) * p * r)
+    # The rounding of q is left out.
     return near, free_motion(A, start, np.array([near - m.time[0]]))[0] * (1, 0, 1)
 
 
@@ -225,8 +226,8 @@ def compared_by_difference(
     members: Sequence[Sequence[Motion]], name: str, without: float
 ) -> list[tuple[float, float]]:
     """The values of a quantity at the smaller and the larger lambda1 - lambda3, for the same
-    lambda1 and lambda2; without pairs in which both have the value of a motion `without` a
-    crossing."""
+    lambda1 and lambda2. A pair of two motions without a crossing is left out; `without` is the
+    value of such a motion."""
     motions = sorted((m for (m,) in members), key=lambda m: m.case.data["damping"])
     # lambda3 falls as the difference rises, so the second of two neighbours has the smaller one.
     values = [(number(b, name), number(a, name)) for a, b in in_groups(motions, 2)]
@@ -244,16 +245,20 @@ def all_in_order(in_order: Sequence[bool], contrary: str) -> Finding:
 
 
 def larger_difference_sooner_as_a_trend(members: Sequence[Sequence[Motion]]) -> Finding:
-    """The larger lambda1 - lambda3, the sooner the crossing, as a trend over all coefficients that
-    cross; decided by the share of pairs in the other order, which is a half where nothing depends
-    on it."""
+    """The larger lambda1 - lambda3, the sooner the crossing, as a trend over all members that
+    cross; decided by the share of pairs in the other order, which is a half if the time does not
+    depend on the difference."""
     passages = []
     for m in (m for (m,) in members if m.crossings):
         lambda1, _, lambda3 = m.case.data["damping"]
         # Rounded, so that 0.003 - 0.001 and 0.005 - 0.003 are one difference.
         passages.append((round(lambda1 - lambda3, 12), number(m, "first_crossing")))
     pairs = itertools.combinations(sorted(passages), 2)
-    reversed_ = [sooner < later for (small, sooner), (large, later) in pairs if small < large]
+    reversed_ = [
+        time_of_small < time_of_large
+        for (small, time_of_small), (large, time_of_large) in pairs
+        if small < large
+    ]
     share = sum(reversed_) / len(reversed_)
     # A trend and no law: the middle coefficient matters too, so pairs may be reversed.
     return Finding(
@@ -269,7 +274,7 @@ def solved_by_6(motions: Sequence[Motion], sign: int) -> Finding:
     the same start; the better of two choices of both signs counts."""
     (m,) = motions
     shapes = (as_in_equation_6(m, both, sign * both) for both in (1, -1))
-    # The argument is some hundred turns at the start, which the functions reduce.
+    # To 1e-9, because the functions reduce an argument of some hundred turns at the start.
     findings = (agreement([(damped_from(m, shape[0]), shape)], 1e-9) for shape in shapes)
     return min(findings, key=lambda finding: finding.number)
 

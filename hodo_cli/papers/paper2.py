@@ -30,8 +30,8 @@ limit in which the paper averages."""
 
 
 def last_power(values: Sequence[float]) -> float:
-    """The power of SMALLER by which values at these factors fall between the two smallest
-    factors."""
+    """The power of the factor with which values at the factors of SMALLER fall between the two
+    smallest."""
     return math.log(values[-2] / values[-1]) / math.log(SMALLER[-2] / SMALLER[-1])
 
 
@@ -74,7 +74,8 @@ def transverse_torque_vanishes(motions: Sequence[Motion]) -> Finding:
 
 
 def with_torque(m: Motion, factor: float, angle: float) -> Motion:
-    """A motion of the full equations with M1 and M2 of length 0.3, kappa and epsilon smaller."""
+    """A motion by the full equations with kappa and epsilon multiplied by a factor, and with M1 and
+    M2 of length 0.3 at an angle."""
     # The motion is slower as the factor falls, but its frequency is not.
     slower = weaker(m, factor, m.case.time.end / factor, int(1500 / math.sqrt(factor)))
     torque = (0.3 * math.cos(angle), 0.3 * math.sin(angle), m.case.data["torque"][2])
@@ -82,7 +83,7 @@ def with_torque(m: Motion, factor: float, angle: float) -> Motion:
 
 
 def weaker(m: Motion, factor: float, end: float, samples: int) -> Case:
-    """The case with kappa and epsilon multiplied by a factor, over another time."""
+    """The case with kappa and epsilon multiplied by a factor, from time 0 to `end`."""
     data = m.case.data
     cavity = {"kappa": attributes(m.case.system.constants).kappa * factor}
     time = {"start": 0.0, "end": end, "samples": samples}
@@ -108,7 +109,7 @@ def small_Reynolds_number(motions: Sequence[Motion]) -> Finding:
 
 
 TURN_SAMPLES = 401
-"""Samples in a turn of (p, q), enough to show the change of p and q, which are not slow."""
+"""The samples in a turn of (p, q), enough to show the change of p."""
 
 
 def slow_x_and_y(motions: Sequence[Motion]) -> Finding:
@@ -133,7 +134,8 @@ def slow_x_and_y(motions: Sequence[Motion]) -> Finding:
 
 
 def first_turn(m: Motion, factor: float) -> Motion:
-    """The first turn of (p, q) by the full equations, with kappa and epsilon smaller."""
+    """The first turn of (p, q) by the full equations, with kappa and epsilon multiplied by a
+    factor."""
     A, _, C = m.inertia
     turn = float(2 * math.pi / abs((C - A) / A * m.omega[0, 2]))
     return integrated_motion(weaker(m, factor, turn, TURN_SAMPLES))

@@ -60,7 +60,7 @@ def nutation_of_1_3(m: Motion) -> tuple[np.ndarray, float, float]:
 
 def equation_2_7(motions: Sequence[Motion]) -> Finding:
     """The coefficients V_ij of (2.7) are the derivatives of the roots of (1.5) by Gz, H and r."""
-    # Much smaller than the distance of two roots, by which their derivatives change.
+    # Much smaller than the distance of two roots, over which their derivatives change.
     step, pairs = 1e-6, []
     for m in motions:
         start = integrals_at_start(m)
@@ -134,7 +134,7 @@ def from_roots(m: Motion, u: Any, sign_R: Any, sign_r: Any) -> tuple[Any, Any, A
 
 def by_2_5(m: Motion, frozen: bool) -> list[ValuePair]:
     """Gz, H and r of a motion, each with its value by (2.5), with the signs of R and r at each
-    moment or at the start."""
+    moment or, if they are `frozen`, at the start."""
     followed = signs(m)
     in_use = tuple(np.full(len(s), s[0]) for s in followed) if frozen else followed
     values = from_roots(m, [quantity(m, name) for name in ROOTS], *in_use)
@@ -241,7 +241,7 @@ def mean_rates_2_8(m: Motion, row: int) -> list[float]:
     A, C, mu, t = m.inertia[0], m.inertia[2], m.case.data["mu"], m.time[row]
     a, b = (np.polyval(m.case.data[name][::-1], t) for name in "ab")
     Gz, H, r, u1, u2, u3 = (quantity(m, name)[row] for name in (*INTEGRALS, *ROOTS))
-    # Midpoints: the integrand is even and periodic, so equal weights are the best.
+    # Midpoints with equal weights are the best for an integrand that is even and periodic.
     u = (u1 + u2) / 2 + (u2 - u1) / 2 * np.cos((np.arange(PHASES) + 0.5) * np.pi / PHASES)
     of_Gz, of_H = -a * (Gz - C * r * u) / A - b * r * u, -a * (2 * H - C * r * r - 2 * mu * u) / A
     rates = [of_Gz, of_H - b * r * r, np.full(PHASES, -b * r / C)]
@@ -266,8 +266,8 @@ def averaged_alike(motions: Sequence[Motion]) -> Finding:
 
 
 def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
-    """Gz and H of the full equations tend to those of the averaged equations as epsilon; cases come
-    in fours, averaged first, and then epsilon a quarter of the last.
+    """Gz and H of the full equations differ from Gz and H of the averaged equations by the order of
+    epsilon. Cases come in fours: first the averaged one, then three in which epsilon falls.
 
     Decided by the smallest power, which must be at least 0.9.
     """
@@ -305,6 +305,7 @@ def sooner(motions: Sequence[Motion], name: str, limit: float, for_good: bool = 
     times, good = [], " for good" if for_good else ""
     for m in motions:
         near = np.abs(quantity(m, name) - limit) <= NEAR_LIMIT * abs(limit)
+        # For good: True at samples from which on all are near.
         stays = np.logical_and.accumulate(near[::-1])[::-1] if for_good else near
         times.append(float(m.time[np.argmax(stays)]) if stays.any() else math.inf)
     return Finding(
@@ -358,8 +359,8 @@ def comes_back(motions: Sequence[Motion], multiple: int) -> Finding:
         times = distinct([*earlier, *(earlier + shift)])
         if not times.size:
             raise Undecidable(f"{m.words} is shorter than {multiple} K(k)/alpha")
-        both = integrated_motion(replace(m.case, time=m.case.time.listed(times)))
-        u = both.stored("gamma")[:, 2]
+        motion = integrated_motion(replace(m.case, time=m.case.time.listed(times)))
+        u = motion.stored("gamma")[:, 2]
         pairs.append(tuple(u[np.searchsorted(times, t)] for t in (earlier, earlier + shift)))
     # Several periods carry the rounding of the roots along.
     return agreement(pairs, 1e-9)

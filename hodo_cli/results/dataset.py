@@ -35,10 +35,10 @@ def dataset(group: Group, source: str = "") -> xr.Dataset:
     A variable with the name of its only dimension becomes that dimension's coordinate, as do the
     keys and directions that vary along the axes of a sweep.
     """
-    # Copies of the attributes: xarray lets them be changed, and a Group is frozen. A text of an
-    # enumeration (the status) becomes plain, as it is when it comes from a file. The constructor
-    # takes its fast path: on the other one xarray loads dask, where that is installed, to see
-    # whether an array is one of dask's.
+    # Attributes are copied, because xarray lets them be changed and a Group is frozen. A member of
+    # an enumeration (the status) becomes plain text, as it is when it comes from a file. Without
+    # `fastpath` xarray loads dask, where that is installed, to see whether an array is one of
+    # dask's.
     arrays = {
         name: xr.Variable(v.dims, v.data, dict(v.attrs), fastpath=True)
         for name, v in without_old_labels(group.variables).items()
@@ -46,12 +46,12 @@ def dataset(group: Group, source: str = "") -> xr.Dataset:
     attrs = {k: str(v) if isinstance(v, str) else v for k, v in group.attributes.items()}
     data = xr.Dataset(arrays, attrs=attrs)
     if source:
-        data.encoding["source"] = source  # where xarray has it of files that it has opened itself
+        data.encoding["source"] = source  # as in a dataset of a file that xarray opens itself
     return data.set_coords(swept_names(data)) if "members" in attrs else data
 
 
 def swept_names(data: xr.Dataset) -> list[str]:
-    """The variables of a sweep that hold the values along its axes, in the case's order."""
+    """The variables of a sweep that hold the values along its axes, in the order of its case."""
     names = [
         name
         for axis in parse_axes(typed(data.attrs, {"case": str}, "the sweep")["case"])
@@ -98,8 +98,9 @@ def with_parts_in_order(data: xr.Dataset, dim: str, owner: str) -> xr.Dataset:
 
 
 def sorted_along(data: xr.Dataset, dim: str, values: np.ndarray, owner: str) -> xr.Dataset:
-    """A dataset with ascending values along a dimension, unchanged if none descend. Raises
-    HodoError, which begins with `owner`."""
+    """A dataset sorted by the `values` along a dimension, unchanged if they descend nowhere. Raises
+    HodoError, which begins with `owner`, if they are not finite numbers, or if two of those to be
+    sorted are equal."""
     if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
         raise HodoError(f"{owner}: its coordinate {dim!r} holds more than finite numbers")
     if not (np.diff(values.astype(float)) < 0).any():
@@ -122,11 +123,12 @@ def case_in(data: xr.Dataset, owner: str) -> Case:
             "arithmetic with a dataset drops them without keep_attrs=True"
         )
     case = case_of(data.attrs, owner)
-    keys = (key for axis in axes_of(case.sweep or {}) for key in axis.keys)
+    keys = [key for axis in axes_of(case.sweep or {}) for key in axis.keys]
+    fixed = [key for key in keys if key in data.variables and not data.variables[key].dims]
     case_data = case.data
-    for key in (key for key in keys if key in data.variables and not data.variables[key].dims):
+    for key in fixed:
         case_data = with_number(case_data, path_of(key), float(data.variables[key].data))
-    return case if case_data is case.data else replace(case, data=case_data)
+    return replace(case, data=case_data) if fixed else case
 
 
 MOTION_DIMS = ("time", *PARTS, "crossing", "event")
@@ -173,7 +175,7 @@ def quantity_array(name: str, values: np.ndarray, dims: Sequence[str], case: Cas
 
 
 def lacks_labels(data: xr.Dataset) -> bool:
-    """Whether a stored case has no labels although `classify` would find them."""
+    """Whether a stored case has no labels although `classify` would find some."""
     if "case" not in data.attrs:
         return False  # statements or errata
     return Motion(case_of(data.attrs, "a case"), data.variables).lacks_labels
@@ -235,6 +237,7 @@ class StoredCases(Mapping[str, xr.Dataset]):
         return read[name]
 
     def _read(self, name: str) -> xr.Dataset:
+        """A case as it is in the file. Raises HodoError if it is damaged."""
         with self._reader() as run:
             group = run.read(name)
         try:

@@ -54,14 +54,14 @@ def principal_variables(case: Case) -> dict[str, Variable]:
     stored = {
         name: kind.holding(x) for (name, kind), x in zip(PRINCIPAL.items(), values, strict=True)
     }
-    # The components of other vectors are along the axes of the case, not along these.
+    # Components of other vectors are along the axes of the case, not along the principal axes.
     axis, names = INNER_COORDINATES["axis"]
     axis = axis._replace(long_name="axis of the body, as the case gives it")
     return stored | inner_coordinates(stored.values()) | {"axis": axis.holding(names)}
 
 
 def case_group(trajectory: Trajectory, digest: str) -> Group:
-    """The group of a case, with `digest` for its hash."""
+    """The group of an integrated case, with `digest` for its hash."""
     case = trajectory.case
     attributes = case_attributes(
         case,
@@ -81,8 +81,9 @@ def case_group(trajectory: Trajectory, digest: str) -> Group:
     kept = {name: data for name, data in values.items() if not store or name in store}
     events = [event for event in trajectory.events if event.kind != "separatrix"]
     variables = case_variables(labels, trajectory.time, kept, events, trajectory.errors)
-    if case.system.is_quadrature:  # labelled as it runs
+    if case.system.is_quadrature:  # the quadrature itself gives labels and crossings
         variables |= label_variables(values["enclosed_axis"], own_crossings(trajectory))
+    # `store:` may name quantities too, which follow from the whole state.
     if derived := [name for name in store if name not in labels]:
         motion = Motion(case, case_variables(labels, trajectory.time, values, (), {}))
         variables |= {stored_name(name): motion.derived_variable(name) for name in derived}

@@ -90,7 +90,7 @@ def product_text(powers: dict[str, int]) -> str:
 
 
 def power_text(unit: str, power: int) -> str:
-    """A unit to a power."""
+    """A unit with its power."""
     return unit if power == 1 else f"{unit}^{power}"
 
 
@@ -281,17 +281,17 @@ separatrix."""
 
 
 def without_old_labels(variables: Mapping[str, Variable]) -> Mapping[str, Variable]:
-    """Stored variables with the labels of 0.2 for motions with a rotor replaced by -1. Warns of
-    it."""
+    """Stored variables with the labels of version 0.2 for motions with a rotor replaced by -1, with
+    a warning if there are any."""
     labelled = {"enclosed_axis", *AXIS_LABELS} & variables.keys()
     old = {x for x in labelled if np.isin(variables[x].data, OLD_LABELS).any()}
     if old:
         remark = "the labels 4 and 5, of motions with a rotor, are read as -1 (undetermined)"
         warnings.warn(remark, stacklevel=3)
-    known = {
+    replaced = {
         x: np.where(np.isin(variables[x].data, OLD_LABELS), -1, variables[x].data) for x in old
     }
-    return {**variables, **{x: replace(variables[x], data=data) for x, data in known.items()}}
+    return {**variables, **{x: replace(variables[x], data=data) for x, data in replaced.items()}}
 
 
 # Groups
@@ -304,10 +304,11 @@ def case_variables(
     events: Sequence[Occurrence],
     errors: Mapping[str, float],
 ) -> dict[str, Variable]:
-    """The variables of a motion: those of its model over the times (n,), and the events.
+    """The variables of a motion: the `values` of its model's variables over the times (n,), and
+    the events.
 
-    `labels` belong to the model's variables; a label of `time` replaces the plain one. `errors` are
-    the measured errors of some of them.
+    `labels` describe the model's variables; a label of `time` replaces the usual one. `errors` are
+    the measured errors of some variables.
     """
     stored = {}
     for name, data in {"time": time, **values}.items():
@@ -357,15 +358,13 @@ def label_variables(labels: np.ndarray, crossings: Sequence[Crossing]) -> dict[s
 
 
 def with_units(variables: Mapping[str, Variable], case: Case) -> dict[str, Variable]:
-    """Variables in the units of a case, with the meanings of labels and crossings there."""
+    """Variables in the units of a case. For an averaged form, the long names of its own variables,
+    of crossings and of a sweep's columns say that they are averaged."""
+    own = {*case.system.equations.variables, *CROSSING_COLUMNS, *MEMBER_CLASSIFIED}
 
     def of_case(name: str, attrs: dict[str, Attribute]) -> dict[str, Attribute]:
         units = {"units": units_of_case(str(attrs["units"]), case)} if "units" in attrs else {}
-        if case.system.is_quadrature and name in (
-            *case.system.equations.variables,
-            *CROSSING_COLUMNS,
-            *MEMBER_CLASSIFIED,
-        ):
+        if case.system.is_quadrature and name in own:
             return {**attrs, **units, "long_name": f"{attrs['long_name']}, averaged to first order"}
         return {**attrs, **units}
 

@@ -67,14 +67,14 @@ class Motion(Samples):
                 return self.vector(base)[:, PARTS[dim].index(part)]
             return self.stored(name) if self._over_time(name) else self.number(name)
         except (KeyError, AttributeError, IndexError, StopIteration):
-            known = [*map(str, self.data), *QUANTITIES]
-            words = f"{self.words}: {unknown(f'variable {name!r}', name, known)}"
+            names = [*map(str, self.data), *QUANTITIES]
+            words = f"{self.words}: {unknown(f'variable {name!r}', name, names)}"
             lack = lack_of(self.case, base, self.sources, name) if base in QUANTITIES else ""
             raise HodoError(lack or words) from None
 
     def number(self, name: str) -> np.ndarray:
-        """A number over time (n,) that follows from the stored variables; psi and phi as in
-        `continued`."""
+        """A number over time (n,) that follows from the stored variables; psi and phi are made
+        continuous by `continued`."""
         values = np.asarray(QUANTITIES[name].formula(self))
         return continued(self, name, values) if name in ("psi", "phi") else values
 
@@ -107,8 +107,9 @@ class Motion(Samples):
         return {*map(str, self.data)} | constants_of(self.case.system, self.case.data)
 
     def _over_time(self, name: str) -> bool:
-        found = self.data.get(stored_name(name))
-        return found is not None and found.dims == ("time",) and found.data.dtype.kind in "biuf"
+        """Whether a stored variable of this name has a number at each time."""
+        stored = self.data.get(stored_name(name))
+        return stored is not None and stored.dims == ("time",) and stored.data.dtype.kind in "biuf"
 
     @property
     def sampled(self) -> bool:
@@ -140,7 +141,7 @@ class Motion(Samples):
 
     @property
     def lacks_labels(self) -> bool:
-        """Whether the motion has no labels although `classify` would find them."""
+        """Whether the motion has no labels although `classify` would find some."""
         needs_none = self.classified or self.case.sweep or self.case.system.no_axis_reason
         return not needs_none and "omega" in self.data and self.sampled
 
@@ -149,9 +150,9 @@ class Motion(Samples):
         """The enclosed axis (n,). Raises HodoError if `classify` was not run, or finds no axes."""
         if not self.classified:
             command = f"run `hodo classify {quote(self.path)}` first"
-            how = self.case.system.no_axis_reason
-            how = how or (command if self.path else "classify it first")
-            raise HodoError(f"{self.words} has no labels of the enclosed axis: {how}")
+            remedy = command if self.path else "classify it first"
+            reason = self.case.system.no_axis_reason or remedy
+            raise HodoError(f"{self.words} has no labels of the enclosed axis: {reason}")
         labels = self.stored("enclosed_axis")
         if self.has_own_labels:
             return labels
@@ -163,14 +164,14 @@ class Motion(Samples):
         return labels
 
     def _contradicts(self, frame: rigid_body.BodyFrame, labels: np.ndarray) -> bool:
-        """Whether omega contradicts every one of some labels that are beyond doubt."""
+        """Whether omega contradicts all labels that it determines beyond doubt, among a few."""
         count = min(len(labels), LABELS_COMPARED)
-        few = np.linspace(0, max(len(labels) - 1, 0), count).astype(int)
-        omega = self.omega[few]
+        samples = np.linspace(0, max(len(labels) - 1, 0), count).astype(int)
+        omega = self.omega[samples]
         expected = frame.enclosed(frame.to_principal(omega), MIN_MARGIN_COMPARED)
-        # The smallest numbers have a label only by the scaled state.
+        # The label of the smallest numbers follows from the scaled state alone.
         is_clear = (expected > 0) & (np.abs(omega).max(axis=1) > MIN_SIZE_COMPARED)
-        return bool(is_clear.any() and (labels[few] != expected)[is_clear].all())
+        return bool(is_clear.any() and (labels[samples] != expected)[is_clear].all())
 
     @cached_property
     def crossings(self) -> tuple[Crossing, ...]:
@@ -260,8 +261,8 @@ parsed = lru_cache(maxsize=256)(parse_case)
 
 
 def damage(data: Variables) -> Iterator[str]:
-    """What is damaged in the variables of a single motion, the first fault that hides others
-    first."""
+    """What is damaged in the variables of a single motion. A fault that may be the cause of others
+    comes before them."""
     required = required_dims(data)
     for name, dims in required.items():
         if name not in data or data[name].data.dtype.kind not in "fi":
@@ -295,7 +296,7 @@ def required_dims(data: Variables) -> dict[str, tuple[str, ...]]:
 
 
 def wrong_labels(data: Variables) -> Iterator[str]:
-    """What is wrong with each variable of labels that holds other numbers."""
+    """A sentence for each variable of labels that holds a number which is no label."""
     for name in ("enclosed_axis", *AXIS_LABELS):
         if name in data and not np.isin(data[name].data, list(rigid_body.LABELS)).all():
             yield f"its {name} holds labels that are none, as after arithmetic with a whole dataset"
@@ -317,9 +318,9 @@ of a long motion is less."""
 def continued(m: Motion, name: str, values: np.ndarray) -> np.ndarray:
     """psi or phi (n,), continuous from sample to sample.
 
-    Where x3 passes through the vertical itself, both step by pi, up and down alternately. From the
-    first gap on in which the samples do not show on which side x3 passes the vertical the values
-    are nan, because whole turns may be lost.
+    Where x3 passes through the vertical itself, both change by pi, up and down alternately. Where
+    the samples do not show on which side x3 passes the vertical, whole turns may be lost: from
+    there on the values are nan.
     """
     known = np.flatnonzero(np.isfinite(values))
     values[known] = np.unwrap(values[known])
@@ -330,6 +331,7 @@ def continued(m: Motion, name: str, values: np.ndarray) -> np.ndarray:
     path, slope, speed = path_of_azimuth(m, name, known)
     time = m.time[known]
     turn, changes = np.maximum(speed[1:], speed[:-1]) * np.diff(time), np.diff(values[known])
+    # Between these samples a whole turn may be lost: a path between them decides.
     unsafe = np.flatnonzero((np.abs(changes) > SAFE_CHANGE) | (turn > SAFE_TURN))
     by_path, nearest = turned_azimuth(path, slope, time, unsafe)
     steps = nearest < THROUGH_POLE
@@ -346,7 +348,8 @@ def continued(m: Motion, name: str, values: np.ndarray) -> np.ndarray:
 def path_of_azimuth(m: Motion, name: str, known: np.ndarray) -> tuple[np.ndarray, ...]:
     """The unit vectors (n, 3) whose azimuth is psi or phi (x3 in space, or the vertical in the
     body), their rates (n, 3), and the speed of the body (n,), at the samples `known`."""
-    of_time = m.case.system.quaternion_factor  # of a full top, whose time is the slow one
+    # The time of a full top is the slow one, in which its rates are larger by a factor.
+    of_time = m.case.system.quaternion_factor
     factor = of_time(attributes(m.case.system.constants)) if of_time else 1.0
     turned, omega = m.rotations[known], m.omega[known] * factor
     if name == "psi":
@@ -367,8 +370,10 @@ def turned_azimuth(
     x, length = np.linspace(0, 1, PLACES_OF_PATH)[:, None, None], np.diff(time)[after, None]
     a, b = path[after, :2], path[after + 1, :2]
     u, v = slope[after, :2] * length, slope[after + 1, :2] * length
+    # The Hermite cubic between two samples, at PLACES_OF_PATH places.
     places = a + x * (u + x * (3 * (b - a) - 2 * u - v + x * (2 * (a - b) + u + v)))
     azimuth = np.unwrap(np.arctan2(places[..., 1], places[..., 0]), axis=0)
+    # The point of each side of this polygon that is nearest to the pole.
     sides = np.diff(places, axis=0)
     square = np.maximum((sides * sides).sum(-1), math.ulp(0))
     foot = np.clip(-(places[:-1] * sides).sum(-1) / square, 0, 1)[..., None]

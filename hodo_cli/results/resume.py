@@ -35,10 +35,10 @@ RERUN_REASONS = (
 
 
 def case_digest(case: Case) -> str:
-    """The three digests on which a result depends: of the code of models, engines and integration
-    (and of sweeps for a sweep), of the libraries, and of the case without its remarks.
+    """The three digests on which the result of a case depends: of the code of models, engines and
+    integration (and of sweeps for a sweep), of the libraries, and of the case without its remarks.
 
-    No integration is needed: the method that `auto` takes follows from the three.
+    The method that `auto` takes follows from the three, so no integration is needed to know it.
     """
     code = code_digest(SWEEP_SOURCES if case.sweep else CASE_SOURCES, case.model)
     return "-".join((code, library_digest(), _bare_digest(case)))
@@ -50,12 +50,13 @@ def _bare_digest(case: Case) -> str:
 
 
 def rerun_reason(case: Case, done: FinishedCase | None, force: bool) -> str:
-    """Why a case is to be run although it is stored; an empty string if it need not be."""
+    """Why a case is to be run; an empty string if its stored result is still right."""
     if done is None:
         return "it has no result yet"
     status = str(done.attributes.get("status"))
-    ours, theirs = case_digest(case).split("-"), str(done.attributes.get("hash")).split("-")
-    changed = [theirs[i : i + 1] != [part] for i, part in enumerate(ours)]
+    parts, stored_parts = case_digest(case).split("-"), str(done.attributes.get("hash")).split("-")
+    # By slices, because a stored hash may have fewer parts.
+    changed = [stored_parts[i : i + 1] != [part] for i, part in enumerate(parts)]
     reasons = (
         (force, FORCED),
         # A timeout may be due to another program's work, so failed cases are tried again.
@@ -113,14 +114,14 @@ def path_from(config: Config, path: Path) -> str:
 
 def place_of_config(run: ResultFile) -> str:
     """The path of a result's config, as the result states it."""
-    # Before anything is shortened: from a folder that is a link, `..` leads to where that lies.
+    # `realpath` resolves links first: `..` in a linked folder is the folder above its target.
     return os.path.realpath(run.path.parent / str(run.attributes.get(CONFIG_PATH, "")))
 
 
 def attributes_by(command: str, config: Config) -> dict[str, str]:
-    """The root attributes of a result that a command with its arguments makes of a config; they
-    name its overrides and the user's own models."""
-    # A line of YAML may be broken where it has a space.
+    """The root attributes of a result that a command, with its arguments, makes of a config; they
+    hold its overrides too."""
+    # One line for each override: YAML may break a line where it has a space.
     overrides = "\n".join(" ".join(text.splitlines()) for text in config.overrides)
     more = {OVERRIDES: overrides}
     return root_attributes(f"hodo {command}", config.title, config.references, config.text, more)
@@ -130,7 +131,7 @@ def check_origin(config: Config, run: ResultFile, remedy: str = "") -> None:
     """Raise HodoError if a result was made from a config of the same name in another folder.
 
     A config with the same text is accepted: it may be a copy, or moved, and no content would be
-    lost. So are results of early versions, which do not state a folder.
+    lost. A result of an early version, which does not state a folder, is accepted too.
     """
     origin = str(run.attributes.get(CONFIG_PATH, ""))
     if origin and origin != path_from(config, run.path) and run.text != config.text:
@@ -181,7 +182,7 @@ def check_cases(run: ResultFile) -> None:
 def _config_of(run: ResultFile) -> Config | None:
     """The config of a result at its stated place, if it has changed and can be read."""
     path = place_of_config(run)
-    # A result never needs its config, and a stranger's may name any file as such.
+    # A result never needs its config, and the result of a stranger may name any file as its config.
     with suppress(OSError, HodoError):
         if os.path.isfile(path) and text_of(Path(path), path) != run.text:
             return load(relative_path(path, os.curdir), _overrides_of(run))
@@ -203,5 +204,5 @@ SOURCE_SUFFIXES = (".py", ".html", ".mplstyle", ".yaml")
 def content_digest(checksums: Iterable[str], text: str = "") -> str:
     """The digest of stored groups by their checksums, of a text, and of the code that computes from
     them; empty if a group has no checksum."""
-    known = [package_digest(), text, *checksums]
-    return digest(repr(known)) if all(known[2:]) else ""
+    of_groups = [*checksums]
+    return digest(repr([package_digest(), text, *of_groups])) if all(of_groups) else ""

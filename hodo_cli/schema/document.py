@@ -80,7 +80,8 @@ class Source:
         for part in path:
             if (places := self.places.get((id(node), part))) is None:
                 break
-            place = places[not isinstance(part, WrongKey)]
+            of_key, of_value = places
+            place = of_key if isinstance(part, WrongKey) else of_value
             node = node[part]
         return place
 
@@ -114,7 +115,8 @@ class Source:
         if event.tag:
             self.fail(place, f"the tag {shown(event.tag)} is not allowed here", path)
         if event.anchor:
-            self.anchors[event.anchor] = None  # an alias within would make it contain itself
+            # None, because an alias within the value would make it contain itself.
+            self.anchors[event.anchor] = None
         if isinstance(event, yaml.ScalarEvent):
             if _UNPRINTABLE.search(event.value):
                 self.note(place, "control characters are not allowed in text", path)
@@ -124,7 +126,7 @@ class Source:
         else:
             if len(path) >= MAX_DEPTH:
                 self.fail(place, f"nested deeper than {MAX_DEPTH} levels")
-            # In block style it begins a line below its key, where no reader looks for the mistake.
+            # A value in block style begins a line below its key; a reader looks at the key.
             if path and isinstance(path[-1], str) and not event.flow_style:
                 place = outer
             is_mapping = isinstance(event, yaml.MappingStartEvent)
@@ -134,6 +136,7 @@ class Source:
         return value, place
 
     def _alias(self, event: Any, path: KeyPath, place: Place) -> Any:
+        """The value of the anchor that an alias names."""
         if (anchored := self.anchors.get(event.anchor)) is None:
             reason = (
                 "stands inside itself"
@@ -149,6 +152,7 @@ class Source:
         return value
 
     def _list(self, path: KeyPath, place: Place) -> list[Any]:
+        """The list that has begun, up to its end."""
         items: list[Any] = []
         while not isinstance(event := next(self.events), yaml.SequenceEndEvent):
             value, of_value = self._value(event, (*path, len(items)), place)
@@ -157,6 +161,7 @@ class Source:
         return items
 
     def _mapping(self, path: KeyPath, place: Place) -> dict[str, Any]:
+        """The mapping that has begun, up to its end; of two equal keys the first counts."""
         entries: dict[str, Any] = {}
         while not isinstance(event := next(self.events), yaml.MappingEndEvent):
             of_key = _place(event)
@@ -217,7 +222,7 @@ PLAINER = {
 
 
 def _syntax_mistake(error: Any, is_value: bool) -> tuple[Place, str]:
-    """The place and the reason for which PyYAML refuses a text, or a single value."""
+    """Where and why PyYAML refuses a text, or a single value."""
     mark: Any = getattr(error, "problem_mark", None)
     opening: Any = getattr(error, "context_mark", None)
     if mark is None:
@@ -226,7 +231,7 @@ def _syntax_mistake(error: Any, is_value: bool) -> tuple[Place, str]:
     plainer = (says for problem, says in PLAINER.items() if problem in reason)
     of_line = f" of line {opening.line + 1}" if opening and not is_value else ""
     words = next(plainer, reason).format(of_line)
-    # PyYAML began to search for a colon at the key that lacks it.
+    # Where PyYAML has looked for a colon in vain, `opening` is the key that lacks it.
     mark = opening if "simple key" in reason else mark
     return Place(mark.line + 1, mark.column + 1), f"not YAML: {words}"
 

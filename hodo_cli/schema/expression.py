@@ -2,8 +2,8 @@
 its syntax tree.
 
 No text is ever evaluated as code. It is first tested word by word, so that Python's parser never
-sees what it would accept besides: hexadecimal numbers, 1_0, comments, letters of other scripts that
-it turns into ASCII. Then each node of the tree has to be a known one.
+sees other things that it would accept: hexadecimal numbers, 1_0, comments, letters of other scripts
+that it turns into ASCII. Then each node of the tree has to be a known one.
 """
 
 import ast
@@ -71,8 +71,8 @@ _WORD = re.compile(
 
 
 def Expression(names: tuple[str, ...] | None, title: str) -> Rule:
-    """The rule of an expression in variables of these names, or of any names that its case defines.
-    It resolves to the text; a number is an expression too."""
+    """The rule of an expression in variables of these names or, for None, of any names. Its value
+    is resolved to text; a number is an expression too."""
 
     def text_of(value: Any) -> str:
         if isinstance(value, str):
@@ -88,8 +88,8 @@ def Expression(names: tuple[str, ...] | None, title: str) -> Rule:
 
 @lru_cache(maxsize=256)
 def parse_expression(text: str, names: tuple[str, ...] | None = None) -> Tree:
-    """The tree of an expression in variables of these names, or of any names, with constants
-    folded; `arithmetic.evaluate` computes its value. Raises Wrong, with the column.
+    """The tree of an expression in variables of these names or, for None, of any names, with
+    constants folded; `arithmetic.evaluate` computes its value. Raises Wrong, with the column.
 
     It consists of decimal numbers, + - * /, ** with a whole number as exponent, signs, parentheses,
     and the functions of FUNCTIONS.
@@ -145,6 +145,7 @@ def _check_words(text: str, names: tuple[str, ...] | None) -> None:
 
 
 def _unknown_name(name: str, names: tuple[str, ...] | None, is_call: bool) -> str:
+    """The message about a name that stands for nothing in an expression."""
     if name in FUNCTIONS:
         return f"{name} is a function of one argument: {name}(x)"
     answer = f"; write {OTHER_FUNCTIONS[name]}" if name in OTHER_FUNCTIONS else ""
@@ -153,14 +154,14 @@ def _unknown_name(name: str, names: tuple[str, ...] | None, is_call: bool) -> st
 
 
 def _syntax_mistake(error: BaseException, line: str, indent: int) -> tuple[int, str]:
-    """The place and the reason for which Python's parser refuses a line."""
+    """Where and why Python's parser refuses a line."""
     if not isinstance(error, SyntaxError):
         return indent, "too many nested parentheses"
-    # Elsewhere Python's own words speak of commas, or say "invalid syntax" alone.
-    says = error.msg if re.search(r"[()]|parenthes", error.msg) else "an operand or an operator is "
+    # Other messages of Python's speak of commas, or say "invalid syntax" alone.
+    of_parentheses = re.search(r"[()]|parenthes", error.msg)
     # An offset of 0 means the end of the text.
     position = indent + (error.offset or len(line) + 1) - 1
-    return position, says if says == error.msg else f"{says}missing"
+    return position, error.msg if of_parentheses else "an operand or an operator is missing"
 
 
 def _tree(node: ast.expr, indent: int, level: int) -> Tree:
@@ -191,6 +192,7 @@ def _tree(node: ast.expr, indent: int, level: int) -> Tree:
 
 
 def _exponent(at: int, tree: Tree) -> int:
+    """The exponent in a tree, as a whole number. Raises Wrong, with the column `at`."""
     if not isinstance(tree, float) or tree % 1 or abs(tree) > LARGEST_EXPONENT:
         most = LARGEST_EXPONENT
         hint = "; a root is sqrt(x)" if tree == 0.5 else ""

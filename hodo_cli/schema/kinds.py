@@ -3,10 +3,10 @@ and for the tables of the documentation.
 
 A rule is a dict. Besides the words of JSON Schema it may have `title` (the value in words), `unit`,
 `default` (a key with one may be left out), `definition` (its name in a schema that uses it several
-times), `repeat` (a single value means so many equal ones), `tag` and `tables` (one key names the
-set of the others), `answer` (what to write instead of a value of the wrong shape), `convert`
-(resolves a value of the right shape, or raises Wrong) and `whole` (checks and resolves a value of
-any shape).
+times), `repeat` (a single value stands for this number of equal ones), `tag` and `tables` (the
+value of the tag's key decides which other keys there are), `answer` (what to write instead of a
+value of the wrong shape), `convert` (resolves a value of the right shape, or raises Wrong) and
+`whole` (checks and resolves a value of any shape).
 """
 
 import math
@@ -181,16 +181,17 @@ def OneOf(keys: Mapping[str, Rule], **more: Any) -> Rule:
 
 
 def Variant(tag: str, tables: Mapping[str, Mapping[str, Rule]], doc: str) -> Rule:
-    """The rule of a mapping in which one key names the set of the others."""
+    """The rule of a mapping in which the value of one key, `tag`, decides which others it has."""
     head = Key(Choice(*tables), doc)
     title = f"a mapping with {tag}: {head['title']}"
     return {"type": "object", "tag": tag, "tables": tables, "head": head, "title": title}
 
 
 def Each(rule: Rule, title: str, least: int = 1, **more: Any) -> Rule:
-    """The rule of a mapping of names to values of one kind; `title` says what to what."""
-    each = {"type": "object", "additionalProperties": rule, "minProperties": least}
-    return each | {"title": f"a mapping of {title}"} | more
+    """The rule of a mapping of names to values of one kind; `title` says what names and values
+    are."""
+    mapping = {"type": "object", "additionalProperties": rule, "minProperties": least}
+    return mapping | {"title": f"a mapping of {title}"} | more
 
 
 def Either(*rules: Rule, **more: Any) -> Rule:
@@ -261,12 +262,13 @@ def as_finite(value: Any) -> float | None:
 
 
 def within(prefix: KeyPath, mistakes: Iterable[Mistake]) -> Iterator[Mistake]:
-    """The mistakes of a value, with its own path put before theirs."""
+    """The mistakes within a value, with the value's path put before the path of each."""
     return (((*prefix, *path), sentence) for path, sentence in mistakes)
 
 
 def check_parts(parts: Iterable[tuple[Any, Rule, Any]]) -> tuple[dict[Any, Any], list[Mistake]]:
-    """The resolved values by key, without the wrong ones, and all mistakes."""
+    """The values of (key, rule, value) resolved by their rules, by key and without the wrong ones,
+    and all mistakes."""
     values: dict[Any, Any] = {}
     mistakes: list[Mistake] = []
     for key, rule, value in parts:
@@ -285,7 +287,8 @@ def all_right(values: dict[Any, Any], mistakes: Collection[Mistake]) -> dict[Any
 
 
 def check_tagged(rule: Rule, value: Mapping[str, Any]) -> tuple[dict[str, Any], list[Mistake]]:
-    """`check_keys` for the keys that the tag names. Without a valid tag no other key is judged."""
+    """`check_keys` for the tag and the keys of the table that it names. Without a valid tag no
+    other key is judged."""
     name = value.get(rule["tag"])
     others = rule["tables"].get(name, {}) if isinstance(name, str) else {}
     keys = {rule["tag"]: rule["head"]} | others
@@ -320,6 +323,7 @@ def check(rule: Rule, value: Any) -> Any:
 
 
 def _any_of(rule: Rule, value: Any) -> Any:
+    """The value resolved by the first of several rules that accepts it. Raises Wrong."""
     problems = []
     for option in (option for option in rule["anyOf"] if takes(option, value)):
         try:
@@ -333,29 +337,33 @@ def _any_of(rule: Rule, value: Any) -> Any:
 
 
 def _word(rule: Rule, value: Any) -> Any:
+    """The value, if it is one of the rule's words. Raises Wrong."""
     if value in rule["enum"]:
         return value
     raise expected(rule, value, nearest(value, [x for x in rule["enum"] if isinstance(x, str)]))
 
 
 def _text(rule: Rule, value: Any) -> str:
+    """The value, if it is a text that is long enough. Raises Wrong."""
     if isinstance(value, str) and len(value) >= rule.get("minLength", 0):
         return value
     raise expected(rule, value, "; put it in quotes" if isinstance(value, int | float) else "")
 
 
 def _items(rule: Rule, value: Any) -> tuple[Any, ...]:
-    most, each = rule.get("maxItems", math.inf), rule["items"]
+    """The resolved items of a list. Raises Wrong with the mistakes of all items."""
+    most, item_rule = rule.get("maxItems", math.inf), rule["items"]
     if not rule["minItems"] <= len(value) <= most:
         # YAML takes [0,005, 0,004, 0,003] for six numbers.
         raise expected(rule, value, DECIMAL_HINT if 0 in value and len(value) > most else "")
-    if value and all(is_list(item) and not takes(each, item) for item in value):
+    if value and all(is_list(item) and not takes(item_rule, item) for item in value):
         raise expected(rule, value)  # one mistake, not one an item
-    parts = ((i, each, item) for i, item in enumerate(value))
+    parts = ((i, item_rule, item) for i, item in enumerate(value))
     return tuple(all_right(*check_parts(parts)).values())
 
 
 def _entries(rule: Rule, value: Mapping[str, Any]) -> Any:
+    """The resolved entries of a mapping. Raises Wrong with the mistakes of all entries."""
     if not rule.get("minProperties", 0) <= len(value) <= rule.get("maxProperties", math.inf):
         listed = shown(", ".join(map(str, value)))
         raise expected(rule, value, f", of {len(value)} keys: {listed}" if value else "")
@@ -363,12 +371,13 @@ def _entries(rule: Rule, value: Mapping[str, Any]) -> Any:
         return all_right(*check_keys(rule["properties"], value))
     if "tag" in rule:
         return all_right(*check_tagged(rule, value))
-    if each := rule.get("additionalProperties"):
-        return all_right(*check_parts((name, each, item) for name, item in value.items()))
+    if value_rule := rule.get("additionalProperties"):
+        return all_right(*check_parts((name, value_rule, item) for name, item in value.items()))
     return value
 
 
 def _number(rule: Rule, value: Any) -> float:
+    """The value as a number within the rule's bounds. Raises Wrong."""
     number, is_whole = as_finite(value), rule["type"] == "integer"
     if number is None:
         raise expected(rule, value, number_advice(value))

@@ -64,12 +64,13 @@ def near(name: str, valid: Collection[str]) -> str | None:
     # A short word such as `pi` resembles each of its letters, and means none of them.
     folded = {x.casefold(): x for x in valid if len(x) > 1 or {*name.casefold()} == {x.casefold()}}
     close = get_close_matches(name[:100].casefold(), folded, n=1, cutoff=0.65)
-    return other_word(name, valid) or (folded[close[0]] if close else None)
+    similar = folded[close[0]] if close else None
+    return other_word(name, valid) or similar
 
 
 def unknown(what: str, name: str, valid: Iterable[str], answer: str = "") -> str:
-    """The sentence about a name that is not among the `valid` ones: what is right, if it is known,
-    or the nearest name."""
+    """The message about a name that is not among the `valid` ones, with what to write instead, if
+    that is known, or with the nearest valid name."""
     names = list(valid)
     listed = f" (valid: {', '.join(names)})" if 0 < len(names) <= 40 else ""
     if name.isdecimal():
@@ -96,6 +97,7 @@ def shown(value: Any) -> str:
         case int() if abs(value) >= 10**60:
             return "a huge integer"  # Python refuses to write one out
     text = repr(value)
+    # A shortened text keeps its closing quote.
     return text if len(text) <= 62 else f"{text[:58]}...{text[:1].strip('0123456789')}"
 
 

@@ -89,7 +89,8 @@ MARK_BYTES = len(MARK) + 64
 
 @contextmanager
 def refused_as(path: Path, parts: Path | None = None) -> Iterator[None]:
-    """Turn an OSError into a BatchError, which says so if a folder holds finished cases."""
+    """Turn an error of writing `path` into a BatchError, which says that finished cases are kept if
+    the folder `parts` holds some."""
     try:
         yield
     except DAMAGE as error:
@@ -122,7 +123,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def is_running(process: int) -> bool:
-    """Whether a process with this number runs on this machine; Windows is not asked."""
+    """Whether a process with this number runs on this machine; on Windows always True."""
     with suppress(PermissionError):
         try:
             if os.name != "nt":
@@ -134,8 +135,9 @@ def is_running(process: int) -> bool:
 
 @contextmanager
 def drafted(path: Path, folder: Path) -> Iterator[Path]:
-    """As `replacing`, with the draft in a folder of the same disk. Raises OSError."""
-    # What is written through a link goes where it points.
+    """A name for a new file in `folder`, on the same disk; the file takes the place of `path` when
+    the block ends well. Raises OSError."""
+    # A link stays a link: the file that it points to is replaced.
     path = Path(os.path.realpath(path)) if os.path.islink(path) else path
     draft = folder / f".{path.name}.{os.getpid()}.draft"
     try:
@@ -152,7 +154,7 @@ def drafted(path: Path, folder: Path) -> Iterator[Path]:
 
 def sync(path: Path) -> None:
     """Wait until a file, or the names in a folder, are on the disk."""
-    if os.name == "nt" and path.is_dir():  # which Windows does not open
+    if os.name == "nt" and path.is_dir():  # Windows opens no folder
         return
     descriptor = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
     try:
@@ -225,6 +227,8 @@ def is_marked(path: Path) -> bool:
 
 
 def _fits(path: Path, file: BinaryIO, size: int) -> bool:
+    """Whether a file of `size` bytes ends with hodo's mark. Raises HodoError if the mark is of
+    other bytes."""
     file.seek(max(size - MARK_BYTES, 0))
     mark = file.read(MARK_BYTES)
     if mark.startswith(MARK) and mark != MARK + hash_of(file, size - MARK_BYTES).encode():
@@ -281,7 +285,8 @@ def amend_group(target: h5py.Group, group: Group) -> None:
     late = group.streamed.names if group.streamed else ()
     items = datasets_of(target)
     for name, variable in group.variables.items():
-        if name in items and name not in sizes:  # others are linked to what is a dimension
+        # The dataset of a dimension stays, because variables are linked to it.
+        if name in items and name not in sizes:
             target.id.unlink(name.encode())
         if name not in items or name not in sizes:
             items[name] = new_dataset(target, name, file_type(name, variable.data), variable.data)
@@ -326,7 +331,8 @@ def new_dataset(
 
 
 def chunk_of(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """The shape of the pieces that have a checksum each: runs of neighbours in their order."""
+    """The shape of the chunks of an array, each of which has a checksum: runs of neighbours, in
+    their order."""
     chunk = [*shape]
     while math.prod(chunk) > LARGEST_CHUNK_OF_FILE:
         i = next(i for i, size in enumerate(chunk) if size > 1)
@@ -335,10 +341,11 @@ def chunk_of(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def attach(items: Mapping[str, h5d.DatasetID], dims: Mapping[str, tuple[str, ...]]) -> None:
-    """Link datasets to their dimensions; a scale is attached to others, never to itself."""
+    """Link datasets to the datasets of their dimensions, which HDF5 calls scales."""
     for name, of_item in dims.items():
-        for i, dim in enumerate(of_item if (name,) != of_item else ()):
-            h5ds.attach_scale(items[name], items[dim], i)
+        if of_item != (name,):  # a coordinate is its own dimension
+            for i, dim in enumerate(of_item):
+                h5ds.attach_scale(items[name], items[dim], i)
 
 
 def copy_group(source: h5py.Group, file: h5py.File, name: str) -> None:
@@ -385,7 +392,7 @@ def tracked(kind: h5p.PropClassID) -> h5p.PropOCID:
 
 TRACKED_GROUP, TRACKED_DATASET = tracked(h5p.GROUP_CREATE), tracked(h5p.DATASET_CREATE)
 TRACKED_GROUP.set_link_creation_order(h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED)
-# HDF5 writes what it holds back when Python frees a dataset, where an error is lost.
+# HDF5 would write buffered values when Python frees a dataset, where an error is lost.
 AT_ONCE = h5p.create(h5p.FILE_ACCESS)
 AT_ONCE.set_fclose_degree(h5f.CLOSE_STRONG)
 AT_ONCE.set_sieve_buf_size(0)
@@ -434,7 +441,7 @@ class ResultFile:
         """Whether a group holds the text of a case, as the groups of other programs do not."""
         try:
             return bool(h5a.exists(self._file.id, b"case", obj_name=name.encode()))
-        except DAMAGE:  # which is reported where the group is read
+        except DAMAGE:  # reading the group reports it
             return True
 
     def __contains__(self, name: str) -> bool:
@@ -476,10 +483,10 @@ class ResultFile:
                 yield key, group[key][box]
 
     def report(self, name: str, digest: str) -> Any:
-        """The line that a command has printed of a group, if it was made with this digest; else
-        None."""
-        known = self.summary(name, (REPORT_DIGEST, REPORT)) if self.intact else {}
-        return json.loads(known[REPORT]) if known.get(REPORT_DIGEST) == digest else None
+        """The line that a command has printed of a group, if the digest stored with it is this one;
+        else None."""
+        stored = self.summary(name, (REPORT_DIGEST, REPORT)) if self.intact else {}
+        return json.loads(stored[REPORT]) if stored.get(REPORT_DIGEST) == digest else None
 
     def checksum(self, name: str) -> str:
         """A text that identifies the content of a group without reading it; empty if another
@@ -498,7 +505,7 @@ class ResultFile:
 
 
 def short_attributes(item: h5py.Group, name: str = ".") -> dict[str, Any]:
-    """The short attributes of a group, if they are stored as one; else none."""
+    """The short attributes of a group, if it has the attribute that holds them all; else none."""
     with suppress(*DAMAGE):
         listed = h5a.open(item.id, SHORT_ATTRIBUTES.encode(), obj_name=name.encode())
         return dict(json.loads(one_value(listed)))
@@ -508,9 +515,9 @@ def short_attributes(item: h5py.Group, name: str = ".") -> dict[str, Any]:
 def attributes_of(
     item: h5py.HLObject, only: Collection[str] = (), known: Mapping[str, Any] = {}
 ) -> dict[str, Any]:
-    """All attributes as plain values, in their order, or those in `only`, in its order; `known`
-    ones are not read."""
-    # Asking for a few takes less time than listing all.
+    """The attributes as plain values: all in their order, or those named in `only` in its order.
+    Values in `known` are not read again."""
+    # To ask for a few attributes takes less time than to list all.
     asked = [name for name in only if h5a.exists(item.id, name.encode())]
     names = asked if only else [name for name in item.attrs if name not in HIDDEN]
     return {name: known[name] if name in known else attribute_of(item, name) for name in names}
@@ -558,8 +565,9 @@ def datasets_of(group: h5py.Group) -> dict[str, h5d.DatasetID]:
 def dimensions(items: Mapping[str, h5d.DatasetID]) -> dict[str, tuple[str, ...]]:
     """The dimensions of each variable among the datasets of a group, without those that only mark
     dimensions."""
-    # By their places in the file: HDF5 itself takes milliseconds to find a name.
+    # Datasets are compared by their places in the file: HDF5 takes milliseconds to find a name.
     names = {place_in_file(item): name for name, item in items.items()}
+    # Without a list of dimensions a dataset is a number, or the coordinate of its own dimension.
     return {
         name: tuple(names[h5ds.iterate(item, i, place_in_file)] for i in range(item.rank))
         if h5a.exists(item, b"DIMENSION_LIST")
@@ -588,7 +596,8 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
         file = h5py.File(path, "r", locking="best-effort")
     except OSError as error:
         lacks = error.errno in RESOURCES and not isinstance(error, BlockingIOError)
-        raise (BatchError if lacks else HodoError)(f"{path}: {why_closed(error)}") from None
+        kind = BatchError if lacks else HodoError
+        raise kind(f"{path}: {why_closed(error)}") from None
     with file:
         run = _result_of(path, file, intact)
         if not intact:

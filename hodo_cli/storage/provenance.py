@@ -13,7 +13,7 @@ from .. import HodoError, __version__
 from ..machine import library_version
 
 FORMAT_VERSION = 1
-"""It is raised when older readers would misread newer files."""
+"""The version of the format of result files, raised when older readers would misread new files."""
 
 CONTENT = "content"
 """The attribute that states the content of a file without cases."""
@@ -45,8 +45,8 @@ def history_line(command: str) -> str:
 def root_attributes(
     command: str, title: str, references: str, config: str, more: Mapping[str, str]
 ) -> dict[str, str]:
-    """The root attributes of a result that a command makes of a case file's text; empty ones of
-    `more` are left out."""
+    """The root attributes of a result that a command makes of a case file with the text `config`;
+    empty texts of `more` are left out."""
     libraries = ("numpy", "scipy", "heyoka", "h5py")
     return {
         "Conventions": "CF-1.11",

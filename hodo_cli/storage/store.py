@@ -4,7 +4,7 @@ Until the run ends, finished work lies in a hidden folder next to the result as 
 files that get their names in one step. A part holds cases, or a chunk of a sweep. Each states what
 it is made of (the hash of a case or sweep), so that it does not matter which process wrote it, or
 whether that process lives. `publish` puts the cases into the result: it composes a new file from
-the present result and the parts, and gives it the name.
+the present result and the parts, and gives it the result's name.
 
 Both happen under a lock, one for each folder of results, so that any number of processes may work
 on one result: a part is written before or after another process publishes, never meanwhile.
@@ -69,8 +69,8 @@ def folder_of(path: Path) -> Path:
 
 
 def parts_of(path: Path, pattern: str = "cases-*.h5") -> list[Path]:
-    """The parts of a result, oldest first, without damaged ones and those that another process has
-    just taken."""
+    """The parts of a result, oldest first, without damaged parts and parts that another process has
+    just put into the result."""
     with refused_as(path):
         return [part for part in sorted(folder_of(path).glob(pattern)) if is_sound(part)]
 
@@ -94,7 +94,7 @@ def chunk_name(sweep: str, number: int) -> str:
 
 
 def part_name() -> str:
-    """A name for a new file with finished cases, which sorts after the names of the others."""
+    """A name for a new part with finished cases, which sorts after the names of earlier parts."""
     return f"cases-{time.time_ns():020}-{os.getpid()}.h5"
 
 
@@ -148,8 +148,9 @@ def lock_of(folder: Path) -> Iterator[None]:
 
 
 def finished_cases(path: Path, only: Collection[str] = ()) -> dict[str, list[FinishedCase]]:
-    """The finished cases of a result and of its parts, the latest first, with some attributes.
-    Raises HodoError as `open_run` does if the result exists and cannot be read."""
+    """The finished cases of a result and of its parts by name, the latest of each name first, with
+    all attributes or those in `only`. Raises HodoError as `open_run` does if the result exists and
+    cannot be read."""
     cases: dict[str, list[FinishedCase]] = {}
 
     def collect(file: Path) -> None:
@@ -167,7 +168,7 @@ def finished_cases(path: Path, only: Collection[str] = ()) -> dict[str, list[Fin
 
 @dataclass
 class Update:
-    """Changes to a result; `update` makes it. `seen` holds the hash that each case had."""
+    """Changes to a result, collected within `update`. `seen` holds the hash that each case had."""
 
     run: ResultFile
     additions: dict[str, Group] = field(default_factory=dict)
@@ -179,20 +180,15 @@ class Update:
         self.additions[name] = addition
 
     def apply(self, file: h5py.File) -> None:
-        """Make the changes to the cases that have not changed since; verdicts need all of them
-        unchanged."""
-        now = hashes_of(file)
+        """Change the cases whose hash is still the one in `seen`. A group that begins with `_`
+        (verdicts) is written only if the cases are the same and none has changed."""
+        cases = {name: group for name, group in file.items() if not name.startswith("_")}
+        now = {name: attributes_of(x, ("hash",)).get("hash") for name, x in cases.items()}
         for name, addition in self.additions.items():
             if name.startswith("_") and now == self.seen:
                 write_group(file, name, addition)
             elif name in now and now[name] == self.seen[name]:
                 amend_group(file[name], addition)
-
-
-def hashes_of(file: h5py.File) -> dict[str, Any]:
-    """The hashes of the cases in a file."""
-    groups = {name: group for name, group in file.items() if not name.startswith("_")}
-    return {name: attributes_of(group, ("hash",)).get("hash") for name, group in groups.items()}
 
 
 def publish(
@@ -216,10 +212,10 @@ def publish(
     """
     check_writable(path)
     with locked(path) as folder:
-        parts, known, head = parts_of(path), root_of(path), root_of(folder / HEAD)
+        parts, present, head = parts_of(path), root_of(path), root_of(folder / HEAD)
         order = order or str(head.pop(ORDER, "")).splitlines()
-        root = {**(attributes or head or known)}
-        lines = [*history_of(known), *history_of(root), *filter(None, [line])]
+        root = {**(attributes or head or present)}
+        lines = [*history_of(present), *history_of(root), *filter(None, [line])]
         root["history"] = "\n".join(dict.fromkeys(lines))
         sources = sources_of(path, [*others, *parts], chosen) | dict.fromkeys(groups, None)
         names = [x for x in dict.fromkeys([*order, *sources]) if x in sources and x not in dropped]
@@ -262,18 +258,20 @@ def history_of(root: Mapping[str, Attribute]) -> list[str]:
 
 
 def sources_of(path: Path, parts: Sequence[Path], chosen: Mapping[str, Path]) -> dict[str, Any]:
-    """The file, a result or one of its parts, from which each group is taken."""
+    """The file, a result or one of its parts, from which each group is taken: the latest that holds
+    it, or its `chosen` file."""
     sources: dict[str, Path] = {}
     for file in [*([path] if os.path.lexists(path) else []), *parts]:
         with open_run(file) as run:
+            # A later file replaces an earlier one, unless another file is chosen.
             is_chosen = (x for x in run.groups if x not in sources or chosen.get(x, file) == file)
             sources |= dict.fromkeys(is_chosen, file)
     return sources
 
 
 def copy_groups(source: Path, names: Iterable[str], file: h5py.File) -> None:
-    """Copy groups of a file. If another program has changed the file, the attributes that hodo
-    believes in its own files alone are left out."""
+    """Copy groups of a file. If another program has changed the file, the attributes that count
+    only in a file of hodo's own are left out."""
     with open_run(source) as run:
         for name in names:
             with run.open_group(name) as group:
@@ -291,31 +289,27 @@ def tidy(path: Path, is_needless: Callable[[str], bool] = lambda sweep: False) -
         for chunk in folder.glob("chunk-*"):
             if is_needless(chunk.stem.removeprefix("chunk-").rpartition("-")[0]):
                 chunk.unlink()
-        if not any(folder.glob("c*")):
+        if not any(folder.glob("c*")):  # neither cases nor chunks
             (folder / HEAD).unlink(missing_ok=True)
-
-
-def settle(path: Path) -> None:
-    """Put into a result what killed or running runs have finished. Raises as `publish` does."""
-    if parts_of(path):
-        publish(path)
-        tidy(path)
 
 
 @contextmanager
 def open_batch(path: Path | str) -> Iterator[ResultFile]:
-    """A result, open for reading, with all finished work of it. Raises as `open_run` and `publish`
-    do."""
-    settle(Path(path))
+    """A result, open for reading, with the cases that killed or running runs of it have finished.
+    Raises as `open_run` and `publish` do."""
+    path = Path(path)
+    if parts_of(path):
+        publish(path)
+        tidy(path)
     with open_run(path) as run:
         yield run
 
 
 @contextmanager
 def update(path: Path | str, line: str = "") -> Iterator[Update]:
-    """Change a result, which is replaced at the end, with a line of history, if there is anything
-    to change. If another process replaces it meanwhile, the changes apply to the cases that are the
-    same. Raises as `open_run` and `publish` do."""
+    """Collect changes to a result. When the block ends, the result is replaced, with a line of
+    history, if there are changes; a case that another process has changed meanwhile stays as that
+    process left it. Raises as `open_run` and `publish` do."""
     path = Path(path)
     with open_batch(path) as run:
         yield (changes := Update(run))
