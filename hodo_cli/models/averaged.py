@@ -320,7 +320,8 @@ class AveragedTensor(AveragedTurns, Tensor):
     form = "averaged"
 
     def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
-        return self.linear_rates((np.diag(self.resistance_matrix) / self.inertia).tolist(), side, v)
+        diagonal = np.array(self.term_coefficients["resistance"][::4])
+        return self.linear_rates((diagonal / self.inertia).tolist(), side, v)
 
 
 # A cavity full of viscous fluid: of symmetric bodies two amplitudes say all

@@ -313,11 +313,6 @@ class Model:
         start, in a precision; None without an event."""
         return None
 
-    @property
-    def final_axis(self) -> int | None:
-        """The axis enclosed in the end, where theory predicts it from the data."""
-        return None
-
     def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
         """The axes that the hodograph does not leave between two times once it encloses them, by
         the equations alone."""

@@ -65,7 +65,6 @@ from .theory.theorems import (
     Dissipation,
     axes_never_left,
     crossing_predictions,
-    final_axis,
 )
 
 ROUNDING_OF_G = 4 * float(np.finfo(float).eps)
@@ -240,11 +239,6 @@ class Body(BodyFrame):
         return np.asarray(unit / np.linalg.norm(unit))
 
     @property
-    def resistance_matrix(self) -> np.ndarray:
-        """The tensor I of the resistance (3, 3), of constant entries."""
-        return np.reshape(self.term_coefficients["resistance"], (3, 3))
-
-    @property
     def run_events(self) -> tuple[Event, ...]:
         return () if self.brake is None else (STOPPED,)
 
@@ -371,12 +365,6 @@ class Body(BodyFrame):
     def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
         terms = self.dissipation
         return axes_never_left(terms) if terms else frozenset()
-
-    @property
-    def final_axis(self) -> int | None:
-        is_covered = self.terms == ("resistance",) and not (self.changing_terms or self.frame)
-        turns = np.count_nonzero(self.omega_at_start) > 1
-        return final_axis(self.moments, self.resistance_matrix) if is_covered and turns else None
 
     def predictions(self, start: float, end: float) -> list[str]:
         """Which crossings are possible, that a rotor leaves no axis, and how a free body with an

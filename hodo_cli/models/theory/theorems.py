@@ -1,5 +1,4 @@
-"""Theorems on a sum of torques: which way a motion crosses the separatrix D = 0, and which axis is
-enclosed in the end.
+"""Theorems on a sum of torques: which way a motion crosses the separatrix D = 0.
 
 With a > b > c the moments of inertia and 1, 2, 3 their axes, let D = 0 at a given |G|. One number
 is left, sigma in 0 to 1:
@@ -29,7 +28,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..rigid_body import enclosed_axis, inertia_order
+from ..rigid_body import inertia_order
 
 
 class Dissipation(NamedTuple):
@@ -119,27 +118,3 @@ def crossing_predictions(terms: Dissipation) -> list[str]:
         f"only {up} above |G| = {fluid}, only {down} below {damping}; on the mean the sense turns "
         f"at {mean}"
     ]
-
-
-EQUAL_RATES = 1e-12
-"""Rates of decay whose ratio differs from 1, or from 0, by no more are taken to be equal, or 0:
-rounding may have made the difference."""
-
-
-def final_axis(A: np.ndarray, I: np.ndarray) -> int | None:
-    """The axis that is enclosed in the end, when the rotation has become slower than its damping:
-    A omega' = -I omega then, and omega turns to the eigenvector of A^-1 I that decays most slowly.
-
-    None unless I is symmetric and takes energy out of every motion; None too where rounding decides
-    which eigenvector it is, or on which side of the separatrix it lies. A rotation about a body
-    axis may stay there instead.
-    """
-    # A^-1 I has the eigenvalues of this symmetric matrix, and its eigenvectors times A^(1/2).
-    root = np.sqrt(A)
-    rates, vectors = np.linalg.eigh(I / np.outer(root, root))
-    gap = rates[1] - rates[0]
-    # A kernel, or an eigenvalue that is rounding, stops no motion: omega x A omega decides.
-    if (I != I.T).any() or min(rates[0], gap) <= EQUAL_RATES * rates[2]:
-        return None
-    label = int(enclosed_axis(A, vectors[:, 0] / root, EQUAL_RATES * rates[2] / gap))
-    return label if label > 0 else None
