@@ -277,8 +277,9 @@ class Model:
 
     @property
     def no_separatrix_reason(self) -> str:
-        """As `Equations.no_separatrix_reason`."""
-        return self.equations.no_separatrix_reason
+        """Why D does not show which axis is enclosed; empty where it does."""
+        says = "with a rotor D says nothing, and the enclosed axis is undetermined"
+        return says if "rotor" in self.equations.terms else ""
 
     @cached_property
     def initial_state(self) -> tuple[float, ...]:
@@ -406,12 +407,6 @@ class Equations:
     def may_stop(self) -> bool:
         """Whether a brake may bring the motion to rest: G is then 0 and encloses no axis."""
         return "brake" in self.terms
-
-    @property
-    def no_separatrix_reason(self) -> str:
-        """Why D does not show which axis is enclosed; empty where it does."""
-        says = "with a rotor D says nothing, and the enclosed axis is undetermined"
-        return says if "rotor" in self.terms else ""
 
     @property
     def always_absorbing(self) -> bool:
@@ -623,6 +618,7 @@ def of_engine_time(
 ) -> tuple[Equations, tuple[Event, ...]]:
     """The same equations and events as functions of the engine's time."""
     form = tuple({**dict(model.structure), START: 0, UNIT: 0}.items())
-    functions = [HashablePartial(in_engine_time, (event.function,)) for event in events]
-    of_engine = (e._replace(function=f) for e, f in zip(events, functions, strict=True))
+    of_engine = (
+        e._replace(function=HashablePartial(in_engine_time, (e.function,))) for e in events
+    )
     return replace(model, structure=form), tuple(of_engine)
