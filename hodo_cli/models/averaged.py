@@ -74,7 +74,7 @@ def turn_means(v: Any) -> tuple[Any, Any, Any, Any]:
     return m, m1, 0.5 + m * excess, excess
 
 
-@lru_cache(maxsize=16)  # a case asks several times, and exact fractions take 0.2 ms
+@lru_cache(maxsize=16)  # a case needs them several times, and exact fractions take 0.2 ms
 @np.errstate(all="ignore")
 def slow_variables(inertia: Any, omega: Any) -> tuple[int, Any, np.ndarray]:
     """The side, v, and ln X and ln Y (2,) at a start, in long double. v is computed from the exact
@@ -107,7 +107,7 @@ def chebyshev_fit(fp: type) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def interval(rates: Rates, side: int, v: Any) -> tuple[float, float]:
-    """The two zeros of f between which v lies."""
+    """The zeros of f (or 0 and infinity) between which v lies."""
     grid = np.log1p(np.exp(np.linspace(-SEPARATRIX_Z, SEPARATRIX_Z, 513)))
     for _ in range(12):  # each round locates the zero in one interval of 32
         change = np.flatnonzero(np.diff(np.sign(rates(side, grid)[0])))

@@ -99,9 +99,6 @@ class EventOutcome(NamedTuple):
         return states
 
 
-Passage = Callable[[Any, Sequence[Any], Any], EventOutcome]
-
-
 class Event(NamedTuple):
     """A zero of `function(t, y, k)`. The integration ends at a `terminal` event.
 
@@ -115,7 +112,7 @@ class Event(NamedTuple):
     kind: str
     function: Callable[[Any, Sequence[Any], Any], Any]
     terminal: bool = False
-    passage: Passage | None = None
+    passage: Callable[[Any, Sequence[Any], Any], EventOutcome] | None = None
 
 
 @dataclass(frozen=True)
@@ -249,7 +246,7 @@ class Model:
         """The model with the data of a case. Expressions in the data count t from the `epoch`."""
         own, sign = dict(data), -1.0 if is_backward else 1.0
         of_epoch = {EPOCH_NAME: sign * epoch} if epoch else {}
-        # As pairs, which can be hashed.
+        # Pairs and not a mapping, because the object has a hash.
         named = (*(own.pop(CONSTANTS_KEY, None) or {}).items(), *of_epoch.items())
         return cls.form_of(data)(**own, case_constants=named, is_backward=is_backward)
 

@@ -1,5 +1,5 @@
-"""One rigid body under a sum of torques, A omega' + omega x A omega = N, and the key tables of the
-models that are such a sum: `linear-diag`, `tensor`, `cavity+constant` and `torques`."""
+"""One rigid body under a sum of torques, A omega' + omega x G = N, and the tables of keys of the
+models with such sums: `linear-diag`, `tensor`, `cavity+constant` and `torques`."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -238,7 +238,7 @@ class Body(BodyFrame):
     def run_events(self) -> tuple[Event, ...]:
         return () if self.brake is None else (STOPPED,)
 
-    # What is wrong with data, and what to say of them
+    # Mistakes in the data, and warnings
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -340,7 +340,7 @@ class Body(BodyFrame):
             term for term, entries in self.term_coefficients.items() if any(map(is_law, entries))
         )
 
-    # What theory says of the motion
+    # Theory on the motion
 
     @property
     def dissipation(self) -> Dissipation | None:

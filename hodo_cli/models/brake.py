@@ -30,7 +30,7 @@ from .rigid_body import UNDETERMINED, enclosed_axis
 from .terms.time_laws import coefficient_at
 
 DRIVING = frozenset({"torque", "space_torque", "expression"})
-"""The torques under which |G| may grow from rest, and fall again."""
+"""The torques that may make |G| grow from rest."""
 
 STAGES, STAGES_WITH_ROTOR, STAGE_RATIO = 14, 10, 8
 """The number of stages of braking, and the ratio by which |G| falls in each. After all of them |G|
@@ -113,7 +113,7 @@ def attitude_in(y: Sequence[Any], k: Any) -> Sequence[Any]:
 
 
 def torque_at_rest(t: Any, y: Sequence[Any], k: Any) -> list[Any]:
-    """The sum of all torques but the brake (3,) where G is 0."""
+    """The sum (3,) of all torques but the brake in a body with G = 0."""
     others = [name for name in k.terms.split() if name != "brake"]
     at_rest = omega_of((0.0, 0.0, 0.0), k)
     seen = SimpleNamespace(**vars(k) | {"attitude": attitude_in(y, k) or None})

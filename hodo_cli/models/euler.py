@@ -130,7 +130,7 @@ def composed(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, ...]:
 
 
 def quaternion_rates(omega: Sequence[Any], Q: Sequence[Any], factor: Any) -> tuple[Any, ...]:
-    """Q' = factor Q (0, omega)/2."""
+    """The rates Q' = factor Q (0, omega)/2 of a quaternion Q (4,)."""
     return composed(Q, (0.0, *(factor * x / 2 for x in omega)))
 
 
