@@ -112,7 +112,7 @@ def check_attitude(form: type[Model], data: Mapping[str, Any]) -> Iterator[Mista
         (
             euler is None and sequence != SEQUENCE,
             (ATTITUDE_KEY, "sequence"),
-            "orders the angles of `euler`, which is not there",
+            "orders the angles of `euler`, which is missing",
         ),
         (
             not is_sequence,
@@ -192,6 +192,6 @@ def warnings_of(system: Model) -> list[str]:
         "one axis there, and the attitude shows no more than their sum or difference": (
             abs(pole) <= UNIT_LENGTH_TOL
         ),
-        "without a G at the start, z lies along x3 there": attitude["align"] and is_still,
+        "G is 0 at the start, so z is made to lie along x3 there": attitude["align"] and is_still,
     }
     return [*system.warnings, *(words for words, applies in sentences.items() if applies)]

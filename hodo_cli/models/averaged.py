@@ -91,7 +91,9 @@ def slow_variables(inertia: Any, omega: Any) -> tuple[int, Any, np.ndarray]:
     X, Y = a * (a - c) * p + b * (b - c) * q, b * (a - b) * q + c * (a - c) * r
     v = np.log1p((a - c) * D / ((b - c) * Y if side > 0 else (a - b) * X))
     if not v > 0:
-        raise ValueError("at rest, on the separatrix or as a sphere it has no turn to average")
+        raise ValueError(
+            "a body at rest, on the separatrix or with three equal moments has no turn to average"
+        )
     return side, v, np.maximum(np.log([X, Y]) + 2 * np.log(size), -1e4)
 
 

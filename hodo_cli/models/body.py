@@ -306,8 +306,8 @@ class Body(BodyFrame):
         named = ", ".join(f"{value:.6g}" for value in values)
         excess = 0.0 if is_tensor(self.inertia) else excess_of_rounding(self.inertia)
         sentences = {
-            f"one moment exceeds the sum of the other two by {excess:.3g}, as rounding may make "
-            "it": excess > 0,
+            f"one moment exceeds the sum of the other two by {excess:.3g}, which rounding may "
+            "have caused": excess > 0,
             f"negative damping feeds energy in: {', '.join(feeding)}": bool(feeding),
             f"the tensor is not dissipative: its symmetric part has the eigenvalues {named}": (
                 values[0] < -1e-12 * abs(values[-1])

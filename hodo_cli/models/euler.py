@@ -5,9 +5,9 @@ A torque is a function of the time t, of its coefficients c at t, of omega = (p,
 constants k and of its own state variables. It uses + - * /, ** and the functions of `arithmetic`
 only, so that numbers, arrays and an engine's symbols all pass through it.
 
-Components are along the principal axes. k holds the principal moments A1, A2, A3. For a
-body given by a full tensor k also holds `principal_axes` (9,): the axes, row by row, along the axes
-of the case. Some torques, and h1, h2, h3 of a rotor, are stated along the axes of the case
+Components are along the principal axes. k holds the principal moments A1, A2, A3. For a body given
+by a full tensor k also holds `principal_axes` (9,): the components, row by row, of these axes along
+the axes of the case. Some torques, and h1, h2, h3 of a rotor, are stated along the axes of the case
 (`Term.in_case_axes`).
 """
 
@@ -21,6 +21,7 @@ from .terms.time_laws import SPACE_COMPONENTS, VELOCITIES, coefficient_at, value
 Components = tuple[Any, Any, Any]
 
 Function = Callable[[Any, Sequence[Any], Sequence[Any], Any, Sequence[Any]], Sequence[Any]]
+"""A function (t, c, omega, k, extra) as `Term` describes it."""
 
 
 def rates_under(names: Iterable[str], t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
@@ -83,12 +84,14 @@ def times(matrix: Sequence[Any], v: Sequence[Any]) -> Components:
 
 
 def along_principal_axes(v: Sequence[Any], k: Any) -> Sequence[Any]:
-    """A vector (3,) along the axes of the case, by its components along the principal axes."""
+    """The components along the principal axes of a vector v (3,), which is given along the axes of
+    the case."""
     return times(k.principal_axes, v) if hasattr(k, "principal_axes") else v
 
 
 def in_case_axes(v: Sequence[Any], k: Any) -> Sequence[Any]:
-    """A vector (3,) along the principal axes, by its components along the axes of the case."""
+    """The components along the axes of the case of a vector v (3,), which is given along the
+    principal axes."""
     return times(transposed(k.principal_axes), v) if hasattr(k, "principal_axes") else v
 
 

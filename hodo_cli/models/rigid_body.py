@@ -342,7 +342,7 @@ def complete(inertia: Sequence[float], initial: Mapping[str, Any]) -> tuple[floa
     has_G, by_squares = "G" in given, given & {"x", "y"}
     wrong = {
         "give x and y alone, or p, q and r": by_squares and given != {"x", "y"},
-        "with a full tensor of inertia G stands for no component: give all": (
+        "with a full tensor of inertia G replaces no component: give p, q and r": (
             has_G and is_tensor(inertia)
         ),
         f"{' and '.join(missing)} missing: give p, q and r, or two of them and G": (
