@@ -250,6 +250,7 @@ class AveragedTurns(Body):
         return {}
 
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The states (n, 4), whose units are those of the case."""
         # The path is computed anew each time, so that the measured run time includes it.
         fp, (side, v, logs) = t.dtype.type, self.slow_start
         self.paths[fp] = averaged_path(self.mean_rates, side, fp(v), np.append(0, logs).astype(fp))
@@ -269,6 +270,7 @@ class AveragedTurns(Body):
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
+        """Energy, |G|, G^2/2T, k^2 and the enclosed axis, from the side, k^2, ln X and ln Y."""
         A = np.array([k.A1, k.A2, k.A3])
         largest, middle, smallest = inertia_order(A)
         a, _, c = A[[largest, middle, smallest]]
@@ -315,6 +317,7 @@ class AveragedLinearDiag(AveragedTurns, LinearDiag):
     form = "averaged"
 
     def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
+        """The mean rates under the damping lambda_i."""
         return self.linear_rates(self.damping, side, v)
 
 
@@ -329,6 +332,7 @@ class AveragedTensor(AveragedTurns, Tensor):
     form = "averaged"
 
     def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
+        """The mean rates under the damping lambda_i = I_ii/A_i."""
         diagonal = np.array(self.term_coefficients["resistance"][::4])
         return self.linear_rates((diagonal / self.inertia).tolist(), side, v)
 
@@ -368,6 +372,7 @@ class SymmetricCavity(Cavity):
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
+        """x = a^2 and y = r^2."""
         a, r = y.T
         return {"x": a * a, "y": r * r}
 
@@ -384,12 +389,14 @@ class SymmetricCavity(Cavity):
 
     @property
     def start(self) -> tuple[float, ...]:
+        """a = sqrt(p^2 + q^2) and r at the start."""
         p, q, r = super().start
         return hypot(p, q), r
 
     @property
     def extended_start(self) -> np.ndarray:
-        # In long double the squares of a and r, which are stored, are x and y to all digits.
+        """a and r at the start in long double."""
+        # From x and y themselves, so that their squares, which are stored, are x and y again.
         squares = [self.initial.get(name) for name in "xy"]
         if None not in squares:
             return np.sqrt(np.array(squares, dtype=np.longdouble))
@@ -397,6 +404,7 @@ class SymmetricCavity(Cavity):
         return np.array([np.hypot(p, q), r])
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
+        """The states (2, n) for angular velocities (n, 3) at the start."""
         p, q, r = np.moveaxis(omega, -1, 0)
         return np.stack((np.hypot(p, q), r))
 
@@ -449,6 +457,7 @@ class Averaged(SymmetricCavity):
 
     @classmethod
     def form_of(cls, data: Mapping[str, Any]) -> type[Model]:
+        """The form for a body with three different moments is another class."""
         return AveragedTriaxial if is_triaxial(data) else cls
 
     @classmethod
@@ -458,6 +467,7 @@ class Averaged(SymmetricCavity):
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        """a' and r', which do not depend on M1 and M2."""
         a, r = y
         return (
             -k.kappa * k.A3 * (k.A3 - k.A1) / k.A1**3 * a * r * r,
@@ -483,6 +493,7 @@ class AveragedAsPrinted(SymmetricCavity):
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        """a' with the printed sign, and r'."""
         a, r = Averaged.rhs(t, y, k)
         return -a, r
 
@@ -515,6 +526,7 @@ class AveragedTriaxial(AveragedTurns, Cavity):
             )
 
     def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
+        """The mean rates under the fluid's torque, for which |G| is constant."""
         A_e, b, A_o = np.sort(self.moments)[::-side]
         m, _, ss, rest = turn_means(v)
         span, near, far = abs(A_e - A_o), abs(A_e - b), abs(b - A_o)

@@ -158,6 +158,7 @@ class Body(BodyFrame):
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        """The rates by Euler's equations under the torques that k names."""
         return rates_under(k.terms.split(), t, y, k)
 
     @cached_property
@@ -168,6 +169,7 @@ class Body(BodyFrame):
 
     @cached_property
     def constants(self) -> Constants:
+        """The body, the names of its torques, their coefficients, and the constants of the case."""
         terms = self.term_coefficients
         named = ((TERMS[term].degree, values) for term, values in terms.items())
         given = {k: x for names, values in named for k, x in zip(names, values, strict=True)}
@@ -202,6 +204,7 @@ class Body(BodyFrame):
         return np.where(np.abs(G).max(axis=-1, keepdims=True) > rounding, G, 0)
 
     def velocities(self, G: np.ndarray) -> np.ndarray:
+        """The angular velocities A^-1 (G - h) (..., 3), where h = 0 without a rotor."""
         return super().velocities(G if self.rotor is None else G - np.array(self.rotor))
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
@@ -217,12 +220,14 @@ class Body(BodyFrame):
 
     @cached_property
     def start(self) -> tuple[float, ...]:
+        """omega along the principal axes, followed by the torques' own variables."""
         omega = self.initial_velocity
         has_more = self.frame is not None or any(TERMS[k].extra for k in self.term_coefficients)
         return tuple(self.starts(np.array(omega)).tolist()) if has_more else omega
 
     @property
     def extended_start(self) -> np.ndarray:
+        """The start with omega turned to the principal axes in long double."""
         y = super().extended_start
         y[:3] = self.to_principal(np.array(self.initial_velocity, dtype=np.longdouble))
         return y
@@ -236,6 +241,7 @@ class Body(BodyFrame):
 
     @property
     def run_events(self) -> tuple[Event, ...]:
+        """The stop by a brake."""
         return () if self.brake is None else (STOPPED,)
 
     # Mistakes in the data, and warnings
@@ -363,6 +369,7 @@ class Body(BodyFrame):
         )
 
     def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
+        """The axes that the theorems on crossings give."""
         terms = self.dissipation
         return axes_never_left(terms) if terms else frozenset()
 
@@ -393,6 +400,7 @@ class Body(BodyFrame):
         return along is not None and not (self.attitude and any(along))
 
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Free motion in the time s of a clock, which torques along G slow down or speed up."""
         A, omega = self.moments, self.omega_at_start
         along = self.along_momentum
         assert along is not None

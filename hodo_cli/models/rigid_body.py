@@ -402,6 +402,7 @@ class BodyFrame(Model):
 
     @classmethod
     def output(cls, t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
+        """omega along the axes of the case, and the stored ones of the further variables."""
         others = {name: y[:, i] for i, name in enumerate(cls.state) if name in cls.variables}
         return {"omega": np.stack(in_case_axes([*y[:, :3].T], k), axis=-1), **others}
 
@@ -438,6 +439,7 @@ class BodyFrame(Model):
         return self.to_principal(np.array(self.initial_velocity))
 
     def attitude_at(self, start: np.ndarray) -> tuple[Any, ...]:
+        """The quaternion (4,) that the key `attitude` and G at the start determine."""
         G = self.momentum(self.from_principal(start[:3]))
         return quaternion_at_start(self.attitude, G.tolist())
 
@@ -539,6 +541,7 @@ class BodyFrame(Model):
 
     @property
     def class_events(self) -> tuple[Event, ...]:
+        """The crossings D = 0, where D shows the enclosed axis."""
         moments = self.inertia if self.principal_axes is None else self.moments
         separatrix = HashablePartial(separatrix_function, (inertia_order(moments),))
         return () if self.no_separatrix_reason else (Event("separatrix", separatrix),)

@@ -279,6 +279,7 @@ class Top(Model):
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
+        """The mistakes in expressions without a value at the start, and in a polynomial mu."""
         known = {"t": start, **(data.get(CONSTANTS_KEY) or {})}
         yield from value_mistakes(expressions_of({name: data[name] for name in LAW_KEYS}), known)
         least = least_value(data["mu"], start, end) if is_law(data["mu"]) else 1.0
@@ -311,6 +312,7 @@ class Top(Model):
 
     @cached_property
     def constants(self) -> Constants:
+        """The moments, the coefficients, and the constants of the case."""
         of_case = self.case_constants
         given = {name: getattr(self, name) for name in LAW_KEYS}
         laws = {name: resolved(x, of_case) for name, x in given.items() if x is not None}
@@ -318,6 +320,7 @@ class Top(Model):
 
     @property
     def warnings(self) -> list[str]:
+        """A sentence on each resistance whose polynomial has a negative coefficient."""
         return [
             f"{name} has a negative coefficient: where {name}(tau) < 0 the torque feeds energy in"
             for name, coefficient in (("a", self.a), ("b", self.b))
@@ -339,6 +342,7 @@ class Nutating(Top):
     }
 
     def refuse_start(self) -> None:
+        """Also raises ValueError for a start without a period."""
         if not self.m1 > UNRESOLVED_M1:
             raise ValueError(
                 "u2 = u3: the top is at, or tends to, an unstable equilibrium and has no period; "
@@ -353,6 +357,7 @@ class Nutating(Top):
 
     @property
     def warnings(self) -> list[str]:
+        """With a sentence on a start near u2 = u3."""
         near = f"1 - k^2 = {self.m1:.1e} at the start: so near u2 = u3 the mean over a nutation"
         return [*super().warnings, *([f"{near} loses digits"] if self.m1 < ROUGH_M1 else [])]
 
@@ -430,6 +435,7 @@ class AveragedTop(Nutating):
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
+        """Gz, H, r and the roots, from the state (U, Z, r, e)."""
         k = with_mu(k, t)
         U, Z, r, e = y.T
         # Complex numbers, because w is 0 where an upright top becomes unstable, and rounding may
@@ -446,6 +452,7 @@ class AveragedTop(Nutating):
 
     @property
     def start(self) -> tuple[float, ...]:
+        """U, Z, r and e at the start."""
         return self.nutation[:4]
 
     @property
@@ -488,6 +495,7 @@ class AveragedU(Nutating):
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        """u1', u2', u3' by eq. (3.5), and r'."""
         u1, u2, u3, r = y
         A, c, mu = k.A, k.C * r, k.mu
         Gz, H = integrals_from_roots(y, k)
@@ -511,11 +519,13 @@ class AveragedU(Nutating):
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
+        """The roots and r of the state, and Gz and H from these."""
         u1, u2, u3, r = y.T
         Gz, H = integrals_from_roots([*y.T], k)
         return {"Gz": Gz, "H": H, "r": r, "u1": u1, "u2": u2, "u3": u3}
 
     def refuse_start(self) -> None:
+        """Also raises ValueError for r = 0 and for regular precession, u1 = u2."""
         super().refuse_start()
         if not (self.nutation.r and self.nutation.e):
             raise ValueError(
@@ -525,6 +535,7 @@ class AveragedU(Nutating):
 
     @property
     def start(self) -> tuple[float, ...]:
+        """u1, u2, u3 and r at the start."""
         _, _, r, e, X, w = self.nutation
         return 1 - X - e, 1 - X + e, 1 - X + w, r
 
@@ -586,6 +597,7 @@ class FullTop(Top):
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        """Euler's equations and gamma' = gamma x omega, as derivatives by tau."""
         p, q, r, g1, g2, g3 = y
         now = with_mu(k, t)
         A, C, mu, eps = k.A, k.C, now.mu, k.epsilon
@@ -603,10 +615,12 @@ class FullTop(Top):
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
+        """omega and gamma of the state."""
         return {"omega": y[:, :3], "gamma": y[:, 3:]}
 
     @cached_property
     def constants(self) -> Constants:
+        """Also epsilon."""
         return {**super().constants, "epsilon": self.epsilon}
 
     @property
@@ -626,6 +640,7 @@ class FullTop(Top):
 
     @property
     def extended_start(self) -> np.ndarray:
+        """The start with the sine and cosine of a given theta in long double."""
         y, theta = super().extended_start, self.initial["theta"]
         # The sine and cosine of theta anew, because as doubles they are rounded.
         if theta is not None:

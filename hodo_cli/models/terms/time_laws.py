@@ -97,6 +97,7 @@ def coefficient_kind(*others: Rule, repeat: int = 0) -> Rule:
     title = ", or ".join(["a number", *map(words, others), "an expression in t"])
 
     def coefficient(value: Any) -> Any:
+        """The value of the key as the model takes it. Raises Wrong for other kinds of values."""
         if others and is_list(value):
             return check(Either(*others), value)
         resolved = parse_expression(value) if isinstance(value, str) else value

@@ -98,9 +98,9 @@ def damped_motion(A: np.ndarray, omega0: np.ndarray, lam: float, t: np.ndarray) 
     with omega0 (3,) at t = 0 under equal damping, lambda1 = lambda2 = lambda3 = lam.
 
     omega(t) = exp(-lam t) Omega(s), s = (1 - exp(-lam t)) / lam, where Omega is the free motion. In
-    A w' + w x A w = -lam A w the factors exp(-2 lam t) = (ds/dt) exp(-lam t) cancel. The start, and
-    the signs of t and lam, are any; lam = 0 is the free motion. A motion that has decayed below the
-    smallest double is 0.
+    A w' + w x A w = -lam A w the factors exp(-2 lam t) = (ds/dt) exp(-lam t) cancel. Any start
+    and any signs of t and lam are allowed; lam = 0 is the free motion. A motion that has decayed
+    below the smallest double is 0.
 
     Source: Rachinskaya, eqs (5)-(6). Eq. (6) as printed has the argument n exp(-lam t) / lam, which
     runs backwards in time and, without an initial phase, does not meet the data at t = 0.
@@ -359,8 +359,8 @@ def longitude_and_area(
 def turn_of_hodograph(A: np.ndarray, omega0: np.ndarray) -> tuple[float, float, str] | None:
     """The period T of the hodograph of a free body with the moments A (3,), in any order, and the
     angular velocity omega0 (3,) at the start; the angle psi in this time, whole turns included; and
-    a sentence on both. None for a steady rotation, and on the separatrix, where the turn never
-    ends. The relative errors are a few units of the last digit.
+    a sentence on the periods. None for a steady rotation, and on the separatrix, where the turn
+    never ends. The relative errors are a few units of the last digit.
 
     The enclosed axis goes round G in 2 pi T/angle. If the enclosed axis has the largest moment, the
     axis of the smallest moment meanwhile goes round it once in the opposite sense, and so round G

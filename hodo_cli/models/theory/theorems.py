@@ -69,12 +69,12 @@ def turning_momenta(terms: Dissipation) -> tuple[float, float, float]:
 
 def possible_crossings(terms: Dissipation) -> frozenset[int] | None:
     """The senses of the crossings that a motion can have: 1 to the axis of largest inertia, -1 to
-    the axis of smallest inertia. None where no theorem tells.
+    the axis of smallest inertia. None where no theorem applies.
 
     With one sense there is one crossing at most. With both, the motion may go to the axis of
     largest inertia and back, with two crossings at most outside the range of |G| in which the sense
     changes. kappa and the quadratic coefficients must not be negative. For negative damping beside
-    a fluid no theorem tells.
+    a fluid no theorem applies.
     """
     c, b, a = np.sort(np.asarray(terms.inertia, float))
     if a == b or b == c:
@@ -105,7 +105,7 @@ def axes_never_left(terms: Dissipation) -> frozenset[int]:
 
 
 def crossing_predictions(terms: Dissipation) -> list[str]:
-    """A sentence on the crossings that are possible; none where no theorem tells."""
+    """A sentence on the crossings that are possible; none where no theorem applies."""
     largest, _, smallest = inertia_order(terms.inertia)
     up, down = f"x{smallest + 1} to x{largest + 1}", f"x{largest + 1} to x{smallest + 1}"
     at_most_one = {
