@@ -111,7 +111,8 @@ def coefficients_of(
 class Body(BodyFrame):
     """A rigid body under any sum of torques.
 
-    A omega' + omega x G = N,    G = A omega + h
+    A omega' + omega x G = N
+    G = A omega + h
 
     omega = (p, q, r): angular velocity, 1/time (`initial`). A: principal moments of inertia
     (`inertia`), or the full tensor along any body axes. With a full tensor all vectors are given
