@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -87,23 +87,12 @@ def first_integrals(omega: Sequence[Any], gamma: Sequence[Any], k: Any) -> tuple
     return Gz, (k.A * (p * p + q * q) + k.C * r * r) / 2 + k.mu * gamma[2]
 
 
-class Nutation(NamedTuple):
-    """The start of a top: its state (U, Z, r, e), and X and w of `nutation`."""
-
-    U: float
-    Z: float
-    r: float
-    e: float
-    X: float
-    w: float
-
-
 @np.errstate(all="ignore")  # the end of the function checks the range
 def nutation_at_start(
     inertia: Mapping[str, float], mu: float, initial: Mapping[str, Any]
-) -> Nutation:
-    """The nutation of a top with these initial data: theta and r, or Gz, H and r. w is nan where
-    rounding leaves no digit of it.
+) -> tuple[Any, ...]:
+    """The state (U, Z, r, e) of a top with these initial data, theta and r, or Gz, H and r;
+    followed by X and w of `nutation`. w is nan where rounding leaves no digit of it.
 
     Raises ValueError, with a sentence, if no motion has these data.
     """
@@ -126,7 +115,7 @@ def nutation_at_start(
     state = [np.float64(1) * value for value in (U, Z, r, e)]
     if not all(map(isfinite, [*state, excess])):
         raise ValueError("the initial data are out of range")
-    return Nutation._make([*state, *nutation(state, SimpleNamespace(A=A, C=C, mu=mu))])
+    return *state, *nutation(state, SimpleNamespace(A=A, C=C, mu=mu))
 
 
 def released(theta: Any, excess: Any) -> tuple[Any, Any]:
@@ -306,8 +295,8 @@ class Top(Model):
         return self.mu[0] if is_law(self.mu) else self.mu
 
     @cached_property
-    def nutation(self) -> Nutation:
-        """The state at the start, with X and w there. Raises ValueError as `nutation_at_start`."""
+    def nutation(self) -> tuple[Any, ...]:
+        """U, Z, r, e, X and w at the start. Raises ValueError as `nutation_at_start` does."""
         return nutation_at_start(self.inertia, self.mu_at_start, self.initial)
 
     @cached_property
@@ -352,7 +341,7 @@ class Nutating(Top):
     @property
     def m1(self) -> float:
         """1 - k^2 = (u3 - u2)/(u3 - u1) at the start; nan where rounding leaves no digit of it."""
-        e, w = self.nutation.e, self.nutation.w
+        _, _, _, e, _, w = self.nutation
         return (w - e) / (w + e) if w + e else math.nan
 
     @property
@@ -459,7 +448,8 @@ class AveragedTop(Nutating):
     def run_events(self) -> tuple[Event, ...]:
         """A top that starts upright stays so. Its averaged motion ends where it becomes
         unstable."""
-        is_upright = self.nutation.Z == self.nutation.e == 0
+        _, Z, _, e, _, _ = self.nutation
+        is_upright = Z == e == 0
         return (Event("upright_unstable", upright_stability, True),) if is_upright else ()
 
 
@@ -527,7 +517,8 @@ class AveragedU(Nutating):
     def refuse_start(self) -> None:
         """Also raises ValueError for r = 0 and for regular precession, u1 = u2."""
         super().refuse_start()
-        if not (self.nutation.r and self.nutation.e):
+        _, _, r, e, _, _ = self.nutation
+        if not (r and e):
             raise ValueError(
                 f"form {self.form} divides by r and by u2 - u1, and one is 0; "
                 "form averaged does not"
@@ -627,15 +618,15 @@ class FullTop(Top):
     def start(self) -> tuple[float, ...]:
         """The start at phi = 0: at the given theta, or at cos theta = (u1 + u2)/2 with growing
         theta."""
-        theta, r = self.initial["theta"], self.nutation.r
+        theta, (U, Z, r, _, X, _) = self.initial["theta"], self.nutation
         if theta is not None:
             return 0.0, 0.0, r, 0.0, sin(theta), cos(theta)
         A, C = self.inertia["A"], self.inertia["C"]
         # x = 1 - cos theta, which rounding may bring out of its range for an upright top.
-        x = min(max(self.nutation.X, 0.0), 2.0)
+        x = min(max(X, 0.0), 2.0)
         sine = sqrt(x * (2 - x))
-        q = (self.nutation.U + C * r * x) / (A * sine) if sine else 0.0
-        p = sqrt(max(2 * self.mu_at_start * (x - self.nutation.Z) / A - q * q, 0.0))
+        q = (U + C * r * x) / (A * sine) if sine else 0.0
+        p = sqrt(max(2 * self.mu_at_start * (x - Z) / A - q * q, 0.0))
         return p, q, r, 0.0, sine, 1 - x
 
     @property
