@@ -8,10 +8,10 @@ which G turns, o the other one of a and c. With
     X = a(a-c) p^2 + b(b-c) q^2,    Y = b(a-b) q^2 + c(a-c) r^2,    X_a = X,  X_c = Y,
     G^2 = (a X + c Y)/(a-c),    2T = (X + Y)/(a-c),    v = |ln [(a-b) X/((b-c) Y)]|,    m = e^-v
 
-X and Y are constant in free motion, in which omega is given by sn, cn and dn of the modulus k^2 =
-m. v = 0 is the separatrix. Under weak resistance the mean rates of v, ln X and ln Y on a side
-depend on v alone. So v' = f(v) is solved by t = int dv/f, and ln X and ln Y are integrals of rate
-dv/f.
+X and Y are constant in free motion, in which sn, cn and dn of the modulus k, with k^2 = m, give
+omega. v = 0 is the separatrix. Under weak resistance the mean rates of v, ln X and ln Y on a side
+depend on v alone. So v' = f(v) is solved by t = int dv/f, and ln X and ln Y are the integrals of
+their rates times dv/f.
 
 The integrals run over a variable z in place of v. f is 0 at the separatrix, v = 0, and at one more
 v at most, a fixed point. v(z) maps the whole line to the interval between two zeros, the last of
@@ -441,11 +441,12 @@ class Averaged(SymmetricCavity):
     r' = kappa (C - A) a^2 r / (A C) + epsilon M3 / C
 
     a = sqrt(p^2 + q^2) and r, 1/time; stored are x = a^2 and y = r^2. The other symbols are those
-    of the full form. Without M1 and M2 the full equations give these exactly. With them these hold
-    to first order in epsilon, until r, and with it the frequency |(C - A) r/A| of the turning, has
-    become small. r reaches 0 in finite time where M3 opposes it. This is the end of spin, an event
-    that ends the motion, or after which it continues (`spin_reversal`). The state is r and not y,
-    because the equations in y are not Lipschitz at y = 0, where solvers stop or fail.
+    of the full form. Without M1 and M2 these equations follow from the full ones exactly. With M1
+    and M2 they hold to first order in epsilon, until r, and with it the frequency |(C - A) r/A| of
+    the turning, has become small. r reaches 0 in finite time where M3 opposes it. This is the end
+    of spin, an event that ends the motion, or after which it continues (`spin_reversal`). The state
+    is r and not y, because the equations in y are not Lipschitz at y = 0, where solvers stop or
+    fail.
 
     Source: Leshchenko and Kozachenko 2023, eqs (5), (6), with the sign of a' that follows from (2),
     and +epsilon M3 in r' as in (2) and (6), not - as in (5).

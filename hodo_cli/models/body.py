@@ -396,7 +396,8 @@ class Body(BodyFrame):
 
     @property
     def has_closed_form(self) -> bool:
-        """The motion is free, equally damped, braked, or both; with an attitude it is free."""
+        """Whether the motion is free or under equal damping, a brake, or both, all constant; with
+        an attitude, whether it is free."""
         along = self.along_momentum
         return along is not None and not (self.attitude and any(along))
 
