@@ -67,8 +67,8 @@ errors of averaging are then some per cent."""
 
 
 def turn_means(v: Any) -> tuple[Any, Any, Any, Any]:
-    """m, 1 - m, S = <sn^2> over a turn, and (S - 1/2)/m, at v (...). All are sums of positive
-    terms, so nothing cancels."""
+    """m = k^2 = e^-v, 1 - m, the mean S = <sn^2> over a turn, and (S - 1/2)/m, at v (...). All are
+    sums of positive terms, so nothing cancels."""
     m, m1 = np.exp(-v), -np.expm1(-v)
     excess = sum_along_mean(m * m / 4, (1 + m1) / 2, np.sqrt(m1), MEAN_STEPS) / 4
     return m, m1, 0.5 + m * excess, excess

@@ -538,7 +538,7 @@ def in_unit(constant: Any, exponent: Any) -> Any:
 
 def jacobian(model: Equations, k: SimpleNamespace, t: Any, y: np.ndarray) -> np.ndarray:
     """The matrix d rhs_i/d y_j at y (m,) or (m, n), of shape (m, m) or (m, m, n). It is exact to
-    rounding: the imaginary part of the rhs at the complex state y_j + ih, divided by h.
+    rounding: the imaginary part of rhs_i, divided by h, at the state with ih added to y_j.
 
     Source: W. Squire and G. Trapp, SIAM Review 40 (1998) 110.
     """

@@ -334,7 +334,8 @@ def free_attitude(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarra
 
 
 def psi_of(A: np.ndarray, turn: FreeTurn, G: np.ndarray, t: Any, area: Any) -> Any:
-    """The angle psi (...) after times t (...) during which J grows by `area` (...)."""
+    """The angle psi (...), in the letters of the module, after times t (...) during which J grows
+    by `area` (...)."""
     weight = (A[turn.o] - A[turn.m]) / (A[turn.o] * A[turn.m])  # 1/A_m - 1/A_o
     return np.hypot.reduce(G) * (t / A[turn.o] + weight * area / turn.n)
 
@@ -342,8 +343,9 @@ def psi_of(A: np.ndarray, turn: FreeTurn, G: np.ndarray, t: Any, area: Any) -> A
 def longitude_and_area(
     A: np.ndarray, turn: FreeTurn, t: np.ndarray, G_m: np.ndarray, G_o: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The longitude (n,) of G about e and J (n,), both continuous, at the times t (n,). G_m and G_o
-    (n,) are components of G then, G_m with the sign with which the longitude grows."""
+    """The longitude (n,) of G about e and J (n,), in the letters of the module, at the times t
+    (n,). Both are continuous. G_m and G_o (n,) are components of G at these times, G_m with the
+    sign with which the longitude grows."""
     half_turns, side = (G_o < 0) * A.dtype.type(1), np.where(G_o < 0, -1, 1)
     u, J = phase_and_area(A, turn, side * G_m, side * G_o)
     # On the separatrix, k' = 0, a quarter turn takes an infinite time, so no half turn ends.
