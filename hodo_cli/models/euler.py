@@ -76,7 +76,7 @@ def rotor_of(k: Any) -> Sequence[Any]:
 # Vectors and quaternions: numbers, arrays or an engine's symbols
 
 
-def times(matrix: Sequence[Any], v: Sequence[Any]) -> Components:
+def matvec(matrix: Sequence[Any], v: Sequence[Any]) -> Components:
     """The product of a matrix (9,), given row by row, and a vector (3,)."""
     x, y, z = v
     a, b, c, d, e, f, g, h, i = matrix
@@ -86,13 +86,13 @@ def times(matrix: Sequence[Any], v: Sequence[Any]) -> Components:
 def along_principal_axes(v: Sequence[Any], k: Any) -> Sequence[Any]:
     """The components along the principal axes of a vector v (3,), which is given along the axes of
     the case."""
-    return times(k.principal_axes, v) if hasattr(k, "principal_axes") else v
+    return matvec(k.principal_axes, v) if hasattr(k, "principal_axes") else v
 
 
 def in_case_axes(v: Sequence[Any], k: Any) -> Sequence[Any]:
     """The components along the axes of the case of a vector v (3,), which is given along the
     principal axes."""
-    return times(transposed(k.principal_axes), v) if hasattr(k, "principal_axes") else v
+    return matvec(transposed(k.principal_axes), v) if hasattr(k, "principal_axes") else v
 
 
 def transposed(matrix: Sequence[Any]) -> Sequence[Any]:
@@ -190,7 +190,7 @@ def resistance_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Components:
     """N = -I omega: a medium resists omega through a tensor I."""
-    x, y, z = times(c, w)
+    x, y, z = matvec(c, w)
     return -x, -y, -z
 
 

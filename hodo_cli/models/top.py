@@ -174,7 +174,7 @@ def axial_torque(tau: Any, r: Any, k: Any) -> Any:
     return resistance + coefficient_at(k, "m", tau) if hasattr(k, "m") else resistance
 
 
-def with_mu(k: Any, tau: Any) -> Any:
+def constants_at(k: Any, tau: Any) -> Any:
     """The constants of a top in which mu is the number that it has at tau."""
     return SimpleNamespace(**vars(k) | {"mu": coefficient_at(k, "mu", tau)})
 
@@ -264,7 +264,7 @@ class Top(Model):
             # The start depends on these three keys alone, so the others may be missing.
             known = {**dict.fromkeys(cls.keys), **data}
             top = cls(**{name: x for name, x in known.items() if name != CONSTANTS_KEY})
-            yield from mistake_of(("initial",), top.refuse_start)
+            yield from mistake_of(("initial",), top.check_initial_data)
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
@@ -285,7 +285,7 @@ class Top(Model):
             ),
         )
 
-    def refuse_start(self) -> None:
+    def check_initial_data(self) -> None:
         """Raises ValueError, with a sentence, if no motion of this form has these initial data."""
         _ = self.nutation
 
@@ -330,7 +330,7 @@ class Nutating(Top):
         **{f"u{i}": Label(("time",), f"root u{i} of the cubic of cos theta") for i in (1, 2, 3)},
     }
 
-    def refuse_start(self) -> None:
+    def check_initial_data(self) -> None:
         """Also raises ValueError for a start without a period."""
         if not self.m1 > UNRESOLVED_M1:
             raise ValueError(
@@ -398,7 +398,7 @@ class AveragedTop(Nutating):
         (U + c X)^2/(2 A mu) = X (2 - X)(X - Z) - e^2 w with c = C r.
         """
         U, Z, r, e = y
-        now = with_mu(k, t)
+        now = constants_at(k, t)
         (X, w), A, C, mu = nutation(y, now), now.A, now.C, now.mu
         change = slope_at(k, "mu", t) / mu if isinstance(k.mu, tuple) else 0.0
         # The equatorial torque is f (p, q). f_cos and M3_cos are f and M3 times the mean <cos phi>.
@@ -425,7 +425,7 @@ class AveragedTop(Nutating):
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         """Gz, H, r and the roots, from the state (U, Z, r, e)."""
-        k = with_mu(k, t)
+        k = constants_at(k, t)
         U, Z, r, e = y.T
         # Complex numbers, because w is 0 where an upright top becomes unstable, and rounding may
         # make w^2 negative there.
@@ -514,9 +514,9 @@ class AveragedU(Nutating):
         Gz, H = integrals_from_roots([*y.T], k)
         return {"Gz": Gz, "H": H, "r": r, "u1": u1, "u2": u2, "u3": u3}
 
-    def refuse_start(self) -> None:
+    def check_initial_data(self) -> None:
         """Also raises ValueError for r = 0 and for regular precession, u1 = u2."""
-        super().refuse_start()
+        super().check_initial_data()
         _, _, r, e, _, _ = self.nutation
         if not (r and e):
             raise ValueError(
@@ -590,7 +590,7 @@ class FullTop(Top):
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         """Euler's equations and gamma' = gamma x omega, as derivatives by tau."""
         p, q, r, g1, g2, g3 = y
-        now = with_mu(k, t)
+        now = constants_at(k, t)
         A, C, mu, eps = k.A, k.C, now.mu, k.epsilon
         f, M3 = -coefficient_at(now, "a", t), axial_torque(t, r, now)
         return (
