@@ -15,7 +15,7 @@ from . import HodoError
 from .models import added_variables, rigid_body
 from .models.base import Label, Model, attributes
 from .models.terms.time_laws import coefficient_at
-from .models.top import constants_at, first_integrals, roots_of_motion
+from .models.top import first_integrals, roots_of_motion, with_mu
 from .text import case_words
 
 BODY_AXES = ("x1", "x2", "x3")
@@ -130,7 +130,7 @@ def _separatrix(m: Samples) -> np.ndarray:
 
 
 # A body at rest has no ratio, and its curve a gap.
-_ratio = partial(rigid_body.safe_ratio, of_nothing=np.nan)
+_ratio = partial(rigid_body.share_of, of_nothing=np.nan)
 
 
 def _of_direction(formula: Callable[[Samples], np.ndarray], m: Samples) -> np.ndarray:
@@ -171,7 +171,7 @@ def _tilt(m: Samples) -> np.ndarray:
 def _of_top(of_state: Callable[..., Any], i: int, m: Samples) -> np.ndarray:
     """One of the quantities that follow from omega and the vertical of a top, with mu at each
     time."""
-    k = constants_at(attributes(m.case.system.constants), m.time)
+    k = with_mu(attributes(m.case.system.constants), m.time)
     return np.asarray(of_state([*m.omega.T], [*m.stored("gamma").T], k)[i])
 
 

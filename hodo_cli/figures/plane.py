@@ -14,7 +14,7 @@ from matplotlib.patches import Polygon, Wedge
 
 from .. import HodoError
 from ..models.body import Body
-from ..models.rigid_body import inertia_order, separatrix_ratio
+from ..models.rigid_body import inertia_order, slope
 from ..quantities import symbol
 from ..results.motion import Motion, formula_values
 from ..schema.spelling import unknown
@@ -219,7 +219,7 @@ def quadrants(sheet: Sheet, motions: Sequence[Course]) -> None:
             ("B", m.order[2], (0, limit), places[:, ::-1]),
         ]
         # Without K no point is above the diagonal: a body with two smallest moments has no B.
-        for name, axis, corner, at in areas if separatrix_ratio(m.inertia) else areas[:1]:
+        for name, axis, corner, at in areas if slope(m.inertia) else areas[:1]:
             triangle: Any = [(0, 0), (limit, limit), corner]
             axes.add_patch(Polygon(triangle, fc=AXIS_LOOKS[axis + 1][0], alpha=0.1, lw=0))
             is_small = columns > 1 and axes is panels[0]
@@ -243,7 +243,7 @@ def quadrant_sketch(sheet: Sheet, motions: Sequence[Course]) -> None:
     panels = sheet.panels(usual_width(columns) / columns + 0.5, len(bodies), columns)
     titles = [*labels, *[""] * (len(bodies) - len(labels))]
     for axes, A, label in zip(panels, bodies, titles, strict=True):
-        K, (largest, _, smallest) = separatrix_ratio(A), inertia_order(A)
+        K, (largest, _, smallest) = slope(A), inertia_order(A)
         title = label or "$A_i$ = {:g}, {:g}, {:g}".format(*A)
         sheet.record(title, {f"A{i}": np.array([a]) for i, a in enumerate(A, 1)} | {"K": [K]})
         # The angle of the line above the horizontal axis, on which p^2 = K r^2 grows.

@@ -90,7 +90,7 @@ def scaled_separatrix(A: Any, w: Any, order: tuple[int, int, int]) -> tuple[Any,
     return minus * plus, (minus * minus + plus * plus) / 2, bound
 
 
-def safe_ratio(total: Any, part: Any, of_nothing: float = 0.0) -> np.ndarray:
+def share_of(total: Any, part: Any, of_nothing: float = 0.0) -> np.ndarray:
     """part/total, or `of_nothing` where the total is 0."""
     return np.asarray(np.divide(part, total, out=np.full_like(total, of_nothing), where=total > 0))
 
@@ -99,7 +99,7 @@ def separation(A: Any, omega: Any, order: tuple[int, int, int]) -> np.ndarray:
     """|D| over the sum of its two terms (n,), for omega (3, n). It is infinite for a body with
     three equal moments, which has no separatrix."""
     D, total, _ = scaled_separatrix(A, omega, order)
-    return np.where(A[order[0]] == A[order[2]], np.inf, safe_ratio(total, np.abs(D)))
+    return np.where(A[order[0]] == A[order[2]], np.inf, share_of(total, np.abs(D)))
 
 
 def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
@@ -114,7 +114,7 @@ def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray
     A = np.asarray(A, dtype=omega.dtype)
     D, total, bound = scaled_separatrix(A, np.moveaxis(omega, -1, 0), order)
     # Two roots, because the product, with moments to the fourth power, may overflow.
-    return safe_ratio(np.sqrt(bound) * np.sqrt(total), D).astype(float)
+    return share_of(np.sqrt(bound) * np.sqrt(total), D).astype(float)
 
 
 def near_middle_axis(A: Any, omega: np.ndarray) -> np.ndarray:
@@ -124,7 +124,7 @@ def near_middle_axis(A: Any, omega: np.ndarray) -> np.ndarray:
     The root of this number is roughly the angle between omega and the middle axis.
     """
     _, total, bound = scaled_separatrix(A, np.moveaxis(omega, -1, 0), inertia_order(A))
-    return safe_ratio(bound, total, of_nothing=1.0)
+    return share_of(bound, total, of_nothing=1.0)
 
 
 @np.errstate(invalid="ignore")  # an infinite omega is undetermined anyway
@@ -161,7 +161,7 @@ def separatrix_circles(A: np.ndarray) -> list[np.ndarray]:
     return [np.cos(turn) * direction + np.sin(turn) * y for direction in outward]
 
 
-def separatrix_ratio(A: Sequence[float] | np.ndarray) -> float:
+def slope(A: Sequence[float] | np.ndarray) -> float:
     """K = A_s (A_m - A_s) / (A_l (A_l - A_m)) of the separatrix w_l^2 = K w_s^2. It is 0 where the
     smaller two moments are equal, and inf where the larger two are.
 

@@ -174,7 +174,7 @@ def axial_torque(tau: Any, r: Any, k: Any) -> Any:
     return resistance + coefficient_at(k, "m", tau) if hasattr(k, "m") else resistance
 
 
-def constants_at(k: Any, tau: Any) -> Any:
+def with_mu(k: Any, tau: Any) -> Any:
     """The constants of a top in which mu is the number that it has at tau."""
     return SimpleNamespace(**vars(k) | {"mu": coefficient_at(k, "mu", tau)})
 
@@ -398,7 +398,7 @@ class AveragedTop(Nutating):
         (U + c X)^2/(2 A mu) = X (2 - X)(X - Z) - e^2 w with c = C r.
         """
         U, Z, r, e = y
-        now = constants_at(k, t)
+        now = with_mu(k, t)
         (X, w), A, C, mu = nutation(y, now), now.A, now.C, now.mu
         change = slope_at(k, "mu", t) / mu if isinstance(k.mu, tuple) else 0.0
         # The equatorial torque is f (p, q). f_cos and M3_cos are f and M3 times the mean <cos phi>.
@@ -425,7 +425,7 @@ class AveragedTop(Nutating):
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
         """Gz, H, r and the roots, from the state (U, Z, r, e)."""
-        k = constants_at(k, t)
+        k = with_mu(k, t)
         U, Z, r, e = y.T
         # Complex numbers, because w is 0 where an upright top becomes unstable, and rounding may
         # make w^2 negative there.
@@ -590,7 +590,7 @@ class FullTop(Top):
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         """Euler's equations and gamma' = gamma x omega, as derivatives by tau."""
         p, q, r, g1, g2, g3 = y
-        now = constants_at(k, t)
+        now = with_mu(k, t)
         A, C, mu, eps = k.A, k.C, now.mu, k.epsilon
         f, M3 = -coefficient_at(now, "a", t), axial_torque(t, r, now)
         return (

@@ -128,7 +128,7 @@ class Motion(Samples):
         Raises HodoError for a body with a rotor, and where K is infinite.
         """
         self.check_separatrix()
-        K = rigid_body.separatrix_ratio(self.inertia)
+        K = rigid_body.slope(self.inertia)
         if math.isinf(K):
             raise HodoError(f"{self.words} has no quadrants: its two larger moments are equal")
         return np.asarray(self.principal_omega[:, [self.order[0], self.order[2]]] ** 2 * [1, K])
