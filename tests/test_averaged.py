@@ -173,8 +173,8 @@ def test_the_full_motion_is_that_of_averaging_to_first_order() -> None:
     ("body", "changes", "sentence"),
     [
         (FIG4, {"mean_start": False}, "averaged motions begin at the start itself"),
-        (FIG4, {"initial": {"p": 0, "q": 1, "r": 0}}, "it has no turn to average"),
-        (FIG4, {"inertia": [1, 1, 1]}, "it has no turn to average"),
+        (FIG4, {"initial": {"p": 0, "q": 1, "r": 0}}, "has no turn to average"),
+        (FIG4, {"inertia": [1, 1, 1]}, "has no turn to average"),
         (FIG4, {"method": "taylor"}, "form averaged is a quadrature: leave out"),
         (FIG4, {"precision": "extended"}, "form averaged is a quadrature: leave out"),
         (FIG4, {"form": "full", "method": "quadrature"}, "is that of bodies averaged over"),

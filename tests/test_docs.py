@@ -186,7 +186,7 @@ def test_the_result_format_is_documented_whole(tmp_path: Path) -> None:
         *layout.MEMBER_CLASSIFIED,
     }
     declared |= {f"event_{name}" for name in layout.EVENT_DETAILS}
-    declared |= {*layout.MEMBER, *layout.MEMBER_EVENT, "growth_rate", "final_axis"}
+    declared |= {*layout.MEMBER, *layout.MEMBER_EVENT, "growth_rate"}
     assert declared <= named
     own = {"turning", "crossing", "claim", "event", "time", "damping.0", "direction"}
     with h5py.File(tmp_path / "runs" / "all.h5") as file:

@@ -143,7 +143,6 @@ def row_of_motion(motion: Motion, labelled: Classification) -> dict[str, Any]:
         "end": names[int(labelled.labels[-1])],
         # There is no rate about the middle axis, nor for a body that does not turn.
         "growth": {names[i]: rate for i, rate in enumerate(rates, 1) if math.isfinite(rate)},
-        "final": "" if labelled.final is None else names[labelled.final],
         "predictions": [sentence_of_case(words, case) for words in labelled.predictions],
         "crossings": crossings,
         "units": {
@@ -225,7 +224,7 @@ def crossings_line(row: Mapping[str, Any]) -> tuple[str, ...]:
     """The line of a case in the table of crossings; of many crossings it has the first ones and the
     last."""
     growth = [f"{axis} {rate:+.6g}" for axis, rate in row.get("growth", {}).items()]
-    predicted = filter(None, [row.get("final", ""), *row.get("predictions", ())])
+    predicted = "; ".join(row.get("predictions", ()))
     time_unit = row.get("units", {}).get("time", "1")
     unit = "" if time_unit == "1" else f" {time_unit}"
     crossings = [crossing_words(crossing, unit) for crossing in row["crossings"]]
@@ -233,7 +232,7 @@ def crossings_line(row: Mapping[str, Any]) -> tuple[str, ...]:
     remarks = [remark for remark in row["warnings"] if remark != row.get("unlabelled")]
     passages = abridged(crossings, CROSSINGS_SHOWN, " (--json lists them)")
     return (
-        *(row["case"], row["start"], row["end"], ", ".join(growth), "; ".join(predicted)),
+        *(row["case"], row["start"], row["end"], ", ".join(growth), predicted),
         "; ".join([*passages, *events, *remarks]),
     )
 

@@ -47,16 +47,14 @@ class Classification:
     """Labels (n,) of a motion's samples, as in `rigid_body.LABELS`, its crossings, and warnings.
 
     `growth` (3,) are the rates at which a small tilt away from each axis grows, None where none can
-    be told; `final` is the label in the end where theory predicts it, `predictions` are further
-    sentences of it. `hidden` is set where the error of the motion hides a crossing, or which list
-    of them is right. `events` are those of the motion itself.
+    be told; `predictions` are sentences of theory. `hidden` is set where the error of the motion
+    hides a crossing, or which list of them is right. `events` are those of the motion itself.
     """
 
     labels: np.ndarray
     crossings: tuple[Crossing, ...] = ()
     warnings: tuple[str, ...] = ()
     growth: np.ndarray | None = None
-    final: int | None = None
     hidden: bool = False
     predictions: tuple[str, ...] = ()
     events: tuple[Occurrence, ...] = ()
@@ -109,7 +107,6 @@ def classify(
         crossings=tuple(crossings),
         warnings=warnings,
         growth=system.tilt_growth(time.start),
-        final=system.final_axis,
         hidden=hidden,
         predictions=tuple(system.predictions(time.start, time.end)),
         events=judged_events(motion, reference.motion) if reference else motion.events,
@@ -131,7 +128,7 @@ def in_time_of(case: Case, found: Classification) -> Classification:
     events = tuple(replace(event, time=-event.time) for event in found.events)
     growth = case.system.tilt_growth(case.time.start)
     # What theory says of the motion forward does not count.
-    theory = replace(found, growth=growth, final=None, predictions=())
+    theory = replace(found, growth=growth, predictions=())
     return replace(theory, crossings=crossings, events=events)
 
 

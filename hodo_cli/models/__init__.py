@@ -1,5 +1,5 @@
-"""The mechanics. MODELS says which module has which model; a user's own files may add others.
-Imports schema and arithmetic only; knows no solver, result or plot."""
+"""The mechanics: the models, and where each of them is defined. A user's own files may add models.
+This folder imports `schema` and `arithmetic` only; it knows no solver, result or plot."""
 
 import hashlib
 import os
@@ -18,24 +18,25 @@ MODELS = {
     "Lagrange-averaged": ("top",),
     "torques": ("body",),
 }
-"""The modules of hodo's own models, each imported where its model is asked for."""
+"""The modules that define the forms of hodo's own models. A module is imported when a case needs
+its model."""
 
 _own_files: list[OwnFile] = []
 
 
 def _own_forms() -> list[type[Model]]:
-    """The forms in the user's own files."""
+    """The forms of the models in the user's own files."""
     return [form for file in _own_files for form in file.forms]
 
 
 def model_names() -> tuple[str, ...]:
-    """The names of all models, hodo's first."""
+    """The names of all models, hodo's own first."""
     return tuple(dict.fromkeys((*MODELS, *(form.name for form in _own_forms()))))
 
 
 @cache
 def forms_of(name: str) -> Mapping[str, type[Model]]:
-    """The classes of a model by form, the first of which is its default; none of an unknown one."""
+    """The classes of a model by form; the first form is the default. Empty for an unknown model."""
     modules = (import_module(f"{__name__}.{module}") for module in MODELS.get(name, ()))
     known = [form for module in modules for form in forms_in(module)] or _own_forms()
     return {form.form: form for form in known if form.name == name}
@@ -43,14 +44,14 @@ def forms_of(name: str) -> Mapping[str, type[Model]]:
 
 @cache
 def catalogue() -> Mapping[str, Mapping[str, type[Model]]]:
-    """Every model class by its YAML name and form."""
+    """The class of every form of every model, by the name of the model and of the form."""
     return {name: forms_of(name) for name in model_names()}
 
 
 def find(name: str, form: str) -> type[Model]:
     """The class of one form of a model.
 
-    Raises HodoError for a model or form that is not there (a result file of another version, say).
+    Raises HodoError for an unknown model or form, which a result file of another version may name.
     """
     if form not in (forms := forms_of(name)):
         raise HodoError(f"there is no model {name!r} with the form {form!r}")
@@ -58,33 +59,33 @@ def find(name: str, form: str) -> type[Model]:
 
 
 def _files_with(name: str) -> list[OwnFile]:
-    """The user's own files with a model of this name; all of them for an empty name."""
+    """The user's own files that define a model of this name; all own files for an empty name."""
     return [file for file in _own_files if name in ("", *(form.name for form in file.forms))]
 
 
 def added_variables() -> dict[str, Label]:
-    """What the user's own models store."""
+    """The stored variables of the user's own models."""
     return {name: label for form in _own_forms() for name, label in form.variables.items()}
 
 
 def added_source(name: str = "") -> str:
-    """The text of the user's own file with a model of this name, or of all files, and of what they
-    import from their folders; empty without any."""
+    """The text of the user's own file that defines a model of this name, with the files that it
+    imports from its folder. The texts of all own files for an empty name."""
     return "\n".join(file.source for file in _files_with(name))
 
 
 def added_models_digest(name: str = "") -> str:
-    """The digests of these texts; empty without any."""
+    """The SHA-256 digests of the texts that make up `added_source`; empty without own files."""
     return " ".join(hashlib.sha256(x.source.encode()).hexdigest() for x in _files_with(name))
 
 
 def mistake_in(system: Model) -> str:
-    """The mistake in a user's own equations, tried at the start of a motion; empty if there is
-    none."""
+    """The mistake in the equations of a user's own model, which are tried at the start of a motion;
+    empty if there is none."""
     return "".join(equations_mistake(system, file.path) for file in _files_with(system.name))
 
 
-# At once, so that a file with a mistake is refused before anything runs. Workers inherit the
-# environment; its paths are separated as in PATH.
+# The files are loaded at import, so that a mistake in one is reported before anything runs. Worker
+# processes inherit the environment variable, whose paths are separated as in PATH.
 for _path in filter(None, os.environ.get("HODO_MODELS", "").split(os.pathsep)):
     _own_files.append(load_own(_path, f"{__name__}.own{len(_own_files)}", model_names()))

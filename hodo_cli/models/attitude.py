@@ -1,7 +1,7 @@
 """Attitude: a unit quaternion Q with v_space = Q (0, v_body) Q* and Q' = Q (0, omega)/2.
 
-Here are the key of a case for where the body points, and Q at the start: given, by three Euler
-angles, or with G along the space axis z.
+This module has the key `attitude` of a case, and Q at the start: 1, or a quaternion that the case
+gives, or three Euler angles, or the attitude with G along the space axis z.
 """
 
 import math
@@ -30,10 +30,10 @@ from .base import ATTITUDE_KEY, Model
 from .euler import about, composed
 
 AXIS_SEQUENCES = r"(?!.*(.)\1)([XYZ]{3}|[xyz]{3})"
-"""Axes of Euler's angles: no two neighbours are equal."""
+"""The sequences of axes of Euler's angles: body axes or space axes, no two neighbours equal."""
 
 SEQUENCE = "ZXZ"
-"""The sequence of Euler's angles where none is named: precession, nutation, spin."""
+"""The sequence of Euler's angles where a case names none: precession, nutation, spin."""
 
 ATTITUDE = Key(
     Either(
@@ -71,21 +71,21 @@ CONVENTION = (
 )
 
 UNIT_LENGTH_TOL = 1e-6
-"""How far from 1 the length of a quaternion may be without a word."""
+"""The difference from 1 up to which the length of a given quaternion causes no warning."""
 
 
 def takes_attitude(form: type[Model]) -> bool:
-    """Whether the motions of a form have an attitude: a mean over turns has none."""
+    """Whether the motions of a form may have an attitude. Averaged motions have none."""
     return form.quaternion_factor is not None and form.state[:3] == ("p", "q", "r")
 
 
 def keys_of_form(form: type[Model]) -> dict[str, Rule]:
-    """The keys of a form's cases, its own and what any of its kind takes."""
+    """The keys of a form, with `attitude` where its motions may have one."""
     return {**form.keys, ATTITUDE_KEY: ATTITUDE} if takes_attitude(form) else form.keys
 
 
 def check_attitude(form: type[Model], data: Mapping[str, Any]) -> Iterator[Mistake]:
-    """The mistakes of a start whose entries are each right by themselves."""
+    """The mistakes in the key `attitude`, whose entries are each valid alone."""
     attitude = data.get(ATTITUDE_KEY)
     if not isinstance(attitude, Mapping):
         return
@@ -112,7 +112,7 @@ def check_attitude(form: type[Model], data: Mapping[str, Any]) -> Iterator[Mista
         (
             euler is None and sequence != SEQUENCE,
             (ATTITUDE_KEY, "sequence"),
-            "orders the angles of `euler`, which is not there",
+            "orders the angles of `euler`, which is missing",
         ),
         (
             not is_sequence,
@@ -123,7 +123,8 @@ def check_attitude(form: type[Model], data: Mapping[str, Any]) -> Iterator[Mista
 
 
 def of_euler(axes: Sequence[int], angles: Sequence[Any]) -> tuple[Any, ...]:
-    """The rotation by three angles about axes (0, 1, 2) of the body, one after another."""
+    """The quaternion of three rotations one after another, each by an angle about an axis (0 to 2)
+    of the body as it stands then."""
     first, second, third = (
         about(np.eye(3)[i].tolist(), angle) for i, angle in zip(axes, angles, strict=True)
     )
@@ -131,25 +132,27 @@ def of_euler(axes: Sequence[int], angles: Sequence[Any]) -> tuple[Any, ...]:
 
 
 def aligned(G: Sequence[Any]) -> tuple[Any, ...]:
-    """The shortest rotation that brings the direction G to the axis z; 1 for G = 0."""
+    """The quaternion of the smallest rotation that turns the direction of G to the axis z; 1 for
+    G = 0."""
     x, y, z = G
     across = hypot(x, y)
     if not across:
         return (1.0, 0.0, 0.0, 0.0) if z >= 0 else (0.0, 1.0, 0.0, 0.0)
     size = hypot(across, z)
-    # Along the middle of G and z; |G| + z without the cancellation where z is negative.
+    # The quaternion is proportional to (|G| + z, y, -x, 0). `ahead` is |G| + z; where z is negative
+    # it is written so that nothing cancels.
     ahead = size + z if z >= 0 else across * (across / (size - z))
     length = hypot(ahead, across)
     return ahead / length, y / length, -(x / length), 0.0
 
 
 def quaternion_at_start(attitude: Any, G: Sequence[Any]) -> tuple[Any, ...]:
-    """The quaternion (4,) at the start, which the key `attitude` and G (3,) say."""
+    """The quaternion (4,) at the start, from the key `attitude` and from G (3,) there."""
     if not isinstance(attitude, Mapping):
         return 1.0, 0.0, 0.0, 0.0
     if attitude["euler"] is not None:
         axes = ["xyz".index(letter) for letter in attitude["sequence"].lower()]
-        # About axes of space each turn is seen from those after it.
+        # Rotations about space axes are those about body axes in the opposite order.
         order = slice(None, None, 1 if attitude["sequence"].isupper() else -1)
         return of_euler(axes[order], attitude["euler"][order])
     if attitude["align"] is not None:
@@ -159,7 +162,7 @@ def quaternion_at_start(attitude: Any, G: Sequence[Any]) -> tuple[Any, ...]:
 
 
 def angle_apart(difference: np.ndarray, Q: np.ndarray) -> np.ndarray:
-    """The angle (...) by which an attitude Q + difference (..., 4) is turned from another, Q, of
+    """The angle (...) between the attitudes Q and Q + difference (..., 4), which are quaternions of
     about the same size: 2 asin |vector part of Q* (Q + difference)|. Q and -Q are one attitude."""
     a, v, d = Q[..., :1], Q[..., 1:], difference
     across = a * d[..., 1:] - d[..., :1] * v - np.cross(v, d[..., 1:])
@@ -169,7 +172,7 @@ def angle_apart(difference: np.ndarray, Q: np.ndarray) -> np.ndarray:
 
 
 def warnings_of(system: Model) -> list[str]:
-    """The warnings of a model, and of the start of its attitude."""
+    """The warnings of a model, followed by those on its attitude at the start."""
     attitude = system.attitude
     if not isinstance(attitude, Mapping):
         return system.warnings
@@ -189,6 +192,6 @@ def warnings_of(system: Model) -> list[str]:
         "one axis there, and the attitude shows no more than their sum or difference": (
             abs(pole) <= UNIT_LENGTH_TOL
         ),
-        "without a G at the start, z lies along x3 there": attitude["align"] and is_still,
+        "G is 0 at the start, so z is made to lie along x3 there": attitude["align"] and is_still,
     }
     return [*system.warnings, *(words for words, applies in sentences.items() if applies)]

@@ -1,20 +1,23 @@
-"""Weak resistance, averaged over the turns of the free motion to first order, as a quadrature.
+"""Weak resistance averaged over the turns of the free motion to first order, solved by quadrature;
+and the averaged forms of cavity+constant.
 
-Moments a >= b >= c. D > 0 is a turn about axis a (side 1), D < 0 about axis c (side -1); e is that
-axis and o the other outer one. With
+Let a >= b >= c be the moments of inertia, and p, q, r the components of omega about their axes. G
+turns about axis a where D > 0 (side 1), and about axis c where D < 0 (side -1). e is the axis about
+which G turns, o the other one of a and c. With
 
     X = a(a-c) p^2 + b(b-c) q^2,    Y = b(a-b) q^2 + c(a-c) r^2,    X_a = X,  X_c = Y,
     G^2 = (a X + c Y)/(a-c),    2T = (X + Y)/(a-c),    v = |ln [(a-b) X/((b-c) Y)]|,    m = e^-v
 
-p, q and r are sn, cn and dn of the modulus k^2 = m, and v = 0 is the separatrix. The mean rates of
-v, ln X_e and ln X_o depend on m alone, so that v' = f(v) is solved by t = int dv/f, and the
-logarithms are int rate dv/f.
+X and Y are constant in free motion, in which sn, cn and dn of the modulus k, with k^2 = m, give
+omega. v = 0 is the separatrix. Under weak resistance the mean rates of v, ln X and ln Y on a side
+depend on v alone. So v' = f(v) is solved by t = int dv/f, and ln X and ln Y are the integrals of
+their rates times dv/f.
 
-The integrals run over z in the place of v. One zero of f at most, a fixed point, lies between 0 and
-infinity; v(z) takes the whole line to the interval between two zeros. Each end is then reached
-exponentially: all integrands are smooth, and at the ends they are straight. At the separatrix
-f ~ 1/K(m) is 0 too, and yet t is finite there: the motion goes on, on the other side, with X_e and
-X_o exchanged. No step, event or engine has a part in it.
+The integrals run over a variable z in place of v. f is 0 at the separatrix, v = 0, and at one more
+v at most, a fixed point. v(z) maps the whole line to the interval between two zeros, the last of
+which may be infinity. Both ends are approached exponentially in z, so all integrands are smooth,
+and straight near the ends. Although f ~ 1/K(m) is 0 at the separatrix, the time until the motion is
+there is finite. The motion goes on, on the other side, where the axes e and o are exchanged.
 
 Source: L. D. Akulenko, D. D. Leshchenko, F. L. Chernousko, Izv. AN SSSR MTT 1982 no. 3, 5.
 """
@@ -36,45 +39,48 @@ from .rigid_body import inertia_order, separatrix_terms
 from .theory.exact import sum_along_mean
 
 Rates = Callable[[int, Any], tuple[Any, ...]]
-"""v', (ln X)' and (ln Y)' on a side at v."""
+"""rates(side, v): the mean rates v', (ln X)' and (ln Y)' on a side at v (...)."""
 
 SEPARATRIX_Z, SLOW_Z, AXIS_Z, FIXED_POINT_Z = 40.0, 690.0, 80.0, 33.0
-"""How far z goes: to a separatrix, where e^-40 is less than rounding; to one that is never reached;
-to an axis, e^-40 beside the smallest difference of two moments; and to a fixed point, nearer to
-which f is rounding."""
+"""The limits of z. SEPARATRIX_Z: to a separatrix that is crossed, because e^-40 is below rounding.
+SLOW_Z: to a separatrix that is never reached. AXIS_Z: to an axis, which leaves e^-40 even for the
+smallest difference of two moments. FIXED_POINT_Z: to a fixed point; nearer to it f is rounding."""
 
 NEAREST = math.exp(-SEPARATRIX_Z)
-"""The v at which a motion leaves the separatrix."""
+"""The v at which a motion goes on after it has crossed the separatrix."""
 
 MEAN_STEPS = 8
-"""Enough for long doubles at 1 - m = e^-40."""
+"""The steps of the arithmetic-geometric mean: enough for long doubles at 1 - m = e^-40."""
 
 NODES, REFERENCE_NODES = 20, 26
-"""The points of a panel of z: the integrands are analytic where |Im z| < pi/2, so that each term of
-their series is 6 times as small as the one before. The second number serves long doubles."""
+"""The number of points in a panel of z, for doubles and for long doubles. The integrands are
+analytic where |Im z| < pi/2, so that each term of their series is 6 times smaller than the one
+before."""
 
 NEWTON_STEPS = 5
-"""Enough to find a time in a panel, within which dt/dz changes by a factor of e at most."""
+"""The number of Newton's steps to find a time in a panel. It is enough, because dt/dz changes by a
+factor of e at most within a panel."""
 
 LARGE_RATIO = 0.1
-"""Where resistance is no longer weak: the errors of averaging are some per cent from there on."""
+"""The ratio of the rates of resistance and of the turns from which resistance is not weak: the
+errors of averaging are then some per cent."""
 
 
 def turn_means(v: Any) -> tuple[Any, Any, Any, Any]:
-    """m, 1 - m, S = <sn^2> over a turn, and (S - 1/2)/m, at v (...): sums of positive terms, in
-    which nothing cancels."""
+    """m = k^2 = e^-v, 1 - m, the mean S = <sn^2> over a turn, and (S - 1/2)/m, at v (...). All are
+    sums of positive terms, so nothing cancels."""
     m, m1 = np.exp(-v), -np.expm1(-v)
     excess = sum_along_mean(m * m / 4, (1 + m1) / 2, np.sqrt(m1), MEAN_STEPS) / 4
     return m, m1, 0.5 + m * excess, excess
 
 
-@lru_cache(maxsize=16)  # a case asks several times, and exact fractions take 0.2 ms
+@lru_cache(maxsize=16)  # a case needs them several times, and exact fractions take 0.2 ms
 @np.errstate(all="ignore")
 def slow_variables(inertia: Any, omega: Any) -> tuple[int, Any, np.ndarray]:
-    """The side, v, and ln X and ln Y (2,) at a start, in long double. v follows from the exact D:
-    the difference of two logarithms has lost its digits near the separatrix.
+    """The side, v, and ln X and ln Y (2,) at a start, in long double. v is computed from the exact
+    D, because the difference of two logarithms loses its digits near the separatrix.
 
-    Raises ValueError where there is no turn to average.
+    Raises ValueError for a start without a turn to average.
     """
     A, size = np.array(inertia, dtype=np.longdouble), np.abs(np.longdouble(omega)).max()
     w, order = np.longdouble(omega) / size, inertia_order(A)
@@ -85,14 +91,16 @@ def slow_variables(inertia: Any, omega: Any) -> tuple[int, Any, np.ndarray]:
     X, Y = a * (a - c) * p + b * (b - c) * q, b * (a - b) * q + c * (a - c) * r
     v = np.log1p((a - c) * D / ((b - c) * Y if side > 0 else (a - b) * X))
     if not v > 0:
-        raise ValueError("at rest, on the separatrix or as a sphere it has no turn to average")
+        raise ValueError(
+            "a body at rest, on the separatrix or with three equal moments has no turn to average"
+        )
     return side, v, np.maximum(np.log([X, Y]) + 2 * np.log(size), -1e4)
 
 
 @cache
 def chebyshev_fit(fp: type) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points of -1..1 in a precision, and the two matrices that take values there to the Chebyshev
-    coefficients of a series and of its integral from -1."""
+    """The points of a panel in -1..1, and two matrices. They turn the values of a function at the
+    points into the Chebyshev coefficients of the function and of its integral from -1."""
     n = NODES if fp is np.float64 else REFERENCE_NODES
     angle = (np.arange(n, dtype=fp) + fp(0.5)) * np.arccos(fp(-1)) / n
     weights = np.where(np.arange(n), 2, 1)[:, None] / fp(n)
@@ -101,9 +109,9 @@ def chebyshev_fit(fp: type) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def interval(rates: Rates, side: int, v: Any) -> tuple[float, float]:
-    """The two zeros of f between which v lies."""
+    """The zeros of f (or 0 and infinity) between which v lies."""
     grid = np.log1p(np.exp(np.linspace(-SEPARATRIX_Z, SEPARATRIX_Z, 513)))
-    for _ in range(12):  # a zero within one interval of 32 each time
+    for _ in range(12):  # each round locates the zero in one interval of 32
         change = np.flatnonzero(np.diff(np.sign(rates(side, grid)[0])))
         if not change.size:
             return 0.0, math.inf
@@ -112,21 +120,20 @@ def interval(rates: Rates, side: int, v: Any) -> tuple[float, float]:
 
 
 def from_line(z: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
-    """v and dv/dz (...) at z (...), both to their last digits at both ends.
-
-    v = low + ln [(1 + e^z)/(1 + e^(z - h))], h = high - low
-    """
+    """v and dv/dz (...) at z (...), with v = low + ln [(1 + e^z)/(1 + e^(z - h))], h = high - low.
+    Both keep their digits at both ends of the line."""
     part, back = -np.expm1(low - high), 1 / (1 + np.exp(z + low - high))
     return low + np.log1p(part * np.exp(z) * back), part * back / (1 + np.exp(-z))
 
 
 class Path(NamedTuple):
-    """An averaged motion in k panels of z, and after them at constant rates.
+    """An averaged motion: k panels of z, and constant rates after them.
 
-    Of each panel: the time `begin` (k,) at which it begins and its `side` (k,); the `series`
-    (n + 1, 4, k) of time, ln X, ln Y and m in x = -1..1, by Chebyshev's polynomials, and the `pace`
-    dt/dx (n, k). `end` (3,) is time, ln X and ln Y after the last one, from where ln X and ln Y go
-    on at their `rates` (2,); `crossing` (3,) is the same at the separatrix, where there is one.
+    A panel has the time `begin` (k,) at its start, its `side` (k,), the Chebyshev `series`
+    (n + 1, 4, k) of time, ln X, ln Y and m in x = -1..1, and the series `pace` (n, k) of dt/dx.
+    `end` (3,) holds time, ln X and ln Y after the last panel. From there ln X and ln Y change at
+    constant `rates` (2,). `crossing` (3,) holds time, ln X and ln Y at the separatrix, if the
+    motion crosses it.
     """
 
     begin: np.ndarray
@@ -138,14 +145,14 @@ class Path(NamedTuple):
     crossing: np.ndarray | None = None
 
     def then(self, later: "Path") -> "Path":
-        """This path as far as the separatrix, and a later one from there on."""
+        """This path, which ends at the separatrix, followed by the path after the crossing."""
         begin, side, series, pace = (
             np.concatenate(both, axis=-1) for both in zip(self[:4], later[:4], strict=True)
         )
         return Path(begin, side, series, pace, later.end, later.rates, self.end)
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """The states (n, 4) at times from the start (n,)."""
+        """The states (n, 4) of `AveragedTurns` at the times t (n,) since the start."""
         k = np.searchsorted(self.begin, t, side="right") - 1
         series, pace, inside = self.series[..., k], self.pace[:, k], np.minimum(t, self.end[0])
         value, x = np.polynomial.chebyshev.chebval, np.zeros_like(t)
@@ -158,13 +165,13 @@ class Path(NamedTuple):
 
 @np.errstate(all="ignore")
 def averaged_path(rates: Rates, side: int, v: Any, begin: np.ndarray) -> Path:
-    """The motion on a side from v, in its precision, where time, ln X and ln Y are `begin` (3,);
-    and then on the other side, if it crosses."""
+    """The motion from v on a side, in the precision of v. It continues on the other side if it
+    crosses. `begin` (3,) holds time, ln X and ln Y at v."""
     low, high = interval(rates, side, v)
     fp, speed = v.dtype.type, rates(side, v)[0]
     z = v - low + np.log(-np.expm1(low - v)) - np.log(-np.expm1(v - high))
     limit = high if speed > 0 else low
-    # About an axis, and at a fixed point, v stays as it is.
+    # In a rotation about an axis, and at a fixed point, v is constant.
     is_steady = not (speed and np.isfinite(z))
     crosses = not is_steady and limit == 0 and rates(-side, NEAREST)[0] > 0
     to_separatrix = (SEPARATRIX_Z if crosses else SLOW_Z) - min(z, 0)
@@ -182,7 +189,7 @@ def averaged_path(rates: Rates, side: int, v: Any, begin: np.ndarray) -> Path:
     integrands = np.array([pace, *(rate * pace for rate in logs)])
     of_m = np.pad(fit @ np.exp(-of_x), ((0, 1), (0, 0)))
     series = np.stack([*(integral @ integrands), of_m], axis=1)
-    growth = series[:, :3].sum(axis=0)  # every polynomial is 1 at x = 1
+    growth = series[:, :3].sum(axis=0)  # every Chebyshev polynomial is 1 at x = 1
     end = begin[:, None] + growth.cumsum(axis=1)
     series[0, :3] += end - growth
     begins, sides, last_rates = (end - growth)[0], np.full(count, side), rates(side, fp(limit))[1:]
@@ -191,7 +198,8 @@ def averaged_path(rates: Rates, side: int, v: Any, begin: np.ndarray) -> Path:
 
 
 class AveragedTurns(Body):
-    """A body averaged over its turns, by the mean rates of its slow variables; see above."""
+    """The base class of bodies averaged over their turns. A form states its `mean_rates`; methods
+    and symbols are those of the module."""
 
     state = ("side", "k2", "ln_X", "ln_Y")
     degree = {}
@@ -209,45 +217,47 @@ class AveragedTurns(Body):
     mean_rates: Rates
 
     def linear_rates(self, decay: Sequence[float], side: int, v: Any) -> tuple[Any, ...]:
-        """The mean rates under linear resistance that slows rotation about each axis at the rates l
-        (3,).
+        """The mean rates under linear resistance omega_i' = -l_i omega_i, with l = `decay` (3,).
 
         (ln X_e)' = -2 [l_b + (l_e - l_b) <dn^2>],  (ln X_o)' = -2 [l_b + (l_o - l_b) <cn^2>]
+
+        e, b, o are the axis about which G turns, the middle one and the other one.
         """
         l_e, l_b, l_o = (decay[i] for i in inertia_order(self.inertia)[::side])
         m, m1, ss, _ = turn_means(v)
         dd = 1 - m * ss
         logs = -2 * (l_b + (l_e - l_b) * dd), -2 * (l_b + (l_o - l_b) * (1 - ss))
-        # By <dn^2> - <cn^2> = (1 - m) <sn^2>: near the separatrix nothing cancels.
+        # v' by <dn^2> - <cn^2> = (1 - m) <sn^2>, so that nothing cancels near the separatrix.
         return -2 * ((l_e - l_o) * dd + (l_o - l_b) * m1 * ss), *logs[::side]
 
     @classmethod
     def velocity(
         cls, inertia: Sequence[float], initial: Mapping[str, float | None]
     ) -> tuple[float, ...]:
-        """(p, q, r) at the start. Raises ValueError too where there is no turn to average."""
+        """(p, q, r) at the start. Raises ValueError also for a start without a turn to average."""
         omega = super().velocity(inertia, initial)
         slow_variables(inertia, omega)
         return omega
 
     @property
     def slow_start(self) -> tuple[int, Any, np.ndarray]:
-        """The `slow_variables` at the start."""
+        """The side, v, ln X and ln Y at the start, of `slow_variables`."""
         return slow_variables(self.inertia, self.initial_velocity)
 
     @cached_property
     def paths(self) -> dict[type, Path]:
-        """The motion computed last in each precision."""
+        """The path that was computed last, by the type of its numbers."""
         return {}
 
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        # The path anew each time, so that the time that it takes is counted.
+        """The states (n, 4), whose units are those of the case."""
+        # The path is computed anew each time, so that the measured run time includes it.
         fp, (side, v, logs) = t.dtype.type, self.slow_start
         self.paths[fp] = averaged_path(self.mean_rates, side, fp(v), np.append(0, logs).astype(fp))
         return self.paths[fp].at(t), np.zeros(len(t), dtype=np.intc)
 
     def exact_end(self, fp: type) -> tuple[str, EventOutcome] | None:
-        """The passage through the separatrix, after which the motion goes on."""
+        """The crossing of the separatrix, after which the motion goes on."""
         path = self.paths.get(fp)
         if path is None or path.crossing is None:
             return None
@@ -260,6 +270,7 @@ class AveragedTurns(Body):
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
+        """Energy, |G|, G^2/2T, k^2 and the enclosed axis, from the side, k^2, ln X and ln Y."""
         A = np.array([k.A1, k.A2, k.A3])
         largest, middle, smallest = inertia_order(A)
         a, _, c = A[[largest, middle, smallest]]
@@ -277,7 +288,7 @@ class AveragedTurns(Body):
 
     @property
     def warnings(self) -> list[str]:
-        """Also of resistance that is not weak compared with the turns."""
+        """With a sentence on resistance that is not weak compared with the turns."""
         side, v, logs = self.slow_start
         A_e, b, A_o = np.sort(self.moments)[::-side]
         # One turn takes 4K/n, n^2 = |A_e - b| X_e/(A_e b A_o).
@@ -288,17 +299,17 @@ class AveragedTurns(Body):
 
 
 class AveragedLinearDiag(AveragedTurns, LinearDiag):
-    """The motion averaged over the turns of the free one, to first order in lambda/|omega|.
+    """The motion averaged over the turns of the free motion, to first order in lambda/|omega|.
 
     u > 0:  (ln X)' = -2 [lambda1 <dn^2> + lambda2 (1 - <dn^2>)]
             (ln Y)' = -2 [lambda3 <cn^2> + lambda2 (1 - <cn^2>)]
     u < 0:  the same with <dn^2> and <cn^2> exchanged
 
     X = a(a-c) p^2 + b(b-c) q^2 and Y = b(a-b) q^2 + c(a-c) r^2, moment of inertia^2/time^2.
-    a >= b >= c: the moments of inertia with their axes sorted, here A1 >= A2 >= A3; they matter in
-    the start only. u = ln[(a-b) X/((b-c) Y)], positive where the axis of a is enclosed. <dn^2> and
-    <cn^2>: means over a turn for k^2 = e^-|u|. The separatrix u = 0 is crossed once at most, at a
-    time that errs by some turns.
+    a >= b >= c are the sorted moments of inertia, p, q, r and lambda1, lambda2, lambda3 belong to
+    their axes. The rates depend on the moments through u only: u = ln[(a-b) X/((b-c) Y)] is
+    positive where the axis of a is enclosed. <dn^2> and <cn^2>: means over a turn for k^2 = e^-|u|.
+    The separatrix u = 0 is crossed once at most. The time of the crossing errs by some turns.
 
     Source: L. D. Akulenko, D. D. Leshchenko, F. L. Chernousko, Izv. AN SSSR MTT 1982 no. 3, 5.
     """
@@ -306,39 +317,42 @@ class AveragedLinearDiag(AveragedTurns, LinearDiag):
     form = "averaged"
 
     def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
+        """The mean rates under the damping lambda_i."""
         return self.linear_rates(self.damping, side, v)
 
 
 class AveragedTensor(AveragedTurns, Tensor):
-    """The motion averaged over the turns of the free one, to first order in I/(A |omega|).
+    """The motion averaged over the turns of the free motion, to first order in I/(A |omega|).
 
-    It is the averaged form of linear-diag with lambda_i = I_ii/A_i: the means of p q, q r and p r
-    are 0, so that the entries off the diagonal drop out. Close to the separatrix they do not, and
-    the full motion may cross it several times where this one crosses it once.
+    It is the averaged form of linear-diag with lambda_i = I_ii/A_i: the entries off the diagonal
+    drop out, because the means of p q, q r and p r are 0. Close to the separatrix they matter: the
+    full motion may cross it several times where the averaged one crosses it once.
     """
 
     form = "averaged"
 
     def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
-        return self.linear_rates((np.diag(self.resistance_matrix) / self.inertia).tolist(), side, v)
+        """The mean rates under the damping lambda_i = I_ii/A_i."""
+        diagonal = np.array(self.term_coefficients["resistance"][::4])
+        return self.linear_rates((diagonal / self.inertia).tolist(), side, v)
 
 
-# A cavity full of viscous fluid: of symmetric bodies two amplitudes say all
+# A cavity full of viscous fluid. Two amplitudes are the whole state of a symmetric body
 
 
 def is_triaxial(data: Mapping[str, Any]) -> bool:
-    """Whether the data are of a body with three different moments."""
+    """Whether the body of a case has three different moments."""
     return len({*data.get("inertia", ())}) == 3
 
 
 def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
-    """r of a symmetric body, as an event."""
+    """r of a symmetric body, as the function of an event."""
     return y[1]
 
 
 @dataclass(frozen=True)
 class SymmetricCavity(Cavity):
-    """What the forms in a = sqrt(p^2 + q^2) and r share."""
+    """The base class of the forms whose state is a = sqrt(p^2 + q^2) and r."""
 
     spin_reversal: str = "stop"
 
@@ -358,12 +372,13 @@ class SymmetricCavity(Cavity):
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
+        """x = a^2 and y = r^2."""
         a, r = y.T
         return {"x": a * a, "y": r * r}
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        """Also that A1 = A2."""
+        """Further mistake: A1 and A2 that differ."""
         yield from super().check(data)
         A = data.get("inertia")
         if A is not None and A[0] != A[1]:
@@ -374,12 +389,14 @@ class SymmetricCavity(Cavity):
 
     @property
     def start(self) -> tuple[float, ...]:
+        """a = sqrt(p^2 + q^2) and r at the start."""
         p, q, r = super().start
         return hypot(p, q), r
 
     @property
     def extended_start(self) -> np.ndarray:
-        # The roots of x and y have digits that a double has not, and x and y are what is stored.
+        """a and r at the start in long double."""
+        # From x and y themselves, so that their squares, which are stored, are x and y again.
         squares = [self.initial.get(name) for name in "xy"]
         if None not in squares:
             return np.sqrt(np.array(squares, dtype=np.longdouble))
@@ -387,12 +404,13 @@ class SymmetricCavity(Cavity):
         return np.array([np.hypot(p, q), r])
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
+        """The states (2, n) for angular velocities (n, 3) at the start."""
         p, q, r = np.moveaxis(omega, -1, 0)
         return np.stack((np.hypot(p, q), r))
 
     @property
     def warnings(self) -> list[str]:
-        """Also of M1 and M2 where the turns do not average them away."""
+        """With a sentence on M1 and M2, which averaging drops."""
         A, _, C = self.inertia
         a, r = self.start
         dropped = abs(self.epsilon) * math.hypot(*self.torque[:2])
@@ -409,7 +427,7 @@ class SymmetricCavity(Cavity):
 
     @property
     def run_events(self) -> tuple[Event, ...]:
-        """The end of spin of a body that spins, or begins to."""
+        """The end of spin, r = 0, of a body that spins at the start or whose torque spins it up."""
         event = Event("end_of_spin", axial_spin, terminal=self.spin_reversal == "stop")
         return (event,) if self.start[1] or self.constants["N3"] else ()
 
@@ -423,11 +441,12 @@ class Averaged(SymmetricCavity):
     r' = kappa (C - A) a^2 r / (A C) + epsilon M3 / C
 
     a = sqrt(p^2 + q^2) and r, 1/time; stored are x = a^2 and y = r^2. The other symbols are those
-    of the full form. Without M1 and M2 this is no approximation but an identity of the full
-    equations. With them it is right to first order in epsilon, until r, and with it the frequency
-    |(C - A) r/A|, has become small. r reaches 0 in finite time where M3 opposes it: the end of
-    spin, an event that ends the motion or is passed (`spin_reversal`). In y the equations are not
-    Lipschitz there, and solvers stop or go astray.
+    of the full form. Without M1 and M2 these equations follow from the full ones exactly. With M1
+    and M2 they hold to first order in epsilon, until r, and with it the frequency |(C - A) r/A| of
+    the turning, has become small. r reaches 0 in finite time where M3 opposes it. This is the end
+    of spin, an event that ends the motion, or after which it continues (`spin_reversal`). The state
+    is r and not y, because the equations in y are not Lipschitz at y = 0, where solvers stop or
+    fail.
 
     Source: Leshchenko and Kozachenko 2023, eqs (5), (6), with the sign of a' that follows from (2),
     and +epsilon M3 in r' as in (2) and (6), not - as in (5).
@@ -439,15 +458,17 @@ class Averaged(SymmetricCavity):
 
     @classmethod
     def form_of(cls, data: Mapping[str, Any]) -> type[Model]:
+        """The form for a body with three different moments is another class."""
         return AveragedTriaxial if is_triaxial(data) else cls
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        """A1 = A2, or three different moments."""
+        """The mistakes of the form for A1 = A2, or of that for three different moments."""
         yield from AveragedTriaxial.check(data) if is_triaxial(data) else super().check(data)
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        """a' and r', which do not depend on M1 and M2."""
         a, r = y
         return (
             -k.kappa * k.A3 * (k.A3 - k.A1) / k.A1**3 * a * r * r,
@@ -457,13 +478,13 @@ class Averaged(SymmetricCavity):
 
 @dataclass(frozen=True)
 class AveragedAsPrinted(SymmetricCavity):
-    """The averaged equations with the sign of a' as printed in eqs (5) and (6), to reproduce the
-    paper's figures.
+    """The averaged equations with the sign of a' that eqs (5) and (6) have in print. They reproduce
+    the figures of the paper.
 
     a' = +kappa C (C - A) a r^2 / A^3
 
-    With this sign the fluid's torque, though internal, changes |G|: without M, x - C^2 y/A^2 is
-    constant, where it should be x + C^2 y/A^2 = (G/A)^2. Everything else is as in the form
+    With this sign the fluid's torque, which is internal, changes |G|: without M,
+    x - C^2 y/A^2 is constant, and not x + C^2 y/A^2 = (G/A)^2. Everything else is as in the form
     averaged.
 
     Source: Leshchenko and Kozachenko 2023, eqs (5), (6).
@@ -473,20 +494,21 @@ class AveragedAsPrinted(SymmetricCavity):
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        """a' with the printed sign, and r'."""
         a, r = Averaged.rhs(t, y, k)
         return -a, r
 
 
 @dataclass(frozen=True)
 class AveragedTriaxial(AveragedTurns, Cavity):
-    """The motion of a body with three different moments averaged over the turns of the free one,
-    to first order and without a torque. |G| is constant, and the fluid turns the body to its axis
-    of largest inertia.
+    """The motion of a body with three different moments averaged over the turns of the free motion,
+    to first order and without a torque. |G| is constant, and the fluid turns the body to rotation
+    about its axis of largest inertia.
 
     (2T)' = -(2 kappa/abc) [(a-c)^2 (a+c-b) <p^2 r^2> + (a-b)^2 (a+b-c) <p^2 q^2>
                             + (b-c)^2 (b+c-a) <q^2 r^2>]
 
-    a >= b >= c are the moments with their axes sorted, <.> is the mean over a turn.
+    a >= b >= c are the sorted moments, p, q, r belong to their axes, <.> is the mean over a turn.
 
     Source: F. L. Chernousko 1972, averaged.
     """
@@ -495,7 +517,7 @@ class AveragedTriaxial(AveragedTurns, Cavity):
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        """Also that there is no torque."""
+        """Further mistake: a torque."""
         yield from super().check(data)
         if any(data.get("torque", ())):
             yield (
@@ -505,6 +527,7 @@ class AveragedTriaxial(AveragedTurns, Cavity):
             )
 
     def mean_rates(self, side: int, v: Any) -> tuple[Any, ...]:
+        """The mean rates under the fluid's torque, for which |G| is constant."""
         A_e, b, A_o = np.sort(self.moments)[::-side]
         m, _, ss, rest = turn_means(v)
         span, near, far = abs(A_e - A_o), abs(A_e - b), abs(b - A_o)

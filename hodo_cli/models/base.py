@@ -1,8 +1,11 @@
-"""What every model states: y' = rhs(t, y, k), a start and the stored variables. And what engines
-need of it: the constants k as flat lists of numbers, units of omega and of time, the Jacobian.
+"""The base class of all models, and what engines need of a model.
 
-With omega = sigma W and s = rho t, a constant of degree d, whose term is of degree d in omega,
-becomes value * sigma**(d - 1) / rho: so the state stays near 1 however far a motion decays.
+A model states its equations y' = rhs(t, y, k), the start and the stored variables. An engine needs
+the constants k as a flat list of numbers, the Jacobian, and other units of omega and of time.
+
+Other units: with omega = sigma W and the engine's time s = rho t, a constant whose term is of
+degree d in omega becomes value * sigma**(d - 1) / rho. With a fitting sigma the state W stays near
+1 however far a motion decays.
 """
 
 import math
@@ -22,29 +25,29 @@ from .euler import TERMS, about, composed, in_case_axes, quaternion_rates, turne
 from .terms.time_laws import EPOCH, EPOCH_NAME, CaseConstants
 
 ATTITUDE_KEY, CONSTANTS_KEY = "attitude", "constants"
-"""The keys of a case for where the body points, and for the constants that its expressions name."""
+"""The keys of a case for the attitude at the start, and for the constants that expressions name."""
 
 OWN_FOLDER = str(Path(__file__).parents[1])
-"""The folder of the package, with the models that are its own."""
+"""The folder of this package. A model outside it is a user's own."""
 
 Constants = Mapping[str, float | tuple[float, ...] | str]
-"""Numbers and tuples of numbers by name; a string is structure, which chooses between equations."""
+"""The constants of a model by name: numbers, tuples of numbers, and strings. A string chooses
+between equations."""
 
 Structure = tuple[tuple[str, int | str], ...]
-"""The structure of constants: each name with its length (0 for a plain number), or its string."""
-
+"""Constants without their numbers: each name with its length (0 for a plain number) or its
+string."""
 
 LENGTHS = {"axis": 3, "quaternion": 4, "principal": 3, "space": 3}
-"""The lengths of the other dimensions, besides time, of a motion's variables."""
-
+"""The lengths of the dimensions of stored variables, besides time."""
 
 REST_BITS = 2**12
-"""Binary orders of magnitude below 1 at which a motion is called at rest: 1e-1233, far below the
-smallest double."""
+"""A motion whose size is 2**-REST_BITS = 1e-1233 is at rest. That is far below the smallest
+double."""
 
 
 class Label(NamedTuple):
-    """How one stored variable is labelled in a result file."""
+    """The dimensions, the long name and the unit of one variable in a result file."""
 
     dims: tuple[str, ...]
     long_name: str
@@ -52,12 +55,12 @@ class Label(NamedTuple):
 
     @property
     def width(self) -> int:
-        """How many numbers it has at a time."""
+        """The number of its components at one time."""
         return math.prod(LENGTHS.get(dim, 1) for dim in self.dims)
 
 
 QUATERNION = ("attitude_a", "attitude_b", "attitude_c", "attitude_d")
-"""The variables that an attitude adds to the state."""
+"""The state variables of an attitude."""
 
 ATTITUDE_VARIABLE = {
     ATTITUDE_KEY: Label(("time", "quaternion"), "attitude, from body to space axes")
@@ -65,12 +68,14 @@ ATTITUDE_VARIABLE = {
 
 
 class EventOutcome(NamedTuple):
-    """What an event does to a motion: it goes on from the time `onward` in another state, or ends
-    in that state where `onward` is None.
+    """What an event does to a motion.
 
-    `time` is what is stored as the event's time, with the numbers of `details`; nothing is stored
-    of an event whose `details` are None. A state that lasts has `onward` infinite; a body with an
-    attitude turns on in it at `spin` (3,), along the axes of the quaternion that ends the state.
+    The motion goes on from the time `onward` with the state `state`; where `onward` is None it ends
+    with that state. An infinite `onward` means that the state lasts; the attitude then turns at the
+    constant angular velocity `spin` (3,) in the axes of the case.
+
+    The result file stores `time` and the numbers of `details`. It stores nothing of an event whose
+    `details` are None.
     """
 
     time: float
@@ -80,11 +85,12 @@ class EventOutcome(NamedTuple):
     spin: Sequence[Any] = ()
 
     def states(self, times: Any, fp: Any = float) -> np.ndarray:
-        """The states (..., m) at times (...) from the event to `onward`, in a precision."""
+        """The states (..., m) at times (...) between the event and `onward`, of the number type
+        `fp`."""
         state, omega = np.array(self.state, dtype=fp), np.array(self.spin, dtype=fp)
         states = np.broadcast_to(state, (*np.shape(times), len(state)))
         if (omega != 0).any():
-            # By what a quadruple has too, which is no type of numpy's.
+            # Only by operations that numbers of quadruple precision, no type of numpy's, have too.
             peak = np.abs(omega).max()
             speed = peak * np.sqrt(np.square(omega / peak).sum())
             angle = (np.asarray(times, dtype=fp) - fp(self.time)) * speed
@@ -93,30 +99,26 @@ class EventOutcome(NamedTuple):
         return states
 
 
-Passage = Callable[[Any, Sequence[Any], Any], EventOutcome]
-
-
 class Event(NamedTuple):
-    """A zero of `function(t, y, k)`; integration ends there if it is `terminal`.
+    """A zero of `function(t, y, k)`. The integration ends at a `terminal` event.
 
-    In an event of a model with `degree` the state is in units that fit the motion, so that the
-    function has to be homogeneous in them.
+    A model with `degree` gives the function states in units that fit the motion, so the function
+    has to be homogeneous in the unit of omega.
 
-    A terminal event with a `passage` ends only one stretch: `passage(t, y, k)`, whose time, state
-    and constants are numbers of the working precision in the case's own units, says how the motion
-    goes on.
+    After a terminal event with a `passage` the motion may go on: `passage(t, y, k)` says how. Its
+    arguments are numbers of the working precision, in the case's own units.
     """
 
     kind: str
     function: Callable[[Any, Sequence[Any], Any], Any]
     terminal: bool = False
-    passage: Passage | None = None
+    passage: Callable[[Any, Sequence[Any], Any], EventOutcome] | None = None
 
 
 @dataclass(frozen=True)
-class Bound:
-    """A function with its first arguments: as `functools.partial`, but equal to another one of the
-    same function and arguments, so that one compilation serves both."""
+class HashablePartial:
+    """A function with its first arguments given, as by `functools.partial`. But two with the same
+    function and arguments are equal, so that one compilation serves both."""
 
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
@@ -127,30 +129,33 @@ class Bound:
 
 @dataclass(frozen=True)
 class Model:
-    """One form of a model: the class states its equations, an object of it the numbers of one case.
+    """One form of a model. The class states the equations, an object holds the data of one case.
 
     The fields of a form are its `keys`: `LinearDiag(inertia=..., damping=..., initial=...)` is a
-    body, and `start`, `constants`, `warnings` and the events follow from them. The data are taken
-    as right; `check` says beforehand whether they are.
+    body, and `start`, `constants`, `warnings` and the events follow from these fields. An object
+    takes its data as right; `check` finds their mistakes before it is made.
 
-    `rhs(t, y, k)` and the events are written with + - * / and **, and with the functions of
-    `arithmetic`, so that numbers, arrays and the symbols of an engine all pass through the same
-    lines. `k` has the names of `constants` as attributes. They are functions of the class, because
-    an engine compiles them once for all cases of one `Equations`.
+    `rhs(t, y, k)` and the functions of events use + - * / and ** and the functions of `arithmetic`
+    only, so that numbers, arrays and the symbols of an engine all pass through the same lines. `k`
+    has the names of `constants` as attributes. These functions do not use the object, because an
+    engine compiles them once for all cases with equal `Equations`.
 
-    `t` is the case's own time in `rhs`, in events and in `output`, whatever the units. An event
-    gets the quaternion of an attitude after the variables of `state`.
+    In `rhs`, events and `output` the time t is the case's own, whatever the units of the state. The
+    state of an event ends with the quaternion where a motion has an attitude.
     """
 
     attitude: Any = field(default=None, kw_only=True)
-    """Where the body points at the start, as its case says; nothing where no attitude is wanted."""
+    """The key `attitude` of the case: where the body points at the start. None or False where the
+    motion has no attitude."""
 
     case_constants: CaseConstants = field(default=(), kw_only=True)
-    """The constants that its expressions name, as pairs, and the epoch from which they count t:
-    `constants` are the numbers of its equations."""
+    """The constants that the expressions of the case name, as pairs of a name and a number. An
+    epoch, from which expressions count t, is among them. (`constants` holds the numbers of the
+    equations.)"""
 
     is_backward: bool = field(default=False, kw_only=True)
-    """Whether the motion's time, which rises, is the case's time with the other sign."""
+    """Whether the case runs backward. The time of its motion, which always rises, is minus the
+    time of the case."""
 
     name: ClassVar[str]
     form: ClassVar[str]
@@ -159,59 +164,62 @@ class Model:
     variables: ClassVar[dict[str, Label]]
 
     degree: ClassVar[dict[str, int]] = {}
-    """The degree in the angular velocity of the terms that a constant multiplies.
+    """For each constant, the degree in omega of the terms that it multiplies.
 
-    It makes a change of units possible: with omega = sigma W and s = rho t, every such constant
-    becomes value * sigma**(degree - 1) / rho. A constant of degree 0 is a torque that spins a body
-    up, and so sets a least unit of omega. A term without a degree converts by the constants
-    `velocity_unit` (sigma) and `time_unit` (1/rho), both 1 in the case's own units. A model without
-    degrees is integrated in its own units.
+    Degrees make other units possible: with omega = sigma W and s = rho t a constant becomes
+    value * sigma**(degree - 1) / rho. A constant of degree 0 is a torque that spins a body up, so
+    it limits the unit sigma from below. A term without a degree converts by the constants
+    `velocity_unit` (sigma) and `time_unit` (1/rho), which are 1 in the case's own units. A model
+    without degrees is integrated in the case's own units.
     """
 
     resisting: ClassVar[frozenset[str]] = frozenset()
-    """Constants of degree 0 that resist every rotation, and so set no unit."""
+    """The constants of degree 0 that resist every rotation, as a brake does. They do not limit the
+    unit of omega."""
 
     quaternion_factor: ClassVar[Any] = None
-    """The factor of Q' = Q (0, omega)/2 as a function of k, of a model whose motions may have an
-    attitude Q."""
+    """quaternion_factor(k) is the factor f of Q' = f Q (0, omega)/2 for the attitude Q. None for a
+    model whose motions have no attitude."""
 
     fixed_in_space: ClassVar[tuple[str, ...]] = ()
-    """Three variables of the state: the components along body axes of a vector that is fixed in
-    space. With an attitude `start` gives its components in space."""
+    """The names of three state variables: the components along body axes of a vector that is fixed
+    in space. With an attitude, `start` holds the components of this vector along space axes."""
 
     starts_with_omega: ClassVar[bool] = False
-    """Whether its motions start with an angular velocity in body axes."""
+    """Whether the initial data are an angular velocity in body axes."""
 
     always_absorbing: ClassVar[bool] = False
-    """Whether it has `absorbing_axes` whatever the data: no motion crosses the separatrix twice,
-    and errors do not grow near it."""
+    """Whether all data give `absorbing_axes`: no motion crosses the separatrix twice, and errors do
+    not grow near it."""
 
     slow_time: ClassVar[bool] = False
-    """Whether its time is tau = epsilon t."""
+    """Whether the time of the model is the slow time tau = epsilon t."""
 
     is_quadrature: ClassVar[bool] = False
-    """Whether its motions are a quadrature: a closed form without rates, which no other method can
-    integrate. Its variables then hold the label, and its one event is a crossing."""
+    """Whether the motion is a quadrature: a closed form without an rhs, so that no other method can
+    integrate it. The stored variables then include `enclosed_axis`, and the one event is a
+    crossing."""
 
     no_axis_reason: ClassVar[str] = (
         "the state has no angular velocity in body axes, so no axis is enclosed"
     )
-    """Why the enclosed axis does not apply; empty where it does."""
+    """Why the hodograph of this model encloses no axis; empty where it may enclose one."""
 
     output: ClassVar[Callable[..., dict[str, np.ndarray]]]
-    """output(t, y, k): the stored variables from the times (n,) and the states (n, m), in the dtype
-    of `y`.
+    """output(t, y, k): the stored variables at times (n,), from the states y (n, m) there and in
+    their dtype.
 
-    Where their errors are judged the states of a model with `degree` are in units of omega of their
-    own, so that each variable has to be homogeneous in it.
+    Errors of a model with `degree` are judged in other units of omega, so each stored variable has
+    to be homogeneous in this unit.
     """
 
     attitude_at: ClassVar[Callable[..., tuple[Any, ...]]]
-    """self.attitude_at(start): the quaternion at a start (m,)."""
+    """self.attitude_at(start): the quaternion (4,) of the attitude at a start (m,)."""
 
     exact_states: ClassVar[Callable[..., tuple[np.ndarray, np.ndarray]]]
-    """self.exact_states(t), with a closed form: the states (n, m) of size about 1 at times t (n,)
-    from the start, in the precision of t, and the exponents (n,) of their units."""
+    """self.exact_states(t), where there is a closed form: states y (n, m) of size about 1 and
+    exponents e (n,) at the times t (n,) since the start, in the precision of t. The unit of omega
+    in y is 2**e."""
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
@@ -220,31 +228,31 @@ class Model:
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        """The mistakes of values that are each valid alone.
+        """The mistakes in `data`, the values of the keys of a case, each of which is valid alone.
 
-        Keys whose values are wrong by themselves are missing from `data`.
+        A key is missing from `data` where its value is wrong by itself.
         """
         yield from ()
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
-        """The mistakes of valid values in a motion from one time to another."""
+        """The mistakes that valid data make in a motion from `start` to `end`."""
         yield from ()
 
     @classmethod
     def of(
         cls, data: Mapping[str, Any], epoch: float | None = None, is_backward: bool = False
     ) -> "Model":
-        """The object with the data of a case, whose expressions count t from an epoch."""
+        """The model with the data of a case. Expressions in the data count t from the `epoch`."""
         own, sign = dict(data), -1.0 if is_backward else 1.0
         of_epoch = {EPOCH_NAME: sign * epoch} if epoch else {}
-        # As pairs, which can be hashed.
+        # Pairs and not a mapping, because the object has a hash.
         named = (*(own.pop(CONSTANTS_KEY, None) or {}).items(), *of_epoch.items())
         return cls.form_of(data)(**own, case_constants=named, is_backward=is_backward)
 
     @classmethod
     def form_of(cls, data: Mapping[str, Any]) -> "type[Model]":
-        """The class for these data: this one, or its replacement."""
+        """The class that integrates these data: this one, or another one in its place."""
         return cls
 
     @cached_property
@@ -259,23 +267,25 @@ class Model:
 
     @cached_property
     def equations(self) -> "Equations":
-        """Its equations without their numbers."""
+        """The equations of this case without their numbers."""
         return Equations(
             type(self), structure(self.constants), bool(self.attitude), self.is_backward
         )
 
     @property
     def no_separatrix_reason(self) -> str:
-        """The reason of its equations."""
-        return self.equations.no_separatrix_reason
+        """Why D does not show which axis is enclosed; empty where it does."""
+        says = "with a rotor D says nothing, and the enclosed axis is undetermined"
+        return says if "rotor" in self.equations.terms else ""
 
     @cached_property
     def initial_state(self) -> tuple[float, ...]:
-        """The start, and the attitude there."""
+        """The start, followed by the attitude there if the case has one."""
         return self.with_attitude(np.array(self.start)) if self.attitude else self.start
 
     def with_attitude(self, start: np.ndarray) -> tuple[Any, ...]:
-        """A start and the attitude there; a vector fixed in space turns into the state's axes."""
+        """A start followed by the attitude there. The components of a vector that is fixed in space
+        become those along the axes of the state."""
         Q = self.attitude_at(start)
         rows = [i for i, name in enumerate(self.equations.state) if name in self.fixed_in_space]
         if rows:
@@ -283,73 +293,68 @@ class Model:
         return *start.tolist(), *Q
 
     def to_principal(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors (..., 3) in the axes of the case, turned into the axes of the state, in their own
-        precision."""
+        """The components along the axes of the state of vectors (..., 3), which are given along the
+        axes of the case. The precision is that of the vectors."""
         return vectors
 
     @property
     def extended_start(self) -> np.ndarray:
-        """The initial state (m,) in long double, where its rounding to doubles costs digits: a
-        reference begins from it."""
+        """The initial state (m,) in long double, from which a reference begins. It has more digits
+        than `initial_state` where rounding to doubles loses some."""
         return np.array(self.initial_state, dtype=np.longdouble)
 
     def tilt_growth(self, t: float) -> np.ndarray | None:
-        """The rates (3,) at which a small tilt away from each body axis grows at a time; None where
-        theory gives none."""
+        """The rates (3,) at which a small tilt away from each body axis grows at the time t; None
+        where no such rate exists."""
         return None
 
     def predictions(self, start: float, end: float) -> list[str]:
-        """What theory says of the motion between two times, from the data: sentences, with
-        units in words after their numbers, as in "turns in 12.5 [time]"."""
+        """Sentences of theory about the motion between two times. The unit of a number stands after
+        it in words, as in "turns in 12.5 [time]"."""
         return []
 
     @property
     def has_closed_form(self) -> bool:
-        """Whether `exact_states` has the motion."""
+        """Whether `exact_states` gives the motion."""
         return False
 
     def exact_end(self, fp: type) -> tuple[str, EventOutcome] | None:
-        """The kind of the event of a motion in closed form, and the event at its time from the
-        start, in a precision; None without an event."""
-        return None
-
-    @property
-    def final_axis(self) -> int | None:
-        """The axis enclosed in the end, where theory predicts it from the data."""
+        """The kind and the outcome of the event of a motion in closed form, computed with numbers
+        of the type `fp`; None without an event. Its time counts from the start."""
         return None
 
     def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
-        """The axes that the hodograph does not leave between two times once it encloses them, by
-        the equations alone."""
+        """The axes (1 to 3) that the hodograph encloses until `end` once it encloses them, for
+        every start. They follow from the equations alone."""
         return frozenset()
 
     @property
     def warnings(self) -> list[str]:
-        """What the data say against the model's own assumptions."""
+        """Sentences on data for which the assumptions of the model do not hold."""
         return []
 
     def warnings_within(self, start: float, end: float) -> list[str]:
-        """What the data say against the assumptions between two times."""
+        """Sentences on data for which the assumptions fail at some time from `start` to `end`."""
         return []
 
     @property
     def run_events(self) -> tuple[Event, ...]:
-        """Events that belong to the motion itself and are recorded whenever it is integrated."""
+        """The events of the motion itself: every integration records them."""
         return ()
 
     @property
     def class_events(self) -> tuple[Event, ...]:
-        """Events that only `classify` looks for."""
+        """The further events that `classify` looks for."""
         return ()
 
 
 @dataclass(frozen=True)
 class Equations:
-    """The equations of all motions of a form that have one structure: they are compiled once. The
-    quaternion of an attitude follows the form's own variables.
+    """The equations of all cases with the same form and the same structure of constants. They are
+    compiled once. In the state the quaternion of an attitude follows the variables of the form.
 
-    With the constants `time_start` and `time_unit` they are functions of an engine's time s, in
-    units that fit the motion: the case's own is t = time_start + s time_unit.
+    Where `time_start` and `time_unit` are among the constants, the equations are functions of the
+    engine's time s: the case's own time is t = time_start + s time_unit.
     """
 
     form: type[Model]
@@ -364,17 +369,17 @@ class Equations:
 
     @cached_property
     def terms(self) -> tuple[str, ...]:
-        """The torques, of a form whose structure names them."""
+        """The names of the torques, if the structure names any."""
         return tuple(str(dict(self.structure).get(TERMS_NAME, "")).split())
 
     @cached_property
     def rows(self) -> dict[str, int]:
-        """The variables of the state, and the power d >= 0 of the unit of omega that each carries:
-        0 for a variable with a size of its own, such as a direction.
+        """The variables of the state, each with the power d >= 0 of the unit of omega that it
+        carries. d is 0 for a direction, which has a size of its own.
 
-        The degree of a constant in the rate of such a variable is 1 - d more than the power of
-        omega in its terms: the factor of Q' = Q (0, omega)/2 is of degree 2, as `g`, since
-        W = omega/sigma and s change it alike.
+        In the rate of a variable the degree of a constant is 1 - d more than the power of omega in
+        its terms. So the factor of Q' = Q (0, omega)/2, with d = 0, is of degree 2, as `g` is in
+        Euler's equations.
         """
         extra = {row: power for name in self.terms for row, power in TERMS[name].extra.items()}
         turning = dict.fromkeys(QUATERNION * self.has_attitude, 0)
@@ -382,40 +387,33 @@ class Equations:
 
     @cached_property
     def state(self) -> tuple[str, ...]:
-        """The variables of the state."""
+        """The names of the state variables."""
         return tuple(self.rows)
 
     @cached_property
     def degree(self) -> dict[str, int]:
-        """The degree in the angular velocity of the terms that each constant multiplies."""
+        """For each of these constants, the degree in omega of the terms that it multiplies."""
         return {name: n for name, n in self.form.degree.items() if name in self.names}
 
     @property
     def variables(self) -> dict[str, Label]:
-        """What is stored."""
+        """The stored variables."""
         return self.form.variables | (ATTITUDE_VARIABLE if self.has_attitude else {})
 
     @property
     def may_stop(self) -> bool:
-        """Whether a brake may bring a motion to rest, where no axis is enclosed any more."""
+        """Whether a brake may bring the motion to rest: G is then 0 and encloses no axis."""
         return "brake" in self.terms
 
     @property
-    def no_separatrix_reason(self) -> str:
-        """Why the enclosed axis is undetermined all along, and D says nothing; empty where it
-        does."""
-        says = "with a rotor D says nothing, and the enclosed axis is undetermined"
-        return says if "rotor" in self.terms else ""
-
-    @property
     def always_absorbing(self) -> bool:
-        """As the form says; theory holds for motions forward only."""
+        """As in the form. Theory holds for motions forward in time only."""
         return self.form.always_absorbing and not self.is_backward
 
     @cached_property
     def has_formulas(self) -> bool:
-        """Whether they hold formulas of a user's own, in which anything may happen within a step;
-        the equations of a model from outside the package do."""
+        """Whether the equations hold a user's formula: an expression of the case, or a model of the
+        user's own. A formula may change at any rate within a step."""
         forms = (sys.modules[x.__module__] for x in self.form.__mro__ if issubclass(x, Model))
         is_own = not all(str(module.__file__).startswith(OWN_FOLDER) for module in forms)
         has_laws = any(name.endswith("_law") for name in self.names)
@@ -431,19 +429,21 @@ class Equations:
             k = SimpleNamespace(**vars(k), attitude=Q) if "expression" in self.terms else k
         rates = (*self.form.rhs(t, y, k), *rates)
         rates = [-rate for rate in rates] if self.is_backward else rates
-        # The degrees of constants give rates by the engine's time; else its unit is a constant.
+        # Constants with degrees are in the engine's units, and so are these rates. Without degrees
+        # the rates are by the case's time, and the engine's unit of time is a constant.
         is_own_unit = self.degree or START not in self.names
         return rates if is_own_unit else [rate * k.time_unit for rate in rates]
 
     def output(self, t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
-        """The stored variables from the times (n,) and the states (n, m), in the dtype of `y`."""
+        """The stored variables at the times t (n,) from the states y (n, m), in their dtype."""
         t, k = self.in_case_time(t, k)
         if not self.has_attitude:
             return self.form.output(t, y, k)
         return self.form.output(t, y[:, :-4], k) | dict.fromkeys(ATTITUDE_VARIABLE, y[:, -4:])
 
     def in_case_time(self, t: Any, k: Any) -> tuple[Any, Any]:
-        """The time of the form's own equations, and the constants."""
+        """The time t that the form's `rhs` takes, and its constants, from the time and constants of
+        an engine."""
         if START in self.names:
             t, k = from_engine_time(t, k)
         if self.is_backward:
@@ -452,7 +452,8 @@ class Equations:
 
 
 def mistake_of(at: KeyPath, function: Callable[..., object], *arguments: Any) -> Iterator[Mistake]:
-    """The sentence of the ValueError that a function of the data raises, as a mistake at a path."""
+    """The mistake that a function finds: the message of the ValueError that it raises, with the
+    path `at` in the case. No mistake where it raises none."""
     try:
         function(*arguments)
     except ValueError as error:
@@ -460,8 +461,7 @@ def mistake_of(at: KeyPath, function: Callable[..., object], *arguments: Any) ->
 
 
 def structure(k: Constants) -> Structure:
-    """The structure of a model's constants; integrators compiled for one structure serve all its
-    numbers."""
+    """The structure of constants. Code that is compiled for one structure serves all numbers."""
     sizes = {name: len(value) for name, value in k.items() if isinstance(value, tuple)}
     return tuple(
         (name, value if isinstance(value, str) else sizes.get(name, 0)) for name, value in k.items()
@@ -469,88 +469,89 @@ def structure(k: Constants) -> Structure:
 
 
 def count(of: Structure) -> int:
-    """The number of values that the constants hold."""
+    """The number of numbers in constants of this structure."""
     return sum(max(size, 1) for _, size in of if isinstance(size, int))
 
 
 def flatten(k: Constants) -> list[float]:
-    """The numbers among the constants, in order."""
+    """The numbers of the constants as a list, in order."""
     numbers = [value for value in k.values() if not isinstance(value, str)]
     return [x for value in numbers for x in (value if isinstance(value, tuple) else (value,))]
 
 
 def attributes(k: Constants, number: Callable[[float], Any] = float) -> SimpleNamespace:
-    """The constants as attributes, each of their numbers converted by `number`."""
+    """The constants as attributes of an object, each number converted by `number`."""
     return namespace(structure(k), [number(value) for value in flatten(k)])
 
 
 def namespace(of: Structure, numbers: Iterable[Any]) -> SimpleNamespace:
-    """The constants as attributes, their numbers (or symbols) taken in order."""
+    """Constants of a structure as attributes of an object. Their numbers, or the symbols in place
+    of numbers, are taken in order."""
     supply = iter(numbers)
 
     def constant(length: int | str) -> Any:
         if isinstance(length, int):
             return tuple(islice(supply, length)) if length else next(supply)
-        return length  # where the constant is a string, its structure is this string
+        return length  # the constant is a string, and its structure is the string itself
 
     return SimpleNamespace(**{name: constant(length) for name, length in of})
 
 
 def state_powers(model: Equations) -> np.ndarray:
-    """The power of the unit of omega that each state variable carries (m,); none has one where the
-    model has no units of its own."""
+    """The power of the unit of omega that each state variable carries (m,). All are 0 for a model
+    without degrees, whose units stay those of the case."""
     powers = [power if model.degree else 0 for power in model.rows.values()]
-    # Of C's int, because ldexp takes ten times as long by a wider one.
+    # C's int, because np.ldexp takes ten times as long with wider integers.
     return np.array(powers, dtype=np.intc)
 
 
 def rescaled(model: Equations, y: np.ndarray, exponent: Any) -> np.ndarray:
-    """States (..., m) in units of omega that are 2**exponent (...) times as small."""
-    # Laid out in memory as columns of motions are: a view (n, m) of those stays one.
+    """States y (..., m) in a unit of omega that is smaller by the factor 2**exponent (...)."""
+    # The variables are the first axis in memory, as in columns of motions, so that it stays so.
     powers = np.moveaxis(np.multiply.outer(state_powers(model), exponent), 0, -1)
     return np.asarray(np.ldexp(y, powers))
 
 
 def moving(model: Equations) -> np.ndarray | slice:
-    """The positions of the state variables that carry a unit of omega: they give the size of a
+    """The positions of the state variables that carry a unit of omega. Their size is the size of a
     motion."""
     powers = state_powers(model)
-    # A slice gives a view, and no copy.
+    # All positions as a slice, because it makes a view where an array of positions makes a copy.
     return np.flatnonzero(powers) if model.degree and not powers.all() else slice(None)
 
 
 def kinds_of_variables(model: Equations) -> list[np.ndarray]:
-    """The positions of the state variables that carry a unit of omega, and of those that carry
-    none, if there are any. One kind may decay by any factor while the other does not: each has its
-    own size."""
+    """The positions of the state variables that carry a unit of omega, and the positions of the
+    others; an empty list is left out. Each of these kinds has a size of its own, because omega may
+    decay by any factor while a direction does not."""
     powers = state_powers(model)
     kinds = np.flatnonzero(powers), np.flatnonzero(powers == 0)
     return [rows for rows in kinds if rows.size]
 
 
 def in_unit(constant: Any, exponent: Any) -> Any:
-    """A constant of a model, a number or a tuple of them, times 2**exponent."""
+    """A constant of a model, which is a number or a tuple of numbers, times 2**exponent."""
     if isinstance(constant, tuple):
         return tuple(np.ldexp(number, exponent) for number in constant)
     return np.ldexp(constant, exponent)
 
 
 def jacobian(model: Equations, k: SimpleNamespace, t: Any, y: np.ndarray) -> np.ndarray:
-    """d rhs / d y at y (m,) or (m, n), shape (m, m) or (m, m, n), exact to rounding: the imaginary
-    part of the rhs at a complex step.
+    """The matrix d rhs_i/d y_j at y (m,) or (m, n), of shape (m, m) or (m, m, n). It is exact to
+    rounding: the imaginary part of rhs_i, divided by h, at the state with ih added to y_j.
 
     Source: W. Squire and G. Trapp, SIAM Review 40 (1998) 110.
     """
-    # The square of `tiny` is lost in every double, so nothing is truncated; no difference is taken,
-    # so nothing cancels.
+    # Terms of the order of tiny**2 are far below rounding, so that the series is not truncated. No
+    # difference is taken, so nothing cancels.
     tiny, unit_steps = 1e-100, np.eye(len(y)).reshape(len(y), len(y), *[1] * (y.ndim - 1))
     steps = y[:, None] + 1j * tiny * unit_steps
     return (stacked(model.rhs(t, list(steps), k), steps).imag / tiny).astype(float)
 
 
 def stacked(rates: Sequence[Any], y: np.ndarray) -> np.ndarray:
-    """The rates of the variables in states y (m, ...), of the same shape: one may be a number for
-    all states."""
+    """The rates of the state variables (m, ...) as an array of the shape of the states y. A rate
+    may also be one number for all states."""
     rows = np.empty_like(y)
     for i, rate in enumerate(rates):
         rows[i] = rate
@@ -558,19 +559,19 @@ def stacked(rates: Sequence[Any], y: np.ndarray) -> np.ndarray:
 
 
 TERMS_NAME = "terms"
-"""The constant, a string, that names the torques of a body."""
+"""The constant of a body that names its torques, as a string."""
 
 START, UNIT, VELOCITY = "time_start", "time_unit", "velocity_unit"
-"""The constants by which equations in other units know the case's own: the time at which a
-stretch begins, and the units of time and of velocity."""
+"""The constants of equations in an engine's units: the case's time at which a stretch of the motion
+begins, and the engine's units of time and of angular velocity in those of the case."""
 
 
 @lru_cache(maxsize=64)
 @np.errstate(all="ignore")
 def contains_time(model: Equations, events: tuple[Event, ...] = ()) -> bool:
-    """Whether the rates of a model, or the functions of events, contain the time: with a time that
-    is not a number they are not numbers then."""
-    # Any numbers serve that no formula makes 0 or equal.
+    """Whether the rates of a model or the functions of events contain the time. They do if they are
+    nan at the time nan."""
+    # Constants and a state of no special value, so that no term is 0 and hides the time.
     k = namespace(model.structure, [1.1 + i / 7 for i in range(count(model.structure))])
     y = [np.float64(0.3 + i / 11) for i in range(len(model.state))]
     functions = (model.rhs, *(event.function for event in events))
@@ -578,23 +579,26 @@ def contains_time(model: Equations, events: tuple[Event, ...] = ()) -> bool:
         values = [np.ravel(function(np.float64(math.nan), y, k)) for function in functions]
         return bool(np.isnan(np.concatenate(values).astype(complex)).any())
     except (ArithmeticError, ValueError, TypeError):
-        return True  # what such a time disturbs contains it
+        return True  # the time nan has caused the exception
 
 
 def has_formula_of_time(system: Model) -> bool:
-    """Whether equations hold a user's formula and contain the time: between two times anything may
-    happen then."""
+    """Whether the equations hold a user's formula and contain the time: the rates may then change
+    at any speed between two times."""
     return system.equations.has_formulas and contains_time(system.equations)
 
 
 def with_epoch(k: Any, epoch: Any) -> SimpleNamespace:
-    """Constants with another epoch."""
+    """The constants k with another epoch."""
     return SimpleNamespace(**vars(k) | {EPOCH: epoch})
 
 
 def from_engine_time(s: Any, k: Any) -> tuple[Any, Any]:
-    """The case's own time from the engine's, and the constants. With an epoch the time counts from
-    there: two numbers near each other are subtracted first."""
+    """The case's own time at the engine's time s, and the constants.
+
+    With an epoch the returned time counts from the epoch, and the returned epoch is 0. The start of
+    the stretch and the epoch, which are near each other, are subtracted first to lose no digit.
+    """
     if not hasattr(k, EPOCH):
         return k.time_start + s * k.time_unit, k
     return (k.time_start - k.epoch) + s * k.time_unit, with_epoch(k, 0.0)

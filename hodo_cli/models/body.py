@@ -1,5 +1,5 @@
-"""One rigid body under a sum of torques, A omega' + omega x A omega = N, and the key tables of the
-models that are such a sum: `linear-diag`, `tensor`, `cavity+constant` and `torques`."""
+"""One rigid body under a sum of torques, A omega' + omega x G = N, and the tables of keys of the
+models with such sums: `linear-diag`, `tensor`, `cavity+constant` and `torques`."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -25,7 +25,7 @@ from ..schema.kinds import (
 from ..text import grouped, time_text
 from .base import CONSTANTS_KEY, REST_BITS, TERMS_NAME, Constants, Event, EventOutcome, mistake_of
 from .brake import STOPPED, stop_details
-from .euler import DEGREE, TERMS, composed, rates_under
+from .euler import TERMS, composed, rates_under
 from .rigid_body import (
     INERTIA,
     INITIAL,
@@ -33,7 +33,6 @@ from .rigid_body import (
     body_constants,
     complete,
     excess_of_rounding,
-    is_diagonal,
     is_tensor,
     principal_axes,
     symmetric,
@@ -65,32 +64,31 @@ from .theory.theorems import (
     Dissipation,
     axes_never_left,
     crossing_predictions,
-    final_axis,
 )
 
 ROUNDING_OF_G = 4 * float(np.finfo(float).eps)
-"""The part of A omega up to which G = A omega + h is what rounding leaves of the sum. Of bodies at
-rest with random tensors it was an eighth of that."""
-
-NEGATIVE_COEFFICIENT = "a negative coefficient drives the body: write that as an expression"
+"""The largest ratio |G|/|A omega| at which G = A omega + h counts as 0, because the sum of A omega
+and h = -A omega leaves a rounding. The largest one of random tensors was an eighth of this
+bound."""
 
 TENSOR_ROUNDING = 1e-13
-"""The part of the largest entry of a tensor below which one is the rounding of a change of axes."""
+"""An entry of a tensor that is smaller than the largest one by this factor counts as 0: a change of
+axes leaves such roundings."""
 
 ZEROS = (0.0, 0.0, 0.0)
 
 RESISTING = ("damping", "quadratic", "kappa", "brake")
-"""The terms whose negative coefficients drive the body."""
+"""The torques that drive the body where their coefficients are negative."""
 
 PLACES = 4097
-"""The times at which coefficients are looked at for negative values."""
+"""The number of times at which the sign of changing coefficients is checked."""
 
 NOT_COVERED = frozenset({"rotor", "space_torque", "expression"})
-"""The terms that the theorems on crossings do not cover."""
+"""The torques that the theorems on crossings do not cover."""
 
 
 def terms_named(data: Mapping[str, Any]) -> tuple[str, ...]:
-    """The terms that a case names, in the order of TERMS."""
+    """The torques that a case names, in the order of TERMS."""
     given = {"kappa" if name == "cavity" else name for name, x in data.items() if x is not None}
     return tuple(name for name in TERMS if name in given)
 
@@ -98,8 +96,8 @@ def terms_named(data: Mapping[str, Any]) -> tuple[str, ...]:
 def coefficients_of(
     data: Mapping[str, Any], constants: CaseConstants
 ) -> dict[str, tuple[Any, ...]]:
-    """The coefficients of each term that a case names, numbers or laws, in the order of the term's
-    constants; the coefficients of `torque` times epsilon."""
+    """The coefficients of each torque that a case names, in the order of the torque's constants and
+    of TERMS. A coefficient is a number or a law of time. Those of `torque` include epsilon."""
     if data.get("cavity") is not None:
         data = {**data, "kappa": coefficient(data["cavity"])}
     named = {name: TERMS[name].coefficients(data[name]) for name in terms_named(data)}
@@ -114,27 +112,28 @@ class Body(BodyFrame):
     """A rigid body under any sum of torques.
 
     A omega' + omega x G = N
-
-    The torque N is the sum of what the case names: -lambda_i A_i omega_i (`damping`), -I omega
-    (`resistance`), -c_i |omega| A_i omega_i (`quadratic`), epsilon M, constant in the body
-    (`torque`, `epsilon`), -b G/|G| (`brake`), F e, with e fixed in space (`space_torque`). Further
-    terms are three formulas in p, q, r and t (`expression`) and the fluid's torque of
-    cavity+constant (`kappa` or `cavity`).
+    G = A omega + h
 
     omega = (p, q, r): angular velocity, 1/time (`initial`). A: principal moments of inertia
-    (`inertia`), or the full tensor in any body axes; all else is then given and stored in these
-    axes, and labels name the principal ones. G = A omega + h, with the angular momentum h of a
-    rotor (`rotor`) that turns at constant speed in the body. Each coefficient but those of
-    `cavity` and `rotor` may be an expression in t and constants.
+    (`inertia`), or the full tensor along any body axes. With a full tensor all vectors are given
+    and stored along these axes, and the labels x1, x2, x3 name principal axes. h: angular momentum
+    of a rotor that turns at constant speed in the body (`rotor`).
 
-    A brake brings G to 0 (event `stopped`): from then on omega is 0, or -A^-1 h, and no axis is
-    enclosed. A formula may jump or have corners: each step is compared with the equations, and one
-    that misses them is cut. A motion ends at a pole of a formula, and where a formula holds a
-    component at 0, as dry friction does.
+    N is the sum of the torques that the case names: -lambda_i A_i omega_i (`damping`), -I omega
+    with a tensor I (`resistance`), -c_i |omega| A_i omega_i (`quadratic`), epsilon M, constant in
+    the body (`torque`, `epsilon`), -b G/|G| (`brake`), F e, where e is fixed in space
+    (`space_torque`), the fluid's torque of cavity+constant (`kappa` or `cavity`), and three
+    expressions in p, q, r and t (`expression`). Each coefficient may be an expression in t and
+    constants, except for `cavity` and `rotor`.
 
-    A torque along G, as of equal damping, equal quadratic drag or a brake, changes the clock of the
-    free motion and not its path. Under constant damping, a constant brake, or both, the clock has a
-    closed form, and so has the motion (method exact).
+    A brake brings G to 0 (event `stopped`). From then on omega is 0, or -A^-1 h with a rotor, and
+    no axis is enclosed. An expression may jump or have corners: each step is compared with the
+    equations, and a step that misses them is cut. The motion ends at a pole of an expression, and
+    where an expression holds a component of omega at 0, as dry friction does.
+
+    A torque along G changes the clock of the free motion and not its path. Such torques are equal
+    damping, equal quadratic drag and a brake. Under constant damping, a constant brake, or both,
+    the clock has a closed form, and so has the motion (method exact).
     """
 
     damping: Any = None
@@ -149,34 +148,33 @@ class Body(BodyFrame):
     space_torque: Any = None
     expression: Any = None
 
-    degree = DEGREE
+    degree = {"g": 2} | {name: n for term in TERMS.values() for name, n in term.degree.items()}
     resisting = frozenset({"brake"})
     fixed_in_space = tuple(TERMS["space_torque"].extra)
     has_fluid: ClassVar[bool] = False
-    """Whether a case has to name a fluid."""
+    """Whether a case has to give `cavity` or `kappa`."""
 
     says_crossings: ClassVar[bool] = False
-    """Whether its predictions say which crossings its torques allow."""
+    """Whether `predictions` say which crossings the torques allow."""
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        """The rates by Euler's equations under the torques that k names."""
         return rates_under(k.terms.split(), t, y, k)
 
     @cached_property
-    def terms(self) -> tuple[str, ...]:
-        """The torques that act, by the keys of TERMS."""
-        return terms_named(vars(self))
-
-    @cached_property
     def term_coefficients(self) -> dict[str, tuple[Any, ...]]:
-        """The coefficients of each term, numbers or laws."""
+        """The coefficients of each torque that acts, numbers or laws of time, in the order of
+        TERMS."""
         return coefficients_of(vars(self), self.case_constants)
 
     @cached_property
     def constants(self) -> Constants:
-        named = self.term_coefficients.items()
-        given = {k: x for term, c in named for k, x in zip(TERMS[term].degree, c, strict=True)}
-        constants: dict[str, Any] = law_constants(given) | {TERMS_NAME: " ".join(self.terms)}
+        """The body, the names of its torques, their coefficients, and the constants of the case."""
+        terms = self.term_coefficients
+        named = ((TERMS[term].degree, values) for term, values in terms.items())
+        given = {k: x for names, values in named for k, x in zip(names, values, strict=True)}
+        constants: dict[str, Any] = law_constants(given) | {TERMS_NAME: " ".join(terms)}
         if self.expression is not None:
             constants |= {f"expression{i}": text for i, text in enumerate(self.expression, 1)}
             constants |= {"velocity_unit": 1.0, "time_unit": 1.0}
@@ -197,62 +195,61 @@ class Body(BodyFrame):
         return float(np.hypot.reduce(self.momentum(np.array(self.initial_velocity))))
 
     def momentum(self, omega: np.ndarray) -> np.ndarray:
-        """Also h of a rotor."""
+        """G = A omega + h (..., 3), where h = 0 without a rotor."""
         G = super().momentum(omega)
         if self.rotor is None:
             return G
-        # Of a body that turns at -A^-1 h rounding leaves a G, whose direction would be drawn.
+        # For omega = -A^-1 h, where G is 0, rounding leaves a small G with a meaningless direction.
         rounding = ROUNDING_OF_G * self.moments.max() * np.abs(omega).max(axis=-1, keepdims=True)
         G = G + np.array(self.rotor)
         return np.where(np.abs(G).max(axis=-1, keepdims=True) > rounding, G, 0)
 
     def velocities(self, G: np.ndarray) -> np.ndarray:
+        """The angular velocities A^-1 (G - h) (..., 3), where h = 0 without a rotor."""
         return super().velocities(G if self.rotor is None else G - np.array(self.rotor))
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
-        """With the terms' own variables after omega."""
+        """The torques' own variables follow omega."""
         w = self.to_principal(omega)
         e = self.direction if self.attitude else self.to_principal(self.direction)
         extra = {
             "brake": [np.hypot.reduce(self.momentum(omega), axis=-1) / self.moments[0]],
             "space_torque": [np.full(w.shape[:-1], x) for x in e],
         }
-        columns = (x for name in self.terms for x in extra.get(name, ()))
+        columns = (x for name in self.term_coefficients for x in extra.get(name, ()))
         return np.stack([*np.moveaxis(w, -1, 0), *columns])
 
     @cached_property
     def start(self) -> tuple[float, ...]:
+        """omega along the principal axes, followed by the torques' own variables."""
         omega = self.initial_velocity
-        has_more = self.frame is not None or any(TERMS[name].extra for name in self.terms)
+        has_more = self.frame is not None or any(TERMS[k].extra for k in self.term_coefficients)
         return tuple(self.starts(np.array(omega)).tolist()) if has_more else omega
 
     @property
     def extended_start(self) -> np.ndarray:
+        """The start with omega turned to the principal axes in long double."""
         y = super().extended_start
         y[:3] = self.to_principal(np.array(self.initial_velocity, dtype=np.longdouble))
         return y
 
     @property
     def direction(self) -> np.ndarray:
-        """e of the torque fixed in space (3,), of length 1."""
+        """The direction e of the torque fixed in space (3,), of length 1; any without one."""
         direction = np.array(self.space_torque["direction"] if self.space_torque else (1.0, 0, 0))
         unit = direction / np.abs(direction).max()
         return np.asarray(unit / np.linalg.norm(unit))
 
     @property
-    def resistance_matrix(self) -> np.ndarray:
-        """The tensor I of the resistance (3, 3), of constant entries."""
-        return np.reshape(self.term_coefficients["resistance"], (3, 3))
-
-    @property
     def run_events(self) -> tuple[Event, ...]:
+        """The stop by a brake."""
         return () if self.brake is None else (STOPPED,)
 
-    # What is wrong with data, and what to say of them
+    # Mistakes in the data, and warnings
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        """Also what the terms ask of each other, of the body and of the start."""
+        """Further mistakes: combinations of torques, body and start that make no motion."""
         named, inertia, fluid = terms_named(data), data.get("inertia"), data.get("cavity")
         space, h = data.get("space_torque"), data.get("rotor")
         has_G = (data.get("initial") or {}).get("G") is not None
@@ -286,7 +283,8 @@ class Body(BodyFrame):
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
-        """Also expressions without a value at the start, or at rest beside a brake."""
+        """The expressions that have no finite value at the start, or at rest where a brake
+        leads."""
         given = (data.get("initial") or {}).items()
         known = {name: w for name, w in given if name in VELOCITIES and w is not None}
         known |= {"t": start, **(data.get(CONSTANTS_KEY) or {})}
@@ -299,8 +297,10 @@ class Body(BodyFrame):
 
     @property
     def warnings(self) -> list[str]:
-        """Coefficients that no medium has, and torques for which a theory does not hold."""
-        # Of what changes with time only the damping is judged, coefficient by coefficient.
+        """Sentences on coefficients that no medium has, and on torques outside a theory's
+        limits."""
+        # A torque with a coefficient that changes is left out. Damping is judged all the same, by
+        # its constant coefficients.
         coefficients, changing = self.term_coefficients.items(), self.changing_terms
         given = {term: entries for term, entries in coefficients if term not in changing}
         damping = self.term_coefficients.get("damping", ())
@@ -313,14 +313,14 @@ class Body(BodyFrame):
         named = ", ".join(f"{value:.6g}" for value in values)
         excess = 0.0 if is_tensor(self.inertia) else excess_of_rounding(self.inertia)
         sentences = {
-            f"one moment exceeds the sum of the other two by {excess:.3g}, as rounding may make "
-            "it": excess > 0,
+            f"one moment exceeds the sum of the other two by {excess:.3g}, which rounding may "
+            "have caused": excess > 0,
             f"negative damping feeds energy in: {', '.join(feeding)}": bool(feeding),
             f"the tensor is not dissipative: its symmetric part has the eigenvalues {named}": (
                 values[0] < -1e-12 * abs(values[-1])
             ),
-            # One that is given in decimals, turned into other axes, is symmetric to its last
-            # digits.
+            # A symmetric tensor that is turned into other axes and printed in decimals is symmetric
+            # to these digits only.
             "the tensor is not symmetric": np.abs(I - I.T).max() > 1e-9 * np.abs(I).max(),
         }
         return [
@@ -330,7 +330,8 @@ class Body(BodyFrame):
         ]
 
     def warnings_within(self, start: float, end: float) -> list[str]:
-        """The changing coefficients that become negative, with the first time."""
+        """A sentence on each torque that drives the body where its changing coefficient becomes
+        negative, with the first time."""
         times, constants = np.linspace(start, end, PLACES), self.case_constants
         laws = ((k, x) for k, c in self.term_coefficients.items() for x in c if is_law(x))
         first = [(k, first_negative(x, times, constants)) for k, x in laws if k in RESISTING]
@@ -341,19 +342,19 @@ class Body(BodyFrame):
 
     @property
     def changing_terms(self) -> frozenset[str]:
-        """The terms that have a coefficient that changes with time."""
+        """The torques that have a coefficient that changes with time."""
         return frozenset(
             term for term, entries in self.term_coefficients.items() if any(map(is_law, entries))
         )
 
-    # What theory says of the motion
+    # Theory on the motion
 
     @property
     def dissipation(self) -> Dissipation | None:
-        """The torques as the theorems on crossings take them; None where they are not constant, or
-        not covered. A brake has no part in them."""
+        """The torques as the theorems on crossings take them. A brake is left out, because it does
+        not change D/G^2. None where a torque changes with time or no theorem covers it."""
         given = self.term_coefficients
-        if not NOT_COVERED.isdisjoint(self.terms) or self.changing_terms - {"brake"}:
+        if not NOT_COVERED.isdisjoint(given) or self.changing_terms - {"brake"}:
             return None
         I = np.reshape(given.get("resistance", np.zeros(9)), (3, 3))
         if self.frame:
@@ -365,22 +366,17 @@ class Body(BodyFrame):
             quadratic=given.get("quadratic", ZEROS),
             kappa=given.get("kappa", ZEROS)[0],
             torque=self.to_principal(np.array(given.get("torque", ZEROS))),
-            covered=is_diagonal(I),
+            covered=not (I - np.diag(np.diag(I))).any(),
         )
 
     def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
+        """The axes that the theorems on crossings give."""
         terms = self.dissipation
         return axes_never_left(terms) if terms else frozenset()
 
-    @property
-    def final_axis(self) -> int | None:
-        is_covered = self.terms == ("resistance",) and not (self.changing_terms or self.frame)
-        turns = np.count_nonzero(self.omega_at_start) > 1
-        return final_axis(self.moments, self.resistance_matrix) if is_covered and turns else None
-
     def predictions(self, start: float, end: float) -> list[str]:
-        """Which crossings are possible, that a rotor leaves no axis, and how a free body with an
-        attitude turns."""
+        """Sentences on the crossings that are possible, on a rotor, beside which no axis is
+        enclosed, and on the turn of a free body with an attitude."""
         terms = self.dissipation if self.says_crossings else None
         crossings = crossing_predictions(terms) if terms else []
         return [*crossings, *filter(None, [self.no_separatrix_reason]), *(self.turn or ())[2:]]
@@ -389,7 +385,7 @@ class Body(BodyFrame):
 
     @property
     def along_momentum(self) -> AlongMomentum | None:
-        """The rates of equal damping, a brake, or both, all constant; None for other sums."""
+        """The constant rates of equal damping, of a brake, or of both; None under other torques."""
         given = self.term_coefficients
         damping, (brake,) = given.get("damping", (0.0,)), given.get("brake", (0.0,))
         others = given.keys() - {"damping", "brake"} or self.changing_terms
@@ -400,11 +396,13 @@ class Body(BodyFrame):
 
     @property
     def has_closed_form(self) -> bool:
-        """With an attitude only free motion has one."""
+        """Whether the motion is free or under equal damping, a brake, or both, all constant; with
+        an attitude, whether it is free."""
         along = self.along_momentum
         return along is not None and not (self.attitude and any(along))
 
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Free motion in the time s of a clock, which torques along G slow down or speed up."""
         A, omega = self.moments, self.omega_at_start
         along = self.along_momentum
         assert along is not None
@@ -415,8 +413,10 @@ class Body(BodyFrame):
             slowed, exponent = np.frexp(g)
             state = slowed[:, np.newaxis] * free_motion(A, omega, s)
             exponent = np.where(slowed > 0, exponent, -REST_BITS)
-        # The variable of a brake: there are no stages of braking here.
-        rows = [*state.T, *np.zeros((int("brake" in self.terms), len(t)), dtype=state.dtype)]
+        # The state variable of a brake, |G| at the start of a stage, is 0: there are no stages
+        # here.
+        stages = np.zeros((int("brake" in self.term_coefficients), len(t)), dtype=state.dtype)
+        rows = [*state.T, *stages]
         if self.attitude:
             Q = free_attitude(A, omega, t)
             Q[:, 1:] = self.from_principal(Q[:, 1:])
@@ -424,7 +424,7 @@ class Body(BodyFrame):
         return np.column_stack(rows), exponent
 
     def exact_end(self, fp: type) -> tuple[str, EventOutcome] | None:
-        """The stop of a body of closed form by a brake; None without a stop."""
+        """The stop of the body by a brake; None where it never stops."""
         along = self.along_momentum
         if along is None or np.isinf(along.stop):
             return None
@@ -436,13 +436,14 @@ class Body(BodyFrame):
 
     @property
     def turn(self) -> tuple[float, float, str] | None:
-        """What `turn_of_hodograph` says of a free body with an attitude; None of any other."""
+        """`turn_of_hodograph` of a free body with an attitude; None for other motions."""
         is_free = self.attitude and self.has_closed_form
         return turn_of_hodograph(self.moments, self.omega_at_start) if is_free else None
 
 
 def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
-    """The mistakes of a body that is given by a full tensor of inertia, and of its start."""
+    """The mistakes in a full tensor of inertia, in a start beside it, and in torques that act about
+    principal axes."""
     inertia = data["inertia"]
     if not all(isinstance(row, tuple) for row in inertia):
         yield ("inertia",), "expected 3 positive numbers, or 3 rows of 3 numbers, got some of each"
@@ -456,7 +457,7 @@ def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def is_at_rest(data: Mapping[str, Any]) -> bool:
-    """Whether G is 0 at a start that no other check refuses."""
+    """Whether G is 0 at the start; False for data in which another check finds a mistake."""
     with suppress(KeyError, ValueError):
         body = Body(data["inertia"], data["initial"], rotor=data.get("rotor"))
         return not body.momentum(np.array(body.initial_velocity)).any()
@@ -464,13 +465,14 @@ def is_at_rest(data: Mapping[str, Any]) -> bool:
 
 
 def negative_coefficients(data: Mapping[str, Any]) -> Iterator[Mistake]:
-    """The mistakes of negative constant coefficients of media and brakes."""
-    with suppress(KeyError, ArithmeticError, ValueError):  # of expressions, which others see
+    """The mistakes of negative constant coefficients of quadratic drag, a fluid or a brake."""
+    says = "a negative coefficient drives the body: write that as an expression"
+    with suppress(KeyError, ArithmeticError, ValueError):  # other checks find these mistakes
         given = coefficients_of(data, data.get(CONSTANTS_KEY) or ())
         entries = [(k, i, x) for k in RESISTING[1:] for i, x in enumerate(given.get(k, ()))]
         negative = [(k, i) for k, i, x in entries if not is_law(x) and x < 0]
-        # A term of one coefficient has no position.
-        yield from ((at[: len(TERMS[at[0]].degree)], NEGATIVE_COEFFICIENT) for at in negative)
+        # The path to a torque with one coefficient has no position after the key.
+        yield from ((at[: len(TERMS[at[0]].degree)], says) for at in negative)
 
 
 # The key tables
@@ -480,7 +482,8 @@ RESISTANCE, FLUID = "moment of inertia / time", "moment of inertia * time"
 
 
 def resistance_key(entry: Rule, rows: Rule, **more: Any) -> Rule:
-    """The key of a tensor of resistance: its entries, two numbers or all in `rows`."""
+    """The key of a tensor of resistance. It takes `rows` of entries, or two numbers of the kind
+    `entry`."""
     two = {
         "diagonal": Key(entry, "every I_ii", unit=RESISTANCE),
         "off_diagonal": Key(entry, "every I_ij, i != j", unit=RESISTANCE),
@@ -489,7 +492,7 @@ def resistance_key(entry: Rule, rows: Rule, **more: Any) -> Rule:
 
 
 class LinearDiag(Body):
-    """A rigid body in a medium that resists each component of its angular momentum linearly.
+    """A rigid body in a medium that resists each component of the angular momentum linearly.
 
     A1 p' + (A3 - A2) q r = -lambda1 A1 p
     A2 q' + (A1 - A3) p r = -lambda2 A2 q
@@ -497,10 +500,12 @@ class LinearDiag(Body):
 
     p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`). A1, A2, A3: principal moments of
     inertia (`inertia`). lambda1, lambda2, lambda3: coefficients of resistance, 1/time (`damping`),
-    all zero for free motion. Assumed: constant coefficients, about the same axes as the inertia.
+    all zero for free motion. Assumed: the coefficients are constant, and the medium has the
+    principal axes of the inertia.
 
-    D changes sign at most once: where D = 0, its rate -2 (lambda_l - lambda_s) A_l (A_l - A_m)
-    w_l^2 never changes sign, with l and s the axes of largest and smallest inertia.
+    The criterion D = G^2 - 2 T A_m changes its sign at most once. Let l, m, s be the axes of
+    largest, middle and smallest inertia: where D = 0 its rate -2 (lambda_l - lambda_s) A_l
+    (A_l - A_m) w_l^2 has one sign throughout.
 
     Source: A. L. Rachinskaya, rotation of a rigid body in a resistant medium, eqs (1)-(4).
     """
@@ -521,14 +526,14 @@ class LinearDiag(Body):
 
 
 class Tensor(Body):
-    """A rigid body in a medium that resists its angular velocity through a constant tensor I.
+    """A rigid body in a medium that resists the angular velocity through a constant tensor I.
 
     A1 p' + (A3 - A2) q r = -(I11 p + I12 q + I13 r)      and cyclically
 
     p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`). A1, A2, A3: principal moments of
     inertia (`inertia`). I: tensor of resistance, moment of inertia / time (`resistance`). Assumed:
     I is constant. It takes energy out of every motion only if its symmetric part is positive
-    semi-definite; a tensor that feeds energy in runs too, with a warning.
+    semi-definite. A tensor that feeds energy into some motions is allowed, with a warning.
 
     Source: A. L. Rachinskaya, rotation of a rigid body in a resistant medium, eqs (9)-(11).
     """
@@ -553,12 +558,12 @@ class Cavity(Body):
     p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`). A1, A2, A3: principal moments of
     inertia of body and fluid together (`inertia`). kappa = rho P0/nu, moment of inertia * time
     (`cavity`, or `kappa`). M1, M2, M3: constant torque (`torque`) with its factor epsilon
-    (`epsilon`). Assumed: small Reynolds number, torques small compared with |omega| |G|. The
-    fluid's torque is internal: without M, |G| is constant and the energy falls.
+    (`epsilon`). Assumed: the Reynolds number is small, and so are the torques compared with
+    |omega| |G|. The fluid's torque is internal: without M, |G| is constant and the energy falls.
 
     Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eq.
-    (2), where A1 = A2; F. L. Chernousko 1972 for the triaxial body. Their eq. (1) has epsilon^2,
-    (2) epsilon.
+    (2), for A1 = A2; F. L. Chernousko 1972 for a triaxial body. The factor of M is epsilon^2 in eq.
+    (1) of the former, and epsilon, as here, in eq. (2).
     """
 
     name = "cavity+constant"

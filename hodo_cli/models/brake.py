@@ -1,8 +1,9 @@
-"""Braking to rest: N = -b G/|G|, so that |G|' = -b without other torques, and G = 0 in the end.
+"""Braking to rest: N = -b G/|G|. Without other torques |G|' = -b, and G = 0 in the end.
 
-The equations have a corner at G = 0, which no series passes. So the motion is integrated in stages,
-in each of which |G| falls to a 64th. After the last of them the torques beside the brake are
-constant, and the rest has a closed form: G turns towards their sum N_0, and is 0 after the time
+The equations have a corner at G = 0, which no power series passes. So the motion is integrated in
+stages. In each of them |G| falls to a 64th. After the last stage the motion is so near to rest
+that the sum N_0 of the other torques is constant. Then the end has a closed form: G turns towards
+N_0, and is 0 after the time
 
     |G| (1 + N_0.G/(b |G|)) / (b (1 - |N_0|^2/b^2)).
 """
@@ -29,34 +30,35 @@ from .rigid_body import UNDETERMINED, enclosed_axis
 from .terms.time_laws import coefficient_at
 
 DRIVING = frozenset({"torque", "space_torque", "expression"})
-"""The torques under which |G| may grow from rest, and fall again."""
+"""The torques that may make |G| grow from rest."""
 
 STAGES, STAGES_WITH_ROTOR, STAGE_RATIO = 7, 5, 64
-"""How often |G| falls by a ratio, a stage of braking each time, before a brake has all but stopped
-the body: to 2e-13 of it, with a rotor, whose h hides what is left of G, to 9e-10."""
+"""The number of stages of braking, and the ratio by which |G| falls in each. After all of them |G|
+is 2e-13 of its start. With a rotor it is 9e-10, because the rounding of h hides a smaller G."""
 
 AS_STRONG = 1e-12
-"""The relative difference up to which a torque counts as equal to a brake: a body that comes to
-rest against such a torque stays at rest."""
+"""The relative difference up to which a torque counts as equal to the brake. Such a torque does not
+move a body at rest."""
 
 
 def drives(k: Any) -> bool:
-    """Whether |G| may grow from rest."""
+    """Whether a torque beside the brake may make |G| grow from rest."""
     return not DRIVING.isdisjoint(k.terms.split())
 
 
 def stop_details(G: np.ndarray, label: Any) -> dict[str, float]:
-    """The details of a stop as they are stored: the direction of G (3,), and the label."""
+    """The stored details of a stop: the direction of G (3,), and the label of the enclosed axis."""
     direction = G / np.hypot.reduce(G)
     return dict(zip(("G1", "G2", "G3", "from"), map(float, (*direction, label)), strict=True))
 
 
 def stage_end(t: Any, y: Sequence[Any], k: Any) -> Any:
-    """|G|^2 less its value at the end of a stage of braking, in units of A1^2; 0 too where a torque
-    has increased |G| by the same ratio: a new stage begins there.
+    """The function of the event that ends a stage of braking: |G|^2 less its value at the end of
+    the stage, in units of A1^2. It is 0, too, where another torque has increased |G| by the ratio
+    of a stage: a new stage begins there.
 
-    y[3] holds |G|/A1 as the stage began: an engine's tolerance is a part of the largest variable or
-    event, and |G| itself would be the largest by far of a heavy body.
+    y[3] holds |G|/A1 at the start of the stage. It is divided by A1 because an engine's tolerance
+    is relative to the largest variable, which |G| would be for a heavy body.
     """
     G = [x / k.A1 for x in angular_momentum_of(y[:3], k)]
     square, at_begin = dot(G, G), y[3] * y[3]
@@ -65,13 +67,13 @@ def stage_end(t: Any, y: Sequence[Any], k: Any) -> Any:
 
 
 def braked_stage(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
-    """The passage at the end of a stage of braking: to the next stage, or to rest.
+    """What follows a stage of braking: the next stage, or rest.
 
-    After the last stage G pursues the direction of N, the sum of the other torques at rest. A body
-    that comes near to rest against a stronger torque turns round: G goes through 0.
+    After the last stage G turns towards N, the sum of the other torques at rest. If N is stronger
+    than the brake the body does not stop: G falls to about 0 and grows again along N.
     """
     G, state = angular_momentum_of(y[:3], k), [*y]
-    # In units of A1, as in `stage_end`: |G|^2 need not be a double.
+    # In units of A1, as in `stage_end`, because |G|^2 may overflow.
     per_A1 = [x / k.A1 for x in G]
     size = k.A1 * dot(per_A1, per_A1) ** 0.5
     stages = STAGES_WITH_ROTOR if hasattr(k, "h1") else STAGES
@@ -86,7 +88,7 @@ def braked_stage(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
         state[3] = size / k.A1
         turned = size / (strength + b) + size / (strength - b)
         return EventOutcome(float(t), None, state, t + turned)
-    # By the constants: one event serves many bodies.
+    # From the constants and not from an object, because one event serves many bodies.
     A, omega = np.array([k.A1, k.A2, k.A3], float), np.array(y[:3], float)
     label = UNDETERMINED if hasattr(k, "h1") else enclosed_axis(A, omega, 0.0)
     details = stop_details(np.array(in_case_axes(G, k), float), label)
@@ -94,10 +96,10 @@ def braked_stage(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
     if strength > b * (1 - AS_STRONG):
         left = size / (2 * b)
     else:
-        # By ratios, since momenta and torques may be of any size.
+        # Ratios, because momenta and torques may be of any size.
         along = sum(n / b * (x / size) for n, x in zip(N, G, strict=True))
         left = size / b * (1 + along) / (1 - (strength / b) ** 2)
-    # From the event on it turns as after the stop, but for a part of 1e-7.
+    # The attitude turns with the omega of rest until the stop, too: the error is a part of 1e-7.
     spin = in_case_axes(state[:3], k) if attitude_in(y, k) else ()
     at_event = EventOutcome(float(t), details, state, math.inf, tuple(spin))
     stop = float(t + left)
@@ -105,33 +107,35 @@ def braked_stage(t: Any, y: Sequence[Any], k: Any) -> EventOutcome:
 
 
 def attitude_in(y: Sequence[Any], k: Any) -> Sequence[Any]:
-    """The quaternion of a state, which comes after the variables of the torques; empty without an
-    attitude."""
+    """The quaternion of the state y, which follows omega and the variables of the torques. Empty
+    without an attitude."""
     return y[3 + sum(len(TERMS[name].extra) for name in k.terms.split()) :]
 
 
 def torque_at_rest(t: Any, y: Sequence[Any], k: Any) -> list[Any]:
-    """The sum of all torques but the brake (3,) where G is 0."""
+    """The sum (3,) of all torques but the brake in a body with G = 0."""
     others = [name for name in k.terms.split() if name != "brake"]
     at_rest = omega_of((0.0, 0.0, 0.0), k)
     seen = SimpleNamespace(**vars(k) | {"attitude": attitude_in(y, k) or None})
-    # A omega', since -omega x G is 0 there.
+    # N = A omega', because omega x G = 0 there.
     rates = rates_under(others, t, [*at_rest, *y[4:]], seen)[:3]
     return [A * rate for A, rate in zip((k.A1, k.A2, k.A3), rates, strict=True)]
 
 
 PLACES_OF_MEMBER = 2**12
-"""The number of intervals of a member's time at rest that are searched for stronger torques: its
-motion takes ten times as long as this search."""
+"""The number of intervals in which the time at rest of a member of a sweep is searched for stronger
+torques. The integration of a member takes ten times as long as this search."""
 
 
-@np.errstate(all="ignore")  # of a formula that has no value at a time
+@np.errstate(all="ignore")  # a formula may have no value at some time
 def time_of_release(
     k: Any, stop: float, end: float, y: np.ndarray, places: int = PLACES_OF_MEMBER
 ) -> float:
-    """The time at which other torques would move a body with these constants again, which a brake
-    has stopped in a state (m,), to one of `places` parts of the time until the end; nan where it
-    has not stopped, or stays."""
+    """The first time at which other torques move a body again that a brake has stopped at the time
+    `stop`, in the state y (m,); nan where it stays at rest, or has not stopped before `end`.
+
+    The time is found to one of `places` parts of the time from `stop` to `end`.
+    """
     if not (stop < end and drives(k)):
         return math.nan
     t = np.linspace(stop, end, places + 1)
@@ -144,9 +148,9 @@ def time_of_release(
 
 
 def omega_of(G: Sequence[Any], k: Any) -> Sequence[Any]:
-    """omega (3,) from an angular momentum (3,), which includes h of a rotor."""
+    """omega (3,) = A^-1 (G - h) for G (3,), where h = 0 without a rotor."""
     return accelerations(vector_sum(G, [-x for x in rotor_of(k)]) if hasattr(k, "h1") else G, k)
 
 
 STOPPED = Event("stopped", stage_end, True, braked_stage)
-"""The end of each stage of braking; the body is at rest after the last of them."""
+"""The event at the end of each stage of braking. After the last stage the body is at rest."""

@@ -1,12 +1,14 @@
-"""Euler's equations, A omega' + omega x G = N with G = A omega + h, and the torques N, one function
-each.
+"""Euler's equations, A omega' + omega x G = N with G = A omega + h, and the torques N, each as one
+function.
 
-A torque is a function of the time, of its coefficients then, of omega = (p, q, r), of the constants
-k and of state variables of its own. It is written with + - * /, ** and the functions of
-`arithmetic`, so that numbers, arrays and an engine's symbols all pass through it. Components are
-along the principal axes, k has A1, A2, A3, and h1, h2, h3 of a rotor; of a body that is given by
-its full tensor it has `principal_axes` (9,) too, row by row in the axes of the case, in which three
-torques are stated.
+A torque is a function of the time t, of its coefficients c at t, of omega = (p, q, r), of the
+constants k and of its own state variables. It uses + - * /, ** and the functions of `arithmetic`
+only, so that numbers, arrays and an engine's symbols all pass through it.
+
+Components are along the principal axes. k holds the principal moments A1, A2, A3. For a body given
+by a full tensor k also holds `principal_axes` (9,): the components, row by row, of these axes along
+the axes of the case. Some torques, and h1, h2, h3 of a rotor, are stated along the axes of the case
+(`Term.in_case_axes`).
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -19,11 +21,16 @@ from .terms.time_laws import SPACE_COMPONENTS, VELOCITIES, coefficient_at, value
 Components = tuple[Any, Any, Any]
 
 Function = Callable[[Any, Sequence[Any], Sequence[Any], Any, Sequence[Any]], Sequence[Any]]
+"""A function (t, c, omega, k, extra) as `Term` describes it."""
 
 
 def rates_under(names: Iterable[str], t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-    """The rates of omega, and of the terms' own variables after it, under the torques of these
-    names. The gyroscopic terms are of degree 2 by the constant g."""
+    """The time derivative of the state y under the torques of these names. The state consists of
+    omega and of the torques' own variables.
+
+    The gyroscopic terms have the factor g, which is 1 in the case's own units. Its degree 2 tells
+    an engine how these terms convert to other units.
+    """
     w, remaining = y[:3], y[3:]
     p, q, r = w
     rates: Components = (
@@ -50,44 +57,46 @@ def rates_under(names: Iterable[str], t: Any, y: Sequence[Any], k: Any) -> tuple
 
 
 def accelerations(torque: Sequence[Any], k: Any) -> Components:
-    """The angular acceleration that a torque gives a body."""
+    """The angular acceleration A^-1 N of a body under a torque N (3,)."""
     return torque[0] / k.A1, torque[1] / k.A2, torque[2] / k.A3
 
 
 def angular_momentum_of(w: Sequence[Any], k: Any) -> Components:
-    """G = A omega, and h of a rotor."""
+    """G = A omega + h, where h = 0 without a rotor."""
     G = k.A1 * w[0], k.A2 * w[1], k.A3 * w[2]
     return vector_sum(G, rotor_of(k)) if hasattr(k, "h1") else G
 
 
 def rotor_of(k: Any) -> Sequence[Any]:
-    """h of a rotor in the units of A omega."""
-    # As every constant of degree 1 it is in units of the time as well, and so is g.
+    """h of a rotor along the principal axes, in the units of A omega."""
+    # h1, h2, h3 and g all have the factor 1/rho of other units of time; it drops out of h/g.
     return along_principal_axes((k.h1 / k.g, k.h2 / k.g, k.h3 / k.g), k)
 
 
 # Vectors and quaternions: numbers, arrays or an engine's symbols
 
 
-def times(matrix: Sequence[Any], v: Sequence[Any]) -> Components:
-    """The product of a matrix, given row by row (9,), and a vector."""
+def matvec(matrix: Sequence[Any], v: Sequence[Any]) -> Components:
+    """The product of a matrix (9,), given row by row, and a vector (3,)."""
     x, y, z = v
     a, b, c, d, e, f, g, h, i = matrix
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
 def along_principal_axes(v: Sequence[Any], k: Any) -> Sequence[Any]:
-    """The components along the principal axes of a vector in the axes of the case."""
-    return times(k.principal_axes, v) if hasattr(k, "principal_axes") else v
+    """The components along the principal axes of a vector v (3,), which is given along the axes of
+    the case."""
+    return matvec(k.principal_axes, v) if hasattr(k, "principal_axes") else v
 
 
 def in_case_axes(v: Sequence[Any], k: Any) -> Sequence[Any]:
-    """The inverse of `along_principal_axes`."""
-    return times(transposed(k.principal_axes), v) if hasattr(k, "principal_axes") else v
+    """The components along the axes of the case of a vector v (3,), which is given along the
+    principal axes."""
+    return matvec(transposed(k.principal_axes), v) if hasattr(k, "principal_axes") else v
 
 
 def transposed(matrix: Sequence[Any]) -> Sequence[Any]:
-    """The transpose of a matrix, both row by row (9,)."""
+    """The transpose of a matrix (9,); both are given row by row."""
     return *matrix[0::3], *matrix[1::3], *matrix[2::3]
 
 
@@ -107,12 +116,12 @@ def vector_sum(a: Sequence[Any], b: Sequence[Any]) -> Components:
 
 
 def about(axis: Iterable[Any], angle: Any) -> tuple[Any, ...]:
-    """The rotation by an angle about an axis (3,) of length 1."""
+    """The quaternion (4,) of the rotation by an angle about an axis (3,) of length 1."""
     return cos(angle / 2), *(sin(angle / 2) * x for x in axis)
 
 
 def composed(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, ...]:
-    """The quaternion of the rotation `second` followed by the rotation `first`."""
+    """The product `first second` of two quaternions: the rotation `second`, then `first`."""
     a, b, c, d = first
     e, f, g, h = second
     return (
@@ -124,12 +133,12 @@ def composed(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, ...]:
 
 
 def quaternion_rates(omega: Sequence[Any], Q: Sequence[Any], factor: Any) -> tuple[Any, ...]:
-    """Q' = factor Q (0, omega)/2."""
+    """The rates Q' = factor Q (0, omega)/2 of a quaternion Q (4,)."""
     return composed(Q, (0.0, *(factor * x / 2 for x in omega)))
 
 
 def turned_back(Q: Sequence[Any], v: Sequence[Any]) -> tuple[Any, ...]:
-    """A vector in space in the axes of a body with the attitude Q."""
+    """The components along body axes of a vector v (3,) along space axes, for the attitude Q."""
     a, b, c, d = Q
     return composed(composed((a, -b, -c, -d), (0 * a, *v)), Q)[1:]
 
@@ -138,14 +147,19 @@ def turned_back(Q: Sequence[Any], v: Sequence[Any]) -> tuple[Any, ...]:
 
 
 class Term(NamedTuple):
-    """One torque N (3,) as a function of (t, c, omega, k, extra), c the values of its constants at
-    the time t, and the degree in the angular velocity of what each of these multiplies.
+    """One torque N (3,).
 
-    `by_momentum` is set where the function gives N_i/A_i: of a torque that is proportional to the
-    angular momentum the moments of inertia drop out. `extra` names the term's own state variables
-    with the powers of omega that they carry; `rates` are their derivatives, where not only events
-    change them. `in_case_axes` is set where omega and N have components along the axes of the case.
-    `coefficients` gives the values of the constants, numbers or laws of time, from a case's key.
+    `function(t, c, omega, k, extra)` is the torque. c are its coefficients at the time t, which the
+    constants named in `degree` hold. `degree` gives the degree in omega of the terms that each of
+    these multiplies.
+
+    With `by_momentum` the function gives N_i/A_i. The moments of inertia A_i drop out of a torque
+    that is proportional to the angular momentum. With `in_case_axes` omega and N have components
+    along the axes of the case.
+
+    `extra` names the torque's own state variables, each with the power of the unit of omega that it
+    carries. `rates` gives their time derivatives; without it only events change them.
+    `coefficients(value)` takes the value of the case's key apart into the coefficients.
     """
 
     function: Function
@@ -158,7 +172,7 @@ class Term(NamedTuple):
 
 
 def tensor_entries(tensor: Sequence[Sequence[Any]] | Mapping[str, Any]) -> tuple[Any, ...]:
-    """The entries (9,) of the tensor of resistance that a case gives, row by row."""
+    """The entries (9,), row by row, of a case's tensor of resistance: all, or two numbers."""
     if isinstance(tensor, Mapping):
         on, off = tensor["diagonal"], tensor["off_diagonal"]
         return on, off, off, off, on, off, off, off, on
@@ -168,32 +182,33 @@ def tensor_entries(tensor: Sequence[Sequence[Any]] | Mapping[str, Any]) -> tuple
 def damping_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Components:
-    """-lambda_i omega_i: a medium that resists each component of the angular momentum."""
+    """N_i/A_i = -lambda_i omega_i: a medium resists each component of the angular momentum."""
     return -(c[0] * w[0]), -(c[1] * w[1]), -(c[2] * w[2])
 
 
 def resistance_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Components:
-    """-I omega, with a tensor I."""
-    x, y, z = times(c, w)
+    """N = -I omega: a medium resists omega through a tensor I."""
+    x, y, z = matvec(c, w)
     return -x, -y, -z
 
 
 def quadratic_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Components:
-    """-c_i |omega| omega_i."""
+    """N_i/A_i = -c_i |omega| omega_i: quadratic drag."""
     size = dot(w, w) ** 0.5
     return -(c[0] * size * w[0]), -(c[1] * size * w[1]), -(c[2] * size * w[2])
 
 
 def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> Components:
-    """The torque of a highly viscous fluid: kappa (omega'' + omega x omega'), with the omega' of
-    free motion.
+    """The torque of a very viscous fluid in a cavity of the body: kappa (omega'' + omega x omega'),
+    where omega' and omega'' are those of free motion.
 
-    It is orthogonal to G = (Ap, Bq, Cr), and turns the body's energy into heat. For A = B it is the
-    torque of Leshchenko and Kozachenko, eq. (2).
+    inertia = (A, B, C) and omega = (p, q, r) are along the principal axes. The torque is orthogonal
+    to G = (Ap, Bq, Cr), so |G| stays constant while the energy of the body becomes heat. For A = B
+    it is the torque of Leshchenko and Kozachenko, eq. (2).
 
     Source: F. L. Chernousko, The movement of a rigid body with cavities containing a viscous fluid,
     1972.
@@ -211,8 +226,8 @@ def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> Co
 def cavity_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Sequence[Any]:
-    """The torque of the fluid in a cavity of the body: kappa (omega'' + omega x omega'), with
-    omega' and omega'' of free motion, of a gyrostat where there is a rotor."""
+    """N = kappa (omega'' + omega x omega'): the torque of a fluid in a cavity of the body. omega'
+    and omega'' are those of free motion, with G = A omega + h where there is a rotor."""
     if not hasattr(k, "h1"):
         return fluid_torque((k.A1, k.A2, k.A3), w, c[0])
     G = angular_momentum_of(w, k)
@@ -225,14 +240,14 @@ def cavity_torque(
 def body_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Sequence[Any]:
-    """A torque whose direction is constant in the body."""
+    """N = epsilon M: a torque that is fixed in the body; c holds its components."""
     return c
 
 
 def brake_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Components:
-    """-b G/|G|, which brings a free body to rest in the shortest time."""
+    """N = -b G/|G|: a brake, which brings a free body to rest in the shortest time."""
     G = angular_momentum_of(w, k)
     rate = c[0] / dot(G, G) ** 0.5
     return -(rate * G[0]), -(rate * G[1]), -(rate * G[2])
@@ -241,21 +256,22 @@ def brake_torque(
 def rotor_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Components:
-    """-omega x h: the reaction of a rotor whose angular momentum h is fixed in the body."""
+    """N = -omega x h: the reaction of a rotor whose angular momentum h is fixed in the body."""
     return vector_product(c, w)
 
 
 def space_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Components:
-    """F e, with e fixed in space; `extra` is e in body axes."""
+    """N = F e: a torque along a direction e that is fixed in space. `extra` is e in body axes."""
     return c[0] * extra[0], c[0] * extra[1], c[0] * extra[2]
 
 
 def direction_rates(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Components:
-    """gamma x omega: how a direction fixed in space turns in the body."""
+    """gamma' = gamma x omega: the rates in body axes of a direction gamma fixed in space, which
+    `extra` holds."""
     x, y, z = vector_product(extra, w)
     return k.g * x, k.g * y, k.g * z
 
@@ -263,7 +279,8 @@ def direction_rates(
 def expression_torque(
     t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
 ) -> Components:
-    """Three expressions, in the case's own units."""
+    """The torque N of three expressions. They are evaluated in the case's own units, and N is
+    returned in the units of the state."""
     values = dict(zip(VELOCITIES, (k.velocity_unit * x for x in w), strict=True))
     values |= {**values_of_names(k, t), **space_components(getattr(k, "attitude", None))}
     factor = k.time_unit / k.velocity_unit
@@ -273,7 +290,8 @@ def expression_torque(
 
 
 def space_components(Q: Sequence[Any] | None) -> dict[str, Any]:
-    """The components along body axes of the space axes y and z, by an attitude Q; none without."""
+    """The components along body axes of the space axes y and z, by name, for an attitude Q. Without
+    an attitude there are none."""
     if Q is None:
         return {}
     a, b, c, d = Q
@@ -283,7 +301,7 @@ def space_components(Q: Sequence[Any] | None) -> dict[str, Any]:
 
 
 ENTRIES = tuple(f"I{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
-"""The constants of a tensor of resistance, row by row."""
+"""The names of the constants that hold a tensor of resistance, row by row."""
 
 TERMS: Mapping[str, Term] = {
     "damping": Term(damping_torque, dict.fromkeys(("lam1", "lam2", "lam3"), 1), by_momentum=True),
@@ -309,7 +327,4 @@ TERMS: Mapping[str, Term] = {
     ),
     "expression": Term(expression_torque, {}, coefficients=lambda texts: (), in_case_axes=True),
 }
-"""The terms by the keys of cases; a `cavity` is a kappa."""
-
-DEGREE = {"g": 2} | {name: n for term in TERMS.values() for name, n in term.degree.items()}
-"""The degree in the angular velocity of the terms that each constant multiplies."""
+"""The torques by the keys of cases. The key `cavity` is another way to give `kappa`."""

@@ -1,5 +1,5 @@
-"""Models in a user's own file: how it is loaded, and what is wrong with it or with its equations,
-in one line with its place."""
+"""Models in a user's own file: loading the file, and reporting a mistake in it or in the equations
+of its models in one line with its place."""
 
 import sys
 import traceback
@@ -16,13 +16,13 @@ from ..arithmetic import SYMBOLS
 from .base import LENGTHS, OWN_FOLDER, START, UNIT, VELOCITY, Model, attributes
 
 MISTAKES = (Exception, SystemExit)
-"""What running a user's file may raise: one that calls `exit(0)` would end hodo as if all had gone
-well."""
+"""The exceptions that running a user's file may raise. SystemExit is among them, because `exit(0)`
+in the file would end hodo as if all had gone well."""
 
 
 class OwnFile(NamedTuple):
     """A user's file: its path, the forms of models in it, and its text. The text includes the files
-    that it imports from its own folder, each below its path from there."""
+    that it imports from its own folder, each under a line with its path there."""
 
     path: str
     forms: list[type[Model]]
@@ -30,21 +30,23 @@ class OwnFile(NamedTuple):
 
 
 def load_own(path: str, name: str, taken: tuple[str, ...]) -> OwnFile:
-    """A user's file as the module `name`; its models have other names than those that are `taken`.
+    """Load a user's file as the module `name`. The names of models in `taken` exist already.
 
-    Raises HodoError, one line with the place, if it cannot be read or run, has no model, or states
-    one wrongly.
+    Raises HodoError, one line with the place, if the file cannot be read or run, has no model, or
+    has a model that is stated wrongly or whose name exists.
     """
     module, file = ModuleType(name), Path(path).resolve()
     module.__file__ = path
-    # Before it runs, because `dataclass` looks its module up.
+    # Entered before the file runs, because `dataclass` looks up the module of a class.
     sys.modules[name] = module
-    # Its folder comes last: no file there is taken for a library.
+    # The folder comes last in the path, so that no file there hides a library.
     sys.path.append(str(file.parent))
-    # What has been loaded from there before is loaded anew, so that it is seen.
+    # Modules that were loaded from the folder before are loaded anew: those that this file imports
+    # are then known, and their texts belong to it.
     earlier = {other: sys.modules.pop(other) for other in _beside(file.parent)}
     try:
-        # Read once, so that the text hashed is the text run, even if the file is edited meanwhile.
+        # Read once, so that the text in the hash is the text that runs, even if somebody edits the
+        # file meanwhile.
         texts = {file: file.read_text("utf-8")}
         exec(compile(texts[file], path, "exec"), vars(module))
         texts |= {other: other.read_text("utf-8") for other in _beside(file.parent).values()}
@@ -57,7 +59,7 @@ def load_own(path: str, name: str, taken: tuple[str, ...]) -> OwnFile:
     for form in forms:
         for message in _class_mistakes(form, taken):
             raise HodoError(f"{path}: {form.__name__}: {message}")
-        # Its motions are integrated in the case's own units, whatever it builds on.
+        # Motions of own models are integrated in the case's own units, whatever class they extend.
         form.degree = {}
     return OwnFile(
         path,
@@ -67,7 +69,7 @@ def load_own(path: str, name: str, taken: tuple[str, ...]) -> OwnFile:
 
 
 def _beside(folder: Path) -> dict[str, Path]:
-    """The files of the modules that have been loaded from a folder, by the modules' names."""
+    """The files of the user's modules that have been loaded from a folder, by module name."""
     return {
         name: file
         for name, module in sorted(sys.modules.items())
@@ -77,7 +79,7 @@ def _beside(folder: Path) -> dict[str, Path]:
 
 
 def _is_own(file: Path, folder: Path) -> bool:
-    """Whether a file of Python is in a folder, and neither hodo's nor a library's."""
+    """Whether a Python file in this folder is the user's own, and not part of hodo or a library."""
     return (
         file.is_relative_to(folder)
         and file.suffix == ".py"
@@ -87,7 +89,7 @@ def _is_own(file: Path, folder: Path) -> bool:
 
 
 def forms_in(module: ModuleType) -> list[type[Model]]:
-    """The forms that a module itself states, not those that it builds on."""
+    """The forms that a module defines, without those that it imports."""
     return [
         item
         for item in vars(module).values()
@@ -97,10 +99,10 @@ def forms_in(module: ModuleType) -> list[type[Model]]:
 
 
 def _class_mistakes(form: type[Model], taken: tuple[str, ...]) -> Iterator[str]:
-    """What is wrong with how a class states its name and its keys."""
+    """Sentences on the mistakes in the name, the keys and the fields of a class."""
     keys, base = {*getattr(form, "keys", ())}, form.__mro__[1]
     lone = keys ^ {field.name for field in fields(form) if field.init and not field.kw_only}
-    # A dataclass takes an attribute that it inherits for the default of its field.
+    # A dataclass takes an inherited attribute of the same name for the default of a field.
     lost = keys & {*dir(base)} - {field.name for field in fields(base)}
     sentences = {
         f"there is already a model {form.name!r}": form.name in taken,
@@ -112,9 +114,9 @@ def _class_mistakes(form: type[Model], taken: tuple[str, ...]) -> Iterator[str]:
 
 
 def with_place(error: BaseException, path: str) -> str:
-    """The message of an error, after the line of the user's file, or of one in its folder, that
-    raises it."""
-    # A mistake in the grammar knows its place itself.
+    """The message of an error with its place: the last line that ran in the user's file, or in
+    another file of its folder."""
+    # A SyntaxError has no such line; it holds its place itself.
     frames = [] if isinstance(error, SyntaxError) else traceback.extract_tb(error.__traceback__)
     places = [
         f"{getattr(error, 'filename', None) or path}:{getattr(error, 'lineno', None) or 1}",
@@ -129,8 +131,8 @@ def with_place(error: BaseException, path: str) -> str:
 
 
 class Symbol:
-    """A substitute for a number in equations, with the operations that every engine's symbols have,
-    and no others."""
+    """A stand-in for a number in equations. It has the operations that the symbols of every engine
+    have, and no others."""
 
     __array_ufunc__ = __bool__ = __eq__ = __ne__ = None  # type: ignore[assignment]
 
@@ -148,21 +150,22 @@ SYMBOLS[Symbol] = SimpleNamespace(
 
 
 def equations_mistake(system: Model, path: str) -> str:
-    """The mistake in the equations of a file's model, tried at the start of a motion with symbols
-    and with its numbers; empty if there is none."""
+    """The mistake in the equations of a model in a user's file, which are tried at the start of a
+    motion with symbols and with numbers; empty if there is none."""
     try:
         return "".join(f"{path}: {message}" for message in _misfits(system)[:1])
     except MISTAKES as error:
-        # What numbers of a case do is for them to answer, not for its equations.
+        # An ArithmeticError comes from the numbers of this case, not from the equations.
         return "" if isinstance(error, ArithmeticError) else with_place(error, path)
 
 
 def _misfits(system: Model) -> list[str]:
-    """Why the constants of a motion, its rates at the start or what is stored of it cannot be."""
+    """Sentences on wrong names of constants and on wrong sizes of the start, of the rates there and
+    of the stored variables."""
     k, symbols = (attributes(system.constants, of) for of in (float, lambda _: Symbol()))
     functions = (system.rhs, *(event.function for event in system.run_events))
     for function in functions:
-        # A tuple, since an engine's own list of the state is not to be changed.
+        # The state is a tuple, so that equations that change it fail here.
         function(Symbol(), tuple(Symbol() for _ in system.state), symbols)
     start = np.array(system.start)
     # As real numbers: a complex one raises TypeError.

@@ -1,10 +1,13 @@
-"""A rigid body with the principal moments A1, A2, A3: G = A omega, and the axis that G encircles.
+"""A rigid body with the principal moments A1, A2, A3, and the axis that G = A omega encircles.
 
     D = G^2 - 2 T A_m = A_l (A_l - A_m) w_l^2 - A_s (A_m - A_s) w_s^2
 
-l, m, s are the axes of largest, middle and smallest inertia. Seen from the body, G goes round axis
-l where D > 0, and round axis s where D < 0. Further the principal axes of a full tensor, the keys
-`inertia` and `initial`, and the class that models with a state of omega share.
+l, m, s are the axes of largest, middle and smallest inertia, w_i the components of omega, T is the
+kinetic energy. Seen from the body, G goes round axis l where D > 0, and round axis s where D < 0.
+D = 0 is the separatrix.
+
+This module also has the principal axes of a full tensor, the keys `inertia` and `initial`, and the
+base class of models whose state begins with omega.
 """
 
 import math
@@ -23,9 +26,9 @@ from ..arithmetic import sqrt
 from ..schema.kinds import Key, Mistake, Number, Rate, Table, is_list, vector
 from .attitude import quaternion_at_start
 from .base import (
-    Bound,
     Constants,
     Event,
+    HashablePartial,
     Label,
     Model,
     attributes,
@@ -33,16 +36,16 @@ from .base import (
     mistake_of,
     stacked,
 )
-from .euler import in_case_axes, times
+from .euler import in_case_axes, matvec
 
 UNDETERMINED, SEPARATRIX = -1, 0
 LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
 
 
 def inertia_order(A: Any) -> tuple[int, int, int]:
-    """The positions of the largest, middle and smallest moment of inertia; ties keep the order
-    given."""
-    # A stable sort, so that ties keep the order given.
+    """The positions (0 to 2) of the largest, middle and smallest moment of inertia. Equal moments
+    keep the order given."""
+    # `sorted` keeps the order of equal moments.
     largest, middle, smallest = sorted(range(3), key=lambda i: -A[i])
     return largest, middle, smallest
 
@@ -50,8 +53,9 @@ def inertia_order(A: Any) -> tuple[int, int, int]:
 def separatrix_terms(A: Any, omega: Any, order: tuple[int, int, int]) -> tuple[Any, Any]:
     """The two non-negative terms A_l (A_l - A_m) w_l^2 and A_s (A_m - A_s) w_s^2 of D.
 
-    The difference G^2 - 2 T A_m itself loses every digit near the separatrix; this form loses no
-    more than the data's own conditioning.
+    l, m, s = `order` are the positions of the largest, middle and smallest moment of A. Near the
+    separatrix G^2 - 2 T A_m loses every digit by cancellation. The difference of these two terms
+    loses no more digits than errors of the data do.
 
     Source: Rachinskaya, eqs (7)-(8), solved for D.
     """
@@ -61,23 +65,24 @@ def separatrix_terms(A: Any, omega: Any, order: tuple[int, int, int]) -> tuple[A
 
 
 def separatrix_roots(A: Any, order: tuple[int, int, int]) -> tuple[Any, Any]:
-    """a and b of D = (a w_l)^2 - (b w_s)^2."""
+    """The factors a and b of D = (a w_l)^2 - (b w_s)^2, with l, m, s = `order`."""
     l, m, s = order
     return np.sqrt(A[l] * (A[l] - A[m])), np.sqrt(A[s] * (A[m] - A[s]))
 
 
 def separatrix_forms(A: Any, omega: Any, order: tuple[int, int, int]) -> Any:
-    """The two linear forms a w_l - b w_s and a w_l + b w_s, whose product is D."""
+    """The linear forms a w_l - b w_s and a w_l + b w_s, whose product is D. a and b are those of
+    `separatrix_roots`."""
     a, b = separatrix_roots(A, order)
     outer, inner = a * omega[order[0]], b * omega[order[2]]
     return np.array([outer - inner, outer + inner])
 
 
 def scaled_separatrix(A: Any, w: Any, order: tuple[int, int, int]) -> tuple[Any, Any, Any]:
-    """D, the sum of its two terms, and a bound of that sum, for omega (3, ...) brought to a size
-    near 1."""
-    # By a power of two, which changes no digit: of 1e-170 the squares would be 0. Contiguous, since
-    # numpy is slow along an axis of three whose numbers lie together.
+    """D, the sum of its two terms, and an upper bound of this sum, for omega (3, ...) scaled to a
+    size near 1."""
+    # Scaled, because the squares of 1e-170 would be 0; by a power of two, which changes no digit.
+    # Contiguous rows, because numpy is slow along an axis of three neighbours in memory.
     w = np.ascontiguousarray(np.ldexp(w, -np.frexp(np.abs(w).max(axis=0))[1]))
     a, b = separatrix_roots(A, order)
     minus, plus = separatrix_forms(A, w, order)
@@ -86,53 +91,56 @@ def scaled_separatrix(A: Any, w: Any, order: tuple[int, int, int]) -> tuple[Any,
 
 
 def share_of(total: Any, part: Any, of_nothing: float = 0.0) -> np.ndarray:
-    """part/total, `of_nothing` where the total is 0."""
+    """part/total, or `of_nothing` where the total is 0."""
     return np.asarray(np.divide(part, total, out=np.full_like(total, of_nothing), where=total > 0))
 
 
 def separation(A: Any, omega: Any, order: tuple[int, int, int]) -> np.ndarray:
-    """|D| as a part of the sum of its two terms (n,), for omega (3, n); infinite for a spherical
-    body, which has no separatrix."""
+    """|D| over the sum of its two terms (n,), for omega (3, n). It is infinite for a body with
+    three equal moments, which has no separatrix."""
     D, total, _ = scaled_separatrix(A, omega, order)
     return np.where(A[order[0]] == A[order[2]], np.inf, share_of(total, np.abs(D)))
 
 
 def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
-    """How far omega (..., 3) is from the separatrix, relative to |omega|: an error of about that
-    size may change its side. Positive where the axis of largest inertia is enclosed.
+    """The distance (...) of omega (..., 3) from the separatrix, relative to |omega|. An error of
+    omega of about this size may change its side. It is positive where the axis of largest inertia
+    is enclosed.
 
-    It is D sqrt(near) over the sum of the two terms of D, with `near` of `near_middle_axis`: up to
-    a factor between 1 and sqrt 2, the smaller of the two forms over sqrt(a^2 + b^2) |omega|.
+    It is D/sqrt(total bound), where total is the sum of the two terms of D, and
+    bound = (a^2 + b^2) |omega|^2. Up to a factor between 1 and sqrt 2 its size is that of the
+    smaller linear form of D over sqrt(bound).
     """
     A = np.asarray(A, dtype=omega.dtype)
     D, total, bound = scaled_separatrix(A, np.moveaxis(omega, -1, 0), order)
-    # Moments to the fourth leave the doubles.
+    # Two roots, because the product, with moments to the fourth power, may overflow.
     return share_of(np.sqrt(bound) * np.sqrt(total), D).astype(float)
 
 
 def near_middle_axis(A: Any, omega: np.ndarray) -> np.ndarray:
-    """The sum of the two terms of D at omega (..., 3) over its bound, the sum of their weights
-    times |omega|^2; 1 for a sphere and at rest, where D has no terms.
+    """The sum of the two terms of D at omega (..., 3) over its bound (a^2 + b^2) |omega|^2, with a
+    and b of `separatrix_roots`. It is 1 for a sphere and at rest, where both are 0.
 
-    Its root is, roughly, the angle between the rotation and the middle axis of a triaxial body.
+    The root of this number is roughly the angle between omega and the middle axis.
     """
     _, total, bound = scaled_separatrix(A, np.moveaxis(omega, -1, 0), inertia_order(A))
     return share_of(bound, total, of_nothing=1.0)
 
 
-@np.errstate(invalid="ignore")  # what is infinite is undetermined anyway
+@np.errstate(invalid="ignore")  # an infinite omega is undetermined anyway
 def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
-    """The axis that the hodograph of G encloses, for omega (..., 3) at any scale, as int8.
+    """The label (...) of the axis that the hodograph of G encloses, for omega (..., 3) of any size,
+    as int8.
 
-    1, 2, 3 name the body axes; 0 is the separatrix, where |margin| is at most `band`, a number or
-    one for each omega; -1 is undetermined: no rotation, or no axis to go round (steady rotation of
-    a symmetric or spherical body).
+    1, 2, 3 name the body axes. 0 is the separatrix of a triaxial body, where |margin| is at most
+    `band`, a number or one for each omega. -1 is undetermined: there is no rotation, or G goes
+    round no axis, as in a steady rotation of a symmetric or spherical body.
     """
     order, w = inertia_order(A), np.moveaxis(omega, -1, 0)
     largest, middle, smallest = order
     signed = margin(A, omega, order)
     labels = np.where(signed > 0, largest + 1, smallest + 1)
-    # In steady rotation about an axis of symmetry both terms are 0: G goes round nothing.
+    # Both terms of D are 0 in steady rotation of a symmetric body: G goes round no axis.
     turning = signed != 0
     if A[largest] > A[middle] > A[smallest]:
         labels, turning = np.where(np.abs(signed) <= band, SEPARATRIX, labels), (w != 0).any(axis=0)
@@ -141,7 +149,8 @@ def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
 
 
 def separatrix_circles(A: np.ndarray) -> list[np.ndarray]:
-    """The two great circles D = 0 of the directions of G (721, 3); none of a symmetric body."""
+    """The two great circles of the directions of G with D = 0, each (721, 3). A body with two equal
+    moments has none."""
     largest, middle, smallest = inertia_order(A)
     if A[largest] == A[middle] or A[middle] == A[smallest]:
         return []
@@ -153,10 +162,10 @@ def separatrix_circles(A: np.ndarray) -> list[np.ndarray]:
 
 
 def slope(A: Sequence[float] | np.ndarray) -> float:
-    """K = A_s (A_m - A_s) / (A_l (A_l - A_m)): zero where the smaller two moments are equal, inf
-    where the larger two.
+    """K = A_s (A_m - A_s) / (A_l (A_l - A_m)) of the separatrix w_l^2 = K w_s^2. It is 0 where the
+    smaller two moments are equal, and inf where the larger two are.
 
-    The separatrix is w_l^2 = K w_s^2. Raises HodoError for a spherical body, which has none.
+    Raises HodoError for a body with three equal moments, which has no separatrix.
     Source: Rachinskaya, eqs (7)-(8).
     """
     outer, inner = separatrix_terms(A, (1.0, 1.0, 1.0), inertia_order(A))
@@ -168,45 +177,46 @@ def slope(A: Sequence[float] | np.ndarray) -> float:
 # The principal axes of a body whose inertia is given as a full tensor
 
 ASYMMETRY = 1e-12
-"""The relative difference of two entries of a symmetric tensor that is rounding."""
+"""The relative difference up to which two entries of a symmetric tensor differ by rounding."""
 
 
 class PrincipalAxes(NamedTuple):
-    """The principal moments of a tensor (3,), and its axes, row by row (3, 3), as unit vectors in
-    the axes of the tensor: a right-handed system.
+    """The principal moments (3,) of a tensor, and its principal axes (3, 3): each row is a unit
+    vector along the axes of the tensor. They form a right-handed system.
 
-    All are of long doubles: rounded to doubles, moments and axes belong to another tensor, along
-    which a motion in extended precision goes astray as one in double does.
+    All are long doubles. Rounded to doubles they would belong to another tensor, and a motion in
+    extended precision would have the error of a motion in doubles.
     """
 
     moments: np.ndarray
     axes: np.ndarray
 
 
-def one_exceeds_others(moments: Sequence[Any] | np.ndarray) -> bool:
-    """Whether one of three moments is larger than the sum of the others, which no body has.
-    Equality is allowed, of a flat disc, to the rounding of the moments."""
+def violates_triangle_inequality(moments: Sequence[Any] | np.ndarray) -> bool:
+    """Whether one of three moments is larger than the sum of the others; no body has such moments.
+    Equality, which a flat disc has, is allowed up to rounding."""
     return bool(2 * max(moments) > sum(moments) * (1 + 4 * np.finfo(float).eps))
 
 
 def excess_of_rounding(moments: Sequence[float]) -> float:
-    """The excess of one of three moments over the sum of the others, if it is at most one unit of
-    the last decimal, which rounding explains; else 0."""
+    """The excess of the largest of three moments over the sum of the others, if it is positive and
+    so small that rounding to decimals explains it: at most one unit of the last decimal. Else 0."""
     *others, largest = sorted(moments)
     excess = largest - sum(others)
     return excess if 0 < excess <= last_digit(largest) else 0.0
 
 
 def last_digit(x: float) -> float:
-    """One unit of the last digit of the shortest decimal of a number, and its rounding; at most a
-    hundredth of it, since 0.1 is not the rounding of 0.2."""
+    """One unit of the last digit of the shortest decimal of x, plus rounding. At most a hundredth
+    of x, because 0.1 is no rounding of 0.2."""
     unit = 10.0 ** int(Decimal(repr(float(x))).as_tuple().exponent) * (1 + 1e-9)
     return min(unit, abs(x) / 100)
 
 
 def symmetric(tensor: Sequence[Any]) -> Sequence[Any]:
-    """The symmetric part of a tensor whose entries differ from their transposes by at most one unit
-    of the last decimal, which rounding explains; other values as they are."""
+    """A tensor made symmetric where rounding explains the difference: two transposed entries that
+    differ by at most one unit of the last decimal both become their mean. Three moments are
+    returned as they are."""
     if not all(isinstance(row, tuple) for row in tensor):
         return tensor
     rows = [list(row) for row in tensor]
@@ -217,15 +227,10 @@ def symmetric(tensor: Sequence[Any]) -> Sequence[Any]:
     return tuple(map(tuple, rows))
 
 
-def is_diagonal(tensor: np.ndarray) -> bool:
-    """Whether a tensor has no entries off its diagonal."""
-    return not (tensor - np.diag(np.diag(tensor))).any()
-
-
 @lru_cache(maxsize=256)
 def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
-    """The principal axes of a tensor of inertia, each with the number of the given axis that it is
-    near. A diagonal tensor has the given axes.
+    """The principal moments and axes of a tensor of inertia. Each principal axis has the number of
+    the given axis to which it is near. A diagonal tensor has the given axes.
 
     Raises ValueError, with a sentence, for a tensor that no body has.
     """
@@ -242,7 +247,7 @@ def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
         raise ValueError(f"the principal moments of this tensor are not all positive: {named}")
     for words in (words for A in moments for words in range_mistake(float(A))):
         raise ValueError(words)
-    if one_exceeds_others(moments):
+    if violates_triangle_inequality(moments):
         raise ValueError(
             f"no body has principal moments of {named}: one exceeds the sum of the other two"
         )
@@ -250,13 +255,13 @@ def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
 
 
 SWEEPS = 8
-"""The sweeps of Jacobi's rotations, which converge quadratically: the sixth of random tensors
-changed nothing."""
+"""The number of sweeps of Jacobi's rotations. They converge quadratically: for random tensors the
+sixth sweep changed nothing."""
 
 
 def diagonalized(J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The moments and axes of a tensor of long doubles, by Jacobi's rotations; in the order and
-    with the signs that bring the axes nearest to the given ones."""
+    """The principal moments (3,) and axes (3, 3) of a tensor of long doubles, by Jacobi's
+    rotations. Order and signs are those that bring the axes nearest to the given ones."""
     axes = np.eye(3, dtype=np.longdouble)
     for i, j in [*combinations(range(3), 2)] * SWEEPS:
         turned = axes @ J @ axes.T
@@ -272,10 +277,11 @@ def diagonalized(J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.diag(axes @ J @ axes.T), axes
 
 
-# What the models share
+# The keys and the base class of models whose state begins with omega
 
 SMALLEST_MOMENT = 1e-100
-"""The smallest moment of inertia whose cube is a double, and the inverse of the largest one."""
+"""The smallest moment of inertia; the largest one is 1/SMALLEST_MOMENT. Cubes of both are
+doubles."""
 
 INERTIA = Key(
     vector(3, above=0)
@@ -283,12 +289,11 @@ INERTIA = Key(
     "principal moments of inertia A1, A2, A3",
     unit="moment of inertia",
 )
-"""Three moments in any order; `BodyFrame.check` checks the triangle inequality and the range of
-SMALLEST_MOMENT."""
+"""Three moments in any order. `BodyFrame.check` checks their range and the triangle inequality."""
 
 
 def components_answer(value: Any) -> str:
-    """The mapping to write instead of a list of p, q and r."""
+    """The mapping to write instead of a list [p, q, r]; empty for other values."""
     if not is_list(value) or len(value) != 3 or not all(isinstance(w, int | float) for w in value):
         return ""
     p, q, r = value
@@ -315,28 +320,29 @@ INITIAL = Key(
 
 
 def is_tensor(inertia: Any) -> bool:
-    """Whether moments of inertia, as a case gives them, are a full tensor or have a row of one."""
+    """Whether the key `inertia` of a case holds rows of a full tensor, and not three moments."""
     return inertia is not None and any(isinstance(row, tuple) for row in inertia)
 
 
 def is_rounded(data: Mapping[str, Any]) -> bool:
-    """Whether moments of inertia that no body has are a body's moments, rounded to decimals."""
+    """Whether three moments violate the triangle inequality by no more than rounding to decimals
+    does."""
     A = data.get("inertia")
     return isinstance(A, tuple) and not is_tensor(A) and excess_of_rounding(A) > 0
 
 
 def complete(inertia: Sequence[float], initial: Mapping[str, Any]) -> tuple[float, ...]:
-    """(p, q, r) from initial data in which |G| may stand for one of them, or x and y for all: p =
-    sqrt(x), q = 0 and r = sqrt(y).
+    """(p, q, r) from the initial data. |G| may be given instead of one component, which is then the
+    positive root; or x and y instead of all, with p = sqrt(x), q = 0 and r = sqrt(y).
 
-    Raises ValueError, with a sentence, if that cannot be done.
+    Raises ValueError, with a sentence, where the data do not determine p, q and r.
     """
     given = {name for name, value in initial.items() if value is not None}
     missing = [axis for axis in "pqr" if axis not in given]
     has_G, by_squares = "G" in given, given & {"x", "y"}
     wrong = {
         "give x and y alone, or p, q and r": by_squares and given != {"x", "y"},
-        "with a full tensor of inertia G stands for no component: give all": (
+        "with a full tensor of inertia G replaces no component: give p, q and r": (
             has_G and is_tensor(inertia)
         ),
         f"{' and '.join(missing)} missing: give p, q and r, or two of them and G": (
@@ -353,7 +359,7 @@ def complete(inertia: Sequence[float], initial: Mapping[str, Any]) -> tuple[floa
         return sqrt(initial["x"]), 0.0, sqrt(initial["y"])
     if not missing:
         return tuple(omega)  # type: ignore[arg-type]
-    with localcontext(prec=100):  # exact but for the root, so that the result is the nearest double
+    with localcontext(prec=100):  # exact up to the root, so that the root is the nearest double
         pairs = [(Decimal(A), w) for A, w in zip(inertia, omega, strict=True)]
         square = sum((A * Decimal(w)) ** 2 for A, w in pairs if w is not None)
         remainder = Decimal(initial["G"]) ** 2 - square
@@ -367,22 +373,21 @@ def complete(inertia: Sequence[float], initial: Mapping[str, Any]) -> tuple[floa
 
 
 def body_constants(inertia: Sequence[float]) -> dict[str, float]:
-    """A1, A2, A3 and g by name, as every body-frame model has them."""
+    """The constants A1, A2, A3 and g = 1, the factor of the gyroscopic terms, by name."""
     return dict(zip(("A1", "A2", "A3"), inertia, strict=True)) | {"g": 1.0}
 
 
 def range_mistake(size: float, smallest: float = SMALLEST_MOMENT) -> Iterator[str]:
-    """The sentence about the size of a number that is not from `smallest` to 1/`smallest`."""
+    """A sentence on a number that is below `smallest` or above 1/`smallest`; none on others."""
     if not smallest <= size <= 1 / smallest:
         yield f"{size:g} is out of range, {smallest:g} to {1 / smallest:g}: take other units"
 
 
 @dataclass(frozen=True)
 class BodyFrame(Model):
-    """A model whose state begins with the angular velocity (p, q, r) in principal axes.
+    """A model whose state begins with the angular velocity (p, q, r) along the principal axes.
 
-    Its constants are A1, A2, A3 and `g` = 1, the factor of the gyroscopic terms (of degree 2), and
-    what a form adds.
+    Its constants begin with A1, A2, A3 and `g` = 1, the factor of the gyroscopic terms.
     """
 
     inertia: tuple[float, float, float]
@@ -397,19 +402,20 @@ class BodyFrame(Model):
 
     @classmethod
     def output(cls, t: np.ndarray, y: np.ndarray, k: Any) -> dict[str, np.ndarray]:
+        """omega along the axes of the case, and the stored ones of the further variables."""
         others = {name: y[:, i] for i, name in enumerate(cls.state) if name in cls.variables}
         return {"omega": np.stack(in_case_axes([*y[:, :3].T], k), axis=-1), **others}
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        """What no body, or no start of a form, can be; its moments are from `smallest` to
-        1/`smallest`."""
+        """The mistakes in three moments that no body has or that are out of range, and in a start
+        that does not determine omega."""
         A = data.get("inertia")
         if A is None:
             return
         sizes = [(("inertia", i), words) for i, x in enumerate(A) for words in range_mistake(x)]
         yield from sizes
-        if one_exceeds_others(A) and not sizes:
+        if violates_triangle_inequality(A) and not sizes:
             largest = A.index(max(A))
             yield (
                 ("inertia", largest),
@@ -418,9 +424,9 @@ class BodyFrame(Model):
         if "initial" in data:
             yield from mistake_of(("initial",), cls.velocity, A, data["initial"])
 
-    @cached_property  # in a hundred decimal places, and asked for a dozen times
+    @cached_property  # because it is used a dozen times, and computed in a hundred decimal places
     def initial_velocity(self) -> tuple[float, ...]:
-        """(p, q, r) at the start."""
+        """(p, q, r) at the start along the axes of the case."""
         return self.velocity(self.inertia, self.initial)
 
     @property
@@ -433,20 +439,21 @@ class BodyFrame(Model):
         return self.to_principal(np.array(self.initial_velocity))
 
     def attitude_at(self, start: np.ndarray) -> tuple[Any, ...]:
+        """The quaternion (4,) that the key `attitude` and G at the start determine."""
         G = self.momentum(self.from_principal(start[:3]))
         return quaternion_at_start(self.attitude, G.tolist())
 
     def initial_states(self, omega: np.ndarray) -> np.ndarray:
-        """The states (m, n), with an attitude, for angular velocities (n, 3) at the start."""
+        """The initial states (m, n), attitudes included, for angular velocities (n, 3) there."""
         starts = self.starts(omega)
         return np.array([*map(self.with_attitude, starts.T)]).T if self.attitude else starts
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
-        """The states (m, n) for angular velocities (n, 3) at the start."""
+        """The initial states (m, n), without attitudes, for angular velocities (n, 3) there."""
         if len(self.state) == 3:
             return omega.T.copy()
-        # A user's state may hold further variables that depend on omega: only its own `start` gives
-        # them.
+        # The state of a user's model may hold further variables that depend on omega. Only `start`
+        # of this model gives them.
         others = dict.fromkeys(self.initial)
         each = (others | dict(zip("pqr", one, strict=True)) for one in omega.tolist())
         return np.array([replace(self, initial=initial).start for initial in each]).T
@@ -457,32 +464,32 @@ class BodyFrame(Model):
 
     @property
     def frame(self) -> PrincipalAxes | None:
-        """The principal axes of a body that is given by its full tensor of inertia."""
+        """The principal axes and moments of a body given by a full tensor of inertia; else None."""
         return principal_axes(self.inertia) if is_tensor(self.inertia) else None
 
     @property
     def exact_moments(self) -> np.ndarray:
-        """The principal moments of inertia (3,) in long double: the moments of a full tensor are no
-        doubles, and a touch of the separatrix shows their rounding."""
+        """The principal moments of inertia (3,) in long double. The moments of a full tensor are no
+        doubles, and a motion that touches the separatrix shows their rounding."""
         return self.frame.moments if self.frame else np.array(self.inertia, dtype=np.longdouble)
 
     @property
     def moments(self) -> np.ndarray:
-        """The principal moments of inertia (3,)."""
+        """The principal moments of inertia (3,), as doubles."""
         return self.exact_moments.astype(float)
 
     @property
     def principal_axes(self) -> np.ndarray | None:
-        """The principal axes of inertia, row by row (3, 3), in the axes in which a case gives its
-        data; None where they are these."""
+        """The principal axes of inertia (3, 3), row by row, along the axes of the case; None where
+        the case is given along the principal axes."""
         return self.frame.axes if self.frame else None
 
     def momentum(self, omega: np.ndarray) -> np.ndarray:
-        """G (..., 3) of angular velocities (..., 3), both in the axes of the case."""
+        """G (..., 3) for angular velocities (..., 3), both along the axes of the case."""
         return self.from_principal(self.moments * self.to_principal(omega))
 
     def velocities(self, G: np.ndarray) -> np.ndarray:
-        """The inverse of `momentum`."""
+        """The angular velocities (..., 3) for given G (..., 3), both along the axes of the case."""
         return self.from_principal(self.to_principal(G) / self.moments)
 
     def to_principal(self, vectors: np.ndarray) -> np.ndarray:
@@ -490,28 +497,32 @@ class BodyFrame(Model):
         return vectors if axes is None else turned(axes, vectors)
 
     def from_principal(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors (..., 3) along the principal axes in the axes of the case."""
+        """The components along the axes of the case of vectors (..., 3) that are given along the
+        principal axes."""
         axes = self.principal_axes
         return vectors if axes is None else turned(axes.T, vectors)
 
     def enclosed(self, omega: np.ndarray, band: Any = 0.0) -> np.ndarray:
-        """The label (n,) of angular velocities (n, 3) along the principal axes, as of
-        `enclosed_axis`."""
+        """The labels (n,) of `enclosed_axis` for angular velocities (n, 3) along the principal
+        axes; undetermined where D does not show the enclosed axis."""
         labels = enclosed_axis(self.exact_moments, omega, band)
         return np.full_like(labels, UNDETERMINED) if self.no_separatrix_reason else labels
 
     @np.errstate(all="ignore")  # a torque may have no value where a component is 0
     def tilt_growth(self, t: float) -> np.ndarray | None:
-        """The rates (3,) at which a small tilt away from each body axis grows on the mean over a
-        turn, at the start's speed and in the sense of its components; not a number for the middle
-        axis, about which free rotation is unstable. None at rest, with a rotor, and under torques
-        that are fixed in space or depend on the attitude.
+        """The rates (3,) at which a small tilt away from steady rotation about each body axis i
+        grows, on the mean over a turn. The rotation has the speed of the start, and the sense of
+        its component i.
 
-        With w_i' the rate of the speed w, and J the Jacobian of the equations there, it is
-        (J_jj + J_kk)/2 - w_i'/w to first order in the torques: a tilt turns, and the mean of its
-        growth is half the trace. Torques across the axis have means of 0. Where the rate is
-        positive the motion leaves the axis, though not always for the other one: it may end as an
-        oscillation of constant shape on the same side.
+        For the rotation w about axis i let w' be the rate of its speed, and J the Jacobian of the
+        equations. To first order in the torques the rate is (J_jj + J_kk)/2 - w'/w: a tilt turns
+        about the axis, and the mean of its growth is half the trace. Torques across the axis have
+        means of 0. Where the rate is positive the motion leaves the axis, but it need not reach
+        the other one: it may end as an oscillation of constant shape on the same side.
+
+        The rate is nan for the middle axis, about which free rotation is unstable. The result is
+        None at rest, with a rotor, and under torques that are fixed in space or depend on the
+        attitude.
         """
         model, omega, k = self.equations, self.omega_at_start, attributes(self.constants)
         others = {*self.fixed_in_space} & {*model.state} or self.no_separatrix_reason
@@ -530,19 +541,21 @@ class BodyFrame(Model):
 
     @property
     def class_events(self) -> tuple[Event, ...]:
+        """The crossings D = 0, where D shows the enclosed axis."""
         moments = self.inertia if self.principal_axes is None else self.moments
-        separatrix = Bound(separatrix_function, (inertia_order(moments),))
+        separatrix = HashablePartial(separatrix_function, (inertia_order(moments),))
         return () if self.no_separatrix_reason else (Event("separatrix", separatrix),)
 
 
 def turned(axes: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Vectors (..., 3) along axes, row by row (3, 3), in their own precision."""
-    # Not by a product of matrices, whose last digits depend on the number of columns.
+    """The components along `axes` (3, 3), given row by row, of vectors (..., 3), in the precision
+    of the vectors."""
+    # numpy's product of matrices is not used: its last digits depend on the number of columns.
     rows = axes.astype(vectors.dtype).ravel()
-    return np.stack(times([*rows], [*np.moveaxis(vectors, -1, 0)]), axis=-1)
+    return np.stack(matvec([*rows], [*np.moveaxis(vectors, -1, 0)]), axis=-1)
 
 
 def separatrix_function(order: tuple[int, int, int], t: Any, y: Sequence[Any], k: Any) -> Any:
-    """D of bodies with one order of the moments, as an event."""
+    """D as the function of an event, for bodies whose moments have this order."""
     outer, inner = separatrix_terms((k.A1, k.A2, k.A3), y[:3], order)
     return outer - inner

@@ -6,7 +6,6 @@ from ..models.rigid_body import BodyFrame
 from ..quantities import stored_name
 from ..storage import Group, Variable
 from .layout import (
-    AXIS_FLAGS,
     INNER_COORDINATES,
     Stored,
     case_attributes,
@@ -41,8 +40,6 @@ GROWTH_RATE = Stored(
     ("axis",),
     units="1/time",
 )
-
-FINAL_AXIS = Stored("axis enclosed in the end, predicted from the data", (), "i1", flags=AXIS_FLAGS)
 
 
 def principal_variables(case: Case) -> dict[str, Variable]:
@@ -102,8 +99,6 @@ def label_group(labelled: Classification, case: Case) -> Group:
     if labelled.growth is not None:
         variables["growth_rate"] = GROWTH_RATE.holding(labelled.growth)
         variables |= inner_coordinates(variables.values())
-    if labelled.final is not None:
-        variables["final_axis"] = FINAL_AXIS.holding(labelled.final)
     texts = {
         "classify_warnings": "\n".join(labelled.warnings),
         "predictions": "\n".join(sentence_of_case(words, case) for words in labelled.predictions),

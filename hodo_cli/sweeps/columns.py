@@ -190,7 +190,7 @@ def separation_at(
     order = rigid_body.inertia_order(e.inertia[:, 0])
     apart = rigid_body.separation(e.inertia[:, motions], y[:3], order)
     # Infinite as for a sphere: with a rotor D = 0 separates no motions.
-    return np.full_like(apart, np.inf) if e.model.no_separatrix_reason else apart
+    return np.full_like(apart, np.inf) if "rotor" in e.model.terms else apart
 
 
 def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:

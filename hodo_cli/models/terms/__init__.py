@@ -1,2 +1,2 @@
-"""What a case may give as a term: coefficients that change with time, and the fluid in a cavity.
-Imports no model."""
+"""Parts of torques: coefficients that change with time, and the fluid in a cavity. Imports no
+model."""

@@ -1,6 +1,10 @@
-"""The fluid in a cavity, kappa = rho P0/nu with P0 = 8 pi b^7/525 of a sphere: its keys, kappa, and
-the limits of its theory: a small Reynolds number b^2 |omega|/nu and a torque small beside
-|omega| |G|."""
+"""The very viscous fluid in a cavity: its keys, its coefficient kappa, and the limits of its
+theory.
+
+kappa = rho P0/nu for a fluid of density rho and kinematic viscosity nu. The shape factor P0 of a
+sphere of radius b is 8 pi b^7/525. The theory holds where the Reynolds number b^2 |omega|/nu is
+small, and the torque is small compared with |omega| |G|.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,32 +16,25 @@ from ...arithmetic import isfinite
 from ...schema.kinds import Key, Number, Table
 from ..euler import fluid_torque
 
-# First-order theories are then off by some per cent, which figures show.
 NOT_SMALL = 0.1
-"""Where a ratio that the theory takes as small is no longer so."""
-
-OF_THE_CAVITY = {
-    "density": ("density rho of the fluid", "mass/length^3"),
-    "viscosity": ("kinematic viscosity nu", "length^2/time"),
-    "P0": ("shape factor P0 of the cavity", "length^7"),
-    "radius": ("radius b of a sphere: P0 = 8 pi b^7/525", "length"),
-}
-"""The keys of a cavity that are given together: meaning and unit."""
-
+"""The largest ratio that a first-order theory takes as small without a warning. At this ratio it
+errs by some per cent, which figures show."""
 
 CAVITY = Key(
     Table(
         {
-            name: Key(Number(above=0), *meaning, default=None)
-            for name, meaning in OF_THE_CAVITY.items()
-        }
-        | {
+            "density": Key(Number(above=0), "density rho of the fluid", "mass/length^3", None),
+            "viscosity": Key(Number(above=0), "kinematic viscosity nu", "length^2/time", None),
+            "P0": Key(Number(above=0), "shape factor P0 of the cavity", "length^7", None),
+            "radius": Key(
+                Number(above=0), "radius b of a sphere: P0 = 8 pi b^7/525", "length", None
+            ),
             "kappa": Key(
                 Number(least=0),
                 "rho P0/nu, instead of the other keys",
                 "moment of inertia * time",
-                default=None,
-            )
+                None,
+            ),
         }
     ),
     "density, viscosity and P0 or radius; or kappa alone",
@@ -46,21 +43,22 @@ CAVITY = Key(
 
 
 def shape_factor(cavity: Mapping[str, Any]) -> Any:
-    """P0 of the cavity, given itself or by the radius of a sphere; Chernousko 1972."""
+    """P0 of the cavity, as given or from the radius b of a sphere: 8 pi b^7/525, Chernousko
+    1972."""
     if cavity.get("P0") is not None:
         return cavity["P0"]
     return 8 * math.pi / 525 * math.prod((cavity["radius"],) * 7)
 
 
 def radius_of(cavity: Mapping[str, Any]) -> float:
-    """b, the radius of the sphere that has the cavity's P0."""
+    """The radius b of the sphere that has the P0 of the cavity."""
     return math.pow(525 * shape_factor(cavity) / (8 * math.pi), 1 / 7)
 
 
 def coefficient(cavity: Mapping[str, float | None] | None, alone: float | None = None) -> float:
-    """kappa = rho P0/nu, from the cavity or given alone.
+    """kappa = rho P0/nu, from the key `cavity` or, as `alone`, from the key `kappa` beside it.
 
-    Raises ValueError, with a sentence, unless it is given in exactly one way.
+    Raises ValueError, with a sentence, unless kappa is given in exactly one way.
     """
     given = {name: value for name, value in (cavity or {}).items() if value is not None}
     if alone is not None and given:
@@ -81,17 +79,17 @@ def coefficient(cavity: Mapping[str, float | None] | None, alone: float | None =
 
 
 def reynolds(cavity: Mapping[str, Any], omega: np.ndarray) -> float:
-    """b^2 |omega|/nu, for a cavity with a viscosity and an angular velocity (3,)."""
+    """The Reynolds number b^2 |omega|/nu of a cavity with a viscosity, for omega (3,)."""
     return float(radius_of(cavity) ** 2 * math.hypot(*omega) / cavity["viscosity"])
 
 
 def weak(A: np.ndarray, omega: np.ndarray, kappa: Any, torque: Sequence[float]) -> list[str]:
-    """Warnings for torques that turn G at a rate not small compared with |omega|; none for a body
-    at rest."""
+    """Warnings on torques that are not small compared with |omega| |G| at the start: that of a
+    fluid, and the constant one. None for a body at rest."""
     peak, heaviest = float(np.abs(omega).max()), float(A.max())
     if not peak:
         return []
-    w, body = omega / peak, A / heaviest  # of size 1, so that only a ratio itself can overflow
+    w, body = omega / peak, A / heaviest  # of size 1, so that nothing but a ratio can overflow
     scale = math.hypot(*w) * math.hypot(*(body * w)) * heaviest
     ratios = {
         "of the fluid": math.hypot(*fluid_torque(body, w, kappa)) / scale * peak,
@@ -107,10 +105,10 @@ def weak(A: np.ndarray, omega: np.ndarray, kappa: Any, torque: Sequence[float]) 
 def cavity_warnings(
     cavity: Mapping[str, Any] | None, A: np.ndarray, omega: np.ndarray
 ) -> list[str]:
-    """Warnings if the Reynolds number is not small, as the fluid's torque assumes, and if the
-    fluid's own moment of inertia exceeds a moment of body and fluid together: no body has that.
+    """Warnings on a Reynolds number that is not small, as the fluid's torque assumes, and on a
+    sphere of fluid whose moment of inertia 2/5 m b^2 exceeds a moment of body and fluid together.
 
-    With kappa alone neither is known. A sphere of fluid has 2/5 m b^2.
+    There are no warnings where the case gives kappa alone, which determines neither.
     """
     if cavity is None or cavity["density"] is None:
         return []

@@ -1,9 +1,10 @@
 """Coefficients that change with time: polynomials in the slow time of a top, and expressions in t
-and the constants that a case names.
+and in constants that the case names.
 
-A constant NAME of a model that follows a polynomial holds its coefficients. Of an expression it
-holds a factor, which carries the unit, and NAME_law is the text; the constants of the case are then
-among those of the model, so that one compilation serves all their values.
+A model holds such a coefficient among its constants. For a polynomial the constant NAME is the
+tuple of its coefficients. For an expression NAME is a factor, which carries the unit, and NAME_law
+is the text. The constants of the case are then constants of the model too, so that one compilation
+serves all their values.
 """
 
 import re
@@ -36,36 +37,35 @@ from ...schema.kinds import (
 )
 
 EPOCH, EPOCH_NAME = "epoch", "time.epoch"
-"""The constant from which t counts in expressions and polynomials, where a case names it; and its
-name among the constants of a case, which no expression can name."""
+"""The name, among the constants of a model, of the time from which t counts in expressions and
+polynomials; and its name among the constants of a case, which no expression can contain."""
 
 MOST_COEFFICIENTS = 20
-"""The most coefficients of a polynomial. From t = 0 a series of the least order sees no higher
-power of the time, and in powers of t few fits hold that many digits."""
+"""The largest number of coefficients of a polynomial. A Taylor step of the lowest order from t = 0
+would miss higher powers of the time, and few fits in powers of t have that many digits."""
 
 VELOCITIES = ("p", "q", "r")
 SPACE_COMPONENTS = ("y1", "y2", "y3", "z1", "z2", "z3")
-"""The components along body axes of the axes y and z of space."""
+"""The names in expressions of the components along body axes of the space axes y and z."""
 
 CONSTANT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 TAKEN_NAMES = {*VELOCITIES, "t", *SPACE_COMPONENTS, "e", "pi", *FUNCTIONS}
-"""The names that mean something else in an expression."""
-
+"""The names that a constant may not have, because they mean something else in an expression."""
 
 CaseConstants = Mapping[str, Any] | Iterable[tuple[str, Any]]
-"""The constants of a case, as a mapping or as pairs."""
+"""The constants that a case names, as a mapping or as pairs of a name and a number."""
 
 
 class Formula(NamedTuple):
-    """An expression in t and constants, times a factor."""
+    """A coefficient that is an expression in t and constants, times a factor."""
 
     factor: Any
     text: str
 
 
 def as_expression(value: Any) -> str:
-    """The expression to write instead of a law of time of earlier versions: a mapping with `law`,
-    or the coefficients of a polynomial."""
+    """Advice: the expression to write instead of a polynomial as a list of coefficients, or of a
+    mapping with `law`, which earlier versions took. Empty for other values."""
     match value:
         case {"law": "exponential", "value": a, "rate": rate}:
             text = f"{a}*exp(-{rate}*t)"
@@ -91,12 +91,13 @@ POLYNOMIAL = ListOf(
 
 
 def coefficient_kind(*others: Rule, repeat: int = 0) -> Rule:
-    """The kind of one coefficient: a number, or an expression in t, or a list of another kind. With
-    `repeat` a number stands for a tuple of as many."""
+    """The rule of one coefficient: a number, an expression in t, or a list by one of the `others`.
+    With `repeat` a number becomes a tuple that holds it `repeat` times."""
     text = {"type": "string", "maxLength": LONGEST}
     title = ", or ".join(["a number", *map(words, others), "an expression in t"])
 
     def coefficient(value: Any) -> Any:
+        """The value of the key as the model takes it. Raises Wrong for other kinds of values."""
         if others and is_list(value):
             return check(Either(*others), value)
         resolved = parse_expression(value) if isinstance(value, str) else value
@@ -112,14 +113,14 @@ def coefficient_kind(*others: Rule, repeat: int = 0) -> Rule:
 
 
 def coefficients_kind() -> Rule:
-    """The kind of three coefficients, one an axis, or of one for all."""
+    """The rule of three coefficients, one for each axis, or of one for all axes."""
     title = "3 numbers or expressions in t, or one for all"
     of_each = ListOf(coefficient_kind(), length=3, title=title)
     return Either(of_each, coefficient_kind(), repeat=3, title=title, answer=as_expression)
 
 
 def _named(values: Mapping[str, float]) -> Mapping[str, float]:
-    """The constants, if each of their names may be one."""
+    """The constants of a case, checked. Raises Wrong for names that a constant may not have."""
     taken = "means something else in an expression"
     rule = "the name of a constant is a letter, then letters, digits and _, 40 in all"
     mistakes: list[Mistake] = [
@@ -141,7 +142,7 @@ CONSTANTS = Key(
 
 
 def expressions_of(value: Any) -> Iterator[tuple[KeyPath, str]]:
-    """The expressions among the data of a case, by their paths."""
+    """The expressions in the data of a case, each with its path."""
     return ((path, x) for path, x in leaves(value) if isinstance(x, str))
 
 
@@ -150,7 +151,7 @@ def name_mistakes(
     constants: Mapping[str, float],
     has_attitude: bool,
 ) -> Iterator[Mistake]:
-    """The mistakes of expressions that name what their case does not have."""
+    """The mistakes of expressions with a name that is no variable or constant of their case."""
     for path, text in expressions:
         is_torque = path[0] == "expression"
         own, space = (VELOCITIES, SPACE_COMPONENTS) if is_torque else ((), ())
@@ -169,8 +170,8 @@ def is_law(coefficient: Any) -> bool:
 
 
 def resolved(coefficient: Any, constants: CaseConstants) -> Any:
-    """A coefficient as given in a case: a number, to which an expression without t is evaluated, a
-    polynomial, or a Formula."""
+    """A coefficient of a case as a number, a polynomial or a Formula. An expression without t
+    becomes the number that is its value."""
     if not isinstance(coefficient, str):
         return coefficient
     tree = parse_expression(coefficient)
@@ -178,21 +179,23 @@ def resolved(coefficient: Any, constants: CaseConstants) -> Any:
 
 
 def scaled(coefficient: Any, factor: Any) -> Any:
-    """A number or an expression times a factor."""
+    """A coefficient, which is a number or a Formula, times a factor."""
     if isinstance(coefficient, Formula):
         return coefficient._replace(factor=factor * coefficient.factor)
     return factor * coefficient
 
 
 def law_constants(coefficients: Mapping[str, Any]) -> dict[str, Any]:
-    """The constants of a model that hold its coefficients, given by name."""
+    """The constants of a model that hold these coefficients, which are given by name: NAME and, for
+    an expression, NAME_law."""
     formulas = {name: x for name, x in coefficients.items() if isinstance(x, Formula)}
     texts = {f"{name}_law": x.text for name, x in formulas.items()}
     return {**coefficients} | {name: x.factor for name, x in formulas.items()} | texts
 
 
 def named_constants(constants: CaseConstants) -> dict[str, Any]:
-    """The constants of a model that hold the named constants of its case."""
+    """The constants of a model that hold the constants of its case: their numbers, their names, and
+    the epoch."""
     named = dict(constants)
     epoch = {EPOCH: named.pop(EPOCH_NAME)} if EPOCH_NAME in named else {}
     if not named:
@@ -201,19 +204,19 @@ def named_constants(constants: CaseConstants) -> dict[str, Any]:
 
 
 def since_epoch(k: Any, t: Any) -> Any:
-    """The time as expressions and polynomials count it."""
+    """The time t less the epoch, as expressions and polynomials count it."""
     return t - getattr(k, EPOCH) if hasattr(k, EPOCH) else t
 
 
 def values_of_names(k: Any, t: Any) -> dict[str, Any]:
-    """t and the constants of a case by their names, from the constants of its model."""
+    """The values of t and of the constants of a case by name, at the case's time t."""
     names = getattr(k, "constant_names", "").split()
     constants = zip(names, getattr(k, "constants", ()), strict=True)
     return {"t": since_epoch(k, t), **dict(constants)}
 
 
 def coefficient_at(k: Any, name: str, t: Any) -> Any:
-    """The value of a coefficient at the time t, from the constants of a model."""
+    """The value at the time t of the coefficient `name`, from the constants k of a model."""
     value, text = getattr(k, name), getattr(k, f"{name}_law", None)
     if text is not None:
         return value * evaluate(parse_expression(text), values_of_names(k, t))
@@ -221,20 +224,20 @@ def coefficient_at(k: Any, name: str, t: Any) -> Any:
 
 
 def slope_at(k: Any, name: str, t: Any) -> Any:
-    """The time derivative of a coefficient that follows a polynomial."""
+    """The time derivative at the time t of the coefficient `name`, which is a polynomial."""
     terms = [i * c for i, c in enumerate(getattr(k, name))][1:]
     return horner(terms, since_epoch(k, t)) if terms else 0 * t
 
 
 def least_value(polynomial: Sequence[float], start: float, end: float) -> float:
-    """The smallest value of a polynomial between two times."""
+    """The smallest value of a polynomial from one time to another."""
     start, end = sorted((start, end))
     turns = np.polynomial.Polynomial(polynomial).deriv().roots().real.tolist()
     return float(min(horner(polynomial, t) for t in (start, *turns, end) if start <= t <= end))
 
 
 def first_negative(coefficient: Any, times: np.ndarray, constants: CaseConstants) -> float | None:
-    """The first of some times at which a coefficient is negative, if there is one."""
+    """The first of the times (n,) at which a coefficient is negative; None if there is none."""
     k = SimpleNamespace(**law_constants({"c": coefficient}), **named_constants(constants))
     with np.errstate(all="ignore"):
         is_negative = np.broadcast_to(coefficient_at(k, "c", times) < 0, times.shape)
@@ -246,15 +249,16 @@ def value_mistakes(
     variables: Mapping[str, Any],
     where: str = "at the start of the motion",
 ) -> Iterator[Mistake]:
-    """The mistakes of expressions without a value where their variables have these values."""
+    """The mistakes of expressions that have no finite value for these values of their variables."""
     for path, text in expressions:
         tree = parse_expression(text)
-        # An unknown variable, as a component that G replaces, decides nothing.
+        # An expression is passed over where a variable is unknown, as a component that G replaces.
         if names_in(tree) <= variables.keys() and not _has_value(tree, variables):
             yield path, f"has no finite value {where}"
 
 
 def _has_value(tree: Any, variables: Mapping[str, Any]) -> bool:
+    """Whether an expression has a finite value for these values of its variables."""
     try:
         return isfinite(evaluate(tree, variables))
     except (ValueError, ArithmeticError):

@@ -1,2 +1,2 @@
-"""What can be said of a motion without integrating it: which crossings torques allow, the motion
-and attitude of a free body, and the principal axes of a tensor. Imports no model."""
+"""Results on a motion without its integration: which crossings the torques allow, and the motion
+and attitude of a free body in closed form. Imports no model."""

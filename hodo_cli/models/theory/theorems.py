@@ -1,40 +1,41 @@
-"""Theorems on a sum of torques: which way a motion crosses the separatrix D = 0, and which axis is
-enclosed in the end.
+"""Theorems on a sum of torques: in which sense a motion can cross the separatrix D = 0.
 
-With a > b > c the moments of inertia and 1, 2, 3 their axes, let D = 0 at a given |G|. One number
-is left, sigma in 0 to 1:
+Let a > b > c be the moments of inertia and 1, 2, 3 their axes. A state on the separatrix with a
+given |G| is determined, up to signs, by one number sigma from 0 to 1:
 
     p^2 = sigma G^2 (b - c)/(a b (a - c)),    r^2 = sigma G^2 (a - b)/(b c (a - c)),
-    q^2 = (1 - sigma) G^2/b^2,                W = (a - b)(b - c) G^2/(b (a - c)).
+    q^2 = (1 - sigma) G^2/b^2.
 
-Under damping -lambda_i A_i omega_i, quadratic drag -c_i |omega| A_i omega_i, fluid with the
-coefficient kappa and any torque along G
+Under damping -lambda_i A_i omega_i, quadratic drag -c_i |omega| A_i omega_i, a fluid with the
+coefficient kappa and any torque along G the rate of D there is
 
     D' = 2 W sigma {kappa G^2 [alpha sigma + beta (1 - sigma)] - (lambda_1 - lambda_3)
                     - (c_1 - c_3) |omega|},
+    W = (a - b)(b - c) G^2/(b (a - c)),
     alpha = (a - c) b (a + c - b)/(abc)^2,    beta = (a - c) [2ac - b (a + c - b)]/(abc)^2,
 
-with alpha, beta >= 0 for every body. Where all terms that are there have one sign, there is one
-crossing at most. Fluid against damping changes its sign with |G|, which falls: fast, the fluid
-turns the body to axis 1, slow, the damping turns it back to axis 3. Averaged over a half turn
-beside the separatrix the sense turns where kappa G^2 f = lambda_1 - lambda_3, f = (2 alpha +
-beta)/3.
+where alpha and beta are not negative for any body. If all terms in the braces have one sign, every
+crossing has this sense, so there is one crossing at most. If a fluid acts against damping, the sign
+depends on |G|, which falls: at large |G| the fluid turns the body to axis 1, at small |G| the
+damping turns it back to axis 3. On the mean over a half turn near the separatrix the sense turns
+where kappa G^2 f = lambda_1 - lambda_3, with f = (2 alpha + beta)/3.
 
-All of it holds for constant coefficients, for a diagonal tensor of resistance too (lambda_i +=
-I_ii/A_i), and without a torque fixed in the body or in space, an expression or a rotor. A body with
-two equal moments never crosses.
+All of this holds for constant coefficients, and without torques fixed in the body or in space,
+expressions and rotors. A diagonal tensor of resistance adds I_ii/A_i to lambda_i. A body with two
+equal moments never crosses.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..rigid_body import enclosed_axis, inertia_order
+from ..rigid_body import inertia_order
 
 
 class Dissipation(NamedTuple):
-    """The coefficients of a sum of torques by body axis (3,), but for kappa; `torque` is constant
-    in the body. `covered` is False where there are others."""
+    """The moments of inertia and the coefficients of a sum of torques, each by body axis (3,),
+    except for the number kappa. `torque` is constant in the body. `covered` is False where further
+    torques act."""
 
     inertia: Any
     damping: Any = (0.0, 0.0, 0.0)
@@ -46,14 +47,15 @@ class Dissipation(NamedTuple):
 
 @np.errstate(all="ignore")
 def turning_momenta(terms: Dissipation) -> tuple[float, float, float]:
-    """The sizes of G at which the sense of crossings turns; not numbers where it does not.
+    """Three values of |G| at which the sense of crossings changes, for a fluid against damping; nan
+    where it does not change.
 
-    Above the first a body crosses to the axis of largest inertia only, under the fluid; below the
-    second to the axis of smallest only, under damping. At the third the mean over a half turn
-    changes its sign.
+    Above the first value the fluid prevails: a body crosses to the axis of largest inertia only.
+    Below the second damping prevails: it crosses to the axis of smallest inertia only. At the third
+    the mean of D' over a half turn changes its sign.
     """
     c, b, a = np.sort(np.asarray(terms.inertia, float))
-    # In ratios, since (a b c)^2 may have no double.
+    # In ratios, because (a b c)^2 may overflow.
     scale, narrow = (a - c) / a / (a * b * c), (a + c - b) / c
     alpha, beta = scale * narrow, scale * (2 * a / b - narrow)
     largest, _, smallest = inertia_order(terms.inertia)
@@ -67,12 +69,12 @@ def turning_momenta(terms: Dissipation) -> tuple[float, float, float]:
 
 def possible_crossings(terms: Dissipation) -> frozenset[int] | None:
     """The senses of the crossings that a motion can have: 1 to the axis of largest inertia, -1 to
-    the axis of smallest; None where nothing is known.
+    the axis of smallest inertia. None where no theorem applies.
 
-    Of one sense there is one crossing at most. With both, the motion may go to the axis of largest
-    inertia, and back: two at most, but for what happens between the two sizes of G at which the
-    sense may turn. kappa and the quadratic coefficients are at least 0; for negative damping beside
-    fluid less is known.
+    With one sense there is one crossing at most. With both, the motion may go to the axis of
+    largest inertia and back, with two crossings at most outside the range of |G| in which the sense
+    changes. kappa and the quadratic coefficients must not be negative. For negative damping beside
+    a fluid no theorem applies.
     """
     c, b, a = np.sort(np.asarray(terms.inertia, float))
     if a == b or b == c:
@@ -88,13 +90,13 @@ def possible_crossings(terms: Dissipation) -> frozenset[int] | None:
         return frozenset({1} if has_fluid or min(media) < 0 else ())
     if not has_fluid and min(media) >= 0:
         return frozenset({-1})
-    # |G| alone decides which of fluid and damping is the stronger, and it falls.
+    # |G| alone decides whether fluid or damping prevails, and |G| falls.
     turns = has_fluid and damping > 0 and not quadratic and min(terms.damping) >= 0
     return frozenset({1, -1}) if turns else None
 
 
 def axes_never_left(terms: Dissipation) -> frozenset[int]:
-    """The body axes, 1 to 3, each of which is enclosed for ever once it is."""
+    """The body axes (1 to 3) that are enclosed for ever once they are enclosed."""
     largest, _, smallest = inertia_order(terms.inertia)
     senses = possible_crossings(terms)
     possible = {-1, 1} if senses is None else senses
@@ -103,7 +105,7 @@ def axes_never_left(terms: Dissipation) -> frozenset[int]:
 
 
 def crossing_predictions(terms: Dissipation) -> list[str]:
-    """Which crossings are possible, in a sentence."""
+    """A sentence on the crossings that are possible; none where no theorem applies."""
     largest, _, smallest = inertia_order(terms.inertia)
     up, down = f"x{smallest + 1} to x{largest + 1}", f"x{largest + 1} to x{smallest + 1}"
     at_most_one = {
@@ -119,27 +121,3 @@ def crossing_predictions(terms: Dissipation) -> list[str]:
         f"only {up} above |G| = {fluid}, only {down} below {damping}; on the mean the sense turns "
         f"at {mean}"
     ]
-
-
-EQUAL_RATES = 1e-12
-"""Rates of decay whose ratio differs from 1, or from 0, by no more are taken to be equal, or 0:
-rounding may have made the difference."""
-
-
-def final_axis(A: np.ndarray, I: np.ndarray) -> int | None:
-    """The axis that is enclosed in the end, when the rotation has become slower than its damping:
-    A omega' = -I omega then, and omega turns to the eigenvector of A^-1 I that decays most slowly.
-
-    None unless I is symmetric and takes energy out of every motion; None too where rounding decides
-    which eigenvector it is, or on which side of the separatrix it lies. A rotation about a body
-    axis may stay there instead.
-    """
-    # A^-1 I has the eigenvalues of this symmetric matrix, and its eigenvectors times A^(1/2).
-    root = np.sqrt(A)
-    rates, vectors = np.linalg.eigh(I / np.outer(root, root))
-    gap = rates[1] - rates[0]
-    # A kernel, or an eigenvalue that is rounding, stops no motion: omega x A omega decides.
-    if (I != I.T).any() or min(rates[0], gap) <= EQUAL_RATES * rates[2]:
-        return None
-    label = int(enclosed_axis(A, vectors[:, 0] / root, EQUAL_RATES * rates[2] / gap))
-    return label if label > 0 else None
