@@ -29,7 +29,6 @@ from hodo_cli.integration import integrate
 from hodo_cli.models import rigid_body
 from hodo_cli.storage import Group
 from hodo_cli.sweeps import chunk, columns, members, summary, sweep
-from hodo_cli.sweeps.view import SweepView
 
 OK, FAILED, TIMEOUT, INVALID = range(4)
 """The first values of `status`, by their places in its `flag_meanings`."""
@@ -51,6 +50,10 @@ def one(text: str) -> Case:
     return parse(f"title: t\ncases:\n  a: {{{text}}}\n", "x.yaml").cases["a"]
 
 
+def swept(text: str) -> xr.Dataset:
+    return hodo_cli.sweep(one(text))
+
+
 def precisely(case: Case, precision: str) -> xr.Dataset:
     """A case by a series in another precision."""
     return hodo_cli.run(replace(case, method="taylor", tol=None, precision=precision, error=False))
@@ -63,101 +66,25 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
     return {name: variable.data for name, variable in group.variables.items()}
 
 
-# The block
-
-
-@pytest.mark.parametrize(
-    ("block", "message"),
-    [
-        (
-            "{damping.2: 3}",
-            "cases.a.sweep.damping.2: expected one of linspace, logspace, values, zip, sphere, "
-            "got 3",
-        ),
-        ("{damping.2: {values: [1, 2], linspace: [1, 2, 3]}}",
-         "got a mapping, of 2 keys: 'values, linspace'"),
-        ("{damping.2: {linspce: [1, 2, 3]}}", "did you mean 'linspace'?"),
-        ("{damping.2: {logspace: [0, 2, 5]}}",
-         "sweep.damping.2.logspace.0: expected a positive number, got 0"),
-        ("{damping.3: {values: [1]}}", "sweep.damping.3: the case has no such number: damping.3"),
-        ("{dampng: {values: [1]}}", "did you mean 'damping'?"),
-        ("{time.end: {values: [1]}}", "sweep.time.end: time.end is not a number of the model"),
-        ("{inertia.0: {values: [1, -1]}}",
-         "sweep.inertia.0.values.1: expected a positive number, got -1"),
-        ("{initial: {values: [1]}}", "expected a mapping of p, q, r, G, got 1.0"),
-        ("{inertia: {values: [1]}}", "sweep.inertia: inertia is not a number: name one of its"),
-        ("{time: {sphere: {count: 2}}}", "time is a name in every result: call the axis otherwise"),
-        ("{status: {zip: {damping.0: {values: [1]}}}}", "status is a name in every result"),
-        ("{d: {sphere: {count: 0}}}",
-         "sweep.d.sphere.count: expected an integer >= 1, <= 1e+09, got 0"),
-        ("{d: {sphere: {count: 2}}, e: {sphere: {count: 2}}}", "one axis may be a sphere"),
-        ("{d: {zip: {damping.0: {values: [1]}, damping.1: {values: [1, 2]}}}}",
-         "1 and 2 values cannot be zipped"),
-        ("{damping.2: {values: [1]}, d: {zip: {damping.2: {values: [1]}}}}",
-         "damping.2 varies along another axis already, or a part of it does"),
-        ("{initial.r: {values: [1, 2]}}",
-         "sweep.initial.r: G stands for exactly one of p, q, r: leave that one out"),
-        ("{d: {sphere: {count: 1e6}}, damping.2: {linspace: [0, 1, 1e4]}}",
-         "more than 1e+09 members"),
-    ],
-)  # fmt: skip
-def test_a_mistake_in_a_sweep_is_named_with_its_place(block: str, message: str) -> None:
-    text = f"title: t\ncases:\n  a:\n    {{{FIG4}, {BALL},\n    sweep: {block}}}\n"
-    with pytest.raises(HodoError) as error:
-        parse(text, "x.yaml")
-    lines = str(error.value).splitlines()
-    assert len(lines) == 1
-    assert lines[0].startswith("x.yaml:5:")
-    assert message in lines[0]
-
-
-AVERAGED_TOP = (
-    "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: 0.1, b: 0.1, "
-    "initial: {theta: 1, r: 2}, time: {end: 9}"
-)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        # A cavity is given by `kappa` or by `cavity`, whose keys are there all the same.
-        (f"{HEAD}, {BALL}, model: torques, kappa: 1, sweep: {{cavity.kappa: {{values: [0.3]}}}}",
-         r"the case has no such number: cavity\.kappa"),
-        (f"{AVERAGED_TOP}, sweep: {{d: {{sphere: {{count: 2}}}}}}",
-         "only the start of a body-frame model has a direction"),
-        (f"{FIG4}, {BALL}, store: [crosing_time], sweep: {{d: {{sphere: {{count: 2}}}}}}",
-         "did you mean 'crossing_time'"),
-        # It is of what a brake stops.
-        (f"{FIG4}, {BALL}, sweep: {{damping.2: {{values: [0]}}}}, store: [event_time]",
-         "unknown variable 'event_time'"),
-    ],
-)  # fmt: skip
-def test_what_a_case_does_not_have_is_neither_swept_nor_stored(text: str, message: str) -> None:
-    with pytest.raises(HodoError, match=message):
-        one(text)
-
-
 def test_each_variable_of_a_sweep_may_be_stored_alone() -> None:
     text = f"{SHORT}, {BALL}, sweep: {{damping.2: {{values: [0.003]}}}}"
-    every = hodo_cli.sweep(one(text))
-    for name in every.data_vars:
-        if name not in ("status", "d_vector"):
-            assert {*hodo_cli.sweep(one(f"{text}, store: [{name}]")).data_vars} == {"status", name}
+    for name in {*swept(text).data_vars} - {"status", "d_vector"}:
+        assert {*swept(f"{text}, store: [{name}]").data_vars} == {"status", name}
 
 
 def test_the_values_of_a_range() -> None:
     ranges = "damping.0: {linspace: [0, 1, 5]}, damping.2: {logspace: [1e-4, 1e-2, 3]}"
-    swept = hodo_cli.sweep(one(f"{INSTANT}, {BALL}, sweep: {{{ranges}}}"))
-    assert swept["damping.2"].values == pytest.approx([1e-4, 1e-3, 1e-2], rel=1e-14)
-    assert swept["damping.0"].values.tolist() == [0, 0.25, 0.5, 0.75, 1]
+    data = swept(f"{INSTANT}, {BALL}, sweep: {{{ranges}}}")
+    assert data["damping.2"].values == pytest.approx([1e-4, 1e-3, 1e-2], rel=1e-14)
+    assert data["damping.0"].values.tolist() == [0, 0.25, 0.5, 0.75, 1]
 
 
 @pytest.mark.heyoka
 def test_directions_are_uniform_and_those_of_the_members_in_every_block_of_them() -> None:
     """They are written in blocks of some 16,000; G has not turned yet at the end."""
     count = chunk.LARGEST_CHUNK + 100
-    swept = f"sweep: {{d: {{sphere: {{count: {count}, seed: 3}}}}}}"
-    data = hodo_cli.sweep(one(f"{INSTANT}, {BALL}, store: [omega], {swept}"))
+    text = f"{INSTANT}, {BALL}, sweep: {{d: {{sphere: {{count: %s, seed: %s}}}}}}"
+    data = swept(f"{text % (count, 3)}, store: [omega]")
     every, G = data["d_vector"].values, np.array(BODY) * data["omega"].values
     along = G / np.linalg.norm(G, axis=1, keepdims=True)
     assert np.abs(along - every).max() < 1e-8  # ten times its turn
@@ -165,10 +92,8 @@ def test_directions_are_uniform_and_those_of_the_members_in_every_block_of_them(
     # Each component of a uniform direction is uniform in [-1, 1]; 4 standard errors.
     assert np.abs(every.mean(axis=0)).max() < 4 * math.sqrt(1 / 3 / count)
     assert np.abs((every**2).mean(axis=0) - 1 / 3).max() < 4 * math.sqrt(4 / 45 / count)
-    few = hodo_cli.sweep(one(f"{INSTANT}, {BALL}, {swept.replace(str(count), '9')}"))
-    assert np.array_equal(few["d_vector"], every[:9])
-    other = swept.replace(str(count), "9").replace("seed: 3", "seed: 4")
-    assert not np.any(hodo_cli.sweep(one(f"{INSTANT}, {BALL}, {other}"))["d_vector"] == every[:9])
+    assert np.array_equal(swept(text % (9, 3))["d_vector"], every[:9])
+    assert not np.any(swept(text % (9, 4))["d_vector"] == every[:9])
 
 
 # Members are single cases
@@ -176,47 +101,35 @@ def test_directions_are_uniform_and_those_of_the_members_in_every_block_of_them(
 
 @pytest.mark.heyoka  # without it, collocation would be compared with itself
 @pytest.mark.parametrize(
-    ("form", "store", "time"),
+    ("form", "times", "store", "other"),
     [
-        ("full", [], {"end": 440, "samples": 1}),
-        ("full", ["trajectory"], {"values": [400, 420, 440]}),
-        ("averaged", ["trajectory"], {"values": [400, 440]}),
+        ("full", "end: 440, samples: 1", "share", "collocation"),
+        ("full", "values: [400, 420, 440]", "share, trajectory", "collocation"),
+        ("averaged", "values: [400, 440]", "trajectory", "quadrature"),
     ],
 )
-def test_a_member_starts_about_the_axis_of_its_start_whenever_its_samples_begin(form, store, time):
-    wanted = ["start_axis", "end_axis", "crossings", "crossing_time"]
-    wanted += ["share"] if form == "full" else []
-    common = {
-        **{"model": "linear-diag", "inertia": [1, 0.8, 0.6], "form": form, "time": time},
-        **{"damping": [0.005, 0.004, 0.003], "initial": {"p": 0.8, "q": 0.5, "r": 0.74}},
-        **{"sweep": {"damping.1": {"values": [0.004, 0.0041]}}, "store": [*store, *wanted]},
-        "error": "off",
-    }
-    together = hodo_cli.sweep(common)
-    other = {"method": "collocation"} if form == "full" else {}
-    alone = hodo_cli.sweep({**common, **other})
-    assert alone.attrs["method"] == ("collocation" if form == "full" else "quadrature")
+def test_a_member_starts_about_the_axis_of_its_start_whenever_its_samples_begin(
+    form: str, times: str, store: str, other: str
+) -> None:
+    wanted = f"store: [start_axis, end_axis, crossings, crossing_time, {store}]"
+    text = f"{FIG4}, {BODY_MOVES}, sweep: {{damping.1: {{values: [0.004, 0.0041]}}}}, {wanted}"
+    text = text.replace("end: 1000", times) + f", form: {form}"
+    together, alone = swept(text), swept(f"{text}, method: {other}")
+    assert alone.attrs["method"] == other
     for data in (together, alone):
         assert data.start_axis.values.tolist() == [1, 1]
         assert data.end_axis.values.tolist() == [3, 3]
-        for name in {*wanted} & {*data}:
+        for name in {"crossings", "crossing_time", "share"} & {*data}:
             np.testing.assert_allclose(data[name], together[name], rtol=1e-9)
 
 
 def test_a_sweep_warns_of_an_error_above_its_tolerance() -> None:
-    common = {
-        **{"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": 0.001},
-        **{
-            "initial": {"p": 0.8, "q": 0.5, "r": 0.74},
-            "sweep": {"damping.1": {"values": [0, 0.1]}},
-        },
-    }
-    far = hodo_cli.sweep({**common, "method": "RK45", "time": {"end": 500}})
+    text = f"{FIG4.replace('off', 'on')}, {BODY_MOVES}, sweep: {{damping.1: {{values: [0, 0.1]}}}}"
+    far = swept(text.replace("end: 1000", "end: 500") + ", method: RK45")
     assert far.attrs["tol"] == 1e-9
     assert far.attrs["error"] > 1e-8
     assert "is more than ten times the 1e-09 that hodo aims at" in far.attrs["warnings"]
-    near = hodo_cli.sweep({**common, "time": {"end": 5}})
-    assert near.attrs["warnings"] == ""
+    assert swept(text.replace("end: 1000", "end: 5")).attrs["warnings"] == ""
 
 
 @pytest.mark.heyoka
@@ -241,9 +154,7 @@ def test_the_last_sample_is_the_end_whatever_rounding_has_taken_from_the_time() 
 
 @pytest.mark.heyoka
 def test_what_an_ensemble_cannot_settle_is_integrated_alone() -> None:
-    case = one(f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], initial: "
-               f"{{p: 0.8, q: 0.5, r: 0.74}}, "
-               "sweep: {damping.0: {values: [0.005, 1e6]}}")  # fmt: skip
+    case = one(f"{FIG4}, {BODY_MOVES}, sweep: {{damping.0: {{values: [0.005, 1e6]}}}}")
     counts = [
         chunk.compute(chunk.Chunk(case, i, i + 1)).attributes["rejections"].sum() for i in range(2)
     ]
@@ -331,43 +242,34 @@ def test_members_that_do_not_end_well_are_marked(kind, monkeypatch):
 @pytest.mark.heyoka
 def test_the_error_of_members_that_stop_is_that_of_the_time() -> None:
     """Members that end too small are counted."""
-    body = "model: torques, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}"
+    body = f"model: torques, inertia: [1, 0.8, 0.6], {BODY_MOVES}"
     case = one(f"{body}, damping: 0.004, brake: 0.01, time: {{start: -50, end: 400}}, "
                "sweep: {brake: {values: [0.01]}}")  # fmt: skip
     end = summary.member_end(chunk.Chunk(case, 0, 1), computed(case), 0)
     late = end._replace(final={"event_time": end.final["event_time"] + 84e-9})
     errors = [found.final for found in summary.probe(case, [end, late])[0]]
     assert errors == [pytest.approx(0, abs=1e-14), pytest.approx(1e-9, rel=1e-3)]
-    stopped = hodo_cli.sweep(one(f"{body}, brake: 0.01, time: {{end: 400}}, "
-                                 "sweep: {brake: {values: [0.01, 0.02]}}"))  # fmt: skip
-    assert stopped.attrs["error"] < 1e-14
-    assert (stopped.attrs["error_sample"], stopped.attrs["warnings"]) == (2, "")
-    decayed = hodo_cli.sweep(one(f"{body}, damping: 9, time: {{end: 400}}, "
-                                 "sweep: {damping.0: {values: [8, 9]}}"))  # fmt: skip
-    assert decayed.attrs["error_sample"] == 0
+    span = f"{body}, time: {{end: 400}}, sweep:"
+    stopped = swept(f"{span} {{brake: {{values: [0.01, 0.02]}}}}, brake: 0.01").attrs
+    assert stopped["error"] < 1e-14
+    assert (stopped["error_sample"], stopped["warnings"]) == (2, "")
+    decayed = swept(f"{span} {{damping.0: {{values: [8, 9]}}}}, damping: 9").attrs
     words = "2 of 2 members have no measured error: they end below 1e-290"
-    assert decayed.attrs["warnings"] == words
+    assert (decayed["error_sample"], decayed["warnings"]) == (0, words)
 
 
 @pytest.mark.heyoka
 def test_an_error_is_measured() -> None:
     """A probe sees an error that is put in, in the state and in the time."""
-    case = one(
-        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{damping.2: {{values: [0.003]}}}}"
-    )
+    case = one(f"{FIG4}, {BODY_MOVES}, sweep: {{damping.2: {{values: [0.003]}}}}")
     values = computed(case)
-
-    def end(omega: np.ndarray, time: np.ndarray) -> summary.MemberEnd:
-        return summary.MemberEnd(0, {"omega": omega[0]}, time[0])
-
-    ((error, off, kind, _),), _ = summary.probe(
-        case, [end(values["omega"], values["crossing_time"])]
-    )
-    assert (error < 1e-12, off < 1e-9, kind) == (True, True, "extended")
-    wrong = values["omega"] * (1 + 1e-9)
-    ((error, off, _, _),), _ = summary.probe(case, [end(wrong, values["crossing_time"] + 1e-6)])
-    assert error == pytest.approx(1e-9, rel=1e-3)
-    assert off == pytest.approx(1e-6, rel=1e-3)
+    omega, time = values["omega"][0], values["crossing_time"][0]
+    for scale, later in ((1, 0.0), (1 + 1e-9, 1e-6)):
+        end = summary.MemberEnd(0, {"omega": omega * scale}, time + later)
+        ((error, off, kind, _),), _ = summary.probe(case, [end])
+        assert error == pytest.approx(scale - 1, rel=1e-3, abs=1e-12)
+        assert off == pytest.approx(later, rel=1e-3, abs=1e-9)
+        assert kind == "extended"
 
 
 # Files
@@ -534,30 +436,28 @@ def test_swept_trajectories_are_those_of_single_cases(kind: str) -> None:
 
 @pytest.mark.heyoka
 def test_a_sweep_says_how_many_members_went_alone_and_why() -> None:
-    fast = f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}"
-    few = (
+    fast, torques = (
+        f"{FIG4}, {BODY_MOVES}",
+        f"{FIG4.replace('linear-diag', 'torques')}, {BODY_MOVES}",
+    )
+    top = (
         "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0.125, 1], b: [0.1, 1], "
         "initial: {theta: 1, r: 1.7}, time: {end: 1}, error: off"
     )
-    expected = {
-        f"{fast}, sweep: {{initial.p: {{values: [0, 1e-12, 0.8]}}}}":
-        "side by side, 1 of 3 members by themselves "
-        "(1: starts with a component that is small beside another)",
-        f"{fast}, sweep: {{initial.p: {{values: [0.7, 0.8]}}}}":
-        "side by side, 0 of 2 members by themselves",
-        f"{few}, sweep: {{initial.r: {{values: [1.6, 1.7]}}}}":
-        "each by itself: fewer than 1750 members are not worth compiling their step",
-        f"{fast}, max_steps: 900, sweep: {{initial.p: {{values: [0.7, 0.8]}}}}":
-        "each by itself: limits of each member",
-        f"{FIG4.replace('linear-diag', 'torques')}, rotor: [0, 0.1, 0], "
-        "initial: {p: 0.8, q: 0.5, r: 0.74}, sweep: {initial.p: {values: [0.7, 0.8]}}":
-        "side by side, 0 of 2 members by themselves",
-        f"{FIG4.replace('linear-diag', 'torques')}, quadratic: 0.1, "
-        "initial: {p: 0.8, q: 0.5, r: 0.74}, sweep: {initial.p: {values: [0.7, 0.8]}}":
-        "side by side, 0 of 2 members by themselves",
-    }  # fmt: skip
-    for text, reason in expected.items():
-        assert hodo_cli.sweep(one(text)).attrs["method_reason"] == reason
+    together = "side by side, 0 of 2 members by themselves"
+    alone = "(1: starts with a component that is small beside another)"
+    for text, values, reason in (
+        (fast, "[0, 1e-12, 0.8]", f"side by side, 1 of 3 members by themselves {alone}"),
+        (fast, "[0.7, 0.8]", together),
+        (f"{torques}, rotor: [0, 0.1, 0]", "[0.7, 0.8]", together),
+        (f"{torques}, quadratic: 0.1", "[0.7, 0.8]", together),
+        (f"{fast}, max_steps: 900", "[0.7, 0.8]", "each by itself: limits of each member"),
+        (top, "[1.6, 1.7]",
+         "each by itself: fewer than 1750 members are not worth compiling their step"),
+    ):  # fmt: skip
+        key = "initial.r" if text == top else "initial.p"
+        data = swept(f"{text}, sweep: {{{key}: {{values: {values}}}}}")
+        assert data.attrs["method_reason"] == reason
 
 
 @pytest.fixture(scope="module")
@@ -816,83 +716,89 @@ def test_chunks_are_boxes_in_order(sizes: list[int], most: int) -> None:
     assert end == array.size
 
 
-START = {"p": 1, "q": 0.2, "r": 0.3}
-DISC = {"form": "averaged", "kappa": 0.1, "torque": [0, 0, -0.1], "initial": {"x": 1, "y": 1}}
-
-
 @pytest.mark.parametrize(
-    ("case", "key", "body"),
+    ("entries", "is_shared"),
     [
-        ({"model": "linear-diag", "inertia": [1, 0.8, 0.6]}, "initial.p", [1, 0.8, 0.6]),
-        ({"model": "linear-diag", "inertia": [1, 0.8, 0.6]}, "inertia.1", None),
-        ({"model": "torques", "inertia": [[1, 0.1, 0], [0.1, 0.8, 0], [0, 0, 0.6]]}, "damping",
-         None),
-        ({"model": "cavity+constant", "inertia": [8, 8, 4], **DISC}, "initial.x", [8, 8, 4]),
+        ("damping: 0.01, sweep: {SPHERE}", True),
+        ("damping: 0.01, sweep: {inertia.1: {values: [0.7, 0.8]}, SPHERE}", False),
+        (
+            "damping: 0.01, inertia: [[1, 0.1, 0], [0.1, 0.8, 0], [0, 0, 0.6]], sweep: {SPHERE}",
+            False,
+        ),
     ],
-)  # fmt: skip
-def test_members_share_a_body_along_its_principal_axes(case, key, body):
-    """A separatrix on a sphere is that of this body."""
-    damped = {"damping": 0.01, "initial": START} if "form" not in case else {"epsilon": 0.1}
-    swept = damped | case | {"time": {"end": 1}, "sweep": {key: {"values": [0.9, 0.95]}}}
-    moments = SweepView.of("s", hodo_cli.sweep(swept | {"error": "off"})).body()
-    assert (moments is None) if body is None else moments.tolist() == body
+)
+def test_a_map_has_a_separatrix_where_members_share_a_body_along_its_principal_axes(
+    entries: str, is_shared: bool
+) -> None:
+    text = f"model: torques, time: {{end: 1}}, error: off, {BODY_MOVES}, {entries}"
+    text += "" if "inertia: " in entries else ", inertia: [1, 0.8, 0.6]"
+    data = swept(text.replace("SPHERE", "d: {sphere: {count: 20}}"))
+    lines = hodo_cli.plot(data, "map", variable="end_axis.x1").axes[0].lines
+    assert any("separatrix" in str(line.get_label()) for line in lines) == is_shared
 
 
-def view_of(**variables: Any) -> SweepView:
-    return SweepView("s", one(f"{FIG4}, {BALL}"), xr.Dataset(variables))
+# Of three bodies the first has no A1 = 1, and the last no A1 = 0.9.
+TWO_SWEEPS = """
+defaults: {model: linear-diag, initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 300}, error: off,
+           sweep: {damping.0: {values: [0.02, 0.03]}, inertia.1: {values: [0.35, 0.8, 1.55]}}}
+cases:
+  one: {inertia: [1, 0.8, 0.6], damping: [0.02, 0.01, 0.003]}
+  two: {inertia: [0.9, 0.8, 0.6], damping: [0.02, 0.01, 0.1]}
+claims:
+"""
+AVERAGES = """
+cases: one, check: {kind: average, variable: end_axis.x1
+cases: one, check: {kind: average, variable: omega.x3, at: [{damping.0: 1}]
+cases: one, check: {kind: average, variable: crossing_time
+cases: one, check: {kind: average, variable: crossings, along: [inertia.1]
+cases: [one, two], check: {kind: average, variable: end_axis
+cases: [one, two], check: {kind: average, variable: crossing_G
+cases: [one, two], check: {kind: average, variable: crossing_time, against: crossings
+"""
+NOT_AVERAGED = """
+cases: one, check: {kind: average, variable: nothing -> the sweep has no
+cases: one, check: {kind: average, variable: omega -> it has omega.x1, omega.x2, omega.x3
+cases: one, check: {kind: average, variable: end_axis.x4 -> end_axis.x1
+cases: one, check: {kind: average, variable: end_axis -> is a label, without a mean: name a share
+cases: one, check: {kind: average, variable: G, at: [{damping.0: 3}] -> no position 3 on an axis
+cases: one, check: {kind: average, variable: G, along: [c] -> on an axis 'c'
+cases: [one, two], check: {kind: average, variable: G, against: omega -> values of 'G' and 'omega'
+"""
 
 
-def test_averages_over_members() -> None:
-    """Two axes of 2 and 3 positions; the member at (1, 2) does not count."""
-    labels = {"flag_values": np.array([1, 3]), "flag_meanings": "x1 x3"}
-    swept = view_of(
-        status=(("a", "b"), [[0, 0, 0], [0, 0, 1]]),
-        end_axis=(("a", "b"), [[1, 3, 3], [1, 1, 1]], labels),
-        share=(("a", "b", "axis"), np.arange(18.0).reshape(2, 3, 3)),
-        crossing_time=(("a", "b"), [[1.0, np.nan, 3.0], [5.0, 7.0, 9.0]]),
-        axis=["x1", "x2", "x3"],
-    )
-    for (variable, keep, at), expected in (
-        (("end_axis.x1", ("a",), {}), [1 / 3, 1]),
-        (("share.x2", ("b", "a"), {}), [[1, 10], [4, 13], [7, np.nan]]),
-        (("crossing_time", (), {"a": 0}), 2),
-        (("crossing_time", ("b",), {}), [3, 7, 3]),
-        (("end_axis", ("b", "a"), {}), [[1, 1], [3, 1], [3, np.nan]]),
-    ):
-        np.testing.assert_array_equal(swept.values(variable, keep, at), expected)
-    for (variable, keep, at), message in (
-        (("nothing", (), {}), "the sweep has no"),
-        (("share", (), {}), "it has share.x1, share.x2, share.x3"),
-        (("end_axis.x2", (), {}), "it has end_axis.x1"),
-        (("end_axis", ("a",), {}), "end_axis is a label, without a mean: name a share"),
-        (("crossing_time", (), {"b": 3}), "no position 3 on an axis 'b'"),
-        (("crossing_time", ("c",), {}), "on an axis 'c'"),
-    ):
-        with pytest.raises(HodoError, match=message):
-            swept.values(variable, keep, at)
+def test_averages_over_members_and_the_distances_of_two_sweeps(tmp_path: Path) -> None:
+    """A label counts as 1 where it differs, and only members that are ok, in both, count."""
+    rows = AVERAGES.strip().splitlines()
+    refused = [row.split(" -> ") for row in NOT_AVERAGED.strip().splitlines()]
 
+    def judged(*checks: str) -> subprocess.CompletedProcess[str]:
+        claims = (
+            f"- {{id: c{i}, where: a, statement: b, expect: reproduced, {check}, least: -9}}}}\n"
+            for i, check in enumerate(checks)
+        )
+        (tmp_path / "a.yaml").write_text(TWO_SWEEPS + "".join(claims), encoding="utf-8")
+        return call(tmp_path, "claims", "a.yaml", "--json")
 
-def test_the_distance_of_two_sweeps() -> None:
-    """A label counts as 1 where it differs, and only members that are ok in both count."""
-
-    def ends(axis: list[int], time: list[float], status: list[int]) -> SweepView:
-        flags = {"flag_values": np.array([1, 3]), "flag_meanings": "x1 x3"}
-        predicted = ("a", np.array(time) + 1)
-        known = {"crossing_time": ("a", time), "predicted": predicted, "status": ("a", status)}
-        return view_of(end_axis=("a", axis, flags), **known)
-
-    one = ends([1, 3, 1, 1], [1, 2, math.nan, 9], [0, 0, 0, 1])
-    other = ends([1, 1, 1, 3], [1.5, 3, 4, 5], [0, 0, 0, 0])
-    for pair, known in (
-        (("end_axis", "end_axis"), 1 / 3),
-        (("crossing_time", "crossing_time"), 0.75),
-        (("crossing_time", "predicted"), 1.75),
-    ):
-        assert float(one.distance(other, *pair).values(pair[0], (), {})) == known
-    with pytest.raises(HodoError, match="case a has no omega, which G needs"):
-        one.distance(other, "crossing_time", "G")
-    with pytest.raises(HodoError, match="values of 'crossing_time'"):
-        one.distance(view_of(G=("a", [0.0, 1.0, 2.0])), "crossing_time", "G")
+    judged(*rows)
+    for command in ("run", "classify"):
+        call(tmp_path, command, "a.yaml")
+    found = [row["number"] for row in json.loads(judged(*rows).stdout)["statements"]]
+    a, b = (hodo_cli.open(tmp_path / "runs" / "a.h5")[name].load() for name in ("one", "two"))
+    ok, both = a.status == OK, (a.status == OK) & (b.status == OK)
+    assert (ok.sum(), both.sum()) == (4, 2)
+    spread = a.crossings.where(ok).mean("damping.0")
+    assert found == pytest.approx([
+        (a.end_axis == 1).where(ok).mean(),
+        a.omega.sel(axis="x3").where(ok)[1].mean(),
+        a.crossing_time.where(ok).mean(),
+        spread.max() - spread.min(),
+        (a.end_axis != b.end_axis).where(both).mean(),
+        abs(a.crossing_G - b.crossing_G).where(both).mean(),
+        abs(a.crossing_time - b.crossings).where(both).mean(),
+    ], nan_ok=True)  # fmt: skip
+    for check, words in refused:
+        done = judged(check)
+        assert (done.returncode, words in done.stderr) == (2, True), done.stderr
 
 
 # Beside the middle axis D is a difference of terms of 1e-26 and less in a body that turns at 1.
