@@ -175,13 +175,11 @@ def test_a_corner_that_one_member_in_many_comes_to_is_none_too_few(size: str) ->
     drawn = np.random.default_rng(60).choice(60, 16, replace=False)
     odd = min({*range(60)} - {*drawn.tolist()})
     values = [0.05 if i == odd else 0.9 + i / 1000 for i in range(60)]  # about x3, where p turns
-    keys = {
-        "model": "torques", "inertia": BODY, "expression": [f"-0.02*{size}*p", 0, 0],
-        "initial": {"p": 0.9, "q": 0.1, "r": 0.6}, "time": {"end": 20}, "error": "off",
-    }  # fmt: skip
-    swept = hodo_cli.sweep({**keys, "sweep": {"initial.p": {"values": values}}})
-    single = hodo_cli.run({**keys, "initial": {"p": 0.05, "q": 0.1, "r": 0.6}})
-    assert np.abs(swept.omega[odd] - single.omega[-1]).max() < 1e-13
+    text = f"model: torques, inertia: [1, 0.8, 0.6], expression: ['-0.02*{size}*p', 0, 0], "
+    text += "time: {end: 20}, error: off, initial: {p: %s, q: 0.1, r: 0.6}"
+    together = swept(f"{text % 0.9}, sweep: {{initial.p: {{values: {values}}}}}")
+    alone = hodo_cli.run(one(text % 0.05))
+    assert np.abs(together.omega[odd] - alone.omega[-1]).max() < 1e-13
 
 
 REFUSED_LATER = (
@@ -540,12 +538,10 @@ def test_a_killed_sweep_goes_on_from_its_last_chunk(tmp_path, hodo, monkeypatch)
     assert again.returncode == 0, again.stderr
     assert f"ball: {done} of 9 chunks are kept" in again.stderr
     assert not list(tmp_path.glob("runs/.a.h5.*"))
-    with h5py.File(tmp_path / "runs" / "a.h5") as file:
-        values = computed(parse_case(file["ball"].attrs["case"]), 0, 300)
-        assert np.array_equal(
-            file["ball"]["crossing_time"][0, :300], values["crossing_time"], equal_nan=True
-        )
-        assert (file["ball"]["status"][:] == OK).all()
+    ball = hodo_cli.open(tmp_path / "runs" / "a.h5")["ball"]
+    values = computed(parse_case(ball.attrs["case"]), 0, 300)
+    np.testing.assert_array_equal(ball["crossing_time"][0, :300], values["crossing_time"])
+    assert (ball["status"] == OK).all()
 
 
 GROWING = {
@@ -801,23 +797,24 @@ BESIDE = (
 @pytest.mark.heyoka
 @pytest.mark.parametrize(("last", "error"), [(1e-3, "on"), (1.001e-3, "off")])
 def test_members_beside_the_middle_axis_cross_as_they_must(last: float, error: str) -> None:
+    """lambda1 = lambda3 forbids a crossing, which no precision would tell: D decays from 1e-18 and
+    less of what its terms become. lambda1 < lambda3 allows one to x1."""
     damping = [1e-3, 5e-3, last]
     case = one(f"{BESIDE}, damping: {damping}, error: {error}")
     found = computed(case)
     assert (found["status"] == OK).all()
     for i in range(len(found["status"])):
-        start = members.member(case, int(i)).system.start
-        true = series.crossings(BODY, series.diagonal(BODY, damping), start, 300.0, bits=256)
-        # lambda1 = lambda3 forbids a crossing, which no precision would tell: D decays from 1e-18
-        # and less of what its terms become. lambda1 < lambda3 allows one to x1.
+        single = members.member(case, i)
+        true = series.crossings(
+            BODY, series.diagonal(BODY, damping), single.system.start, 300.0, bits=256
+        )
         assert found["crossings"][i] == len(true) <= (last != 1e-3)
         if true:
             # An ulp of |omega| is up to 2e-5 of p and r, a few units of time at this difference
             # of the coefficients; the motion leaves the axis long before that has added up.
             assert found["crossing_time"][i] == pytest.approx(float(true[0].time), rel=1e-6)
             assert (found["crossing_from"][i], found["crossing_to"][i]) == (3, 1)
-        single = replace(members.member(case, int(i)), error=error)
-        _, alone = classified(single)
+        _, alone = classified(replace(single, error=error))
         assert len(alone.crossings) == len(true)
         assert alone.labels[[0, -1]].tolist() == [found["start_axis"][i], found["end_axis"][i]]
 
@@ -858,14 +855,13 @@ def test_the_time_of_a_crossing_is_right_to_the_error_that_the_member_states(kin
 @pytest.mark.heyoka
 @pytest.mark.parametrize("end", [1e-2, 1e6])
 def test_an_early_crossing_in_a_long_span_has_its_digits(end: float) -> None:
-    """The time that is left has none of them: it was 5e-12 off where 6e-15 was stated. The motions
-    cross after some steps, for in the first one no time has been lost yet."""
+    """The time that is left has none of them. The motions cross after some steps, for in the first
+    one no time has been lost yet."""
     unit = 1e-3 * end
-    p, q, r = 1.2 / unit, 0.5 / unit, 0.99 / unit
     case = one(
-        f"model: linear-diag, inertia: [1, 0.8, 0.6], damping: [{0.5 / unit}, {0.4 / unit}, "
-        f"{0.3 / unit}], time: {{end: {end}}}, error: off, initial: {{p: {p}, q: {q}, r: {r}}}, "
-        f"sweep: {{initial.p: {{values: [{p}, {8 / unit}]}}}}"
+        f"model: linear-diag, inertia: [1, 0.8, 0.6], time: {{end: {end}}}, error: off, "
+        f"damping: [{0.5 / unit}, {0.4 / unit}, {0.3 / unit}], initial: {{p: 0, q: {0.5 / unit}, "
+        f"r: {0.99 / unit}}}, sweep: {{initial.p: {{values: [{1.2 / unit}, {8 / unit}]}}}}"
     )
     found, known = computed(case), replace(case, time=replace(case.time, end=20 * unit))
     assert found["crossings"].tolist() == [1, 1]
@@ -875,48 +871,40 @@ def test_an_early_crossing_in_a_long_span_has_its_digits(end: float) -> None:
 
 
 @pytest.mark.heyoka
-def test_a_motion_has_a_label_until_it_is_at_rest() -> None:
-    """That is below 2^-4096, far beyond the smallest double: a rotation about x3 as a case, at the
-    times when it is 2^-n, and as members that end there."""
-    orders = [4095, 4099, 4110]
-    slow = {
-        "model": "linear-diag",
-        "inertia": [1, 0.8, 0.6],
-        "initial": {"p": 1e-3, "q": 0, "r": 1},
-    }
-    times = [n * math.log(2) for n in orders]
-    case = hodo_cli.run(slow | {"damping": [2, 2, 1], "time": {"values": times}})
-    rates = {"damping.2": {"values": [time / times[0] for time in times]}}
-    ends = {"damping": [2, 2, 1], "time": {"end": times[0]}, "sweep": rates}
-    for labels in (case["enclosed_axis"], hodo_cli.sweep(slow | ends)["end_axis"]):
-        assert labels.values.tolist() == [3, -1, -1]
+def test_early_samples_in_a_long_span_have_their_digits() -> None:
+    text = "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.5, 0.4, 0.3], error: off, "
+    text += "initial: {p: %s, q: 0.5, r: 0.99}, time: {values: [3.1, 7.7, 12.9%s]}"
+    starts = [0.77, 0.8, 0.83]
+    axis = f"store: [trajectory], sweep: {{initial.p: {{values: {starts}}}}}"
+    seen = swept(f"{text % (1, ', 1e4')}, {axis}").omega.values
+    for p, omega in zip(starts, seen, strict=True):
+        known = hodo_cli.run(one(text % (p, ""))).omega.values
+        assert omega[:3] == pytest.approx(known, rel=0, abs=1e-14)
 
 
 @pytest.mark.heyoka
-def test_early_samples_in_a_long_span_have_their_digits() -> None:
-    """Steps count the time that is left, whose digits are those of the span."""
-    body = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [0.5, 0.4, 0.3]}
-    body["error"] = "off"
-    early = [3.1, 7.7, 12.9]
-    starts = [{"p": p, "q": 0.5, "r": 0.99} for p in (0.77, 0.8, 0.83)]
-    axis = {"initial.p": {"values": [start["p"] for start in starts]}}
-    spanning = body | {"time": {"values": [*early, 1e4]}, "store": ["trajectory"], "sweep": axis}
-    swept = hodo_cli.sweep(spanning | {"initial": starts[0]})
-    for start, seen in zip(starts, swept["omega"].values, strict=True):
-        known = hodo_cli.run(body | {"initial": start, "time": {"values": early}})["omega"].values
-        assert seen[:3] == pytest.approx(known, rel=0, abs=1e-14)
+def test_a_motion_has_a_label_until_it_is_at_rest() -> None:
+    """That is below 2^-4096, far beyond the smallest double: a rotation about x3 as a case, at the
+    times when it is 2^-n, and as members that end there."""
+    times = [n * math.log(2) for n in (4095, 4099, 4110)]
+    text = "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1e-3, q: 0, r: 1}, "
+    text += "damping: [2, 2, 1]"
+    rates = [time / times[0] for time in times]
+    ends = f"time: {{end: {times[0]}}}, sweep: {{damping.2: {{values: {rates}}}}}"
+    alone = hodo_cli.run(one(f"{text}, time: {{values: {times}}}"))
+    for labels in (alone["enclosed_axis"], swept(f"{text}, {ends}")["end_axis"]):
+        assert labels.values.tolist() == [3, -1, -1]
 
 
 @pytest.mark.heyoka
 @pytest.mark.parametrize("size", [1e-150, 1e17])
 def test_the_errors_of_a_sweep_are_measured_at_every_scale(size: float) -> None:
-    case = one(
+    attributes = swept(
         "model: linear-diag, inertia: [1, 0.8, 0.6], "
         f"damping: [{0.01 * size}, {0.008 * size}, {0.006 * size}], time: {{end: {200 / size}}}, "
         f"initial: {{p: {0.8 * size}, q: {0.5 * size}, r: {0.74 * size}}}, "
         f"sweep: {{initial.p: {{linspace: [{0.75 * size}, {0.85 * size}, 40]}}}}"
-    )
-    attributes = hodo_cli.sweep(case).attrs
+    ).attrs
     assert attributes["status"] == "ok"
     assert 1e-15 < attributes["error"] < 1e-11
     quantiles = size * attributes["crossing_error_quantiles"]
@@ -973,19 +961,19 @@ def test_crossings_that_no_bound_decides_are_left_to_the_single_case() -> None:
     assert group.variables["crossing_error"].data[0] == pytest.approx(off, rel=0.01)
 
 
+TOP = "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, initial: {theta: 0, r: 2}, b: 0.3"
+
+
 @pytest.mark.heyoka
 def test_the_end_of_a_member_is_that_of_its_own_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """An upright top that an event ends, under a weight that changes: H contains mu at that time,
     not at the end of the span, where mu is larger."""
-    weight = [0.5, 0.05]
-    top = {"model": "Lagrange-averaged", "inertia": {"A": 1.5, "C": 1}, "mu": weight, "a": 0.125,
-           "b": 0.3, "initial": {"theta": 0, "r": 2}, "time": {"end": 2, "samples": 2}}  # fmt: skip
-    alone = hodo_cli.run(top)
+    text = f"{TOP}, mu: [0.5, 0.05], a: 0.125, time: {{end: 2, samples: 2}}"
+    alone = hodo_cli.run(one(text))
     monkeypatch.setattr(chunk, "WORTH_COMPILING", 0)
-    starts = {"initial.theta": {"linspace": [0, 3, 4]}}
-    members_of = hodo_cli.sweep({**top, "error": "off", "sweep": starts})
-    assert "side by side" in members_of.attrs["method_reason"]
-    member = members_of.isel({"initial.theta": 0})
+    data = swept(f"{text}, error: off, sweep: {{initial.theta: {{linspace: [0, 3, 4]}}}}")
+    assert "side by side" in data.attrs["method_reason"]
+    member = data.isel({"initial.theta": 0})
     assert float(alone.event_time[0]) < 0.5
     assert member.event_time == pytest.approx(alone.event_time.values[0], rel=1e-13)
     for name in ("Gz", "H", "r", "u3"):
@@ -993,9 +981,7 @@ def test_the_end_of_a_member_is_that_of_its_own_time(monkeypatch: pytest.MonkeyP
 
 
 def test_a_member_without_a_last_sample_says_why_it_has_no_error() -> None:
-    top = {"model": "Lagrange-averaged", "inertia": {"A": 1.5, "C": 1}, "mu": 0.5, "a": 0.1,
-           "b": 0.3, "m": [0.1, -0.0777], "initial": {"theta": 0, "r": 2},
-           "store": ["trajectory"], "time": {"end": 2, "samples": 5}}  # fmt: skip
-    swept = hodo_cli.sweep({**top, "sweep": {"initial.theta": {"values": [0, 1]}}})
+    text = f"{TOP}, mu: 0.5, a: 0.1, m: [0.1, -0.0777], store: [trajectory]"
+    text += ", time: {end: 2, samples: 5}, sweep: {initial.theta: {values: [0, 1]}}"
     reason = "an event ends them before their last sample"
-    assert swept.attrs["warnings"] == f"1 of 2 members have no measured error: {reason}"
+    assert swept(text).attrs["warnings"] == f"1 of 2 members have no measured error: {reason}"
