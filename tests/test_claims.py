@@ -21,10 +21,6 @@ import hodo_cli
 from hodo_cli import HodoError
 from hodo_cli.cases.config import load, parse
 
-# libyaml's, where there is one: of a paper they take a twentieth of the time.
-LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-
 PAPERS = ("paper1", "paper2", "paper3")
 
 
@@ -688,41 +684,6 @@ def config_of(paper: str) -> Any:
     return load(ROOT / "configs" / f"{paper}.yaml")
 
 
-def sections_of(paper: str) -> dict[str, Any]:
-    return dict(yaml.load((ROOT / "configs" / f"{paper}.yaml").read_text("utf-8"), LOADER))
-
-
-JUDGED: dict[tuple[str, int], dict[str, Any]] = {}
-PARTS = (0, 1)
-
-
-def part_of(sections: dict[str, Any], part: int) -> dict[str, Any]:
-    """A case file with every other statement; the first part has the misprints, and what names
-    one."""
-    claims = enumerate(sections["claims"])
-    kept = [claim for i, claim in claims if ("erratum" in claim or i % 2 == 0) == (part == 0)]
-    return {**sections, "claims": kept, "errata": sections.get("errata", []) if part == 0 else []}
-
-
-def rewritten(results: Path, paper: str, sections: dict[str, Any]) -> None:
-    text = yaml.dump(sections, Dumper=DUMPER, allow_unicode=True, sort_keys=False)
-    (results / "configs" / f"{paper}.yaml").write_text(text, encoding="utf-8")
-
-
-def judged(results: Path, paper: str, *parts: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The verdicts on the statements and misprints of a paper, or of parts of it, by id."""
-    for part in parts or PARTS:
-        if (paper, part) not in JUDGED:
-            rewritten(results, paper, part_of(sections_of(paper), part))
-            done = call(results, "claims", f"configs/{paper}.yaml", "--json")
-            JUDGED[paper, part] = json.loads(done.stdout)
-    statements, errata = (
-        {row["id"]: row for part in parts or PARTS for row in JUDGED[paper, part][key]}
-        for key in ("statements", "errata")
-    )
-    return statements, errata
-
-
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the results and the labels of the papers."""
@@ -732,6 +693,13 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         call(folder, "run", f"configs/{paper}.yaml", "--quiet")
         call(folder, "classify", f"runs/{paper}.h5")
     return folder
+
+
+@pytest.fixture(scope="module")
+def judged(results: Path) -> dict[str, dict[str, Any]]:
+    """The verdicts on the statements and on the misprints of each paper."""
+    config = "configs/{}.yaml".format
+    return {x: json.loads(call(results, "claims", config(x), "--json").stdout) for x in PAPERS}
 
 
 def test_every_check_of_a_paper_is_used() -> None:
@@ -744,20 +712,16 @@ def test_every_check_of_a_paper_is_used() -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("part", PARTS)
 @pytest.mark.parametrize("paper", PAPERS)
-def test_every_claim_of_the_papers_has_the_verdict_expected(
-    results: Path, paper: str, part: int
-) -> None:
-    statements, errata = judged(results, paper, part)
-    sections = part_of(sections_of(paper), part)
-    assert [*statements] == [claim["id"] for claim in sections["claims"]]
-    rows = statements.items()
-    assert not {name for name, row in rows if row["verdict"] != row["expect"]}
-    assert not {name for name, row in rows if not row["contradicted_by"]}
-    assert {name: row["verdict"] for name, row in errata.items()} == {
-        erratum["id"]: "confirmed" if {"cases", "readings"} & {*erratum} else "by reading"
-        for erratum in sections["errata"]
+def test_every_claim_of_the_papers_has_the_verdict_expected(judged: Any, paper: str) -> None:
+    rows, errata = judged[paper]["statements"], judged[paper]["errata"]
+    config = config_of(paper)
+    assert [row["id"] for row in rows] == [claim["id"] for claim in config.claims]
+    assert not {row["id"] for row in rows if row["verdict"] != row["expect"]}
+    assert not {row["id"] for row in rows if not row["contradicted_by"]}
+    assert {row["id"]: row["verdict"] for row in errata} == {
+        erratum["id"]: "confirmed" if erratum["cases"] or erratum["readings"] else "by reading"
+        for erratum in config.errata
     }
 
 
@@ -808,11 +772,12 @@ EVIDENCE = [
 
 
 @pytest.mark.heyoka
-def test_the_numbers_that_decide_are_those_found_by_other_means(results: Path) -> None:
-    rows: dict[tuple[str, str], Any] = {}
-    for paper in PAPERS:
-        for table in judged(results, paper):
-            rows |= {(paper, name): row for name, row in table.items()}
+def test_the_numbers_that_decide_are_those_found_by_other_means(judged: Any) -> None:
+    rows = {
+        (paper, row["id"]): row
+        for paper, tables in judged.items()
+        for row in (*tables["statements"], *tables["errata"])
+    }
 
     def found(paper: str, name: str, key: str, many: int) -> list[Any]:
         row = rows[paper, name]
