@@ -33,12 +33,8 @@ import numpy as np
 from conftest import call, limit
 
 PAIR = """\
-defaults:
-  model: linear-diag
-  inertia: [1, 0.8, 0.6]
-  time: {end: 40, samples: 41}
-  initial: {p: 0.8, q: 0.5, r: 0.74}
-  error: off
+defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74},
+           time: {end: 40, samples: 41}, error: off}
 cases:
   a: {damping: [0.05, 0.04, 0.03]}
   b: {damping: [0.03, 0.04, 0.05]}
@@ -49,27 +45,18 @@ claims:
   - {id: start, where: here, statement: It is damped., cases: [a], expect: reproduced,
      check: {kind: axis, start: x1, end: x3}}
 """
-
 SINGLE = PAIR.partition("  b:")[0] + "figures:" + PAIR.partition("figures:")[2]
 SINGLE = SINGLE.replace("[a, b]", "[a]")
 """The first case alone, where a trial takes long."""
 
-BATCH = (
-    "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 1000, samples: 2001}}\n"
-    "cases:\n"
-) + "".join(
-    f"  c{i}: {{damping: [0.005, 0.004, 0.00{i % 9 + 1}], "
-    f"initial: {{p: 0.8, q: 0.{i + 1}, r: 0.74}}}}\n"
-    for i in range(16)
+BODY = "model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 1000, samples: 2001}"
+MOVES = "initial: {p: 0.8, q: 0.%s, r: 0.74}"
+BATCH = f"defaults: {{{BODY}}}\ncases:\n" + "".join(
+    f"  c{i}: {{damping: [0.005, 0.004, 0.00{i % 9 + 1}], {MOVES % (i + 1)}}}\n" for i in range(16)
 )
-
-SWEEP = """\
-  s:
-    damping: [0.005, 0.004, 0.003]
-    initial: {p: 0.8, q: 0.5, r: 0.74}
-    time: {end: 100}
-    error: off
-    sweep: {damping.2: {linspace: [0.001, 0.009, 60]}, damping.0: {linspace: [0.004, 0.006, 100]}}
+SWEEP = f"""\
+  s: {{damping: [0.005, 0.004, 0.003], {MOVES % 5}, time: {{end: 100}}, error: off, sweep: {{
+      damping.2: {{linspace: [0.001, 0.009, 60]}}, damping.0: {{linspace: [0.004, 0.006, 100]}}}}}}
 """
 """One more case of `BATCH`: 6,000 members in half a dozen chunks."""
 
@@ -151,18 +138,11 @@ SIGNALS = {signal.SIGKILL: (-9,), signal.SIGTERM: (143, -15), signal.SIGINT: (13
 dies of it."""
 
 
-def started(folder: Path, *arguments: object, **options: Any) -> subprocess.Popen[str]:
+def started(folder: Path, *arguments: object) -> subprocess.Popen[str]:
     """A command as a process and session of its own."""
-    script = Path(sysconfig.get_path("scripts")) / "hodo"
-    return subprocess.Popen(
-        [str(script), *map(str, arguments)],
-        cwd=folder,
-        start_new_session=True,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        **options,
-    )
+    command = [str(Path(sysconfig.get_path("scripts")) / "hodo"), *map(str, arguments)]
+    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, cwd=folder, start_new_session=True, text=True, **pipes)
 
 
 def killed(folder: Path, kill: signal.Signals, after: float, *arguments: str) -> tuple[bool, str]:
@@ -197,30 +177,20 @@ def members(session: int) -> list[int]:
     return found
 
 
-def moments(tries: int, took: float) -> Iterator[tuple[signal.Signals, float]]:
-    """Signals in turn, at random moments of a command that takes so many seconds."""
-    chance = random.Random(1)
-    return ((kill, took * chance.uniform(0.2, 1.1)) for kill in islice(cycle(SIGNALS), tries))
-
-
-def timed(folder: Path, *arguments: str) -> float:
-    """The seconds that a command takes when it is left alone."""
-    began = time.monotonic()
-    with started(folder, *arguments) as process:
-        said = process.communicate()[1]
-    assert process.returncode == 0, said
-    return time.monotonic() - began
-
-
 def kill_runs(folder: Path, tries: int) -> Count:
     """Kill runs of cases and a sweep, in one process and in two, three times in a row from nothing;
     the fourth is left to finish the work. What was said to be finished is kept, chunks of the sweep
     too, and all ends to the bit as without kills."""
     written(folder, BATCH + SWEEP)
-    took = timed(folder, "run", "x.yaml", "--out", "right")
+    began = time.monotonic()
+    with started(folder, "run", "x.yaml", "--out", "right") as process:
+        said = process.communicate()[1]
+    assert process.returncode == 0, said
+    took, chance = time.monotonic() - began, random.Random(1)
     right, count, finished = numbers(folder / "right" / "x.h5"), Count(), set[str]()
-    for i, (kill, after) in enumerate(moments(tries, took)):
+    for i, kill in enumerate(islice(cycle(SIGNALS), tries)):
         out, jobs = f"run{i // 3}", ("-j", "2") if i % 2 else ()
+        after = took * chance.uniform(0.2, 1.1)
         command = ("run", "x.yaml", "--out", out, "-v")
         ended, said = killed(folder, kill, after, *command, *jobs)
         finished |= {*re.findall(r"^\[\d+/\d+\] (\w+): ok$", said, re.MULTILINE)}
@@ -508,7 +478,9 @@ def one_fails(
     shutil.copytree(folder / "plain", work)
     if name == "plot":
         shutil.copy(folder / "x" / "x.h5", work)
-    status, said, count = ended(started_fork(work, COMMANDS[name], arm, calls_so_far))
+    status, said, count = ended(
+        started_fork(work, COMMANDS[name], arm, ctypes.CDLL(None).faults_count)
+    )
     assert status in (-1, 0, 2) or (status == 1 and name != "run"), (status, said)
     assert status != 2 or len(said) == 1 or name == "plot", said  # a figure has a line too
     # Without labels, or with all of them; a command that ended well has made them.
@@ -525,10 +497,6 @@ def one_fails(
     nothing_waits(work, "x.h5", "x.yaml", *(["figures"] * (name == "plot")))
     assert name != "plot" or files_of(work / "figures") == drawn
     return count
-
-
-def calls_so_far() -> int:
-    return int(ctypes.CDLL(None).faults_count())
 
 
 def files_of(folder: Path) -> dict[Path, bytes]:
