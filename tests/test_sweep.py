@@ -259,37 +259,24 @@ def test_an_error_is_measured() -> None:
 # Files
 
 
-SMALL = """\
+DAMPED = "model: linear-diag, damping: [0.005, 0.004, 0.003]"
+SMALL = f"""\
 title: t
-defaults: {inertia: [1, 0.8, 0.6], time: {end: 300, samples: 7}}
+defaults: {{inertia: [1, 0.8, 0.6], time: {{end: 300, samples: 7}}}}
 cases:
-  ball:
-    model: linear-diag
-    damping: [0.005, 0.004, 0.003]
-    initial: {p: 0, q: 0, G: 1}
-    sweep: {damping.2: {linspace: [0.001, 0.009, 3]}, direction: {sphere: {count: 400, seed: 1}}}
-  single:
-    model: linear-diag
-    initial: {p: 0.8, q: 0.5, r: 0.74}
-  paths:
-    model: tensor
-    resistance: {diagonal: 0.003, off_diagonal: 0.001}
-    initial: {p: 0.5, q: 0.25, G: 1}
-    store: [omega, trajectory]
-    sweep: {resistance.diagonal: {values: [0.003, 0.004]}}
-  some:
-    model: linear-diag
-    damping: [0.005, 0.004, 0.003]
-    initial: {p: 0.8, q: 0.5, r: 0.74}
-    sweep: {damping.2: {values: [0.001, 0.002, 0.009]}, inertia.1: {values: [0.1, 0.8]}}
-  few:
-    model: linear-diag
-    initial: {p: 0.8, q: 0.5, r: 0.74}
-    store: [crossing_time]
-    sweep: {damping.2: {values: [0.002, 0.003]}}
+  ball: {{{DAMPED}, {BALL}, sweep: {{damping.2: {{linspace: [0.001, 0.009, 3]}},
+         direction: {{sphere: {{count: 400, seed: 1}}}}}}}}
+  single: {{model: linear-diag, {BODY_MOVES}}}
+  paths: {{model: tensor, resistance: {{diagonal: 0.003, off_diagonal: 0.001}},
+          initial: {{p: 0.5, q: 0.25, G: 1}}, store: [omega, trajectory],
+          sweep: {{resistance.diagonal: {{values: [0.003, 0.004]}}}}}}
+  some: {{{DAMPED}, {BODY_MOVES}, sweep: {{
+         damping.2: {{values: [0.001, 0.002, 0.009]}}, inertia.1: {{values: [0.1, 0.8]}}}}}}
+  few: {{model: linear-diag, {BODY_MOVES}, store: [crossing_time],
+        sweep: {{damping.2: {{values: [0.002, 0.003]}}}}}}
 figures:
-  sphere: {kind: map, cases: [ball], variable: crossing_time, panels: damping.2, at: [0, 2],
-           caption: c}
+  sphere: {{kind: map, cases: [ball], variable: crossing_time, panels: damping.2, at: [0, 2],
+           caption: c}}
 """
 
 
@@ -441,9 +428,7 @@ def test_a_sweep_is_stored_with_its_axes(small: Path) -> None:
     with h5py.File(small / "a.h5") as file:
         ball, paths = file["ball"], file["paths"]
         assert ball["crossing_time"].shape == (3, 400)
-        named = [
-            next(name for name in ball if ball[name] == scale[0]) for scale in ball["omega"].dims
-        ]
+        named = [next(x for x in ball if ball[x] == scale[0]) for scale in ball["omega"].dims]
         assert named == ["damping.2", "direction", "axis"]
         assert ball["damping.2"][:].tolist() == [0.001, 0.005, 0.009]
         assert ball.attrs["error"] < 1e-11
@@ -617,25 +602,21 @@ def test_an_earlier_result_that_another_run_has_grown_is_not_read(tmp_path: Path
     assert path.exists()
 
 
+CHANGED = [("[0.001, 0.002]", "[0.003, 0.004]"), ("damping.2", "damping.1"),
+           ("count: 9}", "count: 8}"), ("end: 1000", "end: 999")]  # fmt: skip
+
+
 @pytest.mark.heyoka
-def test_a_sweep_that_changes_otherwise_is_computed_anew(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("old", "new"), CHANGED)
+def test_a_sweep_that_changes_otherwise_is_computed_anew(tmp_path, old, new):
     axes = "{damping.2: {values: [0.001, 0.002]}, d: {sphere: {count: 9}}}"
     text = f"{FIG4}, {BALL}, sweep: {axes}"
-    changes = {
-        "[0.001, 0.002]": "[0.003, 0.004]",  # no value is left
-        "damping.2": "damping.1",
-        "count: 9}": "count: 8}",
-        "end: 1000": "end: 999",
-    }
-    for i, (old, new) in enumerate(changes.items()):
-        changed = text.replace(old, new)
-        grown = stored_sweeps(tmp_path / f"{i}", text, changed)
-        assert "earlier" not in grown.attrs["method_reason"], new
+    grown = stored_sweeps(tmp_path, text, text.replace(old, new))
+    assert "earlier" not in grown.attrs["method_reason"]
 
 
 @pytest.mark.heyoka
 def test_a_chunk_whose_worker_dies_is_marked(tmp_path, monkeypatch):
-    text = SMALL.replace("count: 400", "count: 100").replace("error: on", "error: off")
     as_before = chunk.compute
 
     def compute(task: chunk.Chunk) -> Any:
@@ -644,12 +625,12 @@ def test_a_chunk_whose_worker_dies_is_marked(tmp_path, monkeypatch):
         return as_before(task)
 
     monkeypatch.setattr(sweep, "compute", compute)
-    with h5py.File(results(tmp_path, text)) as file:
-        ball = file["ball"]
-        failed = (ball["status"][:] == FAILED).sum()
-        assert 0 < failed < ball["status"].size
-        assert ball.attrs["status"] == "failed"
-        assert f"{failed} of 300 members: its process died" in ball.attrs["message"]
+    path = results(tmp_path, SMALL.replace("count: 400", "count: 100"))
+    ball = hodo_cli.open(path)["ball"]
+    failed = int((ball["status"] == FAILED).sum())
+    assert 0 < failed < ball["status"].size
+    assert ball.attrs["status"] == "failed"
+    assert f"{failed} of 300 members: its process died" in ball.attrs["message"]
 
 
 @pytest.mark.heyoka
@@ -663,11 +644,10 @@ def test_an_error_that_cannot_be_measured_costs_its_member(monkeypatch):
 
     monkeypatch.setattr(summary, "solve", solve)
     text = f"{FIG4.replace('off', 'on')}, {BALL}, sweep: {{d: {{sphere: {{count: 20}}}}}}"
-    attributes = hodo_cli.sweep(one(text)).attrs
-    assert attributes["status"] == "ok"
-    assert attributes["error_sample"] == 19
-    expected = "1 of 20 members have no measured error: a number of it is 0"
-    assert attributes["warnings"] == expected
+    attributes = swept(text).attrs
+    assert (attributes["status"], attributes["error_sample"]) == ("ok", 19)
+    words = "1 of 20 members have no measured error: a number of it is 0"
+    assert attributes["warnings"] == words
 
 
 @given(st.lists(st.integers(1, 7), min_size=1, max_size=4), st.integers(1, 60))
