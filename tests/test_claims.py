@@ -31,9 +31,16 @@ CHECK_KINDS = {
 """The keys of each kind of check."""
 
 LINEAR = "model: linear-diag, inertia: [1, 0.8, 0.6]"
-TURN = f"{LINEAR}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, time: {{end: 100, samples: 101}}"
+MOVES, R1 = "initial: {p: 0.8, q: 0.5, r: 0.74}", "initial: {p: 0, q: 0, r: 1}"
+TURN = f"{LINEAR}, {MOVES}, time: {{end: 100, samples: 101}}"
+TURNING = f"{TURN}, damping: [0.05, 0.04, 0.03]"
 SPUN = "model: cavity+constant, inertia: [8, 8, 4], cavity: {kappa: 0.1}, epsilon: 1"
+FALLING = f"{SPUN}, torque: [0, 0, -0.1]"
 ABOUT_X3 = "model: torques, inertia: [120, 100, 80], time: {end: 200, samples: 2}"
+BRAKED = "model: torques, inertia: [120, 100, 80], brake: 0.05, initial: {p: 0.05, q: 0.3, r: 0.1}"
+WAVE = f"model: torques, inertia: [2, 1.5, 1], {R1}"
+SLOW_WAVE = 'expression: ["0", "0", "31.41592653589793*cos(62.83185307179586*t)"]'
+TOP = "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5"
 # The rotation about [0.2, -0.1, 0.3].
 X, Y, Z = 0.2, -0.1, 0.3
 ANGLE = math.hypot(X, Y, Z)
@@ -46,11 +53,11 @@ title: t
 defaults: {{time: {{end: 10, samples: 101}}}}
 cases:
   # r is exp(-0.1 t), exp(-0.2 t), exp(-0.11 t), exp(-0.23 t) and exp(0.0005 t).
-  slow: {{{LINEAR}, damping: 0.1, initial: {{p: 0, q: 0, r: 1}}}}
-  fast: {{{LINEAR}, damping: 0.2, initial: {{p: 0, q: 0, r: 1}}}}
-  slower: {{{LINEAR}, damping: 0.11, initial: {{p: 0, q: 0, r: 1}}}}
-  faster: {{{LINEAR}, damping: 0.23, initial: {{p: 0, q: 0, r: 1}}}}
-  fed: {{{LINEAR}, damping: -0.0005, initial: {{p: 0, q: 0, r: 1}}}}
+  slow: {{{LINEAR}, damping: 0.1, {R1}}}
+  fast: {{{LINEAR}, damping: 0.2, {R1}}}
+  slower: {{{LINEAR}, damping: 0.11, {R1}}}
+  faster: {{{LINEAR}, damping: 0.23, {R1}}}
+  fed: {{{LINEAR}, damping: -0.0005, {R1}}}
   rest: {{{LINEAR}, damping: 0.1, initial: {{p: 0, q: 0, r: 0}}}}
   # (G1, G2) librates about x3 at the rate r sqrt((A1 - A3)(A2 - A3)/(A1 A2)) = 0.316.
   free: {{{LINEAR}, initial: {{p: 0.1, q: 0, r: 1}}, time: {{end: 40}}}}
@@ -62,51 +69,40 @@ cases:
   # Their G, which is constant, goes astray, within the stated errors.
   coarse: {{{TURN}, method: RK45, tol: 1.0e-3}}
   finer: {{{TURN}, method: RK45, tol: 1.0e-4}}
-  turning: {{{TURN}, damping: [0.05, 0.04, 0.03]}}
-  late: {{{TURN.replace("end: 100, samples: 101", "values: [90, 100]")},
-          damping: [0.05, 0.04, 0.03]}}
+  turning: {{{TURNING}}}
+  late: {{{TURNING.replace("end: 100, samples: 101", "values: [90, 100]")}}}
   # A brake stops it at 632.5, before its first sample.
-  stopped: {{model: torques, inertia: [120, 100, 80], brake: 0.05,
-             initial: {{p: 0.05, q: 0.3, r: 0.1}}, time: {{values: [700, 800]}}}}
-  braked: {{model: torques, inertia: [120, 100, 80], brake: 0.05,
-            initial: {{p: 0.05, q: 0.3, r: 0.1}}, time: {{end: 800, samples: 801}}}}
+  stopped: {{{BRAKED}, time: {{values: [700, 800]}}}}
+  braked: {{{BRAKED}, time: {{end: 800, samples: 801}}}}
   staying: {{{TURN}, damping: [0.03, 0.04, 0.05]}}
-  ball: {{{TURN}, damping: [0.05, 0.04, 0.03],
-          sweep: {{from: {{sphere: {{count: 40, seed: 1}}}}, damping.0: {{values: [0.05]}}}}}}
-  by-0-and-2: {{{TURN}, damping: [0.05, 0.04, 0.03],
-                sweep: {{damping.0: {{values: [0.05, 0.01]}},
-                        damping.2: {{values: [0.03, 0.01]}}}}}}
-  by-2-and-0: {{{TURN}, damping: [0.05, 0.04, 0.03],
-                sweep: {{damping.2: {{values: [0.03, 0.01]}},
-                        damping.0: {{values: [0.05, 0.01]}}}}}}
-  given-up: {{{LINEAR}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, method: DOP853, max_steps: 3}}
+  ball: {{{TURNING}, sweep: {{
+          from: {{sphere: {{count: 40, seed: 1}}}}, damping.0: {{values: [0.05]}}}}}}
+  by-0-and-2: {{{TURNING}, sweep: {{
+                damping.0: {{values: [0.05, 0.01]}}, damping.2: {{values: [0.03, 0.01]}}}}}}
+  by-2-and-0: {{{TURNING}, sweep: {{
+                damping.2: {{values: [0.03, 0.01]}}, damping.0: {{values: [0.05, 0.01]}}}}}}
+  given-up: {{{LINEAR}, {MOVES}, method: DOP853, max_steps: 3}}
   # r falls at the rate 0.1/4; the full form goes on, the averaged one has an event where r is 0.
-  passing: {{{SPUN}, torque: [0, 0, -0.1], initial: {{p: 0, q: 0, r: 1}}, time: {{end: 50}}}}
-  stopping: {{{SPUN}, torque: [0, 0, -0.1], initial: {{x: 0, y: 1}}, form: averaged,
-              time: {{end: 50}}}}
+  passing: {{{FALLING}, {R1}, time: {{end: 50}}}}
+  stopping: {{{FALLING}, initial: {{x: 0, y: 1}}, form: averaged, time: {{end: 50}}}}
   # r = 1 - t/8, which a sample meets where it is 0.
-  reversed: {{model: torques, inertia: [3, 2, 1], torque: [0, 0, -0.125],
-              initial: {{p: 0, q: 0, r: 1}}, time: {{end: 16, samples: 17}}}}
+  reversed: {{model: torques, inertia: [3, 2, 1], torque: [0, 0, -0.125], {R1},
+              time: {{end: 16, samples: 17}}}}
   # r = exp(-0.1 t), of which doubles end near 7450.
-  fading: {{{LINEAR}, damping: 0.1, initial: {{p: 0, q: 0, r: 1}},
-            time: {{end: 20000, samples: 401}}}}
+  fading: {{{LINEAR}, damping: 0.1, {R1}, time: {{end: 20000, samples: 401}}}}
   # r = 1 + sin(20 pi t)/2, of which each sample meets the same phase; r = 1 + sin(4000 pi t)/2.
-  swinging: {{model: torques, inertia: [2, 1.5, 1], initial: {{p: 0, q: 0, r: 1}},
-              expression: ["0", "0", "31.41592653589793*cos(62.83185307179586*t)"]}}
-  rattling: {{model: torques, inertia: [2, 1.5, 1], initial: {{p: 0, q: 0, r: 1}},
-             time: {{end: 0.5}},
+  swinging: {{{WAVE}, {SLOW_WAVE}}}
+  rattling: {{{WAVE}, time: {{end: 0.5}},
               expression: ["0", "0", "6283.185307179586*cos(12566.370614359172*t)"]}}
   # A torque spins it up from 0.01 to 100, and it turns the faster.
   spun-up: {{model: torques, inertia: [3, 2.2, 1], torque: [0, 0, 1], time: {{end: 100}},
              initial: {{p: 0.001, q: 0.001, r: 0.01}}}}
   # What it stores is not the state.
-  its-energy: {{model: torques, inertia: [2, 1.5, 1], initial: {{p: 0, q: 0, r: 1}}, store: [T],
-                expression: ["0", "0", "31.41592653589793*cos(62.83185307179586*t)"]}}
+  its-energy: {{{WAVE}, {SLOW_WAVE}, store: [T]}}
   # r = 0.01 t - 1, r = 1 + 0.01 t - 5e-5 t^2 and r = exp(-0.02 t + 1e-4 t^2): equal at both ends.
   turned-back: {{{ABOUT_X3}, torque: [0, 0, 0.8], initial: {{p: 0, q: 0, r: -1}}}}
-  arching: {{{ABOUT_X3}, expression: [0, 0, 0.8 - 0.008*t], initial: {{p: 0, q: 0, r: 1}}}}
-  sagging: {{{ABOUT_X3}, expression: [0, 0, "-80*r*(0.02 - 0.0002*t)"],
-             initial: {{p: 0, q: 0, r: 1}}}}
+  arching: {{{ABOUT_X3}, expression: [0, 0, 0.8 - 0.008*t], {R1}}}
+  sagging: {{{ABOUT_X3}, expression: [0, 0, "-80*r*(0.02 - 0.0002*t)"], {R1}}}
   # r = 0.001 + 0.02 t - 1e-3 t^2 rises to t = 10.
   rising-first: {{{ABOUT_X3.replace("200", "60")}, expression: [0, 0, 1.6 - 0.16*t],
                   initial: {{p: 0, q: 0, r: 0.001}}}}
@@ -118,18 +114,17 @@ cases:
            torque: [-1, 0.5, 0.7], initial: {{p: 0.5, q: 0.25, r: 1.4}},
            method: DOP853, tol: 1.0e-5, time: {{end: 40, samples: 401}}}}
   # It ends at its crossing, as near as a double can.
-  near: {{{TURN.replace("end: 100, samples: 101", "end: 305.358955166711, samples: 2001")},
-          damping: [0.005, 0.004, 0.003]}}
+  near: {{{LINEAR}, {MOVES}, damping: [0.005, 0.004, 0.003],
+          time: {{end: 305.358955166711, samples: 2001}}}}
   upright: {{{LINEAR}, initial: {{p: 0, q: 0, r: 2}}, attitude: yes}}
   # r falls to -0.075, so that y = r^2 comes back to 0.0056.
-  returning: {{{SPUN}, torque: [0, 0, -0.1], initial: {{p: 0, q: 0, r: 1}}, time: {{end: 43}}}}
+  returning: {{{FALLING}, {R1}, time: {{end: 43}}}}
   spinning: {{{SPUN}, torque: [0, 0, 0], initial: {{x: 0, y: 1}}, form: averaged}}
-  top: {{model: Lagrange-averaged, inertia: {{A: 1.5, C: 1}}, mu: 0.5, a: [0.125, 1], b: [0.1, 1],
-         initial: {{theta: 5 deg, r: 1.7320508075688772}}, time: {{end: 1, samples: 4001}}}}
-  heavy: {{model: Lagrange-averaged, inertia: {{A: 1.5, C: 1}}, mu: 0.5, a: 0, b: 0, form: full,
-           epsilon: 0.5, initial: {{theta: 60 deg, r: 1.7}}, time: {{values: [0, 1, 2, 15, 20]}}}}
-  fig4: {{{LINEAR}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, damping: [0.005, 0.004, 0.003],
-          time: {{end: 1000, samples: 5}}}}
+  top: {{{TOP}, a: [0.125, 1], b: [0.1, 1], initial: {{theta: 5 deg, r: 1.7320508075688772}},
+         time: {{end: 1, samples: 4001}}}}
+  heavy: {{{TOP}, a: 0, b: 0, form: full, epsilon: 0.5, initial: {{theta: 60 deg, r: 1.7}},
+           time: {{values: [0, 1, 2, 15, 20]}}}}
+  fig4: {{{LINEAR}, {MOVES}, damping: [0.005, 0.004, 0.003], time: {{end: 1000, samples: 5}}}}
 """
 
 
@@ -598,9 +593,9 @@ def test_a_wrong_claim_is_named_with_its_place(claim: str, words: str) -> None:
 
 # What the command stores, shows and wants.
 
-TURNING = f"""
+TWO = f"""
 cases:
-  turning: {{{TURN}, damping: [0.05, 0.04, 0.03]}}
+  turning: {{{TURNING}}}
   given-up: {{{TURN}, method: DOP853, max_steps: 3}}
 claims:
   - {{id: turns, where: Fig 1, statement: It turns., cases: turning, {TURNS}, expect: EXPECT}}
@@ -609,7 +604,7 @@ claims:
 
 
 def write_case_file(folder: Path, expect: str = "reproduced", more: str = "") -> None:
-    (folder / "c.yaml").write_text(TURNING.replace("EXPECT", expect) + more, encoding="utf-8")
+    (folder / "c.yaml").write_text(TWO.replace("EXPECT", expect) + more, encoding="utf-8")
 
 
 def test_a_verdict_that_is_not_the_expected_one_is_exit_status_3(tmp_path: Path) -> None:
@@ -665,7 +660,7 @@ def test_verdicts_go_with_the_statements_that_a_file_no_longer_makes(tmp_path: P
     for command in ("run", "classify", "claims"):
         call(tmp_path, command, "c.yaml")
     assert shown() == [True, True]
-    cases = TURNING.partition("claims:")[0]
+    cases = TWO.partition("claims:")[0]
     (tmp_path / "c.yaml").write_text(cases + figures + errata, encoding="utf-8")
     table, judged = call(tmp_path, "claims", "c.yaml").stdout, path.read_bytes()
     assert table.startswith("erratum ")
