@@ -73,10 +73,10 @@ def test_each_variable_of_a_sweep_may_be_stored_alone() -> None:
 
 
 def test_the_values_of_a_range() -> None:
-    ranges = "damping.0: {linspace: [0, 1, 5]}, damping.2: {logspace: [1e-4, 1e-2, 3]}"
+    ranges = "damping.0: {linspace: [1, 2, 5]}, damping.2: {logspace: [1e-4, 1e-2, 3]}"
     data = swept(f"{INSTANT}, {BALL}, sweep: {{{ranges}}}")
     assert data["damping.2"].values == pytest.approx([1e-4, 1e-3, 1e-2], rel=1e-14)
-    assert data["damping.0"].values.tolist() == [0, 0.25, 0.5, 0.75, 1]
+    assert data["damping.0"].values.tolist() == [1, 1.25, 1.5, 1.75, 2]
 
 
 @pytest.mark.heyoka
