@@ -42,6 +42,7 @@ FIG4 = f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003]"
 BRIEF = FIG4.replace("end: 1000", "end: 100")
 SHORT = FIG4.replace("end: 1000", "end: 20")
 INSTANT = FIG4.replace("end: 1000", "end: 1e-9")
+TOP = "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, initial: {theta: 0, r: 2}, b: 0.3"
 FIG12 = f"model: tensor, {HEAD}, resistance: {{diagonal: 0.005, off_diagonal: 0.005}}"
 BODY_MOVES = "initial: {p: 0.8, q: 0.5, r: 0.74}"
 
@@ -137,10 +138,10 @@ def test_the_shares_of_a_member_that_crosses_there_and_back() -> None:
     """Of paper 1's Fig. 12 (tests/data/crossings.csv)."""
     start = "initial: {p: 0.5, q: 0.25, r: 1.40435829552939}, sweep: {initial.q: {values: [0.25]}}"
     values = computed(one(f"{FIG12}, {start}"))
-    times = [0, 256.993064559, 396.993309847, 406.942439380, 1000]  # x3, x1, x3, x1
-    assert values["crossing_time"][0] == pytest.approx(times[1], rel=1e-11)
+    first, second, third = 256.993064559, 396.993309847, 406.942439380  # to x1, x3, x1
+    assert values["crossing_time"][0] == pytest.approx(first, rel=1e-11)
     assert values["crossings"][0] == 3
-    about_x1 = (times[2] - times[1] + times[4] - times[3]) / 1000
+    about_x1 = (second - first + 1000 - third) / 1000
     assert values["share"][0] == pytest.approx([about_x1, 0, 1 - about_x1], abs=1e-11)
 
 
@@ -391,14 +392,9 @@ def test_members_go_side_by_side_as_they_go_alone(torque: str) -> None:
 
 @pytest.mark.heyoka
 def test_a_sweep_says_how_many_members_went_alone_and_why() -> None:
-    fast, torques = (
-        f"{FIG4}, {BODY_MOVES}",
-        f"{FIG4.replace('linear-diag', 'torques')}, {BODY_MOVES}",
-    )
-    top = (
-        "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0.125, 1], b: [0.1, 1], "
-        "initial: {theta: 1, r: 1.7}, time: {end: 1}, error: off"
-    )
+    fast = f"{FIG4}, {BODY_MOVES}"
+    torques = fast.replace("linear-diag", "torques")
+    top = f"{TOP.replace('theta: 0', 'theta: 1')}, mu: 0.5, a: 0.1, time: {{end: 1}}, error: off"
     together = "side by side, 0 of 2 members by themselves"
     alone = "(1: starts with a component that is small beside another)"
     for text, values, reason in (
@@ -408,7 +404,7 @@ def test_a_sweep_says_how_many_members_went_alone_and_why() -> None:
         (f"{torques}, quadratic: 0.1", "[0.7, 0.8]", together),
         (f"{fast}, max_steps: 900", "[0.7, 0.8]", "each by itself: limits of each member"),
         (top, "[1.6, 1.7]",
-         "each by itself: fewer than 1750 members are not worth compiling their step"),
+         "each by itself: fewer than 1250 members are not worth compiling their step"),
     ):  # fmt: skip
         key = "initial.r" if text == top else "initial.p"
         data = swept(f"{text}, sweep: {{{key}: {{values: {values}}}}}")
@@ -662,23 +658,17 @@ def test_chunks_are_boxes_in_order(sizes: list[int], most: int) -> None:
     assert end == array.size
 
 
-@pytest.mark.parametrize(
-    ("entries", "is_shared"),
-    [
-        ("damping: 0.01, sweep: {SPHERE}", True),
-        ("damping: 0.01, sweep: {inertia.1: {values: [0.7, 0.8]}, SPHERE}", False),
-        (
-            "damping: 0.01, inertia: [[1, 0.1, 0], [0.1, 0.8, 0], [0, 0, 0.6]], sweep: {SPHERE}",
-            False,
-        ),
-    ],
-)
+TENSOR = "[[1, 0.1, 0], [0.1, 0.8, 0], [0, 0, 0.6]]"
+BODIES = [("[1, 0.8, 0.6]", "", True), (TENSOR, "", False),
+          ("[1, 0.8, 0.6]", "inertia.1: {values: [0.7, 0.8]}, ", False)]  # fmt: skip
+
+
+@pytest.mark.parametrize(("inertia", "others", "is_shared"), BODIES)
 def test_a_map_has_a_separatrix_where_members_share_a_body_along_its_principal_axes(
-    entries: str, is_shared: bool
+    inertia: str, others: str, is_shared: bool
 ) -> None:
-    text = f"model: torques, time: {{end: 1}}, error: off, {BODY_MOVES}, {entries}"
-    text += "" if "inertia: " in entries else ", inertia: [1, 0.8, 0.6]"
-    data = swept(text.replace("SPHERE", "d: {sphere: {count: 20}}"))
+    text = f"model: torques, inertia: {inertia}, damping: 0.01, time: {{end: 1}}, error: off, "
+    data = swept(f"{text}{BODY_MOVES}, sweep: {{{others}d: {{sphere: {{count: 20}}}}}}")
     lines = hodo_cli.plot(data, "map", variable="end_axis.x1").axes[0].lines
     assert any("separatrix" in str(line.get_label()) for line in lines) == is_shared
 
@@ -923,9 +913,6 @@ def test_crossings_that_no_bound_decides_are_left_to_the_single_case() -> None:
     off = abs(group.variables["crossing_time"].data[0] - true[0])
     # Its error is then the measured one.
     assert group.variables["crossing_error"].data[0] == pytest.approx(off, rel=0.01)
-
-
-TOP = "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, initial: {theta: 0, r: 2}, b: 0.3"
 
 
 @pytest.mark.heyoka
