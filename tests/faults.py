@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
-from conftest import call, limit
+from conftest import call, limit, wait_until
 
 PAIR = """\
 defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74},
@@ -157,10 +157,7 @@ def killed(folder: Path, kill: signal.Signals, after: float, *arguments: str) ->
     if process.returncode >= 0:
         assert "Traceback" not in said, said
         assert ("interrupted" in said) == (process.returncode > 0), said
-    deadline = time.monotonic() + 60
-    while alive := members(process.pid):
-        assert time.monotonic() < deadline, f"workers outlive the command: {alive}"
-        time.sleep(0.01)
+    wait_until(lambda: not members(process.pid))
     return process.returncode != 0, said
 
 
@@ -310,11 +307,10 @@ def crowds(folder: Path, tries: int) -> Count:
     classifications and claims, each some time after the first."""
     count, chance = Count(), random.Random(5)
     right = prepared(folder / "right")
-    run = ["run", "x.yaml", "--out", ".", "--quiet"]
     kinds = {
-        "run --force": [*run, "--force"],
-        "run": run,
-        "classify": ["classify", "x.h5"],
+        "run --force": COMMANDS["run"],
+        "run": ["run", "x.yaml", "--out", ".", "--quiet"],
+        "classify": COMMANDS["classify"],
         "claims": ["claims", "x.h5"],
     }
     for i, out in copies(folder / "right", tries):
