@@ -6,11 +6,11 @@ Exit status 1 where a verdict is another, or the document states another range.
 """
 
 import contextlib
-import importlib
+import os
 import shutil
 import sys
 from pathlib import Path
-from typing import Any
+from unittest import mock
 
 import yaml
 from click.testing import CliRunner
@@ -36,58 +36,44 @@ LIMITS = [
 """A paper, a limit, by key of a check or by constant, its range, and what it decides."""
 
 
-def hodo(folder: Path, *arguments: str) -> bool:
-    """Whether a command ends well in a folder; what it says is printed where it does not."""
-    with contextlib.chdir(folder):
-        done = CliRunner().invoke(main, arguments)
+def hodo(*arguments: str) -> bool:
+    """Whether a command ends well; what it says is printed where it does not."""
+    done = CliRunner().invoke(main, arguments)
     print(done.output if done.exit_code else "", end="")
     return done.exit_code == 0
 
 
-def verdicts_as_expected(folder: Path, paper: str, sections: dict[str, Any]) -> bool:
-    """Whether each claim of a case file has the verdict that it expects."""
-    text = yaml.safe_dump(sections, allow_unicode=True, sort_keys=False)
-    (folder / f"{paper}.yaml").write_text(text, encoding="utf-8")
-    return hodo(folder, "claims", f"{paper}.yaml")
-
-
-def try_limit(folder: Path, paper: str, limit: str, end: float, decided: str) -> bool:
+def is_kept(paper: str, limit: str, end: float, decided: str) -> bool:
     """Whether the statements that a limit decides have their verdicts at an end of its range."""
     sections = yaml.safe_load((ROOT / "configs" / f"{paper}.yaml").read_text(encoding="utf-8"))
     claims = [claim for claim in sections["claims"] if claim["id"] in decided.split()]
-    sections["claims"] = claims
+    is_key = "." not in limit
+    for claim in claims if is_key else ():
+        claim["check"][limit] = end
     named = {claim.get("erratum") for claim in claims}
-    sections["errata"] = [erratum for erratum in sections["errata"] if erratum["id"] in named]
-    if "." not in limit:
-        for claim in claims:
-            claim["check"][limit] = end
-        return verdicts_as_expected(folder, paper, sections)
-    module, _, name = limit.rpartition(".")
-    owner = importlib.import_module(module)
-    ours = getattr(owner, name)
-    setattr(owner, name, end)
-    try:
-        return verdicts_as_expected(folder, paper, sections)
-    finally:
-        setattr(owner, name, ours)
+    errata = [erratum for erratum in sections["errata"] if erratum["id"] in named]
+    text = yaml.safe_dump({**sections, "claims": claims, "errata": errata}, sort_keys=False)
+    Path(f"{paper}.yaml").write_text(text, encoding="utf-8")
+    with contextlib.nullcontext() if is_key else mock.patch(limit, end):
+        return hodo("claims", f"{paper}.yaml")
 
 
-def main_of_tool(folder: Path) -> None:
-    """Try all limits, a line for each."""
+def try_all(folder: Path) -> None:
+    """Try each limit in a folder, a line for each."""
     page = " ".join((ROOT / "docs" / "papers.md").read_text(encoding="utf-8").split())
-    wrong = 0
     folder.mkdir(parents=True, exist_ok=True)
-    for paper in sorted({paper for paper, *_ in LIMITS}):
-        shutil.copy(ROOT / "configs" / f"{paper}.yaml", folder)
-        hodo(folder, "run", f"{paper}.yaml", "--quiet")
-        hodo(folder, "classify", f"{paper}.yaml")
+    os.chdir(folder)  # `hodo claims` looks for a result in runs/
+    for paper in ("paper1", "paper2", "paper3"):
+        shutil.copy(ROOT / "configs" / f"{paper}.yaml", ".")
+        hodo("run", f"{paper}.yaml", "--quiet")
+        hodo("classify", f"{paper}.yaml")
+    right = []
     for paper, limit, ends, decided in LIMITS:
-        stated = "| {:g} to {:g}".format(*ends) in page
-        kept = [try_limit(folder, paper, limit, end, decided) for end in ends]
-        print(f"{paper}: {limit} from {ends[0]:g} to {ends[1]:g}: {stated and all(kept)}")
-        wrong += not (stated and all(kept))
-    sys.exit(wrong > 0)
+        right.append("| {:g} to {:g}".format(*ends) in page)
+        right[-1] &= all(is_kept(paper, limit, end, decided) for end in ends)
+        print(f"{paper}: {limit} from {ends[0]:g} to {ends[1]:g}: {right[-1]}")
+    sys.exit(not all(right))
 
 
 if __name__ == "__main__":
-    main_of_tool(Path(sys.argv[1]))
+    try_all(Path(sys.argv[1]))
