@@ -33,7 +33,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help all-targets setup run classify claims figures sweeps speed compare reference test lowest stress lint bench docs lock clean
+.PHONY: help all-targets setup run classify claims figures sweeps speed compare reference test lowest limits stress lint bench docs lock clean
 
 help:
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -82,6 +82,9 @@ test: lint  ## The checks of `lint`, then the whole test suite
 
 lowest: $(LOWEST)  #: The tests that meet the libraries most, with the lowest versions that pyproject.toml allows
 	$(dir $(LOWEST))bin/pytest -q -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder -p no:cacheprovider $(MEETING)
+
+limits: $(READY)  #: Try the limits of docs/papers.md at both ends of their ranges: no verdict may change
+	$(BIN)/python tools/limits.py build/limits
 
 stress: $(TOOLS)  #: Kill runs, lose the power, let calls fail, let twenty commands meet, feed the loader bad inputs (some 30 minutes)
 	$(BIN)/python tests/stress.py

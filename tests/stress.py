@@ -17,7 +17,6 @@ import faults
 
 CLASSES: dict[Callable[[Path, int], Counter[str]], int] = {
     faults.kill_runs: 1,
-    faults.kill_classifications: 1,
     faults.fill_disk: 1,
     faults.crowds: 1,
     faults.change_bytes: 4,

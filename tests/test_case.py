@@ -7,8 +7,8 @@ import math
 import operator
 import pickle
 import re
-from collections.abc import Iterable, Iterator
-from functools import reduce
+from collections.abc import Callable, Iterator
+from functools import partial, reduce
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -88,51 +88,44 @@ def test_dump_is_complete_and_json_line_by_line() -> None:
      ("end: 4, samples: 7", "end: 0", Time(samples=1, end=0))],
 )  # fmt: skip
 def test_listed_times_and_even_ones_replace_each_other(common: str, own: str, time: Time) -> None:
-    body = "model: linear-diag, inertia: [1, 2, 2], damping: 0, initial: {p: 1, q: 0, r: 0}"
-    text = f"defaults: {{time: {{{common}}}}}\ncases: {{a: {{{body}, time: {{{own}}}}}}}"
+    text = f"defaults: {{time: {{{common}}}}}\ncases: {{a: {{{BODY}, time: {{{own}}}}}}}"
     case = parse(text, "x").cases["a"]
     assert case.time == time
     assert parse_case(dump(case)) == case
 
 
 def test_defaults_are_merged_key_by_key_and_time_within_itself() -> None:
-    config = parse(
-        "defaults: {inertia: [3, 2, 1.5], damping: 0.2, resistance: {diagonal: 1, off_diagonal: "
-        "0}, "
-        "time: {end: 7, samples: 3}, initial: {p: 1, q: 1, r: 1}}\n"
-        "cases:\n"
-        "  one: {model: linear-diag, time: {samples: 5}, initial: {p: 2, q: 0, G: 9}}\n"
-        "  two: {model: tensor, inertia: [1, 1, 1]}\n",
-        "x.yaml",
-    )
-    one, two = config.cases.values()
+    text = """
+defaults: {inertia: [3, 2, 1.5], damping: 0.2, resistance: {diagonal: 1, off_diagonal: 0},
+           time: {end: 7, samples: 3}, initial: {p: 1, q: 1, r: 1}}
+cases:
+  one: {model: linear-diag, time: {samples: 5}, initial: {p: 2, q: 0, G: 9}}
+  two: {model: tensor, inertia: [1, 1, 1]}
+"""
+    one, two = parse(text, "x.yaml").cases.values()
     assert one.time == Time(start=0.0, end=7.0, samples=5)
-    assert one.data == {
-        "inertia": (3.0, 2.0, 1.5), "damping": (0.2,) * 3, "initial": {"p": 2.0, "q": 0.0,
-                                                                       "r": None, "G": 9.0}
-    }  # fmt: skip
+    start = {"p": 2.0, "q": 0.0, "r": None, "G": 9.0}
+    assert one.data == {"inertia": (3.0, 2.0, 1.5), "damping": (0.2,) * 3, "initial": start}
     assert two.time == Time(end=7.0, samples=3)
     assert two.data["inertia"] == (1.0, 1.0, 1.0)
     assert "damping" not in two.data
 
 
 def test_an_empty_value_takes_a_default_back() -> None:
-    top = "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: 0.1, b: 0.1"
-    text = (
-        f"defaults: {{{top}, m: 0.2, initial: {{theta: 1, r: 2}}, tol: 1e-8, "
-        "time: {values: [1, 2]}}\ncases:\n"
-        "  all: {note: as it is}\n"
-        "  some: {form: averaged-u, m: null, tol: , time: {values: null, end: 3}}\n"
-    )
+    text = """\
+defaults: {model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: 0.1, b: 0.1, m: 0.2,
+           initial: {theta: 1, r: 2}, tol: 1e-8, time: {values: [1, 2]}}
+cases:
+  all: {note: as it is}
+  some: {form: averaged-u, m: null, tol: , time: {values: null, end: 3}}
+"""
     every, some = parse(text, "x").cases.values()
     assert (every.data["m"], every.tol, every.time.values) == (0.2, 1e-8, (1, 2))
     assert (some.data["m"], some.tol, some.time) == (None, None, Time(end=3))
     kept = "m: form averaged-u has no m, which all other forms have"
     with pytest.raises(HodoError, match=f"^x:1:.*: defaults.{kept}$"):
         parse(text.replace(" m: null,", ""), "x")
-    with pytest.raises(
-        HodoError, match=r"^x:3:9: cases.all.tol: expected .* got an empty value\nx:4:37: "
-    ):
+    with pytest.raises(HodoError, match=r"^x:4:9: cases.all.tol: .* got an empty value\nx:5:37: "):
         parse(text.replace("tol: 1e-8, ", "").replace("note: as it is", "tol: "), "x")
 
 
@@ -172,12 +165,6 @@ def test_a_config_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
 # Mistakes
 
 
-def listed(words: Iterable[str]) -> str:
-    """Words as a message lists them."""
-    *others, last = words
-    return f"{', '.join(others)} or {last}"
-
-
 RULES = schema()
 
 
@@ -196,129 +183,106 @@ def properties(*path: str | int) -> dict[str, Any]:
 
 CASE_KEYS = properties("properties", "cases", "additionalProperties")
 COMMON = [key for key in CASE_KEYS if key != "model"]
-LINEAR = ["model", "form", "inertia", "damping", "initial", "attitude", *COMMON]
-MODELS = listed(resolved(CASE_KEYS["model"])["enum"])
-METHODS = listed(resolved(resolved(CASE_KEYS["method"])["anyOf"][0])["enum"])
+LINEAR = ", ".join(["model", "form", "inertia", "damping", "initial", "attitude", *COMMON])
+*FIRST_METHODS, LAST_METHOD = resolved(resolved(CASE_KEYS["method"])["anyOf"][0])["enum"]
+METHODS = f"{', '.join(FIRST_METHODS)} or {LAST_METHOD}"
 CLAIM = properties("properties", "claims", "anyOf", 0, "items")
-LINES = [
-    "model: linear-diag",
-    "inertia: [1, 0.8, 0.6]",
-    "initial: {p: 0.8, q: 0.5, r: 0.74}",
-    "time: {end: 10}",
-]
+LINES = ["model: linear-diag", "inertia: [1, 0.8, 0.6]", "initial: {p: 0.8, q: 0.5, r: 0.74}",
+         "time: {end: 10}"]  # fmt: skip
+ENTRIES = r"""
+dampng: 1 -> 5 .dampng: unknown key; did you mean 'damping'? (valid: LINEAR)
+DAMPING: 1 -> 5 .DAMPING: unknown key; did you mean 'damping'? ...
+lambda: 1 -> 5 .lambda: unknown key; did you mean 'damping'? ...
+torque: [0, 0, 1] -> 5 .torque: is a key of model cavity+constant or torques, and this is ...
+resistance: 1 -> 5 .resistance: is a key of model tensor or torques, ... mean 'damping'?
+initial: {p:0.8, q: 1, r: 1} -> 15 .initial.p:0.8: unknown key; put a space after the colon: ...
+initial: {p: 60 degrees, q: 1, r: 1} -> 18 .initial.p: expected ... or such as '2.5 deg', got ...
+initial: {p: 0, q: 1e-300, r: 1} -> 24 .initial.q: 1e-300 is out of range, 1e-154 to 1e+154: ...
+initial: {p: 1, q: 1} -> 14 .initial: r missing: give p, q and r, or two of them and G
+initial: [1, .1, .1] -> 14 .initial: expected ... a list of 3; write {p: 1, q: 0.1, r: 0.1}
+initial: {omega: [1, .1, .1]} -> 15 .initial.omega: unknown key; its components are p, q and r ...
+inertia: [1 kg, 1, 1] -> 15 .inertia.0: ... `unit` of time and `inertia_unit` name units
+inertia: [[1, 0, 0], [0, 1, 0], [0, 0, 1]] -> 14 .inertia: ... got 3 rows; a full tensor is ...
+inertia: [1, 0, 1] -> 18 .inertia.1: expected a positive number, got 0
+inertia: [1, 2, 4] -> 21 .inertia.2: no body has A3 = 4 larger than the sum of the other two
+inertia: [1, 1, 1e-120] -> 21 .inertia.2: 1e-120 is out of range, 1e-100 to 1e+100: ...
+damping: 0,005 -> 14 .damping: ..., got '0,005'; decimals are written with a point, as 1.5
+damping: [0,005, 0,004, 0,003] -> 14 .damping: expected 3 ... list of 6; decimals are written ...
+damping: '0.1' -> 14 .damping: expected a finite number, got '0.1'; leave out the quotes
+damping: true -> 14 .damping: expected a finite number, got true
+damping: [0, -.inf, 0] -> 18 .damping.1: expected a finite number, got -inf
+damping: [0, 0] -> 14 .damping: expected 3 numbers or one for all, got a list of 2
+tol: 0 -> 10 .tol: expected a positive number < 1, got 0
+tol: 1d-3 -> 10 .tol: expected ..., got '1d-3'; an exponent is written with e, as 1e-3
+tol: 1_000 -> 10 .tol: expected ..., got '1_000'; digits stand together, without _
+tol: 1__x -> 10 .tol: expected a finite positive number < 1, got '1__x'
+tol: 60 deg -> 10 .tol: ... only angles and angular velocities are given in degrees
+tol: !foo 1 -> 10 .tol: the tag '!foo' is not allowed here
+tol: !!int 1.5 -> 10 .tol: the tag 'tag:yaml.org,2002:int' is not allowed here
+tol: *t -> 10 .tol: *t has no anchor before it
+time: 10 -> 11 .time: expected a mapping of start, end, ..., unit, got 10; write {end: 10}
+time: [5, 10] -> 11 .time: ..., got a list of 2; write {start: 5, end: 10}
+time: {end: 1, end: 2} -> 20 .time.end: duplicate key; the first is in line 3
+time: {end: 1, samples: 0} -> 29 .time.samples: expected an integer >= 1, <= 1e+15, got 0
+time: {start: 2} -> 11 .time: missing 'end'
+time: {values: 3} -> 20 .time.values: expected a list of one or more: number, got 3
+time: {values: [1, 2, 2]} -> 27 .time.values.2: expected a time after 2, got 2
+time: {values: [-1, -2, -2]} -> 29 .time.values.2: expected a time before -2, got -2
+time: {start: 2, values: [1, 3]} -> 31 .time.values.0: expected no time before start, 2, got 1
+time: {values: [1], samples: 3} -> 34 .time.samples: leave it out where values: gives the times
+time: {steps: yes, end: 1} -> 12 .time.steps: unknown key; did you mean 'samples'? ...
+time: {start: 1.7e9, end: 1700000000.00001, samples: 1001} -> 58 .time.samples: ... at most 22, ...
+method: dop853 -> 13 .method: expected METHODS, got 'dop853'; did you mean 'DOP853'?
+precision: long -> 16 .precision: expected double, extended or quadruple, got 'long'
+error: 1 -> 12 .error: expected on or off, got 1
+note: 12 -> 11 .note: expected text, got 12; put it in quotes
+note: -> 5 .note: expected text, got an empty value
+note: "a\0b" -> 11 .note: control characters are not allowed in text
+store: {a: 1} -> 12 .store: expected a name or a list of names, got a mapping
+store: [omega, omga] -> 20 .store.1: unknown variable 'omga'; did you mean 'omega'? ...
+sweep: 3 -> 12 .sweep: expected a mapping of keys (damping.2) to {linspace: [first, last, ...
+sweep: {damping: [.1, .2]} -> 22 .sweep.damping: ... a list of 2; write {values: [0.1, 0.2]}
+sweep: {damping.2: {values: [1, .nan]}} -> 37 .sweep.damping.2.values.1: expected a finite ...
+sweep: {damping.2: {values: [1, 2], linspace: [1, 2, 3]}} -> 24 ..., of 2 keys: 'values, linspace'
+sweep: {damping.2: {linspce: [1, 2, 3]}} -> 25 ... did you mean 'linspace'? ...
+sweep: {damping.2: {logspace: [0, 2, 5]}} -> 36 .sweep....logspace.0: ... positive number, got 0
+sweep: {damping.3: {values: [1]}} -> 24 ...: the case has no such number: damping.3
+sweep: {dampng: {values: [1]}} -> 21 .sweep.dampng: ... did you mean 'damping'? ...
+sweep: {time.end: {values: [1]}} -> 23 ...: time.end is not a number of the model, ...
+sweep: {inertia.0: {values: [1, -1]}} -> 37 ...values.1: expected a positive number, got -1.0
+sweep: {inertia: {values: [1]}} -> 22 ...: inertia is not a number: name one of its places, ...
+sweep: {initial: {values: [1]}} -> 32 ...values.0: expected a mapping of p, q, r, G, got 1.0
+sweep: {time: {sphere: {count: 2}}} -> 19 ...: time is a name in every result: call the axis ...
+sweep: {d: {sphere: {count: 0}}} -> 33 ...: expected an integer >= 1, <= 1e+09, got 0
+sweep: {d: {sphere: {count: 2}}, e: {sphere: {count: 2}}} -> 50 ...: one axis may be a sphere
+sweep: {d: {zip: {damping.0: {values: [1]}, damping.1: {values: [1, 2]}}}} -> 22 ... zipped
+sweep: {damping.2: {values: [1]}, d: {zip: {damping.2: {values: [1]}}}} -> 60 ... already, ...
+sweep: {d: {sphere: {count: 1e6}}, damping.2: {linspace: [0, 1, 1e4]}} -> 12 ... 1e+09 members
+sweep: &s {p: [*s]} -> 20 .sweep.p.0: *s stands inside itself
+model: linear-dig -> 12 .model: expected ..., got 'linear-dig'; did you mean 'linear-diag'?
+<<: {p: 1} -> 5 : merge keys (<<) are not part of YAML 1.2; write the keys out, or use defaults:
+? [p]\n    : 1 -> 7 : a key is plain text, without anchor or tag
+"""
+"""An entry of a case, the column and the end of its message; `...` stands for any words."""
 
 
-@pytest.mark.parametrize(
-    ("entry", "column", "message"),
-    [
-        ("dampng: 1", 5,
-         f".dampng: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})"),
-        ("DAMPING: 1", 5,
-         f".DAMPING: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})"),
-        ("lambda: 1", 5,
-         f".lambda: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})"),
-        ("torque: [0, 0, 1]", 5,
-         ".torque: is a key of model cavity+constant or torques, and this is model linear-diag"),
-        ("resistance: 1", 5, ".resistance: is a key of model tensor or torques, and this is model "
-                             "linear-diag; did you mean 'damping'?"),
-        ("initial: {p:0.8, q: 1, r: 1}", 15, ".initial.p:0.8: unknown key; put a space after the "
-                                             "colon: p: 0.8 (valid: p, q, r, G)"),
-        ("initial: {p: 60 degrees, q: 1, r: 1}", 18,
-         ".initial.p: expected a finite number, or such as '2.5 deg', got '60 degrees'"),
-        ("inertia: [1 kg, 1, 1]", 15,
-         ".inertia.0: expected a finite positive number, got '1 kg'; a number stands alone: "
-         "`unit` of time and `inertia_unit` name units"),
-        ("damping: 0,005", 14, ".damping: expected a finite number, got '0,005'; decimals are "
-                               "written with a point, as 1.5"),
-        ("damping: [0,005, 0,004, 0,003]", 14, ".damping: expected 3 numbers or one for all, got "
-         "a list of 6; decimals are written with a point, as 1.5"),
-        ("damping: abc", 14, ".damping: expected a finite number, got 'abc'"),
-        ("damping: '0.1'", 14,
-         ".damping: expected a finite number, got '0.1'; leave out the quotes"),
-        ("damping: true", 14, ".damping: expected a finite number, got true"),
-        ("damping: .nan", 14, ".damping: expected a finite number, got nan"),
-        ("damping: [0, -.inf, 0]", 18, ".damping.1: expected a finite number, got -inf"),
-        ("damping: [0, 0]", 14, ".damping: expected 3 numbers or one for all, got a list of 2"),
-        ("damping: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]", 14,
-         ".damping: expected 3 numbers or one for all, got 3 rows"),
-        ("inertia: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]", 14, ".inertia: expected 3 positive numbers, "
-         "got 3 rows; a full tensor is a key of other models, as torques"),
-        ("inertia: [1, 0, 1]", 18, ".inertia.1: expected a positive number, got 0"),
-        ("inertia: [1, 2, 4]", 21,
-         ".inertia.2: no body has A3 = 4 larger than the sum of the other two"),
-        ("inertia: [1, 1, 1e-120]", 21,
-         ".inertia.2: 1e-120 is out of range, 1e-100 to 1e+100: take other units"),
-        ("initial: {p: 1, q: 1}", 14, ".initial: r missing: give p, q and r, or two of them and G"),
-        ("initial: [1, .1, .1]", 14, ".initial: expected a mapping of p, q, r, G, got a list of 3; "
-                                      "write {p: 1, q: 0.1, r: 0.1}"),
-        ("initial: {omega: [1, .1, .1]}", 15, ".initial.omega: unknown key; its components are "
-                                               "p, q and r (valid: p, q, r, G)"),
-        *((f"tol: {text}", 10, f".tol: expected a finite positive number < 1, got '{text}'{hint}")
-          for text, hint in (("1d-3", "; an exponent is written with e, as 1e-3"),
-                             ("1_000", "; digits stand together, without _"), ("1__x", ""),
-                             ("60 deg", "; only angles and angular velocities are given in "
-                                        "degrees"),
-                             ("5 min", "; a number stands alone: `unit` of time and `inertia_unit` "
-                                       "name units"))),
-        ("time: 10", 11, ".time: expected a mapping of start, end, samples, values, epoch, unit, "
-                         "got 10; write {end: 10}"),
-        ("time: [5, 10]", 11, ".time: expected a mapping of start, end, samples, values, epoch, "
-                              "unit, got a list of 2; write {start: 5, end: 10}"),
-        ("time: {end: 1, samples: 0}", 29,
-         ".time.samples: expected an integer >= 1, <= 1e+15, got 0"),
-        ("time: {start: 2}", 11, ".time: missing 'end'"),
-        ("time: {values: 3}", 20, ".time.values: expected a list of one or more: number, got 3"),
-        ("time: {values: [1, 2, 2]}", 27, ".time.values.2: expected a time after 2, got 2"),
-        ("time: {start: 2, values: [1, 3]}", 31,
-         ".time.values.0: expected no time before start, 2, got 1"),
-        ("time: {values: [1], samples: 3}", 34,
-         ".time.samples: leave it out where values: gives the times"),
-        ("time: {values: [-1, -2, -2]}", 29, ".time.values.2: expected a time before -2, got -2"),
-        ("time: {steps: yes, end: 1}", 12, ".time.steps: unknown key; did you mean 'samples'? "
-         "(valid: start, end, samples, values, epoch, unit)"),
-        ("time: {end: 1e155}", 17,
-         ".time.end: 1e+155 is out of range, 1e-154 to 1e+154: take other units"),
-        ("damping: [0.1, -1e-160, 0]", 20,
-         ".damping.1: 1e-160 is out of range, 1e-154 to 1e+154: take other units"),
-        ("initial: {p: 0, q: 1e-300, r: 1}", 24,
-         ".initial.q: 1e-300 is out of range, 1e-154 to 1e+154: take other units"),
-        ("time: {start: 1.7e9, end: 1700000000.00001, samples: 1001}", 58,
-         ".time.samples: expected at most 22, by the doubles from start to end, got 1001"),
-        ("method: dop853", 13,
-         f".method: expected {METHODS}, got 'dop853'; did you mean 'DOP853'?"),
-        ("precision: long", 16, ".precision: expected double, extended or quadruple, got 'long'"),
-        ("error: 1", 12, ".error: expected on or off, got 1"),
-        ("tol: 0", 10, ".tol: expected a positive number < 1, got 0"),
-        ("note: 12", 11, ".note: expected text, got 12; put it in quotes"),
-        ("note:", 5, ".note: expected text, got an empty value"),
-        (r'note: "a\0b"', 11, ".note: control characters are not allowed in text"),
-        ("store: {a: 1}", 12, ".store: expected a name or a list of names, got a mapping"),
-        ("store: [omega, omga]", 20,
-         ".store.1: unknown variable 'omga'; did you mean 'omega'? (valid: omega, p, q, r, "
-         "G, G2, T, J, D, D/2T, x1_direction, tilt, separatrix_distance, speed, x, y)"),
-        ("sweep: 3", 12, ".sweep: expected a mapping of keys (damping.2) to {linspace: [first, "
-                         "last, number]}, logspace, "
-         "values, zip or sphere, got 3"),
-        ("sweep: {damping.2: {values: [1, .nan]}}", 37,
-         ".sweep.damping.2.values.1: expected a finite number, got nan"),
-        ("sweep: {damping: [.1, .2]}", 22, ".sweep.damping: expected one of linspace, logspace, "
-         "values, zip, sphere, got a list of 2; write {values: [0.1, 0.2]}"),
-        ("model: linear-dig", 12,
-         f".model: expected {MODELS}, got 'linear-dig'; did you mean 'linear-diag'?"),
-        ("time: {end: 1, end: 2}", 20, ".time.end: duplicate key; the first is in line 3"),
-        ("tol: !foo 1", 10, ".tol: the tag '!foo' is not allowed here"),
-        ("tol: !!int 1.5", 10, ".tol: the tag 'tag:yaml.org,2002:int' is not allowed here"),
-        ("tol: *t", 10, ".tol: *t has no anchor before it"),
-        ("sweep: &s {p: [*s]}", 20, ".sweep.p.0: *s stands inside itself"),
-        ("<<: {p: 1}", 5,
-         ": merge keys (<<) are not part of YAML 1.2; write the keys out, or use defaults:"),
-        ("? [p]\n    : 1", 7, ": a key is plain text, without anchor or tag"),
-    ],
-)  # fmt: skip
-def test_a_mistake_is_named_with_its_place(entry: str, column: int, message: str) -> None:
+def rows_of(table: str) -> list[list[str]]:
+    return [line.split(" -> ") for line in table.strip().splitlines()]
+
+
+def fits(line: str, right: str) -> bool:
+    """Whether a line of an error is the right one, in which `...` stands for any words."""
+    return bool(re.fullmatch(re.escape(right).replace(r"\.\.\.", ".*"), line))
+
+
+@pytest.mark.parametrize(("entry", "place_and_message"), rows_of(ENTRIES))
+def test_a_mistake_is_named_with_its_place(entry: str, place_and_message: str) -> None:
+    right = place_and_message.replace("LINEAR", LINEAR).replace("METHODS", METHODS)
+    column, _, message = right.partition(" ")
     rest = [line for line in LINES if line.split(":")[0] != entry.split(":")[0]]
-    text = "\n    ".join(["cases:\n  a:", entry, *rest]) + "\n"
-    assert mistakes(text) == [f"x.yaml:3:{column}: cases.a{message}"]
+    text = "\n    ".join(["cases:\n  a:", entry.replace(r"\n", "\n"), *rest]) + "\n"
+    (line,) = mistakes(text)
+    assert fits(line, f"x.yaml:3:{column}: cases.a{message}")
 
 
 def test_a_switch_takes_the_words_of_python_and_yaml_too() -> None:
@@ -329,119 +293,87 @@ def test_a_switch_takes_the_words_of_python_and_yaml_too() -> None:
     assert (yes.error, no.error, no.data.get("attitude")) == (True, False, None)
 
 
-@pytest.mark.parametrize(
-    ("keys", "wrong"),
-    [("method: exact, precision: quadruple", "precision: method exact works in double and"),
-     ("method: DOP853, precision: extended", "precision: method DOP853 works in double"),
-     ("method: collocation, precision: quadruple", "precision: method collocation works in"),
-     ("method: exact, damping: [1, 2, 3]", "method: method exact needs torques along G"),
-     ("time: {end: -1}, sweep: {damping.0: {values: [1]}}", "time.end: a sweep runs forward")],
-)  # fmt: skip
-def test_a_method_that_cannot_take_a_case_is_refused_at_once(keys: str, wrong: str) -> None:
-    head = f"defaults: {{{BODY}, damping: 0.1, {SPAN}}}\n"
-    (mistake,) = mistakes(f"{head}cases: {{a: {{{keys}}}}}")
-    assert f"cases.a.{wrong}" in mistake
-
-
-CROSSES = (
-    "where: w, statement: s, cases: [a], expect: reproduced, check: {kind: crossings, least: 1}"
-)
-MESSAGES: list[tuple[str, list[str]]] = [
-    ("", ["1:1: expected a mapping of keys to values, got an empty value"]),
-    ("[1, 2]", ["1:1: expected a mapping of keys to values, got a list of 2"]),
-    ("title: t", ["1:1: missing 'cases'"]),
-    ("cases: {}", ["1:8: cases: there is no case"]),
-    ("cases:\n", ["1:1: missing 'cases'"]),
-    ("cases: {a: 3}", ["1:12: cases.a: expected a mapping, got 3"]),
-    ("cases:\n  a: {}", ["2:6: cases.a: missing 'model', 'time'"]),
-    ("a: 1\n--- 2", ["2:1: a second document starts here; one is allowed"]),
-    ("a: [1, 2\n", ["2:1: not YAML: the [ of line 1 is not closed, or lacks a comma"]),
-    ("a: [1,, 2]", ["1:7: not YAML: the [ or { of line 1 is not closed, or has a comma too many"]),
-    ("a:\n\tb: 1", ["2:1: not YAML: indent with spaces, not with a tab; ..."]),
-    ("a: b\n c\0d", ["2:3: the character U+0000 is not allowed"]),
-    ("a: \ud800", ["1:4: the character U+D800 is not allowed"]),
-    (GOOD + "titel: t\n",
-     ["4:1: titel: unknown key; did you mean 'title'? (valid: title, references, defaults, "
-                           "cases, figures, style, bench, claims, errata)"]),
-    (GOOD + "claims: [1]\n", [f"4:10: claims.0: expected a mapping of {', '.join(CLAIM)}, got 1"]),
-    (GOOD + "defaults: {inertia: 3, tol: 2}\n",
-     ["4:29: defaults.tol: expected a positive number < 1, got 2"]),
-    (GOOD + "defaults: {resistance: 3}\n",
-     ["4:12: defaults.resistance: no case here takes this key"]),
-    (GOOD + "figures: {f: {cases: a}}\n", ["4:14: figures.f: missing 'kind'"]),
-    (GOOD + "figures: {f: {kind: hodgraph, foo: 1}}\n",
-     ["4:21: figures.f.kind: expected hodograph, sphere, ..."]),
-    (GOOD + "figures: {f: {kind: sphere, cases: [a, aa]}}\n",
-     ["4:40: figures.f.cases.1: unknown name 'aa'; did you mean 'a'? (valid: a, a.b)"]),
-    (GOOD + "figures: {../f: {kind: sphere, cases: a}}\n", [f"4:11: figures.../f: {NAME_RULE}"]),
-    (GOOD + "extra:\n",
-     ["4:1: extra: unknown key (valid: title, references, defaults, cases, figures, style, "
-      "bench, claims, errata)"]),
-    ("cases: {a/b: {}}", [f"1:9: cases.a/b: {NAME_RULE}"]),
-    ('cases: {"a\\0b": {}}', ["1:9: cases: a key is printable text of at most 128 characters"]),
-    (f"cases: {{{'n' * 101}: {{}}}}", [f"1:9: cases.{'n' * 101}: {NAME_RULE}"]),
-    (f"cases: {{{'n' * 300}: {{}}}}",
-     ["1:9: cases: a key is printable text of at most 128 characters"]),
+CLAIMS = f"""{ONE}\
+claims:
+- &c {{id: c, where: w, statement: s, cases: [a], expect: reproduced, check: CHECK}}
+"""
+TOP = "{model: Lagrange-averaged, inertia: {A: 2, C: 5}, mu: 1, a: [1], b: x, time: {end: 10}"
+MESSAGES: list[tuple[str, ...]] = [
+    ("", "1:1: expected a mapping of keys to values, got an empty value"),
+    ("[1, 2]", "1:1: expected a mapping of keys to values, got a list of 2"),
+    ("cases: {}", "1:8: cases: there is no case"),
+    ("cases:\n", "1:1: missing 'cases'"),
+    ("cases: {a: 3}", "1:12: cases.a: expected a mapping, got 3"),
+    ("cases:\n  a: {}", "2:6: cases.a: missing 'model', 'time'"),
+    (f"{GOOD}titel: t\n", "4:1: titel: unknown key; did you mean 'title'? (valid: title, "
+     "references, defaults, cases, figures, style, bench, claims, errata)"),
+    (f"{GOOD}extra:\n", "4:1: extra: unknown key (valid: ...)"),
+    (f"{GOOD}claims: [1]\n", f"4:10: claims.0: expected a mapping of {', '.join(CLAIM)}, got 1"),
+    (f"{GOOD}defaults: {{resistance: 3}}\n",
+     "4:12: defaults.resistance: no case here takes this key"),
+    (f"{GOOD}bench: {{methods: [Radauu]}}", "4:19: bench.methods.0: ... did you mean 'Radau'?"),
+    # Not YAML, or none that is allowed.
+    ("a: 1\n--- 2", "2:1: a second document starts here; one is allowed"),
+    ("a: [1, 2\n", "2:1: not YAML: the [ of line 1 is not closed, or lacks a comma"),
+    ("a: [1,, 2]", "1:7: not YAML: the [ or { of line 1 is not closed, or has a comma too many"),
+    ("cases: {a: {model: linear-diag\n",
+     "2:1: not YAML: the { of line 1 is not closed, or lacks a comma"),
+    ("title: 'a\ncases: {}\n", "3:1: not YAML: the quote of line 1 is not closed"),
+    ("a:\n\tb: 1", "2:1: not YAML: indent with spaces, not with a tab; ..."),
+    ("title: *bold*\n", "1:13: not YAML: put a text that begins with * in quotes"),
+    ("title: @me\n", "1:8: not YAML: indent with spaces, not with a tab; put a text ..."),
+    ("cases:\n  a:\n    model linear-diag\n    tol: 1\n",
+     "4:8: not YAML: a second ': ' on one line, or none on the line before: ..."),
+    ("cases:\n  a: b: c\n",
+     "2:7: not YAML: a second ': ' on one line, or none on the line before: ..."),
+    *((f"cases:\n  a:\n    tol: 1\n    damping:0.01\n{rest}",
+       "4:5: not YAML: no ': ' between key and value: put a space after the colon")
+      for rest in ("", "    # r\n", "\n    error: no\n", "    time:\n      end: 1\n")),
+    ("a: b\n c\0d", "2:3: the character U+0000 is not allowed"),
+    ("a: \ud800", "1:4: the character U+D800 is not allowed"),
     ("a: !!python/object:os.system []",
-     ["1:4: a: the tag 'tag:yaml.org,2002:python/object:os.system' is not allowed here"]),
-    # A mistake in a default is one mistake, at its own place.
+     "1:4: a: the tag 'tag:yaml.org,2002:python/object:os.system' is not allowed here"),
+    # Names.
+    ("cases: {a/b: {}}", f"1:9: cases.a/b: {NAME_RULE}"),
+    (f"cases: {{{'n' * 101}: {{}}}}", f"1:9: cases.{'n' * 101}: {NAME_RULE}"),
+    (f"{GOOD}figures: {{../f: {{kind: sphere, cases: a}}}}\n", f"4:11: figures.../f: {NAME_RULE}"),
+    *((f"cases: {{{name}: {{}}}}", "1:9: cases: a key is printable text of at most 128 characters")
+      for name in ('"a\\0b"', "n" * 300)),
+    # Figures, and claims.
+    (f"{GOOD}figures: {{f: {{cases: a}}}}\n", "4:14: figures.f: missing 'kind'"),
+    (f"{GOOD}figures: {{f: {{kind: hodgraph, foo: 1}}}}\n",
+     "4:21: figures.f.kind: expected hodograph, sphere, ..."),
+    (f"{GOOD}figures: {{f: {{kind: sphere, cases: [a, aa]}}}}\n",
+     "4:40: figures.f.cases.1: unknown name 'aa'; did you mean 'a'? (valid: a, a.b)"),
+    (f"{ONE}figures: {{f: {{kind: sphere, cases: a, style: {{font_size: 9}}}}}}",
+     "4:47: figures.f.style.font_size: unknown key (valid: width, height, rc, axes)"),
+    (f"{ONE}figures: {{f: {{kind: series, cases: a, variables: T, formula: {{T: exp(-t}}}}}}",
+     "4:66: figures.f.formula.T: column 4 of the expression: '(' was never closed"),
+    (CLAIMS.replace("CHECK", "{kind: monotone, of: [foo], sense: falls}"),
+     "5:99: claims.0.check.of.0: expected a quantity over time, got 'foo'"),
+    (CLAIMS.replace("CHECK", "{kind: bound, of: energy, least: 1}"),
+     "5:95: claims.0.check.of: expected a quantity, got 'energy'; did you mean 'T'?"),
+    # Names that are true and false are to be quoted.
+    (CLAIMS.replace("CHECK", "{kind: crossings, least: 1}").replace("id: c", "id: true"),
+     "5:11: claims.0.id: expected text, got true; put it in quotes"),
+    # What follows from a mistake is not a second one: a model's own check goes as far as the
+    # values that are right, and a mistake in a default is one mistake, at its own place.
+    (f"cases: {{a: {TOP}, initial: {{theta: 1, r: 2}}}}}}",
+     "1:58: cases.a.inertia.C: no body has C = 5 larger than 2 A = 4",
+     "1:80: cases.a.b: column 1 of the expression: unknown name 'x' ..."),
+    (f"cases:\n  a: {{model: cavity+constant, {SPAN}, spin_reversal: stop}}\n",
+     "2:6: cases.a: missing 'inertia', 'initial'",
+     "2:48: cases.a.spin_reversal: is a key of form averaged or averaged-as-printed, ..."),
     ("defaults: {inertia: [1, 1, 3], time: {end: x}, tol: no}\ncases:\n" + "".join(
         f"  c{i}: {{model: linear-diag, initial: {{p: 1, q: 1, r: 1}}, time: {{samples: 3}}}}\n"
         for i in range(5)),
-     ["1:28: defaults.inertia.2: no body has A3 = 3 larger than the sum of the other two",
-      "1:44: defaults.time.end: expected a finite number, got 'x'",
-      "1:53: defaults.tol: expected a finite positive number < 1, got 'no'"]),
-    ("cases:\n  a:\n    model: tensor\n    time:\n      samples: 3\n",
-     ["2:3: cases.a: missing 'inertia', 'resistance', 'initial'",
-      "4:5: cases.a.time: missing 'end'"]),
-    (f"cases:\n  a: {{{BODY}, time: {{end: '1,5'}}}}\n",
-     ["2:99: cases.a.time.end: expected a finite number, got '1,5'; decimals are ..."]),
-    (f"cases:\n  a: {{{BODY}, time: {{end: 1,5}}}}\n",
-     ["2:101: cases.a.time.5: unknown key; decimals are written with a point, as 1.5 (valid: "
-      "start, end, samples, values, epoch, unit)"]),
-    # What follows from a mistake is not a second one.
-    ("cases: {a: {model: linear-diag\n",
-     ["2:1: not YAML: the { of line 1 is not closed, or lacks a comma"]),
-    ("title: 'a\ncases: {}\n", ["3:1: not YAML: the quote of line 1 is not closed"]),
-    ("title: *bold*\n", ["1:13: not YAML: put a text that begins with * in quotes"]),
-    ("title: @me\n", ["1:8: not YAML: indent with spaces, not with a tab; put a text ..."]),
-    ("cases:\n  a:\n    model linear-diag\n    tol: 1\n",
-     ["4:8: not YAML: a second ': ' on one line, or none on the line before: ..."]),
-    *((f"cases:\n  a:\n    tol: 1\n    damping:0.01\n{rest}",
-       ["4:5: not YAML: no ': ' between key and value: put a space after the colon"])
-      for rest in ("", "    # r\n", "\n    error: no\n", "    time:\n      end: 1\n")),
-    (f"cases:\n  a: {{{BODY}, time: {{end: 1}}, sweep: {{p: {{values: [1]}}}}}}\n",
-     ["2:114: cases.a.sweep.p: unknown key 'p'; did you mean 'initial.p'? ..."]),
-    ("cases:\n  a: b: c\n",
-     ["2:7: not YAML: a second ': ' on one line, or none on the line before: ..."]),
+     "1:28: defaults.inertia.2: no body has A3 = 3 larger than the sum of the other two",
+     "1:44: defaults.time.end: expected a finite number, got 'x'",
+     "1:53: defaults.tol: expected a finite positive number < 1, got 'no'"),
     ("case: {a: 1}\nfigures: {f: {kind: sphere, cases: [a]}}",
-     ["1:1: case: unknown key; did you mean 'cases'? (valid: title, references, defaults, cases, "
-      "figures, style, bench, claims, errata)"]),
-    (f"{ONE}figures: {{f: {{kind: sphere, cases: a, style: {{font_size: 9}}}}}}",
-     ["4:47: figures.f.style.font_size: unknown key (valid: width, height, rc, axes)"]),
-    (f"{ONE}figures: {{f: {{kind: series, cases: a, variables: T, formula: {{T: exp(-t}}}}}}",
-     ["4:66: figures.f.formula.T: column 4 of the expression: '(' was never closed"]),
-    (f"{ONE}claims: [{{id: c, where: w, statement: s, cases: [a], expect: reproduced, "
-     "check: {kind: monotone, of: [foo], sense: falls}}]",
-     ["4:103: claims.0.check.of.0: expected a quantity over time, got 'foo'"]),
-    (f"{ONE}claims: [{{id: c, where: w, statement: s, cases: [a], expect: reproduced, "
-     "check: {kind: bound, of: energy, least: 1}}]",
-     ["4:99: claims.0.check.of: expected a quantity, got 'energy'; did you mean 'T'?"]),
-    # Names that are true and false are to be quoted.
-    (f"{ONE}claims: [{{id: true, {CROSSES}}}, {{id: false, {CROSSES}}}]",
-     ["4:15: claims.0.id: expected text, got true; put it in quotes",
-      "4:119: claims.1.id: expected text, got false; put it in quotes"]),
-    # A model's own check goes as far as the values that are right.
-    ("cases:\n  a: {model: Lagrange-averaged, form: averaged-u, inertia: {A: 2, C: 5}, mu: 1, "
-     f"a: [1], b: x, initial: {{theta: 1, r: 2}}, {SPAN}}}\n",
-     ["2:70: cases.a.inertia.C: no body has C = 5 larger than 2 A = 4",
-      "2:92: cases.a.b: column 1 of the expression: unknown name 'x' ..."]),
-    (f"cases:\n  a: {{model: cavity+constant, {SPAN}, spin_reversal: stop}}\n",
-     ["2:6: cases.a: missing 'inertia', 'initial'",
-      "2:48: cases.a.spin_reversal: is a key of form averaged or averaged-as-printed, and this is "
-      "form full"]),
-    (f"{ONE}bench: {{methods: [Radauu]}}",
-     [f"4:19: bench.methods.0: expected {METHODS}, got 'Radauu'; did you mean 'Radau'?"]),
+     "1:1: case: unknown key; did you mean 'cases'? ..."),
+    (f"cases:\n  a: {{{BODY}, time: {{end: 1,5}}}}\n",
+     "2:101: cases.a.time.5: unknown key; decimals are written with a point, as 1.5 ..."),
     # All mistakes are raised together, by line.
     ("figures:\n"
      "  f: {kind: sphere, cases: [b, c]}\n"
@@ -450,31 +382,28 @@ MESSAGES: list[tuple[str, list[str]]] = [
      "  b: {model: tensor}\n"
      "  a: {}\n"
      "titel: t\n",
-     ["2:32: figures.f.cases.1: unknown name 'c' (valid: a, b)",
-      "4:109: cases.a.tol: expected a positive number < 1, got 3",
-      "4:112: cases.a.foo: unknown key (valid: ...",
-      "5:6: cases.b: missing 'inertia', 'resistance', 'initial', 'time'",
-      "6:3: cases.a: duplicate key; the first is in line 4",
-      "7:1: titel: unknown key; did you mean 'title'? (valid: ..."]),
+     "2:32: figures.f.cases.1: unknown name 'c' (valid: a, b)",
+     "4:109: cases.a.tol: expected a positive number < 1, got 3",
+     "4:112: cases.a.foo: unknown key (valid: ...",
+     "5:6: cases.b: missing 'inertia', 'resistance', 'initial', 'time'",
+     "6:3: cases.a: duplicate key; the first is in line 4",
+     "7:1: titel: unknown key; did you mean 'title'? (valid: ..."),
 ]  # fmt: skip
-"""Texts of files and the lines of their errors; of a line that ends with ... its beginning."""
+"""Texts of files and the lines of their errors."""
 
 
-@pytest.mark.parametrize(("text", "expected"), MESSAGES)
-def test_mistakes_in_a_file_are_lines_with_their_places(text: str, expected: list[str]) -> None:
+@pytest.mark.parametrize("row", MESSAGES)
+def test_mistakes_in_a_file_are_lines_with_their_places(row: tuple[str, ...]) -> None:
+    text, *expected = row
     lines = mistakes(text)
     assert len(lines) == len(expected)
     for line, right in zip(lines, expected, strict=True):
-        start = right.removesuffix("...").rstrip()
-        assert line == f"x.yaml:{right}" or (start != right and line.startswith(f"x.yaml:{start}"))
+        assert fits(line, f"x.yaml:{right}")
 
 
 def test_a_broken_line_in_a_name_stays_on_one_line() -> None:
-    with pytest.raises(HodoError) as caught:
+    with pytest.raises(HodoError, match=r"^a\\nb.yaml:1:1: [^\n]*$"):
         parse("[]", "a\nb.yaml")
-    assert (
-        str(caught.value) == r"a\nb.yaml:1:1: expected a mapping of keys to values, got a list of 0"
-    )
 
 
 # Files that cannot be read
@@ -508,21 +437,13 @@ def loader(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 BOMBS = {
-    "brackets": "[" * 10**5,
+    **{mark: mark * 10**5 for mark in ("[", "{a: ", "- ", "? ", "&a ", "!", "'")},
     "closed brackets": "a: " + "[" * 10**4 + "]" * 10**4,
-    "braces": "{a: " * 10**5,
-    "dashes": "- " * 10**5,
     "indentation": "\n".join(" " * i + "a:" for i in range(2000)),
-    "questions": "? " * 10**5,
-    "anchors": "&a " * 10**5,
-    "exclamations": "!" * 10**5,
-    "quotes": "'" * 10**5,
     "aliases": "a0: &a0 [x, x, x, x, x, x, x, x, x]\n"
     + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12)),
     "wide aliases": "a: &a [" + "1, " * 1000 + "1]\nb: [" + "*a, " * 1000 + "1]",
-    "unknown keys": "cases: {a: {model: tensor, "
-    + ", ".join(f"resistanc{i}: 1" for i in range(600))
-    + "}}",
+    "unknown keys": f"cases: {{a: {{{', '.join(f'resistanc{i}: 1' for i in range(600))}}}}}",
     "itself": "cases: &c {a: *c}",
 }
 
@@ -537,13 +458,12 @@ def test_a_bomb_is_refused_at_once(text: str) -> None:
     assert max(map(len, lines)) < 600
 
 
-def test_the_values_that_aliases_stand_for_are_counted() -> None:
-    assert mistakes(BOMBS["aliases"]) == [
-        "x.yaml:6:10: a5.0: aliases stand for more than 100000 values"
-    ]
-    assert mistakes(BOMBS["wide aliases"]) == [
-        "x.yaml:2:401: b.99: aliases stand for more than 100000 values"
-    ]
+@pytest.mark.parametrize(
+    ("name", "place"), [("aliases", "6:10: a5.0"), ("wide aliases", "2:401: b.99")]
+)
+def test_the_values_that_aliases_stand_for_are_counted(name: str, place: str) -> None:
+    words = f"x.yaml:{place}: aliases stand for more than 100000 values"
+    assert mistakes(BOMBS[name]) == [words]
 
 
 @pytest.mark.usefixtures("loader")
@@ -636,36 +556,31 @@ def test_overrides_change_what_they_name_and_nothing_else(text, overrides, chang
         assert changed == changes.get(name, {})
 
 
-@pytest.mark.parametrize(
-    ("override", "message"),
-    [
-        ("a.damping", "an override reads CASE.KEY=VALUE"),
-        ("a=1", "an override reads CASE.KEY=VALUE"),
-        ("aa.tol=1e-3", "unknown case 'aa'; did you mean 'a'? (valid: a, a.b)"),
-        ("z*.tol=1e-3", "unknown case 'z*' (valid: a, a.b)"),
-        ("a.dampng=1",
-         f"cases.a.dampng: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})"),
-        *((f"a.damping.{key}=1",
-           f"cases.a.damping.{key}: there is no '{key}' in a list whose positions are 0 to 2")
-          for key in "3x"),
-        ("a.damping.1=x", "cases.a.damping.1: expected a finite number, got 'x'"),
-        ("a.store.0=omega", "cases.a.store.0: there is no '0' in an empty list"),
-        ("a.time.end.0=1", "cases.a.time.end.0: there is no '0' in 10.0"),
-        ("a.constants.w=1", "cases.a.constants: is a key of model Lagrange-averaged or torques, "
-         "and this is model linear-diag"),
-        ("a.sweep.damping.0=[1, 2]", "cases.a.sweep.damping.0: expected one of linspace, "
-         "logspace, values, zip, sphere, got a list of 2; write {values: [1, 2]}"),
-        ("a.tol=2", "cases.a.tol: expected a positive number < 1, got 2"),
-        ("a.tol=", "cases.a.tol: expected a finite positive number < 1, got an empty value"),
-        ("a.inertia.0=9",
-         "cases.a.inertia.0: no body has A1 = 9 larger than the sum of the other two"),
-        ("a.tol=[1", "not YAML: the [ is not closed, or lacks a comma"),
-        ("a.tol=" + "[" * 100, "nested deeper than 50 levels"),
-        ("a" + ".a" * 1000 + "=1", "an override reads CASE.KEY=VALUE"),
-    ],
-)  # fmt: skip
+OF_OVERRIDES = f"""
+a.damping -> an override reads CASE.KEY=VALUE
+a=1 -> an override reads CASE.KEY=VALUE
+a{".a" * 1000}=1 -> an override reads CASE.KEY=VALUE
+aa.tol=1e-3 -> unknown case 'aa'; did you mean 'a'? (valid: a, a.b)
+z*.tol=1e-3 -> unknown case 'z*' (valid: a, a.b)
+a.dampng=1 -> cases.a.dampng: unknown key; did you mean 'damping'? (valid: {LINEAR})
+a.damping.3=1 -> cases.a.damping.3: there is no '3' in a list whose positions are 0 to 2
+a.damping.x=1 -> cases.a.damping.x: there is no 'x' in a list whose positions are 0 to 2
+a.damping.1=x -> cases.a.damping.1: expected a finite number, got 'x'
+a.store.0=omega -> cases.a.store.0: there is no '0' in an empty list
+a.time.end.0=1 -> cases.a.time.end.0: there is no '0' in 10.0
+a.constants.w=1 -> cases.a.constants: is a key of model Lagrange-averaged or torques, ...
+a.sweep.damping.0=[1, 2] -> cases.a.sweep.damping.0: expected ...; write {{values: [1, 2]}}
+a.tol= -> cases.a.tol: expected a finite positive number < 1, got an empty value
+a.inertia.0=9 -> cases.a.inertia.0: no body has A1 = 9 larger than the sum of the other two
+a.tol=[1 -> not YAML: the [ is not closed, or lacks a comma
+a.tol={"[" * 100} -> nested deeper than 50 levels
+"""
+
+
+@pytest.mark.parametrize(("override", "message"), rows_of(OF_OVERRIDES))
 def test_a_mistake_of_an_override_names_it(override: str, message: str) -> None:
-    assert mistakes(GOOD, override) == [f"--set {override}: {message}"]
+    (line,) = mistakes(GOOD, override)
+    assert fits(line, f"--set {override}: {message}")
 
 
 def test_mistakes_of_overrides_follow_those_of_the_file() -> None:
@@ -684,12 +599,14 @@ TEXTS = st.text(
     st.characters(exclude_categories=["Cs", "Cc"]) | st.sampled_from("\n\t:#'\"\\-{}[]"),
     max_size=30,
 )
-NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
-
-
 WORDS = st.sampled_from(["no", "1e-3", "null", "", "0x1", "~", "True", ".inf", "-", "010"])
 PLAIN = st.recursive(
-    st.none() | st.booleans() | st.integers() | NUMBERS | TEXTS | WORDS,
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | TEXTS
+    | WORDS,
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(TEXTS, inner, max_size=4),
     max_leaves=12,
 )
@@ -717,59 +634,58 @@ def test_what_is_no_dump_is_refused() -> None:
 # Schema and key table
 
 
-def conforms(value: Any, rule: Any, root: dict[str, Any]) -> bool:
-    """Whether a value obeys a JSON Schema: those words of it that the schema of the case files
-    uses."""
+TYPES = {"object": dict, "array": list, "string": str, "null": type(None)}
+SILENT = {"$schema", "$defs", "title", "description", "default", "then"}
+
+
+def is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and value == value
+
+
+def has_type(value: Any, name: str) -> bool:
+    if name in TYPES:
+        return isinstance(value, TYPES[name])
+    return is_number(value) and (name == "number" or value == int(value))
+
+
+def conforms(value: Any, rule: Any) -> bool:
+    """Whether a value obeys a JSON Schema: those words of it that the one of case files uses."""
     if isinstance(rule, bool):
         return rule
-    assert rule.keys() <= KNOWN_WORDS, rule.keys() - KNOWN_WORDS
-    if "$ref" in rule:
-        return conforms(value, root["$defs"][rule["$ref"].rsplit("/", 1)[1]], root)
+    obeys = partial(conforms, value)
+    entries, items, text = (value if isinstance(value, of) else None for of in (dict, list, str))
 
-    def obeys(part: Any, value: Any = value) -> bool:
-        return conforms(value, part, root)
+    def within(of: Any, compare: Callable[[Any, Any], bool], size: Any = len) -> Any:
+        return lambda most: of is None or compare(size(of), most)
 
-    number = isinstance(value, int | float) and not isinstance(value, bool) and value == value
-    types = {
-        "object": isinstance(value, dict), "array": isinstance(value, list),
-        "string": isinstance(value, str), "null": value is None,
-        "number": number, "integer": number and value == int(value),
+    of_number = partial(within, value if is_number(value) else None, size=float)
+    known = rule.get("properties", {})
+    words: dict[str, Callable[[Any], bool]] = {
+        "$ref": lambda name: obeys(resolved(rule)),
+        "anyOf": lambda parts: any(map(obeys, parts)),
+        "oneOf": lambda parts: sum(map(obeys, parts)) == 1,
+        "allOf": lambda parts: all(map(obeys, parts)),
+        "if": lambda part: not obeys(part) or obeys(rule["then"]),
+        "type": lambda x: any(has_type(value, y) for y in ([x] if isinstance(x, str) else x)),
+        # Python's True is 1, and JSON's is not.
+        "enum": lambda entries: (type(value), value) in [(type(x), x) for x in entries],
+        "const": lambda other: value == other,
+        "minimum": of_number(operator.ge), "exclusiveMinimum": of_number(operator.gt),
+        "maximum": of_number(operator.le), "exclusiveMaximum": of_number(operator.lt),
+        "minLength": within(text, operator.ge), "maxLength": within(text, operator.le),
+        "pattern": lambda pattern: text is None or bool(re.search(pattern, text)),
+        "minItems": within(items, operator.ge), "maxItems": within(items, operator.le),
+        "items": lambda part: all(conforms(item, part) for item in items or ()),
+        "minProperties": within(entries, operator.ge),
+        "maxProperties": within(entries, operator.le),
+        "required": lambda names: entries is None or {*names} <= {*entries},
+        "propertyNames": lambda part: all(conforms(name, part) for name in entries or ()),
+        "properties": lambda parts: all(
+            conforms(item, parts.get(name, True)) for name, item in (entries or {}).items()),
+        "additionalProperties": lambda part: all(
+            conforms(item, part) for name, item in (entries or {}).items() if name not in known),
     }  # fmt: skip
-    allowed = rule["type"] if isinstance(rule.get("type"), list) else [rule.get("type")]
-    parts = [any(types.get(word, True) for word in allowed)]
-    # Python's True is 1, and JSON's is not.
-    same = [(type(x), x) for x in rule.get("enum", ())]
-    parts += [(type(value), value) in same or "enum" not in rule]
-    parts += [value == rule.get("const", value) or "const" not in rule]
-    parts += [any(map(obeys, rule["anyOf"]))] if "anyOf" in rule else []
-    parts += [sum(map(obeys, rule["oneOf"])) == 1] if "oneOf" in rule else []
-    parts += [*map(obeys, rule.get("allOf", ()))]
-    parts += [not obeys(rule["if"]) or obeys(rule["then"])] if "if" in rule else []
-    if number:
-        parts += [rule.get("minimum", value) <= value <= rule.get("maximum", value)]
-        parts += [rule.get("exclusiveMinimum", -math.inf) < value]
-        parts += [value < rule.get("exclusiveMaximum", math.inf)]
-    if isinstance(value, str):
-        parts += [rule.get("minLength", 0) <= len(value) <= rule.get("maxLength", math.inf)]
-        parts += [bool(re.search(rule.get("pattern", ""), value))]
-    if isinstance(value, list):
-        parts += [rule.get("minItems", 0) <= len(value) <= rule.get("maxItems", math.inf)]
-        parts += [obeys(rule.get("items", True), item) for item in value]
-    if isinstance(value, dict):
-        parts += [name in value for name in rule.get("required", ())]
-        parts += [rule.get("minProperties", 0) <= len(value) <= rule.get("maxProperties", math.inf)]
-        parts += [obeys(rule.get("propertyNames", True), name) for name in value]
-        known, other = rule.get("properties", {}), rule.get("additionalProperties", True)
-        parts += [obeys(known.get(name, other), item) for name, item in value.items()]
-    return all(parts)
-
-
-WORDS_OF_SCHEMA = """
-    $schema $defs $ref title description default type enum const anyOf oneOf allOf if then pattern
-    minLength maxLength maxProperties items minItems maxItems minimum maximum exclusiveMinimum
-    exclusiveMaximum required properties additionalProperties propertyNames minProperties
-"""
-KNOWN_WORDS = {*re.findall(r"\S+", WORDS_OF_SCHEMA)}
+    return all(words[word](wanted) for word, wanted in rule.items() if word not in SILENT)
 
 
 def loads(text: str) -> bool:
@@ -781,7 +697,7 @@ def loads(text: str) -> bool:
 
 
 def obeys_schema(text: str) -> bool:
-    return conforms(document.Source("x").read(text), RULES, RULES)
+    return conforms(document.Source("x").read(text), RULES)
 
 
 @pytest.mark.parametrize(
@@ -816,17 +732,12 @@ def test_the_schema_takes_empty_values_where_the_loader_does(default: str, own: 
 
 
 def test_an_empty_default_may_be_written() -> None:
-    def rules(rule: Any) -> Iterator[Any]:
-        inner = rule.values() if isinstance(rule, dict) else rule
-        yield rule
-        for part in inner if isinstance(rule, dict | list) else ():
-            yield from rules(part)
-
-    declared = [rule for rule in rules(RULES) if isinstance(rule, dict) and "description" in rule]
+    rules = [reduce(operator.getitem, path, RULES) for path in paths(RULES)]
+    declared = [rule for rule in rules if isinstance(rule, dict) and "description" in rule]
     empty = [rule for rule in declared if rule.get("default") in ([], {})]
     assert len(empty) > 10
     for rule in empty:
-        assert conforms(rule["default"], rule, RULES), rule["description"]
+        assert conforms(rule["default"], rule), rule["description"]
 
 
 def test_the_schema_takes_what_the_loader_takes() -> None:
@@ -875,10 +786,8 @@ def test_the_key_tables_have_every_key_of_each_group() -> None:
     assert {"time.end", *COMMON} <= every.union(*of_models.values())
     assert {f"Model `{model}`" for model in resolved(CASE_KEYS["model"])["enum"]} == {*of_models}
     assert named["Model `linear-diag`"] == ["form", "damping"]
-    assert "resistance.diagonal" in named["Model `tensor`"]
     assert "| `damping` | 3 numbers or one for all |" in groups["Model `linear-diag`"]
     assert "`epsilon` (form full)" in groups["Model `Lagrange-averaged`"]
-    assert "`constants` (Lagrange-averaged; torques)" in groups["Several models"]
     keys = {f"check.{key}" for key in ("least", "most", "from", "to")}
     assert {*named["Check `crossings`"]} == keys
 
@@ -890,24 +799,20 @@ def test_the_bench_section_is_read() -> None:
 
 
 def test_a_case_is_a_key_and_cannot_be_changed() -> None:
-    case, same = (
-        one_case(f"{BODY}, {SPAN}, sweep: {{damping.0: {{values: [0, 1]}}}}") for _ in "ab"
-    )
+    text = f"{BODY}, {SPAN}, sweep: {{damping.0: {{values: [0, 1]}}}}"
+    case, same = one_case(text), one_case(text)
     assert {case: "found"}[same] == "found"
     other = dataclasses.replace(same, data={**same.data, "damping": [1, 2, 3]})
     assert other not in {case}
     assert other.data["damping"] == (1, 2, 3)
     again = pickle.loads(pickle.dumps(case))
-    assert again == case
-    assert hash(again) == hash(case)
+    assert (again, hash(again)) == (case, hash(case))
     data: Any = again.data
-    with pytest.raises(TypeError, match="the data of a case do not change"):
-        data["damping"] = (1, 1, 1)
-    with pytest.raises(TypeError, match="the data of a case do not change"):
-        data["initial"].update(p=1)
+    for change in (partial(operator.setitem, data, "p", 1), partial(data["initial"].update, p=1)):
+        with pytest.raises(TypeError, match="the data of a case do not change"):
+            change()
     assert case.system is case.system
-    turned = one_case(f"{BODY}, {SPAN}, attitude: yes")
-    for stored in (case, turned):
+    for stored in (case, one_case(f"{BODY}, {SPAN}, attitude: yes")):
         assert pickle.loads(pickle.dumps(stored)).system == stored.system
 
 
@@ -924,71 +829,62 @@ def torques(entries: str, **more: str) -> str:
     return f"{sections}cases:\n  a: {{{', '.join(TORQUES)}, {entries}}}\n"
 
 
-@pytest.mark.parametrize(
-    ("entries", "said"),
-    [
-        ("torque: {x: 1}", ["torque: expected 3 numbers or expressions in t, or one for all, got a "
-                            "mapping"]),
-        ("damping: {law: exponential, value: 0.004, rate: 0.01}",
-         ['damping: expected 3 numbers or expressions in t, or one for all, got a mapping; write '
-          '"0.004*exp(-0.01*t)"']),
-        ("brake: {law: power, value: 1, rate: 0.1, exponent: -2}",
-         ['brake: expected a number, or an expression in t, got a mapping; write '
-          '"1*(1 + 0.1*t)**-2"']),
-        ("damping: [0.1, [0, 1], 0]", ["damping.1: expected a number, or an expression in t, got a "
-                                       'list of 2; write "1*t"']),
-        *((f"torqe: [0, 0, 1]{more}", ["torqe: unknown key; did you mean 'torque'? ..."])
-          for more in ("", ", attitude: yes")),
-        *((f"damping: 0, inertia: [[{x}, 0, 0], [0, {x}, 0], [0, 0, {x}]]",
-           [f"inertia: {float(x):g} is out of range, 1e-100 to 1e+100: take other units"])
-          for x in ("1e120", "1e-120")),
-        ("damping: tan(t)", ["damping: column 1 of the expression: unknown function 'tan'; "
-                             "write sin(x)/cos(x) ..."]),
-        ("brake: 2*p", ["brake: column 3 of the expression: unknown name 'p' ..."]),
-        ("brake: 0x1F*t", ["brake: column 1 of the expression: not a decimal number; ..."]),
-        ("kappa: -0.1", ["kappa: a negative coefficient drives the body: ..."]),
-        ("kappa: k - 1, constants: {k: 0.5}",
-         ["kappa: a negative coefficient drives the body: ..."]),
-        ("expression: [w*t, 0, 0]",
-         ["expression.0: column 1 of the expression: unknown name 'w' ..."]),
-        ("expression: [z1, 0, 0]", ["expression.0: z1 needs attitude: yes"]),
-        ("brake: z1, attitude: yes", ["brake: column 1 of the expression: unknown name 'z1' ..."]),
-        ("expression: [1/t, 0, 0]",
-         ["expression.0: has no finite value at the start of the motion"]),
-        ("brake: log(t - 1)", ["brake: has no finite value at the start of the motion"]),
-        ("expression: [1, 2]",
-         ["expression: expected 3 expressions in p, q, r, t and constants, got ..."]),
-        ("damping: k, constants: {k: x}", ["constants.k: expected a finite number, got 'x'"]),
-        ("damping: 1, constants: {k: 1}", ["constants.k: no expression of the case names it"]),
-        *((f"damping: 1, constants: {{{name}: 1}}",
-           [f"constants.{name}: means something else in an expression"])
-          for name in ("y1", "exp", "pi")),
-        ("damping: 1, constants: {2a: 1}", ["constants.2a: the name of a constant is a ..."]),
-        ("damping: k, constants: {k: 1}, sweep: {constants.w: {values: [1]}}",
-         ["sweep.constants.w: the case has no such number: constants.w"]),
-        ("damping: 1, sweep: {damping.3: {values: [1]}}",
-         ["sweep.damping.3: the case has no such number: damping.3"]),
-        ("damping: 1, sweep: {p: {values: [1]}}",
-         ["sweep.p: unknown key 'p'; did you mean 'initial.p'? ..."]),
-        ("damping: 1, sweep: {time.end: {values: [1]}}",
-         ["sweep.time.end: time.end is not a number of the model, and cannot be swept"]),
-        ("damping: 1, sweep: {initial.p: {values: [1 deg, 2]}}",
-         ["sweep.initial.p.values: expected all values in degrees, or none"]),
-        ("damping: 1, sweep: {damping.0: {values: [1 deg]}}",
-         ["sweep.damping.0.values.0: ..."]),
-        ("brake: 1, time: {end: -1}", ["time.end: a motion of a brake runs forward: ..."]),
-    ],
-)  # fmt: skip
-def test_a_mistake_in_torques_of_ones_own_is_answered(entries: str, said: list[str]) -> None:
+OF_TORQUES = """
+error: off -> ...: no torque is named ... damping: 0 is free motion
+torqe: [0, 0, 1] -> torqe: unknown key; did you mean 'torque'? ...
+torqe: [0, 0, 1], attitude: yes -> torqe: unknown key; did you mean 'torque'? ...
+torque: {x: 1} -> torque: expected 3 numbers or expressions in t, or one for all, got a mapping
+damping: {law: exponential, value: 0.004, rate: 0.01} -> damping: ...; write "0.004*exp(-0.01*t)"
+brake: {law: power, value: 1, rate: 0.1, exponent: -2} -> brake: ...; write "1*(1 + 0.1*t)**-2"
+damping: [0.1, [0, 1], 0] -> damping.1: ... in t, got a list of 2; write "1*t"
+kappa: [1, -3, 1] -> kappa: expected a number...write "1 - 3...
+resistance: {diagonal: [1], off_diagonal: 0} -> resistance.diagonal: expected a...
+damping: 0, inertia: [[1e120, 0, 0], [0, 1e120, 0], [0, 0, 1e120]] -> inertia: 1e+120 is out of ...
+damping: 0, inertia: [[1e-120, 0, 0], [0, 1e-120, 0], [0, 0, 1e-120]] -> inertia: 1e-120 is out ...
+damping: tan(t) -> damping: column 1 of the expression: unknown function 'tan'; write sin(x)/...
+brake: 2*p -> brake: column 3 of the expression: unknown name 'p' ...
+brake: 0x1F*t -> brake: column 1 of the expression: not a decimal number; ...
+brake: z1, attitude: yes -> brake: column 1 of the expression: unknown name 'z1' ...
+expression: [w*t, 0, 0] -> expression.0: column 1 of the expression: unknown name 'w'...
+expression: [z1, 0, 0] -> expression.0: z1 needs attitude: yes
+expression: [1, 2] -> expression: expected 3 expressions in p, q, r, t and constants, got ...
+kappa: -0.1 -> kappa: a negative coefficient drives the body: ...
+kappa: k - 1, constants: {k: 0.5} -> kappa: a negative coefficient drives the body: ...
+quadratic: [1, -1, 1] -> quadratic.1: a negative coefficient drives the body: ...
+kappa: 0.1, cavity: {kappa: 0.1} -> cavity: kappa is given...
+brake: 1, initial: {p: 0, q: 0, r: 0} -> brake: a body at rest...
+brake: 1, time: {end: -1} -> time.end: a motion of a brake runs forward: ...
+space_torque: {size: 1, direction: [0, 0, 0]} -> space_torque.direction: ... has a length, ...
+expression: [1/t, 0, 0] -> expression.0: has no finite value at the start of the motion
+expression: [0, 0, -r/sqrt(r**2)], brake: 0.01 -> expression.2: has no finite value at rest...
+brake: log(t - 1) -> brake: has no finite value at the start of the motion
+damping: k, constants: {k: x} -> constants.k: expected a finite number, got 'x'
+damping: 1, constants: {k: 1} -> constants.k: no expression of the case names it
+damping: 1, constants: {y1: 1} -> constants.y1: means something else in an expression
+damping: 1, constants: {exp: 1} -> constants.exp: means something else in an expression
+damping: 1, constants: {2a: 1} -> constants.2a: the name of a constant is a ...
+damping: k, constants: {k: 1}, sweep: {constants.w: {values: [1]}} -> ...no such number: constants.w
+kappa: 1, sweep: {cavity.kappa: {values: [0.3]}} -> ...: the case has no such number: cavity.kappa
+damping: 1, sweep: {p: {values: [1]}} -> sweep.p: unknown key 'p'; did you mean 'initial.p'? ...
+damping: 1, sweep: {initial.p: {values: [1 deg, 2]}} -> ...: expected all values in degrees, or none
+damping: 1, sweep: {damping.0: {values: [1 deg]}} -> sweep.damping.0.values.0: ...
+damping: 1, initial: {p: 0, q: 0, G: 1}, sweep: {initial.r: {values: [1]}} -> ...G stands for ...
+damping: 1, sweep: {initial.p: {values: [1]}}, store: [crosing_time] -> ...mean 'crossing_time'?...
+damping: 1, sweep: {initial.p: {values: [1]}}, store: [event_time] -> ...unknown variable 'event...
+damping: 1, method: exact, precision: quadruple -> precision: method exact works in double and...
+damping: 1, method: DOP853, precision: extended -> precision: method DOP853 works in double...
+damping: 1, method: collocation, precision: quadruple -> precision: method collocation works in...
+damping: [1, 2, 3], method: exact -> method: method exact needs torques along G...
+damping: 1, time: {end: -1}, sweep: {damping.0: {values: [1]}} -> time.end: a sweep runs forward...
+"""
+
+
+@pytest.mark.parametrize(("entries", "right"), rows_of(OF_TORQUES))
+def test_a_mistake_in_torques_of_ones_own_is_answered(entries: str, right: str) -> None:
     given = {entry.partition(":")[0] for entry in re.split(r", (?=\w+:)", entries)}
     whole = ", ".join(x for x in TORQUES if x.partition(":")[0] not in given)
-    lines = mistakes(f"cases:\n  a: {{{whole}, {entries}}}\n")
-    assert len(lines) == len(said)
-    for line, right in zip(lines, said, strict=True):
-        assert line.startswith("x.yaml:2:")
-        message = line.split(": cases.a.", 1)[1]
-        start = right.removesuffix(" ...")
-        assert message == right or (start != right and message.startswith(start))
+    (line,) = mistakes(f"cases:\n  a: {{{whole}, {entries}}}\n")
+    assert fits(line, f"x.yaml:2:...: cases.a...{right}")
 
 
 def test_constants_are_merged_by_name_and_those_of_defaults_may_be_unused() -> None:

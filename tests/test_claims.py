@@ -3,6 +3,7 @@ expected."""
 
 import json
 import math
+import operator
 import re
 import shutil
 from pathlib import Path
@@ -12,15 +13,13 @@ import h5py
 import numpy as np
 import pytest
 import yaml
-from conftest import ROOT, Hodo, call, schema
+from conftest import ROOT, call, schema
+from test_case import fits
+from test_case import rows_of as mistakes_of
 
 import hodo_cli
 from hodo_cli import HodoError
 from hodo_cli.cases.config import load, parse
-
-# libyaml's, where there is one: of a paper they take a twentieth of the time.
-LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 PAPERS = ("paper1", "paper2", "paper3")
 
@@ -32,9 +31,16 @@ CHECK_KINDS = {
 """The keys of each kind of check."""
 
 LINEAR = "model: linear-diag, inertia: [1, 0.8, 0.6]"
-TURN = f"{LINEAR}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, time: {{end: 100, samples: 101}}"
+MOVES, R1 = "initial: {p: 0.8, q: 0.5, r: 0.74}", "initial: {p: 0, q: 0, r: 1}"
+TURN = f"{LINEAR}, {MOVES}, time: {{end: 100, samples: 101}}"
+TURNING = f"{TURN}, damping: [0.05, 0.04, 0.03]"
 SPUN = "model: cavity+constant, inertia: [8, 8, 4], cavity: {kappa: 0.1}, epsilon: 1"
+FALLING = f"{SPUN}, torque: [0, 0, -0.1]"
 ABOUT_X3 = "model: torques, inertia: [120, 100, 80], time: {end: 200, samples: 2}"
+BRAKED = "model: torques, inertia: [120, 100, 80], brake: 0.05, initial: {p: 0.05, q: 0.3, r: 0.1}"
+WAVE = f"model: torques, inertia: [2, 1.5, 1], {R1}"
+SLOW_WAVE = 'expression: ["0", "0", "31.41592653589793*cos(62.83185307179586*t)"]'
+TOP = "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5"
 # The rotation about [0.2, -0.1, 0.3].
 X, Y, Z = 0.2, -0.1, 0.3
 ANGLE = math.hypot(X, Y, Z)
@@ -47,11 +53,11 @@ title: t
 defaults: {{time: {{end: 10, samples: 101}}}}
 cases:
   # r is exp(-0.1 t), exp(-0.2 t), exp(-0.11 t), exp(-0.23 t) and exp(0.0005 t).
-  slow: {{{LINEAR}, damping: 0.1, initial: {{p: 0, q: 0, r: 1}}}}
-  fast: {{{LINEAR}, damping: 0.2, initial: {{p: 0, q: 0, r: 1}}}}
-  slower: {{{LINEAR}, damping: 0.11, initial: {{p: 0, q: 0, r: 1}}}}
-  faster: {{{LINEAR}, damping: 0.23, initial: {{p: 0, q: 0, r: 1}}}}
-  fed: {{{LINEAR}, damping: -0.0005, initial: {{p: 0, q: 0, r: 1}}}}
+  slow: {{{LINEAR}, damping: 0.1, {R1}}}
+  fast: {{{LINEAR}, damping: 0.2, {R1}}}
+  slower: {{{LINEAR}, damping: 0.11, {R1}}}
+  faster: {{{LINEAR}, damping: 0.23, {R1}}}
+  fed: {{{LINEAR}, damping: -0.0005, {R1}}}
   rest: {{{LINEAR}, damping: 0.1, initial: {{p: 0, q: 0, r: 0}}}}
   # (G1, G2) librates about x3 at the rate r sqrt((A1 - A3)(A2 - A3)/(A1 A2)) = 0.316.
   free: {{{LINEAR}, initial: {{p: 0.1, q: 0, r: 1}}, time: {{end: 40}}}}
@@ -63,51 +69,40 @@ cases:
   # Their G, which is constant, goes astray, within the stated errors.
   coarse: {{{TURN}, method: RK45, tol: 1.0e-3}}
   finer: {{{TURN}, method: RK45, tol: 1.0e-4}}
-  turning: {{{TURN}, damping: [0.05, 0.04, 0.03]}}
-  late: {{{TURN.replace("end: 100, samples: 101", "values: [90, 100]")},
-          damping: [0.05, 0.04, 0.03]}}
+  turning: {{{TURNING}}}
+  late: {{{TURNING.replace("end: 100, samples: 101", "values: [90, 100]")}}}
   # A brake stops it at 632.5, before its first sample.
-  stopped: {{model: torques, inertia: [120, 100, 80], brake: 0.05,
-             initial: {{p: 0.05, q: 0.3, r: 0.1}}, time: {{values: [700, 800]}}}}
-  braked: {{model: torques, inertia: [120, 100, 80], brake: 0.05,
-            initial: {{p: 0.05, q: 0.3, r: 0.1}}, time: {{end: 800, samples: 801}}}}
+  stopped: {{{BRAKED}, time: {{values: [700, 800]}}}}
+  braked: {{{BRAKED}, time: {{end: 800, samples: 801}}}}
   staying: {{{TURN}, damping: [0.03, 0.04, 0.05]}}
-  ball: {{{TURN}, damping: [0.05, 0.04, 0.03],
-          sweep: {{from: {{sphere: {{count: 40, seed: 1}}}}, damping.0: {{values: [0.05]}}}}}}
-  by-0-and-2: {{{TURN}, damping: [0.05, 0.04, 0.03],
-                sweep: {{damping.0: {{values: [0.05, 0.01]}},
-                        damping.2: {{values: [0.03, 0.01]}}}}}}
-  by-2-and-0: {{{TURN}, damping: [0.05, 0.04, 0.03],
-                sweep: {{damping.2: {{values: [0.03, 0.01]}},
-                        damping.0: {{values: [0.05, 0.01]}}}}}}
-  given-up: {{{LINEAR}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, method: DOP853, max_steps: 3}}
+  ball: {{{TURNING}, sweep: {{
+          from: {{sphere: {{count: 40, seed: 1}}}}, damping.0: {{values: [0.05]}}}}}}
+  by-0-and-2: {{{TURNING}, sweep: {{
+                damping.0: {{values: [0.05, 0.01]}}, damping.2: {{values: [0.03, 0.01]}}}}}}
+  by-2-and-0: {{{TURNING}, sweep: {{
+                damping.2: {{values: [0.03, 0.01]}}, damping.0: {{values: [0.05, 0.01]}}}}}}
+  given-up: {{{LINEAR}, {MOVES}, method: DOP853, max_steps: 3}}
   # r falls at the rate 0.1/4; the full form goes on, the averaged one has an event where r is 0.
-  passing: {{{SPUN}, torque: [0, 0, -0.1], initial: {{p: 0, q: 0, r: 1}}, time: {{end: 50}}}}
-  stopping: {{{SPUN}, torque: [0, 0, -0.1], initial: {{x: 0, y: 1}}, form: averaged,
-              time: {{end: 50}}}}
+  passing: {{{FALLING}, {R1}, time: {{end: 50}}}}
+  stopping: {{{FALLING}, initial: {{x: 0, y: 1}}, form: averaged, time: {{end: 50}}}}
   # r = 1 - t/8, which a sample meets where it is 0.
-  reversed: {{model: torques, inertia: [3, 2, 1], torque: [0, 0, -0.125],
-              initial: {{p: 0, q: 0, r: 1}}, time: {{end: 16, samples: 17}}}}
+  reversed: {{model: torques, inertia: [3, 2, 1], torque: [0, 0, -0.125], {R1},
+              time: {{end: 16, samples: 17}}}}
   # r = exp(-0.1 t), of which doubles end near 7450.
-  fading: {{{LINEAR}, damping: 0.1, initial: {{p: 0, q: 0, r: 1}},
-            time: {{end: 20000, samples: 401}}}}
+  fading: {{{LINEAR}, damping: 0.1, {R1}, time: {{end: 20000, samples: 401}}}}
   # r = 1 + sin(20 pi t)/2, of which each sample meets the same phase; r = 1 + sin(4000 pi t)/2.
-  swinging: {{model: torques, inertia: [2, 1.5, 1], initial: {{p: 0, q: 0, r: 1}},
-              expression: ["0", "0", "31.41592653589793*cos(62.83185307179586*t)"]}}
-  rattling: {{model: torques, inertia: [2, 1.5, 1], initial: {{p: 0, q: 0, r: 1}},
-             time: {{end: 0.5}},
+  swinging: {{{WAVE}, {SLOW_WAVE}}}
+  rattling: {{{WAVE}, time: {{end: 0.5}},
               expression: ["0", "0", "6283.185307179586*cos(12566.370614359172*t)"]}}
   # A torque spins it up from 0.01 to 100, and it turns the faster.
   spun-up: {{model: torques, inertia: [3, 2.2, 1], torque: [0, 0, 1], time: {{end: 100}},
              initial: {{p: 0.001, q: 0.001, r: 0.01}}}}
   # What it stores is not the state.
-  its-energy: {{model: torques, inertia: [2, 1.5, 1], initial: {{p: 0, q: 0, r: 1}}, store: [T],
-                expression: ["0", "0", "31.41592653589793*cos(62.83185307179586*t)"]}}
+  its-energy: {{{WAVE}, {SLOW_WAVE}, store: [T]}}
   # r = 0.01 t - 1, r = 1 + 0.01 t - 5e-5 t^2 and r = exp(-0.02 t + 1e-4 t^2): equal at both ends.
   turned-back: {{{ABOUT_X3}, torque: [0, 0, 0.8], initial: {{p: 0, q: 0, r: -1}}}}
-  arching: {{{ABOUT_X3}, expression: [0, 0, 0.8 - 0.008*t], initial: {{p: 0, q: 0, r: 1}}}}
-  sagging: {{{ABOUT_X3}, expression: [0, 0, "-80*r*(0.02 - 0.0002*t)"],
-             initial: {{p: 0, q: 0, r: 1}}}}
+  arching: {{{ABOUT_X3}, expression: [0, 0, 0.8 - 0.008*t], {R1}}}
+  sagging: {{{ABOUT_X3}, expression: [0, 0, "-80*r*(0.02 - 0.0002*t)"], {R1}}}
   # r = 0.001 + 0.02 t - 1e-3 t^2 rises to t = 10.
   rising-first: {{{ABOUT_X3.replace("200", "60")}, expression: [0, 0, 1.6 - 0.16*t],
                   initial: {{p: 0, q: 0, r: 0.001}}}}
@@ -119,18 +114,17 @@ cases:
            torque: [-1, 0.5, 0.7], initial: {{p: 0.5, q: 0.25, r: 1.4}},
            method: DOP853, tol: 1.0e-5, time: {{end: 40, samples: 401}}}}
   # It ends at its crossing, as near as a double can.
-  near: {{{TURN.replace("end: 100, samples: 101", "end: 305.358955166711, samples: 2001")},
-          damping: [0.005, 0.004, 0.003]}}
+  near: {{{LINEAR}, {MOVES}, damping: [0.005, 0.004, 0.003],
+          time: {{end: 305.358955166711, samples: 2001}}}}
   upright: {{{LINEAR}, initial: {{p: 0, q: 0, r: 2}}, attitude: yes}}
   # r falls to -0.075, so that y = r^2 comes back to 0.0056.
-  returning: {{{SPUN}, torque: [0, 0, -0.1], initial: {{p: 0, q: 0, r: 1}}, time: {{end: 43}}}}
+  returning: {{{FALLING}, {R1}, time: {{end: 43}}}}
   spinning: {{{SPUN}, torque: [0, 0, 0], initial: {{x: 0, y: 1}}, form: averaged}}
-  top: {{model: Lagrange-averaged, inertia: {{A: 1.5, C: 1}}, mu: 0.5, a: [0.125, 1], b: [0.1, 1],
-         initial: {{theta: 5 deg, r: 1.7320508075688772}}, time: {{end: 1, samples: 4001}}}}
-  heavy: {{model: Lagrange-averaged, inertia: {{A: 1.5, C: 1}}, mu: 0.5, a: 0, b: 0, form: full,
-           epsilon: 0.5, initial: {{theta: 60 deg, r: 1.7}}, time: {{values: [0, 1, 2, 15, 20]}}}}
-  fig4: {{{LINEAR}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, damping: [0.005, 0.004, 0.003],
-          time: {{end: 1000, samples: 5}}}}
+  top: {{{TOP}, a: [0.125, 1], b: [0.1, 1], initial: {{theta: 5 deg, r: 1.7320508075688772}},
+         time: {{end: 1, samples: 4001}}}}
+  heavy: {{{TOP}, a: 0, b: 0, form: full, epsilon: 0.5, initial: {{theta: 60 deg, r: 1.7}},
+           time: {{values: [0, 1, 2, 15, 20]}}}}
+  fig4: {{{LINEAR}, {MOVES}, damping: [0.005, 0.004, 0.003], time: {{end: 1000, samples: 5}}}}
 """
 
 
@@ -146,44 +140,33 @@ AT_8 = "value, values: {end_of_spin: [8]}, within: 1.0e-9 -> reproduced 0"
 CLOSE = "within: 1.0e-4 -> reproduced"
 CHECKS = f"""
 slow: monotone, of: [r, G, T, p], sense: falls -> reproduced 0
-slow: monotone, of: [r], sense: rises -> contradicted 1
 fed: monotone, of: [r], sense: falls -> contradicted 1
 returning: monotone, of: [y], sense: falls -> plotting {RETURNED}
-slow: value, values: {{r: [0.37]}}, within: 0.005 -> reproduced {0.37 - E1}
 slow: value, values: {{r: [0.373]}}, within: 0.001 -> plotting {0.373 - E1}
 # 1.1 % of the range of r, which begins at exp(-1).
 slow: value, values: {{r: [0.375]}}, within: 0.001 -> contradicted {0.375 - E1}
 slow: value, values: {{r: [1]}}, at: start, within: 0 -> reproduced 0
-slow, fast: value, values: {{r: [0.4, 0.1]}}, within: 0.05 -> reproduced {E2 - 0.1}
 slow: bound, of: r, at: always, most: 0.5 -> contradicted 1
-slow, fast: bound, of: r, most: 0.4 -> reproduced {E1}
 slow, fast: bound, of: r, most: 0.3 -> contradicted {E1}
 # The bound that is nearest decides.
 slow: bound, of: r, at: always, least: 0.3, most: 9 -> reproduced {E1}
-slow: bound, of: r, at: always, least: 0.5, most: 1.1 -> contradicted {E1}
 staying: bound, of: first_crossing, least: 50 -> reproduced inf
 staying: bound, of: first_crossing, most: 50 -> contradicted inf
 # Its motion ends at 100.
 staying: bound, of: first_crossing, least: 100.1 -> not tested
-staying: bound, of: first_crossing, most: 100.1 -> not tested
 staying: value, values: {{first_crossing: [101]}}, within: 1 -> not tested
-staying: bound, of: first_crossing, at: always, least: 100.1 -> not tested
 # A motion that no result stores does not end well.
 {{case: turning, method: DOP853, max_steps: 3}}: crossings, least: 1 -> not tested
 swinging: conserved, of: [r, T, G], within: 0.2 -> contradicted
-swinging: formula, of: r, formula: '1' -> contradicted
 swinging: formula, of: r, formula: 1 + sin(62.83185307179586*t)/2 -> reproduced 0
 its-energy: conserved, of: [T], within: 0.2 -> contradicted
 turned-back: conserved, of: [T, G], within: 1.0e-9 -> contradicted
-arching: conserved, of: [T, G], within: 1.0e-9 -> contradicted
 arching: bound, of: r, at: always, most: 1.0001 -> contradicted 1.5
-arching: formula, of: r, formula: 1 + 0.01*t - 5.0e-5*t**2 -> reproduced 0
 sagging: conserved, of: [r], within: 0.5 -> contradicted
 rising-first: monotone, of: [r], sense: falls -> contradicted
 {{case: slow, time: {{samples: 2}}}}: formula, of: r, formula: 1 - 0.06321*t, within: 1.0e-4
     -> contradicted
 humming: bound, of: p, at: always, most: 0.971 -> contradicted 1
-humming: bound, of: p, at: always, most: 0.999999 -> plotting 1
 humming: bound, of: p, at: always, most: 1.000000000001 -> reproduced 1
 humming: bound, of: x1_direction, at: always, least: 1.0e-6 -> plotting 0
 rattling: conserved, of: [r] -> contradicted
@@ -192,15 +175,12 @@ rattling: bound, of: r, at: always, most: 1.5 -> reproduced
 spun-up: bound, of: p, at: always, most: 0.0001 -> contradicted
 # More turns than 50,001 samples show.
 {{case: spun-up, time: {{end: 500}}}}: monotone, of: [p], sense: falls -> not tested
-slow, fast: order, of: r, sense: falls -> reproduced {E1 - E2}
 slow, slow: order, of: r, sense: falls -> contradicted 0
-slow, slow: order, of: r, sense: equal -> reproduced 0
 slow, fast: order, of: r, sense: equal -> contradicted {1 - E1}
 slow, fast, slow, fast: order, of: r, sense: falls, by: 2 -> reproduced {E1 - E2}
 slow, fast, slow, fast: order, of: r, sense: falls -> contradicted {E1 - E2}
 coarse, finer: order, of: G, sense: falls -> not tested
 coarse, finer: order, of: G, sense: equal -> not tested
-finer, finer: order, of: G, sense: equal -> reproduced 0
 coarse, finer: order, of: r, at: start, sense: equal -> reproduced 0
 coarse: conserved, of: [G] -> not tested
 coarse: monotone, of: [G], sense: rises -> not tested
@@ -208,33 +188,24 @@ coarse: formula, of: G, formula: '1.02' -> not tested
 coarse: bound, of: G, at: always, least: 1.01 -> not tested
 # No error of theirs makes a doubt of so much.
 coarse: conserved, of: [G], within: 0.999 -> reproduced
-free: conserved, of: [G, T] -> reproduced 0
 beside-separatrix: conserved, of: [D, T, G] -> reproduced
 beside-separatrix: formula, of: D, formula: '2.4e-9' -> reproduced
-beside-separatrix: conserved, of: [p], within: 0.9 -> contradicted
 beside-separatrix: monotone, of: [D], sense: falls -> not tested
-slow: formula, of: r, formula: exp(-t/10) -> reproduced 0
 {{case: slow, time: {{values: [1, 2]}}}}: formula, of: r, formula: exp(-t/10) -> reproduced 0
-slow: formula, of: T, formula: 0.6*r**2/2 -> reproduced 0
-slow: formula, of: r, formula: 1 - t/100, within: 0.6 -> reproduced {0.9 - E1}
 slow: formula, of: r, formula: 1 - t/100 -> contradicted {0.9 - E1}
 slow: formula, of: r, formula: r/(t - t) -> contradicted
 slow: formula, of: r, formula: sqrt(-t) -> not tested
 fed: conserved, of: [G] -> plotting {FED}
-slow: conserved, of: [G] -> contradicted {1 - E1}
 turning: axis, start: x1, end: x3 -> reproduced 1
 turning: axis, start: x3 -> contradicted 0
 # Its samples begin behind the crossing.
 late: axis, start: x1, end: x3 -> reproduced 1
-late: axis, start: x3 -> contradicted 0
 late: axis, end: x3, turns: 0.1 -> reproduced 1
 stopped: axis, start: x1 -> contradicted 0
 stopped: axis, start: x3, end: x3 -> reproduced 1
-braked: axis, start: x3, end: x3, turns: 1 -> reproduced 1
 braked: axis, end: x1 -> contradicted 0
 rest: axis, start: x3 -> not tested
 late: value, values: {{turns: [0.6867]}}, within: 0.0001 -> reproduced
-late: value, values: {{area_largest: [1]}}, within: 0.01 -> reproduced
 late: value, values: {{G: [0.9986]}}, at: start, within: 1.0e-4 -> reproduced
 late: bound, of: G, at: always, most: 0.99 -> plotting
 by-0-and-2, by-2-and-0: average, variable: crossing_time, at: [{{damping.0: 0}}], most: 0
@@ -243,9 +214,7 @@ by-0-and-2, by-2-and-0: average, variable: crossing_time, at: [{{damping.0: 0}}]
 free: axis, start: x3, end: x3, turns: 2 -> reproduced 1
 free: axis, start: x3, turns: 2.1 -> contradicted 0
 turning: axis, start: x1, end: x3, turns: 1 -> contradicted 0
-turning: crossings, least: 1, most: 1, from: x1, to: x3 -> reproduced 1
 turning: crossings, from: x3 -> contradicted 1
-# Without a crossing there is none to have a direction.
 staying: crossings, from: x3 -> contradicted 0
 staying: crossings, from: x3, most: 1 -> reproduced 0
 turning: crossings, most: 0 -> contradicted 1
@@ -258,16 +227,13 @@ ball: average, variable: start_axis.x1, at: [{{}}, {{damping.0: 0}}], sense: equ
 ball: average, variable: start_axis.x1, at: [{{damping.0: 0}}], along: [damping.0], most: 1
     -> reproduced
 passing, stopping: value, values: {{end_of_spin: [40, 40]}}, within: 1.0e-9 -> reproduced 0
-passing, stopping: bound, of: end_of_spin, least: 60 -> contradicted 40
 reversed: {AT_8}
 {{case: reversed, time: {{samples: 18}}}}: {AT_8}
 {{case: reversed, time: {{end: 8, samples: 9}}}}: {AT_8}
-{{case: reversed, time: {{values: [9, 16]}}}}: {AT_8}
 {{case: reversed, initial: {{p: 0, q: 0, r: 1.0e-150}}, torque: [0, 0, -1.25e-151]}}: {AT_8}
 {{case: reversed, torque: 0, brake: 0.125, time: {{samples: 18}}}}: {AT_8}
 {{case: reversed, time: {{values: [0, 16]}}}}: bound, of: end_of_spin, most: 9 -> reproduced 8
 fading: bound, of: end_of_spin, least: 9 -> reproduced inf
-spinning: bound, of: end_of_spin, least: 10 -> reproduced inf
 spinning: bound, of: end_of_spin, least: 60 -> not tested
 # tests/data/crossings.csv
 {{case: top, time: {{end: 4, samples: 5}}}}: value, values: {{rebound_u3: [0.40076030988]}},
@@ -285,22 +251,14 @@ fig4: value, values: {{visible_turns_x1: [6.55648]}}, {CLOSE}
     value, values: {{area_smallest: [0.01580515]}}, within: 1.0e-6 -> reproduced
 # The second is the first, which crosses at 30 or so.
 turning, {{case: turning, time: {{end: 10}}}}: order, of: first_crossing, sense: rises -> not tested
-turning, {{case: turning, time: {{end: 10}}}}: order, of: first_crossing, sense: equal -> not tested
-staying, staying: order, of: first_crossing, sense: equal -> not tested
 turning, staying: order, of: first_crossing, sense: rises -> reproduced
-free: paper, name: free-rotation -> reproduced 0
-# Whatever the samples are.
-heavy: paper, name: period -> reproduced
 heavy: paper, name: period-as-printed -> contradicted
 # Shorter than a period, and without two times in common: nothing to compare.
 {{case: heavy, epsilon: 0.1, time: {{end: 0.01, samples: 9}}}}: paper, name: period -> not tested
 {{case: passing, time: {{values: [1, 2]}}}}, {{case: stopping, time: {{values: [3, 4]}}}}:
     paper, name: averaging-is-exact -> not tested
 free: paper, name: no-closed-form -> contradicted 0
-free: paper, name: free-rotation-from-q0 -> reproduced 0
-turned: value, values: {{turns: [2.013]}}, within: 0.02 -> reproduced
 turned: value, values: {{area_largest: [0], area_smallest: [1]}}, within: 0 -> reproduced 0
-free: value, values: {{crossings: [0]}}, within: 0 -> reproduced 0
 # The first factor raises the rate of decay by 0.1 and 0.12, the second by 0.01 and 0.03.
 slow, fast, slower, faster: paper, name: diagonal-sets-decay -> reproduced 5.5
 # At rest there is no ratio, and of what is not a number nothing is decided.
@@ -315,7 +273,6 @@ rest, free: conserved, of: [separatrix_distance], within: 0.9 -> not tested
 staying: bound, of: growth_largest, least: 0 -> contradicted
 # A case with other values is integrated for the statement alone.
 {{case: slow, damping: 0.2}}: value, values: {{r: [{E2}]}}, within: 1.0e-9 -> reproduced
-slow, {{case: slow, damping: 0.2}}: order, of: r, sense: falls -> reproduced
 # Of `time` and `assumes` what is not changed stays.
 {{case: slow, time: {{end: 5}}, assumes: {{a: b}}}}: value, values: {{r: [{math.exp(-0.5)}]}},
     within: 1.0e-9 -> reproduced
@@ -325,12 +282,10 @@ slow, {{case: slow, damping: 0.2}}: order, of: r, sense: falls -> reproduced
 # What is not known well enough.
 near: crossings, most: 0 -> not tested
 near: axis, end: x1 -> not tested
-near: bound, of: crossings, most: 0 -> not tested
 near: axis, start: x1 -> reproduced
 upright: bound, of: psi, least: 0 -> not tested
 rough: value, values: {{first_crossing: [28.00079149]}}, within: 1.0e-6 -> not tested
 rough: bound, of: first_crossing, most: 28.1 -> reproduced
-rough: value, values: {{first_crossing: [28.001]}}, within: 1.0e-3 -> reproduced
 # q is known to 1.1e-4, and its largest value is 1.330942.
 rough: bound, of: q, at: always, most: 1.3309 -> reproduced
 rough: bound, of: q, at: always, most: 1.32 -> plotting
@@ -358,7 +313,6 @@ OVER = "over: {damping.0: {values: ["
 HALF_TURN = f"{OVER}0.05, 0.03]}}}}"
 SPHERE = "over: {from: {sphere: {count: 40, seed: 1}}}"
 MEMBERS = f"""
-cases: turning, {TURNS}, {OVER}0.05, 0.045]}}}} -> reproduced holds on 2 of 2 members
 cases: turning, {TURNS}, {OVER}0.03, 0.02]}}}}
     -> contradicted holds on 0 of 2 members; largest violation at damping.0 = 0.03 (no crossing)
 cases: turning, {TURNS}, {HALF_TURN}
@@ -395,8 +349,6 @@ cases: [slow, fast], check: {{kind: monotone, of: [r], sense: rises}}
     -> contradicted r goes back by 100 % of its range at 10, case slow
 cases: [fast, slow], check: {{kind: conserved, of: [r]}}
     -> contradicted r: relative change at most 0.86, case fast
-cases: [slow, fast], check: {{kind: formula, of: r, formula: 1 + 0 * t}} -> contradicted
-    r and 1 + 0 * t: at most 0.86 apart, relative to the largest r, case fast
 cases: [slow, fast], check: {{kind: bound, of: r, least: 0.2, at: always}}
     -> contradicted r from 0.1353 to 1, case fast
 # What is open about one case does not help where another contradicts.
@@ -412,11 +364,9 @@ cases: turning, {TURNS}, {OVER}0.05, 0.045]}}}}, theorem: D = 0
     -> holds by theorem holds on 2 of 2 members
 cases: turning, {TURNS}, {HALF_TURN}, theorem: D = 0
     -> contradicted holds on 1 of 2 members, 0 to 1
-cases: turning, {TURNS}, theorem: D = 0 -> holds by theorem
 # Members that do not cross have no time of it.
 cases: by-0-and-2, check: {{kind: average, variable: crossing_time, most: 100}}
     -> reproduced crossing_time = 21.4, 2 of 4 members have none
-readings: {{a: {{cases: slow}}, b: {{cases: fast}}}}, {FALLS} -> reproduced
 readings: {{a: {{cases: slow}}, b: {{cases: returning, {Y_FALLS}}}}}, {FALLS} -> plotting
 readings: {{a: {{cases: slow, theorem: x}}, b: {{cases: fast}}}}, {FALLS} -> reproduced
 readings: {{a: {{cases: slow}}, b: {{cases: fast}}}}, {FALLS}, theorem: x -> holds by theorem
@@ -425,7 +375,6 @@ readings: {{a: {{cases: staying}}, b: {{cases: free}}}}, {TURNS} -> contradicted
 readings: {{a: {{cases: slow}}, b: {{cases: given-up}}}}, {FALLS} -> not tested
 # The members and the check of one reading only.
 readings: {{a: {{cases: turning, {HALF_TURN}}}, b: {{cases: staying}}}}, {TURNS} -> under-determined
-readings: {{a: {{cases: slow}}, b: {{cases: turning, {TURNS}}}}}, {FALLS} -> reproduced
 # A statement that inherits an erratum holds of the printed form alone.
 erratum: sign, readings: {{as printed: {{cases: slow}}, corrected: {{cases: staying, {TURNS}}}}},
     {FALLS} -> reproduced as printed only
@@ -530,28 +479,30 @@ cases:
 """
 
 
+def values_of(motion: Any, name: str) -> np.ndarray:
+    """A quantity over a motion under one of its names; none if the motion has no such quantity."""
+    quantity, _, part = (name, "", "") if name in motion else name.partition(".")
+    try:
+        data = motion if quantity in motion else hodo_cli.derive(motion, quantity)
+    except HodoError:
+        return np.empty(0)
+    array = data[quantity]
+    return array.sel({array.dims[1]: part}).values if part else array.values
+
+
 @pytest.mark.heyoka
 def test_a_verdict_has_one_scale_whatever_the_quantity_and_its_name(tmp_path: Path) -> None:
     """A bound is missed by parts of the own range of a quantity, and a law by parts of its own
     largest value; over all quantities under all their names."""
-    case = yaml.safe_load(SCALED)["cases"]
     names = [name for name in schema()["$defs"]["quantity"]["enum"] if name != "D/2T"]
     claims, expected = [], []
-    for which in case:
-        motion = hodo_cli.run(case[which], name=which)
+    for which, case in yaml.safe_load(SCALED)["cases"].items():
+        motion = hodo_cli.run(case, name=which)
         for name in names:
-            try:
-                quantity = name if name in motion else name.partition(".")[0]
-                data = motion if quantity in motion else hodo_cli.derive(motion, quantity)
-            except HodoError:
-                continue  # of the other case
-            values = data[quantity].values
-            if "." in name:
-                part = [*data[data[quantity].dims[1]].values].index(name.partition(".")[2])
-                values = values[:, part]
-            if not np.isfinite(values).all() or np.ptp(values) < 1e-9 * np.abs(values).max():
+            values = values_of(motion, name)
+            size, range_of = np.abs(values).max(initial=0), np.ptp(values) if len(values) else 0
+            if not range_of > 1e-9 * size:
                 continue
-            size, range_of = np.abs(values).max(), np.ptp(values)
             for part, words in ((0.004, "plotting"), (0.02, "contradicted")):
                 bound, off = values.min() + part * range_of, f"{name} + {part * size:.17g}"
                 for check in (f"kind: bound, of: {name}, at: always, least: {bound:.17g}",
@@ -575,93 +526,76 @@ def test_a_verdict_has_one_scale_whatever_the_quantity_and_its_name(tmp_path: Pa
 
 # Mistakes, each in one line.
 
-REFUSED = [
-    ("cases: passing, check: {kind: monotone, of: [H], sense: falls}",
-     "case passing has no gamma, which H needs"),
-    ("cases: [slow, free], check: {kind: paper, name: equations-6-meet-the-start}",
-     "check 'equations-6-meet-the-start' needs another number of cases"),
-    ("cases: free, check: {kind: paper, name: larger-difference-sooner},"
-     " over: {damping.2: {values: [0.01, 0.02]}}",
-     "check 'larger-difference-sooner' needs another number of cases"),
-    ("cases: top, check: {kind: bound, of: growth_largest, least: 0}", "case top has no medium"),
-    (f"cases: slow, {FALLS}, {OVER}0.1]}}}}, start: x1", "no member starts about x1"),
-    (f"cases: turning, {TURNS}, over: {{inertia.0: {{values: [2.0]}}}}", "inertia"),
-    ("cases: slow, check: {kind: bound, of: u1, most: 1}",
-     "case slow has no gamma, which u1 needs"),
-    ("cases: slow, check: {kind: value, values: {rebound_u3: [1]}, within: 0.1}",
-     "case slow has no gamma, which Gz needs"),
-    ("cases: stopping, check: {kind: bound, of: area_largest, least: 1}",
-     "case stopping has no labels of the enclosed axis: averaged over the hodograph's turns: "
-     "it circles x3, and crosses nothing"),
-]  # fmt: skip
+NOT_JUDGED = f"""
+cases: passing, check: {{kind: monotone, of: [H], sense: falls}} -> ... no gamma, which H needs
+cases: slow, check: {{kind: bound, of: u1, most: 1}} -> case slow has no gamma, which u1 needs
+cases: slow, check: {{kind: value, values: {{rebound_u3: [1]}}, within: 0.1}} -> ... which Gz needs
+cases: [slow, free], check: {{kind: paper, name: equations-6-meet-the-start}} -> ... number of ...
+cases: top, check: {{kind: bound, of: growth_largest, least: 0}} -> case top has no medium, ...
+cases: slow, {FALLS}, {OVER}0.1]}}}}, start: x1 -> no member starts about x1
+cases: turning, {TURNS}, over: {{inertia.0: {{values: [2.0]}}}} -> ...inertia...
+cases: stopping, check: {{kind: bound, of: area_largest, least: 1}} -> case stopping has no labels \
+of the enclosed axis: averaged over the hodograph's turns: it circles x3, and crosses nothing
+"""
 """What is claimed, and why it cannot be judged."""
 
 
-@pytest.mark.parametrize(("claim", "words"), REFUSED)
-def test_a_claim_that_cannot_be_judged_is_refused(stored: Path, claim: str, words: str) -> None:
-    text = MOTIONS + claims_block(f"{claim}, expect: reproduced")
-    (stored / "c.yaml").write_text(text, encoding="utf-8")
-    done = call(stored, "claims", "c.yaml")
-    assert (done.returncode, done.stdout) == (2, "")
-    line = done.stderr.splitlines()[-1]  # the first one says that the file has changed
-    # The place of the check, in the last line of the file.
-    assert re.match(rf"c\.yaml:{len(text.splitlines())}:\d+: claims\.0\.check: ", line)
-    assert words in line
+def test_a_claim_that_cannot_be_judged_is_refused(stored: Path) -> None:
+    for claim, words in mistakes_of(NOT_JUDGED):
+        text = MOTIONS + claims_block(f"{claim}, expect: reproduced")
+        (stored / "c.yaml").write_text(text, encoding="utf-8")
+        done = call(stored, "claims", "c.yaml")
+        assert (done.returncode, done.stdout) == (2, "")
+        place, _, said = done.stderr.splitlines()[-1].partition(": claims.0.check: ")
+        # The place of the check, in the last line of the file.
+        assert re.match(rf"c\.yaml:{len(text.splitlines())}:\d+", place)
+        assert fits(said, words), said
 
 
-MISTAKEN = [
-    ("cases: turning, check: {kind: formula, of: r, formula: exp(-tau)}",
-     "check.formula: column 6 of the expression: unknown name"),
-    ("cases: turning, check: {kind: formula, of: r}", "check: missing 'formula'"),
-    ("cases: turnin, check: {kind: crossings, least: 1}",
-     "cases.0: unknown case 'turnin'; did you mean 'turning'?"),
-    (f"cases: [turning, turning], {TURNS}, over: {{damping.0: {{values: [-.inf]}}}}",
-     "over.damping.0.values.0: expected a finite number, got -inf"),
-    (f"cases: turning, {TURNS}, over: {{damping.0: {{values: []}}}}",
-     "over.damping.0.values: expected a list of one or more: number, got a list of 0"),
-    (f"cases: turning, {TURNS}, seed: 3", "seed: unknown key (valid: id, where, original, "),
-    ("cases: slow, check: {kind: bound, of: G}",
-     "check: needs least or most: without, every motion"),
-    ("cases: slow, check: {kind: order, of: G, sense: falls}",
-     "check: expected cases in groups of two or more, got 1 in all"),
-    ("cases: slow, check: {kind: axis}", "check: needs start or end: without, every motion"),
-    (f"cases: slow, {FALLS}, theorem: [a]", "theorem: expected text, got a list of 1"),
-    (f"cases: slow, {FALLS}, theorm: a", "theorm: unknown key; did you mean 'theorem'?"),
-    (f"cases: slow, {FALLS}, contradicted_by: a", "contradicted_by: unknown key"),
-    (f"cases: slow, {FALLS}, over: {{damping: [1, 2]}}", "over.damping"),
-    (f"cases: slow, {FALLS}, over: {{damping.0: {{linspace: [0, 1, 200000]}}}}",
-     "over: more than 100,000 members"),
-    (f"cases: slow, {FALLS}, {HALF_TURN}, start: x4", "start: expected x1, x2 or x3, got 'x4'"),
-    (f"cases: slow, {FALLS}, {HALF_TURN}, share: 1.5",
-     "share: expected a positive number <= 1, got 1.5"),
-    (f"cases: slow, {FALLS}, erratum: sign", "readings: expected two readings"),
-    (f"readings: {{a: {{cases: slow}}, b: {{cases: slow}}}}, {FALLS}, erratum: sign",
-     "readings: expected two readings, 'as printed' and 'corrected'"),
-    (f"cases: slow, {FALLS}, over: {{}}", "over: expected a mapping of keys (damping.2) to "),
-    ("cases: free, check: {kind: average, variable: error, at: [{damping.0: 0}], most: 1}",
-     "cases.0: case free is no sweep"),
-    (f"readings: {{a: {{cases: slow, shar: 1}}}}, {FALLS}", "readings.a.shar: unknown key"),
-    (f"cases: {{case: slow, assumes: {{r0: ''}}}}, {FALLS}",
-     "cases.0.assumes.r0: expected text, got ''"),
-]  # fmt: skip
+MISTAKEN = f"""
+cases: slow, check: {{kind: formula, of: r, formula: exp(-tau)}} -> check.formula: column 6 of ...
+cases: slow, check: {{kind: formula, of: r}} -> check: missing 'formula'
+cases: slow, check: {{kind: bound, of: G}} -> check: needs least or most: without, every motion...
+cases: slow, check: {{kind: axis}} -> check: needs start or end: without, every motion...
+cases: slow, check: {{kind: order, of: G, sense: falls}} -> check: ... groups of two ...
+cases: free, check: {{kind: average, variable: error, most: 1}} -> cases.0: case free is no sweep...
+cases: turnin, {TURNS} -> cases.0: unknown case 'turnin'; did you mean 'turning'?...
+cases: {{case: slow, assumes: {{r0: ''}}}}, {FALLS} -> cases.0.assumes.r0: expected text, got ''
+cases: slow, {FALLS}, {OVER}-.inf]}}}} -> over.damping.0.values.0: expected a finite ...
+cases: slow, {FALLS}, {OVER}]}}}} -> over.damping.0.values: ... one or more: number, got a list of 0
+cases: slow, {FALLS}, over: {{damping: [1, 2]}} -> over.damping...
+cases: slow, {FALLS}, over: {{}} -> over: expected a mapping of keys (damping.2) to ...
+cases: slow, {FALLS}, over: {{damping.0: {{linspace: [0, 1, 2e5]}}}} -> over: more than 100,000 ...
+cases: slow, {FALLS}, {HALF_TURN}, start: x4 -> start: expected x1, x2 or x3, got 'x4'
+cases: slow, {FALLS}, {HALF_TURN}, share: 1.5 -> share: expected a positive number <= 1, got 1.5
+cases: slow, {FALLS}, seed: 3 -> seed: unknown key (valid: id, where, original, ...
+cases: slow, {FALLS}, theorem: [a] -> theorem: expected text, got a list of 1
+cases: slow, {FALLS}, theorm: a -> theorm: unknown key; did you mean 'theorem'?...
+cases: slow, {FALLS}, erratum: sign -> readings: expected two readings...
+readings: {{a: {{cases: slow, shar: 1}}}}, {FALLS} -> readings.a.shar: unknown key...
+readings: {{a: {{cases: slow}}, b: {{cases: slow}}}}, {FALLS}, erratum: sign \
+-> readings: expected two readings, 'as printed' and 'corrected'
+"""
 """Claims as a case file may not give them, and why."""
 
 
-@pytest.mark.parametrize(("claim", "words"), MISTAKEN)
+@pytest.mark.parametrize(("claim", "words"), mistakes_of(MISTAKEN))
 def test_a_wrong_claim_is_named_with_its_place(claim: str, words: str) -> None:
-    text = MOTIONS + claims_block(f"{claim}, expect: reproduced")
+    case = f"&a {{{LINEAR}, initial: {{p: 0, q: 0, r: 1}}, time: {{end: 1}}}}"
+    errata = "errata: [{id: sign, where: a, printed: x, should_be: y}]\n"
+    block = claims_block(f"{claim}, expect: reproduced")
     with pytest.raises(HodoError) as raised:
-        parse(text, "c.yaml")
-    place, _, message = str(raised.value).partition(": ")
-    assert re.fullmatch(rf"c\.yaml:{len(text.splitlines())}:\d+", place)
-    assert message.startswith(f"claims.0.{words}")
+        parse(f"cases: {{slow: {case}, free: *a, turning: *a}}\n{errata}{block}", "c.yaml")
+    place, _, message = str(raised.value).partition(": claims.0.")
+    assert re.fullmatch(r"c\.yaml:4:\d+", place)
+    assert fits(message, words), message
 
 
 # What the command stores, shows and wants.
 
-TURNING = f"""
+TWO = f"""
 cases:
-  turning: {{{TURN}, damping: [0.05, 0.04, 0.03]}}
+  turning: {{{TURNING}}}
   given-up: {{{TURN}, method: DOP853, max_steps: 3}}
 claims:
   - {{id: turns, where: Fig 1, statement: It turns., cases: turning, {TURNS}, expect: EXPECT}}
@@ -670,34 +604,29 @@ claims:
 
 
 def write_case_file(folder: Path, expect: str = "reproduced", more: str = "") -> None:
-    (folder / "c.yaml").write_text(TURNING.replace("EXPECT", expect) + more, encoding="utf-8")
+    (folder / "c.yaml").write_text(TWO.replace("EXPECT", expect) + more, encoding="utf-8")
 
 
-def texts(path: Path, name: str) -> list[str]:
-    """A stored column of the verdicts."""
-    with h5py.File(path) as file:
-        return [text.decode() for text in file["_claims"][name][:]]
-
-
-def test_a_verdict_that_is_not_the_expected_one_is_exit_status_3(
-    hodo: Hodo, tmp_path: Path
-) -> None:
+def test_a_verdict_that_is_not_the_expected_one_is_exit_status_3(tmp_path: Path) -> None:
     write_case_file(tmp_path, "contradicted")
-    assert hodo("run", "c.yaml").returncode == 1  # given-up
-    assert hodo("classify", "runs/c.h5").returncode == 0
-    done = hodo("claims", "runs/c.h5")
+    assert call(tmp_path, "run", "c.yaml").returncode == 1  # given-up
+    assert call(tmp_path, "classify", "runs/c.h5").returncode == 0
+    done = call(tmp_path, "claims", "runs/c.h5")
     assert done.returncode == 3, done.stderr
     assert "reproduced (EXPECTED: contradicted)" in done.stdout
     write_case_file(tmp_path)
-    done = hodo("claims", "c.yaml", "--json")
+    done = call(tmp_path, "claims", "c.yaml", "--json")
     assert done.returncode == 0, done.stderr
-    turns, lost = json.loads(done.stdout)["statements"]
-    assert (turns["id"], turns["verdict"], turns["number"]) == ("turns", "reproduced", 1)
-    assert (lost["id"], lost["verdict"], lost["number"]) == ("lost", "not tested", None)
-    path = tmp_path / "runs" / "c.h5"
-    assert texts(path, "claim") == ["turns", "lost"]
-    assert texts(path, "verdict") == texts(path, "expect") == ["reproduced", "not tested"]
-    assert "(x1 to x3)" in texts(path, "evidence")[0]
+    rows = json.loads(done.stdout)["statements"]
+    assert [[row[key] for key in ("id", "verdict", "number")] for row in rows] == [
+        ["turns", "reproduced", 1],
+        ["lost", "not tested", None],
+    ]
+    with h5py.File(tmp_path / "runs" / "c.h5") as file:
+        stored = {name: column[:].astype("U").tolist() for name, column in file["_claims"].items()}
+    assert stored["claim"] == ["turns", "lost"]
+    assert stored["verdict"] == stored["expect"] == ["reproduced", "not tested"]
+    assert "(x1 to x3)" in stored["evidence"][0]
 
 
 def test_verdicts_are_given_once_until_what_they_rest_on_changes(tmp_path: Path) -> None:
@@ -719,29 +648,28 @@ def test_verdicts_are_given_once_until_what_they_rest_on_changes(tmp_path: Path)
 
 def test_verdicts_go_with_the_statements_that_a_file_no_longer_makes(tmp_path: Path) -> None:
     errata = "errata: [{id: misprint, where: (1), printed: x, should_be: y}]\n"
-    write_case_file(tmp_path, more="figures: {a: {kind: hodograph, cases: turning}}\n" + errata)
+    figures = "figures: {a: {kind: hodograph, cases: turning}}\n"
+    write_case_file(tmp_path, more=figures + errata)
     path, page = tmp_path / "runs" / "c.h5", tmp_path / "runs" / "figures" / "index.html"
-    for command in ("run", "classify", "claims", "plot"):
+
+    def shown() -> list[bool]:
+        call(tmp_path, "plot", "c.yaml")
+        text = page.read_text(encoding="utf-8")
+        return ["It turns." in text, "misprint" in text]
+
+    for command in ("run", "classify", "claims"):
         call(tmp_path, command, "c.yaml")
-    shown = page.read_text(encoding="utf-8")
-    assert "It turns." in shown
-    assert "misprint" in shown
-    whole = (tmp_path / "c.yaml").read_text(encoding="utf-8")
-    alone = whole.partition("claims:")[0] + "figures:" + whole.partition("figures:")[2]
-    (tmp_path / "c.yaml").write_text(alone, encoding="utf-8")
-    table = call(tmp_path, "claims", "c.yaml").stdout
+    assert shown() == [True, True]
+    cases = TWO.partition("claims:")[0]
+    (tmp_path / "c.yaml").write_text(cases + figures + errata, encoding="utf-8")
+    table, judged = call(tmp_path, "claims", "c.yaml").stdout, path.read_bytes()
     assert table.startswith("erratum ")
-    judged = path.read_bytes()
     assert call(tmp_path, "claims", "c.yaml").stdout == table
     assert path.read_bytes() == judged
-    call(tmp_path, "plot", "c.yaml")
-    shown = page.read_text(encoding="utf-8")
-    assert "It turns." not in shown
-    assert "misprint" in shown
-    (tmp_path / "c.yaml").write_text(alone.partition("errata:")[0], encoding="utf-8")
+    assert shown() == [False, True]
+    (tmp_path / "c.yaml").write_text(cases + figures, encoding="utf-8")
     assert "has no claims: or errata:" in call(tmp_path, "claims", "c.yaml").stderr
-    call(tmp_path, "plot", "c.yaml")
-    assert "misprint" not in page.read_text(encoding="utf-8")
+    assert shown() == [False, False]
 
 
 # The papers.
@@ -749,41 +677,6 @@ def test_verdicts_go_with_the_statements_that_a_file_no_longer_makes(tmp_path: P
 
 def config_of(paper: str) -> Any:
     return load(ROOT / "configs" / f"{paper}.yaml")
-
-
-def sections_of(paper: str) -> dict[str, Any]:
-    return dict(yaml.load((ROOT / "configs" / f"{paper}.yaml").read_text("utf-8"), LOADER))
-
-
-JUDGED: dict[tuple[str, int], dict[str, Any]] = {}
-PARTS = (0, 1)
-
-
-def part_of(sections: dict[str, Any], part: int) -> dict[str, Any]:
-    """A case file with every other statement; the first part has the misprints, and what names
-    one."""
-    claims = enumerate(sections["claims"])
-    kept = [claim for i, claim in claims if ("erratum" in claim or i % 2 == 0) == (part == 0)]
-    return {**sections, "claims": kept, "errata": sections.get("errata", []) if part == 0 else []}
-
-
-def rewritten(results: Path, paper: str, sections: dict[str, Any]) -> None:
-    text = yaml.dump(sections, Dumper=DUMPER, allow_unicode=True, sort_keys=False)
-    (results / "configs" / f"{paper}.yaml").write_text(text, encoding="utf-8")
-
-
-def judged(results: Path, paper: str, *parts: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The verdicts on the statements and misprints of a paper, or of parts of it, by id."""
-    for part in parts or PARTS:
-        if (paper, part) not in JUDGED:
-            rewritten(results, paper, part_of(sections_of(paper), part))
-            done = call(results, "claims", f"configs/{paper}.yaml", "--json")
-            JUDGED[paper, part] = json.loads(done.stdout)
-    statements, errata = (
-        {row["id"]: row for part in parts or PARTS for row in JUDGED[paper, part][key]}
-        for key in ("statements", "errata")
-    )
-    return statements, errata
 
 
 @pytest.fixture(scope="module")
@@ -797,6 +690,13 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def judged(results: Path) -> dict[str, dict[str, Any]]:
+    """The verdicts on the statements and on the misprints of each paper."""
+    config = "configs/{}.yaml".format
+    return {x: json.loads(call(results, "claims", config(x), "--json").stdout) for x in PAPERS}
+
+
 def test_every_check_of_a_paper_is_used() -> None:
     """Case files know the checks by a list beside their modules, which they do not load."""
     texts = [path.read_text(encoding="utf-8") for path in (ROOT / "configs").glob("*.yaml")]
@@ -807,87 +707,84 @@ def test_every_check_of_a_paper_is_used() -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("part", PARTS)
 @pytest.mark.parametrize("paper", PAPERS)
-def test_every_claim_of_the_papers_has_the_verdict_expected(
-    results: Path, paper: str, part: int
-) -> None:
-    statements, errata = judged(results, paper, part)
-    sections = part_of(sections_of(paper), part)
-    assert [*statements] == [claim["id"] for claim in sections["claims"]]
-    rows = statements.items()
-    assert not {name for name, row in rows if row["verdict"] != row["expect"]}
-    assert not {name for name, row in rows if not row["contradicted_by"]}
-    assert {name: row["verdict"] for name, row in errata.items()} == {
-        erratum["id"]: "confirmed" if {"cases", "readings"} & {*erratum} else "by reading"
-        for erratum in sections["errata"]
+def test_every_claim_of_the_papers_has_the_verdict_expected(judged: Any, paper: str) -> None:
+    rows, errata = judged[paper]["statements"], judged[paper]["errata"]
+    config = config_of(paper)
+    assert [row["id"] for row in rows] == [claim["id"] for claim in config.claims]
+    assert not {row["id"] for row in rows if row["verdict"] != row["expect"]}
+    assert not {row["id"] for row in rows if not row["contradicted_by"]}
+    assert {row["id"]: row["verdict"] for row in errata} == {
+        erratum["id"]: "confirmed" if erratum["cases"] or erratum["readings"] else "by reading"
+        for erratum in config.errata
     }
 
 
-@pytest.mark.heyoka
-def test_the_numbers_that_decide_are_those_found_by_other_means(results: Path) -> None:
-    (one, misprints), (two, _), (three, _) = (judged(results, paper) for paper in PAPERS)
-    assert one["fig4-separatrix"]["evidence"] == "305.4 (x1 to x3)"
-    assert misprints["curve-3"]["number"] == pytest.approx(0.0535 / 1.0777**2, rel=1e-3)
-    assert one["fig10-area"]["number"] == pytest.approx(0.064, abs=0.0005)
-    # A limit is met long after the figure has ended.
-    assert three["case1-u1-u2"]["verdict"] == "reproduced"
-    # Over lambda1 and lambda2, which are not printed.
-    assert "21 of 42 members, 0 to 0.477;" in one["fig11-area"]["evidence"]
-    # The other two do not cross before tau = 1000.
-    for name in ("figs-10-11-order", "larger-difference-sooner"):
-        pairs = [each["evidence"] for each in one[name]["readings"].values()]
-        assert pairs == ["40 of 40 pairs in this order", "41 of 42 pairs in this order"]
-    areas = {name: each["number"] for name, each in one["fig16-area"]["readings"].items()}
-    assert areas["|omega(0)| = 1"] == pytest.approx(0.074, abs=0.0005)
-    areas = {name: each["number"] for name, each in one["fig18-area"]["readings"].items()}
-    assert areas["|omega(0)| = 1"] == pytest.approx(0.169, abs=0.0005)
+NUMBERS: list[tuple[str, str, list[float | None], float]] = [
+    ("paper1", "curve-3", [0.0535 / 1.0777**2], 5e-5),
+    ("paper1", "fig10-area", [0.064], 5e-4),
+    ("paper1", "fig16-area", [None, 0.074], 5e-4),
+    ("paper1", "fig18-area", [None, 0.169], 5e-4),
     # With |G| > 0.1, by DOP853 at 1e-11; the turns below with 400,001 samples each.
-    turns = [each["number"] for each in one["fig16-turns"]["readings"].values()]
-    assert turns == pytest.approx([0, 1.57], abs=0.005)
-    turns = [each["number"] for each in one["fig18-turns"]["readings"].values()]
-    assert turns[1:] == pytest.approx([1.528, 3.08], abs=0.005)
-    spaced = [each["evidence"] for each in one["size-changes-spacing"]["readings"].values()]
-    assert spaced == [
-        "turns: 14.19, 7.093, 3.577, 1.847; 4.995, 2.517, 1.259, 0.6627",
-        "turns: 13.99, 6.778, 3.06, 1.695; 4.886, 2.742, 0.913, 0.7337",
-    ]
-    stays = {name: each["number"] for name, each in one["x1-stays"]["readings"].items()}
-    assert stays["entries 1 and 3"] == 1
+    ("paper1", "fig16-turns", [0, 1.57], 0.005),
+    ("paper1", "fig18-turns", [None, 1.528, 3.08], 0.005),
+    ("paper1", "fig14-character", [0, 0, 0, 0], 0),
+    ("paper1", "x3-growth", [0.0058333333, 0.0027083333], 3e-10),
     # Two standard deviations of 129 starts.
-    assert stays["all entries"] == pytest.approx(0.47, abs=0.09)
-    growth = [each["number"] for each in one["x3-growth"]["readings"].values()]
-    assert growth == pytest.approx([0.0058333333, 0.0027083333], rel=1e-7)
-    trend = one["larger-difference-trend"]
-    assert trend["evidence"] == "11.5 % of 494 pairs reversed"
-
-    starts = misprints["unit-of-angular-velocity"]["readings"]
-    assert starts["as printed"]["number"] == pytest.approx(0.524, abs=0.0005)
-    assert starts["corrected"]["number"] == pytest.approx(0.0022, abs=0.00005)
+    ("paper1", "x1-stays", [1, 0.47], 0.09),
+    ("paper1", "unit-of-angular-velocity", [0.524, None], 0.0005),
+    ("paper1", "unit-of-angular-velocity", [None, 0.0022], 0.00005),
     # q1(0) is -0.774 where q0 is 0.
-    assert misprints["phase-in-equations-6"]["number"] == pytest.approx(0.774, abs=0.0005)
-    printed, corrected = (each["evidence"] for each in two["limits"]["readings"].values())
-    assert printed.startswith("x = 0.767, 0.7922, 0.503, 0.6007 (printed")
-    assert corrected.startswith("x = 1.237, 1.216, 1.538, 1.456 (printed")
-    assert "x off by 0.799, 0.568, 0.363, 0.228, 0.135" in two["M1-M2-vanish"]["evidence"]
-    assert "0.0576, 0.0195 (p by 2)" in two["slow-variables"]["evidence"]
+    ("paper1", "phase-in-equations-6", [0.774], 0.0005),
     # b^2 |omega|/nu with b^7 = 525 P0/(8 pi) and |omega| = sqrt(2).
-    assert two["small-Reynolds-number"]["number"] == pytest.approx(
-        (525 * 0.48 / (8 * math.pi)) ** (2 / 7) * math.sqrt(2) / 1000, rel=1e-12
-    )
-    turns = [each["evidence"] for each in one["fig12-turns"]["readings"].values()]
-    assert turns[0] == "x3 to x1 (7.09, 4.73 turns)"
-    assert turns[2] == "x3 to x1 (6.78, 0.329 turns)"
-    assert [each["number"] for each in one["fig14-character"]["readings"].values()] == [0] * 4
+    ("paper2", "small-Reynolds-number",
+     [(525 * 0.48 / (8 * math.pi)) ** (2 / 7) * math.sqrt(2) / 1000], 1e-15),
     # To tau = 4, when Gz of case 3 still goes back.
-    assert three["case3-Gz"]["number"] == pytest.approx(0.00088, rel=0.02)
-    assert three["error-of-order-epsilon"]["number"] == pytest.approx(1, abs=0.01)
-    assert "at 0.4008, 1.757, 4.197" in three["signs-change"]["evidence"]
-    quickly = [each["evidence"] for each in three["case1-u3-quickly"]["readings"].values()]
-    assert [words.split(" members")[0] for words in quickly] == [
-        "holds on 49 of 49",
-        "holds on 18 of 49",
-    ]
+    ("paper3", "case3-Gz", [0.00088], 1.8e-5),
+    ("paper3", "error-of-order-epsilon", [1], 0.01),
+]  # fmt: skip
+"""Numbers that decide, of a statement or of all its readings, found by other means."""
+
+EVIDENCE = [
+    ("paper1", "fig4-separatrix", ["305.4 (x1 to x3)"]),
+    # Over lambda1 and lambda2, which are not printed.
+    ("paper1", "fig11-area", ["21 of 42 members, 0 to 0.477;"]),
+    # The other two do not cross before tau = 1000.
+    *(("paper1", name, ["40 of 40 pairs in this order", "41 of 42 pairs in this order"])
+      for name in ("figs-10-11-order", "larger-difference-sooner")),
+    ("paper1", "size-changes-spacing",
+     ["turns: 14.19, 7.093, 3.577, 1.847; 4.995, 2.517, 1.259, 0.6627",
+      "turns: 13.99, 6.778, 3.06, 1.695; 4.886, 2.742, 0.913, 0.7337"]),
+    ("paper1", "larger-difference-trend", ["11.5 % of 494 pairs reversed"]),
+    ("paper1", "fig12-turns", ["x3 to x1 (7.09, 4.73 turns)", "", "x3 to x1 (6.78, 0.329 turns)"]),
+    ("paper2", "limits", ["x = 0.767, 0.7922, 0.503, 0.6007 (printed",
+                          "x = 1.237, 1.216, 1.538, 1.456 (printed"]),
+    ("paper2", "M1-M2-vanish", ["x off by 0.799, 0.568, 0.363, 0.228, 0.135"]),
+    ("paper2", "slow-variables", ["0.0576, 0.0195 (p by 2)"]),
+    ("paper3", "signs-change", ["at 0.4008, 1.757, 4.197"]),
+    ("paper3", "case1-u3-quickly", ["holds on 49 of 49 members", "holds on 18 of 49 members"]),
+]  # fmt: skip
+
+
+@pytest.mark.heyoka
+def test_the_numbers_that_decide_are_those_found_by_other_means(judged: Any) -> None:
+    rows = {
+        (paper, row["id"]): row
+        for paper, tables in judged.items()
+        for row in (*tables["statements"], *tables["errata"])
+    }
+
+    def found(paper: str, name: str, key: str, many: int) -> list[Any]:
+        row = rows[paper, name]
+        return [each[key] for each in ([row] if many == 1 else row["readings"].values())]
+
+    for paper, name, numbers, within in NUMBERS:
+        pairs = zip(found(paper, name, "number", len(numbers)), numbers, strict=True)
+        wrong = [x for x, right in pairs if right is not None and abs(x - right) > within]
+        assert not wrong, name
+    for paper, name, words in EVIDENCE:
+        said = found(paper, name, "evidence", len(words))
+        assert all(map(operator.contains, said, words)), (name, said)
 
 
 @pytest.mark.heyoka
@@ -949,56 +846,6 @@ def test_a_check_of_a_paper_fails_for_motions_that_do_otherwise(results: Path, p
     ]
 
 
-VISIBLE = "hodo_cli.claims.measures.VISIBLE_MOMENTUM"
-
-
-LIMITS = [
-    ("paper1", {"most": [0.075, 0.168]}, "fig10-area fig16-area"),
-    ("paper1", {"least": [0.075, 0.168]}, "fig11-area fig18-area"),
-    ("paper1", {"most": [0.0003, 0.04]}, "fig1-curves-3-4"),
-    ("paper1", {VISIBLE: [0.01, 0.3]}, "fig14-character x1-start-never-explicitly-x3"),
-    ("paper1", {VISIBLE: [0.01, 0.15]}, "fig16-turns"),
-    ("paper1", {VISIBLE: [0.1, 0.3]}, "fig18-turns"),
-    ("paper2", {"within": [0.008, 0.2]}, "limits"),
-    ("paper2", {"hodo_cli.papers.paper2.SMALL_NUMBER": [0.003, 0.5]}, "small-Reynolds-number"),
-    ("paper3", {"hodo_cli.papers.paper3.NEAR_LIMIT": [0.002, 0.05]},
-     "case1-u3-quickly case3-H-quickly"),
-    ("paper3", {"hodo_cli.claims.finding.PLOTTING_ACCURACY": [0.001, 0.05]},
-     "case1-u1-u2 case2-Gz-r-limit case2-H-limit case3-Gz case3-fall"),
-]  # fmt: skip
-"""Limits of checks that no text gives, by key or by constant, the range in which they decide alike,
-and the statements that they decide."""
-
-
-@pytest.mark.heyoka
-@pytest.mark.parametrize(("paper", "limits", "decided"), LIMITS)
-def test_no_verdict_hangs_on_a_limit_that_is_ours(
-    results: Path, monkeypatch: pytest.MonkeyPatch,
-    paper: str, limits: dict[str, list[float]], decided: str,
-) -> None:  # fmt: skip
-    """The statements at the lower and at the upper end, side by side where a key sets the limit."""
-    page = " ".join((ROOT / "docs" / "papers.md").read_text(encoding="utf-8").split())
-    sections = sections_of(paper)
-    statements = [claim for claim in sections["claims"] if claim["id"] in decided.split()]
-    ((limit, ends),) = limits.items()
-    assert "| {:g} to {:g}".format(*ends) in page
-    if "." not in limit:
-        statements = [
-            {**claim, "id": f"{claim['id']}-{end}", "check": {**claim["check"], limit: end}}
-            for claim in statements
-            for end in ends
-        ]
-    rewritten(results, paper, {**sections, "claims": statements})
-    for end in ends if "." in limit else [None]:
-        if end is not None:
-            monkeypatch.setattr(limit, end)
-        done = call(results, "claims", f"configs/{paper}.yaml", "--json")
-        rows = json.loads(done.stdout)["statements"]
-        assert {row["id"]: row["verdict"] for row in rows} == {
-            claim["id"]: claim["expect"] for claim in statements
-        }
-
-
 @pytest.mark.parametrize("paper", PAPERS)
 def test_the_page_of_a_paper_has_every_statement_and_misprint(paper: str) -> None:
     """What `make docs` prints of the verdicts is that of the case files as they are now."""
@@ -1011,43 +858,39 @@ def test_the_page_of_a_paper_has_every_statement_and_misprint(paper: str) -> Non
     assert not missing, "run `make docs`"
 
 
-PAGE = """\
+PAGE = f"""\
 title: a page
 cases:
-  turning: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 0.003],
-            initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 5}, assumes: {horizon: "tau = 5"}}
+  turning: {{{TURN}, assumes: {{horizon: "tau = 100"}}}}
 claims:
-  - {id: right, where: Fig 1, statement: It turns | round x_1., cases: [turning],
-     original: "", expect: reproduced, check: {kind: axis, start: x1, end: x1}}
-  - {id: wrong, where: Fig 2, statement: It turns round x3., cases: [turning], note: not *so*,
-     original: вокруг, expect: contradicted, check: {kind: axis, start: x3, end: x3}}
-errata: [{id: sign, where: eq. 1, printed: +, should_be: -}]
+  - {{id: right, where: Fig 1, statement: It turns | round x_1., cases: [turning],
+     original: "", expect: reproduced, check: {{kind: axis, start: x1, end: x1}}}}
+  - {{id: wrong, where: Fig 2, statement: It turns round x3., cases: [turning], note: not *so*,
+     original: вокруг, expect: contradicted, check: {{kind: axis, start: x3, end: x3}}}}
+errata: [{{id: sign, where: eq. 1, printed: +, should_be: -}}]
 """
 
 
 def test_a_page_has_the_gravest_in_full_and_everything_in_tables(tmp_path: Path) -> None:
     (tmp_path / "page.yaml").write_text(PAGE, encoding="utf-8")
-    for command in ("run page.yaml --quiet", "classify runs/page.h5"):
-        assert call(tmp_path, *command.split()).returncode == 0
+    for command in ("run", "classify"):
+        assert call(tmp_path, command, "page.yaml").returncode == 0
     done = call(tmp_path, "claims", "page.yaml", "--markdown")
     assert (done.returncode, done.stderr) == (0, "")
-    told, *tables = done.stdout.split("\n\n<details><summary>")
-    head, full = told.split("\n\n## ")
-    titles, folded = zip(*(table.split("</summary>\n\n") for table in tables), strict=True)
-    assert [title.split()[0] for title in titles] == ["Errata", "Every", "What"]
-    errata, statements, taken = (
-        text.removesuffix("\n\n</details>") for text in map(str.rstrip, folded)
+    full, *tables = done.stdout.split("\n\n<details><summary>")
+    assert full.startswith("2 statements: 1 reproduced, 1 contradicted. 1 erratum: 1 by reading.\n")
+    assert full.endswith(
+        "\n- **Fig 2**: It turns round x3. *вокруг* **Contradicted**: x1. Remark: not \\*so\\*."
     )
-    assert head == ("2 statements: 1 reproduced, 1 contradicted. 1 erratum: 1 by reading.")
-    assert full.splitlines()[2:] == [
-        "- **Fig 2**: It turns round x3. *вокруг* **Contradicted**: x1. Remark: not \\*so\\*."
+    rows = [line for table in tables for line in table.splitlines() if line.startswith("| ")]
+    titles = [re.match(r"\w+", table)[0] for table in tables]
+    assert titles == ["Errata", "Every", "What"]
+    assert [row for row in rows if row.startswith(("| eq", "| Fig", "| hor"))] == [
+        "| eq. 1 | + | - | by reading |  |",
+        "| Fig 1 | It turns \\| round x\\_1. | reproduced | x1 | an axis other than x1 |",
+        "| Fig 2 | It turns round x3. | contradicted | x1; not \\*so\\* | an axis other than x3 |",
+        "| horizon | tau = 100 | turning |",
     ]
-    assert errata.splitlines()[-1] == "| eq. 1 | + | - | by reading |  |"
-    rows = statements.splitlines()[2:]
-    assert len(rows) == 2
-    assert rows[1].startswith("| Fig 2 | It turns round x3. | contradicted | x1; not \\*so\\* | ")
-    assert rows[0].startswith("| Fig 1 | It turns \\| round x\\_1. | reproduced | x1 | ")
-    assert taken.splitlines()[-1] == "| horizon | tau = 5 | turning |"
 
 
 @pytest.mark.heyoka

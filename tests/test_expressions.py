@@ -7,6 +7,7 @@ HODO_FUZZ sets the number of random texts (default 2000).
 import builtins
 import os
 import random
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -65,47 +66,28 @@ def read(text: str) -> tuple[Any, str]:
         ("  p + 1/0", 7, "division by 0"),
         ("p^2", 2, "a power is **"),
         ("2p", 1, "a product is written with its *"),
-        ("p + 0x1F", 5, "not a decimal number"),
         ("007", 1, "not a decimal number"),
-        ("1or p", 1, "not a decimal number"),
         ("p + 1e999", 5, "too large"),
         ("9" * 400, 1, "too large"),
         ("1/(1-1)", 1, "division by 0"),
         ("p + sqrt(-1)", 5, "sqrt(-1) is not a finite number"),
-        ("log(0)", 1, "log(0) is not a finite number"),
         ("1e300*1e300", 1, "not a finite number"),
-        ("0**-1", 1, "not a finite number"),
-        ("True", 1, "expected a number"),
         ("pp", 1, "did you mean 'p'"),
         ("2*pi", 3, "unknown name 'pi'; write 3.141592653589793 (valid: p, q"),
         ("p + pz", 5, "unknown name 'pz' (valid: p, q"),
         ("p if q else r", 1, "expected a number"),
-        ("lambda: 0", 7, "unexpected"),
-        ("p # comment", 3, "unexpected '#'"),
-        ("p\n", 2, "unexpected"),
         ("ｐ", 1, "unexpected"),  # a full-width p, which Python's parser turns into p
         ("p*²", 3, "unexpected"),
-        ("١", 1, "unexpected"),  # an Arabic digit one
         ("p.__class__", 2, "unexpected"),
         ("__import__('os').system('true')", 1, "unexpected"),
-        ("p, q", 2, "unexpected"),
         ("p := 1", 3, "unexpected"),
-        ("p == q", 3, "unexpected"),
-        ("'p'", 1, "unexpected"),
         ("sin(p, q)", 6, "unexpected"),
         ("eval(p)", 1, "unknown function"),
-        ("tan(p)", 1, "unknown function 'tan'; write sin(x)/cos(x)"),
-        ("z1*p", 1, "needs attitude: yes"),
-        ("exp", 1, "exp is a function of one argument"),
-        ("p // q", 1, "expected a number"),
-        ("sin", 1, "function of one argument"),
         ("sin()", 1, "expected a number"),
         ("sin(*p)", 5, "expected a number"),
-        ("p(q)", 1, "unknown function"),
         ("9**9**9**9", 7, "from -16 to 16"),
         ("p**0.5", 4, "a root is sqrt(x)"),
         ("p**17", 4, "from -16 to 16"),
-        ("p**q", 4, "from -16 to 16"),
         ("(" * 220 + "p" + ")" * 220, 201, "too many nested"),
         ("-" * 30 + "p", 31, "nested more than"),
         ("+".join("p" * 101), 1, "201 numbers, names and operations"),
@@ -115,7 +97,7 @@ def read(text: str) -> tuple[Any, str]:
 def test_what_is_no_formula_is_refused_with_its_column(text: str, column: int, said: str) -> None:
     message = refusal(text)
     assert said in message
-    assert message.startswith(f"column {column} of the expression: ") or "attitude" in message
+    assert message.startswith(f"column {column} of the expression: ")
 
 
 @pytest.mark.parametrize("value", [True, None, float("inf"), 10**400, ["p"], {"p": 1}])
@@ -140,25 +122,17 @@ def test_constants_are_folded_and_long_sums_are_not_nested() -> None:
     assert evaluate(read("+".join("p" * 100))[0], {"p": 1.5}) == 150
 
 
+FORMS = ["-{}", "+{}", "({})", "({})**2", "({})**3", "({})**-2", "({})**-(1)", "({})**0", "sin({})",
+         "cos({})", "exp(-({})**2)", "sqrt(1+({})**2)", "log(1+({})**2)", "tanh({})", "abs({})",
+         *("({}) " + sign + " {}" for sign in "+-*/+-*/")]  # fmt: skip
+
+
 def formula(draw: random.Random, depth: int) -> str:
     """A random formula that is right by the grammar."""
     if depth == 0 or draw.random() < 0.2:
-        return draw.choice([*NAMES, *NAMES, "2", "0.5", "1.25e0", ".75", "3."])
-    x = formula(draw, depth - 1)
-    match draw.randrange(9):
-        case 0:
-            return f"{draw.choice('-+')} {x}"
-        case 1:
-            return f"({x}) **{draw.choice(['2', '3', '-2', '-(1)', '0', '+4'])}"
-        case 2:
-            return f"{draw.choice(['sin', 'cos'])}({x})"
-        case 3:
-            return f"exp(-({x})**2)"
-        case 4:
-            return f"{draw.choice(['sqrt', 'log'])}(1+({x})**2)"
-        case 5:
-            return f"{draw.choice(['tanh', 'abs'])}({x})"
-    return f"({x}) {draw.choice('+-*/')} {formula(draw, depth - 1)}"
+        return draw.choice([*NAMES, *NAMES, "2.0", "0.5", "1.25e0", ".75", "3."])
+    form = draw.choice(FORMS)
+    return form.format(*(formula(draw, depth - 1) for _ in range(form.count("{}"))))
 
 
 @np.errstate(all="ignore")
@@ -170,9 +144,7 @@ def test_the_value_is_that_of_python() -> None:
         text = formula(draw, 4)
         tree, message = read(text)
         if message:
-            assert any(
-                x in message for x in ("division by 0", "finite", "longer", "and operations")
-            )
+            assert re.search("division by 0|finite|longer|and operations", message)
             continue
         tried += 1
         expected = eval(text, functions | {name: x.copy() for name, x in values.items()})
@@ -215,25 +187,23 @@ def test_random_texts_are_taken_or_refused_and_never_run(monkeypatch: pytest.Mon
 POINT = {"p": 0.8, "q": -0.5, "r": 0.74, "t": 3.0}
 
 
-def exactly(text: str, values: dict[str, Any]) -> Any:
-    """The value in mpmath, by Python's own reading of the text."""
-    functions = {
-        name: getattr(mpmath, name) for name in ("sin", "cos", "exp", "sqrt", "log", "tanh")
-    }
-    constants = {"1.5e1": "mpf(15)", "0.3": f"mpf({0.3!r})", "0.1": f"mpf({0.1!r})"}
-    for decimal, double in constants.items():
-        text = text.replace(decimal, double)
-    return eval(text, functions | {"mpf": mpmath.mpf} | values)
+FUNCTIONS = ("sin", "cos", "exp", "sqrt", "log", "tanh")
 
 
-def precise(**changed: Any) -> dict[str, Any]:
-    return {name: mpmath.mpf(value) for name, value in POINT.items()} | changed
+def exactly(**changed: Any) -> Any:
+    """The value of `NESTED` at `POINT` in mpmath, by Python's own reading of the text."""
+    text = NESTED
+    for decimal in ("1.5e1", "0.3", "0.1"):
+        text = text.replace(decimal, f"mpf({float(decimal)!r})")
+    functions = {name: getattr(mpmath, name) for name in FUNCTIONS}
+    values = {name: mpmath.mpf(value) for name, value in POINT.items()}
+    return eval(text, functions | {"mpf": mpmath.mpf} | values | changed)
 
 
 def test_numbers_arrays_and_long_doubles() -> None:
     tree = expression.parse_expression(NESTED, NAMES)
     with mpmath.workdps(40):
-        exact = exactly(NESTED, precise())
+        exact = exactly()
         assert evaluate(tree, POINT) == pytest.approx(float(exact), rel=1e-14)
         arrays = {name: np.array([value, value]) for name, value in POINT.items()}
         assert evaluate(tree, arrays) == pytest.approx([float(exact)] * 2, rel=1e-14)
@@ -248,16 +218,12 @@ def test_numbers_arrays_and_long_doubles() -> None:
 def test_a_complex_step_is_the_derivative(name: str) -> None:
     stepped = POINT | {name: np.array([POINT[name] + 1e-100j])}
     with mpmath.workdps(40):
-        slope = mpmath.diff(lambda x: exactly(NESTED, precise(**{name: x})), POINT[name])
+        slope = mpmath.diff(lambda x: exactly(**{name: x}), POINT[name])
     value = evaluate(expression.parse_expression(NESTED, NAMES), stepped)
     assert value.imag[0] / 1e-100 == pytest.approx(float(slope), rel=1e-13)
 
 
-def rule(c: list[Any]) -> Callable[[int], Any]:
-    return lambda k: c[k] if k < len(c) else 0.0
-
-
-@pytest.mark.parametrize("name", ["exp", "log", "sin", "cos", "sqrt", "tanh"])
+@pytest.mark.parametrize("name", FUNCTIONS)
 def test_a_function_of_a_series_has_the_coefficients_of_the_books(name: str) -> None:
     """Of arrays, too: x = 0.7 - 1.3 s + 0.4 s^3 and one that does not change."""
     c = np.array([[0.7, 2.0], [-1.3, 0.0], [0.0, 0.0], [0.4, 0.0]])
@@ -285,11 +251,10 @@ def test_an_engines_symbols_and_their_series() -> None:
     assert of(list(POINT.values()))[0] == pytest.approx(evaluate(tree, POINT), rel=1e-14)
     # As sweeps use it: a series whose coefficients are symbols.
     x = symbols["p"]
-    for name in ("exp", "log", "sin", "cos", "sqrt", "tanh"):
-        series = getattr(arithmetic, name)(
-            Series(lambda k: x if k == 0 else 1.0 if k == 1 else 0.0)
-        )
-        numbers = getattr(arithmetic, name)(Series(rule([0.8, 1.0])))
+    for name in FUNCTIONS:
+        function = getattr(arithmetic, name)
+        series = function(Series(lambda k: x if k == 0 else 1.0 * (k == 1)))
+        numbers = function(Series(lambda k: (0.8, 1.0)[k] if k < 2 else 0.0))
         compiled = hy.cfunc([1.0 * series[k] for k in range(6)], vars=[x])([0.8])
         assert compiled == pytest.approx([numbers[k] for k in range(6)], rel=1e-14)
 
@@ -382,12 +347,11 @@ def test_a_satellite_under_gravity_follows_the_axes_of_space() -> None:
 def test_t_counts_from_the_epoch_and_a_span_may_run_backward() -> None:
     case = case_with("a*sin(w*t)") | {"constants": {"a": 0.02, "w": 0.5}}
     forward = hodo_package.run(case)
-    late = hodo_package.run(
-        case | {"time": {"start": 60310, "end": 60320, "samples": 11, "epoch": 60310}}
-    )
+    span = {"start": 60310, "end": 60320, "samples": 11}
+    late = hodo_package.run(case | {"time": {**span, "epoch": 60310}})
     assert late.omega.values.tolist() == forward.omega.values.tolist()
     assert late.time.values[0] == 60310
-    unsaid = hodo_package.run(case | {"time": {"start": 60310, "end": 60320, "samples": 11}})
+    unsaid = hodo_package.run(case | {"time": span})
     assert "t counts from 0, 6031 spans before start: write epoch: 60310" in unsaid.warnings
     end = dict(zip("pqr", forward.omega.values[-1].tolist(), strict=True))
     back = hodo_package.run(case | {"initial": end, "time": {"start": 10, "end": 0, "samples": 11}})
@@ -397,11 +361,11 @@ def test_t_counts_from_the_epoch_and_a_span_may_run_backward() -> None:
 
 def test_a_crossing_is_met_in_the_order_of_the_samples() -> None:
     case = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [0.005, 0.004, 0.003]}
-    start = {"p": 0.8, "q": 0.5, "r": 0.74}
-    forward = hodo_package.run({**case, "initial": start, "time": {"end": 400, "samples": 401}})
+    case |= {"initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 400, "samples": 401}}
+    forward = hodo_package.run(case)
     end = dict(zip("pqr", forward.omega.values[-1].tolist(), strict=True))
     span = {"start": 400, "end": 0, "samples": 401}
-    back = hodo_package.run({**case, "initial": end, "time": span})
+    back = hodo_package.run(case | {"initial": end, "time": span})
     assert back.crossing_time.values == pytest.approx(forward.crossing_time.values, abs=1e-9)
     assert back.crossing_from.values == forward.crossing_to.values
     assert back.enclosed_axis.values[::-1].tolist() == forward.enclosed_axis.values.tolist()
