@@ -4,6 +4,7 @@ Other files start processes."""
 import json
 import re
 import shutil
+import subprocess
 from pathlib import Path
 
 import h5py
@@ -412,3 +413,92 @@ def test_a_table_and_a_paragraph_for_a_paper_name_what_a_sweep_varies(tmp_path: 
     ) in table
     said = " ".join(call(tmp_path, "show", "a.yaml", "--methods").stdout.split())
     assert "Sweep driven: constants.M 0 to 0.1 in 3 values, initial.direction 4 at random." in said
+
+
+# Commands that take a result or the named of one, and what they say where the two differ.
+
+
+NAMED = """\
+defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}, time: {end: 9}}
+cases:
+  first: {damping: 0.1}
+  second: {damping: [0.2, 0.1, 0.3]}
+figures:
+  f: {kind: hodograph, cases: [first, second]}
+claims:
+  - id: c
+    where: w
+    statement: s
+    cases: [first]
+    check: {kind: bound, of: T, most: 9}
+    expect: reproduced
+"""
+
+
+@pytest.fixture
+def named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A named in the working folder, run and classified."""
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "a.yaml"
+    path.write_text(NAMED)
+    assert command("run", "a").returncode == 0
+    assert command("classify", "a").returncode == 0
+    return path
+
+
+def command(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return call(Path(), *arguments)
+
+
+@pytest.mark.parametrize("command", ["show", "classify", "claims", "plot"])
+def test_a_config_stands_for_its_result(named: Path, command: str) -> None:
+    anew = ["--force"] if command == "plot" else []  # a second plot would say that all is kept
+    lines = [command(command, name, *anew).stdout for name in ("runs/a.h5", "a.yaml", "a")]
+    assert lines[0]
+    assert lines[0] == lines[1] == lines[2]
+    assert "has changed" not in lines[0]
+
+
+def test_an_edited_caption_is_seen(named: Path) -> None:
+    named.write_text(NAMED.replace("cases: [first, second]", "cases: [first], title: other"))
+    said = "runs/a.h5: the figures of a.yaml have changed since its run: command plot a.yaml takes them"
+    assert said in command("plot", "runs/a.h5", "--format", "csv").stderr
+    assert "second" in Path("runs/figures/a/f.csv").read_text()
+    assert not command("plot", "a", "f", "--format", "csv").stderr
+    assert "second" not in Path("runs/figures/a/f.csv").read_text()
+    assert not command("claims", "runs/a.h5").stderr  # which are as they were
+
+
+def test_an_edited_claim_is_checked(named: Path) -> None:
+    named.write_text(NAMED.replace("most: 9", "least: 9"))
+    stored, told = command("claims", "runs/a.h5"), command("claims", "a.yaml")
+    assert "the claims of a.yaml have changed since its run" in stored.stderr
+    assert (stored.returncode, "reproduced" in stored.stdout) == (0, True)
+    assert (told.returncode, "contradicted" in told.stdout) == (3, True)
+    assert not told.stderr
+    assert command("claims", "runs/a.h5").returncode == 0
+
+
+@pytest.mark.parametrize("name", ["runs/a.h5", "a"])
+def test_a_case_that_has_changed_since_is_named(named: Path, name: str) -> None:
+    named.write_text(NAMED.replace("damping: 0.1", "damping: 0.3").replace("[0.2", "[0.20"))
+    for command in ("show", "classify", "plot"):
+        said = "first has changed in a.yaml since the run; `command run a.yaml` runs it again\n"
+        assert f"runs/a.h5: {said}" in command(command, name).stderr
+
+
+def test_remarks_are_no_change_and_a_broken_config_is_no_mistake(named: Path) -> None:
+    named.write_text(NAMED.replace("damping: 0.1", "damping: 0.1, note: new"))
+    assert not command("show", "a").stderr
+    named.write_text("cases: []")
+    assert not command("show", "runs/a.h5").stderr
+    assert command("show", "a.yaml").returncode == 2
+
+
+def test_a_config_without_a_result_names_the_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("a.yaml").write_text(NAMED)
+    for command in ("show", "classify", "claims", "plot"):
+        done = command(command, "a")
+        assert done.returncode == 2
+        assert done.stderr == "a.yaml has no result runs/a.h5: command run a.yaml makes it\n"

@@ -12,6 +12,7 @@ import pytest
 from conftest import Hodo
 
 import hodo_cli
+import hodo_cli as hodo
 from hodo_cli import Case, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.integration import Trajectory, driver, error, integrate
@@ -175,3 +176,45 @@ def test_the_time_at_which_an_event_ends_a_motion_has_its_error(tol: float) -> N
     motion = integrate(loose)
     end = integrate(replace(loose, method="auto", tol=None)).time[-1]
     assert motion.errors["event_time"] == pytest.approx(abs(motion.time[-1] / end - 1), rel=1e-3)
+
+
+# The errors of a sweep with more members than are measured against a reference.
+
+
+STARTS = {
+    "model": "torques",
+    "inertia": [3.22, 2.5, 1],
+    "kappa": 0.02,
+    "brake": 0.01,
+    "initial": {"p": 0, "q": 0, "G": 1},
+    "time": {"end": 40},
+    "sweep": {"direction": {"sphere": {"count": 60, "seed": 4}}},
+}
+
+
+def test_the_worst_members_are_among_those_measured():
+    """The errors of the worst end and of the worst crossing are those by long doubles."""
+    many = hodo.sweep(STARTS)
+    better = hodo.sweep({**STARTS, "precision": "extended", "error": "off"})
+    assert many.attrs["error_sample"] == 60
+    apart = np.linalg.norm(many.omega - better.omega, axis=-1)
+    start = np.linalg.norm(many.direction_vector / STARTS["inertia"], axis=-1)
+    size = np.fmax(np.linalg.norm(better.omega, axis=-1), start)
+    times = np.abs(many.crossing_time - better.crossing_time).values
+    for errors, true in (
+        (many.attrs["error_quantiles"], (apart / size).max()),
+        (many.attrs["crossing_error_quantiles"], np.nanmax(times)),
+    ):
+        assert true / 2 < errors[-1] < 2 * true
+
+
+def test_errors_of_averaged_members_are_known_with_and_without_a_crossing():
+    """Whose crossings are no zeros of a function that has an error of its own."""
+    averaged = STARTS | {"model": "linear-diag", "form": "averaged", "damping": [0.02, 0.05, 0.03]}
+    del averaged["kappa"], averaged["brake"]
+    averaged["sweep"] = {"direction": {"sphere": {"count": 40, "seed": 1}}}
+    balls = hodo.sweep(averaged)
+    crossing = np.isfinite(balls.crossing_time.values)
+    assert 0 < crossing.sum() < crossing.size
+    assert balls.attrs["error_sample"] == 40
+    assert "no measured error" not in balls.attrs["warnings"]
