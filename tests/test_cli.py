@@ -78,7 +78,7 @@ def test_show_says_what_a_case_assumes(hodo: Hodo, config: Path) -> None:
 
 
 def test_json_has_no_numbers_that_are_not_finite(hodo: Hodo, config: Path) -> None:
-    """A change goes into a file of its own, whatever the order; a case that fails costs no other."""
+    """A change goes into a file of its own; a case that fails costs no other."""
     options = ("--set", "turns.max_steps=3", "--set", "*.error=off")
     ran = hodo("run", config, *options, "--json")
     again = hodo("run", config, *options[2:], *options[:2])
