@@ -1,5 +1,4 @@
-"""The page of one figure: what is in space turns, comes nearer and tells its values, and a body
-plays."""
+"""The pages: of one figure, which turns or plays, and of all figures."""
 
 import json
 import re
@@ -17,7 +16,67 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 import hodo_cli as hodo
 
-pytest_plugins = ("browser",)
+# A headless Chromium of the system's.
+
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
+
+# WebGL is drawn by the processor: machines that test have no other.
+OPTIONS = ["--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader"]
+
+PATIENCE = 120_000
+"""Milliseconds for an answer beside other work."""
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Browser]:
+    """The browser; a test without it is skipped, which the last lines of a run say."""
+    if CHROMIUM is None:
+        pytest.skip("needs Chromium (Debian: apt-get install chromium)")
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
+        yield browser
+        browser.close()
+
+
+class Reader:
+    """A page that is open, with the addresses that it has asked for and its errors."""
+
+    def __init__(self, page: Page, path: Path) -> None:
+        self.page, self.requests, self.errors = page, [], []
+        page.set_default_timeout(PATIENCE)
+        page.on("request", lambda request: self.requests.append(request.url))
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.goto(path.resolve().as_uri())
+
+    def drag(self, start: tuple[int, int], end: tuple[int, int]) -> None:
+        self.page.mouse.move(*start)
+        self.page.mouse.down()
+        self.page.mouse.move(*end, steps=8)
+        self.page.mouse.up()
+
+    def is_clean(self) -> bool:
+        """Whether no error came, and nothing from elsewhere was asked for."""
+        own = all(url.startswith(("file:", "data:", "blob:")) for url in self.requests)
+        return own and not self.errors
+
+
+@pytest.fixture
+def reader(chromium: Browser) -> Iterator[type]:
+    """`open_page(path, width, height, dark)`: a window on a file."""
+    pages = []
+
+    def open_page(path: Path, width: int = 1400, height: int = 900, dark: bool = False) -> Reader:
+        scheme = "dark" if dark else "light"
+        size = {"width": width, "height": height}
+        pages.append(chromium.new_page(viewport=size, color_scheme=scheme))
+        return Reader(pages[-1], path)
+
+    yield open_page
+    for page in pages:
+        page.close()
+
 
 CONFIG = """
 cases:
@@ -56,9 +115,8 @@ def test_a_scene_has_the_stored_motion(folder: Path) -> None:
         place = int(np.abs(np.array(curve["time"]) - data.time.data[i]).argmin())
         expected = data.omega.data[i] * [1, 0.8, 0.6]
         np.testing.assert_allclose(curve["points"][place], expected, atol=1e-5)
-    marks = [
-        x["name"] for x in scene_of(folder / "space.html")["strokes"] if x.get("kind") == "mark"
-    ]
+    strokes = scene_of(folder / "space.html")["strokes"]
+    marks = [x["name"] for x in strokes if x.get("kind") == "mark"]
     assert marks == ["start", "end", f"crossing at {data.crossing_time.item():.12g}"]
 
 
@@ -192,11 +250,6 @@ def test_the_far_side_of_an_ellipsoid_is_told_by_its_normals(folder: Path) -> No
     np.testing.assert_allclose(along[i] / sizes[1][i, None], expected, atol=1e-4)
 
 
-# The page of all figures: what it shows, that it runs nothing of strangers', and one file to sen
-
-
-pytest_plugins = ("browser",)
-
 PAPER = """
 title: {title}
 references: {title}
@@ -279,9 +332,8 @@ def test_a_page_shows_all_and_links_both_ways(drawn: Path) -> None:
     page = Tags(figures / "index.html")
     ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
     assert len(ids) == len({*ids})
-    assert {"paper", "paper/space", "paper/both", "paper/claims/once", "paper/errata/sign"} <= {
-        *ids
-    }
+    parts = ("", "/space", "/both", "/claims/once", "/errata/sign")
+    assert {f"paper{part}" for part in parts} <= {*ids}
     # Papers first.
     assert ids.index("paper") < ids.index("alpha")
     links = [unquote(attributes["href"]) for attributes in page.of("a")]
@@ -303,9 +355,8 @@ def test_a_page_asks_no_network_and_runs_nothing_that_files_say(drawn: Path) -> 
         assert "<script>alert" not in page.text
         assert "http" not in page.text
         assert not page.of("link")
-    assert {image["loading"] for image in Tags(drawn / "runs/figures/index.html").of("img")} == {
-        "lazy"
-    }
+    images = Tags(drawn / "runs/figures/index.html").of("img")
+    assert {image["loading"] for image in images} == {"lazy"}
 
 
 def test_one_file_can_be_sent_alone(drawn: Path) -> None:
@@ -329,9 +380,6 @@ def test_a_page_leaves_out_what_it_cannot_read(drawn: Path, tmp_path: Path) -> N
     page = Tags(out / "index.html")
     assert {"paper", "alpha"} <= {a["id"] for _, a in page.tags if "id" in a}
     assert "gone" not in page.text
-
-
-# In a browser
 
 
 @pytest.mark.parametrize(("width", "dark"), [(1300, False), (390, True)])
@@ -377,67 +425,3 @@ def test_what_does_not_turn_is_not_said_to(drawn: Path) -> None:
     assert re.findall(r'paper/([a-z-]+)\.html">(\w+)<', text) == [
         ("space", "turn"), ("space-wide", "turn"), ("both", "HTML"),
     ]  # fmt: skip
-
-
-# A headless Chromium of the system's, for pages as a reader sees and handles them.
-
-
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-)
-
-# WebGL is drawn by the processor: machines that test have no other.
-OPTIONS = ["--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader"]
-
-PATIENCE = 120_000
-"""Milliseconds for an answer beside other work."""
-
-
-@pytest.fixture(scope="session")
-def chromium() -> Iterator[Browser]:
-    """The browser; a test without it is skipped, which the last lines of a run say."""
-    if CHROMIUM is None:
-        pytest.skip("needs Chromium (Debian: apt-get install chromium)")
-    with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
-        yield browser
-        browser.close()
-
-
-class Reader:
-    """A page that is open, with the addresses that it has asked for and its errors."""
-
-    def __init__(self, page: Page, path: Path) -> None:
-        self.page, self.requests, self.errors = page, [], []
-        page.set_default_timeout(PATIENCE)
-        page.on("request", lambda request: self.requests.append(request.url))
-        page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.goto(path.resolve().as_uri())
-
-    def drag(self, start: tuple[int, int], end: tuple[int, int]) -> None:
-        """Press the mouse at one point, move it to another, and let go."""
-        self.page.mouse.move(*start)
-        self.page.mouse.down()
-        self.page.mouse.move(*end, steps=8)
-        self.page.mouse.up()
-
-    def is_clean(self) -> bool:
-        """Whether no error came, and nothing from elsewhere was asked for."""
-        own = all(url.startswith(("file:", "data:", "blob:")) for url in self.requests)
-        return own and not self.errors
-
-
-@pytest.fixture
-def reader(chromium: Browser) -> Iterator[type]:
-    """`open_page(path, width, height, dark)`: a window on a file."""
-    pages = []
-
-    def open_page(path: Path, width: int = 1400, height: int = 900, dark: bool = False) -> Reader:
-        scheme = "dark" if dark else "light"
-        size = {"width": width, "height": height}
-        pages.append(chromium.new_page(viewport=size, color_scheme=scheme))
-        return Reader(pages[-1], path)
-
-    yield open_page
-    for page in pages:
-        page.close()
