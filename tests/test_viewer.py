@@ -53,7 +53,7 @@ class Reader:
     def drag(self, start: tuple[int, int], end: tuple[int, int]) -> None:
         self.page.mouse.move(*start)
         self.page.mouse.down()
-        self.page.mouse.move(*end, steps=8)
+        self.page.mouse.move(*end, steps=2)
         self.page.mouse.up()
 
     def is_clean(self) -> bool:
@@ -146,7 +146,7 @@ def picture(page: Any) -> str:
 
 
 def test_a_hodograph_turns_comes_nearer_and_tells_its_values(reader: Any, folder: Path) -> None:
-    opened = reader(folder / "space.html", 400)
+    opened = reader(folder / "space.html", 400, 500)
     page = opened.page
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
     assert not page.locator("b").count()
