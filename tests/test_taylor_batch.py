@@ -130,7 +130,7 @@ def test_a_step_ends_where_heyoka_is(name: str, tol: float) -> None:
     ta.time, ta.state[:] = -rounding, y0
     ta.propagate_until(length - rounding)
     assert out[:m, 0] == pytest.approx(ta.state, rel=4 * tol, abs=4 * tol)
-    # Two numbers hold the time left, and no digit of the step is lost; an ulp of `rounding` is 2^-62.
+    # Two numbers hold the time left, and no digit of the step is lost.
     assert (steps, left) == (8, end - length)
     kept = float(Fraction(end) - Fraction(length) - Fraction(left))
     assert lost - rounding == pytest.approx(kept, rel=0, abs=2.0**-60)
