@@ -22,8 +22,7 @@ CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
 
-# WebGL is drawn by the processor: machines that test have no other.
-OPTIONS = ["--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader"]
+OPTIONS = ["--no-sandbox", "--disable-gpu"]
 
 PATIENCE = 120_000
 """Milliseconds for an answer beside other work."""
