@@ -47,10 +47,8 @@ def rooms_used(path: Path) -> Iterator[str]:
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.level:
             base = package[: len(package) - node.level + 1] + tuple((node.module or "").split("."))
-            names = [
-                (*base, alias.name) if base[-1] else (*base[:-1], alias.name)
-                for alias in node.names
-            ]
+            inner = base if base[-1] else base[:-1]
+            names = [(*inner, alias.name) for alias in node.names]
             yield from (parts[1] for parts in names if len(parts) > 1 and parts[1] in FLOOR)
 
 
@@ -79,14 +77,12 @@ def test_only_the_scan_of_its_folder_knows_a_paper() -> None:
 
 
 def test_every_folder_has_a_floor_and_says_what_it_is() -> None:
-    for folder in (
-        path for path in PACKAGE.iterdir() if path.is_dir() and path.name != "__pycache__"
-    ):
+    for folder in PACKAGE.iterdir():
+        if not folder.is_dir() or folder.name == "__pycache__":
+            continue
         assert folder.name in FLOOR
         assert ast.get_docstring(ast.parse((folder / "__init__.py").read_text(encoding="utf-8")))
-        assert (
-            3 <= len([path for path in folder.glob("*.py") if path.name != "__init__.py"]) <= 9
-        ), folder.name
+        assert 3 <= len({path.name for path in folder.glob("*.py")} - {"__init__.py"}) <= 9
 
 
 def test_every_public_name_belongs_to_one_module() -> None:
