@@ -1,6 +1,7 @@
 """The driver and the engines: accuracy at every scale, true errors, limits that are kept."""
 
 import math
+import re
 from dataclasses import replace
 from importlib import import_module
 from itertools import count
@@ -8,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import BODY, exact_motion
+from conftest import BODY, FIG4, exact_motion
 
 import hodo_cli as hodo
 from hodo_cli import Case, HodoError, engines
@@ -370,3 +371,49 @@ def test_a_span_of_a_few_doubles_has_as_many_samples(method: str) -> None:
     assert 10 < len(motion.time) < 50
     assert (np.diff(motion.time) > 0).all()
     assert (motion.time[0], motion.time[-1]) == (start, end)
+
+
+BODIES: list[dict[str, Any]] = [
+    BODY,
+    FIG4 | {"inertia": [0.6, 1, 0.9]},
+    {"model": "tensor", "inertia": [8, 8, 4],
+     "resistance": {"diagonal": 0.003, "off_diagonal": 0.001}},
+    {"model": "torques", "inertia": [1e-9, 9e-10, 3e-10], "damping": 0.004},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("speed", [0.1, 10.0, 1e3])
+@pytest.mark.parametrize("body", BODIES)
+def test_samples_that_nobody_names_follow_the_motion(body: dict[str, Any], speed: float) -> None:
+    """G turns by less than 15 degrees in the body from one to the next."""
+    start = {"initial": {"p": 0.8 * speed, "q": 0.5 * speed, "r": -0.74 * speed}}
+    time = {"time": {"end": 1000 / max(speed, 10)}, "error": "off"}
+    data = hodo.run({**body, **start, **time}, classify=False)
+    G = data.omega.data * body["inertia"]
+    G /= np.linalg.norm(G, axis=1, keepdims=True)
+    turns = np.arccos(np.clip((G[1:] * G[:-1]).sum(axis=1), -1, 1))
+    assert np.degrees(turns.max()) < 15
+    assert re.search(rf"samples\"?: {data.time.size}, ", data.attrs["case"])
+    assert data.time.size <= 50_001
+
+
+@pytest.mark.parametrize("size", [2.0**-40, 8.0, 2.0**40])
+def test_default_samples_are_as_many_in_all_units_of_mass(size: float) -> None:
+    """Of bodies that turn fastest about their largest or about their smallest moment."""
+
+    def samples(moments: list[float]) -> int:
+        start = {"initial": {"p": 8, "q": 5, "r": 7.4}, "time": {"end": 200}, "damping": 0.01}
+        return Case.of(BODY | {"inertia": moments} | start).time.samples
+
+    for moments in ([1, 0.8, 0.6], [1, 0.95, 0.3], [1, 0.55, 0.5]):
+        assert samples([size * A for A in moments]) == samples(moments) > 1001
+
+
+def test_default_samples_follow_a_body_in_space() -> None:
+    """Where its herpolhode fills a figure, a corner of 12 degrees is seen."""
+    start = {"initial": {"p": 0.6, "q": 0.5, "r": 0.9}, "time": {"end": 200}}
+    case = BODY | {"inertia": [12.4, 9.1, 5.3]} | start
+    motion = hodo.run(case | {"attitude": "yes"})
+    speed = np.linalg.norm(motion.omega, axis=-1).max()
+    assert np.degrees(speed * np.diff(motion.time).max()) < 6
+    assert Case.of(case).time.samples < motion.sizes["time"]

@@ -24,13 +24,9 @@ CHROMIUM = next(
 
 OPTIONS = ["--no-sandbox", "--disable-gpu"]
 
-PATIENCE = 120_000
-"""Milliseconds for an answer beside other work."""
-
 
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[Browser]:
-    """The browser; a test without it is skipped, which the last lines of a run say."""
     if CHROMIUM is None:
         pytest.skip("needs Chromium (Debian: apt-get install chromium)")
     with sync_playwright() as driver:
@@ -44,16 +40,10 @@ class Reader:
 
     def __init__(self, page: Page, path: Path) -> None:
         self.page, self.requests, self.errors = page, [], []
-        page.set_default_timeout(PATIENCE)
+        page.set_default_timeout(120_000)  # beside other work
         page.on("request", lambda request: self.requests.append(request.url))
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.goto(path.resolve().as_uri())
-
-    def drag(self, start: tuple[int, int], end: tuple[int, int]) -> None:
-        self.page.mouse.move(*start)
-        self.page.mouse.down()
-        self.page.mouse.move(*end, steps=2)
-        self.page.mouse.up()
 
     def is_clean(self) -> bool:
         """Whether no error came, and nothing from elsewhere was asked for."""
@@ -152,7 +142,10 @@ def test_a_hodograph_turns_comes_nearer_and_tells_its_values(reader: Any, folder
     first = picture(page)
     box = page.locator("canvas").bounding_box()
     x, y = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    opened.drag((x, y), (x + 60, y + 30))
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 60, y + 30, steps=2)
+    page.mouse.up()
     turned = picture(page)
     page.mouse.wheel(0, -200)
     page.wait_for_function("zoom > 1.4")
