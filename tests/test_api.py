@@ -95,8 +95,8 @@ def test_a_case_added_to_a_result_comes_last_and_takes_nothing_away(tmp_path, ho
     (tmp_path / "a.yaml").write_text(text)
     assert hodo("run", "a.yaml").returncode == 0
     assert hodo("merge", "a.yaml", "--out", "runs/b.h5").returncode == 0
-    api.run(FIG4, name="Z", to=tmp_path / "runs" / "b.h5")
-    api.run(FIG4, name="B", to=tmp_path / "runs" / "b.h5")
+    for name in "ZB":
+        api.run(FIG4, name=name, to=tmp_path / "runs" / "b.h5")
     assert list(api.open(tmp_path / "runs" / "b.h5")) == ["a", "Z", "B"]
     done = hodo("plot", "runs/b.h5", "path", "--format", "svg")
     assert done.stdout == f"{Path('runs/figures/b/path.svg')}\n"
@@ -172,9 +172,8 @@ def test_numbers_of_numpy_and_of_all_precisions_are_numbers() -> None:
 
 
 def test_what_is_below_the_smallest_double_is_0_whatever_the_user_has_set() -> None:
-    case = FIG4 | {"damping": [0.5, 0.4, 0.3], "time": {"end": 3000, "samples": 301}}
-    case |= {"error": "off"}
-    usual = api.run(case)
+    keys = {"damping": [0.5, 0.4, 0.3], "time": {"end": 3000, "samples": 301}, "error": "off"}
+    usual = api.run(case := FIG4 | keys)
     with np.errstate(under="raise"):
         motion = api.run(case)
         swept = api.sweep(case | {"sweep": {"damping.0": {"values": [0.5, 0.6]}}})

@@ -1,4 +1,4 @@
-"""Statements about motions that stop, and about bodies whose enclosed axis is undetermined."""
+"""Statements about motions that stop, and about bodies without an enclosed axis."""
 
 from collections.abc import Callable
 from pathlib import Path

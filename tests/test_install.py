@@ -129,7 +129,6 @@ def test_bash_completes_as_documented(hodo: Hodo, tmp_path: Path) -> None:
 
 
 FIGURES = """
-title: what make figures does
 cases:
   turning: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 0.003],
             initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 5}}
@@ -141,22 +140,25 @@ claims:
 """
 
 
+def figures(folder: Path, text: str) -> subprocess.CompletedProcess[str]:
+    """What `make figures` does with a config."""
+    (folder / "all.yaml").write_text(text, encoding="utf-8")
+    tool = [sys.executable, ROOT / "tools" / "figures.py", "all.yaml"]
+    return subprocess.run(tool, cwd=folder, capture_output=True, text=True)
+
+
 def test_one_process_makes_all_that_there_is_of_a_config(hodo: Hodo, tmp_path: Path) -> None:
-    config, tool = tmp_path / "all.yaml", [sys.executable, ROOT / "tools" / "figures.py"]
-
-    def figures() -> subprocess.CompletedProcess[str]:
-        return subprocess.run([*tool, config], cwd=tmp_path, capture_output=True, text=True)
-
-    config.write_text(FIGURES, encoding="utf-8")
-    assert (done := figures()).returncode == 0, done.stderr
+    assert (done := figures(tmp_path, FIGURES)).returncode == 0, done.stderr
     made = [tmp_path / "runs" / "all.h5", *(tmp_path / "runs" / "figures").glob("all/*.png")]
     times = [file.stat().st_mtime_ns for file in made]
     assert len(made) == 2
     # A claim with another verdict than expected keeps no figure from being drawn.
     assert hodo("claims", "runs/all.h5").returncode == 3
-    assert figures().returncode == 0
+    assert figures(tmp_path, FIGURES).returncode == 0
     assert [file.stat().st_mtime_ns for file in made] == times
-    # A case that fails keeps the rest from being made, for `make` to say so.
-    config.write_text(FIGURES.replace("{end: 5}", "{end: 500}, max_steps: 1"), encoding="utf-8")
-    assert (done := figures()).returncode == 1
+
+
+def test_a_case_that_fails_keeps_the_rest_from_being_made(tmp_path: Path) -> None:
+    done = figures(tmp_path, FIGURES.replace("{end: 5}", "{end: 500}, max_steps: 1"))
+    assert done.returncode == 1
     assert "figures" not in done.stdout
