@@ -286,7 +286,8 @@ def test_ranges_of_an_angle_may_be_in_degrees() -> None:
 
 
 @pytest.mark.heyoka
-def test_processes_do_not_run_the_script_that_starts_them(tmp_path: Path) -> None:
+@pytest.mark.parametrize("given", ["script.py", "-"])
+def test_processes_do_not_run_the_script_that_starts_them(tmp_path: Path, given: str) -> None:
     script = f"""
 import hodo_cli as hodo
 print("once", flush=True)
@@ -295,10 +296,9 @@ made = hodo.sweep({{**{FIG4}, "error": "off", "sweep": ranges}}, jobs=2)
 print(made.crossings.values.tolist(), flush=True)
 """
     (tmp_path / "script.py").write_text(script)
-    for given, text in ((tmp_path / "script.py", None), ("-", script)):
-        streams = {"input": text, "capture_output": True, "text": True}
-        done = subprocess.run([sys.executable, given], cwd=tmp_path, **streams)
-        assert done.stdout == "once\n[1, 0]\n", done.stderr
+    streams = {"input": script, "capture_output": True, "text": True}
+    done = subprocess.run([sys.executable, given], cwd=tmp_path, **streams)
+    assert done.stdout == "once\n[1, 0]\n", done.stderr
 
 
 @pytest.mark.parametrize("method", ["auto", "DOP853"])
