@@ -162,9 +162,8 @@ def test_the_heavy_body_of_the_documents_keeps_its_integrals(hodo: Hodo, tmp_pat
     (tmp_path / "heavy.py").write_text(HEAVY, encoding="utf-8")
     body = config.removeprefix("cases:\n")
     tilts = "    sweep: {attitude.euler.1: {values: [0.3, 1.0471975511965976]}}\n"
-    # The step of so many equations takes 6 s to compile.
-    alone = body.replace("end: 50", "end: 5, samples: 3")
-    alone += "    error: off\n    method: collocation\n"
+    alone = body.replace("end: 50", "end: 5, samples: 3") + "    error: off\n"
+    alone += "    method: collocation\n"  # a step for its members takes 6 s to compile
     swept = alone.replace("kovalevskaya", "swept") + tilts
     ball = "    store: [trajectory]\n    sweep: {d: {sphere: {count: 5, seed: 1}}}\n"
     swept += alone.replace("kovalevskaya", "random") + ball
@@ -295,10 +294,7 @@ def test_a_bad_file_is_one_line(hodo: Hodo, folder: Path, text: str | None, said
     assert done.stderr.count("\n") == 1
 
 
-BEFORE = "    @cached_property"
-"""Where the example goes on after its rhs."""
-
-
+BEFORE = "    @cached_property"  # where the example goes on after its rhs
 EQUATION_MISTAKES = [
     ("k.c * w * q", "kk.c * w * q", ":28: NameError: name 'kk' is not defined"),
     ("k.c * w * q", "k.d * w * q", ":28: AttributeError: 'types.SimpleNamespace' object has"),
