@@ -22,6 +22,14 @@ from hypothesis import settings
 
 ROOT = Path(__file__).parents[1]
 
+BODY = {
+    "model": "linear-diag",
+    "inertia": [1, 0.8, 0.6],
+    "initial": {"p": 0.8, "q": 0.5, "r": 0.74},
+}
+FIG4 = BODY | {"damping": [0.005, 0.004, 0.003], "time": {"end": 1000, "samples": 101}}
+"""The body of paper 1, and the case of its Fig 4: it crosses the separatrix at t = 305.36."""
+
 # Other work on the machine must not fail a test, nor two runs of the suite differ;
 # `pytest --hypothesis-profile explore` looks further.
 settings.register_profile("repeatable", deadline=None, derandomize=True)
@@ -33,8 +41,7 @@ CACHE = ROOT / "build" / "cache"
 
 
 def keep_compiled_code_here() -> None:
-    """Let hodo keep the code that it compiles for tests in the clone, where the next run of the
-    suite finds it, and not among the user's own; other caches stay where the user has them."""
+    """Let hodo keep what it compiles for tests in the clone; other caches stay the user's."""
     theirs = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     with contextlib.suppress(OSError):
         (CACHE / "hodo").mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -68,9 +75,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture
 def quick_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Steps of sweeps compiled without optimisation, in a third of the time: for equations that one
-    test alone has. They round otherwise; `test_taylor_batch.py` tries every form, and whatever
-    promises bits, with the code that users run."""
+    """Steps of sweeps compiled without optimisation, in a third of the time; they round otherwise:
+    `test_taylor_batch.py` tries the code that users run."""
     from hodo_cli import engines  # late, as above
 
     if engines.have_taylor():
@@ -91,8 +97,7 @@ Hodo = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def run_hodo(folder: Path, *arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:
-    """Run `hodo ARGUMENTS` as a process in a folder; keyword arguments are those of
-    subprocess.run."""
+    """Run `hodo ARGUMENTS` as a process in a folder, with options of subprocess.run."""
     script = Path(sysconfig.get_path("scripts")) / "hodo"
     command = [str(script), *map(str, arguments)]
     return subprocess.run(
@@ -102,15 +107,13 @@ def run_hodo(folder: Path, *arguments: object, **options: Any) -> subprocess.Com
 
 @pytest.fixture
 def hodo(request: pytest.FixtureRequest, tmp_path: Path) -> Hodo:
-    """`hodo` in `tmp_path`: in this process, whose libraries are loaded already, or in one of its
-    own where that is a part of what is tested (mark `process`)."""
+    """`hodo` in `tmp_path`: in this process, or, with the mark `process`, in one of its own."""
     is_apart = request.node.get_closest_marker("process")
     return partial(run_hodo if is_apart else call, tmp_path)
 
 
 def call(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
-    """Run `hodo ARGUMENTS` in this process, in a folder: for tests of what a command says and does,
-    where the process itself is not tested."""
+    """Run `hodo ARGUMENTS` in this process, in a folder."""
     from hodo_cli.cli import main  # late, as above
 
     with contextlib.chdir(folder):
@@ -127,9 +130,7 @@ def call_apart(
     preexec_fn: Callable[[], object] = lambda: None,
     **options: Any,
 ) -> subprocess.CompletedProcess[str]:
-    """`call` in a copy of this process, in which only the other libraries are loaded, and which
-    ends with what the command changes: the models that it adds, its limits. Other options of
-    subprocess.run take `run_hodo`."""
+    """`call` in a copy of this process, with which the models that it adds and its limits end."""
     if options:
         return run_hodo(folder, *arguments, cwd=cwd or folder, preexec_fn=preexec_fn, **options)
     with tempfile.TemporaryDirectory() as place:
@@ -141,8 +142,7 @@ def call_apart(
 
 
 def counted(function: Callable[..., Any], *arguments: object) -> tuple[Any, int]:
-    """What a function returns, and how many functions, of Python and of C, are called meanwhile:
-    its work, which every machine counts alike, however fast it is."""
+    """What a function returns, and how many functions are called meanwhile: its work."""
     calls = 0
 
     def count(_frame: object, event: str, _argument: object) -> None:
@@ -174,7 +174,7 @@ def process_state(pid: int) -> str:
 
 
 def limit(kind: int, most: int) -> None:
-    """Set a limit of this process, such as resource.RLIMIT_FSIZE, which it may lift again."""
+    """Set a limit of this process, which it may lift again."""
     resource.setrlimit(kind, (most, resource.getrlimit(kind)[1]))
 
 

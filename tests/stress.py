@@ -1,7 +1,6 @@
 """Try each class of faults many times: nothing finished is lost, nothing is silently wrong.
 
-`python tests/stress.py [TRIES [CLASS...]]` tries each class so often (default 150), or those named,
-and prints a table of what it counted. Exit status 1 where something was lost.
+`python tests/stress.py [TRIES [CLASS...]]` tries each class so often (default 150), or those named.
 """
 
 import subprocess
@@ -24,8 +23,7 @@ CLASSES: dict[Callable[[Path, int], Counter[str]], int] = {
     faults.lose_power: 1,
     faults.edit_code: 1,
 }
-"""The classes of faults, and the trials of each for one that is asked for: a class of short trials
-has more of them, and `fail_calls` counts calls."""
+"""The classes of faults, and the trials of each for one that is asked for."""
 
 
 def row(name: str, tries: int) -> tuple[bool, str]:

@@ -3,6 +3,7 @@
 import math
 import operator
 from collections.abc import Callable
+from operator import add, mul, sub, truediv
 from typing import Any
 
 import numpy as np
@@ -18,15 +19,7 @@ NUMBERS = st.lists(st.floats(0.1, 1e3), min_size=9, max_size=9)
 @given(x=NUMBERS, y=NUMBERS)
 @pytest.mark.parametrize(
     "function",
-    [
-        operator.add,
-        operator.sub,
-        operator.mul,
-        operator.truediv,
-        operator.pow,
-        arithmetic.hypot,
-        arithmetic.power,
-    ],
+    [add, sub, mul, truediv, operator.pow, arithmetic.hypot, arithmetic.power],
 )
 def test_columns_have_the_digits_of_numbers(function, x, y):
     x[0], y[0] = 0.3, 2.5  # so that no power is too large
@@ -41,11 +34,8 @@ def test_columns_have_the_digits_of_numbers(function, x, y):
 @given(x=NUMBERS)
 def test_functions_of_columns_are_those_of_numbers(x: list[float]) -> None:
     a = arithmetic.Column(np.array(x))
-    for of, same in (
-        (arithmetic.sqrt, math.sqrt),
-        (arithmetic.sin, math.sin),
-        (arithmetic.cos, math.cos),
-    ):
+    for name in ("sqrt", "sin", "cos"):
+        of, same = getattr(arithmetic, name), getattr(math, name)
         assert of(a).values.tolist() == list(map(same, x))
         assert of(x[0]) == same(x[0])
     assert (-a).values.tolist() == [-each for each in x]
@@ -94,12 +84,7 @@ def test_a_column_parts_from_what_is_not_finite(way: Callable[[Any], Any]) -> No
         lambda x: [1] * x,
         lambda x: x + "1",
         lambda x: x < None,
-        float,
-        math.sin,
-        np.sin,
-        hash,
-        len,
-        list,
+        *(float, math.sin, np.sin, hash, len, list),
         lambda x: f"{x:g}",
         lambda x: np.isfinite(np.array([x, 1.0])),
         lambda x: np.linalg.norm([x, 1.0]),

@@ -1,5 +1,4 @@
-"""Bodies averaged over the turns of their hodograph, to first order: against integrals in 30
-digits, against the full motions, in all orders of the axes, and what is refused."""
+"""Bodies averaged over the turns of their hodograph, to first order."""
 
 import json
 import math
@@ -9,18 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Hodo
+from conftest import FIG4, Hodo
 
 import hodo_cli
 
 ROUNDING = 2e-14
-"""The error that a quadrature in doubles may have: its time has been added up from some 100 parts,
-and the logarithms from as many, each right to an ulp of the sum."""
+"""The error that a quadrature in doubles may have: it adds some 100 parts."""
 
-FIG4 = {
-    "model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [0.005, 0.004, 0.003],
-    "initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 1000},
-}  # fmt: skip
 FLUID = {
     "model": "cavity+constant", "inertia": [1, 0.8, 0.6], "kappa": 0.01,
     "initial": {"p": 0.5, "q": 0.25, "r": 1.4}, "time": {"end": 200},
@@ -67,8 +61,7 @@ MOTIONS = [
      (1.0249777302270173, 0.5846075226534756, 0.8985338938959018, 0.969139269841776)),
 ]  # fmt: skip
 """Moments of inertia, omega and damping in thousandths, 0 for a fluid; the axis, a time, and the
-momentum, kinetic energy, J and k2 then, by Legendre's integrals E and K in 30 digits: about both
-axes, nearly symmetric, and about the middle axis."""
+momentum, kinetic energy, J and k2 then, by Legendre's integrals E and K in 30 digits."""
 
 
 @pytest.mark.parametrize(("A", "w", "lam", "axis", "end", "expected"), MOTIONS)
@@ -99,9 +92,8 @@ def test_motions_are_those_of_an_integral_in_30_digits(A, w, lam, axis, end, exp
 )
 def test_the_separatrix_is_crossed_at_the_time_of_an_integral_in_30_digits(body, changes, time):
     found = averaged(body, **changes)
-    assert found.crossing_time.values == pytest.approx(
-        [time], rel=1e-14 if body is FLUID else 1e-15
-    )
+    bound = 1e-14 if body is FLUID else 1e-15
+    assert found.crossing_time.values == pytest.approx([time], rel=bound)
     assert 0 < found.crossing_error.values[0] < ROUNDING * time
     # Fig 4 behind its crossing.
     if not changes and body is FIG4:
@@ -151,19 +143,16 @@ def test_the_order_of_the_axes_changes_no_bit(body: Any) -> None:
         found = averaged(body, **changes, **({"damping": damping} if body is FIG4 else {}))
         for name in ("kinetic_energy", "momentum", "J", "k2", "crossing_time", "crossing_G"):
             assert np.array_equal(found[name], base[name]), (order, name)
-        assert [
-            order[i - 1] + 1 for i in base.enclosed_axis.values
-        ] == found.enclosed_axis.values.tolist()
+        axes = [order[i - 1] + 1 for i in base.enclosed_axis.values]
+        assert axes == found.enclosed_axis.values.tolist()
     assert known.attrs["status"] == "ok"
 
 
 def test_the_full_motion_is_that_of_averaging_to_first_order() -> None:
     apart = []
     for e in (0.1, 0.01):
-        changes = {
-            "damping": [e * x for x in (0.005, 0.004, 0.003)],
-            "time": {"end": 250 / e, "samples": 501},
-        }
+        changes = {"damping": [e * x for x in FIG4["damping"]]}
+        changes["time"] = {"end": 250 / e, "samples": 501}
         full, mean = hodo_cli.run({**FIG4, **changes}), averaged(FIG4, **changes)
         apart.append(float(np.abs(hodo_cli.derive(full, "J")["J"] - mean.J).max()))
     assert apart[1] == pytest.approx(apart[0] / 10, rel=0.3)
@@ -197,9 +186,8 @@ def test_large_resistance_is_said() -> None:
 def test_members_of_a_sweep_are_single_motions() -> None:
     axes = {"damping.2": {"values": [0.003, 0.006]}, "d": {"sphere": {"count": 6, "seed": 1}}}
     body = {**FIG4, "form": "averaged", "initial": {"p": 0, "q": 0, "G": 1}, "sweep": axes}
-    found = hodo_cli.sweep(
-        {**body, "store": ["momentum", "k2", "crossing_time", "end_axis", "share"]}
-    )
+    store = ["momentum", "k2", "crossing_time", "end_axis", "share"]
+    found = hodo_cli.sweep({**body, "store": store})
     assert found.attrs["method"] == "quadrature"
     assert found.crossing_time.attrs["long_name"].endswith("averaged to first order")
     assert np.isfinite(found.crossing_time).any()

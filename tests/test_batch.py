@@ -1,21 +1,26 @@
-"""Batches: several processes, failing cases, dying workers, what is said meanwhile, kills, and what
-a rerun keeps."""
+"""Batches: several processes, failing cases, dying workers, and what is said meanwhile."""
 
 import itertools
+import json
 import os
 import pty
+import select
 import subprocess
 import sys
+import termios
+import time
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from conftest import Hodo, call, process_state, wait_until
+from conftest import BODY, FIG4, Hodo, call, process_state, wait_until
 from tasks import stay, tell, troubled
 
-from hodo_cli import Case, HodoError
+import hodo_cli
+from hodo_cli import Case, HodoError, progress
 from hodo_cli.batch import Pool
 from hodo_cli.commands import run as run_command
 from hodo_cli.storage import Group
@@ -23,32 +28,23 @@ from hodo_cli.storage import Group
 pytestmark = pytest.mark.process
 
 
-DEFAULTS = (
-    "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 400, samples: 21},"
-    " initial: {p: 0.8, q: 0.5, r: 0.74}}\n"
-)
-CONFIG = (
-    DEFAULTS
-    + """\
+CONFIG = """\
+defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 400, samples: 21},
+           initial: {p: 0.8, q: 0.5, r: 0.74}}
 cases:
   a: {damping: [0.005, 0.004, 0.003]}
   b: {damping: [0.003, 0.004, 0.005]}
   c: {damping: [0.003, 0.003, 0.005]}
   d: {damping: 0.01}
 """
-)
 HUGE = "model: torques, expression: ['1e306*t', 0, 0], method: LSODA"
-FAILING = CONFIG.replace("damping: [0.003, 0.004, 0.005]", HUGE).replace(
-    "c: {", "c: {max_steps: 2, "
+FAILING = CONFIG.replace("c: {", "c: {max_steps: 2, ").replace(
+    "damping: [0.003, 0.004, 0.005]", HUGE
 )
-
-
-# The pool.
 
 
 def test_every_task_comes_back_and_a_dead_worker_costs_its_own(tmp_path: Path) -> None:
-    """Of its task, tried twice beside other tasks, which may have taken its memory, and once
-    alone."""
+    """Of its task, tried twice beside other tasks and once alone."""
     special = ["dies once", "raises", "dies", "is odd"]
     with Pool(2) as workers:
         given = [(tmp_path, what) for what in [*range(10), *special, *range(10, 20)]]
@@ -88,9 +84,6 @@ def test_what_still_runs_is_given_up_at_the_end(tmp_path: Path) -> None:
         process = int(file.name.removeprefix("process "))
         wait_until(lambda process=process: process_state(process) in ("", "Z"))
     assert [file.name for file in tmp_path.glob("after *")] == ["after 0"]
-
-
-# Runs.
 
 
 ENDED_EARLY = """\
@@ -136,10 +129,8 @@ def everything(path: Path) -> dict[str, object]:
 
     def look(name: str, item: h5py.HLObject) -> None:
         # `listed` repeats short attributes, the run time among them.
-        varying = ("run_time", "listed", "stamp", "history", "DIMENSION_LIST", "REFERENCE_LIST")
-        found.update(
-            {f"{name}.{key}": str(value) for key, value in item.attrs.items() if key not in varying}
-        )
+        varying = {"run_time", "listed", "stamp", "history", "DIMENSION_LIST", "REFERENCE_LIST"}
+        found.update({f"{name}.{key}": str(item.attrs[key]) for key in {*item.attrs} - varying})
         if isinstance(item, h5py.Dataset):
             found[name] = item[()].tolist(), item.dtype.str
 
@@ -162,10 +153,8 @@ def test_processes_give_what_one_gives(config: Path) -> None:
 
 def test_the_digits_do_not_depend_on_the_number_of_threads(config: Path, hodo: Hodo) -> None:
     """Of several processors; on one there is nothing to see."""
-    config.write_text(
-        "cases: {a: {model: torques, damping: 0.01, attitude: yes, method: collocation,"
-        " inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 20}}}"
-    )
+    keys = {"model": "torques", "damping": 0.01, "attitude": "yes", "method": "collocation"}
+    config.write_text(json.dumps({"cases": {"a": BODY | keys | {"time": {"end": 20}}}}))
     unset = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
     for out, threads in (("any", {}), ("one", {"OPENBLAS_NUM_THREADS": "1"})):
         done = hodo("run", config, "--out", out, env={**unset, **threads})
@@ -188,15 +177,11 @@ def test_failures_are_said_at_once_and_at_the_end(config: Path) -> None:
     methods = call(config.parent, "show", "--methods", config.with_suffix(".h5")).stdout
     assert "Left out, since they did not end well: b, c." in " ".join(methods.split())
     again = run(config, "-v")
-    assert [line for line in again.stderr.splitlines()[:4] if "kept" not in line] == [
-        "b: will run: its status is failed",
-        "c: will run: its status is timeout",
-    ]
-    assert [line[:8] for line in run(config).stderr.splitlines()] == [
-        "[1/2] b:",
-        "[2/2] c:",
-        "2 of 4 c",
-    ]
+    planned = [line for line in again.stderr.splitlines()[:4] if "kept" not in line]
+    expected = {"b": "failed", "c": "timeout"}.items()
+    assert planned == [f"{name}: will run: its status is {status}" for name, status in expected]
+    said = [line[:8] for line in run(config).stderr.splitlines()]
+    assert said == ["[1/2] b:", "[2/2] c:", "2 of 4 c"]
 
 
 def test_a_bug_in_one_case_is_that_case_s_own(config, monkeypatch):
@@ -261,9 +246,6 @@ def read(terminal: int) -> bytes:
         return b""
 
 
-# Memory.
-
-
 @pytest.mark.parametrize(("jobs", "share"), [("1", ""), ("2", " for each of 2 processes")])
 def test_what_does_not_fit_into_memory_is_refused_with_the_figure(config, jobs, share):
     done = run(config, "--set", "c.time.samples=1000000000", "-j", jobs)
@@ -273,3 +255,120 @@ def test_what_does_not_fit_into_memory_is_refused_with_the_figure(config, jobs, 
     assert message.startswith("1,000,000,000 samples would take about 450 GB of memory, and there")
     assert done.stderr.endswith(share + "\n")
     assert os.listdir(config.parent) == ["four.yaml"]
+
+
+# What is said of the work while it goes on.
+
+
+class Terminal:
+    """A terminal that stands for stderr, and what has come to it."""
+
+    def __init__(self) -> None:
+        self.ours, theirs = pty.openpty()
+        termios.tcsetwinsize(theirs, (24, 80))
+        self.file = os.fdopen(theirs, "w")
+        self.text = ""
+
+    def wait_for(self, words: str) -> None:
+        """Read until these words have come."""
+        end = time.monotonic() + 60
+        while words not in self.text:
+            assert time.monotonic() < end, self.text
+            assert select.select([self.ours], [], [], 60)[0], self.text
+            self.text += os.read(self.ours, 4096).decode()
+
+
+def shown_on_terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
+    """The terminal of this process, with what a bar shows shown at once."""
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal.file)
+    monkeypatch.setattr(progress, "SECONDS_HIDDEN", 0.0)
+    monkeypatch.setattr(progress, "TICK_SECONDS", 0.01)
+    return terminal
+
+
+def test_a_terminal_shows_what_runs_and_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = shown_on_terminal(monkeypatch)
+    monkeypatch.setattr(warnings, "showwarning", lambda said, *_: print(said, file=terminal.file))
+    with progress.Progress(4) as shown:
+        shown.report("fig4", 0.75)
+        terminal.wait_for("| 19 %, ")
+        terminal.wait_for("fig4 75 %")
+        shown.done("fig4")
+        terminal.wait_for("1/4")
+        shown.say("a line of its own")
+        terminal.wait_for("\ra line of its own")
+        warnings.warn("mind this", stacklevel=1)
+        terminal.wait_for("\rmind this")
+        shown.done("fig5", "it failed")
+        terminal.wait_for("\r[2/4] fig5: \x1b[31mit failed")
+        terminal.wait_for("2/4 |")
+    print("end", file=terminal.file, flush=True)
+    terminal.wait_for("end")
+    *_, cleared, end = terminal.text.split("\r")[:-1]
+    assert (cleared.strip(" "), end) == ("", "end")
+
+
+def test_a_terminal_of_unknown_width_shows_it_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = shown_on_terminal(monkeypatch)
+    termios.tcsetwinsize(terminal.file.fileno(), (0, 0))
+    with progress.Progress(4) as shown:
+        assert list(shown.starting(["fig4", "fig5"])) == ["fig4", "fig5"]
+        terminal.wait_for("fig4, fig5")
+
+
+class Heard(progress.Progress):
+    """Notes what is reported."""
+
+    def __init__(self, total: int) -> None:
+        super().__init__(total, quiet=True)
+        self.heard: list[tuple[str, float]] = []
+
+    def report(self, name: str, share: float) -> None:
+        self.heard.append((name, share))
+
+
+def test_each_item_is_a_task_of_its_own() -> None:
+    shown = Heard(2)
+    for item in shown.through(["a", "b"], str.upper):
+        assert item.islower()
+        assert shown.heard[-1] == (item.upper(), 0.0)
+    assert shown.heard == [("A", 0.0), ("B", 0.0)]
+
+
+def test_a_sweep_says_how_far_it_is_chunk_by_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = Heard(1)
+    monkeypatch.setattr(progress.Progress, "report", lambda _, *said: shown.report(*said))
+    case = FIG4 | {"initial": {"p": 0, "q": 0, "G": 1}, "time": {"end": 10, "samples": 2}}
+    case["sweep"] = {"from": {"sphere": {"count": 600}}}
+    hodo_cli.sweep(case | {"error": "off"}, name="ball")
+    assert shown.heard == [("ball", i / 3) for i in range(4)]
+    shown.heard.clear()
+    hodo_cli.sweep(case, name="ball")
+    shares = [share for _, share in shown.heard]
+    assert len(shares) > 4  # measuring errors has tasks of its own
+    assert shares == sorted(shares)
+    assert (shares[0], shares[-1]) == (0.0, 1.0)
+
+
+def test_pipes_stay_clean(hodo: Hodo, tmp_path: Path) -> None:
+    assert call(tmp_path, "init", "a").returncode == 0
+    done = hodo("run", "a.yaml")
+    assert (done.stderr, len(done.stdout.splitlines())) == ("", 3)
+    why, *_, end = call(tmp_path, "run", "a.yaml", "--force", "-v").stderr.splitlines()
+    assert why.endswith("will run: --force")
+    assert end.endswith(": ok")
+    assert not call(tmp_path, "classify", "runs/a.h5").stderr
+    assert not hodo("plot", "runs/a.h5").stderr
+
+
+def test_a_log_that_takes_nothing_stops_nothing(hodo: Hodo, tmp_path: Path) -> None:
+    assert call(tmp_path, "init", "a").returncode == 0
+    broken = ("--set", "staying.method=taylor", "--set", "staying.max_steps=1", "--out", ".")
+    with open("/dev/full", "w") as full:
+        streams = {"capture_output": False, "stdout": subprocess.PIPE, "stderr": full}
+        done = hodo("run", "-v", "a.yaml", *broken, **streams)
+        assert (done.returncode, len(done.stdout.splitlines())) == (1, 3)
+        (result,) = tmp_path.glob("a,*.h5")
+        done = hodo("classify", result, **streams)
+        assert (done.returncode, len(done.stdout.splitlines())) == (0, 3)

@@ -4,9 +4,11 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from conftest import Hodo
+import pytest
+from conftest import Hodo, call
 
 import hodo_cli
 from hodo_cli.commands import bench
@@ -23,14 +25,11 @@ cases:
 
 
 def test_the_fastest_is_taken_among_those_that_are_right() -> None:
-    tried = tuple(
-        bench.Trial(error=e, run_time=t)
-        for e, t in [(1e-4, 1.0), (1e-8, 3.0), (1e-7, 2.0), (np.nan, 0.1)]
-    )
+    made = [(1e-4, 1.0), (1e-8, 3.0), (1e-7, 2.0), (np.nan, 0.1)]
+    tried = tuple(bench.Trial(error=error, run_time=time) for error, time in made)
     made = bench.table_of_trials(["a"], ["m", "n"], [1e-4, 1e-8], tried)
-    assert bench.table_of_bench(made, as_markdown=True).splitlines()[2:] == [
-        "| a | m 1 s | n 2 s | - | - |"
-    ]
+    rows = bench.table_of_bench(made, as_markdown=True).splitlines()[2:]
+    assert rows == ["| a | m 1 s | n 2 s | - | - |"]
     for method, status, is_failure in (
         ("auto", "SILENT", True),
         ("auto", "accurate", False),
@@ -40,17 +39,22 @@ def test_the_fastest_is_taken_among_those_that_are_right() -> None:
         assert bench.auto_failed(made) == is_failure
 
 
-def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(hodo, tmp_path):
-    (tmp_path / "small.yaml").write_text(CONFIG, encoding="utf-8")
-    done = hodo("bench", "small.yaml")
+@pytest.fixture(scope="module")
+def benched(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
+    """A folder with the trials of a case file, and what the command did."""
+    folder = tmp_path_factory.mktemp("bench")
+    (folder / "small.yaml").write_text(CONFIG, encoding="utf-8")
+    return folder, call(folder, "bench", "small.yaml")
+
+
+def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(benched):
+    folder, done = benched
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[0].split() == [
-        "case",
-        *["3", "digits", "6", "digits", "9", "digits", "12", "digits"],
-    ]
+    head = done.stdout.splitlines()[0]
+    assert " ".join(head.split()) == "case 3 digits 6 digits 9 digits 12 digits"
     # Of case a the motion has no closed form, so that exact is not tried.
     assert done.stderr.startswith("a: 4 accurate (")
-    drawn = (tmp_path / "runs" / "figures" / "small.bench.svg").read_text(encoding="utf-8")
+    drawn = (folder / "runs" / "figures" / "small.bench.svg").read_text(encoding="utf-8")
     for words in ("DOP853", "run time [s]", "largest relative error", "one ulp in the data"):
         assert f">{words}</text>" in drawn
     script = (
@@ -58,14 +62,11 @@ def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(hodo, tmp_pa
         "data = xarray.open_dataset('runs/small.bench.h5', group='bench', engine='netcdf4')\n"
         "print(json.dumps([dict(data.sizes), sorted(data.data_vars)]))"
     )
-    read = subprocess.run(
-        [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    sizes, names = json.loads(read.stdout)
+    read = subprocess.check_output([sys.executable, "-c", script], cwd=folder)
+    sizes, names = json.loads(read)
     assert sizes == {"case": 2, "method": 3, "tol": 2}
     assert {"error", "run_time", "steps", "floor", "status", "method_taken"} <= set(names)
-    result = "runs/small.bench.h5"
-    data = hodo_cli.open(tmp_path / result)["bench"]
+    data = hodo_cli.open(folder / "runs/small.bench.h5")["bench"]
     assert str(data.status.sel({"case": "b", "method": "exact"}).values[0]) == "accurate"
     assert {*data.status.sel({"case": "a", "method": "exact"}).values.tolist()} == {"-"}
     # An error of DOP853 is the true one: it falls with the tolerance, and the data know no more.
@@ -73,14 +74,17 @@ def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(hodo, tmp_pa
     assert 1e-10 < fine < 1e-6 < loose < 1e-2
     # An ulp in the data turns the motion by about its angle of 10 times 1e-16.
     assert 1e-16 < data.floor.sel(case="b").values.max() < 1e-14
+
+
+def test_trials_are_no_cases(benched):
+    result = "runs/small.bench.h5"
     for command in ("show", "classify", "claims", "plot", "compare"):
         more = [result] if command == "compare" else []
-        refused = hodo(command, result, *more)
-        assert refused.stderr.splitlines()[-1] == (
-            f"{result} holds no cases, but trials of methods"
-        )
+        refused = call(benched[0], command, result, *more)
+        said = refused.stderr.splitlines()[-1]
+        assert said == f"{result} holds no cases, but trials of methods"
         assert refused.returncode == 2
-    missing = hodo("bench", "small.yaml", "--case", "zzz")
+    missing = call(benched[0], "bench", "small.yaml", "--case", "zzz")
     assert (missing.returncode, missing.stderr) == (2, "no case matches zzz (valid: a, b)\n")
 
 

@@ -1,19 +1,18 @@
-"""The body with a fluid-filled cavity: its torque, the end of spin, full against averaged, wrong
-and doubtful data."""
+"""The body with a fluid-filled cavity: the end of spin, full against averaged, wrong data."""
 
 import math
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import series
+from conftest import classified
 
 from hodo_cli import Case, HodoError
 from hodo_cli.cases.config import load, parse
 from hodo_cli.engines import have_taylor
-from hodo_cli.integration import classify, integrate
+from hodo_cli.integration import integrate
 
 HERE = Path(__file__).parent
 PAPER2 = load(HERE.parent / "configs" / "paper2.yaml").cases
@@ -28,28 +27,15 @@ def changed(name: str, **changes: Any) -> Case:
 
 KAPPA = 1260 * 0.48 / 1000
 CLOSE = 1e-13 if have_taylor() else 1e-9
-"""What a motion is right to: rounding by Taylor series, some hundred times its tolerance by
-DOP853."""
+"""What a motion is right to, by Taylor series and by collocation."""
 
 
 def case(text: str = "", **given: str) -> Case:
     """A case of a symmetric body with the keys given, in YAML."""
-    keys = {
-        "inertia": "[1.3, 1.3, 1]",
-        "kappa": "0.6",
-        "initial": "{x: 1, y: 1}",
-        "time": "{end: 10}",
-    } | given
+    keys = {"inertia": "[1.3, 1.3, 1]", "kappa": "0.6", "initial": "{x: 1, y: 1}"}
+    keys |= {"time": "{end: 10}"} | given
     lines = "".join(f"    {key}: {value}\n" for key, value in keys.items() if value)
     return parse(f"cases:\n  c:\n    model: cavity+constant\n{lines}", "test").cases["c"]
-
-
-def constants(case: Case) -> SimpleNamespace:
-    return SimpleNamespace(**case.system.constants)
-
-
-def value(polynomial: series.Polynomial, y: np.ndarray) -> float:
-    return sum(float(k) * math.prod(y[i] for i in monomial) for monomial, k in polynomial.items())
 
 
 @pytest.mark.parametrize("figure", ["fig1", "fig4"])
@@ -67,15 +53,11 @@ def test_with_M1_and_M2_full_and_averaged_differ_in_proportion_to_epsilon() -> N
     distances = []
     small = [0.02, 0.005]
     for epsilon in small:
-        # Both torques are of the order of epsilon, the horizon of 1/epsilon, well before the end of
-        # spin.
-        given = {
-            "epsilon": str(epsilon),
-            "kappa": str(epsilon),
-            "time": f"{{end: {1 / epsilon}, samples: 1001}}",
-        }
-        omega = integrate(case(torque="[0.1, 0.3, -0.1]", **given)).variables["omega"]
-        slow = integrate(case(torque="[0.1, 0.3, -0.1]", form="averaged", **given)).variables
+        # Well before the end of spin.
+        given = {"epsilon": str(epsilon), "kappa": str(epsilon), "torque": "[0.1, 0.3, -0.1]"}
+        given["time"] = f"{{end: {1 / epsilon}, samples: 1001}}"
+        omega = integrate(case(**given)).variables["omega"]
+        slow = integrate(case(form="averaged", **given)).variables
         x, y = np.square(omega[:, :2]).sum(axis=1), np.square(omega[:, 2])
         distances.append(max(np.abs(x - slow["x"]).max(), np.abs(y - slow["y"]).max()))
     order = np.polyfit(np.log(small), np.log(distances), 1)[0]
@@ -99,12 +81,10 @@ def test_the_motion_may_go_on_through_the_end_of_spin(name: str) -> None:
 
 def test_a_triaxial_body_turns_to_its_axis_of_largest_inertia() -> None:
     given = PAPER2["internal-triaxial"]
-    motion = integrate(given)
-    found = classify(given, motion.method, motion.tol, motion.error, motion.variables["omega"])
+    _, found = classified(given)
     A, start = given.data["inertia"], given.system.start
-    (expected,) = series.crossings(
-        A, series.cavity(A, KAPPA, (0, 0, 0)), start, given.time.end, bits=128
-    )
+    system = series.cavity(A, KAPPA, (0, 0, 0))
+    (expected,) = series.crossings(A, system, start, given.time.end, bits=128)
     (crossing,) = found.crossings
     assert (crossing.start, crossing.end) == (expected.before, expected.after) == (3, 1)
     assert crossing.time == pytest.approx(float(expected.time), rel=30 * CLOSE)
@@ -112,9 +92,7 @@ def test_a_triaxial_body_turns_to_its_axis_of_largest_inertia() -> None:
 
 
 def test_an_axisymmetric_body_keeps_to_its_axis() -> None:
-    given = changed("fig1", form="full")
-    motion = integrate(given)
-    found = classify(given, motion.method, motion.tol, motion.error, motion.variables["omega"])
+    _, found = classified(changed("fig1", form="full"))
     assert not found.crossings
     assert set(found.labels.tolist()) == {3}
 
@@ -127,7 +105,7 @@ def test_the_ways_to_give_the_cavity_agree() -> None:
         case(kappa="", cavity="{density: 1260, viscosity: 1000, P0: 0.48}"),
         case(kappa="", cavity=f"{{density: 1260, viscosity: 1000, radius: {radius}}}"),
     ]
-    assert [constants(way).kappa for way in ways] == pytest.approx([0.6048] * 4, rel=1e-15)
+    assert [way.system.constants["kappa"] for way in ways] == pytest.approx([0.6048] * 4, rel=1e-15)
 
 
 def test_the_ways_to_give_the_start_agree() -> None:
@@ -168,14 +146,8 @@ def test_wrong_data_are_refused(given: dict[str, str], message: str) -> None:
         (PAPER2["fig1"], "of 10956, more than the 4 of body and fluid"),
         (PAPER2["fig3-as-printed"], "more than the 1 of body and fluid"),
         (changed("fig4", form="full"), "more than the 1 of body and fluid"),
-        (
-            case(
-                kappa="",
-                cavity="{density: 1e-3, viscosity: 10, radius: 1}",
-                initial="{p: 3, q: 0, r: 4}",
-            ),
-            "b^2 |omega|/nu is 0.5 ",
-        ),
+        (case(kappa="", cavity="{density: 1e-3, viscosity: 10, radius: 1}",
+              initial="{p: 3, q: 0, r: 4}"), "b^2 |omega|/nu is 0.5 "),
         (case(kappa="6"), "torque of the fluid is not small: 0.753 of"),
         (case(torque="[0, 0, 1]"), "torque epsilon M is not small"),
         (case(form="averaged", torque="[0.03, 0, 0]"), "it is 0.1 at the start"),

@@ -1,4 +1,4 @@
-"""Statements about motions that stop, and about bodies whose enclosed axis is undetermined."""
+"""Statements about motions that stop, and about bodies without an enclosed axis."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,9 +10,7 @@ from conftest import Hodo
 BODY = "model: torques, inertia: [3, 2, 1], initial: {p: 1, q: 0.6, r: 0.9}, time: {end: 60}"
 BRAKED = f"{{{BODY}, brake: 0.1}}"
 ROTOR = f"{{{BODY}, damping: 0.1, rotor: [0, 0, 0.5]}}"
-SWEPT = (
-    f"{{{BODY}, damping: 0.1, rotor: [0, 0, 0.5], sweep: {{initial.q: {{values: [0.1, 0.6]}}}}}}"
-)
+SWEPT = f"{ROTOR[:-1]}, sweep: {{initial.q: {{values: [0.1, 0.6]}}}}}}"
 
 
 @pytest.fixture

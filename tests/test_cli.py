@@ -1,5 +1,4 @@
-"""The commands as a user gives them: exit statuses, what they print and what they leave alone.
-Other files start processes."""
+"""The commands as a user gives them: exit statuses, what they print and what they leave alone."""
 
 import json
 import re
@@ -52,8 +51,8 @@ def test_the_main_job(hodo: Hodo, config: Path, tmp_path: Path) -> None:
     for command, printed in (("show", ran), ("classify", labelled)):
         assert hodo(command, "runs/two.h5").stdout == hodo(command, *twice).stdout == printed.stdout
     done = hodo("claims", "runs/two.h5")
-    assert (done.returncode, done.stdout) == (0, "")
-    assert done.stderr == "runs/two.h5 has no claims: or errata:\n"
+    said = "runs/two.h5 has no claims: or errata:\n"
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", said)
     assert "turns: is kept" in hodo("run", config, "-v").stderr
     assert (tmp_path / "runs" / "two.h5").read_bytes() == before
     config.write_text(CONFIG.replace("[0.003, 0.004, 0.005]", "[0.003, 0.004, 0.006]"))
@@ -79,8 +78,7 @@ def test_show_says_what_a_case_assumes(hodo: Hodo, config: Path) -> None:
 
 
 def test_json_has_no_numbers_that_are_not_finite(hodo: Hodo, config: Path) -> None:
-    """A change goes into a file of its own, whatever the order; a case that fails costs no other,
-    and exit status 1."""
+    """A change goes into a file of its own; a case that fails costs no other."""
     options = ("--set", "turns.max_steps=3", "--set", "*.error=off")
     ran = hodo("run", config, *options, "--json")
     again = hodo("run", config, *options[2:], *options[:2])
@@ -171,14 +169,6 @@ def test_the_result_of_another_config_of_this_name_is_its_own(hodo, config, tmp_
     assert hodo("run", config).returncode == 0
 
 
-def test_no_change_is_too_long_for_the_name_of_a_file(hodo, config, tmp_path):
-    for end in "ab":
-        hodo("run", config, "--case", "stays", "--set", f"stays.note={'é/' * 200}{end}")
-    names = [path.name for path in (tmp_path / "runs").iterdir()]
-    assert len(names) == 2
-    assert all(len(name.encode()) < 200 for name in names)
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -229,11 +219,19 @@ def test_a_motion_that_was_broken_off_says_how_far_it_goes(hodo: Hodo, tmp_path:
     assert drawn in hodo("plot", "runs/cut.h5", "f").stderr
 
 
-def test_of_two_overrides_of_a_key_the_file_is_named_after_the_last(hodo, config, tmp_path):
+def test_a_file_is_named_after_the_last_override_of_each_key_in_few_letters(hodo, config):
+    def names(case: str, *values: str) -> list[str]:
+        changes = [word for value in values for word in ("--set", f"{case}.{value}")]
+        hodo("run", config, "--case", case, "--out", "named", *changes)
+        return [path.name for path in (config.parent / "named").iterdir()]
+
     for first, last in ("12", "21"):
-        given = [f"turns.damping.2={value}" for value in (first, last)]
-        hodo("run", config, "--case", "turns", "--set", given[0], "--set", given[1])
-        assert (tmp_path / "runs" / f"two,{given[1]}.h5").exists()
+        given = [f"damping.2={value}" for value in (first, last)]
+        assert f"two,turns.{given[1]}.h5" in names("turns", *given)
+    for end in "ab":
+        found = names("stays", f"note={'é/' * 200}{end}")
+    assert len(found) == 4
+    assert all(len(name.encode()) < 200 for name in found)
 
 
 MERGED = {
@@ -300,11 +298,9 @@ def test_a_merged_result_is_one_that_every_command_reads(two_results: Path) -> N
 
 
 def test_a_case_that_is_not_run_again_is_merged_as_it_was_run(two_results: Path) -> None:
-    more = (
-        "  more: {model: linear-diag, inertia: [3, 2, 1], damping: 0, "
-        "initial: {p: 1, q: 0, r: 0}, time: {end: 40}}"
-    )
-    text = MERGED["a"].replace("end: 20", "end: 30").replace("figures:", f"{more}\nfigures:")
+    body = "model: linear-diag, inertia: [3, 2, 1], damping: 0, initial: {p: 1, q: 0, r: 0}"
+    more = f"  more: {{{body}, time: {{end: 40}}}}\nfigures:"
+    text = MERGED["a"].replace("end: 20", "end: 30").replace("figures:", more)
     (two_results / "a.yaml").write_text(text)
     assert call(two_results, "run", "a.yaml", "--case", "more").returncode == 0
     done = call(two_results, "merge", "a.yaml", "--out", "runs/c.h5")
@@ -412,3 +408,100 @@ def test_a_table_and_a_paragraph_for_a_paper_name_what_a_sweep_varies(tmp_path: 
     ) in table
     said = " ".join(call(tmp_path, "show", "a.yaml", "--methods").stdout.split())
     assert "Sweep driven: constants.M 0 to 0.1 in 3 values, initial.direction 4 at random." in said
+
+
+# Where a config and its result differ.
+
+
+NAMED = """\
+defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}, time: {end: 9}}
+cases:
+  first: {damping: 0.1}
+  second: {damping: [0.2, 0.1, 0.3]}
+figures:
+  f: {kind: hodograph, cases: [first, second]}
+claims:
+  - {id: c, where: w, statement: s, cases: [first], expect: reproduced,
+     check: {kind: bound, of: T, most: 9}}
+"""
+
+
+@pytest.fixture
+def named(tmp_path: Path, hodo: Hodo) -> Path:
+    """A config that is run and classified."""
+    (path := tmp_path / "a.yaml").write_text(NAMED)
+    for command in ("run", "classify"):
+        assert hodo(command, "a").returncode == 0
+    return path
+
+
+@pytest.mark.parametrize("command", ["show", "classify", "claims", "plot"])
+def test_a_config_stands_for_its_result(named: Path, hodo: Hodo, command: str) -> None:
+    anew = ["--force"] if command == "plot" else []  # a second plot would say that all is kept
+    (said,) = {hodo(command, name, *anew).stdout for name in ("runs/a.h5", "a.yaml", "a")}
+    assert said
+    assert "has changed" not in said
+
+
+def test_an_edited_caption_is_seen(named: Path, hodo: Hodo) -> None:
+    named.write_text(NAMED.replace("cases: [first, second]", "cases: [first], title: other"))
+    said = "runs/a.h5: the figures of a.yaml have changed since its run: hodo plot a.yaml takes"
+    table = named.parent / "runs/figures/a/f.csv"
+    assert said in hodo("plot", "runs/a.h5", "--format", "csv").stderr
+    assert "second" in table.read_text()
+    assert not hodo("plot", "a", "f", "--format", "csv").stderr
+    assert "second" not in table.read_text()
+    assert not hodo("claims", "runs/a.h5").stderr  # which are as they were
+
+
+def test_an_edited_claim_is_checked(named: Path, hodo: Hodo) -> None:
+    named.write_text(NAMED.replace("most: 9", "least: 9"))
+    stored, told = hodo("claims", "runs/a.h5"), hodo("claims", "a.yaml")
+    assert "the claims of a.yaml have changed since its run" in stored.stderr
+    assert (stored.returncode, "reproduced" in stored.stdout) == (0, True)
+    assert (told.returncode, "contradicted" in told.stdout, told.stderr) == (3, True, "")
+    assert hodo("claims", "runs/a.h5").returncode == 0
+
+
+@pytest.mark.parametrize("name", ["runs/a.h5", "a"])
+def test_a_case_that_has_changed_since_is_named(named: Path, hodo: Hodo, name: str) -> None:
+    named.write_text(NAMED.replace("damping: 0.1", "damping: 0.3").replace("[0.2", "[0.20"))
+    for command in ("show", "classify", "plot"):
+        said = "first has changed in a.yaml since the run; `hodo run a.yaml` runs it again\n"
+        assert f"runs/a.h5: {said}" in hodo(command, name).stderr
+
+
+def test_remarks_are_no_change_and_a_broken_config_is_no_mistake(named: Path, hodo: Hodo) -> None:
+    named.write_text(NAMED.replace("damping: 0.1", "damping: 0.1, note: new"))
+    assert not hodo("show", "a").stderr
+    named.write_text("cases: []")
+    assert not hodo("show", "runs/a.h5").stderr
+    assert hodo("show", "a.yaml").returncode == 2
+
+
+def test_a_config_without_a_result_names_the_command(tmp_path: Path, hodo: Hodo) -> None:
+    (tmp_path / "a.yaml").write_text(NAMED)
+    for command in ("show", "classify", "claims", "plot"):
+        done = hodo(command, "a")
+        assert done.returncode == 2
+        assert done.stderr == "a.yaml has no result runs/a.h5: hodo run a.yaml makes it\n"
+
+
+def test_a_dry_run_counts_the_members_that_a_grown_sweep_keeps(hodo, tmp_path):
+    """Which are computed anew if the case has changed otherwise."""
+
+    def write(values: list[float], damping: float) -> None:
+        ball = "direction: {sphere: {count: 20, seed: 1}}"
+        keys = f"damping: [0.1, 0.2, {damping}], initial: {{p: 0, q: 0, G: 1}}, time: {{end: 2}}"
+        swept = f"model: linear-diag, inertia: [3, 2, 1], {keys}"
+        text = f"cases:\n  s: {{{swept}, sweep: {{damping.0: {{values: {values}}}, {ball}}}}}\n"
+        (tmp_path / "s.yaml").write_text(text)
+
+    write([0.1, 0.3], 0.1)
+    assert hodo("run", "s.yaml").returncode == 0
+    write([0.1, 0.2, 0.3], 0.1)
+    changed = "s: will run: its case has changed"
+    dry = hodo("run", "s.yaml", "--dry-run").stdout
+    assert dry.strip() == f"{changed}; 40 of 60 members are kept"
+    write([0.1, 0.2, 0.3], 0.2)
+    assert hodo("run", "s.yaml", "--dry-run").stdout.strip() == changed

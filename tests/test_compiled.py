@@ -65,7 +65,6 @@ def test_the_code_that_was_used_last_stays(folder: Path, monkeypatch: pytest.Mon
 @pytest.mark.heyoka
 @pytest.mark.parametrize("is_named", [False, True])
 def test_what_heyoka_compiles_is_kept_within_bounds(tmp_path, monkeypatch, is_named):
-    """heyoka's own file may grow to 20 GB, all of which each process reads that compiles."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     if is_named:
         monkeypatch.setenv("HEYOKA_CACHE_DIR", str(tmp_path / "own"))

@@ -1,5 +1,4 @@
-"""Runs on a dask scheduler with two worker processes, all on the loopback interface, one of them
-killed on the way."""
+"""Runs on a dask scheduler with two worker processes, one of them killed on the way."""
 
 import json
 import os
@@ -105,9 +104,8 @@ def equal(a: Path, b: Path) -> None:
             assert ours[case].attrs["status"] == "ok"
             for name, values in ours[case].items():
                 if values.dtype.kind in "if":
-                    assert np.array_equal(values[...], theirs[case][name][...], equal_nan=True), (
-                        f"{case}/{name}"
-                    )
+                    known = theirs[case][name][...]
+                    np.testing.assert_array_equal(values[...], known, err_msg=f"{case}/{name}")
 
 
 @pytest.mark.heyoka

@@ -1,11 +1,10 @@
-"""Seconds since an epoch in what commands and figures say of a motion: the digits that all of its
-times have in common tell nothing."""
+"""Seconds since an epoch: the digits that all times have in common tell nothing."""
 
 import re
 from pathlib import Path
 
 import pytest
-from conftest import call
+from conftest import BODY, call
 
 import hodo_cli as hodo
 
@@ -29,18 +28,10 @@ figures:
   turning: {{kind: hodograph, cases: turning}}
   broken: {{kind: hodograph, cases: broken}}
 claims:
-  - id: wrong
-    where: here
-    statement: p falls, and the motion crosses early.
-    cases: [turning]
-    check: {{kind: monotone, of: [p], sense: falls}}
-    expect: contradicted
-  - id: crosses
-    where: here
-    statement: It crosses.
-    cases: [turning]
-    check: {{kind: crossings, from: x1, to: x3}}
-    expect: reproduced
+  - {{id: wrong, where: here, statement: p falls., cases: [turning], expect: contradicted,
+      check: {{kind: monotone, of: [p], sense: falls}}}}
+  - {{id: crosses, where: here, statement: It crosses., cases: [turning], expect: reproduced,
+      check: {{kind: crossings, from: x1, to: x3}}}}
 """
 EPOCH = re.compile(r"\b1\.7e\+0?9|\b1700000\d{3}(?:\.\d+)?")
 
@@ -85,15 +76,8 @@ def test_figures_tell_times_since_an_epoch_apart(folder: Path) -> None:
     (legend,) = hodo.plot(motion).legends
     words = " ".join(text.get_text() for text in legend.get_texts())
     assert seconds(words) == [pytest.approx(crossing, abs=1e-3), 600]
-    body = hodo.run(
-        {
-            "model": "linear-diag",
-            "inertia": [1, 0.8, 0.6],
-            "attitude": True,
-            "initial": {"p": 0.8, "q": 0.5, "r": 0.74},
-            "time": {"start": START, "end": START + 60, "samples": 601},
-        }
-    )
+    time = {"start": START, "end": START + 60, "samples": 601}
+    body = hodo.run(BODY | {"attitude": True, "time": time})
     figure = hodo.plot(body, kind="body")
     assert [seconds(axes.get_title()) for axes in figure.axes] == [[0], [30], [60]]
 

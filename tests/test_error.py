@@ -7,11 +7,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import conftest
 import numpy as np
 import pytest
 from conftest import Hodo
 
 import hodo_cli
+import hodo_cli as hodo
 from hodo_cli import Case, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.integration import Trajectory, driver, error, integrate
@@ -22,18 +24,12 @@ SPIN = Case.of(
         "torque": [0, 0, -0.1], "epsilon": 0.1, "initial": {"x": 1, "y": 1}, "time": {"end": 60},
     }
 )  # fmt: skip
-FIG4 = Case.of(
-    {
-        "model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [0.005, 0.004, 0.003],
-        "initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 100, "samples": 101},
-    }
-)  # fmt: skip
+FIG4 = Case.of(conftest.FIG4 | {"time": {"end": 100, "samples": 101}})
 
 
 @pytest.mark.parametrize("samples", [100_001, 150_001])  # thinned to 100,000
 def test_an_event_that_ends_a_thinned_motion_costs_no_digits(samples: int) -> None:
-    """The motion ends at two thirds of its samples: thinned by themselves, it and its reference
-    would keep different ones."""
+    """Thinned by themselves, the motion and its reference would keep different samples."""
     motion = integrate(replace(SPIN, time=Time(end=60.0, samples=samples)))
     assert len(motion.time) < samples
     assert motion.errors
@@ -84,17 +80,11 @@ def test_a_motion_that_is_called_at_rest_a_step_early_has_no_error() -> None:
     assert error.errors_against(FIG4, ours, moving_on) == {"omega": 1}
 
 
-TURNING_BACK = Case.of(
-    {
-        "model": "torques", "inertia": [120, 100, 80], "torque": [0, 0, 0.8],
-        "initial": {"p": 0, "q": 0, "r": -1}, "time": {"end": 200},
-    }
-)  # fmt: skip
-
-
 def test_what_rounding_leaves_of_a_motion_that_passes_through_rest_is_no_error() -> None:
     """r = 0.01 t - 1 is 0 at the sample at 100."""
-    motion = integrate(TURNING_BACK)
+    body = {"model": "torques", "inertia": [120, 100, 80], "torque": [0, 0, 0.8]}
+    start = {"initial": {"p": 0, "q": 0, "r": -1}, "time": {"end": 200}}
+    motion = integrate(Case.of(body | start))
     assert abs(motion.variables["omega"][500, 2]) < 1e-15
     assert motion.error < 1e-12
 
@@ -106,8 +96,7 @@ def test_what_rounding_leaves_of_a_motion_that_passes_through_rest_is_no_error()
 def test_only_a_motion_that_passes_through_rest_has_the_scale_of_its_neighbours(
     lengths: tuple[float, ...], error_of_second: float
 ) -> None:
-    """A sample that is off by all of itself: of a motion that decays, or that comes back from far
-    above rounding, the error is 1."""
+    """A sample that is off by all of itself."""
     better = np.outer(lengths, [1.0, 0, 0])
     judged = better * [[1], [2], [1]]
     assert error.error_of_variable(("time", "axis"), judged, better) == error_of_second
@@ -175,3 +164,38 @@ def test_the_time_at_which_an_event_ends_a_motion_has_its_error(tol: float) -> N
     motion = integrate(loose)
     end = integrate(replace(loose, method="auto", tol=None)).time[-1]
     assert motion.errors["event_time"] == pytest.approx(abs(motion.time[-1] / end - 1), rel=1e-3)
+
+
+STARTS = {
+    "model": "torques", "inertia": [3.22, 2.5, 1], "kappa": 0.02, "brake": 0.01,
+    "initial": {"p": 0, "q": 0, "G": 1}, "time": {"end": 40},
+    "sweep": {"direction": {"sphere": {"count": 60, "seed": 4}}},
+}  # fmt: skip
+
+
+def test_the_worst_members_are_among_those_measured():
+    """The errors of the worst end and of the worst crossing are those by long doubles."""
+    many = hodo.sweep(STARTS)
+    better = hodo.sweep({**STARTS, "precision": "extended", "error": "off"})
+    assert many.attrs["error_sample"] == 60
+    apart = np.linalg.norm(many.omega - better.omega, axis=-1)
+    start = np.linalg.norm(many.direction_vector / STARTS["inertia"], axis=-1)
+    size = np.fmax(np.linalg.norm(better.omega, axis=-1), start)
+    times = np.abs(many.crossing_time - better.crossing_time).values
+    for errors, true in (
+        (many.attrs["error_quantiles"], (apart / size).max()),
+        (many.attrs["crossing_error_quantiles"], np.nanmax(times)),
+    ):
+        assert true / 2 < errors[-1] < 2 * true
+
+
+def test_errors_of_averaged_members_are_known_with_and_without_a_crossing():
+    """Whose crossings are no zeros of a function that has an error of its own."""
+    averaged = {key: STARTS[key] for key in ("inertia", "initial", "time")}
+    averaged |= {"model": "linear-diag", "form": "averaged", "damping": [0.02, 0.05, 0.03]}
+    ball = {"direction": {"sphere": {"count": 40, "seed": 1}}}
+    balls = hodo.sweep(averaged | {"sweep": ball})
+    crossing = np.isfinite(balls.crossing_time.values)
+    assert 0 < crossing.sum() < crossing.size
+    assert balls.attrs["error_sample"] == 40
+    assert "no measured error" not in balls.attrs["warnings"]

@@ -1,5 +1,4 @@
-"""Stiff and extreme cases: `auto` is right or says so, with little work; the method behind it
-stands on its own feet."""
+"""Stiff and extreme cases: `auto` is right or says so, with little work."""
 
 import math
 from collections.abc import Sequence
@@ -10,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import exact_motion
+from conftest import BODY, exact_motion
 from numpy.polynomial.legendre import legvander
 
 from hodo_cli import Case, engines
@@ -22,13 +21,8 @@ from hodo_cli.integration import choice, integrate, solve
 from hodo_cli.models import base
 
 CASES = load(Path(__file__).parents[1] / "configs" / "extreme.yaml").cases
-LONG = {
-    "samples-1e7",
-    "damping-1e6-in-all",
-    "tensor-skew-fast",
-    "top-epsilon-1e-6",
-    "horizon-1e5-weak",
-}
+LONG = {"samples-1e7", "damping-1e6-in-all", "tensor-skew-fast", "top-epsilon-1e-6",
+        "horizon-1e5-weak"}  # fmt: skip
 
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 
@@ -46,9 +40,7 @@ def test_auto_is_right_or_says_so(name: str) -> None:
     assert result.status not in ("SILENT", "timeout"), result
     # No number with a closed form; the most is 9,321 steps of the series.
     assert not result.steps > 15_000, result
-    if name == "middle-axis":
-        # It comes back to the axis, and of what was small there only rounding is left by then:
-        # 1e-12 to 1e-10 of it, by chance.
+    if name == "middle-axis":  # it comes back to the axis, where rounding is left
         assert result.error < 1e-9
     elif name != "tensor-explosive":  # it outgrows the largest double, and says when
         assert result.status in ("accurate", "limited by the data"), result
@@ -74,8 +66,6 @@ def test_ten_million_samples_do_not_cost_ten_million_comparisons() -> None:
 
 
 def test_what_is_stiff_only_for_a_moment_is_left_to_the_series() -> None:
-    # The spin ends within the first thousandth of the span; close to u2 = u3 only the start is
-    # fast.
     if engines.have_taylor():
         assert choice.choose(CASES["cavity-averaged-1e6"])[0] == "taylor"
         assert choice.choose(CASES["top-sleeping"])[0] == "taylor"
@@ -83,8 +73,7 @@ def test_what_is_stiff_only_for_a_moment_is_left_to_the_series() -> None:
 
 
 def test_the_tableau_meets_its_order_conditions() -> None:
-    # B(2s - 1): the weights integrate t^(n-1) exactly up to order 31; C(s): the rows do up to their
-    # point, n <= 16.
+    # B(2s - 1) and C(s).
     points, integrals, transform = collocation.tableau(np.dtype(np.longdouble))
     n = np.arange(1, 2 * collocation.STAGES)[:, None]
     assert np.abs((points ** (n - 1)) @ integrals[:, -1] - 1 / n[:, 0]).max() < 1e-15
@@ -97,14 +86,12 @@ def test_the_tableau_meets_its_order_conditions() -> None:
 
 @pytest.mark.heyoka
 def test_collocation_agrees_with_the_series_where_both_can() -> None:
-    # 1e4 decay times, of which the series takes every one: what collocation passes over is not
-    # lost.
+    # Of 1e4 decay times the series takes every one.
     case = replace(CASES["damping-1e4"], time=Time(start=0.0, end=1.0, samples=101))
     series = solve(case, "taylor", "extended")
     ours = solve(case, "collocation")
-    apart = np.abs(
-        np.ldexp(ours.state, (ours.exponent - series.exponent)[:, None]) - series.state
-    ).max(axis=1)
+    scaled = np.ldexp(ours.state, (ours.exponent - series.exponent)[:, None])
+    apart = np.abs(scaled - series.state).max(axis=1)
     assert (apart / np.abs(series.state).max(axis=1)).max() < 1e-14
 
 
@@ -112,9 +99,7 @@ def test_collocation_agrees_with_the_series_where_both_can() -> None:
 @pytest.mark.quadruple
 @pytest.mark.parametrize("damping", [0.0, 0.05])
 def test_the_closed_form_in_long_double_is_right_to_its_last_digits(damping: float) -> None:
-    data = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": damping}
-    start = {"initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 100, "samples": 101}}
-    case = Case.of(data | start)
+    case = Case.of(BODY | {"damping": damping, "time": {"end": 100, "samples": 101}})
     path, series = solve(case, "exact", "extended"), solve(case, "taylor", "quadruple")
     theirs = engines.extended(series.state)
     apart = np.ldexp(path.state, (path.exponent - series.exponent)[:, None]) - theirs
@@ -138,8 +123,7 @@ def steps_of_decay(end: float) -> collocation.RadauSolver:
 
 
 def test_collocation_does_not_pass_over_a_decay_that_it_has_to_resolve() -> None:
-    # At a step of 1e16 decay times every stage is 0 to rounding, and only the start shows that
-    # something is missed.
+    # At a step of 1e16 decay times only the start shows that something is missed.
     steps = steps_of_decay(1e18)
     steps.h = np.float64(1e16)
     assert steps.step() is None

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import call, classified
+from conftest import FIG4, call, classified
 
 from hodo_cli import Case
 from hodo_cli.cases.case import Time
@@ -45,13 +45,8 @@ def test_the_rates_are_those_of_the_papers_media(case, about_x1, about_x3):
 
 
 def test_the_table_has_the_rates_by_axis_but_for_the_middle_one(tmp_path: Path) -> None:
-    case = diagonal(0.005, 0.004, 0.003)
-    driven = {
-        **case.entries,
-        "model": "torques",
-        "space_torque": {"size": 0.01, "direction": [0, 0, 1]},
-    }
-    cases = {"damped": case.entries, "driven": driven}
+    couple = {"size": 0.01, "direction": [0, 0, 1]}
+    cases = {"damped": FIG4, "driven": FIG4 | {"model": "torques", "space_torque": couple}}
     (tmp_path / "a.yaml").write_text(json.dumps({"cases": cases}), encoding="utf-8")
     assert call(tmp_path, "run", "a.yaml", "--quiet").returncode == 0
     rows = json.loads(call(tmp_path, "classify", "a.yaml", "--json").stdout)

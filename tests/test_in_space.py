@@ -1,8 +1,4 @@
-"""Attitude: beside every body-frame model and the full top, against numbers of twenty digits, the
-closed form, and what is constant in space.
-
-HODO_FUZZ sets the number of random bodies (default 24).
-"""
+"""Attitude: against numbers of twenty digits, and what is constant in space."""
 
 import json
 import math
@@ -14,7 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from conftest import classified, run_hodo
+from conftest import BODY, FIG4, classified, run_hodo
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from test_own_time import TIMED, random_body, scaled
@@ -25,16 +21,13 @@ from hodo_cli.integration import Trajectory, integrate, solve
 from hodo_cli.models.theory import exact
 from hodo_cli.results.dataset import motion_from
 
-A = [1, 0.8, 0.6]
-B = {"p": 0.8, "q": 0.5, "r": 0.74}
+A, B = BODY["inertia"], BODY["initial"]
 C = {"p": 0.5, "q": 0.25, "r": 1.4}
 
 
 def made(end: float, **others: Any) -> Case:
     """A case of the body (1, 0.8, 0.6) with an attitude."""
-    given = {"model": "linear-diag", "inertia": A, "initial": B, "attitude": "yes"}
-    given |= {"time": {"end": end, "samples": 11}, **others}
-    return Case.of(given)
+    return Case.of(BODY | {"attitude": "yes", "time": {"end": end, "samples": 11}} | others)
 
 
 def attitudes(motion: Trajectory) -> np.ndarray:
@@ -47,16 +40,11 @@ def in_space(motion: Trajectory) -> np.ndarray:
     return Rotation.from_quat(np.roll(attitudes(motion), -1, axis=1)).apply(G)
 
 
-def angles(ours: Any, theirs: Any) -> Any:
-    """The angles (...) between attitudes (..., 4), Q and -Q being the same."""
+def apart(ours: Any, theirs: Any) -> float:
+    """The largest angle between attitudes (..., 4), Q and -Q being the same."""
     ours, theirs = (Q / np.linalg.norm(Q, axis=-1, keepdims=True) for Q in (ours, theirs))
     nearer = np.minimum(*(np.linalg.norm(ours - s * theirs, axis=-1) for s in (1, -1)))
-    return 4 * np.arcsin(np.minimum(nearer / 2, 1))
-
-
-def apart(ours: Any, theirs: Any) -> float:
-    """The largest angle between attitudes."""
-    return float(np.max(angles(ours, theirs)))
+    return float(4 * np.arcsin(np.minimum(nearer / 2, 1)).max())
 
 
 ROWS = [
@@ -96,8 +84,7 @@ ROWS = [
 
 
 BOUNDS = {"exact": 2e-14, "taylor": 2e-14, "collocation": 6e-14, "DOP853": 1e-10}
-"""How far attitudes by a method may be off. Those by collocation depend on how the library of
-linear algebra rounds on a processor: by its kernels of five of them they were off by 3.2e-14."""
+"""How far attitudes by a method may be off; collocation depends on a processor's rounding."""
 
 
 @pytest.mark.parametrize(
@@ -105,8 +92,7 @@ linear algebra rounds on a processor: by its kernels of five of them they were o
 )
 @pytest.mark.parametrize(("given", "end", "Q", "G"), ROWS)
 def test_known_attitudes(given, end, Q, G, method):
-    """Q by every method, its stated error, and G in space. Fig 4's motion passes near the middle
-    axis, where the rounding of its data to doubles counts 600 times."""
+    """Fig 4 passes near the middle axis, where the rounding of its data counts 600 times."""
     motion, _ = classified(made(end, method=method, **given))
     rounding = 2e-13 if "damping" in given and end == 100 else 0.0
     bound = BOUNDS[motion.method]
@@ -126,8 +112,7 @@ def test_nothing_drifts() -> None:
 
 
 def test_a_model_of_ones_own_has_it(tmp_path: Path) -> None:
-    """In other processes too, at any scale: under a couple F e fixed in space, G in space is
-    G(0) + F t e; the direction that the model carries along is that of e in the body."""
+    """Under a couple F e fixed in space G is G(0) + F t e, and e in the body is what is stored."""
     body = random_body(4, torques=True) | {"damping": [0.0] * 3, "torque": 0.0, "rate": 0.0}
     body |= {"law": "polynomial", "time": {"end": 40.0, "samples": 5}}
     cases = {f"size{size}": scaled(body, size, attitude="yes") for size in (0, 150)}
@@ -156,9 +141,8 @@ TOP = {
 def test_the_vertical_of_a_top_is_z() -> None:
     motion = integrate(Case.of(TOP))
     turned = Rotation.from_quat(np.roll(attitudes(motion), -1, axis=1))
-    assert turned.apply(motion.variables["gamma"]) == pytest.approx(
-        np.tile([0, 0, 1], (101, 1)), abs=1e-13
-    )
+    vertical = turned.apply(motion.variables["gamma"])
+    assert vertical == pytest.approx(np.tile([0, 0, 1], (101, 1)), abs=1e-13)
     assert attitudes(motion)[0] == pytest.approx([math.cos(math.pi / 6), 0.5, 0, 0])
     seen = motion_from(run_case(TOP), "top")
     gamma = motion.variables["gamma"]
@@ -172,8 +156,7 @@ def test_the_vertical_of_a_top_is_z() -> None:
 
 
 def test_a_brake_stops_an_attitude_too() -> None:
-    """Rows 9 and 10: Q on the way, and G in space; behind the stop the body keeps where it points,
-    which is where a free body is at s = |G|/(2 b)."""
+    """It keeps where it points, which is where a free body is at s = |G|/(2 b)."""
     case = made(120, model="torques", brake=0.01, time={"end": 120, "samples": 3})
     motion, _ = classified(case)
     known = [-0.50777394114154784400, -0.69016956218159228341, -0.46937390273278554229,
@@ -198,8 +181,7 @@ def test_a_couple_fixed_in_space(attitude: Any) -> None:
 
 @pytest.mark.heyoka
 def test_the_flip_about_the_middle_axis_is_known_in_closed_form() -> None:
-    """Where a series is off by 2e-8 at t = 120: against a formula with the integral of the third
-    kind in 50 digits. What damps or brakes the body is integrated."""
+    """Where a series is off by 2e-8: against the integral of the third kind in 50 digits."""
     flip = {"p": 1e-4, "q": 1, "r": 1e-4}
     motion = integrate(made(120, initial=flip))
     assert motion.method == "exact"
@@ -251,21 +233,16 @@ REFUSED = [
     ({"attitude": "yes", "model": "Lagrange-averaged", "form": "averaged", "mu": 1},
      "attitude: is a key of form full, and this is form averaged"),
     ({"attitude": "yes", "store": "attitud"}, "store.0: unknown variable 'attitud'; did you mean"),
+    (TOP | {"attitude": {"align": "G"}}, "attitude: the start of a top says where it points"),
     ({"store": "attitude"}, "store.0: this case has no attitude: write `attitude: yes`"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("wrong", "message"), REFUSED)
 def test_refused(wrong: dict[str, Any], message: str) -> None:
-    given = {"model": "linear-diag", "inertia": A, "initial": B, "time": {"end": 1}}
     with pytest.raises(HodoError) as refusal:
-        Case.of(given | wrong)
+        Case.of(BODY | {"time": {"end": 1}} | wrong)
     assert any(line.startswith(message) for line in str(refusal.value).splitlines()), refusal.value
-
-
-def test_a_top_says_itself_where_it_points() -> None:
-    with pytest.raises(HodoError, match="the start of a top says where it points"):
-        Case.of(TOP | {"attitude": {"align": "G"}})
 
 
 @pytest.mark.parametrize(
@@ -303,8 +280,7 @@ def test_a_sweep_of_no_number_of_the_attitude_is_refused(key: str) -> None:
 @pytest.mark.heyoka
 def test_members_have_it() -> None:
     """At the end of each, and along each: as of single cases; aligned with the G of each."""
-    case = {"model": "linear-diag", "inertia": A, "damping": [0.005, 0.004, 0.003], "initial": B,
-            "attitude": {"align": "G"}, "time": {"end": 60, "samples": 4}}  # fmt: skip
+    case = FIG4 | {"attitude": {"align": "G"}, "time": {"end": 60, "samples": 4}}
     swept = sweep(case | {"sweep": {"start": {"sphere": {"count": 40, "seed": 3}}}})
     assert swept.attitude.shape == (40, 4)
     assert re.search(r"side by side(, [01] of 40|$)", swept.attrs["method_reason"])
@@ -333,7 +309,7 @@ def test_the_momentum_of_body_and_fluid_stays(kappa: Any, bound: float) -> None:
 def test_a_body_with_a_rotor_turns_on_where_a_brake_has_stopped_G(inertia, rotor):
     """At the constant omega of G = 0; before the stop a motion without corners, here of SciPy."""
     tensor = np.diag(inertia) if np.ndim(inertia) == 1 else np.array(inertia)
-    h, Q0, brake = np.array(rotor or [0, 0, 0]), Rotation.identity(), 0.03
+    h, brake = np.array(rotor or [0, 0, 0]), 0.03
 
     def rates(_: float, y: np.ndarray) -> np.ndarray:
         G = tensor @ y[:3] + h
@@ -344,16 +320,12 @@ def test_a_body_with_a_rotor_turns_on_where_a_brake_has_stopped_G(inertia, rotor
         return np.r_[np.linalg.solve(tensor, torque), quaternion_rate]
 
     start = np.array([0.8, 0.5, 0.74])
-    given = {"inertia": inertia, "brake": brake, "error": True} | (
-        {"rotor": rotor} if rotor else {}
-    )
+    given = {"inertia": inertia, "brake": brake, **({"rotor": rotor} if rotor else {})}
     end = np.linalg.norm(tensor @ start + h) / brake
     times = [0.0, 0.5 * end, *(end + np.array([1.0, 5.0, 60.0]))]
     motion, _ = classified(made(times[-1], model="torques", time={"values": times}, **given))
-    before = solve_ivp(
-        rates, (0, end - 1e-6), [*start, *Q0.as_quat(scalar_first=True)], "DOP853",
-        rtol=1e-12, atol=1e-13,
-    )  # fmt: skip
+    y0, bounds = [*start, 1, 0, 0, 0], {"rtol": 1e-12, "atol": 1e-13}
+    before = solve_ivp(rates, (0, end - 1e-6), y0, "DOP853", **bounds)
     rest = -np.linalg.solve(tensor, h)
     at_stop = Rotation.from_quat(before.y[3:, -1], scalar_first=True)
     expected = [

@@ -1,7 +1,7 @@
-"""The driver and the engines: accuracy at every scale, measured errors that are true, limits that
-are kept."""
+"""The driver and the engines: accuracy at every scale, true errors, limits that are kept."""
 
 import math
+import re
 from dataclasses import replace
 from importlib import import_module
 from itertools import count
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import exact_motion
+from conftest import BODY, FIG4, exact_motion
 
 import hodo_cli as hodo
 from hodo_cli import Case, HodoError, engines
@@ -20,20 +20,24 @@ from hodo_cli.integration import Trajectory, choice, integrate, solve
 
 taylor = pytest.mark.heyoka
 
-BODY = (1.0, 0.8, 0.6)
 START = (0.8, 0.5, 0.74)
 
 
-def diagonal(
-    damping: tuple[float, float, float], start: tuple[float, float, float] = START, **common: object
-) -> Case:
+def initial(*start: float) -> dict[str, float | None]:
+    return dict(zip("pqr", start, strict=True)) | {"G": None}
+
+
+def diagonal(damping: tuple[float, ...], start: tuple[float, ...] = START, **common: Any) -> Case:
+    """A case of the damped body, without the checks of a case file."""
+    data = {"inertia": (1.0, 0.8, 0.6), "damping": damping, "initial": initial(*start)}
     time = common.pop("time", Time(end=1000.0, samples=101))
-    data = {
-        "inertia": BODY,
-        "damping": damping,
-        "initial": dict(zip("pqr", start, strict=True)) | {"G": None},
-    }
-    return Case(name="test", model="linear-diag", form="full", data=data, time=time, **common)  # type: ignore[arg-type]
+    return Case(name="test", model="linear-diag", form="full", data=data, time=time, **common)
+
+
+def torqued(*expression: str, **keys: Any) -> Case:
+    """A case of the body under a torque by a formula."""
+    model = {"model": "torques", "expression": [*expression], "error": False}
+    return Case.of(BODY | model | keys)
 
 
 def distance(omega: np.ndarray, reference: np.ndarray) -> float:
@@ -44,8 +48,6 @@ def distance(omega: np.ndarray, reference: np.ndarray) -> float:
 
 @taylor
 def test_a_motion_that_decays_by_44_orders_stays_right_to_every_digit() -> None:
-    # 1e-12 is what is promised; heyoka alone, in the motion's own units, is wrong in all digits
-    # below 1e-16.
     case = diagonal((0.1, 0.1, 0.1))
     trajectory = integrate(case)
     omega = trajectory.variables["omega"]
@@ -61,8 +63,7 @@ def test_every_size_of_the_angular_velocity_gives_the_same_motion(size: float) -
     unit = integrate(diagonal((0.0, 0.0, 0.0))).variables["omega"]
     scaled = integrate(diagonal((0.0, 0.0, 0.0), start, time=time))  # type: ignore[arg-type]
     omega = scaled.variables["omega"] / size
-    # Where the size is no power of two the data differ by an ulp, which 1000 units of time make
-    # 1e-12; else no bit changes.
+    # Where the size is no power of two the data differ by an ulp.
     assert np.array_equal(omega, unit) if size == 2.0**400 else distance(omega, unit) < 1e-12
     assert scaled.error < 1e-12
 
@@ -82,8 +83,7 @@ def test_the_measured_error_is_the_true_one(method: str) -> None:
     case = diagonal((0.05, 0.05, 0.05), method=method, time=Time(end=60.0, samples=61))
     trajectory = integrate(case)
     true = distance(trajectory.variables["omega"], exact_motion(case, trajectory.time))
-    # Within a factor of two where the error stands well above the rounding of the closed form
-    # itself.
+    # Within a factor of two, and the rounding of the closed form.
     assert trajectory.error == pytest.approx(true, rel=1, abs=2e-14)
 
 
@@ -95,8 +95,7 @@ def test_each_precision_is_as_good_as_it_says(precision: str) -> None:
     trajectory = integrate(
         diagonal((0.005, 0.004, 0.003), precision=precision, time=Time(end=600.0, samples=11))
     )
-    # 600 units of time, with a passage of the separatrix, cost about three digits. What is stored
-    # are doubles: no precision brings the error below the rounding of these, half an ulp.
+    # With a passage of the separatrix; what is stored are doubles, right to half an ulp at most.
     bound = {"double": 1e-12, "extended": 1e-15, "quadruple": 2.0**-53}[precision]
     assert 0 < trajectory.error <= bound
 
@@ -131,7 +130,6 @@ def test_limits_are_honoured_inside_one_integration(method: str) -> None:
 @taylor
 @pytest.mark.usefixtures("ticking")
 def test_the_choice_of_a_method_takes_no_longer_than_the_motion_may(monkeypatch):
-    """Its trial of collocation took thousands of steps, whatever the limit."""
     trials: list[int] = []
 
     def tried(*given: Any, **keys: Any) -> Any:
@@ -140,9 +138,8 @@ def test_the_choice_of_a_method_takes_no_longer_than_the_motion_may(monkeypatch)
         return trial
 
     monkeypatch.setattr(choice, "solve", tried)
-    given = {"model": "torques", "inertia": [1, 0.8, 0.6], "damping": [0, 0, 1e-9]}
-    start = {"initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 1e7, "samples": 3}}
-    assert integrate(Case.of(given | start | {"max_seconds": 5})).status == "timeout"
+    given = {"model": "torques", "damping": [0, 0, 1e-9], "time": {"end": 1e7, "samples": 3}}
+    assert integrate(Case.of(BODY | given | {"max_seconds": 5})).status == "timeout"
     assert trials[0] < 500
 
 
@@ -150,9 +147,7 @@ def test_the_choice_of_a_method_takes_no_longer_than_the_motion_may(monkeypatch)
 def test_attempts_at_a_motion_share_its_seconds() -> None:
     # A jump between steps that are short for the sine: any rounding goes over it once.
     law = "0.1*sin(9*t)*(t - 35.3)/sqrt((t - 35.3)**2)"
-    torque = {"inertia": [1, 0.8, 0.6], "expression": [law, "0", "0"]}
-    given = {"model": "torques", "initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "error": False}
-    case = Case.of(given | torque | {"time": {"end": 40, "samples": 11}, "method": "collocation"})
+    case = torqued(law, "0", "0", time={"end": 40, "samples": 11}, method="collocation")
     # The clock is read four times, some of them after the jump.
     assert integrate(replace(case, max_seconds=20.0)).status == "ok"
     assert integrate(replace(case, max_seconds=3.0)).status == "timeout"
@@ -160,27 +155,16 @@ def test_attempts_at_a_motion_share_its_seconds() -> None:
 
 @pytest.mark.usefixtures("ticking")
 def test_steps_that_are_taken_back_spend_seconds() -> None:
-    """No step of a stretch stood that began anew ever again, and so no time went by."""
-    pulse = {"inertia": [1, 0.8, 0.6], "expression": ["2*exp(-(10*(t-5))**2)", "0", "0"]}
-    given = {"model": "torques", "quadratic": 1, "initial": dict.fromkeys("pqr", 0)}
-    case = Case.of(given | pulse | {"time": {"end": 20}, "method": "collocation", "error": False})
+    rest = {"initial": dict.fromkeys("pqr", 0), "quadratic": 1, "time": {"end": 20}}
+    case = torqued("2*exp(-(10*(t-5))**2)", "0", "0", method="collocation", **rest)
     assert integrate(replace(case, max_seconds=20.0)).status == "timeout"
 
 
 def test_a_motion_that_dies_out_ends_at_rest_by_a_method_of_scipy() -> None:
-    """What a torque brakes falls below all numbers: a step from there would be tried for ever,
-    whatever `max_seconds` says."""
-    given = {
-        "model": "torques",
-        "inertia": [1, 0.8, 0.6],
-        "expression": [0, 0, "-0.1*r/sqrt(r**2+1e-8)"],
-        "initial": {"p": 0, "q": 0, "r": 1e-140},
-        "time": {"end": 0.5, "samples": 21},
-        "error": "off",
-        "method": "RK45",
-        "tol": 1e-5,
-    }
-    motion = integrate(Case.of(given))
+    """A step from below all numbers would be tried for ever, whatever `max_seconds` says."""
+    keys = {"initial": {"p": 0, "q": 0, "r": 1e-140}, "time": {"end": 0.5, "samples": 21}}
+    brake = "-0.1*r/sqrt(r**2+1e-8)"
+    motion = integrate(torqued("0", "0", brake, method="RK45", tol=1e-5, **keys))
     assert motion.status == "ok"
     assert not motion.variables["omega"][-1].any()
     assert len(motion.time) == 21
@@ -207,8 +191,7 @@ def test_seconds_are_counted_within_a_step_of_scipy(method: str) -> None:
 )  # fmt: skip
 def test_a_method_of_scipy_does_not_look_for_stops(method: str, case: dict[str, Any]) -> None:
     case = {**case, "time": {"end": 1, "samples": 3}}
-    said = f"method: {method} finds no stop: method auto, taylor or collocation"
-    with pytest.raises(HodoError, match=said):
+    with pytest.raises(HodoError, match=f"method: {method} finds no stop: method auto, taylor or"):
         Case.of({**case, "method": method})
     with pytest.raises(HodoError, match="finds no stop"):
         solve(Case.of(case), method)
@@ -234,9 +217,8 @@ def test_the_smallest_grids() -> None:
 def test_the_method_is_chosen_by_what_the_case_is() -> None:
     assert choice.choose(diagonal((0.1, 0.1, 0.1))) == ("exact", "closed form")
     assert choice.choose(diagonal((1e9, 1.0, 2.0)))[0] == "collocation"
-    assert choice.choose(diagonal((0.1, 0.2, 0.3)))[0] == (
-        "taylor" if engines.have_taylor() else "collocation"
-    )
+    by_default = "taylor" if engines.have_taylor() else "collocation"
+    assert choice.choose(diagonal((0.1, 0.2, 0.3)))[0] == by_default
     assert choice.choose(diagonal((0.1, 0.1, 0.1), precision="quadruple"))[0] == "taylor"
 
 
@@ -277,21 +259,15 @@ def test_stiffness_is_seen_where_no_eigenvalue_shows_it() -> None:
 
 @taylor
 def test_an_axis_about_which_the_motion_is_steady_does_not_set_the_pace() -> None:
-    # Growth along x1 by e^500: the rotation itself, of which nothing is seen, is 1e217 times faster
-    # than the growth.
-    case = resisted(np.diag([-10.0, 1.0, 2.0]), {"p": 1, "q": 0, "r": 0}, 50, 51)
+    # The rotation, of which nothing is seen, is 1e217 times faster than the growth along x1.
+    tensor = {"model": "tensor", "resistance": np.diag([-10.0, 1.0, 2.0]).tolist()}
+    start = {"initial": {"p": 1, "q": 0, "r": 0}, "time": {"end": 50, "samples": 51}}
+    case = Case.of(BODY | tensor | start)
     trajectory = integrate(case)
     expected = np.exp(10 * trajectory.time)
     assert trajectory.variables["omega"][:, 0] == pytest.approx(expected, rel=1e-12)
     beyond = integrate(replace(case, time=Time(end=100.0, samples=101)))
     assert (beyond.status, "exceeds the largest" in beyond.message) == ("failed", True)
-
-
-def resisted(resistance: Any, initial: dict[str, float], end: float, samples: int) -> Case:
-    """A case of the body under a tensor of resistance."""
-    tensor = np.asarray(resistance, float).tolist()
-    given = {"model": "tensor", "inertia": list(BODY), "resistance": tensor, "initial": initial}
-    return Case.of(given | {"time": {"end": end, "samples": samples}}, "test")
 
 
 def test_what_has_decayed_below_every_number_is_at_rest() -> None:
@@ -323,11 +299,8 @@ def test_a_motion_that_outgrows_every_number_ends_there(method: str) -> None:
 @pytest.mark.filterwarnings("error")
 def test_numbers_that_lead_out_of_range_fail_their_case_alone() -> None:
     # Too large for a case file, as what a sweep makes of its numbers may be.
-    data = {
-        "inertia": BODY,
-        "resistance": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1e265, 1.0)),
-        "initial": dict(zip("pqr", START, strict=True)) | {"G": None},
-    }
+    rows = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1e265, 1.0)
+    data = {"inertia": (1.0, 0.8, 0.6), "resistance": rows, "initial": initial(*START)}
     case = Case(name="test", model="tensor", form="full", data=data, time=Time(end=1e83, samples=2))
     with pytest.raises(HodoError, match="test: its numbers"):
         integrate(case)
@@ -335,11 +308,9 @@ def test_numbers_that_lead_out_of_range_fail_their_case_alone() -> None:
 
 @taylor
 def test_no_step_is_beyond_the_limit_where_each_asks_for_new_units() -> None:
-    # Each step is some nine decay times long, so that the state leaves the band of its units in
-    # every one of them.
-    motion = integrate(
-        diagonal((30.0, 20.0, 20.0), method="taylor", max_steps=20, time=Time(end=100.0, samples=3))
-    )
+    # In each step the state leaves the band of its units.
+    limits = {"method": "taylor", "max_steps": 20, "time": Time(end=100.0, samples=3)}
+    motion = integrate(diagonal((30.0, 20.0, 20.0), **limits))
     assert (motion.status, motion.steps) == ("timeout", 20)
 
 
@@ -363,37 +334,23 @@ def test_a_step_of_collocation_begins_where_the_last_one_leads() -> None:
     assert motion.evaluations < 4.5 * 16 * motion.steps
 
 
-@pytest.mark.heyoka
+@taylor
 def test_a_motion_beyond_the_root_of_the_largest_number_ends_with_its_last_sample() -> None:
     """Its units are renewed for what may follow, and nothing does."""
-    case = {
-        "model": "linear-diag",
-        "inertia": [1, 0.8, 0.6],
-        "damping": [-1, -1, -0.999],
-        "initial": {"p": 0, "q": 0, "r": 1e140},
-        "time": {"end": 40, "samples": 3},
-        "method": "taylor",
-    }
-    motion = integrate(Case.of(case))
+    start = {"initial": {"p": 0, "q": 0, "r": 1e140}, "time": {"end": 40, "samples": 3}}
+    motion = integrate(Case.of(BODY | start | {"damping": [-1, -1, -0.999], "method": "taylor"}))
     assert (motion.status, len(motion.time)) == ("ok", 3)
     grown = [1e140 * math.exp(0.999 * t) for t in (0, 20, 40)]
     assert motion.variables["omega"][:, 2] == pytest.approx(grown, rel=1e-13)
 
 
-FREE = {
-    "model": "linear-diag",
-    "inertia": [1, 0.8, 0.6],
-    "damping": 0,
-    "initial": {"p": 0.1, "q": 1, "r": 0.1},
-    "time": {"end": 30, "samples": 3},
-}
+FREE = BODY | {"initial": {"p": 0.1, "q": 1, "r": 0.1}, "time": {"end": 30, "samples": 3}}
 
 
 @pytest.mark.parametrize("method", ["auto", "DOP853"])
 def test_a_start_alone_has_no_measured_error(method: str) -> None:
     motion = integrate(Case.of({**FREE, "damping": [1, 2, 3], "method": method, "max_steps": 1}))
-    assert motion.status == "timeout"
-    assert len(motion.time) == 1
+    assert (motion.status, len(motion.time)) == ("timeout", 1)
     assert not motion.errors
     assert "the error could not be measured" in motion.warnings
 
@@ -414,3 +371,49 @@ def test_a_span_of_a_few_doubles_has_as_many_samples(method: str) -> None:
     assert 10 < len(motion.time) < 50
     assert (np.diff(motion.time) > 0).all()
     assert (motion.time[0], motion.time[-1]) == (start, end)
+
+
+BODIES: list[dict[str, Any]] = [
+    BODY,
+    FIG4 | {"inertia": [0.6, 1, 0.9]},
+    {"model": "tensor", "inertia": [8, 8, 4],
+     "resistance": {"diagonal": 0.003, "off_diagonal": 0.001}},
+    {"model": "torques", "inertia": [1e-9, 9e-10, 3e-10], "damping": 0.004},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("speed", [0.1, 10.0, 1e3])
+@pytest.mark.parametrize("body", BODIES)
+def test_samples_that_nobody_names_follow_the_motion(body: dict[str, Any], speed: float) -> None:
+    """G turns by less than 15 degrees in the body from one to the next."""
+    start = {"initial": {"p": 0.8 * speed, "q": 0.5 * speed, "r": -0.74 * speed}}
+    time = {"time": {"end": 1000 / max(speed, 10)}, "error": "off"}
+    data = hodo.run({**body, **start, **time}, classify=False)
+    G = data.omega.data * body["inertia"]
+    G /= np.linalg.norm(G, axis=1, keepdims=True)
+    turns = np.arccos(np.clip((G[1:] * G[:-1]).sum(axis=1), -1, 1))
+    assert np.degrees(turns.max()) < 15
+    assert re.search(rf"samples\"?: {data.time.size}, ", data.attrs["case"])
+    assert data.time.size <= 50_001
+
+
+@pytest.mark.parametrize("size", [2.0**-40, 8.0, 2.0**40])
+def test_default_samples_are_as_many_in_all_units_of_mass(size: float) -> None:
+    """Of bodies that turn fastest about their largest or about their smallest moment."""
+
+    def samples(moments: list[float]) -> int:
+        start = {"initial": {"p": 8, "q": 5, "r": 7.4}, "time": {"end": 200}, "damping": 0.01}
+        return Case.of(BODY | {"inertia": moments} | start).time.samples
+
+    for moments in ([1, 0.8, 0.6], [1, 0.95, 0.3], [1, 0.55, 0.5]):
+        assert samples([size * A for A in moments]) == samples(moments) > 1001
+
+
+def test_default_samples_follow_a_body_in_space() -> None:
+    """Where its herpolhode fills a figure, a corner of 12 degrees is seen."""
+    start = {"initial": {"p": 0.6, "q": 0.5, "r": 0.9}, "time": {"end": 200}}
+    case = BODY | {"inertia": [12.4, 9.1, 5.3]} | start
+    motion = hodo.run(case | {"attitude": "yes"})
+    speed = np.linalg.norm(motion.omega, axis=-1).max()
+    assert np.degrees(speed * np.diff(motion.time).max()) < 6
+    assert Case.of(case).time.samples < motion.sizes["time"]

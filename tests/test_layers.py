@@ -1,11 +1,15 @@
 """The layers of the package: imports go down only, and every folder is small."""
 
 import ast
+import json
 import re
+import subprocess
+import sys
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
 from conftest import ROOT
 
 PACKAGE = ROOT / "hodo_cli"
@@ -43,10 +47,8 @@ def rooms_used(path: Path) -> Iterator[str]:
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.level:
             base = package[: len(package) - node.level + 1] + tuple((node.module or "").split("."))
-            names = [
-                (*base, alias.name) if base[-1] else (*base[:-1], alias.name)
-                for alias in node.names
-            ]
+            inner = base if base[-1] else base[:-1]
+            names = [(*inner, alias.name) for alias in node.names]
             yield from (parts[1] for parts in names if len(parts) > 1 and parts[1] in FLOOR)
 
 
@@ -75,14 +77,12 @@ def test_only_the_scan_of_its_folder_knows_a_paper() -> None:
 
 
 def test_every_folder_has_a_floor_and_says_what_it_is() -> None:
-    for folder in (
-        path for path in PACKAGE.iterdir() if path.is_dir() and path.name != "__pycache__"
-    ):
+    for folder in PACKAGE.iterdir():
+        if not folder.is_dir() or folder.name == "__pycache__":
+            continue
         assert folder.name in FLOOR
         assert ast.get_docstring(ast.parse((folder / "__init__.py").read_text(encoding="utf-8")))
-        assert (
-            3 <= len([path for path in folder.glob("*.py") if path.name != "__init__.py"]) <= 9
-        ), folder.name
+        assert 3 <= len({path.name for path in folder.glob("*.py")} - {"__init__.py"}) <= 9
 
 
 def test_every_public_name_belongs_to_one_module() -> None:
@@ -101,3 +101,48 @@ def test_every_public_name_belongs_to_one_module() -> None:
                 if not name.startswith("_"):
                     modules[name].add(path.relative_to(PACKAGE).as_posix())
     assert not {name: files for name, files in modules.items() if len(files) > 1}
+
+
+FOLDERS = sorted(path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists())
+
+ALONE = """\
+import contextlib, importlib, json, os, pkgutil, sys
+# Libraries that no folder is asked about take most of the time: they are loaded once.
+for name in ("click", "heyoka", "matplotlib.backends.backend_agg", "scipy.integrate", "xarray"):
+    with contextlib.suppress(ImportError):
+        importlib.import_module(name)
+before = {*sys.modules}
+assert not {name for name in before if name.startswith(("hodo_cli", "h5py"))}
+for folder in sys.argv[1:]:
+    if not os.fork():
+        package = importlib.import_module("hodo_cli." + folder)
+        for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+            importlib.import_module(module.name)
+        new = [name.split(".") for name in {*sys.modules} - before]
+        rooms = {name[1] for name in new if name[0] == "hodo_cli" and name[1:]}
+        print(json.dumps([folder, *rooms, *{name[0] for name in new} & {"h5py"}]), flush=True)
+        os._exit(0)
+for _ in sys.argv[1:]:
+    os.wait()
+"""
+
+
+@pytest.fixture(scope="module")
+def loaded() -> dict[str, set[str]]:
+    """By folder, the rooms that are loaded once all its modules are, and h5py."""
+    command = [sys.executable, "-c", ALONE, *FOLDERS]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    return {folder: set(names) for folder, *names in map(json.loads, done.stdout.splitlines())}
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_a_folder_brings_only_what_is_below_it(loaded: dict[str, set[str]], folder: str) -> None:
+    rooms = loaded[folder] - {"h5py"}
+    assert folder in rooms
+    assert {room for room in rooms - {folder} if FLOOR[room] >= FLOOR[folder]} == set()
+    # What is below the results computes, and does so without files.
+    if FLOOR[folder] < FLOOR["results"] and folder != "storage":
+        assert not {"h5py", "storage"} & loaded[folder]
+    if folder == "storage":
+        assert rooms <= {"storage", *LAYERS[0].split()}

@@ -1,9 +1,5 @@
-"""What is foreseen of a sum of torques against thousands of motions that know nothing of it.
-
-The motions are integrated side by side by a method of Runge and Kutta of order 8 at a fixed step,
-from the equations as they are printed, in all six orders of the axes. HODO_SUMS sets the number of
-members of each test (default 100).
-"""
+"""What is foreseen of a sum of torques against HODO_SUMS motions (default 100) of each test, by a
+method of Runge and Kutta from the equations as they are printed."""
 
 import itertools
 import os
@@ -20,11 +16,10 @@ MEMBERS = int(os.environ.get("HODO_SUMS", "100"))
 P1 = (1.0, 0.8, 0.6)
 
 NONE, TO_LARGEST, TO_SMALLEST, THERE_AND_BACK = map(frozenset, ((), (1,), (-1,), (1, -1)))
-UNKNOWN = None
 
 
 def cross(a: Any, b: Any) -> Any:
-    """The products (n, 3) of vectors, in half the time that numpy's function takes for so few."""
+    """The products (n, 3) of vectors, in half the time of numpy's."""
     (a1, a2, a3), (b1, b2, b3) = a.T, b.T
     return np.array([a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1]).T
 
@@ -54,15 +49,12 @@ def stepped(A: Any, terms: theory.Dissipation, brake: Any, torque: Any, w: Any, 
     return w + h * sum(b * k for b, k in zip(DOP853.B, slopes, strict=True))
 
 
-def motions(
-    A: Any, terms: theory.Dissipation, brake: Any, w: Any, steps: int, h: float = 0.3
-) -> Any:
-    """The states (m, n, 3) at steps of length h/|omega|, so that a motion that slows keeps its
-    turns."""
+def motions(A: Any, terms: theory.Dissipation, brake: Any, w: Any, steps: int) -> Any:
+    """The states (m, n, 3) at steps of length 0.3/|omega|."""
     states = [w]
     for _ in range(steps):
         speed = np.sqrt((w * w).sum(-1, keepdims=True))
-        w = np.where(speed > SLOWEST, stepped(A, terms, brake, 0, w, h / speed), w)
+        w = np.where(speed > SLOWEST, stepped(A, terms, brake, 0, w, 0.3 / speed), w)
         states.append(w)
     return np.array(states)
 
@@ -72,9 +64,7 @@ def bodies(draw: np.random.Generator, n: int) -> np.ndarray:
     A = draw.uniform(0.3, 1, (40 * n, 3))
     ordered = np.sort(A)
     fit = (ordered[:, 0] + ordered[:, 1] > ordered[:, 2]) & (np.diff(ordered).min(1) > 0.03)
-    assert {tuple(order) for order in np.argsort(A[fit][:n])} == set(
-        itertools.permutations(range(3))
-    )
+    assert len({tuple(order) for order in np.argsort(A[fit][:n])}) == 6
     return A[fit][:n]
 
 
@@ -99,18 +89,15 @@ def sides(A: Any, states: Any) -> Any:
     largest, smallest = np.array([outer_axes(body) for body in A]).T
     at = np.arange(len(A))
     a, b, c = -np.sort(-A).T
-    outer, inner = (
-        a * (a - b) * states[:, at, largest] ** 2,
-        c * (b - c) * states[:, at, smallest] ** 2,
-    )
+    outer = a * (a - b) * states[:, at, largest] ** 2
+    inner = c * (b - c) * states[:, at, smallest] ** 2
     clear = np.abs(outer - inner) > 1e-5 * (a * a * (states**2).sum(-1))
     return np.where(clear, np.sign(outer - inner), 0)
 
 
 def passages(A: Any, states: Any) -> list[list[tuple[int, float, float]]]:
-    """For each member its crossings: side after, and |G| at the last clear state before and at the
-    first after."""
-    found: list[list[tuple[int, float, float]]] = []
+    """For each member its crossings: the side after, and |G| before and after."""
+    found = []
     clear, G = sides(A, states), np.sqrt(((A * states) ** 2).sum(-1))
     for n in range(len(A)):
         at = np.flatnonzero(clear[:, n])
@@ -139,37 +126,28 @@ def random_terms(draw: np.random.Generator, n: int, *names: str) -> theory.Dissi
     return theory.Dissipation(A, **given, kappa=kappa)
 
 
-SUMS = {
-    "damping": ("damping",),
-    "quadratic": ("quadratic",),
-    "two media": ("damping", "quadratic"),
-    "fluid": ("kappa",),
-    "fluid and damping": ("kappa", "damping"),
-    "fluid and quadratic": ("kappa", "quadratic"),
-    "all": ("kappa", "damping", "quadratic"),
-}
+SUMS = ["damping", "quadratic", "damping quadratic", "kappa", "kappa damping", "kappa quadratic",
+        "kappa damping quadratic"]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SUMS)
-def test_no_motion_crosses_otherwise(name: str) -> None:
-    draw = np.random.default_rng(list(SUMS).index(name))
-    terms = random_terms(draw, MEMBERS, *SUMS[name])
+@pytest.mark.parametrize("names", SUMS)
+def test_no_motion_crosses_otherwise(names: str) -> None:
+    draw = np.random.default_rng(SUMS.index(names))
+    terms = random_terms(draw, MEMBERS, *names.split())
     brake = 0.002 * draw.integers(0, 2, (MEMBERS, 1))
     w = starts(draw, MEMBERS)
     A = np.asarray(terms.inertia)
     crossed = 0
     for n, passed in enumerate(passages(A, motions(A, terms, brake, w, 800))):
-        allowed, turning = (
-            theory.possible_crossings(member(terms, n)),
-            theory.turning_momenta(member(terms, n)),
-        )
+        one = member(terms, n)
+        allowed, turning = theory.possible_crossings(one), theory.turning_momenta(one)
         senses = [sense for sense, *_ in passed]
         crossed += len(senses)
         expected = {NONE: [[]], TO_LARGEST: [[], [1]], TO_SMALLEST: [[], [-1]]}
         assert senses in expected.get(allowed, [senses])
         # An axis that is kept is entered, if at all, by the last crossing.
         for side, axis in zip((1, -1), outer_axes(A[n]), strict=True):
-            kept = theory.axes_never_left(member(terms, n))
+            kept = theory.axes_never_left(one)
             assert axis + 1 not in kept or side not in senses[:-1]
         if allowed == THERE_AND_BACK:
             assert_there_and_back(passed, turning)
@@ -217,12 +195,12 @@ def test_the_axes_are_those_of_the_body_in_any_order(order: tuple[int, ...]) -> 
         (theory.Dissipation((1.0, 1.0, 0.6), (0.1, 0, 0), kappa=1.0), NONE),
         (theory.Dissipation((1.0, 0.6, 0.6), (0, 0, 0.1)), NONE),
         (theory.Dissipation(P1, (-0.01, 0, 0)), TO_LARGEST),
-        (theory.Dissipation(P1, (0.02, 0, 0), (0.01, 0, 0.02)), UNKNOWN),
-        (theory.Dissipation(P1, kappa=0.1, quadratic=(0.02, 0, 0)), UNKNOWN),
+        (theory.Dissipation(P1, (0.02, 0, 0), (0.01, 0, 0.02)), None),
+        (theory.Dissipation(P1, kappa=0.1, quadratic=(0.02, 0, 0)), None),
         # Where |omega| counts beside |G|, the sense turns at no one size.
-        (theory.Dissipation(P1, (0.02, 0, 0), (0.02, 0, 0), kappa=0.1), UNKNOWN),
+        (theory.Dissipation(P1, (0.02, 0, 0), (0.02, 0, 0), kappa=0.1), None),
         # Negative damping may make G grow, so that the sense turns more than once.
-        (theory.Dissipation(P1, (0.02, -0.1, 0), kappa=0.1), UNKNOWN),
+        (theory.Dissipation(P1, (0.02, -0.1, 0), kappa=0.1), None),
         (theory.Dissipation((1e-100, 0.8e-100, 0.6e-100), (0.02, 0, 0), kappa=1e-250),
          THERE_AND_BACK),
     ],
@@ -239,9 +217,6 @@ def test_moments_of_any_size_turn_at_the_same_shape() -> None:
         assert [float(x) / size for x in scaled] == pytest.approx([float(x) for x in plain])
 
 
-# A tilt.
-
-
 def growth_of_a_tilt(terms: theory.Dissipation, omega: Any, **more: Any) -> Any:
     """The rates (3,) at which a tilt grows from each axis at the speed of omega (3,)."""
     rows = {key: np.asarray(x).tolist() for key, x in terms._asdict().items() if key != "covered"}
@@ -252,8 +227,7 @@ def growth_of_a_tilt(terms: theory.Dissipation, omega: Any, **more: Any) -> Any:
 
 @pytest.mark.parametrize("outer", [0, 1])
 def test_a_tilt_grows_at_the_rate_of_the_sum(outer: int) -> None:
-    """Sums of all terms, each of size 5e-5, about both outer axes: the growth of what is constant
-    in free motion, the distance of the hodograph from the axis, over a long time."""
+    """The growth of the distance of the hodograph from the axis, under sums of all terms."""
     draw = np.random.default_rng(3 + outer)
     A = bodies(draw, 250)
     A = A[np.diff(np.sort(A)).min(1) > 0.12][:25]

@@ -1,8 +1,5 @@
-"""Result files as other programs see them, and what `hodo` does with files that are none.
-
-netCDF4 brings an HDF5 library of its own, so readers other than h5py run in processes of their own.
-What faults do to a result stands in test_safety.py.
-"""
+"""Result files as other programs see them, in processes of their own as netCDF4 brings an HDF5
+library, and what `hodo` does with files that are none."""
 
 import json
 import os
@@ -17,6 +14,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+import xarray as xr
 from conftest import ROOT, Hodo, call
 
 import hodo_cli
@@ -175,6 +173,17 @@ def test_a_file_of_the_first_format_is_read(hodo: Hodo, tmp_path: Path) -> None:
     shutil.copy(ROOT / "tests" / "data" / "format1.h5", tmp_path / "old.h5")
     rows = json.loads(hodo("show", "old.h5", "--json").stdout)
     assert [row["case"] for row in rows] == ["fig4", "spin"]
+
+
+def test_the_group_of_another_program_is_no_case_and_stays(result: Path, hodo: Hodo) -> None:
+    mine = xr.Dataset({"x": ("n", np.arange(3.0))})
+    mine.to_netcdf(result, mode="a", group="mine", engine="h5netcdf")
+    for command in ("classify", "show", "compare"):
+        done = hodo(command, *["a.h5"] * (1 + (command == "compare")))
+        assert done.returncode == 0
+        assert "mine" not in done.stdout + done.stderr
+    with xr.open_dataset(result, group="mine", engine="h5netcdf") as kept:
+        assert kept.x.values.tolist() == [0, 1, 2]
 
 
 # Files that are not what they should be.

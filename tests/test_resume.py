@@ -1,5 +1,4 @@
-"""What makes a stored result stale: a line changed anywhere in what computes it, and nothing
-else."""
+"""What makes a stored result stale: a line changed in what computes it, and nothing else."""
 
 import os
 import shutil

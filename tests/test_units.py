@@ -121,11 +121,8 @@ def test_every_quantity_is_one_of_some_form() -> None:
 
 
 def test_every_model_of_hodo_is_tried() -> None:
-    own = {
-        model
-        for model, forms in models.catalogue().items()
-        if next(iter(forms.values())).__module__.startswith("hodo_cli.")
-    }
+    first = {model: next(iter(forms.values())) for model, forms in models.catalogue().items()}
+    own = {name for name, form in first.items() if form.__module__.startswith("hodo_cli.")}
     assert own == set(DATA)
 
 
@@ -149,20 +146,14 @@ def test_every_model_of_hodo_is_tried() -> None:
 )
 def test_units_are_products_of_powers(variable: str, time: str, inertia: str, written: str) -> None:
     body = scaled(BODY, (1, 1)) | {"model": "linear-diag", "time": {"end": 1, "unit": time}}
-    assert (
-        motion_from(hodo_cli.run(body | {"inertia_unit": inertia}), "a").units(variable) == written
-    )
+    motion = motion_from(hodo_cli.run(body | {"inertia_unit": inertia}), "a")
+    assert motion.units(variable) == written
 
 
 def test_keys_of_a_sweep_have_units_too() -> None:
     """Those within a key their own."""
-    units = {
-        "attitude.euler.1": "rad",
-        "damping.0": "1/s",
-        "quadratic": "1",
-        "torque.1": "kg m^2/s^2",
-        "constants.k": "1",
-    }
+    units = {"attitude.euler.1": "rad", "damping.0": "1/s", "quadratic": "1"}
+    units |= {"torque.1": "kg m^2/s^2", "constants.k": "1"}
     case = {"model": "torques", "inertia": [3, 2, 1], "initial": {"p": 1, "q": 1, "r": 1}}
     case |= {"damping": [0.1, 0.1, "0.1*(1 + k*t)**-1"], "quadratic": 0.1, "torque": 0.1}
     case |= {"constants": {"k": 0.1}, "attitude": {"euler": [0.1, 0.2, 0.3]}, "error": "off"}
@@ -178,10 +169,8 @@ def test_keys_of_a_sweep_have_units_too() -> None:
 
 
 def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
-    body = (
-        "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: .8, q: .5, r: .74}, "
-        "damping: [.05, .04, .03], time: {end: 40, unit: s}, inertia_unit: kg m^2"
-    )
+    body = "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: .8, q: .5, r: .74}, "
+    body += "damping: [.05, .04, .03], time: {end: 40, unit: s}, inertia_unit: kg m^2"
     turned = f"{body}, attitude: yes, error: off"
     starts = "p: 0, q: 0, G: 1}, error: off, sweep: {direction: {sphere: {count: 9, seed: 1}}}"
     sweep = "error: off, sweep: {damping.0: {linspace: [0.04, 0.06, 3]}}"
@@ -238,8 +227,7 @@ SLOW = {"damping": [(1e-13 * x, -1, 0) for x, *_ in DAMPING]}
     ("model", "other", "end", "powers"),
     [
         ("linear-diag", {}, 400, {"momentum": 1, "J": 0, "crossing_time": -1}),
-        # In seconds a body of the sky slows down by 1e-17 of its speed: the terms of a series in
-        # them are below the smallest double, and a passage was lost without a word.
+        # The terms of a series in the seconds of a body of the sky are below the smallest double.
         ("linear-diag", SLOW, 1e16, {"momentum": 1, "J": 0, "crossing_time": -1}),
         ("tensor", {}, 400, {"momentum": 1, "J": 0}),
         ("cavity+constant", TRIAXIAL, 400, {"momentum": 1, "J": 0}),
@@ -257,17 +245,14 @@ def test_averaged_motions_are_alike_in_units_of_any_size(model, other, end, powe
 
 @pytest.mark.heyoka
 def test_members_pass_in_any_unit_of_time() -> None:
-    """So many members go side by side, but for those whose rates are as far from 1 as these are in
-    a unit that is 1e6 times too short: their steps would cost them three digits."""
+    """Those whose rates are 1e6 times too small for steps side by side go by themselves."""
 
     def passages(unit: float) -> Any:
         axis = {"initial.r": {"linspace": [0.5 / unit, 1.5 / unit, 1000]}}
         data = {"kappa": 0.6048 * unit, "torque": [0, 0, -0.1 / unit**2], "epsilon": 0.1}
-        return hodo_cli.sweep(
-            {"model": "cavity+constant", "form": "averaged", "inertia": [8, 8, 4], **data}
-            | {"initial": {"p": 1 / unit, "q": 0, "r": 1 / unit}, "time": {"end": 60 * unit}}
-            | {"sweep": axis}
-        )
+        data |= {"initial": {"p": 1 / unit, "q": 0, "r": 1 / unit}, "time": {"end": 60 * unit}}
+        form = {"model": "cavity+constant", "form": "averaged", "inertia": [8, 8, 4]}
+        return hodo_cli.sweep(form | data | {"sweep": axis})
 
     here, there = passages(1.0), passages(1e6)
     assert here.attrs["method_reason"] == "side by side, 0 of 1000 members by themselves"
@@ -293,7 +278,7 @@ def test_axes_have_a_dash_where_the_case_has_no_units_and_nothing_where_one_is_l
 
 
 def test_the_slow_time_of_a_top_is_not_named_as_the_time() -> None:
-    """Its axis is tau = epsilon t, in a unit or not: as t it was 1/epsilon times too short."""
+    """Its axis is tau = epsilon t, in a unit or not."""
     top = scaled(TOP, (1, 1)) | {"model": "Lagrange-averaged", "form": "full", "epsilon": 0.05}
     motion = hodo_cli.run(top | {"time": {"end": 1, "samples": 101, "unit": "s"}})
     (axes,) = hodo_cli.plot(motion, kind="series", variables=["Gz"]).axes

@@ -1,5 +1,4 @@
-"""Figures of unusual data and looks: motions that have died down, single samples, gaps, ends of
-axes that are given, large letters and long legends."""
+"""Figures of unusual data: motions that have died down, single samples, constants."""
 
 import warnings
 from typing import Any
@@ -7,36 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from conftest import FIG4
 from matplotlib.figure import Figure
 
 import hodo_cli as hodo
 from hodo_cli import HodoError
 
-BODY: dict[str, Any] = {
-    "model": "linear-diag",
-    "inertia": [1, 0.8, 0.6],
-    "damping": 1,
-    "initial": {"p": 0.8, "q": 0.5, "r": 0.74},
-    "time": {"end": 900, "samples": 901},
-}
-STARTS = {
-    **BODY,
-    "damping": [0.005, 0.004, 0.003],
-    "initial": {"p": 0, "q": 0, "G": 1},
-    "time": {"end": 300},
-}
+BODY = FIG4 | {"damping": 1, "time": {"end": 900, "samples": 901}}
 
 
 @pytest.fixture(scope="module")
 def dying() -> xr.Dataset:
-    """A body whose omega ends below the smallest double, while its direction is known: under equal
-    damping it goes the way of the free body."""
+    """A body whose omega ends below the smallest double, while its direction is known."""
     return hodo.run(BODY)
-
-
-@pytest.fixture(scope="module")
-def turning() -> xr.Dataset:
-    return hodo.run({**BODY, "damping": [0.005, 0.004, 0.003], "time": {"end": 1000}})
 
 
 def drawn(*args: Any, **keys: Any) -> Figure:
@@ -108,8 +90,8 @@ def test_a_side_that_a_body_lacks_is_not_named(inertia: list[float], sides: list
 
 
 @pytest.mark.parametrize("values", ["x", 1j])
-def test_what_is_no_number_is_no_variable(turning: xr.Dataset, values: Any) -> None:
-    named = turning.assign(mine=("time", np.full(turning.sizes["time"], values)))
+def test_what_is_no_number_is_no_variable(dying: xr.Dataset, values: Any) -> None:
+    named = dying.assign(mine=("time", np.full(dying.sizes["time"], values)))
     with pytest.raises(HodoError, match="unknown variable 'mine'"):
         hodo.plot(named, "series", variables=["mine"])
 
@@ -123,7 +105,7 @@ def test_two_constant_components_have_equal_scales(caplog: pytest.LogCaptureFixt
 def test_a_map_of_the_status_shows_every_status() -> None:
     """Members of another status than ok have no values but this one."""
     moments = {"inertia.0": {"values": [1, 2.5]}, "inertia.2": {"values": [0.6, 0.7]}}
-    swept = hodo.sweep({**STARTS, "initial": BODY["initial"], "sweep": moments})
+    swept = hodo.sweep({**FIG4, "time": {"end": 300}, "sweep": moments})
     assert swept.status.values.tolist() == [[0, 0], [3, 3]]
     figure = drawn(swept, "map", variable="status", x="inertia.0", y="inertia.2")
     words = [text.get_text().rpartition(": ")[2] for text in figure.legends[0].texts]

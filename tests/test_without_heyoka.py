@@ -10,8 +10,7 @@ from conftest import ROOT, Hodo
 pytestmark = pytest.mark.process
 
 RTOL = 1e-8
-"""The references are right to 1e-12, and collocation to 1e-12 of a motion: a fault shows, and the
-other order of rounding of a long motion does not."""
+"""A fault shows, and the other order of rounding of a long motion does not."""
 
 PAPERS = [
     ("paper1", ["fig4", "fig16"]),
@@ -35,10 +34,8 @@ cases:
 """
 
 
-@pytest.fixture
-def environment() -> dict[str, str]:
-    """That of a process which finds no heyoka."""
-    return {**os.environ, "PYTHONPATH": str(ROOT / "tests" / "without_heyoka")}
+WITHOUT = {"env": {**os.environ, "PYTHONPATH": str(ROOT / "tests" / "without_heyoka")}}
+"""What a process gets that finds no heyoka."""
 
 
 def all_went_well(hodo: Hodo, *commands: Sequence[str], **options: object) -> list[str]:
@@ -49,10 +46,10 @@ def all_went_well(hodo: Hodo, *commands: Sequence[str], **options: object) -> li
 
 
 @pytest.mark.parametrize(("paper", "cases"), PAPERS)
-def test_papers_are_those_of_the_references(hodo, environment, paper, cases):
+def test_papers_are_those_of_the_references(hodo, paper, cases):
     chosen = [word for case in cases for word in ("--case", case)]
     run = ["run", paper, "--quiet", "--json", *chosen]
-    ran, _ = all_went_well(hodo, run, ["classify", f"runs/{paper}.h5"], env=environment)
+    ran, _ = all_went_well(hodo, run, ["classify", f"runs/{paper}.h5"], **WITHOUT)
     methods = {row["method"] for row in json.loads(ran)}
     assert "collocation" in methods <= {"collocation", "exact"}
     reference = ROOT / "runs" / "reference" / f"{paper}.h5"
@@ -62,10 +59,10 @@ def test_papers_are_those_of_the_references(hodo, environment, paper, cases):
     assert not [row for row in rows if row["differs"]]
 
 
-def test_a_full_tensor_an_attitude_and_a_sweep_are_those_of_the_series(hodo, environment, tmp_path):
+def test_a_full_tensor_an_attitude_and_a_sweep_are_those_of_the_series(hodo, tmp_path):
     (tmp_path / "few.yaml").write_text(CASES, encoding="utf-8")
     run = ["run", "few.yaml", "--quiet", "--json", "--out"]
-    (ran,) = all_went_well(hodo, [*run, "here"], env=environment)
+    (ran,) = all_went_well(hodo, [*run, "here"], **WITHOUT)
     assert [row["method"] for row in json.loads(ran)] == ["collocation"] * 2
     compare = ["compare", "here/few.h5", "there/few.h5", "--rtol", str(RTOL)]
     all_went_well(hodo, [*run, "there"], compare)
