@@ -170,11 +170,12 @@ produce."""
 
 
 def is_falling(model: Equations, k: Mapping[str, Any], y: np.ndarray) -> np.ndarray:
-    """Whether (...) motions with starts y (m, ...) begin far above the omega that constant torques
-    produce. They decay by many orders of magnitude before they settle, and would lose digits in
-    units of that omega."""
+    """Whether (...) motions with starts y (m, ...) decay by many orders of magnitude: under a
+    brake, or from a start far above the omega that constant torques produce, to which the motion
+    settles. They would lose digits in units of that omega."""
     made = order_by_torques(model, orders_of_constants(model, k))
-    return np.asarray(np.isfinite(made) & (order_of_magnitude(model, y) > made + FALLING_BITS))
+    is_far = np.isfinite(made) & (order_of_magnitude(model, y) > made + FALLING_BITS)
+    return np.asarray(is_far | model.may_stop)
 
 
 def largest_of(constant: Any) -> Any:
