@@ -273,8 +273,7 @@ def test_a_body_stops_alike_in_units_of_any_size(others: Any, unit: tuple[float,
 
 @pytest.mark.parametrize("method", ["taylor", "collocation"])
 def test_a_body_stops_alike_beside_a_torque_with_t_in_a_coefficient(method: str) -> None:
-    """A torque that spins the body up keeps its units, in which it is tiny near the stop. The time
-    is from DOP853 and the closed form of the last 1e-9 of G."""
+    """The time is from DOP853 and the closed form of the last 1e-9 of G."""
     brake = {"brake": 0.1, "method": method, "error": "off"}
     start = {"p": 0.01, "q": 0.04, "r": 0.09}
     by_key, by_expression = (run(start, 1, **{key: ["0.05*t", 0, 0]}, **brake)
@@ -282,6 +281,14 @@ def test_a_body_stops_alike_beside_a_torque_with_t_in_a_coefficient(method: str)
     assert by_key.attrs["status"] == "ok"
     assert by_key["event_time"].values == pytest.approx([0.6848433190442809], abs=1e-13)
     assert by_key["event_time"].values == pytest.approx(by_expression["event_time"].values)
+
+
+def test_the_direction_of_a_stop_has_its_digits_beside_a_torque() -> None:
+    """In the units of the omega that the torque makes, the last of G would have lost them."""
+    body = {"model": "torques", "inertia": [2, 1.5, 1], "initial": {"p": 0.3, "q": 0.2, "r": -0.9}}
+    torques = {"brake": 0.004, "torque": ["0.001*sin(t)", 0, 0.002]}
+    motion = hodo.run({**body, **torques, "time": {"end": 600, "samples": 31}})
+    assert motion["event_G_error"].values[0] < 1e-12
 
 
 @pytest.mark.parametrize(("key", "power"), [("damping", 2), ("torque", 5)])
