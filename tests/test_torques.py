@@ -115,6 +115,7 @@ def test_a_brake_stops_the_body(case: Any, time: float, direction: Any, method: 
 
 
 def test_a_torque_puts_the_stop_off() -> None:
+    """In units of the omega that the torque makes, the last of G would have lost its digits."""
     N = np.array([0.001, -0.002, 0.0015])
     motion = run(B, 120, brake=0.01, torque=N.tolist())
     assert motion["event_time"].values[0] == pytest.approx(113.1118867766, abs=1e-9)
@@ -131,7 +132,8 @@ def test_a_torque_puts_the_stop_off() -> None:
     along = solve_ivp(rates, (0, 14 * math.log(8)), G / size, "DOP853", rtol=1e-13, atol=1e-14)
     stated = motion["event_G_error"].values[0]
     off = math.dist([motion[f"event_G{i}"].values[0] for i in (1, 2, 3)], along.y[:, -1])
-    assert 1e-10 < off < 1.5 * stated < 1e-7
+    assert off < max(1.5 * stated, 1e-14)
+    assert stated < 1e-12
 
 
 @pytest.mark.parametrize("left", [1e-3, 1e-9])
@@ -268,7 +270,7 @@ def test_a_body_stops_alike_in_units_of_any_size(others: Any, unit: tuple[float,
     assert motion["omega"].values / u == pytest.approx(plain["omega"].values, abs=1e-12)
     assert motion.attrs["error"] < 1e-11
     for name in ("event_G1", "event_G2", "event_G3"):
-        assert motion[name].values == pytest.approx(plain[name].values, abs=1e-7)
+        assert motion[name].values == pytest.approx(plain[name].values, abs=1e-12)
 
 
 @pytest.mark.parametrize("method", ["taylor", "collocation"])
@@ -281,14 +283,6 @@ def test_a_body_stops_alike_beside_a_torque_with_t_in_a_coefficient(method: str)
     assert by_key.attrs["status"] == "ok"
     assert by_key["event_time"].values == pytest.approx([0.6848433190442809], abs=1e-13)
     assert by_key["event_time"].values == pytest.approx(by_expression["event_time"].values)
-
-
-def test_the_direction_of_a_stop_has_its_digits_beside_a_torque() -> None:
-    """In the units of the omega that the torque makes, the last of G would have lost them."""
-    body = {"model": "torques", "inertia": [2, 1.5, 1], "initial": {"p": 0.3, "q": 0.2, "r": -0.9}}
-    torques = {"brake": 0.004, "torque": ["0.001*sin(t)", 0, 0.002]}
-    motion = hodo.run({**body, **torques, "time": {"end": 600, "samples": 31}})
-    assert motion["event_G_error"].values[0] < 1e-12
 
 
 @pytest.mark.parametrize(("key", "power"), [("damping", 2), ("torque", 5)])
