@@ -32,7 +32,7 @@ from ..models.base import (
     state_powers,
 )
 from .step_checks import NO_BREAK, Gap, StepCheck
-from .steps import EventSearch, Steps
+from .steps import EventRoot, EventSearch, Steps
 
 SAMPLES_AT_ONCE = 1 << 16
 """Samples handed to an engine at once."""
@@ -157,7 +157,8 @@ class StepBuffer:
         return self.end is None
 
     def flush(self) -> None:
-        """Examine the steps noted."""
+        """Examine the steps noted: the stretch ends at the first event that ends it, or at the
+        start of the first step that misses its equations."""
         if not self.ends:
             return
         ends, series = np.array(self.ends, dtype=self.engine.dtype), np.array(self.series)
@@ -166,8 +167,27 @@ class StepBuffer:
         steps = Steps(ends, series, self.engine.basis, self.clock, self.units)
         roots = self.events.roots(steps)
         stop = next((root for root in roots if root.event.terminal), None)
+        whole = stop.step + 1 if stop else len(steps)
+        taken = self._examined(steps, stop) if self.check or self.reader else whole
+        self.occurrences += [
+            Occurrence(root.event.kind, float(steps.chosen([root.step]).times_at(root.x)[0, 0]))
+            for root in roots
+            if not root.event.terminal and root.step < taken
+        ]
+        if taken < whole:
+            self._end(taken, 0.0)
+        elif stop:
+            self._end(stop.step, stop.x, stop.event)
+        self.taken += len(self.ends)
+        self.ends.clear()
+        self.series.clear()
+        del self.states[:-1]
+
+    def _examined(self, steps: Steps, stop: EventRoot | None) -> int:
+        """How many steps, up to an event that ends the motion, meet their equations. The reader
+        sees these steps, the last one up to the event."""
         parts, taken = [steps], 0
-        if stop and (self.check or self.reader):
+        if stop:
             parts = [steps.chosen(slice(stop.step)), steps.chosen([stop.step]).until(stop.x)]
         for part in filter(len, parts):
             right = self.check.examine(part) if self.check else len(part)
@@ -175,20 +195,8 @@ class StepBuffer:
             if self.reader:
                 self.reader(part.chosen(slice(right)))
             if right < len(part):
-                self._end(taken, 0.0)
                 break
-        else:
-            if stop:
-                self._end(stop.step, stop.x, stop.event)
-        self.occurrences += [
-            Occurrence(root.event.kind, float(steps.chosen([root.step]).times_at(root.x)[0, 0]))
-            for root in roots
-            if not root.event.terminal and root.step < taken
-        ]
-        self.taken += len(self.ends)
-        self.ends.clear()
-        self.series.clear()
-        del self.states[:-1]
+        return taken
 
     def _end(self, step: int, x: Any, event: Event | None = None) -> None:
         """End the stretch at a place x of one of the steps noted."""
