@@ -59,8 +59,8 @@ MOST_SAMPLED = 1 << 21
 in memory at once."""
 
 WORTH_COMPILING = 250
-"""The fewest members, for each number among the constants, for which the step of averaged equations
-is compiled. That takes seconds, and a member alone takes about a millisecond."""
+"""The step of averaged equations is compiled only for at least this many members per constant.
+Compiling takes seconds, and a member alone takes about a millisecond."""
 
 
 @dataclass(frozen=True)
@@ -92,21 +92,22 @@ def chunks(case: Case, earlier: Earlier | None = None) -> Iterator[Chunk]:
     """The chunks of a sweep. Their limits depend on the case alone, so that another run finds the
     same chunks."""
     sizes = shape(case)
-    most = min(LARGEST_CHUNK, max(SMALLEST_CHUNK, -(-math.prod(sizes) // 16)))
+    sixteenth = -(-math.prod(sizes) // 16)  # rounded up
+    most = min(LARGEST_CHUNK, max(SMALLEST_CHUNK, sixteenth))
     if reason_alone(case):
         most = min(most, MEMBERS_ALONE)
     if "trajectory" in case.store:
-        most = min(
-            most, max(1, MOST_SAMPLED // (case.time.samples * len(case.system.equations.state)))
-        )
+        numbers_of_member = case.time.samples * len(case.system.equations.state)
+        most = min(most, max(1, MOST_SAMPLED // numbers_of_member))
     for first, last in boxes(sizes, most):
         yield Chunk(case, first, last, earlier)
 
 
 def boxes(sizes: tuple[int, ...], most: int) -> Iterator[tuple[int, int]]:
-    """The boxes of an array of these sizes, as the first member of each and the one after its last.
-    A box has at most `most` members, and is a number of whole rows or a part of one row."""
-    # The first axis of which at least one row fits into a box.
+    """Cut an array of these sizes into boxes of at most `most` members, each a number of whole rows
+    or a part of one row. Yields the first member of each box and the one after its last."""
+    # A row of an axis holds the members at one position along it. Boxes are cut along the first
+    # axis of which at least one row fits into a box.
     axis = next(i for i in range(len(sizes)) if math.prod(sizes[i + 1 :]) <= most)
     row, length = math.prod(sizes[axis + 1 :]), sizes[axis]
     count = -(-length // (most // row))
@@ -139,16 +140,17 @@ def compute(chunk: Chunk) -> Group:
     case, taken = chunk.case, chunk.taken
     group = blank_group(case, len(taken), Status.INVALID)
     values = {name: variable.data for name, variable in group.variables.items()}
-    # Where all are integrated alone for a reason of the case, the kind of `Rejection` has no
-    # meaning.
+    # Where no ensemble is tried, the code of each member to compute is 1, which then names no
+    # `Rejection`.
     rejection = np.where(taken, 0, 1) if reason_alone(case) else integrate_together(chunk, values)
+    # An ensemble integrates by Taylor series.
     methods = {"taylor"} if (values["status"] == Status.OK.code).any() else set()
     alone = np.flatnonzero(rejection)
     for i in alone.tolist():
         status, method, reduced = integrated_alone(case, chunk.first + i)
         values["status"][i] = status.code
         methods.add(method)
-        enter(values, [i], reduced)
+        fill_rows(values, [i], reduced)
     attributes: dict[str, Attribute] = {
         "run_time": thread_time() - began,
         "rejections": np.bincount(rejection[alone], minlength=len(Rejection)),
@@ -176,16 +178,19 @@ def blank_group(case: Case, n: int, status: Status) -> Group:
     return Group({"run_time": 0.0, "rejections": none, "methods": ""}, variables)
 
 
-def enter(values: Mapping[str, np.ndarray], rows: Any, reduced: Mapping[str, np.ndarray]) -> None:
-    """Copy the `reduced` columns of some members to their rows of the sweep's columns, as far as
-    the sweep has them."""
+def fill_rows(
+    values: Mapping[str, np.ndarray], rows: Any, reduced: Mapping[str, np.ndarray]
+) -> None:
+    """Copy the `reduced` columns of some members to their `rows` of the sweep's columns `values`,
+    for the columns that the sweep has."""
     for name in values.keys() & reduced.keys():
         values[name][rows] = reduced[name]
 
 
 def integrate_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Fill in the members whose motions an ensemble accepts. Returns the codes (n,) of the
-    `Rejection` of each member, 0 for accepted members and for members without a body or a start."""
+    """Fill in `values` for the members whose motions an ensemble accepts. Returns the code (n,) of
+    the `Rejection` of each member, 0 for an accepted member and for one without a body or a
+    start."""
     case, rejection = chunk.case, np.zeros(chunk.last - chunk.first, dtype=np.int64)
     computed = np.flatnonzero(~chunk.taken)
     if not computed.size:
@@ -193,7 +198,7 @@ def integrate_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nda
     times = sample_times(case) if "trajectory" in case.store else np.empty(0)
     for group in prepare(case, chunk.first + computed):
         positions = computed[group.members]
-        # Each group has its own events: which ones a member has depends on its numbers.
+        # Only some groups have such events, because these depend on the members' data.
         if times.size and group.passing:
             rejection[positions] = Rejection.SAMPLES.code
             continue
@@ -203,14 +208,15 @@ def integrate_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nda
         accepted = positions[outcome.accepted]
         values["status"][accepted] = Status.OK.code
         if accepted.size:
-            enter(values, accepted, reduced_ensemble(e, outcome, case.time))
+            fill_rows(values, accepted, reduced_ensemble(e, outcome, case.time))
         rejection[positions] = outcome.rejection
     return rejection
 
 
 def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np.ndarray]]:
-    """The status, the method and the columns (1,) of one member, integrated as a single case;
-    without columns if there is no body or the integration fails."""
+    """The status, the method and the columns (1,) of one member, integrated as a single case. There
+    are no columns if its data describe no body or no start, or if the integration does not reach
+    its end."""
     samples = None if "trajectory" in case.store else 2
     single = member(case, number, samples)
     if not system_of_member(case, single.data):
@@ -233,38 +239,35 @@ def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np
 
 
 def labels_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
-    """The columns (1,) of the end, of the labels and of the events of a single case, with the
-    status `ok`, or `undecided` if its labels are uncertain."""
+    """The status `ok`, or `undecided` if labels are uncertain, and the columns (1,) of a single
+    case: its variables at the end, its last event, its labels and its crossings."""
     case, variables = motion.case, motion.variables
     columns = {name: values[-1:] for name, values in variables.items()}
     columns |= event_columns({0: motion.events}, 1)
     if case.system.equations.may_stop:
-        k, (stop,) = attributes(case.system.constants), columns["event_time"]
-        end, state = case.time.end, motion.state[-1].astype(float)
-        moves = time_of_release(k, stop, end, state)
-        columns["event_release"] = np.array([moves])
+        k, stop = attributes(case.system.constants), columns["event_time"][0]
+        release = time_of_release(k, stop, case.time.end, motion.state[-1].astype(float))
+        columns["event_release"] = np.array([release])
     if case.system.no_axis_reason:
         return Status.OK, columns
-    found = (
-        Classification(variables["enclosed_axis"], tuple(own_crossings(motion)))
-        if case.system.is_quadrature
-        else classify(case, motion.method, motion.tol, motion.error, variables["omega"])
-    )
-    if not case.system.is_quadrature:
+    if case.system.is_quadrature:
+        found = Classification(variables["enclosed_axis"], tuple(own_crossings(motion)))
+    else:
+        found = classify(case, motion.method, motion.tol, motion.error, variables["omega"])
         columns["separation"] = least_separation_alone(motion)
     labels, crossings = found.labels, [*found.crossings]
     start = np.array([label_at_start(case, motion.time[0], labels, crossings)])
     member = np.zeros(len(crossings), dtype=np.int64)
     arrays = {name: x.data for name, x in columns_of(CROSSING_COLUMNS, crossings).items()}
-    # Where a brake has stopped the body, the motion goes on at rest.
+    # A body that a brake has stopped has samples at rest after its stop.
     stop = columns["event_time"] if case.system.equations.may_stop else motion.time[-1:]
     columns |= label_columns(start, labels[-1:], member, arrays, stop, case.time)
     return Status.UNDECIDED if found.hidden else Status.OK, columns
 
 
 def least_separation_alone(motion: Trajectory) -> np.ndarray:
-    """The smaller of the separations (1,) of start and end of a single case from the separatrix;
-    infinite where there is no separatrix."""
+    """The separation (1,) from the separatrix at the start or the end of a single case, the smaller
+    of the two; infinite where there is no separatrix."""
     body = body_of(motion.case)
     ends = np.array([body.initial_state[:3], motion.state[-1, :3].astype(float)])
     apart = separation(body.moments, ends.T, inertia_order(body.moments)).min(keepdims=True)
@@ -272,8 +275,8 @@ def least_separation_alone(motion: Trajectory) -> np.ndarray:
 
 
 def sampled(motion: Trajectory) -> dict[str, np.ndarray]:
-    """The variables (1, s, ...) of a motion at the samples of its case; without a value after an
-    event has ended it."""
+    """The variables (1, s, ...) of a motion at the s samples of its case; blank after an event has
+    ended it."""
     times = sample_times(motion.case)
     reached, asked = np.isin(times, motion.time), np.isin(motion.time, times)
     filled = {}

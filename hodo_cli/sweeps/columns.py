@@ -31,9 +31,10 @@ from .ensemble.motions import Ensemble, Outcome, Passages
 
 
 def columns(case: Case) -> dict[str, Stored]:
-    """All columns of the members of a sweep, by name. They include the variables at the end or,
-    where trajectories are stored, at every sample."""
+    """All columns of the members of a sweep, by name. They include the variables of the model: at
+    every sample where trajectories are stored, otherwise at the end."""
     model, is_sampled = case.system.equations, "trajectory" in case.store
+    # Without samples a variable has no first dimension, which is the time.
     words, first = ("", 0) if is_sampled else (", at the end", 1)
     final = {
         name: Stored(f"{variable.long_name}{words}", variable.dims[first:], units=variable.units)
@@ -47,15 +48,13 @@ def columns(case: Case) -> dict[str, Stored]:
 
 
 def stored_columns(case: Case) -> dict[str, Stored]:
-    """The columns that the result stores: those that `store` names, or all that need no request."""
-    asked = set(case.store) - {"trajectory"}
-    if asked and "trajectory" in case.store:
-        asked |= set(case.system.equations.variables)  # their samples are the trajectory
-    return {
-        name: column
-        for name, column in columns(case).items()
-        if name == "status" or (name in asked if asked else name not in ON_REQUEST)
-    }
+    """The columns that the result stores, by name: `status` and the columns named in `store`, or
+    all that are not in ON_REQUEST if `store` names none."""
+    available, named = columns(case), set(case.store) - {"trajectory"}
+    if named and "trajectory" in case.store:
+        named |= set(case.system.equations.variables)  # their samples are the trajectory
+    wanted = {"status"} | (named or available.keys() - ON_REQUEST)
+    return {name: column for name, column in available.items() if name in wanted}
 
 
 def lengths(case: Case, column: Stored) -> tuple[int, ...]:
@@ -69,13 +68,13 @@ def blank_array(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
 
 
 def shape(case: Case) -> tuple[int, ...]:
-    """The length of each axis."""
+    """The lengths of the axes of a sweep, in order."""
     return tuple(len(axis) for axis in axes_of(case.sweep or {}))
 
 
 def event_columns(events: Mapping[int, Sequence[Occurrence]], n: int) -> dict[str, np.ndarray]:
-    """The columns of the last events of n members, from the events of members by position (those
-    without events may be missing)."""
+    """The time (n,) and the axis (n,) of the last event of each of n members. `events` are the
+    events of members, by their positions; members without events may be absent."""
     times, axes = np.full(n, math.nan), np.full(n, UNDETERMINED)
     for row, of_member in events.items():
         for last in of_member[-1:]:
@@ -91,30 +90,32 @@ def label_columns(
     stop: np.ndarray,
     time: Time,
 ) -> dict[str, np.ndarray]:
-    """The columns of the labels of n members: the axes at start and end, the first crossing of
-    each, and the share of the span in which each axis is enclosed.
+    """The columns of the labels of n members: the axes at start and end, the first crossing of each
+    member, and the share of the span in which each axis is enclosed.
 
     `start` and `end` (n,) are the enclosed axes at both ends. `crossings` are the columns (k,) of
     all crossings by name, in order of time, and `member` (k,) the positions of their members.
     `stop` (n,) are the times at which members stop, nan where they do not.
     """
-    n, (crossing, first) = len(start), np.unique(member, return_index=True)
-    # A motion that starts on D = 0 leaves it at once, to the axis that it then encloses until it
-    # crosses.
-    kept = end.copy()
-    kept[crossing] = crossings["crossing_from"][first]
-    # The intervals in which all members enclose one axis: each begins with the motion or at a
-    # crossing.
+    n = len(start)
+    # The members that cross, and the position of the first crossing of each.
+    crossed, first = np.unique(member, return_index=True)
+    # A motion that starts on D = 0 leaves it at once. It then encloses the axis that its first
+    # crossing leaves or, without a crossing, the axis at its end.
+    after_start = end.copy()
+    after_start[crossed] = crossings["crossing_from"][first]
+    # Each interval in which a member encloses one axis begins at its start or at a crossing, and
+    # ends where the next one begins or, for the last one, at the stop or the end.
     owner = np.concatenate((np.arange(n), member))
-    axis = np.concatenate((np.where(start == 0, kept, start), crossings["crossing_to"]))
+    axis = np.concatenate((np.where(start == 0, after_start, start), crossings["crossing_to"]))
     begin = np.concatenate((np.full(n, time.start), crossings["crossing_time"]))
     order = np.lexsort((begin, owner))
     owner, axis, begin = owner[order], axis[order], begin[order]
     is_last = np.diff(owner, append=n) != 0
     until = np.where(is_last, np.fmin(stop, time.end)[owner], np.roll(begin, -1))
     share = np.zeros((n, 3))
-    is_one = (axis > 0) & (axis <= 3) & (time.end > time.start)
-    np.add.at(share, (owner[is_one], axis[is_one] - 1), (until - begin)[is_one])
+    counts = (axis > 0) & (axis <= 3) & (time.end > time.start)
+    np.add.at(share, (owner[counts], axis[counts] - 1), (until - begin)[counts])
     filled = {
         "start_axis": start,
         "end_axis": end,
@@ -123,13 +124,14 @@ def label_columns(
     }
     for name, values in crossings.items():
         filled[name] = blank_array((n,), values.dtype)
-        filled[name][crossing] = values[first]
+        filled[name][crossed] = values[first]
     return filled
 
 
 def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.ndarray]:
-    """The columns of the accepted motions of an ensemble."""
+    """The columns (k,) of the k accepted motions of an ensemble, by name."""
     is_accepted, passed = outcome.accepted, outcome.accepted_passages
+    # The numbers of the accepted motions, and the position of each of them among these.
     accepted, row = np.flatnonzero(is_accepted), np.cumsum(is_accepted) - 1
     end, exponent = outcome.state[:, accepted, None], outcome.exponent[accepted, None]
     member, until = row[passed.motion], np.full(len(accepted), float(e.span[1]))
@@ -145,28 +147,28 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
     if e.model.form.no_axis_reason:
         final["event_time"][member] = passed.time  # of several, the last one counts
         return final
-    sides = outcome.start_side[accepted], outcome.end_side[accepted]
-    start_axis, axis = (enclosed(e, side) for side in sides)
+    start_axis = enclosed(e, outcome.start_side[accepted])
+    end_axis = enclosed(e, outcome.end_side[accepted])
     start_axis[e.at_rest[accepted]] = rigid_body.UNDETERMINED
     crossings = crossing_columns(e, passed)
-    at_start = separation_at(e, accepted, e.start, np.zeros_like(outcome.exponent))
-    at_end = separation_at(e, accepted, outcome.state, outcome.exponent)
+    at_start = separation_at(e, accepted, e.start)
+    at_end = separation_at(e, accepted, outcome.state)
     final["separation"] = np.minimum(at_start, at_end)
     if e.model.may_stop and e.is_timed:
         final["event_release"] = np.array([
-            time_of_release(e.named(i), time, e.span[1], outcome.state[:, i])
-            for i, time in zip(accepted, final["event_time"], strict=True)
+            time_of_release(e.named(i), stop, e.span[1], outcome.state[:, i])
+            for i, stop in zip(accepted, final["event_time"], strict=True)
         ])  # fmt: skip
-    # After any other event the motion goes on.
+    # Only the event of a brake stops a body; after any other event the motion goes on.
     stop = np.where(e.model.may_stop, final["event_time"], math.nan)
-    return final | label_columns(start_axis, axis, member, crossings, stop, time)
+    return final | label_columns(start_axis, end_axis, member, crossings, stop, time)
 
 
 def output_of(
     e: Ensemble, motions: np.ndarray, times: np.ndarray, states: np.ndarray, exponent: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """The variables (n, s, ...) by name of some motions (n,) at times (s,) or (n, s), from their
-    states (m, n, s) in units of 2**exponent (n, s)."""
+    """The variables (n, s, ...) by name of some motions (n,) at s times each, from their states (m,
+    n, s) in units of 2**exponent (n, s). The `times` are (s,) for all motions or (n, s)."""
     y = rescaled(e.model, np.moveaxis(states, 0, -1), exponent)
     n, s = exponent.shape
     k, times = e.named(np.repeat(motions, s)), np.broadcast_to(times, (n, s)).ravel()
@@ -175,21 +177,20 @@ def output_of(
 
 
 def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
-    """The enclosed axes (k,) on sides (k,); a side is the sign of D, as in `Passages`."""
+    """The axes (k,) that motions enclose on these sides (k,) of the separatrix; a side is the sign
+    of D, as in `Passages`."""
     order = rigid_body.inertia_order(e.inertia[:, 0])
+    # For the sides -1, 0 and 1.
     axes = np.array([order[2] + 1, rigid_body.UNDETERMINED, order[0] + 1], dtype=np.int8)
     return np.asarray(axes[side.astype(int) + 1])
 
 
-def separation_at(
-    e: Ensemble, motions: np.ndarray, state: np.ndarray, exponent: np.ndarray
-) -> np.ndarray:
+def separation_at(e: Ensemble, motions: np.ndarray, states: np.ndarray) -> np.ndarray:
     """The separations (k,) of some motions (k,) from the separatrix, from the states (m, n) of all
-    motions in units of 2**exponent (n,)."""
-    y = state[:, motions]
+    n motions. It is a ratio, so the units of omega do not matter."""
     order = rigid_body.inertia_order(e.inertia[:, 0])
-    apart = rigid_body.separation(e.inertia[:, motions], y[:3], order)
-    # Infinite as for a sphere: with a rotor D = 0 separates no motions.
+    apart = rigid_body.separation(e.inertia[:, motions], states[:3, motions], order)
+    # With a rotor D = 0 separates no motions; the value is then that of a sphere.
     return np.full_like(apart, np.inf) if "rotor" in e.model.terms else apart
 
 
@@ -210,9 +211,9 @@ class Earlier:
     """An earlier result of a sweep that has grown since: its file, its name there, its attributes,
     and the present lengths of the axes.
 
-    `indices` has an entry for each axis: the positions (n,) of its values in the earlier result, -1
-    for new values; for a sphere the number of directions in the earlier result, which are the first
-    ones now.
+    `indices` has an entry for each axis: the positions (n,) of its present values in the earlier
+    result, -1 for new values; for a sphere the number of directions in the earlier result, which
+    come first among the present ones.
     """
 
     file: Path
@@ -235,8 +236,8 @@ class Earlier:
         )
 
     def positions(self, first: int, last: int) -> np.ndarray:
-        """The positions (axes, n) of the members `first` to `last` - 1 in the earlier result, -1
-        along an axis that has no such value there."""
+        """The positions (axes, n) in the earlier result of the members `first` to `last` - 1, with
+        -1 on each axis whose value is new."""
         index = np.unravel_index(np.arange(first, last), self.sizes)
         return np.array([
             np.where(i < before, i, -1) if isinstance(before, int) else before[i]
@@ -254,6 +255,7 @@ class Earlier:
         if not taken.any():
             return group
         positions = self.positions(first, last)[:, taken]
+        # The smallest box of the earlier result that has all these members.
         corner = positions.min(axis=1)
         box = tuple(map(slice, corner, positions.max(axis=1) + 1))
         variables = dict(group.variables)
@@ -269,9 +271,9 @@ class Earlier:
 
 
 def earlier_result(case: Case, case_digest: str, stored: FinishedCase | None) -> Earlier | None:
-    """The stored result of a sweep, if its members can be copied; else None. It must have ended
-    well, come from the same code and libraries, and differ from the sweep only in values along its
-    axes, some of them common."""
+    """The stored result of a sweep if its members can be copied, else None. They can if it has
+    ended well, if its code and libraries are the present ones, and if its case differs only in the
+    values along its axes, of which some are the same."""
     if stored is None or stored.attributes.get("status") != "ok":
         return None
     # A hash joins the digests of code, libraries and case; the first two must agree.
@@ -295,8 +297,8 @@ def earlier_result(case: Case, case_digest: str, stored: FinishedCase | None) ->
     earlier = Earlier(stored.file, stored.name, attributes, shape(case), known)
     if earlier.kept < attributes["members"]:
         if attributes.get("released"):
-            return None  # the members that move again are counted, not named
-        # The cost of members that this sweep no longer has is left out.
+            return None  # of the members that would move again only the number is stored
+        # Both include the costs of members that this sweep no longer has.
         left = {k: x for k, x in attributes.items() if k not in ("steps", "run_time")}
         return replace(earlier, attributes=left | {"members": earlier.kept})
     return earlier
@@ -310,7 +312,7 @@ def earlier_indices(axis: Axis, before: Axis) -> np.ndarray | int | None:
         return len(before) if is_prefix else None
     if axis.sphere or before.sphere or axis.keys != before.keys:
         return None
-    # Compared to the last bit: a linspace with a third of the step repeats many values exactly.
+    # Values must agree to the last bit: a linspace with a third of the step repeats many exactly.
     positions = {values: i for i, values in enumerate(values_along(before))}
     indices = np.array([positions.get(values, -1) for values in values_along(axis)])
     return indices if (indices >= 0).any() else None
