@@ -36,15 +36,16 @@ from .ensemble.motions import Ensemble
 
 
 def ensemble_of(case: Case, system: Model, members: np.ndarray, start: Iterable[Any]) -> Ensemble:
-    """The ensemble of members (n,) that a system describes, each with its own start: `start` has an
-    entry, a number or n of them, for each variable of the state."""
+    """The ensemble of members (n,) with the equations of one system. `start` has an entry for each
+    variable of the state: a number, or an array (n,) or a `Column` of n numbers."""
     model, events = system.equations, (*system.run_events, *system.class_events)
     numbers = [*flatten(system.constants)]
+    # With units of their own, steps convert the case's time by its unit, a constant.
     if model.degree and contains_time(model, events) and UNIT not in model.names:
         model, numbers = replace(model, structure=(*model.structure, (UNIT, 0))), [*numbers, 1.0]
-    constants, starts = (rows(values, len(members)) for values in (numbers, tuple(start)))
-    times, tol = (case.time.start, case.time.end), case.tol or EPS
-    return Ensemble(members, model, constants, starts, times, events, tol)
+    n, span = len(members), (case.time.start, case.time.end)
+    constants, starts = rows(numbers, n), rows(tuple(start), n)
+    return Ensemble(members, model, constants, starts, span, events, case.tol or EPS)
 
 
 def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
@@ -56,14 +57,14 @@ def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
 
 
 Described = tuple[Mapping[str, Any], Model | None]
-"""The data of members with one combination of swept values (or a column of many combinations), a
-direction on a sphere apart, and the system that they describe; None where they describe no body or
-no start."""
+"""The data of members with one combination of swept values, or with a `Column` of many, without the
+direction on a sphere; and the system that the data describe, None where they describe no body or no
+start."""
 
 
 def described(case: Case, paths: Sequence[KeyPath], values: Sequence[Any]) -> Described:
-    """The data and the system of members with one combination of values, or columns of many, at the
-    paths that vary."""
+    """The data and the system of members with these values at the `paths` that vary: numbers for
+    one combination, columns for many."""
     data = case.data
     for path, new in zip(paths, values, strict=True):
         data = with_number(data, path, new)
@@ -71,17 +72,15 @@ def described(case: Case, paths: Sequence[KeyPath], values: Sequence[Any]) -> De
 
 
 def system_of_member(case: Case, data: Mapping[str, Any]) -> Model | None:
-    """The equations of a member with these data; None where they describe no body or no start, are
-    not valid over the whole span, or lead to other equations than the case's."""
+    """The equations of a member with these data; None where the data describe no body or no start,
+    are not valid over the whole span, or need other equations than the case."""
     form, epoch = type(case.system), case.time.epoch
     span = (case.time.start - (epoch or 0.0), case.time.end - (epoch or 0.0))
     # Moments that violate the triangle inequality by rounding only are accepted from the case
     # itself, not from a swept value.
     is_own = data.get("inertia") is case.data.get("inertia") and is_rounded(data)
-    wrong = (path for path, _ in form.check(data) if not is_own or path[:1] != ("inertia",))
-    if any(True for _ in wrong) or any(check_attitude(form, data)):
-        return None
-    if any(form.check_span(data, *span)):
+    wrong = (x for x in form.check(data) if not is_own or x[0][:1] != ("inertia",))
+    if any(wrong) or any(check_attitude(form, data)) or any(form.check_span(data, *span)):
         return None
     # With other terms there are other variables, for which the sweep has no columns.
     system = models.find(case.model, case.form).of(data, epoch)
@@ -92,22 +91,26 @@ def system_of_member(case: Case, data: Mapping[str, Any]) -> Model | None:
 def combinations(
     case: Case, members: np.ndarray
 ) -> tuple[list[KeyPath], np.ndarray, np.ndarray, np.ndarray | None]:
-    """The combinations of swept values that occur among members (n,): the paths that vary, the
-    values (p, k) there of each combination, the position (n,) of each member's combination, and the
-    directions (n, 3) of members on a sphere, or None."""
+    """The combinations of swept values that occur among members (n,).
+
+    Returns the p paths that vary, the values (p, k) there of k combinations, the position (n,) of
+    each member's combination, and the directions (n, 3) of members on a sphere, or None.
+    """
     axes = axes_of(case.sweep or {})
     index = np.unravel_index(members, shape(case))
     plain = [(axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is None]
     directions = [
         axis.directions(i) for axis, i in zip(axes, index, strict=True) if axis.sphere is not None
     ]
+    # With a sphere as the only axis, nothing else varies and there is one combination.
     sizes = [len(axis) for axis, _ in plain] or [1]
     number = np.ravel_multi_index([i for _, i in plain] or [np.zeros_like(members)], sizes)
     # All directions of a sphere share one combination.
     occurring, combination = np.unique(number, return_inverse=True)
+    positions = np.unravel_index(occurring, sizes)  # along each plain axis
     varying = [
         (path, axis.values(j, along))
-        for (axis, _), along in zip(plain, np.unravel_index(occurring, sizes), strict=bool(plain))
+        for (axis, _), along in zip(plain, positions, strict=bool(plain))
         for j, (path, _) in enumerate(axis.ranges)
     ]
     paths = [path for path, _ in varying]
@@ -116,28 +119,31 @@ def combinations(
 
 
 def prepare(case: Case, members: np.ndarray) -> list[Ensemble]:
-    """The ensembles of members (n,), which name them by their positions. Members without a body or
-    a start are left out."""
+    """The ensembles of members (n,), where an ensemble numbers its motions by their positions among
+    these. Members whose data describe no body or no start are left out."""
     paths, values, combination, direction = combinations(case, members)
     if direction is None:
         every = np.arange(len(members))
         return alike(prepared_by_branch(case, paths, values[:, combination], every))
     sets = [described(case, paths, row) for row in values.T.tolist()]
     omega = velocities(sets, combination, direction)
-    return alike(
-        ensemble_of(case, system, positions, system.initial_states(omega[positions]))
+    bodies = [
+        (np.flatnonzero(combination == i), system)
         for i, (_, system) in enumerate(sets)
-        for positions in [np.flatnonzero(combination == i)]
         if isinstance(system, BodyFrame)
+    ]
+    return alike(
+        ensemble_of(case, body, positions, body.initial_states(omega[positions]))
+        for positions, body in bodies
     )
 
 
 def prepared_by_branch(
     case: Case, paths: Sequence[KeyPath], values: np.ndarray, positions: np.ndarray
 ) -> Iterator[Ensemble]:
-    """The ensembles of the members at some positions, with values (p, n) at paths. Members for
-    which the model takes the same branches are prepared together; members are prepared one by one
-    if they are invalid together, or if the model takes plain numbers only."""
+    """The ensembles of the members at some positions, with the values (p, n) of all members at p
+    paths. Members for which the model takes the same branches are prepared together; members are
+    prepared one by one if they are invalid together, or if the model takes plain numbers only."""
     try:
         with np.errstate(all="ignore"):  # columns refuse numbers that are not finite
             _, system = described(case, paths, [*map(Column, values[:, positions])])
@@ -163,7 +169,8 @@ def alike(ensembles: Iterable[Ensemble]) -> list[Ensemble]:
 
 
 def joined(kind: Sequence[Ensemble]) -> Ensemble:
-    """Ensembles of one structure as one."""
+    """One ensemble of the motions of several, which differ in members, constants and starts
+    only."""
     arrays = zip(*((e.members, e.constants, e.start) for e in kind), strict=True)
     members, constants, start = (np.concatenate(parts, axis=-1) for parts in arrays)
     return replace(kind[0], members=members, constants=constants, start=start)
@@ -172,8 +179,9 @@ def joined(kind: Sequence[Ensemble]) -> Ensemble:
 def velocities(
     sets: Sequence[Described], combination: np.ndarray, direction: np.ndarray
 ) -> np.ndarray:
-    """The angular velocities (n, 3) at the start for these directions (n, 3) of G, with |G| from
-    the data of each member's combination (n,); nan for data that describe no body or no start."""
+    """The angular velocities (n, 3) at the start for these directions (n, 3) of G. |G| comes from
+    the data of each member's combination (n,); nan where these data describe no body or no
+    start."""
     omega = np.full(direction.shape, np.nan)
     for i, (_, system) in enumerate(sets):
         if system is None:
@@ -191,8 +199,8 @@ def member(case: Case, number: int, samples: int | None = 2) -> Case:
 
 
 def members_as_cases(case: Case, numbers: np.ndarray, samples: int | None) -> Iterator[Case]:
-    """Members as single cases, with a number of evenly spaced samples, or with the case's own
-    samples if it is None."""
+    """Members as single cases, with this number of evenly spaced samples, or with the case's own
+    samples if `samples` is None."""
     paths, values, combination, direction = combinations(case, numbers)
     sets = [described(case, paths, row) for row in values.T.tolist()]
     time = case.time if samples is None else case.time.resampled(samples)
@@ -201,7 +209,7 @@ def members_as_cases(case: Case, numbers: np.ndarray, samples: int | None) -> It
     for i, number in enumerate(numbers):
         data, system = sets[combination[i]]
         if omega is not None and system is not None:
-            # The components replace other ways to give the start (|G|, x and y).
+            # p, q, r replace the other keys of a start (|G|, x and y), which become None.
             start = dict.fromkeys(data["initial"]) | dict(
                 zip("pqr", omega[i].tolist(), strict=True)
             )
@@ -212,15 +220,16 @@ def members_as_cases(case: Case, numbers: np.ndarray, samples: int | None) -> It
 def warnings_of_ends(case: Case) -> list[str]:
     """The warnings of the models of the first and the last member about their data.
 
-    The data of the case itself may belong to no member. Values along an axis mostly rise or fall,
-    so that on one axis the first or the last member mostly gives the warnings of all.
+    The case's own data may belong to no member. Values along an axis mostly rise or fall, so that
+    on one axis a warning of any member is mostly one of the first or the last too.
     """
     total = math.prod(shape(case))
+    ends = {0: "first", total - 1: "last"} if total > 1 else {0: "first"}
+    systems = {end: system_of_member(case, member(case, i).data) for i, end in ends.items()}
     given = grouped(
         (warning, end)
-        for number, end in ({0: "first", total - 1: "last"} if total > 1 else {0: "first"}).items()
-        for single in [member(case, number)]
-        if (system := system_of_member(case, single.data))
+        for end, system in systems.items()
+        if system
         for warning in warnings_of(system)
     )
     whose = f"of {total} members (only the first and the last are checked)"
@@ -228,7 +237,7 @@ def warnings_of_ends(case: Case) -> list[str]:
 
 
 def other_method(case: Case) -> str:
-    """Why a case cannot be integrated by the compiled steps of an ensemble; empty if it can."""
+    """Why the compiled steps of an ensemble cannot integrate a case; empty if they can."""
     reasons = {
         f"method {case.method}": case.method not in ("auto", "taylor"),
         f"{case.precision} precision": case.precision != "double",
@@ -239,14 +248,14 @@ def other_method(case: Case) -> str:
     return next((reason for reason, applies in reasons.items() if applies), "")
 
 
-# Formulas of the time that an ensemble may miss, because it compares its steps with the equations
-# at few places
+# Formulas of the time whose changes an ensemble may miss, because it compares its steps with the
+# equations at few places
 
 
 @dataclass(frozen=True)
 class TimeInRates:
-    """A substitute for the time in equations that records the highest power of the time in a term,
-    and the slope of a term linear in it, nan for all others.
+    """A substitute for the time in equations. A term that contains it has the highest `power` of
+    the time in the term, and the `slope` of a term linear in the time, nan for any other term.
 
     Sines, falling exponentials and negative powers of a linear term count as numbers, because their
     series at any point shows the whole function. All other functions raise TypeError or
@@ -279,7 +288,7 @@ class TimeInRates:
     def sin(self) -> "TimeInRates":
         if self.power > 1:
             raise TypeError
-        return TimeInRates(0, math.nan)
+        return TimeInRates(0, math.nan)  # counts as a number, but its slope is not constant
 
     __radd__, __rmul__, cos = __add__, __mul__, sin
     __neg__, __pos__ = (lambda x: x * -1.0), (lambda x: x)
@@ -289,17 +298,17 @@ class TimeInRates:
 
 
 def as_time(rate: Any) -> TimeInRates:
-    """A rate as it is, or a number as a rate without the time."""
+    """A rate as it is; a number as a rate that does not contain the time."""
     return rate if isinstance(rate, TimeInRates) else TimeInRates(0, 0.0)
 
 
 def may_hide_in_time(system: Model) -> bool:
-    """Whether a Taylor series at the start of a step may miss the change of a user's formulas
-    within it: a pulse leaves no trace in a series far from it, nor does t**2 at t = 0 in the orders
-    that determine a step."""
+    """Whether the Taylor series of a step may miss a change of a user's formulas within the step. A
+    pulse leaves no trace in a series far from it, nor does t**2 at t = 0 in the orders that
+    determine a step."""
     if not has_formula_of_time(system):
         return False
-    # The state is nan, so that no slope that depends on it counts as falling.
+    # With nan for the state, no slope that depends on the state counts as falling.
     y, k = [math.nan] * len(system.equations.state), attributes(system.constants)
     try:
         return max(as_time(rate).power for rate in system.equations.rhs(TimeInRates(), y, k)) > 1
@@ -310,8 +319,8 @@ def may_hide_in_time(system: Model) -> bool:
 # Single cases
 
 FEWEST_CASES = 32
-"""The fewest single cases of one kind that are integrated as an ensemble: fewer take less time one
-by one than compiling the step."""
+"""The fewest single cases of one kind that are integrated as an ensemble. Fewer cases take less
+time one by one than the step takes to compile."""
 
 CrossedMotion = tuple[Trajectory, tuple[Crossing, ...]]
 """A motion and its separatrix crossings."""
@@ -319,7 +328,7 @@ CrossedMotion = tuple[Trajectory, tuple[Crossing, ...]]
 
 def side_by_side(cases: Sequence[Case]) -> list[CrossedMotion | None]:
     """The motions of single cases, integrated as an ensemble where there are enough of one kind;
-    None for a case that is left to `classify`."""
+    None for a case that has to be integrated alone."""
     motions: list[CrossedMotion | None] = [None] * len(cases)
     for e in ensembles_of(cases):
         times = sample_times(cases[e.members[0]])
@@ -341,7 +350,7 @@ def side_by_side(cases: Sequence[Case]) -> list[CrossedMotion | None]:
 
 
 def ensembles_of(cases: Sequence[Case]) -> Iterator[Ensemble]:
-    """The ensembles of single cases of one kind, where there are at least FEWEST_CASES."""
+    """The ensembles of single cases of one kind, with at least FEWEST_CASES each."""
     kinds = grouped(
         (
             (case.system.equations, case.time, case.tol),
@@ -358,5 +367,5 @@ def watches_separatrix(case: Case) -> bool:
     """Whether an ensemble can find the crossings of a case, with a step that compiles in a short
     time."""
     system = case.system
-    is_small = bool(system.equations.degree) and not system.no_axis_reason
-    return is_small and not other_method(case) and not system.run_events
+    is_body = bool(system.equations.degree) and not system.no_axis_reason
+    return is_body and not other_method(case) and not system.run_events

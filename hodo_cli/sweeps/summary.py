@@ -38,8 +38,8 @@ separatrix."""
 
 MEASURED_MEMBERS = 96
 """The number of members in the sample whose error is measured against a reference, at milliseconds
-each: the members for which two integrations in double differ most at the end. For the others this
-difference, which costs a hundredth as much, is taken as the error."""
+each: the members for which two integrations in double differ most at the end. For the other members
+this difference, which costs a hundredth as much, is taken as the error."""
 
 MEMBERS_PER_TASK = 16
 """The members in one task of measuring errors, at some milliseconds each: there are enough tasks
@@ -71,7 +71,7 @@ class MemberEnd(NamedTuple):
 
 class MemberError(NamedTuple):
     """The errors of the final state and of the first crossing of a member, the kind of the
-    reference, and the reason if there is no reference."""
+    reference, and the problem if there is no reference."""
 
     final: float = math.nan
     crossing_time: float = math.nan
@@ -90,25 +90,28 @@ def differences(case: Case, ends: Sequence[MemberEnd]) -> np.ndarray:
         for row, i in enumerate(group.members[outcome.accepted].tolist()):
             end = ends[i]
             states = [part_apart(end.final[name], again[name][row]) for name in end.final]
-            crossing = again.get("crossing_time", np.full(row + 1, math.nan))[row]
+            crossing = again["crossing_time"][row] if "crossing_time" in again else math.nan
+            # Both integrations cross, or neither does.
             if math.isnan(crossing) == math.isnan(end.crossing_time):
                 apart[i] = max(states), abs(crossing - end.crossing_time)
     return apart
 
 
 def part_apart(a: np.ndarray, b: np.ndarray) -> float:
-    """The difference of two values of a variable, relative to the size of the first."""
+    """The largest difference of two values of a variable, relative to the size of the first
+    value."""
     return float(np.abs(a - b).max() / max(np.abs(a).max(), LEAST_SIZE))
 
 
 def worst_first(
     case: Case, ends: Sequence[MemberEnd]
 ) -> tuple[Sequence[MemberEnd], list[MemberError]]:
-    """The ends of the members whose errors are to be measured, and the errors of the others from
-    `differences`."""
+    """The ends of the members whose errors are to be measured, and for the other members the errors
+    estimated by `differences`."""
     if len(ends) <= MEASURED_MEMBERS or reason_alone(case):
         return ends, []
     apart = differences(case, ends)
+    # The largest differences first; nan, of a member without a crossing, counts as 0.
     states, crossings = np.argsort(-np.nan_to_num(apart, nan=0.0, posinf=math.inf), axis=0).T
     share = MEASURED_MEMBERS * 2 // 3
     worst = {*states[:share].tolist(), *crossings[: MEASURED_MEMBERS - share].tolist()}
@@ -118,8 +121,8 @@ def worst_first(
 
 
 def probe(case: Case, ends: Sequence[MemberEnd]) -> tuple[list[MemberError], float]:
-    """The errors of some members, and the processor time that they took, in seconds. An exception
-    leaves its own member without an error."""
+    """The errors of some members, and the processor time that they took, in seconds. A member whose
+    measurement raises an exception has no error, and the message as its problem."""
     errors, began = [], thread_time()
     singles = members_as_cases(case, np.array([end.number for end in ends]), samples=2)
     for end, single in zip(ends, singles, strict=True):
@@ -133,7 +136,7 @@ def probe(case: Case, ends: Sequence[MemberEnd]) -> tuple[list[MemberError], flo
 
 
 def member_error(case: Case, single: Case, end: MemberEnd) -> MemberError:
-    """The error of a member of a sweep; `single` is the member as a single case.
+    """The error of a member of a sweep. `single` is the same member as a single case.
 
     The error of a crossing is |D / (dD/dt)| of the reference at the member's crossing time, a step
     of Newton's method.
@@ -156,18 +159,18 @@ def member_error(case: Case, single: Case, end: MemberEnd) -> MemberError:
 
 
 def final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> float:
-    """The largest error of the stored variables of a member at its end, and of the time of its last
-    event, by the rules of `errors_against`. The error of a number is relative to its largest value
-    at start and end, because the number may vanish."""
+    """The largest error of the stored variables of a member at its end and of the time of its last
+    event, by the rules of `errors_against`. The error of a scalar is relative to its largest value
+    at start and end, because the scalar may vanish at the end."""
     errors = [0.0]
     if "event_time" in final:
         errors.append(error_of_last_event(float(final["event_time"]), reference))
     for name in reference.variables.keys() & final.keys():
         better = reference.variables[name]
+        # Only the last row differs from the reference; the first one gives the scale.
         judged = np.concatenate((better[:-1], final[name][None]))
-        errors.append(
-            error_of_variable(reference.case.system.equations.variables[name].dims, judged, better)
-        )
+        dims = reference.case.system.equations.variables[name].dims
+        errors.append(error_of_variable(dims, judged, better))
     return max(errors)
 
 
@@ -180,7 +183,7 @@ def error_of_last_event(time: float, reference: Trajectory) -> float:
 
 
 def crossing_error(reference: Trajectory) -> float:
-    """The distance in time of the second sample of a motion from the separatrix."""
+    """The distance in time from the separatrix of the second sample of a motion."""
     system, second = reference.case.system, reference.at(slice(1, 2))
     (event,) = system.class_events
     state, k = extended(second.state).T, system.constants
@@ -189,8 +192,8 @@ def crossing_error(reference: Trajectory) -> float:
 
 class Summary:
     """Sums over the chunks of a sweep, the ends of the members in the sample for errors, and the
-    number of these without an error, by reason. The sums begin with the attributes of an `earlier`
-    result, for the members that are copied from it."""
+    number of members of the sample without an error, by reason. The sums begin with the attributes
+    of an `earlier` result, for the members that are copied from it."""
 
     def __init__(self, case: Case, total: int, earlier: Mapping[str, Any]) -> None:
         self.case, self.earlier = case, earlier
@@ -207,7 +210,7 @@ class Summary:
         self._near: list[tuple[float, MemberEnd]] = []
 
     def add(self, chunk: Chunk, group: Group) -> None:
-        """Add a finished chunk."""
+        """Add the columns of a finished chunk to the sums, and its members to the sample."""
         columns = {name: variable.data for name, variable in group.variables.items()}
         status, taken = columns["status"], chunk.taken
         self.status += np.bincount(status, minlength=len(Status))
@@ -258,9 +261,11 @@ def largest(end: MemberEnd) -> float:
 def sampled_errors(
     pool: Pool, summary: Summary, report: Callable[[float], object]
 ) -> dict[str, Any]:
-    """The attributes of a sweep about its errors: the largest, and quantiles over the sample. The
-    summary counts members of the sample without an error, and its run time then includes the time
-    for errors. `report` is called with the finished share of the tasks."""
+    """The attributes of a sweep about its errors: the largest error, and quantiles over the sample.
+
+    The summary receives the numbers of members without an error and the processor time that the
+    errors took. `report` is called with the finished share of the tasks.
+    """
     began, asked = thread_time(), summary.ends
     sizes = [largest(end) for end in asked]
     known_ends = [end for end, size in zip(asked, sizes, strict=True) if size > LEAST_SIZE]
@@ -272,14 +277,15 @@ def sampled_errors(
         report(i / len(tasks))
         if isinstance(outcome, Exception):
             outcome = [MemberError(problem=str(outcome))] * len(task), 0.0
-        errors += outcome[0]
-        summary.run_time += outcome[1]
+        measured, seconds = outcome
+        errors += measured
+        summary.run_time += seconds
     summary.unmeasured = Counter(error.problem for error in errors if error.problem)
-    small, unknown = sum(x <= LEAST_SIZE for x in sizes), sum(map(math.isnan, sizes))
-    summary.unmeasured[f"they end below {LEAST_SIZE:g}"] = small
-    summary.unmeasured["an event ends them before their last sample"] = unknown
-    states = known([error.final for error in errors], [other.final for other in others])
-    times = known(*([error.crossing_time for error in by] for by in (errors, others)))
+    summary.unmeasured[f"they end below {LEAST_SIZE:g}"] = sum(x <= LEAST_SIZE for x in sizes)
+    are_unknown = map(math.isnan, sizes)
+    summary.unmeasured["an event ends them before their last sample"] = sum(are_unknown)
+    states = known([error.final for error in errors], [x.final for x in others])
+    times = known([error.crossing_time for error in errors], [x.crossing_time for x in others])
     states += earlier_errors(summary, "error_quantiles")
     times += earlier_errors(summary, "crossing_error_quantiles")
     kinds = sorted({error.kind for error in errors} - {"none"})
@@ -295,8 +301,8 @@ def sampled_errors(
 
 
 def known(measured: Sequence[float], estimated: Sequence[float]) -> list[float]:
-    """The measured and the estimated errors that are not nan; no estimate exceeds the largest
-    measured error."""
+    """The measured and the estimated errors that are not nan. An estimate above the largest
+    measured error is replaced by that error."""
     largest = np.fmax.reduce(measured, initial=0.0)
     found = [*measured, *np.minimum(estimated, largest).tolist()]
     return [x for x in found if not math.isnan(x)]
@@ -307,5 +313,6 @@ def earlier_errors(summary: Summary, name: str) -> list[float]:
     error between two quantiles counts as the larger one."""
     if name not in summary.earlier:
         return []
+    # The number of errors up to each quantile.
     ranks = np.floor(np.array(QUANTILE_LEVELS) * int(summary.earlier["error_sample"])).astype(int)
     return list(np.repeat(summary.earlier[name], np.diff(ranks, prepend=0)).tolist())

@@ -51,9 +51,12 @@ def run_sweep(
     progress: Progress,
     earlier: Earlier | None = None,
 ) -> Group:
-    """Compute a sweep; returns the group of its result file. Members of an `earlier` result are
-    kept and, with `resume`, chunks that a run with the same digest has stored. `progress` gets the
-    finished share. A chunk that fails is counted in the attributes and raises nothing."""
+    """Compute a sweep; returns the group of its result file.
+
+    Members of an `earlier` result are kept and, with `resume`, chunks that a run with the same
+    digest has stored. `progress` receives the finished share. A chunk that fails raises nothing;
+    its members count as failed in the attributes.
+    """
     stored = chunks_of(path, case_digest) if resume else {}
     tasks = list(chunks(case, earlier))
     problems: Counter[str] = Counter()
@@ -62,13 +65,14 @@ def run_sweep(
         progress.detail(f"{case.name}: {len(stored)} of {len(tasks)} chunks are kept")
 
     def finished(chunk: Chunk) -> Group:
+        """The columns of a chunk that has been stored or lost."""
         if chunk.first in lost:
             return lost_chunk(chunk)
         file = folder_of(path) / chunk_name(case_digest, chunk.first)
         with suppress(HodoError), open_run(file) as part:
             return part.read("part")
-        # Another run of the same sweep has ended and removed the chunks, so this one is computed
-        # again.
+        # Its file is missing where another run of the same sweep has ended and removed the chunks:
+        # compute it again.
         return chunk.completed(compute(chunk))
 
     def groups() -> Iterator[tuple[Chunk, Group]]:
@@ -77,8 +81,8 @@ def run_sweep(
         missing = [chunk for chunk in tasks if chunk.first not in stored]
         for chunk, outcome in pool.map(compute, missing):
             if isinstance(outcome, Exception):
-                # A chunk that fails loses its own members only; the sweep continues and reports
-                # their number.
+                # Only the members of this chunk are lost. The sweep continues and reports their
+                # number.
                 problems[str(outcome)] += int(np.count_nonzero(~chunk.taken))
                 lost.add(chunk.first)
                 yield chunk, lost_chunk(chunk)
@@ -88,15 +92,15 @@ def run_sweep(
                 yield chunk, group
 
     summary = Summary(case, tasks[-1].last, earlier.attributes if earlier else {})
-    # A task that measures errors takes about as long as a chunk.
-    members = len(tasks) / (len(tasks) + (ERROR_TASKS if case.error else 0))
+    # The share of the chunks in the progress: a task that measures errors takes about as long.
+    of_chunks = len(tasks) / (len(tasks) + (ERROR_TASKS if case.error else 0))
     progress.report(case.name, 0.0)
     for i, (chunk, group) in enumerate(groups(), 1):
         summary.add(chunk, group)
-        progress.report(case.name, members * i / len(tasks))
+        progress.report(case.name, of_chunks * i / len(tasks))
 
     def report(share: float) -> None:
-        progress.report(case.name, members + (1 - members) * share)
+        progress.report(case.name, of_chunks + (1 - of_chunks) * share)
 
     errors: Mapping[str, Attribute] = {"error": math.nan, "error_kind": "none"}
     if case.error:
@@ -111,8 +115,9 @@ def group_of_columns(
     tasks: Sequence[Chunk],
     finished: Callable[[Chunk], Group],
 ) -> Group:
-    """The sweep as a group, with its axes as dimensions. Its variables are read from the chunks
-    when the group is written, so that memory never holds all of them."""
+    """A sweep as a group, with its axes as dimensions. The variables are read from the chunks when
+    the group is written, so that memory never holds all of them; `finished` gives the columns of a
+    chunk."""
     sizes, stored = shape(case), stored_columns(case)
     axes = axes_of(case.sweep or {})
     names, variables = [axis.name for axis in axes], coordinates(case)
@@ -128,8 +133,8 @@ def group_of_columns(
             where, group = box(sizes, task.first, task.last), finished(task)
             for name in stored:
                 data = group.variables[name].data
-                corners = [corner.stop - corner.start for corner in where]
-                yield name, where, data.reshape(*corners, *data.shape[1:])
+                edges = [along.stop - along.start for along in where]
+                yield name, where, data.reshape(*edges, *data.shape[1:])
 
     vectors = {f"{axis.name}_vector" for axis in axes if axis.sphere}
     late = StreamedVariables(frozenset(stored) | vectors, fill)
@@ -143,15 +148,16 @@ def sweep_attributes(
     problems: Mapping[str, int],
     errors: Mapping[str, Attribute],
 ) -> dict[str, Attribute]:
-    """The attributes of a sweep, its `errors` among them."""
-    counts = summary.status.tolist()
-    total, (ok, failed, timeout, invalid, hidden) = sum(counts), counts
-    status = Status.FAILED if failed or not ok + hidden else Status.OK
+    """The attributes of the group of a sweep, including those in `errors`. `problems` counts the
+    members that chunks have lost, by message."""
+    ok, failed, timeout, invalid, undecided = summary.status.tolist()  # in the order of `Status`
+    total = ok + failed + timeout + invalid + undecided
+    status = Status.FAILED if failed or not ok + undecided else Status.OK
     if status is Status.OK and timeout:
         status = Status.TIMEOUT
     remarks = {
         "are invalid: their numbers give no body or no start, or need other equations": invalid,
-        "are undecided: their error is larger than their distance from the separatrix": hidden,
+        "are undecided: their error is larger than their distance from the separatrix": undecided,
         "stay at rest here although other torques would move them again: from `event_release` on, "
         "if `store` names it": summary.released,
     } | {f"have no measured error: {why}": n for why, n in summary.unmeasured.items()}
@@ -161,6 +167,8 @@ def sweep_attributes(
     endings = {"failed": failed, "stopped at max_steps or max_seconds": timeout}
     messages = [f"{count} of {total} members: {message}" for message, count in problems.items()]
     messages += [f"{n} of {total} members {outcome}" for outcome, n in endings.items() if n]
+    if not messages and not ok + undecided:
+        messages = ["no member is a body with a start under the case's equations"]
     if summary.released:  # stored, so that a grown sweep adds its own to it
         errors = {**errors, "released": summary.released}
     return case_attributes(
@@ -173,8 +181,7 @@ def sweep_attributes(
         steps=summary.steps,
         run_time=summary.run_time,
         status=status,
-        message="; ".join(messages)
-        or ("" if ok + hidden else "no member is a body with a start under the case's equations"),
+        message="; ".join(messages),
         warnings="\n".join(warnings),
         **errors,
     )
@@ -185,18 +192,19 @@ def method_reason(case: Case, summary: Summary) -> str:
     total, alone = summary.status.sum(), summary.alone[1:].sum()
     named = zip(summary.alone.tolist(), Rejection, strict=True)
     why = "; ".join(f"{count}: {rejection}" for count, rejection in named if rejection and count)
+    details = f" ({why})" if why else ""
     if not_together := reason_alone(case):
         reason = f"each by itself: {not_together}"
     else:
-        reason = f"side by side, {alone} of {total} members by themselves" + f" ({why})" * bool(why)
+        reason = f"side by side, {alone} of {total} members by themselves{details}"
     if taken := summary.earlier.get("members", 0):
         reason = f"{taken} of {total} members from an earlier run, the others {reason}"
     return reason
 
 
 def coordinates(case: Case) -> dict[str, Variable]:
-    """The coordinates of each axis by name: its values, or for a sphere the shape of its
-    directions."""
+    """The coordinates of a sweep by name: the values along each axis, or for a sphere only the
+    shape of its directions; and the times of the samples where trajectories are stored."""
     variables: dict[str, Variable] = {}
     for axis in axes_of(case.sweep or {}):
         if axis.sphere is not None:
@@ -213,21 +221,22 @@ def coordinates(case: Case) -> dict[str, Variable]:
 
 
 def directions(case: Case) -> Iterator[tuple[str, slice, np.ndarray]]:
-    """The directions along a sphere, in blocks of (variable, slice of the axis, array (n, 3)): a
-    million drawn at once would take 100 MB."""
-    for axis in axes_of(case.sweep or {}):
-        for first in range(0, len(axis) if axis.sphere else 0, LARGEST_CHUNK):
+    """Yield the directions along each sphere in blocks, as the variable, a slice of the axis and an
+    array (n, 3): a million drawn at once would take 100 MB."""
+    spheres = [axis for axis in axes_of(case.sweep or {}) if axis.sphere]
+    for axis in spheres:
+        for first in range(0, len(axis), LARGEST_CHUNK):
             last = min(first + LARGEST_CHUNK, len(axis))
             yield f"{axis.name}_vector", slice(first, last), axis.directions(np.arange(first, last))
 
 
 def stated_unit(case: Case, name: str) -> str:
-    """The unit of a swept key, in words; an angle is in radians, whatever unit the case file
+    """The unit of a swept key, in words. For an angle it is the radian, whatever unit the case file
     has."""
     _, keys = keys_of(case.model, case.form)
     unit = "1"
-    # Follow the path through nested keys; an index is no key, so that an entry of a list has the
-    # list's unit.
+    # Follow the path through nested keys. An index is no key, so an entry of a list has the unit of
+    # the list.
     for name_of_key in map(str, path_of(name)):
         if key := keys.get(name_of_key):
             unit, keys = key["unit"], keys_inside(key)
@@ -235,7 +244,8 @@ def stated_unit(case: Case, name: str) -> str:
 
 
 def keys_inside(rule: Rule) -> dict[str, Rule]:
-    """The keys, with their rules, of the mappings that a rule allows as a value or in a list."""
+    """The keys, with their rules, of all mappings that a rule allows, as a value or as an entry of
+    a list."""
     tables = [rule.get("properties", {}), *rule.get("tables", {}).values()]
     inner = [*rule.get("anyOf", ()), *([rule["items"]] if "items" in rule else ())]
     return dict(chain.from_iterable(x.items() for x in (*tables, *map(keys_inside, inner))))

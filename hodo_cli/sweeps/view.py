@@ -29,18 +29,19 @@ if TYPE_CHECKING:
     import xarray as xr
 
 KEYS_OF_MOTION = ("initial", "attitude", "damping", "resistance")
-"""The keys that change a motion, but not the formulas of the quantities that follow from its
+"""The keys that change a motion, but not the formulas by which quantities follow from its
 variables."""
 
 OF_SEPARATRIX = {*MEMBER_CLASSIFIED, "event_from"}
 """The variables of a sweep that depend on the sign of D."""
 
 EQUAL_STEPS = 1e-9
-"""The largest relative difference of steps or ratios along an axis that count as equal."""
+"""The largest relative difference at which steps or ratios along an axis count as equal."""
 
 
 def in_even_ratios(values: np.ndarray) -> bool:
-    """Whether values (n,) have equal ratios and not equal steps; two values have both."""
+    """Whether values (n,) have equal ratios but unequal steps. Two values have both equal, so they
+    do not."""
     if len(values) < 3 or (values <= 0).any():
         return False
     steps, ratios = np.diff(values), np.diff(np.log(values))
@@ -49,7 +50,8 @@ def in_even_ratios(values: np.ndarray) -> bool:
 
 
 def same_values(a: "xr.DataArray | None", b: "xr.DataArray | None") -> bool:
-    """Whether two sweeps have the same coordinate along an axis, to rounding."""
+    """Whether two sweeps have the same coordinate along an axis, to rounding. None stands for a
+    coordinate that a sweep lacks."""
     if a is None or b is None or a.sizes != b.sizes:
         return False
     return np.allclose(a.data, b.transpose(*a.dims).data, rtol=EQUAL_STEPS, atol=0)
@@ -57,8 +59,8 @@ def same_values(a: "xr.DataArray | None", b: "xr.DataArray | None") -> bool:
 
 @dataclass(frozen=True)
 class SweepView:
-    """A sweep: the name of its case, the case, and its dataset. The axes come first among its
-    dimensions, `time` and `axis` last."""
+    """A sweep: the name of its case, the case, and its dataset. The axes of the sweep are its first
+    dimensions, `time` and `axis` its last."""
 
     name: str
     case: Case
@@ -66,8 +68,8 @@ class SweepView:
 
     @classmethod
     def of(cls, name: str, data: "xr.Dataset") -> "SweepView":
-        """The sweep in a dataset. Raises HodoError if the parts of the dataset do not fit
-        together."""
+        """The sweep in a dataset, under the name of its case. Raises HodoError if the parts of the
+        dataset do not fit together."""
         owner = f"case {name}"
         case, data = case_in(data, owner), ordered(data, owner)
         check_whole(data.variables, owner, is_sweep=True)
@@ -79,7 +81,8 @@ class SweepView:
         return {name: self.data.sizes[name] for name in sweep_axes(self.data)}
 
     def keys(self, name: str) -> list[str]:
-        """The coordinates that vary along this axis alone; figures show the first one."""
+        """The coordinates that vary along this axis alone, swept keys first; figures show the first
+        one."""
         named = [*swept_names(self.data), *map(str, self.data.coords)]
         along = [key for key in named if self.data.variables[key].dims == (name,)]
         return list(dict.fromkeys(along))
@@ -96,18 +99,18 @@ class SweepView:
         return body.moments if is_plain else None
 
     def at(self, positions: Mapping[str, int]) -> Case:
-        """The case with the swept values at these positions of some axes."""
+        """The case with the values of the sweep at these positions along some axes."""
         return case_in(self.data[swept_names(self.data)].isel(positions), f"case {self.name}")
 
     def undivided(self, variable: str) -> str:
-        """Why a variable about enclosed axes or crossings has no meaning: no separatrix divides the
-        motions by the sign of D. Empty if it has one."""
+        """Why a variable about enclosed axes or crossings has no meaning in this sweep: no
+        separatrix divides its motions. Empty for a variable that has a meaning."""
         name = variable.partition(".")[0]
         return self.case.system.no_separatrix_reason if name in OF_SEPARATRIX else ""
 
     @property
     def sphere(self) -> str:
-        """The name of the axis that is a sphere of directions; empty if there is none."""
+        """The name of the axis that is a sphere of directions; empty without such an axis."""
         return next((name for name in self.axes if f"{name}_vector" in self.data), "")
 
     def directions(self) -> np.ndarray:
@@ -132,11 +135,8 @@ class SweepView:
         column, label = self._numbers(variable)
         for axis, i in {**dict.fromkeys(keep, 0), **at}.items():
             if not i < self.axes.get(axis, 0):
-                its_axes = ", ".join(self.axes)
-                message = (
-                    f"the sweep has no position {i} on an axis {axis!r} (its axes: {its_axes})"
-                )
-                raise HodoError(message)
+                has = f"its axes: {', '.join(self.axes)}"
+                raise HodoError(f"the sweep has no position {i} on an axis {axis!r} ({has})")
         averaged = [axis for axis in self.axes if axis not in (*keep, *at)]
         if averaged and label:
             shares = ", ".join(f"{variable}.{word}" for word in label)
@@ -144,21 +144,21 @@ class SweepView:
         return np.asarray(self._counted(column).isel(at).mean(averaged).transpose(*keep).data)
 
     def left_out(self, variable: str, at: Mapping[str, int]) -> tuple[int, int]:
-        """The number of members at fixed positions that do not count in an average of a variable,
-        and the number of all members there. Raises HodoError as `values` does."""
+        """How many members at fixed positions do not count in an average of a variable, and how
+        many members there are in all. Raises HodoError as `values` does."""
         column, _ = self._numbers(variable)
         missing = self._counted(column).isel(at).isnull()
         return int(missing.sum()), missing.size
 
     def _counted(self, column: "xr.DataArray") -> "xr.DataArray":
-        """A column with nan for members that failed. The stored column has nan or 0 there, and 0 is
-        a label."""
+        """A column with nan for the members whose status is not ok. The stored column has nan or 0
+        there, and 0 is also a label."""
         all_count = column.name == "status" or "status" not in self.data
         return column.where(True if all_count else self.data["status"] == 0)
 
     def _numbers(self, variable: str) -> tuple["xr.DataArray", list[str]]:
-        """A variable, component or share over all axes, repeated along axes that it does not have,
-        and the words of a label (no words for a number)."""
+        """A variable, component or share over all axes, and the words of a label (none for a
+        number). The values are repeated along axes that the stored variable does not have."""
         name, _, word = variable.partition(".")
         column = self.variable(name)
         column = column.expand_dims({a: n for a, n in self.axes.items() if a not in column.dims})
@@ -199,17 +199,16 @@ class SweepView:
         return {*self.ends} | constants_of(self.case.system, self.case.data)
 
     def derived(self, name: str) -> "xr.DataArray":
-        """A quantity at the ends of the members, from their stored variables.
+        """A quantity at the ends of the members, computed from their stored variables.
 
         Raises HodoError if the sweep lacks a variable, a constant or a coordinate that it needs.
         """
         if message := lack_of(self.case, name, self.sources, name):
             raise HodoError(message)
-        swept = (key for axis in axes_of(self.case.sweep or {}) for key in axis.keys)
-        for key in (key for key in swept if key not in self.data.variables):
-            raise HodoError(
-                f"sweep {self.name} has no coordinate {key!r}, which its members vary in"
-            )
+        swept = [key for axis in axes_of(self.case.sweep or {}) for key in axis.keys]
+        if missing := [key for key in swept if key not in self.data.variables]:
+            which = f"{missing[0]!r}, which its members vary in"
+            raise HodoError(f"sweep {self.name} has no coordinate {which}")
         parts = [len(PARTS[dim]) for dim in QUANTITIES[name].dims[1:]]
         blank = np.full((*self.axes.values(), *parts), np.nan)
         values = quantity_array(name, blank, [*self.axes], self.case)
@@ -225,10 +224,11 @@ class SweepView:
         return values
 
     def _of_one_body(self, name: str, at: Mapping[str, int], blank: "xr.DataArray") -> np.ndarray:
-        """A quantity of the members of one body, at these positions of the axes that change the
-        body, along all other axes. Members without finite variables keep the values of `blank`."""
+        """The values of a quantity for the members of one body, at these positions of the axes that
+        change the body, along all other axes. Members without finite variables keep the values of
+        `blank`."""
         others = [axis for axis in self.axes if axis not in at]
-        # The members take the place of the samples of a motion.
+        # A formula takes the samples of one motion: here each member stands for a sample.
         members = self.data[self.ends].isel(at).expand_dims("body")
         members = members.stack(time=["body", *others], create_index=False).transpose("time", ...)
         n = members.sizes["time"]
@@ -243,9 +243,9 @@ class SweepView:
         return np.asarray(values.reshape(blank.shape))
 
     def distance(self, other: "SweepView", variable: str, against: str) -> "SweepView":
-        """This sweep with a variable replaced by its distance from a variable of another sweep with
-        the same axes, in any order; for labels, 1 where they differ. A member counts where both are
-        ok.
+        """This sweep with a variable replaced by its distance from a variable of another sweep that
+        has the same axes, in any order. For labels it is 1 where they differ. A member counts where
+        both sweeps have the status ok.
 
         Raises HodoError if a sweep lacks its variable, or if the values along an axis or the sizes
         differ.
@@ -269,11 +269,11 @@ class SweepView:
         return replace(self, data=self.data.assign(changed))
 
     def sorted_along(self, *names: str) -> "SweepView":
-        """The sweep with the values along some axes in ascending order; descending values stay as
-        they are.
+        """The sweep with the values along some axes in ascending order; an axis with descending
+        values stays as it is.
 
-        Raises HodoError if a value then occurs twice: members of several sweeps make no single
-        curve.
+        Raises HodoError if a value then occurs twice, because members of several sweeps make no
+        single curve.
         """
         data = self.data
         for name in names:
@@ -283,10 +283,10 @@ class SweepView:
         return replace(self, data=data)
 
     def ticks(self, name: str) -> tuple[np.ndarray, bool]:
-        """The values (n,) along an axis, which its first key has in its `unit`, or along a
-        key, and whether they have equal ratios.
+        """The values (n,) of the first key along an axis, or of a key itself, and whether they have
+        equal ratios.
 
-        Raises HodoError if it has no finite numbers.
+        Raises HodoError if there are no finite numbers.
         """
         key, variables = self.key(name), self.data.variables
         values = np.asarray(variables[key].data if key in variables else [math.nan])
