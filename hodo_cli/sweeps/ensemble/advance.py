@@ -26,22 +26,24 @@ from .motions import (
 )
 
 LOOSER_TOLS, GROWN_ERRORS = 16, 32
-"""The second integration that measures the growth of errors has LOOSER_TOLS tolerances, and a
-crossing gets GROWN_ERRORS times the difference that it makes as its error. The factor is large
-because a difference may be small by chance: for 6 of 35,000 crossings of tensors and cavities the
-error estimated from the steps was too small, and the difference was at least a quarter of the true
-error. For four in five crossings GROWN_ERRORS differences are below the estimate from the steps."""
+"""A second integration, with LOOSER_TOLS tolerances, measures the growth of errors. The error of a
+crossing is at least GROWN_ERRORS times the difference between the two integrations. The factor is
+large because a difference may be small by chance: for 6 of 35,000 crossings of tensors and cavities
+the error estimated from the steps was too small, and the difference was at least a quarter of the
+true error. For four in five crossings GROWN_ERRORS differences are below the estimate from the
+steps."""
 
 STEP_ROUNDING, PER_STEP = 2.0**-52, 1 / 16
-"""The assumed relative error of a state in a step, from rounding, and from the truncation of the
-series, in tolerances. The errors that follow for the times of crossings were two to three times the
-largest error in random ensembles of all models (tests/test_sweep.py), and some fifty times the
-common error."""
+"""The assumed relative error of a state in one step: STEP_ROUNDING from rounding, and PER_STEP
+tolerances from the truncation of the series. The errors of crossing times that follow were two to
+three times the largest error in random ensembles of all models (tests/test_sweep.py), and some
+fifty times the common error."""
 
 
 @np.errstate(all="ignore")  # an overflow is not finite, hence not accepted
 def advance(e: Ensemble) -> Outcome:
-    """Integrate all motions of an ensemble over their span."""
+    """Integrate all motions of an ensemble over their span. Motions with anything uncertain are
+    rejected in the outcome."""
     m, n = e.start.shape
     outcome = Outcome(m, n, len(e.times))
     # A compiled step finds one event with a passage and one without; the order of more is left to
@@ -50,10 +52,10 @@ def advance(e: Ensemble) -> Outcome:
     if len(kinds) > len(set(kinds)):
         outcome.rejection[:] = Rejection.EVENTS.code
         return outcome
-    if e.onset.any():
+    if e.initial_direction.any():
         batch = BatchState(e, outcome)
         while batch.columns.motion.size:
-            # The work of numpy is done in pauses; between them a step is one call of compiled code.
+            # numpy works in the pauses only; between them a step is one call of compiled code.
             for _ in range(STEPS_PER_PAUSE):
                 batch.advance()
             batch.pause()
@@ -68,7 +70,8 @@ def advance(e: Ensemble) -> Outcome:
 
 
 def stop_at_rest(outcome: Outcome) -> None:
-    """Set motions that have become too slow to be integrated to rest, as in single cases."""
+    """Set motions that have become too slow to be integrated to rest, as `integrate` does for
+    single cases."""
     for state, exponent in (
         (outcome.state, outcome.exponent),
         (outcome.samples, outcome.sample_exponent),
@@ -84,12 +87,12 @@ def stop_at_rest(outcome: Outcome) -> None:
 def decide_passages(
     e: Ensemble, event: Event, candidates: list[TakenSteps], outcome: Outcome
 ) -> None:
-    """Find where motions pass from one side to another, in the candidate steps.
+    """Find where motions pass from one side to another within the candidate steps.
 
     A motion is accepted if its passages alternate and lead from the side at its start to the side
     at its end, and no side or passage is uncertain.
     """
-    outcome.start_side = e.side(event, e.span[0], e.onset)
+    outcome.start_side = e.side(event, e.span[0], e.initial_direction)
     outcome.end_side = e.side(event, e.span[1], outcome.state)
     # A body that a brake has stopped is on no side.
     resting = (outcome.state[:3] == 0).all(axis=0)
@@ -117,8 +120,9 @@ def stop_at(zeros: Passages, times: np.ndarray, outcome: Outcome) -> None:
 
 
 def reject_contradicted(outcome: Outcome, resting: np.ndarray) -> None:
-    """Reject motions whose passages do not alternate or do not lead to the side at their end,
-    unless they are at rest (n,) there; and motions that start on no side."""
+    """Reject motions whose passages do not alternate, motions whose passages do not lead to the
+    side at their end (unless they are at rest there, a mask (n,)), and motions that start on no
+    side."""
     passed = outcome.passages
     before = np.where(passed.is_first, outcome.start_side[passed.motion], np.roll(passed.after, 1))
     outcome.reject(passed.motion[passed.before != before], Rejection.UNCERTAIN)
@@ -138,23 +142,23 @@ def steps_of(candidates: list[TakenSteps], certain: np.ndarray) -> TakenSteps | 
 
 
 def zeros_within(e: Ensemble, event: Event, steps: TakenSteps) -> tuple[Passages, np.ndarray]:
-    """The zeros of an event's function in candidate steps, and the motions (k,) that have uncertain
-    ones."""
+    """The passages of motions at the zeros of an event's function in their candidate steps, and the
+    motions (k,) that have uncertain zeros."""
     powers, begin = steps.powers(e.step, event), steps.start
     noise = e.uncertainty(event, begin.time, begin.state, begin.named(e.model.structure))
     zeros = zeros_of(*without_start(e, begin, powers, noise))
     undecided = begin.motion[zeros.row[~zeros.sure]]
-    # From here a row is a zero instead of a step.
+    # From here every array has an entry for each sure zero, no longer for each step.
     row, x = zeros.row[zeros.sure], zeros.x[zeros.sure]
     passed = steps.chosen(row)
     times, motion, rate = passed.times_at(x), passed.start.motion, passed.start.rate
     slope = horner(polyder(powers[row].T), x) / passed.length
     uncertainty = np.ldexp(noise[row] / np.abs(slope), -rate)
-    # `uncertainty` belongs to a state's error of e.error_bound; the error of the steps taken is in
-    # proportion.
+    # `uncertainty` belongs to an error e.error_bound of the state. The error of the time is smaller
+    # in proportion to the error that the steps taken have made.
     taken = passed.start.clock[-1] + 2
-    certain_part = (STEP_ROUNDING + PER_STEP * e.tol) * taken / e.error_bound
-    errors = certain_part * uncertainty + np.spacing(np.abs(times)) / 2
+    proportion = (STEP_ROUNDING + PER_STEP * e.tol) * taken / e.error_bound
+    errors = proportion * uncertainty + np.spacing(np.abs(times)) / 2
     side = np.sign(slope).astype(np.int64)
     unordered = Passages(
         motion, times, errors, uncertainty, -side, side,
@@ -166,9 +170,9 @@ def zeros_within(e: Ensemble, event: Event, steps: TakenSteps) -> tuple[Passages
 def without_start(
     e: Ensemble, start: Columns, powers: np.ndarray, noise: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The series (k, order + 1) of D in steps, divided by the time squared in those that begin at
-    rest, and the bounds (k,) of their rounding. From rest D begins with the square of the time, and
-    this zero is no passage."""
+    """The series (k, order + 1) of D in steps, without the zero at the start of a motion from rest,
+    and the bounds (k,) of their rounding. From rest D begins with the square of the time, which is
+    no passage: such a series is divided by it."""
     at_rest = np.flatnonzero(~start.state[moving(e.model)].any(axis=0))
     later, noise = powers.copy(), noise.copy()
     later[at_rest] = np.pad(powers[at_rest, 2:], ((0, 0), (0, 2)))
@@ -177,10 +181,10 @@ def without_start(
 
 
 def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
-    """Enlarge the errors of first crossings to the difference from a second integration, with other
+    """Enlarge the errors of first crossings to the difference from a second integration with other
     steps.
 
-    Errors grow some 1e4-fold along a motion that stays near the separatrix: passing the middle axis
+    Errors grow some 1e4-fold along a motion that stays near the separatrix. Passing the middle axis
     turns an error of D into an error of the phase, and a torque that depends on the phase turns
     that into a larger error of D. No single step shows this. The second integration ends at the
     time of the crossing, and its distance in time from D = 0 there is the difference of the two
@@ -208,20 +212,20 @@ def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
 # The motions in progress, and their steps
 
 FITTING, STILL_FITTING = (1 / 16, 16.0), (1 / 256, 256.0)
-"""The bounds of the largest component of a scaled state that needs no new units. The control of the
-error is absolute below 1, so that a motion at 1/16 has lost a digit. Outside FITTING units are
-renewed at every PAUSES_PER_RENEWAL-th pause, because a call of numpy, some 0.1 ms, costs more than
-a thousand motions; outside STILL_FITTING, which few motions leave, at every pause. So the units of
-a motion depend on no other motion."""
+"""The bounds of the largest component of a scaled state between which it needs no new units. The
+control of the error is absolute below 1, so that a motion at 1/16 has lost a digit. Outside FITTING
+units are renewed at every PAUSES_PER_RENEWAL-th pause only, because a call of numpy, some 0.1 ms,
+costs more than a thousand motions; outside STILL_FITTING, which few motions leave, at every pause.
+So the units of a motion depend on no other motion."""
 
 PAUSES_PER_RENEWAL = 4
 
 STEP_LIMIT = int(4 * MIN_STIFF_STEPS)
-"""Steps after which a motion is left to be integrated as a single case."""
+"""The number of steps after which a motion is left to be integrated as a single case."""
 
 HOPELESS_STEPS = 100 * MIN_STIFF_STEPS
-"""A motion that would need more steps, if all were as long as its first ones, is left to be
-integrated as a single case at once."""
+"""A motion is left to be integrated as a single case at once if it would take more steps than this,
+were all as long as its first ones."""
 
 STEPS_PER_PAUSE = 6
 """The number of steps between pauses, which look for motions that have ended or need new units.
@@ -233,11 +237,12 @@ about as much as one step."""
 
 
 def columns_at_start(e: Ensemble, motion: np.ndarray, longest: float) -> Columns:
-    """The columns of some motions (n,) at their start, in the units of the case, with `longest` as
-    the stride of their steps."""
+    """The columns of some motions (n,) at their start, in the units of the case. `longest` is the
+    stride of their steps."""
     n = len(motion)
     end = np.broadcast_to(e.span[1], e.start.shape[1])[motion]
-    rows = np.array([*e.start[:, motion], *e.lengths[:, motion], np.zeros(n)])
+    steps_taken = np.zeros(n)
+    rows = np.array([*e.start[:, motion], *e.lengths[:, motion], steps_taken])
     params = np.array([end, *e.constants[:, motion], np.full(n, longest)])
     exponent, rate = np.zeros((2, n), dtype=np.intc)
     return Columns(rows, params, motion, exponent, rate)
@@ -246,9 +251,9 @@ def columns_at_start(e: Ensemble, motion: np.ndarray, longest: float) -> Columns
 class BatchState:
     """The motions of an ensemble that have not reached their end, in columns.
 
-    A step is written to `output`, whose first rows are the rows of the `columns` after it; the
-    memory of the columns before it is then `spare`. The number of columns is a multiple of the
-    engine's width. A column without a motion has no time left.
+    A step writes to `output`, whose first rows then become the rows of `columns`; `spare` is the
+    memory for the output of the next step. The number of columns is a multiple of the engine's
+    width. A column without a motion has no time left.
     """
 
     def __init__(self, e: Ensemble, outcome: Outcome) -> None:
@@ -258,18 +263,18 @@ class BatchState:
         self.candidates, self.history = list[TakenSteps](), list[np.ndarray]()
         self.pauses = 0
         # Motions with uneven starts are left to single cases, whose steps can be limited.
-        turning = (e.onset[moving(e.model)] != 0).any(axis=0)
+        turning = (e.initial_direction[moving(e.model)] != 0).any(axis=0)
         outcome.rejection[turning] = Rejection.UNEVEN.code
         begun = np.flatnonzero(turning & ~uneven(e.start[moving(e.model)]))
         motion = padded(begun)
         self.columns = columns_at_start(e, motion, stride(e.tol, e.passing, e.looser))
         self.output, self.spare = np.empty((2, e.step.rows, len(motion)))
         self.renew(np.arange(len(motion)))
-        self.empty(len(begun))
+        self.clear(len(begun))
         at_start = e.times <= np.reshape(e.span[0], (-1, 1))
         np.copyto(outcome.samples, e.start[:, :, None], where=at_start)
 
-    def empty(self, first: int) -> None:
+    def clear(self, first: int) -> None:
         """Mark the columns from position `first` on as columns without a motion."""
         self.columns.clock[0, first:], self.columns.motion[first:] = 0, -1
 
@@ -281,7 +286,7 @@ class BatchState:
         self.output, self.spare = self.spare, self.output
         self.step(before.rows, before.params, self.output)
         # Rows of the output: the columns after the step, the length of the step, and for each event
-        # a number that is negative where it may have a zero in the step.
+        # a number that is negative where the event may have a zero in the step.
         self.columns = Columns(self.output[:end], *before[1:])
         steps, passed = TakenSteps(before, self.output[end]), np.empty(0, dtype=np.int64)
         for event, bound in zip(e.step.events, self.output[end + 1 :], strict=False):
@@ -320,7 +325,7 @@ class BatchState:
 
     def note_candidates(self, event: Event, steps: TakenSteps, columns: np.ndarray) -> None:
         """Keep the steps just taken in some columns, where an event's function may have zeros. A
-        motion in which a terminal event has changed its sign stops."""
+        motion stops if the function of a terminal event has changed its sign."""
         self.candidates.append(steps.chosen(columns))
         # The time within the step is found at the end, for all motions at once.
         if event.terminal:
@@ -330,7 +335,7 @@ class BatchState:
             self.columns.clock[0, columns[np.multiply(*values) < 0]] = 0
 
     def cut_at_zero(self, event: Event, steps: TakenSteps, columns: np.ndarray) -> np.ndarray:
-        """End the steps just taken in some columns at the first zero of an event's function.
+        """Cut the steps just taken in some columns at the first zero of an event's function.
         Returns the columns that have one."""
         step, cut = self.ensemble.step, steps.chosen(columns)
         powers = cut.powers(step, event)
@@ -347,7 +352,7 @@ class BatchState:
         return np.asarray(columns[is_sure])
 
     def restart(self, columns: np.ndarray) -> None:
-        """Continue motions after their passage of an event, in the case's own units."""
+        """Continue the motions of some columns after the event, in the case's own units."""
         e, before = self.ensemble, self.columns.chosen(columns)
         states = rescaled(e.model, before.state.T, before.exponent)
         constants = e.constants[:, before.motion]
@@ -359,14 +364,15 @@ class BatchState:
                 at_end.append(column)
         self.columns.constants[:, columns] = constants
         self.columns.exponent[columns] = self.columns.rate[columns] = 0
-        # Motions that have ended leave their columns: a step from a final state may lead anywhere.
-        self.enter(np.array(at_end, dtype=np.int64))
+        # Motions that have ended leave their columns now: no step may lead on from a final state.
+        self.store(np.array(at_end, dtype=np.int64))
 
     def pass_event(
         self, column: int, motion: int, end: float, time: float, state: list[float],
         numbers: list[float],
     ) -> bool:  # fmt: skip
-        """Continue one motion after its passage of an event; returns whether it ends there."""
+        """Continue the motion of a column after the event; returns whether the motion ends there.
+        `numbers` are its constants."""
         event, columns = self.ensemble.passing, self.columns
         assert event is not None
         assert event.passage is not None
@@ -384,24 +390,22 @@ class BatchState:
         return onward >= end
 
     def pause(self) -> None:
-        """Store the samples, drop the motions that have ended, and renew units that no longer
-        fit."""
+        """Store samples, drop motions that have ended, and renew units that no longer fit."""
         columns = self.columns
         self.pauses += 1
         if self.history:
             self.sample()
         remaining, lost, steps = columns.clock
         going = (remaining > 0) & (steps < STEP_LIMIT)
-        # The rounding error goes back to the time left, before the time left decides the last
-        # steps.
+        # Add the rounding error to the time left, before the time left decides the last steps.
         restored = remaining + lost
         lost += remaining - restored
         np.copyto(remaining, restored, where=going)
-        # After a step of length 0 the next is the same: its series exceeds the range of doubles.
+        # After a step of length 0 all steps have length 0: the series exceeds the range of doubles.
         remaining[going & (self.output[len(columns.rows)] == 0)] = np.nan
         going &= ~np.isnan(remaining)
-        # An averaged motion has short steps near the separatrix only, so short first ones do not
-        # last.
+        # An averaged motion has short steps near the separatrix only, so short first steps are no
+        # sign that all are short.
         if self.pauses == 1 and self.ensemble.passing is None:
             span = np.ldexp(self.ensemble.lengths[0, columns.motion], columns.rate)
             going &= STEPS_PER_PAUSE * span < HOPELESS_STEPS * (span - remaining)
@@ -418,16 +422,17 @@ class BatchState:
         return np.flatnonzero(outgrown & (self.columns.clock[0] > 0))
 
     def drop(self, done: np.ndarray) -> None:
-        """Store the motions of columns that are done (n,), and keep the other columns."""
-        self.enter(np.flatnonzero(done & (self.columns.motion >= 0)))
+        """Store the motions of the columns that are `done` (n,), and keep the other columns
+        only."""
+        self.store(np.flatnonzero(done & (self.columns.motion >= 0)))
         going = np.flatnonzero(~done)
         columns = padded(going)
         self.columns = self.columns.chosen(columns)
         self.output, self.spare = np.empty((2, len(self.output), len(columns)))
-        self.empty(len(going))
+        self.clear(len(going))
 
-    def enter(self, columns: np.ndarray) -> None:
-        """Copy the motions of some columns to the outcome; the columns are then without a
+    def store(self, columns: np.ndarray) -> None:
+        """Copy the motions of some columns to the outcome, and leave the columns without a
         motion."""
         outcome, ended = self.outcome, self.columns.chosen(columns)
         outcome.state[:, ended.motion], outcome.exponent[ended.motion] = ended.state, ended.exponent
@@ -443,7 +448,8 @@ class BatchState:
             return
         old = self.columns.chosen(columns)
         k, moment = vars(e.named(old.motion)), None
-        y = np.where(np.isfinite(old.state).all(axis=0), old.state, 1.0)  # overflow: any units do
+        # After an overflow any units do.
+        y = np.where(np.isfinite(old.state).all(axis=0), old.state, 1.0)
         if e.is_timed:
             moment = TimeWindow(old.time, e.lengths[0, old.motion])
         units = Units.fit(e.model, k, y, old.exponent, moment, e.falling[old.motion])
@@ -459,8 +465,9 @@ class BatchState:
 
 
 def times_within(times: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The times (s,) that steps reach, where `edges` (steps + 1, n) are the times at the limits of
-    the steps: the number (k,) of the step, row by row, and the position (k,) of the time."""
+    """Which of the times (s,) fall into which steps: the number (k,) of the step, counted row by
+    row, and the position (k,) of the time. `edges` (steps + 1, n) are the times between the steps
+    of n motions."""
     passed = np.searchsorted(times, edges, side="right")
     count = np.diff(passed, axis=0).ravel()
     step = np.repeat(np.arange(len(count)), count)

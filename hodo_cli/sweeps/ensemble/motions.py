@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 ERROR_BOUND, PER_TOLERANCE = 1e-9, 1e3
 """The assumed bound on the relative error of a state: ERROR_BOUND, or PER_TOLERANCE tolerances if
 that is larger. Where such an error could change the sign of an event's function, the sign is
-uncertain. Single cases have a measured error instead; but ERROR_BOUND is a hundred times the
-rounding of all steps together, and no ensemble was off by more than three tolerances. Few random
-motions are left to single cases: 10 of 200,000 tensors, at 20 ms each, and none of 200,000
+uncertain. Single cases have a measured error instead. ERROR_BOUND is a hundred times the rounding
+of all steps together, no ensemble was off by more than three tolerances, and few random motions are
+left to single cases because of it: 10 of 200,000 tensors, at 20 ms each, and none of 200,000
 linear-diag."""
 
 
@@ -52,10 +52,13 @@ class Rejection(Coded):
 
 
 class Passages(NamedTuple):
-    """The passages (k,) of motions from one side to another, in order of motion and time: a bound
-    on the error of the time, the time around it for which the side is uncertain, the sides before
-    and after it, and the state (m, k) there in units of 2**exponent. A side is the sign of an
-    event's function."""
+    """The passages (k,) of motions from one side to another, in order of motion and time. A side is
+    the sign of an event's function.
+
+    Each has the motion, the time, a bound on the error of the time, the time around it for which
+    the side is uncertain, the sides before and after it, and the state (m, k) there in units of
+    2**exponent.
+    """
 
     motion: np.ndarray
     time: np.ndarray
@@ -89,8 +92,8 @@ class Ensemble:
     `members` (n,) are their positions among the cases or members asked for, `constants` (c, n) the
     constants of their equations, flat in the order of the model's `structure`, `start` (m, n) their
     states at the start, and `span` the times of start and end, numbers or arrays (n,). `times` (s,)
-    are the sample times. A step has an error of `looser` tolerances; `searches` says whether zeros
-    of events are searched for.
+    are the sample times. The error of a step is `looser` tolerances. Zeros of events are searched
+    for only if `searches` is true.
     """
 
     members: np.ndarray
@@ -116,12 +119,12 @@ class Ensemble:
     @cached_property
     def event(self) -> Event | None:
         """The event whose zeros are searched for, or None."""
-        looked_for = (event for event in self.events if self.searches and not event.passage)
-        return next(looked_for, None)
+        without_passage = (event for event in self.events if not event.passage)
+        return next(without_passage, None) if self.searches else None
 
     @cached_property
     def passing(self) -> Event | None:
-        """The event with a passage, after which motions go on, or None."""
+        """The event with a passage, after which a motion continues, or None."""
         return next((event for event in self.events if event.passage), None)
 
     @property
@@ -131,7 +134,7 @@ class Ensemble:
 
     @property
     def lengths(self) -> np.ndarray:
-        """The length of each motion's span, as the sum of two rows (2, n)."""
+        """The lengths of the spans (2, n), each as the sum of two numbers."""
         begin, end = (np.broadcast_to(time, self.start.shape[1]) for time in self.span)
         return np.array(exact_difference(end, begin))
 
@@ -146,9 +149,9 @@ class Ensemble:
         return np.array([k.A1, k.A2, k.A3])
 
     @cached_property
-    def onset(self) -> np.ndarray:
-        """The starts (m, n); for motions that begin at rest the rates there, which have the
-        direction of the first motion."""
+    def initial_direction(self) -> np.ndarray:
+        """The directions (m, n) in which the states of motions point at first: the states at the
+        start or, for a motion that begins at rest, the rates there."""
         rates = self.model.rhs(self.span[0], [*self.start], self.named())
         return np.where(self.at_rest, stacked(rates, self.start), self.start)
 
@@ -164,8 +167,9 @@ class Ensemble:
 
     @property
     def is_one_sided(self) -> np.ndarray:
-        """Whether (n,) the event is a crossing of the separatrix and the body has two equal
-        moments: D is then a single square, which touches 0 without a change of sign."""
+        """Whether (n,) D has one sign only: the event is a crossing of the separatrix and the body
+        has two equal moments. D is then a single square, which touches 0 without a change of
+        sign."""
         if self.event is None or self.event.kind != "separatrix":
             return np.zeros(self.start.shape[1], dtype=bool)
         smallest, middle, largest = np.sort(self.inertia, axis=0)
@@ -184,13 +188,13 @@ class Ensemble:
         return UNIT in self.scaled_rows
 
     def uncertainty(self, event: Event, t: Any, y: np.ndarray, k: SimpleNamespace) -> np.ndarray:
-        """A bound (n,) on the error of an event's function in states y (m, n) at the time t: its
-        slope along each component, by a complex step, times the assumed error of the largest
-        component.
+        """A bound (n,) on the error of an event's function in states y (m, n) at the time t: the
+        sum of its slopes along the components, each by a complex step, times the assumed error of
+        the largest component.
 
-        The slopes are taken where all components are as large as the largest one, because digits
-        that D lost while its terms were large are still lost when the terms have become small, near
-        the middle axis.
+        The slopes are taken where all components are as large as the largest one. Digits that D
+        lost while its terms were large stay lost when the terms have become small, near the middle
+        axis.
         """
         size = np.abs(y[moving(self.model)]).max(axis=0)
         tilts = [size + 1e-100j * np.eye(len(y))[:, [i]] for i in range(len(y))]
@@ -207,12 +211,11 @@ class Ensemble:
 
 class Outcome:
     """The results of n motions: states at the end (m, n) in units of 2**exponent (n,), samples (m,
-    n, s) in units of 2**sample_exponent (n, s), and the zeros of the event's function, with the
-    sides at both ends (n,).
+    n, s) in units of 2**sample_exponent (n, s), the zeros of the event's function as `passages`,
+    and the sides at both ends (n,).
 
-    A terminal event ends a motion; `events` are the events that motions have passed through, by the
-    number of the motion. The results of a motion are void where its code in `rejection` (n,) is not
-    0.
+    `events` are the events after which motions have continued, by the number of the motion. The
+    results of a motion are void where its code in `rejection` (n,) is not 0.
     """
 
     def __init__(self, m: int, n: int, s: int) -> None:
@@ -230,7 +233,7 @@ class Outcome:
         return np.asarray(self.rejection == 0)
 
     def reject(self, motions: np.ndarray, why: Rejection) -> None:
-        """Reject motions, by number or by a mask (n,); a motion rejected before keeps its
+        """Reject motions, by number or by a mask (n,). A motion that is rejected already keeps its
         reason."""
         rejected = np.zeros(len(self.rejection), dtype=bool)
         rejected[motions] = True
@@ -259,12 +262,12 @@ time, and the number of steps taken."""
 
 class Columns(NamedTuple):
     """Motions in progress, a column (n,) each: the arguments of a compiled step, and the motion
-    that they belong to.
+    that each column holds.
 
-    `rows` (m + CLOCK_ROWS, n) hold the state, in units of omega of 2**exponent and of time of
-    2**-rate, and the `clock` in this unit of time. `params` (c + 2, n) are the time of the end in
-    the case's own unit, the constants in these units, and the `stride` of the steps. `motion` is
-    the position in the ensemble, or -1 for a column without a motion.
+    `rows` (m + CLOCK_ROWS, n) hold the state and the `clock`. The unit of omega is 2**exponent and
+    the unit of time, in which the clock counts, 2**-rate. `params` (c + 2, n) are the time of the
+    end in the case's own unit, the constants in these units, and the `stride` of the steps.
+    `motion` is the position in the ensemble, or -1 for a column without a motion.
     """
 
     rows: np.ndarray
@@ -294,8 +297,8 @@ class Columns(NamedTuple):
 
     @property
     def time_and_correction(self) -> tuple[np.ndarray, np.ndarray]:
-        """The case's own times (n,), each as the sum of two numbers: early in a long span the time
-        left has fewer digits than the time itself."""
+        """The case's own times (n,), each as a number and its correction: early in a long span the
+        time left has fewer digits than the time itself."""
         remaining, lost, _ = self.clock
         time, correction = exact_difference(self.params[0], np.ldexp(remaining, -self.rate))
         return time, correction - np.ldexp(lost, -self.rate)
@@ -307,13 +310,13 @@ class Columns(NamedTuple):
 
     def chosen(self, index: np.ndarray) -> "Columns":
         """Copies of some columns, by position."""
-        # From a list: columns are chosen at every step, and a generator takes half as long again.
+        # A list, because columns are chosen at every step and a generator takes half as long again.
         return Columns(*[values.take(index, axis=-1) for values in self])
 
 
 class TakenSteps(NamedTuple):
-    """Steps (k,): the columns at their starts, and their lengths (k,) in the columns' units of
-    time."""
+    """Steps (k,): the columns at their starts, and their lengths (k,) in the unit of time of each
+    column."""
 
     start: Columns
     length: np.ndarray
@@ -347,17 +350,18 @@ class TakenSteps(NamedTuple):
 
 
 def states_after(step: "TaylorStep", columns: Columns, elapsed: np.ndarray) -> np.ndarray:
-    """The states (m, n) within steps of columns, at a time (n,) after their start in the columns'
-    units. Each is computed as the end of a step of this length."""
+    """The states (m, n) at a time `elapsed` (n,) after the start of a step of each column, in the
+    column's unit of time. Each state is computed as the end of a step of this length."""
     n, rows, params = len(elapsed), padded(columns.rows), padded(columns.params)
     remaining = rows[-CLOCK_ROWS, :n]
-    # The step begins at its own time, which is the time of the end less the time that remains.
+    # A step computes its start as the time of the end less the time that remains. Both end at
+    # `elapsed`, so the start stays the same.
     params[0, :n] += np.ldexp(elapsed - remaining, -columns.rate)
     remaining[:] = elapsed
     out = np.empty((step.rows, rows.shape[1]))
     step(rows, params, out)
     # For a motion that is a polynomial, rounding alone determines the length of a step. This step
-    # begins with another rounding of the time and may so be shorter than `elapsed`.
+    # begins with another rounding of the time, so it may be shorter than `elapsed`.
     length = out[len(rows), :n]
     if (is_short := length < elapsed).any():
         params[-1, :n] *= np.where(is_short, 2 * elapsed / length, 1)
@@ -375,7 +379,7 @@ def padded(columns: np.ndarray) -> np.ndarray:
 
 
 def zeros_of(powers: np.ndarray, noise: np.ndarray) -> Zeros:
-    """The zeros in [0, 1] of series (k, order + 1), from the bounds `noise` (k,) of their
+    """The zeros in [0, 1] of series (k, order + 1) in powers; `noise` (k,) bounds their
     rounding."""
     # Row by row: the rounding of one product of all rows depends on their number.
     matrix = to_bernstein(TAYLOR, powers.shape[1] - 1, powers.dtype)
