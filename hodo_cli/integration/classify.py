@@ -28,27 +28,30 @@ from .error import error_of_variable, judged_events, references, with_step_limit
 from .solve import Trajectory, distinct, even_times, sample_times, solve
 
 ERROR_CHECKS = 513
-"""Times besides the samples at which the error of a motion is measured: a case may have few."""
+"""The number of times besides the samples at which the error of a motion is measured, because a
+case may have few samples."""
 
 ROUNDING_TOL = 1e-13
-"""Up to this tolerance the error of a motion in double precision is that of its rounding."""
+"""The error of a motion in double precision at this tolerance, or at a smaller one, is the error of
+its rounding."""
 
 UNMEASURED_ERROR_IN_TOLS = 100.0
-"""The error of a motion, in tolerances, where none was measured: what the worst of the solvers
-reach, see DOP853 and LSODA in `hodo bench`."""
+"""The assumed error of a motion, in tolerances, where none was measured: the worst of the solvers
+reach it (DOP853 and LSODA in `hodo bench`)."""
 
 MIN_UNMEASURED_ERROR = 1e-9
-"""The least error at which a motion is judged where its error is not measured: rounding alone does
-not reach it in the steps that a motion may take. Where it would decide, a reference is asked."""
+"""The least error that is assumed for a motion at first. Rounding alone does not reach it in the
+steps that a motion may take. Where such an error could change a label, a reference decides."""
 
 
 @dataclass(frozen=True)
 class Classification:
     """Labels (n,) of a motion's samples, as in `rigid_body.LABELS`, its crossings, and warnings.
 
-    `growth` (3,) are the rates at which a small tilt away from each axis grows, None where none can
-    be told; `predictions` are sentences of theory. `hidden` is set where the error of the motion
-    hides a crossing, or which list of them is right. `events` are those of the motion itself.
+    `growth` (3,) are the rates at which a small tilt away from each axis grows, None where theory
+    gives none; `predictions` are its predictions, in sentences. `hidden` is true where the error of
+    the motion hides a crossing or changes the list of crossings. `events` are the motion's own
+    events.
     """
 
     labels: np.ndarray
@@ -66,10 +69,10 @@ def classify(
     """Label the stored samples of a case and find its crossings.
 
     `method`, `tol` and `error` are those recorded with the stored omega (n, 3). The case is
-    integrated again, with a search for the zeros of D, and so is the reference of its error, unless
-    the motion stays beyond any error of its method on one side. The labels come from the scaled
-    state, which has them even where omega is below the smallest double, and from the error at their
-    own time.
+    integrated again, with a search for the zeros of D. A reference is integrated too, unless the
+    motion stays on one side of the separatrix by more than any error of its method. The label of a
+    sample comes from the error at its own time and from the scaled state, which shows the side even
+    where omega is below the smallest double.
 
     Raises HodoError if the motion differs from the stored one by more than its error allows.
     """
@@ -78,26 +81,23 @@ def classify(
         return in_time_of(case, classify(rising, method, tol, error, omega))
     unmeasured = UNMEASURED_ERROR_IN_TOLS * max(EPS, tol)
     expected = unmeasured if math.isnan(error) else max(EPS, error)
-    # Also of an error that was measured, because between few samples it may be larger.
+    # The assumed error counts even if one was measured: between few samples it may be larger.
     largest = max(MIN_UNMEASURED_ERROR, expected, unmeasured)
     dense = searched(case, method, case.precision, tol, CERTAIN_ERRORS * largest)
     motion, samples = dense.motion, dense.rows[: len(omega)]
     check_stored(motion, samples, omega, expected)
     absorbing = absorbing_axes(case)
-    everywhere, reference = labels_on_one_side(dense, largest), None
+    at_all_times, reference = labels_on_one_side(dense, largest), None
     listed = CrossingList([], [], [])
-    if everywhere is None:
+    if at_all_times is None:
         assumed = largest if math.isnan(error) else expected
         errors, reference = against_reference(dense, assumed, absorbing)
-        listed, everywhere = crossings_of(dense, errors, absorbing), sample_labels(motion, errors)
+        listed = crossings_of(dense, errors, absorbing)
+        at_all_times = sample_labels(motion, errors)
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
-    labels[: len(samples)] = everywhere[samples]
+    labels[: len(samples)] = at_all_times[samples]
     labels = with_hidden_labels(labels, absorbing)
-    crossings, warnings = (
-        resolve_conflicts(listed, reference)
-        if reference
-        else (listed.crossings, undecided_warning(listed.undecided))
-    )
+    crossings, warnings = resolve_conflicts(listed, reference)
     hidden = bool(warnings)
     if len(samples) < len(omega):
         warnings += (f"no labels after {len(samples)} samples: {motion.message}",)
@@ -114,7 +114,7 @@ def classify(
 
 
 def own_crossings(motion: Trajectory) -> list[Crossing]:
-    """The crossings of a motion by quadrature, which are its events."""
+    """The crossings of a motion by quadrature: its events."""
     return [
         Crossing(e.time, int(e.details["from"]), int(e.details["to"]), e.details["G"], e.error)
         for e in motion.events
@@ -122,35 +122,35 @@ def own_crossings(motion: Trajectory) -> list[Crossing]:
 
 
 def in_time_of(case: Case, found: Classification) -> Classification:
-    """What was found of a motion that runs backward, by a time with another sign, in that of its
-    case."""
+    """The classification of a case that runs backward; `found` is the classification of the same
+    motion with the opposite sign of time."""
     crossings = tuple(replace(crossing, time=-crossing.time) for crossing in found.crossings)
     events = tuple(replace(event, time=-event.time) for event in found.events)
     growth = case.system.tilt_growth(case.time.start)
-    # What theory says of the motion forward does not count.
-    theory = replace(found, growth=growth, predictions=())
-    return replace(theory, crossings=crossings, events=events)
+    # The predictions of theory hold for rising time only.
+    return replace(found, growth=growth, predictions=(), crossings=crossings, events=events)
 
 
 def absorbing_axes(case: Case) -> frozenset[int]:
-    """The axes that a motion never leaves once it encloses them."""
+    """The axes that a motion never leaves once it encloses them; none are known backward in
+    time."""
     span = case.time.start, case.time.end
     return frozenset() if case.time.mirrored else case.system.absorbing_axes(*span)
 
 
 def sample_labels(motion: Trajectory, errors: np.ndarray) -> np.ndarray:
-    """The label of each sample of a motion (n,), with these errors (n,)."""
+    """The label of each sample of a motion (n,), from the errors (n,) of the samples."""
     body = body_of(motion.case)
     axes = body.enclosed(extended(motion.omega), CERTAIN_ERRORS * errors)
     resting = at_rest(extended(motion.omega), motion.exponent)
-    # Where the equations have a corner at rest, the motion begins beside it.
+    # Where the equations have a corner at rest, a motion from rest is begun close to it instead.
     if not any(body.initial_velocity):
         resting |= motion.time == motion.case.time.start
     return np.where(resting, rigid_body.UNDETERMINED, axes)
 
 
 class BetterSolution(NamedTuple):
-    """A reference of a motion, its crossings, and the name of how it was computed."""
+    """A reference of a motion, its crossings, and its method and precision in words."""
 
     motion: Trajectory
     listed: CrossingList
@@ -158,8 +158,8 @@ class BetterSolution(NamedTuple):
 
 
 class DenseSolution(NamedTuple):
-    """A motion at its case's samples, which are its `rows`, and at other times, with the moments
-    that show on which side of the separatrix it is."""
+    """A motion at the samples of its case, which are its `rows`, and at further times. `signs` are
+    the moments in its steps that show on which side of the separatrix it is."""
 
     motion: Trajectory
     signs: list[SignChanges]
@@ -174,11 +174,8 @@ def searched(
     uncertainty: float = 0.0,
     until: float = math.inf,
 ) -> DenseSolution:
-    """Integrate a case with a search for zeros of D, through its samples and ERROR_CHECKS other
-    times.
-
-    The `CrossingSearch` has this `uncertainty`. The motion ends at the time `until`.
-    """
+    """Integrate a case up to the time `until`, through its samples and ERROR_CHECKS other times,
+    with a search for zeros of D: a `CrossingSearch` with this `uncertainty`."""
     samples = sample_times(case)
     times = with_checks(samples, even_times(case, ERROR_CHECKS))
     times = times[times <= until]
@@ -186,7 +183,8 @@ def searched(
     search = CrossingSearch(body, uncertainty)
     motion = solve(case, method, precision, tol, times, search.examine)
     rows = np.searchsorted(times, samples)
-    if motion.succeeded:  # an event that ends it is its last sample, whatever times follow
+    # Where an event ends the motion, its last sample stands for all later ones.
+    if motion.succeeded:
         rows = distinct(np.minimum(rows, len(motion.time) - 1))
     return DenseSolution(motion, search.parts, rows[rows < len(motion.time)])
 
@@ -198,20 +196,22 @@ def body_of(case: Case) -> BodyFrame:
 
 
 def with_checks(samples: np.ndarray, checks: np.ndarray) -> np.ndarray:
-    """Samples (n,) with the times `checks` among them, but for those that are beside a sample."""
+    """Samples (n,) and the times `checks` among them, in order, without checks that are too close
+    to a sample."""
     after = np.searchsorted(samples, checks)
     nearest = np.minimum(
         np.abs(samples[np.minimum(after, len(samples) - 1)] - checks),
         np.abs(samples[np.maximum(after - 1, 0)] - checks),
     )
-    # Times a rounding apart would be one in an engine's own units.
+    # Times that differ by their rounding only may become equal in an engine's units.
     apart = checks[nearest > 1e-9 * (checks[-1] - checks[0])]
     return np.sort(np.concatenate((samples, apart)))
 
 
 def check_stored(motion: Trajectory, rows: np.ndarray, omega: np.ndarray, expected: float) -> None:
-    """Raise HodoError where these rows of a motion are not the stored omega (n, 3)."""
-    with np.errstate(invalid="ignore"):  # of what has outgrown the largest double
+    """Raise HodoError if the motion at these `rows` differs from the stored omega (n, 3) by more
+    than the `expected` error allows."""
+    with np.errstate(invalid="ignore"):  # infinite values have no difference
         again = motion.variables["omega"][rows]
         apart = error_of_variable(("time", "axis"), omega[: len(rows)], again)
     allowed = 1e-12 + 4 * expected
@@ -223,8 +223,8 @@ def check_stored(motion: Trajectory, rows: np.ndarray, omega: np.ndarray, expect
 
 
 def labels_on_one_side(dense: DenseSolution, expected: float) -> np.ndarray | None:
-    """The labels (n,) of a motion that encloses one axis all along, farther from the separatrix
-    than an error of `expected` in every step reaches; None of any other."""
+    """The labels (n,) of a motion that encloses one axis throughout, and is farther from the
+    separatrix than an error of `expected` in every step reaches; None for any other motion."""
     if dense.signs:
         return None
     labels = sample_labels(dense.motion, assumed_errors(dense.motion, expected))
@@ -234,15 +234,16 @@ def labels_on_one_side(dense: DenseSolution, expected: float) -> np.ndarray | No
 def against_reference(
     dense: DenseSolution, expected: float, absorbing: frozenset[int]
 ) -> tuple[np.ndarray, BetterSolution | None]:
-    """The error of a motion at each of its times (n,), and its reference.
+    """The error of a motion at each of its times (n,), and its reference, or None without one.
 
-    Without a reference the error is `expected` everywhere but at the start. Where a case has
-    `error: off` that will do, unless such an error leaves anything undecided.
+    Without a reference the errors are assumed, from an error of `expected` in every step. A case
+    with `error: off` needs no reference if such errors leave no crossing undecided.
     """
     motion, case = dense.motion, dense.motion.case
     if not case.error:
         assumed = assumed_errors(motion, expected)
-        # Also where the equations tell the axes: a time needs an error.
+        # Without the absorbing axes: these may decide whether it crosses, but the time of a
+        # crossing needs an error too.
         if not crossings_of(dense, assumed, frozenset()).undecided:
             return assumed, None
     end = math.inf if motion.succeeded else float(motion.time[-1])
@@ -252,11 +253,9 @@ def against_reference(
         if not by.judges(motion, reference.motion):
             continue
         errors = distances(motion, reference.motion)
-        reference_errors = (
-            errors_of_reference(motion, reference.motion, by.precision)
-            if by.tol is None
-            else errors
-        )
+        reference_errors = errors
+        if by.tol is None:
+            reference_errors = errors_of_reference(motion, reference.motion, by.precision)
         reference_errors[:1] = errors[:1] = start_error(case)
         name = f"{by.method} in {by.precision} precision"
         listed = crossings_of(reference, reference_errors, absorbing)
@@ -265,17 +264,19 @@ def against_reference(
 
 
 def assumed_errors(motion: Trajectory, expected: float) -> np.ndarray:
-    """The errors (n,) of a motion that has no reference: `expected` of every step."""
+    """The errors (n,) assumed for a motion without a reference, if every step makes an error of
+    `expected`."""
     errors = expected * growth_off_axis(motion)
     errors[:1] = start_error(motion.case)
     return errors
 
 
 def growth_off_axis(motion: Trajectory) -> np.ndarray:
-    """How much larger an error is than that of a step (n,), after a motion left the middle axis.
+    """The factors (n,) by which the errors of a motion exceed the error of a step, because it was
+    farther from the middle axis before.
 
-    Every step errs in D by a part of what its terms are then. Where these have become small again,
-    the error of the largest terms so far is still there.
+    Every step makes an error in D relative to the terms of D at that time. When the terms have
+    become small again, the error made with the largest terms is still there.
     """
     body, omega = body_of(motion.case), extended(motion.omega).astype(float)
     near = rigid_body.near_middle_axis(body.moments, omega)
@@ -285,7 +286,7 @@ def growth_off_axis(motion: Trajectory) -> np.ndarray:
 
 
 def start_error(case: Case) -> float:
-    """The error of a start: each of its components is right to its own last bit.
+    """The error of the state at the start. Each component is right to its own last bit.
 
     So D is right to the rounding of its terms, however near the middle axis. A start whose D is 0
     to that rounding is on neither side, in every precision. Along the principal axes of a full
@@ -301,8 +302,8 @@ def start_error(case: Case) -> float:
 def errors_of_reference(motion: Trajectory, reference: Trajectory, precision: str) -> np.ndarray:
     """The errors (n,) of a reference of higher precision at its own times.
 
-    The errors of a motion that is at the limit of its own precision, times the root of the ratio of
-    the two precisions: past the middle axis an error comes out as its square root.
+    They are the errors of a motion at the limit of its own precision, times the root of the ratio
+    of the two precisions: past the middle axis an error comes out as its square root.
     """
     case = motion.case
     if motion.tol > ROUNDING_TOL:
@@ -313,9 +314,10 @@ def errors_of_reference(motion: Trajectory, reference: Trajectory, precision: st
     return ratio * distances(reference, motion)
 
 
-@np.errstate(over="ignore")  # where the reference rests already, a motion is infinitely wrong
+@np.errstate(over="ignore")  # where the reference is at rest already, the error is infinite
 def distances(motion: Trajectory, reference: Trajectory) -> np.ndarray:
-    """|omega - omega_ref| / |omega_ref| (n,) at the times of a motion; at least its rounding."""
+    """The errors |omega - omega_ref| / |omega_ref| (n,) of a motion at its times; at least its
+    rounding."""
     n = min(len(motion.time), len(reference.time))
     shift = (motion.exponent[:n] - reference.exponent[:n])[:, None]
     judged, better = extended(motion.omega[:n]), extended(reference.omega[:n])
@@ -331,12 +333,11 @@ def distances(motion: Trajectory, reference: Trajectory) -> np.ndarray:
 def crossings_of(
     dense: DenseSolution, errors: np.ndarray, absorbing: frozenset[int]
 ) -> CrossingList:
-    """The crossings of a motion with the error (n,) at each of its times.
+    """The crossings of a motion, from the error (n,) at each of its times. `absorbing` are the axes
+    that it never leaves.
 
-    `absorbing` are the axes that it never leaves.
-
-    The times themselves are sign changes too, so that labels and crossings tell the same. A moment
-    between two of them has the larger of their errors.
+    The sides at these times count together with the moments in the steps, so that labels and
+    crossings agree. A moment between two times has the larger of their errors.
     """
     motion, case = dense.motion, dense.motion.case
     body, time = body_of(case), motion.time
@@ -348,42 +349,44 @@ def crossings_of(
     before = np.where(time[after] == signs.time, after, np.maximum(after - 1, 0))
     uncertainty = CERTAIN_ERRORS * np.maximum(errors[before], errors[after])
     if len(sides.time) > 1:
-        # From rest an error is a part of what the motion gains in a step, not of what it has.
+        # Up to the second time the error is relative to |G| there, which a motion from rest gains
+        # first.
         early = signs.time < sides.time[1]
         with np.errstate(divide="ignore", invalid="ignore"):
             uncertainty[early] *= np.maximum(1, sides.momentum[1] / signs.momentum[early])
     listed = read_sign_changes(signs, uncertainty, absorbing)
-    # A body set going from rest is on a side as soon as the time differs from the start.
+    # A body that begins to turn from rest is on a side as soon as the time differs from the start.
     started = case.time.start + 1e-12 * (case.time.end - case.time.start)
     return listed._replace(undecided=[moment for moment in listed.undecided if moment > started])
 
 
 def sample_sides(motion: Trajectory) -> SignChanges:
-    """The sides on which a motion is at its times, up to a stop."""
+    """The sides of the separatrix on which a motion is at its times, up to a stop."""
     body, omega = body_of(motion.case), extended(motion.omega)
     G = body.moments * omega.astype(float)
-    is_turning = G.any(axis=1)  # after a stop there is no side
-    turning = slice(np.flatnonzero(is_turning)[-1] + 1 if is_turning.any() else len(G))
+    stop = len(G)
+    if G.any():  # after a stop there is no side
+        stop = np.flatnonzero(G.any(axis=1))[-1] + 1
     with np.errstate(over="ignore"):
-        margins, sides = sides_of(body, omega[turning])
+        margins, sides = sides_of(body, omega[:stop])
         momentum = np.sqrt(np.vecdot(G, G))
-        momentum = np.ldexp(momentum, motion.exponent)[turning]
+        momentum = np.ldexp(momentum, motion.exponent)[:stop]
     n = len(margins)
     none_vanishes, no_rates = np.zeros(n, dtype=bool), np.zeros(n)
-    return SignChanges(motion.time[turning], margins, none_vanishes, no_rates, momentum, sides)
+    return SignChanges(motion.time[:stop], margins, none_vanishes, no_rates, momentum, sides)
 
 
 def with_hidden_labels(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndarray:
-    """Labels (n,) with those that the error of a motion hides, where its equations tell them: it
-    never leaves the axes that are `absorbing`, and before that it enclosed the other axis."""
+    """Labels (n,) with the hidden ones filled in where the equations determine them: a motion never
+    leaves an `absorbing` axis, and before it reached that axis it enclosed the other one."""
     if not absorbing:
         return labels
     sample, is_absorbing = np.arange(len(labels)), np.isin(labels, [*absorbing])
-    # The first sample about an absorbing axis, and the last one about another: one each, or none.
+    # Arrays (1,) or (0,): the first sample about an absorbing axis, and the last one about another.
     first, last = sample[is_absorbing][:1], sample[(labels > 0) & ~is_absorbing][-1:]
     if (last > first).any():  # its error is larger than stated
         return labels
-    # A start on D = 0 is on neither side, wherever it leads.
+    # A start on D = 0 is on neither side, and keeps its label.
     hidden, filled = (labels == rigid_body.SEPARATRIX) & (sample > 0), labels.copy()
     for known in first:
         filled[hidden & (sample > known)] = labels[known]
@@ -393,18 +396,21 @@ def with_hidden_labels(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndar
 
 
 def resolve_conflicts(
-    listed: CrossingList, reference: BetterSolution
+    listed: CrossingList, reference: BetterSolution | None
 ) -> tuple[list[Crossing], tuple[str, ...]]:
-    """The crossings to store, and warnings, from the crossings of a motion and of its reference.
+    """The crossings to store, and warnings, from the crossings of a motion and of its reference, if
+    it has one.
 
     Where the two lists differ, the list of the reference is stored, with a warning, if the
     reference is undecided nowhere.
     """
+    if reference is None:
+        return listed.crossings, undecided_warning(listed.undecided)
     better = reference.listed
     if axes(listed) == axes(better):
         pairs = zip(listed.crossings, better.crossings, strict=True)
         crossings = [with_error(a, abs(a.time - b.time)) for a, b in pairs]
-        # Where only the motion is undecided, the reference decides: no warning.
+        # Where only the motion is undecided, the reference decides, and there is no warning.
         return crossings, undecided_warning(listed.undecided if better.undecided else [])
     counts = len(listed.crossings), len(better.crossings)
     lists = f"the motion has {counts[0]}, that by {reference.name} has {counts[1]}"
@@ -418,21 +424,22 @@ def resolve_conflicts(
 
 
 def axes(listed: CrossingList) -> list[tuple[int, int]]:
-    """The axes that each crossing leaves and enters."""
+    """The axes that each crossing leaves and enters, as pairs."""
     return [(c.start, c.end) for c in listed.crossings]
 
 
 def with_error(crossing: Crossing, error: float) -> Crossing:
-    """A crossing with the error of its time, and what its rounding to a double adds to that."""
+    """A crossing with this error of its time, plus the rounding of the time to a double."""
     return replace(crossing, error=error + math.ulp(crossing.time) / 2)
 
 
 UNDECIDED = "undecided"
-"""The word by which a warning says that the crossings of a motion are not all known."""
+"""The word in warnings that the crossings of a motion are not all known."""
 
 
 def undecided_warning(times: list[float]) -> tuple[str, ...]:
-    """The warning that the error of a motion hides whether it crosses the separatrix."""
+    """The warning that the error of a motion hides whether it crosses the separatrix near these
+    times; none without times."""
     if not times:
         return ()
     named = ", ".join(f"{time:.6g}" for time in times[:3]) + (", ..." if len(times) > 3 else "")
@@ -445,8 +452,8 @@ def undecided_warning(times: list[float]) -> tuple[str, ...]:
 def cross(
     case: Case, method: str, precision: str, tol: float | None
 ) -> tuple[Trajectory, list[Crossing], tuple[str, ...]]:
-    """A case integrated through its samples, its crossings, as far as they are beyond rounding, and
-    the warning that some are not."""
+    """The motion of a case at its samples, its crossings as far as rounding does not hide them, and
+    a warning if it hides any."""
     if case.system.is_quadrature:
         motion = solve(case, method, precision, tol)
         return motion, own_crossings(motion), ()

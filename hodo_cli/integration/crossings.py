@@ -27,14 +27,15 @@ from ..models.rigid_body import UNDETERMINED, BodyFrame, inertia_order, margin
 from .steps import Steps
 
 CERTAIN_ERRORS = 8.0
-"""D counts where its margin is this many times the error of the state. The error can shift the
-margin by twice its own size, once for each term of D; the rest is a reserve, for an error that is
-measured beside the crossing and not at it."""
+"""The sign of D is certain where the margin is this many times the error of the state. The error
+can shift the margin by twice its own size, once for each term of D; the rest is a reserve for an
+error that is measured near the crossing instead of at it."""
 
 
 @dataclass(frozen=True)
 class Crossing:
-    """A passage through the separatrix: when, from which axis to which, and |G| there.
+    """A passage through the separatrix: its time, the axes that it leaves and enters, and |G|
+    there.
 
     `error` is the measured error of `time`, nan where none was measured.
     """
@@ -49,8 +50,8 @@ class Crossing:
 def label_at_start(
     case: Case, first_sample: float, labels: np.ndarray, crossings: Sequence[Crossing]
 ) -> int:
-    """The label with which a motion starts: that of the first sample, but for crossings before, and
-    for a body that has stopped before."""
+    """The label at the start of a motion: the label of the first sample, unless the motion has
+    crossed or the body has stopped before that sample."""
     if crossings and crossings[0].time <= first_sample:
         return crossings[0].start
     body, label = case.system, int(labels[0])
@@ -61,10 +62,10 @@ def label_at_start(
 
 
 class SignChanges(NamedTuple):
-    """Moments of a motion that show on which side of the separatrix it is, in order, each (k,).
+    """Moments (k,) of a motion, in order of time, that show on which side of the separatrix it is.
 
-    `margin` is that of `rigid_body.margin`, 0 where D `vanishes`; `rate` is how fast the margin
-    changes with time, `momentum` is |G|, and `axis` the label of the side.
+    `margin` is `rigid_body.margin`, or 0 where D `vanishes`; `rate` is how fast the margin changes
+    with time, `momentum` is |G|, and `axis` the label of the side.
     """
 
     time: np.ndarray
@@ -83,8 +84,8 @@ class SignChanges(NamedTuple):
 
 
 class CrossingList(NamedTuple):
-    """The crossings that are certain, the half-widths to which the error of the motion leaves their
-    times, and the times at which it is undecided whether the motion crosses."""
+    """The certain crossings, the half-widths of the intervals to which the error of the motion
+    confines their times, and the times at which it is undecided whether the motion crosses."""
 
     crossings: list[Crossing]
     widths: list[float]
@@ -93,9 +94,10 @@ class CrossingList(NamedTuple):
 
 @dataclass
 class CrossingSearch:
-    """Searches the steps of a motion for zeros of D.
+    """Searches the steps of a motion for zeros of D, and notes the moments that it finds in
+    `parts`.
 
-    It notes no moment of a step in which |margin| stays above `uncertainty` all along.
+    It notes nothing in a step in which |margin| is certainly larger than `uncertainty` throughout.
     """
 
     body: BodyFrame
@@ -107,28 +109,30 @@ class CrossingSearch:
         self.order = inertia_order(self.A)
 
     def examine(self, steps: Steps) -> None:
-        """Search steps: all in double precision, and in their own the few where D may vanish."""
+        """Search steps: all of them in double precision, then the few in which D may vanish in
+        their own precision."""
         if not (len(steps) and has_sides(self.body)):
             return
         steps = replace(steps, series=steps.series[:, :3])
-        # In double for all: few steps come near D = 0, and long double is several times slower.
+        # Few steps come near D = 0, and long double is several times slower.
         near = self._near(*self._bernstein(steps.in_double()))
         if near.size:
             self._search(steps.chosen(near))
 
     def _bernstein(self, steps: Steps) -> tuple[np.ndarray, np.ndarray]:
-        """The Bernstein coefficients (n, 3, degree + 1) of steps, and the rounding (n,) of a
-        form."""
+        """The Bernstein coefficients (n, 3, degree + 1) of steps, and a bound (n,) on the rounding
+        of both forms."""
         b = steps.bernstein
         outer, inner = rigid_body.separatrix_roots(self.A.astype(b.dtype), self.order)
         noise = rounding(steps.coefficients, steps.basis)
         return b, outer * noise[:, self.order[0]] + inner * noise[:, self.order[2]]
 
     def _near(self, b: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """The steps (k,) in which |margin| may be `uncertainty` or less, from their Bernstein
-        coefficients b (n, 3, degree + 1) and the rounding (n,) of a form."""
+        """The positions (k,) of the steps in which |margin| may be `uncertainty` or less, from
+        their Bernstein coefficients b (n, 3, degree + 1) and the rounding (n,) of the forms."""
         A = self.A.astype(b.dtype)
-        # |margin| is at least the smaller |form| over sqrt(a^2 + b^2) |omega|.
+        # |margin| is at least the smaller |form| over sqrt(a^2 + b^2) |omega|. The
+        # `separatrix_roots` are a and b.
         scale = np.hypot(*rigid_body.separatrix_roots(A, self.order))
         most = scale * np.sqrt(np.square(np.abs(b).max(axis=2)).sum(axis=1))
         bound = np.maximum(self.uncertainty * most, noise)[:, None]
@@ -137,8 +141,8 @@ class CrossingSearch:
         return np.flatnonzero(~clear.all(axis=0))
 
     def _search(self, near: Steps) -> None:
-        """Note the ends of steps, the zeros of both forms, and their extrema, at which a pair of
-        zeros shows how far it is from a touch."""
+        """Note moments in steps: the ends, the zeros of both forms, and the extrema of the forms.
+        At an extremum between two zeros the margin shows whether the pair is a touch."""
         b, noise = self._bernstein(near)
         steps, fp = np.arange(len(b)), b.dtype
         forms = np.concatenate(
@@ -166,8 +170,9 @@ class CrossingSearch:
     def _note(
         self, row: np.ndarray, x: np.ndarray, vanishes: np.ndarray, b: np.ndarray, steps: Steps
     ) -> None:
-        """Note the motion at places x (k,), in any order, of the steps in `row` (k,), and whether
-        D `vanishes` (k,) there. All steps have the Bernstein coefficients b (n, 3, degree + 1)."""
+        """Note the motion at places x (k,), in any order, of the steps numbered `row` (k,), and
+        whether D `vanishes` (k,) there. The steps have the Bernstein coefficients b (n, 3, degree +
+        1)."""
         order = np.lexsort((x, row))
         row, x, vanishes = row[order], x[order], vanishes[order]
         A, motion = self.A.astype(b.dtype), values_and_slopes(b[row], x[:, None])
@@ -200,13 +205,13 @@ def time_to_zero(
     y: np.ndarray,
     exponent: np.ndarray,
 ) -> np.ndarray:
-    """How far from a zero of an event's function motions are (n,) in time, at states y (m, n) in
-    units of 2**exponent (n,) at the time t: |D / (dD/dt)|, a step of Newton's method.
+    """The distances (n,) in time of motions from a zero of an event's function D, |D / (dD/dt)|, by
+    a step of Newton's method from states y (m, n) in units of 2**exponent (n,) at the time t.
 
-    It is infinite where D is at rest beside 0. The precision of D is that of y.
+    The distance is infinite where D is not 0 and does not change. The precision of D is that of y.
     """
-    # In units that fit: the rates of a motion at 1e-160 are below the smallest double. Those of a
-    # model without degrees are by the case's own time, whatever the clock of its engine.
+    # In units that fit, because the rates of a motion at 1e-160 are below the smallest double. A
+    # model without degrees is taken in the case's own unit of time.
     units = Units.fit(model, k, y.astype(float), exponent) if model.degree else Units()
     scaled = rescaled(model, y.T, exponent - units.exponent).T
     constants = SimpleNamespace(**units.constants(model, k))
@@ -218,7 +223,8 @@ def time_to_zero(
 
 
 def middles(row: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The row and x of the middles between neighbours of one row, among places (k,)."""
+    """The middles between neighbouring places x (k,) of one row, in any order, as their rows and
+    places."""
     order = np.lexsort((x, row))
     row, x = row[order], x[order]
     pair = np.flatnonzero(row[1:] == row[:-1])
@@ -230,16 +236,16 @@ def read_sign_changes(
     uncertainty: np.ndarray,
     absorbing: frozenset[int] = frozenset(),
 ) -> CrossingList:
-    """The crossings between moments whose margins are certain where they exceed their `uncertainty`
-    (k,); `absorbing` are the axes that the hodograph never leaves.
+    """The crossings that moments show, where the margin of a moment is certain if it exceeds its
+    `uncertainty` (k,). `absorbing` are the axes that the hodograph never leaves.
 
     The motion has crossed where its margin is certain first on one side, then on the other. So
-    neither a start on D = 0 nor a touch is a crossing, and no zero that is reported twice changes
-    the list. Where the margin becomes uncertain and is certain again on the side from which it
-    came, or does not become certain any more, it is undecided whether the motion has crossed.
+    neither a start on D = 0 nor a touch is a crossing, and a zero that is reported twice changes
+    nothing. It is undecided whether the motion has crossed where the margin becomes uncertain and
+    then is certain on the same side again, or does not become certain any more.
     """
-    # A zero is on neither side, so only the moments between zeros can show that a side has changed;
-    # where G vanishes there is no side.
+    # A zero is on neither side, so only the moments between zeros show a change of side. Where G
+    # vanishes there is no side.
     is_sure = ~signs.vanishes & (np.abs(signs.margin) > uncertainty)
     sure = np.flatnonzero(is_sure & (signs.axis != UNDETERMINED))
     sure, certain = deciding_moments(sure, signs.axis[sure], absorbing)
@@ -263,10 +269,11 @@ def read_sign_changes(
 def deciding_moments(
     sure: np.ndarray, axis: np.ndarray, absorbing: frozenset[int]
 ) -> tuple[np.ndarray, bool]:
-    """Those of the sure moments (k,), with these axes (k,), that decide where a motion crosses, and
-    whether it stays on the side of the last of them.
+    """The moments that decide where a motion crosses, from its sure moments (k,) and their axes
+    (k,); and whether the motion is known to stay on the side of the last moment.
 
-    They are the last one before it comes to an absorbing axis, and the first one there.
+    A motion comes to an absorbing axis once at most: its last moment before that and its first one
+    there decide.
     """
     if not absorbing:
         return sure, False
@@ -278,9 +285,12 @@ def deciding_moments(
 
 
 def _moment_of_crossing(signs: SignChanges, first: int, last: int) -> tuple[int, float]:
-    """The moment at which a motion crosses between two others, and half of the time between the
-    first and the last zero there. Where two steps meet, rounding may leave none: then it is the
-    second of the two."""
+    """The moment at which a motion crosses between two sure moments, and half of the time between
+    the first and the last zero there.
+
+    It is the middle one of the zeros. Where two steps meet, rounding may leave no zero; then it is
+    the second of the sure moments.
+    """
     roots = np.arange(first, last)[signs.vanishes[first:last]]
     if not roots.size:
         return last, (signs.time[last] - signs.time[first]) / 2
@@ -288,19 +298,19 @@ def _moment_of_crossing(signs: SignChanges, first: int, last: int) -> tuple[int,
 
 
 def _nearest(signs: SignChanges, first: int, last: int) -> float:
-    """The time of the moment nearest to D = 0 among those from `first` to before `last`."""
+    """The time of the moment nearest to D = 0, among the moments `first` to `last` - 1."""
     return float(signs.time[first + np.argmin(np.abs(signs.margin[first:last]))])
 
 
 def has_sides(body: BodyFrame) -> bool:
-    """Whether the hodographs of a body may go round different axes: D of two equal moments has one
-    sign, since a or b is 0."""
+    """Whether the hodographs of a body may enclose different axes. With two equal moments of
+    inertia a or b is 0, and D has one sign only."""
     return not body.no_separatrix_reason and len(set(body.moments.tolist())) == 3
 
 
 def sides_of(body: BodyFrame, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The margin (n,) of angular velocities (n, 3) along the principal axes, and the label (n,) of
-    the side on which they stand."""
+    the axis on their side of the separatrix."""
     A = body.exact_moments
     order = inertia_order(A)
     signed = margin(A, omega, order)

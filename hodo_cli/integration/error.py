@@ -19,27 +19,28 @@ from .driver import Occurrence
 from .solve import Trajectory, sample_times, solve, with_seconds_left
 
 SAMPLES_COMPARED = 100_000
-"""About how many samples, evenly spaced, an error is measured at."""
+"""The approximate number of samples, evenly spaced, at which an error is measured."""
 
 LIMIT_OF_SAME_METHOD, LIMIT_OF_OTHER_METHOD = (1000, 20), (2 * int(MIN_STIFF_STEPS), 500)
-"""Steps after which a reference is given up that is by the method of the motion, or by another: so
-many, or so many times those of the motion. A Taylor series may take COLLOCATION_COST times the
-steps of an implicit method, and MIN_STIFF_STEPS in any case."""
+"""The limits of a reference by the method of the motion, and of one by another method: a number of
+steps, and a multiple of the motion's steps. A reference is given up after the larger of the two. A
+Taylor series may take COLLOCATION_COST times the steps of an implicit method, and MIN_STIFF_STEPS
+in any case."""
 
 HAS_EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Whether long double is more precise than double here."""
 
 
 def with_measured_error(motion: Trajectory) -> Trajectory:
-    """A motion with the errors of its variables and events against a better computation, where
-    there is one: the largest over the samples, or over some SAMPLES_COMPARED of them where there
-    are more."""
+    """A motion with the errors of its variables and events against a better computation, if one
+    succeeds. They are the largest errors over the samples, or over some SAMPLES_COMPARED of them if
+    there are more."""
     case, n = motion.case, len(motion.time)
-    # Its reference may go on to later samples than a motion that an event ends.
+    # Where an event ends the motion, its reference may end later, after further samples.
     may_end = motion.succeeded and any(event.terminal for event in case.system.run_events)
     times = sample_times(case) if may_end else motion.time
     positions = thinned(len(times))
-    # The same ones of the motion, and its last sample, which may be that of an event.
+    # The motion at the same samples, and at its last one, which may be at an event.
     rows = np.append(positions[positions < n - 1], n - 1) if n else positions[:0]
     thin_motion = motion.at(rows) if len(rows) < n else motion
     left = case
@@ -58,8 +59,9 @@ def with_measured_error(motion: Trajectory) -> Trajectory:
 
 
 def with_step_limit(motion: Trajectory, reference: str) -> Case:
-    """The case of a motion for a reference by some method, which gives up where it takes very much
-    longer, as a series in long double does that a singularity stops."""
+    """The case of a motion, with a limit of steps for a reference by some method. The reference is
+    given up if it takes very much longer than the motion, as a series in long double does at a
+    singularity."""
     is_same = motion.method == reference
     least, most = LIMIT_OF_SAME_METHOD if is_same else LIMIT_OF_OTHER_METHOD
     limit = max(least, most * motion.steps)
@@ -73,8 +75,8 @@ def thinned(n: int) -> np.ndarray:
 
 
 class Reference(NamedTuple):
-    """How a computation is made that an error is measured against; without `tol` as exactly as its
-    precision allows."""
+    """The precision and method of a computation against which an error is measured. Without `tol`
+    it is as exact as its precision allows."""
 
     precision: str
     method: str
@@ -82,38 +84,38 @@ class Reference(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """What files call it."""
+        """The kind of the reference, as files name it."""
         if self.tol is not None:
             return "refined"
         return self.method if self.method in ("exact", "quadrature") else self.precision
 
     def judges(self, motion: Trajectory, reference: Trajectory) -> bool:
-        """Whether a computation so made shows the error of a motion."""
-        # Where the engine has cut the tolerance at its limit, it is the same integration again.
+        """Whether `reference`, a result of this computation, shows the error of a motion."""
+        # An engine may limit both tolerances to one value: both integrations are then the same.
         is_same = self.tol is not None and reference.tol == motion.tol
         # A reference that stops early still judges a motion that stopped as well.
         return not is_same and (reference.succeeded or not motion.succeeded)
 
 
 def references(case: Case, method: str, tol: float) -> Iterator[Reference]:
-    """The computations that an error can be measured against, best first.
+    """The computations against which an error can be measured, best first.
 
-    1. What `auto` takes, in the next precision.
-    2. The same method at a hundredth of the tolerance, if that is not available or fails.
+    1. The method that `auto` takes, in the next higher precision.
+    2. The method of the motion at a hundredth of the tolerance, if 1 is not available or fails.
     3. The same at a hundred times the tolerance, if the method is at its limit already.
     """
-    # A quadrature has more nodes there too.
+    # A quadrature in extended precision has more nodes, even where its numbers are doubles.
     has_extended = HAS_EXTENDED or case.system.is_quadrature
     finer = {"double": "extended" if has_extended else "quadruple", "extended": "quadruple"}.get(
         case.precision
     )
     numerical = "taylor" if engines.have_taylor() else "collocation"
     if finer and (finer != "quadruple" or engines.have_quadruple()):
-        # The method that `auto` took for the motion it takes for long doubles too: without another
-        # trial, and not the series where that has failed.
+        # What `auto` took for the motion it takes for long doubles too. This saves another trial,
+        # and the series is not tried again where it has failed.
         is_known = case.method == "auto" and finer == "extended" and method in AUTOMATIC
         better = method if is_known else best(case, finer)[0]
-        # The closed form has the principal axes of a full tensor in doubles, whatever it computes.
+        # A closed form has the principal axes of a full tensor in doubles only.
         in_other_axes = getattr(case.system, "principal_axes", None) is not None
         yield Reference(finer, numerical if better == "exact" and in_other_axes else better)
     if method == "exact":
@@ -147,15 +149,15 @@ def outputs_compared(
     system: Model, motion: Trajectory, reference: Trajectory
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
     """The variables (n, ...) of a motion and of its reference, in the units of the reference, at
-    the samples that both have, and whether the motion is at rest there (n,)."""
+    the samples that both have; and whether (n,) the motion is at rest there."""
     n = min(len(motion.time), len(reference.time))
-    # Where an event ends both, their last states are compared, at whatever time each has its own.
+    # Where an event ends both, their last states are compared, though their times differ.
     has_end = n and motion.time[n - 1] != reference.time[n - 1]
     rows = np.r_[0 : n - 1, -1] if has_end else slice(n)
     motion, reference = motion.at(rows), reference.at(rows)
     sizes = motion.exponent, reference.exponent
-    # One of the two may be called at rest a step before the other. Between two different stops one
-    # rests while the other does not, by the error of the event.
+    # One of the two may count as at rest a step before the other. A body that can stop rests where
+    # either of the two does: between two different stops only the error of the event counts.
     moving = inf if system.equations.may_stop else -REST_BITS / 2
     resting = (np.minimum(*sizes) <= -REST_BITS) & (np.maximum(*sizes) < moving)
     shift = np.where(resting, 0, sizes[0] - sizes[1])
@@ -167,8 +169,8 @@ def outputs_compared(
 def variables_in_units(
     system: Model, motion: Trajectory, shift: Any, fp: Any
 ) -> dict[str, np.ndarray]:
-    """The variables (n, ...) of a motion in doubles or long doubles, with states in units of omega
-    that are 2**shift (n,) times as small as its own."""
+    """The variables (n, ...) of a motion in doubles or long doubles, from its states in a unit of
+    omega that is 2**shift (n,) times smaller than its own."""
     state = motion.state.astype(float) if fp is float else extended(motion.state)
     if system.equations.degree and np.any(shift):
         state = rescaled(system.equations, state, shift)
@@ -182,9 +184,8 @@ def error_of_variable(
     resting: np.ndarray | slice = slice(0),
 ) -> float:
     """The largest error of the doubles of a variable (n, ...) against better values, by the rules
-    of `errors_against`; `resting` are the rows in which the motion is at rest, by default
-    none."""
-    # By doubles: the arithmetic of long doubles takes ten times as long.
+    of `errors_against`. `resting` are the rows in which the motion is at rest, by default none."""
+    # Mostly in doubles: the arithmetic of long doubles takes ten times as long.
     high = better.astype(float)
     distance, size = (judged - high) - (better - high).astype(float), np.abs(high)
     if "quaternion" in dims:
@@ -200,15 +201,17 @@ def error_of_variable(
 
 
 LARGEST_REMAINDER = 1e-12
-"""The part of both lengths beside it that a vector has left at most, where it passes through 0."""
+"""A vector passes through 0 at a sample where its length is less than this part of both lengths
+next to it."""
 
 
 def comparable_lengths(lengths: np.ndarray) -> np.ndarray:
-    """The lengths (n, ...) of a vector over time to which its errors are relative: its own, down to
-    the last of a motion that decays. Where it passes through 0 what is left of it is rounding, and
-    the smaller of the two beside it counts."""
-    beside, scale = np.minimum(lengths[:-2], lengths[2:]), lengths.copy()
-    scale[1:-1] = np.where(lengths[1:-1] < LARGEST_REMAINDER * beside, beside, lengths[1:-1])
+    """The lengths (n, ...) to which the errors of a vector are relative, from its lengths at
+    successive samples. They are the vector's own lengths, however small after a decay. Where the
+    vector passes through 0, what is left of it is rounding, and the smaller of the two lengths next
+    to it counts instead."""
+    neighbour, scale = np.minimum(lengths[:-2], lengths[2:]), lengths.copy()
+    scale[1:-1] = np.where(lengths[1:-1] < LARGEST_REMAINDER * neighbour, neighbour, lengths[1:-1])
     return scale
 
 
@@ -218,8 +221,9 @@ def error_over_span(error: float, time: float, start: float) -> float:
 
 
 def events_apart(motion: Trajectory, reference: Trajectory) -> list[tuple[float, float]]:
-    """The time of each event of two motions, and how far apart they meet it: of one that only one
-    of them has, the other may meet it after its end."""
+    """The time of each event of two motions, and the distance between its times in the two. Where
+    only one of them has an event, the other may have it after its own end: this end is then its
+    time."""
     apart = []
     for ours, theirs in zip_longest(motion.events, reference.events):
         time = ours.time if ours else float(motion.time[-1])
@@ -230,8 +234,8 @@ def events_apart(motion: Trajectory, reference: Trajectory) -> list[tuple[float,
 
 
 def judged_events(motion: Trajectory, reference: Trajectory) -> tuple[Occurrence, ...]:
-    """The events of a motion with the errors of their times, and of the direction in which a body
-    stops."""
+    """The events of a motion with the errors of their times, and with the error of the direction in
+    which a body stops."""
     better = {event.kind: event.details for event in reference.events}
     judged = []
     for event, (_, error) in zip(motion.events, events_apart(motion, reference), strict=False):
@@ -241,8 +245,8 @@ def judged_events(motion: Trajectory, reference: Trajectory) -> tuple[Occurrence
 
 
 def direction_error(ours: Mapping[str, float], theirs: Mapping[str, float]) -> dict[str, float]:
-    """How far apart the directions of G at two stops are, as a further detail; nothing where there
-    are none."""
+    """The distance between the directions of G at two stops, as a further detail of the event;
+    empty without such directions."""
     if "G1" not in ours.keys() & theirs.keys():
         return {}
     apart = (ours[name] - theirs[name] for name in ("G1", "G2", "G3"))
@@ -250,6 +254,5 @@ def direction_error(ours: Mapping[str, float], theirs: Mapping[str, float]) -> d
 
 
 def time_error(time: float, better: float) -> float:
-    """The error of a time against a better one, with what that has lost by its rounding to a
-    double."""
+    """The error of a time against a better one, plus the rounding of the better one to a double."""
     return abs(time - better) + ulp(better) / 2

@@ -19,23 +19,23 @@ from .solve import Trajectory, solve, with_seconds_left
 from .step_checks import HELD, NOT_SMOOTH
 
 ERROR_LIMIT_ASKED = 1e-12
-"""The error that a motion may have whose tolerance is at the limit of its precision."""
+"""The error that counts as asked for where the tolerance is smaller: about what rounding allows."""
 
 PLACES_AT_REST = 2**15
-"""How many intervals of the time that a brake holds a body are looked through for stronger torques:
-as many as the places at which formulas are looked at in a motion."""
+"""The number of intervals into which the time at rest under a brake is divided, to find torques
+stronger than the brake: as many as the places at which formulas are checked in a motion."""
 
 
 def integrate(case: Case) -> Trajectory:
     """Integrate a case by its method and measure its error.
 
-    Raises HodoError if its method is not available here. A case that stops early comes back with
-    status `timeout` or `failed` and the samples it reached.
+    Raises HodoError if its method is not available here. A case that stops early returns the
+    samples it reached, with the status `timeout` or `failed`.
     """
     if case.time.runs_backward:
         return in_time_of_case(integrate(replace(case, time=case.time.rising)), case)
     motion = solved(case, *choose(case))
-    # The start alone, which a motion that fails at once is left with, has no error to measure.
+    # A motion that fails at once has only its start, without an error to measure.
     if case.error and (motion.succeeded or (motion.time > case.time.start).any()):
         motion = with_measured_error(motion)
     return motion.with_remarks(
@@ -45,30 +45,32 @@ def integrate(case: Case) -> Trajectory:
 
 
 def in_time_of_case(motion: Trajectory, case: Case) -> Trajectory:
-    """The motion of a case that runs backward from one whose time has another sign."""
+    """The motion of a case that runs backward, from the motion with the opposite sign of time."""
     events = tuple(replace(event, time=-event.time) for event in motion.events)
     return motion.with_remarks(case=case, time=-motion.time, events=events)
 
 
 FAR_SPANS = 100
-"""At this many spans from 0 a time counts from an epoch, and a law that names t hardly does."""
+"""A motion that starts more than this many spans from t = 0 has times that count from some epoch.
+Expressions with t hardly count from it."""
 
 
 def epoch_warning(case: Case) -> list[str]:
-    """The warning of expressions whose time counts from 0, far from the motion."""
+    """The warning that expressions count t from 0, far from the motion; none where an epoch is
+    given or the motion is near 0."""
     time, spans = case.time, abs(case.time.start) / (abs(case.time.end - case.time.start) or 1.0)
     if time.epoch is not None or spans <= FAR_SPANS or not has_formula_of_time(case.system):
         return []
-    words = "spans before start" if time.start > 0 else "spans behind start"
+    words = "spans before start" if time.start > 0 else "spans after start"
     return [f"t counts from 0, {spans:.0f} {words}: write epoch: {time.start:.15g}, or epoch: 0"]
 
 
 def early_end(motion: Trajectory) -> str:
-    """Which of its events ends a motion before its time; an empty string if none does."""
+    """The event that ends a motion early, in words with its time; empty if none does."""
     if not motion.events:
         return ""
     last = motion.events[-1]
-    # The samples of a body that a brake has stopped go on.
+    # A body that a brake has stopped has samples at rest up to the end.
     if not (motion.time[-1] < motion.case.time.end or last.kind == "stopped"):
         return ""
     digits = time_digits(last.time, motion.case.time.start)
@@ -82,9 +84,9 @@ def model_warnings(motion: Trajectory) -> list[str]:
     if not end:
         return warnings_of(system)
     warnings = [*warnings_of(system), *epoch_warning(motion.case)]
-    if not motion.case.time.mirrored:  # of coefficients as they follow each other forward
+    if not motion.case.time.mirrored:  # these assume that time rises
         warnings += system.warnings_within(motion.case.time.start, end[0])
-    # Not read off the samples: between two of them a body may stop and a torque grow.
+    # From the event, because a body may stop and a torque grow between two samples.
     stop = next((event.time for event in motion.events if event.kind == "stopped"), math.nan)
     k = attributes(system.constants)
     moves = time_of_release(k, stop, end[0], state[-1], PLACES_AT_REST)
@@ -98,8 +100,8 @@ def model_warnings(motion: Trajectory) -> list[str]:
 
 
 def motion_remarks(motion: Trajectory) -> Iterator[str]:
-    """Remarks on a motion: an error larger than was asked for, or unknown, a probability far from
-    its limit, and infinite values."""
+    """Remarks on a motion: on an error that is unknown or larger than was asked for, and on
+    infinite values."""
     case = motion.case
     yield from excess_remark(case, error_to_judge(motion), motion.tol)
     if case.error and math.isnan(motion.error):
@@ -110,8 +112,8 @@ def motion_remarks(motion: Trajectory) -> Iterator[str]:
 
 
 def error_to_judge(motion: Trajectory) -> float:
-    """The largest measured error; that of an attitude, an angle, by the angle that the body has
-    turned, where this is more than a radian."""
+    """The largest measured error. The error of an attitude, an angle, is divided by the angle that
+    the body has turned if that is more than a radian."""
     errors, variables = dict(motion.errors), motion.variables
     if not {"attitude", "omega"} <= {*errors} & {*variables}:
         return motion.error
@@ -120,7 +122,7 @@ def error_to_judge(motion: Trajectory) -> float:
 
 
 def excess_remark(case: Case, error: float, tol: float) -> Iterator[str]:
-    """The remark on an error that is larger than was asked for."""
+    """The remark on an error that is much larger than was asked for; none on a smaller one."""
     asked = max(tol, ERROR_LIMIT_ASKED)
     # Ten times, because a tolerance bounds the error of a step and not that of the motion.
     if error > 10 * asked:
@@ -131,8 +133,8 @@ def excess_remark(case: Case, error: float, tol: float) -> Iterator[str]:
 
 
 def solved(case: Case, method: str, reason: str) -> Trajectory:
-    """A case by the method that was chosen for a reason: by collocation where `auto` has taken the
-    series and that fails."""
+    """The motion of a case by a method that was chosen for a `reason`. If `auto` has chosen the
+    Taylor series and it fails, the motion is by collocation if that succeeds."""
     motion = solve(case, method, case.precision, case.tol)
     if (
         case.method == "auto"
@@ -140,7 +142,8 @@ def solved(case: Case, method: str, reason: str) -> Trajectory:
         # Not after a timeout: the user has said how long a case may take.
         and motion.status is Status.FAILED
         and case.precision != "quadruple"
-        # No method leads on from there; a series that cannot begin may know no derivatives alone.
+        # No method continues from such a place; but a series that cannot even begin may only lack
+        # derivatives.
         and not (motion.steps and motion.message.startswith((HELD, NOT_SMOOTH)))
     ):
         rest = with_seconds_left(case, motion)
