@@ -37,7 +37,7 @@ def have_quadruple() -> bool:
 
 
 def check_heyoka(precision: str) -> None:
-    """Check that heyoka is installed and has a precision. Raises HodoError if not."""
+    """Raise HodoError unless heyoka is installed and has a precision."""
     # Only heyoka computes in quadruple precision, so no other method can replace it.
     is_quadruple = precision == "quadruple"
     if not have_taylor():
@@ -61,15 +61,15 @@ def engine_for(
     is_timed: bool = False,
 ) -> Engine:
     """The engine of a method, bound to the equations of a model. With `is_timed` the equations are
-    functions of the engine's time. For taylor this compiles, once per process for all systems of
-    one structure.
+    functions of the engine's time. A Taylor engine is compiled here, once per process for all
+    systems of one structure.
 
-    The method must have this precision. Raises HodoError if it needs a package that is not
+    The method must work in this precision. Raises HodoError if it needs a package that is not
     installed.
     """
     model = system.equations
     if is_timed:
-        # The engine's time starts at 0 in each stretch and has a unit that fits the motion.
+        # The engine's time is 0 at the start of each stretch, and its unit fits the motion.
         model = of_engine_time(model)
     if method == "taylor":
         check_heyoka(precision)

@@ -23,11 +23,12 @@ from .polynomial import LEGENDRE
 from .protocol import StepControl
 from .stepwise import Stepwise
 
-# The fastest on stiff motions (26 ms where 8, 12, 20 and 24 stages take 153, 39, 46 and 52): fewer
-# need more steps, more need larger matrices.
+# This number is the fastest on stiff motions: 26 ms, where 8, 12, 20 and 24 stages take 153, 39, 46
+# and 52 ms. Fewer stages need more steps, more stages larger matrices.
 STAGES = 16
 PRECISIONS = {"double": np.float64, "extended": np.longdouble}
-# RADAU5 gives up after 7; here a failed step costs 16 Jacobians, so three more are cheaper.
+# RADAU5 gives up after 7 iterations. Here a failed step costs 16 Jacobians, so that three more
+# iterations are cheaper.
 ITERATIONS = 10
 # Continued over several times its own length, the polynomial of a step is far from the motion.
 LONGEST_CONTINUED = 2
@@ -39,14 +40,14 @@ SIGNS = (-1.0) ** np.arange(STAGES + 1)
 
 
 class Collocation(Stepwise):
-    """The method bound to one model; the state is scaled to about 1."""
+    """Radau IIA collocation for one model. The state is scaled to about 1."""
 
     def __init__(self, model: Equations, tol: float | None, precision: str) -> None:
         self.dtype, self.model = PRECISIONS[precision], model
-        # A tolerance below 32 eps doubles the number of steps and gains no digit: the error
+        # A tolerance below 32 eps doubles the number of steps and gains no digit, because the error
         # estimate is then rounding.
         self.tol = max(tol or 0.0, 32 * float(np.finfo(self.dtype).eps))
-        self.band = (1e-100, 1e100)  # its error is relative to the state at every size
+        self.band = (1e-100, 1e100)  # the error is relative to the state at every size
         self.basis, self.degree = LEGENDRE, STAGES
 
     def series(self, solver: Any, dense: Callable[[Any], np.ndarray]) -> np.ndarray:
@@ -61,8 +62,8 @@ class Collocation(Stepwise):
 
 
 class RadauSolver:
-    """One integration, with the interface of SciPy's OdeSolver. The type of `y` is the working
-    precision."""
+    """The solver of one stretch, with the interface of SciPy's OdeSolver. The type of `y` is the
+    working precision."""
 
     def __init__(
         self,
@@ -99,17 +100,14 @@ class RadauSolver:
                 continue
             series = stages @ self.transform
             error = self._error(series, self.y + stages[:, -1])
-            # The last coefficient of a step falls as h^STAGES. RADAU5 has the same safety factor
-            # 0.9 and limits 1/5 and 8; 1e-300 replaces an error of 0.
+            # The last coefficient of a step goes with h^STAGES. The safety factor 0.9 and the
+            # limits 1/5 and 8 are as in RADAU5; 1e-300 replaces an error of 0.
             self.h = h * min(max(0.9 * (self.tol / max(error, 1e-300)) ** (1 / STAGES), 0.2), 8.0)
             if error <= self.tol:
                 break
         self.series = self._through_start(series)
-        self.t_old, self.t, self.y = (
-            self.t,
-            self.end if last else self.t + h,
-            self.y + stages[:, -1],
-        )
+        self.t_old, self.y = self.t, self.y + stages[:, -1]
+        self.t = self.end if last else self.t + h
         self.status = "finished" if last else "running"
         return None
 
@@ -125,10 +123,11 @@ class RadauSolver:
         return dense
 
     def _through_start(self, series: np.ndarray) -> np.ndarray:
-        """The collocation polynomial (m, STAGES + 1) from the polynomial through the collocation
-        points, which misses the start: with the latter D would jump where two steps meet.
+        """The collocation polynomial (m, STAGES + 1), from the polynomial through the collocation
+        points alone. The latter misses the start, so that D would jump where two steps meet.
 
-        P_s - P_(s-1) vanishes at all collocation points and is 2 or -2 at the start.
+        P_s - P_(s-1), with s = STAGES, vanishes at all collocation points and is 2 or -2 at the
+        start.
         """
         full = np.pad(series, ((0, 0), (0, 1)))
         missed = -(series * SIGNS[:-1]).sum(axis=1)
@@ -140,13 +139,13 @@ class RadauSolver:
     def _error(self, series: np.ndarray, end: np.ndarray) -> float:
         """An estimate of the polynomial's error, relative to the smaller of the states at start and
         end. The estimate is the largest of its last two coefficients and its distance from the
-        state at the start, which is no collocation point: a decay too fast for the step shows
-        there."""
+        state at the start, which is no collocation point, so that a decay too fast for the step
+        shows there."""
         missed = series[:, ::2].sum(axis=1) - series[:, 1::2].sum(axis=1)
         worst = np.abs([series[:, -1], series[:, -2], missed]).max(axis=0)
+        sizes = (min(self._size(rows), np.abs(end[rows]).max()) or 1 for rows in self.kinds)
         return max(
-            float(worst[rows].max() / (min(self._size(rows), np.abs(end[rows]).max()) or 1))
-            for rows in self.kinds
+            float(worst[rows].max() / size) for rows, size in zip(self.kinds, sizes, strict=True)
         )
 
     def _size(self, rows: np.ndarray) -> Any:
@@ -154,16 +153,16 @@ class RadauSolver:
         return np.abs(self.y[rows]).max()
 
     def _expected(self, h: Any) -> np.ndarray:
-        """The change of the state (m, STAGES) with which Newton's method begins, from the continued
-        polynomial of the last step. From a change of 0 it takes five or six iterations, two more.
-        """
+        """The changes of the state (m, STAGES) with which Newton's method begins, from the
+        continued polynomial of the last step. Without it, from changes of 0, the method takes two
+        iterations more, five or six."""
         if self.t == self.t_old or h > LONGEST_CONTINUED * (self.t - self.t_old):
             return np.zeros((len(self.y), STAGES), dtype=self.y.dtype)
         return np.asarray(self.dense_output()(self.t + self.points * h) - self.y[:, None])
 
     def _stages(self, h: Any) -> np.ndarray | None:
-        """The change of the state (m, STAGES) up to each collocation point, or None if Newton's
-        method fails."""
+        """The changes of the state (m, STAGES) from the start of a step of length h to each
+        collocation point; None if Newton's method fails."""
         times, before = self.t + self.points * h, np.inf
         sizes = [float(self._size(rows)) or 1.0 for rows in self.kinds]
         z = self._expected(h)
@@ -177,8 +176,8 @@ class RadauSolver:
                 float(np.abs(change[rows]).max()) / size
                 for rows, size in zip(self.kinds, sizes, strict=True)
             )
-            # The change is well below tolerance, or it falls no longer because only the rounding of
-            # the residual is left.
+            # The correction is well below tolerance, or it falls no longer, because only the
+            # rounding of the residual is left.
             if now <= self.tol / 10 or before / 4 <= now <= 10 * self.tol:
                 return np.asarray(z)
             before = now
@@ -194,7 +193,7 @@ class RadauSolver:
         rates = stacked(self.model.rhs(times, list(y), self.k), y)
         self.nfev += STAGES
         slopes = jacobian(self.model, self.k, times.astype(float), y.astype(float))
-        # RADAU5 keeps one Jacobian for several steps. One at every stage and iteration lets
+        # RADAU5 keeps one Jacobian for several steps. A new one at every stage and iteration lets
         # Newton's method converge quadratically, to the last digits.
         coupling = np.einsum("ji,abj->aibj", float(h) * self.integrals.astype(float), slopes)
         residual = (z - h * (rates @ self.integrals)).astype(float)
@@ -205,7 +204,7 @@ class RadauSolver:
 
 
 def legendre(x: np.ndarray, degree: int) -> np.ndarray:
-    """Legendre's polynomials 0 to `degree` at x (n,), shape (degree + 1, n), by their
+    """The values (degree + 1, n) of Legendre's polynomials 0 to `degree` at x (n,), by their
     recurrence."""
     P = [np.ones_like(x), x]
     for k in range(1, degree):
@@ -218,9 +217,9 @@ def tableau(fp: np.dtype[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The Radau points (s,) in (0, 1], and two matrices (s, s) by which values at these points are
     multiplied from the right.
 
-    The first matrix, A.T of Butcher's tableau, gives the integrals from 0 to each point of the
-    polynomial with these values; the second gives its coefficients in Legendre's polynomials of 2 t
-    - 1.
+    The product with the first matrix, A.T of Butcher's tableau, gives the integrals from 0 to each
+    point of the polynomial with these values. The product with the second gives the coefficients of
+    this polynomial in Legendre's polynomials of 2 t - 1.
 
     The points are the zeros of P_(s-1) - P_s; their weights, (1 + x)/(s P_(s-1))^2 and 2/s^2 at the
     end, make the transform a sum. P_k is the derivative of (P_(k+1) - P_(k-1))/(2 k + 1). (Hairer
@@ -229,11 +228,11 @@ def tableau(fp: np.dtype[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     s, k = STAGES, np.arange(STAGES)[:, None]
     x = np.sort(np.polynomial.legendre.legroots([0] * (s - 1) + [1, -1])).astype(np.longdouble)
     for _ in range(3):  # Newton's method, from double to extended precision
-        P = legendre(x[:-1], s)
-        slope = ((s - 1) * (P[s - 2] - x[:-1] * P[s - 1]) - s * (P[s - 1] - x[:-1] * P[s])) / (
-            1 - x[:-1] ** 2
-        )
-        x[:-1] -= (P[s - 1] - P[s]) / slope
+        inner = x[:-1]
+        P = legendre(inner, s)
+        # (1 - x^2) P_k' = k (P_(k-1) - x P_k)
+        scaled = (s - 1) * (P[s - 2] - inner * P[s - 1]) - s * (P[s - 1] - inner * P[s])
+        x[:-1] -= (P[s - 1] - P[s]) / (scaled / (1 - inner**2))
     x[-1] = 1
     P = legendre(x, s)
     weights = np.append((1 + x[:-1]) / (s * P[s - 1, :-1]) ** 2, np.longdouble(2) / s**2)

@@ -27,7 +27,7 @@ LEAST_TOL = 100 * EPS
 
 
 class Ivp(Stepwise):
-    """One of SciPy's solvers, with the state scaled to about 1."""
+    """One of SciPy's solvers. The state is scaled to about 1."""
 
     def __init__(self, method: str, model: Equations, tol: float | None) -> None:
         self.method, self.model = SOLVERS[method], model
@@ -40,7 +40,7 @@ class Ivp(Stepwise):
     ) -> Stretch:
         """See `Engine.integrate`."""
         with LOCK, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a solver that gives up returns a message too
+            warnings.simplefilter("ignore")  # a solver that fails also returns a message
             return super().integrate(k, y, grid, control)
 
     def solver(
@@ -48,7 +48,7 @@ class Ivp(Stepwise):
     ) -> OdeSolver:
         """See `Stepwise.solver`; the implicit methods are given the Jacobian."""
         rates = partial(self._rhs, k, control)
-        # From rates that are no numbers SciPy gets no length of a step, and would try for ever.
+        # From rates that are not finite SciPy finds no length of a step, and would try for ever.
         if not np.isfinite(rates(start, y)).all():
             raise ValueError("the rates are infinite or not a number")
         options = {"jac": partial(jacobian, self.model, k)} if self.implicit else {}
@@ -70,7 +70,7 @@ class Ivp(Stepwise):
         shorter step. Raises ValueError, which ends the step, if the motion has no seconds left."""
         if not control.has_time():
             raise ValueError(control.message)
-        # For three numbers Python's floats take half the time of numpy's scalars. But their root of
-        # a negative number is complex, and a solver would go on with its real part.
+        # For three numbers Python's floats take half the time of numpy's scalars. But with them a
+        # root of a negative number is complex, and a solver would continue with its real part.
         rates = np.array(self.model.rhs(t, y.tolist(), k))
         return np.full(len(y), np.nan) if rates.dtype == complex else rates

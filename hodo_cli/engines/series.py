@@ -14,13 +14,14 @@ CoefficientRule = Callable[[int], Any]
 
 
 class Series:
-    """c[0] + c[1] s + c[2] s^2 + ..., whose coefficients are computed when they are asked for.
+    """c[0] + c[1] s + c[2] s^2 + ..., a power series whose coefficients are computed when they are
+    asked for.
 
     A series has + - * /, ** with a constant on one side, and the functions of `arithmetic` except
-    `abs`: the equations of models use no others. A coefficient may be of any type that has them
-    too: a number, an array of one number for each motion, a symbol. A rule asks for coefficients of
-    lower order only, so that a series may occur in its own rule; this solves a differential
-    equation.
+    `abs`: the equations of models use no others. A coefficient may be of any type that has these
+    operations too: a number, an array of one number for each motion, a symbol. The `rule` of a
+    series gives its coefficient k and asks for coefficients of lower order only, so that a series
+    may occur in its own rule. This solves a differential equation.
 
     Source: A. Jorba and M. Zou, Experimental Mathematics 14 (2005) 99, proposition 2.1.
     """
@@ -41,8 +42,8 @@ class Series:
         return type(self)(rule)
 
     def _solving(self, rule: Callable[["Series", int], Any]) -> "Series":
-        """The series whose coefficient k is rule(series, k), a function of the coefficients
-        before."""
+        """The series whose coefficient k is rule(series, k), a function of its lower
+        coefficients."""
         solution: Series = self._new(lambda k: rule(solution, k))
         return solution
 
@@ -72,15 +73,15 @@ class Series:
     __rmul__ = __mul__
 
     def _square(self, k: int, first: int = 0) -> Any:
-        # By symmetry half the products of two different series. Coefficients before `first` are
-        # left out.
+        """Coefficient k of the square, without products of a coefficient below `first`. By symmetry
+        it takes half the products of two different series."""
         middle = [self[k // 2] * self[k // 2]] if k % 2 == 0 else []
         pairs = [self[i] * self[k - i] for i in reversed(range(first, (k + 1) // 2))]
         return total([2.0 * total(pairs), *middle] if pairs else middle)
 
     def __truediv__(self, other: Any) -> "Series":
         if not isinstance(other, Series):
-            # A processor divides slower than it multiplies: one division for all coefficients.
+            # One division for all coefficients: a processor divides slower than it multiplies.
             return self.__mul__(1.0 / other)
 
         def rule(quotient: Series, k: int) -> Any:
@@ -99,7 +100,7 @@ class Series:
         if isinstance(exponent, int | float) and exponent == 0:
             return self._new(partial(constant, 1.0))
         if isinstance(exponent, int | float) and float(exponent).is_integer():
-            # By products: a logarithm divides by y, which may be 0, and near 0 loses digits.
+            # By products: a logarithm divides by y, which may be 0, and loses digits near 0.
             power: Series = arithmetic.whole_power(self, int(exponent))
             return power
         return self.log().__mul__(exponent).exp()
@@ -155,6 +156,7 @@ class Series:
         return self._sine_and_cosine()[1]
 
     def _sine_and_cosine(self) -> tuple["Series", "Series"]:
+        """The sine S and the cosine C, from S' = y' C and C' = -y' S."""
         sine: Series = self._new(
             lambda k: self._slope_times(cosine, k) if k else arithmetic.sin(self[0])
         )
@@ -164,16 +166,16 @@ class Series:
         return sine, cosine
 
     def _slope_times(self, factor: "Series", k: int) -> Any:
-        """The coefficient k > 0 of the integral of y' times a factor."""
+        """Coefficient k > 0 of the integral of y' times a factor."""
         return total([i / k * self[i] * factor[k - i] for i in outwards(k) if i])
 
 
 class Combination(Series):
     """A sum of series, each with a constant factor.
 
-    Factors are multiplied by each other once. Multiplied by every coefficient, they would delay all
-    later coefficients: a step of tensor, whose equations divide a sum by a moment of inertia, took
-    half as long again.
+    The factors are multiplied with each other once. If every coefficient were multiplied by them,
+    all later coefficients would wait: a step of tensor, whose equations divide a sum by a moment of
+    inertia, took half as long again.
     """
 
     def __init__(self, *terms: tuple[Any, Series]) -> None:
@@ -198,8 +200,8 @@ class Combination(Series):
             return Combination(*((factor * other, series) for factor, series in self.terms))
         if other is self or min(len(self.terms), len(terms_of(other))) > 1:
             return super().__mul__(other)
-        # The factor of the shorter combination multiplies the terms of the longer one before the
-        # product.
+        # Multiply the terms of the longer combination by the factor of the shorter one, which has a
+        # single term, before the product of the series.
         short, terms = sorted((self.terms, terms_of(other)), key=len)
         factor, series = short[0]
         if len(terms) == 1:
@@ -221,8 +223,8 @@ def total(terms: Sequence[Any]) -> Any:
 
 
 def outwards(k: int) -> list[int]:
-    """The numbers 0 to k from the middle outwards, the order in which a coefficient of a product is
-    added up.
+    """The numbers 0 to k from the middle outwards, the order in which the products of a coefficient
+    are added up.
 
     The last terms need the coefficients just computed, and a processor adds up the others while it
     waits for these. In ascending order a step of linear-diag took a fifth longer.
@@ -237,8 +239,8 @@ def motion(
     k: Any,
     unit: Any = 1.0,
 ) -> tuple[Series, list[Series]]:
-    """The time and the state (m series) as power series in s, where the time is t + unit s and the
-    state at s = 0 is `y` (m,)."""
+    """The time and the state (m series) of a motion as power series in s, where the time is t +
+    unit s and the state at s = 0 is `y` (m,)."""
     time = Series(lambda i: (t, unit)[i] if i < 2 else 0.0)
 
     def rates(state: list[Series]) -> list[Series]:
@@ -253,8 +255,8 @@ def integrals(
     rates: Callable[[list[Series]], list[Series]],
     new: Callable[[CoefficientRule], Series],
 ) -> list[Series]:
-    """The solution of the differential equations y' = rates(y) from `start` (m,), as m series made
-    by `new`."""
+    """The solution of the differential equations y' = rates(y) from `start` (m,), as m series. The
+    function `new` makes a series from a rule."""
     derivatives: list[Series] = []
 
     def coefficient(j: int, k: int) -> Any:
@@ -266,5 +268,5 @@ def integrals(
 
 
 def constant(c: Any, i: int) -> Any:
-    """The rule of a series that is a constant."""
+    """Coefficient i of the series of a constant c."""
     return 0.0 if i else c

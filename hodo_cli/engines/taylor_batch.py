@@ -34,16 +34,16 @@ from .taylor import BLIND_RATIO, OPTIMISED_NODES
 
 
 def has_avx512() -> bool:
-    """Whether this processor has registers of 512 bits, by numpy: heyoka recommends 4 numbers even
-    on some processors that have them."""
+    """Whether this processor has registers of 512 bits, by what numpy finds: heyoka recommends 4
+    numbers even on some processors that have them."""
     found = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
     return any(name.startswith("AVX512") or name == "X86_V4" for name in found)
 
 
 WIDTH = 8 if has_avx512() else hy.recommended_simd_size()
-"""The motions in one register of this processor. More would not fit with the other numbers of a
-step: for linear-diag a step of a motion took 33 ns at 8, 46 at 4 and 55 at 16 with AVX-512, and 64
-at 4, 96 at 8 and 121 at 2 with AVX2. It changes no bit."""
+"""The number of motions in one register of this processor. More motions would leave no room for the
+other numbers of a step: for linear-diag a step of a motion took 33 ns at 8, 46 at 4 and 55 at 16
+with AVX-512, and 64 at 4, 96 at 8 and 121 at 2 with AVX2. The width changes no bit of a result."""
 
 
 SERIES_ORDER = 20
@@ -52,18 +52,18 @@ At 1e-12 heyoka takes 15, which needs the fewest operations for the coefficients
 costs of a step, 18 to 20 are cheapest there."""
 
 ROOT_ORDER = 16
-"""The order of the coefficients that determine the length of a step. Its root is four square roots;
-a logarithm and an exponential took a third of a step."""
+"""The order of the coefficients that determine the length of a step. A root of this order is four
+square roots; a logarithm and an exponential instead took a third of a step."""
 
 LATER_ORDER = 10
-"""The order from which on the coefficients are compared with the radius if equations contain the
-time: the coefficients that determine the radius may be 0 or small by chance, as in a series in
-powers of t**3. Half of those compared are of orders below 16, so that the eighth root of an excess
-corrects the radius enough."""
+"""The lowest order of the coefficients that are compared with the radius if equations contain the
+time. The coefficients that determine the radius may then be 0 or small by chance, as in a series in
+powers of t**3. Half of the coefficients compared are of orders below 16, so that the eighth root of
+an excess corrects the radius enough."""
 
 MOST_EXCESS = 2.0**32
-"""The excess above which a motion is integrated as a single case: its steps would be far too
-short."""
+"""The excess above which a motion is integrated as a single case, because its steps would be far
+too short."""
 
 PASSAGE_STRIDE = 0.1
 """The longest step, in radii of convergence, of a motion that continues after an event. Such a
@@ -71,12 +71,12 @@ motion approaches a logarithmic singularity, which fewer coefficients show, and 
 at 0.135 two of five did."""
 
 EVENT_ORDER = 6
-"""The order up to which the series of an event is computed; the state's series bound its later
-terms. At 20 the event took a third of a step; at 4 five times as many steps would be candidates for
-a zero."""
+"""The order up to which the series of an event is computed; bounds from the state's series cover
+its later terms. At order 20 the event took a third of a step; at 4 five times as many steps would
+be candidates for a zero."""
 
 SUM_CHAINS = 4
-"""The parts of a polynomial that are summed in parallel: in a single sum the processor waits for
+"""The parts of a polynomial that are summed in parallel. In a single sum the processor waits for
 each product, which took a third of a step."""
 
 PLACES_CHECKED, MOST_MISSED = 8, 8
@@ -90,7 +90,8 @@ BOUND_ROUNDING = 2.0**-40
 
 
 class Majorant(Series):
-    """A series whose coefficients are at least as large as the absolute values of another series'.
+    """A series whose coefficients are at least as large as the absolute values of the coefficients
+    of another series.
 
     Raises NotImplementedError for a function or a power of a series, or a division by one.
     """
@@ -130,15 +131,11 @@ class TaylorStep:
     Rows of the input: the state, the time left, the rounding error of that time, and the number of
     steps taken. Rows of the output: the same after the step, the length of the step, and for each
     event a number that is negative where its function may have zeros within the step. This number
-    is a lower bound on the function's distance from 0; for motions that cross the separatrix once
-    at most, it is the product of the function's values at both ends.
+    is a lower bound on the function's distance from 0. For a crossing of the separatrix, in a model
+    whose motions cross it once at most, it is the product of the function's values at both ends.
     """
 
-    def __init__(
-        self,
-        model: Equations,
-        events: tuple[Event, ...],
-    ) -> None:
+    def __init__(self, model: Equations, events: tuple[Event, ...]) -> None:
         self.model, self.structure = model, model.structure
         self.events = events
         self._key, self._series = self._digest(), dict[int, Any]()
@@ -156,15 +153,14 @@ class TaylorStep:
 
     def event_series(self, event: Event, columns: np.ndarray, k: np.ndarray) -> np.ndarray:
         """The coefficients (order + 1, n) of an event's function in powers of the time since the
-        start of the step, for the arguments of a step."""
-        # Found by its function: the caller's event may be terminal, and no event of the step is.
+        start of the step. The arguments are as for a step."""
+        # By its function, because the caller's event may be terminal, and no event of a step is.
         index = [own.function for own in self.events].index(event.function)
         if index not in self._series:
             compiled_series = partial(self._compiled_series, self.events[index])
             self._series[index] = cached_code(f"{self._key}-event{index}", compiled_series)
         series = self._series[index]
-        # The series does not contain the last parameters.
-        pars = k[: series.nparams]
+        pars = k[: series.nparams]  # the series does not contain the last parameters
         return np.asarray(series(columns, pars=pars, batch_parallel=False))
 
     def _digest(self) -> str:
@@ -180,23 +176,25 @@ class TaylorStep:
         return hashlib.sha256(equations + repr((model, *compiler)).encode()).hexdigest()[:32]
 
     def _symbols(self) -> tuple[Any, list[Any], Any]:
-        """The time left, the state and the constants of the equations."""
+        """Symbols for the time left, the state and the constants of the equations."""
+        # The first parameter is the time of the end, the last one the stride.
         _, *numbers, _ = (hy.par[i] for i in range(count(self.structure) + 2))
         y = [hy.make_vars(f"y{i}") for i in range(len(self.model.state))]
         return hy.make_vars("remaining"), y, namespace(self.structure, numbers)
 
     def _motion(self) -> "SymbolicMotion":
-        """The motion from the start of a step."""
+        """The motion of a step in symbols, as series from its start."""
         remaining, y, k = self._symbols()
         lost, steps = hy.make_vars("lost", "steps")
-        # The first parameter is the time of the end, in the case's own unit. The start is this less
-        # the time left, which is in units that fit the motion.
+        # The start is the time of the end, in the case's own unit, less the time left, which is in
+        # a unit that fits the motion.
         unit = getattr(k, UNIT, 1.0)
         begin = (hy.par[0] - remaining * unit) - lost * unit
         time, state = motion(self.model.rhs, begin, y, k, unit)
         return SymbolicMotion([*y, remaining, lost, steps], time, state, k)
 
     def _compiled_step(self) -> Any:
+        """The compiled function from the rows of the input to the rows of the output."""
         at = self._motion()
         *_, remaining, lost, steps = at.inputs
         y = [coefficients(series, SERIES_ORDER) for series in at.state]
@@ -210,11 +208,11 @@ class TaylorStep:
         step = smaller(longest, remaining)
         # The last step takes exactly the time left, so that 0 is left and no rounding error.
         after = remaining - step
-        # The rounding error of the subtraction is kept, so that many steps cost the time no digits.
+        # Keep the rounding error of the subtraction: the time loses no digits in many steps.
         lost = lost + ((remaining - after) - step)
         steps = steps + hy.select(hy.gt(remaining, 0.0), hy.expression(1.0), hy.expression(0.0))
         after = hy.select(hy.gt(excessive, MOST_EXCESS), hy.expression(math.nan), after)
-        # Averaged tops are large.
+        # Large equations, as of averaged tops, take too long to optimise, and are not checked.
         is_large = sum(map(len, self.model.rhs(*self._symbols()))) > OPTIMISED_NODES
         if self.model.has_formulas and not is_large:
             is_met = hy.lte(self._missed(at, y, step), 0.0)
@@ -225,23 +223,23 @@ class TaylorStep:
         return compiled_function(at.inputs, rows, 1 if is_large else 3)
 
     def _missed(self, at: "SymbolicMotion", y: Sequence[Sequence[Any]], step: Any) -> Any:
-        """The largest error of the series y in the equations within a step, less the error allowed:
-        without this check a series passes over a corner of a formula unnoticed."""
+        """The largest error of the series y in the equations within a step, less the error allowed.
+        Without this check a series passes over a corner of a formula unnoticed."""
         slopes = [[i * c for i, c in enumerate(series)][1:] for series in y]
         part = hy.par[count(self.structure) + 1] ** MOST_MISSED
         excess = hy.expression(-math.inf)
         for place in range(1, PLACES_CHECKED + 1):
             s = step * (place / PLACES_CHECKED)
-            state, moved = ([total_of_powers(c, s) for c in of] for of in (y, slopes))
+            state, rates_by_series = ([total_of_powers(c, s) for c in of] for of in (y, slopes))
             rates = self.model.rhs(at.time[0] + s * at.time[1], state, at.k)
             for rows in kinds_of_variables(self.model):
                 size = total([absolute(y[i][0]) + step * absolute(y[i][1]) for i in rows])
-                off = total([absolute(moved[i] - rates[i]) for i in rows])
+                off = total([absolute(rates_by_series[i] - rates[i]) for i in rows])
                 excess = larger(off * step - part * size, excess)
         return excess
 
     def _event_row(self, event: Event, at: "SymbolicMotion", end: list[Any], step: Any) -> Any:
-        """The row of an event in the output of a step to the state `end`."""
+        """The row of an event in the output of a step that ends in the state `end`."""
         if event.passage or not self.model.always_absorbing:
             return least_distance(event.function, at, step)
         begin, unit = at.time[0], at.time[1]
@@ -249,6 +247,7 @@ class TaylorStep:
         return before * event.function(begin + step * unit, end, at.k)
 
     def _compiled_series(self, event: Event) -> Any:
+        """The compiled function from the rows of the input to the series of an event."""
         at = self._motion()
         rows = coefficients(event.function(at.time, at.state, at.k), SERIES_ORDER)
         # Few steps need the series, so it is not worth the optimiser's time.
@@ -263,8 +262,8 @@ STEP_SOURCES = [
 
 
 class SymbolicMotion(NamedTuple):
-    """A motion in symbols: the inputs of a step, the time and the state as series from its start,
-    and the constants."""
+    """The motion of a step in symbols: the inputs of the step, the time and the state as series
+    from its start, and the constants."""
 
     inputs: list[Any]
     time: Series
@@ -274,23 +273,23 @@ class SymbolicMotion(NamedTuple):
 
 def compiled_function(inputs: list[Any], rows: list[Any], opt_level: int) -> Any:
     """A compiled function from the inputs to the rows."""
-    # Without fast_math, which would remove the rounding errors that a step keeps, since they are 0
-    # in exact arithmetic, and would change the order of sums.
+    # Without fast_math: it would change the order of sums, and remove the rounding errors that a
+    # step keeps, because these are 0 in exact arithmetic.
     return hy.cfunc(rows, vars=inputs, batch_size=WIDTH, opt_level=opt_level)
 
 
 ALIGNMENT_DEPTHS, ALIGNMENT_TRIALS = 4, 8
-"""The depths of a call that give the stack its different alignments, and the first steps, which try
-each depth twice."""
+"""The number of depths of a call, which give the stack its different alignments; and the number of
+first steps, which try each depth twice."""
 
 
 class AlignedCalls:
     """Calls of one step, from the depth of the stack at which it is fastest.
 
     A step keeps on the stack the numbers for which its registers have no room. The code that heyoka
-    compiles takes the stack as it comes, aligned to 16 bytes: in three of four cases each store of
-    64 bytes then touches two lines of the cache, and a step takes 1.25 times as long (tensor: 49 in
-    place of 39 ns). The stack begins at a random place in each process. A call through `map` moves
+    compiles takes the stack as it comes, aligned to 16 bytes. In three of four cases each store of
+    64 bytes then touches two lines of the cache, and a step takes 1.25 times as long (tensor: 49 ns
+    instead of 39). The stack begins at a random place in each process. A call through `map` moves
     it by a multiple of 64 bytes plus or minus 16, so that one of four depths is right; the first
     steps are timed to find it. (A call of a method moves it by twice as much, which reaches two of
     the four alignments.)
@@ -312,7 +311,7 @@ class AlignedCalls:
 
 
 def nested(depth: int, step: TaylorStep, *arguments: np.ndarray) -> None:
-    """Take a step, through `depth` calls of `map`."""
+    """Take a step through `depth` nested calls of `map`."""
     if depth:
         next(map(nested, (depth - 1,), (step,), *((argument,) for argument in arguments)))
     else:
@@ -321,7 +320,7 @@ def nested(depth: int, step: TaylorStep, *arguments: np.ndarray) -> None:
 
 def stride(tol: float, passing: Event | None, looser: float = 1.0) -> float:
     """The longest step, in radii of convergence (`radius`), with an error of `looser` tolerances.
-    Motions that continue after an event take shorter steps; there a larger `looser` shortens them
+    Motions that continue after an event take shorter steps; a larger `looser` shortens these
     further, so that a second integration has other steps."""
     longest = math.exp((math.log(max(looser * tol, 2.0**-62)) - 0.7) / (SERIES_ORDER - 3))
     return longest if passing is None else min(longest, PASSAGE_STRIDE / looser**0.05)
@@ -333,7 +332,7 @@ def coefficients(series: Series, order: int) -> list[Any]:
 
 
 def total_of_powers(c: Sequence[Any], s: Any) -> Any:
-    """c[0] + c[1] s + ..., for more than SUM_CHAINS coefficients."""
+    """The sum c[0] + c[1] s + c[2] s^2 + ..., of more than SUM_CHAINS terms."""
     chains = [horner(c[1 + i :: SUM_CHAINS], (s * s) * (s * s)) for i in range(SUM_CHAINS)]
     # The largest term is added last, so that all roundings but one are relative to the change in a
     # step.
@@ -341,7 +340,8 @@ def total_of_powers(c: Sequence[Any], s: Any) -> Any:
 
 
 def radius(y: Sequence[Sequence[Any]]) -> Any:
-    """The radius of convergence R of a state's series: (max(1, |y|) / |y_k|)^(1/k), k = ROOT_ORDER.
+    """The radius of convergence R of a state's series: (max(1, |y|) / |y_k|)^(1/k), where k is
+    ROOT_ORDER and y_k the coefficient of order k.
 
     In a series of odd powers this coefficient is 0, and the geometric mean of its neighbours
     replaces it. heyoka's rule, for any order n, is a step h = R tol^(1/(n - 1)) times the safety
@@ -364,8 +364,8 @@ def radius(y: Sequence[Sequence[Any]]) -> Any:
 
 
 def excess(y: Sequence[Sequence[Any]], R: Any) -> Any:
-    """The largest ratio of the coefficients of a state's series, from LATER_ORDER on, to the size
-    that they have at the radius R/BLIND_RATIO; 1 where none is larger."""
+    """The largest coefficient of a state's series, from LATER_ORDER on, relative to the size that
+    it should have by the radius of convergence R/BLIND_RATIO; at least 1."""
     x = smaller(R, hy.expression(2.0**40)) / BLIND_RATIO
     norm, power = larger(largest_size(y, 0), hy.expression(1.0)), x**LATER_ORDER
     most = norm
@@ -380,12 +380,12 @@ def largest_size(y: Sequence[Sequence[Any]], order: int) -> Any:
 
 
 def least_distance(function: Callable[..., Any], at: SymbolicMotion, step: Any) -> Any:
-    """A lower bound on |D(s)| for s from 0 to `step`, where D is a function of a motion. Where it
-    is negative D may vanish.
+    """A lower bound on |D(s)| for s from 0 to `step`, where D is a function of a motion. Where the
+    bound is negative D may vanish.
 
-    |D| is at least |D_0| + min(0, s sign(D_0) D_1), less the sum of |D_k| s^k from k = 2. The terms
-    beyond EVENT_ORDER are bounded by the same function of majorants, less its terms up to that
-    order.
+    With D_k the coefficients of D, |D| is at least |D_0| + min(0, s sign(D_0) D_1), less the sum of
+    |D_k| s^k from k = 2. A bound on the terms beyond EVENT_ORDER is the same function of majorants,
+    less its terms up to that order.
     """
     order = EVENT_ORDER
     try:
@@ -399,7 +399,8 @@ def least_distance(function: Callable[..., Any], at: SymbolicMotion, step: Any) 
 
 
 def majorant_beyond(order: int, function: Callable[..., Any], at: SymbolicMotion, step: Any) -> Any:
-    """A bound on the sum of the terms beyond an order, in a function of a motion within a step.
+    """A bound on the sum of the terms beyond an order, in the series of a function of a motion
+    within a step.
 
     Raises NotImplementedError where the function has no majorant.
     """
@@ -413,12 +414,12 @@ def majorant_beyond(order: int, function: Callable[..., Any], at: SymbolicMotion
 
 
 def term_size(series: Series, k: int) -> Any:
-    """|c_k| of a series."""
+    """The absolute value |c_k| of a coefficient of a series."""
     return absolute(series[k])
 
 
 def absolute(x: Any) -> Any:
-    """|x| of an expression or a number; a series as it is."""
+    """The absolute value of an expression or a number; a series is returned as it is."""
     if isinstance(x, Series):
         return x
     return hy.select(hy.lt(x, 0.0), -x, x) if isinstance(x, hy.expression) else abs(x)

@@ -27,19 +27,19 @@ from ..models.base import (
 from . import extended
 
 SLOWEST_EXPONENT = -1000
-"""The binary order of magnitude of a rate below which the unit of time grows no longer: slower
-rates would take it out of the range of doubles."""
+"""The binary order of magnitude of the slowest rate to which the unit of time is fitted. For slower
+rates the unit would leave the range of doubles."""
 
 
 LEAST_EXPONENT = -960
-"""The binary order of magnitude of omega below which a user's formulas are evaluated at this order,
-and their torques taken to be proportional to omega: in the case's own units both would leave the
-range of doubles."""
+"""The least binary order of magnitude of omega at which a user's formulas are evaluated. For a
+smaller omega they are evaluated at this order, and their torques taken to be proportional to omega:
+in the case's own units both would leave the range of doubles."""
 
 
 class TimeWindow(NamedTuple):
-    """A time, and the length of the span, of motions whose equations contain the time: one number
-    each, or arrays (n,) for n motions."""
+    """A time, and the length of the span of motions whose equations contain the time: numbers, or
+    arrays (n,) for n motions."""
 
     time: Any
     span: Any
@@ -47,8 +47,8 @@ class TimeWindow(NamedTuple):
 
 @dataclass(frozen=True)
 class Units:
-    """omega = 2**exponent W and s = 2**rate (t - origin); exponent and rate are whole numbers or
-    arrays (n,) for n motions.
+    """Units of omega and time that fit a motion: omega = 2**exponent W and s = 2**rate (t -
+    origin), where exponent and rate are whole numbers or arrays (n,) for n motions.
 
     The series of an engine controls its error against max(1, |y|), so that a motion far below 1
     would be right only absolutely. With W near 1, and a unit of time in which no rate exceeds 1, it
@@ -68,14 +68,13 @@ class Units:
         moment: TimeWindow | None = None,
         falling: Any = False,
     ) -> "Units":
-        """The units for a model with constants k at the state `y` (m,) or (m, n), given in units of
+        """The units for a model with constants k in the state `y` (m,) or (m, n), given in units of
         2**exponent, and at a `moment` if its equations contain the time. For a `falling` motion the
-        torques are left out and the state alone determines the unit of omega.
-        """
+        state alone determines the unit of omega, and the torques do not."""
         if not model.degree:
             return cls(0, int(clock_rates(model, attributes(k), y)))
         orders = orders_of_constants(model, k)
-        # A number of numpy: Python's own numbers raise an error where a formula divides by 0.
+        # A number of numpy's, because Python's own raise an error where a formula divides by 0.
         t = np.asarray(moment.time if moment else 0.0)[()]
         units = cls.of_exponent(
             model, orders, fitting_exponent(model, orders, y, exponent, falling)
@@ -85,8 +84,8 @@ class Units:
             # they may change it by more than a double holds.
             units = cls(units.exponent, np.maximum(units.rate, 0))
         speed, turn = units.speeds(model, k, y, exponent, t)
-        # The bound from the constants may be far above the rates: a body that turns steadily about
-        # an axis does not change at all.
+        # The rate from the constants may be far above the real rates: the state of a body that
+        # turns steadily about an axis does not change at all.
         slower = np.frexp(np.where(speed > 0, np.maximum(speed, turn), 0.0))[1]
         rate = units.rate + np.maximum(slower, SLOWEST_EXPONENT)
         if moment:  # a motion that is slow now may follow a torque that soon changes
@@ -95,8 +94,9 @@ class Units:
 
     @classmethod
     def of_exponent(cls, model: Equations, orders: Mapping[str, Any], exponent: Any) -> "Units":
-        """The units with omega's unit 2**exponent, and a unit of time in which no term of the model
-        is faster than about 1, from the binary orders of magnitude of its constants."""
+        """The units with 2**exponent as the unit of omega, and with a unit of time in which no term
+        of the model is faster than about 1. `orders` are the binary orders of magnitude of the
+        model's constants."""
         rate = exponent
         for name, degree in model.degree.items():
             if name != "g":  # the gyroscopic terms are of rate |omega|, which is 2**exponent
@@ -111,7 +111,7 @@ class Units:
         and the state y in units of 2**exponent: two numbers for y (m,), two arrays (n,) for y (m,
         n).
 
-        A steady rotation about an axis changes nothing, however large it is. In a unit of time that
+        They are 0 for a steady rotation about an axis, however fast it is. In a unit of time that
         is 1e15 times too short the coefficients of a series would be 0.
         """
         scaled = SimpleNamespace(**self.constants(model, k))
@@ -120,13 +120,13 @@ class Units:
         speed = np.abs(rate).max(axis=0)
         along = np.divide(rate, speed, out=np.zeros_like(rate), where=speed > 0)
         # The second derivative shows a turn at constant speed. It comes from a complex step, as in
-        # `jacobian`, but of 1e-20: a formula evaluates it in the case's own units, where a shorter
-        # one would vanish.
+        # `jacobian`, but of 1e-20: a formula gets it in the case's own units, where a shorter step
+        # would vanish.
         second = np.array(np.broadcast_arrays(*model.rhs(t, [*(y + 1e-20j * along)], scaled)))
         return speed, np.abs(second.imag / 1e-20).max(axis=0)
 
     def constants(self, model: Equations, k: Mapping[str, Any]) -> dict[str, Any]:
-        """The constants of the equations by name, from their values k in the case's units, in these
+        """The constants of the equations in these units, by name, from their values k in the case's
         units."""
         scaled = {
             name: in_unit(k[name], (degree - 1) * self.exponent - self.rate)
@@ -147,9 +147,9 @@ def orders_of_constants(model: Equations, k: Mapping[str, Any]) -> dict[str, Any
 def fitting_exponent(
     model: Equations, orders: Mapping[str, Any], y: np.ndarray, exponent: Any, falling: Any
 ) -> Any:
-    """The binary order of magnitude (...) of the unit of omega that fits states y (m, ...), in
-    units of 2**exponent, and the omega to which torques lead. For a `falling` motion the state
-    alone counts."""
+    """The binary order of magnitude (...) of the unit of omega that fits the larger of two: states
+    y (m, ...) in units of 2**exponent, and the omega that torques produce. For a `falling` motion
+    the state alone counts, unless it is at rest."""
     of_state = order_of_magnitude(model, y) + exponent
     by_torques = np.maximum(of_state, order_by_torques(model, orders))
     fitting = np.where(falling & (of_state > -np.inf), of_state, by_torques)
@@ -157,16 +157,16 @@ def fitting_exponent(
 
 
 def order_by_torques(model: Equations, orders: Mapping[str, Any]) -> Any:
-    """The binary order of magnitude (...) of the omega that torques N produce from rest: about
-    sqrt(N/A), in the time 1/sqrt(N/A). It is minus infinity without torques."""
+    """The binary order of magnitude (...) of the omega that torques N produce from rest on a moment
+    of inertia A: about sqrt(N/A), in the time 1/sqrt(N/A). It is minus infinity without torques."""
     constant = [name for name, degree in model.degree.items() if degree == 0]
     torques = (orders[name] for name in constant if name not in model.form.resisting)
     return np.ceil(reduce(np.maximum, torques, -np.inf) / 2)
 
 
 FALLING_BITS = 16
-"""The binary orders of magnitude by which a falling motion exceeds the omega that its torques
-produce."""
+"""A motion is falling if it starts this many binary orders of magnitude above the omega that its
+torques produce."""
 
 
 def is_falling(model: Equations, k: Mapping[str, Any], y: np.ndarray) -> np.ndarray:
@@ -194,13 +194,13 @@ def order_of_magnitude(model: Equations, y: np.ndarray) -> np.ndarray:
 
 RESOLVED_STEP = 1.5
 """The longest step that resolves a small component, in units of the time of its fastest growth or
-turn. A series of order 20 or more is then right to the component's last digit."""
+turn. A series of order 20 or more is then right to the last digit of the component."""
 
 
 def longest_step(model: Equations, k: Constants, t: float, y: np.ndarray) -> float:
-    """The longest step that resolves the small components of a state y (m,) at the time t: an
-    infinitesimal change of the state grows or turns at the rates of the Jacobian's eigenvalues. A
-    decay needs no limit; the step is then infinite."""
+    """The longest step that resolves the small components of a state y (m,) at the time t; infinite
+    if they only decay, which needs no limit. An infinitesimal change of the state grows or turns at
+    the rates of the Jacobian's eigenvalues."""
     slopes = jacobian(model, attributes(k), t, y)
     if not np.isfinite(slopes).all():
         return math.inf
@@ -215,8 +215,8 @@ binary orders of magnitude of 1."""
 
 
 def clock_rates(model: Equations, k: SimpleNamespace, y: np.ndarray) -> np.ndarray:
-    """The binary exponents (...) of the clock's rate for motions with starts y (m, ...) of a model
-    without degrees; 0 for the case's own unit of time.
+    """The binary exponents (...) of the rate of the engine's clock, for motions with starts y (m,
+    ...) of a model without degrees; 0 for the case's own unit of time.
 
     The coefficients of a series go with powers of its rates. For a body that slows down in a
     million years, in seconds, they are below the smallest double from the third on, and without
@@ -229,16 +229,16 @@ def clock_rates(model: Equations, k: SimpleNamespace, y: np.ndarray) -> np.ndarr
 
 
 def is_timed(system: Model) -> bool:
-    """Whether the equations of a motion need the case's time, or its unit, from the engine's: they
-    contain the time, or have no degrees by which they convert to another unit of time."""
+    """Whether the equations of a motion have to convert the engine's time to the case's: they
+    contain the time, or they have no degrees by which they convert to another unit of time."""
     no_degree = not system.equations.degree
     return contains_time(system.equations) or bool(no_degree and units_at_start(system).rate)
 
 
 @lru_cache(maxsize=64)
 def units_at_start(system: Model, moment: TimeWindow | None = None) -> Units:
-    """The units that fit a motion at its start. They are cached, because its trial, the motion
-    itself and its reference ask for them."""
+    """The units that fit a motion at its start. They are cached, because the motion itself, its
+    reference and a trial of the method all ask for them."""
     return Units.fit(
         system.equations, system.constants, np.array(system.initial_state), moment=moment
     )
@@ -246,9 +246,9 @@ def units_at_start(system: Model, moment: TimeWindow | None = None) -> Units:
 
 @dataclass
 class Clock:
-    """The time reached, at which a stretch of integration begins, and its unit of time.
+    """The time at which a stretch of integration begins, and the unit of the engine's time in it.
 
-    The time is a sum of two numbers, so that many changes of units cost it no digits.
+    The time is the sum of two numbers, so that many changes of units cost it no digits.
     """
 
     high: Any
@@ -256,12 +256,12 @@ class Clock:
     factor: float = 1.0
 
     def until(self, times: Any) -> Any:
-        """The time from the present to the case's `times`, in the case's unit."""
+        """The time from the start of the stretch to the case's `times`, in the case's unit."""
         return (times - self.high) - self.low
 
     def grid(self, times: np.ndarray) -> np.ndarray:
-        """The present, which is 0, and then the case's `times` (n,), in the engine's time (n +
-        1,)."""
+        """The engine's times (n + 1,) of the start of the stretch, which is 0, and of the case's
+        `times` (n,)."""
         later = self.until(times) * type(self.high)(self.factor)
         return np.concatenate(([self.high * 0], later))
 
@@ -270,7 +270,7 @@ class Clock:
         return self.high + (self.low + s / type(self.high)(self.factor))
 
     def restart(self, time: Any) -> None:
-        """Go on from another time of the case."""
+        """Continue from another time of the case."""
         self.high, self.low = time, time * 0
 
     def exact_times(self, s: np.ndarray) -> np.ndarray:
@@ -284,7 +284,7 @@ class Clock:
         return {START: self.high, UNIT: 1 / self.factor}
 
     def advance(self, elapsed: tuple[Any, Any]) -> None:
-        """Move on by a time of the engine, given as the sum of two numbers."""
+        """Move the start on by a time of the engine, given as the sum of two numbers."""
         for part in elapsed:
             step = part / type(self.high)(self.factor)
             total = self.high + step
