@@ -184,17 +184,19 @@ class RadauSolver:
         return None
 
     def _correction(self, times: np.ndarray, h: Any, z: np.ndarray) -> np.ndarray:
-        """The correction (m, STAGES) that Newton's method subtracts from changes z (m, STAGES) of
-        the state up to the collocation points, at these times of a step of length h.
+        """The correction (m, STAGES) that Newton's method subtracts from the changes z (m, STAGES)
+        of the state from the start of a step of length h to its collocation points, which are at
+        these times.
 
         Raises LinAlgError where its equations have no finite numbers or no solution.
         """
         y = self.y[:, None] + z
         rates = stacked(self.model.rhs(times, list(y), self.k), y)
         self.nfev += STAGES
-        slopes = jacobian(self.model, self.k, times.astype(float), y.astype(float))
         # RADAU5 keeps one Jacobian for several steps. A new one at every stage and iteration lets
         # Newton's method converge quadratically, to the last digits.
+        slopes = jacobian(self.model, self.k, times.astype(float), y.astype(float))
+        # By (a, i, b, j): how the residual of variable a at point i depends on variable b at point j.
         coupling = np.einsum("ji,abj->aibj", float(h) * self.integrals.astype(float), slopes)
         residual = (z - h * (rates @ self.integrals)).astype(float)
         if not (np.isfinite(coupling).all() and np.isfinite(residual).all()):

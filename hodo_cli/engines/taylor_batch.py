@@ -201,7 +201,8 @@ class TaylorStep:
         # The last parameter is the `stride`, so that the code serves every tolerance.
         R, excessive = radius(y), hy.expression(1.0)
         if hasattr(at.k, UNIT):
-            # Without the time in the equations, coefficients vanish by chance only near rest.
+            # With the time in the equations, the coefficients in `radius` may be small by chance.
+            # Without it they are so only near rest.
             excessive = excess(y, R)
             R = R / hy.sqrt(hy.sqrt(hy.sqrt(excessive)))
         longest = hy.par[count(self.structure) + 1] * R

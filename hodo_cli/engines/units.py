@@ -219,8 +219,8 @@ def clock_rates(model: Equations, k: SimpleNamespace, y: np.ndarray) -> np.ndarr
     ...) of a model without degrees; 0 for the case's own unit of time.
 
     The coefficients of a series go with powers of its rates. For a body that slows down in a
-    million years, in seconds, they are below the smallest double from the third on, and without
-    them no event is found.
+    million years, in seconds, all coefficients from the third on are below the smallest double, and
+    no event would be found.
     """
     with np.errstate(all="ignore"):
         rates = np.array(np.broadcast_arrays(*model.rhs(0.0, [*y], k)), dtype=float)

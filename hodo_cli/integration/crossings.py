@@ -57,6 +57,7 @@ def label_at_start(
     body, label = case.system, int(labels[0])
     if label != UNDETERMINED or first_sample == case.time.start or not isinstance(body, BodyFrame):
         return label
+    # The body has no side any more at its first sample, where a brake has stopped it.
     omega = np.array([body.start[:3]], dtype=float)
     return int(body.enclosed(omega, CERTAIN_ERRORS * EPS)[0])
 
@@ -310,7 +311,7 @@ def has_sides(body: BodyFrame) -> bool:
 
 def sides_of(body: BodyFrame, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The margin (n,) of angular velocities (n, 3) along the principal axes, and the label (n,) of
-    the axis on their side of the separatrix."""
+    the axis that the hodograph encloses on this side of the separatrix."""
     A = body.exact_moments
     order = inertia_order(A)
     signed = margin(A, omega, order)

@@ -43,7 +43,7 @@ def with_measured_error(motion: Trajectory) -> Trajectory:
     # The motion at the same samples, and at its last one, which may be at an event.
     rows = np.append(positions[positions < n - 1], n - 1) if n else positions[:0]
     thin_motion = motion.at(rows) if len(rows) < n else motion
-    left = case
+    left = case  # with the seconds that the references so far have left
     for by in references(case, motion.method, motion.tol):
         limited = replace(with_step_limit(motion, by.method), max_seconds=left.max_seconds)
         reference = solve(limited, by.method, by.precision, by.tol, times[positions])

@@ -198,7 +198,7 @@ def integrate_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nda
     times = sample_times(case) if "trajectory" in case.store else np.empty(0)
     for group in prepare(case, chunk.first + computed):
         positions = computed[group.members]
-        # Only some groups have such events, because these depend on the members' data.
+        # Only some groups have an event with a passage: the events depend on the members' data.
         if times.size and group.passing:
             rejection[positions] = Rejection.SAMPLES.code
             continue

@@ -133,6 +133,7 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
     is_accepted, passed = outcome.accepted, outcome.accepted_passages
     # The numbers of the accepted motions, and the position of each of them among these.
     accepted, row = np.flatnonzero(is_accepted), np.cumsum(is_accepted) - 1
+    # The ends are output as samples at a single time, which is `until`.
     end, exponent = outcome.state[:, accepted, None], outcome.exponent[accepted, None]
     member, until = row[passed.motion], np.full(len(accepted), float(e.span[1]))
     if e.event and e.event.terminal:

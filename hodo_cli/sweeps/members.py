@@ -49,7 +49,7 @@ def ensemble_of(case: Case, system: Model, members: np.ndarray, start: Iterable[
 
 
 def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
-    """Numbers, columns of numbers or arrays (n,) as the rows of an array (rows, n)."""
+    """Numbers, `Column`s of n numbers or arrays (n,) as the rows of an array (rows, n)."""
     array = np.empty((len(numbers), n))
     for i, number in enumerate(numbers):
         array[i] = number if isinstance(number, np.ndarray) else member_values(number)

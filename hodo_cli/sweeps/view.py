@@ -264,7 +264,7 @@ class SweepView:
         b = b.transpose(*a.dims)
         apart = a.data != b.data if "flag_meanings" in a.attrs else np.abs(a.data - b.data)
         by_axis = (view.data["status"].transpose(*self.axes).data for view in (self, other))
-        status = np.maximum(*by_axis)
+        status = np.maximum(*by_axis)  # 0, which is ok, where both are ok
         changed = {variable: (a.dims, apart.astype(float)), "status": ([*self.axes], status)}
         return replace(self, data=self.data.assign(changed))
 

@@ -311,13 +311,14 @@ class BatchState:
         remaining, lost, _ = past.clock
         lost[remaining <= 0] = 0
         time, correction = past.time_and_correction
+        # For each sample the number of its step, counted along the columns, and its sample time.
         step, sample = times_within(e.times, time + correction)
         rows = history[:, :-1].reshape(len(history), -1).take(step, axis=1)
         column = step % len(columns.motion)
         start = Columns(rows, *(values.take(column, axis=-1) for values in columns[1:]))
         elapsed = (e.times[sample] - time.ravel()[step]) - correction.ravel()[step]
         sampled = states_after(e.step, start, np.ldexp(elapsed, start.rate))
-        entry = start.motion * len(e.times) + sample
+        entry = start.motion * len(e.times) + sample  # in the samples (n, s) of a variable, flat
         # Row by row, which is four times as fast as all rows at once.
         for samples, values in zip(self.outcome.samples, sampled, strict=True):
             samples.reshape(-1)[entry] = values
@@ -404,8 +405,8 @@ class BatchState:
         # After a step of length 0 all steps have length 0: the series exceeds the range of doubles.
         remaining[going & (self.output[len(columns.rows)] == 0)] = np.nan
         going &= ~np.isnan(remaining)
-        # An averaged motion has short steps near the separatrix only, so short first steps are no
-        # sign that all are short.
+        # Give up motions with far too short first steps at once; but not averaged motions, which have
+        # short steps near the separatrix only.
         if self.pauses == 1 and self.ensemble.passing is None:
             span = np.ldexp(self.ensemble.lengths[0, columns.motion], columns.rate)
             going &= STEPS_PER_PAUSE * span < HOPELESS_STEPS * (span - remaining)

@@ -177,7 +177,8 @@ class Ensemble:
 
     @cached_property
     def scaled_rows(self) -> dict[str, np.ndarray]:
-        """The rows (r, 1) of the constants that change with the units, by name."""
+        """The rows of `constants` that change with the units, as arrays (r, 1), by the names of the
+        constants."""
         rows = vars(namespace(self.model.structure, range(len(self.constants))))
         scaled = {*self.model.degree, UNIT, VELOCITY} & rows.keys()
         return {name: np.atleast_1d(rows[name])[:, None] for name in scaled}
@@ -223,6 +224,7 @@ class Outcome:
         self.state, self.samples = np.full((m, n), np.nan), np.full((m, n, s), np.nan)
         self.exponent, self.steps, self.start_side, self.end_side = np.zeros((4, n), dtype=np.intc)
         self.sample_exponent = np.zeros((n, s), dtype=np.intc)
+        # A motion counts as at rest unless it is integrated.
         self.rejection = np.full(n, Rejection.AT_REST.code, dtype=np.int8)
         self.passages = Passages.none(m)
         self.events: dict[int, list[Occurrence]] = {}
