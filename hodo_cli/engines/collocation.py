@@ -143,14 +143,11 @@ class RadauSolver:
         shows there."""
         missed = series[:, ::2].sum(axis=1) - series[:, 1::2].sum(axis=1)
         worst = np.abs([series[:, -1], series[:, -2], missed]).max(axis=0)
-        sizes = (min(self._size(rows), np.abs(end[rows]).max()) or 1 for rows in self.kinds)
+        before, after = np.abs(self.y), np.abs(end)
+        sizes = (min(before[rows].max(), after[rows].max()) or 1 for rows in self.kinds)
         return max(
             float(worst[rows].max() / size) for rows, size in zip(self.kinds, sizes, strict=True)
         )
-
-    def _size(self, rows: np.ndarray) -> Any:
-        """The largest of some components of the state."""
-        return np.abs(self.y[rows]).max()
 
     def _expected(self, h: Any) -> np.ndarray:
         """The changes of the state (m, STAGES) with which Newton's method begins, from the
@@ -164,7 +161,7 @@ class RadauSolver:
         """The changes of the state (m, STAGES) from the start of a step of length h to each
         collocation point; None if Newton's method fails."""
         times, before = self.t + self.points * h, np.inf
-        sizes = [float(self._size(rows)) or 1.0 for rows in self.kinds]
+        sizes = [float(np.abs(self.y[rows]).max()) or 1.0 for rows in self.kinds]
         z = self._expected(h)
         for _ in range(ITERATIONS):
             try:
@@ -196,7 +193,7 @@ class RadauSolver:
         # RADAU5 keeps one Jacobian for several steps. A new one at every stage and iteration lets
         # Newton's method converge quadratically, to the last digits.
         slopes = jacobian(self.model, self.k, times.astype(float), y.astype(float))
-        # By (a, i, b, j): how the residual of variable a at point i depends on variable b at point j.
+        # By (a, i, b, j): how the integral of variable a up to point i depends on variable b at j.
         coupling = np.einsum("ji,abj->aibj", float(h) * self.integrals.astype(float), slopes)
         residual = (z - h * (rates @ self.integrals)).astype(float)
         if not (np.isfinite(coupling).all() and np.isfinite(residual).all()):

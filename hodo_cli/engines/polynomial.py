@@ -162,6 +162,7 @@ def isolate(b: np.ndarray, noise: np.ndarray) -> Zeros:
         monotone = (slopes > 0).all(axis=1) | (slopes < 0).all(axis=1)
         single = monotone & ((above[:, 0] & below[:, -1]) | (below[:, 0] & above[:, -1]))
         undecided = ~(above.all(axis=1) | below.all(axis=1) | single)
+        # In a lost interval rounding hides the sign of the whole polynomial.
         lost = undecided & ((halving == HALVINGS) | ~(above | below).any(axis=1))
         found = [row, low, np.full_like(low, width), single, b]
         zeros.append([values[single | lost] for values in found])

@@ -319,12 +319,12 @@ def nested(depth: int, step: TaylorStep, *arguments: np.ndarray) -> None:
         step(*arguments)
 
 
-def stride(tol: float, passing: Event | None, looser: float = 1.0) -> float:
-    """The longest step, in radii of convergence (`radius`), with an error of `looser` tolerances.
-    Motions that continue after an event take shorter steps; a larger `looser` shortens these
-    further, so that a second integration has other steps."""
-    longest = math.exp((math.log(max(looser * tol, 2.0**-62)) - 0.7) / (SERIES_ORDER - 3))
-    return longest if passing is None else min(longest, PASSAGE_STRIDE / looser**0.05)
+def stride(tol: float, passage_event: Event | None, tol_factor: float = 1.0) -> float:
+    """The longest step, in radii of convergence (`radius`), with an error of `tol_factor`
+    tolerances. Motions that continue after an event with a passage take shorter steps. A larger
+    `tol_factor` shortens these further, so that a second integration has other steps."""
+    longest = math.exp((math.log(max(tol_factor * tol, 2.0**-62)) - 0.7) / (SERIES_ORDER - 3))
+    return longest if passage_event is None else min(longest, PASSAGE_STRIDE / tol_factor**0.05)
 
 
 def coefficients(series: Series, order: int) -> list[Any]:

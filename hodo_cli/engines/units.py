@@ -80,8 +80,8 @@ class Units:
             model, orders, fitting_exponent(model, orders, y, exponent, falling)
         )
         if VELOCITY in k:
-            # The rates of formulas are unknown: over a unit of time as long as the motion is slow
-            # they may change it by more than a double holds.
+            # The rates of a user's formulas are unknown. In the long unit of time of a slow motion
+            # they may exceed the largest double.
             units = cls(units.exponent, np.maximum(units.rate, 0))
         speed, turn = units.speeds(model, k, y, exponent, t)
         # The rate from the constants may be far above the real rates: the state of a body that
@@ -151,8 +151,8 @@ def fitting_exponent(
     y (m, ...) in units of 2**exponent, and the omega that torques produce. For a `falling` motion
     the state alone counts, unless it is at rest."""
     of_state = order_of_magnitude(model, y) + exponent
-    by_torques = np.maximum(of_state, order_by_torques(model, orders))
-    fitting = np.where(falling & (of_state > -np.inf), of_state, by_torques)
+    larger = np.maximum(of_state, order_by_torques(model, orders))
+    fitting = np.where(falling & (of_state > -np.inf), of_state, larger)
     return np.where(np.isfinite(fitting), fitting, 0)  # neither motion nor torque: any unit serves
 
 
@@ -186,6 +186,7 @@ def largest_of(constant: Any) -> Any:
 def order_of_magnitude(model: Equations, y: np.ndarray) -> np.ndarray:
     """The binary order of magnitude of the unit of omega that fits states (m,) or (m, n); minus
     infinity at rest."""
+    # Each variable of the state goes with a power of omega.
     rows = moving(model)
     size, powers = np.abs(y[rows]), state_powers(model)[rows].reshape(-1, *[1] * (y.ndim - 1))
     orders = np.where(size > 0, np.ceil(np.frexp(size)[1] / powers), -np.inf)

@@ -199,12 +199,12 @@ def with_checks(samples: np.ndarray, checks: np.ndarray) -> np.ndarray:
     """Samples (n,) and the times `checks` among them, in order, without checks that are too close
     to a sample."""
     after = np.searchsorted(samples, checks)
-    nearest = np.minimum(
+    distance = np.minimum(
         np.abs(samples[np.minimum(after, len(samples) - 1)] - checks),
         np.abs(samples[np.maximum(after - 1, 0)] - checks),
     )
     # Times that differ by their rounding only may become equal in an engine's units.
-    apart = checks[nearest > 1e-9 * (checks[-1] - checks[0])]
+    apart = checks[distance > 1e-9 * (checks[-1] - checks[0])]
     return np.sort(np.concatenate((samples, apart)))
 
 

@@ -199,7 +199,7 @@ def integrate_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nda
     for group in prepare(case, chunk.first + computed):
         positions = computed[group.members]
         # Only some groups have an event with a passage: the events depend on the members' data.
-        if times.size and group.passing:
+        if times.size and group.passage_event:
             rejection[positions] = Rejection.SAMPLES.code
             continue
         e = replace(group, times=times)
@@ -278,6 +278,7 @@ def sampled(motion: Trajectory) -> dict[str, np.ndarray]:
     """The variables (1, s, ...) of a motion at the s samples of its case; blank after an event has
     ended it."""
     times = sample_times(motion.case)
+    # Which sample times the motion has reached, and which of its times are sample times.
     reached, asked = np.isin(times, motion.time), np.isin(motion.time, times)
     filled = {}
     for name, values in motion.variables.items():

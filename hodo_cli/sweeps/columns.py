@@ -73,8 +73,8 @@ def shape(case: Case) -> tuple[int, ...]:
 
 
 def event_columns(events: Mapping[int, Sequence[Occurrence]], n: int) -> dict[str, np.ndarray]:
-    """The time (n,) and the axis (n,) of the last event of each of n members. `events` are the
-    events of members, by their positions; members without events may be absent."""
+    """The time (n,) of the last event of each of n members, and the axis (n,) that it leaves.
+    `events` are the events of members, by their positions; members without events may be absent."""
     times, axes = np.full(n, math.nan), np.full(n, UNDETERMINED)
     for row, of_member in events.items():
         for last in of_member[-1:]:

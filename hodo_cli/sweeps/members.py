@@ -40,15 +40,15 @@ def ensemble_of(case: Case, system: Model, members: np.ndarray, start: Iterable[
     variable of the state: a number, or an array (n,) or a `Column` of n numbers."""
     model, events = system.equations, (*system.run_events, *system.class_events)
     numbers = [*flatten(system.constants)]
-    # With units of their own, steps convert the case's time by its unit, a constant.
+    # In units of their own, the equations compute the case's time from a constant, the unit.
     if model.degree and contains_time(model, events) and UNIT not in model.names:
         model, numbers = replace(model, structure=(*model.structure, (UNIT, 0))), [*numbers, 1.0]
     n, span = len(members), (case.time.start, case.time.end)
-    constants, starts = rows(numbers, n), rows(tuple(start), n)
+    constants, starts = as_rows(numbers, n), as_rows(tuple(start), n)
     return Ensemble(members, model, constants, starts, span, events, case.tol or EPS)
 
 
-def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
+def as_rows(numbers: Sequence[Any], n: int) -> np.ndarray:
     """Numbers, `Column`s of n numbers or arrays (n,) as the rows of an array (rows, n)."""
     array = np.empty((len(numbers), n))
     for i, number in enumerate(numbers):
@@ -56,13 +56,13 @@ def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
     return array
 
 
-Described = tuple[Mapping[str, Any], Model | None]
+DataAndSystem = tuple[Mapping[str, Any], Model | None]
 """The data of members with one combination of swept values, or with a `Column` of many, without the
 direction on a sphere; and the system that the data describe, None where they describe no body or no
 start."""
 
 
-def described(case: Case, paths: Sequence[KeyPath], values: Sequence[Any]) -> Described:
+def data_and_system(case: Case, paths: Sequence[KeyPath], values: Sequence[Any]) -> DataAndSystem:
     """The data and the system of members with these values at the `paths` that vary: numbers for
     one combination, columns for many."""
     data = case.data
@@ -124,15 +124,15 @@ def prepare(case: Case, members: np.ndarray) -> list[Ensemble]:
     paths, values, combination, direction = combinations(case, members)
     if direction is None:
         every = np.arange(len(members))
-        return alike(prepared_by_branch(case, paths, values[:, combination], every))
-    sets = [described(case, paths, row) for row in values.T.tolist()]
+        return joined_by_kind(prepared_by_branch(case, paths, values[:, combination], every))
+    sets = [data_and_system(case, paths, row) for row in values.T.tolist()]
     omega = velocities(sets, combination, direction)
     bodies = [
         (np.flatnonzero(combination == i), system)
         for i, (_, system) in enumerate(sets)
         if isinstance(system, BodyFrame)
     ]
-    return alike(
+    return joined_by_kind(
         ensemble_of(case, body, positions, body.initial_states(omega[positions]))
         for positions, body in bodies
     )
@@ -146,7 +146,7 @@ def prepared_by_branch(
     prepared one by one if they are invalid together, or if the model takes plain numbers only."""
     try:
         with np.errstate(all="ignore"):  # columns refuse numbers that are not finite
-            _, system = described(case, paths, [*map(Column, values[:, positions])])
+            _, system = data_and_system(case, paths, [*map(Column, values[:, positions])])
         if system is not None:
             yield ensemble_of(case, system, positions, system.initial_state)
             return
@@ -157,13 +157,13 @@ def prepared_by_branch(
     except (TypeError, AttributeError):  # numpy's functions of two objects raise the latter
         pass
     for position, row in zip(positions[:, None], values[:, positions].T.tolist(), strict=True):
-        _, system = described(case, paths, row)
+        _, system = data_and_system(case, paths, row)
         if system is not None:
             yield ensemble_of(case, system, position, system.initial_state)
 
 
-def alike(ensembles: Iterable[Ensemble]) -> list[Ensemble]:
-    """The same motions in fewer ensembles, joined where they can share a compiled step."""
+def joined_by_kind(ensembles: Iterable[Ensemble]) -> list[Ensemble]:
+    """The same motions in fewer ensembles: ensembles that can share a compiled step are joined."""
     kinds = grouped(((e.model, e.events), e) for e in ensembles)
     return [joined(kind) for kind in kinds.values()]
 
@@ -177,7 +177,7 @@ def joined(kind: Sequence[Ensemble]) -> Ensemble:
 
 
 def velocities(
-    sets: Sequence[Described], combination: np.ndarray, direction: np.ndarray
+    sets: Sequence[DataAndSystem], combination: np.ndarray, direction: np.ndarray
 ) -> np.ndarray:
     """The angular velocities (n, 3) at the start for these directions (n, 3) of G. |G| comes from
     the data of each member's combination (n,); nan where these data describe no body or no
@@ -202,7 +202,7 @@ def members_as_cases(case: Case, numbers: np.ndarray, samples: int | None) -> It
     """Members as single cases, with this number of evenly spaced samples, or with the case's own
     samples if `samples` is None."""
     paths, values, combination, direction = combinations(case, numbers)
-    sets = [described(case, paths, row) for row in values.T.tolist()]
+    sets = [data_and_system(case, paths, row) for row in values.T.tolist()]
     time = case.time if samples is None else case.time.resampled(samples)
     common = replace(case, time=time, sweep=None, store=(), error=False)
     omega = None if direction is None else velocities(sets, combination, direction)
@@ -360,7 +360,7 @@ def ensembles_of(cases: Sequence[Case]) -> Iterator[Ensemble]:
         if watches_separatrix(case)
     )
     for singles in kinds.values():
-        yield from (e for e in alike(singles) if len(e.members) >= FEWEST_CASES)
+        yield from (e for e in joined_by_kind(singles) if len(e.members) >= FEWEST_CASES)
 
 
 def watches_separatrix(case: Case) -> bool:

@@ -28,7 +28,7 @@ from ..integration import (
 from ..storage import Group
 from .chunk import Chunk, reason_alone
 from .columns import reduced_ensemble
-from .ensemble.advance import LOOSER_TOLS, advance
+from .ensemble.advance import SECOND_TOL_FACTOR, advance
 from .ensemble.motions import Rejection
 from .members import members_as_cases, prepare
 
@@ -84,12 +84,12 @@ def differences(case: Case, ends: Sequence[MemberEnd]) -> np.ndarray:
     in double with other steps; infinite where only a reference can measure them."""
     apart = np.full((len(ends), 2), math.inf)
     for group in prepare(case, np.array([end.number for end in ends])):
-        e = replace(group, looser=LOOSER_TOLS)
+        e = replace(group, tol_factor=SECOND_TOL_FACTOR)
         outcome = advance(e)
         again = reduced_ensemble(e, outcome, case.time)
         for row, i in enumerate(group.members[outcome.accepted].tolist()):
             end = ends[i]
-            states = [part_apart(end.final[name], again[name][row]) for name in end.final]
+            states = [relative_difference(end.final[name], again[name][row]) for name in end.final]
             crossing = again["crossing_time"][row] if "crossing_time" in again else math.nan
             # Both integrations cross, or neither does.
             if math.isnan(crossing) == math.isnan(end.crossing_time):
@@ -97,13 +97,13 @@ def differences(case: Case, ends: Sequence[MemberEnd]) -> np.ndarray:
     return apart
 
 
-def part_apart(a: np.ndarray, b: np.ndarray) -> float:
+def relative_difference(a: np.ndarray, b: np.ndarray) -> float:
     """The largest difference of two values of a variable, relative to the size of the first
     value."""
     return float(np.abs(a - b).max() / max(np.abs(a).max(), LEAST_SIZE))
 
 
-def worst_first(
+def choose_measured(
     case: Case, ends: Sequence[MemberEnd]
 ) -> tuple[Sequence[MemberEnd], list[MemberError]]:
     """The ends of the members whose errors are to be measured, and for the other members the errors
@@ -269,7 +269,7 @@ def sampled_errors(
     began, asked = thread_time(), summary.ends
     sizes = [largest(end) for end in asked]
     known_ends = [end for end, size in zip(asked, sizes, strict=True) if size > LEAST_SIZE]
-    ends, others = worst_first(summary.case, known_ends)
+    ends, others = choose_measured(summary.case, known_ends)
     summary.run_time += thread_time() - began
     tasks = [ends[i : i + MEMBERS_PER_TASK] for i in range(0, len(ends), MEMBERS_PER_TASK)]
     errors: list[MemberError] = []
@@ -284,8 +284,10 @@ def sampled_errors(
     summary.unmeasured[f"they end below {LEAST_SIZE:g}"] = sum(x <= LEAST_SIZE for x in sizes)
     are_unknown = map(math.isnan, sizes)
     summary.unmeasured["an event ends them before their last sample"] = sum(are_unknown)
-    states = known([error.final for error in errors], [x.final for x in others])
-    times = known([error.crossing_time for error in errors], [x.crossing_time for x in others])
+    states = finite_errors([error.final for error in errors], [x.final for x in others])
+    times = finite_errors(
+        [error.crossing_time for error in errors], [x.crossing_time for x in others]
+    )
     states += earlier_errors(summary, "error_quantiles")
     times += earlier_errors(summary, "crossing_error_quantiles")
     kinds = sorted({error.kind for error in errors} - {"none"})
@@ -300,7 +302,7 @@ def sampled_errors(
     }
 
 
-def known(measured: Sequence[float], estimated: Sequence[float]) -> list[float]:
+def finite_errors(measured: Sequence[float], estimated: Sequence[float]) -> list[float]:
     """The measured and the estimated errors that are not nan. An estimate above the largest
     measured error is replaced by that error."""
     largest = np.fmax.reduce(measured, initial=0.0)

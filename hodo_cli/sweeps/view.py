@@ -88,8 +88,8 @@ class SweepView:
         return list(dict.fromkeys(along))
 
     def body(self) -> np.ndarray | None:
-        """A1, A2, A3 if all members have the same body, with a separatrix and principal axes; else
-        None."""
+        """A1, A2, A3 if all members have the same body, with a separatrix and with body axes that
+        are its principal axes; else None."""
         varied = [path_of(key)[0] for axis in self.axes for key in self.keys(axis)]
         body = self.case.system
         # A separatrix is drawn on the sphere only where all members share one.
@@ -173,6 +173,7 @@ class SweepView:
             return (column == labels[word]).where(counts), []
         if word in components:
             return column.isel({dim: components.index(word)}), []
+        # A variable with components needs the name of one.
         if word or set(column.dims) > self.axes.keys():
             has = ", ".join(f"{name}.{choice}" for choice in words or components) or name
             raise HodoError(f"the sweep has no {variable!r}: it has {has}")

@@ -25,13 +25,13 @@ from .motions import (
     zeros_of,
 )
 
-LOOSER_TOLS, GROWN_ERRORS = 16, 32
-"""A second integration, with LOOSER_TOLS tolerances, measures the growth of errors. The error of a
-crossing is at least GROWN_ERRORS times the difference between the two integrations. The factor is
-large because a difference may be small by chance: for 6 of 35,000 crossings of tensors and cavities
-the error estimated from the steps was too small, and the difference was at least a quarter of the
-true error. For four in five crossings GROWN_ERRORS differences are below the estimate from the
-steps."""
+SECOND_TOL_FACTOR, GROWN_ERRORS = 16, 32
+"""A second integration, with SECOND_TOL_FACTOR times the tolerance, measures the growth of errors.
+The error of a crossing is at least GROWN_ERRORS times the difference between the two integrations.
+This factor is large because a difference may be small by chance: for 6 of 35,000 crossings of
+tensors and cavities the error estimated from the steps was too small, and the difference was at
+least a quarter of the true error. For four in five crossings GROWN_ERRORS differences are below the
+estimate from the steps."""
 
 STEP_ROUNDING, PER_STEP = 2.0**-52, 1 / 16
 """The assumed relative error of a state in one step: STEP_ROUNDING from rounding, and PER_STEP
@@ -199,7 +199,7 @@ def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
     motion, time = passed.motion[first], passed.time[first]
     again = replace(
         e, members=e.members[motion], start=e.start[:, motion], constants=e.constants[:, motion],
-        span=(e.span[0], time), times=np.empty(0), looser=LOOSER_TOLS, searches=False,
+        span=(e.span[0], time), times=np.empty(0), tol_factor=SECOND_TOL_FACTOR, searches=False,
     )  # fmt: skip
     end, k = advance(again), vars(again.named())
     assert e.event is not None
@@ -267,7 +267,7 @@ class BatchState:
         outcome.rejection[turning] = Rejection.UNEVEN.code
         begun = np.flatnonzero(turning & ~uneven(e.start[moving(e.model)]))
         motion = padded(begun)
-        self.columns = columns_at_start(e, motion, stride(e.tol, e.passing, e.looser))
+        self.columns = columns_at_start(e, motion, stride(e.tol, e.passage_event, e.tol_factor))
         self.output, self.spare = np.empty((2, e.step.rows, len(motion)))
         self.renew(np.arange(len(motion)))
         self.clear(len(begun))
@@ -294,6 +294,7 @@ class BatchState:
             if columns.size and event.passage:
                 passed = self.cut_at_zero(event, steps, columns)
             elif columns.size and e.event is not None:
+                # `e.event`, because it may be terminal, and no event of the compiled step is.
                 self.note_candidates(e.event, steps, columns)
         # Done after the search for zeros in the same steps, because it changes their units.
         if passed.size:
@@ -349,7 +350,7 @@ class BatchState:
         remaining, lost, _ = cut.start.clock
         self.columns.clock[:2, columns] = exact_difference(remaining, x * cut.length)
         self.columns.clock[1, columns] += lost
-        self.columns.clock[0, columns[~is_sure]] = np.nan
+        self.columns.clock[0, columns[~is_sure]] = np.nan  # rejects the motion
         return np.asarray(columns[is_sure])
 
     def restart(self, columns: np.ndarray) -> None:
@@ -357,7 +358,7 @@ class BatchState:
         e, before = self.ensemble, self.columns.chosen(columns)
         states = rescaled(e.model, before.state.T, before.exponent)
         constants = e.constants[:, before.motion]
-        # A passage takes numbers, so that only the rest of this is done with arrays.
+        # A passage takes numbers, so the motions pass the event one by one.
         rows = before.motion, before.params[0], before.time, states, constants.T
         at_end = []
         for column, *of_motion in zip(columns.tolist(), *map(np.ndarray.tolist, rows), strict=True):
@@ -374,7 +375,7 @@ class BatchState:
     ) -> bool:  # fmt: skip
         """Continue the motion of a column after the event; returns whether the motion ends there.
         `numbers` are its constants."""
-        event, columns = self.ensemble.passing, self.columns
+        event, columns = self.ensemble.passage_event, self.columns
         assert event is not None
         assert event.passage is not None
         try:
@@ -405,9 +406,9 @@ class BatchState:
         # After a step of length 0 all steps have length 0: the series exceeds the range of doubles.
         remaining[going & (self.output[len(columns.rows)] == 0)] = np.nan
         going &= ~np.isnan(remaining)
-        # Give up motions with far too short first steps at once; but not averaged motions, which have
-        # short steps near the separatrix only.
-        if self.pauses == 1 and self.ensemble.passing is None:
+        # Give up motions with far too short first steps at once; but not averaged motions, whose
+        # steps are short near the separatrix only.
+        if self.pauses == 1 and self.ensemble.passage_event is None:
             span = np.ldexp(self.ensemble.lengths[0, columns.motion], columns.rate)
             going &= STEPS_PER_PAUSE * span < HOPELESS_STEPS * (span - remaining)
         if np.count_nonzero(going) < FULL_ENOUGH * len(going):
@@ -472,5 +473,6 @@ def times_within(times: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.n
     passed = np.searchsorted(times, edges, side="right")
     count = np.diff(passed, axis=0).ravel()
     step = np.repeat(np.arange(len(count)), count)
-    rank = np.arange(len(step)) - (np.cumsum(count) - count)[step]  # among the times of its step
+    # The position of each time among the times of its step.
+    rank = np.arange(len(step)) - (np.cumsum(count) - count)[step]
     return step, passed[:-1].ravel()[step] + rank

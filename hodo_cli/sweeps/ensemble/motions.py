@@ -92,8 +92,8 @@ class Ensemble:
     `members` (n,) are their positions among the cases or members asked for, `constants` (c, n) the
     constants of their equations, flat in the order of the model's `structure`, `start` (m, n) their
     states at the start, and `span` the times of start and end, numbers or arrays (n,). `times` (s,)
-    are the sample times. The error of a step is `looser` tolerances. Zeros of events are searched
-    for only if `searches` is true.
+    are the sample times. The error of a step is `tol_factor` tolerances. Zeros of events are
+    searched for only if `searches` is true.
     """
 
     members: np.ndarray
@@ -104,7 +104,7 @@ class Ensemble:
     events: tuple[Event, ...]
     tol: float
     times: np.ndarray = field(default_factory=lambda: np.empty(0))
-    looser: float = 1.0
+    tol_factor: float = 1.0
     searches: bool = True
 
     @cached_property
@@ -123,7 +123,7 @@ class Ensemble:
         return next(without_passage, None) if self.searches else None
 
     @cached_property
-    def passing(self) -> Event | None:
+    def passage_event(self) -> Event | None:
         """The event with a passage, after which a motion continues, or None."""
         return next((event for event in self.events if event.passage), None)
 
@@ -356,8 +356,8 @@ def states_after(step: "TaylorStep", columns: Columns, elapsed: np.ndarray) -> n
     column's unit of time. Each state is computed as the end of a step of this length."""
     n, rows, params = len(elapsed), padded(columns.rows), padded(columns.params)
     remaining = rows[-CLOCK_ROWS, :n]
-    # A step computes its start as the time of the end less the time that remains. Both end at
-    # `elapsed`, so the start stays the same.
+    # A step computes its start as the time of the end less the time that remains. Both change
+    # alike, so that the step ends after `elapsed` and its start stays the same.
     params[0, :n] += np.ldexp(elapsed - remaining, -columns.rate)
     remaining[:] = elapsed
     out = np.empty((step.rows, rows.shape[1]))
