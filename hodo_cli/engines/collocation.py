@@ -124,7 +124,8 @@ class RadauSolver:
 
     def _through_start(self, series: np.ndarray) -> np.ndarray:
         """The collocation polynomial (m, STAGES + 1), from the polynomial through the collocation
-        points alone. The latter misses the start, so that D would jump where two steps meet.
+        points alone. The latter misses the start, so that functions of the state would jump where
+        two steps meet.
 
         P_s - P_(s-1), with s = STAGES, vanishes at all collocation points and is 2 or -2 at the
         start.

@@ -69,10 +69,10 @@ def classify(
     """Label the stored samples of a case and find its crossings.
 
     `method`, `tol` and `error` are those recorded with the stored omega (n, 3). The case is
-    integrated again, with a search for the zeros of D. A reference is integrated too, unless the
-    motion stays on one side of the separatrix by more than any error of its method. The label of a
-    sample comes from the error at its own time and from the scaled state, which shows the side even
-    where omega is below the smallest double.
+    integrated again, with a search for the zeros of the separatrix function D. A reference is
+    integrated too, unless the motion stays on one side of the separatrix by more than any error of
+    its method. The label of a sample comes from the error at its own time and from the scaled
+    state, which shows the side even where omega is below the smallest double.
 
     Raises HodoError if the motion differs from the stored one by more than its error allows.
     """
@@ -175,7 +175,8 @@ def searched(
     until: float = math.inf,
 ) -> DenseSolution:
     """Integrate a case up to the time `until`, through its samples and ERROR_CHECKS other times,
-    with a search for zeros of D: a `CrossingSearch` with this `uncertainty`."""
+    with a search for zeros of the separatrix function D: a `CrossingSearch` with this
+    `uncertainty`."""
     samples = sample_times(case)
     times = with_checks(samples, even_times(case, ERROR_CHECKS))
     times = times[times <= until]
@@ -275,8 +276,8 @@ def growth_off_axis(motion: Trajectory) -> np.ndarray:
     """The factors (n,) by which the errors of a motion exceed the error of a step, because it was
     farther from the middle axis before.
 
-    Every step makes an error in D relative to the terms of D at that time. When the terms have
-    become small again, the error made with the largest terms is still there.
+    Every step makes an error in the separatrix function D relative to the terms of D at that time.
+    When the terms have become small again, the error made with the largest terms is still there.
     """
     body, omega = body_of(motion.case), extended(motion.omega).astype(float)
     near = rigid_body.near_middle_axis(body.moments, omega)
@@ -288,9 +289,10 @@ def growth_off_axis(motion: Trajectory) -> np.ndarray:
 def start_error(case: Case) -> float:
     """The error of the state at the start. Each component is right to its own last bit.
 
-    So D is right to the rounding of its terms, however near the middle axis. A start whose D is 0
-    to that rounding is on neither side, in every precision. Along the principal axes of a full
-    tensor each component is a sum, right to the last bit of the largest one.
+    So the separatrix function D is right to the rounding of its terms, however near the middle
+    axis. A start whose D is 0 to that rounding is on neither side, in every precision. Along the
+    principal axes of a full tensor each component is a sum, right to the last bit of the largest
+    one.
     """
     body = body_of(case)
     if body.principal_axes is not None:
@@ -386,7 +388,7 @@ def with_hidden_labels(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndar
     first, last = sample[is_absorbing][:1], sample[(labels > 0) & ~is_absorbing][-1:]
     if (last > first).any():  # its error is larger than stated
         return labels
-    # A start on D = 0 is on neither side, and keeps its label.
+    # A start on the separatrix is on neither side, and keeps its label.
     hidden, filled = (labels == rigid_body.SEPARATRIX) & (sample > 0), labels.copy()
     for known in first:
         filled[hidden & (sample > known)] = labels[known]

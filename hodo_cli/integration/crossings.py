@@ -4,7 +4,8 @@ With a^2 = A_l (A_l - A_m) and b^2 = A_s (A_m - A_s)
 
     D = (a w_l - b w_s)(a w_l + b w_s),
 
-so that its zeros are the zeros of two linear forms of the state. The forms have the degree of the
+where l, m, s are the axes of largest, middle and smallest moment A, and w is the angular velocity.
+So the zeros of D are the zeros of two linear forms of the state. The forms have the degree of the
 engine's polynomial, half the degree of D, and lose no digits near the middle axis, where both
 vanish.
 """
@@ -110,12 +111,12 @@ class CrossingSearch:
         self.order = inertia_order(self.A)
 
     def examine(self, steps: Steps) -> None:
-        """Search steps: all of them in double precision, then the few in which D may vanish in
-        their own precision."""
+        """Search steps: all of them in double precision, then the few in which the separatrix
+        function may vanish in their own precision."""
         if not (len(steps) and has_sides(self.body)):
             return
         steps = replace(steps, series=steps.series[:, :3])
-        # Few steps come near D = 0, and long double is several times slower.
+        # Few steps come near the separatrix, and long double is several times slower.
         near = self._near(*self._bernstein(steps.in_double()))
         if near.size:
             self._search(steps.chosen(near))
@@ -241,9 +242,9 @@ def read_sign_changes(
     `uncertainty` (k,). `absorbing` are the axes that the hodograph never leaves.
 
     The motion has crossed where its margin is certain first on one side, then on the other. So
-    neither a start on D = 0 nor a touch is a crossing, and a zero that is reported twice changes
-    nothing. It is undecided whether the motion has crossed where the margin becomes uncertain and
-    then is certain on the same side again, or does not become certain any more.
+    neither a start on the separatrix nor a touch is a crossing, and a zero that is reported twice
+    changes nothing. It is undecided whether the motion has crossed where the margin becomes
+    uncertain and then is certain on the same side again, or does not become certain any more.
     """
     # A zero is on neither side, so only the moments between zeros show a change of side. Where G
     # vanishes there is no side.
@@ -299,13 +300,14 @@ def _moment_of_crossing(signs: SignChanges, first: int, last: int) -> tuple[int,
 
 
 def _nearest(signs: SignChanges, first: int, last: int) -> float:
-    """The time of the moment nearest to D = 0, among the moments `first` to `last` - 1."""
+    """The time of the moment nearest to the separatrix, where the margin is smallest, among the
+    moments `first` to `last` - 1."""
     return float(signs.time[first + np.argmin(np.abs(signs.margin[first:last]))])
 
 
 def has_sides(body: BodyFrame) -> bool:
     """Whether the hodographs of a body may enclose different axes. With two equal moments of
-    inertia a or b is 0, and D has one sign only."""
+    inertia the separatrix function has one sign only."""
     return not body.no_separatrix_reason and len(set(body.moments.tolist())) == 3
 
 

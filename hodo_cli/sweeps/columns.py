@@ -100,8 +100,8 @@ def label_columns(
     n = len(start)
     # The members that cross, and the position of the first crossing of each.
     crossed, first = np.unique(member, return_index=True)
-    # A motion that starts on D = 0 leaves it at once. It then encloses the axis that its first
-    # crossing leaves or, without a crossing, the axis at its end.
+    # A motion that starts on the separatrix leaves it at once. It then encloses the axis that its
+    # first crossing leaves or, without a crossing, the axis at its end.
     after_start = end.copy()
     after_start[crossed] = crossings["crossing_from"][first]
     # Each interval in which a member encloses one axis begins at its start or at a crossing, and
@@ -179,7 +179,7 @@ def output_of(
 
 def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
     """The axes (k,) that motions enclose on these sides (k,) of the separatrix; a side is the sign
-    of D, as in `Passages`."""
+    of the separatrix function D."""
     order = rigid_body.inertia_order(e.inertia[:, 0])
     # For the sides -1, 0 and 1.
     axes = np.array([order[2] + 1, rigid_body.UNDETERMINED, order[0] + 1], dtype=np.int8)
@@ -191,7 +191,7 @@ def separation_at(e: Ensemble, motions: np.ndarray, states: np.ndarray) -> np.nd
     n motions. It is a ratio, so the units of omega do not matter."""
     order = rigid_body.inertia_order(e.inertia[:, 0])
     apart = rigid_body.separation(e.inertia[:, motions], states[:3, motions], order)
-    # With a rotor D = 0 separates no motions; the value is then that of a sphere.
+    # With a rotor no surface separates the motions, and the value is infinite as for a sphere.
     return np.full_like(apart, np.inf) if "rotor" in e.model.terms else apart
 
 

@@ -138,8 +138,8 @@ def probe(case: Case, ends: Sequence[MemberEnd]) -> tuple[list[MemberError], flo
 def member_error(case: Case, single: Case, end: MemberEnd) -> MemberError:
     """The error of a member of a sweep. `single` is the same member as a single case.
 
-    The error of a crossing is |D / (dD/dt)| of the reference at the member's crossing time, a step
-    of Newton's method.
+    The error of a crossing is a step of Newton's method: |D / (dD/dt)| of the reference at the
+    member's crossing time, where D is the separatrix function.
     """
     crossing = end.crossing_time
     method = choose(single)[0] if reason_alone(case) else "taylor"
@@ -282,8 +282,7 @@ def sampled_errors(
         summary.run_time += seconds
     summary.unmeasured = Counter(error.problem for error in errors if error.problem)
     summary.unmeasured[f"they end below {LEAST_SIZE:g}"] = sum(x <= LEAST_SIZE for x in sizes)
-    are_unknown = map(math.isnan, sizes)
-    summary.unmeasured["an event ends them before their last sample"] = sum(are_unknown)
+    summary.unmeasured["an event ends them before their last sample"] = sum(map(math.isnan, sizes))
     states = finite_errors([error.final for error in errors], [x.final for x in others])
     times = finite_errors(
         [error.crossing_time for error in errors], [x.crossing_time for x in others]

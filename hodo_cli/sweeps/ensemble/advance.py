@@ -170,9 +170,9 @@ def zeros_within(e: Ensemble, event: Event, steps: TakenSteps) -> tuple[Passages
 def without_start(
     e: Ensemble, start: Columns, powers: np.ndarray, noise: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The series (k, order + 1) of D in steps, without the zero at the start of a motion from rest,
-    and the bounds (k,) of their rounding. From rest D begins with the square of the time, which is
-    no passage: such a series is divided by it."""
+    """The series (k, order + 1) of an event's function D in steps, without the zero at the start of
+    a motion from rest, and the bounds (k,) of their rounding. From rest D begins with the square of
+    the time, and this zero is no passage: the series is divided by that square."""
     at_rest = np.flatnonzero(~start.state[moving(e.model)].any(axis=0))
     later, noise = powers.copy(), noise.copy()
     later[at_rest] = np.pad(powers[at_rest, 2:], ((0, 0), (0, 2)))
@@ -185,11 +185,11 @@ def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
     steps.
 
     Errors grow some 1e4-fold along a motion that stays near the separatrix. Passing the middle axis
-    turns an error of D into an error of the phase, and a torque that depends on the phase turns
-    that into a larger error of D. No single step shows this. The second integration ends at the
-    time of the crossing, and its distance in time from D = 0 there is the difference of the two
-    crossing times. A motion is rejected if this is larger than the time for which the sign of D is
-    assumed to be uncertain.
+    turns an error of the separatrix function D into an error of the phase, and a torque that
+    depends on the phase turns that into a larger error of D. No single step shows this. The second
+    integration ends at the time of the crossing, and its distance in time from D = 0 there is the
+    difference of the two crossing times. A motion is rejected if this is larger than the time for
+    which the sign of D is assumed to be uncertain.
     """
     passed = outcome.passages
     first = np.flatnonzero(passed.is_first & outcome.accepted[passed.motion])

@@ -167,9 +167,9 @@ class Ensemble:
 
     @property
     def is_one_sided(self) -> np.ndarray:
-        """Whether (n,) D has one sign only: the event is a crossing of the separatrix and the body
-        has two equal moments. D is then a single square, which touches 0 without a change of
-        sign."""
+        """Whether (n,) the event's function has one sign only: the event is a crossing of the
+        separatrix and the body has two equal moments. The function is then a single square, which
+        touches 0 without a change of sign."""
         if self.event is None or self.event.kind != "separatrix":
             return np.zeros(self.start.shape[1], dtype=bool)
         smallest, middle, largest = np.sort(self.inertia, axis=0)
@@ -193,9 +193,9 @@ class Ensemble:
         sum of its slopes along the components, each by a complex step, times the assumed error of
         the largest component.
 
-        The slopes are taken where all components are as large as the largest one. Digits that D
-        lost while its terms were large stay lost when the terms have become small, near the middle
-        axis.
+        The slopes are taken where all components are as large as the largest one. Digits that the
+        separatrix function lost while its terms were large stay lost when the terms have become
+        small, near the middle axis.
         """
         size = np.abs(y[moving(self.model)]).max(axis=0)
         tilts = [size + 1e-100j * np.eye(len(y))[:, [i]] for i in range(len(y))]
