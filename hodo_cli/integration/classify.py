@@ -184,7 +184,7 @@ def searched(
     search = CrossingSearch(body, uncertainty)
     motion = solve(case, method, precision, tol, times, search.examine)
     rows = np.searchsorted(times, samples)
-    # Where an event ends the motion, its last sample stands for all later ones.
+    # Where an event ends the motion, its last sample replaces all later ones.
     if motion.succeeded:
         rows = distinct(np.minimum(rows, len(motion.time) - 1))
     return DenseSolution(motion, search.parts, rows[rows < len(motion.time)])

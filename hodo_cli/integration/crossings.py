@@ -179,11 +179,12 @@ class CrossingSearch:
         row, x, vanishes = row[order], x[order], vanishes[order]
         A, motion = self.A.astype(b.dtype), values_and_slopes(b[row], x[:, None])
         omega, slope = (values[:, :, 0] for values in motion)
-        values, changes = (
+        # The sizes of the two forms, and of their derivatives by x.
+        sizes, changes = (
             np.abs(rigid_body.separatrix_forms(A, w.T, self.order)) for w in (omega, slope)
         )
         # Near the separatrix the margin is the smaller form, up to a factor of at most sqrt 2.
-        change = np.where(values[0] < values[1], *changes)
+        change = np.where(sizes[0] < sizes[1], *changes)
         scale = np.hypot(*rigid_body.separatrix_roots(A, self.order))
         relative = change / (scale * np.sqrt(np.square(omega).sum(axis=1)))
         momentum = np.sqrt(np.square(A * omega).sum(axis=1))

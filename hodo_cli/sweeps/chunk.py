@@ -48,8 +48,9 @@ from .members import (
 )
 
 LARGEST_CHUNK, SMALLEST_CHUNK = 32768, 256
-"""The numbers of members of a chunk. The columns of the largest fit a processor's cache; those of
-the smallest are so long that the costs of a call of numpy and of a file of HDF5 do not count."""
+"""The numbers of members of a chunk. The columns of the largest chunk fit a processor's cache. The
+columns of the smallest are so long that the costs of a call of numpy and of a file of HDF5 do not
+count."""
 
 MEMBERS_ALONE = 64
 """The most members of a chunk if each is integrated alone, which takes milliseconds each."""
@@ -160,8 +161,8 @@ def compute(chunk: Chunk) -> Group:
 
 
 def lost_chunk(chunk: Chunk) -> Group:
-    """The columns of a chunk whose worker failed: its members failed, except those of an earlier
-    result."""
+    """The columns of a chunk whose worker failed: all its members count as failed, except members
+    of an earlier result."""
     return chunk.completed(blank_group(chunk.case, chunk.last - chunk.first, Status.FAILED))
 
 

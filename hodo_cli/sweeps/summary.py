@@ -266,9 +266,10 @@ def sampled_errors(
     The summary receives the numbers of members without an error and the processor time that the
     errors took. `report` is called with the finished share of the tasks.
     """
-    began, asked = thread_time(), summary.ends
-    sizes = [largest(end) for end in asked]
-    known_ends = [end for end, size in zip(asked, sizes, strict=True) if size > LEAST_SIZE]
+    began, sample = thread_time(), summary.ends
+    sizes = [largest(end) for end in sample]
+    # The size of a member that an event ends early is nan.
+    known_ends = [end for end, size in zip(sample, sizes, strict=True) if size > LEAST_SIZE]
     ends, others = choose_measured(summary.case, known_ends)
     summary.run_time += thread_time() - began
     tasks = [ends[i : i + MEMBERS_PER_TASK] for i in range(0, len(ends), MEMBERS_PER_TASK)]
