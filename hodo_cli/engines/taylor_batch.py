@@ -109,15 +109,11 @@ class Majorant(Series):
 
     __rmul__ = __mul__
 
-    def __rtruediv__(self, other: Any) -> Series:
+    def _without_majorant(self, *_: Any) -> Series:
         raise NotImplementedError
 
-    __pow__ = __rpow__ = __rtruediv__
-
-    def exp(self) -> Series:
-        raise NotImplementedError
-
-    log = sqrt = tanh = sin = cos = exp
+    __rtruediv__ = __pow__ = __rpow__ = _without_majorant
+    exp = log = sqrt = tanh = sin = cos = _without_majorant
 
     def __truediv__(self, other: Any) -> Series:
         if isinstance(other, Series):

@@ -42,10 +42,11 @@ def best(case: Case, precision: str) -> tuple[str, str]:
     """
     if precision == "quadruple":
         return "taylor", "quadruple precision"
-    if case.system.has_closed_form and case.system.is_quadrature:
-        return "quadrature", "averaged to first order"
     if case.system.has_closed_form:
-        return "exact", "closed form"
+        is_averaged = case.system.is_quadrature
+        return (
+            ("quadrature", "averaged to first order") if is_averaged else ("exact", "closed form")
+        )
     if not engines.have_taylor():
         return "collocation", "heyoka is not installed"
     if case.time.values:  # the cache of `stiffness` would keep them, and there may be millions

@@ -1,6 +1,6 @@
 """The measured error of a motion: its distance from a better computation."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 from math import hypot, inf, ulp
@@ -234,23 +234,17 @@ def events_apart(motion: Trajectory, reference: Trajectory) -> list[tuple[float,
 
 
 def judged_events(motion: Trajectory, reference: Trajectory) -> tuple[Occurrence, ...]:
-    """The events of a motion with the errors of their times, and with the error of the direction in
-    which a body stops."""
+    """The events of a motion with the errors of their times and, where a body stops in both
+    motions, with the error of the direction of G."""
     better = {event.kind: event.details for event in reference.events}
     judged = []
     for event, (_, error) in zip(motion.events, events_apart(motion, reference), strict=False):
-        of_direction = direction_error(event.details, better.get(event.kind, {}))
-        judged.append(replace(event, error=error, details={**event.details, **of_direction}))
+        ours, theirs = dict(event.details), better.get(event.kind, {})
+        if "G1" in ours.keys() & theirs.keys():
+            apart = (ours[name] - theirs[name] for name in ("G1", "G2", "G3"))
+            ours["G_error"] = hypot(*apart) + EPS / 2
+        judged.append(replace(event, error=error, details=ours))
     return tuple(judged)
-
-
-def direction_error(ours: Mapping[str, float], theirs: Mapping[str, float]) -> dict[str, float]:
-    """The distance between the directions of G at two stops, as a further detail of the event;
-    empty without such directions."""
-    if "G1" not in ours.keys() & theirs.keys():
-        return {}
-    apart = (ours[name] - theirs[name] for name in ("G1", "G2", "G3"))
-    return {"G_error": hypot(*apart) + EPS / 2}
 
 
 def time_error(time: float, better: float) -> float:
