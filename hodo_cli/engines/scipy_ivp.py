@@ -52,18 +52,12 @@ class Ivp(Stepwise):
         if not np.isfinite(rates(start, y)).all():
             raise ValueError("the rates are infinite or not a number")
         options = {"jac": partial(jacobian, self.model, k)} if self.implicit else {}
+        # The absolute tolerance equals the relative one, because the units keep the largest component
+        # near 1.
         return self.method(
-            # The absolute tolerance equals the relative one: the units keep the largest component
-            # near 1.
-            rates,
-            start,
-            y,
-            end,
-            rtol=self.tol,
-            atol=self.tol,
-            max_step=control.longest,
-            **options,
-        )
+            rates, start, y, end,
+            rtol=self.tol, atol=self.tol, max_step=control.longest, **options,
+        )  # fmt: skip
 
     def _rhs(self, k: Any, control: StepControl, t: float, y: np.ndarray) -> np.ndarray:
         """The rates (m,) in a state y (m,), or nan where they are complex: the solver then tries a

@@ -239,6 +239,7 @@ class TaylorStep:
         """The row of an event in the output of a step that ends in the state `end`."""
         if event.passage or not self.model.always_absorbing:
             return least_distance(event.function, at, step)
+        # Of a motion that crosses once at most, the signs at both ends of a step decide.
         begin, unit = at.time[0], at.time[1]
         before = event.function(begin, [series[0] for series in at.state], at.k)
         return before * event.function(begin + step * unit, end, at.k)

@@ -78,8 +78,8 @@ def stiffness(case: Case) -> str:
 
 
 def taylor_steps(case: Case, path: Trajectory | None = None) -> float:
-    """An estimate of the number of Taylor steps that a case takes: from the fastest rate of its
-    start throughout, with laws of time at their end, or from the rates along a path."""
+    """An estimate of the number of Taylor steps that a case takes: from the fastest rate at its
+    start, with laws of time as at its end, or from the rates along a path."""
     system, end = case.system, case.time.end
     span = end - case.time.start if is_timed(system) else None
     if path is None:

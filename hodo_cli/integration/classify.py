@@ -386,7 +386,7 @@ def with_hidden_labels(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndar
     sample, is_absorbing = np.arange(len(labels)), np.isin(labels, [*absorbing])
     # Arrays (1,) or (0,): the first sample about an absorbing axis, and the last one about another.
     first, last = sample[is_absorbing][:1], sample[(labels > 0) & ~is_absorbing][-1:]
-    if (last > first).any():  # its error is larger than stated
+    if (last > first).any():  # the error of the motion is larger than stated
         return labels
     # A start on the separatrix is on neither side, and keeps its label.
     hidden, filled = (labels == rigid_body.SEPARATRIX) & (sample > 0), labels.copy()

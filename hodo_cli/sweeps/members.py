@@ -40,7 +40,7 @@ def ensemble_of(case: Case, system: Model, members: np.ndarray, start: Iterable[
     variable of the state: a number, or an array (n,) or a `Column` of n numbers."""
     model, events = system.equations, (*system.run_events, *system.class_events)
     numbers = [*flatten(system.constants)]
-    # In units of their own, the equations compute the case's time from a constant, the unit.
+    # In units that fit the motions, the equations need the unit of time for the case's time.
     if model.degree and contains_time(model, events) and UNIT not in model.names:
         model, numbers = replace(model, structure=(*model.structure, (UNIT, 0))), [*numbers, 1.0]
     n, span = len(members), (case.time.start, case.time.end)

@@ -128,6 +128,7 @@ def group_of_columns(
     variables |= inner_coordinates(variables.values())
 
     def fill() -> Iterator[tuple[str, Any, np.ndarray]]:
+        """The blocks of the variables, as the name, the place in the variable and the values."""
         yield from directions(case)
         for task in tasks:
             where, group = box(sizes, task.first, task.last), finished(task)
