@@ -52,8 +52,7 @@ class Ivp(Stepwise):
         if not np.isfinite(rates(start, y)).all():
             raise ValueError("the rates are infinite or not a number")
         options = {"jac": partial(jacobian, self.model, k)} if self.implicit else {}
-        # The absolute tolerance equals the relative one, because the units keep the largest component
-        # near 1.
+        # Both tolerances are equal, because the units keep the largest component near 1.
         return self.method(
             rates, start, y, end,
             rtol=self.tol, atol=self.tol, max_step=control.longest, **options,
