@@ -127,8 +127,8 @@ class RadauSolver:
         points alone. The latter misses the start, so that functions of the state would jump where
         two steps meet.
 
-        P_s - P_(s-1), with s = STAGES, vanishes at all collocation points and is 2 or -2 at the
-        start.
+        The difference P_s - P_(s-1) of Legendre's polynomials, with s = STAGES, vanishes at all
+        collocation points and is 2 or -2 at the start.
         """
         full = np.pad(series, ((0, 0), (0, 1)))
         missed = -(series * SIGNS[:-1]).sum(axis=1)

@@ -66,8 +66,8 @@ def label_at_start(
 class SignChanges(NamedTuple):
     """Moments (k,) of a motion, in order of time, that show on which side of the separatrix it is.
 
-    `margin` is `rigid_body.margin`, or 0 where D `vanishes`; `rate` is how fast the margin changes
-    with time, `momentum` is |G|, and `axis` the label of the side.
+    `margin` is `rigid_body.margin`, or 0 where the separatrix function `vanishes`; `rate` is how
+    fast the margin changes with time, `momentum` is |G|, and `axis` the label of the side.
     """
 
     time: np.ndarray
@@ -123,15 +123,17 @@ class CrossingSearch:
 
     def _bernstein(self, steps: Steps) -> tuple[np.ndarray, np.ndarray]:
         """The Bernstein coefficients (n, 3, degree + 1) of steps, and a bound (n,) on the rounding
-        of both forms."""
+        of the two linear factors of the separatrix function."""
         b = steps.bernstein
         outer, inner = rigid_body.separatrix_roots(self.A.astype(b.dtype), self.order)
         noise = rounding(steps.coefficients, steps.basis)
         return b, outer * noise[:, self.order[0]] + inner * noise[:, self.order[2]]
 
     def _near(self, b: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """The positions (k,) of the steps in which |margin| may be `uncertainty` or less, from
-        their Bernstein coefficients b (n, 3, degree + 1) and the rounding (n,) of the forms."""
+        """The positions (k,) of the steps in which |margin|, the distance from the separatrix
+        relative to |omega|, may be `uncertainty` or less. The steps have the Bernstein coefficients
+        b (n, 3, degree + 1), and the linear factors of the separatrix function the rounding
+        (n,)."""
         A = self.A.astype(b.dtype)
         # |margin| is at least the smaller |form| over sqrt(a^2 + b^2) |omega|. The
         # `separatrix_roots` are a and b.
@@ -143,8 +145,9 @@ class CrossingSearch:
         return np.flatnonzero(~clear.all(axis=0))
 
     def _search(self, near: Steps) -> None:
-        """Note moments in steps: the ends, the zeros of both forms, and the extrema of the forms.
-        At an extremum between two zeros the margin shows whether the pair is a touch."""
+        """Note moments in steps: the ends, and the zeros and extrema of the two linear factors
+        (forms) of the separatrix function. At an extremum between two zeros the margin shows
+        whether the pair is a touch."""
         b, noise = self._bernstein(near)
         steps, fp = np.arange(len(b)), b.dtype
         forms = np.concatenate(
