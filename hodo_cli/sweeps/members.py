@@ -254,8 +254,9 @@ def other_method(case: Case) -> str:
 
 @dataclass(frozen=True)
 class TimeInRates:
-    """A substitute for the time in equations. A term that contains it has the highest `power` of
-    the time in the term, and the `slope` of a term linear in the time, nan for any other term.
+    """A substitute for the time in equations. Each term computed from it records the highest
+    `power` of the time in the term, and the `slope` of the term if it is linear in the time, else
+    nan.
 
     Sines, falling exponentials and negative powers of a linear term count as numbers, because their
     series at any point shows the whole function. All other functions raise TypeError or
