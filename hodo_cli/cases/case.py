@@ -312,12 +312,12 @@ def checked_case(name: Any, block: Mapping[str, Any], inherited: Collection[str]
     # A case without an attitude is the same whether it says so or not.
     without = set() if values.get(ATTITUDE_KEY) else {ATTITUDE_KEY}
     data = {key: values[key] for key in keys_of_form(model) if key in values.keys() - without}
-    if data.get(CONSTANTS_KEY):
-        data[CONSTANTS_KEY], unused = _constants_named(model, data, inherited)
-        # An expression that cannot be read may name the constants that seem unused.
-        mistakes += () if mistakes or sizes else unused
     data |= first_values(values.get("sweep") or {}, model, data)
     of_data = [*_data_mistakes(model, data, None if mistakes or sizes else values["time"])]
+    if data.get(CONSTANTS_KEY):
+        data[CONSTANTS_KEY], unused = _constants_named(model, data, inherited)
+        # An expression with a mistake may name the constants that seem unused.
+        mistakes += () if mistakes or sizes or of_data else unused
     # A model's own range for a number is the narrower one.
     judged = {path for path, _ in of_data}
     mistakes += [mistake for mistake in sizes if mistake[0] not in judged]

@@ -106,6 +106,9 @@ def check_request(results: Sequence[ToDraw], formats: Sequence[str]) -> None:
         if len(of) > 1:
             raise HodoError(f"{' and '.join(of)} would both draw into {stem}: rename one")
     figures = [(result.config.figures[name], name) for result in results for name in result.digests]
+    if not figures:
+        paths = ", ".join(str(result.path) for result in results)
+        raise HodoError(f"{paths}: no figures: the case file has no block `figures`")
     if not any(files_of(spec, name, formats) for spec, name in figures):
         raise HodoError(f"no figure moves: only one of kind body makes a film ({', '.join(FILMS)})")
 

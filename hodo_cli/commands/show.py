@@ -21,7 +21,7 @@ from ..quantities import angle_turned
 from ..results.layout import MODEL_SOURCE, SUMMARY, typed_as, units_of_case
 from ..results.resume import result_named, results_named, warn_of_changes
 from ..storage import Group, ResultFile, folder_of, open_batch
-from ..text import few, grouped, in_bytes, magnitude, seconds, table
+from ..text import counted, few, grouped, in_bytes, magnitude, seconds, table
 
 
 def stored_cases(paths: Iterable[Path], with_data: bool = False) -> list[dict[str, Any]]:
@@ -60,7 +60,7 @@ def warn_of_chunks(path: Path) -> None:
     if chunks := [*folder_of(path).glob("chunk-*")]:
         size = in_bytes(sum(chunk.stat().st_size for chunk in chunks if chunk.exists()))
         warnings.warn(
-            f"{path}: {len(chunks)} chunks of unfinished sweeps, {size}, lie beside it: "
+            f"{path}: {counted(len(chunks), 'chunk')} of unfinished sweeps, {size}, lie beside it: "
             "hodo run goes on with them, and --prune removes those that it does not need",
             stacklevel=2,
         )

@@ -75,7 +75,7 @@ def unknown(what: str, name: str, valid: Iterable[str], answer: str = "") -> str
     listed = f" (valid: {', '.join(names)})" if 0 < len(names) <= 40 else ""
     if name.isdecimal():
         answer = DECIMAL_HINT
-    elif name.lower() in WORDS_FOR_OMEGA and {*"pqr"} <= {*names}:
+    elif name.lower() in WORDS_FOR_OMEGA and {*"pqr"} <= {*names} and not near(name, names):
         answer = "; its components are p, q and r"
     elif colon := re.fullmatch(r"(\w+):(\S+)", name):
         answer = f"; put a space after the colon: {colon[1]}: {colon[2]}"

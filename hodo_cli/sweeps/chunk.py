@@ -146,16 +146,20 @@ def compute(chunk: Chunk) -> Group:
     rejection = np.where(taken, 0, 1) if reason_alone(case) else integrate_together(chunk, values)
     # An ensemble integrates by Taylor series.
     methods = {"taylor"} if (values["status"] == Status.OK.code).any() else set()
-    alone = np.flatnonzero(rejection)
+    alone, problem = np.flatnonzero(rejection), ""
     for i in alone.tolist():
         status, method, reduced = integrated_alone(case, chunk.first + i)
         values["status"][i] = status.code
-        methods.add(method)
+        if reduced:
+            methods.add(method)
+        else:
+            problem = problem or method
         fill_rows(values, [i], reduced)
     attributes: dict[str, Attribute] = {
         "run_time": thread_time() - began,
         "rejections": np.bincount(rejection[alone], minlength=len(Rejection)),
-        "methods": " ".join(sorted(methods - {""})),
+        "methods": " ".join(sorted(methods)),
+        "problem": problem,
     }
     return replace(group, attributes=attributes)
 
@@ -176,7 +180,7 @@ def blank_group(case: Case, n: int, status: Status) -> Group:
     }
     variables["status"].data[:] = status.code
     none = np.zeros(len(Rejection), dtype=int)
-    return Group({"run_time": 0.0, "rejections": none, "methods": ""}, variables)
+    return Group({"run_time": 0.0, "rejections": none, "methods": "", "problem": ""}, variables)
 
 
 def fill_rows(
@@ -215,9 +219,9 @@ def integrate_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nda
 
 
 def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np.ndarray]]:
-    """The status, the method and the columns (1,) of one member, integrated as a single case. There
-    are no columns if its data describe no body or no start, or if the integration does not reach
-    its end."""
+    """The status, the method and the columns (1,) of one member, integrated as a single case. If
+    its data describe no body or no start, or if the integration does not reach its end, there are
+    no columns, and the reason takes the place of the method."""
     samples = None if "trajectory" in case.store else 2
     single = member(case, number, samples)
     if not system_of_member(case, single.data):
@@ -230,10 +234,10 @@ def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np
     try:
         motion = integrate(single)
         if motion.status is not Status.OK:
-            return motion.status, "", {}
+            return motion.status, motion.message, {}
         status, columns = labels_alone(motion)
-    except HodoError:
-        return Status.FAILED, "", {}
+    except HodoError as error:
+        return Status.FAILED, str(error), {}
     if "trajectory" in case.store:
         columns |= sampled(motion)
     return status, motion.method, columns | {"steps": np.array([motion.steps])}

@@ -202,6 +202,7 @@ class Summary:
         self.released = int(self.earlier.get("released", 0))
         self.run_time = float(self.earlier.get("run_time", 0.0))
         self.methods = {*filter(None, str(self.earlier.get("method", "")).split(", "))}
+        self.problem = ""  # of the first member that did not reach its end
         self.unmeasured: Counter[str] = Counter()
         # The seed is the number of members, so that a sweep has the same sample wherever it runs.
         draw = np.random.default_rng(total)
@@ -220,6 +221,7 @@ class Summary:
         self.run_time += float(group.attributes["run_time"])
         self.alone += np.asarray(group.attributes["rejections"])
         self.methods.update(str(group.attributes["methods"]).split())
+        self.problem = self.problem or str(group.attributes["problem"])
         if not self.case.error:
             return
         ok = np.flatnonzero((status == Status.OK.code) & ~taken)

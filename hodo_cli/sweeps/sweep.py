@@ -168,6 +168,8 @@ def sweep_attributes(
     endings = {"failed": failed, "stopped at max_steps or max_seconds": timeout}
     messages = [f"{count} of {total} members: {message}" for message, count in problems.items()]
     messages += [f"{n} of {total} members {outcome}" for outcome, n in endings.items() if n]
+    if summary.problem:
+        messages.append(f"the first of them: {summary.problem}")
     if not messages and not ok + undecided:
         messages = ["no member is a body with a start under the case's equations"]
     if summary.released:  # stored, so that a grown sweep adds its own to it
