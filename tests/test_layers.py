@@ -108,7 +108,7 @@ FOLDERS = sorted(path.name for path in PACKAGE.iterdir() if (path / "__init__.py
 ALONE = """\
 import contextlib, importlib, json, os, pkgutil, sys
 # Libraries that no folder is asked about take most of the time: they are loaded once.
-for name in ("click", "heyoka", "matplotlib.backends.backend_agg", "scipy.integrate", "xarray"):
+for name in "click heyoka jinja2 mpl_toolkits.mplot3d scipy.integrate xarray yaml".split():
     with contextlib.suppress(ImportError):
         importlib.import_module(name)
 before = {*sys.modules}

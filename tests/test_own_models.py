@@ -18,13 +18,13 @@ import hodo_cli
 
 EXAMPLE, HEAVY = (text for text in snippets("docs/own-models.md", "python") if "class " in text)
 CONFIG = """\
-defaults: {inertia: [1, 0.8, 0.6], time: {end: 10, samples: 3},
+defaults: {inertia: [1, 0.8, 0.6], time: {end: 10, samples: 3}, method: collocation,
            initial: {p: 0.8, q: 0.5, r: 0.74}}
 cases:
   one: {model: quadratic-drag, error: off, drag: 0.1}
   two: {model: quadratic-drag, error: off, drag: 0.2}
   swept: {model: quadratic-drag, drag: 0.2, error: off, sweep: {drag: {values: [0, 0.1]}}}
-  known: {model: linear-diag}
+  known: {model: linear-diag, error: off}
 """
 
 
@@ -233,7 +233,7 @@ def test_crossings_are_found_in_single_cases_and_sweeps_by_any_method(hodo, fold
     sweep = "sweep: {drag: {values: [0.01, 0.02]}}"
     cases = "".join(
         f"  {name}-{kind}: {{{keys}, {more}, method: {method}}}\n"
-        for name, method in (("judged", "DOP853, tol: 1e-6"), ("best", "auto, error: off"))
+        for name, method in (("judged", "DOP853, tol: 1e-6"), ("best", "collocation, error: off"))
         for kind, more in (("case", "note: one"), ("sweep", sweep))
     )
     (folder / "a.yaml").write_text(CONFIG.partition("  one:")[0] + cases, encoding="utf-8")
