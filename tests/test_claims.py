@@ -35,8 +35,9 @@ SPUN = "model: cavity+constant, inertia: [8, 8, 4], cavity: {kappa: 0.1}, epsilo
 FALLING = f"{SPUN}, torque: [0, 0, -0.1]"
 ABOUT_X3 = "model: torques, inertia: [120, 100, 80], time: {end: 200, samples: 2}"
 BRAKED = "model: torques, inertia: [120, 100, 80], brake: 0.05, initial: {p: 0.05, q: 0.3, r: 0.1}"
+# Steps for two members take longer to compile than these do.
 ROTOR = "model: torques, inertia: [3, 2, 1], damping: 0.1, rotor: [0, 0, 0.5], "
-ROTOR += "initial: {p: 1, q: 0.6, r: 0.9}"
+ROTOR += "initial: {p: 1, q: 0.6, r: 0.9}, method: collocation"
 WAVE = f"model: torques, inertia: [2, 1.5, 1], {R1}"
 SLOW_WAVE = 'expression: ["0", "0", "31.41592653589793*cos(62.83185307179586*t)"]'
 TOP = "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5"
@@ -60,6 +61,7 @@ cases:
   rest: {{{LINEAR}, damping: 0.1, initial: {{p: 0, q: 0, r: 0}}}}
   # (G1, G2) librates about x3 at the rate r sqrt((A1 - A3)(A2 - A3)/(A1 A2)) = 0.316.
   free: {{{LINEAR}, initial: {{p: 0.1, q: 0, r: 1}}, time: {{end: 40}}}}
+  faint: {{{LINEAR}, initial: {{p: 1.0e-4, q: 0, r: 1}}, time: {{end: 40}}}}
   # D = 2.4e-9 is the difference of terms near 0.1, of which their rounding is a part in 1e7.
   beside-separatrix: {{model: linear-diag, inertia: [1.2, 1, 0.3],
                        initial: {{p: 1.0e-4, q: 1, r: 0}}, time: {{end: 400, samples: 2001}}}}
@@ -122,8 +124,8 @@ cases:
   rotor: {{{ROTOR}}}
   rotors: {{{ROTOR}, sweep: {{initial.q: {{values: [0.1, 0.6]}}}}}}
   # At rest G goes round nothing; the other member stays about x1.
-  resting: {{model: torques, inertia: [3, 2, 1], damping: 0, initial: {{p: 1, q: 0, r: 0}},
-             sweep: {{initial.p: {{values: [0, 1]}}}}}}
+  resting: {{model: torques, inertia: [3, 2, 1], damping: 0, method: collocation,
+             initial: {{p: 1, q: 0, r: 0}}, sweep: {{initial.p: {{values: [0, 1]}}}}}}
   top: {{{TOP}, a: [0.125, 1], b: [0.1, 1], initial: {{theta: 5 deg, r: 1.7320508075688772}},
          time: {{end: 1, samples: 4001}}}}
   heavy: {{{TOP}, a: 0, b: 0, form: full, epsilon: 0.5, initial: {{theta: 60 deg, r: 1.7}},
@@ -274,8 +276,16 @@ rest, free: order, of: separatrix_distance, sense: equal -> not tested
 rest, free: conserved, of: [separatrix_distance], within: 0.9 -> not tested
 # G that falls by 0.7 % of itself, and by all of its range, and a component under two names.
 {{case: slow, damping: 0.0007}}: bound, of: G, at: always, least: 0.6 -> contradicted
-{{case: free, initial: {{p: 1.0e-4, q: 0, r: 1}}}}: conserved, of: [p] -> contradicted
-{{case: free, initial: {{p: 1.0e-4, q: 0, r: 1}}}}: conserved, of: [omega.x1] -> contradicted
+faint: conserved, of: [p] -> contradicted
+faint: conserved, of: [omega.x1] -> contradicted
+# A bound is missed by parts of the own range of a component, a law by those of its largest value.
+faint: bound, of: p, at: always, least: -9.92e-5 -> plotting
+faint: bound, of: omega.x1, at: always, least: -9.6e-5 -> contradicted
+faint: formula, of: p, formula: p + 4.0e-7 -> plotting
+faint: formula, of: omega.x1, formula: p + 2.0e-6 -> contradicted
+faint: bound, of: x1_direction, at: always, least: 4.0e-7 -> plotting
+faint: formula, of: T, formula: T + 0.0012 -> plotting
+faint: formula, of: T, formula: T + 0.006 -> contradicted
 staying: bound, of: growth_largest, least: 0 -> contradicted
 # A case with other values is integrated for the statement alone.
 {{case: slow, damping: 0.2}}: value, values: {{r: [{E2}]}}, within: 1.0e-9 -> reproduced
@@ -490,63 +500,6 @@ def test_the_page_drops_no_verdict(stored: Path) -> None:
     told = page.partition("<details>")[0]
     assert told.count("b **Contradicted**") == 4
     assert told.count("b **Contradicted (expected: reproduced)**") == 1
-
-
-# One scale.
-
-# A free body, whose vectors have small components beside large ones, and a top.
-SCALED = """
-cases:
-  body: {model: torques, inertia: [3, 2.2, 1], kappa: 0.001, attitude: {euler: [0.4, 0.9, 0.3]},
-         initial: {p: 0.02, q: 0.01, r: 0.9}, time: {end: 20}}
-  top: {model: Lagrange-averaged, form: full, epsilon: 0.1, attitude: yes, mu: 0.5, a: 0.1, b: 0.1,
-        inertia: {A: 1.5, C: 1}, initial: {theta: 60 deg, r: 1.7}, time: {end: 1}}
-"""
-
-
-def values_of(motion: Any, name: str) -> np.ndarray:
-    """A quantity over a motion under one of its names; none if the motion has no such quantity."""
-    quantity, _, part = (name, "", "") if name in motion else name.partition(".")
-    try:
-        data = motion if quantity in motion else hodo_cli.derive(motion, quantity)
-    except HodoError:
-        return np.empty(0)
-    array = data[quantity]
-    return array.sel({array.dims[1]: part}).values if part else array.values
-
-
-@pytest.mark.heyoka
-def test_a_verdict_has_one_scale_whatever_the_quantity_and_its_name(tmp_path: Path) -> None:
-    """A bound is missed by parts of the own range of a quantity, and a law by parts of its own
-    largest value; over all quantities under all their names."""
-    names = [name for name in schema()["$defs"]["quantity"]["enum"] if name != "D/2T"]
-    claims, expected = [], []
-    for which, case in yaml.safe_load(SCALED)["cases"].items():
-        motion = hodo_cli.run(case, name=which)
-        for name in names:
-            values = values_of(motion, name)
-            size, range_of = np.abs(values).max(initial=0), np.ptp(values) if len(values) else 0
-            if not range_of > 1e-9 * size:
-                continue
-            for part, words in ((0.004, "plotting"), (0.02, "contradicted")):
-                bound, off = values.min() + part * range_of, f"{name} + {part * size:.17g}"
-                for check in (f"kind: bound, of: {name}, at: always, least: {bound:.17g}",
-                              f"kind: formula, of: {name}, formula: {off}"):  # fmt: skip
-                    claims.append(f"cases: {which}, check: {{{check}}}")
-                    expected.append((name, verdict(words)))
-    assert len({name for name, _ in expected}) > 45
-    assert {("p", verdict("plotting")), ("omega.x1", verdict("plotting"))} <= {*expected}
-    block = claims_block(*(f"{claim}, expect: reproduced" for claim in claims))
-    (tmp_path / "c.yaml").write_text(SCALED + block, encoding="utf-8")
-    for command in ("run", "classify"):
-        call(tmp_path, command, "c.yaml")
-    rows = json.loads(call(tmp_path, "claims", "c.yaml", "--json").stdout)["statements"]
-    wrong = [
-        (claim, row["verdict"], row["evidence"])
-        for claim, row, (_, words) in zip(claims, rows, expected, strict=True)
-        if row["verdict"] != words
-    ]
-    assert not wrong
 
 
 # Mistakes, each in one line.

@@ -352,7 +352,7 @@ def test_the_models_of_one_torque_are_sums_of_one(model: str, terms: Any) -> Non
     assert np.array_equal(alone["omega"].values, summed["omega"].values)
 
 
-# By collocation and SciPy's other methods: `test_limits.py`.
+# By collocation and SciPy's other methods: `test_integrate.py`.
 @pytest.mark.parametrize("method", [pytest.param("taylor", marks=pytest.mark.heyoka), "DOP853"])
 def test_a_torque_that_is_no_number_later_ends_the_motion(method: str) -> None:
     keys = {"expression": ["0.01*sqrt(10-t)", 0, 0], "method": method, "error": "off"}
