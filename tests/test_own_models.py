@@ -97,7 +97,8 @@ def with_helper(folder: Path) -> None:
 PROGRAM = """\
 import laws.drag, utilities, hodo_cli, json
 case = hodo_cli.run({'model': 'quadratic-drag', 'drag': 0.1, 'inertia': [1, 0.8, 0.6],
-    'initial': {'p': 0.8, 'q': 0.5, 'r': 0.74}, 'time': {'end': 10, 'samples': 3}})
+    'initial': {'p': 0.8, 'q': 0.5, 'r': 0.74}, 'time': {'end': 10, 'samples': 3},
+    'method': 'collocation', 'error': False})
 print(json.dumps(case.attrs['model_source']))
 """
 MISTAKES_IN_HELPER = [
