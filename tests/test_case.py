@@ -203,7 +203,7 @@ initial: {p: 60 degrees, q: 1, r: 1} -> 18 .initial.p: expected ... or such as '
 initial: {p: 0, q: 1e-300, r: 1} -> 24 .initial.q: 1e-300 is out of range, 1e-154 to 1e+154: ...
 damping: [1e-155, 0, 0] -> 15 .damping.0: 1e-155 is out of range, 1e-154 to 1e+154: take other ...
 time: {end: 1e155} -> 17 .time.end: 1e+155 is out of range, ...
-sweep: {initial.q: {values: [1e-154, 1e155]}} -> 41 .sweep.initial.q.values.1: 1e+155 is out ...
+sweep: {initial.q: {values: [1e-154, 1e155]}} -> 42 .sweep.initial.q.values.1: 1e+155 is out ...
 initial: {p: 1, q: 1} -> 14 .initial: r missing: give p, q and r, or two of them and G
 initial: [1, .1, .1] -> 14 .initial: expected ... a list of 3; write {p: 1, q: 0.1, r: 0.1}
 initial: {omega: [1, .1, .1]} -> 15 .initial.omega: unknown key; its components are p, q and r ...
@@ -796,12 +796,6 @@ def test_the_key_tables_have_every_key_of_each_group() -> None:
     assert "`epsilon` (form full)" in groups["Model `Lagrange-averaged`"]
     keys = {f"check.{key}" for key in ("least", "most", "from", "to")}
     assert {*named["Check `crossings`"]} == keys
-
-
-def test_the_bench_section_is_read() -> None:
-    bench = parse(f"{GOOD}bench: {{methods: [auto, DOP853], tols: [1e-3]}}", "x.yaml").bench
-    methods = {"methods": ("auto", "DOP853"), "tols": (1e-3,)}
-    assert bench == {**methods, "repeats": 3, "max_seconds": 10.0}
 
 
 def test_a_case_is_a_key_and_cannot_be_changed() -> None:

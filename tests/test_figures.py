@@ -4,6 +4,7 @@ Where HODO_FUZZ is set, all figures of motions are asked whether they are legibl
 
 import csv
 import io
+import os
 import re
 import warnings
 from collections.abc import Iterator
@@ -16,8 +17,8 @@ import matplotlib.image
 import numpy as np
 import pytest
 import xarray as xr
-from conftest import Hodo, figure_kinds
-from drawings import FIGURES, drawn, entries_of, results_in
+import yaml
+from conftest import ROOT, Hodo, call, figure_kinds
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
@@ -31,17 +32,62 @@ CROSSING = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return results_in(tmp_path_factory.mktemp("results"))
-
-
 def motion(end: float = 100, samples: int = 501, **keys: Any) -> Any:
     """A damped body, or what other keys make of it."""
     return api.run({**CROSSING, "time": {"end": end, "samples": samples}, "error": "off", **keys})
 
 
-# Six rules of legibility
+# Six rules of legibility, of figures of the case files that come with hodo.
+
+
+def entries_of(config: str) -> dict[str, dict[str, Any]]:
+    """The figures of a case file that comes with hodo."""
+    figures = yaml.safe_load((ROOT / "configs" / f"{config}.yaml").read_text("utf-8"))["figures"]
+    return {name: entry for name, entry in figures.items() if entry.get("kind") != "map"}
+
+
+CHOSEN = {
+    "paper1": ["fig1", "fig4", "fig4-projections", "fig4-invariants", "fig5", "fig13"],
+    "paper2": ["fig1", "phase"],
+    "paper3": ["figure"],
+    "attitude": ["herpolhode", "body-flip", "traces"],
+    "torques": ["braked-with-fluid", "symmetric"],
+}
+"""Figures of every kind, layout and decoration, those of sweeps excepted."""
+
+FIGURES = [
+    (config, name)
+    for config, chosen in CHOSEN.items()
+    for name in (entries_of(config) if "HODO_FUZZ" in os.environ else chosen)
+]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the results of the cases of these figures, classified."""
+    folder = tmp_path_factory.mktemp("results")
+    for name in CHOSEN:
+        entries = [entries_of(name)[figure] for of, figure in FIGURES if of == name]
+        cases = {case for entry in entries for case in entry.get("cases", ())}
+        asked = [word for case in sorted(cases) for word in ("--case", case)]
+        config = ROOT / "configs" / f"{name}.yaml"
+        for command in (["run", config, "--out", ".", *asked], ["classify", f"{name}.h5"]):
+            done = call(folder, *command)
+            assert done.returncode == 0, done.stderr
+    return folder
+
+
+def drawn(folder: Path, config: str, name: str) -> Any:
+    """A figure of a case file as a notebook draws it from the result, once it is laid out."""
+    entry, cases = entries_of(config)[name], api.open(folder / f"{config}.h5")
+    keys = {key: value for key, value in entry.items() if key not in ("cases", "scale_with")}
+    named = entry.get("cases", ())
+    names = [named] if isinstance(named, str) else named
+    # A sketch draws bodies, and takes no cases.
+    figure = api.plot([cases[name] for name in names] or [cases[next(iter(cases))]], **keys)
+    figure.set_dpi(100)
+    figure.draw_without_rendering()
+    return figure
 
 
 def all_texts(figure: Any) -> Iterator[Any]:

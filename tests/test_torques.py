@@ -110,6 +110,7 @@ def test_a_brake_stops_the_body(case: Any, time: float, direction: Any, method: 
     assert not motion["omega"].values[stopped].any()
     assert (motion["enclosed_axis"].values[stopped] == -1).all()
     assert (motion["enclosed_axis"].values[~stopped] > 0).all()
+    assert motion.attrs["classify_warnings"] == ""
     assert motion.attrs["status"] == "ok"
     assert motion.attrs["error"] < 1e-12
 
@@ -194,16 +195,6 @@ def test_a_body_stops_beside_a_torque_that_is_no_stronger_than_the_brake() -> No
     assert motion["omega"].values[-1].any()
 
 
-@pytest.mark.heyoka
-def test_members_whose_motion_is_a_polynomial_stop_in_time() -> None:
-    """G1' = -0.05 + 0.001 t - b from G1 = 3 until 0."""
-    case = {**AXIAL, "torque": ["-0.05 + 0.001*t", 0, 0], "time": {"end": 40}, "error": False}
-    members = hodo.sweep({**case, "sweep": {"brake": {"linspace": [0.1, 0.2, 5]}}})
-    rate = members["brake"].values + 0.05
-    stop = (rate - np.sqrt(rate * rate - 0.006)) / 0.001
-    assert np.abs(members["event_time"].values - stop).max() < 1e-12
-
-
 def test_a_body_that_would_move_again_is_told_of() -> None:
     """A torque that grows beyond the brake after the stop: at t = 25."""
     for end, torque, told in (
@@ -235,7 +226,7 @@ def test_members_that_would_move_again_are_counted(alone: dict[str, str]) -> Non
     case |= {"store": ["event_time", "event_release"]}
     members = hodo.sweep({**case, "sweep": {"brake": {"linspace": [0.1003, 0.2003, 3]}}})
     b, stop, release = (members[name].values for name in ("brake", *case["store"]))
-    assert stop == pytest.approx((np.sqrt(b * b + 0.024) - b) / 0.004, abs=1e-9)
+    assert stop == pytest.approx((np.sqrt(b * b + 0.024) - b) / 0.004, abs=1e-12)
     assert (np.isfinite(release) == (b < 0.16)).all()
     late = release[b < 0.16] - b[b < 0.16] / 0.004
     assert (abs(late) < (40 - stop[b < 0.16]) / 2**12).all()
@@ -352,15 +343,6 @@ def test_the_models_of_one_torque_are_sums_of_one(model: str, terms: Any) -> Non
     assert np.array_equal(alone["omega"].values, summed["omega"].values)
 
 
-# By collocation and SciPy's other methods: `test_integrate.py`.
-@pytest.mark.parametrize("method", [pytest.param("taylor", marks=pytest.mark.heyoka), "DOP853"])
-def test_a_torque_that_is_no_number_later_ends_the_motion(method: str) -> None:
-    keys = {"expression": ["0.01*sqrt(10-t)", 0, 0], "method": method, "error": "off"}
-    ds = run(B, 30, **keys)
-    assert ds.attrs["status"] == "failed"
-    assert 8 < ds.time[-1] <= 10
-
-
 @pytest.mark.parametrize("method", ["auto", "collocation"])
 def test_any_coefficient_may_vary(method: str) -> None:
     case: dict[str, Any] = {
@@ -416,11 +398,6 @@ def test_predictions_carry_the_units_of_the_case() -> None:
     assert free[-1].endswith(" s")
     turning = run(C, 10, kappa=0.03, damping=MEDIUM, **keys).attrs["predictions"]
     assert turning.count(" kg m^2/s") == 3
-
-
-def test_nothing_is_undecided_behind_a_stop() -> None:
-    motion = run(C, 120, brake=0.01, kappa=0.01)
-    assert motion.attrs["classify_warnings"] == ""
 
 
 def test_the_stop_of_a_body_is_printed_and_drawn(tmp_path: Path) -> None:
