@@ -444,20 +444,6 @@ def test_a_torque_that_is_tiny_beside_the_start_costs_no_digit(torque, in_space)
         assert sweep["omega"].values == pytest.approx(np.tile(end, (40, 1)), rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("terms", "key", "label"),
-    [
-        ({"resistance": np.diag([0.001, 0.002, 0.003]).tolist()}, "resistance.1.1", "I_{22}"),
-        ({"attitude": {"euler": [0.1, 0.2, 0.3]}}, "attitude.euler.0", r"\mathrm{euler}_1"),
-    ],
-)
-def test_a_swept_number_has_the_symbol_of_its_coefficient(terms: Any, key: str, label: str) -> None:
-    case = {"model": "torques", "inertia": BODY, "initial": C, "time": {"end": 1}, "error": "off"}
-    case |= {"damping": 0.004, "method": "DOP853", "sweep": {key: {"values": [0.001, 0.002]}}}
-    figure = hodo.plot(hodo.sweep(case | terms), kind="curve", variable="end_axis", x=key)
-    assert figure.axes[0].get_xlabel().startswith(f"${label}$")
-
-
 ALL_TORQUES: dict[str, Any] = {
     "damping": 0.01, "resistance": [[0.01, 0.001, 0], [0.001, 0.02, 0], [0, 0, 0.01]],
     "quadratic": 0.01, "kappa": 0.01, "brake": 0.02,

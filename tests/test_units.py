@@ -152,16 +152,21 @@ def test_units_are_products_of_powers(variable: str, time: str, inertia: str, wr
     assert motion.units(variable) == written
 
 
-def test_keys_of_a_sweep_have_units_too() -> None:
+def test_keys_of_a_sweep_have_units_and_the_symbols_of_their_coefficients() -> None:
     """Those within a key their own."""
     units = {"attitude.euler.1": "rad", "damping.0": "1/s", "quadratic": "1"}
+    units |= {"resistance.1.1": "kg m^2/s"}
     units |= {"torque.1": "kg m^2/s^2", "constants.k": "1"}
     case = {"model": "torques", "inertia": [3, 2, 1], "initial": {"p": 1, "q": 1, "r": 1}}
     case |= {"damping": [0.1, 0.1, "0.1*(1 + k*t)**-1"], "quadratic": 0.1, "torque": 0.1}
+    case |= {"resistance": np.diag([0.1, 0.2, 0.3]).tolist()}
     case |= {"constants": {"k": 0.1}, "attitude": {"euler": [0.1, 0.2, 0.3]}, "error": "off"}
     case |= {"inertia_unit": "kg m^2", "time": {"end": 1, "unit": "s"}, "method": "DOP853"}
     swept = hodo_cli.sweep(case | {"sweep": {key: {"values": [0.2]} for key in units}})
     assert {key: swept.coords[key].attrs["units"] for key in units} == units
+    for key, symbol in (("resistance.1.1", "I_{22}"), ("attitude.euler.1", r"\mathrm{euler}_2")):
+        figure = hodo_cli.plot(swept, kind="curve", variable="end_axis.x1", x=key)
+        assert figure.axes[0].get_xlabel().startswith(f"${symbol}$")
     body = scaled(BODY, (1, 1)) | {"model": "cavity+constant", "inertia_unit": "g cm^2"}
     axis = {"kappa": {"values": [0.001, 0.002]}}
     swept = hodo_cli.sweep(body | {"time": {"end": 1, "unit": "s"}, "sweep": axis, "error": "off"})
