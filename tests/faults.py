@@ -40,7 +40,7 @@ cases:
   b: {damping: [0.03, 0.04, 0.05]}
   s: {damping: [0.03, 0.04, 0.05], sweep: {damping.0: {linspace: [0.01, 0.05, 300]}}}
 figures:
-  both: {kind: hodograph, cases: [a, b]}
+  both: {kind: phase, x: p, y: q, cases: [a, b]}
 claims:
   - {id: start, where: here, statement: It is damped., cases: [a], expect: reproduced,
      check: {kind: axis, start: x1, end: x3}}

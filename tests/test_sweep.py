@@ -899,10 +899,10 @@ def test_crossings_that_no_bound_decides_are_left_to_the_single_case() -> None:
 def test_the_end_of_a_member_is_that_of_its_own_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """An upright top that an event ends, under a weight that changes: H contains mu at that time,
     not at the end of the span, where mu is larger."""
-    text = f"{TOP}, mu: [0.5, 0.05], a: 0.125, time: {{end: 2, samples: 2}}"
+    text = f"{TOP}, mu: [0.5, 0.05], a: 0.125, time: {{end: 2, samples: 2}}, error: off"
     alone = hodo_cli.run(one(text))
     monkeypatch.setattr(chunk, "WORTH_COMPILING", 0)
-    data = swept(f"{text}, error: off, sweep: {{initial.theta: {{linspace: [0, 3, 4]}}}}")
+    data = swept(f"{text}, sweep: {{initial.theta: {{linspace: [0, 3, 4]}}}}")
     assert "side by side" in data.attrs["method_reason"]
     member = data.isel({"initial.theta": 0})
     assert float(alone.event_time[0]) < 0.5

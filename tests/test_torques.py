@@ -239,7 +239,7 @@ BRAKED = [{"torque": [0.002, -0.003, 0.0025]}, {"kappa": 0.02, "damping": 0.004}
 UNITS = [(1e-95, 1e-28), (1e95, 1e29), (1, 1e-70), (2.0**20, 1), (2.0**300, 1)]
 
 
-@pytest.mark.parametrize(("others", "unit"), zip(BRAKED * 2, UNITS, strict=False))
+@pytest.mark.parametrize(("others", "unit"), [*zip(BRAKED * 2, UNITS, strict=False)])
 def test_a_body_stops_alike_in_units_of_any_size(others: Any, unit: tuple[float, float]) -> None:
     """Also in those in which the square of its momentum is no double."""
 
