@@ -40,7 +40,7 @@ def test_changed_bytes_are_never_taken_for_numbers(tmp_path: Path) -> None:
 
 @needs_gcc
 def test_nothing_is_lost_when_a_call_fails(tmp_path: Path) -> None:
-    count = faults.fail_calls(tmp_path, 24, 48)
+    count = faults.fail_calls(tmp_path, 24, 36)
     assert len(count) >= 10  # of three commands, reading and writing, once and for ever
     assert count["classify: writes once"] >= 6
 
