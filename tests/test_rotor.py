@@ -209,6 +209,11 @@ def test_D_of_a_body_with_a_rotor_is_refused() -> None:
         with pytest.raises(HodoError, match=said):
             hodo.plot(ds, kind=kind, **keys)
     hodo.plot(ds, kind="hodograph", colour="axis")
+    case = {"model": "torques", "inertia": BODY, "initial": B, "rotor": [0, 0, 0.2], "damping": 0.1}
+    case |= {"time": {"end": 1}, "method": "collocation", "error": "off"}
+    swept = hodo.sweep(case | {"sweep": {"initial.q": {"values": [0.1, 0.6]}}})
+    with pytest.raises(HodoError, match=said):
+        hodo.plot(swept, kind="curve", variable="end_axis.x1", x="initial.q")
 
 
 def long_double_motion(tensor: np.ndarray, resistance: np.ndarray, start: Any) -> np.ndarray:
