@@ -20,7 +20,7 @@ TOOLS := $(VENV)/.ready-dev
 # Of the lowest versions there are no wheels for a later Python.
 LOWEST := build/lowest/.ready
 OLDEST = $(shell command -v python3.11 || command -v python3.12 || echo $(BIN)/python)
-MEETING := $(addprefix tests/test_,results.py dataset.py named.py error.py integrate.py classify.py install.py)
+MEETING := $(addprefix tests/test_,results.py quantities.py cli.py error.py integrate.py classify.py install.py)
 # A file's tests stay in one process, so that what its fixtures integrate is integrated once.
 PYTEST := $(BIN)/pytest -q -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
@@ -88,7 +88,7 @@ limits: $(READY)  #: Try the limits of docs/papers.md at both ends of their rang
 
 stress: $(TOOLS)  #: Kill runs, lose the power, let calls fail, let twenty commands meet, feed the loader bad inputs (some 30 minutes)
 	$(BIN)/python tests/stress.py
-	HODO_FUZZ=5000 $(PYTEST) tests/test_fuzz.py tests/test_figures.py
+	HODO_FUZZ=5000 $(PYTEST) tests/test_case.py tests/test_figures.py
 
 lint: $(TOOLS)  #: ruff on everything (rules and format), mypy --strict on the package
 	$(BIN)/ruff check .

@@ -40,7 +40,7 @@ cases:
   b: {damping: [0.03, 0.04, 0.05]}
   s: {damping: [0.03, 0.04, 0.05], sweep: {damping.0: {linspace: [0.01, 0.05, 300]}}}
 figures:
-  both: {kind: hodograph, cases: [a, b]}
+  both: {kind: phase, x: p, y: q, cases: [a, b]}
 claims:
   - {id: start, where: here, statement: It is damped., cases: [a], expect: reproduced,
      check: {kind: axis, start: x1, end: x3}}
@@ -56,9 +56,9 @@ BATCH = f"defaults: {{{BODY}}}\ncases:\n" + "".join(
 )
 SWEEP = f"""\
   s: {{damping: [0.005, 0.004, 0.003], {MOVES % 5}, time: {{end: 100}}, error: off, sweep: {{
-      damping.2: {{linspace: [0.001, 0.009, 60]}}, damping.0: {{linspace: [0.004, 0.006, 100]}}}}}}
+      damping.2: {{linspace: [0.001, 0.009, 60]}}, damping.0: {{linspace: [0.004, 0.006, 50]}}}}}}
 """
-"""One more case of `BATCH`: 6,000 members in half a dozen chunks."""
+"""One more case of `BATCH`: 3,000 members in some chunks."""
 
 Numbers = dict[str, dict[str, np.ndarray]]
 Count = Counter[str]

@@ -3,12 +3,15 @@ files."""
 
 import dataclasses
 import itertools
+import json
 import math
 import operator
+import os
 import pickle
 import re
 from collections.abc import Callable, Iterator
-from functools import partial, reduce
+from copy import deepcopy
+from functools import cache, partial, reduce
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -16,7 +19,7 @@ from typing import Any
 import pytest
 import yaml
 from conftest import ROOT, call, counted, schema
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hodo_cli import Case, HodoError
@@ -198,6 +201,9 @@ resistance: 1 -> 5 .resistance: is a key of model tensor or torques, ... mean 'd
 initial: {p:0.8, q: 1, r: 1} -> 15 .initial.p:0.8: unknown key; put a space after the colon: ...
 initial: {p: 60 degrees, q: 1, r: 1} -> 18 .initial.p: expected ... or such as '2.5 deg', got ...
 initial: {p: 0, q: 1e-300, r: 1} -> 24 .initial.q: 1e-300 is out of range, 1e-154 to 1e+154: ...
+damping: [1e-155, 0, 0] -> 15 .damping.0: 1e-155 is out of range, 1e-154 to 1e+154: take other ...
+time: {end: 1e155} -> 17 .time.end: 1e+155 is out of range, ...
+sweep: {initial.q: {values: [1e-154, 1e155]}} -> 42 .sweep.initial.q.values.1: 1e+155 is out ...
 initial: {p: 1, q: 1} -> 14 .initial: r missing: give p, q and r, or two of them and G
 initial: [1, .1, .1] -> 14 .initial: expected ... a list of 3; write {p: 1, q: 0.1, r: 0.1}
 initial: {omega: [1, .1, .1]} -> 15 .initial.omega: unknown key; its components are p, q and r ...
@@ -792,12 +798,6 @@ def test_the_key_tables_have_every_key_of_each_group() -> None:
     assert {*named["Check `crossings`"]} == keys
 
 
-def test_the_bench_section_is_read() -> None:
-    bench = parse(f"{GOOD}bench: {{methods: [auto, DOP853], tols: [1e-3]}}", "x.yaml").bench
-    methods = {"methods": ("auto", "DOP853"), "tols": (1e-3,)}
-    assert bench == {**methods, "repeats": 3, "max_seconds": 10.0}
-
-
 def test_a_case_is_a_key_and_cannot_be_changed() -> None:
     text = f"{BODY}, {SPAN}, sweep: {{damping.0: {{values: [0, 1]}}}}"
     case, same = one_case(text), one_case(text)
@@ -913,3 +913,107 @@ def test_a_tensor_that_is_unsymmetric_by_rounding_is_its_symmetric_part() -> Non
     assert inertia[0][1] == inertia[1][0] == pytest.approx(0.12335)
     (line,) = mistakes(text.replace("0.1234", "0.1235"))
     assert "a tensor of inertia is symmetric" in line
+
+
+# Hostile case files, HODO_FUZZ (default 60) of each kind: the loader gives a Config or a HodoError,
+# with work in proportion to the text.
+
+COUNT = settings(max_examples=int(os.environ.get("HODO_FUZZ", "60")))
+SHIPPED = [path.read_text(encoding="utf-8") for path in CONFIGS]
+PIECES = st.sampled_from(
+    ["[", "]", "{", "}", ":", ": ", "- ", "? ", "&a ", "*a", "!!int ", "!x ", "|\n", ">\n", "'",
+     '"', "#", "\n", "\t",
+     "  ", "<<: ", "---\n", "...\n", "%YAML 1.1\n", "\0", "\x85", "\u2028", "\ufeff", "1e400",
+     ".nan", "-.inf", "~",
+     "no", "9" * 5000, "0x" + "f" * 400, "60 deg", "é", "model: tensor", "form: averaged", "[" * 60,
+     "initial: {x: -1}",
+     "time: {end: 1e308, start: -1e308}", "inertia: [1, 1, 1e-320]", "G: 1e-300", "defaults: ",
+     "cases: ", "a" * 200]
+)  # fmt: skip
+SHORT = st.sampled_from(["on", "x", "60 deg", "taylor", "continue"])
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | SHORT,
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(st.sampled_from("pqrGabxyz"), inner, max_size=4)
+    ),
+    max_leaves=8,
+)
+
+
+@st.composite
+def mutants(draw: st.DrawFn) -> str:
+    """A shipped config with some stretches deleted, doubled or replaced."""
+    text = draw(st.sampled_from(SHIPPED))
+    for _ in range(draw(st.integers(1, 4))):
+        start = draw(st.integers(0, len(text)))
+        end = min(len(text), start + draw(st.integers(0, 40)))
+        piece = draw(PIECES | st.just(text[start:end] * 2) | st.text(max_size=5))
+        text = text[:start] + piece + text[end:]
+    return text
+
+
+@cache
+def sections(text: str) -> Any:
+    """The sections of a case file, read once."""
+    return yaml.safe_load(text)
+
+
+@st.composite
+def misfits(draw: st.DrawFn) -> str:
+    """A shipped config, still YAML, in which some values are replaced by others of any shape."""
+    document = deepcopy(sections(draw(st.sampled_from(SHIPPED))))
+    for _ in range(draw(st.integers(1, 4))):
+        parent, key = document, draw(st.sampled_from(sorted(document)))
+        while isinstance(parent[key], dict) and parent[key] and draw(st.integers(0, 3)):
+            parent, key = parent[key], draw(st.sampled_from(sorted(parent[key])))
+        parent[key] = draw(VALUES)
+    # JSON is YAML but for these two.
+    return json.dumps(document).replace("Infinity", ".inf").replace("NaN", ".nan")
+
+
+def outcome(text: str, overrides: tuple[str, ...] = ()) -> Any:
+    """The config, or None if it was refused as it should be; any other exception is a failure."""
+
+    def read() -> tuple[Any, str]:
+        try:
+            return parse(text, "x.yaml", overrides), ""
+        except HodoError as error:
+            return None, str(error)
+
+    (config, said), work = counted(read)
+    # 4 a letter by libyaml, and 20,000 for what is made once for all texts.
+    assert work < 50_000 + 100 * len(text)
+    lines = [] if config else said.split("\n")
+    assert all(line.startswith(("x.yaml:", "--set ")) and line.isprintable() for line in lines)
+    for case in config.cases.values() if config else ():
+        assert parse_case(dump(case)) == case
+    return config
+
+
+@COUNT
+@given(st.text(max_size=60) | st.lists(PIECES, max_size=30).map("".join))
+def test_any_text(text: str) -> None:
+    outcome(text)
+    outcome("cases:\n  a:\n    " + text)
+
+
+@COUNT
+@given(mutants())
+def test_a_config_with_its_text_mangled(text: str) -> None:
+    outcome(text)
+
+
+@COUNT
+@given(misfits())
+def test_a_config_with_its_values_replaced(text: str) -> None:
+    outcome(text)
+
+
+@COUNT
+@given(
+    st.text(max_size=20)
+    | st.lists(PIECES | st.sampled_from([".", "=", "*", "initial", "p", "0"])).map("".join)
+)
+def test_any_override(text: str) -> None:
+    outcome(SHIPPED[0], (text, "fig4." + text, "*.initial=" + text))

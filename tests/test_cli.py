@@ -1,14 +1,20 @@
 """The commands as a user gives them: exit statuses, what they print and what they leave alone."""
 
 import json
+import os
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 from conftest import ROOT, Hodo, call
+
+from hodo_cli.integration import choice
 
 CONFIG = """\
 title: two cases
@@ -90,16 +96,6 @@ def test_json_has_no_numbers_that_are_not_finite(hodo: Hodo, config: Path) -> No
         rows = json.loads(done.stdout, parse_constant=lambda constant: pytest.fail(constant))
         assert [row["error"] for row in rows] == [None, None]
         assert [row["status"] for row in rows] == ["timeout", "ok"]
-
-
-def test_a_change_from_the_command_line(hodo: Hodo, config: Path) -> None:
-    ran = hodo("run", config, "--case", "st*", "--set", "stays.damping.0=0.009", "--json")
-    (row,) = json.loads(ran.stdout)
-    assert row["case"] == "stays"
-    assert row["status"] == "ok"
-    changed = "runs/two,stays.damping.0=0.009.h5"
-    (row,) = json.loads(hodo("classify", changed, "--json").stdout)
-    assert [(c["from"], c["to"]) for c in row["crossings"]] == [("x1", "x3")]
 
 
 def test_formulas_that_differ_in_signs_have_files_of_their_own(hodo: Hodo, tmp_path: Path) -> None:
@@ -505,3 +501,86 @@ def test_a_dry_run_counts_the_members_that_a_grown_sweep_keeps(hodo, tmp_path):
     assert dry.strip() == f"{changed}; 40 of 60 members are kept"
     write([0.1, 0.2, 0.3], 0.2)
     assert hodo("run", "s.yaml", "--dry-run").stdout.strip() == changed
+
+
+# What makes a stored result stale: a line changed in what computes it, and nothing else.
+
+COMPUTED = """\
+defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 10, samples: 3},
+           initial: {p: 0.8, q: 0.5, r: 0.74}, damping: [0.005, 0.004, 0.003]}
+cases:
+  single: {method: collocation}
+  swept: {method: collocation, error: off, sweep: {damping.0: {values: [0.005, 0.006]}}}
+"""
+CODE = "will run: the code that computes it has changed"
+KEPT = "is kept: nothing that it depends on has changed"
+
+
+class Copy:
+    """A copy of the package, with a result that it has computed."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        shutil.copytree(
+            ROOT / "hodo_cli", folder / "hodo_cli", ignore=shutil.ignore_patterns("__pycache__")
+        )
+        (folder / "a.yaml").write_text(COMPUTED)
+        done = self.hodo("run", "a.yaml")
+        assert done.returncode == 0, done.stderr
+
+    def hodo(self, *arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
+        # -P: not the folder of the script, which is that of this suite, but the copy comes first.
+        command = [sys.executable, "-P", "-m", "hodo_cli.cli", *arguments]
+        environment = {**os.environ, "PYTHONPATH": str(self.folder)}
+        return subprocess.run(
+            command, cwd=self.folder, env=environment, capture_output=True, text=True, check=False
+        )
+
+    def plan(self) -> list[str]:
+        done = self.hodo("run", "a.yaml", "--dry-run")
+        assert done.returncode == 0, done.stderr
+        return done.stdout.splitlines()
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Copy:
+    return Copy(tmp_path_factory.mktemp("copy"))
+
+
+RERUNS = {
+    "models/body.py": {"single", "swept"},
+    "engines/collocation.py": {"single", "swept"},
+    "integration/error.py": {"single", "swept"},
+    "schema/expression.py": {"single", "swept"},
+    "sweeps/columns.py": {"swept"},
+    "cases/sweep_block.py": {"swept"},
+    # Together.
+    "cases/case.py schema/document.py progress.py results/layout.py results/resume.py "
+    "claims/checks.py figures/maps.py text.py cli.py": set(),
+}
+
+
+@pytest.mark.parametrize("changed", RERUNS)
+def test_one_line_in_a_folder_reruns_what_it_computes(copy: Copy, changed: str) -> None:
+    paths = [copy.folder / "hodo_cli" / source for source in changed.split()]
+    before = [path.read_text() for path in paths]
+    try:
+        for path, text in zip(paths, before, strict=True):
+            path.write_text(text + "CHANGED = True\n")
+        assert copy.plan() == [
+            f"{name}: {CODE if name in RERUNS[changed] else KEPT}" for name in ("single", "swept")
+        ]
+    finally:
+        for path, text in zip(paths, before, strict=True):
+            path.write_text(text)
+
+
+def test_nothing_is_integrated_to_see_what_runs(tmp_path, monkeypatch):
+    def no_integration(*arguments: object) -> None:
+        raise AssertionError("integrated")
+
+    monkeypatch.setattr(choice, "solve", no_integration)
+    text = COMPUTED.replace("method: collocation", "method: auto").replace("0.005, 0.004", "1e7, 1")
+    (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
+    done = call(tmp_path, "run", "a.yaml", "--dry-run")
+    assert done.stdout.count("will run: it has no result yet") == 2

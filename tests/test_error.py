@@ -13,7 +13,6 @@ import pytest
 from conftest import Hodo
 
 import hodo_cli
-import hodo_cli as hodo
 from hodo_cli import Case, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.integration import Trajectory, driver, error, integrate
@@ -175,8 +174,8 @@ STARTS = {
 
 def test_the_worst_members_are_among_those_measured():
     """The errors of the worst end and of the worst crossing are those by long doubles."""
-    many = hodo.sweep(STARTS)
-    better = hodo.sweep({**STARTS, "precision": "extended", "error": "off"})
+    many = hodo_cli.sweep(STARTS)
+    better = hodo_cli.sweep({**STARTS, "precision": "extended", "error": "off"})
     assert many.attrs["error_sample"] == 60
     apart = np.linalg.norm(many.omega - better.omega, axis=-1)
     start = np.linalg.norm(many.direction_vector / STARTS["inertia"], axis=-1)
@@ -194,7 +193,7 @@ def test_errors_of_averaged_members_are_known_with_and_without_a_crossing():
     averaged = {key: STARTS[key] for key in ("inertia", "initial", "time")}
     averaged |= {"model": "linear-diag", "form": "averaged", "damping": [0.02, 0.05, 0.03]}
     ball = {"direction": {"sphere": {"count": 40, "seed": 1}}}
-    balls = hodo.sweep(averaged | {"sweep": ball})
+    balls = hodo_cli.sweep(averaged | {"sweep": ball})
     crossing = np.isfinite(balls.crossing_time.values)
     assert 0 < crossing.sum() < crossing.size
     assert balls.attrs["error_sample"] == 40

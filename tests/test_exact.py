@@ -10,12 +10,10 @@ import mpmath
 import numpy as np
 import pytest
 import series
-from conftest import BODY, exact_motion
 from hypothesis import example, given
 from hypothesis import strategies as st
 from mpmath import mpf
 
-from hodo_cli import Case
 from hodo_cli.models.theory import exact
 
 EVEN = [0, 1, 2], [1, 2, 0], [2, 0, 1]
@@ -230,15 +228,6 @@ def test_a_damped_rotation_ends_in_the_direction_of_the_free_motion(lam, size):
         ((state,), _) = exact.scaled_motion(A, omega0 * size, lam * size, times)
         found = state / np.linalg.norm(state)
         assert errors(found[None], [direction])[0] <= 1e-15 * (1 + 1.6 / lam)
-
-
-def test_a_case_begins_at_its_own_start_of_time():
-    given = BODY | {"inertia": [1, 0.6, 0.8], "initial": {"p": 0.5, "q": 1.4, "r": -0.25}}
-    one = Case.of(given | {"damping": 0.1, "time": {"start": 3, "end": 13}})
-    omega0 = np.array([0.5, 1.4, -0.25])
-    expected = exact.damped_motion(np.array([1, 0.6, 0.8]), omega0, 0.1, np.array([0.0, 10.0]))
-    assert np.array_equal(exact_motion(one, np.array([3.0, 13.0])), expected)
-    assert expected[0] == pytest.approx(omega0, rel=1e-15)
 
 
 # Torques along G.

@@ -5,10 +5,13 @@ HODO_FUZZ sets the number of random texts (default 2000).
 """
 
 import builtins
+import math
+import operator
 import os
 import random
 import re
 from collections.abc import Callable
+from operator import add, mul, sub, truediv
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +19,13 @@ import mpmath
 import numpy as np
 import pytest
 from conftest import Hodo, counted
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import hodo_cli as hodo_package
-from hodo_cli import Case, HodoError, arithmetic
+from hodo_cli import Case, HodoError, arithmetic, functions
 from hodo_cli.arithmetic import evaluate
 from hodo_cli.engines.series import Series
 from hodo_cli.schema import expression, kinds
@@ -106,7 +111,7 @@ def test_what_is_no_text_and_no_number_is_refused(value: Any) -> None:
 
 
 def test_a_number_is_an_expression() -> None:
-    for number, text in ((-2, "-2.0"), (1e-5, "1e-05")):
+    for number, text in ((-2, "-2.0"), (1e-5, "1e-05"), (1e-200, "1e-200")):
         assert Case.of(case_with(number)).data["expression"][0] == text
 
 
@@ -202,6 +207,8 @@ def exactly(**changed: Any) -> Any:
 
 def test_numbers_arrays_and_long_doubles() -> None:
     tree = expression.parse_expression(NESTED, NAMES)
+    # Those that a model of a user's own has are the same.
+    assert all(getattr(functions, x) is getattr(arithmetic, x) for x in FUNCTIONS[:-1])
     with mpmath.workdps(40):
         exact = exactly()
         assert evaluate(tree, POINT) == pytest.approx(float(exact), rel=1e-14)
@@ -277,6 +284,91 @@ def test_a_switch_that_is_far_off_at_the_start_is_met() -> None:
     motion = hodo_package.run(case_with(0, **body, **spin) | {"expression": [0, 0, switch]})
     assert motion.attrs["status"] == "ok"
     assert motion.omega.values[-1] == pytest.approx([0, 0, 2], rel=1e-12)
+
+
+# Columns pass for one number: same digits, same ways, and nothing that mixes members.
+
+COLUMN = st.lists(st.floats(0.1, 1e3), min_size=9, max_size=9)
+
+
+@given(x=COLUMN, y=COLUMN)
+@pytest.mark.parametrize(
+    "function",
+    [add, sub, mul, truediv, operator.pow, arithmetic.hypot, arithmetic.power],
+)
+def test_columns_have_the_digits_of_numbers(function, x, y):
+    x[0], y[0] = 0.3, 2.5  # so that no power is too large
+    x, y = ([min(each, 30.0) for each in values] for values in (x, y))
+    a, b = arithmetic.Column(np.array(x)), arithmetic.Column(np.array(y))
+    assert function(a, b).values.tolist() == list(map(function, x, y))
+    assert function(a, 3).values.tolist() == [function(each, 3) for each in x]
+    assert function(0.7, b).values.tolist() == [function(0.7, each) for each in y]
+    assert function(np.float64(0.7), b).values.tolist() == [function(0.7, each) for each in y]
+
+
+@given(x=COLUMN)
+def test_functions_of_columns_are_those_of_numbers(x: list[float]) -> None:
+    a = arithmetic.Column(np.array(x))
+    for name in ("sqrt", "sin", "cos"):
+        of, same = getattr(functions, name), getattr(math, name)
+        assert of(a).values.tolist() == list(map(same, x))
+        assert of(x[0]) == same(x[0])
+    assert (-a).values.tolist() == [-each for each in x]
+    assert abs(-a).values.tolist() == x
+    assert arithmetic.isfinite(a)
+    assert not arithmetic.isfinite(math.inf)
+    assert (np.float64(1) * a).values.tolist() == x
+
+
+@pytest.mark.parametrize(
+    ("way", "expected"),
+    [
+        (lambda x: x < 2, [True, False, False]),
+        (lambda x: x >= 2, [False, True, True]),
+        (lambda x: np.float64(2) > x, [True, False, False]),
+        (lambda x: x == 3, [False, False, True]),
+        (lambda x: max(x, 1.5), [False, True, True]),
+        (lambda x: bool(x - 1), [False, True, True]),
+        (lambda x: sorted((x, 2.5)), [False, False, True]),
+    ],
+)
+def test_a_column_parts_where_its_members_go_two_ways(way, expected):
+    with pytest.raises(arithmetic.BranchDivergence) as parted:
+        way(arithmetic.Column(np.array([1.0, 2.0, 3.0])))
+    assert parted.value.where.tolist() in (expected, [not each for each in expected])
+
+
+WAYS = [lambda x: 1 / x, arithmetic.sqrt, lambda x: x**-1.5, lambda x: 10 ** (500 * x)]
+
+
+@pytest.mark.parametrize("way", WAYS)
+@np.errstate(all="ignore")
+def test_a_column_parts_from_what_is_not_finite(way: Callable[[Any], Any]) -> None:
+    with pytest.raises(arithmetic.BranchDivergence):
+        way(arithmetic.Column(np.array([-1.0, 0.0, 1.0, 2.0])))
+    with pytest.raises(TypeError, match="finite"):
+        arithmetic.Column(np.array([1.0, 2.0])) * math.nan
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        lambda x: np.array([1.0, 2.0, 3.0]) * x,
+        lambda x: x * np.array([1.0, 2.0, 3.0]),
+        lambda x: np.longdouble(2) * x,
+        lambda x: [1] * x,
+        lambda x: x + "1",
+        lambda x: x < None,
+        *(float, math.sin, np.sin, hash, len, list),
+        lambda x: f"{x:g}",
+        lambda x: np.isfinite(np.array([x, 1.0])),
+        lambda x: np.linalg.norm([x, 1.0]),
+        lambda x: np.array([x, 1.0], dtype=float),
+    ],
+)
+def test_what_would_mix_members_is_refused(way: Callable[[Any], Any]) -> None:
+    with pytest.raises(TypeError):
+        way(arithmetic.Column(np.array([1.0, 2.0, 3.0])))
 
 
 # Torques by expressions, against SciPy

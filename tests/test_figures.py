@@ -4,6 +4,7 @@ Where HODO_FUZZ is set, all figures of motions are asked whether they are legibl
 
 import csv
 import io
+import os
 import re
 import warnings
 from collections.abc import Iterator
@@ -15,10 +16,12 @@ import matplotlib
 import matplotlib.image
 import numpy as np
 import pytest
-from conftest import Hodo, figure_kinds
-from drawings import FIGURES, drawn, entries_of, results_in
+import xarray as xr
+import yaml
+from conftest import ROOT, Hodo, call, figure_kinds
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 import hodo_cli as api
 from hodo_cli import HodoError
@@ -29,17 +32,62 @@ CROSSING = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return results_in(tmp_path_factory.mktemp("results"))
-
-
 def motion(end: float = 100, samples: int = 501, **keys: Any) -> Any:
     """A damped body, or what other keys make of it."""
     return api.run({**CROSSING, "time": {"end": end, "samples": samples}, "error": "off", **keys})
 
 
-# Six rules of legibility
+# Six rules of legibility, of figures of the case files that come with hodo.
+
+
+def entries_of(config: str) -> dict[str, dict[str, Any]]:
+    """The figures of a case file that comes with hodo."""
+    figures = yaml.safe_load((ROOT / "configs" / f"{config}.yaml").read_text("utf-8"))["figures"]
+    return {name: entry for name, entry in figures.items() if entry.get("kind") != "map"}
+
+
+CHOSEN = {
+    "paper1": ["fig1", "fig4", "fig4-projections", "fig4-invariants", "fig5", "fig13"],
+    "paper2": ["fig1", "phase"],
+    "paper3": ["figure"],
+    "attitude": ["herpolhode", "body-flip", "traces"],
+    "torques": ["braked-with-fluid", "symmetric"],
+}
+"""Figures of every kind, layout and decoration, those of sweeps excepted."""
+
+FIGURES = [
+    (config, name)
+    for config, chosen in CHOSEN.items()
+    for name in (entries_of(config) if "HODO_FUZZ" in os.environ else chosen)
+]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the results of the cases of these figures, classified."""
+    folder = tmp_path_factory.mktemp("results")
+    for name in CHOSEN:
+        entries = [entries_of(name)[figure] for of, figure in FIGURES if of == name]
+        cases = {case for entry in entries for case in entry.get("cases", ())}
+        asked = [word for case in sorted(cases) for word in ("--case", case)]
+        config = ROOT / "configs" / f"{name}.yaml"
+        for command in (["run", config, "--out", ".", *asked], ["classify", f"{name}.h5"]):
+            done = call(folder, *command)
+            assert done.returncode == 0, done.stderr
+    return folder
+
+
+def drawn(folder: Path, config: str, name: str) -> Any:
+    """A figure of a case file as a notebook draws it from the result, once it is laid out."""
+    entry, cases = entries_of(config)[name], api.open(folder / f"{config}.h5")
+    keys = {key: value for key, value in entry.items() if key not in ("cases", "scale_with")}
+    named = entry.get("cases", ())
+    names = [named] if isinstance(named, str) else named
+    # A sketch draws bodies, and takes no cases.
+    figure = api.plot([cases[name] for name in names] or [cases[next(iter(cases))]], **keys)
+    figure.set_dpi(100)
+    figure.draw_without_rendering()
+    return figure
 
 
 def all_texts(figure: Any) -> Iterator[Any]:
@@ -487,3 +535,105 @@ def test_the_upright_axis_of_a_hodograph_has_its_unit() -> None:
     run = motion(1, inertia_unit="kg m^2", time={"end": 1, "samples": 11, "unit": "s"})
     words = [text.get_text() for text in api.plot(run, "hodograph").axes[0].texts]
     assert {"$G_1$", "$G_2$", "${G}_{3}$ [kg m$^{2}$/s]"} <= {*words}
+
+
+# Unusual data: motions that have died down, single samples, constants.
+
+DYING = CROSSING | {"damping": 1, "time": {"end": 900, "samples": 901}}
+
+
+@pytest.fixture(scope="module")
+def dying() -> xr.Dataset:
+    """A body whose omega ends below the smallest double, while its direction is known."""
+    return api.run(DYING)
+
+
+def plotted(*args: Any, **keys: Any) -> Figure:
+    """A figure that is drawn without a warning but for those about samples."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", ".*not known between its samples")
+        figure = api.plot(*args, **keys)
+        figure.draw_without_rendering()
+    return figure
+
+
+def test_a_direction_keeps_its_digits_until_omega_has_none(dying: xr.Dataset) -> None:
+    """The squares of omega lose theirs from 1e-154 on, twice as early."""
+    omega, A = np.array([0.8, 0.5, 0.74]), np.array([1, 0.8, 0.6])
+    G2, energy = np.sum((A * omega) ** 2), np.sum(A * omega**2) / 2
+    names = ("J", "D_per_2T", "separatrix_distance", "tilt", "x1_direction")
+    values = api.derive(dying, *(name.replace("_per_", "/") for name in names))
+    is_normal = np.abs(dying.omega).max("axis").values > 2.3e-308
+    assert 700 < is_normal.sum() < 720
+    J = G2 / (2 * energy)
+    # Constants of the free motion.
+    for name, constant in (("J", J), ("D_per_2T", J - 0.8), ("separatrix_distance", 1 - 0.8 / J)):
+        np.testing.assert_allclose(values[name][is_normal], constant, rtol=1e-12)
+    # The stretched time, and with it the direction, stands still from 50 on.
+    for name in ("tilt", "x1_direction"):
+        there = values[name].values
+        np.testing.assert_allclose(there[50:700], there[50], rtol=1e-12)
+    for name in names:
+        assert np.isnan(values[name][720:]).all()
+
+
+def test_a_direction_of_a_huge_motion_has_its_digits() -> None:
+    scale = {key: 1e100 * value for key, value in DYING["initial"].items()}
+    fast = api.run({**DYING, "damping": 0, "initial": scale, "time": {"end": 1e-99, "samples": 9}})
+    np.testing.assert_allclose(api.derive(fast, "D/2T").D_per_2T, 0.0533032107893475, rtol=1e-12)
+
+
+def test_a_sphere_shows_no_direction_of_lost_digits(dying: xr.Dataset) -> None:
+    figure = plotted(dying, "sphere")
+    (end,) = (x for x in figure.axes[0].lines if x.get_marker() == "s")
+    moving = api.run({**DYING, "time": {"values": [100]}})
+    (mark,) = (x for x in plotted(moving, "sphere").axes[0].lines if x.get_marker() == "s")
+    np.testing.assert_allclose(end.get_xydata(), mark.get_xydata(), atol=1e-9)
+
+
+def test_huge_and_tiny_constants_are_said_to_be_constant() -> None:
+    for size in (1e85, 1e-85):
+        start = {key: size * value for key, value in DYING["initial"].items()}
+        time = {"end": 100 / size, "samples": 101}
+        free = api.run({**DYING, "damping": 0, "initial": start, "time": time})
+        figure = plotted(free, "series", variables=["T"])
+        assert [text.get_text()[:8] for text in figure.axes[0].texts] == ["constant"]
+
+
+def test_a_single_sample_is_marked() -> None:
+    one = api.run({**DYING, "damping": 0, "time": {"end": 10, "samples": 1}})
+    for figure in (plotted(one, "invariants"), plotted(one, "series", variables=["G", "T", "D"])):
+        assert [axes.lines[0].get_marker() for axes in figure.axes] == ["o"] * 3
+
+
+@pytest.mark.parametrize(
+    ("inertia", "sides"), [([1, 1, 0.6], ["about $x_3$"]), ([1, 0.8, 0.8], ["about $x_1$"])]
+)
+def test_a_side_that_a_body_lacks_is_not_named(inertia: list[float], sides: list[str]) -> None:
+    body = api.run({**DYING, "inertia": inertia, "time": {"end": 1}})
+    texts = plotted(body, "invariants").axes[2].texts
+    assert [text.get_text() for text in texts] == sides
+
+
+@pytest.mark.parametrize("values", ["x", 1j])
+def test_what_is_no_number_is_no_variable(dying: xr.Dataset, values: Any) -> None:
+    named = dying.assign(mine=("time", np.full(dying.sizes["time"], values)))
+    with pytest.raises(HodoError, match="unknown variable 'mine'"):
+        api.plot(named, "series", variables=["mine"])
+
+
+def test_two_constant_components_have_equal_scales(caplog: pytest.LogCaptureFixture) -> None:
+    steady = api.run({**DYING, "damping": 0, "initial": {"p": 0, "q": 0, "r": 1}})
+    plotted(steady, "phase", x="p", y="r")
+    assert not caplog.records  # matplotlib tells of ends that it cannot keep
+
+
+def test_a_map_of_the_status_shows_every_status() -> None:
+    """Members of another status than ok have no values but this one."""
+    moments = {"inertia.0": {"values": [1, 2.5]}, "inertia.2": {"values": [0.6, 0.7]}}
+    swept = api.sweep({**CROSSING, "time": {"end": 300}, "sweep": moments})
+    assert swept.status.values.tolist() == [[0, 0], [3, 3]]
+    figure = plotted(swept, "map", variable="status", x="inertia.0", y="inertia.2")
+    words = [text.get_text().rpartition(": ")[2] for text in figure.legends[0].texts]
+    assert words == ["ok", "invalid"]

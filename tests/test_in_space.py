@@ -13,7 +13,7 @@ import pytest
 from conftest import BODY, FIG4, classified, run_hodo
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
-from test_own_time import TIMED, random_body, scaled
+from test_own_models import TIMED, random_body, scaled
 
 from hodo_cli import Case, HodoError, derive, sweep
 from hodo_cli import run as run_case

@@ -108,7 +108,7 @@ FOLDERS = sorted(path.name for path in PACKAGE.iterdir() if (path / "__init__.py
 ALONE = """\
 import contextlib, importlib, json, os, pkgutil, sys
 # Libraries that no folder is asked about take most of the time: they are loaded once.
-for name in ("click", "heyoka", "matplotlib.backends.backend_agg", "scipy.integrate", "xarray"):
+for name in "click heyoka jinja2 mpl_toolkits.mplot3d scipy.integrate xarray yaml".split():
     with contextlib.suppress(ImportError):
         importlib.import_module(name)
 before = {*sys.modules}
@@ -120,7 +120,8 @@ for folder in sys.argv[1:]:
             importlib.import_module(module.name)
         new = [name.split(".") for name in {*sys.modules} - before]
         rooms = {name[1] for name in new if name[0] == "hodo_cli" and name[1:]}
-        print(json.dumps([folder, *rooms, *{name[0] for name in new} & {"h5py"}]), flush=True)
+        names = [folder, *rooms, *{name[0] for name in new} & {"h5py"}]
+        os.write(1, f"{json.dumps(names)}\\n".encode())  # at once, beside the others
         os._exit(0)
 for _ in sys.argv[1:]:
     os.wait()

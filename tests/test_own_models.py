@@ -1,30 +1,35 @@
-"""Models of a user's own: the two examples of the documents, and mistakes in them."""
+"""Models of a user's own: the two examples of the documents, mistakes in them, and one with a law
+of time."""
 
 import json
 import os
+import random
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
-from conftest import Hodo, call_apart
+from conftest import ROOT, Hodo, call_apart, run_hodo
 from scipy.spatial.transform import Rotation
 from test_docs import snippets
 
 import hodo_cli
+from hodo_cli.engines import have_taylor
 
 EXAMPLE, HEAVY = (text for text in snippets("docs/own-models.md", "python") if "class " in text)
 CONFIG = """\
-defaults: {inertia: [1, 0.8, 0.6], time: {end: 10, samples: 3},
+defaults: {inertia: [1, 0.8, 0.6], time: {end: 10, samples: 3}, method: collocation,
            initial: {p: 0.8, q: 0.5, r: 0.74}}
 cases:
   one: {model: quadratic-drag, error: off, drag: 0.1}
   two: {model: quadratic-drag, error: off, drag: 0.2}
   swept: {model: quadratic-drag, drag: 0.2, error: off, sweep: {drag: {values: [0, 0.1]}}}
-  known: {model: linear-diag}
+  known: {model: linear-diag, error: off}
 """
 
 
@@ -97,7 +102,8 @@ def with_helper(folder: Path) -> None:
 PROGRAM = """\
 import laws.drag, utilities, hodo_cli, json
 case = hodo_cli.run({'model': 'quadratic-drag', 'drag': 0.1, 'inertia': [1, 0.8, 0.6],
-    'initial': {'p': 0.8, 'q': 0.5, 'r': 0.74}, 'time': {'end': 10, 'samples': 3}})
+    'initial': {'p': 0.8, 'q': 0.5, 'r': 0.74}, 'time': {'end': 10, 'samples': 3},
+    'method': 'collocation', 'error': False})
 print(json.dumps(case.attrs['model_source']))
 """
 MISTAKES_IN_HELPER = [
@@ -233,7 +239,7 @@ def test_crossings_are_found_in_single_cases_and_sweeps_by_any_method(hodo, fold
     sweep = "sweep: {drag: {values: [0.01, 0.02]}}"
     cases = "".join(
         f"  {name}-{kind}: {{{keys}, {more}, method: {method}}}\n"
-        for name, method in (("judged", "DOP853, tol: 1e-6"), ("best", "auto, error: off"))
+        for name, method in (("judged", "DOP853, tol: 1e-6"), ("best", "collocation, error: off"))
         for kind, more in (("case", "note: one"), ("sweep", sweep))
     )
     (folder / "a.yaml").write_text(CONFIG.partition("  one:")[0] + cases, encoding="utf-8")
@@ -339,3 +345,110 @@ def test_mistakes_in_equations_are_one_line_each_before_the_run(hodo: Hodo, fold
     lines = done.stderr.splitlines()
     for i, ((_, _, said), line) in enumerate(zip(EQUATION_MISTAKES, lines, strict=True)):
         assert f"cases.case{i}.model: {folder / f'bad{i}.py'}{said}" in line
+
+
+# A model with a law of time, by every engine, against a series in integers.
+
+TIMED = ROOT / "tests" / "own_models" / "timed.py"
+LAWS = ["falling", "polynomial", "exponential"]
+
+
+def random_body(seed: int, torques: bool) -> dict[str, Any]:
+    """A random body that turns some times a unit of time, under a slower law."""
+    draw = random.Random(seed)
+    moments = [draw.uniform(0.55, 1) for _ in range(3)]
+    return {
+        "inertia": moments,
+        "damping": [draw.uniform(0, 0.02) for _ in range(3)],
+        "torque": draw.uniform(-0.01, 0.01) * torques,
+        "force": draw.uniform(-0.01, 0.01) * torques,
+        "rate": draw.uniform(0.01, 0.03),
+        "law": LAWS[seed % len(LAWS)],
+        "initial": {name: draw.uniform(-1, 1) for name in "pqr"},
+        "time": {"start": draw.choice([0.0, draw.uniform(0, 200)])},
+    }
+
+
+def scaled(body: dict[str, Any], size: int, **others: Any) -> dict[str, Any]:
+    """The same motion 2**size times as fast: its data change by powers of two, exactly."""
+    s = 2.0**size
+    return {
+        "model": "timed",
+        **body,
+        "damping": [x * s for x in body["damping"]],
+        **{name: body[name] * s * s for name in ("torque", "force")},
+        "rate": body["rate"] * s,
+        "initial": {name: x * s for name, x in body["initial"].items()},
+        "time": {name: x if name == "samples" else x / s for name, x in body["time"].items()},
+        **others,
+    }
+
+
+KNOWN = json.loads((ROOT / "tests" / "data" / "own_time.json").read_text("utf-8"))
+"""omega and gamma (6,) at the second and the third sample of each motion, in 160 bits."""
+
+SIZES = [0, 3, 7]
+BOUNDS = {
+    ("taylor", "double"): 3e-13,
+    ("taylor", "extended"): 1e-15,
+    ("collocation", "double"): 3e-13,
+    ("collocation", "extended"): 1e-15,
+    ("DOP853", "double"): 1e-9,
+    ("Radau", "double"): 1e-4,
+}
+"""What each method is right to, by its precision."""
+
+
+def seeds(method: str, precision: str) -> Iterator[tuple[int, int]]:
+    """Those of its motions, and their sizes: each method meets each size."""
+    first = [*BOUNDS].index((method, precision))
+    for seed in range(3 if have_taylor() else 1):
+        yield seed, SIZES[(seed + first) % len(SIZES)]
+
+
+def ruled(method: str, seed: int) -> dict[str, Any]:
+    """A body under a law of the time, also from a late start."""
+    body = random_body(seed, torques=seed % 2 == 0)
+    is_slow = method in ("collocation", "Radau") or not have_taylor()
+    span = random.Random(seed).uniform(3, 6 if is_slow else 30)
+    body["time"] |= {"end": body["time"]["start"] + span, "samples": 3}
+    return body
+
+
+def timed_cases() -> Iterator[tuple[str, dict[str, Any]]]:
+    """All that is tried, by method, precision and seed."""
+    for method, precision in BOUNDS:
+        for seed, size in seeds(method, precision):
+            options = {"method": method, "precision": precision}
+            yield f"{method}-{precision}-{seed}", scaled(ruled(method, seed), size, **options)
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Iterator[h5py.File]:
+    """The motions, integrated as a user does it."""
+    folder = tmp_path_factory.mktemp("timed")
+    given = {name: case for name, case in timed_cases() if have_taylor() or name[:6] != "taylor"}
+    (folder / "a.yaml").write_text(json.dumps({"cases": given}), encoding="utf-8")
+    done = run_hodo(folder, "--models", TIMED, "run", "a.yaml")
+    assert done.returncode == 0, done.stderr
+    assert "invalid value" not in done.stderr
+    with h5py.File(folder / "runs" / "a.h5") as file:
+        yield file
+
+
+@pytest.mark.parametrize(
+    ("method", "precision"),
+    [pytest.param(*key, marks=[pytest.mark.heyoka] * (key[0] == "taylor")) for key in BOUNDS],
+)
+def test_a_law_of_time_is_that_of_the_case(result: h5py.File, method: str, precision: str) -> None:
+    """To the bound of the method, and to the stated error."""
+    bound = BOUNDS[method, precision]
+    for seed, size in seeds(method, precision):
+        name = f"{method}-{precision}-{seed}"
+        motion, right = result[name], np.array(KNOWN[name])
+        assert motion.attrs["status"] == "ok"
+        for name, columns in (("omega", slice(3)), ("gamma", slice(3, 6))):
+            unit = 2.0**size if name == "omega" else 1
+            seen, states = motion[name][1:] / unit, right[:, columns]
+            off = np.linalg.norm(seen - states, axis=1) / np.linalg.norm(states, axis=1)
+            assert off.max() < min(bound, 4 * motion[name].attrs["error"] + 2e-15), (seed, name)

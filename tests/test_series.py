@@ -94,15 +94,6 @@ def test_the_symmetric_case_closes_in_x_and_r():
     assert close([p * p + q * q, r], averaged, 40)
 
 
-def test_torque_of_the_cavity_keeps_momentum_and_takes_energy():
-    A = (0.5, 1.1, 1.3)
-    start, *later = series.states(series.cavity(A, 0.3, (0, 0, 0)), (1.0, 0.7, 0.4), [0, 5, 10])
-    momenta = [series.momentum(A, w) for w in (start, *later)]
-    assert close(momenta, [momenta[0]] * 3, 40)
-    energies = [sum(a * w * w for a, w in zip(A, state, strict=True)) for state in (start, *later)]
-    assert energies[0] > energies[1] > energies[2]
-
-
 def full_start(theta, r):
     return 0, 0, r, 0, math.sin(theta), math.cos(theta), 0
 

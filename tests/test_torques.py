@@ -110,6 +110,7 @@ def test_a_brake_stops_the_body(case: Any, time: float, direction: Any, method: 
     assert not motion["omega"].values[stopped].any()
     assert (motion["enclosed_axis"].values[stopped] == -1).all()
     assert (motion["enclosed_axis"].values[~stopped] > 0).all()
+    assert motion.attrs["classify_warnings"] == ""
     assert motion.attrs["status"] == "ok"
     assert motion.attrs["error"] < 1e-12
 
@@ -196,16 +197,6 @@ def test_a_body_stops_beside_a_torque_that_is_no_stronger_than_the_brake() -> No
     assert motion["omega"].values[-1].any()
 
 
-@pytest.mark.heyoka
-def test_members_whose_motion_is_a_polynomial_stop_in_time() -> None:
-    """G1' = -0.05 + 0.001 t - b from G1 = 3 until 0."""
-    case = {**AXIAL, "torque": ["-0.05 + 0.001*t", 0, 0], "time": {"end": 40}, "error": False}
-    members = hodo.sweep({**case, "sweep": {"brake": {"linspace": [0.1, 0.2, 5]}}})
-    rate = members["brake"].values + 0.05
-    stop = (rate - np.sqrt(rate * rate - 0.006)) / 0.001
-    assert np.abs(members["event_time"].values - stop).max() < 1e-12
-
-
 def test_a_body_that_would_move_again_is_told_of() -> None:
     """A torque that grows beyond the brake after the stop: at t = 25."""
     for end, torque, told in (
@@ -237,7 +228,7 @@ def test_members_that_would_move_again_are_counted(alone: dict[str, str]) -> Non
     case |= {"store": ["event_time", "event_release"]}
     members = hodo.sweep({**case, "sweep": {"brake": {"linspace": [0.1003, 0.2003, 3]}}})
     b, stop, release = (members[name].values for name in ("brake", *case["store"]))
-    assert stop == pytest.approx((np.sqrt(b * b + 0.024) - b) / 0.004, abs=1e-9)
+    assert stop == pytest.approx((np.sqrt(b * b + 0.024) - b) / 0.004, abs=1e-12)
     assert (np.isfinite(release) == (b < 0.16)).all()
     late = release[b < 0.16] - b[b < 0.16] / 0.004
     assert (abs(late) < (40 - stop[b < 0.16]) / 2**12).all()
@@ -250,7 +241,7 @@ BRAKED = [{"torque": [0.002, -0.003, 0.0025]}, {"kappa": 0.02, "damping": 0.004}
 UNITS = [(1e-95, 1e-28), (1e95, 1e29), (1, 1e-70), (2.0**20, 1), (2.0**300, 1)]
 
 
-@pytest.mark.parametrize(("others", "unit"), zip(BRAKED * 2, UNITS, strict=False))
+@pytest.mark.parametrize(("others", "unit"), [*zip(BRAKED * 2, UNITS, strict=False)])
 def test_a_body_stops_alike_in_units_of_any_size(others: Any, unit: tuple[float, float]) -> None:
     """Also in those in which the square of its momentum is no double."""
 
@@ -354,15 +345,6 @@ def test_the_models_of_one_torque_are_sums_of_one(model: str, terms: Any) -> Non
     assert np.array_equal(alone["omega"].values, summed["omega"].values)
 
 
-# By collocation and SciPy's other methods: `test_limits.py`.
-@pytest.mark.parametrize("method", [pytest.param("taylor", marks=pytest.mark.heyoka), "DOP853"])
-def test_a_torque_that_is_no_number_later_ends_the_motion(method: str) -> None:
-    keys = {"expression": ["0.01*sqrt(10-t)", 0, 0], "method": method, "error": "off"}
-    ds = run(B, 30, **keys)
-    assert ds.attrs["status"] == "failed"
-    assert 8 < ds.time[-1] <= 10
-
-
 @pytest.mark.parametrize("method", ["auto", "collocation"])
 def test_any_coefficient_may_vary(method: str) -> None:
     case: dict[str, Any] = {
@@ -420,11 +402,6 @@ def test_predictions_carry_the_units_of_the_case() -> None:
     assert turning.count(" kg m^2/s") == 3
 
 
-def test_nothing_is_undecided_behind_a_stop() -> None:
-    motion = run(C, 120, brake=0.01, kappa=0.01)
-    assert motion.attrs["classify_warnings"] == ""
-
-
 def test_the_stop_of_a_body_is_printed_and_drawn(tmp_path: Path) -> None:
     (tmp_path / "braked.yaml").write_text("""
 cases:
@@ -467,20 +444,6 @@ def test_a_torque_that_is_tiny_beside_the_start_costs_no_digit(torque, in_space)
     assert sweep.attrs["error"] < 1e-13
     if not in_space:
         assert sweep["omega"].values == pytest.approx(np.tile(end, (40, 1)), rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("terms", "key", "label"),
-    [
-        ({"resistance": np.diag([0.001, 0.002, 0.003]).tolist()}, "resistance.1.1", "I_{22}"),
-        ({"attitude": {"euler": [0.1, 0.2, 0.3]}}, "attitude.euler.0", r"\mathrm{euler}_1"),
-    ],
-)
-def test_a_swept_number_has_the_symbol_of_its_coefficient(terms: Any, key: str, label: str) -> None:
-    case = {"model": "torques", "inertia": BODY, "initial": C, "time": {"end": 1}, "error": "off"}
-    case |= {"damping": 0.004, "method": "DOP853", "sweep": {key: {"values": [0.001, 0.002]}}}
-    figure = hodo.plot(hodo.sweep(case | terms), kind="curve", variable="end_axis", x=key)
-    assert figure.axes[0].get_xlabel().startswith(f"${label}$")
 
 
 ALL_TORQUES: dict[str, Any] = {
