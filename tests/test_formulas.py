@@ -341,49 +341,28 @@ def test_motions_pass_a_narrow_peak(width):
     assert ds.attrs["error"] < 1e-10
 
 
-SWING = """\
-from dataclasses import dataclass
-
-from hodo_cli.models.base import Event
-from hodo_cli.models.rigid_body import INERTIA, INITIAL, BodyFrame
+EVENT = """\
+    @property
+    def run_events(self):
+        return (Event("passing", passing),)
 
 
 def passing(t, y, k):
     return y[0]
-
-
-@dataclass(frozen=True)
-class Swing(BodyFrame):
-    name, form = "swing", "full"
-    keys = {"inertia": INERTIA, "initial": INITIAL}
-
-    @staticmethod
-    def rhs(t, y, k):
-        return y[1] + 0.3 * (t - 5.5) / ((t - 5.5) ** 2) ** 0.5, -y[0], 0 * y[2]
-
-    @property
-    def run_events(self):
-        return (Event("passing", passing),)
 """
 
 
 @pytest.mark.parametrize("method", ["auto", "collocation"])
 def test_events_after_a_jump_are_where_the_motion_has_them(method: str, tmp_path: Path) -> None:
-    """p = R cos(t - a) before the jump of q' and after it, with other numbers."""
-    (tmp_path / "swing.py").write_text(SWING)
+    """p falls from 0.8 at the rate 0.3, and rises at it from t = 5.5 on."""
+    jump = "0.3 * (t - 5.5) / ((t - 5.5) ** 2) ** 0.5"
+    text = EXAMPLE.replace("(k.A2 - k.A3) / k.A1 * q * r - k.c * w * p", jump)
+    text = "from hodo_cli.models.base import Event\n" + text + EVENT
+    (tmp_path / "rising.py").write_text(text)
     (tmp_path / "jump.yaml").write_text(f"""\
-cases:
-  swing: {{model: swing, method: {method}, inertia: [1, 0.8, 0.6],
-          initial: {{p: 0.8, q: 0.5, r: 0.1}}, time: {{end: 40, samples: 41}}}}
+cases: {{a: {{model: quadratic-drag, method: {method}, inertia: [1, 0.8, 0.6], drag: 0,
+             initial: {{p: 0.8, q: 0, r: 0}}, time: {{end: 40, samples: 41}}}}}}
 """)
-    assert run_hodo(tmp_path, "--models", "swing.py", "run", "jump.yaml").returncode == 0
-
-    def passings(p: float, q: float, start: float, end: float) -> list[float]:
-        first = start + (math.atan2(q, p) + math.pi / 2) % math.pi
-        return [t for n in range(20) if (t := first + n * math.pi) < end]
-
-    p, q, t = 0.8, 0.5 - 0.3, 5.5
-    later = p * math.cos(t) + q * math.sin(t), q * math.cos(t) - p * math.sin(t) + 0.3 + 0.3
-    expected = passings(p, q, 0, t) + passings(*later, t, 40)
-    swing = hodo.open(tmp_path / "runs" / "jump.h5")["swing"]
-    assert swing["event_time"].values == pytest.approx(expected, abs=1e-13)
+    assert run_hodo(tmp_path, "--models", "rising.py", "run", "jump.yaml").returncode == 0
+    passings = hodo.open(tmp_path / "runs" / "jump.h5")["a"]["event_time"].values
+    assert passings == pytest.approx([0.8 / 0.3, 11 - 0.8 / 0.3], abs=1e-13)
