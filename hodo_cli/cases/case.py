@@ -516,8 +516,10 @@ def _method_mistakes(system: Model, values: Mapping[str, Any]) -> Iterator[Mista
 def _store_mistakes(
     model: type[Model], system: Model | None, values: Mapping[str, Any]
 ) -> Iterator[Mistake]:
-    """The mistakes in `store:`: variables that the case does not have, and quantities that need
-    variables that it does not have. What a quantity needs is not checked without a system."""
+    """The mistakes in `store:`: variables that the case does not have; quantities that need
+    variables that it does not have; and, in a sweep, all quantities that are no variables, because
+    they are derived later. Without a system, because the case has other mistakes, neither the
+    attitude nor what a quantity needs is checked."""
     form, is_swept = system.equations if system else Equations(model), bool(values.get("sweep"))
     valid = storable(form) if is_swept else list(form.variables)
     sources = {*form.variables, *(constants_of(system, values) if system else ())}

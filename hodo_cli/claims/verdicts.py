@@ -286,8 +286,8 @@ class Judge:
 
 
 def by_reading(words: Mapping[str, str], of_all: str) -> str:
-    """Words about each reading, by its name, in one sentence. Equal words occur once; words that
-    all readings have follow `of_all` instead of names."""
+    """Words about each reading, by its name, in one sentence. Equal words occur once, after the
+    names of all their readings or, if every reading has the same words, after `of_all`."""
     names = grouped((text, name) for name, text in words.items())
     if len(names) == 1:
         return f"{of_all}{next(iter(names))}"

@@ -346,7 +346,8 @@ def speed_table(bench: Mapping[str, np.ndarray]) -> list[list[str]]:
     its run time."""
     rows = [["case", *(f"{digits} digits" for digits in DIGITS)]]
     for case, error, run_time in zip(bench["case"], bench["error"], bench["run_time"], strict=True):
-        # A comparison with nan is false, so that a trial without an error is never the fastest.
+        # The run times (methods, tolerances), infinite where the digits are not right. A comparison
+        # with nan is false, so that a trial without an error is never the fastest.
         rights = [np.where(error <= 10.0**-digits, run_time, np.inf) for digits in DIGITS]
         rows.append([case, *(fastest(bench["method"], times.min(axis=1)) for times in rights)])
     return rows

@@ -52,9 +52,9 @@ def draw_results(
     paths: Sequence[Path], names: Sequence[str], formats: Sequence[str], out: Path, jobs: int,
     force: bool, alone: Path | None,
 ) -> Iterator[tuple[str, bool]]:  # fmt: skip
-    """Draw the figures of result files, all or the named ones, and then a page with all of them,
-    and a second page `alone` that includes its pictures. Figures that would not change are kept,
-    unless `force`.
+    """Draw the figures of result files: those of these names or, without names, all, and then a
+    page that shows them. A second page `alone`, if it is given, holds its pictures itself. Figures
+    that would not change are kept, unless `force`.
 
     Yields the lines to print, each with whether it is a problem. Raises HodoError for an unknown
     figure before anything is drawn, or if a file cannot be read.
@@ -65,7 +65,8 @@ def draw_results(
     check_request(results, formats)
     for result in results:
         record = draw_changed(result, formats, jobs, force)
-        for name, drawn in ((name, record[name]) for name in result.digests):
+        for name in result.digests:
+            drawn = record[name]
             problems += [(drawn["problem"], name)] if drawn["problem"] else []
             for line in drawn["warnings"]:
                 warnings.warn(line, stacklevel=2)

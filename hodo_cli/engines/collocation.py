@@ -123,12 +123,13 @@ class RadauSolver:
         return dense
 
     def _through_start(self, series: np.ndarray) -> np.ndarray:
-        """The collocation polynomial (m, STAGES + 1), from the polynomial through the collocation
-        points alone. The latter misses the start, so that functions of the state would jump where
-        two steps meet.
+        """The collocation polynomial (m, STAGES + 1) of the state, as a series of Legendre's
+        polynomials, from the `series` (m, STAGES) of the change since the start, which goes through
+        the collocation points alone. The latter is not 0 at the start, so that functions of the
+        state would jump where two steps meet.
 
-        The difference P_s - P_(s-1) of Legendre's polynomials, with s = STAGES, vanishes at all
-        collocation points and is 2 or -2 at the start.
+        The difference P_s - P_(s-1), with s = STAGES, vanishes at all collocation points and is 2
+        or -2 at the start.
         """
         full = np.pad(series, ((0, 0), (0, 1)))
         missed = -(series * SIGNS[:-1]).sum(axis=1)

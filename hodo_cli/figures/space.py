@@ -257,13 +257,14 @@ def on_globe(
     by_case, colours = sheet.spec["colour"] == "case", colours_of(motions, sheet.spec)
     for path, of_path in zip(paths, colours, strict=True):
         globe_curve(sheet, axes, V, path, of_path, surface)
+    # The points of each curve on the near side, off the rim: its name is written at one of them.
     fronts = [(surface(n) @ V.T)[(n @ V.T)[:, 2] > 0.2, :2] for _, n, _ in paths]
     if len(paths) > 1:
         shades = [palette[0] for palette, _ in colours] if by_case else []
         name_curves(axes, labels, fronts, shades)
     axes.set(xlim=(-1.3, 1.3), ylim=(-1.15, 1.35), aspect="equal")
     axes.set_axis_off()
-    # Names next to the curves of G are enough.
+    # Curves of G, which have arms x_1 to x_3, need no legend if their names have their colours.
     if not by_case or arms[0] == "$x$":
         colour_legend(sheet, [axes], motions, labels)
     if circles:

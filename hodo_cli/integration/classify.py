@@ -243,8 +243,8 @@ def against_reference(
     motion, case = dense.motion, dense.motion.case
     if not case.error:
         assumed = assumed_errors(motion, expected)
-        # Without the absorbing axes: these may decide whether it crosses, but the time of a
-        # crossing needs an error too.
+        # No absorbing axes here: they may show that the motion crosses, but the time of that
+        # crossing would still need an error.
         if not crossings_of(dense, assumed, frozenset()).undecided:
             return assumed, None
     end = math.inf if motion.succeeded else float(motion.time[-1])
@@ -255,7 +255,7 @@ def against_reference(
             continue
         errors = distances(motion, reference.motion)
         reference_errors = errors
-        if by.tol is None:
+        if by.tol is None:  # of higher precision, so that its errors are smaller than the motion's
             reference_errors = errors_of_reference(motion, reference.motion, by.precision)
         reference_errors[:1] = errors[:1] = start_error(case)
         name = f"{by.method} in {by.precision} precision"

@@ -297,13 +297,13 @@ class Propagation:
         clock, fp = self.clock, self.engine.dtype
         while not self.samples.is_complete and self.control.status is Status.OK:
             clock.factor = float(np.ldexp(1.0, self.units.rate))
-            at = self.check.ahead if self.check else NO_BREAK
-            at = at if clock.until(fp(at.onward)) > 0 else NO_BREAK
-            # Already from so near to it that its time may be that of the present, rounded.
-            if 4 * clock.until(fp(at.time)) < clock.until(fp(at.onward)):
-                self.go_straight_on(at.onward)
+            gap = self.check.ahead if self.check else NO_BREAK
+            gap = gap if clock.until(fp(gap.onward)) > 0 else NO_BREAK  # it may lie behind
+            # Whether the motion has arrived at the gap. By rounding it may be a little before it.
+            if 4 * clock.until(fp(gap.time)) < clock.until(fp(gap.onward)):
+                self.go_straight_on(gap.onward)
             else:
-                self.change_units(self.integrate(at.time))
+                self.change_units(self.integrate(gap.time))
         return self.samples
 
     def go_straight_on(self, end: float) -> None:

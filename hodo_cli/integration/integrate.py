@@ -142,8 +142,8 @@ def solved(case: Case, method: str, reason: str) -> Trajectory:
         # Not after a timeout: the user has said how long a case may take.
         and motion.status is Status.FAILED
         and case.precision != "quadruple"
-        # No method continues from such a place; but a series that cannot even begin may only lack
-        # derivatives.
+        # No method continues where formulas hold the motion or are not smooth. But a series that
+        # has made no step may only lack derivatives at the start.
         and not (motion.steps and motion.message.startswith((HELD, NOT_SMOOTH)))
     ):
         rest = with_seconds_left(case, motion)

@@ -223,8 +223,9 @@ class Body(BodyFrame):
     def start(self) -> tuple[float, ...]:
         """omega along the principal axes, followed by the torques' own variables."""
         omega = self.initial_velocity
-        has_more = self.frame is not None or any(TERMS[k].extra for k in self.term_coefficients)
-        return tuple(self.starts(np.array(omega)).tolist()) if has_more else omega
+        # Along the principal axes already unless the body has a frame, which turns omega to them.
+        only_omega = self.frame is None and not any(TERMS[k].extra for k in self.term_coefficients)
+        return omega if only_omega else tuple(self.starts(np.array(omega)).tolist())
 
     @property
     def extended_start(self) -> np.ndarray:

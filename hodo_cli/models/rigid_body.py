@@ -352,8 +352,8 @@ def complete(inertia: Sequence[float], initial: Mapping[str, Any]) -> tuple[floa
             has_G and len(missing) != 1
         ),
     }
-    for sentence in (sentence for sentence, is_so in wrong.items() if is_so):
-        raise ValueError(sentence)
+    if sentences := [sentence for sentence, is_so in wrong.items() if is_so]:
+        raise ValueError(sentences[0])
     omega = [initial.get(axis) for axis in "pqr"]
     if by_squares:
         return sqrt(initial["x"]), 0.0, sqrt(initial["y"])

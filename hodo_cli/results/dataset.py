@@ -82,7 +82,8 @@ def ordered(data: xr.Dataset, owner: str) -> xr.Dataset:
 
 
 def with_parts_in_order(data: xr.Dataset, dim: str, owner: str) -> xr.Dataset:
-    """A dataset with the parts along a dimension in the order of `PARTS`. Raises as `ordered`."""
+    """A dataset with the parts along a dimension in the order of `PARTS`. Raises HodoError,
+    which begins with `owner`, unless each part occurs once."""
     stored, valid = data.variables[dim].data, PARTS[dim]
     names = [name.decode() if isinstance(name, bytes) else str(name) for name in stored]
     if strange := [name for name in names if name not in valid]:

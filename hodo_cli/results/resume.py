@@ -76,6 +76,7 @@ def result_named(name: Path) -> tuple[Path, Config | None]:
         return name, None
     config = load(name)
     path = result_of(config.path)
+    # A run that was stopped may have left nothing but the folder of the result's parts.
     if not os.path.lexists(path) and not folder_of(path).exists():
         how = f"hodo run {quote(str(config.path))}"
         raise HodoError(f"{config.path} has no result {path}: {how} makes it")
@@ -119,9 +120,9 @@ def place_of_config(run: ResultFile) -> str:
 
 
 def attributes_by(command: str, config: Config) -> dict[str, str]:
-    """The root attributes of a result that a command, with its arguments, makes of a config; they
-    hold its overrides too."""
-    # One line for each override: YAML may break a line where it has a space.
+    """The root attributes, with the config's overrides, of the result that a command makes of a
+    config. The command is given with its arguments."""
+    # One line for each override. To YAML a line break inside a value is the same as a space.
     overrides = "\n".join(" ".join(text.splitlines()) for text in config.overrides)
     more = {OVERRIDES: overrides}
     return root_attributes(f"hodo {command}", config.title, config.references, config.text, more)

@@ -61,7 +61,8 @@ def other_word(name: str, valid: Collection[str]) -> str:
 
 def near(name: str, valid: Collection[str]) -> str | None:
     """The valid name nearest to a name, or None if none is near."""
-    # A short word such as `pi` resembles each of its letters, and means none of them.
+    # A valid name of one letter is near to that letter only, repeated or in the other case: a word
+    # such as `pi` resembles each of its letters, and means none of them.
     folded = {x.casefold(): x for x in valid if len(x) > 1 or {*name.casefold()} == {x.casefold()}}
     close = get_close_matches(name[:100].casefold(), folded, n=1, cutoff=0.65)
     similar = folded[close[0]] if close else None

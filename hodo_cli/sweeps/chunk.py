@@ -93,9 +93,10 @@ def chunks(case: Case, earlier: Earlier | None = None) -> Iterator[Chunk]:
     """The chunks of a sweep. Their limits depend on the case alone, so that another run finds the
     same chunks."""
     sizes = shape(case)
-    sixteenth = -(-math.prod(sizes) // 16)  # rounded up
+    # Rounded up. Chunks of a sixteenth of the members are enough for several processes.
+    sixteenth = -(-math.prod(sizes) // 16)
     most = min(LARGEST_CHUNK, max(SMALLEST_CHUNK, sixteenth))
-    if reason_alone(case):
+    if reason_alone(case):  # its members are integrated one by one
         most = min(most, MEMBERS_ALONE)
     if "trajectory" in case.store:
         numbers_of_member = case.time.samples * len(case.system.equations.state)

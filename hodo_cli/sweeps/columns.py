@@ -180,6 +180,7 @@ def output_of(
 def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
     """The axes (k,) that motions enclose on these sides (k,) of the separatrix; a side is the sign
     of the separatrix function D."""
+    # An ensemble has one event at the separatrix, and so one order of the moments of inertia.
     order = rigid_body.inertia_order(e.inertia[:, 0])
     # For the sides -1, 0 and 1.
     axes = np.array([order[2] + 1, rigid_body.UNDETERMINED, order[0] + 1], dtype=np.int8)

@@ -76,13 +76,13 @@ def run_sweep(
         return chunk.completed(compute(chunk))
 
     def groups() -> Iterator[tuple[Chunk, Group]]:
-        """The chunks that are stored, then the others as they finish."""
+        """The chunks with their columns: those that are stored, then the others as they finish."""
         yield from ((chunk, finished(chunk)) for chunk in tasks if chunk.first in stored)
         missing = [chunk for chunk in tasks if chunk.first not in stored]
         for chunk, outcome in pool.map(compute, missing):
             if isinstance(outcome, Exception):
-                # Only the members of this chunk are lost. The sweep continues and reports their
-                # number.
+                # Only the members of this chunk are lost that no earlier result holds. The sweep
+                # continues and reports their number.
                 problems[str(outcome)] += int(np.count_nonzero(~chunk.taken))
                 lost.add(chunk.first)
                 yield chunk, lost_chunk(chunk)

@@ -97,12 +97,13 @@ def coefficient_kind(*others: Rule, repeat: int = 0) -> Rule:
     title = ", or ".join(["a number", *map(words, others), "an expression in t"])
 
     def coefficient(value: Any) -> Any:
-        """The value of the key as the model takes it. Raises Wrong for other kinds of values."""
+        """The coefficient as the model takes it: a number, a checked list, or the text of an
+        expression. Raises Wrong for other kinds of values."""
         if others and is_list(value):
             return check(Either(*others), value)
         resolved = parse_expression(value) if isinstance(value, str) else value
         if isinstance(value, str) and not isinstance(resolved, float):
-            return value
+            return value  # names occur in it, whose values are not known here
         if not isinstance(resolved, float | int):
             raise expected(rule, value)
         number = check(Number(), resolved)
