@@ -30,8 +30,7 @@ BODY = {
 FIG4 = BODY | {"damping": [0.005, 0.004, 0.003], "time": {"end": 1000, "samples": 101}}
 """The body of paper 1, and the case of its Fig 4: it crosses the separatrix at t = 305.36."""
 
-# Other work on the machine must not fail a test, nor two runs of the suite differ;
-# `pytest --hypothesis-profile explore` looks further.
+# Two runs of the suite are alike; `pytest --hypothesis-profile explore` looks further.
 settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None, max_examples=5000)
 settings.load_profile("repeatable")

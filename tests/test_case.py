@@ -362,8 +362,7 @@ MESSAGES: list[tuple[str, ...]] = [
     # Names that are true and false are to be quoted.
     (CLAIMS.replace("CHECK", "{kind: crossings, least: 1}").replace("id: c", "id: true"),
      "5:11: claims.0.id: expected text, got true; put it in quotes"),
-    # What follows from a mistake is not a second one: a model's own check goes as far as the
-    # values that are right, and a mistake in a default is one mistake, at its own place.
+    # What follows from a mistake is not a second one; one in a default is named at its place.
     (f"cases: {{a: {TOP}, initial: {{theta: 1, r: 2}}}}}}",
      "1:58: cases.a.inertia.C: no body has C = 5 larger than 2 A = 4",
      "1:80: cases.a.b: column 1 of the expression: unknown name 'x' ..."),

@@ -650,9 +650,6 @@ def test_verdicts_go_with_the_statements_that_a_file_no_longer_makes(tmp_path: P
     assert shown() == [False, False]
 
 
-# The papers.
-
-
 @pytest.fixture(scope="module", params=("paper1", "paper2", "paper3"))
 def paper(request: pytest.FixtureRequest) -> str:
     return str(request.param)

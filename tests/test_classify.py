@@ -328,9 +328,6 @@ def test_a_damaged_case_keeps_no_labels_from_the_others(hodo: Hodo, tmp_path: Pa
         assert [name for name in "abcd" if "enclosed_axis" in file[name]] == ["c"]
 
 
-# The growth of a small tilt.
-
-
 def resisted(rows: Any) -> dict[str, Any]:
     return {"model": "tensor", "resistance": rows}
 

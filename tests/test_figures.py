@@ -136,9 +136,6 @@ def test_a_figure_is_legible(results: Path, config: str, name: str) -> None:
         assert (len(words), len(ways)) == (len({*words}), len({*ways}))
 
 
-# Values
-
-
 def table(run: Hodo, folder: Path, *command: object) -> tuple[list[str], list[list[str]]]:
     """The head and the rows of the CSV that `hodo plot` names."""
     done = run("plot", *command, "--format", "csv")

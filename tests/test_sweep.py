@@ -862,8 +862,7 @@ LATE = random_starts(BENT, 1e-12, "count: 100000, seed: 77")
 @pytest.mark.parametrize(
     ("case", "number", "least", "most"),
     [
-        # Off by 20 and 70 times what the steps before the crossing lose: they stay long near the
-        # separatrix.
+        # Off by 20 and 70 times what their steps lose: they stay long near the separatrix.
         (random_starts(BENT, 2.2e-16), 1844, 2e-9, 500),
         (random_starts(SKEW, 1e-12), 2745, 1e-6, 500),
         # Off by three times the error where a step was as long as the tolerance allows by the
