@@ -116,7 +116,7 @@ def reference_motion(case: Case) -> tuple[Trajectory, float]:
 def worst(errors: Mapping[str, float]) -> float:
     """The largest of the errors; nan counts as infinite. It is nan if there are none."""
     sizes = (math.inf if math.isnan(error) else error for error in errors.values())
-    return max(sizes, default=math.nan)
+    return float(max(sizes, default=math.nan))  # of long doubles too
 
 
 def perturbed(case: Case) -> Iterator[Case]:
@@ -185,8 +185,10 @@ def suits(system: Model, method: str) -> bool:
 def least_time(case: Case, motion: Trajectory, repeats: int) -> float:
     """The least run time of a motion and of its repeats; short runs are repeated more often. It is
     the least because other processes can only add to a time."""
-    times, fewest = [motion.run_time], repeats if motion.run_time < SINGLE_RUN_SECONDS else 1
-    while len(times) < fewest or (sum(times) < REPEAT_SECONDS and len(times) < MAX_REPEATS):
+    times = [motion.run_time]
+    while motion.run_time < SINGLE_RUN_SECONDS and (
+        len(times) < repeats or (sum(times) < REPEAT_SECONDS and len(times) < MAX_REPEATS)
+    ):
         times.append(solve(case, motion.method, case.precision, case.tol).run_time)
     return min(times)
 
