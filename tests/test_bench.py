@@ -16,11 +16,10 @@ from hodo_cli.commands import bench
 CONFIG = """
 title: t
 bench: {methods: [auto, DOP853, exact], tols: [1e-4, 1e-8]}
+defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}}
 cases:
-  a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.05, 0.04, 0.03],
-      initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 40, samples: 11}}
-  b: {model: linear-diag, inertia: [1, 0.8, 0.6],
-      initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 10, samples: 11}}
+  a: {damping: [0.05, 0.04, 0.03], time: {end: 40, samples: 11}}
+  b: {time: {end: 10, samples: 11}}
 """
 
 
@@ -125,10 +124,10 @@ def test_verdicts_name_what_limits_a_result(hodo: Hodo, tmp_path: Path) -> None:
 
 
 def test_an_averaged_motion_is_tried_by_its_quadrature(hodo, tmp_path):
-    """Whose error by one ulp is known in long double, and stored as a double."""
+    """Whose crossing errs by one ulp in long double, which is stored as a double."""
     (tmp_path / "m.yaml").write_text(
-        "cases:\n  m: {model: linear-diag, form: averaged, inertia: [3, 2, 1],\n"
-        "      damping: [0.02, 0.05, 0.03], initial: {p: 1, q: 0.3, r: 1}, time: {end: 20}}\n"
+        "cases:\n  m: {model: linear-diag, form: averaged, inertia: [1, 0.8, 0.6], time: {end: 400},\n"
+        "      damping: [0.005, 0.004, 0.003], initial: {p: 0.8, q: 0.5, r: 0.74}}\n"
         "bench: {methods: [auto, quadrature, DOP853]}\n"
     )
     done = hodo("bench", "m.yaml")
