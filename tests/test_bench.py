@@ -126,8 +126,9 @@ def test_verdicts_name_what_limits_a_result(hodo: Hodo, tmp_path: Path) -> None:
 def test_an_averaged_motion_is_tried_by_its_quadrature(hodo, tmp_path):
     """Whose crossing errs by one ulp in long double, which is stored as a double."""
     (tmp_path / "m.yaml").write_text(
-        "cases:\n  m: {model: linear-diag, form: averaged, inertia: [1, 0.8, 0.6], time: {end: 400},\n"
-        "      damping: [0.005, 0.004, 0.003], initial: {p: 0.8, q: 0.5, r: 0.74}}\n"
+        "cases:\n  m: {model: linear-diag, form: averaged, inertia: [1, 0.8, 0.6],\n"
+        "      damping: [0.005, 0.004, 0.003], initial: {p: 0.8, q: 0.5, r: 0.74},\n"
+        "      time: {end: 400}}\n"
         "bench: {methods: [auto, quadrature, DOP853]}\n"
     )
     done = hodo("bench", "m.yaml")
