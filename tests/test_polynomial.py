@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import chebyshev, legendre
 
-from hodo_cli.engines import polynomial, stepwise
+from hodo_cli.engines import polynomial
 
 DTYPES = [np.dtype(np.float64), np.dtype(np.longdouble)]
 EPS = float(np.finfo(float).eps)
@@ -106,7 +106,7 @@ def test_rounding_is_bounded() -> None:
 @pytest.mark.parametrize("degree", [0, 1, 5, 16])
 def test_a_polynomial_is_known_by_its_values_at_the_zeros_of_chebyshevs(degree: int) -> None:
     coefficients = np.random.default_rng(degree).normal(size=degree + 1)
-    places, transform = stepwise.chebyshev(degree)
+    places, transform = polynomial.chebyshev(degree)
     assert ((places > 0) & (places < 1)).all()
     values = chebyshev.chebval(2 * places - 1, coefficients)
     assert np.abs(values @ transform - coefficients).max() < 1e-13

@@ -166,7 +166,7 @@ class StepBuffer:
             ends, series = extended(ends), extended(series)
         steps = Steps(ends, series, self.engine.basis, self.clock, self.units)
         roots = self.events.roots(steps)
-        stop = next((root for root in roots if root.event.terminal), None)
+        stop = roots[-1] if roots and roots[-1].event.terminal else None
         whole = stop.step + 1 if stop else len(steps)
         taken = self._examined(steps, stop) if self.check or self.reader else whole
         self.occurrences += [
