@@ -262,9 +262,11 @@ def looks(n: int, names: Sequence[str] = (), solid: bool = False) -> list[Look]:
             raise HodoError(f"styles: {unknown(wrong, colour, [*COLOURS, *LINES])}")
         given.append({"color": COLOURS[colour], "ls": LINES[line]})
     cycle = [*matplotlib.rcParams["axes.prop_cycle"]]
-    for way in (cycle * (1 + n // len(cycle)))[len(given) :]:
-        line = "-" if solid else way.get("linestyle", "-")
-        given.append({"color": way.get("color", "black"), "ls": line})
+    for number in range(len(given), n):
+        # Each further round has the next line with a colour, so that no curve looks like another.
+        turn, i = divmod(number, len(cycle))
+        line = "-" if solid else cycle[(i + turn) % len(cycle)].get("linestyle", "-")
+        given.append({"color": cycle[i].get("color", "black"), "ls": line})
     return given[:n]
 
 
